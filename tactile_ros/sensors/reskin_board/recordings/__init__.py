@@ -1,0 +1,122 @@
+"""Recordings of a real board (eFlesh, MIT licence beside this file), rebuilt from integer counts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from tactile_ros.types import Array, Integers, Layout, Recording
+
+NEWTON_PER_GRAM = 9.80665e-3
+NAMES = ('spatial', 'normal_1', 'normal_2', 'shear', 'slip')
+TARE_LEAD_NS = 20_000_000
+SLIP_TARE_ROWS = 10
+
+Arrays = dict[str, npt.NDArray[np.generic]]
+
+
+def load(name: str, layout: Layout) -> Recording:
+    """Load one of the shipped recordings.
+
+    Parameters
+    ----------
+    name : str
+        'spatial' (31 x 31 places, 5 touches each), 'normal_1', 'normal_2' (ten press cycles),
+        'shear' (two boards, ten cycles along one axis, called x), 'slip' (90 pulls, two boards).
+    layout : Layout
+        Of as many chips as the recording has: 5, or 10 for 'shear' and 'slip'.
+
+    Returns
+    -------
+    Recording
+        With a tare row before every touch or cycle (the resting reading that came with it), truth
+        `position` (m, from the middle of the scanned square) or `force` (N), `session` and
+        `repetition`.
+
+    Raises
+    ------
+    ValueError
+        If there is no recording of that name.
+    """
+    if name not in NAMES:
+        msg = f'name of a shipped recording must be one of {", ".join(NAMES)}; received {name!r}'
+        raise ValueError(msg)
+    with np.load(Path(__file__).parent / f'{name}.npz', allow_pickle=False) as file:
+        arrays: Arrays = {key: file[key] for key in file.files}
+    return _slip(arrays, layout) if name == 'slip' else _run(name, arrays, layout)
+
+
+def _fields(steps: npt.NDArray[np.generic], quantum_ut: npt.NDArray[np.generic]) -> Array:
+    """Counts from their differences, as fields (s, t, 3) in tesla."""
+    counts = np.cumsum(steps, axis=-1, dtype=np.int16).T.astype(np.float64)
+    fields: Array = counts.reshape(len(counts), -1, 3) * (1e-6 * quantum_ut.astype(np.float64))
+    return fields
+
+
+def _run(name: str, arrays: Arrays, layout: Layout) -> Recording:
+    """One run with a tare row in front of every touch."""
+    values = _fields(arrays['count_steps'], arrays['quantum_ut'])
+    rest = _fields(arrays['rest_steps'], arrays['quantum_ut'])
+    touch = arrays['touch'].astype(np.int64)
+    first = np.searchsorted(touch, np.arange(len(rest)))
+    stamp_ns = arrays['time_us'].astype(np.int64) * 1000
+    truth = _position(arrays) if name == 'spatial' else _force(arrays, touch, name)
+    session = np.full(len(values), 2 if name == 'normal_2' else 1)
+    known: dict[str, npt.ArrayLike] = {**truth, 'session': session}
+    return Recording.from_arrays(
+        layout,
+        np.insert(values, first, rest, axis=0),
+        stamp_ns=np.insert(stamp_ns, first, stamp_ns[first] - TARE_LEAD_NS),
+        tare=np.insert(np.zeros(len(values), bool), first, values=True),
+        truth={key: _with_blanks(np.asarray(value), first) for key, value in known.items()},
+    )
+
+
+def _with_blanks(column: npt.NDArray[np.generic], first: Integers) -> npt.NDArray[np.generic]:
+    """Truth with unknown rows where the tare rows go; what they belong to stays known."""
+    if column.dtype.kind == 'f':
+        return np.insert(column, first, np.nan, axis=0)
+    return np.insert(column, first, column[first], axis=0)
+
+
+def _position(arrays: Arrays) -> dict[str, npt.NDArray[np.generic]]:
+    """Place of the probe, from the middle of the grid, and how often it was there before."""
+    plane = 1e-6 * arrays['probe_um'][:, :2].astype(np.float64)
+    plane = plane - 0.5 * (plane.min(axis=0) + plane.max(axis=0))
+    _, place = np.unique(np.round(plane, 6), axis=0, return_inverse=True)
+    place = np.ravel(place)
+    order = np.argsort(place, kind='stable')
+    count = np.empty(len(place), np.int64)
+    starts = np.searchsorted(place[order], place[order])
+    count[order] = np.arange(len(place)) - starts
+    position = np.column_stack([plane, np.full(len(plane), np.nan)])
+    return {'position': position, 'repetition': count}
+
+
+def _force(arrays: Arrays, cycle: Integers, name: str) -> dict[str, npt.NDArray[np.generic]]:
+    """Reading of the scale on its one axis, NaN where it gave none."""
+    grams = 0.01 * arrays['scale_cg'].astype(np.float64)
+    newton = np.where(grams == -1.0, np.nan, grams * NEWTON_PER_GRAM)
+    force = np.full((len(newton), 3), np.nan)
+    force[:, 0 if name == 'shear' else 2] = newton
+    return {'force': force, 'repetition': cycle}
+
+
+def _slip(arrays: Arrays, layout: Layout) -> Recording:
+    """Ninety pulls of 300 frames at 100 Hz, one stream and one label each."""
+    pulls, length, _ = (int(n) for n in arrays['shape'])
+    values = _fields(arrays['count_steps'], arrays['quantum_ut'])
+    row = np.arange(pulls * length)
+    return Recording.from_arrays(
+        layout,
+        values,
+        stamp_ns=row * 10_000_000,
+        stream=row // length,
+        tare=row % length < SLIP_TARE_ROWS,
+        truth={
+            'slip': np.repeat(arrays['label'].astype(np.int64), length),
+            'repetition': row // length,
+        },
+    )
