@@ -1,0 +1,162 @@
+"""The memory of a viscoelastic skin against a plain loop, live against batch, and bad streams."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tactile_ros.conditioning.history import History
+from tactile_ros.types import Array, Bools, Integers
+
+TAUS = np.array([0.05, 0.3, 3.0, 30.0])
+
+
+def plain_means(change: Array, stamp_ns: Integers, restart: Bools, taus: Array) -> Array:
+    """Means by the definition, a number at a time: exact for a change linear between frames."""
+    means = np.zeros((len(change), len(taus), change.shape[1]))
+    for m, tau in enumerate(taus):
+        for d in range(change.shape[1]):
+            mean, last, when = 0.0, 0.0, -1
+            for i in range(len(change)):
+                x = float(change[i, d])
+                if i == 0 or restart[i]:
+                    mean, last, when = 0.0, 0.0 if math.isnan(x) else x, int(stamp_ns[i])
+                elif stamp_ns[i] > when:
+                    x = last if math.isnan(x) else x
+                    dt = (int(stamp_ns[i]) - when) * 1e-9
+                    slope = (x - last) / dt
+                    # the particular solution of tau mean' + mean = last + slope t, plus its decay
+                    mean = (mean - last + slope * tau) * math.exp(-dt / tau)
+                    mean += last + slope * (dt - tau)
+                    last, when = x, int(stamp_ns[i])
+                means[i, m, d] = mean
+    return means
+
+
+def stream(count: int, width: int, seed: int) -> tuple[Array, Integers, Bools]:
+    """A smooth change with noise, jittering stamps, gaps and two restarts."""
+    rng = np.random.default_rng(seed)
+    step_ns = rng.integers(2_000_000, 150_000_000, count)
+    step_ns[rng.random(count) < 0.01] = 20_000_000_000
+    stamp_ns = np.cumsum(step_ns)
+    phase = 1e-9 * stamp_ns[:, None] + rng.random(width)
+    change = np.sin(0.5 * phase) + 0.01 * rng.normal(size=(count, width))
+    restart = np.zeros(count, bool)
+    restart[[count // 3, count // 2]] = True
+    return change, stamp_ns, restart
+
+
+def live(history: History, change: Array, stamp_ns: Integers, restart: Bools) -> Array:
+    """Means frame by frame, as a stream comes in."""
+    means = []
+    for x, t, again in zip(change, stamp_ns, restart):
+        if again:
+            history.reset()
+        means.append(history.step(x, int(t)))
+    return np.array(means)
+
+
+@pytest.mark.parametrize('count', [1, 2, 3, 17, 500])
+def test_batch_is_the_plain_loop(count: int) -> None:
+    rows = stream(count, 3, seed=count)
+    np.testing.assert_allclose(History(TAUS)(*rows), plain_means(*rows, TAUS), rtol=0, atol=1e-9)
+
+
+def test_live_is_batch() -> None:
+    rows = stream(400, 5, seed=1)
+    np.testing.assert_allclose(
+        live(History(TAUS), *rows), History(TAUS)(*rows), rtol=0, atol=1e-12
+    )
+
+
+def test_pieces_of_a_stream_give_the_whole() -> None:
+    change, stamp_ns, restart = stream(300, 4, seed=2)
+    whole = History(TAUS)(change, stamp_ns, restart)
+    history = History(TAUS)
+    edges = [0, 1, 7, 7, 100, 101, 290, 300]
+    pieces = [history(change[a:b], stamp_ns[a:b], restart[a:b]) for a, b in zip(edges, edges[1:])]
+    np.testing.assert_allclose(np.concatenate(pieces), whole, rtol=0, atol=1e-12)
+
+
+def test_frames_that_are_not_newer_and_values_that_are_missing() -> None:
+    change, stamp_ns, restart = stream(300, 4, seed=3)
+    rng = np.random.default_rng(3)
+    change[rng.random(change.shape) < 0.1] = np.nan
+    change[0, 1] = np.nan
+    change[restart, 2] = np.nan
+    stamp_ns[50:60] = stamp_ns[40]
+    stamp_ns[120] = stamp_ns[119]
+    stamp_ns[200] = stamp_ns[20]
+    expected = plain_means(change, stamp_ns, restart, TAUS)
+    assert np.isfinite(expected).all()
+    np.testing.assert_allclose(
+        History(TAUS)(change, stamp_ns, restart), expected, rtol=0, atol=1e-9
+    )
+    history = History(TAUS)
+    parts = [
+        history(change[a:b], stamp_ns[a:b], restart[a:b])
+        for a, b in ((0, 55), (55, 58), (58, 120), (120, 121), (121, 300))
+    ]
+    np.testing.assert_allclose(np.concatenate(parts), expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        live(History(TAUS), change, stamp_ns, restart), expected, rtol=0, atol=1e-9
+    )
+
+
+def test_a_stamp_of_another_stream_may_lie_before() -> None:
+    change, stamp_ns, restart = stream(60, 2, seed=4)
+    moved = stamp_ns.copy()
+    moved[restart.cumsum() > 0] -= 10**15
+    np.testing.assert_allclose(
+        History(TAUS)(change, moved, restart),
+        History(TAUS)(change, stamp_ns, restart),
+        rtol=0,
+        atol=1e-12,
+    )
+
+
+def test_lost_frames_of_a_ramp_change_nothing() -> None:
+    stamp_ns = np.arange(200) * 100_000_000
+    change = 1e-9 * stamp_ns[:, None] * np.array([1.0, -2.0])
+    keep = np.random.default_rng(5).random(200) < 0.3
+    keep[[0, -1]] = True
+    restart = np.zeros(200, bool)
+    whole = History(TAUS)(change, stamp_ns, restart)
+    thinned = History(TAUS)(change[keep], stamp_ns[keep], restart[keep])
+    np.testing.assert_allclose(thinned, whole[keep], rtol=0, atol=1e-9)
+
+
+def test_rest_leaves_no_trace_of_its_length() -> None:
+    change, stamp_ns, _ = stream(50, 3, seed=6)
+    restart = np.zeros(50, bool)
+    prompt = History(TAUS)(
+        np.r_[np.zeros((1, 3)), change], np.r_[0, stamp_ns], np.r_[True, restart]
+    )
+    rest_ns = np.arange(0, 60_000_000_000, 100_000_000)
+    late = History(TAUS)(
+        np.r_[np.zeros((len(rest_ns), 3)), change],
+        np.r_[rest_ns - rest_ns[-1], stamp_ns],
+        np.zeros(len(rest_ns) + 50, bool),
+    )
+    assert not late[: len(rest_ns)].any()
+    np.testing.assert_allclose(late[len(rest_ns) :], prompt[1:], rtol=0, atol=1e-12)
+
+
+def test_a_held_change_is_reached() -> None:
+    stamp_ns = np.array([0, 1, 10**12, 2 * 10**12])
+    means = History(TAUS)(np.ones((4, 1)), stamp_ns, np.zeros(4, bool))
+    np.testing.assert_allclose(means[-1], 1.0, rtol=0, atol=1e-9)
+
+
+def test_an_empty_batch_is_empty() -> None:
+    history = History(TAUS)
+    nothing = history(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, bool))
+    assert nothing.shape == (0, 4, 3)
+
+
+@pytest.mark.parametrize('taus', [[0.0], [-1.0, 1.0], [np.nan]])
+def test_time_constants_are_positive(taus: list[float]) -> None:
+    with pytest.raises(ValueError, match='must be positive'):
+        History(np.array(taus))
