@@ -1,0 +1,39 @@
+"""Every test process is alone: its own ROS domain on this machine, one thread, no files at home."""
+
+from __future__ import annotations
+
+import os
+import socket
+import tempfile
+
+DOMAINS = range(1, 101)
+FIRST_PORT = 21_000
+
+
+def claim_domain() -> tuple[int, socket.socket | None]:
+    """Take a domain that no other test process holds; the open socket is the claim.
+
+    Counted from the process id, so that the processes of one machine rarely meet at all.
+    """
+    for step in DOMAINS:
+        domain = DOMAINS[(os.getpid() + step) % len(DOMAINS)]
+        claim = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        try:
+            claim.bind(('127.0.0.1', FIRST_PORT + domain))
+        except OSError:
+            claim.close()
+        else:
+            return domain, claim
+    return DOMAINS[os.getpid() % len(DOMAINS)], None
+
+
+# Before numpy and rclpy are imported anywhere: both read these once.
+for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
+    os.environ[name] = '1'
+DOMAIN, _CLAIM = claim_domain()
+os.environ['ROS_DOMAIN_ID'] = str(DOMAIN)
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+_HOME = tempfile.TemporaryDirectory(prefix='tactile_ros_test_')
+os.environ['ROS_LOG_DIR'] = _HOME.name
+os.environ['MPLCONFIGDIR'] = _HOME.name
+os.environ['MPLBACKEND'] = 'Agg'
