@@ -1,0 +1,330 @@
+"""ReSkin / AnySkin board on a serial port: bytes to frames, through unplugging and damage."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.devices.framing import Decoded, FrameDecoder
+from tactile_ros.devices.packets import foreign, frame_bytes
+from tactile_ros.devices.transport import SerialPort
+from tactile_ros.errors import DeviceError, DeviceTimeout
+from tactile_ros.types import Array, Bools, Bytes, Frame, Integers, Layout, TaxelStatus
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import TracebackType
+
+    import numpy.typing as npt
+
+NOMINAL_RATE_HZ = 400.0
+FIRST_RETRY_S = 0.05
+LONGEST_RETRY_S = 0.5
+CLOCK_RESET_NS = 1_000_000_000
+
+
+@dataclass
+class LinkCounts:
+    """What the driver has seen beyond the counts of its decoder.
+
+    Attributes
+    ----------
+    reconnects : int
+        Times the port came back.
+    suspected : int
+        Frames that the stamps say are missing, by the nominal rate; a paused host or board looks
+        the same, so they are not part of `sequence`.
+    """
+
+    reconnects: int = 0
+    suspected: int = 0
+
+
+def uart_transfer_s(chips: int, baud: int) -> float:
+    """Time (s) that a frame of `chips` chips takes on a true UART, ten bits a byte."""
+    return frame_bytes(chips) * 10 / baud
+
+
+def arrival_stamps(
+    skipped: Integers, now_ns: int, last_ns: int | None, period_ns: int
+) -> list[int]:
+    """Stamps of frames that came in one read.
+
+    Parameters
+    ----------
+    skipped : ndarray, shape (s,)
+        Frames known lost before each.
+    now_ns : int
+        When the last byte of the last frame came (ns).
+    last_ns : int or None
+        Stamp of the frame before (ns).
+    period_ns : int
+        Nominal period (ns).
+
+    Returns
+    -------
+    list of int
+        s stamps, one period apart, closer where the time since the last frame is shorter; always
+        increasing, also when the clock stands still. Only a clock that went back by more than a
+        second starts anew.
+    """
+    place = np.cumsum(skipped + 1)
+    if last_ns is not None and now_ns < last_ns - CLOCK_RESET_NS:
+        last_ns = None
+    spacing = period_ns
+    if last_ns is not None:
+        spacing = max(1, min(period_ns, (now_ns - last_ns) // int(place[-1])))
+        now_ns = max(now_ns, last_ns + spacing * int(place[-1]))
+    return [now_ns - spacing * int(back) for back in place[-1] - place]
+
+
+class SerialBoard:
+    """The board as a `Device`: a context manager whose `read` gives frames.
+
+    Parameters
+    ----------
+    port : str
+        Device path.
+    layout : Layout
+        Of the sensor; its taxels are the board's chips, in the order of the wire.
+    baud : int
+        Baud rate.
+    temperature_measured : bool
+        False where the board sends a constant: frames carry no temperature then.
+    clock : callable
+        Gives the stamps (ns).
+    transfer_s : float
+        Time on the wire that is taken off the stamps (s); 0 for native USB, `uart_transfer_s`
+        for a true UART.
+    quantum : array_like, shape (3,), or None
+        Step of the chips' readings (T), where it is known exactly; shows most flipped bits.
+    mark_repeats : bool
+        Mark readings that are equal to the last bit to the frame before as STALE. For boards that
+        poll faster than their chips convert; off by default, since a coarse recording at rest
+        repeats itself honestly.
+
+    Notes
+    -----
+    A stamp is the arrival of the frame's last byte less `transfer_s`; the board has no clock.
+    `sequence` grows by one a frame and by the frames known lost: bytes skipped over the length of
+    a frame, at least one for a reconnection. Whole frames that a board never sent cannot be known;
+    `counters()['suspected']` compares stamps with the rate.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        layout: Layout,
+        baud: int = 115200,
+        temperature_measured: bool = True,
+        clock: Callable[[], int] = time.monotonic_ns,
+        transfer_s: float = 0.0,
+        quantum: npt.ArrayLike | None = None,
+        mark_repeats: bool = False,
+    ) -> None:
+        """See the class."""
+        taxels, channels = layout.shape
+        if channels != 3:
+            msg = f'layout of a serial board must have 3 channels; received {channels}'
+            raise ValueError(msg)
+        rate = layout.rate_hz if layout.rate_hz > 0 else NOMINAL_RATE_HZ
+        self.link = LinkCounts()
+        self._layout = layout
+        self._port = SerialPort(port, baud)
+        self._decoder = FrameDecoder(taxels, quantum)
+        self._temperature_measured = temperature_measured
+        self._clock = clock
+        self._transfer_ns = round(transfer_s * 1e9)
+        self._period_ns = max(1, round(1e9 / rate))
+        self._mark_repeats = mark_repeats
+        self._frames: deque[Frame] = deque()
+        self._sequence = -1
+        self._dropped = 0
+        self._last_ns: int | None = None
+        self._last: tuple[Array, Array] | None = None
+        self._opened_before = False
+        self._interrupted = False
+        self._failure = ''
+        self._retry_s = 0.0
+        self._retry_at = 0.0
+
+    @property
+    def layout(self) -> Layout:
+        """Where the chips are."""
+        return self._layout
+
+    def counters(self) -> dict[str, int]:
+        """Frames, losses and damage since the driver was made, by name."""
+        counts = {**asdict(self._decoder.counts), **asdict(self.link)}
+        return {**counts, 'dropped': self._dropped}
+
+    def open(self) -> None:
+        """Open the port.
+
+        Raises
+        ------
+        DeviceError
+            If it is missing, busy or forbidden: one sentence with the ports that exist.
+        """
+        if self._port.is_open:
+            return
+        self._port.open()
+        self._decoder.reset()
+        self._last = None
+        if self._opened_before:
+            self.link.reconnects += 1
+            self._interrupted = True
+        self._opened_before = True
+        self._retry_s = 0.0
+
+    def close(self) -> None:
+        """Let the port go and forget frames that were not read."""
+        self._port.close()
+        self._frames.clear()
+
+    def __enter__(self) -> SerialBoard:
+        """Open the port."""
+        self.open()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the port."""
+        self.close()
+
+    def read(self, timeout: float) -> Frame:
+        """Wait for the next frame, and for the port where it is unplugged.
+
+        Parameters
+        ----------
+        timeout : float
+            Longest wait (s).
+
+        Returns
+        -------
+        Frame
+            The oldest frame not read yet.
+
+        Raises
+        ------
+        DeviceTimeout
+            If none came in time; says why. A port that is gone is opened again by the next calls,
+            with growing pauses of at most 0.5 s.
+        DeviceError
+            If what comes is another stream than this board's.
+        """
+        deadline = time.monotonic() + timeout
+        while not self._frames:
+            remaining = max(0.0, deadline - time.monotonic())
+            if self._port.is_open:
+                self._receive(remaining)
+            else:
+                self._reopen(remaining)
+            if not self._frames and time.monotonic() >= deadline:
+                self._give_up(timeout)
+        return self._frames.popleft()
+
+    def _receive(self, remaining: float) -> None:
+        """Take what the port has, or note that it is gone."""
+        try:
+            data = self._port.read(remaining)
+        except DeviceError as err:
+            self._failure = str(err)
+            self._retry_at = time.monotonic()
+            return
+        if data:
+            now_ns = self._clock()
+            decoded = self._decoder.feed(data)
+            if len(decoded):
+                self._queue(decoded, now_ns - self._transfer_ns)
+
+    def _reopen(self, remaining: float) -> None:
+        """Try to open the port when its time has come."""
+        pause = self._retry_at - time.monotonic()
+        if pause > 0:
+            time.sleep(min(pause, remaining))
+            if pause > remaining:
+                return
+        try:
+            self.open()
+        except DeviceError as err:
+            self._failure = str(err)
+            self._retry_s = min(max(2 * self._retry_s, FIRST_RETRY_S), LONGEST_RETRY_S)
+            self._retry_at = time.monotonic() + self._retry_s
+
+    def _give_up(self, timeout: float) -> None:
+        """Say why nothing came."""
+        port = self._port.port
+        if not self._port.is_open:
+            msg = f'{self._failure}; trying again'
+            raise DeviceTimeout(msg)
+        pending = self._decoder.pending
+        chips = self._layout.shape[0]
+        if self._decoder.locked or not pending:
+            msg = f'no frame came from {port} within {timeout:g} s'
+            raise DeviceTimeout(msg)
+        stranger = foreign(pending, chips)
+        if stranger is not None:
+            msg = f'{port}: {stranger}'
+            raise DeviceError(msg)
+        msg = f'bytes come from {port}, but no frame of {chips} chips within {timeout:g} s'
+        raise DeviceTimeout(msg)
+
+    def _queue(self, decoded: Decoded, now_ns: int) -> None:
+        """Turn decoded rows into frames with stamps, sequence and status."""
+        skipped = decoded.skipped
+        if self._interrupted:
+            skipped = skipped.copy()
+            skipped[0] += 1
+            self._interrupted = False
+        stamps = arrival_stamps(skipped, now_ns, self._last_ns, self._period_ns)
+        self._suspect(stamps[0], int(skipped[0]))
+        status = self._status(decoded)
+        for i, stamp_ns in enumerate(stamps):
+            self._dropped += int(skipped[i])
+            self._sequence += 1 + int(skipped[i])
+            frame = Frame(
+                stamp_ns=stamp_ns,
+                sequence=self._sequence,
+                values=decoded.values[i],
+                temperature_c=decoded.temperature_c[i] if self._temperature_measured else None,
+                status=status[i] if status[i].any() else None,
+                dropped=self._dropped,
+            )
+            self._frames.append(frame)
+        self._last_ns = stamps[-1]
+        self._last = decoded.values[-1], decoded.temperature_c[-1]
+
+    def _suspect(self, stamp_ns: int, skipped: int) -> None:
+        """Count frames that are missing by the clock alone."""
+        if self._last_ns is not None and self._layout.rate_hz > 0:
+            gap = round((stamp_ns - self._last_ns) / self._period_ns) - 1 - skipped
+            self.link.suspected += max(0, gap)
+
+    def _status(self, decoded: Decoded) -> Bytes:
+        """Bits of every chip in every frame."""
+        status = np.zeros(decoded.error.shape, np.uint8)
+        status[decoded.error] |= np.uint8(TaxelStatus.ERROR)
+        clipped = (np.abs(decoded.values) >= self._layout.saturation).any(axis=-1)
+        status[clipped] |= np.uint8(TaxelStatus.SATURATED)
+        if self._mark_repeats:
+            status[self._repeats(decoded)] |= np.uint8(TaxelStatus.STALE)
+        return status
+
+    def _repeats(self, decoded: Decoded) -> Bools:
+        """Chips whose reading is the frame before's, to the last bit."""
+        readings = np.concatenate([decoded.temperature_c[..., None], decoded.values], axis=-1)
+        if self._last is None:
+            before = np.full((1, *readings.shape[1:]), np.nan)
+        else:
+            before = np.concatenate([self._last[1][:, None], self._last[0]], axis=-1)[None]
+        same: Bools = (readings == np.concatenate([before, readings[:-1]])).all(axis=-1)
+        return same
