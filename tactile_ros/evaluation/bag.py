@@ -80,11 +80,13 @@ class BagWriter:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             if any(self.path.iterdir()):
-                raise RecordingError(f'{self.path} is not empty; choose a new folder for the bag')
+                msg = f'{self.path} is not empty; choose a new folder for the bag'
+                raise RecordingError(msg)
             # Unbuffered: what was written is with the operating system, not with this process.
             self._file = (self.path / f'{self.path.name}_0.mcap').open('xb', buffering=0)
         except OSError as err:
-            raise RecordingError(f'the bag {self.path} cannot be written: {err.strerror}') from err
+            msg = f'the bag {self.path} cannot be written: {err.strerror}'
+            raise RecordingError(msg) from err
         self._end = 0
         self._written_ns = 0
         library = f'tactile_ros {__version__}'
@@ -157,7 +159,8 @@ class BagWriter:
         """
         with self._lock:
             if self._file.closed:
-                raise RecordingError(f'the bag {self.path} is closed')
+                msg = f'the bag {self.path} is closed'
+                raise RecordingError(msg)
             if topic not in self._topics:
                 self.add_topic(topic, type_name, latched)
             kept = self._topics[topic]
@@ -215,7 +218,8 @@ class BagWriter:
             while view:
                 view = view[self._file.write(view) :]
         except OSError as err:
-            raise RecordingError(f'the bag {self.path} cannot grow: {err.strerror}') from err
+            msg = f'the bag {self.path} cannot grow: {err.strerror}'
+            raise RecordingError(msg) from err
         self._end += len(data)
 
     def _summary(self) -> bytes:

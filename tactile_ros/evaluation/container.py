@@ -17,6 +17,7 @@ from tactile_ros.errors import RecordingError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+    from mmap import mmap
 
 MAGIC = b'\x89MCAP0\r\n'
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 1, 2, 3, 4, 5, 6
@@ -135,9 +136,8 @@ def chunk_index_record(entry: ChunkEntry) -> bytes:
     """Record of the summary about one chunk."""
     head = struct.pack('<QQQQ', entry.start_ns, entry.end_ns, entry.offset, entry.length)
     tail = struct.pack('<Q', entry.index_length) + text('')
-    return record(
-        CHUNK_INDEX, head + pairs(entry.indexes) + tail + struct.pack('<QQ', entry.size, entry.size)
-    )
+    sizes = struct.pack('<QQ', entry.size, entry.size)
+    return record(CHUNK_INDEX, head + pairs(entry.indexes) + tail + sizes)
 
 
 def statistics_record(counts: Mapping[int, int], schemas: int, chunks: list[ChunkEntry]) -> bytes:
@@ -163,7 +163,8 @@ class Cursor:
     def take(self, count: int) -> bytes:
         """The next bytes."""
         if count > len(self.data) - self.at:
-            raise RecordingError('a field reaches beyond its record')
+            msg = 'a field reaches beyond its record'
+            raise RecordingError(msg)
         self.at += count
         return self.data[self.at - count : self.at]
 
@@ -189,12 +190,13 @@ def read_channel(content: bytes) -> Channel:
 def read_message(content: bytes) -> tuple[int, int, bytes]:
     """Channel, log time (ns) and data of a record's content."""
     if len(content) < _MESSAGE.size:
-        raise RecordingError('a message record is too short')
+        msg = 'a message record is too short'
+        raise RecordingError(msg)
     channel, _, stamp_ns, _ = _MESSAGE.unpack_from(content)
     return channel, stamp_ns, content[_MESSAGE.size :]
 
 
-def walk(data: bytes, start: int = 0) -> Iterator[tuple[int, int, bytes, bool]]:
+def walk(data: bytes | mmap, start: int = 0) -> Iterator[tuple[int, int, bytes, bool]]:
     """Records in a buffer: place, opcode, content, and whether the content is whole.
 
     A record cut by the end of the buffer comes last with what is left of it; damage (an unknown

@@ -23,10 +23,7 @@ if TYPE_CHECKING:
 PACKAGE = 'tactile_ros'
 _RULE = '=' * 80
 _FIELD = re.compile(r'^([A-Za-z][\w/]*)(<=\d+)?(\[[^\]]*\])?\s+[A-Za-z]\w*(\s|=|$)')
-_PRIMITIVE = frozenset(
-    'bool byte char float32 float64 int8 uint8 int16 uint16 int32 uint32 int64 uint64 string wstring'
-    ''.split()
-)
+_PRIMITIVE = re.compile(r'bool|byte|char|w?string|float(32|64)|u?int(8|16|32|64)')
 
 
 def missing(package: str, purpose: str) -> MissingPackageError:
@@ -93,7 +90,8 @@ def _known_to_rosbags(type_name: str) -> str:
     try:
         text = standard_types().generate_msgdef(type_name, ros_version=2)[0]
     except KeyError as err:
-        raise RecordingError(f'no definition of message type {type_name!r} was found') from err
+        msg = f'no definition of message type {type_name!r} was found'
+        raise RecordingError(msg) from err
     return text.split(_RULE)[0]
 
 
@@ -103,7 +101,7 @@ def needed_types(type_name: str, text: str) -> list[str]:
     found = []
     for line in text.splitlines():
         match = _FIELD.match(line.split('#')[0].strip())
-        if match and match[1] not in _PRIMITIVE:
+        if match and not _PRIMITIVE.fullmatch(match[1]):
             field = 'std_msgs/Header' if match[1] == 'Header' else match[1]
             found.append('/'.join(split_name(field if '/' in field else f'{package}/{field}')))
     return list(dict.fromkeys(found))
@@ -138,7 +136,7 @@ def schema_text(type_name: str) -> str:
 
 def same_fields(type_name: str, text: str) -> bool:
     """Whether a bag's own text of a type has the fields that ours has, comments aside."""
-    return _fields(text.split(_RULE)[0]) == _fields(definition(type_name))
+    return _fields(text.split(_RULE, maxsplit=1)[0]) == _fields(definition(type_name))
 
 
 def _fields(text: str) -> list[str]:
@@ -160,7 +158,8 @@ def standard_types() -> Typestore:
     try:
         from rosbags.typesys import Stores, get_typestore
     except ImportError as err:
-        raise missing('rosbags', 'reading the messages of a bag') from err
+        msg = 'rosbags'
+        raise missing(msg, 'reading the messages of a bag') from err
     return get_typestore(Stores.LATEST)
 
 

@@ -1,0 +1,182 @@
+"""Recordings as .npz of plain arrays: written for others to read, read without trust."""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from dataclasses import fields
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from tactile_ros.errors import RecordingError
+from tactile_ros.types import Layout, Recording
+
+if TYPE_CHECKING:
+    import os
+
+    from tactile_ros.types import Array, Bools, Bytes, Integers
+
+SCHEMA = 1
+MOST_MEMBERS = 64
+MOST_BYTES = 2 << 30
+_COLUMNS = ('stamp_ns', 'sequence', 'temperature_c', 'status', 'stream', 'tare')
+_KINDS = 'biufU'
+
+Arrays = dict[str, npt.NDArray[np.generic]]
+
+
+def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
+    """Write a recording with its layout and truth into one .npz.
+
+    Parameters
+    ----------
+    recording : Recording
+        Every array is kept as it is.
+    path : path-like
+        Of the file.
+    """
+    arrays: Arrays = {'recording_schema': np.array(SCHEMA), 'values': recording.values}
+    for field in fields(Layout):
+        value = getattr(recording.layout, field.name)
+        if value is not None:
+            arrays[f'layout_{field.name}'] = np.asarray(value)
+    for name in _COLUMNS:
+        if getattr(recording, name) is not None:
+            arrays[name] = np.asarray(getattr(recording, name))
+    arrays.update({f'truth_{key}': value for key, value in recording.truth.items()})
+    with Path(path).open('wb') as file:
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+
+
+def load_recording(path: str | os.PathLike[str]) -> Recording:
+    """Read a recording that `save_recording` wrote.
+
+    Parameters
+    ----------
+    path : path-like
+        Of the file; it may be damaged or hostile.
+
+    Returns
+    -------
+    Recording
+        With its layout.
+
+    Raises
+    ------
+    RecordingError
+        If it is no such file, holds objects, or unpacks to more than is sensible.
+    """
+    file = Path(path)
+    arrays = read_arrays(file)
+    if arrays.get('recording_schema', np.array(0)).tolist() != SCHEMA:
+        msg = f'{file} is no recording of tactile_ros (schema {SCHEMA})'
+        raise RecordingError(msg)
+    try:
+        return _recording(arrays)
+    except (ValueError, KeyError, TypeError, IndexError) as err:
+        msg = f'{file} is no recording: {err}'
+        raise RecordingError(msg) from err
+
+
+def _recording(arrays: Arrays) -> Recording:
+    """Put a recording together from its arrays."""
+
+    def number(name: str) -> float:
+        return float(cast('float', arrays[name].item()))
+
+    def text(name: str) -> str:
+        return str(arrays[name].item())
+
+    layout = Layout(
+        positions=cast('Array', arrays['layout_positions']),
+        channels=tuple(str(name) for name in arrays['layout_channels']),
+        unit=text('layout_unit'),
+        rotations=cast('Array | None', arrays.get('layout_rotations')),
+        saturation=cast('Array | None', arrays.get('layout_saturation')),
+        rate_hz=number('layout_rate_hz'),
+        frame_id=text('layout_frame_id'),
+        sensor=text('layout_sensor'),
+        serial=text('layout_serial'),
+    )
+    head = len('truth_')
+    return Recording.from_arrays(
+        layout,
+        cast('Array', arrays['values']),
+        stamp_ns=cast('Integers | None', arrays.get('stamp_ns')),
+        sequence=cast('Integers | None', arrays.get('sequence')),
+        temperature_c=cast('Array | None', arrays.get('temperature_c')),
+        status=cast('Bytes | None', arrays.get('status')),
+        stream=cast('Integers | None', arrays.get('stream')),
+        tare=cast('Bools | None', arrays.get('tare')),
+        truth={
+            key[head:]: cast('Array', value)
+            for key, value in arrays.items()
+            if key.startswith('truth_')
+        },
+    )
+
+
+def read_arrays(path: Path) -> Arrays:
+    """Plain arrays of an .npz: counted, measured and typed before anything is unpacked.
+
+    Raises
+    ------
+    RecordingError
+        If there are too many members, too many bytes, objects, or damage.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+            size = sum(member.file_size for member in members)
+            if len(members) > MOST_MEMBERS or size > MOST_BYTES:
+                msg = (
+                    f'{path} unpacks to {len(members)} members of {size} bytes together; '
+                    f'at most {MOST_MEMBERS} of {MOST_BYTES} bytes are read'
+                )
+                raise RecordingError(msg)
+            return {
+                member.filename[: -len('.npy')]: _read_member(archive, member)
+                for member in members
+                if member.filename.endswith('.npy')
+            }
+    except OSError as err:
+        msg = f'{path} cannot be read: {err.strerror or err}'
+        raise RecordingError(msg) from err
+    except (zipfile.BadZipFile, ValueError, EOFError, NotImplementedError, RuntimeError) as err:
+        msg = f'{path} is damaged: {err}'
+        raise RecordingError(msg) from err
+    except (MemoryError, zipfile.zlib.error, SyntaxError, TypeError) as err:  # type: ignore[attr-defined]
+        msg = f'{path} is damaged: {type(err).__name__}'
+        raise RecordingError(msg) from err
+
+
+def _read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> npt.NDArray[np.generic]:
+    """One array; its header must announce exactly the bytes that follow."""
+    with archive.open(member) as file:
+        shape, column_order, dtype = _header(file)
+        if dtype.hasobject or dtype.kind not in _KINDS:
+            msg = f'{member.filename} holds {dtype}, not plain numbers or text'
+            raise ValueError(msg)
+        count = math.prod(shape)
+        if min(shape, default=0) < 0 or not 0 <= count * dtype.itemsize <= member.file_size:
+            msg = f'{member.filename} announces {shape}, which does not fit its size'
+            raise ValueError(msg)
+        data = file.read(count * dtype.itemsize)
+    flat = np.frombuffer(data, dtype, count) if count else np.zeros(0, dtype)
+    return flat.reshape(shape, order='F' if column_order else 'C')
+
+
+def _header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[np.generic]]:
+    """Shape, order and type that a .npy member announces."""
+    version = np.lib.format.read_magic(file)
+    if version == (1, 0):
+        found = np.lib.format.read_array_header_1_0(file)
+    elif version == (2, 0):
+        found = np.lib.format.read_array_header_2_0(file)
+    else:
+        msg = f'its format version {version} is not known'
+        raise ValueError(msg)
+    return cast('tuple[tuple[int, ...], bool, np.dtype[np.generic]]', found)

@@ -1,0 +1,76 @@
+"""What was read: recordings with what was said live about them, and every problem on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tactile_ros.types import ContactStates, Frame, Integers, Recording
+
+
+@dataclass(frozen=True)
+class LiveContacts:
+    """What a live run said about frames of a recording.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (n,)
+        Row of the recording that each message is about.
+    states : ContactStates
+        Of n messages.
+    log_ns : ndarray, shape (n,)
+        When each message was heard (ns).
+    unmatched : int
+        Messages about frames that the bag does not hold.
+    """
+
+    rows: Integers
+    states: ContactStates
+    log_ns: Integers
+    unmatched: int
+
+
+@dataclass(frozen=True)
+class LoadedRecording:
+    """One sensor of a bag, or a file.
+
+    Attributes
+    ----------
+    name : str
+        Namespace in the bag, or name of the file.
+    recording : Recording
+        Frames and truth.
+    contacts : LiveContacts or None
+        What the live run said.
+    baselines : tuple of Frame
+        Baselines of the live run; `sequence` is the first frame that each holds for.
+    calibrations : tuple of str
+        SHA-256 of the calibrations of the live run, in their order.
+    label_names : tuple of str
+        Names of truth labels that came as text.
+    problems : tuple of str
+        What could not be read or matched, as sentences.
+    """
+
+    name: str
+    recording: Recording
+    contacts: LiveContacts | None = None
+    baselines: tuple[Frame, ...] = ()
+    calibrations: tuple[str, ...] = ()
+    label_names: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """Everything that was read at one path; `problems` concern the whole of it."""
+
+    recordings: tuple[LoadedRecording, ...]
+    problems: tuple[str, ...] = ()
+
+    @property
+    def sentences(self) -> list[str]:
+        """All problems, those of each recording under its name."""
+        inner = [f'{r.name}: {text}' for r in self.recordings for text in r.problems]
+        return [*self.problems, *inner]

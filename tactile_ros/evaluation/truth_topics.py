@@ -1,0 +1,207 @@
+"""What was true, beside the frames: by sequence or stamp, or by the nearest time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from tactile_ros.messages import stamp_ns
+from tactile_ros.types import TRUTH_KEYS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tactile_ros.evaluation.bag_messages import Heard
+    from tactile_ros.messages.fields import HeaderMessage
+    from tactile_ros.types import Array, Integers, Recording
+
+DEFAULT_TRUTH = ('truth/contacts', 'truth/object_pose')
+Columns = dict[str, npt.NDArray[np.generic]]
+
+
+def contacts_truth(
+    arrays: Columns, recording: Recording, index: dict[tuple[int, int], int]
+) -> tuple[Columns, int]:
+    """Truth that came as TactileContacts.
+
+    Parameters
+    ----------
+    arrays : dict of str to ndarray, shape (n, ...)
+        As `messages.read_contacts` gives them.
+    recording : Recording
+        Of s frames.
+    index : dict
+        Row of a frame by its stamp (ns) and sequence.
+
+    Returns
+    -------
+    truth : dict of str to ndarray, shape (s, ...)
+        Keys of which something is known; NaN or -1 elsewhere.
+    lost : int
+        Messages that belong to no frame.
+
+    Notes
+    -----
+    A message belongs to the frame of its stamp and sequence; without a stamp to that of its
+    sequence; else to the frame nearest in time, within half a frame.
+    """
+    stamps = arrays['stamp_ns'].astype(np.int64)
+    sequence = arrays['sequence'].astype(np.int64)
+    keys = zip(stamps.tolist(), sequence.tolist(), strict=True)
+    rows = np.array([index.get(key, -1) for key in keys], np.int64)
+    by_sequence = {key[1]: row for key, row in index.items()}
+    unstamped = (rows < 0) & (stamps == 0)
+    rows[unstamped] = [by_sequence.get(k, -1) for k in sequence[unstamped].tolist()]
+    timed = (rows < 0) & (stamps != 0)
+    if timed.any() and recording.stamp_ns is not None:
+        rows[timed] = nearest(recording.stamp_ns, stamps[timed], half_step(recording.stamp_ns))
+    kept = rows >= 0
+    truth: Columns = {}
+    for key in TRUTH_KEYS:
+        if key in arrays and _known(arrays[key][kept]):
+            truth[key] = _blank(arrays[key], len(recording))
+            truth[key][rows[kept]] = arrays[key][kept]
+    return truth, int((~kept).sum())
+
+
+def _known(values: npt.NDArray[np.generic]) -> bool:
+    """Whether anything is told."""
+    return bool(np.isfinite(values).any() if values.dtype.kind == 'f' else (values != -1).any())
+
+
+def _blank(like: npt.NDArray[np.generic], samples: int) -> npt.NDArray[np.generic]:
+    """An unknown column."""
+    fill = np.nan if like.dtype.kind == 'f' else -1
+    return np.full((samples, *like.shape[1:]), fill, like.dtype)
+
+
+def half_step(times: Integers) -> int:
+    """Half the usual distance of times (ns); half a second where there is none."""
+    steps = np.diff(np.sort(times))
+    steps = steps[steps > 0]
+    return int(np.median(steps)) // 2 if len(steps) else 500_000_000
+
+
+def nearest(times: Integers, asked: Integers, tolerance: int) -> Integers:
+    """Index of the time nearest to each asked one, -1 where none is within the tolerance.
+
+    Parameters
+    ----------
+    times, asked : ndarray, shape (n,), (m,)
+        Times in any order (ns).
+    tolerance : int
+        Largest distance (ns).
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        Indices into `times`; the earlier one where two are equally near.
+    """
+    if not len(times):
+        return np.full(len(asked), -1, np.int64)
+    order = np.argsort(times, kind='stable')
+    ordered = times[order]
+    right = np.clip(np.searchsorted(ordered, asked), 0, len(ordered) - 1)
+    left = np.maximum(right - 1, 0)
+    closer = np.abs(asked - ordered[left]) <= np.abs(ordered[right] - asked)
+    best = np.where(closer, left, right)
+    distance = np.abs(ordered[best] - asked)
+    return np.where(distance <= tolerance, order[best], -1).astype(np.int64)
+
+
+def other_truth(
+    heard: list[Heard], recording: Recording, names: tuple[str, ...]
+) -> tuple[Columns, tuple[str, ...], int]:
+    """Truth that came as standard messages: nearest in time, text until the next one.
+
+    Parameters
+    ----------
+    heard : list of Heard
+        Of one topic.
+    recording : Recording
+        Of s frames.
+    names : tuple of str
+        Names of labels so far.
+
+    Returns
+    -------
+    truth : dict of str to ndarray, shape (s, ...)
+        NaN or -1 where unknown.
+    names : tuple of str
+        Names of labels; `label` counts in them.
+    lost : int
+        Messages near no frame.
+    """
+    if recording.stamp_ns is None or not heard:
+        return {}, names, len(heard)
+    if heard[0].type_name == 'std_msgs/msg/String':
+        truth, names = _labels(heard, recording.stamp_ns, names)
+        return truth, names, 0
+    read = READERS[heard[0].type_name]
+    times = np.array([stamp_ns(_header(h)) for h in heard], np.int64)
+    tolerance = max(half_step(times), half_step(recording.stamp_ns))
+    rows = nearest(times, recording.stamp_ns, tolerance)
+    parts = [read(h.message) for h in heard]
+    columns: Columns = {}
+    for key in parts[0]:
+        told = np.stack([part[key] for part in parts])
+        near = rows.reshape(-1, *[1] * (told.ndim - 1)) >= 0
+        columns[key] = np.where(near, told[rows], np.nan)
+    lost = int((nearest(recording.stamp_ns, times, tolerance) < 0).sum())
+    return columns, names, lost
+
+
+def _header(heard: Heard) -> HeaderMessage:
+    return cast('HeaderMessage', heard.message.header)  # type: ignore[attr-defined]
+
+
+def _labels(
+    heard: list[Heard], frames: Integers, names: tuple[str, ...]
+) -> tuple[Columns, tuple[str, ...]]:
+    """Names that hold from when they were heard until the next; an empty one is unknown."""
+    told = [str(h.message.data) for h in heard]  # type: ignore[attr-defined]
+    names = tuple(dict.fromkeys([*names, *filter(None, told)]))
+    index = np.array([names.index(name) if name else -1 for name in told], np.int64)
+    times = np.array([h.log_ns for h in heard], np.int64)
+    order = np.argsort(times, kind='stable')
+    last = np.searchsorted(times[order], frames, side='right') - 1
+    return {'label': np.where(last >= 0, index[order][last], -1)}, names
+
+
+def _vector(xyz: object) -> Array:
+    return np.array([getattr(xyz, axis) for axis in 'xyz'], np.float64)
+
+
+def _wrench(message: object) -> dict[str, Array]:
+    """Force and torque of a WrenchStamped."""
+    wrench = message.wrench  # type: ignore[attr-defined]
+    return {'force': _vector(wrench.force), 'torque': _vector(wrench.torque)}
+
+
+def _pose(message: object) -> dict[str, Array]:
+    """Position and pose of a PoseStamped, with or without covariance."""
+    pose = message.pose  # type: ignore[attr-defined]
+    pose = getattr(pose, 'pose', pose)
+    turn = pose.orientation
+    quaternion = np.array([turn.x, turn.y, turn.z, turn.w], np.float64)
+    matrix = np.full((4, 4), np.nan)
+    matrix[:3, 3] = _vector(pose.position)
+    matrix[3] = 0.0, 0.0, 0.0, 1.0
+    if np.isfinite(quaternion).all() and np.linalg.norm(quaternion) > 0:
+        matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
+    return {'position': matrix[:3, 3], 'object_pose': matrix}
+
+
+READERS: dict[str, Callable[[object], dict[str, Array]]] = {
+    'geometry_msgs/msg/WrenchStamped': _wrench,
+    'geometry_msgs/msg/PoseStamped': _pose,
+    'geometry_msgs/msg/PoseWithCovarianceStamped': _pose,
+}
+
+
+def is_truth_type(type_name: str) -> bool:
+    """Whether truth can come as this type."""
+    return type_name in (*READERS, 'std_msgs/msg/String', 'tactile_ros/msg/TactileContacts')
