@@ -35,8 +35,8 @@ def resolve(names: list[str], constraints: str) -> dict[str, str]:
         command += ['--python-version', '3.10', '--generate-hashes', '--no-header']
         command += ['--no-annotate', '-c', 'constraints.txt', '--allow-unsafe']
         command += [str(LOCKS / f'{name}.in') for name in names]
-        text = subprocess.run(command, cwd=folder, check=True, stdout=subprocess.PIPE, text=True).stdout
-    entries = re.split(r'\n(?=\S)', text.strip())
+        done = subprocess.run(command, cwd=folder, check=True, stdout=subprocess.PIPE, text=True)
+    entries = re.split(r'\n(?=\S)', done.stdout.strip())
     return {simplify(entry).split(' \\')[0]: simplify(entry) for entry in entries}
 
 

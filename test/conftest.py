@@ -1,4 +1,4 @@
-"""Every test process is alone: its own ROS domain on this machine, one thread, no files at home."""
+"""Every test process is alone: its own ROS domain, one thread, no files at home."""
 
 from __future__ import annotations
 

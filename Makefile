@@ -1,0 +1,66 @@
+# make demo    set everything up and run the main job        make bench    compare and time; QUICK=1 for less
+# make test    set everything up and pass the tests          make lint     ruff and mypy alone
+# make setup   set up alone                                  make clean    remove all that make made
+#
+# PYTHON=python3.12 and DISTRO=jazzy choose another Python (3.10 to 3.14) or another ROS 2; both
+# make .venv and install anew.
+#
+# The environment's Python takes the package from this folder and the generated interfaces from
+# install/, so an edited source needs no build. install/ holds links to the sources (colcon's
+# --symlink-install) and is a whole workspace when install/setup.bash is sourced.
+
+PYTHON ?= python3
+OLDEST ?= python3.10
+DISTRO ?= kilted
+CONFIGURE := bootstrap/configure.py
+ARGUMENTS ?=
+
+# DDS stays on this machine and logs stay in this folder, unless asked otherwise.
+export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+export ROS_LOG_DIR ?= $(CURDIR)/log/ros
+
+# A sourced ROS would win over the one in .venv: set-up says that it is left out, and this does it.
+SOURCED := AMENT_PREFIX_PATH COLCON_PREFIX_PATH CMAKE_PREFIX_PATH PYTHONPATH PYTHONHOME \
+  LD_LIBRARY_PATH ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION ROS_PACKAGE_PATH RMW_IMPLEMENTATION \
+  _ROS_WHEELS_BOOTSTRAP_COMPLETE
+ALONE := env $(addprefix -u ,$(SOURCED))
+
+.PHONY: help setup setup-tests demo test test-oldest lint bench lock clean
+
+help:
+	@sed -n '1,3s/^# //p' Makefile
+
+setup: python
+	@$(PYTHON) $(CONFIGURE) --distro $(DISTRO)
+
+setup-tests: python
+	@$(PYTHON) $(CONFIGURE) --distro $(DISTRO) --tests
+
+.PHONY: python
+python:
+	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) was not found: install Python 3.10 to 3.14 or name one with make PYTHON=...."; exit 1; }
+
+demo: setup
+	@.venv/bin/tactile demo $(ARGUMENTS)
+
+bench: setup-tests
+	@.venv/bin/tactile bench all $(if $(QUICK),--quick) $(ARGUMENTS)
+
+lint: setup-tests
+	@$(ALONE) .venv/bin/ruff check .
+	@$(ALONE) .venv/bin/mypy
+
+test: lint
+	@$(ALONE) .venv/bin/python -m pytest $(ARGUMENTS)
+
+# The core (all but ROS and the command line) on the oldest wheels there are.
+test-oldest:
+	@$(OLDEST) $(CONFIGURE) --oldest
+	@$(ALONE) .venv-oldest/bin/python -m pytest -m 'not ros' $(ARGUMENTS)
+
+# After an edit of bootstrap/locks/*.in; needs uv in the Python that runs it.
+lock:
+	$(PYTHON) bootstrap/lock.py
+
+clean:
+	rm -rf .venv .venv-oldest build install log out

@@ -1,0 +1,95 @@
+"""What a machine must have before set-up starts; what it lacks is said in one sentence."""
+
+import importlib.util
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+
+class SetupError(Exception):
+    """Set-up cannot go on; the message says what to do about it."""
+
+
+def check_machine() -> None:
+    """Refuse a machine on which the wheels or the build cannot work."""
+    check_platform()
+    check_venv()
+    check_compiler()
+
+
+def check_platform() -> None:
+    """Wheels exist for CPython on Linux, on two kinds of processor."""
+    machine = f'{platform.system()} {platform.machine()}'
+    if machine not in ('Linux x86_64', 'Linux aarch64'):
+        raise SetupError(
+            f'Set-up needs Linux on x86_64 or aarch64; this is {machine}. '
+            'Build in a sourced ROS 2 workspace with colcon instead.'
+        )
+    if platform.python_implementation() != 'CPython':
+        raise SetupError(
+            f'{platform.python_implementation()} is not supported: '
+            'install CPython 3.10 to 3.14 and run make PYTHON=python3.12, for example.'
+        )
+
+
+def check_venv() -> None:
+    """Debian and Ubuntu ship the venv module without the part that installs pip."""
+    if any(importlib.util.find_spec(name) is None for name in ('venv', 'ensurepip')):
+        raise SetupError(
+            f'{python_name()} has no venv module: install it '
+            f'(on Debian and Ubuntu: apt install {python_name()}-venv) and run make again.'
+        )
+
+
+def check_compiler() -> None:
+    """The messages are compiled, as C and as C++."""
+    for variable, names in (('CC', ('cc', 'gcc', 'clang')), ('CXX', ('c++', 'g++', 'clang++'))):
+        given = os.environ.get(variable, '').split()
+        if not any(shutil.which(name) for name in (given[:1] or names)):
+            raise SetupError(
+                f'No {"C++" if variable == "CXX" else "C"} compiler was found'
+                + (f' ({variable}={given[0]})' if given else '')
+                + ': install one (on Debian and Ubuntu: apt install g++) and run make again.'
+            )
+
+
+def python_name() -> str:
+    """Name this Python as its packages are named."""
+    return f'python{sys.version_info.major}.{sys.version_info.minor}'
+
+
+def python_headers(folder: Path) -> list[Path]:
+    """Find the include folders of this Python.
+
+    Debian and Ubuntu keep Python.h in a package of its own; where it is not installed, the package
+    is fetched into `folder` and unpacked there, which needs no rights.
+    """
+    include = Path(sysconfig.get_path('include'))
+    if (include / 'Python.h').exists():
+        return [include]
+    unpacked = folder / 'usr' / 'include'
+    name = python_name()
+    if not (unpacked / name / 'Python.h').exists():
+        fetch_package(f'lib{name}-dev', folder)
+    if not (unpacked / name / 'Python.h').exists():
+        raise SetupError(
+            f'The headers of {name} (Python.h) are missing: install them '
+            f'(on Debian and Ubuntu: apt install {name}-dev) and run make again.'
+        )
+    return [unpacked / name, unpacked]
+
+
+def fetch_package(name: str, folder: Path) -> None:
+    """Unpack a Debian package without installing it; whether it worked shows in the folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if not (shutil.which('apt-get') and shutil.which('dpkg-deb')):
+        return
+    subprocess.run(['apt-get', 'download', name], cwd=folder, check=False, capture_output=True)
+    for package in folder.glob('*.deb'):
+        unpack = ['dpkg-deb', '-x', package.name, '.']
+        subprocess.run(unpack, cwd=folder, check=False, capture_output=True)
+        package.unlink()

@@ -1,0 +1,82 @@
+"""Say what set-up is doing: one line per step, a counter while it runs, the rest in a log file."""
+
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from machine import SetupError
+
+START = time.monotonic()
+EVERY = 5.0  # s, between two lines where the terminal cannot overwrite one
+
+
+def say(text: str) -> None:
+    """Print one line with the time since the start."""
+    print(f'[{time.monotonic() - START:4.0f} s] {text}', flush=True)
+
+
+class Counter:
+    """A counter on one line of a terminal, or on a line every few seconds elsewhere."""
+
+    def __init__(self, what: str) -> None:
+        self.what = what
+        self.last = time.monotonic()
+        self.terminal = sys.stdout.isatty()
+
+    def show(self, text: str) -> None:
+        """Show the newest state."""
+        line = f'         {self.what}: {text}'
+        if self.terminal:
+            print(f'\r{line:<79}', end='', flush=True)
+        elif time.monotonic() - self.last > EVERY:
+            self.last = time.monotonic()
+            print(line, flush=True)
+
+    def close(self) -> None:
+        """Leave the terminal's line empty for what follows."""
+        if self.terminal:
+            print('\r' + ' ' * 79, end='\r', flush=True)
+
+
+def run(
+    command: list[str],
+    *,
+    log: Path,
+    what: str,
+    env: dict[str, str],
+    pattern: str = r'$^',
+    total: int = 0,
+) -> None:
+    """Run a command, its output into the log; lines that match `pattern` are counted and shown."""
+    counter = Counter(what)
+    seen = 0
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with log.open('a') as file:
+        file.write(f'$ {" ".join(command)}\n')
+        with subprocess.Popen(
+            command, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        ) as process:
+            try:
+                for line in process.stdout or ():
+                    file.write(line)
+                    if found := re.match(pattern, line):
+                        seen += 1
+                        of = f'{seen}/{total} ' if total else ''
+                        counter.show(of + ' '.join(found.groups()))
+            except BaseException:
+                process.terminate()
+                raise
+            finally:
+                counter.close()
+    if process.returncode:
+        raise SetupError(failure(what, log))
+
+
+def failure(what: str, log: Path) -> str:
+    """One sentence about a command that failed: the last error it wrote."""
+    lines = [line.strip() for line in log.read_text(errors='replace').splitlines()]
+    errors = [line for line in lines if re.match(r'(error|fatal|CMake Error)\b', line, re.I)]
+    reason = (errors or lines or ['no output'])[-1]
+    return f'{what} failed: {reason} (all of it is in {log}).'
