@@ -44,24 +44,18 @@ def damage(frame: bytes, kind: Damage, rng: np.random.Generator) -> bytes:
     bytes
         The damaged frame.
     """
-    here = int(rng.integers(len(frame)))
-    if kind == 'truncated':
-        return frame[:here]
-    if kind == 'doubled':
-        return frame[: here + 1] + frame[here:]
-    if kind == 'dropped':
-        return frame[:here] + frame[here + int(rng.integers(1, 5)) :]
-    if kind == 'flipped':
-        bit = 1 << int(rng.integers(8))
-        return frame[:here] + bytes([frame[here] ^ bit]) + frame[here + 1 :]
-    if kind == 'shifted':
-        short = frame[:here] + frame[here + 1 :]
-        there = int(rng.integers(len(short)))
-        return short[: there + 1] + short[there:]
+    here, there = (int(place) for place in np.sort(rng.integers(len(frame), size=2)))
     run = rng.bytes(int(rng.integers(1, LONGEST_RUN + 1)))
-    if kind == 'inserted':
-        return frame[:here] + run + frame[here:]
-    return (frame[:here] + run + frame[here + len(run) :])[: len(frame)]
+    hurt: dict[Damage, bytes] = {
+        'dropped': frame[:here] + frame[here + 1 + run[0] % 4 :],
+        'doubled': frame[: here + 1] + frame[here:],
+        'flipped': frame[:here] + bytes([frame[here] ^ 1 << run[0] % 8]) + frame[here + 1 :],
+        'garbage': (frame[:here] + run + frame[here + len(run) :])[: len(frame)],
+        'inserted': frame[:here] + run + frame[here:],
+        'truncated': frame[:here],
+        'shifted': frame[:here] + frame[here + 1 : there + 1] + frame[there:],
+    }
+    return hurt[kind]
 
 
 @dataclass(frozen=True)
@@ -135,17 +129,13 @@ def unseen(
     return Unseen(kind, trials, wrong / trials, worst / trials, lost)
 
 
-def _delivered(
-    stream: list[bytes], chips: int, quantum: npt.ArrayLike | None
-) -> list[bytes]:
+def _delivered(stream: list[bytes], chips: int, quantum: npt.ArrayLike | None) -> list[bytes]:
     """Frames that a decoder gives for the stream, as they would be sent."""
     decoded = FrameDecoder(chips, quantum).feed(b''.join(stream))
-    return [encode(b, t) for b, t in zip(decoded.values, decoded.temperature_c)]
+    return [encode(b, t) for b, t in zip(decoded.values, decoded.temperature_c, strict=True)]
 
 
 def _error(frame: bytes, truth: bytes) -> float:
     """Largest difference of two frames' fields (uT, degrees Celsius)."""
     fields = np.frombuffer(frame[:-2], '<f4').astype(np.float64)
     return float(np.abs(fields - np.frombuffer(truth[:-2], '<f4')).max())
-
-

@@ -31,7 +31,7 @@ TEXT = b'0123456789+-.,\t\r\n eEnaifNAIF'
 
 def _bits(value: float) -> np.uint32:
     """Pattern of a positive float32; patterns order as the numbers do."""
-    return np.array(value, '<f4').view('<u4')[()]
+    return np.uint32(np.array(value, '<f4').view('<u4'))
 
 
 _HIGHEST = np.array([_bits(TEMPERATURE_LIMITS_C[1]), *[_bits(FIELD_LIMIT_MICROTESLA)] * 3])
@@ -70,7 +70,7 @@ def encode(values: npt.ArrayLike, temperature_c: npt.ArrayLike = 25.0) -> bytes:
     """
     table = np.asarray(values, np.float64)
     if table.ndim not in (2, 3) or table.shape[-1] != 3:
-        msg = f'values of a board frame must have shape (t, 3) or (s, t, 3); received {table.shape}'
+        msg = f'values of encode must have shape (t, 3) or (s, t, 3); received {table.shape}'
         raise ValueError(msg)
     table = table.reshape(-1, *table.shape[-2:])
     samples, chips = table.shape[:2]
@@ -128,26 +128,32 @@ def plausible(patterns: Words, quantum: Array | None = None) -> tuple[Bools, Boo
     """
     magnitude = patterns & _MAGNITUDE
     fits = magnitude < _HIGHEST
-    fits[..., 0] &= (patterns[..., 0] < _COLDEST)
+    fits[..., 0] &= patterns[..., 0] < _COLDEST
     # 0 - 1 wraps to the largest pattern, so that zero passes
-    natural = (fits & ((magnitude - _ONE) >= _SMALLEST)).all(axis=-1)
+    natural = _every(fits & ((magnitude - _ONE) >= _SMALLEST))
     if quantum is not None:
         natural &= _on_grid(patterns, natural, quantum)
     if natural.all():
         return natural, natural
     highest = patterns >> np.uint32(24)
     fits &= (highest != TERMINATOR[0]) & (highest != TERMINATOR[1])
-    possible = fits.all(axis=-1)
+    possible = _every(fits)
     if quantum is not None:
         possible &= _on_grid(patterns, possible, quantum)
     return possible, natural
+
+
+def _every(fields: Bools) -> Bools:
+    """Whether all fields of a chip are so."""
+    chips: Bools = np.logical_and.reduce(fields, axis=-1)
+    return chips
 
 
 def _on_grid(patterns: Words, possible: Bools, quantum: Array) -> Bools:
     """Whether all three fields of a chip are multiples of its step."""
     known = np.where(possible[..., None], patterns[..., 1:], np.uint32(0))
     steps = known.view('<f4') / (quantum * MICROTESLA_PER_TESLA)
-    return (np.abs(steps - np.rint(steps)) <= GRID_TOLERANCE).all(axis=-1)
+    return _every(np.abs(steps - np.rint(steps)) <= GRID_TOLERANCE)
 
 
 def readings(patterns: Words, error: Bools | None = None) -> tuple[Array, Array]:

@@ -25,6 +25,7 @@ NOMINAL_RATE_HZ = 400.0
 FIRST_RETRY_S = 0.05
 LONGEST_RETRY_S = 0.5
 CLOCK_RESET_NS = 1_000_000_000
+LONG_GAP = 3.0
 
 
 @dataclass
@@ -36,8 +37,8 @@ class LinkCounts:
     reconnects : int
         Times the port came back.
     suspected : int
-        Frames that the stamps say are missing, by the nominal rate; a paused host or board looks
-        the same, so they are not part of `sequence`.
+        Frames that the stamps say are missing, against the usual time between frames; a paused
+        host or board looks the same, so they are not part of `sequence`.
     """
 
     reconnects: int = 0
@@ -112,7 +113,7 @@ class SerialBoard:
     A stamp is the arrival of the frame's last byte less `transfer_s`; the board has no clock.
     `sequence` grows by one a frame and by the frames known lost: bytes skipped over the length of
     a frame, at least one for a reconnection. Whole frames that a board never sent cannot be known;
-    `counters()['suspected']` compares stamps with the rate.
+    `counters()['suspected']` compares stamps with their usual spacing.
     """
 
     def __init__(
@@ -145,6 +146,7 @@ class SerialBoard:
         self._sequence = -1
         self._dropped = 0
         self._last_ns: int | None = None
+        self._usual_ns = 0.0
         self._last: tuple[Array, Array] | None = None
         self._opened_before = False
         self._interrupted = False
@@ -243,7 +245,7 @@ class SerialBoard:
         if data:
             now_ns = self._clock()
             decoded = self._decoder.feed(data)
-            if len(decoded):
+            if len(decoded.skipped):
                 self._queue(decoded, now_ns - self._transfer_ns)
 
     def _reopen(self, remaining: float) -> None:
@@ -285,6 +287,7 @@ class SerialBoard:
             skipped = skipped.copy()
             skipped[0] += 1
             self._interrupted = False
+            self._usual_ns = 0.0
         stamps = arrival_stamps(skipped, now_ns, self._last_ns, self._period_ns)
         self._suspect(stamps[0], int(skipped[0]))
         status = self._status(decoded)
@@ -305,9 +308,13 @@ class SerialBoard:
 
     def _suspect(self, stamp_ns: int, skipped: int) -> None:
         """Count frames that are missing by the clock alone."""
-        if self._last_ns is not None and self._layout.rate_hz > 0:
-            gap = round((stamp_ns - self._last_ns) / self._period_ns) - 1 - skipped
-            self.link.suspected += max(0, gap)
+        if self._last_ns is None:
+            return
+        gap = (stamp_ns - self._last_ns) / (1 + skipped)
+        usual = self._usual_ns or gap
+        if gap > LONG_GAP * usual:
+            self.link.suspected += round(gap / usual) - 1
+        self._usual_ns = usual + 0.05 * (min(gap, LONG_GAP * usual) - usual)
 
     def _status(self, decoded: Decoded) -> Bytes:
         """Bits of every chip in every frame."""

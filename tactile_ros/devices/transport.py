@@ -19,8 +19,8 @@ READ_BYTES = 4096
 def _pyserial() -> ModuleType:
     """The package, where it is needed."""
     try:
-        import serial  # noqa: PLC0415
-        import serial.tools.list_ports  # noqa: PLC0415
+        import serial
+        import serial.tools.list_ports
     except ImportError as err:
         msg = 'serial ports need pyserial: pip install pyserial (or apt install python3-serial)'
         raise MissingPackageError(msg) from err
@@ -45,7 +45,7 @@ def _refusal(port: str, err: OSError) -> str:
     if err.errno == errno.ENOENT:
         return f'port {port} does not exist; {_choice()}'
     if err.errno in (errno.EAGAIN, errno.EBUSY):
-        return f'port {port} is busy: close the program that reads it, or choose another; {_choice()}'
+        return f'port {port} is busy: close the program that reads it; {_choice()}'
     if err.errno in (errno.EACCES, errno.EPERM):
         return (
             f'port {port} may not be opened by this user: '
