@@ -18,8 +18,9 @@ MARK = 'tactile_ros.json'  # in the environment: what it was made from; empty wh
 # What a sourced ROS leaves in a shell: it would win over the environment's own ROS.
 SOURCED = (
     'AMENT_PREFIX_PATH', 'COLCON_PREFIX_PATH', 'CMAKE_PREFIX_PATH', 'PYTHONPATH',
-    'LD_LIBRARY_PATH', 'ROS_DISTRO', 'ROS_VERSION', 'ROS_PYTHON_VERSION', 'ROS_PACKAGE_PATH', 'RMW_IMPLEMENTATION',
-    'ROS_ETC_DIR', '_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'VIRTUAL_ENV', 'PYTHONHOME',
+    'LD_LIBRARY_PATH', 'ROS_DISTRO', 'ROS_VERSION', 'ROS_PYTHON_VERSION', 'ROS_PACKAGE_PATH',
+    'RMW_IMPLEMENTATION', 'ROS_ETC_DIR', '_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'VIRTUAL_ENV',
+    'PYTHONHOME',
 )  # fmt: skip
 
 

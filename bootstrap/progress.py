@@ -64,7 +64,7 @@ def run(
                     if found := re.match(pattern, line):
                         seen += 1
                         of = f'{seen}/{total} ' if total else ''
-                        counter.show(of + ' '.join(found.groups()))
+                        counter.show(of + found[found.lastindex or 0])
             except BaseException:
                 process.terminate()
                 raise
