@@ -171,6 +171,8 @@ class _McapWalk:
         while at is not None:
             damaged = self._walk(data, at)
             if damaged is None:
+                if data[-len(container.MAGIC) :] != container.MAGIC:
+                    self._say('has lost its index; every message of it was read')
                 return
             at = next((place for place in chunks if place > damaged), None)
             after = 'what follows was left out' if at is None else f'going on at byte {at}'

@@ -1,0 +1,347 @@
+from __future__ import annotations
+
+import io
+import zipfile
+
+import numpy as np
+import pytest
+
+from tactile_ros.errors import RecordingError
+from tactile_ros.evaluation.archive import load_recording, save_recording
+from tactile_ros.evaluation.bag import BagWriter
+from tactile_ros.evaluation.recording import load
+from tactile_ros.evaluation.truth_topics import nearest
+from tactile_ros.types import Layout, Recording
+
+LAYOUT = Layout(
+    positions=np.arange(6.0).reshape(2, 3) * 1e-3,
+    channels=('Bx', 'By', 'Bz'),
+    unit='T',
+    rotations=np.tile(np.eye(3), (2, 1, 1)),
+    saturation=np.array([1e-3, 1e-3, np.inf]),
+    rate_hz=100.0,
+    frame_id='thumb',
+    sensor='reskin_board',
+    serial='12',
+)
+
+
+@pytest.fixture
+def recording():
+    rng = np.random.default_rng(0)
+    truth = {
+        'position': np.where(np.arange(12).reshape(4, 3) == 5, np.nan, rng.normal(size=(4, 3))),
+        'cell': np.array([0, -1, 2, 3]),
+        'taxel_force': rng.normal(size=(4, 2)),
+    }
+    return Recording.from_arrays(
+        LAYOUT,
+        rng.normal(size=(4, 2, 3)),
+        stamp_ns=np.array([1, 2, 3, 4]) * 1_700_000_000_123_456_789 // 4,
+        sequence=np.array([0, 1, 3, 4]),
+        temperature_c=rng.normal(25, 1, (4, 2)),
+        status=np.array([[0, 1], [0, 0], [8, 0], [0, 0]]),
+        stream=np.array([0, 0, 1, 1]),
+        tare=np.array([True, False, True, False]),
+        truth=truth,
+    )
+
+
+def assert_same(one, other):
+    for name in ('values', 'stamp_ns', 'sequence', 'temperature_c', 'status', 'stream', 'tare'):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+    assert one.truth.keys() == other.truth.keys()
+    for key in one.truth:
+        np.testing.assert_array_equal(one.truth[key], other.truth[key], err_msg=key)
+
+
+def test_npz_gives_the_recording_back_bit_by_bit(recording, tmp_path):
+    save_recording(recording, tmp_path / 'a.npz')
+    back = load_recording(tmp_path / 'a.npz')
+    assert_same(recording, back)
+    assert back.layout.channels == LAYOUT.channels
+    assert back.layout.serial == '12'
+    np.testing.assert_array_equal(back.layout.saturation, LAYOUT.saturation)
+    assert load(tmp_path / 'a.npz').recordings[0].name == 'a'
+
+
+def test_a_recording_of_the_least_comes_back(tmp_path):
+    least = Recording.from_arrays(LAYOUT, np.zeros((0, 2, 3)))
+    save_recording(least, tmp_path / 'a.npz')
+    back = load_recording(tmp_path / 'a.npz')
+    assert len(back) == 0
+    assert back.stamp_ns is None
+
+
+def test_a_pickle_is_refused_unopened(tmp_path):
+    class Trap:
+        def __reduce__(self):
+            return (pytest.fail, ('unpickled',))
+
+    hostile = tmp_path / 'hostile.npz'
+    np.savez(hostile, values=np.array([Trap()], object))
+    with pytest.raises(RecordingError, match='holds object'):
+        load_recording(hostile)
+
+
+def test_a_zip_bomb_is_refused_unpacked_size_unread(tmp_path):
+    hostile = tmp_path / 'bomb.npz'
+    with zipfile.ZipFile(hostile, 'w', zipfile.ZIP_DEFLATED) as archive:
+        with archive.open('values.npy', 'w') as file:
+            for _ in range(4):
+                file.write(bytes(1 << 20))
+    data = bytearray(hostile.read_bytes())
+    entry = data.rindex(b'PK\x01\x02')
+    data[entry + 24 : entry + 28] = (0xFFFFFFF0).to_bytes(4, 'little')
+    hostile.write_bytes(data)
+    with pytest.raises(RecordingError, match='unpacks to 1 members of 4294967280 bytes'):
+        load_recording(hostile)
+    with zipfile.ZipFile(hostile, 'w') as archive:
+        for k in range(100):
+            archive.writestr(f'{k}.npy', b'')
+    with pytest.raises(RecordingError, match='100 members'):
+        load_recording(hostile)
+
+
+def test_a_header_that_announces_more_than_it_holds_is_refused(tmp_path):
+    hostile = tmp_path / 'hostile.npz'
+    for shape in ('(1000000000000,)', '(-1, 4)', '(99999999999999999999999, 99)'):
+        header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}"
+        header = header.ljust(117) + '\n'
+        npy = b'\x93NUMPY\x01\x00' + len(header).to_bytes(2, 'little') + header.encode()
+        with zipfile.ZipFile(hostile, 'w') as archive:
+            archive.writestr('values.npy', npy + bytes(64))
+        with pytest.raises(RecordingError):
+            load_recording(hostile)
+
+
+def test_damage_anywhere_in_an_npz_is_refused_or_harmless(recording, tmp_path):
+    file = tmp_path / 'a.npz'
+    save_recording(recording, file)
+    data = file.read_bytes()
+    rng = np.random.default_rng(1)
+    refused = 0
+    for place in rng.integers(0, len(data), 200):
+        damaged = bytearray(data)
+        damaged[place] ^= 1 << int(rng.integers(8))
+        file.write_bytes(damaged)
+        try:
+            assert len(load_recording(file).values) == 4
+        except RecordingError:
+            refused += 1
+    for size in range(0, len(data), 97):
+        file.write_bytes(data[:size])
+        with pytest.raises(RecordingError):
+            load_recording(file)
+    assert refused > 50
+
+
+def test_other_archives_are_refused_by_name(tmp_path):
+    file = tmp_path / 'other.npz'
+    np.savez(file, x=np.zeros(3))
+    with pytest.raises(RecordingError, match='no recording of tactile_ros'):
+        load_recording(file)
+    with pytest.raises(RecordingError, match='does not exist'):
+        load(tmp_path / 'gone.npz')
+
+
+def csv_lines(recording):
+    names = [f'{c}_{t}' for t in range(2) for c in LAYOUT.channels]
+    head = ['stamp_ns', 'sequence', 'stream', 'tare', *names, 'temperature_c_0', 'temperature_c_1']
+    head += ['status_0', 'status_1', 'position_x', 'position_y', 'position_z', 'cell']
+    head += ['taxel_force_0', 'taxel_force_1']
+    out = io.StringIO()
+    out.write(','.join(head) + '\n')
+    for k in range(len(recording)):
+        row = [recording.stamp_ns[k], recording.sequence[k], recording.stream[k]]
+        row += [int(recording.tare[k]), *map(repr, recording.values[k].ravel().tolist())]
+        row += [*map(repr, recording.temperature_c[k].tolist()), *recording.status[k]]
+        row += [repr(x) if x == x else '' for x in recording.truth['position'][k].tolist()]
+        row += [recording.truth['cell'][k], *map(repr, recording.truth['taxel_force'][k].tolist())]
+        out.write(','.join(str(cell) for cell in row) + '\n')
+    return out.getvalue()
+
+
+def test_csv_gives_the_same_recording(recording, tmp_path):
+    file = tmp_path / 'a.csv'
+    file.write_text(csv_lines(recording))
+    assert_same(load(file, LAYOUT).recordings[0].recording, recording)
+
+
+def test_csv_seconds_keep_their_nanoseconds(tmp_path):
+    layout = Layout(np.zeros((1, 3)), ('u',), '1')
+    file = tmp_path / 'a.csv'
+    file.write_text('time_s,u_0\n1743468220.123456789,0.5\n1743468221,0.25\n')
+    back = load(file, layout).recordings[0].recording
+    assert back.stamp_ns.tolist() == [1743468220123456789, 1743468221000000000]
+
+
+@pytest.mark.parametrize(
+    ('text', 'sentence'),
+    [
+        ('', 'no rows'),
+        ('u_0\n', 'no rows'),
+        ('u_0,u_0\n1,2\n', 'header does not fit'),
+        ('u_0\n1,2\n', 'line 2'),
+        ('u_0\nred\n', 'red'),
+        ('w\n1\n', "'u_0' is missing"),
+        ('u_0,colour\n1,2\n', "'colour' is not known"),
+        ('u_0,stamp_ns\n1,99999999999999999999999\n', 'no recording'),
+    ],
+)
+def test_csv_that_makes_no_sense_is_refused_with_a_sentence(tmp_path, text, sentence):
+    file = tmp_path / 'a.csv'
+    file.write_text(text)
+    with pytest.raises(RecordingError, match=sentence):
+        load(file, Layout(np.zeros((1, 3)), ('u',), '1'))
+
+
+def test_a_bag_becomes_frames_contacts_baselines_and_truth(write_bag, tmp_path):
+    loaded = load(write_bag(tmp_path / 'bag', n=20, lost=(4, 5)))
+    (found,) = loaded.recordings
+    recording = found.recording
+    assert loaded.problems == ()
+    assert found.problems == ('2 messages of /truth/contacts belong to no frame',)
+    assert recording.sequence.tolist() == [k for k in range(20) if k not in (4, 5)]
+    assert (np.diff(recording.stamp_ns)[:3] == 10_000_000).all()
+    assert recording.layout.sensor == 'reskin_board'
+    assert found.calibrations == ('a' * 64,)
+    assert [b.sequence for b in found.baselines] == [0]
+    assert found.contacts.rows.tolist() == list(range(18))
+    np.testing.assert_allclose(found.contacts.log_ns - recording.stamp_ns, 3_000_000)
+    error = found.contacts.states.position[:, :2] - recording.truth['position'][:, :2]
+    np.testing.assert_allclose(error[:, 0], -1e-6, atol=1e-15)
+    np.testing.assert_array_equal(recording.truth['force'][:, 2], recording.sequence)
+    assert set(recording.truth) == {'position', 'force', 'in_contact'}
+
+
+def test_two_sensors_of_one_bag_stay_apart(write_bag, make, tmp_path):
+    path = tmp_path / 'bag'
+    with BagWriter(path) as bag:
+        for space, n in (('/thumb', 3), ('/index', 5)):
+            bag.write(
+                f'{space}/layout', 'tactile_ros/msg/TactileLayout', 0, make.cdr(make.layout())
+            )
+            for k in range(n):
+                frame = make.frame(k, np.full(15, k), 1_000_000 * (k + 1))
+                bag.write(f'{space}/frame', frame.__msgtype__, k, make.cdr(frame))
+                true = make.contacts(k, 0, force=(n, 0, 0))
+                bag.write(f'{space}/truth/contacts', true.__msgtype__, k, make.cdr(true))
+    found = {r.name: r.recording for r in load(path).recordings}
+    assert {name: len(r) for name, r in found.items()} == {'thumb': 3, 'index': 5}
+    assert found['thumb'].truth['force'][:, 0].tolist() == [3, 3, 3]
+
+
+def test_foreign_topics_damaged_messages_and_lost_layouts_are_named(write_bag, make, tmp_path):
+    path = tmp_path / 'bag'
+    frame = make.frame(0, np.zeros(15), 5)
+    with BagWriter(path) as bag:
+        bag.write('/camera', 'std_msgs/msg/String', 0, make.cdr(make.String(data='x')))
+        bag.write('/frame', frame.__msgtype__, 0, make.cdr(frame))
+        bag.write('/frame', frame.__msgtype__, 0, make.cdr(frame)[:20])
+        odd = make.frame(1, np.zeros(6), 6)
+        bag.write('/frame', frame.__msgtype__, 0, make.cdr(odd))
+    with pytest.raises(RecordingError, match='its layout is not in the bag'):
+        load(path)
+    five = Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T')
+    loaded = load(path, five)
+    assert len(loaded.recordings[0].recording) == 1
+    said = ' | '.join(loaded.sentences)
+    assert 'topics that are not ours were left out: /camera' in said
+    assert '1 messages of /frame are damaged' in said
+    assert '1 frames were left out' in said
+
+
+def test_a_foreign_bag_is_refused_with_what_it_holds(make, tmp_path):
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.write('/camera', 'std_msgs/msg/String', 0, make.cdr(make.String(data='x')))
+    with pytest.raises(RecordingError, match=r'holds no frames .*/camera'):
+        load(tmp_path / 'bag')
+
+
+def test_messages_of_another_version_are_named_not_guessed(write_bag, tmp_path):
+    path = write_bag(tmp_path / 'bag', n=3)
+    file = path / 'bag_0.mcap'
+    text = file.read_bytes()
+    file.write_bytes(text.replace(b'float64 yaw_std\n', b'float64 yaw_dev\n'))
+    loaded = load(path)
+    assert loaded.recordings[0].contacts is None
+    assert 'tactile_ros/msg/TactileContacts of the bag is of another version' in loaded.problems[0]
+
+
+def test_garbage_in_place_of_messages_never_raises_anything_else(write_bag, make, tmp_path):
+    rng = np.random.default_rng(5)
+    good = make.cdr(make.contacts(0, 0))
+    with BagWriter(tmp_path / 'bag') as bag:
+        layout = make.layout()
+        bag.write('/layout', layout.__msgtype__, 0, make.cdr(layout))
+        frame = make.frame(0, np.zeros(15), 5)
+        bag.write('/frame', frame.__msgtype__, 0, make.cdr(frame))
+        for k in range(300):
+            data = bytearray(good)
+            for place in rng.integers(4, len(data), 3):
+                data[place] = int(rng.integers(256))
+            bag.write('/contacts', 'tactile_ros/msg/TactileContacts', k, bytes(data))
+    found = load(tmp_path / 'bag').recordings[0]
+    assert len(found.recording) == 1
+    assert found.contacts is not None
+
+
+def test_a_restarted_counter_begins_a_new_stream(make, tmp_path):
+    with BagWriter(tmp_path / 'bag') as bag:
+        layout = make.layout()
+        bag.write('/layout', layout.__msgtype__, 0, make.cdr(layout))
+        for k, sequence in enumerate([0, 1, 2, 0, 1]):
+            frame = make.frame(sequence, np.zeros(15), 1000 + k)
+            bag.write('/frame', frame.__msgtype__, k, make.cdr(frame))
+    assert load(tmp_path / 'bag').recordings[0].recording.stream.tolist() == [0, 0, 0, 1, 1]
+
+
+def test_truth_of_other_instruments_is_taken_at_the_nearest_time(write_bag, make, tmp_path):
+    path = tmp_path / 'bag'
+    with BagWriter(path) as bag:
+        layout = make.layout()
+        bag.write('/layout', layout.__msgtype__, 0, make.cdr(layout))
+        for k in range(10):
+            frame = make.frame(k, np.zeros(15), 1_000_000_000 + k * 10_000_000)
+            bag.write('/frame', frame.__msgtype__, 1_000_000_000 + k, make.cdr(frame))
+        for k in range(3):
+            stamp = 1_000_000_000 + k * 20_000_000 + 4_000_000
+            push = make.Vector3(x=0.0, y=0.0, z=float(k))
+            wrench = make.WrenchStamped(
+                header=make.header(stamp), wrench=make.Wrench(force=push, torque=push)
+            )
+            bag.write('/cell/wrench', wrench.__msgtype__, stamp, make.cdr(wrench))
+        text = make.String(data='mug')
+        bag.write('/object', text.__msgtype__, 1_000_000_000 + 45_000_000, make.cdr(text))
+    (found,) = load(path, truth_topics=('/cell/wrench', '/object')).recordings
+    expected = [0, 0, 1, 1, 2, 2, np.nan, np.nan, np.nan, np.nan]
+    np.testing.assert_array_equal(found.recording.truth['force'][:, 2], expected)
+    assert found.recording.truth['label'].tolist() == [-1] * 5 + [0] * 5
+    assert found.label_names == ('mug',)
+
+
+def test_nearest_against_the_plain_search():
+    rng = np.random.default_rng(2)
+    times, asked = rng.integers(0, 1000, 60), rng.integers(-50, 1050, 200)
+    found = nearest(times, asked, 12)
+    for value, index in zip(asked, found, strict=True):
+        distance = np.abs(times - value)
+        if distance.min() > 12:
+            assert index == -1
+        else:
+            assert distance[index] == distance.min()
+
+
+def test_a_bag_without_rosbags_is_one_sentence(write_bag, tmp_path, monkeypatch):
+    import sys
+
+    from tactile_ros.errors import MissingPackageError
+    from tactile_ros.evaluation import definitions
+
+    path = write_bag(tmp_path / 'bag', n=3)
+    definitions.standard_types.cache_clear()
+    definitions.all_types.cache_clear()
+    monkeypatch.setitem(sys.modules, 'rosbags.typesys', None)
+    with pytest.raises(MissingPackageError, match='pip install rosbags'):
+        load(path)
