@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from tactile_ros.sensors.reskin_board.config import ReskinBoardConfig, layout
 from tactile_ros.types import Array, Integers, Layout, Recording
 
 NEWTON_PER_GRAM = 9.80665e-3
 NAMES = ('spatial', 'normal_1', 'normal_2', 'shear', 'slip')
 TARE_LEAD_NS = 20_000_000
 SLIP_TARE_ROWS = 10
+# the two boards' true places are not published: 20 mm to either side, so that none coincide
+BESIDE = np.array([20e-3, 0.0, 0.0])
 
 Arrays = dict[str, npt.NDArray[np.generic]]
 
 
-def load(name: str, layout: Layout) -> Recording:
+def load(name: str, board: Layout) -> Recording:
     """Load one of the shipped recordings.
 
     Parameters
@@ -25,7 +29,7 @@ def load(name: str, layout: Layout) -> Recording:
     name : str
         'spatial' (31 x 31 places, 5 touches each), 'normal_1', 'normal_2' (ten press cycles),
         'shear' (two boards, ten cycles along one axis, called x), 'slip' (90 pulls, two boards).
-    layout : Layout
+    board : Layout
         Of as many chips as the recording has: 5, or 10 for 'shear' and 'slip'.
 
     Returns
@@ -45,7 +49,18 @@ def load(name: str, layout: Layout) -> Recording:
         raise ValueError(msg)
     with np.load(Path(__file__).parent / f'{name}.npz', allow_pickle=False) as file:
         arrays: Arrays = {key: file[key] for key in file.files}
-    return _slip(arrays, layout) if name == 'slip' else _run(name, arrays, layout)
+    return _slip(arrays, board) if name == 'slip' else _run(name, arrays, board)
+
+
+def shipped() -> dict[str, Recording]:
+    """All shipped recordings by name, with layouts of five chips or of two boards side by side."""
+    board = ReskinBoardConfig()
+    pair = replace(
+        board,
+        positions=np.concatenate([board.positions - BESIDE, board.positions + BESIDE]),
+    )
+    chips = {'shear': pair, 'slip': pair}
+    return {name: load(name, layout(chips.get(name, board))) for name in NAMES}
 
 
 def _fields(steps: npt.NDArray[np.generic], quantum_ut: npt.NDArray[np.generic]) -> Array:
@@ -55,7 +70,7 @@ def _fields(steps: npt.NDArray[np.generic], quantum_ut: npt.NDArray[np.generic])
     return fields
 
 
-def _run(name: str, arrays: Arrays, layout: Layout) -> Recording:
+def _run(name: str, arrays: Arrays, board: Layout) -> Recording:
     """One run with a tare row in front of every touch."""
     values = _fields(arrays['count_steps'], arrays['quantum_ut'])
     rest = _fields(arrays['rest_steps'], arrays['quantum_ut'])
@@ -66,7 +81,7 @@ def _run(name: str, arrays: Arrays, layout: Layout) -> Recording:
     session = np.full(len(values), 2 if name == 'normal_2' else 1)
     known: dict[str, npt.ArrayLike] = {**truth, 'session': session}
     return Recording.from_arrays(
-        layout,
+        board,
         np.insert(values, first, rest, axis=0),
         stamp_ns=np.insert(stamp_ns, first, stamp_ns[first] - TARE_LEAD_NS),
         tare=np.insert(np.zeros(len(values), bool), first, values=True),
@@ -104,13 +119,13 @@ def _force(arrays: Arrays, cycle: Integers, name: str) -> dict[str, npt.NDArray[
     return {'force': force, 'repetition': cycle}
 
 
-def _slip(arrays: Arrays, layout: Layout) -> Recording:
+def _slip(arrays: Arrays, board: Layout) -> Recording:
     """Ninety pulls of 300 frames at 100 Hz, one stream and one label each."""
     pulls, length, _ = (int(n) for n in arrays['shape'])
     values = _fields(arrays['count_steps'], arrays['quantum_ut'])
     row = np.arange(pulls * length)
     return Recording.from_arrays(
-        layout,
+        board,
         values,
         stamp_ns=row * 10_000_000,
         stream=row // length,

@@ -1,0 +1,1 @@
+"""The command `tactile`: one file per command."""

@@ -1,0 +1,1 @@
+"""Stream steps: what happens to a frame before it is estimated from."""

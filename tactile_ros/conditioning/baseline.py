@@ -1,0 +1,278 @@
+"""The no-contact reference: taken from resting frames, followed while at rest, frozen in contact.
+
+A block of frames (a period of stream time) counts as rest when every frame of it stays within the
+contact threshold of the baseline; then the baseline moves a step towards the block's mean. One
+frame in contact freezes the whole block, so that a held contact never fades.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactile_ros.types import Array, Bools, Integers, Recording
+
+MAD_TO_SIGMA = 1.4826
+MOST_APART_NS = 500_000_000
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """How the baseline follows slow drift.
+
+    Attributes
+    ----------
+    scale : ndarray, shape (t, c)
+        Deviation from the baseline that still counts as rest (unit of values).
+    period_ns : int
+        Length of a block (ns).
+    gain : float
+        Step towards the mean of a resting block, 0 (fixed) .. 1.
+    """
+
+    scale: Array
+    period_ns: int = 1_000_000_000
+    gain: float = 0.25
+
+
+class BaselineTracker:
+    """Follow the baseline over the frames of one stream, one by one or many at once.
+
+    Parameters
+    ----------
+    start : ndarray, shape (t, c)
+        Baseline at the start of the stream (unit of values).
+    tracking : Tracking or None
+        None: the baseline stays.
+    """
+
+    def __init__(self, start: Array, tracking: Tracking | None) -> None:
+        self.baseline = start
+        self.tracking = tracking
+        self._total = np.zeros_like(start)
+        self._count = 0
+        self._begin_ns = 0
+        self._quiet = True
+
+    def __call__(self, values: Array, stamp_ns: Integers | None) -> Array:
+        """Return the baseline that holds for each frame, and follow it.
+
+        Parameters
+        ----------
+        values : ndarray, shape (s, t, c)
+            Frames in time order (unit of values).
+        stamp_ns : ndarray, shape (s,), or None
+            Acquisition times; None: independent frames, nothing is followed.
+
+        Returns
+        -------
+        ndarray, shape (s, t, c)
+            Baselines; each depends on earlier frames alone.
+        """
+        if self.tracking is None or stamp_ns is None or np.isnan(self.baseline).any():
+            return np.broadcast_to(self.baseline, values.shape)
+        held = np.empty_like(values)
+        first = 0
+        while first < len(values):
+            if self._count == 0:
+                self._begin_ns = int(stamp_ns[first])
+            elif stamp_ns[first] - self._begin_ns >= self.tracking.period_ns:
+                self._close(int(stamp_ns[first]))
+            limit = self._begin_ns + self.tracking.period_ns
+            last = max(int(np.searchsorted(stamp_ns, limit)), first + 1)
+            held[first:last] = self.baseline
+            self._gather(values[first:last], self.tracking.scale)
+            first = last
+        return held
+
+    def _gather(self, block: Array, scale: Array) -> None:
+        """Add frames of the running block."""
+        deviation = np.abs(block - self.baseline)
+        self._quiet = self._quiet and bool((deviation <= scale).all())
+        if self._quiet:
+            self._total = self._total + block.sum(axis=0)
+        self._count += len(block)
+
+    def _close(self, stamp_ns: int) -> None:
+        """End the running block: follow if it was at rest, and begin the next."""
+        if self._quiet and self.tracking is not None:
+            mean = self._total / self._count
+            self.baseline = self.baseline + self.tracking.gain * (mean - self.baseline)
+        self._total = np.zeros_like(self.baseline)
+        self._count = 0
+        self._begin_ns = stamp_ns
+        self._quiet = True
+
+
+def tare_runs(tare: Bools, restarts: Bools) -> tuple[Integers, Integers]:
+    """Number the runs of resting frames and say which run serves each row.
+
+    Parameters
+    ----------
+    tare, restarts : ndarray, shape (s,)
+        Resting frames; rows at which a new stream begins.
+
+    Returns
+    -------
+    run : ndarray, shape (s,)
+        Number of the run that a tare row belongs to, -1 elsewhere.
+    serves : ndarray, shape (s,)
+        Number of the latest run in the row's stream, -1 where there was none.
+
+    Examples
+    --------
+    >>> tare = np.array([True, True, False, True, False, False])
+    >>> restarts = np.array([True, False, False, False, False, True])
+    >>> [x.tolist() for x in tare_runs(tare, restarts)]
+    [[0, 0, -1, 1, -1, -1], [0, 0, 0, 1, 1, -1]]
+    """
+    begins = tare.copy()
+    begins[1:] &= ~tare[:-1] | restarts[1:]
+    number = np.cumsum(begins) - 1
+    stream = np.cumsum(restarts)
+    home = np.concatenate([stream[begins], [0]])
+    serves = np.where((number >= 0) & (home[number] == stream), number, -1)
+    return np.where(tare, number, -1), serves
+
+
+def tare_means(values: Array, run: Integers) -> Array:
+    """Mean of every run of resting frames, a taxel at a time, ignoring NaN.
+
+    Parameters
+    ----------
+    values : ndarray, shape (s, t, c)
+        Frames (unit of values).
+    run : ndarray, shape (s,)
+        Number of the run, -1 elsewhere.
+
+    Returns
+    -------
+    ndarray, shape (m, t, c)
+        NaN where a run has no good reading of a channel.
+    """
+    count = int(run.max(initial=-1)) + 1
+    rows = run >= 0
+    known = np.isfinite(values[rows])
+    total = np.zeros((count, *values.shape[1:]))
+    hits = np.zeros_like(total)
+    np.add.at(total, run[rows], np.where(known, values[rows], 0.0))
+    np.add.at(hits, run[rows], known)
+    with np.errstate(invalid='ignore'):
+        return np.asarray(np.where(hits > 0, total / hits, np.nan))
+
+
+def rest_noise(rest: Array, groups: Integers) -> Array:
+    """Standard deviation of a resting channel, from frames near in time, drift left out.
+
+    Parameters
+    ----------
+    rest : ndarray, shape (s, t, c)
+        Resting frames in time order (unit of values).
+    groups : ndarray, shape (s,)
+        Frames are compared with their successor in the same group only.
+
+    Returns
+    -------
+    ndarray, shape (t, c)
+        At least a quantum / sqrt(12); NaN where there are fewer than two frames.
+    """
+    if len(rest) < 2:
+        return np.full(rest.shape[1:], np.nan)
+    step = np.diff(rest, axis=0)
+    same = groups[1:] == groups[:-1]
+    step = step[same] if same.any() else step
+    size = np.abs(step)
+    sigma = MAD_TO_SIGMA * np.nanmedian(size, axis=0) / np.sqrt(2)
+    quantum = np.where(size > 0, size, np.inf).min(axis=0)
+    floor = np.where(np.isfinite(quantum), quantum, 0.0) / np.sqrt(12)
+    return np.asarray(np.maximum(sigma, floor))
+
+
+def motion_noise(values: Array, stamp_ns: Integers, restart: Bools) -> Array:
+    """Standard deviation of a channel from second differences of frames near in time.
+
+    Motion makes it too large, never too small by much, so that the smaller of this and
+    `rest_noise` is the better one.
+
+    Parameters
+    ----------
+    values : ndarray, shape (s, t, c)
+        Frames in time order (unit of values).
+    stamp_ns : ndarray, shape (s,)
+        Acquisition times.
+    restart : ndarray, shape (s,)
+        Rows at which a stream or a baseline begins.
+
+    Returns
+    -------
+    ndarray, shape (t, c)
+        NaN where there are fewer than three frames in a row.
+    """
+    apart = np.diff(stamp_ns) > MOST_APART_NS
+    joined = ~(restart[2:] | restart[1:-1] | apart[1:] | apart[:-1])
+    if not joined.any():
+        return np.full(values.shape[1:], np.nan)
+    bend = (values[2:] - 2 * values[1:-1] + values[:-2])[joined]
+    return np.asarray(MAD_TO_SIGMA * np.nanmedian(np.abs(bend), axis=0) / np.sqrt(6))
+
+
+def track_streams(
+    base: Array, values: Array, stamp_ns: Integers, begins: Bools, tracking: Tracking
+) -> None:
+    """Follow the baseline in every stretch of a recording; `base` is changed in place.
+
+    Parameters
+    ----------
+    base : ndarray, shape (s, t, c)
+        Baseline that each stretch starts from.
+    values : ndarray, shape (s, t, c)
+        Frames (unit of values).
+    stamp_ns : ndarray, shape (s,)
+        Acquisition times.
+    begins : ndarray, shape (s,)
+        Rows at which a stretch begins.
+    tracking : Tracking
+        How it follows.
+    """
+    first = np.flatnonzero(begins)
+    last = np.append(first[1:], len(values)) - 1
+    long = stamp_ns[last] - stamp_ns[first] >= tracking.period_ns
+    for a, b in zip(first[long], last[long] + 1):
+        base[a:b] = BaselineTracker(base[a], tracking)(values[a:b], stamp_ns[a:b])
+
+
+def stream_baselines(
+    recording: Recording, values: Array, start: Array, tracking: Tracking | None
+) -> tuple[Array, Bools, Bools]:
+    """Baseline of every row of a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        Its tare rows give the baseline of what follows in their stream.
+    values : ndarray, shape (s, t, c)
+        Its readings, NaN where unusable.
+    start : ndarray, shape (t, c)
+        Baseline of rows that no tare run precedes.
+    tracking : Tracking or None
+        How the baseline follows in stamped streams.
+
+    Returns
+    -------
+    base : ndarray, shape (s, t, c)
+        Baselines.
+    restart, tare : ndarray, shape (s,)
+        Rows before which memory is forgotten; resting rows.
+    """
+    restarts = recording.restarts
+    tare = np.zeros(len(restarts), bool) if recording.tare is None else recording.tare
+    run, serves = tare_runs(tare, restarts)
+    base = np.concatenate([tare_means(values, run), start[None]])[serves]
+    if recording.stamp_ns is None:
+        return base, np.ones(len(restarts), bool), tare
+    restart = restarts.copy()
+    restart[1:] |= tare[:-1]
+    if tracking is not None:
+        track_streams(base, values, recording.stamp_ns, restart | tare, tracking)
+    return base, restart, tare

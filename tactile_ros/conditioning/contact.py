@@ -1,0 +1,98 @@
+"""Is anything touching? A threshold on the deviation from the baseline, and ids of patches."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from tactile_ros.types import Array, Bools, Integers
+
+SIGMAS = 5.0
+LIGHTEST = 0.01
+SHARE = 0.4
+
+
+def contact_scale(noise: Array, touched: Array | None) -> Array:
+    """Deviation of a channel beyond which something touches.
+
+    Parameters
+    ----------
+    noise : ndarray, shape (t, c)
+        Standard deviation at rest (unit of values); NaN: unknown.
+    touched : ndarray, shape (s, t, c), or None
+        Deviations of frames that are known to be touched.
+
+    Returns
+    -------
+    ndarray, shape (t, c)
+        Five sigma, raised to 0.4 of the lightest touches where they are known; NaN: unknown.
+
+    Examples
+    --------
+    >>> contact_scale(np.full((1, 2), 0.1), None)
+    array([[0.5, 0.5]])
+    """
+    level = np.nan
+    if touched is not None:
+        size = np.nanmax(np.abs(touched), axis=(1, 2))
+        level = SHARE * float(np.quantile(size, LIGHTEST))
+    return np.asarray(np.fmax(np.where(noise > 0, SIGMAS * noise, np.nan), level))
+
+
+def excursion(delta: Array, scale: Array) -> Array:
+    """Largest deviation of each frame in units of the contact threshold.
+
+    Parameters
+    ----------
+    delta : ndarray, shape (s, t, c)
+        Deviations from the baseline (unit of values).
+    scale : ndarray, shape (t, c)
+        Of `contact_scale`.
+
+    Returns
+    -------
+    ndarray, shape (s,)
+        Above 1 in contact; NaN where a deviation or the threshold is unknown.
+    """
+    return np.asarray(np.abs(delta / scale).max(axis=(1, 2)))
+
+
+class ContactIds:
+    """Number touches: an id lives from touch to release, across frames that cannot tell."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._touching = False
+
+    def release(self) -> None:
+        """End the running touch, as a tare does."""
+        self._touching = False
+
+    def number(self, contact: npt.NDArray[np.int8], restart: Bools, in_time: bool) -> Integers:
+        """Id of the patch in each frame.
+
+        Parameters
+        ----------
+        contact : ndarray, shape (s,)
+            1, 0, -1 unknown, in time order.
+        restart : ndarray, shape (s,)
+            Rows before which a stream or a baseline begins.
+        in_time : bool
+            False: independent frames, every patch is number 0.
+
+        Returns
+        -------
+        ndarray, shape (s,)
+            -1 where nothing touches.
+        """
+        if not in_time:
+            return np.where(contact == 0, -1, 0)
+        # carry the last known answer over frames that cannot tell
+        anchor = np.maximum.accumulate(
+            np.where((contact >= 0) | restart, np.arange(len(contact)), -1)
+        )
+        held = np.where(anchor < 0, self._touching, contact[anchor] == 1)
+        before = np.concatenate([[self._touching], held[:-1]]) & ~restart
+        number = self._count + np.cumsum(held & ~before)
+        self._count, self._touching = int(number[-1]), bool(held[-1])
+        return np.where(contact == 0, -1, np.where(held, number - 1, max(self._count - 1, 0)))

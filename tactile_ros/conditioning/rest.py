@@ -1,0 +1,101 @@
+"""What a recording teaches about rest: baseline, noise and the threshold of contact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from tactile_ros.conditioning.baseline import motion_noise, rest_noise, tare_means
+from tactile_ros.conditioning.contact import contact_scale, excursion
+from tactile_ros.types import Array, Bools, Integers
+
+
+@dataclass(frozen=True)
+class Rest:
+    """The state of a sensor that nothing touches.
+
+    Attributes
+    ----------
+    baseline : ndarray, shape (t, c)
+        No-contact reference (unit of values); NaN: none yet.
+    noise : ndarray, shape (t, c)
+        Standard deviation of a channel; NaN: unknown.
+    scale : ndarray, shape (t, c)
+        Deviation beyond which something touches; NaN: unknown.
+    tared : bool
+        False: the estimators were fitted on readings without a baseline, and get such.
+    """
+
+    baseline: Array
+    noise: Array
+    scale: Array
+    tared: bool = True
+
+    @classmethod
+    def unknown(cls, shape: tuple[int, int], stated_noise: float | Array | None) -> Rest:
+        """Rest of a sensor that has not been recorded, with the noise its config states."""
+        stated = np.nan if stated_noise is None else stated_noise
+        noise = np.array(np.broadcast_to(np.asarray(stated, np.float64), shape))
+        return cls(np.full(shape, np.nan), noise, contact_scale(noise, None))
+
+    def learn(
+        self, values: Array, resting: Bools, stamp_ns: Integers | None, restarts: Bools
+    ) -> Rest:
+        """Baseline and noise from the resting rows of a recording.
+
+        Parameters
+        ----------
+        values : ndarray, shape (s, t, c)
+            Readings, NaN where unusable (unit of values).
+        resting : ndarray, shape (s,)
+            Rows that give the baseline; if there is none, readings are used without one.
+        stamp_ns : ndarray, shape (s,), or None
+            Acquisition times.
+        restarts : ndarray, shape (s,)
+            Rows at which a stream begins.
+
+        Returns
+        -------
+        Rest
+            With the threshold of contact still to be set by `threshold`.
+        """
+        if not resting.any():
+            return replace(self, baseline=np.zeros(values.shape[1:]), tared=False)
+        run = np.zeros(int(resting.sum()), np.int64)
+        stream = np.cumsum(restarts)[resting] if stamp_ns is not None else run
+        seen = rest_noise(values[resting], stream)
+        if stamp_ns is not None:
+            seen = np.fmin(seen, motion_noise(values, stamp_ns, restarts | resting))
+        noise = np.where(np.isnan(self.noise), seen, self.noise)
+        return Rest(tare_means(values[resting], run)[0], noise, self.scale)
+
+    def threshold(self, touched: Array) -> Rest:
+        """Set the threshold of contact, from the noise and from known touches (s, t, c)."""
+        usable = touched[~np.isnan(touched).any(axis=(1, 2))]
+        return replace(self, scale=contact_scale(self.noise, usable if len(usable) else None))
+
+    def contact(self, delta: Array, good: Bools, tare: Bools | None) -> npt.NDArray[np.int8]:
+        """Say of each frame whether anything touches.
+
+        Parameters
+        ----------
+        delta : ndarray, shape (s, t, c)
+            Deviations from the baseline.
+        good, tare : ndarray, shape (s,)
+            Rows that may be judged; rows that are known to rest, or None.
+
+        Returns
+        -------
+        ndarray, shape (s,)
+            1 where a channel left the threshold, 0 where none did, -1 unknown.
+        """
+        if not self.tared:
+            return np.full(len(delta), -1, np.int8)
+        size = excursion(delta, self.scale)
+        contact = np.where(size > 1.0, 1, 0).astype(np.int8)
+        if tare is not None:
+            contact[tare] = 0
+        contact[~good | np.isnan(size)] = -1
+        return contact

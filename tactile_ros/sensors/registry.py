@@ -1,0 +1,125 @@
+"""The one registry: a folder beside this file that has a SENSOR is a sensor, its name is its key."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from tactile_ros.pipeline import Pipeline
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from tactile_ros.signals import Estimation, SensorConfig
+    from tactile_ros.types import Device, Layout, Recording
+
+
+class OpenDevice(Protocol):
+    """How a sensor's device is opened; what it needs is in its own connection dataclass."""
+
+    def __call__(self, config: object, connection: object, clock_ns: Callable[[], int]) -> Device:
+        """Return the device, not yet entered."""
+        ...
+
+
+@dataclass(frozen=True)
+class SensorSpec:
+    """Everything that the house knows about one kind of sensor.
+
+    Attributes
+    ----------
+    key : str
+        Name of its folder.
+    paper, summary : str
+        Where it was published; what it is, in a line.
+    transports : tuple of str
+        How it can be connected, in words.
+    config, connection : type
+        Frozen dataclasses with all defaults: geometry and materials; port and protocol.
+    layout : callable
+        Layout of a config.
+    estimation : callable
+        Features and estimators for a config; the second argument names an estimator or is None.
+    estimator_names : tuple of str
+        What the second argument may be.
+    open : callable
+        Device for a config, a connection and a clock (ns).
+    classes : tuple of type
+        What a calibration file of this sensor may hold.
+    recordings : callable
+        Recordings of a real one that the package carries, by name.
+    """
+
+    key: str
+    paper: str
+    summary: str
+    transports: tuple[str, ...]
+    config: Callable[..., SensorConfig]
+    connection: Callable[..., object]
+    layout: Callable[..., Layout]
+    estimation: Callable[..., Estimation]
+    estimator_names: tuple[str, ...]
+    open: OpenDevice
+    classes: tuple[type, ...]
+    recordings: Callable[[], Mapping[str, Recording]]
+
+    def pipeline(
+        self, config: SensorConfig | None = None, estimator: str | None = None
+    ) -> Pipeline:
+        """Pipeline that is not fitted yet.
+
+        Parameters
+        ----------
+        config : dataclass, optional
+            Default: that of the board as sold.
+        estimator : str, optional
+            One of `estimator_names`; default: chosen in `fit`.
+
+        Returns
+        -------
+        Pipeline
+            Fit it, or run it on its nominal model where there is one.
+
+        Raises
+        ------
+        ValueError
+            If there is no such estimator.
+        """
+        if estimator is not None and estimator not in self.estimator_names:
+            msg = (
+                f'estimator of {self.key} must be one of {", ".join(self.estimator_names)}; '
+                f'received {estimator!r}'
+            )
+            raise ValueError(msg)
+        config = self.config() if config is None else config
+        return Pipeline(self.key, config, self.layout(config), self.estimation(config, estimator))
+
+    def load(self, path: str | Path) -> Pipeline:
+        """Pipeline from a calibration file of this sensor; CalibrationError if it is none."""
+        return Pipeline.load(path, self.key, {c.__name__: c for c in self.classes})
+
+
+def list_sensors() -> list[str]:
+    """Keys of all sensors, in alphabetical order."""
+    folder = Path(__file__).parent
+    return sorted(path.parent.name for path in folder.glob('*/__init__.py'))
+
+
+def load_sensor(key: str) -> SensorSpec:
+    """Look a sensor up by its key.
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name; the sentence lists the keys.
+    """
+    if key not in list_sensors():
+        msg = f'sensor must be one of {", ".join(list_sensors())}; received {key!r}'
+        raise ValueError(msg)
+    spec = importlib.import_module(f'tactile_ros.sensors.{key}').SENSOR
+    if not isinstance(spec, SensorSpec):
+        msg = f'tactile_ros/sensors/{key}/__init__.py must define SENSOR, a SensorSpec'
+        raise TypeError(msg)
+    return spec

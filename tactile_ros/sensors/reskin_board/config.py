@@ -1,0 +1,100 @@
+"""Geometry, ranges and connection of the ReSkin / AnySkin board; the only place of its defaults."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tactile_ros.types import Array, Layout, as_shape
+
+PITCH = 7e-3
+# centre, left, right, up, down, as the board counts its chips
+CROSS = PITCH * np.array([[0, 0, 0], [-1, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0]], float)
+
+
+@dataclass(frozen=True)
+class ReskinBoardConfig:
+    """Where the chips sit and what they can measure; any number of chips.
+
+    Attributes
+    ----------
+    positions : ndarray, shape (t, 3)
+        Chips in the sensor frame (m).
+    rotations : ndarray, shape (t, 3, 3), or None
+        Chip axes to sensor axes. The five chips of the board are turned about z by -90, -90,
+        180, 90 and 0 degrees; regressors learn that, so that the default leaves it out.
+    saturation : float or ndarray, shape (3,)
+        Magnitude at which a channel wraps (T). The default suits gain 4x at resolution 2;
+        the boards' first firmware (gain 1.33x, resolution 0) wraps at 6.6, 6.6 and 10.6 mT.
+    noise : float, ndarray, shape (3,), or None
+        Noise of a channel (T); None: estimated from rest.
+    rate_hz : float
+        Frames per second that the board sends.
+    track_baseline : bool
+        Follow slow drift while nothing touches.
+    """
+
+    positions: Array = field(
+        default_factory=lambda: CROSS.copy(), metadata={'unit': 'm', 'help': 'chip positions'}
+    )
+    rotations: Array | None = field(
+        default=None, metadata={'unit': '1', 'help': 'chip axes to sensor axes; empty: aligned'}
+    )
+    saturation: float | Array = field(
+        default_factory=lambda: np.array([78.6e-3, 78.6e-3, 126.8e-3]),
+        metadata={'unit': 'T', 'help': 'magnitude at which a channel wraps', 'range': (0, np.inf)},
+    )
+    noise: float | Array | None = field(
+        default=None,
+        metadata={'unit': 'T', 'help': 'noise of a channel; empty: estimated', 'range': (0, 1)},
+    )
+    rate_hz: float = field(
+        default=100.0, metadata={'unit': 'Hz', 'help': 'frames per second', 'range': (0.1, 5000)}
+    )
+    track_baseline: bool = field(
+        default=True, metadata={'help': 'follow slow drift while nothing touches'}
+    )
+
+    def __post_init__(self) -> None:
+        """Check shapes once, at the door."""
+        positions = as_shape('positions of ReskinBoardConfig', self.positions, (-1, 3))
+        object.__setattr__(self, 'positions', positions)
+
+
+@dataclass(frozen=True)
+class ReskinBoardConnection:
+    """How the board is connected: a serial port that streams float32 t, x, y, z of every chip."""
+
+    port: str = field(
+        default='/dev/ttyACM0',
+        metadata={'help': 'serial port; /dev/serial/by-id/... survives replugging'},
+    )
+    baud: int = field(
+        default=115200,
+        metadata={'help': 'baud rate; native USB ignores it', 'range': (1200, 12_000_000)},
+    )
+    temperature_measured: bool = field(
+        default=True, metadata={'help': 'false: the temperature field holds no measurement'}
+    )
+    native_usb: bool = field(
+        default=True,
+        metadata={'help': 'false: a true UART, whose transfer time is taken off the stamps'},
+    )
+    mark_repeats: bool = field(
+        default=False,
+        metadata={'help': 'mark readings equal to the frame before as stale (fast firmware)'},
+    )
+
+
+def layout(config: ReskinBoardConfig) -> Layout:
+    """Layout of a board."""
+    return Layout(
+        positions=config.positions,
+        channels=('Bx', 'By', 'Bz'),
+        unit='T',
+        rotations=config.rotations,
+        saturation=np.asarray(config.saturation, float),
+        rate_hz=config.rate_hz,
+        sensor='reskin_board',
+    )

@@ -1,0 +1,29 @@
+"""The board on its serial port."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tactile_ros.devices.serial_board import SerialBoard, uart_transfer_s
+from tactile_ros.sensors.reskin_board.config import layout
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tactile_ros.sensors.reskin_board.config import ReskinBoardConfig, ReskinBoardConnection
+
+
+def open_board(
+    config: ReskinBoardConfig, connection: ReskinBoardConnection, clock_ns: Callable[[], int]
+) -> SerialBoard:
+    """Board of `config` at `connection`, with stamps from `clock_ns`; not opened yet."""
+    chips = len(config.positions)
+    return SerialBoard(
+        connection.port,
+        layout(config),
+        baud=connection.baud,
+        temperature_measured=connection.temperature_measured,
+        clock=clock_ns,
+        transfer_s=0.0 if connection.native_usb else uart_transfer_s(chips, connection.baud),
+        mark_repeats=connection.mark_repeats,
+    )

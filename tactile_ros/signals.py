@@ -1,0 +1,83 @@
+"""Conditioned frames, and the contract by which a sensor brings its features and estimators."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from tactile_ros.types import Array, Bools, Integers
+
+Columns = dict[str, npt.NDArray[np.generic]]
+Report = dict[str, dict[str, float]]
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Conditioned frames, as features are made from them.
+
+    Attributes
+    ----------
+    values, delta : ndarray, shape (s, t, c)
+        Readings, and readings less their baseline (unit of values); NaN where unusable.
+    temperature_c : ndarray, shape (s, t), or None
+        What the chips report.
+    stamp_ns : ndarray, shape (s,), or None
+        None: independent frames, no step with memory is run.
+    restart : ndarray, shape (s,)
+        Rows before which memory is forgotten (new stream, new baseline).
+    in_contact : ndarray, shape (s,)
+        1, 0, -1 unknown.
+    good : ndarray, shape (s,)
+        Rows that may be estimated from.
+    """
+
+    values: Array
+    delta: Array
+    temperature_c: Array | None
+    stamp_ns: Integers | None
+    restart: Bools
+    in_contact: npt.NDArray[np.int8]
+    good: Bools
+
+
+class SensorConfig(Protocol):
+    """What every sensor's config dataclass has (public_face)."""
+
+    @property
+    def noise(self) -> float | Array | None:
+        """Noise of a channel at rest (unit of values); None: estimate it from rest."""
+        ...
+
+    @property
+    def track_baseline(self) -> bool:
+        """Follow slow drift of the baseline while at rest."""
+        ...
+
+
+class Estimation(Protocol):
+    """Features and estimators of one sensor."""
+
+    @property
+    def estimators(self) -> dict[str, str]:
+        """Name of the estimator in use for each target."""
+        ...
+
+    @property
+    def report(self) -> Report:
+        """Errors on held-out groups for each target."""
+        ...
+
+    def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
+        """Learn from conditioned frames; `groups` has 'group' and 'session' (s,)."""
+        ...
+
+    def start(self) -> object:
+        """Fresh memory of a stream."""
+        ...
+
+    def estimate(self, signals: Signals, memory: object) -> Columns:
+        """State attributes (s, ...) for every row; those of unusable rows are ignored."""
+        ...

@@ -1,0 +1,64 @@
+"""From estimates to states: what contact and faults allow, and the list of patches."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from tactile_ros.signals import Columns
+from tactile_ros.types import STATE_FIELDS, Bools, Integers
+
+MEASURES_OF_NOTHING = frozenset({'force', 'torque', 'taxel_force', 'deformation'})
+ALWAYS = frozenset(
+    {'stray_field', 'force_cov', 'torque_cov', 'slip', 'slip_probability', 'status'}
+)
+FLAT_NORMAL = np.array([0.0, 0.0, 1.0])
+
+
+def apply_contact(known: Columns, contact: npt.NDArray[np.int8], good: Bools) -> None:
+    """Blank what unusable and untouched frames cannot tell; forces of the untouched are 0.
+
+    Parameters
+    ----------
+    known : dict of str to ndarray, shape (s, ...)
+        Estimates; changed in place.
+    contact : ndarray, shape (s,)
+        1, 0, -1 unknown.
+    good : ndarray, shape (s,)
+        Rows that may be estimated from.
+    """
+    untouched = contact == 0
+    spoilt, free = not good.all(), bool(untouched.any())
+    for name in known:
+        if name == 'status':
+            continue
+        column, blank = known[name], STATE_FIELDS[name][2]
+        if free and name in MEASURES_OF_NOTHING:
+            column[untouched] = np.where(np.isnan(column[untouched]), np.nan, 0.0)
+        elif free and name not in ALWAYS:
+            column[untouched] = blank
+        if spoilt:
+            column[~good] = blank
+
+
+def add_patches(known: Columns, number: Integers) -> None:
+    """List the one patch that a position or a force speaks of; sensors may bring their own.
+
+    Parameters
+    ----------
+    known : dict of str to ndarray, shape (s, ...)
+        Estimates; changed in place.
+    number : ndarray, shape (s,)
+        Id of the patch, -1 where nothing touches.
+    """
+    if 'contacts_id' in known or not ('position' in known or 'force' in known):
+        return
+    there = number >= 0
+    known['contacts_id'] = np.where(there, number, -1)[:, None]
+    normal = np.where(there[:, None, None], FLAT_NORMAL, np.nan)
+    known['contacts_normal'] = normal
+    for name in ('position', 'position_cov', 'force', 'force_cov'):
+        if name in known:
+            column = known[name][:, None]
+            shape = (-1,) + (1,) * (column.ndim - 1)
+            known[f'contacts_{name}'] = np.where(there.reshape(shape), column, np.nan)

@@ -1,0 +1,140 @@
+"""What recordings know: which rows rest, which are touched, and what must not be split."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from tactile_ros.types import Bools, Integers, Recording
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+Columns = dict[str, npt.NDArray[np.generic]]
+BLOCKS = 10
+
+
+def join(recordings: Sequence[Recording]) -> Recording:
+    """Several recordings of one sensor as one, with streams that stay apart.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of one layout. Stamps are kept only if all have them; truth that one lacks is unknown.
+
+    Returns
+    -------
+    Recording
+        Streams, and sessions where known, are numbered through.
+    """
+    if len(recordings) == 1:
+        return recordings[0]
+    first = recordings[0]
+    stamped = all(r.stamp_ns is not None for r in recordings)
+    stream = np.concatenate(
+        [np.cumsum(r.restarts) + 1_000_000 * i for i, r in enumerate(recordings)]
+    )
+    return Recording.from_arrays(
+        first.layout,
+        np.concatenate([r.values for r in recordings]),
+        stamp_ns=np.concatenate([r.stamp_ns for r in recordings]) if stamped else None,  # type: ignore[misc]
+        temperature_c=_joined(recordings, 'temperature_c', np.nan, np.float64),
+        status=_joined(recordings, 'status', 0, np.uint8),
+        stream=stream,
+        tare=_joined(recordings, 'tare', 0, np.bool_),
+        truth=_joined_truth(recordings),
+    )
+
+
+def _joined(
+    recordings: Sequence[Recording], name: str, fill: float, dtype: type
+) -> npt.NDArray[np.generic] | None:
+    """A column that some recordings may lack; None if all do."""
+    columns = [getattr(r, name) for r in recordings]
+    if all(column is None for column in columns):
+        return None
+    shape = next(np.shape(column)[1:] for column in columns if column is not None)
+    return np.concatenate(
+        [
+            np.full((len(r), *shape), fill, dtype) if column is None else column
+            for r, column in zip(recordings, columns)
+        ]
+    )
+
+
+def _joined_truth(recordings: Sequence[Recording]) -> Columns:
+    """Truth of all, unknown where a recording has none; sessions of recordings stay apart."""
+    truth: Columns = {}
+    for key in {key for r in recordings for key in r.truth}:
+        sample = next(r.truth[key] for r in recordings if key in r.truth)
+        fill = np.nan if sample.dtype.kind == 'f' else -1
+        parts = [
+            r.truth.get(key, np.full((len(r), *sample.shape[1:]), fill, sample.dtype))
+            for r in recordings
+        ]
+        truth[key] = np.concatenate(parts)
+    number = np.concatenate([np.full(len(r), i) for i, r in enumerate(recordings)])
+    session = truth.get('session', np.zeros(len(number), np.int64)).astype(np.int64)
+    truth['session'] = np.unique(np.column_stack([number, session]), axis=0, return_inverse=True)[
+        1
+    ].reshape(-1)
+    return truth
+
+
+def resting_rows(recording: Recording) -> Bools:
+    """Rows (s,) that give the baseline: tare rows, else those that truth calls untouched."""
+    if recording.tare is not None and recording.tare.any():
+        return recording.tare
+    if 'in_contact' in recording.truth:
+        return np.asarray(recording.truth['in_contact'] == 0)
+    return np.zeros(len(recording), bool)
+
+
+def touched_rows(recording: Recording) -> Bools:
+    """Rows (s,) at which truth places a contact: a position, a cell, a label or `in_contact`."""
+    touched = np.zeros(len(recording), bool)
+    for key in ('cell', 'label'):
+        if key in recording.truth:
+            touched |= recording.truth[key].astype(np.int64) >= 0
+    if 'position' in recording.truth:
+        touched |= np.isfinite(recording.truth['position'].astype(np.float64)).any(axis=1)
+    if 'in_contact' in recording.truth:
+        known = recording.truth['in_contact'].astype(np.int64)
+        touched = (touched & (known != 0)) | (known == 1)
+    return touched
+
+
+def groups_of(recording: Recording) -> Columns:
+    """What an honest split keeps together.
+
+    Parameters
+    ----------
+    recording : Recording
+        Joined over recordings.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (s,)
+        'session': recording and session; 'group': session and repetition (press cycles, say),
+        or contiguous blocks of rows where nothing is known.
+    """
+    zeros = np.zeros(len(recording), np.int64)
+    session = recording.truth.get('session', zeros).astype(np.int64)
+    repetition = recording.truth.get('repetition', zeros).astype(np.int64)
+    pairs = np.column_stack([session, repetition])
+    _, group = np.unique(pairs, axis=0, return_inverse=True)
+    group = np.asarray(group).reshape(-1)
+    if len(np.unique(group)) < 3:
+        group = _blocks(recording)
+    return {'session': session, 'group': group}
+
+
+def _blocks(recording: Recording) -> Integers:
+    """Ten contiguous parts that do not cut a stream."""
+    stream = np.cumsum(recording.restarts) - 1
+    count = int(stream[-1]) + 1 if len(stream) else 1
+    if count >= BLOCKS:
+        return stream * BLOCKS // count
+    return np.arange(len(recording)) * BLOCKS // max(len(recording), 1)

@@ -1,0 +1,185 @@
+"""What is known about contacts: one patch, one frame, many frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from tactile_ros.types.arrays import Array, Bools, Bytes, Integers
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+
+@dataclass(frozen=True)
+class Contact:
+    """One contact patch; position and force at the patch, in the sensor frame.
+
+    Attributes
+    ----------
+    id : int
+        Kept while the patch lives.
+    position, normal, force : ndarray, shape (3,)
+        Position (m), unit normal, and what the skin exerts on the object (N).
+    position_cov, force_cov : ndarray, shape (3, 3)
+        Covariances (m2, N2).
+    """
+
+    id: int
+    position: Array
+    normal: Array
+    force: Array
+    position_cov: Array
+    force_cov: Array
+
+
+# name: (trailing shape, dtype, fill); t and k stand for taxels and contacts
+STATE_FIELDS: dict[str, tuple[tuple[str | int, ...], type, float]] = {
+    'force': ((3,), np.float64, np.nan),
+    'force_cov': ((3, 3), np.float64, np.nan),
+    'torque': ((3,), np.float64, np.nan),
+    'torque_cov': ((3, 3), np.float64, np.nan),
+    'position': ((3,), np.float64, np.nan),
+    'position_cov': ((3, 3), np.float64, np.nan),
+    'cell': ((), np.int64, -1),
+    'cell_probability': ((), np.float64, np.nan),
+    'label': ((), np.int64, -1),
+    'label_probability': ((), np.float64, np.nan),
+    'yaw': ((), np.float64, np.nan),
+    'yaw_std': ((), np.float64, np.nan),
+    'object_pose': ((4, 4), np.float64, np.nan),
+    'object_pose_cov': ((6, 6), np.float64, np.nan),
+    'symmetry': ((), np.int64, -1),
+    'in_contact': ((), np.int8, -1),
+    'slip': ((), np.int8, -1),
+    'slip_probability': ((), np.float64, np.nan),
+    'taxel_force': (('t',), np.float64, np.nan),
+    'deformation': (('t',), np.float64, np.nan),
+    'stray_field': ((3,), np.float64, np.nan),
+    'valid': ((), np.bool_, False),
+    'status': ((), np.int64, 0),
+    'taxel_status': (('t',), np.uint8, 0),
+    'contacts_id': (('k',), np.int64, -1),
+    'contacts_position': (('k', 3), np.float64, np.nan),
+    'contacts_normal': (('k', 3), np.float64, np.nan),
+    'contacts_force': (('k', 3), np.float64, np.nan),
+    'contacts_position_cov': (('k', 3, 3), np.float64, np.nan),
+    'contacts_force_cov': (('k', 3, 3), np.float64, np.nan),
+}
+
+
+def field_shape(name: str, taxels: int, contacts: int = 1) -> tuple[int, ...]:
+    """Trailing shape of a state attribute or truth key for a sensor of `taxels`."""
+    tail = STATE_FIELDS[name][0] if name in STATE_FIELDS else ()
+    lengths = {'t': taxels, 'k': contacts}
+    return tuple(lengths[n] if isinstance(n, str) else n for n in tail)
+
+
+@lru_cache(maxsize=64)
+def _blank(samples: int, taxels: int, contacts: int) -> dict[str, npt.NDArray[np.generic]]:
+    """Read-only arrays of `nothing known` that take no memory."""
+    return {
+        name: np.broadcast_to(
+            np.array(fill, dtype), (samples, *field_shape(name, taxels, contacts))
+        )
+        for name, (_, dtype, fill) in STATE_FIELDS.items()
+    }
+
+
+@dataclass(frozen=True)
+class _StateFields:
+    """The attributes that one state and many states share (public_face, without the s axis)."""
+
+    force: Array
+    force_cov: Array
+    torque: Array
+    torque_cov: Array
+    position: Array
+    position_cov: Array
+    cell: Integers
+    cell_probability: Array
+    label: Integers
+    label_probability: Array
+    yaw: Array
+    yaw_std: Array
+    object_pose: Array
+    object_pose_cov: Array
+    symmetry: Integers
+    in_contact: npt.NDArray[np.int8]
+    slip: npt.NDArray[np.int8]
+    slip_probability: Array
+    taxel_force: Array
+    deformation: Array
+    stray_field: Array
+    valid: Bools
+    status: Integers
+    taxel_status: Bytes
+    contacts_id: Integers
+    contacts_position: Array
+    contacts_normal: Array
+    contacts_force: Array
+    contacts_position_cov: Array
+    contacts_force_cov: Array
+
+
+@dataclass(frozen=True)
+class ContactState(_StateFields):
+    """What is known about the contact in one frame; NaN / -1 where it is not estimated."""
+
+    @property
+    def contacts(self) -> list[Contact]:
+        """Every patch of the frame, strongest first."""
+        return [
+            Contact(
+                int(self.contacts_id[k]),
+                self.contacts_position[k],
+                self.contacts_normal[k],
+                self.contacts_force[k],
+                self.contacts_position_cov[k],
+                self.contacts_force_cov[k],
+            )
+            for k in range(len(self.contacts_id))
+            if self.contacts_id[k] >= 0
+        ]
+
+
+@dataclass(frozen=True)
+class ContactStates(_StateFields):
+    """What is known about the contact in s frames: every attribute with a leading axis s."""
+
+    @classmethod
+    def assemble(
+        cls, samples: int, taxels: int, known: Mapping[str, npt.NDArray[np.generic]]
+    ) -> ContactStates:
+        """Complete what is known with NaN / -1 (read-only views) where it is not.
+
+        Parameters
+        ----------
+        samples, taxels : int
+            Lengths s and t.
+        known : mapping of str to ndarray, shape (s, ...)
+            Any subset of the attributes.
+
+        Returns
+        -------
+        ContactStates
+            All attributes.
+        """
+        contacts = known['contacts_id'].shape[1] if 'contacts_id' in known else 1
+        return cls(**{**_blank(samples, taxels, contacts), **known})  # type: ignore[arg-type]
+
+    def __len__(self) -> int:
+        """Count of frames s."""
+        return len(self.valid)
+
+    def __getitem__(self, index: int) -> ContactState:
+        """State of one frame."""
+        return ContactState(**{name: getattr(self, name)[index] for name in STATE_FIELDS})
+
+    def __iter__(self) -> Iterator[ContactState]:
+        """States of the frames, one after the other."""
+        return (self[i] for i in range(len(self)))
