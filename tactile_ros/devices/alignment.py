@@ -18,6 +18,8 @@ from tactile_ros.types import Array, Bools, Integers
 LOCK_FRAMES = 3
 # frames after which a start with odd fields or lost chips is believed, if no better one came
 PATIENCE = 4
+# frames of bytes that are kept while none is found
+KEPT = 8
 
 _IS_TEXT = np.isin(np.arange(256), np.frombuffer(TEXT, np.uint8))
 
@@ -107,14 +109,15 @@ def gather(stream: bytes, verified: list[int], faulty: Bools, quantum: Array | N
 
 
 def lock_on(seen: Evidence) -> list[Start]:
-    """Start at three natural frames in a row; the first counts if its own start is verified."""
+    """Three natural frames in a row; start at the first, shortly before, that is verified."""
     size, offsets = seen.size, seen.offsets
     fits = seen.marks(seen.natural)
     run = offsets[fits[offsets] & fits[offsets + size] & fits[offsets + 2 * size]]
-    return [
-        Start(q + LOCK_FRAMES * size, q if seen.led[q] else q + size, False, None)
-        for q in run[:1].tolist()
-    ]
+    verified = offsets[seen.led[offsets] & fits[offsets]]
+    for q in run[:1].tolist():
+        known_at = q + LOCK_FRAMES * size
+        return [Start(known_at, int(verified[verified >= known_at - KEPT * size][0]), False, None)]
+    return []
 
 
 def resume(seen: Evidence) -> list[Start]:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.devices.alignment import PATIENCE, gather, next_start
+from tactile_ros.devices.alignment import KEPT, gather, next_start
 from tactile_ros.devices.packets import TERMINATOR, frame_bytes, plausible, readings, words
 from tactile_ros.types import Array, Bools, Integers
 
@@ -199,11 +199,10 @@ class FrameDecoder:
 
     def _search(self) -> bool:
         """Cut the buffer at the next believable start, or to what may still become one."""
-        verified = [0] * self._verified_start + [self._size] * self._keeps_phase()
-        seen = gather(self._buffer, verified, self._faulty, self._quantum)
+        seen = gather(self._buffer, self._verified(), self._faulty, self._quantum)
         start = next_start(seen, len(self._buffer), self._synchronised)
         if start is None:
-            self._skip(len(self._buffer) - PATIENCE * self._size - len(TERMINATOR))
+            self._skip(len(self._buffer) - KEPT * self._size - len(TERMINATOR))
             return False
         self._odd |= start.odd
         if start.faulty is not None:
@@ -224,12 +223,16 @@ class FrameDecoder:
         self._skipped += count
         self.counts.lost_bytes += count
 
-    def _keeps_phase(self) -> bool:
-        """Whether one byte alone of the bad frame's CR LF is wrong, its start being verified."""
-        if not (self._verified_start and self._fault == 'framing'):
-            return False
+    def _verified(self) -> list[int]:
+        """Offsets that follow a frame's end although the buffer holds no CR LF before them."""
+        if not self._verified_start:
+            return []
+        if not self._synchronised:
+            # a stream may begin with the second half of a CR LF
+            return [0, 1] if self._buffer.startswith(TERMINATOR[1:]) else [0]
         end = self._buffer[self._size - 2 : self._size]
-        return end[:1] == TERMINATOR[:1] or end[1:] == TERMINATOR[1:]
+        one_byte = end[:1] == TERMINATOR[:1] or end[1:] == TERMINATOR[1:]
+        return [0, self._size] if one_byte else [0]
 
 
 def _nothing(chips: int) -> Decoded:

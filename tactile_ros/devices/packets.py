@@ -36,8 +36,8 @@ def _bits(value: float) -> np.uint32:
 
 _HIGHEST = np.array([_bits(TEMPERATURE_LIMITS_C[1]), *[_bits(FIELD_LIMIT_MICROTESLA)] * 3])
 _COLDEST = np.uint32(_bits(-TEMPERATURE_LIMITS_C[0]) | np.uint32(0x80000000))
-_ONE = np.uint32(1)
-_SMALLEST = np.uint32(_bits(SMALLEST_MICROTESLA) - _ONE)
+_SMALLEST = _bits(SMALLEST_MICROTESLA)
+_SPAN = _HIGHEST - _SMALLEST
 
 
 def frame_bytes(chips: int) -> int:
@@ -127,20 +127,20 @@ def plausible(patterns: Words, quantum: Array | None = None) -> tuple[Bools, Boo
     field with CR or LF as its highest byte (7e-33 .. 4e-31) is not possible either.
     """
     magnitude = patterns & _MAGNITUDE
+    usual = (magnitude - _SMALLEST) < _SPAN
+    usual[..., 0] &= patterns[..., 0] < _COLDEST
+    natural = _every(usual)
+    if quantum is None and natural.all():
+        return natural, natural
     fits = magnitude < _HIGHEST
     fits[..., 0] &= patterns[..., 0] < _COLDEST
-    # 0 - 1 wraps to the largest pattern, so that zero passes
-    natural = _every(fits & ((magnitude - _ONE) >= _SMALLEST))
-    if quantum is not None:
-        natural &= _on_grid(patterns, natural, quantum)
-    if natural.all():
-        return natural, natural
+    natural = _every(fits & (usual | (magnitude == 0)))
     highest = patterns >> np.uint32(24)
     fits &= (highest != TERMINATOR[0]) & (highest != TERMINATOR[1])
     possible = _every(fits)
     if quantum is not None:
         possible &= _on_grid(patterns, possible, quantum)
-    return possible, natural
+    return possible, possible & natural
 
 
 def _every(fields: Bools) -> Bools:
