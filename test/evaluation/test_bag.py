@@ -8,6 +8,7 @@ import sys
 import textwrap
 import zlib
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,20 +16,28 @@ import pytest
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import container
 from tactile_ros.evaluation.bag import BagWriter
-from tactile_ros.evaluation.bag_reader import read_bag
+from tactile_ros.evaluation.bag_reader import Message, read_bag
 from tactile_ros.evaluation.definitions import definition, message_folder, schema_text
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import SimpleNamespace
+
+    WriteBag = Callable[..., Path]
 
 STRING = 'std_msgs/msg/String'
 
 
-def open_by_rosbags(path):
+def open_by_rosbags(path: Path) -> object:
     highlevel = pytest.importorskip('rosbags.highlevel')
     from rosbags.typesys import Stores, get_typestore
 
     return highlevel.AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
 
 
-def test_rosbags_reads_every_message_type_and_latched_topic_of_a_closed_bag(write_bag, tmp_path):
+def test_rosbags_reads_every_message_type_and_latched_topic_of_a_closed_bag(
+    write_bag: WriteBag, tmp_path: Path
+) -> None:
     path = write_bag(tmp_path / 'bag')
     with open_by_rosbags(path) as reader:
         kinds = {c.topic: c for c in reader.connections}
@@ -42,7 +51,9 @@ def test_rosbags_reads_every_message_type_and_latched_topic_of_a_closed_bag(writ
     assert {t for t, d in durability.items() if d == 1} == {'/layout', '/baseline', '/calibration'}
 
 
-def test_the_reference_library_agrees_with_index_checksums_and_statistics(write_bag, tmp_path):
+def test_the_reference_library_agrees_with_index_checksums_and_statistics(
+    write_bag: WriteBag, tmp_path: Path
+) -> None:
     reference = pytest.importorskip('mcap.reader')
     path = write_bag(tmp_path / 'bag')
     with (path / 'bag_0.mcap').open('rb') as file:
@@ -58,7 +69,9 @@ def test_the_reference_library_agrees_with_index_checksums_and_statistics(write_
     assert ours.problems == []
 
 
-def test_metadata_names_counts_duration_and_qos_for_ros2_bag(write_bag, tmp_path):
+def test_metadata_names_counts_duration_and_qos_for_ros2_bag(
+    write_bag: WriteBag, tmp_path: Path
+) -> None:
     yaml = pytest.importorskip('yaml')
     path = write_bag(tmp_path / 'bag')
     info = yaml.safe_load((path / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
@@ -70,7 +83,7 @@ def test_metadata_names_counts_duration_and_qos_for_ros2_bag(write_bag, tmp_path
     assert (qos['durability'], qos['depth'], qos['reliability']) == (1, 1, 1)
 
 
-def test_a_killed_process_leaves_a_bag_that_others_read(tmp_path):
+def test_a_killed_process_leaves_a_bag_that_others_read(tmp_path: Path) -> None:
     code = """
         import sys
         from tactile_ros.evaluation.bag import BagWriter
@@ -97,7 +110,9 @@ def test_a_killed_process_leaves_a_bag_that_others_read(tmp_path):
         assert sum(1 for _ in reader.messages()) == content.counts['/text']
 
 
-def test_an_interrupted_write_is_written_over(tmp_path, make, monkeypatch):
+def test_an_interrupted_write_is_written_over(
+    tmp_path: Path, make: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
     text = make.cdr(make.String(data='x' * 1000))
     bag = BagWriter(tmp_path / 'bag')
     bag.write('/text', STRING, 1, text)
@@ -108,13 +123,13 @@ def test_an_interrupted_write_is_written_over(tmp_path, make, monkeypatch):
 
         closed = False
 
-        def __init__(self, file):
+        def __init__(self, file: object) -> None:
             self.file = file
 
-        def seek(self, place):
+        def seek(self, place: int) -> int:
             return self.file.seek(place)
 
-        def write(self, data):
+        def write(self, data: memoryview) -> int:
             self.file.write(data[: len(data) // 2])
             raise KeyboardInterrupt
 
@@ -129,7 +144,9 @@ def test_an_interrupted_write_is_written_over(tmp_path, make, monkeypatch):
     assert content.problems == []
 
 
-def test_reading_a_bag_cut_at_any_byte_gives_a_prefix_and_names_the_cut(write_bag, tmp_path):
+def test_reading_a_bag_cut_at_any_byte_gives_a_prefix_and_names_the_cut(
+    write_bag: WriteBag, tmp_path: Path
+) -> None:
     path = write_bag(tmp_path / 'bag', n=30)
     data = (path / 'bag_0.mcap').read_bytes()
     whole = read_bag(path).messages
@@ -145,7 +162,9 @@ def test_reading_a_bag_cut_at_any_byte_gives_a_prefix_and_names_the_cut(write_ba
     assert longest == len(whole)
 
 
-def test_bytes_hit_anywhere_never_raise_and_never_change_what_comes_out(write_bag, tmp_path):
+def test_bytes_hit_anywhere_never_raise_and_never_change_what_comes_out(
+    write_bag: WriteBag, tmp_path: Path
+) -> None:
     path = write_bag(tmp_path / 'bag', n=30)
     data = (path / 'bag_0.mcap').read_bytes()
     whole = set(read_bag(path).messages)
@@ -161,11 +180,13 @@ def test_bytes_hit_anywhere_never_raise_and_never_change_what_comes_out(write_ba
         assert {m.data for m in told} <= {m.data for m in whole}
 
 
-def _topics(messages):
+def _topics(messages: set[Message]) -> set[tuple[str, str]]:
     return {(m.topic, m.type_name) for m in messages}
 
 
-def test_a_damaged_chunk_is_left_out_and_the_rest_is_read(tmp_path, make):
+def test_a_damaged_chunk_is_left_out_and_the_rest_is_read(
+    tmp_path: Path, make: SimpleNamespace
+) -> None:
     text = make.cdr(make.String(data='x'))
     with BagWriter(tmp_path / 'bag') as bag:
         for k in range(30):
@@ -188,7 +209,9 @@ def test_a_damaged_chunk_is_left_out_and_the_rest_is_read(tmp_path, make):
 
 
 @pytest.mark.parametrize('compression', ['zstd', 'lz4'])
-def test_compressed_chunks_are_read_also_when_cut(tmp_path, make, compression):
+def test_compressed_chunks_are_read_also_when_cut(
+    tmp_path: Path, make: SimpleNamespace, compression: str
+) -> None:
     records = b''.join(
         container.message_record(1, k, k, make.cdr(make.String(data=f'{k}' * 40)))
         for k in range(100)
@@ -212,13 +235,13 @@ def test_compressed_chunks_are_read_also_when_cut(tmp_path, make, compression):
     assert all(len(m.data) > 8 for m in cut.messages)
 
 
-def _packed(compression, records):
+def _packed(compression: str, records: bytes) -> bytes:
     if compression == 'zstd':
         return pytest.importorskip('zstandard').ZstdCompressor().compress(records)
     return pytest.importorskip('lz4.frame').compress(records)
 
 
-def test_a_chunk_that_claims_too_much_is_named_and_skipped(tmp_path):
+def test_a_chunk_that_claims_too_much_is_named_and_skipped(tmp_path: Path) -> None:
     bomb = container._CHUNK.pack(0, 1, 1 << 40, 0) + container.text('zstd') + bytes(8) + b'junk'
     file = tmp_path / 'bomb.mcap'
     file.write_bytes(container.MAGIC + container.record(container.CHUNK, bomb) + container.TAIL)
@@ -227,7 +250,9 @@ def test_a_chunk_that_claims_too_much_is_named_and_skipped(tmp_path):
     assert any('claims 1099511627776 bytes' in problem for problem in content.problems)
 
 
-def test_sqlite3_bags_are_read_and_a_damaged_one_as_far_as_it_goes(tmp_path, make):
+def test_sqlite3_bags_are_read_and_a_damaged_one_as_far_as_it_goes(
+    tmp_path: Path, make: SimpleNamespace
+) -> None:
     text = make.cdr(make.String(data='x' * 300))
     file = tmp_path / 'bag' / 'bag_0.db3'
     file.parent.mkdir()
@@ -252,7 +277,7 @@ def test_sqlite3_bags_are_read_and_a_damaged_one_as_far_as_it_goes(tmp_path, mak
     assert 'is damaged after' in damaged.problems[0]
 
 
-def test_a_bag_that_rosbags_wrote_is_read(tmp_path, make):
+def test_a_bag_that_rosbags_wrote_is_read(tmp_path: Path, make: SimpleNamespace) -> None:
     rosbag2 = pytest.importorskip('rosbags.rosbag2')
     text = make.cdr(make.String(data='x'))
     for plugin in (rosbag2.StoragePlugin.MCAP, rosbag2.StoragePlugin.SQLITE3):
@@ -266,7 +291,9 @@ def test_a_bag_that_rosbags_wrote_is_read(tmp_path, make):
         assert content.problems == []
 
 
-def test_missing_files_and_folders_without_a_bag_are_named(tmp_path, write_bag):
+def test_missing_files_and_folders_without_a_bag_are_named(
+    tmp_path: Path, write_bag: WriteBag
+) -> None:
     with pytest.raises(RecordingError, match='holds no bag'):
         read_bag(tmp_path)
     other = tmp_path / 'notes.txt'
@@ -278,7 +305,7 @@ def test_missing_files_and_folders_without_a_bag_are_named(tmp_path, write_bag):
     assert 'bag_0.mcap of the bag is missing' in read_bag(path).problems
 
 
-def test_a_bag_never_writes_over_another(tmp_path, write_bag):
+def test_a_bag_never_writes_over_another(tmp_path: Path, write_bag: WriteBag) -> None:
     write_bag(tmp_path / 'bag', n=3)
     with pytest.raises(RecordingError, match='not empty'):
         BagWriter(tmp_path / 'bag')
@@ -288,7 +315,7 @@ def test_a_bag_never_writes_over_another(tmp_path, write_bag):
         closed.write('/text', STRING, 0, b'')
 
 
-def test_schema_texts_hold_every_needed_type_once():
+def test_schema_texts_hold_every_needed_type_once() -> None:
     text = schema_text('tactile_ros/msg/TactileContacts')
     assert text.startswith(definition('tactile_ros/msg/TactileContacts').rstrip())
     needed = [line[5:] for line in text.splitlines() if line.startswith('MSG: ')]
@@ -302,7 +329,9 @@ def test_schema_texts_hold_every_needed_type_once():
     ]
 
 
-def test_standard_definitions_come_without_a_ros_installation(monkeypatch, tmp_path):
+def test_standard_definitions_come_without_a_ros_installation(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     pytest.importorskip('rosbags')
     definition.cache_clear()
     monkeypatch.setattr(sys, 'prefix', str(tmp_path))

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -12,6 +13,13 @@ from tactile_ros.evaluation.bag import BagWriter
 from tactile_ros.evaluation.recording import load
 from tactile_ros.evaluation.truth_topics import nearest
 from tactile_ros.types import Layout, Recording
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+    from types import SimpleNamespace
+
+    WriteBag = Callable[..., Path]
 
 LAYOUT = Layout(
     positions=np.arange(6.0).reshape(2, 3) * 1e-3,
@@ -27,7 +35,7 @@ LAYOUT = Layout(
 
 
 @pytest.fixture
-def recording():
+def recording() -> Recording:
     rng = np.random.default_rng(0)
     truth = {
         'position': np.where(np.arange(12).reshape(4, 3) == 5, np.nan, rng.normal(size=(4, 3))),
@@ -47,7 +55,7 @@ def recording():
     )
 
 
-def assert_same(one, other):
+def assert_same(one: Recording, other: Recording) -> None:
     for name in ('values', 'stamp_ns', 'sequence', 'temperature_c', 'status', 'stream', 'tare'):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
     assert one.truth.keys() == other.truth.keys()
@@ -55,7 +63,7 @@ def assert_same(one, other):
         np.testing.assert_array_equal(one.truth[key], other.truth[key], err_msg=key)
 
 
-def test_npz_gives_the_recording_back_bit_by_bit(recording, tmp_path):
+def test_npz_gives_the_recording_back_bit_by_bit(recording: Recording, tmp_path: Path) -> None:
     save_recording(recording, tmp_path / 'a.npz')
     back = load_recording(tmp_path / 'a.npz')
     assert_same(recording, back)
@@ -65,7 +73,7 @@ def test_npz_gives_the_recording_back_bit_by_bit(recording, tmp_path):
     assert load(tmp_path / 'a.npz').recordings[0].name == 'a'
 
 
-def test_a_recording_of_the_least_comes_back(tmp_path):
+def test_a_recording_of_the_least_comes_back(tmp_path: Path) -> None:
     least = Recording.from_arrays(LAYOUT, np.zeros((0, 2, 3)))
     save_recording(least, tmp_path / 'a.npz')
     back = load_recording(tmp_path / 'a.npz')
@@ -73,9 +81,9 @@ def test_a_recording_of_the_least_comes_back(tmp_path):
     assert back.stamp_ns is None
 
 
-def test_a_pickle_is_refused_unopened(tmp_path):
+def test_a_pickle_is_refused_unopened(tmp_path: Path) -> None:
     class Trap:
-        def __reduce__(self):
+        def __reduce__(self) -> tuple:
             return (pytest.fail, ('unpickled',))
 
     hostile = tmp_path / 'hostile.npz'
@@ -84,7 +92,7 @@ def test_a_pickle_is_refused_unopened(tmp_path):
         load_recording(hostile)
 
 
-def test_a_zip_bomb_is_refused_unpacked_size_unread(tmp_path):
+def test_a_zip_bomb_is_refused_unpacked_size_unread(tmp_path: Path) -> None:
     hostile = tmp_path / 'bomb.npz'
     with zipfile.ZipFile(hostile, 'w', zipfile.ZIP_DEFLATED) as archive:
         with archive.open('values.npy', 'w') as file:
@@ -103,7 +111,7 @@ def test_a_zip_bomb_is_refused_unpacked_size_unread(tmp_path):
         load_recording(hostile)
 
 
-def test_a_header_that_announces_more_than_it_holds_is_refused(tmp_path):
+def test_a_header_that_announces_more_than_it_holds_is_refused(tmp_path: Path) -> None:
     hostile = tmp_path / 'hostile.npz'
     for shape in ('(1000000000000,)', '(-1, 4)', '(99999999999999999999999, 99)'):
         header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}"
@@ -115,7 +123,9 @@ def test_a_header_that_announces_more_than_it_holds_is_refused(tmp_path):
             load_recording(hostile)
 
 
-def test_damage_anywhere_in_an_npz_is_refused_or_harmless(recording, tmp_path):
+def test_damage_anywhere_in_an_npz_is_refused_or_harmless(
+    recording: Recording, tmp_path: Path
+) -> None:
     file = tmp_path / 'a.npz'
     save_recording(recording, file)
     data = file.read_bytes()
@@ -136,7 +146,7 @@ def test_damage_anywhere_in_an_npz_is_refused_or_harmless(recording, tmp_path):
     assert refused > 50
 
 
-def test_other_archives_are_refused_by_name(tmp_path):
+def test_other_archives_are_refused_by_name(tmp_path: Path) -> None:
     file = tmp_path / 'other.npz'
     np.savez(file, x=np.zeros(3))
     with pytest.raises(RecordingError, match='no recording of tactile_ros'):
@@ -145,7 +155,7 @@ def test_other_archives_are_refused_by_name(tmp_path):
         load(tmp_path / 'gone.npz')
 
 
-def csv_lines(recording):
+def csv_lines(recording: Recording) -> str:
     names = [f'{c}_{t}' for t in range(2) for c in LAYOUT.channels]
     head = ['stamp_ns', 'sequence', 'stream', 'tare', *names, 'temperature_c_0', 'temperature_c_1']
     head += ['status_0', 'status_1', 'position_x', 'position_y', 'position_z', 'cell']
@@ -156,19 +166,19 @@ def csv_lines(recording):
         row = [recording.stamp_ns[k], recording.sequence[k], recording.stream[k]]
         row += [int(recording.tare[k]), *map(repr, recording.values[k].ravel().tolist())]
         row += [*map(repr, recording.temperature_c[k].tolist()), *recording.status[k]]
-        row += [repr(x) if x == x else '' for x in recording.truth['position'][k].tolist()]
+        row += [repr(x) if np.isfinite(x) else '' for x in recording.truth['position'][k].tolist()]
         row += [recording.truth['cell'][k], *map(repr, recording.truth['taxel_force'][k].tolist())]
         out.write(','.join(str(cell) for cell in row) + '\n')
     return out.getvalue()
 
 
-def test_csv_gives_the_same_recording(recording, tmp_path):
+def test_csv_gives_the_same_recording(recording: Recording, tmp_path: Path) -> None:
     file = tmp_path / 'a.csv'
     file.write_text(csv_lines(recording))
     assert_same(load(file, LAYOUT).recordings[0].recording, recording)
 
 
-def test_csv_seconds_keep_their_nanoseconds(tmp_path):
+def test_csv_seconds_keep_their_nanoseconds(tmp_path: Path) -> None:
     layout = Layout(np.zeros((1, 3)), ('u',), '1')
     file = tmp_path / 'a.csv'
     file.write_text('time_s,u_0\n1743468220.123456789,0.5\n1743468221,0.25\n')
@@ -189,14 +199,18 @@ def test_csv_seconds_keep_their_nanoseconds(tmp_path):
         ('u_0,stamp_ns\n1,99999999999999999999999\n', 'no recording'),
     ],
 )
-def test_csv_that_makes_no_sense_is_refused_with_a_sentence(tmp_path, text, sentence):
+def test_csv_that_makes_no_sense_is_refused_with_a_sentence(
+    tmp_path: Path, text: str, sentence: str
+) -> None:
     file = tmp_path / 'a.csv'
     file.write_text(text)
     with pytest.raises(RecordingError, match=sentence):
         load(file, Layout(np.zeros((1, 3)), ('u',), '1'))
 
 
-def test_a_bag_becomes_frames_contacts_baselines_and_truth(write_bag, tmp_path):
+def test_a_bag_becomes_frames_contacts_baselines_and_truth(
+    write_bag: WriteBag, tmp_path: Path
+) -> None:
     loaded = load(write_bag(tmp_path / 'bag', n=20, lost=(4, 5)))
     (found,) = loaded.recordings
     recording = found.recording
@@ -215,7 +229,9 @@ def test_a_bag_becomes_frames_contacts_baselines_and_truth(write_bag, tmp_path):
     assert set(recording.truth) == {'position', 'force', 'in_contact'}
 
 
-def test_two_sensors_of_one_bag_stay_apart(write_bag, make, tmp_path):
+def test_two_sensors_of_one_bag_stay_apart(
+    write_bag: WriteBag, make: SimpleNamespace, tmp_path: Path
+) -> None:
     path = tmp_path / 'bag'
     with BagWriter(path) as bag:
         for space, n in (('/thumb', 3), ('/index', 5)):
@@ -232,7 +248,9 @@ def test_two_sensors_of_one_bag_stay_apart(write_bag, make, tmp_path):
     assert found['thumb'].truth['force'][:, 0].tolist() == [3, 3, 3]
 
 
-def test_foreign_topics_damaged_messages_and_lost_layouts_are_named(write_bag, make, tmp_path):
+def test_foreign_topics_damaged_messages_and_lost_layouts_are_named(
+    write_bag: WriteBag, make: SimpleNamespace, tmp_path: Path
+) -> None:
     path = tmp_path / 'bag'
     frame = make.frame(0, np.zeros(15), 5)
     with BagWriter(path) as bag:
@@ -252,14 +270,18 @@ def test_foreign_topics_damaged_messages_and_lost_layouts_are_named(write_bag, m
     assert '1 frames were left out' in said
 
 
-def test_a_foreign_bag_is_refused_with_what_it_holds(make, tmp_path):
+def test_a_foreign_bag_is_refused_with_what_it_holds(
+    make: SimpleNamespace, tmp_path: Path
+) -> None:
     with BagWriter(tmp_path / 'bag') as bag:
         bag.write('/camera', 'std_msgs/msg/String', 0, make.cdr(make.String(data='x')))
     with pytest.raises(RecordingError, match=r'holds no frames .*/camera'):
         load(tmp_path / 'bag')
 
 
-def test_messages_of_another_version_are_named_not_guessed(write_bag, tmp_path):
+def test_messages_of_another_version_are_named_not_guessed(
+    write_bag: WriteBag, tmp_path: Path
+) -> None:
     path = write_bag(tmp_path / 'bag', n=3)
     file = path / 'bag_0.mcap'
     text = file.read_bytes()
@@ -269,7 +291,9 @@ def test_messages_of_another_version_are_named_not_guessed(write_bag, tmp_path):
     assert 'tactile_ros/msg/TactileContacts of the bag is of another version' in loaded.problems[0]
 
 
-def test_garbage_in_place_of_messages_never_raises_anything_else(write_bag, make, tmp_path):
+def test_garbage_in_place_of_messages_never_raises_anything_else(
+    write_bag: WriteBag, make: SimpleNamespace, tmp_path: Path
+) -> None:
     rng = np.random.default_rng(5)
     good = make.cdr(make.contacts(0, 0))
     with BagWriter(tmp_path / 'bag') as bag:
@@ -287,7 +311,7 @@ def test_garbage_in_place_of_messages_never_raises_anything_else(write_bag, make
     assert found.contacts is not None
 
 
-def test_a_restarted_counter_begins_a_new_stream(make, tmp_path):
+def test_a_restarted_counter_begins_a_new_stream(make: SimpleNamespace, tmp_path: Path) -> None:
     with BagWriter(tmp_path / 'bag') as bag:
         layout = make.layout()
         bag.write('/layout', layout.__msgtype__, 0, make.cdr(layout))
@@ -297,7 +321,9 @@ def test_a_restarted_counter_begins_a_new_stream(make, tmp_path):
     assert load(tmp_path / 'bag').recordings[0].recording.stream.tolist() == [0, 0, 0, 1, 1]
 
 
-def test_truth_of_other_instruments_is_taken_at_the_nearest_time(write_bag, make, tmp_path):
+def test_truth_of_other_instruments_is_taken_at_the_nearest_time(
+    write_bag: WriteBag, make: SimpleNamespace, tmp_path: Path
+) -> None:
     path = tmp_path / 'bag'
     with BagWriter(path) as bag:
         layout = make.layout()
@@ -321,7 +347,7 @@ def test_truth_of_other_instruments_is_taken_at_the_nearest_time(write_bag, make
     assert found.label_names == ('mug',)
 
 
-def test_nearest_against_the_plain_search():
+def test_nearest_against_the_plain_search() -> None:
     rng = np.random.default_rng(2)
     times, asked = rng.integers(0, 1000, 60), rng.integers(-50, 1050, 200)
     found = nearest(times, asked, 12)
@@ -333,7 +359,9 @@ def test_nearest_against_the_plain_search():
             assert distance[index] == distance.min()
 
 
-def test_a_bag_without_rosbags_is_one_sentence(write_bag, tmp_path, monkeypatch):
+def test_a_bag_without_rosbags_is_one_sentence(
+    write_bag: WriteBag, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     import sys
 
     from tactile_ros.errors import MissingPackageError
