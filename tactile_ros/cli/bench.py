@@ -1,0 +1,80 @@
+"""Compare with the published figures and with peers, then time; print a table, write json.
+
+example:
+  tactile bench reskin
+  tactile bench roads --quick
+  tactile bench all
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import shlex
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import tactile_ros
+from tactile_ros.cli.table import show
+from tactile_ros.errors import TactileError
+from tactile_ros.evaluation.benchmark import COLUMNS
+
+if TYPE_CHECKING:
+    import argparse
+    from types import ModuleType
+
+
+def folder() -> Path:
+    """Folder of the benches: beside the sources, or in the share folder of an installation."""
+    package = Path(tactile_ros.__file__).resolve().parent
+    installed = [p / 'share' / 'tactile_ros' / 'benchmarks' for p in package.parents]
+    for place in (package.parent / 'benchmarks', *installed):
+        if place.is_dir():
+            return place
+    msg = 'the benches are not installed; run `tactile bench` from a clone of the sources'
+    raise TactileError(msg)
+
+
+def names() -> list[str]:
+    """Names of all benches."""
+    return sorted(path.stem for path in folder().glob('*.py'))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `tactile bench`."""
+    parser.add_argument('name', help=f'all, or one of: {", ".join(names())}')
+    parser.add_argument('--quick', action='store_true', help='fewer seeds and repetitions')
+    parser.add_argument('--full', action='store_true', help='every seed')
+    parser.add_argument('--results', type=Path, help='folder of the json files')
+
+
+def load(name: str) -> ModuleType:
+    """Module of a bench."""
+    path = folder() / f'{name}.py'
+    if name not in names():
+        msg = f'bench must be all or one of {", ".join(names())}; received {name!r}'
+        raise ValueError(msg)
+    spec = importlib.util.spec_from_file_location(f'tactile_bench_{name}', path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the benches, print their tables and write their json."""
+    results = options.results or Path('benchmarks') / 'results'
+    extent = 'quick' if options.quick else 'full' if options.full else 'normal'
+    for name in names() if options.name == 'all' else [options.name]:
+        began = time.perf_counter()
+        print(f'bench {name} ({extent}) ...', file=sys.stderr, flush=True)
+        command = shlex.join(['tactile', 'bench', name, *([] if extent == 'normal' else [f'--{extent}'])])
+        result = load(name).run(extent, command)
+        show(COLUMNS, [row.cells() for row in result.rows], title=f'{name}: {command}')
+        for note in result.notes:
+            print(f'  {note}')
+        seconds = time.perf_counter() - began
+        print(f'  seeds {result.seed}; {seconds:.0f} s; written to {result.write(results)}')
+    return 0

@@ -1,0 +1,125 @@
+"""What a bench prints and writes: figures beside the paper's, a peer's, the bound and the aim."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import sys
+from dataclasses import asdict, dataclass, field
+from importlib import metadata
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+COLUMNS = (
+    'what', 'unit', 'paper', 'peer', 'ours', 'bound', 'aim', 'held', 'us_single', 'us_batch',
+)  # fmt: skip
+PACKAGES = ('numpy', 'scipy', 'rosbags', 'ros-rclpy', 'numba', 'scikit-learn')
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure of a bench.
+
+    Attributes
+    ----------
+    what, unit : str
+        What was measured, and in which unit.
+    ours : float or None
+        The figure of this run.
+    better : str
+        'low' or 'high'.
+    paper, peer, bound, aim : float or None
+        Published; of another method in the same run; what no method can beat; what is aimed at.
+    us_single, us_batch : float or None
+        Time per frame, one at a time and in a batch (microseconds).
+    """
+
+    what: str
+    unit: str
+    ours: float | None
+    better: Literal['low', 'high'] = 'low'
+    paper: float | None = None
+    peer: float | None = None
+    bound: float | None = None
+    aim: float | None = None
+    us_single: float | None = None
+    us_batch: float | None = None
+
+    @property
+    def held(self) -> bool | None:
+        """Whether the aim is held; None where there is none or nothing was measured."""
+        if self.aim is None or self.ours is None:
+            return None
+        return self.ours <= self.aim if self.better == 'low' else self.ours >= self.aim
+
+    def cells(self) -> tuple[str | float | None, ...]:
+        """Cells of the printed table, in the order of `COLUMNS`."""
+        held = {None: '', True: 'held', False: 'MISSED'}[self.held]
+        return (
+            self.what, self.unit, self.paper, self.peer, self.ours, self.bound, self.aim, held,
+            self.us_single, self.us_batch,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class BenchResult:
+    """All figures of one bench.
+
+    Attributes
+    ----------
+    bench, command : str
+        Name, and the command that repeats it.
+    seed : list of int
+        Seeds that were run.
+    rows : list of Row
+        Figures.
+    notes : list of str
+        What a reader must know to trust the figures.
+    """
+
+    bench: str
+    command: str
+    seed: list[int]
+    rows: list[Row]
+    notes: list[str] = field(default_factory=list)
+
+    def write(self, folder: Path) -> Path:
+        """Write `<bench>.json` into `folder`, NaN as null; return its path."""
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / f'{self.bench}.json'
+        document = {
+            'bench': self.bench,
+            'environment': environment(),
+            'seed': self.seed,
+            'command': self.command,
+            'rows': [{k: _plain(v) for k, v in asdict(row).items()} for row in self.rows],
+            'notes': self.notes,
+        }
+        path.write_text(json.dumps(document, indent=1, allow_nan=False) + '\n')
+        return path
+
+
+def _plain(value: object) -> object:
+    """A value as json has it: numbers of numpy as numbers, what is not finite as null."""
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def environment() -> dict[str, str]:
+    """Machine and versions that the figures belong to."""
+    found = {
+        'python': sys.version.split()[0],
+        'machine': platform.machine(),
+        'cores': str(os.cpu_count()),
+        'system': f'{platform.system()} {platform.release()}',
+    }
+    for package in PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = 'not installed'
+    return found
