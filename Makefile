@@ -22,7 +22,7 @@ export ROS_LOG_DIR ?= $(CURDIR)/log/ros
 # A sourced ROS would win over the one in .venv: set-up says that it is left out, and this does it.
 SOURCED := AMENT_PREFIX_PATH COLCON_PREFIX_PATH CMAKE_PREFIX_PATH PYTHONPATH PYTHONHOME \
   LD_LIBRARY_PATH ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION ROS_PACKAGE_PATH RMW_IMPLEMENTATION \
-  _ROS_WHEELS_BOOTSTRAP_COMPLETE
+  ROS_ETC_DIR VIRTUAL_ENV _ROS_WHEELS_BOOTSTRAP_COMPLETE
 ALONE := env $(addprefix -u ,$(SOURCED))
 
 .PHONY: help setup setup-tests demo test test-oldest lint bench lock clean

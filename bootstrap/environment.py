@@ -129,7 +129,11 @@ def mend_include_paths(venv: Path) -> None:
     headers = ';'.join(map(str, python_headers(venv / 'headers')))
     for file in (venv / 'share').rglob('*.cmake'):
         text = file.read_text()
-        mended = re.sub(r'/opt/python/[^;"]*/numpy/_?core/include', numpy.stdout.strip(), text)
-        mended = re.sub(r'/opt/python/[^;"]*/include/python3\.\d+', headers, mended)
-        if mended != text:
-            file.write_text(mended)
+        if (new := mended(text, headers, numpy.stdout.strip())) != text:
+            file.write_text(new)
+
+
+def mended(text: str, headers: str, numpy: str) -> str:
+    """Put this machine's include folders in the place of the maker's."""
+    text = re.sub(r'/opt/python/[^;"/]*/[^;"]*/numpy/_?core/include', numpy, text)
+    return re.sub(r'/opt/python/[^;"/]*/include/python3\.\d+', headers, text)

@@ -22,12 +22,12 @@ def check_machine() -> None:
 
 
 def check_platform() -> None:
-    """Wheels exist for CPython on Linux, on two kinds of processor."""
+    """ROS 2 comes as wheels for CPython on Linux and x86_64 alone."""
     machine = f'{platform.system()} {platform.machine()}'
-    if machine not in ('Linux x86_64', 'Linux aarch64'):
+    if machine != 'Linux x86_64':
         raise SetupError(
-            f'Set-up needs Linux on x86_64 or aarch64; this is {machine}. '
-            'Build in a sourced ROS 2 workspace with colcon instead.'
+            f'The wheels of ROS 2 are for Linux x86_64 and this is {machine}: '
+            'source an installed ROS 2 and build this package with colcon build.'
         )
     if platform.python_implementation() != 'CPython':
         raise SetupError(
