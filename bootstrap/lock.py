@@ -17,6 +17,9 @@ SCOPE = (
     "platform_python_implementation == 'CPython'",
     "sys_platform == 'linux'",
 )
+OLDEST = (
+    '--resolution=lowest-direct', '--only-binary=:all:', '--python-platform=x86_64-manylinux_2_28',
+)  # fmt: skip
 PROJECT = f"""[project]
 name = 'lock'
 version = '0'
@@ -26,12 +29,12 @@ environments = ["{' and '.join(SCOPE)}"]
 """
 
 
-def resolve(names: list[str], constraints: str) -> dict[str, str]:
+def resolve(names: list[str], constraints: str, *options: str) -> dict[str, str]:
     """Resolve the named .in files together: requirement line -> the whole entry with hashes."""
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, 'pyproject.toml').write_text(PROJECT)
         Path(folder, 'constraints.txt').write_text(constraints)
-        command = [sys.executable, '-m', 'uv', 'pip', 'compile', '--quiet', '--universal']
+        command = [sys.executable, '-m', 'uv', 'pip', 'compile', '--quiet', *options]
         command += ['--python-version', '3.10', '--generate-hashes', '--no-header']
         command += ['--no-annotate', '-c', 'constraints.txt', '--allow-unsafe']
         command += [str(LOCKS / f'{name}.in') for name in names]
@@ -57,13 +60,14 @@ def write(name: str, entries: dict[str, str]) -> None:
 
 def main() -> None:
     """Resolve layer upon layer, each held to the versions of those below."""
-    core = resolve(['tools', 'core'], '')
-    tools = resolve(['tools'], '\n'.join(core))
+    core = resolve(['tools', 'core'], '', '--universal')
+    tools = resolve(['tools'], '\n'.join(core), '--universal')
     write('tools', tools)
     write('core', {line: entry for line, entry in core.items() if line not in tools})
     for name in ('kilted', 'jazzy', 'test'):
-        layer = resolve(['tools', 'core', name], '\n'.join(core))
+        layer = resolve(['tools', 'core', name], '\n'.join(core), '--universal')
         write(name, {line: entry for line, entry in layer.items() if line not in core})
+    write('oldest', resolve(['oldest'], '', *OLDEST))
 
 
 if __name__ == '__main__':
