@@ -47,11 +47,13 @@ class Player:
     speed_up : float
         Recorded time over played time.
     period_s : float
-        Played time between rows that have no stamps, and between touches (s).
+        Played time before rows that have no stamp before them (s).
     temperature_c : float
         Sent for every chip: recordings without temperature need a constant.
     longest_gap_s : float
         Recorded gaps are played as no longer than this (s).
+    patience_s : float
+        Longest wait for a full port to be read (s).
 
     Attributes
     ----------
@@ -71,6 +73,7 @@ class Player:
         period_s: float = 0.0025,
         temperature_c: float = 25.0,
         longest_gap_s: float = float('inf'),
+        patience_s: float = 5.0,
     ) -> None:
         """See the class."""
         if not speed_up > 0:
@@ -82,6 +85,7 @@ class Player:
         self._period_s = period_s
         self._temperature_c = temperature_c
         self._longest_gap_s = longest_gap_s
+        self._patience_s = patience_s
         self._due = time.monotonic()
 
     def play(self, values: npt.ArrayLike, stamp_ns: Integers | None = None) -> None:
@@ -108,7 +112,7 @@ class Player:
             pause = self._due - time.monotonic()
             if pause > 0:
                 time.sleep(pause)
-            self._port.send(encode(row, self._temperature_c))
+            self._port.send(encode(row, self._temperature_c), self._patience_s)
             self.sent += 1
 
     def rest(self, values: npt.ArrayLike, count: int) -> None:

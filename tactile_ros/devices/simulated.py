@@ -117,12 +117,15 @@ class SimulatedSerialPort:
 
     def _hung_up(self) -> bool:
         """Whether no program has the port open."""
+        return bool(self._poll(0, 0.0) & (select.POLLHUP | select.POLLNVAL))
+
+    def _poll(self, events: int, timeout: float) -> int:
+        """Wait for events on our end; POLLNVAL when unplugged."""
+        if self._master < 0:
+            return select.POLLNVAL
         poll = select.poll()
-        with self._lock:
-            if self._master < 0:
-                return True
-            poll.register(self._master, 0)
-            return any(event & select.POLLHUP for _, event in poll.poll(0))
+        poll.register(self._master, events)
+        return sum(event for _, event in poll.poll(timeout * 1e3))
 
     def inject(self, fault: Fault, count: int = 1) -> None:
         """Let the next `count` writes suffer a fault, after those that are waiting already.
@@ -186,8 +189,8 @@ class SimulatedSerialPort:
                 msg = f'nobody reads {self.port}: {len(data)} bytes were not taken'
                 raise DeviceTimeout(msg)
             if data and not taken:
-                # a full pseudo-terminal reports itself writable, so waiting on it does not wait
-                self._stop.wait(min(0.001, remaining))
+                # in pieces, since unplugging wakes nobody
+                self._poll(select.POLLOUT, min(0.05, remaining))
 
     def _write(self, data: bytes) -> int:
         """Write what fits now."""
@@ -199,6 +202,11 @@ class SimulatedSerialPort:
                 return os.write(self._master, data)
             except BlockingIOError:
                 return 0
+
+    def received(self, timeout: float) -> bytes:
+        """Bytes that the reader sent to the board, waiting at most `timeout` (s) for the first."""
+        ready = self._poll(select.POLLIN, timeout) & select.POLLIN
+        return os.read(self._master, 4096) if ready else b''
 
     def stream(
         self,

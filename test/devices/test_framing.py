@@ -73,6 +73,7 @@ def test_two_frames_are_not_enough_and_noise_never_is() -> None:
     assert decode((b'1' * 80 + b'\r\n') * 50, 5) == []
 
 
+@settings(max_examples=40)
 @given(seeds, st.lists(st.integers(0, 82 * 12), max_size=8))
 def test_cuts_do_not_matter(seed: int, cuts: list[int]) -> None:
     rng = np.random.default_rng(seed)

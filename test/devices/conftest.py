@@ -1,0 +1,57 @@
+"""A simulated port with its driver, and a watch over what they leave behind."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from tactile_ros.devices.serial_board import SerialBoard
+from tactile_ros.devices.simulated import SimulatedSerialPort
+from tactile_ros.types import Layout
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+def descriptors() -> int:
+    """Count of open files of this process."""
+    links = Path('/proc/self/fd')
+    return len(list(links.iterdir())) if links.is_dir() else 0
+
+
+@pytest.fixture(autouse=True)
+def nothing_left_behind() -> Iterator[None]:
+    """Fail when a thread or a descriptor survives the test."""
+    threads, files = threading.active_count(), descriptors()
+    yield
+    assert threading.active_count() == threads
+    assert descriptors() == files
+
+
+@pytest.fixture
+def layout() -> Layout:
+    return Layout(
+        np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T', saturation=np.full(3, 6.6e-3), rate_hz=400.0
+    )
+
+
+@pytest.fixture
+def rows() -> np.ndarray:
+    """Distinct readings (T) that float32 microtesla hold to 1e-7."""
+    return np.random.default_rng(0).integers(-2500, 2500, (64, 5, 3)) * 2.4e-6
+
+
+@pytest.fixture
+def port() -> Iterator[SimulatedSerialPort]:
+    with SimulatedSerialPort() as twin:
+        yield twin
+
+
+@pytest.fixture
+def board(port: SimulatedSerialPort, layout: Layout) -> Iterator[SerialBoard]:
+    with SerialBoard(port.port, layout) as driver:
+        yield driver
