@@ -1,0 +1,327 @@
+"""Errors against truth, and how far the covariances tell the truth about them. Pure; SI units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+
+from tactile_ros.truth import groups_of
+from tactile_ros.types import Array, Bools, Integers
+
+if TYPE_CHECKING:
+    from tactile_ros.types import ContactStates, Recording
+
+ONE_SIGMA = 0.6826894921370859
+TOLERANCE = 0.05
+PLACE = 1e-5
+AXES = 'xyz'
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How large a magnitude is.
+
+    Attributes
+    ----------
+    count : int
+        Values that are known.
+    mean, rms, p50, p95, p99, largest : float
+        Of the values (their unit); NaN where there are none.
+    """
+
+    count: int
+    mean: float
+    rms: float
+    p50: float
+    p95: float
+    p99: float
+    largest: float
+
+
+def spread(values: npt.ArrayLike) -> Spread:
+    """Summarise magnitudes.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,)
+        NaN is left out; signs are dropped.
+
+    Returns
+    -------
+    Spread
+        In the unit of the values.
+    """
+    known = np.abs(np.asarray(values, np.float64))
+    known = known[np.isfinite(known)]
+    if not len(known):
+        return Spread(0, *[float('nan')] * 6)
+    p50, p95, p99 = (float(p) for p in np.percentile(known, [50, 95, 99]))
+    rms = float(np.sqrt(np.mean(known**2)))
+    return Spread(len(known), float(known.mean()), rms, p50, p95, p99, float(known.max()))
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Count, mean and sum of squared deviations of a quantity; parts add up to the whole.
+
+    Notes
+    -----
+    Chan, Golub, LeVeque: Updating formulae and a pairwise algorithm for computing sample
+    variances (1979).
+    """
+
+    count: int = 0
+    mean: float = 0.0
+    squares: float = 0.0
+
+    @classmethod
+    def of(cls, values: npt.ArrayLike) -> Moments:
+        """Moments of values, NaN left out."""
+        known = np.asarray(values, np.float64).ravel()
+        known = known[np.isfinite(known)]
+        if not len(known):
+            return cls()
+        mean = float(known.mean())
+        return cls(len(known), mean, float(((known - mean) ** 2).sum()))
+
+    def __add__(self, other: Moments) -> Moments:
+        """Moments of both parts together."""
+        count = self.count + other.count
+        if count == 0:
+            return Moments()
+        step = other.mean - self.mean
+        mean = self.mean + step * other.count / count
+        cross = step**2 * self.count * other.count / count
+        return Moments(count, mean, self.squares + other.squares + cross)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square; NaN without values."""
+        if not self.count:
+            return float('nan')
+        return float(np.sqrt(self.mean**2 + self.squares / self.count))
+
+    @property
+    def std(self) -> float:
+        """Sample standard deviation; NaN below two values."""
+        return float(np.sqrt(self.squares / (self.count - 1))) if self.count > 1 else float('nan')
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Share of errors inside one standard deviation of their own estimate.
+
+    Attributes
+    ----------
+    share : float
+        0..1; 0.683 where covariances tell the truth; NaN without covariances.
+    low, high : float
+        What is accepted: 0.683 to within 5 points, or the 95 % binomial interval over the groups
+        where that is wider.
+    count, groups : int
+        Errors, and the groups that they come from.
+    """
+
+    share: float
+    low: float
+    high: float
+    count: int
+    groups: int
+
+    @property
+    def honest(self) -> bool:
+        """Whether the share is one that is accepted."""
+        return self.low <= self.share <= self.high
+
+
+def coverage(error: Array, variance: Array, groups: Integers) -> Coverage:
+    """Compare errors with the variances that were stated for them.
+
+    Parameters
+    ----------
+    error, variance : ndarray, shape (n,)
+        Of one component (unit, unit squared); NaN is left out.
+    groups : ndarray, shape (n,)
+        What errors have in common: place, press cycle, recording.
+
+    Returns
+    -------
+    Coverage
+        With the interval that as many independent groups allow.
+    """
+    known = np.isfinite(error) & np.isfinite(variance)
+    count = int(known.sum())
+    if not count:
+        return Coverage(float('nan'), ONE_SIGMA - TOLERANCE, ONE_SIGMA + TOLERANCE, 0, 0)
+    inside = np.abs(error[known]) <= np.sqrt(variance[known])
+    number = len(np.unique(groups[known]))
+    low, high = stats.binom.interval(0.95, number, ONE_SIGMA)
+    return Coverage(
+        float(inside.mean()),
+        min(float(low) / number, ONE_SIGMA - TOLERANCE),
+        max(float(high) / number, ONE_SIGMA + TOLERANCE),
+        count,
+        number,
+    )
+
+
+@dataclass(frozen=True)
+class TargetErrors:
+    """Errors of one target: the place in the plane, or one component of force or torque.
+
+    Attributes
+    ----------
+    name, unit : str
+        'position', 'force_x'...; 'm', 'N', 'N m'.
+    truth, estimate, error, variance : ndarray, shape (n, d)
+        Rows where the truth is known; d is 2 for position, else 1. NaN: not estimated.
+    rows : ndarray, shape (n,)
+        Rows of the recording.
+    groups : ndarray, shape (n,)
+        What errors have in common.
+    missed, invalid : int
+        Rows without an estimate; rows not to be used for control. Neither is in the spread.
+    spread : Spread
+        Of the norm of the error.
+    coverage : Coverage
+        Components pooled.
+    """
+
+    name: str
+    unit: str
+    truth: Array
+    estimate: Array
+    error: Array
+    variance: Array
+    rows: Integers
+    groups: Integers
+    missed: int
+    invalid: int
+    spread: Spread
+    coverage: Coverage
+
+    @property
+    def size(self) -> Array:
+        """Norm of the error, shape (n,); NaN where nothing was estimated."""
+        return np.asarray(np.sqrt((self.error**2).sum(axis=1)))
+
+    @property
+    def moments(self) -> Moments:
+        """Of the norm of the error, to be added up over recordings."""
+        return Moments.of(self.size)
+
+
+def target_errors(recording: Recording, states: ContactStates) -> tuple[TargetErrors, ...]:
+    """Errors of everything that is both known and estimated by components.
+
+    Parameters
+    ----------
+    recording : Recording
+        With truth for s frames.
+    states : ContactStates
+        For the same s frames.
+
+    Returns
+    -------
+    tuple of TargetErrors
+        Position (in the plane) first, then components of force and torque with known truth.
+    """
+    found = []
+    groups = np.asarray(groups_of(recording)['group'], np.int64)
+    if 'position' in recording.truth:
+        plane = np.asarray(recording.truth['position'][:, :2], np.float64)
+        found += _errors('position', 'm', plane, [0, 1], states, place_groups(plane, groups))
+    for name, unit in (('force', 'N'), ('torque', 'N m')):
+        for axis in range(3):
+            if name in recording.truth:
+                told = np.asarray(recording.truth[name][:, axis : axis + 1], np.float64)
+                title = f'{name}_{AXES[axis]}'
+                found += _errors(title, unit, told, [axis], states, groups)
+    return tuple(found)
+
+
+def place_groups(plane: Array, otherwise: Integers) -> Integers:
+    """Number of the touched place where places repeat, else other groups; shape (s,)."""
+    rows = np.flatnonzero(np.isfinite(plane).all(axis=1))
+    if not len(rows):
+        return otherwise
+    _, place = np.unique(np.round(plane[rows] / PLACE), axis=0, return_inverse=True)
+    place = np.asarray(place).reshape(-1)
+    if place.max() + 1 > 0.6 * len(rows):
+        return otherwise
+    groups = np.full(len(plane), -1, np.int64)
+    groups[rows] = place
+    return groups
+
+
+def _errors(
+    name: str,
+    unit: str,
+    told: Array,
+    axes: list[int],
+    states: ContactStates,
+    groups: Integers,
+) -> list[TargetErrors]:
+    """Errors of one target, none where no truth is known."""
+    rows = np.flatnonzero(np.isfinite(told).all(axis=1))
+    if not len(rows):
+        return []
+    key = name.split('_', maxsplit=1)[0]
+    estimate = getattr(states, key)[rows][:, axes]
+    variance = np.diagonal(getattr(states, f'{key}_cov')[rows], axis1=1, axis2=2)[:, axes]
+    usable = states.valid[rows]
+    there = np.isfinite(estimate).all(axis=1)
+    estimate = np.where((usable & there)[:, None], estimate, np.nan)
+    error = estimate - told[rows]
+    return [
+        TargetErrors(
+            name,
+            unit,
+            told[rows],
+            estimate,
+            error,
+            variance,
+            rows,
+            groups[rows],
+            missed=int((usable & ~there).sum()),
+            invalid=int((~usable).sum()),
+            spread=spread(np.sqrt((error**2).sum(axis=1))),
+            coverage=coverage(error.ravel(), variance.ravel(), np.repeat(groups[rows], len(axes))),
+        )
+    ]
+
+
+def frames_dropped(sequence: Integers | None, restarts: Bools) -> int:
+    """Frames lost on the way: gaps of the counter inside streams.
+
+    Parameters
+    ----------
+    sequence : ndarray, shape (s,), or None
+        Frame counter; None: nothing is known, 0.
+    restarts : ndarray, shape (s,)
+        Rows at which a new stream begins.
+
+    Returns
+    -------
+    int
+        Sum of the gaps.
+    """
+    if sequence is None or len(sequence) < 2:
+        return 0
+    gaps = np.diff(sequence) - 1
+    return int(np.maximum(gaps[~restarts[1:]], 0).sum())
+
+
+def latency(log_ns: Integers, stamp_ns: Integers) -> Spread:
+    """Time from acquisition to the contact's arrival in the bag (s).
+
+    Parameters
+    ----------
+    log_ns, stamp_ns : ndarray, shape (n,)
+        When contacts were heard; when their frames were acquired (ns), of one clock.
+    """
+    return spread((log_ns - stamp_ns) * 1e-9)

@@ -1,0 +1,286 @@
+"""Any pipeline over the frames of a recording, compared with what was said live and with truth.
+
+A replay repeats what the live node did: the frames that its contacts name, the baselines that it
+published each from its first frame on, memory forgotten where a stream began.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter_ns
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from tactile_ros.types import STATE_FIELDS, ContactState, ContactStates, Frame, Recording
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from tactile_ros.evaluation.loaded import LoadedRecording
+    from tactile_ros.pipeline import Pipeline
+    from tactile_ros.types import Integers
+
+NOT_IN_MESSAGES = ('object_pose', 'object_pose_cov')
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Replay against the contacts of the live run.
+
+    Attributes
+    ----------
+    frames : int
+        Compared.
+    without_contacts : int
+        Frames that no contacts are about: the live node did not see them, they are left out.
+    differences : dict of str to float
+        Largest difference of each attribute (its unit); inf where only one of them knows it.
+    """
+
+    frames: int
+    without_contacts: int
+    differences: dict[str, float]
+
+    @property
+    def largest(self) -> float:
+        """Largest difference of all; 0 where nothing was compared."""
+        return max(self.differences.values(), default=0.0)
+
+    @property
+    def worst(self) -> str:
+        """Attribute with the largest difference."""
+        return max(self.differences, key=lambda name: self.differences[name], default='')
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """One pipeline's answers to one recording.
+
+    Attributes
+    ----------
+    states : ContactStates
+        For every row of the recording; unknown where a frame was left out.
+    us_per_frame : float
+        Wall time of one frame, processed one by one (microseconds); NaN: nothing was processed.
+    agreement : Agreement or None
+        None: there are no live contacts.
+    problems : tuple of str
+        What must be known about it, as sentences.
+    us_batch : float
+        Wall time of one frame of a batch (microseconds); NaN: no batch was run.
+    """
+
+    states: ContactStates
+    us_per_frame: float
+    agreement: Agreement | None
+    problems: tuple[str, ...] = ()
+    us_batch: float = float('nan')
+
+
+def replay(
+    loaded: LoadedRecording, pipeline: Pipeline, clock_ns: Callable[[], int] = perf_counter_ns
+) -> Replayed:
+    """Run a pipeline over a recording as a live node would have.
+
+    Parameters
+    ----------
+    loaded : LoadedRecording
+        With frames of the pipeline's shape; the live run's baselines are used, else tare rows.
+    pipeline : Pipeline
+        Its baseline changes as the recording says.
+    clock_ns : callable
+        For the time per frame (ns).
+
+    Returns
+    -------
+    Replayed
+        One state per row.
+
+    Raises
+    ------
+    ValueError
+        If the shape differs.
+    """
+    recording, live = loaded.recording, loaded.contacts
+    _refuse_other_shape(recording, pipeline)
+    problems = calibration_problems(loaded, pipeline)
+    if live is None and not loaded.baselines:
+        begin = clock_ns()
+        states = pipeline.process_batch(recording)
+        batch = (clock_ns() - begin) / 1000 / max(len(recording), 1)
+        single = single_cost(recording, pipeline, clock_ns)
+        return Replayed(states, single, None, problems, batch)
+    rows = np.arange(len(recording)) if live is None else np.unique(live.rows)
+    begin = clock_ns()
+    found = _process(recording, rows, loaded.baselines, pipeline)
+    spent = clock_ns() - begin
+    states = _assembled(found, rows, len(recording), recording.layout.shape[0])
+    micro = spent / 1000 / len(rows) if len(rows) else float('nan')
+    if live is None:
+        return Replayed(states, micro, None, problems)
+    agreement = compare(live.states, live.rows, states, len(recording))
+    if agreement.without_contacts:
+        left_out = f'{agreement.without_contacts} frames without contacts were left out: '
+        problems += (f'{left_out}the live node did not see them',)
+    return Replayed(states, micro, agreement, problems)
+
+
+def single_cost(
+    recording: Recording, pipeline: Pipeline, clock_ns: Callable[[], int], frames: int = 500
+) -> float:
+    """Wall time of one frame processed alone (microseconds): the median of some frames."""
+    spent = []
+    pipeline.reset()
+    for row in range(min(len(recording), frames)):
+        frame = recording.frame(row)
+        begin = clock_ns()
+        pipeline.process(frame)
+        spent.append(clock_ns() - begin)
+    return float(np.median(spent)) / 1000 if spent else float('nan')
+
+
+def calibration_problems(loaded: LoadedRecording, pipeline: Pipeline) -> tuple[str, ...]:
+    """A sentence where the bag was made with another calibration than the pipeline's."""
+    if not loaded.calibrations:
+        return ()
+    if len(loaded.calibrations) == 1 and pipeline.digest == loaded.calibrations[0]:
+        return ()
+    named = ', '.join(digest[:12] for digest in loaded.calibrations)
+    if pipeline.digest in loaded.calibrations:
+        return (f'the bag was made with several calibrations: {named}',)
+    return (
+        f'the calibration {pipeline.digest[:12]} is not that of the bag ({named}): '
+        'its contacts must differ',
+    )
+
+
+def _refuse_other_shape(recording: Recording, pipeline: Pipeline) -> None:
+    """Frames of another board are none of this pipeline."""
+    if recording.layout.shape != pipeline.layout.shape:
+        msg = (
+            f'the recording must have shape {pipeline.layout.shape} (t, c) as the calibration of '
+            f'{pipeline.sensor} says; received {recording.layout.shape}'
+        )
+        raise ValueError(msg)
+
+
+def _process(
+    recording: Recording, rows: Integers, baselines: Sequence[Frame], pipeline: Pipeline
+) -> list[ContactState]:
+    """States of the rows, one by one; baselines come in before their first frame."""
+    streams = np.cumsum(recording.restarts)
+    waiting = _by_row(recording, rows, baselines)
+    found, last = [], -1
+    for row in rows.tolist():
+        frame = recording.frame(row)
+        if last < 0 or streams[row] != streams[last]:
+            pipeline.reset()
+        for baseline in waiting.get(row, []):
+            if not np.array_equal(pipeline.baseline, baseline.values, equal_nan=True):
+                pipeline.tare([baseline])
+        found.append(pipeline.process(frame))
+        last = row
+    return found
+
+
+def _by_row(
+    recording: Recording, rows: Integers, baselines: Sequence[Frame]
+) -> dict[int, list[Frame]]:
+    """Baselines by the processed row before which each comes in.
+
+    A counter that starts again makes its sequence ambiguous: a baseline goes to the first stream
+    that has it and is not older than the baseline before it.
+    """
+    if recording.sequence is None or not len(rows):
+        return {}
+    sequence = recording.sequence[rows]
+    streams = np.cumsum(recording.restarts)[rows]
+    found: dict[int, list[Frame]] = {}
+    stream, previous = int(streams[0]), -1
+    for baseline in baselines:
+        if baseline.sequence < previous:
+            stream += 1
+        previous = baseline.sequence
+        later = np.flatnonzero((streams == stream) & (sequence >= baseline.sequence))
+        if len(later):
+            found.setdefault(int(rows[later[0]]), []).append(baseline)
+    return {row: group[-1:] for row, group in found.items()}
+
+
+def _assembled(
+    found: list[ContactState], rows: Integers, samples: int, taxels: int
+) -> ContactStates:
+    """States of the processed rows among all rows."""
+    patches = max([1, *(len(state.contacts_id) for state in found)])
+    known = {}
+    for name, (shape, dtype, fill) in STATE_FIELDS.items():
+        lengths = {'t': taxels, 'k': patches}
+        tail = tuple(lengths[n] if isinstance(n, str) else n for n in shape)
+        column: npt.NDArray[np.generic] = np.full((samples, *tail), fill, dtype)
+        for row, state in zip(rows.tolist(), found, strict=True):
+            value = getattr(state, name)
+            if shape[:1] == ('k',):
+                column[row, : len(value)] = value
+            else:
+                column[row] = value
+        known[name] = column
+    return ContactStates.assemble(samples, taxels, known)
+
+
+def compare(live: ContactStates, rows: Integers, states: ContactStates, samples: int) -> Agreement:
+    """Largest difference of every attribute between live contacts and replayed states.
+
+    Parameters
+    ----------
+    live : ContactStates
+        Of n messages.
+    rows : ndarray, shape (n,)
+        Rows of the states that they are about.
+    states : ContactStates
+        Replayed, for all s rows.
+    samples : int
+        Count s.
+
+    Returns
+    -------
+    Agreement
+        By attribute; poses are no part of the messages.
+    """
+    differences = {}
+    for name in STATE_FIELDS:
+        if name not in NOT_IN_MESSAGES:
+            mine = np.asarray(getattr(states, name)[rows], np.float64)
+            theirs = np.asarray(getattr(live, name), np.float64)
+            differences[name] = _difference(*_padded(name, mine, theirs))
+    missing = samples - len(np.unique(rows))
+    return Agreement(len(rows), missing, differences)
+
+
+def _padded(
+    name: str, one: npt.NDArray[np.float64], other: npt.NDArray[np.float64]
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Lists of patches of one length, filled up as states are."""
+    shape, _, fill = STATE_FIELDS[name]
+    if shape[:1] != ('k',) or one.shape == other.shape:
+        return one, other
+    patches = max(one.shape[1], other.shape[1])
+
+    def filled(array: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        wide = np.full((len(array), patches, *array.shape[2:]), fill)
+        wide[:, : array.shape[1]] = array
+        return wide
+
+    return filled(one), filled(other)
+
+
+def _difference(one: npt.NDArray[np.float64], other: npt.NDArray[np.float64]) -> float:
+    """Largest difference; inf where only one side knows a value."""
+    if not one.size:
+        return 0.0
+    unknown = np.isnan(one)
+    if not np.array_equal(unknown, np.isnan(other)):
+        return float('inf')
+    same = unknown | (one == other)
+    return float(np.where(same, 0.0, np.abs(one - other)).max())
