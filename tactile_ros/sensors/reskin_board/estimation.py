@@ -38,17 +38,19 @@ class BoardEstimation:
         self.taxels = len(config.positions)
         self.estimator = estimator
         self.heads_: tuple[Head, ...] = ()
-        self.in_time_ = False
+        self.remembering_: tuple[Head, ...] = ()
 
     @property
     def estimators(self) -> dict[str, str]:
         """Name of the estimator in use for each target."""
-        return {head.target: head.name for head in self.heads_}
+        return {head.target: head.name for head in (*self.heads_, *self.remembering_)}
 
     @property
     def report(self) -> Report:
         """Errors on held-out groups for each target."""
-        return {head.title: head.report_ for head in self.heads_}
+        plain = {head.title: head.report_ for head in self.heads_}
+        past = {f'{head.title}_with_history': head.report_ for head in self.remembering_}
+        return {**plain, **past}
 
     def start(self) -> History:
         """Fresh memory of a stream."""
@@ -66,24 +68,23 @@ class BoardEstimation:
         groups : dict of str to ndarray, shape (s,)
             'group' and 'session': what a split keeps together.
         """
-        self.in_time_ = signals.stamp_ns is not None
-        now, past = self._features(signals, self.start())
-        heads = []
+        now = signals.delta.reshape(len(signals.delta), -1)
+        past = None
+        if signals.stamp_ns is not None:
+            past = self._with_history(now, signals, self.start())
+        heads: dict[str, tuple[Head, ...]] = {'now': (), 'past': ()}
         for target in TARGETS:
             y = np.asarray(truth.get(target, np.full((len(now), 3), np.nan)), np.float64)
             for columns, rows in known_columns(y, signals.good):
-                x = past if target in REMEMBERING else now
-                kept = _places(y[rows][:, columns]) if target == 'position' else None
-                head = Head(target, columns, self.estimator)
-                heads.append(
-                    head.fit(
-                        x[rows],
-                        y[rows][:, columns],
-                        groups['group'][rows] if kept is None else kept,
-                        groups['session'][rows],
-                    )
-                )
-        self.heads_ = tuple(heads)
+                told = y[rows][:, columns]
+                kept = _places(told) if target == 'position' else groups['group'][rows]
+                kept = groups['group'][rows] if kept is None else kept
+                head = Head(target, columns, self.estimator, now.shape[1])
+                heads['now'] += (head.fit(now[rows], told, kept),)
+                if past is not None and target in REMEMBERING:
+                    head = Head(target, columns, self.estimator, now.shape[1])
+                    heads['past'] += (head.fit(past[rows], told, kept),)
+        self.heads_, self.remembering_ = heads['now'], heads['past']
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Targets and covariances of every row, NaN for components that were never told.
@@ -101,29 +102,35 @@ class BoardEstimation:
             One entry and its covariance for each target.
         """
         assert isinstance(memory, History)
-        now, past = self._features(signals, memory)
+        now = signals.delta.reshape(len(signals.delta), -1)
         known: Columns = {}
         for head in self.heads_:
             if head.target not in known:
                 known[head.target] = np.full((len(now), 3), np.nan)
                 known[f'{head.target}_cov'] = np.full((len(now), 3, 3), np.nan)
-            x = past if head.target in REMEMBERING else now
-            mean, cov = head.predict(x)
+        past = now
+        if signals.stamp_ns is not None and self.remembering_:
+            past = self._with_history(now, signals, memory)
+        for head in self._in_use(signals.stamp_ns is not None):
+            mean, cov = head.predict(past if head in self.remembering_ else now)
             known[head.target][:, head.columns] = mean
-            known[f'{head.target}_cov'][:, np.array(head.columns)[:, None], head.columns] = cov
+            pairs = np.ix_(range(len(now)), head.columns, head.columns)
+            known[f'{head.target}_cov'][pairs] = cov
         return known
 
-    def _features(self, signals: Signals, memory: History) -> tuple[Array, Array]:
-        """Change of field (s, d), and with its fading means (s, d') where frames have stamps."""
-        now = signals.delta.reshape(len(signals.delta), -1)
-        remembers = any(head.target in REMEMBERING for head in self.heads_) or not self.heads_
-        if not (self.in_time_ and remembers):
-            return now, now
-        if signals.stamp_ns is None:
-            means = np.zeros((len(now), len(TIME_CONSTANTS), now.shape[1]))
-        else:
-            means = memory(now, signals.stamp_ns, signals.restart)
-        return now, np.concatenate([now, means.reshape(len(now), -1)], axis=1)
+    def _in_use(self, stamped: bool) -> tuple[Head, ...]:
+        """Heads for frames with stamps, which have a history, or without."""
+        if not (stamped and self.remembering_):
+            return self.heads_
+        plain = tuple(head for head in self.heads_ if head.target not in REMEMBERING)
+        return plain + self.remembering_
+
+    @staticmethod
+    def _with_history(now: Array, signals: Signals, memory: History) -> Array:
+        """Change of field (s, d) and its fading means, shape (s, d + m d)."""
+        assert signals.stamp_ns is not None
+        means = memory(now, signals.stamp_ns, signals.restart)
+        return np.concatenate([now, means.reshape(len(now), -1)], axis=1)
 
 
 def _places(plane: Array) -> Integers | None:

@@ -1,0 +1,131 @@
+"""One target's regressor with its covariance: chosen and calibrated on held-out groups."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.estimators.grid_knn import GridKnn
+from tactile_ros.estimators.ridge import Ridge
+from tactile_ros.estimators.selection import select
+from tactile_ros.estimators.standardisation import Standardisation
+from tactile_ros.estimators.uncertainty import CalibratedCovariance
+from tactile_ros.types import Array, Bools, Estimator, Integers
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ESTIMATORS = ('ridge', 'grid_knn')
+FEWEST_ROWS = 5
+
+
+def candidates(wanted: str | None) -> dict[str, Estimator]:
+    """The regressors to choose from, by name."""
+    known: dict[str, Estimator] = {'ridge': Ridge(), 'grid_knn': GridKnn()}
+    return known if wanted is None else {wanted: known[wanted]}
+
+
+class Head:
+    """Regressor of some components of one target.
+
+    Parameters
+    ----------
+    target : str
+        Attribute of the state.
+    columns : tuple of int
+        Components that truth tells.
+    wanted : str or None
+        Name of an estimator; None: the best of all.
+    channels : int
+        How many features are the change of field now; the others are its history.
+
+    Attributes
+    ----------
+    name : str
+        Of the estimator in use.
+    estimator_ : Estimator
+        Fitted on all rows.
+    covariance_ : CalibratedCovariance
+        From residuals of rows that the estimator had not seen.
+    report_ : dict of str to float
+        Errors on held-out groups (unit of the target).
+    """
+
+    def __init__(
+        self, target: str, columns: tuple[int, ...], wanted: str | None, channels: int
+    ) -> None:
+        self.target = target
+        self.columns = columns
+        self.wanted = wanted
+        self.channels = channels
+        self.name = ''
+
+    def fit(self, x: Array, y: Array, groups: Integers) -> Head:
+        """Choose, fit and calibrate.
+
+        Parameters
+        ----------
+        x : ndarray, shape (s, d)
+            Features.
+        y : ndarray, shape (s, k)
+            Components of the target, all known.
+        groups : ndarray, shape (s,)
+            What a split keeps together.
+
+        Returns
+        -------
+        Head
+            Itself.
+        """
+        choice = select(candidates(self.wanted), x, y, groups)
+        self.name = choice.name
+        self.estimator_ = candidates(self.name)[self.name].fit(x, y, groups)
+        drivers = self._drivers(choice.x, choice.predictions)
+        self.covariance_ = CalibratedCovariance().fit(drivers, choice.residuals, choice.groups)
+        sigma = np.sqrt(np.diagonal(self.covariance_.predict(drivers), axis1=1, axis2=2))
+        error = np.linalg.norm(choice.residuals, axis=1)
+        self.report_ = {
+            'held_out_mean': float(error.mean()),
+            'held_out_rmse': float(np.sqrt((error**2).mean())),
+            'inside_one_sigma': float((np.abs(choice.residuals) <= sigma).mean()),
+            'groups': float(len(np.unique(choice.groups))),
+            'rows': float(len(x)),
+            **{f'rmse_{name}': error for name, error in choice.errors.items()},
+        }
+        return self
+
+    @property
+    def title(self) -> str:
+        """Target with the names of its components."""
+        return f'{self.target}_{"".join("xyz"[i] for i in self.columns)}'
+
+    def predict(self, x: Array) -> tuple[Array, Array]:
+        """Components (s, k) and their covariance (s, k, k)."""
+        mean = self.estimator_.predict(x)
+        return mean, self.covariance_.predict(self._drivers(x, mean))
+
+    def _drivers(self, x: Array, mean: Array) -> Array:
+        """What the error depends on: strength of the signal, and place or load."""
+        strength = np.sqrt((x[:, : self.channels] ** 2).sum(axis=1))
+        tiny = np.finfo(np.float64).tiny
+        return np.column_stack([np.log(strength + tiny), mean])
+
+
+def known_columns(y: Array, good: Bools) -> Iterator[tuple[tuple[int, ...], Bools]]:
+    """Split components (s, 3) into sets that are known in the same rows.
+
+    Yields
+    ------
+    columns, rows : tuple of int, ndarray of shape (s,)
+        Components, and the usable rows at which all of them are known.
+    """
+    known = np.isfinite(y) & good[:, None]
+    left = [i for i in range(y.shape[1]) if known[:, i].sum() >= FEWEST_ROWS]
+    while left:
+        same = tuple(i for i in left if (known[:, i] == known[:, left[0]]).all())
+        yield same, known[:, same[0]]
+        left = [i for i in left if i not in same]
+
+
+CLASSES = (Head, Ridge, GridKnn, Standardisation, CalibratedCovariance)
