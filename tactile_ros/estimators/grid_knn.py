@@ -1,0 +1,122 @@
+"""Nearest neighbours among the touches of a grid, the localisation of [2].
+
+[2] votes among the K = 1, 5 or 10 nearest training samples for a cell; for a continuous place
+the neighbours' targets are averaged with weights of one over the distance (Dudani, IEEE Trans.
+SMC 6, 1976).
+"""
+
+from __future__ import annotations
+
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tactile_ros.estimators.standardisation import Standardisation
+from tactile_ros.estimators.training import fitted, predict_rows, training_rows
+from tactile_ros.types import Array, Integers
+
+# A tree is no array: it is grown again where a calibration was loaded.
+_TREES: WeakKeyDictionary[GridKnn, cKDTree] = WeakKeyDictionary()
+
+
+class GridKnn:
+    """Mean of the nearest training samples, weighted by one over the distance.
+
+    Parameters
+    ----------
+    neighbours : int
+        How many samples answer (K).
+    nearness : float
+        Distance, in standard deviations of the features, below which samples count as equally
+        near; it keeps a sample that is met exactly from silencing the others' noise.
+
+    Attributes
+    ----------
+    scale_ : Standardisation
+        Of the features.
+    samples_ : ndarray, shape (n, d)
+        Standardised features of the training samples.
+    answers_ : ndarray, shape (n, k)
+        Their targets (unit of y).
+
+    Notes
+    -----
+    Ties: of samples at the same distance the first in the order of their own numbers is nearest,
+    so that the order of the training rows does not matter.
+
+    Examples
+    --------
+    >>> x = np.arange(5.0)[:, None]
+    >>> GridKnn(neighbours=2).fit(x, 10 * x).predict(np.array([[1.5]]))
+    array([[15.]])
+    """
+
+    scale_: Standardisation
+    samples_: Array
+    answers_: Array
+
+    def __init__(self, neighbours: int = 5, nearness: float = 1e-3) -> None:
+        self.neighbours = neighbours
+        self.nearness = nearness
+
+    def fit(self, x: Array, y: Array, groups: Integers | None = None) -> GridKnn:
+        """Remember the samples.
+
+        Parameters
+        ----------
+        x : ndarray, shape (s, d)
+            Features.
+        y : ndarray, shape (s, k)
+            Targets.
+        groups : ndarray of int, shape (s,), or None
+            Not used.
+
+        Returns
+        -------
+        GridKnn
+            Itself.
+        """
+        rows = training_rows(x, y, groups)
+        self.scale_ = Standardisation().fit(rows.x)
+        self.samples_, self.answers_ = self.scale_(rows.x), rows.y
+        _TREES.pop(self, None)
+        return self
+
+    def predict(self, x: Array) -> Array:
+        """Average the neighbours' targets.
+
+        Parameters
+        ----------
+        x : ndarray, shape (s, d)
+            Features.
+
+        Returns
+        -------
+        ndarray, shape (s, k)
+            Targets (unit of the y of the fit).
+
+        Raises
+        ------
+        NotCalibratedError
+            Before a fit.
+        """
+        fitted(self, 'answers_')
+        return predict_rows(x, self.samples_.shape[1], self._answer)
+
+    def _answer(self, x: Array) -> Array:
+        count = min(self.neighbours, len(self.samples_))
+        asked = min(count + 8, len(self.samples_))
+        distance, index = self._tree().query(self.scale_(x), k=np.arange(1, asked + 1))
+        # Stable order by distance, then by number: rounding keeps equal distances equal.
+        order = np.lexsort((index, np.round(distance, 12)), axis=1)[:, :count]
+        distance = np.take_along_axis(distance, order, axis=1)
+        index = np.take_along_axis(index, order, axis=1)
+        weight = 1 / np.maximum(distance, self.nearness)
+        weight /= weight.sum(axis=1, keepdims=True)
+        return np.asarray(np.einsum('sn,snk->sk', weight, self.answers_[index]))
+
+    def _tree(self) -> cKDTree:
+        if self not in _TREES:
+            _TREES[self] = cKDTree(self.samples_)
+        return _TREES[self]

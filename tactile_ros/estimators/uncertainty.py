@@ -1,0 +1,193 @@
+"""Covariances that mean what they say: calibrated on residuals of held-out groups.
+
+The spread of a residual is regressed on what drives it (signal strength, place, load) by a gamma
+regression with logarithmic link, as for any positive quantity whose spread grows with its mean
+(McCullagh and Nelder, Generalized Linear Models, 1989, ch. 8), and then scaled so that 68.27 % of
+the held-out residuals lie inside one sigma, at every level of the stated sigma: the conformal step
+of Romano, Patterson and Candes, Conformalized Quantile Regression, NeurIPS 2019.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactile_ros.estimators.folds import group_folds
+from tactile_ros.estimators.ridge import polynomial
+from tactile_ros.estimators.standardisation import Standardisation
+from tactile_ros.estimators.training import fitted, predict_rows, training_rows
+from tactile_ros.types import Array, Integers
+
+ONE_SIGMA = 0.6827
+NEWTON_STEPS = 25
+FEW_ROWS = 60
+ROWS_PER_LEVEL = 80
+
+
+class CalibratedCovariance:
+    """Covariance of an estimate from what drives its error.
+
+    Parameters
+    ----------
+    strength : float
+        Penalty of the regression, in rows.
+    levels : int
+        Largest number of levels of the stated sigma that are scaled on their own.
+    folds : int
+        Folds of held-out groups on which the scale is measured.
+    seed : int
+        Of the folds.
+
+    Attributes
+    ----------
+    drivers_ : Standardisation
+        Of the drivers.
+    low_, high_ : ndarray, shape (f,)
+        Range of the standardised drivers that was seen; beyond it the nearest end counts.
+    weights_ : ndarray, shape (p, k)
+        Logarithm of the spread of each component.
+    knots_, factors_ : ndarray, shape (l, k)
+        Logarithm of the spread, and the logarithm of the scale at it.
+    correlation_ : ndarray, shape (k, k)
+        Of the residuals in units of their sigma.
+    """
+
+    drivers_: Standardisation
+    low_: Array
+    high_: Array
+    weights_: Array
+    knots_: Array
+    factors_: Array
+    correlation_: Array
+
+    def __init__(
+        self, strength: float = 5.0, levels: int = 5, folds: int = 5, seed: int = 0
+    ) -> None:
+        self.strength = strength
+        self.levels = levels
+        self.folds = folds
+        self.seed = seed
+
+    def fit(
+        self, drivers: Array, residuals: Array, groups: Integers | None = None
+    ) -> CalibratedCovariance:
+        """Learn from residuals of rows that the estimator had not seen.
+
+        Parameters
+        ----------
+        drivers : ndarray, shape (s, f)
+            What the error may depend on: a few columns, such as the logarithm of the signal.
+        residuals : ndarray, shape (s, k)
+            Out-of-fold predictions minus targets.
+        groups : ndarray of int, shape (s,), or None
+            What a split keeps together.
+
+        Returns
+        -------
+        CalibratedCovariance
+            Itself.
+        """
+        rows = training_rows(drivers, residuals, groups)
+        self.drivers_ = Standardisation().fit(rows.x)
+        z = self.drivers_(rows.x)
+        self.low_, self.high_ = np.percentile(z, [0.5, 99.5], axis=0)
+        terms = self._terms(rows.x)
+        size = np.abs(rows.y)
+        size = np.maximum(size, 1e-3 * size.mean(axis=0) + np.finfo(float).tiny)
+        fold = group_folds(rows.groups, self.folds, self.seed)
+        spread = np.empty_like(size)
+        for part in np.unique(fold):
+            out = fold == part
+            seen = ~out if (~out).any() else out
+            spread[out] = terms[out] @ self._regress(terms[seen], size[seen])
+        self.weights_ = self._regress(terms, size)
+        self._scale(spread, size)
+        sigma = np.exp(self._sigma(spread))
+        self.correlation_ = _correlation(np.clip(rows.y / sigma, -3, 3))
+        return self
+
+    def predict(self, drivers: Array) -> Array:
+        """Covariance of the error of each row.
+
+        Parameters
+        ----------
+        drivers : ndarray, shape (s, f)
+            As in the fit.
+
+        Returns
+        -------
+        ndarray, shape (s, k, k)
+            Covariances (unit of the residuals, squared).
+
+        Raises
+        ------
+        NotCalibratedError
+            Before a fit.
+        """
+        sigma = self.sigma(drivers)
+        return sigma[:, :, None] * sigma[:, None, :] * self.correlation_
+
+    def sigma(self, drivers: Array) -> Array:
+        """Standard deviation of each component, shape (s, k) (unit of the residuals)."""
+        fitted(self, 'correlation_')
+        return predict_rows(drivers, len(self.low_), self._answer)
+
+    def _answer(self, drivers: Array) -> Array:
+        return np.exp(self._sigma(self._terms(drivers) @ self.weights_))
+
+    def _terms(self, drivers: Array) -> Array:
+        """Constant, first and second order of the drivers, shape (s, p)."""
+        z = np.clip(self.drivers_(drivers), self.low_, self.high_)
+        return np.concatenate([np.ones((len(z), 1)), polynomial(z, 2)], axis=1)
+
+    def _regress(self, terms: Array, size: Array) -> Array:
+        """Weights (p, k) of the logarithm of the mean size, by penalised Newton steps."""
+        weights = np.zeros((terms.shape[1], size.shape[1]))
+        weights[0] = np.log(size.mean(axis=0))
+        if len(terms) < FEW_ROWS:
+            return weights
+        penalty = self.strength * np.eye(terms.shape[1])
+        penalty[0, 0] = 0.0
+        for k in range(size.shape[1]):
+            start = weights[:, k].copy()
+            for _ in range(NEWTON_STEPS):
+                # Fisher scoring: the expected curvature of the gamma deviance is constant.
+                excess = np.minimum(size[:, k] * np.exp(-(terms @ weights[:, k])) - 1, 20.0)
+                slope = terms.T @ excess - penalty @ (weights[:, k] - start)
+                step = np.linalg.solve(terms.T @ terms + penalty, slope)
+                weights[:, k] += step
+                if np.abs(step).max() < 1e-12:
+                    break
+        return weights
+
+    def _scale(self, spread: Array, size: Array) -> None:
+        """Measure, at each level of the spread, the scale that holds 68.27 % of the sizes."""
+        count = int(np.clip(len(spread) // ROWS_PER_LEVEL, 1, self.levels))
+        order = np.argsort(spread, axis=0, kind='stable')
+        ratio = np.log(size) - spread
+        self.knots_ = np.empty((count, size.shape[1]))
+        self.factors_ = np.empty_like(self.knots_)
+        for level, rows in enumerate(np.array_split(order, count)):
+            self.knots_[level] = np.take_along_axis(spread, rows, axis=0).mean(axis=0)
+            inside = np.take_along_axis(ratio, rows, axis=0)
+            # One more than the sample's own share: the finite-sample step of conformal methods.
+            share = min(ONE_SIGMA * (len(rows) + 1) / len(rows), 1.0)
+            self.factors_[level] = np.quantile(inside, share, axis=0)
+
+    def _sigma(self, spread: Array) -> Array:
+        """Logarithm of sigma at a logarithm of the spread, shape (s, k) both."""
+        columns = [
+            spread[:, k] + np.interp(spread[:, k], self.knots_[:, k], self.factors_[:, k])
+            for k in range(spread.shape[1])
+        ]
+        return np.column_stack(columns)
+
+
+def _correlation(unit: Array) -> Array:
+    """Correlation (k, k) of standardised residuals (s, k), shrunk so that it is definite."""
+    size = np.sqrt((unit**2).mean(axis=0))
+    unit = unit / np.where(size > 0, size, 1.0)
+    count = len(unit)
+    raw = unit.T @ unit / count
+    shrunk = raw * count / (count + 5.0) * 0.999
+    np.fill_diagonal(shrunk, 1.0)
+    return np.asarray(shrunk)
