@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,13 @@ from tactile_ros.types import Array, Integers
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from tactile_ros.devices.simulated import SimulatedSerialPort
+
+class Sink(Protocol):
+    """Where a player's bytes go: a `SimulatedSerialPort`, or what stands before it."""
+
+    def send(self, data: bytes) -> None:
+        """Return when the bytes are taken."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -42,8 +48,8 @@ class Player:
 
     Parameters
     ----------
-    port : SimulatedSerialPort
-        Where the bytes go.
+    port : Sink
+        Where the bytes go, a `SimulatedSerialPort` usually.
     speed_up : float
         Recorded time over played time.
     period_s : float
@@ -52,8 +58,6 @@ class Player:
         Sent for every chip: recordings without temperature need a constant.
     longest_gap_s : float
         Recorded gaps are played as no longer than this (s).
-    patience_s : float
-        Longest wait for a full port to be read (s).
 
     Attributes
     ----------
@@ -68,12 +72,11 @@ class Player:
 
     def __init__(
         self,
-        port: SimulatedSerialPort,
+        port: Sink,
         speed_up: float = 1.0,
         period_s: float = 0.0025,
         temperature_c: float = 25.0,
         longest_gap_s: float = float('inf'),
-        patience_s: float = 5.0,
     ) -> None:
         """See the class."""
         if not speed_up > 0:
@@ -85,7 +88,6 @@ class Player:
         self._period_s = period_s
         self._temperature_c = temperature_c
         self._longest_gap_s = longest_gap_s
-        self._patience_s = patience_s
         self._due = time.monotonic()
 
     def play(self, values: npt.ArrayLike, stamp_ns: Integers | None = None) -> None:
@@ -112,7 +114,7 @@ class Player:
             pause = self._due - time.monotonic()
             if pause > 0:
                 time.sleep(pause)
-            self._port.send(encode(row, self._temperature_c), self._patience_s)
+            self._port.send(encode(row, self._temperature_c))
             self.sent += 1
 
     def rest(self, values: npt.ArrayLike, count: int) -> None:

@@ -37,6 +37,8 @@ class SimulatedSerialPort:
     ----------
     seed : int
         Of the places and bytes of faults.
+    patience_s : float
+        Longest wait for a full port to be read (s).
 
     Attributes
     ----------
@@ -46,12 +48,13 @@ class SimulatedSerialPort:
         Writes of the stream that were lost since nobody took them, as on a real board.
     """
 
-    def __init__(self, seed: int = 0) -> None:
+    def __init__(self, seed: int = 0, patience_s: float = 5.0) -> None:
         """See the class."""
         self._folder = tempfile.TemporaryDirectory(prefix='tactile_port_')
         self._link = Path(self._folder.name) / 'board'
         self.port = str(self._link)
         self.overruns = 0
+        self._patience_s = patience_s
         self._rng = np.random.default_rng(seed)
         self._master = -1
         self._faults: list[Fault] = []
@@ -161,15 +164,15 @@ class SimulatedSerialPort:
             return data[:place] + b'\x00\x00\xc0\x7f' + data[place + 4 :]
         return damage(data, _as_damage(fault), self._rng)
 
-    def send(self, data: bytes, timeout: float = 5.0) -> None:
+    def send(self, data: bytes, timeout: float | None = None) -> None:
         """Write bytes as the board would, faults included; return when the port has taken them.
 
         Parameters
         ----------
         data : bytes
             Usually one frame.
-        timeout : float
-            Longest wait for a full port to be read (s).
+        timeout : float or None
+            Longest wait for a full port to be read (s); None: the port's own patience.
 
         Raises
         ------
@@ -180,7 +183,7 @@ class SimulatedSerialPort:
         """
         with self._lock:
             data = self._suffer(data)
-        deadline = time.monotonic() + timeout
+        deadline = time.monotonic() + (self._patience_s if timeout is None else timeout)
         while data:
             taken = self._write(data)
             data = data[taken:]

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from tactile_ros.devices.player import Player, Touch
+from tactile_ros.devices.simulated import SimulatedSerialPort
 from tactile_ros.errors import DeviceTimeout
 
 if TYPE_CHECKING:
     from tactile_ros.devices.serial_board import SerialBoard
-    from tactile_ros.devices.simulated import SimulatedSerialPort
 
 MS = 1_000_000
 
@@ -64,11 +64,12 @@ def test_the_schedule_is_the_recordings_divided_by_the_speed_up(
     assert 0.05 <= time.monotonic() - start < 1.0
 
 
-def test_nobody_reading_is_said(port: SimulatedSerialPort, rows: np.ndarray) -> None:
-    player = Player(port, period_s=0.0, patience_s=0.05)
-    with pytest.raises(DeviceTimeout, match='nobody reads'):
-        player.play(np.tile(rows, (4, 1, 1)))
-    assert 0 < player.sent < 256
+def test_nobody_reading_is_said(rows: np.ndarray) -> None:
+    with SimulatedSerialPort(patience_s=0.05) as port:
+        player = Player(port, period_s=0.0)
+        with pytest.raises(DeviceTimeout, match='nobody reads'):
+            player.play(np.tile(rows, (16, 1, 1)))
+    assert 0 < player.sent < 1024
 
 
 @pytest.mark.parametrize('speed', [0.0, -1.0, float('nan')])
