@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import socket
 import tempfile
@@ -37,3 +38,12 @@ _HOME = tempfile.TemporaryDirectory(prefix='tactile_ros_test_')
 os.environ['ROS_LOG_DIR'] = _HOME.name
 os.environ['MPLCONFIGDIR'] = _HOME.name
 os.environ['MPLBACKEND'] = 'Agg'
+
+# Where there is no ROS (make test-oldest) the nodes cannot be tested; the header says so.
+collect_ignore = [] if importlib.util.find_spec('rclpy') else ['nodes']
+
+
+def pytest_report_header() -> list[str]:
+    """Say which domain this is, and what is left out."""
+    without = [f'without ROS 2: test/{name} is left out' for name in collect_ignore]
+    return [f'ROS domain {DOMAIN}', *without]
