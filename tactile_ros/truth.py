@@ -59,7 +59,7 @@ def _joined(
     return np.concatenate(
         [
             np.full((len(r), *shape), fill, dtype) if column is None else column
-            for r, column in zip(recordings, columns)
+            for r, column in zip(recordings, columns, strict=True)
         ]
     )
 

@@ -13,9 +13,6 @@ import numpy as np
 
 from tactile_ros.types import Array, Bools, Integers, Recording
 
-MAD_TO_SIGMA = 1.4826
-MOST_APART_NS = 500_000_000
-
 
 @dataclass(frozen=True)
 class Tracking:
@@ -50,6 +47,7 @@ class BaselineTracker:
     def __init__(self, start: Array, tracking: Tracking | None) -> None:
         self.baseline = start
         self.tracking = tracking
+        self._unknown = bool(np.isnan(start).any())
         self._total = np.zeros_like(start)
         self._count = 0
         self._begin_ns = 0
@@ -70,8 +68,8 @@ class BaselineTracker:
         ndarray, shape (s, t, c)
             Baselines; each depends on earlier frames alone.
         """
-        if self.tracking is None or stamp_ns is None or np.isnan(self.baseline).any():
-            return np.broadcast_to(self.baseline, values.shape)
+        if self.tracking is None or stamp_ns is None or self._unknown:
+            return np.repeat(self.baseline[None], len(values), axis=0)
         held = np.empty_like(values)
         first = 0
         while first < len(values):
@@ -162,61 +160,6 @@ def tare_means(values: Array, run: Integers) -> Array:
         return np.asarray(np.where(hits > 0, total / hits, np.nan))
 
 
-def rest_noise(rest: Array, groups: Integers) -> Array:
-    """Standard deviation of a resting channel, from frames near in time, drift left out.
-
-    Parameters
-    ----------
-    rest : ndarray, shape (s, t, c)
-        Resting frames in time order (unit of values).
-    groups : ndarray, shape (s,)
-        Frames are compared with their successor in the same group only.
-
-    Returns
-    -------
-    ndarray, shape (t, c)
-        At least a quantum / sqrt(12); NaN where there are fewer than two frames.
-    """
-    if len(rest) < 2:
-        return np.full(rest.shape[1:], np.nan)
-    step = np.diff(rest, axis=0)
-    same = groups[1:] == groups[:-1]
-    step = step[same] if same.any() else step
-    size = np.abs(step)
-    sigma = MAD_TO_SIGMA * np.nanmedian(size, axis=0) / np.sqrt(2)
-    quantum = np.where(size > 0, size, np.inf).min(axis=0)
-    floor = np.where(np.isfinite(quantum), quantum, 0.0) / np.sqrt(12)
-    return np.asarray(np.maximum(sigma, floor))
-
-
-def motion_noise(values: Array, stamp_ns: Integers, restart: Bools) -> Array:
-    """Standard deviation of a channel from second differences of frames near in time.
-
-    Motion makes it too large, never too small by much, so that the smaller of this and
-    `rest_noise` is the better one.
-
-    Parameters
-    ----------
-    values : ndarray, shape (s, t, c)
-        Frames in time order (unit of values).
-    stamp_ns : ndarray, shape (s,)
-        Acquisition times.
-    restart : ndarray, shape (s,)
-        Rows at which a stream or a baseline begins.
-
-    Returns
-    -------
-    ndarray, shape (t, c)
-        NaN where there are fewer than three frames in a row.
-    """
-    apart = np.diff(stamp_ns) > MOST_APART_NS
-    joined = ~(restart[2:] | restart[1:-1] | apart[1:] | apart[:-1])
-    if not joined.any():
-        return np.full(values.shape[1:], np.nan)
-    bend = (values[2:] - 2 * values[1:-1] + values[:-2])[joined]
-    return np.asarray(MAD_TO_SIGMA * np.nanmedian(np.abs(bend), axis=0) / np.sqrt(6))
-
-
 def track_streams(
     base: Array, values: Array, stamp_ns: Integers, begins: Bools, tracking: Tracking
 ) -> None:
@@ -235,10 +178,10 @@ def track_streams(
     tracking : Tracking
         How it follows.
     """
-    first = np.flatnonzero(begins)
-    last = np.append(first[1:], len(values)) - 1
+    edges = np.append(np.flatnonzero(begins), len(values))
+    first, last = edges[:-1], edges[1:] - 1
     long = stamp_ns[last] - stamp_ns[first] >= tracking.period_ns
-    for a, b in zip(first[long], last[long] + 1):
+    for a, b in zip(first[long], last[long] + 1, strict=True):
         base[a:b] = BaselineTracker(base[a], tracking)(values[a:b], stamp_ns[a:b])
 
 

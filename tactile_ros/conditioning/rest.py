@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.conditioning.baseline import motion_noise, rest_noise, tare_means
+from tactile_ros.conditioning.baseline import tare_means
 from tactile_ros.conditioning.contact import contact_scale, excursion
+from tactile_ros.conditioning.noise import motion_noise, rest_noise
 from tactile_ros.types import Array, Bools, Integers
 
 
@@ -64,8 +65,8 @@ class Rest:
         if not resting.any():
             return replace(self, baseline=np.zeros(values.shape[1:]), tared=False)
         run = np.zeros(int(resting.sum()), np.int64)
-        stream = np.cumsum(restarts)[resting] if stamp_ns is not None else run
-        seen = rest_noise(values[resting], stream)
+        stream = np.asarray(np.cumsum(restarts)[resting], np.int64)
+        seen = rest_noise(values[resting], run if stamp_ns is None else stream)
         if stamp_ns is not None:
             seen = np.fmin(seen, motion_noise(values, stamp_ns, restarts | resting))
         noise = np.where(np.isnan(self.noise), seen, self.noise)

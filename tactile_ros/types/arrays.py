@@ -35,7 +35,7 @@ def as_shape(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> Array:
     """
     array = np.ascontiguousarray(value, dtype=np.float64)
     fits = array.ndim == len(shape) and all(
-        want in (-1, got) for want, got in zip(shape, array.shape)
+        want in (-1, got) for want, got in zip(shape, array.shape, strict=True)
     )
     if not fits:
         wanted = str(shape).replace('-1', 'any')
