@@ -120,12 +120,18 @@ def lock_on(seen: Evidence) -> list[Start]:
     return []
 
 
-def resume(seen: Evidence) -> list[Start]:
-    """Start at one natural frame verified at both ends, or at two in a row with odd fields."""
+def resume(seen: Evidence, odd_before: bool) -> list[Start]:
+    """Start at one natural frame verified at both ends.
+
+    Two in a row do with odd fields, where the stream had such before, or where it only begins to
+    have them and is in step.
+    """
     size, offsets = seen.size, seen.offsets
     sure = offsets[seen.led[offsets] & seen.natural.all(axis=1)]
     fits = seen.marks(seen.possible)
     odd = offsets[seen.led[offsets] & fits[offsets] & fits[offsets + size]]
+    if not odd_before:
+        odd = odd[odd == 0]
     return [
         *(Start(q + size, q, False, None) for q in sure[:1].tolist()),
         *(Start(q + 2 * size, q, True, None) for q in odd[:1].tolist()),
@@ -150,7 +156,7 @@ def lock_on_odd(seen: Evidence) -> list[Start]:
     return []
 
 
-def next_start(seen: Evidence, length: int, synchronised: bool) -> Start | None:
+def next_start(seen: Evidence, length: int, synchronised: bool, odd_before: bool) -> Start | None:
     """Earliest start that `length` bytes make known; None when there is none yet.
 
     Parameters
@@ -161,9 +167,11 @@ def next_start(seen: Evidence, length: int, synchronised: bool) -> Start | None:
         Bytes at hand.
     synchronised : bool
         Whether frames were delivered before: one is enough then to go on.
+    odd_before : bool
+        Whether some of them had odd fields.
     """
     if not len(seen.offsets):
         return None
-    starts = resume(seen) if synchronised else lock_on(seen)
+    starts = resume(seen, odd_before) if synchronised else lock_on(seen)
     known = [start for start in starts + lock_on_odd(seen) if start.known_at <= length]
     return min(known, key=lambda start: start[:2]) if known else None

@@ -200,7 +200,7 @@ class FrameDecoder:
     def _search(self) -> bool:
         """Cut the buffer at the next believable start, or to what may still become one."""
         seen = gather(self._buffer, self._verified(), self._faulty, self._quantum)
-        start = next_start(seen, len(self._buffer), self._synchronised)
+        start = next_start(seen, len(self._buffer), self._synchronised, self._odd)
         if start is None:
             self._skip(len(self._buffer) - KEPT * self._size - len(TERMINATOR))
             return False

@@ -116,9 +116,9 @@ def plausible(patterns: Words, quantum: Array | None = None) -> tuple[Bools, Boo
     Returns
     -------
     possible : ndarray, shape (s, t)
-        Finite, |B| < 150 mT, -40 < t < 125 and on the grid.
+        Finite, |B| < 150 mT, -40 < t < 125 (0 or at least 1e-6), and on the grid.
     natural : ndarray, shape (s, t)
-        Possible, and no field is nonzero below 1 pT (1e-6 degrees Celsius).
+        Possible, and no field is nonzero below 1 pT.
 
     Notes
     -----
@@ -134,7 +134,10 @@ def plausible(patterns: Words, quantum: Array | None = None) -> tuple[Bools, Boo
         return natural, natural
     fits = magnitude < _HIGHEST
     fits[..., 0] &= patterns[..., 0] < _COLDEST
-    natural = _every(fits & (usual | (magnitude == 0)))
+    usual |= magnitude == 0
+    natural = _every(fits & usual)
+    # no chip is that near to zero degrees
+    fits[..., 0] &= usual[..., 0]
     highest = patterns >> np.uint32(24)
     fits &= (highest != TERMINATOR[0]) & (highest != TERMINATOR[1])
     possible = _every(fits)

@@ -21,13 +21,27 @@ from tactile_ros.types import Frame, Layout, TaxelStatus
 MS = 1_000_000
 
 
-def read_all(board: SerialBoard, timeout: float = 0.05) -> list[Frame]:
-    frames = []
-    try:
-        while True:
-            frames.append(board.read(timeout))
-    except DeviceTimeout:
-        return frames
+def take(board: SerialBoard, count: int) -> list[Frame]:
+    return [board.read(5.0) for _ in range(count)]
+
+
+def end_of_frames(board: SerialBoard) -> str:
+    """Sentence with which the frames end."""
+    while True:
+        try:
+            board.read(0.7)
+        except DeviceTimeout as err:
+            return str(err)
+
+
+def why_nothing_comes(board: SerialBoard) -> str:
+    """Sentence once bytes have come through the pseudo-terminal."""
+    for _ in range(100):
+        with pytest.raises(DeviceError) as caught:
+            board.read(0.05)
+        if 'no frame came' not in str(caught.value):
+            break
+    return str(caught.value)
 
 
 def test_rows_become_frames(
@@ -35,7 +49,7 @@ def test_rows_become_frames(
 ) -> None:
     for row in rows[:10]:
         port.send(encode(row, 31.5))
-    frames = read_all(board)
+    frames = take(board, 10)
     assert [f.sequence for f in frames] == list(range(10))
     for frame, row in zip(frames, rows, strict=False):
         np.testing.assert_allclose(frame.values, row, rtol=1e-6, atol=1e-10)
@@ -115,7 +129,7 @@ def test_clipped_and_repeated_readings_are_marked(
         clipped[3, 2] = -6.6e-3 - 1e-6
         for row in (rows[0], rows[0], clipped, rows[2]):
             port.send(encode(row))
-        status = [f.status for f in read_all(board)]
+        status = [f.status for f in take(board, 4)]
     assert status[0] is None
     assert status[1] is not None
     assert status[1].tolist() == [TaxelStatus.STALE] * 5
@@ -131,8 +145,7 @@ def test_a_lost_chip_is_marked_and_nan(
     dead[:, 4] = np.nan
     for row in dead[:6]:
         port.send(encode(row))
-    frames = read_all(board)
-    assert len(frames) == 6
+    frames = take(board, 6)
     for frame in frames:
         assert frame.status is not None
         assert frame.status.tolist() == [0, 0, 0, 0, TaxelStatus.ERROR]
@@ -148,7 +161,9 @@ def test_faults_cost_their_frame_and_one_good_one_at_most(
         if i == 8:
             port.inject(fault)
         port.send(encode(row))
-    frames = read_all(board)
+    frames = take(board, 1)
+    while not np.allclose(frames[-1].values, rows[19]):
+        frames += take(board, 1)
     sent = [encode(row) for row in rows[:20]]
     arrived = [
         encode(f.values, 25.0 if f.temperature_c is None else f.temperature_c) for f in frames
@@ -171,9 +186,9 @@ def test_unplugging_is_named_and_replugging_found_within_two_seconds(
     port.stream(lambda t: rows[round(t * 200) % 64], 200.0)
     before = [board.read(2.0) for _ in range(5)][-1]
     port.unplug()
-    read_all(board, 0.01)
-    with pytest.raises(DeviceTimeout, match=r'does not exist; .*; trying again$'):
-        board.read(0.7)
+    sentence = end_of_frames(board)
+    assert 'does not exist; ' in sentence
+    assert sentence.endswith('; trying again')
     port.replug()
     start = time.monotonic()
     after = board.read(2.0)
@@ -227,14 +242,14 @@ def test_another_stream_is_refused_with_the_reason(
     port: SimulatedSerialPort, board: SerialBoard, stream: bytes, why: str
 ) -> None:
     port.send(stream)
-    with pytest.raises(DeviceError, match=why):
-        board.read(0.05)
+    assert why in why_nothing_comes(board)
 
 
 def test_noise_is_no_frame(port: SimulatedSerialPort, board: SerialBoard) -> None:
     port.send(np.random.default_rng(0).bytes(3000))
-    with pytest.raises(DeviceTimeout, match=r'bytes come from .* no frame of 5 chips'):
-        board.read(0.05)
+    sentence = why_nothing_comes(board)
+    assert sentence.startswith('bytes come from')
+    assert 'no frame of 5 chips' in sentence
 
 
 def test_a_fast_board_is_followed(
