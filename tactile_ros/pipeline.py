@@ -20,9 +20,9 @@ from tactile_ros.conditioning.baseline import (
 )
 from tactile_ros.conditioning.contact import ContactIds
 from tactile_ros.conditioning.faults import (
-    UNUSABLE,
     frame_faults,
     taxel_faults,
+    usable_rows,
     without_faults,
 )
 from tactile_ros.conditioning.rest import Rest
@@ -195,7 +195,7 @@ class Pipeline:
         tare: Bools | None = None,
     ) -> Columns:
         """State attributes of conditioned frames; the one road for live and batch."""
-        good = ~(bits & UNUSABLE).any(axis=1)
+        good = usable_rows(bits)
         delta = usable - base if self.rest_.tared else usable
         contact = self.rest_.contact(delta, good, tare)
         signals = Signals(usable, delta, chips, stamp_ns, restart, contact, good)
@@ -205,7 +205,8 @@ class Pipeline:
         known['taxel_status'] = bits
         known['status'] = self._status(known, bits, base)
         known['valid'] = good & (known['status'] & FORBIDS_USE == 0)
-        add_patches(known, ids.number(contact, restart, stamp_ns is not None))
+        in_time = stamp_ns is not None and self.rest_.tared
+        add_patches(known, ids.number(contact, restart, in_time))
         return known
 
     def _status(self, known: Columns, bits: Bytes, base: Array) -> Integers:
@@ -216,7 +217,8 @@ class Pipeline:
             flags |= FrameStatus.NOT_CALIBRATED
         if not self.rest_.tared or np.isnan(base).any():
             flags |= FrameStatus.NO_BASELINE
-        flags |= frame_faults(bits)
+        if bits.any():
+            flags |= frame_faults(bits)
         return flags
 
     def fit(self, *recordings: Recording) -> Pipeline:
@@ -249,7 +251,7 @@ class Pipeline:
         self.rest_ = rest.learn(usable, resting_rows(joined), joined.stamp_ns, joined.restarts)
         base, restart, tare = self._baselines(joined, usable)
         delta = usable - base if self.rest_.tared else usable
-        good = ~(bits & UNUSABLE).any(axis=1)
+        good = usable_rows(bits)
         self.rest_ = self.rest_.threshold(delta[good & ~tare & touched_rows(joined)])
         contact = self.rest_.contact(delta, good, tare)
         signals = Signals(

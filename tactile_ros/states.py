@@ -54,11 +54,17 @@ def add_patches(known: Columns, number: Integers) -> None:
     if 'contacts_id' in known or not ('position' in known or 'force' in known):
         return
     there = number >= 0
-    known['contacts_id'] = np.where(there, number, -1)[:, None]
-    normal = np.where(there[:, None, None], FLAT_NORMAL, np.nan)
-    known['contacts_normal'] = normal
+    everywhere = bool(there.all())
+    known['contacts_id'] = number[:, None]
+    normal = np.broadcast_to(FLAT_NORMAL, (len(number), 1, 3))
+    known['contacts_normal'] = normal if everywhere else _where(there, normal)
     for name in ('position', 'position_cov', 'force', 'force_cov'):
         if name in known:
             column = known[name][:, None]
-            shape = (-1,) + (1,) * (column.ndim - 1)
-            known[f'contacts_{name}'] = np.where(there.reshape(shape), column, np.nan)
+            known[f'contacts_{name}'] = column if everywhere else _where(there, column)
+
+
+def _where(there: Bools, column: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    """A column with NaN where nothing is there."""
+    shape = (-1,) + (1,) * (column.ndim - 1)
+    return np.where(there.reshape(shape), column, np.nan)

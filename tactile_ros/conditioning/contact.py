@@ -83,10 +83,12 @@ class ContactIds:
         Returns
         -------
         ndarray, shape (s,)
-            -1 where nothing touches.
+            -1 where nothing touches, or where a frame cannot tell and nothing touched before.
         """
         if not in_time:
             return np.where(contact == 0, -1, 0)
+        if len(contact) == 1:
+            return np.array([self._next(int(contact[0]), bool(restart[0]))])
         # carry the last known answer over frames that cannot tell
         anchor = np.maximum.accumulate(
             np.where((contact >= 0) | restart, np.arange(len(contact)), -1)
@@ -95,4 +97,11 @@ class ContactIds:
         before = np.concatenate([[self._touching], held[:-1]]) & ~restart
         number = self._count + np.cumsum(held & ~before)
         self._count, self._touching = int(number[-1]), bool(held[-1])
-        return np.where(contact == 0, -1, np.where(held, number - 1, max(self._count - 1, 0)))
+        return np.where(held, number - 1, -1)
+
+    def _next(self, contact: int, restart: bool) -> int:
+        """Id in one more frame."""
+        before = self._touching and not restart
+        self._touching = contact == 1 or (contact < 0 and before)
+        self._count += self._touching and not before
+        return self._count - 1 if self._touching else -1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.types import Array, Bytes, FrameStatus, Integers, TaxelStatus
+from tactile_ros.types import Array, Bools, Bytes, FrameStatus, Integers, TaxelStatus
 
 UNUSABLE = np.uint8(
     TaxelStatus.SATURATED
@@ -32,8 +32,11 @@ def taxel_faults(values: Array, status: Bytes | None, limit: Array) -> Bytes:
     ndarray, shape (s, t)
         ERROR is added where a reading is not finite, SATURATED where one reached its limit.
     """
-    with np.errstate(invalid='ignore'):
-        clipped = (np.abs(values) >= limit).any(axis=-1)
+    size = np.abs(values)
+    if (size < limit).all():  # false for NaN too: the common case costs one pass
+        clean = np.zeros(values.shape[:2], np.uint8)
+        return clean if status is None else status
+    clipped = (size >= limit).any(axis=-1)
     lost = ~np.isfinite(values).all(axis=-1)
     bits = clipped * np.uint8(TaxelStatus.SATURATED) | lost * np.uint8(TaxelStatus.ERROR)
     return np.asarray(bits if status is None else bits | status, np.uint8)
@@ -41,19 +44,22 @@ def taxel_faults(values: Array, status: Bytes | None, limit: Array) -> Bytes:
 
 def without_faults(values: Array, bits: Bytes) -> Array:
     """Readings (s, t, c) with NaN at taxels that must not be used."""
-    unusable = (bits & UNUSABLE) > 0
-    if not unusable.any():
+    if not bits.any():
         return values
+    unusable = (bits & UNUSABLE) > 0
     return np.asarray(np.where(unusable[..., None], np.nan, values))
 
 
 def frame_faults(bits: Bytes) -> Integers:
     """Bits of `FrameStatus` (s,) that follow from the bits of taxels (s, t)."""
-    flags = np.zeros(len(bits), np.int64)
-    if bits.any():
-        flags |= np.where((bits & UNUSABLE).any(axis=1), FrameStatus.BAD_TAXELS, 0)
-        clipped = (bits & TaxelStatus.SATURATED).any(axis=1)
-        flags |= np.where(clipped, FrameStatus.SATURATED, 0)
-        stale = (bits & TaxelStatus.STALE).all(axis=1)
-        flags |= np.where(stale, FrameStatus.STALE, 0)
-    return flags
+    spoilt = (bits & UNUSABLE).any(axis=1) * np.int64(FrameStatus.BAD_TAXELS)
+    clipped = (bits & TaxelStatus.SATURATED).any(axis=1) * np.int64(FrameStatus.SATURATED)
+    stale = (bits & TaxelStatus.STALE).all(axis=1) * np.int64(FrameStatus.STALE)
+    return np.asarray(spoilt | clipped | stale)
+
+
+def usable_rows(bits: Bytes) -> Bools:
+    """Frames (s,) of which every taxel (s, t) may be used."""
+    if not bits.any():
+        return np.ones(len(bits), bool)
+    return np.asarray(~(bits & UNUSABLE).any(axis=1))

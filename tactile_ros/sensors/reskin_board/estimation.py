@@ -114,8 +114,9 @@ class BoardEstimation:
         for head in self._in_use(signals.stamp_ns is not None):
             mean, cov = head.predict(past if head in self.remembering_ else now)
             known[head.target][:, head.columns] = mean
-            pairs = np.ix_(range(len(now)), head.columns, head.columns)
-            known[f'{head.target}_cov'][pairs] = cov
+            cells = known[f'{head.target}_cov']
+            for i, row in enumerate(head.columns):
+                cells[:, row, head.columns] = cov[:, i]
         return known
 
     def _in_use(self, stamped: bool) -> tuple[Head, ...]:

@@ -1,0 +1,309 @@
+"""reskin_board on the shipped recordings: place and force on held-out groups, and their cost.
+
+Peers are regressors of scikit-learn on the same rows: k nearest neighbours, ridge on second-order
+features, a random forest and a multilayer perceptron. The published figures are eFlesh's own
+(arXiv 2506.09994), measured with splits of theirs.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.devices.damage import unseen_share
+from tactile_ros.errors import MissingPackageError
+from tactile_ros.evaluation.benchmark import BenchResult, Row
+from tactile_ros.sensors import load_sensor
+from tactile_ros.types import Array, Recording
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tactile_ros.pipeline import Pipeline
+
+SEEDS = {'quick': 1, 'normal': 3, 'full': 5}
+BATCH = 10_000
+PUBLISHED = {'place': 0.5, 'normal': 0.27, 'shear': 0.12}
+
+
+@dataclass(frozen=True)
+class Split:
+    """Recordings to learn from and to be judged on."""
+
+    name: str
+    train: tuple[Recording, ...]
+    test: Recording
+    target: str
+    columns: tuple[int, ...]
+    scale: float
+    aim: float
+
+
+def run(extent: str, command: str) -> BenchResult:
+    """Measure all splits with all estimators."""
+    sensor = load_sensor('reskin_board')
+    seeds = list(range(SEEDS[extent]))
+    rows: list[Row] = []
+    shares: list[Row] = []
+    for splits in _by_name(sensor.recordings(), seeds).values():
+        fits = [_fit(sensor, split) for split in splits]
+        ours = [_errors(p, s) for p, s in zip(fits, splits, strict=True)]
+        peers = {
+            name: float(np.mean([_peer(make, s) for s in splits]))
+            for name, make in _peers(extent).items()
+        }
+        rows += _rows(splits, fits, ours, peers)
+        shares += _coverage(splits, ours)
+    return BenchResult('reskin', command, seeds, rows + shares + [_damage()], _notes(extent))
+
+
+def _by_name(recordings: dict[str, Recording], seeds: list[int]) -> dict[str, list[Split]]:
+    """All splits, several seeds of each where chance has a part."""
+    place, one, two = (recordings[k] for k in ('spatial', 'normal_1', 'normal_2'))
+    shear = recordings['shear']
+    return {
+        'place': [_held_places(place, seed) for seed in seeds],
+        'later': [_later(place, seed) for seed in seeds],
+        'normal': [
+            Split('normal force, unseen run', (a,), b, 'force', (2,), 1.0, 0.23)
+            for a, b in ((one, two), (two, one))
+        ],
+        'shear': [_chronological(shear)],
+        'rests': [_unseen_cycles(shear, seed) for seed in seeds],
+    }
+
+
+def _held_places(recording: Recording, seed: int) -> Split:
+    """A fifth of the grid points, with all their touches, held out."""
+    held = _place_fold(recording, seed)
+    return Split(
+        'place, held-out grid points', (recording.select(~held),), recording.select(held),
+        'position', (0, 1), 1e3, 0.36,
+    )  # fmt: skip
+
+
+def _place_fold(recording: Recording, seed: int) -> np.ndarray:
+    """Rows (s,) of a random fifth of the places; a tare row goes with its touch."""
+    plane = np.round(recording.truth['position'][:, :2].astype(float) * 1e3)
+    touch = np.where(recording.tare, np.roll(np.arange(len(plane)), -1), np.arange(len(plane)))
+    _, place = np.unique(plane[touch], axis=0, return_inverse=True)
+    place = np.ravel(place)
+    chosen = np.random.default_rng(seed).permutation(place.max() + 1)[: (place.max() + 1) // 5]
+    return np.isin(place, chosen)
+
+
+def _later(recording: Recording, seed: int) -> Split:
+    """Other places in the last fifth of the time: what is judged is newer than all training."""
+    held = _place_fold(recording, seed)
+    late = recording.truth['repetition'] == recording.truth['repetition'].max()
+    return Split(
+        'place, held-out grid points, last pass', (recording.select(~held & ~late),),
+        recording.select(held & late), 'position', (0, 1), 1e3, 0.45,
+    )  # fmt: skip
+
+
+def _chronological(recording: Recording) -> Split:
+    """The first 80 % of the rows to learn from, the rest to be judged on."""
+    early = np.arange(len(recording)) < 0.8 * len(recording)
+    return Split(
+        'shear force, chronological 80/20', (recording.select(early),), recording.select(~early),
+        'force', (0,), 1.0, 0.11,
+    )  # fmt: skip
+
+
+def _unseen_cycles(recording: Recording, seed: int) -> Split:
+    """Half of the cycles held out, with random rests before every cycle in fit and test."""
+    rng = np.random.default_rng(seed)
+    rested = with_random_rests(recording, rng)
+    cycle = rested.truth['repetition']
+    late = cycle >= (cycle.max() + 1) // 2 if seed % 2 == 0 else cycle < (cycle.max() + 1) // 2
+    return Split(
+        'shear force, unseen half of the run, random rests', (rested.select(~late),),
+        rested.select(late), 'force', (0,), 1.0, 0.14,
+    )  # fmt: skip
+
+
+def with_random_rests(recording: Recording, rng: np.random.Generator) -> Recording:
+    """Put 2 to 60 s of rest between every tare and its press, so that time tells nothing.
+
+    The rest repeats the tare reading with its own noise at the recording's rate; every cycle becomes
+    a stream of its own.
+    """
+    period = 100_000_000
+    noise = 0.5 * np.diff(np.unique(recording.values[:, 0, 0])).min()
+    parts: list[tuple[np.ndarray, ...]] = []
+    starts = np.flatnonzero(recording.tare)
+    for number, (a, b) in enumerate(zip(starts, [*starts[1:], len(recording)], strict=True)):
+        count = int(rng.integers(20, 600))
+        rest = recording.values[a] + noise * rng.normal(size=(count, *recording.values[a].shape))
+        stamp = recording.stamp_ns[a + 1 : b]
+        head = stamp[0] - period * np.arange(count + 1, 0, -1)
+        force = recording.truth['force'][a + 1 : b]
+        parts.append(
+            (
+                np.concatenate([recording.values[a : a + 1], rest, recording.values[a + 1 : b]]),
+                np.concatenate([head, stamp]),
+                np.r_[True, np.zeros(count + b - a - 1, bool)],
+                np.concatenate([np.full((count + 1, 3), np.nan), force]),
+                np.full(count + b - a, number),
+            )
+        )
+    values, stamps, tare, force, cycle = (np.concatenate(x) for x in zip(*parts, strict=True))
+    return Recording.from_arrays(
+        recording.layout, values, stamp_ns=stamps, stream=cycle, tare=tare,
+        truth={'force': force, 'repetition': cycle, 'session': np.ones(len(cycle), int)},
+    )  # fmt: skip
+
+
+def _fit(sensor: object, split: Split, estimator: str | None = None) -> Pipeline:
+    """Pipeline of the split's number of chips, fitted on its training part."""
+    config = replace(sensor.config(), positions=split.test.layout.positions)
+    return sensor.pipeline(config, estimator=estimator).fit(*split.train)
+
+
+def _errors(pipeline: Pipeline, split: Split) -> tuple[Array, Array]:
+    """Errors (s, k) and stated sigmas (s, k) where truth is known."""
+    states = pipeline.process_batch(split.test)
+    truth = np.asarray(split.test.truth[split.target], float)[:, split.columns]
+    said = getattr(states, split.target)[:, split.columns]
+    cov = getattr(states, f'{split.target}_cov')[:, split.columns][:, :, split.columns]
+    known = np.isfinite(truth).all(axis=1) & np.isfinite(said).all(axis=1)
+    sigma = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
+    return split.scale * (said - truth)[known], split.scale * sigma[known]
+
+
+def _figure(errors: Array, target: str) -> float:
+    """Mean length of the error of a place, root mean square of a force."""
+    size = np.linalg.norm(errors, axis=1)
+    return float(size.mean() if target == 'position' else np.sqrt((size**2).mean()))
+
+
+def _rows(
+    splits: list[Split],
+    fits: list[Pipeline],
+    ours: list[tuple[Array, Array]],
+    peers: dict[str, float],
+) -> list[Row]:
+    """The chosen estimator, the other choosable ones, and the peers of one kind of split."""
+    split, unit = splits[0], 'mm' if splits[0].target == 'position' else 'N'
+    kind = split.name.split()[0].rstrip(',')
+    figure = float(np.mean([_figure(e, split.target) for e, _ in ours]))
+    single, batch = _times(fits[0], split.test)
+    name = fits[0].estimators[split.target]
+    rows = [
+        Row(
+            f'{split.name}: {name}', unit, figure, paper=PUBLISHED.get(kind),
+            peer=min(peers.values(), default=None), aim=split.aim,
+            us_single=single, us_batch=batch,
+        )  # fmt: skip
+    ]
+    sensor = load_sensor('reskin_board')
+    for other in sensor.estimator_names:
+        if other == name:
+            continue
+        pipes = [_fit(sensor, s, other) for s in splits]
+        found = [_figure(_errors(p, s)[0], s.target) for p, s in zip(pipes, splits, strict=True)]
+        single, batch = _times(pipes[0], split.test)
+        rows.append(
+            Row(f'  {other}', unit, float(np.mean(found)), us_single=single, us_batch=batch)
+        )
+    return rows + [Row(f'  peer: {name}', unit, value) for name, value in peers.items()]
+
+
+def _coverage(splits: list[Split], ours: list[tuple[Array, Array]]) -> list[Row]:
+    """Share of errors inside one stated sigma."""
+    inside = float(np.mean([(np.abs(e) <= s).mean() for e, s in ours]))
+    off = abs(100 * inside - 68.27)
+    return [
+        Row(f'{splits[0].name}: inside one sigma, off 68.3', 'points', off, bound=0.0, aim=5.0)
+    ]
+
+
+def _times(pipeline: Pipeline, test: Recording, repetitions: int = 300) -> tuple[float, float]:
+    """Microseconds per frame: one at a time, and in a batch of 10 000; minima of five."""
+    rows = np.arange(BATCH) % len(test)
+    step = np.arange(BATCH, dtype=np.int64) * 10_000_000
+    batch = replace(
+        test.select(rows), stamp_ns=step, sequence=None, tare=None, stream=None, truth={}
+    )
+    frames = [batch.frame(i) for i in range(repetitions)]
+    return (
+        1e6 * _best(lambda: [pipeline.process(frame) for frame in frames]) / repetitions,
+        1e6 * _best(lambda: pipeline.process_batch(batch)) / BATCH,
+    )
+
+
+def _best(work: Callable[[], object], repetitions: int = 5) -> float:
+    """Shortest of several durations (s)."""
+    times = []
+    for _ in range(repetitions):
+        began = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - began)
+    return min(times)
+
+
+def _peers(extent: str) -> dict[str, Callable[[], object]]:
+    """Regressors of scikit-learn."""
+    try:
+        from sklearn.ensemble import RandomForestRegressor
+        from sklearn.linear_model import RidgeCV
+        from sklearn.neighbors import KNeighborsRegressor
+        from sklearn.neural_network import MLPRegressor
+        from sklearn.pipeline import make_pipeline
+        from sklearn.preprocessing import PolynomialFeatures, StandardScaler
+    except ImportError as error:
+        msg = 'bench reskin compares with scikit-learn: pip install scikit-learn'
+        raise MissingPackageError(msg) from error
+    mlp = dict(hidden_layer_sizes=(128, 128), early_stopping=True, random_state=0)
+    return {
+        'kNN (k = 5)': lambda: make_pipeline(StandardScaler(), KNeighborsRegressor(5)),
+        'ridge, 2nd order': lambda: make_pipeline(
+            StandardScaler(), PolynomialFeatures(2), RidgeCV(np.logspace(-3, 3, 7))
+        ),
+        'random forest': lambda: RandomForestRegressor(100, random_state=0),
+        'MLP 128 x 128': lambda: make_pipeline(
+            StandardScaler(), MLPRegressor(max_iter=100 if extent == 'quick' else 400, **mlp)
+        ),
+    }
+
+
+def _peer(make: Callable[[], object], split: Split) -> float:
+    """Figure of a peer on the change of field since the tare."""
+    parts = [_plain(recording, split) for recording in (*split.train, split.test)]
+    x = np.concatenate([p[0] for p in parts[:-1]])
+    y = np.concatenate([p[1] for p in parts[:-1]])
+    model = make()
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')  # a peer that stops early says so
+        said = model.fit(x, y if y.shape[1] > 1 else y[:, 0]).predict(parts[-1][0])
+    return _figure(split.scale * (said.reshape(parts[-1][1].shape) - parts[-1][1]), split.target)
+
+
+def _plain(recording: Recording, split: Split) -> tuple[Array, Array]:
+    """Change of field (millitesla) and truth of the rows where it is known."""
+    rest = np.maximum.accumulate(np.where(recording.tare, np.arange(len(recording)), -1))
+    first = int(np.argmax(recording.tare))
+    rest = np.where(rest < 0, first, rest)  # a part may begin inside a cycle
+    delta = 1e3 * (recording.values - recording.values[rest])
+    truth = np.asarray(recording.truth[split.target], float)[:, split.columns]
+    known = np.isfinite(truth).all(axis=1) & ~recording.tare
+    return delta.reshape(len(delta), -1)[known], truth[known]
+
+
+def _damage() -> Row:
+    """Share of damaged frames that the board's format cannot show."""
+    return Row('damaged frames that the format cannot show', '%', 100 * unseen_share(seed=0))
+
+
+def _notes(extent: str) -> list[str]:
+    """What the figures stand on."""
+    return [
+        'place: mean length of the 2-D error; force: root mean square error; held-out groups only',
+        '`later` stands in for another day: the shipped recording spans one; other days are not in it',
+        f'extent {extent}; peers use the change of field now, without history',
+    ]

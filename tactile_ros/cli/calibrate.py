@@ -1,0 +1,80 @@
+"""Fit a sensor's estimators to recordings with truth, and write one calibration file.
+
+Errors are printed for held-out groups (places, press cycles, sessions), never for rows that were
+learned from.
+
+example:
+  tactile calibrate reskin_board spatial -o out/place.npz
+  tactile calibrate reskin_board normal_1 normal_2 -o out/force.npz --estimator ridge
+  tactile calibrate reskin_board my_bag/ -o out/mine.npz --config my_board.yaml
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tactile_ros.cli.sources import find, fit_layout, read_config
+from tactile_ros.cli.table import show, show_json
+from tactile_ros.errors import RecordingError
+from tactile_ros.sensors import load_sensor
+
+if TYPE_CHECKING:
+    import argparse
+
+    from tactile_ros.pipeline import Pipeline
+
+COLUMNS = ('target', 'estimator', 'held-out mean', 'held-out RMSE', 'in 1 sigma (%)', 'groups', 'rows')  # noqa: E501
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `tactile calibrate`."""
+    parser.add_argument('sensor', help='key of the sensor, see `tactile list`')
+    parser.add_argument('recordings', nargs='+', help='bags, .npz, .csv, or shipped names')
+    parser.add_argument('-o', '--output', type=Path, required=True, help='calibration file (.npz)')
+    parser.add_argument('--config', type=Path, help='yaml with fields of the sensor config')
+    parser.add_argument('--estimator', help='one estimator instead of the best')
+    parser.add_argument('--truth', action='append', default=[], help='topic that tells the truth')
+    parser.add_argument('--json', action='store_true', help='print the table as JSON')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Load, fit, save, and print the errors on held-out groups."""
+    spec = load_sensor(options.sensor)
+    config = read_config(spec, options.config)
+    loaded = []
+    for name in options.recordings:
+        found, problems = find(name, spec, spec.layout(config), options.truth)
+        loaded += [one.recording for one in found]
+        for problem in problems:
+            print(f'  {name}: {problem}')
+    if not any(recording.truth for recording in loaded):
+        msg = f'{", ".join(options.recordings)} hold no truth to calibrate with'
+        raise RecordingError(msg)
+    began = time.perf_counter()
+    pipeline = spec.pipeline(fit_layout(config, loaded[0].layout), options.estimator)
+    pipeline.fit(*loaded)
+    pipeline.save(options.output)
+    (show_json if options.json else show)(COLUMNS, report_rows(pipeline))
+    if not options.json:
+        seconds = time.perf_counter() - began
+        print(f'fitted in {seconds:.1f} s; metres and newton; written to {options.output}')
+        print(f'SHA-256 {pipeline.digest}')
+    return 0
+
+
+def report_rows(pipeline: Pipeline) -> list[tuple[str | float | int | None, ...]]:
+    """One row per target: what the fit measured on groups that it had held out."""
+    return [
+        (
+            target,
+            pipeline.estimators.get(target.split('_')[0], ''),
+            found.get('held_out_mean'),
+            found.get('held_out_rmse'),
+            100 * found.get('inside_one_sigma', float('nan')),
+            int(found.get('groups', 0)),
+            int(found.get('rows', 0)),
+        )
+        for target, found in pipeline.report.items()
+    ]

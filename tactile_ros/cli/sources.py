@@ -1,0 +1,79 @@
+"""What commands read: recordings by path or by shipped name, configs from yaml."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.errors import RecordingError
+from tactile_ros.evaluation.loaded import LoadedRecording
+from tactile_ros.evaluation.recording import load
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tactile_ros.sensors import SensorSpec
+    from tactile_ros.signals import SensorConfig
+    from tactile_ros.types import Layout
+
+MOST_YAML_BYTES = 1_000_000
+
+
+def find(
+    name: str, spec: SensorSpec, layout: Layout | None, truth: Sequence[str] = ()
+) -> tuple[list[LoadedRecording], list[str]]:
+    """Recordings under a path, or the shipped one of that name, and what could not be read.
+
+    Raises
+    ------
+    RecordingError
+        If there is neither.
+    """
+    shipped = spec.recordings()
+    if name in shipped and not Path(name).exists():
+        return [LoadedRecording(name, shipped[name])], []
+    if not Path(name).exists():
+        msg = f'{name} does not exist, and {spec.key} ships only {", ".join(shipped) or "none"}'
+        raise RecordingError(msg)
+    found = load(name, layout, truth) if truth else load(name, layout)
+    return list(found.recordings), found.sentences
+
+
+def read_config(spec: SensorSpec, path: Path | None) -> SensorConfig:
+    """Config of a sensor with the fields that a yaml file changes.
+
+    Raises
+    ------
+    ValueError
+        If the file is too large, no mapping, or names a field that the config does not have.
+    """
+    config = spec.config()
+    if path is None:
+        return config
+    import yaml
+
+    if path.stat().st_size > MOST_YAML_BYTES:
+        msg = f'config {path} must be at most {MOST_YAML_BYTES} bytes; it has {path.stat().st_size}'
+        raise ValueError(msg)
+    try:
+        given = yaml.safe_load(path.read_text())
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+        msg = f'config {path} is no plain yaml: {str(error).splitlines()[0]}'
+        raise ValueError(msg) from error
+    known = {f.name for f in fields(config)}  # type: ignore[arg-type]
+    if not isinstance(given, dict) or not set(given) <= known:
+        stray = sorted(map(str, set(given) - known)) if isinstance(given, dict) else given
+        msg = f'config {path} must map {", ".join(sorted(known))}; received {stray}'
+        raise ValueError(msg)
+    arrays = {k: np.asarray(v, float) if isinstance(v, list) else v for k, v in given.items()}
+    return replace(config, **arrays)  # type: ignore[type-var]
+
+
+def fit_layout(config: SensorConfig, layout: Layout) -> SensorConfig:
+    """Config for a recording with another number of taxels: the recording's positions count."""
+    if len(config.positions) == len(layout.positions):
+        return config
+    return replace(config, positions=layout.positions)  # type: ignore[type-var]
