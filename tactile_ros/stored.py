@@ -56,17 +56,17 @@ def read_parts(path: str | Path, sensor: str, classes: Mapping[str, type]) -> di
         If the file is damaged, hostile, of another sensor, version or shape.
     """
     arrays = calibration.read(path)
-    found = str(arrays.get('sensor.scalar', 'an unknown sensor'))
-    if found != sensor:
-        msg = f'calibration {path} must be of {sensor}; it is of {found[:60]}'
-        raise CalibrationError(msg)
     allowed = {**OWN_CLASSES, **classes}
     try:
+        found = calibration.restore(arrays, 'sensor', {})
+        if found != sensor:
+            msg = f'calibration {path} must be of {sensor}; it is of {str(found)[:60]!r}'
+            raise CalibrationError(msg)
         parts = {name: calibration.restore(arrays, name, allowed) for name in PARTS}
-    except (ValueError, TypeError, OverflowError) as error:
+        _refuse_misfit(path, parts, classes)
+    except (ValueError, TypeError, OverflowError, AttributeError) as error:
         msg = f'calibration {path} is damaged ({error}); calibrate again'
         raise CalibrationError(msg) from error
-    _refuse_misfit(path, parts, classes)
     return parts
 
 
