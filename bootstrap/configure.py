@@ -50,7 +50,12 @@ def main() -> None:
 
 def wait_for_turn() -> None:
     """One set-up at a time: the folder itself is the lock, held until this process ends."""
-    fcntl.flock(os.open(ROOT, os.O_RDONLY), fcntl.LOCK_EX)
+    folder = os.open(ROOT, os.O_RDONLY)
+    try:
+        fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        say('Another set-up runs in this folder: waiting for it to end.')
+        fcntl.flock(folder, fcntl.LOCK_EX)
 
 
 def set_up(distro: str, *, tests: bool) -> None:

@@ -1,6 +1,8 @@
 """Say what set-up is doing: one line per step, a counter while it runs, the rest in a log file."""
 
+import ctypes
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -9,6 +11,7 @@ from pathlib import Path
 from machine import SetupError
 
 START = time.monotonic()
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
 EVERY = 5.0  # s, between two lines where the terminal cannot overwrite one
 
 
@@ -56,7 +59,12 @@ def run(
     with log.open('a') as file:
         file.write(f'$ {" ".join(command)}\n')
         with subprocess.Popen(
-            command, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+            command,
+            env=env,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            preexec_fn=end_with_parent,  # noqa: PLW1509  (there are no threads)
         ) as process:
             try:
                 for line in process.stdout or ():
@@ -72,6 +80,11 @@ def run(
                 counter.close()
     if process.returncode:
         raise SetupError(failure(what, log))
+
+
+def end_with_parent() -> None:
+    """Let a killed set-up take its child along, or that would go on filling the environment."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def failure(what: str, log: Path) -> str:
