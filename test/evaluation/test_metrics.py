@@ -1,0 +1,172 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from tactile_ros.evaluation.metrics import (
+    ONE_SIGMA,
+    Moments,
+    coverage,
+    frames_dropped,
+    latency,
+    place_groups,
+    spread,
+    target_errors,
+)
+from tactile_ros.types import ContactStates, Layout, Recording
+
+LAYOUT = Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T')
+
+
+def plain_percentile(values: list[float], percent: float) -> float:
+    """Linear interpolation between order statistics, written out."""
+    ordered = sorted(values)
+    place = percent / 100 * (len(ordered) - 1)
+    low = math.floor(place)
+    high = min(low + 1, len(ordered) - 1)
+    return ordered[low] + (place - low) * (ordered[high] - ordered[low])
+
+
+def test_spread_against_plain_sums() -> None:
+    rng = np.random.default_rng(0)
+    values = rng.normal(size=101)
+    values[::7] = np.nan
+    known = [abs(x) for x in values.tolist() if not math.isnan(x)]
+    found = spread(values)
+    assert found.count == len(known)
+    assert found.mean == pytest.approx(sum(known) / len(known), rel=1e-14)
+    assert found.rms == pytest.approx(math.sqrt(sum(x * x for x in known) / len(known)), rel=1e-14)
+    for name, percent in (('p50', 50), ('p95', 95), ('p99', 99)):
+        assert getattr(found, name) == pytest.approx(plain_percentile(known, percent), rel=1e-14)
+    assert found.largest == max(known)
+    assert spread([math.nan]).count == 0
+    assert math.isnan(spread([]).mean)
+
+
+def test_moments_of_parts_add_up_to_those_of_the_whole() -> None:
+    rng = np.random.default_rng(1)
+    values = 5.0 + rng.normal(size=57)
+    values[3] = np.nan
+    whole, parts = Moments.of(values), Moments()
+    for part in np.split(values, [0, 1, 20]):
+        parts += Moments.of(part)
+    known = values[np.isfinite(values)]
+    for found in (whole, parts):
+        assert found.count == 56
+        assert found.mean == pytest.approx(known.mean(), rel=1e-13)
+        assert found.std == pytest.approx(known.std(ddof=1), rel=1e-12)
+        assert found.rms == pytest.approx(math.sqrt((known**2).mean()), rel=1e-13)
+    assert math.isnan(Moments().rms)
+    assert math.isnan(Moments.of([1.0]).std)
+
+
+def test_coverage_of_true_covariances_is_accepted_and_of_boasting_ones_is_not() -> None:
+    rng = np.random.default_rng(2)
+    error, groups = rng.normal(0, 2, 4000), np.repeat(np.arange(400), 10)
+    honest = coverage(error, np.full(4000, 4.0), groups)
+    assert honest.share == pytest.approx(ONE_SIGMA, abs=0.03)
+    assert honest.honest
+    assert (honest.count, honest.groups) == (4000, 400)
+    assert not coverage(error, np.full(4000, 1.0), groups).honest
+    assert not coverage(error, np.full(4000, 16.0), groups).honest
+
+
+def test_few_groups_widen_what_is_accepted_to_the_binomial_interval() -> None:
+    found = coverage(np.zeros(30), np.ones(30), np.repeat(np.arange(10), 3))
+    # by hand: the smallest counts whose cumulated probability reaches 2.5 % and 97.5 %
+    chances = [math.comb(10, k) * ONE_SIGMA**k * (1 - ONE_SIGMA) ** (10 - k) for k in range(11)]
+    low = next(k for k in range(11) if sum(chances[: k + 1]) >= 0.025)
+    high = next(k for k in range(11) if sum(chances[: k + 1]) >= 0.975)
+    assert (found.low, found.high) == (low / 10, high / 10)
+    many = coverage(np.zeros(10_000), np.ones(10_000), np.arange(10_000))
+    assert (many.low, many.high) == (ONE_SIGMA - 0.05, ONE_SIGMA + 0.05)
+
+
+def test_coverage_leaves_out_what_has_no_covariance() -> None:
+    error = np.array([0.5, 5.0, 0.5, np.nan])
+    variance = np.array([1.0, 1.0, np.nan, 1.0])
+    assert coverage(error, variance, np.arange(4)).share == 0.5
+    assert math.isnan(coverage(error, np.full(4, np.nan), np.arange(4)).share)
+
+
+def states_of(**known: np.ndarray) -> ContactStates:
+    samples = len(next(iter(known.values())))
+    return ContactStates.assemble(samples, 5, {'valid': np.ones(samples, bool), **known})
+
+
+def test_errors_of_position_and_force_against_plain_loops() -> None:
+    rng = np.random.default_rng(3)
+    samples = 60
+    place = np.repeat(rng.uniform(-0.01, 0.01, (12, 2)), 5, axis=0)
+    position = np.column_stack([place, np.full(samples, np.nan)])
+    position[7] = np.nan
+    force = np.full((samples, 3), np.nan)
+    force[::2, 2] = rng.uniform(0, 5, 30)
+    guess = position + rng.normal(0, 1e-3, (samples, 3))
+    guess[9] = np.nan
+    push = np.nan_to_num(force) + rng.normal(0, 0.1, (samples, 3))
+    recording = Recording.from_arrays(
+        LAYOUT, np.zeros((samples, 5, 3)), truth={'position': position, 'force': force}
+    )
+    valid = np.ones(samples, bool)
+    valid[11] = False
+    states = states_of(
+        position=guess,
+        position_cov=np.tile(1e-6 * np.eye(3), (samples, 1, 1)),
+        force=push,
+        force_cov=np.tile(0.01 * np.eye(3), (samples, 1, 1)),
+        valid=valid,
+    )
+    place_error, push_error = target_errors(recording, states)
+    rows = [k for k in range(samples) if k not in (7, 9, 11)]
+    sizes = [math.hypot(*(guess[k, :2] - position[k, :2])) for k in rows]
+    assert place_error.spread.mean == pytest.approx(sum(sizes) / len(sizes), rel=1e-12)
+    assert (place_error.missed, place_error.invalid) == (1, 1)
+    inside = [abs(guess[k, a] - position[k, a]) <= 1e-3 for k in rows for a in (0, 1)]
+    assert place_error.coverage.share == pytest.approx(sum(inside) / len(inside))
+    assert place_error.coverage.groups == 12
+    assert (place_error.name, place_error.unit) == ('position', 'm')
+    squares = [(push[k, 2] - force[k, 2]) ** 2 for k in range(0, samples, 2)]
+    assert push_error.name == 'force_z'
+    assert push_error.spread.rms == pytest.approx(math.sqrt(sum(squares) / 30), rel=1e-12)
+    assert push_error.rows.tolist() == list(range(0, samples, 2))
+
+
+def test_nothing_known_means_no_errors() -> None:
+    recording = Recording.from_arrays(LAYOUT, np.zeros((4, 5, 3)))
+    assert target_errors(recording, states_of(force=np.zeros((4, 3)))) == ()
+
+
+def test_places_that_do_not_repeat_give_way_to_other_groups() -> None:
+    plane = np.array([[0.0, 0.0], [0.0, 1e-6], [1e-3, 0.0], [1e-3, 0.0], [np.nan, 0.0]])
+    otherwise = np.arange(5)
+    assert place_groups(plane, otherwise).tolist() == [0, 0, 1, 1, -1]
+    lone = np.column_stack([np.arange(5.0), np.zeros(5)])
+    assert place_groups(lone, otherwise) is otherwise
+
+
+def test_dropped_frames_are_gaps_inside_streams() -> None:
+    sequence = np.array([5, 6, 9, 10, 0, 1, 4])
+    restarts = np.array([True, False, False, False, True, False, False])
+    assert frames_dropped(sequence, restarts) == 2 + 2
+    assert frames_dropped(None, restarts) == 0
+    assert frames_dropped(sequence[:1], restarts[:1]) == 0
+
+
+def test_latency_is_in_seconds() -> None:
+    found = latency(np.array([3_000_000, 7_000_000]), np.array([1_000_000, 2_000_000]))
+    assert (found.mean, found.largest) == pytest.approx((3.5e-3, 5e-3))
+
+
+@pytest.mark.parametrize('groups', [3, 20, 200])
+def test_the_interval_holds_what_it_says(groups: int) -> None:
+    """Independent groups of one error each: 95 in 100 honest draws are accepted, or more."""
+    rng = np.random.default_rng(groups)
+    accepted = [
+        coverage(rng.normal(size=groups), np.ones(groups), np.arange(groups)).honest
+        for _ in range(300)
+    ]
+    assert np.mean(accepted) >= stats.binom.ppf(1e-4, 300, 0.95) / 300
