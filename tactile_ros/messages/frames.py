@@ -102,10 +102,10 @@ def fill_layout(
     message.sensor, message.serial, message.unit = layout.sensor, layout.serial, layout.unit
     message.channels = list(layout.channels)
     message.positions = [point() for _ in layout.positions]
-    for place, xyz in zip(message.positions, layout.positions):
+    for place, xyz in zip(message.positions, layout.positions, strict=True):
         fill_vector(place, xyz)
     message.orientations = [quaternion() for _ in layout.positions]
-    for turn, xyzw in zip(message.orientations, _quaternions(layout)):
+    for turn, xyzw in zip(message.orientations, _quaternions(layout), strict=True):
         turn.x, turn.y, turn.z, turn.w = xyzw.tolist()
     message.saturation = packed(np.asarray(layout.saturation))
     message.rate_hz = float(layout.rate_hz)

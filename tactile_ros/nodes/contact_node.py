@@ -1,0 +1,285 @@
+"""contact_node: frames of one sensor to contacts, wrench, markers; takes the tare."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
+
+from tactile_ros import messages
+from tactile_ros.msg import TactileContact, TactileContacts, TactileFrame, TactileLayout
+from tactile_ros.nodes.contact_stage import ContactStage
+from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
+from tactile_ros.nodes.markers import contact_markers
+from tactile_ros.nodes.quality import BASELINES, DATA, LATCHED, overridable
+from tactile_ros.sensors import load_sensor
+from tactile_ros.types import FrameStatus
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rclpy.subscription import Subscription
+
+    from tactile_ros.pipeline import Pipeline
+    from tactile_ros.types import ContactState, Frame
+
+
+@dataclass(frozen=True)
+class ContactOptions:
+    """Parameters of contact_node besides those of the sensor's config."""
+
+    sensor: str = field(
+        default='reskin_board', metadata={'help': 'key of the sensor', 'read_only': True}
+    )
+    autostart: bool = field(
+        default=True, metadata={'help': 'configure and activate at start', 'read_only': True}
+    )
+    calibration: str = field(
+        default='', metadata={'help': 'calibration file (.npz); empty: not calibrated'}
+    )
+    tare_frames: int = field(
+        default=10,
+        metadata={'help': 'frames that a tare averages', 'range': (1, 10_000), 'live': True},
+    )
+    allow_tare_in_contact: bool = field(
+        default=False,
+        metadata={'help': 'take a tare also while something seems to touch', 'live': True},
+    )
+    unknown_as: str = field(
+        default='zero',
+        metadata={
+            'help': 'what wrench says for components that are not estimated',
+            'choices': ('zero', 'nan'),
+            'live': True,
+        },
+    )
+    listeners: int = field(
+        default=0,
+        metadata={
+            'help': 'process nothing before so many subscriptions to contacts are there',
+            'range': (0, 100),
+        },
+    )
+
+
+class ContactNode(ManagedNode):
+    """Publish `contacts`, `wrench`, `markers`, `baseline`, `calibration`; serve `~/tare`.
+
+    Parameters
+    ----------
+    direct : bool
+        Frames come by `take` from the same process instead of the topic `frame`.
+    """
+
+    def __init__(self, direct: bool = False) -> None:
+        super().__init__('contact_node')
+        self.declare(ContactOptions())
+        self._spec = load_sensor(self.get_parameter('sensor').value)
+        self.declare(self._spec.config())
+        self._contacts = self.managed_publisher(TactileContacts, 'contacts', DATA)
+        self._wrench = self.managed_publisher(WrenchStamped, 'wrench', DATA)
+        self._markers = self.managed_publisher(MarkerArray, 'markers', DATA)
+        self._baseline = self.managed_publisher(TactileFrame, 'baseline', BASELINES)
+        self._calibration = self.managed_publisher(String, 'calibration', LATCHED)
+        self._direct = direct
+        self._active = False
+        self._options = ContactOptions()
+        self._pipeline: Pipeline | None = None
+        self._stage: ContactStage | None = None
+        self._heard: list[Subscription] = []
+        self._refusal = self._complaint = ''
+        self._previous = 0
+        self._frame_id = ''
+        self._tare = self.create_service(Trigger, '~/tare', self._on_tare)
+
+    def configure(self) -> None:
+        """Read the calibration; CalibrationError names what does not fit."""
+        self._options = self.options(ContactOptions)
+        config = self.options(type(self._spec.config()))
+        if self._options.calibration:
+            self._pipeline = self._spec.load(self._options.calibration)
+            return
+        self._pipeline = self._spec.pipeline(config)
+        self.get_logger().warning(
+            'no calibration was given: contacts say NOT_CALIBRATED and estimate what the nominal '
+            'model knows; set the parameter calibration'
+        )
+
+    def activate(self) -> None:
+        """Announce the calibration and begin to listen."""
+        pipeline = self._pipeline
+        self._stage = ContactStage(
+            pipeline,
+            self._options.tare_frames,
+            self._options.allow_tare_in_contact,
+            self._publish_baseline,
+        )
+        self._stage.reset()
+        self._refusal = self._complaint = ''
+        self._previous = 0
+        told = {
+            'sha256': pipeline.digest,
+            'sensor': pipeline.sensor,
+            'estimators': dict(pipeline.estimators),
+            'file': self._options.calibration,
+        }
+        self._calibration.publish(String(data=json.dumps(told, sort_keys=True)))
+        self._active = True
+        self._listen()
+
+    def _listen(self) -> None:
+        """Subscribe to the sensor."""
+        self._heard = [self.create_subscription(TactileLayout, 'layout', self._on_layout, LATCHED)]
+        if not self._direct:
+            self._heard.append(
+                self.create_subscription(
+                    TactileFrame, 'frame', self._on_frame, DATA,
+                    qos_overriding_options=overridable(),
+                )
+            )  # fmt: skip
+
+    def deactivate(self) -> None:
+        """Listen no more."""
+        self._active = False
+        for subscription in self._heard:
+            self.destroy_subscription(subscription)
+        self._heard = []
+
+    def cleanup(self) -> None:
+        """Let the calibration go."""
+        self._pipeline = self._stage = None
+
+    def is_heard(self) -> bool:
+        """Everybody who must see the first contacts is there."""
+        return self._active and self._contacts.get_subscription_count() >= self._options.listeners
+
+    def _on_layout(self, message: TactileLayout) -> None:
+        """Refuse frames of a sensor that the calibration is not of."""
+        try:
+            layout = messages.read_layout(message)
+        except ValueError as err:
+            self._complain(f'layout is malformed: {err}')
+            return
+        wanted = (self._pipeline.sensor, self._pipeline.layout.shape)
+        found = (layout.sensor, layout.shape)
+        self._refusal = ''
+        if found != wanted:
+            self._refusal = (
+                f'the calibration is of {wanted[0]} with {wanted[1]} taxels and channels, '
+                f'the frames are of {found[0]} with {found[1]}: '
+                'give the calibration of this sensor'
+            )
+            self._complain(self._refusal)
+
+    def _complain(self, sentence: str) -> None:
+        """Say once why something is not processed."""
+        if sentence != self._complaint:
+            self._complaint = sentence
+            self.get_logger().error(sentence)
+
+    def _on_frame(self, message: TactileFrame) -> None:
+        """A frame from the topic."""
+        try:
+            frame = messages.read_frame(message, self._stage.shape)
+        except ValueError as err:
+            self._stage.tally.refused += 1
+            self._complain(f'{err}; the calibration is of {self._pipeline.sensor}')
+            return
+        try:
+            self.take(frame, message.header.frame_id)
+        except Exception as err:  # one frame that cannot be estimated ends nothing
+            self._stage.tally.refused += 1
+            self._complain(f'frame {frame.sequence} failed: {type(err).__name__}: {err}')
+
+    def take(self, frame: Frame, frame_id: str) -> None:
+        """Process one frame and publish for whoever listens."""
+        if not self._active or self._refusal:
+            return
+        self._frame_id = frame_id
+        state = self._stage.process(frame)
+        self._publish(frame, state, frame_id)
+
+    def _publish(self, frame: Frame, state: ContactState, frame_id: str) -> None:
+        """Contacts, wrench and markers, each where somebody listens."""
+        if self._contacts.get_subscription_count():
+            message = TactileContacts()
+            messages.fill_contacts(message, state, TactileContact)
+            messages.fill_header(message.header, frame.stamp_ns, frame_id)
+            message.sequence = frame.sequence
+            message.label_name = self._label_name(int(state.label))
+            self._contacts.publish(message)
+        if self._wrench.get_subscription_count():
+            wrench = WrenchStamped()
+            messages.fill_header(wrench.header, frame.stamp_ns, frame_id)
+            messages.fill_wrench(wrench, state, self.get_parameter('unknown_as').value)
+            self._wrench.publish(wrench)
+        if self._markers.get_subscription_count():
+            header = WrenchStamped().header
+            messages.fill_header(header, frame.stamp_ns, frame_id)
+            self._markers.publish(contact_markers(header, self._pipeline.layout, state))
+
+    def _label_name(self, label: int) -> str:
+        """Name of a class, where the sensor has classes."""
+        names = getattr(self._pipeline, 'label_names', ())
+        return names[label] if 0 <= label < len(names) else ''
+
+    def _publish_baseline(self, frame: Frame) -> None:
+        """Baseline in use, latched."""
+        message = TactileFrame()
+        messages.fill_frame(message, frame, self._frame_id)
+        self._baseline.publish(message)
+
+    def _on_tare(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Take the tare, or say why not."""
+        if not self._active:
+            response.message = 'tare needs an active node: activate it first'
+            return response
+        self._stage.set_tare_frames(self.get_parameter('tare_frames').value)
+        self._stage.tare_in_contact = self.get_parameter('allow_tare_in_contact').value
+        response.success, response.message = self._stage.tare()
+        return response
+
+    def diagnose(self) -> DiagnosticStatus:
+        """Rate, validity, tares and what wrench says for the unknown."""
+        tally = self._stage.tally
+        rate, self._previous = max(0, tally.frames - self._previous), tally.frames
+        reasons = [bit.name for bit in FrameStatus if tally.status & bit]
+        level, sentence = DiagnosticStatus.OK, f'{rate} frames in the last second'
+        if self._refusal:
+            level, sentence = DiagnosticStatus.ERROR, self._refusal
+        elif not rate or reasons:
+            level, sentence = DiagnosticStatus.WARN, ' '.join([sentence, *reasons])
+        status = DiagnosticStatus(level=level, name='contact', message=sentence)
+        status.hardware_id = self._spec.key
+        status.values = pairs(
+            {
+                'rate (Hz)': rate,
+                'frames': tally.frames,
+                'valid': tally.valid,
+                'refused': tally.refused,
+                'tares': tally.tares,
+                'unknown in wrench': self.get_parameter('unknown_as').value,
+                'calibration': self._options.calibration or 'none',
+            }
+        )
+        return status
+
+
+def build() -> Sequence[ManagedNode]:
+    """The node of this executable."""
+    return [ContactNode()]
+
+
+def main() -> None:
+    """Run contact_node until it is told to stop."""
+    main_of(build)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,253 @@
+"""What every node here does: parameters, autostart, one sentence for a failure, a clean exit."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import time
+from typing import TYPE_CHECKING, TypeVar
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.exceptions import InvalidParameterValueException, ParameterException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.signals import SignalHandlerOptions
+
+from tactile_ros.errors import TactileError
+from tactile_ros.nodes.parameters import Schema, refuse_or_accept
+from tactile_ros.nodes.quality import overridable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from rcl_interfaces.msg import SetParametersResult
+    from rclpy.parameter import Parameter
+    from rclpy.publisher import Publisher
+    from rclpy.qos import QoSProfile
+    from rclpy.timer import Timer
+
+T = TypeVar('T')
+SUCCESS = TransitionCallbackReturn.SUCCESS
+FAILURE = TransitionCallbackReturn.FAILURE
+DIAGNOSTICS_PERIOD_S = 1.0
+DRAIN_S = 3.0
+
+
+class ManagedNode(LifecycleNode):
+    """Lifecycle node with declared, validated parameters and diagnostics at 1 Hz while active."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self._schemas: list[Schema[object]] = []
+        self._configured = False
+        self._timer: Timer | None = None
+        self.finished = threading.Event()
+        self.exit_code = 0
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+
+    def declare(self, *defaults: object) -> None:
+        """Declare the parameters of dataclasses and validate every later change."""
+        first = not self._schemas
+        for instance in defaults:
+            schema = Schema(instance)
+            schema.declare(self)
+            self._schemas.append(schema)
+        if first:
+            self.add_on_set_parameters_callback(self._on_set_parameters)
+
+    def _on_set_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        """Validate; nothing takes effect here."""
+        return refuse_or_accept(self, self._schemas, list(parameters), self._configured)
+
+    def options(self, kind: type[T]) -> T:
+        """Parameters in the dataclass that declared them."""
+        schema = next(s for s in self._schemas if isinstance(s.defaults, kind))
+        return schema.read(self)
+
+    def managed_publisher(self, kind: type, topic: str, profile: QoSProfile) -> Publisher:
+        """Publisher that is silent while the node is not active; its QoS can be overridden."""
+        return self.create_lifecycle_publisher(
+            kind, topic, profile, qos_overriding_options=overridable()
+        )
+
+    # --- transitions: subclasses override configure, activate, deactivate, cleanup ---
+
+    def configure(self) -> None:
+        """Get ready; raise TactileError or ValueError with a sentence to refuse."""
+
+    def activate(self) -> None:
+        """Begin; the publishers are enabled."""
+
+    def deactivate(self) -> None:
+        """End what activate began."""
+
+    def cleanup(self) -> None:
+        """Give back what configure took."""
+
+    @property
+    def is_over(self) -> bool:
+        """Shut down already."""
+        return bool(self._state_machine.current_state[1] == 'finalized')
+
+    def lags(self) -> bool:
+        """Whether messages may wait that must be taken before the process ends."""
+        return False
+
+    def diagnose(self) -> DiagnosticStatus:
+        """Say how the node is; once a second while active."""
+        return DiagnosticStatus()
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Run configure; a refusal is logged as one sentence."""
+        return self._attempt(self.configure, super().on_configure, state, configured=True)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Enable the publishers and begin."""
+        done = super().on_activate(state)
+        if done == SUCCESS and not self._tried(self.activate):
+            super().on_deactivate(state)
+            return FAILURE
+        self._timer = self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics)
+        return done
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """End, then silence the publishers."""
+        self._stop()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Back to unconfigured."""
+        return self._attempt(self.cleanup, super().on_cleanup, state, configured=False)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """From any state to the end."""
+        self._stop()
+        return self._attempt(self.cleanup, super().on_shutdown, state, configured=False)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Recover to unconfigured."""
+        self._stop()
+        return self._attempt(self.cleanup, super().on_error, state, configured=False)
+
+    def _attempt(
+        self,
+        own: Callable[[], None],
+        inherited: Callable[[LifecycleState], TransitionCallbackReturn],
+        state: LifecycleState,
+        configured: bool,
+    ) -> TransitionCallbackReturn:
+        """Run one transition of the subclass and of the managed publishers."""
+        if not self._tried(own):
+            return FAILURE
+        self._configured = configured
+        return inherited(state)
+
+    def _tried(self, step: Callable[[], None]) -> bool:
+        """Run a step; what it refuses is logged as its sentence."""
+        try:
+            step()
+        except (TactileError, ValueError, OSError) as err:
+            self.get_logger().error(str(err))
+            return False
+        return True
+
+    def _stop(self) -> None:
+        """End the timer and what activate began."""
+        if self._timer is not None:
+            self.destroy_timer(self._timer)
+            self._timer = None
+            self.deactivate()
+
+    def _publish_diagnostics(self) -> None:
+        """One message a second on /diagnostics."""
+        status = self.diagnose()
+        place = f'{self.get_namespace()}/{self.get_name()}'.replace('//', '/').lstrip('/')
+        status.name = f'{place}: {status.name}'
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+    def now_ns(self) -> int:
+        """Time of the node's clock (ns), simulated or not."""
+        return int(self.get_clock().now().nanoseconds)
+
+
+def pairs(values: dict[str, object]) -> list[KeyValue]:
+    """Values of a diagnostic status as text."""
+    texts = {k: f'{v:.6g}' if isinstance(v, float) else str(v) for k, v in values.items()}
+    return [KeyValue(key=key, value=text) for key, text in texts.items()]
+
+
+def start(nodes: Sequence[ManagedNode]) -> None:
+    """Configure and activate the nodes whose parameter `autostart` is true."""
+    for node in nodes:
+        if node.get_parameter('autostart').value and node.trigger_configure() == SUCCESS:
+            node.trigger_activate()
+
+
+def run(build: Callable[[], Sequence[ManagedNode]], args: Sequence[str] | None = None) -> int:
+    """Run nodes until SIGINT or SIGTERM; the body of every executable's main.
+
+    Parameters
+    ----------
+    build : callable
+        Makes the nodes, once rclpy is there.
+    args : sequence of str or None
+        Command line; None: that of the process.
+
+    Returns
+    -------
+    int
+        Exit code: 0 after a signal, that of a node that finished, 2 when a parameter cannot be.
+    """
+    # A handler of ours: the context stays usable for the last words after Ctrl-C.
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    try:
+        nodes = list(build())
+    except (TactileError, ValueError, ParameterException, InvalidParameterValueException) as err:
+        rclpy.logging.get_logger('tactile_ros').fatal(str(err))
+        rclpy.try_shutdown()
+        return 2
+    executor = SingleThreadedExecutor()
+    for node in nodes:
+        executor.add_node(node)
+    try:
+        start(nodes)
+        spin(executor, lambda: stop.is_set() or any(node.finished.is_set() for node in nodes))
+        drain(executor, nodes)
+    finally:
+        for node in reversed(nodes):
+            end(node)
+        executor.shutdown()
+        rclpy.try_shutdown()
+    return max(node.exit_code for node in nodes)
+
+
+def spin(executor: SingleThreadedExecutor, done: Callable[[], bool]) -> None:
+    """Serve callbacks until done."""
+    while not done():
+        executor.spin_once(timeout_sec=0.1)
+
+
+def drain(executor: SingleThreadedExecutor, nodes: Sequence[ManagedNode]) -> None:
+    """Take what waits for a node that must not lose it, for a few seconds at most."""
+    deadline = time.monotonic() + DRAIN_S
+    while any([node.lags() for node in nodes]) and time.monotonic() < deadline:
+        executor.spin_once(timeout_sec=0.2)
+
+
+def end(node: ManagedNode) -> None:
+    """Bring a node to its end from whatever state it is in."""
+    if not node.is_over:
+        node.trigger_shutdown()
+    node.destroy_node()
+
+
+def main_of(build: Callable[[], Sequence[ManagedNode]]) -> None:
+    """Entry point of an executable."""
+    sys.exit(run(build))
