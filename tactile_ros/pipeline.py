@@ -18,16 +18,16 @@ from tactile_ros.conditioning.baseline import (
     stream_baselines,
     tare_means,
 )
-from tactile_ros.conditioning.contact import ContactIds
 from tactile_ros.conditioning.faults import (
-    frame_faults,
+    frame_readings,
     taxel_faults,
     usable_rows,
     without_faults,
 )
 from tactile_ros.conditioning.rest import Rest
+from tactile_ros.conditioning.stream import Stream
 from tactile_ros.signals import Columns, Estimation, Report, SensorConfig, Signals
-from tactile_ros.states import add_patches, apply_contact
+from tactile_ros.states import add_flags, add_patches, apply_contact
 from tactile_ros.stored import identity, parts_to_arrays, read_parts
 from tactile_ros.truth import groups_of, join, resting_rows, touched_rows
 from tactile_ros.types import (
@@ -46,10 +46,6 @@ from tactile_ros.types import (
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
-
-FORBIDS_USE = int(
-    FrameStatus.NOT_CALIBRATED | FrameStatus.BAD_TAXELS | FrameStatus.SATURATED | FrameStatus.STALE
-)
 
 
 class Pipeline:
@@ -79,11 +75,13 @@ class Pipeline:
 
     def reset(self) -> None:
         """Forget the stream's state; the baseline of the last tare or fit stays."""
-        self._tracker = BaselineTracker(self.rest_.baseline, self._tracking())
-        self._memory = self.estimation.start()
-        self._ids = ContactIds()
-        self._restart = True
-        self._stamp_ns: int | None = None
+        self._stream = self._begin()
+
+    def _begin(self) -> Stream:
+        return Stream(self._tracker(), self.estimation.start())
+
+    def _tracker(self) -> BaselineTracker:
+        return BaselineTracker(self.rest_.baseline, self._tracking())
 
     def tare(self, frames: Sequence[Frame]) -> None:
         """Replace the baseline by the mean of resting frames.
@@ -107,19 +105,17 @@ class Pipeline:
         if not frames:
             msg = 'frames of tare must hold at least one resting frame; received none'
             raise ValueError(msg)
-        values = np.stack([self._checked(frame)[0] for frame in frames])
-        bits = taxel_faults(values, _stacked_status(frames), self._limit())
-        usable = without_faults(values, bits)
-        level = tare_means(usable, np.zeros(len(values), np.int64))[0]
+        for frame in frames:
+            self._refuse_other_shape(np.shape(frame.values))
+        usable = np.concatenate([frame_readings(frame, self._limit())[0] for frame in frames])
+        level = tare_means(usable, np.zeros(len(usable), np.int64))[0]
         self.rest_ = replace(self.rest_, baseline=level)
-        self._tracker = BaselineTracker(self.rest_.baseline, self._tracking())
-        self._ids.release()
-        self._restart = True
+        self._stream.rebase(self._tracker())
 
     @property
     def baseline(self) -> Array:
         """Baseline in use now, shape (t, c); NaN: none yet."""
-        return self._tracker.baseline
+        return self._stream.tracker.baseline
 
     def process(self, frame: Frame) -> ContactState:
         """Estimate from the next frame of the stream.
@@ -127,7 +123,7 @@ class Pipeline:
         Parameters
         ----------
         frame : Frame
-            Of this sensor's shape.
+            Of this sensor's shape; a stamp that is not newer than the last begins a new stream.
 
         Returns
         -------
@@ -139,18 +135,15 @@ class Pipeline:
         ValueError
             If the frame's shape differs from the layout.
         """
-        values, chips = self._checked(frame)
-        stamp_ns = None if frame.stamp_ns is None else self._advance(frame.stamp_ns)
-        status = None if frame.status is None else np.asarray(frame.status, np.uint8)[None]
-        bits = taxel_faults(values[None], status, self._limit())
-        usable = without_faults(values[None], bits)
-        base = self._tracker(usable, stamp_ns)
-        restart = np.array([self._restart or stamp_ns is None])
-        self._restart = False
-        known = self._estimate(
-            usable, bits, base, chips, stamp_ns, restart, self._memory, self._ids
-        )
-        return ContactStates.assemble(1, len(values), known)[0]
+        self._refuse_other_shape(np.shape(frame.values))
+        usable, bits, chips = frame_readings(frame, self._limit())
+        if self._stream.is_over(frame.stamp_ns):
+            self.reset()
+        stamp_ns, restart = self._stream.admit(frame.stamp_ns)
+        base = self._stream.tracker(usable, stamp_ns)
+        signals = self._signals(usable, bits, base, chips, stamp_ns, restart)
+        known = self._estimate(signals, bits, base, self._stream)
+        return ContactStates.assemble(1, bits.shape[1], known)[0]
 
     def process_batch(self, recording: Recording) -> ContactStates:
         """Estimate from every frame of a recording, starting from `reset()`.
@@ -171,18 +164,22 @@ class Pipeline:
             If the shape differs from the layout.
         """
         self._refuse_other_shape(recording.values.shape[1:])
-        samples, taxels = len(recording), len(self.layout.positions)
         bits = taxel_faults(recording.values, recording.status, self._limit())
         usable = without_faults(recording.values, bits)
-        base, restart, tare = self._baselines(recording, usable)
-        ids, memory = ContactIds(), self.estimation.start()
-        known = self._estimate(
-            usable, bits, base, recording.temperature_c, recording.stamp_ns, restart, memory, ids,
-            tare,
-        )  # fmt: skip
-        return ContactStates.assemble(samples, taxels, known)
+        base, signals = self._conditioned_rows(recording, usable, bits)
+        known = self._estimate(signals, bits, base, self._begin())
+        return ContactStates.assemble(len(recording), bits.shape[1], known)
 
-    def _estimate(
+    def _conditioned_rows(
+        self, recording: Recording, usable: Array, bits: Bytes
+    ) -> tuple[Array, Signals]:
+        """Baseline of every row of a recording, and its conditioned frames."""
+        tracking, level = self._tracking(), self.rest_.baseline
+        base, restart, tare = stream_baselines(recording, usable, level, tracking)
+        chips, stamp_ns = recording.temperature_c, recording.stamp_ns
+        return base, self._signals(usable, bits, base, chips, stamp_ns, restart, tare)
+
+    def _signals(
         self,
         usable: Array,
         bits: Bytes,
@@ -190,36 +187,29 @@ class Pipeline:
         chips: Array | None,
         stamp_ns: Integers | None,
         restart: Bools,
-        memory: object,
-        ids: ContactIds,
         tare: Bools | None = None,
-    ) -> Columns:
-        """State attributes of conditioned frames; the one road for live and batch."""
-        good = usable_rows(bits)
+    ) -> Signals:
+        """Frames less their baseline, with what they say about contact."""
         delta = usable - base if self.rest_.tared else usable
+        good = usable_rows(bits)
         contact = self.rest_.contact(delta, good, tare)
-        signals = Signals(usable, delta, chips, stamp_ns, restart, contact, good)
-        known = self.estimation.estimate(signals, memory)
-        apply_contact(known, contact, good)
-        known['in_contact'] = contact
-        known['taxel_status'] = bits
-        known['status'] = self._status(known, bits, base)
-        known['valid'] = good & (known['status'] & FORBIDS_USE == 0)
-        in_time = stamp_ns is not None and self.rest_.tared
-        add_patches(known, ids.number(contact, restart, in_time))
+        return Signals(usable, delta, chips, stamp_ns, restart, contact, good)
+
+    def _estimate(self, signals: Signals, bits: Bytes, base: Array, stream: Stream) -> Columns:
+        """State attributes of conditioned frames; the one road for live and batch."""
+        contact = signals.in_contact
+        known = self.estimation.estimate(signals, stream.memory)
+        apply_contact(known, contact, signals.good)
+        add_flags(known, signals, bits, self._flags(base))
+        in_time = signals.stamp_ns is not None and self.rest_.tared
+        add_patches(known, stream.ids.number(contact, signals.restart, in_time))
         return known
 
-    def _status(self, known: Columns, bits: Bytes, base: Array) -> Integers:
-        """Bits of `FrameStatus` for every frame."""
-        status = known.pop('status', None)
-        flags = np.zeros(len(bits), np.int64) if status is None else status.astype(np.int64)
-        if not self.estimation.estimators:
-            flags |= FrameStatus.NOT_CALIBRATED
-        if not self.rest_.tared or np.isnan(base).any():
-            flags |= FrameStatus.NO_BASELINE
-        if bits.any():
-            flags |= frame_faults(bits)
-        return flags
+    def _flags(self, base: Array) -> Integers:
+        """Bits of `FrameStatus` (s,) that the calibration and the baselines (s, t, c) set."""
+        lacking = 0 if self.calibrated else int(FrameStatus.NOT_CALIBRATED)
+        blind = np.isnan(base).any(axis=(1, 2)) if self.rest_.tared else np.ones(len(base), bool)
+        return np.asarray(lacking | blind * np.int64(FrameStatus.NO_BASELINE))
 
     def fit(self, *recordings: Recording) -> Pipeline:
         """Learn baseline, noise, contact threshold and estimators from recordings.
@@ -249,32 +239,21 @@ class Pipeline:
         usable = without_faults(joined.values, bits)
         rest = Rest.unknown(self.layout.shape, self.config.noise)
         self.rest_ = rest.learn(usable, resting_rows(joined), joined.stamp_ns, joined.restarts)
-        base, restart, tare = self._baselines(joined, usable)
-        delta = usable - base if self.rest_.tared else usable
-        good = usable_rows(bits)
-        self.rest_ = self.rest_.threshold(delta[good & ~tare & touched_rows(joined)])
-        contact = self.rest_.contact(delta, good, tare)
-        signals = Signals(
-            usable, delta, joined.temperature_c, joined.stamp_ns, restart, contact, good
-        )
+        _, signals = self._conditioned_rows(joined, usable, bits)
+        signals = replace(signals, good=signals.good & ~np.isnan(signals.delta).any(axis=(1, 2)))
+        rows = signals.good & touched_rows(joined)
+        if joined.tare is not None:
+            rows &= ~joined.tare
+        self.rest_ = self.rest_.threshold(signals.delta[rows])
+        contact = self.rest_.contact(signals.delta, signals.good, joined.tare)
+        signals = replace(signals, in_contact=contact)
         self.estimation.fit(signals, joined.truth, groups_of(joined))
         self.reset()
         return self
 
-    def _baselines(self, recording: Recording, usable: Array) -> tuple[Array, Bools, Bools]:
-        """Baseline of every row, rows at which memory restarts, and tare rows."""
-        tracking = self._tracking() if self.rest_.tared else None
-        return stream_baselines(recording, usable, self.rest_.baseline, tracking)
-
     def _tracking(self) -> Tracking | None:
-        return Tracking(self.rest_.scale) if self.config.track_baseline else None
-
-    def _checked(self, frame: Frame) -> tuple[Array, Array | None]:
-        """Values and temperatures of a frame of the right shape."""
-        values = np.asarray(frame.values, np.float64)
-        self._refuse_other_shape(values.shape)
-        chips = frame.temperature_c
-        return values, None if chips is None else np.asarray(chips, np.float64)[None]
+        follows = self.config.track_baseline and self.rest_.tared
+        return Tracking(self.rest_.scale) if follows else None
 
     def _refuse_other_shape(self, shape: tuple[int, ...]) -> None:
         if shape != self.layout.shape:
@@ -288,13 +267,6 @@ class Pipeline:
         """Magnitude at which each channel clips, shape (c,)."""
         limit = self.layout.saturation
         return np.full(self.layout.shape[1], np.inf) if limit is None else limit
-
-    def _advance(self, stamp_ns: int) -> Integers:
-        """A stamp that never runs backwards: a stepped clock must not turn time around."""
-        if self._stamp_ns is not None:
-            stamp_ns = max(stamp_ns, self._stamp_ns + 1)
-        self._stamp_ns = stamp_ns
-        return np.array([stamp_ns])
 
     @property
     def calibrated(self) -> bool:
@@ -356,11 +328,3 @@ class Pipeline:
             setattr(pipeline, name, part)
         pipeline.reset()
         return pipeline
-
-
-def _stacked_status(frames: Sequence[Frame]) -> Bytes | None:
-    """Status bits of several frames, None if none has any."""
-    if all(frame.status is None for frame in frames):
-        return None
-    none = np.zeros(len(frames[0].values), np.uint8)
-    return np.stack([none if frame.status is None else frame.status for frame in frames])

@@ -5,12 +5,16 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.signals import Columns
-from tactile_ros.types import STATE_FIELDS, Bools, Integers
+from tactile_ros.conditioning.faults import frame_faults
+from tactile_ros.signals import Columns, Signals
+from tactile_ros.types import STATE_FIELDS, Bools, Bytes, FrameStatus, Integers
 
 MEASURES_OF_NOTHING = frozenset({'force', 'torque', 'taxel_force', 'deformation'})
 ALWAYS = frozenset(
     {'stray_field', 'force_cov', 'torque_cov', 'slip', 'slip_probability', 'status'}
+)
+FORBIDS_USE = int(
+    FrameStatus.NOT_CALIBRATED | FrameStatus.BAD_TAXELS | FrameStatus.SATURATED | FrameStatus.STALE
 )
 FLAT_NORMAL = np.array([0.0, 0.0, 1.0])
 
@@ -39,6 +43,32 @@ def apply_contact(known: Columns, contact: npt.NDArray[np.int8], good: Bools) ->
             column[untouched] = blank
         if spoilt:
             column[~good] = blank
+
+
+def add_flags(known: Columns, signals: Signals, bits: Bytes, flags: Integers) -> None:
+    """Say of every frame what is wrong with it, and whether it may be used for control.
+
+    Parameters
+    ----------
+    known : dict of str to ndarray, shape (s, ...)
+        Estimates; changed in place. A `status` of the estimators' own is kept beside the rest.
+    signals : Signals
+        Conditioned frames.
+    bits : ndarray, shape (s, t)
+        Of `TaxelStatus`.
+    flags : ndarray, shape (s,)
+        Bits of `FrameStatus` that are known already.
+    """
+    if 'status' in known:
+        flags = flags | known['status'].astype(np.int64)
+    if bits.any():
+        flags = flags | frame_faults(bits)
+    # good readings without the baseline that they need say nothing: their change is NaN
+    seeing = signals.good & ~np.isnan(signals.delta).any(axis=(1, 2))
+    known['in_contact'] = signals.in_contact
+    known['taxel_status'] = bits
+    known['status'] = flags
+    known['valid'] = seeing & (flags & FORBIDS_USE == 0)
 
 
 def add_patches(known: Columns, number: Integers) -> None:

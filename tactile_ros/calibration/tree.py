@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING
 
@@ -61,7 +62,8 @@ def _take_apart(tree: object, name: str) -> tuple[Arrays, dict[str, object]]:
     if isinstance(tree, dict) and all(isinstance(key, str) for key in tree):
         keys = np.array(list(tree), dtype=str)
         return {f'{name}.dict': keys}, {str(i): x for i, x in enumerate(tree.values())}
-    if callable(tree) or not (is_dataclass(tree) or hasattr(tree, '__dict__')):
+    code = isinstance(tree, type) or inspect.isroutine(tree)
+    if code or not (is_dataclass(tree) or hasattr(tree, '__dict__')):
         msg = f'{name} of a calibration must be numbers or text; received {type(tree).__name__}'
         raise TypeError(msg)
     children = _attributes(tree)

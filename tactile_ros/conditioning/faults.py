@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import TypeVar
 
-from tactile_ros.types import Array, Bools, Bytes, FrameStatus, Integers, TaxelStatus
+import numpy as np
+import numpy.typing as npt
+
+from tactile_ros.types import Array, Bools, Bytes, Frame, FrameStatus, Integers, TaxelStatus
+
+Number = TypeVar('Number', bound=np.generic)
 
 UNUSABLE = np.uint8(
     TaxelStatus.SATURATED
@@ -63,3 +68,47 @@ def usable_rows(bits: Bytes) -> Bools:
     if not bits.any():
         return np.ones(len(bits), bool)
     return np.asarray(~(bits & UNUSABLE).any(axis=1))
+
+
+def frame_readings(frame: Frame, limit: Array) -> tuple[Array, Bytes, Array | None]:
+    """What a frame says, as a batch of one.
+
+    Parameters
+    ----------
+    frame : Frame
+        Of t taxels and c channels.
+    limit : ndarray, shape (c,)
+        Magnitude at which a channel clips; inf: never.
+
+    Returns
+    -------
+    values : ndarray, shape (1, t, c)
+        Readings (unit of values), NaN at taxels that must not be used.
+    bits : ndarray, shape (1, t)
+        Of `taxel_faults`.
+    temperature_c : ndarray, shape (1, t), or None
+        What the chips report.
+
+    Raises
+    ------
+    ValueError
+        If status or temperatures are not one per taxel.
+    """
+    values = np.asarray(frame.values, np.float64)[None]
+    status = _row('status', frame.status, values.shape[1], np.uint8)
+    chips = _row('temperature_c', frame.temperature_c, values.shape[1], np.float64)
+    bits = taxel_faults(values, status, limit)
+    return without_faults(values, bits), bits, chips
+
+
+def _row(
+    name: str, value: npt.ArrayLike | None, taxels: int, dtype: type[Number]
+) -> npt.NDArray[Number] | None:
+    """A column of one frame, shape (1, t), None where it has none."""
+    if value is None:
+        return None
+    row = np.asarray(value, dtype)
+    if row.shape != (taxels,):
+        msg = f'{name} of Frame must have shape ({taxels},); received {row.shape}'
+        raise ValueError(msg)
+    return row[None]

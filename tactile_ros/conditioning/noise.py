@@ -61,7 +61,7 @@ def motion_noise(values: Array, stamp_ns: Integers, restart: Bools) -> Array:
     if not joined.any():
         return np.full(values.shape[1:], np.nan)
     bend = (values[2:] - 2 * values[1:-1] + values[:-2])[joined]
-    return MAD_TO_SIGMA * _middle(np.abs(bend)) / np.sqrt(6)
+    return np.asarray(MAD_TO_SIGMA * _middle(np.abs(bend)) / np.sqrt(6))
 
 
 def _middle(size: Array) -> Array:
