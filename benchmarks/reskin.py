@@ -196,9 +196,14 @@ def _rows(
     name = fits[0].estimators[split.target]
     rows = [
         Row(
-            f'{split.name}: {name}', unit, figure, paper=PUBLISHED.get(kind),
-            peer=min(peers.values(), default=None), aim=split.aim,
-            us_single=single, us_batch=batch,
+            f'{split.name}: {name}',
+            unit,
+            figure,
+            paper=PUBLISHED.get(kind),
+            peer=min(peers.values(), default=None),
+            aim=split.aim,
+            us_single=single,
+            us_batch=batch,
         )  # fmt: skip
     ]
     sensor = load_sensor('reskin_board')

@@ -70,7 +70,9 @@ def run(options: argparse.Namespace) -> int:
     for name in names() if options.name == 'all' else [options.name]:
         began = time.perf_counter()
         print(f'bench {name} ({extent}) ...', file=sys.stderr, flush=True)
-        command = shlex.join(['tactile', 'bench', name, *([] if extent == 'normal' else [f'--{extent}'])])
+        command = shlex.join(
+            ['tactile', 'bench', name, *([] if extent == 'normal' else [f'--{extent}'])]
+        )
         result = load(name).run(extent, command)
         show(COLUMNS, [row.cells() for row in result.rows], title=f'{name}: {command}')
         for note in result.notes:

@@ -25,7 +25,15 @@ if TYPE_CHECKING:
 
     from tactile_ros.pipeline import Pipeline
 
-COLUMNS = ('target', 'estimator', 'held-out mean', 'held-out RMSE', 'in 1 sigma (%)', 'groups', 'rows')  # noqa: E501
+COLUMNS = (
+    'target',
+    'estimator',
+    'held-out mean',
+    'held-out RMSE',
+    'in 1 sigma (%)',
+    'groups',
+    'rows',
+)  # noqa: E501
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -56,7 +56,9 @@ def read_config(spec: SensorSpec, path: Path | None) -> SensorConfig:
     import yaml
 
     if path.stat().st_size > MOST_YAML_BYTES:
-        msg = f'config {path} must be at most {MOST_YAML_BYTES} bytes; it has {path.stat().st_size}'
+        msg = (
+            f'config {path} must be at most {MOST_YAML_BYTES} bytes; it has {path.stat().st_size}'
+        )
         raise ValueError(msg)
     try:
         given = yaml.safe_load(path.read_text())

@@ -81,6 +81,14 @@ class ReskinBoardConnection:
         default=True,
         metadata={'help': 'false: a true UART, whose transfer time is taken off the stamps'},
     )
+    clock_rate: float = field(
+        default=1.0,
+        metadata={
+            'help': 'seconds of the stamps per second; above 1 for a recording played faster, so '
+            'that what remembers time sees the recorded time',
+            'range': (1e-3, 1e4),
+        },
+    )
     mark_repeats: bool = field(
         default=False,
         metadata={'help': 'mark readings equal to the frame before as stale (fast firmware)'},
