@@ -67,10 +67,12 @@ def test_damage_before_the_lock_costs_no_good_frame(place: int, kind: Damage) ->
 def test_two_frames_are_not_enough_and_noise_never_is() -> None:
     rng = np.random.default_rng(3)
     assert decode(b''.join(sent(rng, 2, 5)), 5) == []
+    assert decode(b''.join(sent(rng, 2, 5)) + rng.bytes(82), 5) == []
     assert decode(rng.bytes(200_000), 5) == []
     assert decode(b'\r\n' * 50_000, 5) == []
     assert decode(bytes(50_000), 5) == []
-    assert decode((b'1' * 80 + b'\r\n') * 50, 5) == []
+    # as float32, text of nines is 1.8e-4
+    assert decode((b'9' * 80 + b'\r\n') * 50, 5) == []
 
 
 @settings(max_examples=40)

@@ -57,11 +57,14 @@ def test_every_row_once_in_order(
 def test_the_schedule_is_the_recordings_divided_by_the_speed_up(
     port: SimulatedSerialPort, rows: np.ndarray
 ) -> None:
-    stamps = np.array([0, 40, 80, 100_000]) * MS
-    player = Player(port, speed_up=4.0, period_s=0.001, longest_gap_s=0.12)
-    start = time.monotonic()
-    player.play(rows[:4], stamps)
-    assert 0.05 <= time.monotonic() - start < 1.0
+    def seconds(player: Player, stamps: list[int]) -> float:
+        start = time.monotonic()
+        player.play(rows[: len(stamps)], np.array(stamps) * MS)
+        return time.monotonic() - start
+
+    assert seconds(Player(port, speed_up=0.5), [0, 20, 40]) >= 0.08
+    assert 0.02 <= seconds(Player(port, speed_up=1000.0), [0, 10_000, 20_000]) < 10.0
+    assert 0.04 <= seconds(Player(port, longest_gap_s=0.02), [0, 50_000, 100_000]) < 10.0
 
 
 def test_nobody_reading_is_said(rows: np.ndarray) -> None:

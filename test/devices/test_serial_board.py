@@ -112,6 +112,34 @@ def test_stamps_always_increase(skipped: list[int], now: int, last: int | None) 
     assert stamps[-1] <= now or (last is not None and stamps[-1] <= last + sum(skipped) + 20)
 
 
+def test_stamps_leave_room_for_lost_frames_and_never_reach_back() -> None:
+    none, some = np.zeros(3, int), np.array([0, 2, 0])
+    assert arrival_stamps(none, 100 * MS, None, 2 * MS) == [96 * MS, 98 * MS, 100 * MS]
+    assert arrival_stamps(some, 100 * MS, 0, 2 * MS) == [92 * MS, 98 * MS, 100 * MS]
+    assert arrival_stamps(none, 100 * MS, 97 * MS, 2 * MS) == [98 * MS, 99 * MS, 100 * MS]
+    assert arrival_stamps(none, 100, 100, 2 * MS) == [101, 102, 103]
+    assert arrival_stamps(none, 100 * MS, 5000 * MS, MS) == [98 * MS, 99 * MS, 100 * MS]
+
+
+def test_half_a_frame_before_unplugging_is_forgotten(
+    port: SimulatedSerialPort, board: SerialBoard, rows: np.ndarray
+) -> None:
+    port.send(encode(rows[:3]) + encode(rows[3])[:40])
+    take(board, 3)
+    end_of_frames(board)
+    port.unplug()
+    while 'trying again' not in end_of_frames(board):
+        pass
+    port.replug()
+    assert 'no frame came' in end_of_frames(board)
+    port.send(encode(rows[4:7]))
+    frames = take(board, 3)
+    np.testing.assert_allclose(frames[0].values, rows[4], rtol=1e-6, atol=1e-10)
+    assert [(f.sequence, f.dropped) for f in frames] == [(4, 1), (5, 1), (6, 1)]
+    counters = board.counters()
+    assert (counters['lost_bytes'], counters['framing_errors'], counters['dropped']) == (40, 0, 1)
+
+
 def test_constant_temperature_is_not_a_measurement(
     port: SimulatedSerialPort, layout: Layout, rows: np.ndarray
 ) -> None:
