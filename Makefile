@@ -38,7 +38,7 @@ setup-tests: python
 
 .PHONY: python
 python:
-	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) was not found: install Python 3.10 to 3.14 or name one with make PYTHON=...."; exit 1; }
+	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) was not found: install Python 3.10 to 3.14 or name one with make PYTHON=NAME."; exit 1; }
 
 demo: setup
 	@.venv/bin/tactile demo $(ARGUMENTS)

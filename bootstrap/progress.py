@@ -89,7 +89,10 @@ def end_with_parent() -> None:
 
 def failure(what: str, log: Path) -> str:
     """One sentence about a command that failed: the last error it wrote."""
-    lines = [line.strip() for line in log.read_text(errors='replace').splitlines()]
+    text = log.read_text(errors='replace').rpartition('\n$ ')[2]
+    lines = [line.strip() for line in text.splitlines()]
+    if 'Retrying (' in text and 'connection' in text.lower():
+        return f'{what} failed: the package index cannot be reached (all of it is in {log}).'
     errors = [line for line in lines if re.match(r'(error|fatal|CMake Error)\b', line, re.I)]
     reason = (errors or lines or ['no output'])[-1]
     return f'{what} failed: {reason} (all of it is in {log}).'

@@ -390,7 +390,7 @@ def test_sourced_workspace_has_the_package_and_the_command() -> None:
     script = (
         f'source "{ROOT}/install/setup.bash" && command -v tactile && '
         f'"{sys.executable}" -c "import tactile_ros.msg; print(tactile_ros.__file__)" && '
-        f'ls "{ROOT}/install/tactile_ros/lib/tactile_ros"'
+        f'find -L "{ROOT}/install/tactile_ros/lib/tactile_ros" -type f -executable -printf "%f\\n"'
     )
     environment = {'PATH': '/usr/bin:/bin', 'HOME': str(ROOT / 'out')}
     done = subprocess.run(
