@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.devices.framing import FrameDecoder
-from tactile_ros.devices.packets import encode
+from tactile_ros.devices.packets import encode, frame_bytes
 from tactile_ros.types import Array
 
 Damage = Literal['dropped', 'doubled', 'flipped', 'garbage', 'inserted', 'truncated', 'shifted']
@@ -114,25 +114,24 @@ def unseen(
         The shares.
     """
     rng = np.random.default_rng(seed)
-    temperature = np.broadcast_to(temperature_c, values.shape[:2])
+    size = frame_bytes(values.shape[1])
+    frames = _cut(encode(values, np.broadcast_to(temperature_c, values.shape[:2])), size)
     wrong, worst, lost = 0, 0, 0
     for _ in range(trials):
-        rows = rng.integers(len(values), size=7)
-        sent = [encode(values[i], temperature[i]) for i in rows]
-        hurt = damage(sent[3], kind, rng)
-        good = sent[:3] + sent[4:]
-        got = _delivered([*sent[:3], hurt, *sent[4:]], values.shape[1], quantum)
+        sent = [frames[i] for i in rng.integers(len(frames), size=7)]
+        stream = b''.join([*sent[:3], damage(sent[3], kind, rng), *sent[4:]])
+        decoded = FrameDecoder(values.shape[1], quantum).feed(stream)
+        got = _cut(encode(decoded.values, decoded.temperature_c), size)
         false = [frame for frame in got if frame not in sent]
-        lost = max(lost, sum(frame not in got for frame in good))
+        lost = max(lost, sum(frame not in got for frame in sent[:3] + sent[4:]))
         wrong += bool(false)
         worst += any(_error(frame, sent[3]) > HARMLESS_MICROTESLA for frame in false)
     return Unseen(kind, trials, wrong / trials, worst / trials, lost)
 
 
-def _delivered(stream: list[bytes], chips: int, quantum: npt.ArrayLike | None) -> list[bytes]:
-    """Frames that a decoder gives for the stream, as they would be sent."""
-    decoded = FrameDecoder(chips, quantum).feed(b''.join(stream))
-    return [encode(b, t) for b, t in zip(decoded.values, decoded.temperature_c, strict=True)]
+def _cut(stream: bytes, size: int) -> list[bytes]:
+    """Whole frames, one by one."""
+    return [stream[i : i + size] for i in range(0, len(stream), size)]
 
 
 def _error(frame: bytes, truth: bytes) -> float:
