@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from tactile_ros.evaluation.metrics import TargetErrors
 
 MM = 1e3
+Colours = dict[str, str]
 NAMES = {
     'position': 'place',
     'force_z': 'normal force',

@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
-from tactile_ros.evaluation.figure import MM, Figure, accepted, shown, title_of
+from tactile_ros.evaluation.figure import MM, Colours, Figure, accepted, shown, title_of
 from tactile_ros.evaluation.force_figures import force_scatter, force_trace
 from tactile_ros.evaluation.place_figures import error_map, histogram
 from tactile_ros.evaluation.svg import Plot
 
 if TYPE_CHECKING:
     from tactile_ros.evaluation.result import Dataset, Result
+
+LABEL = (84.0, 15.0)  # pixels that the name of an estimator takes
 
 
 def honesty(dataset: Dataset) -> Figure | None:
@@ -23,7 +25,7 @@ def honesty(dataset: Dataset) -> Figure | None:
         return None
     expected = np.linspace(0, 1, 41)
     limits = stats.norm.ppf(0.5 + expected[:-1] / 2)
-    plot = Plot((0, 100), (0, 100), 'stated (%)', 'found (%)', (420, 300),
+    plot = Plot((0, 100), (0, 100), 'stated (%)', 'found (%)', (360, 270),
                 told='Found against stated share of errors within k sigma')  # fmt: skip
     ends = np.array([0.0, 100.0])
     plot.band(ends, ends - 5, ends + 5, 'band ink')
@@ -40,7 +42,7 @@ def honesty(dataset: Dataset) -> Figure | None:
     )
     key = tuple((f'c{i}', title_of(t)) for i, t in enumerate(targets[:4]))
     return Figure(
-        'Whether the covariances are honest',
+        'Are the covariances honest?',
         f'Inside one sigma: {told}. On the diagonal the stated errors are the real ones; '
         'the grey band is 5 points wide on either side.',
         str(plot),
@@ -48,7 +50,7 @@ def honesty(dataset: Dataset) -> Figure | None:
     )
 
 
-def speed(dataset: Dataset) -> Figure | None:
+def speed(dataset: Dataset, colours: Colours) -> Figure | None:
     """Error of every estimator against its time per frame."""
     name = dataset.answers[0].targets[0].name if dataset.answers[0].targets else ''
     found = [(a, a.target(name)) for a in dataset.answers if a.us_single > 0]
@@ -59,17 +61,32 @@ def speed(dataset: Dataset) -> Figure | None:
         return None
     cost, error = [p[1] for p in points], [p[2] for p in points]
     unit = 'mean place error (mm)' if name == 'position' else 'RMSE (N)'
-    plot = Plot((min(cost) / 2.5, max(cost) * 4), (0, 1.25 * max(error)), 'time per frame (us)',
+    plot = Plot((min(cost) / 2.5, max(cost) * 4), (0, 1.25 * max(error)), 'time per frame (µs)',
                 unit, log_x=True, told='Error against time per frame')  # fmt: skip
-    for i, (words, us, value) in enumerate(points):
-        plot.mark(us, value, i, f'fill c{min(i, 4)}')
-        plot.text(us * 1.12, value, words, 'start')
+    spots = [(float(plot.x(us)), float(plot.y(value)) - 17) for _, us, value in points]
+    for (words, us, value), shift in zip(points, _apart(spots), strict=True):
+        colour = colours[words]
+        plot.mark(us, value, int(colour[1:]), f'fill {colour}')
+        plot.text(us, value, words, 'middle', shift=shift - 17)
     best = min(points, key=lambda p: p[2])
     fastest = min(points, key=lambda p: p[1])
-    caption = f'{best[0]} errs least ({best[2]:.2f}) at {best[1]:.0f} us a frame'
+    caption = f'{best[0]} errs least ({best[2]:.2f}) at {best[1]:.0f} µs a frame'
     if fastest is not best:
-        caption += f'; {fastest[0]} is fastest ({fastest[1]:.0f} us) and errs {fastest[2]:.2f}'
+        caption += f'; {fastest[0]} is fastest ({fastest[1]:.0f} µs) and errs {fastest[2]:.2f}'
     return Figure('Speed against error', f'{caption}. Down and left is better.', str(plot))
+
+
+def _apart(spots: list[tuple[float, float]]) -> list[float]:
+    """How far to move labels (pixels, up is negative) so that none lies on another."""
+    placed: list[tuple[float, float]] = []
+    shifts = [0.0] * len(spots)
+    for i in sorted(range(len(spots)), key=lambda k: -spots[k][1]):
+        x, y = spots[i]
+        while any(abs(x - a) < LABEL[0] and abs(y - b) < LABEL[1] for a, b in placed):
+            y -= 1.0
+        placed.append((x, y))
+        shifts[i] = y - spots[i][1]
+    return shifts
 
 
 def delays(dataset: Dataset) -> Figure | None:
@@ -93,19 +110,26 @@ def delays(dataset: Dataset) -> Figure | None:
     )
 
 
-def figures_of(dataset: Dataset) -> list[Figure]:
-    """Every drawing that a recording has data for."""
+def figures_of(dataset: Dataset, colours: Colours) -> list[Figure]:
+    """Every drawing that a recording has data for, each estimator in its colour."""
+    first = colours[dataset.answers[0].name]
     forces = ('force_z', 'force_x', 'force_y')
     drawn = [
         error_map(dataset),
-        histogram(dataset),
-        *(force_scatter(dataset, name) for name in forces),
+        histogram(dataset, colours),
+        *(force_scatter(dataset, name, first) for name in forces),
         honesty(dataset),
-        speed(dataset),
+        speed(dataset, colours),
         delays(dataset),
-        *(force_trace(dataset, name) for name in forces),
+        *(force_trace(dataset, name, first) for name in forces),
     ]
     return [figure for figure in drawn if figure is not None]
+
+
+def colours_of(result: Result) -> Colours:
+    """A colour for every estimator, the same throughout a report."""
+    names = dict.fromkeys(a.name for d in result.datasets for a in d.answers)
+    return {name: f'c{min(i, 4)}' for i, name in enumerate(names)}
 
 
 def headline(result: Result) -> list[tuple[str, str, str]]:

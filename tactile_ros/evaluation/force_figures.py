@@ -18,22 +18,21 @@ MOST_DOTS = 2500
 MOST_POINTS = 1200
 
 
-def force_scatter(dataset: Dataset, name: str) -> Figure | None:
+def force_scatter(dataset: Dataset, name: str, colour: str) -> Figure | None:
     """Estimate against truth with the stated one-sigma band about the diagonal."""
     target = dataset.answers[0].target(name)
     if target is None or not target.spread.count:
         return None
     truth, guess = target.truth[:, 0], target.estimate[:, 0]
     known = np.isfinite(guess)
-    span = _span(np.concatenate([truth, guess[known]]))
     words = title_of(target)
-    plot = Plot(span, span, f'measured {words} (N)', 'estimated (N)', (420, 340),
-                told=f'Estimated against measured {words}')  # fmt: skip
-    centre, sigma = binned_sigma(truth[known], target.variance[known, 0])
-    plot.band(centre, centre - sigma, centre + sigma, 'band c0')
-    plot.line(np.array(span), np.array(span), 'rule')
     some = _some(np.flatnonzero(known), MOST_DOTS)
-    plot.dots(truth[some], guess[some], 'c0')
+    span = _span(np.concatenate([truth[known], guess[known]]))
+    plot = Plot(span, span, '', 'estimated (N)', (360, 250),
+                told=f'Estimated against measured {words}')  # fmt: skip
+    plot.line(np.array(span), np.array(span), 'rule')
+    plot.dots(truth[some], guess[some], colour)
+    below = _residual(target, span, some, words, colour)
     share = target.coverage
     caption = f'RMSE {target.spread.rms:.2f} N over {target.spread.count} frames.'
     if share.count:
@@ -42,7 +41,23 @@ def force_scatter(dataset: Dataset, name: str) -> Figure | None:
             f' The band is the stated sigma: {100 * share.share:.0f} % of errors lie inside '
             f'({verdict}; {share.groups} groups).'
         )
-    return Figure(f'{words[0].upper()}{words[1:]} against the scale', caption, str(plot))
+    return Figure(f'{words[0].upper()}{words[1:]} against the scale', caption, str(plot) + below)
+
+
+def _residual(
+    target: TargetErrors, span: tuple[float, float], some: Integers, words: str, colour: str
+) -> str:
+    """Error along the truth with the stated one-sigma band about zero."""
+    truth, error = target.truth[:, 0], target.error[:, 0]
+    known = np.isfinite(error)
+    top = 1.15 * float(np.percentile(np.abs(error[known]), 99.5)) or 1.0
+    plot = Plot(span, (-top, top), f'measured {words} (N)', 'error (N)', (360, 170),
+                told=f'Error of {words} against its size')  # fmt: skip
+    centre, sigma = binned_sigma(truth[known], target.variance[known, 0])
+    plot.band(centre, -sigma, sigma, f'band {colour}')
+    plot.line(np.array(span), np.zeros(2), 'rule')
+    plot.dots(truth[some], error[some], colour)
+    return str(plot)
 
 
 def binned_sigma(truth: Array, variance: Array, bins: int = 24) -> tuple[Array, Array]:
@@ -73,7 +88,7 @@ def _some(rows: Integers, most: int) -> Integers:
     return rows[np.linspace(0, len(rows) - 1, most).astype(int)] if len(rows) > most else rows
 
 
-def force_trace(dataset: Dataset, name: str) -> Figure | None:
+def force_trace(dataset: Dataset, name: str, colour: str) -> Figure | None:
     """Estimate and truth over time, and the error under them."""
     target = dataset.answers[0].target(name)
     if target is None or not target.spread.count:
@@ -82,33 +97,39 @@ def force_trace(dataset: Dataset, name: str) -> Figure | None:
     if not np.isfinite(time).any():
         return None
     words = title_of(target)
-    wide = _trace(target, time, (900, 280), 1.0)
-    narrow = _trace(target, time, (420, 260), 0.3)
+    wide = _trace(target, time, (1080, 220), 1.0, colour)
+    narrow = _trace(target, time, (360, 200), 0.3, colour)
     worst = float(np.nanmax(target.size))
     caption = (
-        f'Estimated {words} with its one-sigma band over the measured one; at worst {worst:.2f} N '
-        f'off. Of the narrow drawing the first third only.'
+        f'At worst {worst:.2f} N off. The band is the stated sigma about zero: honest errors '
+        'leave it a third of the time.'
     )
-    key = (('c0', f'estimated ({dataset.answers[0].name})'), ('ink', 'measured'))
+    key = ((colour, f'estimated ({dataset.answers[0].name})'), ('ink', 'measured'))
     return Figure(f'{words[0].upper()}{words[1:]} over time', caption, wide, key, narrow)
 
 
-def _trace(target: TargetErrors, time: Array, size: tuple[int, int], part: float) -> str:
-    """Trace of the first part of the time."""
+def _trace(
+    target: TargetErrors, time: Array, size: tuple[int, int], part: float, colour: str
+) -> str:
+    """Trace of the first part of the time, and the error with its band under it."""
     begin, end = float(np.nanmin(time)), float(np.nanmax(time))
     end = begin + part * (end - begin) or begin + 1.0
-    rows = np.flatnonzero((time >= begin) & (time <= end))
-    rows = _some(rows, MOST_POINTS)
-    truth, guess = target.truth[rows, 0], target.estimate[rows, 0]
-    sigma = np.sqrt(target.variance[rows, 0])
-    span = _span(np.concatenate([truth, guess]))
-    plot = Plot((0.0, end - begin), span, 'time (s)', 'force (N)', size,
-                told='Estimated and measured force over time')  # fmt: skip
+    rows = _some(np.flatnonzero((time >= begin) & (time <= end)), MOST_POINTS)
     along = _broken(time[rows] - begin)
-    plot.band(time[rows] - begin, guess - sigma, guess + sigma, 'band c0')
-    plot.line(along, truth, 'line ink')
-    plot.line(along, guess, 'line c0')
-    return str(plot)
+    truth, guess = target.truth[rows, 0], target.estimate[rows, 0]
+    error, sigma = target.error[rows, 0], np.sqrt(target.variance[rows, 0])
+    frame = (0.0, end - begin)
+    upper = Plot(frame, _span(np.concatenate([truth, guess])), '', 'force (N)', size,
+                 told='Estimated and measured force over time')  # fmt: skip
+    upper.line(along, truth, 'line ink')
+    upper.line(along, guess, f'line {colour}')
+    top = 1.15 * float(np.nanpercentile(np.abs(error), 99.5)) or 1.0
+    lower = Plot(frame, (-top, top), 'time (s)', 'error (N)', (size[0], 150),
+                 told='Error of the force over time')  # fmt: skip
+    lower.band(time[rows] - begin, -sigma, sigma, f'band {colour}')
+    lower.line(np.array(frame), np.zeros(2), 'rule')
+    lower.line(along, error, f'line {colour}')
+    return str(upper) + str(lower)
 
 
 def _broken(time: Array) -> Array:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.evaluation.figure import MM, Figure
+from tactile_ros.evaluation.figure import MM, Colours, Figure
 from tactile_ros.evaluation.svg import Plot
 from tactile_ros.types import Array
 
@@ -90,7 +90,7 @@ def _rim_sentence(x: Array, y: Array, mean: Array) -> str:
     )
 
 
-def histogram(dataset: Dataset) -> Figure | None:
+def histogram(dataset: Dataset, colours: Colours) -> Figure | None:
     """Distribution of the place error, the other estimators as outlines."""
     found = [(a.name, a.target('position')) for a in dataset.answers]
     sizes = [(name, t.size[np.isfinite(t.size)] * MM) for name, t in found if t is not None]
@@ -105,13 +105,14 @@ def histogram(dataset: Dataset) -> Figure | None:
         (0, top), (0, 1.12 * max(float(s.max()) for s in shares)), 'error in the plane (mm)',
         'share of frames (%)', told='Distribution of the place error',
     )  # fmt: skip
-    plot.bars(edges, shares[0], 'fill c0')
-    for i, share in enumerate(shares[1:], 1):
-        plot.steps(edges, share, f'line c{i}')
+    kinds = [colours[name] for name, _ in sizes[:4]]
+    plot.bars(edges, shares[0], f'fill {kinds[0]}')
+    for kind, share in zip(kinds[1:], shares[1:], strict=True):
+        plot.steps(edges, share, f'line {kind}')
     p50, p95 = (float(p) for p in np.percentile(first, [50, 95]))
     plot.rule(p50, f'half below {p50:.2f}')
     plot.rule(p95, f'95 % below {p95:.2f}', row=1)
-    key = tuple((f'c{i}', name) for i, (name, _) in enumerate(sizes[:4]))
+    key = tuple((colours[name], name) for name, _ in sizes[:4])
     return Figure('How far off the place is', _histogram_caption(sizes), str(plot), key)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.evaluation.figures import figures_of, headline
+from tactile_ros.evaluation.figures import colours_of, figures_of, headline
 from tactile_ros.evaluation.result import table
 from tactile_ros.evaluation.stylesheet import STYLE
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Sequence
 
-    from tactile_ros.evaluation.figure import Figure
+    from tactile_ros.evaluation.figure import Colours, Figure
     from tactile_ros.evaluation.result import Cell, Dataset, Result
 
 LOW_IS_BETTER = ('mean', 'p50', 'p95', 'RMSE', 'us/frame')
@@ -62,7 +62,7 @@ def render(result: Result) -> str:
         f'<header><h1>{title}</h1><p class="lead">{escape(_lead(result))}</p></header>',
         _tiles(result),
         _table(result),
-        *(_section(dataset) for dataset in result.datasets),
+        *(_section(dataset, colours_of(result)) for dataset in result.datasets),
         _repeat(result),
     ]
     return (
@@ -146,9 +146,9 @@ def _best(columns: list[str], rows: list[list[Cell]]) -> set[tuple[int, int]]:
     return found
 
 
-def _section(dataset: Dataset) -> str:
+def _section(dataset: Dataset, colours: Colours) -> str:
     """One recording: what it is, what went wrong, and its drawings."""
-    figures = figures_of(dataset) if dataset.answers else []
+    figures = figures_of(dataset, colours) if dataset.answers else []
     return (
         f'<section><h2>{escape(dataset.name)}</h2>'
         f'<p class="lead">{escape(dataset.summary)}</p>{_agreement(dataset)}'
@@ -174,11 +174,12 @@ def _agreement(dataset: Dataset) -> str:
     if found is None:
         return ''
     same = found.largest <= SAME
+    largest = f'{found.largest:.2g}'.replace('-', '−')
     verdict = (
         f'The replay gives the contacts of the live run in all {found.frames:,} frames: '
-        f'largest difference {found.largest:.2g}'
+        f'largest difference {largest}'
         if same
-        else f'The replay differs from the live run by up to {found.largest:.2g} ({found.worst})'
+        else f'The replay differs from the live run by up to {largest} ({found.worst})'
     )
     if found.without_contacts:
         verdict += f'; {found.without_contacts:,} frames had no contacts and were left out'

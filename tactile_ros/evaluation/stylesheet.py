@@ -49,7 +49,7 @@ th.words, td.words { text-align: left; }
 tbody th { font-weight: 600; position: sticky; left: 0; background: var(--card); }
 td.best { font-weight: 700; color: var(--c0); }
 .grid { display: grid; gap: 20px; margin: 22px 0 0;
-  grid-template-columns: repeat(auto-fill, minmax(min(100%, 350px), 1fr)); align-items: start; }
+  grid-template-columns: repeat(auto-fill, minmax(min(100%, 350px), 1fr)); align-items: stretch; }
 figure { margin: 0; padding: 16px 16px 14px; background: var(--card); min-width: 0;
   border: 1px solid var(--hair); border-radius: 10px; }
 figure.wide { grid-column: 1 / -1; }
@@ -59,6 +59,7 @@ figcaption { color: var(--soft); font-size: 14px; line-height: 1.45; margin-top:
 .key i { display: inline-block; width: 12px; height: 12px; border-radius: 3px; margin-right: 6px;
   vertical-align: -1px; background: currentColor; }
 svg.plot { display: block; width: 100%; height: auto; margin-top: 8px; overflow: visible; }
+svg.plot + svg.plot { margin-top: 2px; }
 .only-narrow { display: none; }
 svg text { font: 12px system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", "DejaVu Sans",
   sans-serif; fill: var(--soft); font-variant-numeric: tabular-nums; }
@@ -97,9 +98,9 @@ dl.facts dt { color: var(--soft); } dl.facts dd { margin: 0; overflow-wrap: anyw
   h1 { font-size: 25px; } h2 { margin-top: 44px; }
   .figures { grid-template-columns: repeat(2, 1fr); }
   .figures dd { font-size: 26px; }
+  .figures div:last-child:nth-child(odd) { grid-column: span 2; }
   figure { padding: 14px 12px 12px; }
   .only-wide { display: none; } .only-narrow { display: block; }
-  svg text { font-size: 13.5px; }
   dl.facts { grid-template-columns: 1fr; gap: 0; } dl.facts dd { margin-bottom: 8px; }
 }
 @media print { body { background: #fff; } figure { break-inside: avoid; } }

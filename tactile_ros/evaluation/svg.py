@@ -30,7 +30,7 @@ def nice_ticks(low: float, high: float, count: int = 5) -> list[float]:
         return [low]
     rough = (high - low) / count
     power = 10.0 ** math.floor(math.log10(rough))
-    step = next(f * power for f in (1, 2, 2.5, 5, 10) if f * power >= rough * 0.999)
+    step = min((f * power for f in (1, 2, 2.5, 5, 10)), key=lambda s: abs(math.log(s / rough)))
     first = math.ceil(low / step - 1e-9)
     last = math.floor(high / step + 1e-9)
     return [round(i * step, 12) for i in range(first, last + 1)]
@@ -89,7 +89,7 @@ class Plot:
         y: tuple[float, float],
         x_label: str,
         y_label: str,
-        size: tuple[int, int] = (420, 300),
+        size: tuple[int, int] = (360, 270),
         log_x: bool = False,
         told: str = '',
     ) -> None:
@@ -103,7 +103,7 @@ class Plot:
     @classmethod
     def plan(cls, x: tuple[float, float], y: tuple[float, float], label: str, told: str) -> Plot:
         """A plan view: one scale for both axes, `label` with the unit of both."""
-        width = 420
+        width = 360
         inner = width - LEFT - RIGHT
         height = inner * (y[1] - y[0]) / (x[1] - x[0]) + TOP + BOTTOM
         return cls(x, y, f'x {label}', f'y {label}', (width, round(height)), told=told)
@@ -187,10 +187,11 @@ class Plot:
         anchor: str = 'start',
         kind: str = '',
         row: int = 0,
+        shift: float = 0.0,
     ) -> None:
-        """Words at a place, or in a row under the top of the plot where `y` is None."""
+        """Words at a place (`shift` pixels lower), or under the top of the plot without `y`."""
         px = float(self.x(x)) + {'start': 5, 'end': -5}.get(anchor, 0)
-        py = TOP + 11 + 15 * row if y is None else float(self.y(y)) + 4
+        py = TOP + 11 + 15 * row if y is None else float(self.y(y)) + 4 + shift
         if anchor == 'start' and px + 6.4 * len(words) > self.size[0]:
             px, anchor = px - 10, 'end'
         self._over.append(
@@ -216,7 +217,7 @@ class Plot:
         """Grid, labels of the ticks and names of the axes."""
         left, right = self.x.pixels
         bottom, top = self.y.pixels
-        for tick in self.y.ticks(max(2, int((bottom - top) / 45))):
+        for tick in self.y.ticks(max(3, int((bottom - top) / 45))):
             py = float(self.y(tick))
             yield f'<path class="grid" d="M{left} {py:.1f}H{right}"/>'
             yield f'<text x="{left - 7}" y="{py + 4:.1f}" text-anchor="end">{number(tick)}</text>'

@@ -1,0 +1,268 @@
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from tactile_ros.evaluation.figures import figures_of
+from tactile_ros.evaluation.metrics import target_errors
+from tactile_ros.evaluation.replay import Agreement
+from tactile_ros.evaluation.report import figure_text, render, write_report
+from tactile_ros.evaluation.result import Answer, Dataset, Result, table
+from tactile_ros.evaluation.svg import Plot, log_ticks, nice_ticks
+from tactile_ros.types import ContactStates, Layout, Recording
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+LAYOUT = Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T')
+HOSTILE = '<script>alert(1)</script> & "quotes" \'too\''
+BROWSER = shutil.which('chromium') or shutil.which('chromium-browser')
+FLAGS = (
+    '--headless',
+    '--no-sandbox',
+    '--disable-gpu',
+    '--disable-quic',
+    '--no-first-run',
+    '--disable-sync',
+    '--disable-background-networking',
+    '--disable-component-update',
+    '--enable-logging=stderr',
+)
+SIZE = (360, 270)
+FETCH = ('src', 'href', 'xlink:href', 'srcset')
+
+
+def answer_of(name: str, scale: float, seed: int, us: float = 50.0) -> Answer:
+    """Errors of place (scale in mm) and of two force components (scale in N)."""
+    rng = np.random.default_rng(seed)
+    place = np.repeat(rng.uniform(-0.015, 0.015, (60, 2)), 4, axis=0)
+    force = np.column_stack(
+        [3 * np.sin(np.arange(240) / 9), np.full(240, np.nan), 9 + 9 * np.cos(np.arange(240) / 30)]
+    )
+    position = np.column_stack([place, np.full(240, np.nan)])
+    truth = {'position': position, 'force': force}
+    recording = Recording.from_arrays(LAYOUT, np.zeros((240, 5, 3)), truth=truth)
+    known = {
+        'position': position
+        + np.append(rng.normal(0, 1e-3 * scale, (240, 2)), np.zeros((240, 1)), 1),
+        'position_cov': np.tile(1e-6 * scale**2 * np.eye(3), (240, 1, 1)),
+        'force': force + rng.normal(0, scale, (240, 3)),
+        'force_cov': np.tile(scale**2 * np.eye(3), (240, 1, 1)),
+        'valid': np.arange(240) != 5,
+    }
+    states = ContactStates.assemble(240, 5, known)
+    return Answer(name, target_errors(recording, states), us, us / 20)
+
+
+def result_of(**changes: object) -> Result:
+    rng = np.random.default_rng(0)
+    dataset = Dataset(
+        name='spatial',
+        summary='Held-out places.',
+        answers=(answer_of('kernel_ridge', 0.4, 1, 60), answer_of(HOSTILE, 1.0, 2, 20)),
+        frames=240,
+        dropped=3,
+        time_s=np.arange(240) * 0.1,
+        chips=LAYOUT.positions,
+        latency_s=1e-3 * rng.gamma(3, 0.5, 240),
+        agreement=Agreement(240, 7, {'force': 2e-13}),
+        problems=(f'/camera{HOSTILE} was left out',),
+    )
+    fields = {
+        'title': f'Replay {HOSTILE}',
+        'command': f'tactile replay {HOSTILE}',
+        'environment': {'python': '3.11', 'cpu': HOSTILE},
+        'datasets': (dataset,),
+    }
+    return Result(**{**fields, **changes})
+
+
+class Checker(HTMLParser):
+    """Balanced tags, and every attribute that could fetch something."""
+
+    VOID = frozenset({'meta', 'link', 'img', 'br', 'hr', 'input'})
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.seen: set[str] = set()
+        self.fetching: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.seen.add(tag)
+        self.fetching += [
+            f'{k}={v}' for k, v in attrs if k in ('src', 'href', 'xlink:href', 'srcset')
+        ]
+        self.fetching += [
+            f'{k}={v}' for k, v in attrs if k.startswith('on') or 'url(' in (v or '')
+        ]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in self.VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_the_report_is_whole_escaped_and_alone() -> None:
+    text = render(result_of())
+    checker = Checker()
+    checker.feed(text)
+    assert checker.open == []
+    assert checker.fetching == []
+    assert not {'script', 'link', 'img', 'iframe', 'object'} & checker.seen
+    assert '<script' not in text
+    assert not re.search(r'https?://|//[a-z]|@import|url\(', text)
+    assert 'tactile replay &lt;script&gt;' in text
+
+
+def test_every_drawing_is_there_and_says_its_finding() -> None:
+    (dataset,) = result_of().datasets
+    colours = {a.name: f'c{i}' for i, a in enumerate(dataset.answers)}
+    figures = figures_of(dataset, colours)
+    titles = [figure.title for figure in figures]
+    assert titles == [
+        'Where on the pad it errs',
+        'How far off the place is',
+        'Normal force against the scale',
+        'Shear force x against the scale',
+        'Are the covariances honest?',
+        'Speed against error',
+        'How late a contact is',
+        'Normal force over time',
+        'Shear force x over time',
+    ]
+    place = dataset.answers[0].target('position')
+    assert f'{1e3 * place.spread.mean:.2f} mm on average' in figures[1].caption
+    assert f'{dataset.answers[0].target("force_z").spread.rms:.2f} N' in figures[2].caption
+    assert '3 of 243 frames were lost' in figures[6].caption
+    assert all('nan' not in str(figure) for figure in figures)
+
+
+def test_a_recording_without_truth_or_answers_still_has_its_report() -> None:
+    (full,) = result_of().datasets
+    fields = {'frames': 1, 'dropped': 0, 'time_s': np.full(1, np.nan), 'chips': full.chips}
+    bare = Dataset('bare', '', (), **fields)
+    blind = Dataset('blind', '', (Answer('ridge', ()),), **fields)
+    text = render(result_of(datasets=(bare, blind)))
+    assert 'bare' in text
+    assert 'nan' not in text
+    assert render(result_of(datasets=()))
+
+
+def test_answers_that_are_all_nan_draw_nothing_wrong() -> None:
+    (full,) = result_of().datasets
+    recording = Recording.from_arrays(
+        LAYOUT,
+        np.zeros((3, 5, 3)),
+        truth={'force': np.zeros((3, 3)), 'position': np.zeros((3, 3))},
+    )
+    states = ContactStates.assemble(3, 5, {'valid': np.ones(3, bool)})
+    lost = Answer('ridge', target_errors(recording, states), 1.0)
+    dataset = Dataset('lost', '', (lost,), 3, 0, np.arange(3.0), full.chips)
+    assert '3 frames without an estimate' in render(result_of(datasets=(dataset,)))
+
+
+def test_the_table_has_one_row_per_estimator_in_millimetres_and_newton() -> None:
+    result = result_of()
+    columns, rows = table(result)
+    first, second = (dict(zip(columns, row, strict=True)) for row in rows)
+    answer = result.datasets[0].answers[0]
+    assert first['place mean (mm)'] == pytest.approx(1e3 * answer.target('position').spread.mean)
+    assert first['normal RMSE (N)'] == answer.target('force_z').spread.rms
+    assert first['shear RMSE (N)'] == pytest.approx(answer.target('force_x').spread.rms)
+    assert first['place in 1 sigma (%)'] == pytest.approx(68, abs=8)
+    assert first['latency p50 (ms)'] == pytest.approx(
+        1e3 * np.median(result.datasets[0].latency_s)
+    )
+    assert second['latency p50 (ms)'] is None
+    assert (first['us/frame'], second['us/frame']) == (60, 20)
+    assert 'class="best">' in render(result)
+
+
+def test_columns_that_nobody_fills_are_left_out() -> None:
+    (full,) = result_of().datasets
+    answer = Answer('ridge', (full.answers[0].target('force_z'),))
+    dataset = Dataset('normal', '', (answer,), 3, 0, full.time_s, full.chips)
+    columns, _ = table(result_of(datasets=(dataset,)))
+    assert columns == [
+        'recording',
+        'estimator',
+        'normal RMSE (N)',
+        'force in 1 sigma (%)',
+        'groups',
+        'dropped',
+    ]
+
+
+def test_numbers_have_the_digits_they_deserve() -> None:
+    assert figure_text(0.3612, 'mm') == '0.36'
+    assert figure_text(36.12, 'us/frame') == '36.1'
+    assert figure_text(68.3, 'in 1 sigma (%)') == '68'
+    assert figure_text(4805, 'frames') == '4,805'
+    assert figure_text(float('nan'), 'mm') == figure_text(None, 'mm') == '–'
+
+
+@pytest.mark.parametrize('span', [(0.0, 1.0), (-3.3, 3.3), (0.0, 37.0), (1e-4, 9e-4), (5.0, 5.0)])
+def test_ticks_are_round_few_and_inside(span: tuple[float, float]) -> None:
+    ticks = nice_ticks(*span, 4)
+    assert all(span[0] - 1e-9 <= tick <= span[1] + 1e-9 for tick in ticks)
+    assert 1 <= len(ticks) <= 8
+    steps = np.diff(ticks)
+    assert np.allclose(steps, steps[:1])
+
+
+def test_logarithmic_ticks_are_decades() -> None:
+    assert log_ticks(20, 990) == [20, 50, 100, 200, 500]
+    assert log_ticks(1, 1e6) == [1, 10, 100, 1000, 1e4, 1e5, 1e6]
+
+
+def test_pixels_of_a_plot() -> None:
+    plot = Plot((0, 10), (0, 1), 'x', 'y', SIZE)
+    assert plot.x(0.0) == 46
+    assert plot.x(10.0) == 346
+    assert plot.y(0.0) == 228
+    plot.line(np.array([0, 5, np.nan, 10]), np.array([0, 1, 0, 1]), 'line')
+    assert 'd="M46.0 228.0L196.0 30.0M346.0 30.0"' in str(plot)
+
+
+def test_the_file_lies_where_it_was_asked_for(tmp_path: Path) -> None:
+    path = write_report(tmp_path / 'new' / 'report.html', result_of())
+    assert path.read_text(encoding='utf-8') == render(result_of())
+    assert path.stat().st_size < 1_000_000
+
+
+def browse(path: Path, folder: Path, *flags: str) -> subprocess.CompletedProcess[str]:
+    command = [BROWSER, *FLAGS, f'--user-data-dir={folder}', *flags, path.as_uri()]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+
+
+@pytest.mark.skipif(BROWSER is None, reason='chromium is not installed')
+def test_a_browser_shows_it_without_a_complaint_and_without_scrolling_sideways(
+    tmp_path: Path,
+) -> None:
+    path = write_report(tmp_path / 'report.html', result_of())
+    probe = (
+        '<script>addEventListener("load",()=>{document.documentElement.dataset.wide='
+        '[document.documentElement.scrollWidth,innerWidth,'
+        'document.querySelectorAll("svg.plot").length].join(" ")})</script>'
+    )
+    probed = tmp_path / 'probed.html'
+    probed.write_text(path.read_text('utf-8').replace('</body>', f'{probe}</body>'), 'utf-8')
+    found = browse(probed, tmp_path / 'user', '--window-size=390,900', '--dump-dom')
+    wide, window, plots = map(
+        int, re.search(r'data-wide="(\d+) (\d+) (\d+)"', found.stdout).groups()
+    )
+    assert wide <= window
+    assert plots >= 9
+    assert 'CONSOLE' not in found.stderr
