@@ -25,9 +25,12 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rclpy.subscription import Subscription
+    from rclpy.timer import Timer
 
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import ContactState, Frame
+
+LISTENERS_PERIOD_S = 0.02
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,7 @@ class ContactNode(ManagedNode):
         self._pipeline: Pipeline | None = None
         self._stage: ContactStage | None = None
         self._heard: list[Subscription] = []
+        self._waiting: Timer | None = None
         self._refusal = self._complaint = ''
         self._previous = 0
         self._frame_id = ''
@@ -134,19 +138,40 @@ class ContactNode(ManagedNode):
         self._listen()
 
     def _listen(self) -> None:
-        """Subscribe to the sensor."""
+        """Subscribe to the sensor: to its frames once everybody hears what comes of them."""
         self._heard = [self.create_subscription(TactileLayout, 'layout', self._on_layout, LATCHED)]
-        if not self._direct:
-            self._heard.append(
-                self.create_subscription(
-                    TactileFrame, 'frame', self._on_frame, DATA,
-                    qos_overriding_options=overridable(),
-                )
-            )  # fmt: skip
+        if self._direct:
+            return
+        if self.is_heard():
+            self._listen_to_frames()
+        else:
+            self._waiting = self.create_timer(LISTENERS_PERIOD_S, self._on_waiting)
+
+    def _listen_to_frames(self) -> None:
+        """Subscribe to `frame`."""
+        options = overridable()
+        self._heard.append(
+            self.create_subscription(
+                TactileFrame, 'frame', self._on_frame, DATA, qos_overriding_options=options
+            )
+        )
+
+    def _on_waiting(self) -> None:
+        """Look whether everybody is there."""
+        if self.is_heard():
+            self._end_waiting()
+            self._listen_to_frames()
+
+    def _end_waiting(self) -> None:
+        """No timer runs once everybody is there, or while the node is not active."""
+        if self._waiting is not None:
+            self.destroy_timer(self._waiting)
+            self._waiting = None
 
     def deactivate(self) -> None:
         """Listen no more."""
         self._active = False
+        self._end_waiting()
         for subscription in self._heard:
             self.destroy_subscription(subscription)
         self._heard = []

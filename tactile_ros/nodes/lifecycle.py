@@ -6,6 +6,7 @@ import signal
 import sys
 import threading
 import time
+import traceback
 from typing import TYPE_CHECKING, TypeVar
 
 import rclpy
@@ -150,6 +151,9 @@ class ManagedNode(LifecycleNode):
             step()
         except (TactileError, ValueError, OSError) as err:
             self.get_logger().error(str(err))
+            return False
+        except Exception:  # rclpy would swallow it
+            self.get_logger().error(traceback.format_exc())
             return False
         return True
 

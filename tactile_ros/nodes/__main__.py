@@ -1,0 +1,23 @@
+"""Run a node by the name of its executable: python -m tactile_ros.nodes sensor_node --ros-args ..."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from importlib import import_module
+
+EXECUTABLES = ('sensor_node', 'contact_node', 'stack', 'record', 'player')
+
+
+def main() -> None:
+    """Import and run; Ctrl-C while numpy and rclpy still load ends without a traceback."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: sys.exit(0))
+    if len(sys.argv) < 2 or sys.argv[1] not in EXECUTABLES:
+        sys.exit(f'name one of {", ".join(EXECUTABLES)}')
+    name = sys.argv.pop(1)
+    import_module(f'tactile_ros.nodes.{name}').main()
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,191 @@
+"""What runs: one description for the launch files, for `tactile demo` and for the tests.
+
+Plain data, no rclpy. `processes` starts a graph where there is no `ros2 launch`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+PACKAGE = 'tactile_ros'
+
+Value = bool | int | float | str | list[float]
+Source = Literal['hardware', 'recorded']
+
+
+@dataclass(frozen=True)
+class Process:
+    """One executable of the package.
+
+    Attributes
+    ----------
+    executable : str
+        In lib/tactile_ros, and the module of the same name in tactile_ros/nodes.
+    parameters : dict
+        Of every node of the process that has a parameter of that name.
+    namespace : str
+        Of its nodes; empty: none.
+    remappings : dict
+        Topic or service names, from -> to.
+    params_file : str
+        YAML file of parameters; what `parameters` says wins.
+    """
+
+    executable: str
+    parameters: Mapping[str, Value] = field(default_factory=dict)
+    namespace: str = ''
+    remappings: Mapping[str, str] = field(default_factory=dict)
+    params_file: str = ''
+
+    def ros_arguments(self) -> list[str]:
+        """Command line after --ros-args."""
+        space = self.namespace.strip('/')
+        found = ['-r', f'__ns:=/{space}'] if space else []
+        for old, new in self.remappings.items():
+            found += ['-r', f'{old}:={new}']
+        if self.params_file:
+            found += ['--params-file', self.params_file]
+        for name, value in self.parameters.items():
+            found += ['-p', f'{name}:={yaml_text(value)}']
+        return found
+
+    def command(self) -> list[str]:
+        """Command line with this interpreter, which finds the package as it found this module."""
+        run = [sys.executable, '-m', f'{PACKAGE}.nodes', self.executable]
+        arguments = self.ros_arguments()
+        return [*run, '--ros-args', *arguments] if arguments else run
+
+
+@dataclass(frozen=True)
+class Graph:
+    """Processes in the order in which they start."""
+
+    processes: tuple[Process, ...]
+
+    def __getitem__(self, executable: str) -> Process:
+        """Process of an executable; KeyError if it is not part."""
+        for process in self.processes:
+            if process.executable == executable:
+                return process
+        raise KeyError(executable)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a user chooses about a graph.
+
+    Attributes
+    ----------
+    sensor : str
+        Key of the sensor.
+    source : str
+        'hardware': the board at `port`; 'recorded': a player of `recording` takes its place.
+    port : str
+        Serial port; of a player: where the simulated port appears.
+    recording : str
+        Name of a shipped recording, or a file (.npz).
+    calibration : str
+        File (.npz); empty: not calibrated.
+    bag : str
+        Folder to record into; empty: nothing is recorded.
+    stack : bool
+        Sensor and contact in one process by direct calls.
+    tare : bool
+        The player calls the tare before each touch.
+    speed_up : float
+        Recorded over played time; inf: as fast as the graph goes.
+    loop : bool
+        The player begins again at the end.
+    """
+
+    sensor: str = 'reskin_board'
+    source: Source = 'hardware'
+    port: str = '/dev/ttyACM0'
+    recording: str = 'spatial'
+    calibration: str = ''
+    bag: str = ''
+    stack: bool = False
+    tare: bool = True
+    speed_up: float = 1.0
+    loop: bool = False
+    frame_id: str = 'tactile_sensor'
+    namespace: str = ''
+    params_file: str = ''
+    use_sim_time: bool = False
+    autostart: bool = True
+
+
+def yaml_text(value: Value) -> str:
+    """A parameter's value as ROS reads it on a command line.
+
+    Examples
+    --------
+    >>> [yaml_text(x) for x in (True, 3, 2.0, 'a b', [1.0, 2.5])]
+    ['true', '3', '2.0', '"a b"', '[1.0, 2.5]']
+    >>> yaml_text(float('inf'))
+    '.inf'
+    """
+    if isinstance(value, float) and not math.isfinite(value):
+        return '.nan' if math.isnan(value) else ('.inf' if value > 0 else '-.inf')
+    if isinstance(value, (list, tuple)):
+        return '[' + ', '.join(yaml_text(x) for x in value) + ']'
+    return json.dumps(value)
+
+
+def sensing(setting: Setting) -> Graph:
+    """Sensor and contact, as two processes or as one; with player and recorder where asked.
+
+    Whoever listens is there before the first frame: the recorder starts first, contact_node waits
+    for those who hear it, sensor_node for those who hear it, and the player for all of them.
+    """
+    recorded = setting.source == 'recorded'
+    hearing = int(bool(setting.bag)) + int(recorded)
+    common = {'use_sim_time': setting.use_sim_time, 'autostart': setting.autostart}
+    contact: dict[str, Value] = {
+        **common, 'sensor': setting.sensor, 'calibration': setting.calibration,
+        'listeners': hearing,
+    }  # fmt: skip
+    sensor: dict[str, Value] = {
+        **common, 'sensor': setting.sensor, 'port': setting.port, 'frame_id': setting.frame_id,
+        'listeners': hearing + int(not setting.stack),
+    }  # fmt: skip
+    if recorded:
+        # A recording has one resting row before a touch, and a hand that is known to be open.
+        contact.update(tare_frames=1, allow_tare_in_contact=True)
+        sensor.update(temperature_measured=False)
+    processes = []
+    if setting.bag:
+        processes.append(Process('record', {**common, 'bag': setting.bag}))
+    if setting.stack:
+        processes.append(Process('stack', {**contact, **sensor}))
+    else:
+        processes.append(Process('contact_node', contact))
+        processes.append(Process('sensor_node', sensor))
+    if recorded:
+        processes.append(_player(setting, common))
+    placed = [
+        replace(p, namespace=setting.namespace, params_file=setting.params_file) for p in processes
+    ]
+    return Graph(tuple(placed))
+
+
+def _player(setting: Setting, common: Mapping[str, Value]) -> Process:
+    """The recording in the place of the board."""
+    values: dict[str, Value] = {
+        **common,
+        'sensor': setting.sensor,
+        'recording': setting.recording,
+        'port': setting.port,
+        'speed_up': float(setting.speed_up),
+        'tare': setting.tare,
+        'loop': setting.loop,
+        'listeners': int(bool(setting.bag)),
+    }
+    return Process('player', values)

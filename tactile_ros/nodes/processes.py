@@ -1,0 +1,171 @@
+"""Processes of a graph: start them with this interpreter, hear them, stop them in order."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import threading
+import time
+from typing import TYPE_CHECKING
+
+from tactile_ros.errors import TactileError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from types import TracebackType
+
+    from tactile_ros.nodes.graph import Graph, Process
+
+STOP_S = 5.0
+MOST_LINES = 2000
+
+
+class Running:
+    """Processes of a graph; a context manager that stops them.
+
+    Parameters
+    ----------
+    graph : Graph
+        What to start.
+    environment : mapping or None
+        Changes to the environment of the processes.
+    hear : callable or None
+        Takes (executable, line) of everything that they print.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        environment: Mapping[str, str] | None = None,
+        hear: Callable[[str, str], None] | None = None,
+    ) -> None:
+        self.graph = graph
+        self.lines: dict[str, list[str]] = {p.executable: [] for p in graph.processes}
+        self._environment = {**os.environ, 'PYTHONUNBUFFERED': '1', **(environment or {})}
+        self._hear = hear
+        self._children: dict[str, subprocess.Popen[str]] = {}
+        self._threads: list[threading.Thread] = []
+        self._spoken = threading.Condition()
+
+    def __enter__(self) -> Running:
+        """Start all."""
+        try:
+            for process in self.graph.processes:
+                self.start(process)
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop all."""
+        self.stop()
+
+    def start(self, process: Process) -> None:
+        """Start one process; one that ended can be started again."""
+        # A group of its own: Ctrl-C reaches this program alone, which stops the others in order.
+        child = subprocess.Popen(
+            process.command(),
+            env=self._environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors='replace',
+            start_new_session=True,
+        )
+        self._children[process.executable] = child
+        thread = threading.Thread(
+            target=self._listen, args=(process.executable, child), daemon=True
+        )
+        thread.start()
+        self._threads.append(thread)
+
+    def _listen(self, name: str, child: subprocess.Popen[str]) -> None:
+        """Keep and pass on what a process prints."""
+        if child.stdout is None:
+            return
+        with child.stdout:
+            for line in child.stdout:
+                with self._spoken:
+                    self.lines[name] = [*self.lines[name][-MOST_LINES:], line.rstrip()]
+                    self._spoken.notify_all()
+                if self._hear is not None:
+                    self._hear(name, line.rstrip())
+
+    def wait_for_line(self, executable: str, text: str, timeout: float) -> str:
+        """Wait until a process prints a line that holds `text`, and return it.
+
+        Raises
+        ------
+        TactileError
+            If it does not within `timeout` (s).
+        """
+
+        def said() -> str | None:
+            return next((line for line in self.lines[executable] if text in line), None)
+
+        with self._spoken:
+            line = self._spoken.wait_for(said, timeout)
+        if line is None:
+            heard = ' | '.join(self.lines[executable][-5:]) or 'nothing'
+            msg = f'{executable} did not say {text!r} within {timeout:g} s; it said: {heard}'
+            raise TactileError(msg)
+        return line
+
+    def wait(self, executable: str, timeout: float) -> int:
+        """Wait for a process to end by itself and return its exit code.
+
+        Raises
+        ------
+        TactileError
+            If it does not within `timeout` (s), or another process fails before.
+        """
+        deadline = time.monotonic() + timeout
+        while True:
+            try:
+                return self._children[executable].wait(0.1)
+            except subprocess.TimeoutExpired:
+                self._refuse_failed(executable)
+            if time.monotonic() > deadline:
+                msg = f'{executable} did not end within {timeout:g} s'
+                raise TactileError(msg)
+
+    def _refuse_failed(self, waited_for: str) -> None:
+        """Say which process failed, with its last words."""
+        for name, child in self._children.items():
+            if name != waited_for and child.poll():
+                words = ' | '.join(self.lines[name][-3:])
+                msg = f'{name} ended with code {child.returncode}: {words}'
+                raise TactileError(msg)
+
+    def signal(self, executable: str, number: int) -> None:
+        """Send a signal to one process."""
+        self._children[executable].send_signal(number)
+
+    def stop(self, executables: Sequence[str] = ()) -> dict[str, int]:
+        """Stop processes, the last started first, the recorder at the very end; exit codes."""
+        names = list(executables) or list(self._children)
+        codes = {}
+        for name in sorted(reversed(names), key=lambda n: n == 'record'):
+            codes[name] = _end(self._children[name])
+        for thread in self._threads:
+            thread.join(STOP_S)
+        return codes
+
+
+def _end(child: subprocess.Popen[str]) -> int:
+    """SIGINT, then SIGKILL; the exit code."""
+    if child.poll() is None:
+        child.send_signal(signal.SIGINT)
+        try:
+            child.wait(STOP_S)
+        except subprocess.TimeoutExpired:
+            child.kill()
+    return child.wait()
