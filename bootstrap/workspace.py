@@ -16,17 +16,18 @@ from machine import python_headers, python_name
 from progress import run, say
 
 BUILT_FROM = ('package.xml', 'CMakeLists.txt', 'bootstrap/executable.in', 'msg', 'srv', 'action')
-INSTALLED = ('tactile_ros', 'config', 'launch')
+INSTALLED = ('tactile_ros', 'benchmarks', 'config', 'launch')
+MADE = {'__pycache__', 'results'}  # by Python and by the benchmarks
 STAMP = '.tactile_ros.json'
 
 
 def files(root: Path, names: tuple[str, ...]) -> list[Path]:
-    """All files under the named files and folders, without what Python leaves there."""
+    """All files under the named files and folders, without what running them leaves there."""
     found: list[Path] = []
     for name in names:
         path = root / name
         found += [path] if path.is_file() else sorted(path.rglob('*'))
-    return [path for path in found if path.is_file() and '__pycache__' not in path.parts]
+    return [path for path in found if path.is_file() and MADE.isdisjoint(path.parts)]
 
 
 def state(root: Path) -> dict[str, str]:
