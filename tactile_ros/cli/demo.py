@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     import argparse
 
     from tactile_ros.evaluation.loaded import LoadedRecording
-    from tactile_ros.nodes.graph import Graph, Value
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Recording
 
@@ -208,21 +207,10 @@ def play(part: Part, output: Path) -> str:
     )  # fmt: skip
     positions = part.played.layout.positions.ravel().tolist()
     extra = {'positions': positions, 'clock_rate': part.speed_up if part.in_time else 1.0}
-    graph = with_parameters(sensing(setting), 'sensor_node', extra)
+    graph = sensing(setting).with_parameters('sensor_node', extra)
     with Running(graph, {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}) as running:
         line = running.wait_for_line('player', 'played', timeout=60.0)
     return line[line.index('played') :]
-
-
-def with_parameters(graph: Graph, node: str, extra: dict[str, Value]) -> Graph:
-    """The same graph with further parameters of one node."""
-    processes = [
-        replace(p, parameters={**p.parameters, node: {**p.parameters[node], **extra}})
-        if node in p.parameters
-        else p
-        for p in graph.processes
-    ]
-    return replace(graph, processes=tuple(processes))
 
 
 def judge(part: Part, output: Path, pipelines: list[Pipeline]) -> Dataset:

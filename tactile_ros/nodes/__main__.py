@@ -1,4 +1,4 @@
-"""Run a node by the name of its executable: python -m tactile_ros.nodes sensor_node --ros-args ..."""
+"""Run a node by its executable's name: python -m tactile_ros.nodes sensor_node --ros-args ..."""
 
 from __future__ import annotations
 

@@ -44,6 +44,13 @@ class Process:
     remappings: Mapping[str, str] = field(default_factory=dict)
     params_file: str = ''
 
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """Names of its nodes."""
+        return (
+            ('contact_node', 'sensor_node') if self.executable == 'stack' else (self.executable,)
+        )
+
     def ros_arguments(self) -> list[str]:
         """Command line after --ros-args."""
         space = self.namespace.strip('/')
@@ -75,6 +82,20 @@ class Graph:
             if process.executable == executable:
                 return process
         raise KeyError(executable)
+
+    def with_parameters(self, node: str, values: Mapping[str, Value]) -> Graph:
+        """The same graph with further parameters of one node, wherever it runs.
+
+        Raises
+        ------
+        KeyError
+            If no process has that node.
+        """
+        home = next((p for p in self.processes if node in p.nodes), None)
+        if home is None:
+            raise KeyError(node)
+        changed = replace(home, parameters={**home.parameters, **values})
+        return Graph(tuple(changed if p is home else p for p in self.processes))
 
 
 @dataclass(frozen=True)
