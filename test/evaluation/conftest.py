@@ -68,12 +68,14 @@ class MessageMaker:
         position: object = (np.nan, np.nan, np.nan),
         force: object = (np.nan, np.nan, np.nan),
     ) -> object:
-        nan3 = self.Vector3(x=np.nan, y=np.nan, z=np.nan)
+        def unknown() -> object:
+            return self.Vector3(x=np.nan, y=np.nan, z=np.nan)
+
         patch = self.TactileContact(
             id=1,
             position=self.Point(**dict(zip('xyz', map(float, position), strict=True))),
-            normal=nan3,
-            force=nan3,
+            normal=unknown(),
+            force=unknown(),
             position_covariance=np.full(9, np.nan),
             force_covariance=np.full(9, np.nan),
         )
@@ -86,7 +88,7 @@ class MessageMaker:
             taxel_status=np.zeros(0, np.uint8),
             in_contact=1,
             contacts=[patch],
-            wrench=self.Wrench(force=push, torque=nan3),
+            wrench=self.Wrench(force=push, torque=unknown()),
             wrench_covariance=np.full(36, np.nan),
             cell=-1,
             cell_probability=np.nan,
@@ -99,7 +101,7 @@ class MessageMaker:
             slip_probability=np.nan,
             taxel_force=np.zeros(0),
             deformation=np.zeros(0),
-            stray_field=nan3,
+            stray_field=unknown(),
             symmetry=-1,
             session=-1,
             repetition=-1,
