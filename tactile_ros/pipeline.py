@@ -239,17 +239,22 @@ class Pipeline:
         usable = without_faults(joined.values, bits)
         rest = Rest.unknown(self.layout.shape, self.config.noise)
         self.rest_ = rest.learn(usable, resting_rows(joined), joined.stamp_ns, joined.restarts)
-        _, signals = self._conditioned_rows(joined, usable, bits)
-        signals = replace(signals, good=signals.good & ~np.isnan(signals.delta).any(axis=(1, 2)))
-        rows = signals.good & touched_rows(joined)
+        signals = self._whole_rows(joined, usable, bits)
+        touched = signals.good & touched_rows(joined)
         if joined.tare is not None:
-            rows &= ~joined.tare
-        self.rest_ = self.rest_.threshold(signals.delta[rows])
-        contact = self.rest_.contact(signals.delta, signals.good, joined.tare)
-        signals = replace(signals, in_contact=contact)
+            touched &= ~joined.tare
+        self.rest_ = self.rest_.threshold(signals.delta[touched])
+        # once more with the threshold of contact: the baseline moves as it will in use
+        signals = self._whole_rows(joined, usable, bits)
         self.estimation.fit(signals, joined.truth, groups_of(joined))
         self.reset()
         return self
+
+    def _whole_rows(self, joined: Recording, usable: Array, bits: Bytes) -> Signals:
+        """Conditioned frames, of which those without a baseline are not to be learned from."""
+        _, signals = self._conditioned_rows(joined, usable, bits)
+        whole = ~np.isnan(signals.delta).any(axis=(1, 2))
+        return replace(signals, good=signals.good & whole)
 
     def _tracking(self) -> Tracking | None:
         follows = self.config.track_baseline and self.rest_.tared
