@@ -5,7 +5,6 @@ edited source needs no build; install/ links to the sources and works alone when
 """
 
 import hashlib
-import json
 import os
 import shlex
 import shutil
@@ -18,7 +17,7 @@ from progress import run, say
 BUILT_FROM = ('package.xml', 'CMakeLists.txt', 'bootstrap/executable.in', 'msg', 'srv', 'action')
 INSTALLED = ('tactile_ros', 'benchmarks', 'config', 'launch')
 MADE = {'__pycache__', 'results'}  # by Python and by the benchmarks
-STAMP = '.tactile_ros.json'
+STAMP = '.tactile_ros'
 
 
 def files(root: Path, names: tuple[str, ...]) -> list[Path]:
@@ -30,31 +29,30 @@ def files(root: Path, names: tuple[str, ...]) -> list[Path]:
     return [path for path in found if path.is_file() and MADE.isdisjoint(path.parts)]
 
 
-def state(root: Path) -> dict[str, str]:
+def state(root: Path) -> str:
     """What a build depends on: the text of the interfaces, but only the names of the sources."""
-    built, names = hashlib.sha256(), hashlib.sha256()
+    digest = hashlib.sha256()
     for path in files(root, BUILT_FROM):
-        built.update(str(path.relative_to(root)).encode() + b'\0' + path.read_bytes())
+        digest.update(str(path.relative_to(root)).encode() + b'\0' + path.read_bytes())
     for path in files(root, INSTALLED):
-        names.update(str(path.relative_to(root)).encode() + b'\0')
-    return {'built': built.hexdigest(), 'names': names.hexdigest()}
+        digest.update(str(path.relative_to(root)).encode() + b'\0')
+    return digest.hexdigest()
 
 
 def build(root: Path, venv: Path, log: Path) -> bool:
     """Build what is not built yet; True where something was."""
     stamp = root / 'install' / STAMP
     want = state(root)
-    have = json.loads(stamp.read_text()) if stamp.exists() else {}
-    if have == want:
+    if stamp.exists() and stamp.read_text() == want:
         return False
-    if have.get('built') != want['built']:
+    if not stamp.exists():  # never finished, or not made here
         remove(root)
     stamp.unlink(missing_ok=True)
     prune(root / 'install')
     say('Building the interfaces and installing the package')
     colcon(root, venv, log)
     join(root, venv)
-    stamp.write_text(json.dumps(want))
+    stamp.write_text(want)
     return True
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import importlib.util
-import json
 import os
 import re
 import runpy
@@ -278,17 +277,12 @@ def test_edited_source_needs_no_build(load: Load, source: Path) -> None:
     assert load('workspace').state(source) == before
 
 
-@pytest.mark.parametrize(
-    ('path', 'changed'), [('msg/A.msg', 'built'), ('msg/B.msg', 'built'), ('launch/a.py', 'names')]
-)
-def test_interface_and_new_file_need_a_build(
-    load: Load, source: Path, path: str, changed: str
-) -> None:
+@pytest.mark.parametrize('path', ['msg/A.msg', 'msg/B.msg', 'launch/a.py', 'CMakeLists.txt'])
+def test_interface_and_new_file_need_a_build(load: Load, source: Path, path: str) -> None:
     before = load('workspace').state(source)
     (source / path).parent.mkdir(exist_ok=True)
     (source / path).write_text('int8 b')
-    after = load('workspace').state(source)
-    assert {name for name in before if before[name] != after[name]} == {changed}
+    assert load('workspace').state(source) != before
 
 
 def test_build_runs_once(load: Load, source: Path, monkeypatch: Patch, capsys: Capture) -> None:
@@ -305,11 +299,8 @@ def test_build_runs_once(load: Load, source: Path, monkeypatch: Patch, capsys: C
     (source / 'install' / 'kept').touch()
     (source / 'config' / 'b.yaml').touch()
     assert workspace.build(*arguments)
-    assert (source / 'install' / 'kept').exists()  # a new file alone does not build anew
-    (source / 'msg' / 'A.msg').write_text('bool b')
-    assert workspace.build(*arguments)
-    assert not (source / 'install' / 'kept').exists()
-    assert len(calls) == 3
+    assert (source / 'install' / 'kept').exists()  # builds on what is there
+    assert len(calls) == 2
 
 
 def test_failed_build_is_not_taken_for_finished(
@@ -323,10 +314,13 @@ def test_failed_build_is_not_taken_for_finished(
 
     monkeypatch.setattr(workspace, 'colcon', fail)
     arguments = (source, source / '.venv', source / 'log')
-    for _ in range(2):
-        with pytest.raises(type(error)):
-            workspace.build(*arguments)
+    with pytest.raises(type(error)):
+        workspace.build(*arguments)
+    (source / 'install' / 'half').touch()
+    with pytest.raises(type(error)):
+        workspace.build(*arguments)
     assert not (source / 'install' / workspace.STAMP).exists()
+    assert not (source / 'install' / 'half').exists()
 
 
 def test_links_to_removed_sources_go(load: Load, tmp_path: Path) -> None:
@@ -399,10 +393,3 @@ def test_sourced_workspace_has_the_package_and_the_command() -> None:
     assert 'install/tactile_ros/bin/tactile' in done.stdout
     assert 'tactile_ros/__init__.py' in done.stdout
     assert {'tactile', 'sensor_node', 'contact_node', 'stack'} <= set(done.stdout.split())
-
-
-@pytest.mark.ros
-@pytest.mark.skipif(not BUILT, reason='the package is not built here')
-def test_stamps_tell_what_things_were_made_from(load: Load) -> None:
-    stamp = json.loads((ROOT / 'install' / load('workspace').STAMP).read_text())
-    assert set(stamp) == {'built', 'names'}
