@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 import math
+import os
+import struct
 import zipfile
 from dataclasses import fields
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import numpy.typing as npt
 
+from tactile_ros.calibration.archive import HEADER
 from tactile_ros.errors import RecordingError
 from tactile_ros.types import Layout, Recording
 
 if TYPE_CHECKING:
-    import os
-
     from tactile_ros.types import Array, Bools, Bytes, Integers
 
 SCHEMA = 1
 MOST_MEMBERS = 64
 MOST_BYTES = 2 << 30
 _COLUMNS = ('stamp_ns', 'sequence', 'temperature_c', 'status', 'stream', 'tare')
-_KINDS = 'biufU'
+LONGEST_ENTRY = 300
+END = struct.Struct('<4s6xHI6x')
 
 Arrays = dict[str, npt.NDArray[np.generic]]
 
@@ -128,6 +130,7 @@ def read_arrays(path: Path) -> Arrays:
         If there are too many members, too many bytes, objects, or damage.
     """
     try:
+        _refuse_long_directory(path)
         with zipfile.ZipFile(path) as archive:
             members = archive.infolist()
             size = sum(member.file_size for member in members)
@@ -153,30 +156,36 @@ def read_arrays(path: Path) -> Arrays:
         raise RecordingError(msg) from err
 
 
-def _read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> npt.NDArray[np.generic]:
-    """One array; its header must announce exactly the bytes that follow."""
-    with archive.open(member) as file:
-        shape, column_order, dtype = _header(file)
-        if dtype.hasobject or dtype.kind not in _KINDS:
-            msg = f'{member.filename} holds {dtype}, not plain numbers or text'
-            raise ValueError(msg)
-        count = math.prod(shape)
-        if min(shape, default=0) < 0 or not 0 <= count * dtype.itemsize <= member.file_size:
-            msg = f'{member.filename} announces {shape}, which does not fit its size'
-            raise ValueError(msg)
-        data = file.read(count * dtype.itemsize)
-    flat = np.frombuffer(data, dtype, count) if count else np.zeros(0, dtype)
-    return flat.reshape(shape, order='F' if column_order else 'C')
-
-
-def _header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[np.generic]]:
-    """Shape, order and type that a .npy member announces."""
-    version = np.lib.format.read_magic(file)
-    if version == (1, 0):
-        found = np.lib.format.read_array_header_1_0(file)
-    elif version == (2, 0):
-        found = np.lib.format.read_array_header_2_0(file)
-    else:
-        msg = f'its format version {version} is not known'
+def _refuse_long_directory(path: Path) -> None:
+    """The last record must announce a short directory, which zipfile reads in one go."""
+    with path.open('rb') as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(size - END.size, 0))
+        last = file.read().ljust(END.size, b'\0')
+    mark, members, length = END.unpack(last)
+    if mark != b'PK\x05\x06':
+        msg = 'it does not end as an .npz does'
         raise ValueError(msg)
-    return cast('tuple[tuple[int, ...], bool, np.dtype[np.generic]]', found)
+    if members > MOST_MEMBERS or length > MOST_MEMBERS * LONGEST_ENTRY:
+        msg = f'{path} lists {members} members; at most {MOST_MEMBERS} are read'
+        raise RecordingError(msg)
+
+
+def _read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> npt.NDArray[np.generic]:
+    """One array; its header must be plain and announce exactly the bytes that follow."""
+    with archive.open(member) as file:
+        # with a count: without one, all that lies behind the stated size is unpacked
+        content = file.read(member.file_size)
+    match = HEADER.match(content)
+    if match is None:
+        msg = f'{member.filename} holds objects or no plain array'
+        raise ValueError(msg)
+    kind, by_column, lengths = match.groups()
+    dtype = np.dtype(kind.decode())
+    shape = tuple(int(n) for n in lengths.split(b',') if n)
+    count = math.prod(shape)
+    if count * dtype.itemsize != len(content) - match.end():
+        msg = f'{member.filename} announces {shape}, which does not fit its size'
+        raise ValueError(msg)
+    flat = np.frombuffer(content, dtype, offset=match.end()) if count else np.zeros(0, dtype)
+    return flat.reshape(shape, order='F' if by_column == b'True' else 'C')

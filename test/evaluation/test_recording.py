@@ -105,7 +105,7 @@ def test_a_zip_bomb_is_refused_unpacked_size_unread(tmp_path: Path) -> None:
     with zipfile.ZipFile(hostile, 'w') as archive:
         for k in range(100):
             archive.writestr(f'{k}.npy', b'')
-    with pytest.raises(RecordingError, match='100 members'):
+    with pytest.raises(RecordingError, match='lists 100 members'):
         load_recording(hostile)
 
 
