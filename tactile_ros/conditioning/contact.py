@@ -20,7 +20,7 @@ def contact_scale(noise: Array, touched: Array | None) -> Array:
     noise : ndarray, shape (t, c)
         Standard deviation at rest (unit of values); NaN: unknown.
     touched : ndarray, shape (s, t, c), or None
-        Deviations of frames that are known to be touched.
+        Deviations of frames that are known to be touched, whole ones.
 
     Returns
     -------
@@ -34,8 +34,8 @@ def contact_scale(noise: Array, touched: Array | None) -> Array:
     """
     level = np.nan
     if touched is not None:
-        size = np.nanmax(np.abs(touched), axis=(1, 2))
-        level = SHARE * float(np.quantile(size, LIGHTEST))
+        size = np.abs(touched).max(axis=(1, 2))
+        level = SHARE * float(np.quantile(size, LIGHTEST)) or np.nan
     return np.asarray(np.fmax(np.where(noise > 0, SIGMAS * noise, np.nan), level))
 
 
@@ -85,7 +85,7 @@ class ContactIds:
         ndarray, shape (s,)
             -1 where nothing touches, or where a frame cannot tell and nothing touched before.
         """
-        if not in_time:
+        if not (in_time and len(contact)):
             return np.where(contact == 0, -1, 0)
         if len(contact) == 1:
             return np.array([self._next(int(contact[0]), bool(restart[0]))])

@@ -1,11 +1,11 @@
-"""The one registry: a folder beside this file that has a SENSOR is a sensor, its name is its key."""
+"""The one registry: a folder beside this file that has a SENSOR is a sensor named like it."""
 
 from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from tactile_ros.pipeline import Pipeline
 
@@ -14,14 +14,6 @@ if TYPE_CHECKING:
 
     from tactile_ros.signals import Estimation, SensorConfig
     from tactile_ros.types import Device, Layout, Recording
-
-
-class OpenDevice(Protocol):
-    """How a sensor's device is opened; what it needs is in its own connection dataclass."""
-
-    def __call__(self, config: object, connection: object, clock_ns: Callable[[], int]) -> Device:
-        """Return the device, not yet entered."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -45,7 +37,7 @@ class SensorSpec:
     estimator_names : tuple of str
         What the second argument may be.
     open : callable
-        Device for a config, a connection and a clock (ns).
+        Device, not yet entered, for a config, a connection and a clock (ns).
     classes : tuple of type
         What a calibration file of this sensor may hold.
     recordings : callable
@@ -61,7 +53,7 @@ class SensorSpec:
     layout: Callable[..., Layout]
     estimation: Callable[..., Estimation]
     estimator_names: tuple[str, ...]
-    open: OpenDevice
+    open: Callable[..., Device]
     classes: tuple[type, ...]
     recordings: Callable[[], Mapping[str, Recording]]
 
@@ -118,7 +110,7 @@ def load_sensor(key: str) -> SensorSpec:
     if key not in list_sensors():
         msg = f'sensor must be one of {", ".join(list_sensors())}; received {key!r}'
         raise ValueError(msg)
-    spec = importlib.import_module(f'tactile_ros.sensors.{key}').SENSOR
+    spec = getattr(importlib.import_module(f'tactile_ros.sensors.{key}'), 'SENSOR', None)
     if not isinstance(spec, SensorSpec):
         msg = f'tactile_ros/sensors/{key}/__init__.py must define SENSOR, a SensorSpec'
         raise TypeError(msg)

@@ -27,11 +27,15 @@ def _column(
     """A per-sample column of a Recording with its length checked."""
     if value is None:
         return None
-    array = np.asarray(value).astype(dtype)
+    array = np.asarray(value)
     if array.shape != (samples,):
         msg = f'{name} of Recording must have shape ({samples},); received {array.shape}'
         raise ValueError(msg)
-    return array
+    if array.dtype.kind == 'f' and not np.isfinite(array).all():
+        msg = f'{name} of Recording must be whole numbers; received NaN or inf'
+        raise ValueError(msg)
+    whole: npt.NDArray[np.generic] = array.astype(dtype)
+    return whole
 
 
 def _truth_column(name: str, value: npt.ArrayLike, samples: int, taxels: int) -> Array | Integers:
@@ -150,7 +154,7 @@ class Recording:
 
     @property
     def restarts(self) -> Bools:
-        """Rows at which a new stream begins, shape (s,); every row where frames have no stream."""
+        """Rows at which a new stream begins, shape (s,); the first alone where none is told."""
         first = np.zeros(len(self), bool)
         first[:1] = True
         if self.stream is not None:
@@ -178,7 +182,7 @@ class Recording:
         return Recording(
             self.layout,
             truth={key: value[rows] for key, value in self.truth.items()},
-            **{name: None if x is None else x[rows] for name, x in columns.items()},
+            **{name: None if x is None else x[rows] for name, x in columns.items()},  # type: ignore[arg-type]
         )
 
     def frame(self, row: int) -> Frame:

@@ -1,10 +1,10 @@
 """Real boards with magnetometers under a magnetic skin: ReSkin, AnySkin, eFlesh.
 
-N chips (MLX90393) measure the field of a skin with magnetic particles or magnets; pressing the skin
-moves them. A USB board streams temperature and field of every chip as floats. There is no model
-of the skin to invert, so place and force are regressed from the change of field since the tare:
-place from the field now, force also from its fading means, since the skin is viscoelastic. Which
-regressor serves is chosen in `fit` by grouped cross-validation and named in the calibration.
+N chips (MLX90393) measure the field of a skin with magnetic particles or magnets; pressing the
+skin moves them. A USB board streams temperature and field of every chip as floats. There is no
+model of the skin to invert, so place and force are regressed from the change of field since the
+tare: place from the field now, force also from its fading means, since the skin is viscoelastic.
+Which regressor serves is chosen in `fit` by grouped cross-validation and named in the calibration.
 
 Sources: R. Bhirangi et al., ReSkin (CoRL 2021) and AnySkin (2024); V. Pattabiraman et al., eFlesh
 (arXiv 2506.09994). k-nearest neighbours after paper [2].

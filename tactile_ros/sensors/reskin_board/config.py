@@ -1,4 +1,4 @@
-"""Geometry, ranges and connection of the ReSkin / AnySkin board; the only place of its defaults."""
+"""Geometry, ranges and connection of the ReSkin / AnySkin board: its defaults live here."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ class ReskinBoardConfig:
     rotations : ndarray, shape (t, 3, 3), or None
         Chip axes to sensor axes. The five chips of the board are turned about z by -90, -90,
         180, 90 and 0 degrees; regressors learn that, so that the default leaves it out.
-    saturation : float or ndarray, shape (3,)
-        Magnitude at which a channel wraps (T). The default suits gain 4x at resolution 2;
-        the boards' first firmware (gain 1.33x, resolution 0) wraps at 6.6, 6.6 and 10.6 mT.
+    saturation : float or ndarray, shape (3,), or None
+        Magnitude at which a channel wraps (T); inf or None: never. The default suits gain 4x at
+        resolution 2; the boards' first firmware (gain 1.33x, resolution 0) wraps at 6.6, 6.6 and
+        10.6 mT.
     noise : float, ndarray, shape (3,), or None
         Noise of a channel (T); None: estimated from rest.
     rate_hz : float
@@ -36,12 +37,12 @@ class ReskinBoardConfig:
     """
 
     positions: Array = field(
-        default_factory=lambda: CROSS.copy(), metadata={'unit': 'm', 'help': 'chip positions'}
+        default_factory=CROSS.copy, metadata={'unit': 'm', 'help': 'chip positions'}
     )
     rotations: Array | None = field(
         default=None, metadata={'unit': '1', 'help': 'chip axes to sensor axes; empty: aligned'}
     )
-    saturation: float | Array = field(
+    saturation: float | Array | None = field(
         default_factory=lambda: np.array([78.6e-3, 78.6e-3, 126.8e-3]),
         metadata={'unit': 'T', 'help': 'magnitude at which a channel wraps', 'range': (0, np.inf)},
     )
@@ -102,7 +103,7 @@ def layout(config: ReskinBoardConfig) -> Layout:
         channels=('Bx', 'By', 'Bz'),
         unit='T',
         rotations=config.rotations,
-        saturation=np.asarray(config.saturation, float),
+        saturation=None if config.saturation is None else np.asarray(config.saturation, float),
         rate_hz=config.rate_hz,
         sensor='reskin_board',
     )

@@ -77,8 +77,8 @@ class BoardEstimation:
             y = np.asarray(truth.get(target, np.full((len(now), 3), np.nan)), np.float64)
             for columns, rows in known_columns(y, signals.good):
                 told = y[rows][:, columns]
-                kept = _places(told) if target == 'position' else groups['group'][rows]
-                kept = groups['group'][rows] if kept is None else kept
+                kept = _places(told) if target == 'position' else None
+                kept = np.asarray(groups['group'][rows], np.int64) if kept is None else kept
                 head = Head(target, columns, self.estimator, now.shape[1])
                 heads['now'] += (head.fit(now[rows], told, kept),)
                 if past is not None and target in REMEMBERING:

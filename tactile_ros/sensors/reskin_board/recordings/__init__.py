@@ -1,4 +1,4 @@
-"""Recordings of a real board (eFlesh, MIT licence beside this file), rebuilt from integer counts."""
+"""Recordings of a real board (eFlesh, MIT licence beside this file), held as integer counts."""
 
 from __future__ import annotations
 

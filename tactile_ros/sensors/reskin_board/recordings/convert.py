@@ -3,8 +3,9 @@
     python -m tactile_ros.sensors.reskin_board.recordings.convert FOLDER [DESTINATION]
 
 FOLDER holds spatial/, normal/, shear/ and slip/ as in the README beside this file. Fields are the
-chips' own counts (differences along time), times are microseconds since the run's start, probe positions micrometres and the
-scale's readings hundredths of a gram (-100: no reading), so that nothing is lost or invented.
+chips' own counts (differences along time), times are microseconds since the run's start, probe
+positions micrometres and the scale's readings hundredths of a gram (-100: no reading), so that
+nothing is lost or invented.
 """
 
 from __future__ import annotations
@@ -25,14 +26,16 @@ RUNS = (
 )
 
 
-def counts(field_ut: npt.NDArray[np.float64], quantum_ut: tuple[float, ...]) -> npt.NDArray:  # type: ignore[type-arg]
+def counts(
+    field_ut: npt.NDArray[np.float64], quantum_ut: tuple[float, ...]
+) -> npt.NDArray[np.int16]:
     """Fields (..., n) in microtesla as whole counts of the chips, shape (..., n)."""
     exact = field_ut / np.tile(quantum_ut, field_ut.shape[-1] // 3)
     whole = np.round(exact)
     if np.abs(exact - whole).max() > 0.02:
         msg = 'fields must be whole multiples of the quantum; is this another gain?'
         raise ValueError(msg)
-    return whole.astype(np.int16)
+    return np.asarray(whole, np.int16)
 
 
 def steps(table: npt.NDArray[np.int16]) -> npt.NDArray[np.int16]:
@@ -42,7 +45,7 @@ def steps(table: npt.NDArray[np.int16]) -> npt.NDArray[np.int16]:
 
 
 def convert_run(folder: Path, quantum_ut: tuple[float, ...]) -> dict[str, npt.NDArray[np.generic]]:
-    """Arrays of one run: counts, resting readings and which rows they serve, time, probe, scale."""
+    """Arrays of one run: counts, resting readings and whom they serve, time, probe, scale."""
     sensor = np.loadtxt(folder / 'sensor.csv', delimiter=',')
     states = np.loadtxt(folder / 'states.csv', delimiter=',')
     post = np.loadtxt(folder / 'sensor_post_baselines.csv', delimiter=',')
@@ -70,7 +73,8 @@ def main() -> None:
     source = Path(sys.argv[1])
     destination = Path(sys.argv[2]) if len(sys.argv) > 2 else Path(__file__).parent
     for name, folder, quantum in RUNS:
-        np.savez_compressed(destination / f'{name}.npz', **convert_run(source / folder, quantum))
+        arrays = convert_run(source / folder, quantum)
+        np.savez_compressed(destination / f'{name}.npz', **arrays)  # type: ignore[arg-type]
     slip = np.load(source / 'slip' / 'slip.npz')
     np.savez_compressed(
         destination / 'slip.npz',
