@@ -1,0 +1,124 @@
+"""A small fitted calibration, a few real touches, and nodes that live in this process."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+
+from tactile_ros.devices.simulated import SimulatedSerialPort
+from tactile_ros.evaluation.archive import save_recording
+from tactile_ros.sensors import load_sensor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from rclpy.node import Node
+
+    from tactile_ros.types import Recording
+
+PATIENCE_S = 20.0
+TOUCHES = 60
+
+
+@pytest.fixture(scope='session')
+def spatial() -> Recording:
+    """Real touches, each after its own resting reading."""
+    return load_sensor('reskin_board').recordings()['spatial']
+
+
+@pytest.fixture(scope='session')
+def touches(spatial: Recording) -> Recording:
+    """The touches that are played."""
+    return spatial.select(slice(0, 2 * TOUCHES))
+
+
+@pytest.fixture(scope='session')
+def touches_file(touches: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The touches as a file."""
+    path = tmp_path_factory.mktemp('touches') / 'touches.npz'
+    save_recording(touches, path)
+    return path
+
+
+@pytest.fixture(scope='session')
+def calibration(spatial: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A calibration of other touches."""
+    path = tmp_path_factory.mktemp('calibration') / 'board.npz'
+    train = spatial.select(slice(2000, 3200))
+    load_sensor('reskin_board').pipeline(estimator='ridge').fit(train).save(path)
+    return path
+
+
+@pytest.fixture
+def port() -> Iterator[SimulatedSerialPort]:
+    """A board's port."""
+    with SimulatedSerialPort() as simulated:
+        yield simulated
+
+
+class Ros:
+    """Nodes of this process in one executor, spun until a condition holds."""
+
+    def __init__(self) -> None:
+        self.nodes: list[Node] = []
+        self.executor: SingleThreadedExecutor | None = None
+
+    def init(self, *parameters: str) -> None:
+        """Start ROS with parameters `name:=value`."""
+        arguments = [text for parameter in parameters for text in ('-p', parameter)]
+        rclpy.init(args=['--ros-args', *arguments] if arguments else None)
+        self.executor = SingleThreadedExecutor()
+
+    def add(self, node: Node) -> Node:
+        """Spin a node too."""
+        self.nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def until(self, holds: Callable[[], object], timeout: float = PATIENCE_S) -> bool:
+        """Spin until a condition holds; False when it did not within `timeout` (s)."""
+        deadline = time.monotonic() + timeout
+        while not holds():
+            if time.monotonic() > deadline:
+                return False
+            self.executor.spin_once(timeout_sec=0.01)
+        return True
+
+    def call(self, client: object, request: object) -> object:
+        """Answer of a service of these or of other nodes."""
+        assert self.until(client.service_is_ready)
+        future = client.call_async(request)
+        assert self.until(future.done)
+        return future.result()
+
+    def close(self) -> None:
+        """End the nodes and ROS."""
+        for node in reversed(self.nodes):
+            if getattr(node, 'is_over', True) is False:
+                node.trigger_shutdown()
+            node.destroy_node()
+        if self.executor is not None:
+            self.executor.shutdown()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def ros() -> Iterator[Ros]:
+    """ROS in this process."""
+    running = Ros()
+    try:
+        yield running
+    finally:
+        running.close()
+
+
+@pytest.fixture
+def rows(spatial: Recording) -> np.ndarray:
+    """Readings, shape (s, 5, 3) (T)."""
+    return spatial.values[:200]

@@ -1,0 +1,124 @@
+"""When a tare is taken, from which frames, and which baseline is announced."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tactile_ros.nodes.contact_stage import ContactStage
+from tactile_ros.types import ContactStates, Frame, Layout
+
+LAYOUT = Layout(np.zeros((1, 3)), ('p',), '1')
+
+
+class ToyPipeline:
+    """Touched above 1 from the baseline."""
+
+    def __init__(self, baseline: float) -> None:
+        self.layout = LAYOUT
+        self.sensor = 'toy'
+        self.baseline = np.full((1, 1), baseline)
+        self.resets = 0
+
+    def reset(self) -> None:
+        self.resets += 1
+
+    def tare(self, frames: list[Frame]) -> None:
+        self.baseline = np.mean([f.values for f in frames], axis=0)
+
+    def process(self, frame: Frame) -> object:
+        touched = np.abs(frame.values - self.baseline).max() > 1.0
+        contact = np.array([-1 if np.isnan(self.baseline).any() else int(touched)])
+        return ContactStates.assemble(1, 1, {'in_contact': contact, 'valid': np.array([True])})[0]
+
+
+def stage_of(baseline: float = 0.0, frames: int = 3, **options: bool) -> SimpleNamespace:
+    """Stage with a way to feed values, and the baselines that it announced."""
+    announced: list[tuple[int, float]] = []
+    pipeline = ToyPipeline(baseline)
+    stage = ContactStage(
+        pipeline,
+        frames,
+        options.get('tare_in_contact', False),
+        lambda f: announced.append((f.sequence, float(f.values[0, 0]))),
+    )
+    count = iter(range(10_000))
+
+    def feed(*values: float, status: np.ndarray | None = None) -> None:
+        for value in values:
+            k = next(count)
+            stage.process(Frame(k, k, np.full((1, 1), float(value)), status=status))
+
+    return SimpleNamespace(stage=stage, pipeline=pipeline, feed=feed, announced=announced)
+
+
+def test_the_first_tare_is_taken_whatever_touches() -> None:
+    made = stage_of(np.nan)
+    made.feed(5, 5, 8)
+    assert made.stage.tare() == (True, 'baseline of 3 frames, from sequence 3 on')
+    assert made.announced == [(3, 6.0)]
+
+
+def test_a_later_tare_in_contact_is_refused_and_says_so() -> None:
+    made = stage_of()
+    made.feed(0, 0)
+    assert made.stage.tare()[0]
+    made.feed(0.5, 9)
+    done, message = made.stage.tare()
+    assert not done
+    assert 'while something touches' in message
+    assert made.pipeline.baseline[0, 0] == 0.0
+
+
+def test_frames_before_a_contact_are_no_rest_after_it() -> None:
+    made = stage_of()
+    made.feed(0)
+    made.stage.tare()
+    made.feed(0.9, 9, 0.2, 0.4)
+    assert made.stage.tare() == (True, 'baseline of 2 frames, from sequence 5 on')
+    assert made.announced[-1] == (5, pytest.approx(0.3))
+
+
+def test_tare_in_contact_where_it_is_allowed() -> None:
+    made = stage_of(frames=1, tare_in_contact=True)
+    made.feed(0)
+    made.stage.tare()
+    made.feed(9)
+    assert made.stage.tare()[0]
+    assert made.announced[-1] == (2, 9.0)
+
+
+def test_no_frame_and_only_damaged_frames_are_refused() -> None:
+    made = stage_of()
+    assert 'none came yet' in made.stage.tare()[1]
+    made.feed(0, 0, status=np.array([8], np.uint8))
+    done, message = made.stage.tare()
+    assert not done
+    assert 'without damage' in message
+
+
+def test_every_stream_begins_with_its_baseline() -> None:
+    made = stage_of(2.0)
+    made.feed(2, 2)
+    assert made.announced == [(0, 2.0)]
+    made.stage.process(Frame(0, 0, np.full((1, 1), 2.0)))
+    assert made.announced == [(0, 2.0), (0, 2.0)]
+    assert made.pipeline.resets == 1
+    assert made.stage.tally.frames == 1
+
+
+@pytest.mark.parametrize('baseline', [np.nan, 0.0])
+def test_no_baseline_is_not_announced(baseline: float) -> None:
+    made = stage_of(baseline)
+    made.feed(0, 0)
+    assert made.announced == []
+
+
+def test_fewer_tare_frames_from_now_on() -> None:
+    made = stage_of(frames=3)
+    made.feed(0.0, 0.3, 0.6)
+    made.stage.set_tare_frames(1)
+    made.stage.tare()
+    assert made.announced[-1] == (3, pytest.approx(0.6))

@@ -1,0 +1,68 @@
+"""One description of what runs: command lines, listeners, order."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import yaml
+
+from tactile_ros.errors import TactileError
+from tactile_ros.nodes.graph import Graph, Process, Setting, sensing, yaml_text
+from tactile_ros.nodes.processes import Running
+
+
+@pytest.mark.parametrize(
+    'value', [True, 3, 2.0, 1e-7, 'a: b', '', 'ä"\\', [1.0, 2.5], float('inf'), -math.inf]
+)
+def test_values_survive_yaml(value: object) -> None:
+    got = yaml.safe_load(yaml_text(value))
+    assert float(got) == value if value == 1e-7 else got == value
+
+
+def test_nan_survives_yaml() -> None:
+    assert math.isnan(yaml.safe_load(yaml_text(math.nan)))
+
+
+def names(graph: Graph) -> list[str]:
+    return [process.executable for process in graph.processes]
+
+
+def test_hardware_is_two_processes_or_one() -> None:
+    assert names(sensing(Setting())) == ['contact_node', 'sensor_node']
+    assert names(sensing(Setting(stack=True))) == ['stack']
+
+
+def test_everybody_who_listens_is_waited_for() -> None:
+    graph = sensing(Setting(source='recorded', bag='/tmp/bag'))
+    assert names(graph) == ['record', 'contact_node', 'sensor_node', 'player']
+    assert graph['contact_node'].parameters['listeners'] == 2
+    assert graph['sensor_node'].parameters['listeners'] == 3
+    assert graph['player'].parameters['listeners'] == 1
+    stack = sensing(Setting(source='recorded', bag='/tmp/bag', stack=True))
+    assert stack['stack'].parameters['listeners'] == 2
+
+
+def test_a_node_gets_parameters_wherever_it_runs() -> None:
+    for stack in (False, True):
+        graph = sensing(Setting(stack=stack)).with_parameters('sensor_node', {'serial': 'A7'})
+        assert graph['stack' if stack else 'sensor_node'].parameters['serial'] == 'A7'
+    with pytest.raises(KeyError):
+        sensing(Setting()).with_parameters('player', {})
+
+
+def test_command_line() -> None:
+    process = Process('stack', {'port': '/dev/x'}, 'hand/thumb', {'frame': 'raw'}, 'p.yaml')
+    arguments = process.ros_arguments()
+    assert arguments == [
+        '-r', '__ns:=/hand/thumb', '-r', 'frame:=raw', '--params-file', 'p.yaml',
+        '-p', 'port:="/dev/x"',
+    ]  # fmt: skip
+    assert process.command()[2:4] == ['tactile_ros.nodes', 'stack']
+
+
+def test_a_process_that_fails_is_named_with_its_words() -> None:
+    graph = Graph((Process('record', {'nothing': 1}), Process('sensor_node', {'sensor': 'none'})))
+    with Running(graph) as running, pytest.raises(TactileError, match='sensor_node ended with'):
+        running.wait('record', 20.0)
+    assert 'sensor must be one of' in ' '.join(running.lines['sensor_node'])
