@@ -316,6 +316,6 @@ def _notes(extent: str) -> list[str]:
     """What the figures stand on."""
     return [
         'place: mean length of the 2-D error; force: root mean square error; held-out groups only',
-        '`later` stands in for another day: the shipped recording spans one; other days are not in it',
+        'the last pass stands in for another day: the shipped recording spans 5.7 hours of one',
         f'extent {extent}; peers use the change of field now, without history',
     ]

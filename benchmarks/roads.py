@@ -1,7 +1,7 @@
-"""The three roads of one recording: processes over DDS, one process, offline; cost, delay, numbers.
+"""The three roads of one recording: processes over DDS, one process, and offline.
 
-The board's bytes come from a player at 100 Hz. Delay runs from the arrival of a frame's bytes to the
-recorder that heard its contacts; cost is the processor time of the nodes between them.
+The board's bytes come from a player at 100 Hz. Delay runs from the arrival of a frame's bytes to
+the recorder that heard its contacts; cost is the processor time of the nodes between them.
 """
 
 from __future__ import annotations

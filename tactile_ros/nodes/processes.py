@@ -145,6 +145,10 @@ class Running:
                 msg = f'{name} ended with code {child.returncode}: {words}'
                 raise TactileError(msg)
 
+    def pid(self, executable: str) -> int:
+        """Process id of a running process."""
+        return self._children[executable].pid
+
     def signal(self, executable: str, number: int) -> None:
         """Send a signal to one process."""
         self._children[executable].send_signal(number)
