@@ -93,6 +93,7 @@ def failure(what: str, log: Path) -> str:
     lines = [line.strip() for line in text.splitlines()]
     if 'Retrying (' in text and 'connection' in text.lower():
         return f'{what} failed: the package index cannot be reached (all of it is in {log}).'
-    errors = [line for line in lines if re.match(r'(error|fatal|CMake Error)\b', line, re.I)]
-    reason = (errors or lines or ['no output'])[-1]
+    error = re.compile(r'(\S+: )?(fatal |CMake )?error\b', re.I)
+    last = max((i for i, line in enumerate(lines) if error.match(line)), default=len(lines) - 1)
+    reason = ' '.join(lines[last : last + 4 if lines[last].endswith(':') else last + 1])
     return f'{what} failed: {reason} (all of it is in {log}).'
