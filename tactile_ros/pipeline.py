@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.calibration import write
+from tactile_ros.calibration import flatten, write
 from tactile_ros.conditioning.baseline import (
     BaselineTracker,
     Tracking,
@@ -28,7 +28,7 @@ from tactile_ros.conditioning.rest import Rest
 from tactile_ros.conditioning.stream import Stream
 from tactile_ros.signals import Columns, Estimation, Report, SensorConfig, Signals
 from tactile_ros.states import add_flags, add_patches, apply_contact
-from tactile_ros.stored import identity, parts_to_arrays, read_parts
+from tactile_ros.stored import identity, parts_to_arrays, read_parts, rehearse
 from tactile_ros.truth import groups_of, join, resting_rows, touched_rows
 from tactile_ros.types import (
     Array,
@@ -331,5 +331,11 @@ class Pipeline:
         pipeline.sensor = sensor
         for name, part in read_parts(path, sensor, classes).items():
             setattr(pipeline, name, part)
-        pipeline.reset()
+        rehearse(path, pipeline.layout, pipeline.rest_, pipeline._first_use)
         return pipeline
+
+    def _first_use(self, recording: Recording) -> ContactStates:
+        """States of a fresh pipeline, after a look at all else that it can be asked for."""
+        self.reset()
+        flatten([self.report, self.estimators, self.label_names], 'tables')
+        return self.process_batch(recording)

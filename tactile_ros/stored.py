@@ -9,10 +9,10 @@ import numpy as np
 from tactile_ros import calibration
 from tactile_ros.conditioning.rest import Rest
 from tactile_ros.errors import CalibrationError
-from tactile_ros.types import Layout
+from tactile_ros.types import ContactStates, Layout, Recording
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
 PARTS = ('config', 'layout', 'rest_', 'estimation')
@@ -68,6 +68,36 @@ def read_parts(path: str | Path, sensor: str, classes: Mapping[str, type]) -> di
         msg = f'calibration {path} is damaged ({error}); calibrate again'
         raise CalibrationError(msg) from error
     return parts
+
+
+def rehearse(
+    path: str | Path, layout: Layout, rest: Rest, use: Callable[[Recording], ContactStates]
+) -> None:
+    """Use a pipeline that was read once, at rest and at a touch, so that misfits show at the door.
+
+    Parameters
+    ----------
+    path : str or Path
+        Where it came from, for the sentence of the error.
+    layout, rest : Layout, Rest
+        Parts of the pipeline.
+    use : callable
+        Uses everything that the pipeline has, on a recording.
+
+    Raises
+    ------
+    CalibrationError
+        If anything in it does not work.
+    """
+    try:
+        touch = np.stack([np.zeros(layout.shape), 10 * rest.scale])
+        values = np.nan_to_num(rest.baseline + touch)
+        for stamp_ns in (None, np.arange(2)):
+            states = use(Recording.from_arrays(layout, values, stamp_ns))
+            states.refuse_misfit(layout.shape[0])
+    except Exception as error:  # whatever arrays of a wrong shape or kind run into
+        msg = f'calibration {path} does not work ({error}); calibrate again'
+        raise CalibrationError(msg) from error
 
 
 def _refuse_misfit(

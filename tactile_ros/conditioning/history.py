@@ -9,6 +9,8 @@ signal and not on the rate, the jitter or the gaps with which it was sampled.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from tactile_ros.types import Array, Bools, Integers, as_shape
@@ -138,7 +140,7 @@ def _elapsed(stamp_ns: Integers, begins: Bools, previous_ns: int | None) -> tupl
     newest[1:] = stamp_ns[:-1]
     if not ((stamp_ns > newest) | begins).all():
         edges = np.unique(np.concatenate([[0], np.flatnonzero(begins), [len(stamp_ns)]]))
-        for first, last in zip(edges[:-1], edges[1:]):
+        for first, last in pairwise(edges):
             past = newest[first:last]
             # the first entry is of the frame before the restart, and counts only without one
             past[0] = stamp_ns[first] - 1 if begins[first] else past[0]
@@ -186,7 +188,7 @@ def _fade(
         running = decay[:, i] * running + before[:, i] * past[:, i] + now[:, i] * present[:, i]
         means[:, i] = running
     carry = seed
-    for block, share in zip(means, np.cumprod(decay, axis=1)):
-        block += share * carry
-        carry = block[-1]
+    for i, share in enumerate(np.cumprod(decay, axis=1)):
+        means[i] += share * carry
+        carry = means[i, -1]
     return means.reshape(blocks * length, len(rate), width)[:count]

@@ -172,6 +172,18 @@ class ContactStates(_StateFields):
         contacts = known['contacts_id'].shape[1] if 'contacts_id' in known else 1
         return cls(**{**_blank(samples, taxels, contacts), **known})  # type: ignore[arg-type]
 
+    def refuse_misfit(self, taxels: int) -> None:
+        """Raise ValueError where an attribute has another shape or kind than its name says."""
+        for name, (_, dtype, _) in STATE_FIELDS.items():
+            found = getattr(self, name)
+            wanted = (len(self), *field_shape(name, taxels, self.contacts_id.shape[1]))
+            if found.shape != wanted or found.dtype.kind != np.dtype(dtype).kind:
+                msg = (
+                    f'{name} of ContactStates must have shape {wanted} and type '
+                    f'{np.dtype(dtype)}; received {found.shape}, {found.dtype}'
+                )
+                raise ValueError(msg)
+
     def __len__(self) -> int:
         """Count of frames s."""
         return len(self.valid)
