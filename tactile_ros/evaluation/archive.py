@@ -6,6 +6,7 @@ import math
 import os
 import struct
 import zipfile
+import zlib
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -151,7 +152,7 @@ def read_arrays(path: Path) -> Arrays:
     except (zipfile.BadZipFile, ValueError, EOFError, NotImplementedError, RuntimeError) as err:
         msg = f'{path} is damaged: {err}'
         raise RecordingError(msg) from err
-    except (MemoryError, zipfile.zlib.error, SyntaxError, TypeError) as err:  # type: ignore[attr-defined]
+    except (MemoryError, zlib.error, SyntaxError, TypeError) as err:
         msg = f'{path} is damaged: {type(err).__name__}'
         raise RecordingError(msg) from err
 

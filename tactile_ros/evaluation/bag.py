@@ -164,6 +164,7 @@ class BagWriter:
             if topic not in self._topics:
                 self.add_topic(topic, type_name, latched)
             kept = self._topics[topic]
+            stamp_ns = max(stamp_ns, 0)
             place = len(self._records)
             start, end = self._span if place else (stamp_ns, stamp_ns)
             self._span = (min(start, stamp_ns), max(end, stamp_ns))

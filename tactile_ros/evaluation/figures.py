@@ -53,7 +53,7 @@ def honesty(dataset: Dataset) -> Figure | None:
 def speed(dataset: Dataset, colours: Colours) -> Figure | None:
     """Error of every estimator against its time per frame."""
     name = dataset.answers[0].targets[0].name if dataset.answers[0].targets else ''
-    found = [(a, a.target(name)) for a in dataset.answers if a.us_single > 0]
+    found = [(a, a.target(name)) for a in dataset.competitors if a.us_single > 0]
     points = [
         (a.name, a.us_single, shown(t)) for a, t in found if t is not None and t.spread.count
     ]

@@ -92,7 +92,7 @@ def _rim_sentence(x: Array, y: Array, mean: Array) -> str:
 
 def histogram(dataset: Dataset, colours: Colours) -> Figure | None:
     """Distribution of the place error, the other estimators as outlines."""
-    found = [(a.name, a.target('position')) for a in dataset.answers]
+    found = [(a.name, a.target('position')) for a in dataset.competitors]
     sizes = [(name, t.size[np.isfinite(t.size)] * MM) for name, t in found if t is not None]
     sizes = [(name, size) for name, size in sizes if len(size)]
     if not sizes:

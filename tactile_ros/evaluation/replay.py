@@ -63,7 +63,7 @@ class Replayed:
     states : ContactStates
         For every row of the recording; unknown where a frame was left out.
     us_per_frame : float
-        Wall time of one frame, processed one by one (microseconds); NaN: nothing was processed.
+        Median wall time of one frame, one by one (microseconds); NaN: nothing was processed.
     agreement : Agreement or None
         None: there are no live contacts.
     problems : tuple of str
@@ -113,11 +113,8 @@ def replay(
         single = single_cost(recording, pipeline, clock_ns)
         return Replayed(states, single, None, problems, batch)
     rows = np.arange(len(recording)) if live is None else np.unique(live.rows)
-    begin = clock_ns()
-    found = _process(recording, rows, loaded.baselines, pipeline)
-    spent = clock_ns() - begin
+    found, micro = _process(recording, rows, loaded.baselines, pipeline, clock_ns)
     states = _assembled(found, rows, len(recording), recording.layout.shape[0])
-    micro = spent / 1000 / len(rows) if len(rows) else float('nan')
     if live is None:
         return Replayed(states, micro, None, problems)
     agreement = compare(live.states, live.rows, states, len(recording))
@@ -167,12 +164,19 @@ def _refuse_other_shape(recording: Recording, pipeline: Pipeline) -> None:
 
 
 def _process(
-    recording: Recording, rows: Integers, baselines: Sequence[Frame], pipeline: Pipeline
-) -> list[ContactState]:
-    """States of the rows, one by one; baselines come in before their first frame."""
+    recording: Recording,
+    rows: Integers,
+    baselines: Sequence[Frame],
+    pipeline: Pipeline,
+    clock_ns: Callable[[], int],
+) -> tuple[list[ContactState], float]:
+    """States of the rows, one by one, and the median time of one (microseconds).
+
+    Baselines come in before their first frame.
+    """
     streams = np.cumsum(recording.restarts)
     waiting = _by_row(recording, rows, baselines)
-    found, last = [], -1
+    found, spent, last = [], [], -1
     for row in rows.tolist():
         frame = recording.frame(row)
         if last < 0 or streams[row] != streams[last]:
@@ -180,9 +184,11 @@ def _process(
         for baseline in waiting.get(row, []):
             if not np.array_equal(pipeline.baseline, baseline.values, equal_nan=True):
                 pipeline.tare([baseline])
+        begin = clock_ns()
         found.append(pipeline.process(frame))
+        spent.append(clock_ns() - begin)
         last = row
-    return found
+    return found, float(np.median(spent)) / 1000 if spent else float('nan')
 
 
 def _by_row(

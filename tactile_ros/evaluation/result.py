@@ -104,6 +104,14 @@ class Dataset:
     problems: tuple[str, ...] = ()
 
     @property
+    def competitors(self) -> tuple[Answer, ...]:
+        """Answers of different names: the first of each, as drawings compare them."""
+        first: dict[str, Answer] = {}
+        for found in self.answers:
+            first.setdefault(found.name, found)
+        return tuple(first.values())
+
+    @property
     def latency(self) -> Spread:
         """Summary of the latency (s)."""
         return spread(self.latency_s)

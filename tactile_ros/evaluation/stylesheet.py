@@ -12,7 +12,7 @@ STYLE = """
   :root {
     --paper: #14161a; --card: #1b1e23; --ink: #e9eaec; --soft: #a2a8b1; --hair: #31353c;
     --c0: #62b5f0; --c1: #ff9b57; --c2: #3fcf9f; --c3: #e08ec4; --c4: #d9c64a;
-    --s0: #1f3344; --s1: #244d6d; --s2: #2f6f9e; --s3: #4d97cc; --s4: #93c9f0; --s5: #ff9b57;
+    --s0: #263d50; --s1: #265375; --s2: #2f6f9e; --s3: #4d97cc; --s4: #93c9f0; --s5: #ff9b57;
     --warn: #ffb27d; --tint: #20242a;
   }
 }

@@ -266,3 +266,11 @@ def test_a_browser_shows_it_without_a_complaint_and_without_scrolling_sideways(
     assert wide <= window
     assert plots >= 9
     assert 'CONSOLE' not in found.stderr
+
+
+def test_answers_of_one_name_are_drawn_once_the_first_first() -> None:
+    (full,) = result_of().datasets
+    first, other = full.answers
+    dataset = Dataset('x', '', (first, other, first), 3, 0, full.time_s, full.chips)
+    assert [a.name for a in dataset.competitors] == [first.name, other.name]
+    assert len(table(result_of(datasets=(dataset,)))[1]) == 3
