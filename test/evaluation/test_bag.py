@@ -339,3 +339,23 @@ def test_standard_definitions_come_without_a_ros_installation(
     assert 'string frame_id' in definition('std_msgs/msg/Header')
     assert (message_folder() / 'TactileFrame.msg').is_file()
     definition.cache_clear()
+
+
+def test_definitions_are_found_in_the_share_of_an_installation(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    from tactile_ros.evaluation import definitions
+
+    share = tmp_path / 'share' / 'tactile_ros' / 'msg'
+    share.mkdir(parents=True)
+    (share / 'TactileFrame.msg').write_text('uint64 sequence\n')
+    room = tmp_path / 'lib' / 'python3.12' / 'site-packages' / 'tactile_ros' / 'evaluation'
+    monkeypatch.setattr(definitions, '__file__', str(room / 'definitions.py'))
+    assert message_folder() == share
+    monkeypatch.setattr(definitions, '__file__', '/nowhere/a/b/definitions.py')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    assert message_folder() == share
+    monkeypatch.delenv('AMENT_PREFIX_PATH')
+    monkeypatch.setattr(sys, 'prefix', '/nowhere')
+    with pytest.raises(RecordingError, match='were not found'):
+        message_folder()
