@@ -104,10 +104,10 @@ class SensorNode(ManagedNode):
         """Reader of a fresh device: its frames count from 0."""
         config = self.options(type(self._spec.config()))
         connection = self.options(type(self._spec.connection()))
-        device: Device = self._spec.open(config, connection, self._clock())
+        device: Device = self._spec.open(config, connection, self._stamp_clock())
         return Reader(device, self._deliver, self.get_logger().error, self._is_awaited)
 
-    def _clock(self) -> Callable[[], int]:
+    def _stamp_clock(self) -> Callable[[], int]:
         """Clock of the stamps (ns): the node's, or one that runs at `clock_rate` from now on."""
         rate, begin = self._options.clock_rate, self.now_ns()
         if rate == 1.0:

@@ -1,0 +1,131 @@
+"""The reader's thread goes on through everything that a device can do."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from tactile_ros.errors import DeviceError, DeviceTimeout
+from tactile_ros.nodes import reader
+from tactile_ros.nodes.reader import Reader
+from tactile_ros.types import Frame, TaxelStatus
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+PATIENCE_S = 10.0
+
+
+class Script:
+    """A device that does what a list says: frames, errors, and errors on opening."""
+
+    def __init__(self, *acts: object, refusals: int = 0) -> None:
+        self.acts = queue.SimpleQueue()
+        for act in acts:
+            self.acts.put(act)
+        self.refusals = refusals
+        self.opened = 0
+        self.closed = threading.Event()
+
+    def __enter__(self) -> Script:
+        if self.refusals:
+            self.refusals -= 1
+            msg = 'port x does not exist; ports here: y'
+            raise DeviceError(msg)
+        self.opened += 1
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.closed.set()
+
+    def read(self, timeout: float) -> Frame:
+        try:
+            act = self.acts.get(timeout=min(timeout, 0.01))
+        except queue.Empty:
+            msg = 'nothing came'
+            raise DeviceTimeout(msg) from None
+        if isinstance(act, Exception):
+            raise act
+        return act
+
+
+def frame(sequence: int, status: int = 0) -> Frame:
+    bits = np.array([0, status], np.uint8) if status else None
+    return Frame(sequence, sequence, np.zeros((2, 3)), status=bits)
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr(reader, 'FIRST_RETRY_S', 0.001)
+    return
+
+
+def run(device: Script, frames: int, **options: object) -> tuple[Reader, list[Frame], list[str]]:
+    """Read until so many frames came, then close."""
+    got, said, enough = [], [], threading.Event()
+
+    def deliver(item: Frame) -> None:
+        got.append(item)
+        if len(got) >= frames:
+            enough.set()
+        if item.sequence in options.get('fails_at', ()):
+            msg = 'a listener failed'
+            raise RuntimeError(msg)
+
+    read = Reader(device, deliver, said.append, options.get('ready'))
+    read.open()
+    read.start()
+    came = enough.wait(PATIENCE_S)
+    read.close()
+    assert came
+    assert device.closed.is_set()
+    return read, got, said
+
+
+def test_a_missing_port_is_told_once_and_tried_again() -> None:
+    device = Script(frame(0), refusals=5)
+    _, got, said = run(device, 1)
+    assert [f.sequence for f in got] == [0]
+    assert said[0] == 'port x does not exist; ports here: y; trying again'
+    assert said.count(said[0]) == 1
+    assert device.opened == 1
+
+
+def test_errors_of_the_device_do_not_end_the_reader() -> None:
+    device = Script(frame(0), DeviceError('the stream is text'), OSError('gone'), frame(1))
+    read, got, said = run(device, 2)
+    assert [f.sequence for f in got] == [0, 1]
+    assert read.reading.failures == 2
+    assert 'the stream is text' in said
+
+
+def test_a_listener_that_fails_costs_one_frame() -> None:
+    read, got, said = run(Script(frame(0), frame(1), frame(2)), 3, fails_at=(1,))
+    assert [f.sequence for f in got] == [0, 1, 2]
+    assert 'RuntimeError: a listener failed' in said
+    assert read.reading.failures == 1
+
+
+def test_nothing_is_read_before_everybody_is_there() -> None:
+    device = Script(frame(0))
+    asked = []
+
+    def ready() -> bool:
+        assert device.acts.qsize() == 1
+        asked.append(True)
+        return len(asked) > 3
+
+    run(device, 1, ready=ready)
+    assert len(asked) == 4
+
+
+def test_flags_are_counted_and_named() -> None:
+    stuck = frame(0, TaxelStatus.STUCK | TaxelStatus.SATURATED)
+    read, _, _ = run(Script(stuck), 1)
+    assert read.reading.taxels(TaxelStatus.STUCK) == [1]
+    assert read.reading.taxels(TaxelStatus.ERROR) == []
+    assert read.reading.flagged == 1
