@@ -1,0 +1,80 @@
+"""Contact: the threshold, the excursion, and ids that live from touch to release."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactile_ros.conditioning.contact import ContactIds, contact_scale, excursion
+
+NOISE = np.array([[0.1, 0.2]])
+
+
+def plain_ids(contact: list[int], restart: list[bool]) -> list[int]:
+    """The definition, one frame at a time."""
+    ids, last, touching = [], -1, False
+    for now, again in zip(contact, restart, strict=True):
+        if again:
+            touching = False
+        if now == 1 and not touching:
+            last += 1
+        touching = touching if now < 0 else now == 1
+        ids.append(last if touching else -1)
+    return ids
+
+
+STREAM = st.lists(st.tuples(st.sampled_from([-1, 0, 1]), st.integers(0, 9)), max_size=25)
+
+
+@given(STREAM, st.integers(0, 25))
+def test_ids_live_from_touch_to_release(stream: list[tuple[int, int]], cut: int) -> None:
+    contact = np.array([c for c, _ in stream], np.int8)
+    restart = np.array([r == 0 for _, r in stream], bool)
+    wanted = plain_ids(contact.tolist(), restart.tolist())
+    assert ContactIds().number(contact, restart, in_time=True).tolist() == wanted
+    # one by one, and in two pieces
+    ids = ContactIds()
+    assert [
+        int(ids.number(contact[i : i + 1], restart[i : i + 1], in_time=True)[0])
+        for i in range(len(contact))
+    ] == wanted
+    ids = ContactIds()
+    parts = [ids.number(contact[p], restart[p], in_time=True) for p in
+             (slice(0, cut), slice(cut, None))]  # fmt: skip
+    assert np.concatenate(parts).tolist() == wanted
+
+
+def test_a_tare_ends_the_touch() -> None:
+    ids = ContactIds()
+    assert ids.number(np.array([1], np.int8), np.array([True]), in_time=True).tolist() == [0]
+    ids.release()
+    assert ids.number(np.array([-1], np.int8), np.array([False]), in_time=True).tolist() == [-1]
+    assert ids.number(np.array([1], np.int8), np.array([False]), in_time=True).tolist() == [1]
+
+
+def test_independent_frames_are_not_numbered() -> None:
+    contact = np.array([1, 0, -1, 1], np.int8)
+    ids = ContactIds().number(contact, np.ones(4, bool), in_time=False)
+    assert ids.tolist() == [0, -1, 0, 0]
+
+
+def test_the_threshold_is_five_sigma_or_a_share_of_light_touches() -> None:
+    np.testing.assert_allclose(contact_scale(NOISE, None), [[0.5, 1.0]])
+    touched = np.full((10, 1, 2), 2.0)
+    np.testing.assert_allclose(contact_scale(NOISE, touched), [[0.8, 1.0]])
+    np.testing.assert_allclose(contact_scale(NOISE * np.nan, touched), [[0.8, 0.8]])
+
+
+@pytest.mark.parametrize('noise', [0.0, np.nan])
+def test_a_threshold_that_nothing_tells_is_unknown(noise: float) -> None:
+    assert np.isnan(contact_scale(np.full((1, 2), noise), None)).all()
+    # touches that changed nothing tell nothing
+    assert np.isnan(contact_scale(np.full((1, 2), noise), np.zeros((4, 1, 2)))).all()
+
+
+def test_the_largest_channel_counts() -> None:
+    delta = np.array([[[0.1, 0.1]], [[-0.4, 0.1]], [[0.0, np.nan]]])
+    np.testing.assert_allclose(excursion(delta, np.array([[0.2, 1.0]])), [0.5, 2.0, np.nan])
+    assert np.isnan(excursion(delta, np.full((1, 2), np.nan))).all()

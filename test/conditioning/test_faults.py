@@ -1,0 +1,90 @@
+"""Faults: what readings and status bits say about taxels and about frames."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from tactile_ros.conditioning.faults import (
+    frame_faults,
+    frame_readings,
+    taxel_faults,
+    usable_rows,
+    without_faults,
+)
+from tactile_ros.types import Frame, FrameStatus, TaxelStatus
+
+LIMIT = np.array([1.0, np.inf])
+READINGS = arrays.arrays(
+    np.float64,
+    st.tuples(st.integers(0, 4), st.just(3), st.just(2)),
+    elements=st.one_of(st.floats(-2, 2), st.sampled_from([np.nan, np.inf, -np.inf, 1.0, -1.0])),
+)
+
+
+def plain_bits(values: np.ndarray, status: np.ndarray | None) -> np.ndarray:
+    """The definition, one taxel at a time."""
+    bits = np.zeros(values.shape[:2], np.uint8) if status is None else status.copy()
+    for s, t in np.ndindex(*values.shape[:2]):
+        for reading, limit in zip(values[s, t], LIMIT, strict=True):
+            if not np.isfinite(reading):
+                bits[s, t] |= TaxelStatus.ERROR
+            if abs(reading) >= limit:
+                bits[s, t] |= TaxelStatus.SATURATED
+    return bits
+
+
+@given(READINGS, st.booleans(), st.integers(0, 2**32 - 1))
+def test_bits_are_those_of_the_definition(values: np.ndarray, told: bool, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    status = rng.choice([0, 0, 1, 2, 16], values.shape[:2]).astype(np.uint8) if told else None
+    bits = taxel_faults(values, status, LIMIT)
+    np.testing.assert_array_equal(bits, plain_bits(values, status))
+    assert bits.dtype == np.uint8
+    usable = without_faults(values, bits)
+    bad = (bits & ~np.uint8(TaxelStatus.STALE)) > 0
+    assert np.isnan(usable[bad]).all()
+    np.testing.assert_array_equal(usable[~bad], values[~bad])
+    np.testing.assert_array_equal(usable_rows(bits), ~bad.any(axis=1))
+
+
+@pytest.mark.parametrize('limit', [np.array([np.inf] * 2), np.array([np.nan] * 2)])
+def test_no_limit_never_clips(limit: np.ndarray) -> None:
+    assert not taxel_faults(np.full((1, 2, 2), 1e300), None, limit).any()
+
+
+@pytest.mark.parametrize(
+    ('bits', 'flags'),
+    [
+        ([0, 0, 0], 0),
+        ([1, 0, 0], 0),
+        ([1, 1, 1], FrameStatus.STALE),
+        ([2, 0, 0], FrameStatus.SATURATED | FrameStatus.BAD_TAXELS),
+        ([0, 4, 0], FrameStatus.BAD_TAXELS),
+        ([0, 0, 8], FrameStatus.BAD_TAXELS),
+        ([16, 0, 0], FrameStatus.BAD_TAXELS),
+        ([32, 0, 0], FrameStatus.BAD_TAXELS),
+        ([1, 3, 1], FrameStatus.STALE | FrameStatus.SATURATED | FrameStatus.BAD_TAXELS),
+    ],
+)
+def test_bits_of_taxels_become_bits_of_the_frame(bits: list[int], flags: int) -> None:
+    assert frame_faults(np.array([bits], np.uint8)).tolist() == [flags]
+
+
+def test_a_frame_is_a_batch_of_one() -> None:
+    frame = Frame(0, 0, np.array([[0.0, 0], [2, 0], [0, 0]]), np.zeros(3), np.array([0, 0, 8]))
+    values, bits, chips = frame_readings(frame, LIMIT)
+    assert bits.tolist() == [[0, TaxelStatus.SATURATED, TaxelStatus.ERROR]]
+    assert np.isnan(values[0]).all(axis=1).tolist() == [False, True, True]
+    assert chips is not None
+    assert chips.shape == (1, 3)
+
+
+@pytest.mark.parametrize('name', ['status', 'temperature_c'])
+def test_columns_of_a_frame_are_one_per_taxel(name: str) -> None:
+    frame = Frame(0, 0, np.zeros((3, 2)), **{name: np.zeros(1)})
+    with pytest.raises(ValueError, match=rf'{name} of Frame must have shape \(3,\)'):
+        frame_readings(frame, LIMIT)

@@ -1,0 +1,61 @@
+"""Layouts, frames and outlines check what they are given, once, at the door."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_ros.types import Frame, Layout, Outline, TaxelStatus, as_shape
+
+
+def test_as_shape_names_what_is_wrong() -> None:
+    assert as_shape('x', [[1, 2]], (-1, 2)).dtype == np.float64
+    with pytest.raises(ValueError, match=r'^x must have shape \(any, 3\); received \(1, 2\)$'):
+        as_shape('x', [[1, 2]], (-1, 3))
+    with pytest.raises(ValueError, match=r'received \(2,\)'):
+        as_shape('x', [1, 2], (-1, 2))
+
+
+def test_a_layout_says_what_it_is() -> None:
+    layout = Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T')
+    assert layout.shape == (5, 3)
+    assert layout.saturation is not None
+    np.testing.assert_array_equal(layout.saturation, [np.inf] * 3)
+    clipped = Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T', saturation=np.array([1.0, 2, 3]))
+    np.testing.assert_array_equal(clipped.saturation, [1, 2, 3])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ('positions', 'rotations'),
+    [(np.zeros((5, 2)), None), (np.zeros(3), None), (np.zeros((5, 3)), np.zeros((4, 3, 3)))],
+)
+def test_a_layout_refuses_other_shapes(positions: np.ndarray, rotations: np.ndarray) -> None:
+    with pytest.raises(ValueError, match='of Layout must have shape'):
+        Layout(positions, ('Bx', 'By', 'Bz'), 'T', rotations=rotations)
+
+
+def test_one_number_of_saturation_counts_for_every_channel() -> None:
+    layout = Layout(np.zeros((2, 3)), ('a', 'b'), '1', saturation=np.array(0.5))
+    np.testing.assert_array_equal(layout.saturation, [0.5, 0.5])  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match='shape'):
+        Layout(np.zeros((2, 3)), ('a', 'b'), '1', saturation=np.zeros(3))
+
+
+def test_a_frame_is_a_table() -> None:
+    with pytest.raises(ValueError, match=r'values of Frame must have shape \(t, c\)'):
+        Frame(0, 0, np.zeros(15))
+    frame = Frame(None, 3, np.zeros((5, 3)))
+    assert frame.temperature_c is None
+    assert frame.status is None
+
+
+def test_loops_of_an_outline_are_plane() -> None:
+    disc = Outline('disc', (np.zeros((3, 2)),))
+    assert disc.name == 'disc'
+    assert disc.loops[0].shape == (3, 2)
+    with pytest.raises(ValueError, match='a loop of Outline disc'):
+        Outline('disc', (np.zeros((3, 3)),))
+
+
+def test_status_bits_are_those_of_the_messages() -> None:
+    assert [bit.value for bit in TaxelStatus] == [1, 2, 4, 8, 16, 32]
