@@ -1,0 +1,101 @@
+"""What resting rows teach: baseline, noise, threshold; and what is said when nothing is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_ros.conditioning.rest import Rest
+
+SHAPE = (2, 3)
+ROWS = 200
+
+
+def resting(seed: int = 0) -> np.ndarray:
+    return 5.0 + 0.1 * np.random.default_rng(seed).normal(size=(ROWS, *SHAPE))
+
+
+def no_restarts(rows: int = ROWS) -> np.ndarray:
+    return np.arange(rows) == 0
+
+
+@pytest.mark.parametrize('stated', [0.2, np.array([0.2, 0.3, 0.4])])
+def test_stated_noise_counts_for_every_taxel(stated: float | np.ndarray) -> None:
+    rest = Rest.unknown(SHAPE, stated)
+    np.testing.assert_allclose(rest.noise, np.broadcast_to(stated, SHAPE))
+    np.testing.assert_allclose(rest.scale, 5 * np.broadcast_to(stated, SHAPE))
+    assert np.isnan(rest.baseline).all()
+    learned = rest.learn(resting(), np.ones(ROWS, bool), None, no_restarts())
+    np.testing.assert_allclose(learned.noise, np.broadcast_to(stated, SHAPE))
+    with pytest.raises(ValueError, match='broadcast'):
+        Rest.unknown(SHAPE, np.ones(2))
+
+
+@pytest.mark.parametrize('stamped', [True, False])
+def test_resting_rows_give_baseline_and_noise(stamped: bool) -> None:
+    values, rows = resting(), np.arange(ROWS) < 150
+    values[150:] += 3.0
+    stamp_ns = np.arange(ROWS) * 10_000_000 if stamped else None
+    rest = Rest.unknown(SHAPE, None).learn(values, rows, stamp_ns, no_restarts())
+    assert rest.tared
+    np.testing.assert_allclose(rest.baseline, values[:150].mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(rest.noise, 0.1, rtol=0.35)
+
+
+def test_the_order_of_independent_frames_does_not_matter_to_the_baseline() -> None:
+    values, rows = resting(), np.random.default_rng(3).random(ROWS) < 0.5
+    order = np.random.default_rng(4).permutation(ROWS)
+    one = Rest.unknown(SHAPE, 0.1).learn(values, rows, None, no_restarts())
+    other = Rest.unknown(SHAPE, 0.1).learn(values[order], rows[order], None, no_restarts())
+    np.testing.assert_allclose(one.baseline, other.baseline, rtol=1e-13)
+
+
+def test_without_resting_rows_readings_are_used_as_they_are() -> None:
+    rest = Rest.unknown(SHAPE, None).learn(resting(), np.zeros(ROWS, bool), None, no_restarts())
+    assert not rest.tared
+    contact = rest.contact(np.ones((4, *SHAPE)), np.ones(4, bool), None)
+    assert contact.tolist() == [-1] * 4
+
+
+@pytest.mark.parametrize('rows', [1, 2])
+def test_few_resting_rows(rows: int) -> None:
+    few = np.arange(ROWS) < rows
+    rest = Rest.unknown(SHAPE, None).learn(resting(), few, None, no_restarts())
+    assert np.isfinite(rest.baseline).all()
+    assert np.isfinite(rest.noise).all() == (rows == 2)
+
+
+def test_a_taxel_that_was_never_read_stays_unknown() -> None:
+    values = resting()
+    values[:, 1] = np.nan
+    stamp_ns = np.arange(ROWS) * 10_000_000
+    rest = Rest.unknown(SHAPE, None).learn(values, np.ones(ROWS, bool), stamp_ns, no_restarts())
+    assert np.isfinite(rest.baseline[0]).all()
+    assert np.isnan(rest.baseline[1]).all()
+    assert np.isnan(rest.noise[1]).all()
+    # and its touches do not raise the threshold to NaN
+    touched = values - rest.baseline
+    assert np.isnan(rest.threshold(touched).scale[1]).all()
+
+
+def test_contact_is_told_only_where_it_can_be() -> None:
+    rest = Rest.unknown(SHAPE, 0.1)
+    delta = np.zeros((6, *SHAPE))
+    delta[1, 0, 0] = 0.6
+    delta[2, 1, 2] = np.nan
+    delta[3:5] = 2.0
+    good = np.array([True, True, True, True, False, True])
+    assert rest.contact(delta, good, None).tolist() == [0, 1, -1, 1, -1, 0]
+    tare = np.arange(6) >= 3
+    assert rest.contact(delta, good, tare).tolist() == [0, 1, -1, 0, -1, 0]
+    blind = Rest.unknown(SHAPE, None)
+    assert blind.contact(delta, good, None).tolist() == [-1] * 6
+
+
+def test_no_touches_leave_the_noise_to_decide() -> None:
+    rest = Rest.unknown(SHAPE, 0.1)
+    np.testing.assert_array_equal(rest.threshold(np.zeros((0, *SHAPE))).scale, rest.scale)
+    lost = np.full((3, *SHAPE), np.nan)
+    np.testing.assert_array_equal(rest.threshold(lost).scale, rest.scale)
+    touched = np.full((3, *SHAPE), 4.0)
+    np.testing.assert_allclose(rest.threshold(touched).scale, 1.6)
