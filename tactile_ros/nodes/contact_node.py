@@ -224,7 +224,10 @@ class ContactNode(ManagedNode):
 
     def take(self, frame: Frame, frame_id: str) -> None:
         """Process one frame and publish for whoever listens."""
-        if not self._active or self._refusal:
+        if not self._active:
+            return
+        if self._refusal:
+            self._stage.tally.refused += 1
             return
         self._frame_id = frame_id
         state = self._stage.process(frame)

@@ -45,7 +45,7 @@ class Running:
         self._environment = {**os.environ, 'PYTHONUNBUFFERED': '1', **(environment or {})}
         self._hear = hear
         self._children: dict[str, subprocess.Popen[str]] = {}
-        self._threads: list[threading.Thread] = []
+        self._threads: dict[str, threading.Thread] = {}
         self._spoken = threading.Condition()
 
     def __enter__(self) -> Running:
@@ -85,7 +85,7 @@ class Running:
             target=self._listen, args=(process.executable, child), daemon=True
         )
         thread.start()
-        self._threads.append(thread)
+        self._threads[process.executable] = thread
 
     def _listen(self, name: str, child: subprocess.Popen[str]) -> None:
         """Keep and pass on what a process prints."""
@@ -154,22 +154,23 @@ class Running:
         self._children[executable].send_signal(number)
 
     def stop(self, executables: Sequence[str] = ()) -> dict[str, int]:
-        """Stop processes, the last started first, the recorder at the very end; exit codes."""
+        """Stop processes, the recorder after all others, and return their exit codes."""
         names = list(executables) or list(self._children)
         codes = {}
-        for name in sorted(reversed(names), key=lambda n: n == 'record'):
-            codes[name] = _end(self._children[name])
-        for thread in self._threads:
-            thread.join(STOP_S)
+        for group in ([n for n in names if n != 'record'], [n for n in names if n == 'record']):
+            for name in group:
+                if self._children[name].poll() is None:
+                    self._children[name].send_signal(signal.SIGINT)
+            for name in group:
+                codes[name] = _ended(self._children[name])
+                self._threads[name].join(STOP_S)
         return codes
 
 
-def _end(child: subprocess.Popen[str]) -> int:
-    """SIGINT, then SIGKILL; the exit code."""
-    if child.poll() is None:
-        child.send_signal(signal.SIGINT)
-        try:
-            child.wait(STOP_S)
-        except subprocess.TimeoutExpired:
-            child.kill()
-    return child.wait()
+def _ended(child: subprocess.Popen[str]) -> int:
+    """Exit code of a process that was told to stop; killed where it does not."""
+    try:
+        return child.wait(STOP_S)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        return child.wait()

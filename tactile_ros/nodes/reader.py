@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 READ_TIMEOUT_S = 0.25
 FIRST_RETRY_S = 0.1
-LONGEST_RETRY_S = 1.0
+LONGEST_RETRY_S = 0.5
 # the same complaint is not told again before
 REPEAT_S = 10.0
 

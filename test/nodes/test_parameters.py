@@ -21,8 +21,8 @@ class Toy:
     name: str = field(default='a', metadata={'choices': ('a', 'b'), 'read_only': True})
     noise: float | None = field(default=None, metadata={'range': (0, 1)})
     positions: np.ndarray = field(default_factory=lambda: np.zeros((2, 3)))
-    rotations: 'np.ndarray | None' = None
-    scale: 'float | Array' = field(  # noqa: F821
+    rotations: np.ndarray | None = None
+    scale: float | Array = field(  # noqa: F821
         default_factory=lambda: np.array([1.0, 2.0]), metadata={'range': (0, 5)}
     )
 

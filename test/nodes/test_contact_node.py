@@ -1,0 +1,252 @@
+"""contact_node over real DDS: contacts as offline, tare, wrench, markers, refusals."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Point, Quaternion, WrenchStamped
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker, MarkerArray
+
+from tactile_ros.messages import fill_frame, fill_layout, read_contacts
+from tactile_ros.msg import TactileContacts, TactileFrame, TactileLayout
+from tactile_ros.nodes import lifecycle
+from tactile_ros.nodes.contact_node import ContactNode
+from tactile_ros.nodes.quality import BASELINES, DATA, LATCHED
+from tactile_ros.sensors import load_sensor
+from tactile_ros.types import Frame, FrameStatus, Layout
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from conftest import Ros
+
+    from tactile_ros.types import Recording
+
+
+class Sensor(Node):
+    """Stands in for sensor_node and hears contact_node."""
+
+    def __init__(self) -> None:
+        super().__init__('sensor')
+        self.contacts: list[TactileContacts] = []
+        self.baselines: list[TactileFrame] = []
+        self.wrenches: list[WrenchStamped] = []
+        self.markers: list[MarkerArray] = []
+        self.calibrations: list[String] = []
+        self.frame = self.create_publisher(TactileFrame, 'frame', DATA)
+        self.layout = self.create_publisher(TactileLayout, 'layout', LATCHED)
+        self.create_subscription(TactileContacts, 'contacts', self.contacts.append, DATA)
+        self.create_subscription(TactileFrame, 'baseline', self.baselines.append, BASELINES)
+        self.create_subscription(WrenchStamped, 'wrench', self.wrenches.append, DATA)
+        self.create_subscription(MarkerArray, 'markers', self.markers.append, DATA)
+        self.create_subscription(String, 'calibration', self.calibrations.append, LATCHED)
+        self.tare = self.create_client(Trigger, 'contact_node/tare')
+        self.count = 0
+
+    def send(self, values: np.ndarray) -> None:
+        """Publish rows as frames, 10 ms apart."""
+        for row in np.asarray(values):
+            message = TactileFrame()
+            stamp_ns = 1_000_000_000 + 10_000_000 * self.count
+            fill_frame(message, Frame(stamp_ns, self.count, row), 'thumb')
+            self.frame.publish(message)
+            self.count += 1
+
+    def announce(self, layout: Layout) -> None:
+        """Publish a layout."""
+        message = TactileLayout()
+        fill_layout(message, layout, Point, Quaternion)
+        self.layout.publish(message)
+
+
+def graph(ros: Ros, *parameters: str) -> tuple[ContactNode, Sensor]:
+    """Both nodes, connected."""
+    ros.init(*parameters)
+    contact, sensor = ros.add(ContactNode()), ros.add(Sensor())
+    lifecycle.start([contact])
+    return contact, sensor
+
+
+def refused(contact: ContactNode) -> str:
+    """Count of frames that were not processed."""
+    return next(pair.value for pair in contact.diagnose().values if pair.key == 'refused')
+
+
+def connected(ros: Ros, sensor: Sensor, contact: ContactNode) -> bool:
+    """Whoever must hear the first frame does."""
+    return ros.until(
+        lambda: (
+            sensor.frame.get_subscription_count()
+            and contact.count_subscribers('contacts')
+            and contact.is_heard()
+        )
+    )
+
+
+@pytest.fixture
+def pair(ros: Ros, calibration: Path) -> tuple[ContactNode, Sensor]:
+    """A calibrated contact_node that is heard, and its sensor."""
+    contact, sensor = graph(
+        ros, f'calibration:={calibration}', 'listeners:=1', 'tare_frames:=1',
+        'allow_tare_in_contact:=true',
+    )  # fmt: skip
+    assert connected(ros, sensor, contact)
+    return contact, sensor
+
+
+def test_contacts_are_those_of_the_pipeline(
+    ros: Ros, pair: tuple[ContactNode, Sensor], calibration: Path, touches: Recording
+) -> None:
+    _, sensor = pair
+    pipeline = load_sensor('reskin_board').load(calibration)
+    sensor.send(touches.values[:60])
+    assert ros.until(lambda: len(sensor.contacts) == 60)
+    got = read_contacts(sensor.contacts, 5)
+    assert got['sequence'].tolist() == list(range(60))
+    assert (np.diff(got['stamp_ns']) == 10_000_000).all()
+    for row in range(60):
+        stamp_ns = 1_000_000_000 + 10_000_000 * row
+        state = pipeline.process(Frame(stamp_ns, row, touches.values[row]))
+        for name in ('position', 'position_cov', 'in_contact', 'valid', 'status', 'contacts_id'):
+            np.testing.assert_array_equal(got[name][row], getattr(state, name), err_msg=name)
+    assert np.isfinite(got['position'][got['in_contact'] == 1][:, :2]).all()
+    assert {message.header.frame_id for message in sensor.contacts} == {'thumb'}
+
+
+def test_calibration_is_announced(
+    ros: Ros, pair: tuple[ContactNode, Sensor], calibration: Path
+) -> None:
+    _, sensor = pair
+    assert ros.until(lambda: sensor.calibrations)
+    told = json.loads(sensor.calibrations[0].data)
+    pipeline = load_sensor('reskin_board').load(calibration)
+    assert told['sha256'] == pipeline.digest
+    assert told['sensor'] == 'reskin_board'
+    assert told['estimators'] == pipeline.estimators
+
+
+def test_tare_takes_the_last_frame_and_says_from_where(
+    ros: Ros, pair: tuple[ContactNode, Sensor], touches: Recording
+) -> None:
+    _, sensor = pair
+    sensor.send(touches.values[:3])
+    assert ros.until(lambda: len(sensor.contacts) == 3)
+    answer = ros.call(sensor.tare, Trigger.Request())
+    assert answer.success
+    assert answer.message == 'baseline of 1 frames, from sequence 3 on'
+    assert ros.until(lambda: len(sensor.baselines) == 2)
+    baseline = sensor.baselines[-1]
+    assert baseline.sequence == 3
+    np.testing.assert_array_equal(baseline.values, touches.values[2].ravel())
+    # what was the baseline is untouched now
+    sensor.send(touches.values[2:3])
+    assert ros.until(lambda: len(sensor.contacts) == 4)
+    assert sensor.contacts[-1].in_contact == 0
+
+
+def test_tare_is_refused_in_contact_and_its_rule_can_change(
+    ros: Ros, pair: tuple[ContactNode, Sensor], touches: Recording
+) -> None:
+    contact, sensor = pair
+    sensor.send(touches.values[:1])
+    assert ros.until(lambda: len(sensor.contacts) == 1)
+    assert ros.call(sensor.tare, Trigger.Request()).success
+    assert contact.set_parameters([Parameter('allow_tare_in_contact', value=False)])[0].successful
+    sensor.send(np.concatenate([touches.values[:1], touches.values[1:2] + 5e-3]))
+    assert ros.until(lambda: len(sensor.contacts) == 3)
+    assert sensor.contacts[-1].in_contact == 1
+    # the rule is read when a tare is asked for; frames in contact are left out from then on
+    ros.call(sensor.tare, Trigger.Request())
+    sensor.send(touches.values[:1] + 20e-3)
+    assert ros.until(lambda: len(sensor.contacts) == 4)
+    answer = ros.call(sensor.tare, Trigger.Request())
+    assert not answer.success
+    assert 'while something touches' in answer.message
+
+
+@pytest.mark.parametrize(('unknown_as', 'torque'), [('zero', 0.0), ('nan', math.nan)])
+def test_wrench_and_markers_say_what_is_unknown(
+    ros: Ros,
+    pair: tuple[ContactNode, Sensor],
+    touches: Recording,
+    unknown_as: str,
+    torque: float,
+) -> None:
+    contact, sensor = pair
+    assert contact.set_parameters([Parameter('unknown_as', value=unknown_as)])[0].successful
+    assert ros.until(
+        lambda: contact.count_subscribers('wrench') and contact.count_subscribers('markers')
+    )
+    rows = iter(range(2, 200))
+    # standard topics are published once their listeners are matched
+    assert ros.until(
+        lambda: (
+            (sensor.wrenches and sensor.markers)
+            or sensor.send(touches.values[1:2] + 1e-6 * next(rows))
+        )
+    )
+    wrench = sensor.wrenches[0].wrench
+    np.testing.assert_array_equal([wrench.force.z, wrench.torque.x], [torque, torque])
+    taxels, ball, arrow = sensor.markers[0].markers
+    assert len(taxels.points) == 5
+    assert (ball.action, arrow.action) == (Marker.ADD, Marker.DELETE)
+    assert ball.scale.x > 0
+
+
+def test_without_a_calibration_contacts_say_so(ros: Ros, touches: Recording) -> None:
+    contact, sensor = graph(ros, 'listeners:=1')
+    assert connected(ros, sensor, contact)
+    sensor.send(touches.values[:2])
+    assert ros.until(lambda: len(sensor.contacts) == 2)
+    assert sensor.contacts[0].status & FrameStatus.NOT_CALIBRATED
+    assert math.isnan(sensor.contacts[0].wrench.force.z)
+    assert 'NOT_CALIBRATED' in contact.diagnose().message
+
+
+def test_a_foreign_calibration_is_refused(
+    ros: Ros, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'other.npz'
+    np.savez(path, sensor=np.array('gradiometer'))
+    contact, _ = graph(ros, f'calibration:={path}')
+    assert contact.is_over is False
+    assert not contact.is_heard()
+    assert str(path) in capfd.readouterr().err
+    assert contact.trigger_configure() != lifecycle.SUCCESS
+
+
+def test_frames_of_another_shape_are_refused_with_both_named(
+    ros: Ros, pair: tuple[ContactNode, Sensor], capfd: pytest.CaptureFixture[str]
+) -> None:
+    contact, sensor = pair
+    sensor.send(np.zeros((2, 10, 3)))
+    assert ros.until(lambda: refused(contact) == '2')
+    said = capfd.readouterr().err
+    assert 'values of a TactileFrame of (5, 3) must have 15 entries; received (30,)' in said
+    assert 'the calibration is of reskin_board' in said
+    assert said.count('must have 15 entries') == 1
+    assert not sensor.contacts
+
+
+def test_layout_of_another_sensor_stops_processing_until_the_right_one(
+    ros: Ros, pair: tuple[ContactNode, Sensor], touches: Recording
+) -> None:
+    contact, sensor = pair
+    sensor.announce(Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T', sensor='other'))
+    assert ros.until(lambda: 'of other' in contact.diagnose().message)
+    assert 'the calibration is of reskin_board' in contact.diagnose().message
+    sensor.send(touches.values[:1])
+    assert ros.until(lambda: refused(contact) == '1')
+    sensor.announce(load_sensor('reskin_board').layout(load_sensor('reskin_board').config()))
+    assert ros.until(lambda: 'of other' not in contact.diagnose().message)
+    sensor.send(touches.values[:1])
+    assert ros.until(lambda: sensor.contacts)
+    assert [message.sequence for message in sensor.contacts] == [1]
