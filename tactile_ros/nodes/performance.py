@@ -14,7 +14,7 @@ import numpy as np
 from tactile_ros.devices.packets import encode, readings, words
 from tactile_ros.devices.player import Player
 from tactile_ros.devices.simulated import SimulatedSerialPort
-from tactile_ros.errors import DeviceError, TactileError
+from tactile_ros.errors import DeviceError, DeviceTimeout, TactileError
 from tactile_ros.types import STATE_FIELDS, ContactStates
 
 if TYPE_CHECKING:
@@ -119,6 +119,15 @@ def as_received(data: bytes) -> Array:
     return values
 
 
+def _unread(port: SimulatedSerialPort) -> str:
+    """Why nothing can be played yet; empty where a driver has opened the port."""
+    try:
+        port.wait_for_reader(0.1)
+    except DeviceTimeout:
+        return 'nobody opens the simulated port: is sensor_node there?'
+    return ''
+
+
 @dataclass
 class WatchedPort:
     """A port that notes every row in the ledger and keeps few of them on their way."""
@@ -197,8 +206,8 @@ class Performance:
             link.unlink(missing_ok=True)
             link.symlink_to(port.port)
             try:
-                port.wait_for_reader(score.patience_s)
-                self._await_graph()
+                self._await(lambda: _unread(port))
+                self._await(self._missing)
                 self._warm_up(port)
                 watched = WatchedPort(port, self._ledger, score.window, self.is_stopped)
                 player = Player(watched, score.speed_up, 1.0 / score.rate_hz)
@@ -208,14 +217,14 @@ class Performance:
             finally:
                 link.unlink(missing_ok=True)
 
-    def _await_graph(self) -> None:
-        """Wait for everybody who must be there."""
+    def _await(self, missing: Callable[[], str]) -> None:
+        """Wait until nothing is missing."""
         deadline = time.monotonic() + self._score.patience_s
-        while self._missing():
+        while missing():
             if self._stop.wait(0.02):
                 raise Stopped
             if time.monotonic() > deadline:
-                raise DeviceError(self._missing())
+                raise DeviceError(missing())
 
     def _warm_up(self, port: SimulatedSerialPort) -> None:
         """Send resting rows, all different, until the last comes back: the driver locked on."""
