@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -51,7 +52,7 @@ def stream(count: int, width: int, seed: int) -> tuple[Array, Integers, Bools]:
 def live(history: History, change: Array, stamp_ns: Integers, restart: Bools) -> Array:
     """Means frame by frame, as a stream comes in."""
     means = []
-    for x, t, again in zip(change, stamp_ns, restart):
+    for x, t, again in zip(change, stamp_ns, restart, strict=True):
         if again:
             history.reset()
         means.append(history.step(x, int(t)))
@@ -76,7 +77,7 @@ def test_pieces_of_a_stream_give_the_whole() -> None:
     whole = History(TAUS)(change, stamp_ns, restart)
     history = History(TAUS)
     edges = [0, 1, 7, 7, 100, 101, 290, 300]
-    pieces = [history(change[a:b], stamp_ns[a:b], restart[a:b]) for a, b in zip(edges, edges[1:])]
+    pieces = [history(change[a:b], stamp_ns[a:b], restart[a:b]) for a, b in pairwise(edges)]
     np.testing.assert_allclose(np.concatenate(pieces), whole, rtol=0, atol=1e-12)
 
 

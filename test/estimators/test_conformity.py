@@ -10,6 +10,7 @@ import pytest
 from tactile_ros.calibration import flatten, restore
 from tactile_ros.errors import NotCalibratedError
 from tactile_ros.estimators.grid_knn import GridKnn
+from tactile_ros.estimators.kernel_ridge import KernelRidge
 from tactile_ros.estimators.ridge import Ridge
 from tactile_ros.estimators.standardisation import Standardisation
 from tactile_ros.types import Array, Estimator, Integers
@@ -18,6 +19,7 @@ ESTIMATORS: dict[str, Estimator] = {
     'ridge': Ridge(),
     'linear': Ridge(degree=1),
     'grid_knn': GridKnn(),
+    'kernel_ridge': KernelRidge(),
 }
 CLASSES = {
     c.__name__: c
