@@ -172,10 +172,9 @@ class Schema(Generic[T]):
         self.entries = {entry.name: entry for entry in found if entry is not None}
 
     def declare(self, node: Node) -> None:
-        """Declare every field that another schema of the node did not declare."""
+        """Declare every field; rclpy refuses a name that another dataclass has already."""
         for name, entry in self.entries.items():
-            if not node.has_parameter(name):
-                node.declare_parameter(name, entry.ros_default, entry.descriptor())
+            node.declare_parameter(name, entry.ros_default, entry.descriptor())
 
     def read(self, node: Node) -> T:
         """Dataclass of the node's parameters.

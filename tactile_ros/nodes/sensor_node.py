@@ -43,14 +43,6 @@ class SensorOptions:
         default='tactile_sensor', metadata={'help': 'name of the sensor frame in tf'}
     )
     serial: str = field(default='', metadata={'help': 'which board; goes into layout'})
-    clock_rate: float = field(
-        default=1.0,
-        metadata={
-            'help': 'seconds of the stamps per second of the clock: the speed of a recording that '
-            'is played faster than it was taken',
-            'range': (1e-3, 1e6),
-        },
-    )
     listeners: int = field(
         default=0,
         metadata={
@@ -104,15 +96,8 @@ class SensorNode(ManagedNode):
         """Reader of a fresh device: its frames count from 0."""
         config = self.options(type(self._spec.config()))
         connection = self.options(type(self._spec.connection()))
-        device: Device = self._spec.open(config, connection, self._stamp_clock())
+        device: Device = self._spec.open(config, connection, self.now_ns)
         return Reader(device, self._deliver, self.get_logger().error, self._is_awaited)
-
-    def _stamp_clock(self) -> Callable[[], int]:
-        """Clock of the stamps (ns): the node's, or one that runs at `clock_rate` from now on."""
-        rate, begin = self._options.clock_rate, self.now_ns()
-        if rate == 1.0:
-            return self.now_ns
-        return lambda: begin + round(rate * (self.now_ns() - begin))
 
     def activate(self) -> None:
         """Publish the layout and begin to read."""
