@@ -202,7 +202,8 @@ class Pipeline:
         apply_contact(known, contact, signals.good)
         add_flags(known, signals, bits, self._flags(base))
         in_time = signals.stamp_ns is not None and self.rest_.tared
-        add_patches(known, stream.ids.number(contact, signals.restart, in_time))
+        number = stream.ids.number(contact, signals.restart, in_time)
+        add_patches(known, number if in_time else np.where(signals.good, number, -1))
         return known
 
     def _flags(self, base: Array) -> Integers:

@@ -33,16 +33,13 @@ def join(recordings: Sequence[Recording]) -> Recording:
         return recordings[0]
     first = recordings[0]
     stamped = all(r.stamp_ns is not None for r in recordings)
-    stream = np.concatenate(
-        [np.cumsum(r.restarts) + 1_000_000 * i for i, r in enumerate(recordings)]
-    )
     return Recording.from_arrays(
         first.layout,
         np.concatenate([r.values for r in recordings]),
         stamp_ns=np.concatenate([r.stamp_ns for r in recordings]) if stamped else None,  # type: ignore[misc]
         temperature_c=_joined(recordings, 'temperature_c', np.nan, np.float64),
         status=_joined(recordings, 'status', 0, np.uint8),
-        stream=stream,
+        stream=np.cumsum(np.concatenate([r.restarts for r in recordings])),
         tare=_joined(recordings, 'tare', 0, np.bool_),
         truth=_joined_truth(recordings),
     )

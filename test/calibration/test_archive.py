@@ -167,7 +167,7 @@ def test_names_like_paths_are_refused(tmp_path: Path, name: str) -> None:
 def test_a_name_that_comes_twice_is_refused(tmp_path: Path) -> None:
     path = pack(tmp_path / 'c.npz', {'x.npy': npy(np.eye(2)), 'y.npy': npy(np.eye(3))})
     path.write_bytes(path.read_bytes().replace(b'y.npy', b'x.npy'))
-    with pytest.raises(CalibrationError, match="holds a member named 'x.npy'"):
+    with pytest.raises(CalibrationError, match=r"holds a member named 'x\.npy'"):
         read(path)
 
 
