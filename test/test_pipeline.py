@@ -1,0 +1,638 @@
+"""The pipeline with a small estimation of its own: live and batch, baseline, fit, files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from tactile_ros.errors import CalibrationError
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.types import (
+    STATE_FIELDS,
+    ContactState,
+    ContactStates,
+    Frame,
+    FrameStatus,
+    Layout,
+    Recording,
+    TaxelStatus,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tactile_ros.signals import Columns, Report, Signals
+
+TAXELS, CHANNELS = 2, 3
+SHAPE = (TAXELS, CHANNELS)
+REST = np.arange(6.0).reshape(SHAPE)
+NOISE = 0.01
+SECOND_NS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class ToyConfig:
+    """Just what every sensor's config has."""
+
+    noise: float | np.ndarray | None = NOISE
+    track_baseline: bool = True
+    positions: np.ndarray = field(default_factory=lambda: np.zeros((TAXELS, 3)))
+
+
+class ToyEstimation:
+    """Force is linear in the change; position is the mean change since the stream began."""
+
+    def __init__(self) -> None:
+        self.weights_: np.ndarray | None = None
+        self.rows_ = 0
+
+    @property
+    def estimators(self) -> dict[str, str]:
+        return {} if self.weights_ is None else {'force': 'linear', 'position': 'mean'}
+
+    @property
+    def report(self) -> Report:
+        return {'force': {'rows': float(self.rows_)}}
+
+    def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
+        assert set(groups) == {'group', 'session'}
+        blank = np.full((len(signals.good), 3), np.nan)
+        force = np.asarray(truth.get('force', blank), float)
+        rows = signals.good & np.isfinite(force).all(axis=1)
+        self.rows_ = int(rows.sum())
+        if self.rows_:
+            x = signals.delta[rows].reshape(self.rows_, -1)
+            self.weights_ = np.linalg.lstsq(x, force[rows], rcond=None)[0]
+
+    def start(self) -> dict[str, np.ndarray]:
+        return {'sum': np.zeros(3), 'count': np.zeros(1)}
+
+    def estimate(self, signals: Signals, memory: object) -> Columns:
+        assert isinstance(memory, dict)
+        if self.weights_ is None:
+            return {}
+        delta = signals.delta
+        place = np.full((len(delta), 3), np.nan)
+        for row in range(len(delta) if signals.stamp_ns is not None else 0):
+            if signals.restart[row]:
+                memory.update(self.start())
+            memory['sum'] = memory['sum'] + np.nan_to_num(delta[row].mean(axis=0))
+            memory['count'] = memory['count'] + 1
+            place[row] = memory['sum'] / memory['count']
+        return {
+            'force': delta.reshape(-1, TAXELS * CHANNELS) @ self.weights_,
+            'force_cov': np.tile(0.01 * np.eye(3), (len(delta), 1, 1)),
+            'position': place,
+        }
+
+
+CLASSES = {'ToyConfig': ToyConfig, 'ToyEstimation': ToyEstimation}
+LAYOUT = Layout(np.zeros((TAXELS, 3)), ('Bx', 'By', 'Bz'), 'T', saturation=np.full(3, 100.0))
+TRUE_WEIGHTS = np.random.default_rng(9).normal(size=(6, 3))
+
+
+def toy(config: ToyConfig | None = None, layout: Layout = LAYOUT) -> Pipeline:
+    return Pipeline('toy', config or ToyConfig(), layout, ToyEstimation())
+
+
+def lessons(samples: int = 200, seed: int = 1, **columns: object) -> Recording:
+    """A tare row, then frames with forces."""
+    rng = np.random.default_rng(seed)
+    delta = rng.normal(size=(samples, *SHAPE))
+    force = delta.reshape(samples, -1) @ TRUE_WEIGHTS
+    delta[0], force[0] = 0.0, np.nan
+    columns = {'tare': np.arange(samples) == 0, 'truth': {'force': force}, **columns}
+    return Recording.from_arrays(LAYOUT, REST + delta, **columns)  # type: ignore[arg-type]
+
+
+def fitted(config: ToyConfig | None = None) -> Pipeline:
+    return toy(config).fit(lessons())
+
+
+def frame(values: np.ndarray, stamp_ns: int | None = None, **columns: object) -> Frame:
+    return Frame(stamp_ns, 0, values, **columns)  # type: ignore[arg-type]
+
+
+def assert_same(
+    live: ContactState | list[ContactState], batch: ContactState | ContactStates
+) -> None:
+    for name in STATE_FIELDS:
+        one = np.array([getattr(x, name) for x in live] if isinstance(live, list) else
+                       getattr(live, name), float)  # fmt: skip
+        other = np.asarray(getattr(batch, name), float)
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-9, err_msg=name)
+
+
+def bits_of(state: ContactState) -> FrameStatus:
+    return FrameStatus(int(state.status))
+
+
+# ---------------------------------------------------------------- before a fit
+
+
+def test_an_unfitted_pipeline_runs_and_says_so() -> None:
+    pipeline = toy()
+    assert not pipeline.calibrated
+    assert pipeline.label_names == ()
+    for i in range(100):
+        state = pipeline.process(frame(REST, i * SECOND_NS))
+    assert bits_of(state) == FrameStatus.NOT_CALIBRATED | FrameStatus.NO_BASELINE
+    assert not state.valid
+    assert state.in_contact == -1
+    assert np.isnan(state.force).all()
+    assert state.contacts == []
+    # a baseline is never taken from the first frames
+    assert np.isnan(pipeline.baseline).all()
+
+
+def test_a_tare_before_a_fit_tells_contact_by_the_stated_noise() -> None:
+    pipeline = toy()
+    pipeline.tare([frame(REST)])
+    assert pipeline.process(frame(REST)).in_contact == 0
+    assert pipeline.process(frame(REST + 6 * NOISE)).in_contact == 1
+    assert bits_of(pipeline.process(frame(REST))) == FrameStatus.NOT_CALIBRATED
+    unknown = toy(ToyConfig(noise=None))
+    unknown.tare([frame(REST)])
+    assert unknown.process(frame(REST + 100)).in_contact == -1
+
+
+# ---------------------------------------------------------------- live and batch
+
+
+def stream(seed: int, samples: int = 60, stamped: bool = True) -> Recording:
+    """One stream with everything that happens: tares, drift, touches, faults, gaps."""
+    rng = np.random.default_rng(seed)
+    step = rng.integers(5_000_000, 800_000_000, samples)
+    step[rng.random(samples) < 0.05] = 20 * SECOND_NS
+    values = REST + np.cumsum(rng.normal(0, 0.2 * NOISE, (samples, *SHAPE)), axis=0)
+    touched = np.cumsum(rng.random(samples) < 0.08) % 2 == 1
+    values[touched] += rng.normal(size=(int(touched.sum()), *SHAPE))
+    values[rng.random(values.shape) < 0.005] = rng.choice([np.nan, np.inf, 1e3])
+    status = rng.choice([0, 1, 4], (samples, TAXELS), p=[0.96, 0.03, 0.01])
+    return Recording.from_arrays(
+        LAYOUT,
+        values,
+        stamp_ns=np.cumsum(step) if stamped else None,
+        status=status if seed % 2 else None,
+        tare=rng.random(samples) < 0.06 if seed % 3 else None,
+    )
+
+
+def run_live(pipeline: Pipeline, recording: Recording) -> tuple[list[int], list[ContactState]]:
+    """What a node does: a tare where a run of tare rows ends, every other frame processed."""
+    pipeline.reset()
+    tare = np.zeros(len(recording), bool) if recording.tare is None else recording.tare
+    rows, states, resting = [], [], []
+    for row in range(len(recording)):
+        if tare[row]:
+            resting.append(recording.frame(row))
+            continue
+        if resting:
+            pipeline.tare(resting)
+            resting = []
+        rows.append(row)
+        states.append(pipeline.process(recording.frame(row)))
+    return rows, states
+
+
+@given(st.integers(0, 10_000), st.booleans(), st.booleans())
+@settings(max_examples=60, deadline=None)
+def test_one_by_one_and_in_batch_are_the_same(seed: int, stamped: bool, tracked: bool) -> None:
+    pipeline = fitted(ToyConfig(track_baseline=tracked))
+    recording = stream(seed, stamped=stamped)
+    batch = pipeline.process_batch(recording)
+    batch.refuse_misfit(TAXELS)
+    rows, states = run_live(pipeline, recording)
+    for row, state in zip(rows, states, strict=True):
+        assert_same(state, batch[row])
+
+
+def test_tracking_is_put_to_use_in_that_comparison() -> None:
+    recording = stream(3, 400)
+    with_it = fitted().process_batch(recording).force
+    without = fitted(ToyConfig(track_baseline=False)).process_batch(recording).force
+    assert np.nanmax(np.abs(with_it - without)) > NOISE
+
+
+def test_streams_of_one_batch_do_not_know_of_each_other() -> None:
+    pipeline = fitted()
+    parts = [stream(4), stream(5), stream(7), stream(4)]
+    names = ('values', 'stamp_ns', 'status', 'tare')
+    blank = {'status': np.zeros((60, TAXELS), np.uint8), 'tare': np.zeros(60, bool)}
+    columns = {
+        name: np.concatenate([blank.get(name) if getattr(p, name) is None else getattr(p, name)
+                              for p in parts])  # type: ignore[misc]
+        for name in names
+    }  # fmt: skip
+    whole = Recording.from_arrays(LAYOUT, stream=np.repeat([0, 1, 2, 0], 60), **columns)
+    together = pipeline.process_batch(whole)
+    for i, part in enumerate(parts):
+        alone = pipeline.process_batch(part)
+        for name in set(STATE_FIELDS) - {'contacts_id'}:
+            one, other = getattr(together, name)[60 * i : 60 * i + 60], getattr(alone, name)
+            np.testing.assert_allclose(
+                np.asarray(one, float), np.asarray(other, float), rtol=0, atol=1e-9, err_msg=name
+            )
+
+
+def test_the_order_of_independent_frames_does_not_matter() -> None:
+    one = stream(11, 80, stamped=False)
+    one = Recording.from_arrays(LAYOUT, one.values, status=one.status)
+    order = np.random.default_rng(0).permutation(80)
+    pipeline = fitted()
+    straight, shuffled = pipeline.process_batch(one), pipeline.process_batch(one.select(order))
+    for name in STATE_FIELDS:
+        np.testing.assert_array_equal(getattr(straight, name)[order], getattr(shuffled, name))
+
+
+def test_a_batch_leaves_the_live_stream_alone() -> None:
+    one, other = fitted(), fitted()
+    recording = stream(1)
+    recording = recording.select(~recording.tare)  # type: ignore[operator]
+    for row in range(len(recording)):
+        if row == 30:
+            one.process_batch(stream(2))
+        assert_same(one.process(recording.frame(row)), other.process(recording.frame(row)))
+
+
+@pytest.mark.parametrize('back_ns', [0, 1, 3600 * SECOND_NS])
+def test_a_clock_that_goes_back_begins_a_new_stream(back_ns: int) -> None:
+    recording = stream(6)
+    assert recording.stamp_ns is not None
+    stepped, again = fitted(), fitted()
+    begin = 10_000 * SECOND_NS
+    for row in range(60):
+        first = replace(recording.frame(row), stamp_ns=begin + int(recording.stamp_ns[row]))
+        stepped.process(first)
+    assert first.stamp_ns is not None
+    shift = first.stamp_ns - back_ns - int(recording.stamp_ns[0])
+    for row in range(60):
+        late = replace(recording.frame(row), stamp_ns=shift + int(recording.stamp_ns[row]))
+        assert_same(stepped.process(late), again.process(late))
+
+
+def test_frames_without_stamps_pass_memory_by() -> None:
+    one, other = fitted(), fitted()
+    recording = stream(2).select(~stream(2).tare)  # type: ignore[operator]
+    loose = replace(recording.frame(0), stamp_ns=None)
+    for row in range(len(recording)):
+        one.process(loose)
+        assert_same(one.process(recording.frame(row)), other.process(recording.frame(row)))
+
+
+@pytest.mark.parametrize('samples', [0, 1])
+@pytest.mark.parametrize('stamped', [True, False])
+def test_short_recordings(samples: int, stamped: bool) -> None:
+    stamp_ns = np.arange(samples) if stamped else None
+    short = Recording.from_arrays(
+        LAYOUT,
+        np.full((samples, *SHAPE), REST),
+        stamp_ns=stamp_ns,
+        stream=np.zeros(samples, int),
+        tare=np.ones(samples, bool),
+        truth={'force': np.zeros((samples, 3))},
+    )
+    for pipeline in (toy(), fitted(), toy().fit(short), toy().fit(lessons(), short)):
+        states = pipeline.process_batch(short)
+        states.refuse_misfit(TAXELS)
+        assert len(states) == samples
+        assert pipeline.process_batch(stream(0)).force.shape == (60, 3)
+
+
+# ---------------------------------------------------------------- baseline
+
+
+def test_fit_learns_a_baseline_from_tare_rows() -> None:
+    np.testing.assert_allclose(fitted().baseline, REST)
+
+
+def test_else_from_rows_that_truth_calls_untouched() -> None:
+    recording = lessons()
+    contact = np.r_[0, 0, np.ones(198, np.int8)]
+    truth = {**recording.truth, 'in_contact': contact.astype(np.int8)}
+    pipeline = toy().fit(Recording.from_arrays(LAYOUT, recording.values, truth=truth))
+    np.testing.assert_allclose(pipeline.baseline, recording.values[:2].mean(axis=0))
+
+
+def test_a_tare_holds_until_the_next_one_or_a_load(tmp_path: Path) -> None:
+    pipeline = fitted(ToyConfig(track_baseline=False))
+    pipeline.save(tmp_path / 'c.npz')
+    digest = pipeline.digest
+    pipeline.tare([frame(REST + 1), frame(REST + 3)])
+    level = REST + 2
+    np.testing.assert_allclose(pipeline.baseline, level)
+    pipeline.reset()
+    pipeline.process_batch(lessons())
+    pipeline.process_batch(stream(1))
+    np.testing.assert_allclose(pipeline.baseline, level)
+    assert pipeline.process(frame(level)).in_contact == 0
+    assert pipeline.process_batch(Recording.from_arrays(LAYOUT, level[None]))[0].in_contact == 0
+    assert pipeline.digest == digest
+    pipeline.save(tmp_path / 'tared.npz')
+    for name, wanted in (('c.npz', REST), ('tared.npz', level)):
+        loaded = Pipeline.load(tmp_path / name, 'toy', CLASSES)
+        np.testing.assert_allclose(loaded.baseline, wanted)
+        assert loaded.digest == digest
+    pipeline.tare([frame(REST)])
+    np.testing.assert_allclose(pipeline.baseline, REST)
+    np.testing.assert_allclose(pipeline.fit(lessons()).baseline, REST)
+
+
+def test_tare_rows_hold_inside_their_stream_only() -> None:
+    values = np.stack([REST + 5, REST + 5, REST + 5, REST])
+    recording = Recording.from_arrays(
+        LAYOUT, values, stream=[0, 0, 1, 1], tare=[True, False, False, False]
+    )
+    contact = fitted().process_batch(recording).in_contact
+    assert contact.tolist() == [0, 0, 1, 0]
+
+
+def test_a_tare_row_counts_as_untouched_and_gets_a_state() -> None:
+    values = np.stack([REST - 4, REST + 4, REST])
+    recording = Recording.from_arrays(LAYOUT, values, tare=[True, True, False])
+    states = fitted().process_batch(recording)
+    assert states.in_contact.tolist() == [0, 0, 0]
+    assert states.valid.all()
+    np.testing.assert_array_equal(states.force, np.zeros((3, 3)))
+
+
+def test_a_tare_leaves_out_what_was_not_read() -> None:
+    pipeline = fitted()
+    hurt = REST + 9.0
+    hurt[0, 0] = np.nan
+    clipped = np.full(SHAPE, 200.0)
+    stuck = frame(REST + 50, status=np.array([0, TaxelStatus.STUCK]))
+    pipeline.tare([frame(hurt), frame(clipped), stuck, frame(REST + 1)])
+    wanted = np.stack([np.full(3, 0.0), np.full(3, 0.0)]) + REST
+    wanted[0] += (50 + 1) / 2
+    wanted[1] += (9 + 1) / 2
+    np.testing.assert_allclose(pipeline.baseline, wanted)
+
+
+def test_a_taxel_that_no_tare_frame_read_has_no_baseline() -> None:
+    pipeline = fitted()
+    hurt = REST.copy()
+    hurt[1, 2] = np.nan
+    pipeline.tare([frame(hurt)])
+    assert np.isnan(pipeline.baseline).any(axis=1).tolist() == [False, True]
+    state = pipeline.process(frame(REST, 0))
+    assert FrameStatus.NO_BASELINE in bits_of(state)
+    assert not state.valid
+    assert state.in_contact == -1
+    assert state.contacts == []
+    # in a batch only the rows that it serves
+    values = np.stack([hurt, REST, REST, REST])
+    recording = Recording.from_arrays(
+        LAYOUT, values, stream=[0, 0, 1, 1], tare=[True, False, True, False]
+    )
+    states = fitted().process_batch(recording)
+    assert states.valid.tolist() == [False, False, True, True]
+    blind = (states.status & FrameStatus.NO_BASELINE) > 0
+    assert blind.tolist() == [True, True, False, False]
+
+
+def test_a_tare_needs_frames_of_the_sensor() -> None:
+    pipeline = fitted()
+    with pytest.raises(ValueError, match='at least one resting frame'):
+        pipeline.tare([])
+    with pytest.raises(ValueError, match=r'shape \(2, 3\).*received \(3, 2\)'):
+        pipeline.tare([frame(REST), frame(np.zeros((3, 2)))])
+    np.testing.assert_allclose(pipeline.baseline, REST)
+
+
+def test_a_fit_without_rest_uses_readings_as_they_are() -> None:
+    recording = lessons(tare=None)
+    pipeline = toy().fit(recording)
+    states = pipeline.process_batch(stream(3))
+    assert (states.in_contact == -1).all()
+    assert ((states.status & FrameStatus.NO_BASELINE) > 0).all()
+    assert states.valid.any()
+    live = [pipeline.process(stream(3).frame(row)) for row in range(60)]
+    for row, state in enumerate(live):
+        assert_same(state, states[row])
+    with pytest.raises(ValueError, match='must follow a fit with tare rows or in_contact 0'):
+        pipeline.tare([frame(REST)])
+    assert not pipeline.baseline.any()
+
+
+def test_tracking_follows_drift_live_and_reset_goes_back() -> None:
+    pipeline = fitted()
+    for i in range(200):
+        state = pipeline.process(frame(REST + 0.002 * i * NOISE, i * SECOND_NS // 4))
+        assert state.in_contact == 0
+    moved = pipeline.baseline - REST
+    assert (moved > 0.2 * NOISE).all()
+    pipeline.reset()
+    np.testing.assert_allclose(pipeline.baseline, REST)
+
+
+# ---------------------------------------------------------------- untouched, faults
+
+
+def test_the_untouched_exert_nothing_and_are_nowhere() -> None:
+    states = fitted().process_batch(
+        Recording.from_arrays(LAYOUT, np.stack([REST, REST + 2]), stamp_ns=[0, 1])
+    )
+    assert states.in_contact.tolist() == [0, 1]
+    np.testing.assert_array_equal(states.force[0], np.zeros(3))
+    np.testing.assert_allclose(states.force_cov[0], 0.01 * np.eye(3))
+    assert np.isnan(states.position[0]).all()
+    assert np.isfinite(states.position[1]).all()
+    assert states.contacts_id[:, 0].tolist() == [-1, 0]
+    assert [len(state.contacts) for state in states] == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ('values', 'status', 'flags', 'valid'),
+    [
+        (REST, None, FrameStatus(0), True),
+        (np.where(REST == 4, np.nan, REST), None, FrameStatus.BAD_TAXELS, False),
+        (np.where(REST == 4, -100.0, REST), None, FrameStatus.BAD_TAXELS | FrameStatus.SATURATED,
+         False),
+        (REST, [0, 1], FrameStatus(0), True),
+        (REST, [1, 1], FrameStatus.STALE, False),
+        (REST, [0, 2], FrameStatus.BAD_TAXELS | FrameStatus.SATURATED, False),
+        (REST, [0, 4], FrameStatus.BAD_TAXELS, False),
+        (REST, [16, 0], FrameStatus.BAD_TAXELS, False),
+    ],
+)  # fmt: skip
+def test_faults(
+    values: np.ndarray, status: list[int] | None, flags: FrameStatus, valid: bool
+) -> None:
+    bits = None if status is None else np.array(status, np.uint8)
+    state = fitted().process(frame(values, 0, status=bits))
+    assert bits_of(state) == flags
+    assert bool(state.valid) == valid
+    assert (state.in_contact == -1) == bool(flags & FrameStatus.BAD_TAXELS)
+    if FrameStatus.BAD_TAXELS in flags:
+        assert np.isnan(state.force).all()
+        assert state.contacts == []
+
+
+def test_an_id_lives_through_a_frame_that_cannot_tell() -> None:
+    pipeline = fitted()
+    lost = np.full(SHAPE, np.nan)
+    readings = [REST, REST + 1, lost, REST + 1, REST, lost, REST + 1]
+    ids = [int(pipeline.process(frame(x, i)).contacts_id[0]) for i, x in enumerate(readings)]
+    assert ids == [-1, 0, 0, 0, -1, -1, 1]
+
+
+def test_shapes_are_refused_with_both_named() -> None:
+    pipeline = fitted()
+    other = Layout(np.zeros((3, 3)), ('Bx', 'By', 'Bz'), 'T')
+    foreign = Recording.from_arrays(other, np.zeros((4, 3, 3)))
+    with pytest.raises(ValueError, match=r'toy must have shape \(2, 3\).*received \(3, 3\)'):
+        pipeline.process(frame(np.zeros((3, 3))))
+    with pytest.raises(ValueError, match=r'received \(3, 3\)'):
+        pipeline.process_batch(foreign)
+    with pytest.raises(ValueError, match=r'received \(3, 3\)'):
+        pipeline.fit(lessons(), foreign)
+    with pytest.raises(ValueError, match='status of Frame'):
+        pipeline.process(frame(REST, status=np.zeros(1, np.uint8)))
+
+
+@pytest.mark.parametrize('limit', [None, np.inf, np.array([np.inf] * 3)])
+def test_a_sensor_that_never_clips(limit: float | np.ndarray | None) -> None:
+    layout = replace(LAYOUT, saturation=limit)  # type: ignore[arg-type]
+    state = toy(layout=layout).fit(lessons()).process(frame(REST + 1e6))
+    assert state.valid
+
+
+# ---------------------------------------------------------------- fit
+
+
+def test_fit_returns_itself_and_learns() -> None:
+    pipeline = toy()
+    assert pipeline.fit(lessons()) is pipeline
+    assert pipeline.calibrated
+    assert pipeline.estimators == {'force': 'linear', 'position': 'mean'}
+    assert pipeline.report == {'force': {'rows': 199.0}}
+    test = lessons(50, seed=2)
+    found = pipeline.process_batch(test).force[1:]
+    np.testing.assert_allclose(found, test.truth['force'][1:], atol=1e-9)
+    with pytest.raises(ValueError, match='at least one Recording'):
+        toy().fit()
+
+
+def test_fit_leaves_out_bad_and_blind_rows() -> None:
+    recording = lessons()
+    values = recording.values.copy()
+    values[5] = np.nan
+    status = np.zeros((200, TAXELS), np.uint8)
+    status[7, 1] = TaxelStatus.WRAPPED
+    # the second stream's tare row was not read: its rows have no baseline
+    stream_of = np.arange(200) // 190
+    values[190, 0] = np.nan
+    spoilt = Recording.from_arrays(
+        LAYOUT,
+        values,
+        status=status,
+        stream=stream_of,
+        tare=np.isin(np.arange(200), [0, 190]),
+        truth=recording.truth,
+    )
+    assert toy().fit(spoilt).report['force']['rows'] == 189 - 2
+
+
+@pytest.mark.parametrize('truth', [{}, {'in_contact': np.zeros(200, np.int8)}])
+def test_fit_on_rest_alone_learns_the_baseline_only(truth: dict[str, np.ndarray]) -> None:
+    rng = np.random.default_rng(0)
+    rest = REST + NOISE * rng.normal(size=(200, *SHAPE))
+    tare = None if truth else np.ones(200, bool)
+    pipeline = toy(ToyConfig(noise=None)).fit(
+        Recording.from_arrays(LAYOUT, rest, tare=tare, truth=truth)
+    )
+    assert not pipeline.calibrated
+    np.testing.assert_allclose(pipeline.baseline, rest.mean(axis=0))
+    np.testing.assert_allclose(pipeline.rest_.noise, NOISE, rtol=0.35)
+    assert pipeline.process(frame(REST)).in_contact == 0
+    assert pipeline.process(frame(REST + 1)).in_contact == 1
+
+
+def test_recordings_of_many_kinds_are_learned_together() -> None:
+    stamps = np.arange(200) * SECOND_NS
+    kinds = [
+        lessons(seed=1, stamp_ns=stamps),
+        lessons(seed=2, stream=np.arange(200) // 300),
+        lessons(seed=3, tare=None, truth={}),
+        lessons(seed=4, status=np.zeros((200, TAXELS)), temperature_c=np.full((200, 2), 25.0)),
+    ]
+    pipeline = toy().fit(*kinds)
+    assert pipeline.report['force']['rows'] == 3 * 199
+    np.testing.assert_allclose(
+        pipeline.process_batch(kinds[1]).force[1:], kinds[1].truth['force'][1:], atol=1e-9
+    )
+
+
+def test_a_second_fit_forgets_the_first() -> None:
+    pipeline = toy().fit(lessons(tare=None))
+    pipeline.fit(lessons())
+    assert pipeline.digest == fitted().digest
+
+
+def test_fit_sees_the_baseline_move_as_it_will_in_use() -> None:
+    """Forces of a drifting sensor are learned exactly where the tracked baseline is learned."""
+    rng = np.random.default_rng(5)
+    samples = 2000
+    drift = np.linspace(0, 40 * NOISE, samples)[:, None, None] * np.ones(SHAPE)
+    touched = np.arange(samples) % 100 >= 80
+    delta = np.where(touched[:, None, None], rng.normal(size=(samples, *SHAPE)), 0.0)
+    force = delta.reshape(samples, -1) @ TRUE_WEIGHTS
+    recording = Recording.from_arrays(
+        LAYOUT,
+        REST + drift + delta,
+        stamp_ns=np.arange(samples) * SECOND_NS // 10,
+        tare=np.arange(samples) == 0,
+        truth={'force': np.where(touched[:, None], force, np.nan)},
+    )
+    pipeline = toy().fit(recording)
+    weights = pipeline.estimation.weights_  # type: ignore[attr-defined]
+    # 0.1 with the baseline of the tare throughout
+    assert np.abs(weights - TRUE_WEIGHTS).max() < 0.01
+
+
+def test_sensors_without_classes_say_so() -> None:
+    with pytest.raises(ValueError, match="toy recognises no classes; received 'mug'"):
+        fitted().enrol(lessons(), 'mug')
+    with pytest.raises(ValueError, match='label of forget must be one of'):
+        fitted().forget('mug')
+
+
+# ---------------------------------------------------------------- files
+
+
+@pytest.mark.parametrize('make', [toy, fitted])
+def test_saved_and_loaded_it_says_the_same(tmp_path: Path, make: object) -> None:
+    pipeline: Pipeline = make()  # type: ignore[operator]
+    pipeline.save(tmp_path / 'c.npz')
+    again = Pipeline.load(tmp_path / 'c.npz', 'toy', CLASSES)
+    assert again.digest == pipeline.digest
+    assert again.estimators == pipeline.estimators
+    assert again.report == pipeline.report
+    assert again.config.noise == NOISE
+    assert again.layout.channels == LAYOUT.channels
+    one, other = pipeline.process_batch(stream(7)), again.process_batch(stream(7))
+    for name in STATE_FIELDS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_the_digest_is_of_what_was_learned() -> None:
+    assert fitted().digest == fitted().digest
+    assert fitted().digest != toy().digest
+    assert fitted().digest != toy().fit(lessons(seed=2)).digest
+    assert fitted(ToyConfig(track_baseline=False)).digest != fitted().digest
+
+
+@settings(max_examples=5, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.sampled_from(['gripper', 'toy2', '']))
+def test_a_calibration_of_another_sensor_is_refused_with_both_named(
+    tmp_path: Path, sensor: str
+) -> None:
+    fitted().save(tmp_path / 'c.npz')
+    with pytest.raises(CalibrationError, match=f"must be of {sensor}; it is of 'toy'"):
+        Pipeline.load(tmp_path / 'c.npz', sensor, CLASSES)
