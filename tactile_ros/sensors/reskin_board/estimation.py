@@ -21,6 +21,7 @@ TARGETS = ('position', 'force', 'torque')
 REMEMBERING = ('force', 'torque')
 TIME_CONSTANTS = (0.3, 1.0, 3.0, 10.0, 30.0)
 PLACE = 1e-5
+CHANNELS = 3
 
 
 class BoardEstimation:
@@ -68,7 +69,7 @@ class BoardEstimation:
         groups : dict of str to ndarray, shape (s,)
             'group' and 'session': what a split keeps together.
         """
-        now = signals.delta.reshape(len(signals.delta), -1)
+        now = signals.delta.reshape(-1, CHANNELS * self.taxels)
         past = None
         if signals.stamp_ns is not None:
             past = self._with_history(now, signals, self.start())
@@ -102,7 +103,7 @@ class BoardEstimation:
             One entry and its covariance for each target.
         """
         assert isinstance(memory, History)
-        now = signals.delta.reshape(len(signals.delta), -1)
+        now = signals.delta.reshape(-1, CHANNELS * self.taxels)
         known: Columns = {}
         for head in self.heads_:
             if head.target not in known:
@@ -131,7 +132,8 @@ class BoardEstimation:
         """Change of field (s, d) and its fading means, shape (s, d + m d)."""
         assert signals.stamp_ns is not None
         means = memory(now, signals.stamp_ns, signals.restart)
-        return np.concatenate([now, means.reshape(len(now), -1)], axis=1)
+        width = means.shape[1] * means.shape[2]
+        return np.concatenate([now, means.reshape(-1, width)], axis=1)
 
 
 def _places(plane: Array) -> Integers | None:
