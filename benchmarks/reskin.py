@@ -131,8 +131,8 @@ def _unseen_cycles(recording: Recording, seed: int) -> Split:
 def with_random_rests(recording: Recording, rng: np.random.Generator) -> Recording:
     """Put 2 to 60 s of rest between every tare and its press, so that time tells nothing.
 
-    The rest repeats the tare reading with its own noise at the recording's rate; every cycle becomes
-    a stream of its own.
+    The rest repeats the tare reading with its own noise at the recording's rate; every cycle
+    becomes a stream of its own.
     """
     period = 100_000_000
     noise = 0.5 * np.diff(np.unique(recording.values[:, 0, 0])).min()

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.estimators.grid_knn import GridKnn
+from tactile_ros.estimators.kernel_ridge import KernelRidge
+from tactile_ros.estimators.perceptron import Perceptron
 from tactile_ros.estimators.ridge import Ridge
 from tactile_ros.estimators.selection import select
 from tactile_ros.estimators.standardisation import Standardisation
@@ -16,14 +18,23 @@ from tactile_ros.types import Array, Bools, Estimator, Integers
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-ESTIMATORS = ('ridge', 'grid_knn')
+ESTIMATORS = ('ridge', 'grid_knn', 'kernel_ridge', 'perceptron')
 FEWEST_ROWS = 5
+PLACE_FOLDS = 2  # thousands of touches are judged well by two fifths of them
 
 
-def candidates(wanted: str | None) -> dict[str, Estimator]:
-    """The regressors to choose from, by name."""
-    known: dict[str, Estimator] = {'ridge': Ridge(), 'grid_knn': GridKnn()}
-    return known if wanted is None else {wanted: known[wanted]}
+def candidates(wanted: str | None, *, place: bool) -> dict[str, Estimator]:
+    """The regressors to choose from, by name; the pattern of a touch tells its place."""
+    known: dict[str, Estimator] = {
+        'ridge': Ridge(),
+        'grid_knn': GridKnn(),
+        'kernel_ridge': KernelRidge(),
+        'perceptron': Perceptron(pattern=place),
+    }
+    if wanted is not None:
+        return {wanted: known[wanted]}
+    del known['kernel_ridge' if place else 'perceptron']
+    return known
 
 
 class Head:
@@ -78,9 +89,11 @@ class Head:
         Head
             Itself.
         """
-        choice = select(candidates(self.wanted), x, y, groups)
+        place = self.target == 'position'
+        known = candidates(self.wanted, place=place)
+        choice = select(known, x, y, groups, rounds=PLACE_FOLDS if place else None)
         self.name = choice.name
-        self.estimator_ = candidates(self.name)[self.name].fit(x, y, groups)
+        self.estimator_ = known[self.name].fit(x, y, groups)
         drivers = self._drivers(choice.x, choice.predictions)
         self.covariance_ = CalibratedCovariance().fit(drivers, choice.residuals, choice.groups)
         sigma = np.sqrt(np.diagonal(self.covariance_.predict(drivers), axis1=1, axis2=2))
@@ -128,4 +141,4 @@ def known_columns(y: Array, good: Bools) -> Iterator[tuple[tuple[int, ...], Bool
         left = [i for i in left if i not in same]
 
 
-CLASSES = (Head, Ridge, GridKnn, Standardisation, CalibratedCovariance)
+CLASSES = (Head, Ridge, GridKnn, KernelRidge, Perceptron, Standardisation, CalibratedCovariance)
