@@ -1,0 +1,161 @@
+"""Shipped recordings: whole counts, a tare row before every touch, truth, and known facts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactile_ros.conditioning.baseline import tare_means, tare_runs
+from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors.reskin_board import recordings
+from tactile_ros.sensors.reskin_board.config import ReskinBoardConfig, layout
+from tactile_ros.types import Recording
+
+FOLDER = Path(recordings.__file__).parent
+FINE, COARSE = (0.6, 0.6, 0.968), (2.4, 2.4, 3.872)
+# frames, tare rows, chips, quantum (uT), first frame of the first chip (uT)
+FACTS = {
+    'spatial': (4805, 4805, 5, COARSE, (662.4, -830.4, 7647.2)),
+    'normal_1': (3600, 10, 5, COARSE, (604.8, 158.4, 9439.936)),
+    'normal_2': (3600, 10, 5, COARSE, None),
+    'shear': (7200, 10, 10, FINE, None),
+    'slip': (27000 - 900, 900, 10, FINE, None),
+}
+NAMES = list(FACTS)
+
+
+@pytest.fixture(scope='module')
+def shipped() -> dict[str, Recording]:
+    return load_sensor('reskin_board').recordings()  # type: ignore[return-value]
+
+
+def test_the_licence_goes_with_them() -> None:
+    licence = (FOLDER / 'LICENSE').read_text()
+    assert 'MIT License' in licence
+    assert 'Venkatesh Pattabiraman' in licence
+    assert 'ab5ca56a87df7cbf59264138998bf74efc216b13' in (FOLDER / 'README.md').read_text()
+    assert {path.stem for path in FOLDER.glob('*.npz')} == set(NAMES)
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_files_hold_integers_and_no_pickles(name: str) -> None:
+    with np.load(FOLDER / f'{name}.npz', allow_pickle=False) as file:
+        kinds = {key: file[key].dtype.kind for key in file.files}
+    assert kinds.pop('quantum_ut') == 'f'
+    assert set(kinds.values()) == {'i'}
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_values_are_whole_counts(name: str, shipped: dict[str, Recording]) -> None:
+    frames, tares, chips, quantum, first = FACTS[name]
+    recording = shipped[name]
+    assert recording.tare is not None
+    assert int(recording.tare.sum()) == tares
+    assert len(recording) == frames + tares
+    assert recording.layout.shape == (chips, 3)
+    assert recording.layout.unit == 'T'
+    counts = recording.values / (1e-6 * np.array(quantum))
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+    assert 1e-3 < recording.values.max() < 50e-3
+    if first is not None:
+        frame = recording.values[~recording.tare][0, 0]
+        np.testing.assert_allclose(1e6 * frame, first, atol=1e-3)
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_stamps_increase_and_a_tare_precedes_every_frame(
+    name: str, shipped: dict[str, Recording]
+) -> None:
+    recording = shipped[name]
+    assert recording.stamp_ns is not None
+    assert recording.tare is not None
+    assert (np.diff(recording.stamp_ns)[~recording.restarts[1:]] > 0).all()
+    _, serves = tare_runs(recording.tare, recording.restarts)
+    assert (serves >= 0).all()
+
+
+@pytest.mark.parametrize(('name', 'rate_hz'), [('normal_1', 9.5), ('shear', 9.3), ('slip', 100)])
+def test_rates(name: str, rate_hz: float, shipped: dict[str, Recording]) -> None:
+    stamp_ns = shipped[name].stamp_ns
+    assert stamp_ns is not None
+    assert 1e9 / np.diff(stamp_ns).mean() == pytest.approx(rate_hz, rel=0.05)
+
+
+def test_places(shipped: dict[str, Recording]) -> None:
+    recording = shipped['spatial']
+    place = recording.truth['position']
+    assert recording.tare is not None
+    np.testing.assert_array_equal(np.isnan(place[:, :2]).any(axis=1), recording.tare)
+    assert np.isnan(place[:, 2]).all()
+    axes = [np.unique(np.round(1e3 * place[~recording.tare, i], 3)) for i in (0, 1)]
+    for axis in axes:
+        np.testing.assert_allclose(axis, np.arange(-15, 16))
+    spots, counts = np.unique(
+        np.round(1e3 * place[~recording.tare, :2]), axis=0, return_counts=True
+    )
+    assert len(spots) == 31 * 31
+    assert set(counts.tolist()) == {5}
+    repetition = recording.truth['repetition'][~recording.tare]
+    assert np.bincount(repetition).tolist() == [961] * 5  # type: ignore[arg-type]
+    # a touch and the tare row before it are one repetition
+    assert (recording.truth['repetition'][recording.tare] == repetition).all()
+
+
+def test_the_field_changes_where_the_pad_is_touched(shipped: dict[str, Recording]) -> None:
+    recording = shipped['spatial']
+    assert recording.tare is not None
+    run, serves = tare_runs(recording.tare, recording.restarts)
+    delta = (recording.values - tare_means(recording.values, run)[serves])[~recording.tare]
+    size = np.linalg.norm(delta, axis=2)
+    assert 50e-6 < np.median(size.max(axis=1)) < 10e-3
+    # the rest moves over the run, which is why every touch has its own
+    rest = recording.values[recording.tare]
+    assert 50e-6 < np.abs(rest - rest[0]).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ('name', 'axis', 'most'), [('normal_1', 2, 34.15), ('normal_2', 2, 31.8), ('shear', 0, 17.9)]
+)
+def test_forces(name: str, axis: int, most: float, shipped: dict[str, Recording]) -> None:
+    recording = shipped[name]
+    force = recording.truth['force']
+    others = [i for i in range(3) if i != axis]
+    assert np.isnan(force[:, others]).all()
+    assert np.nanmax(force[:, axis]) == pytest.approx(most, abs=0.05)
+    assert np.nanmin(force[:, axis]) >= 0
+    # the scale missed about every other row
+    assert 0.5 < np.isfinite(force[:, axis]).mean() < 0.53
+    assert recording.tare is not None
+    assert np.isnan(force[recording.tare]).all()
+    assert np.unique(recording.truth['repetition']).tolist() == list(range(10))
+
+
+def test_runs_are_sessions_of_their_own(shipped: dict[str, Recording]) -> None:
+    assert set(shipped['normal_1'].truth['session'].tolist()) == {1}
+    assert set(shipped['normal_2'].truth['session'].tolist()) == {2}
+
+
+def test_pulls(shipped: dict[str, Recording]) -> None:
+    recording = shipped['slip']
+    assert recording.stream is not None
+    assert np.bincount(recording.stream).tolist() == [300] * 90
+    label = recording.truth['slip'].reshape(90, 300)
+    assert (label == label[:, :1]).all()
+    assert int(label[:, 0].sum()) == 68
+    assert recording.tare is not None
+    assert recording.tare.reshape(90, 300)[:, :10].all()
+
+
+def test_boards_do_not_coincide(shipped: dict[str, Recording]) -> None:
+    spots = shipped['shear'].layout.positions
+    assert len(np.unique(np.round(spots, 6), axis=0)) == 10
+
+
+def test_unknown_names_and_other_boards_are_refused() -> None:
+    board = layout(ReskinBoardConfig())
+    with pytest.raises(ValueError, match=r"must be one of spatial.*received 'day_2'"):
+        recordings.load('day_2', board)
+    with pytest.raises(ValueError, match=r'values of Recording must have shape \(any, 5, 3\)'):
+        recordings.load('shear', board)

@@ -1,0 +1,102 @@
+"""The registry: folders are keys, specs are whole, unknown names are told what there is."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactile_ros import sensors
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.sensors import SensorSpec, list_sensors, load_sensor
+
+FOLDER = Path(sensors.__file__).parent
+
+
+def test_the_keys_are_the_folders() -> None:
+    folders = sorted(path.name for path in FOLDER.iterdir() if (path / '__init__.py').exists())
+    assert list_sensors() == folders
+    assert 'reskin_board' in folders
+
+
+@pytest.mark.parametrize('key', ['no_such_sensor', '', '..', 'registry', 'Reskin_Board', 'os'])
+def test_an_unknown_key_is_told_those_there_are(key: str) -> None:
+    with pytest.raises(ValueError, match=f"{', '.join(list_sensors())}; received '{key}'"):
+        load_sensor(key)
+
+
+def test_a_folder_without_a_sensor_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('tactile_ros.sensors.registry.list_sensors', lambda: ['registry'])
+    with pytest.raises(TypeError, match='must define SENSOR, a SensorSpec'):
+        load_sensor('registry')
+
+
+@pytest.mark.parametrize('key', list_sensors())
+class TestSpec:
+    def test_it_is_whole(self, key: str) -> None:
+        spec = load_sensor(key)
+        assert isinstance(spec, SensorSpec)
+        assert load_sensor(key) is spec
+        assert spec.key == key
+        assert spec.paper
+        assert spec.summary
+        assert spec.transports
+
+    @pytest.mark.parametrize('part', ['config', 'connection'])
+    def test_its_dataclasses_are_frozen_and_described(self, key: str, part: str) -> None:
+        thing = getattr(load_sensor(key), part)()
+        assert dataclasses.is_dataclass(thing)
+        for field in dataclasses.fields(thing):
+            with pytest.raises(dataclasses.FrozenInstanceError):
+                setattr(thing, field.name, None)
+            assert field.metadata.get('help'), f'{field.name} of {key} has no help'
+            low, high = field.metadata.get('range', (-np.inf, np.inf))
+            value = getattr(thing, field.name)
+            assert low < high
+            if isinstance(value, (int, float, np.ndarray)) and 'range' in field.metadata:
+                assert np.all((np.asarray(value) >= low) & (np.asarray(value) <= high)), field.name
+
+    def test_its_config_has_what_every_config_has(self, key: str) -> None:
+        names = {field.name for field in dataclasses.fields(load_sensor(key).config())}  # type: ignore[arg-type]
+        assert names >= {
+            'positions', 'rotations', 'saturation', 'noise', 'rate_hz', 'track_baseline',
+        }  # fmt: skip
+
+    def test_defaults_are_nobody_elses(self, key: str) -> None:
+        config = load_sensor(key).config
+        config().positions[:] = 77.0  # type: ignore[attr-defined]
+        assert not np.any(config().positions == 77.0)  # type: ignore[attr-defined]
+
+    @pytest.mark.parametrize('saturation', [None, 1.0, np.inf, 'channels'])
+    @pytest.mark.parametrize('taxels', ['default', 1, 7])
+    def test_layouts_of_any_count_of_taxels(
+        self, key: str, saturation: float | str | None, taxels: int | str
+    ) -> None:
+        spec = load_sensor(key)
+        config = spec.config()
+        channels = len(spec.layout(config).channels)
+        limit = np.arange(1.0, channels + 1) if saturation == 'channels' else saturation
+        config = dataclasses.replace(config, saturation=limit)  # type: ignore[type-var]
+        if isinstance(taxels, int):
+            config = dataclasses.replace(config, positions=np.zeros((taxels, 3)))  # type: ignore[type-var]
+        layout = spec.layout(config)
+        assert layout.sensor == key
+        np.testing.assert_array_equal(layout.positions, config.positions)  # type: ignore[attr-defined]
+        wanted = np.inf if limit is None else limit
+        np.testing.assert_array_equal(layout.saturation, np.broadcast_to(wanted, channels))  # type: ignore[arg-type]
+
+    def test_positions_of_another_shape_are_refused(self, key: str) -> None:
+        config = load_sensor(key).config()
+        with pytest.raises(ValueError, match=r'positions of .*Config must have shape'):
+            dataclasses.replace(config, positions=np.zeros((5, 2)))  # type: ignore[type-var]
+
+    def test_every_estimator_can_be_chosen_and_no_other(self, key: str) -> None:
+        spec = load_sensor(key)
+        for name in (None, *spec.estimator_names):
+            assert isinstance(spec.pipeline(estimator=name), Pipeline)
+        with pytest.raises(ValueError, match=r"must be one of .*; received 'oracle'"):
+            spec.pipeline(estimator='oracle')
