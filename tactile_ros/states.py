@@ -16,7 +16,7 @@ ALWAYS = frozenset(
 FORBIDS_USE = int(
     FrameStatus.NOT_CALIBRATED | FrameStatus.BAD_TAXELS | FrameStatus.SATURATED | FrameStatus.STALE
 )
-FLAT_NORMAL = np.array([0.0, 0.0, 1.0])
+FLAT_NORMAL = np.array([[[0.0, 0.0, 1.0]]])
 
 
 def apply_contact(known: Columns, contact: npt.NDArray[np.int8], good: Bools) -> None:
@@ -86,7 +86,7 @@ def add_patches(known: Columns, number: Integers) -> None:
     there = number >= 0
     everywhere = bool(there.all())
     known['contacts_id'] = number[:, None]
-    normal = np.broadcast_to(FLAT_NORMAL, (len(number), 1, 3))
+    normal = FLAT_NORMAL.repeat(len(number), axis=0)
     known['contacts_normal'] = normal if everywhere else _where(there, normal)
     for name in ('position', 'position_cov', 'force', 'force_cov'):
         if name in known:

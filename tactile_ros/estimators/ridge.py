@@ -6,6 +6,8 @@ Technometrics 12, 1970) keeps such a fit apart from collinear terms.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from tactile_ros.estimators.folds import group_folds
@@ -137,8 +139,14 @@ def polynomial(z: Array, degree: int) -> Array:
     """
     if degree < 2:
         return z
-    first, second = np.triu_indices(z.shape[1])
+    first, second = _pairs(z.shape[1])
     return np.concatenate([z, z[:, first] * z[:, second]], axis=1)
+
+
+@lru_cache(maxsize=32)
+def _pairs(width: int) -> tuple[Integers, Integers]:
+    """Columns of every product of two, each once."""
+    return np.triu_indices(width)
 
 
 def best_strength(terms: Array, target: Array, fold: Integers) -> float:

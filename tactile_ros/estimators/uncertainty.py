@@ -136,7 +136,7 @@ class CalibratedCovariance:
 
     def _terms(self, drivers: Array) -> Array:
         """Constant, first and second order of the drivers, shape (s, p)."""
-        z = np.clip(self.drivers_(drivers), self.low_, self.high_)
+        z = np.minimum(np.maximum(self.drivers_(drivers), self.low_), self.high_)
         return np.concatenate([np.ones((len(z), 1)), polynomial(z, 2)], axis=1)
 
     def _regress(self, terms: Array, size: Array) -> Array:
@@ -175,11 +175,10 @@ class CalibratedCovariance:
 
     def _sigma(self, spread: Array) -> Array:
         """Logarithm of sigma at a logarithm of the spread, shape (s, k) both."""
-        columns = [
-            spread[:, k] + np.interp(spread[:, k], self.knots_[:, k], self.factors_[:, k])
-            for k in range(spread.shape[1])
-        ]
-        return np.column_stack(columns)
+        sigma = spread.copy()
+        for k in range(spread.shape[1]):
+            sigma[:, k] += np.interp(spread[:, k], self.knots_[:, k], self.factors_[:, k])
+        return sigma
 
 
 def _correlation(unit: Array) -> Array:

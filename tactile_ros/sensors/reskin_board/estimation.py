@@ -131,7 +131,12 @@ class BoardEstimation:
     def _with_history(now: Array, signals: Signals, memory: History) -> Array:
         """Change of field (s, d) and its fading means, shape (s, d + m d)."""
         assert signals.stamp_ns is not None
-        means = memory(now, signals.stamp_ns, signals.restart)
+        if len(now) == 1:
+            if signals.restart[0]:
+                memory.reset()
+            means = memory.step(now[0], int(signals.stamp_ns[0]))
+        else:
+            means = memory(now, signals.stamp_ns, signals.restart)
         width = means.shape[1] * means.shape[2]
         return np.concatenate([now, means.reshape(-1, width)], axis=1)
 

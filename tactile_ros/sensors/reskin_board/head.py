@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 ESTIMATORS = ('ridge', 'grid_knn', 'kernel_ridge', 'perceptron')
 FEWEST_ROWS = 5
+TINY = np.finfo(np.float64).tiny
 PLACE_FOLDS = 2  # thousands of touches are judged well by two fifths of them
 
 
@@ -120,9 +121,11 @@ class Head:
 
     def _drivers(self, x: Array, mean: Array) -> Array:
         """What the error depends on: strength of the signal, and place or load."""
-        strength = np.sqrt((x[:, : self.channels] ** 2).sum(axis=1))
-        tiny = np.finfo(np.float64).tiny
-        return np.column_stack([np.log(strength + tiny), mean])
+        now = x[:, : self.channels]
+        drivers = np.empty((len(x), 1 + mean.shape[1]))
+        drivers[:, 0] = 0.5 * np.log((now * now).sum(axis=1) + TINY)
+        drivers[:, 1:] = mean
+        return drivers
 
 
 def known_columns(y: Array, good: Bools) -> Iterator[tuple[tuple[int, ...], Bools]]:
