@@ -134,7 +134,7 @@ class BoardEstimation:
         if len(now) == 1:
             if signals.restart[0]:
                 memory.reset()
-            means = memory.step(now[0], int(signals.stamp_ns[0]))
+            means = memory.step(now[0], int(signals.stamp_ns[0]))[None]
         else:
             means = memory(now, signals.stamp_ns, signals.restart)
         width = means.shape[1] * means.shape[2]
