@@ -117,7 +117,7 @@ def test_groups_are_repetitions_inside_sessions() -> None:
 
 
 def test_where_nothing_is_known_parts_that_follow_one_another_are_groups() -> None:
-    group = groups_of(recording(95))['group']
+    group = groups_of(recording(95, stamp_ns=np.arange(95)))['group']
     assert (np.diff(group) >= 0).all()
     assert np.bincount(group).tolist() == [10, 9] * 5
     # streams are not cut where there are enough of them
@@ -125,6 +125,17 @@ def test_where_nothing_is_known_parts_that_follow_one_another_are_groups() -> No
     group = groups_of(recording(100, stream=stream))['group']
     assert len(np.unique(group)) == 10
     assert all(len(np.unique(group[stream == i])) == 1 for i in range(25))
+
+
+def test_groups_of_independent_frames_do_not_depend_on_their_order() -> None:
+    frames = recording(95)
+    frames.values[3, 0, 0] = np.nan
+    frames.values[7] = frames.values[8]
+    group = groups_of(frames)['group']
+    assert group[7] == group[8]
+    assert np.bincount(group).min() >= 9
+    order = np.random.default_rng(0).permutation(95)
+    np.testing.assert_array_equal(groups_of(frames.select(order))['group'], group[order])
 
 
 def test_joined_truth_of_every_key() -> None:
