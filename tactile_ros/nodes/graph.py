@@ -16,8 +16,11 @@ if TYPE_CHECKING:
 
 PACKAGE = 'tactile_ros'
 
+PORT = '/dev/ttyACM0'
+SIMULATED_PORT = '/tmp/tactile_board'
+
 Value = bool | int | float | str | list[float]
-Source = Literal['hardware', 'recorded']
+Source = Literal['hardware', 'recorded', 'simulated']
 
 
 @dataclass(frozen=True)
@@ -107,7 +110,8 @@ class Setting:
     sensor : str
         Key of the sensor.
     source : str
-        'hardware': the board at `port`; 'recorded': a player of `recording` takes its place.
+        'hardware': the board at `port`; 'recorded': a player of `recording` takes its place;
+        'simulated': the same, again and again.
     port : str
         Serial port; of a player: where the simulated port appears.
     recording : str
@@ -128,7 +132,7 @@ class Setting:
 
     sensor: str = 'reskin_board'
     source: Source = 'hardware'
-    port: str = '/dev/ttyACM0'
+    port: str = PORT
     recording: str = 'spatial'
     calibration: str = ''
     bag: str = ''
@@ -141,6 +145,18 @@ class Setting:
     params_file: str = ''
     use_sim_time: bool = False
     autostart: bool = True
+
+    @property
+    def place(self) -> str:
+        """Path of the port: where no board is used and none is named, one for the namespace."""
+        if self.source == 'hardware' or self.port != PORT:
+            return self.port
+        return '_'.join([SIMULATED_PORT, *self.namespace.strip('/').split('/')]).rstrip('_')
+
+    def chosen(self, *names: str) -> dict[str, Value]:
+        """What differs from the defaults; the rest is left to the parameter file."""
+        asked = {name: getattr(self, name) for name in names}
+        return {name: v for name, v in asked.items() if v != getattr(type(self), name)}
 
 
 def yaml_text(value: Value) -> str:
@@ -166,47 +182,50 @@ def sensing(setting: Setting) -> Graph:
     Whoever listens is there before the first frame: the recorder starts first, contact_node waits
     for those who hear it, sensor_node for those who hear it, and the player for all of them.
     """
-    recorded = setting.source == 'recorded'
+    recorded = setting.source != 'hardware'
     hearing = int(bool(setting.bag)) + int(recorded)
-    common = {'use_sim_time': setting.use_sim_time, 'autostart': setting.autostart}
     contact: dict[str, Value] = {
-        **common, 'sensor': setting.sensor, 'calibration': setting.calibration,
+        **setting.chosen('sensor', 'calibration'),
         'listeners': hearing,
-    }  # fmt: skip
+    }
     sensor: dict[str, Value] = {
-        **common, 'sensor': setting.sensor, 'port': setting.port, 'frame_id': setting.frame_id,
+        **setting.chosen('sensor', 'frame_id'),
+        **({'port': setting.place} if setting.place != PORT else {}),
         'listeners': hearing + int(not setting.stack),
-    }  # fmt: skip
+    }
     if recorded:
         # A recording has one resting row before a touch, and a hand that is known to be open.
         contact.update(tare_frames=1, allow_tare_in_contact=True)
         sensor.update(temperature_measured=False)
-    processes = []
-    if setting.bag:
-        processes.append(Process('record', {**common, 'bag': setting.bag}))
+    processes = [Process('record', {'bag': setting.bag})] if setting.bag else []
     if setting.stack:
         processes.append(Process('stack', {**contact, **sensor}))
     else:
-        processes.append(Process('contact_node', contact))
-        processes.append(Process('sensor_node', sensor))
+        processes += [Process('contact_node', contact), Process('sensor_node', sensor)]
     if recorded:
-        processes.append(_player(setting, common))
-    placed = [
-        replace(p, namespace=setting.namespace, params_file=setting.params_file) for p in processes
-    ]
-    return Graph(tuple(placed))
+        processes.append(_player(setting))
+    return Graph(tuple(_placed(process, setting) for process in processes))
 
 
-def _player(setting: Setting, common: Mapping[str, Value]) -> Process:
+def _placed(process: Process, setting: Setting) -> Process:
+    """A process with what holds for all."""
+    return replace(
+        process,
+        parameters={**setting.chosen('use_sim_time', 'autostart'), **process.parameters},
+        namespace=setting.namespace,
+        params_file=setting.params_file,
+    )
+
+
+def _player(setting: Setting) -> Process:
     """The recording in the place of the board."""
     values: dict[str, Value] = {
-        **common,
-        'sensor': setting.sensor,
+        **setting.chosen('sensor'),
         'recording': setting.recording,
-        'port': setting.port,
+        'port': setting.place,
         'speed_up': float(setting.speed_up),
         'tare': setting.tare,
-        'loop': setting.loop,
+        'loop': setting.loop or setting.source == 'simulated',
         'listeners': int(bool(setting.bag)),
     }
     return Process('player', values)

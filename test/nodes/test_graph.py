@@ -66,3 +66,23 @@ def test_a_process_that_fails_is_named_with_its_words() -> None:
     with Running(graph) as running, pytest.raises(TactileError, match='sensor_node ended with'):
         running.wait('record', 20.0)
     assert 'sensor must be one of' in ' '.join(running.lines['sensor_node'])
+
+
+def test_defaults_are_left_to_the_parameter_file() -> None:
+    graph = sensing(Setting(params_file='p.yaml'))
+    assert set(graph['sensor_node'].parameters) == {'listeners'}
+    assert set(graph['contact_node'].parameters) == {'listeners'}
+    named = sensing(Setting(port='/dev/x', calibration='c.npz', autostart=False))
+    assert named['sensor_node'].parameters['port'] == '/dev/x'
+    assert named['contact_node'].parameters['calibration'] == 'c.npz'
+    assert named['contact_node'].parameters['autostart'] is False
+
+
+def test_simulated_boards_do_not_share_a_port() -> None:
+    ports = [
+        sensing(Setting(source='simulated', namespace=space))['player'].parameters['port']
+        for space in ('', 'hand/thumb', '/hand/index/')
+    ]
+    assert ports == [
+        '/tmp/tactile_board', '/tmp/tactile_board_hand_thumb', '/tmp/tactile_board_hand_index',
+    ]  # fmt: skip
