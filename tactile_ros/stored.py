@@ -64,7 +64,7 @@ def read_parts(path: str | Path, sensor: str, classes: Mapping[str, type]) -> di
             raise CalibrationError(msg)
         parts = {name: calibration.restore(arrays, name, allowed) for name in PARTS}
         _refuse_misfit(path, parts, classes)
-    except (ValueError, TypeError, OverflowError, AttributeError) as error:
+    except (ValueError, TypeError, OverflowError, AttributeError, LookupError) as error:
         msg = f'calibration {path} is damaged ({error}); calibrate again'
         raise CalibrationError(msg) from error
     return parts

@@ -127,7 +127,7 @@ def _restore_instance(
     arrays: Mapping[str, npt.NDArray[np.generic]], name: str, classes: Mapping[str, type]
 ) -> object:
     """Rebuild one object of a class that the reader allows."""
-    if f'{name}.class' not in arrays:
+    if f'{name}.class' not in arrays or f'{name}.names' not in arrays:
         msg = f'{name} is missing in the calibration; the file is damaged, calibrate again'
         raise CalibrationError(msg)
     label = str(arrays[f'{name}.class'])
