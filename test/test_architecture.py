@@ -12,7 +12,7 @@ import tactile_ros
 PACKAGE = Path(tactile_ros.__file__).parent
 SOURCES = sorted(PACKAGE.rglob('*.py'))
 FLOORS = {
-    'physics': 1, 'types': 1, 'errors': 1,
+    'physics': 1, 'types': 1, 'errors': 1, 'blas': 1,
     'conditioning': 2, 'estimators': 2, 'control': 2, 'devices': 2, 'messages': 2,
     'calibration': 2, 'signals': 2, 'states': 3, 'stored': 3,
     'truth': 2,

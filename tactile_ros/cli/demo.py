@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 SENSOR = 'reskin_board'
 HELD_PLACES = 0.2
 TOUCHES_PLAYED = 300
-TARE_FRAMES = 5
+COMPARED = ('ridge', 'grid_knn')
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def _say(began: float, sentence: str) -> None:
 
 def calibrate(chosen: list[Part], output: Path) -> dict[str, list[Path]]:
     """Best estimators and each choosable one for every part, in two processes; their files."""
-    names = [None, *load_sensor(SENSOR).estimator_names]
+    names = [None, *COMPARED]
     jobs = [(part, name, output) for name in names for part in chosen]
     files: dict[str, list[Path]] = {part.name: [] for part in chosen}
     with ProcessPoolExecutor(2) as pool:

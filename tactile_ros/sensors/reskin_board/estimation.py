@@ -19,7 +19,8 @@ __all__ = ['CLASSES', 'ESTIMATORS', 'BoardEstimation']
 
 TARGETS = ('position', 'force', 'torque')
 REMEMBERING = ('force', 'torque')
-TIME_CONSTANTS = (0.3, 1.0, 3.0, 10.0, 30.0)
+TIME_CONSTANTS = (0.5, 2.0, 8.0, 32.0)
+PAST_WEIGHT = 3.0  # relaxation is a small part of the change; its share of a distance
 PLACE = 1e-5
 CHANNELS = 3
 
@@ -73,6 +74,7 @@ class BoardEstimation:
         past = None
         if signals.stamp_ns is not None:
             past = self._with_history(now, signals, self.start())
+        session = np.asarray(groups['session'], np.int64)
         heads: dict[str, tuple[Head, ...]] = {'now': (), 'past': ()}
         for target in TARGETS:
             y = np.asarray(truth.get(target, np.full((len(now), 3), np.nan)), np.float64)
@@ -81,10 +83,10 @@ class BoardEstimation:
                 kept = _places(told) if target == 'position' else None
                 kept = np.asarray(groups['group'][rows], np.int64) if kept is None else kept
                 head = Head(target, columns, self.estimator, now.shape[1])
-                heads['now'] += (head.fit(now[rows], told, kept),)
+                heads['now'] += (head.fit(now[rows], told, kept, session[rows]),)
                 if past is not None and target in REMEMBERING:
                     head = Head(target, columns, self.estimator, now.shape[1])
-                    heads['past'] += (head.fit(past[rows], told, kept),)
+                    heads['past'] += (head.fit(past[rows], told, kept, session[rows]),)
         self.heads_, self.remembering_ = heads['now'], heads['past']
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
@@ -129,7 +131,7 @@ class BoardEstimation:
 
     @staticmethod
     def _with_history(now: Array, signals: Signals, memory: History) -> Array:
-        """Change of field (s, d) and its fading means, shape (s, d + m d)."""
+        """Change of field and how far it is from each of its fading means, shape (s, d + m d)."""
         assert signals.stamp_ns is not None
         if len(now) == 1:
             if signals.restart[0]:
@@ -137,8 +139,8 @@ class BoardEstimation:
             means = memory.step(now[0], int(signals.stamp_ns[0]))[None]
         else:
             means = memory(now, signals.stamp_ns, signals.restart)
-        width = means.shape[1] * means.shape[2]
-        return np.concatenate([now, means.reshape(-1, width)], axis=1)
+        moved = PAST_WEIGHT * (now[:, None] - means)
+        return np.concatenate([now, moved.reshape(len(now), -1)], axis=1)
 
 
 def _places(plane: Array) -> Integers | None:

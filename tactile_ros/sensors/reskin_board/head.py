@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.estimators.gain_spread import GainSpread
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.kernel_ridge import KernelRidge
 from tactile_ros.estimators.perceptron import Perceptron
@@ -58,6 +59,8 @@ class Head:
         Of the estimator in use.
     estimator_ : Estimator
         Fitted on all rows.
+    gain_ : GainSpread or None
+        Of a force: how gains differ from run to run.
     covariance_ : CalibratedCovariance
         From residuals of rows that the estimator had not seen.
     report_ : dict of str to float
@@ -73,7 +76,7 @@ class Head:
         self.channels = channels
         self.name = ''
 
-    def fit(self, x: Array, y: Array, groups: Integers) -> Head:
+    def fit(self, x: Array, y: Array, groups: Integers, sessions: Integers) -> Head:
         """Choose, fit and calibrate.
 
         Parameters
@@ -84,6 +87,8 @@ class Head:
             Components of the target, all known.
         groups : ndarray, shape (s,)
             What a split keeps together.
+        sessions : ndarray, shape (s,)
+            Runs, which differ in gain.
 
         Returns
         -------
@@ -97,6 +102,7 @@ class Head:
         self.estimator_ = known[self.name].fit(x, y, groups)
         drivers = self._drivers(choice.x, choice.predictions)
         self.covariance_ = CalibratedCovariance().fit(drivers, choice.residuals, choice.groups)
+        self.gain_ = None if place else self._gain(known[self.name], x, y, sessions)
         sigma = np.sqrt(np.diagonal(self.covariance_.predict(drivers), axis1=1, axis2=2))
         error = np.linalg.norm(choice.residuals, axis=1)
         self.report_ = {
@@ -117,7 +123,17 @@ class Head:
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Components (s, k) and their covariance (s, k, k)."""
         mean = self.estimator_.predict(x)
-        return mean, self.covariance_.predict(self._drivers(x, mean))
+        cov = self.covariance_.predict(self._drivers(x, mean))
+        return mean, cov if self.gain_ is None else cov + self.gain_.covariance(mean)
+
+    @staticmethod
+    def _gain(estimator: Estimator, x: Array, y: Array, sessions: Integers) -> GainSpread:
+        """Spread of gain between runs, from runs held out; of one run only a prior is known."""
+        runs = len(np.unique(sessions))
+        if runs < 2:
+            return GainSpread().fit(y, y, sessions)
+        unseen = select({'': estimator}, x, y, sessions, folds=runs)
+        return GainSpread().fit(unseen.predictions, unseen.y, unseen.groups)
 
     def _drivers(self, x: Array, mean: Array) -> Array:
         """What the error depends on: strength of the signal, and place or load."""
@@ -144,4 +160,13 @@ def known_columns(y: Array, good: Bools) -> Iterator[tuple[tuple[int, ...], Bool
         left = [i for i in left if i not in same]
 
 
-CLASSES = (Head, Ridge, GridKnn, KernelRidge, Perceptron, Standardisation, CalibratedCovariance)
+CLASSES = (
+    Head,
+    GainSpread,
+    Ridge,
+    GridKnn,
+    KernelRidge,
+    Perceptron,
+    Standardisation,
+    CalibratedCovariance,
+)
