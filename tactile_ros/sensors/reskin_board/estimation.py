@@ -140,7 +140,8 @@ class BoardEstimation:
         else:
             means = memory(now, signals.stamp_ns, signals.restart)
         moved = PAST_WEIGHT * (now[:, None] - means)
-        return np.concatenate([now, moved.reshape(len(now), -1)], axis=1)
+        width = moved.shape[1] * moved.shape[2]
+        return np.concatenate([now, moved.reshape(-1, width)], axis=1)
 
 
 def _places(plane: Array) -> Integers | None:
