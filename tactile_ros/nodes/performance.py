@@ -243,7 +243,7 @@ class Performance:
             if self.is_stopped():
                 raise Stopped
             if time.monotonic() > deadline:
-                msg = f'no frame came back from {self._score.port}: is sensor_node active?'
+                msg = f'no frame came back from {self._score.port}: are all nodes active?'
                 raise DeviceError(msg)
         self._ledger.lost = 0
 
