@@ -87,13 +87,13 @@ def parts(seed: int) -> list[Part]:
         ),
         Part(
             'normal',
-            'A whole run of ten presses, calibrated on the other run alone.',
-            shipped['normal_1'], shipped['normal_2'], 30.0, in_time=True,
+            'The first six presses of a run, calibrated on the other run alone.',
+            shipped['normal_1'], split_cycles(shipped['normal_2'], 6)[0], 15.0, in_time=True,
         ),
         Part(
             'shear',
             'The last two of ten shear cycles, calibrated on the first eight.',
-            *split_cycles(shipped['shear']), 15.0, in_time=True,
+            *split_cycles(shipped['shear'], 8), 15.0, in_time=True,
         ),
     ]  # fmt: skip
 
@@ -116,9 +116,9 @@ def with_tares(recording: Recording, touch: np.ndarray) -> Recording:
     return recording.select(np.sort(np.concatenate([touch - 1, touch])))
 
 
-def split_cycles(recording: Recording) -> tuple[Recording, Recording]:
-    """The first eight of ten cycles, and the last two."""
-    late = recording.truth['repetition'] >= 8
+def split_cycles(recording: Recording, first: int) -> tuple[Recording, Recording]:
+    """The first cycles, and the others."""
+    late = recording.truth['repetition'] >= first
     return recording.select(~late), recording.select(late)
 
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 ONE_SIGMA = 0.6826894921370859
 TOLERANCE = 0.05
 PLACE = 1e-5
+MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
 AXES = 'xyz'
 
 
@@ -251,7 +252,7 @@ def place_groups(plane: Array, otherwise: Integers) -> Integers:
         return otherwise
     _, place = np.unique(np.round(plane[rows] / PLACE), axis=0, return_inverse=True)
     place = np.asarray(place).reshape(-1)
-    if place.max() + 1 > 0.6 * len(rows):
+    if place.max() + 1 > MOST_SINGLE * len(rows):
         return otherwise
     groups = np.full(len(plane), -1, np.int64)
     groups[rows] = place

@@ -22,6 +22,7 @@ REMEMBERING = ('force', 'torque')
 TIME_CONSTANTS = (0.5, 2.0, 8.0, 32.0)
 PAST_WEIGHT = 3.0  # relaxation is a small part of the change; its share of a distance
 PLACE = 1e-5
+MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
 CHANNELS = 3
 
 
@@ -148,7 +149,7 @@ def _places(plane: Array) -> Integers | None:
     """Number of the place of each row, if places were touched more than once; else None."""
     _, place = np.unique(np.round(plane / PLACE), axis=0, return_inverse=True)
     place = np.asarray(place).reshape(-1)
-    return place if place.max(initial=0) + 1 <= 0.6 * len(place) else None
+    return place if place.max(initial=0) + 1 <= MOST_SINGLE * len(place) else None
 
 
 CLASSES = (BoardEstimation, *HEAD_CLASSES)
