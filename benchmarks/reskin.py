@@ -205,7 +205,7 @@ def _rows(
             aim=split.aim,
             us_single=single,
             us_batch=batch,
-        )  # fmt: skip
+        )
     ]
     sensor = load_sensor('reskin_board')
     for other in sensor.estimator_names:

@@ -47,6 +47,11 @@ class SensorConfig(Protocol):
     """What every sensor's config dataclass has (public_face)."""
 
     @property
+    def positions(self) -> Array:
+        """Taxel positions in the sensor frame, shape (t, 3) (m)."""
+        ...
+
+    @property
     def noise(self) -> float | Array | None:
         """Noise of a channel at rest (unit of values); None: estimate it from rest."""
         ...

@@ -33,7 +33,7 @@ COLUMNS = (
     'in 1 sigma (%)',
     'groups',
     'rows',
-)  # noqa: E501
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,8 +1,8 @@
 """Run a real recording through the real graph, record it, replay it, and report.
 
-Three parts of real recordings, never seen by their calibrations, go as a board's own bytes through a
-pseudo-terminal, the driver, sensor_node and contact_node into a bag; the bag is evaluated without
-ROS.
+Three parts of real recordings, never seen by their calibrations, go as a board's own bytes through
+a pseudo-terminal, the driver, sensor_node and contact_node into a bag; the bag is evaluated
+without ROS.
 
 example:
   tactile demo
@@ -100,7 +100,8 @@ def parts(seed: int) -> list[Part]:
 
 def split_places(recording: Recording, seed: int) -> tuple[Recording, Recording]:
     """Touches at a random fifth of the places to play, those at all others to learn from."""
-    touch = np.flatnonzero(~recording.tare)
+    tare = np.zeros(len(recording), bool) if recording.tare is None else recording.tare
+    touch = np.flatnonzero(~tare)
     plane = np.round(1e3 * recording.truth['position'][touch, :2].astype(float))
     _, place = np.unique(plane, axis=0, return_inverse=True)
     place = np.ravel(place)
@@ -118,7 +119,7 @@ def with_tares(recording: Recording, touch: np.ndarray) -> Recording:
 
 def split_cycles(recording: Recording, first: int) -> tuple[Recording, Recording]:
     """The first cycles, and the others."""
-    late = recording.truth['repetition'] >= first
+    late = recording.truth['repetition'].astype(np.int64) >= first
     return recording.select(~late), recording.select(late)
 
 
@@ -153,8 +154,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 NOTES = (
-    'Recordings: eFlesh (Pattabiraman et al., arXiv 2506.09994, MIT licence), 5 or 10 MLX90393 chips.',
-    'The board reports no temperature in these recordings; 25 degrees Celsius is sent and ignored.',
+    'Recordings: eFlesh (arXiv 2506.09994, MIT licence), 5 or 10 MLX90393 chips.',
+    'The recordings have no temperature: 25 degrees Celsius is sent, and ignored.',
     'Latency runs from the arrival of the bytes to the recorder that heard the contacts.',
     'Parts that are played with recorded time carry stamps of that time and show no latency.',
 )
@@ -210,25 +211,24 @@ def play(part: Part, output: Path) -> str:
     graph = sensing(setting).with_parameters('sensor_node', extra)
     with Running(graph, {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}) as running:
         line = running.wait_for_line('player', 'played', timeout=60.0)
-    return line[line.index('played') :]
+    return str(line[line.index('played') :])
 
 
 def judge(part: Part, output: Path, pipelines: list[Pipeline]) -> Dataset:
     """Replay the bag with every pipeline, and with automatic rest detection alone."""
     loaded = load(output / 'bags' / part.name).recordings[0]
     dataset = evaluate(loaded, pipelines, part.summary, part.name)
-    alone = answer(
-        f'{dataset.answers[0].name}, rest found alone', loaded, replay(untared(loaded), pipelines[0]),
-        'one tare at the start, then the baseline follows by itself',
-    )  # fmt: skip
+    name = f'{dataset.answers[0].name}, rest found alone'
+    note = 'one tare at the start, then the baseline follows by itself'
+    alone = answer(name, loaded, replay(untared(loaded), pipelines[0]), note)
     latency = np.zeros(0) if part.in_time else dataset.latency_s
     first, *others = dataset.answers
     return replace(dataset, answers=(first, alone, *others), latency_s=latency)
 
 
 def untared(loaded: LoadedRecording) -> LoadedRecording:
-    """The same frames with the first tare only."""
-    return replace(loaded, baselines=loaded.baselines[:1], contacts=None, calibrations=())
+    """The same frames with the first tare only, after the baseline of the calibration."""
+    return replace(loaded, baselines=loaded.baselines[:2], contacts=None, calibrations=())
 
 
 def _outcome(output: Path, chosen: list[Part]) -> list[tuple[str, Path]]:

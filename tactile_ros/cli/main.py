@@ -25,7 +25,7 @@ def parser() -> argparse.ArgumentParser:
         module = importlib.import_module(f'tactile_ros.cli.{name}')
         own = commands.add_parser(
             name,
-            help=module.__doc__.split('\n')[0],
+            help=(module.__doc__ or '').split('\n')[0],
             description=module.__doc__,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )

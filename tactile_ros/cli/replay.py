@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from tactile_ros.evaluation.loaded import LoadedRecording
     from tactile_ros.pipeline import Pipeline
+    from tactile_ros.types import Array
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -101,9 +102,9 @@ def evaluate(
     recording = loaded.recording
     live = loaded.contacts
     stamps = recording.stamp_ns
-    delay = np.zeros(0)
+    delay: Array = np.zeros(0)
     if live is not None and stamps is not None:
-        delay = (live.log_ns - stamps[live.rows]) * 1e-9
+        delay = np.asarray((live.log_ns - stamps[live.rows]) * 1e-9, np.float64)
     time_s = np.full(len(recording), np.nan) if stamps is None else (stamps - stamps[0]) * 1e-9
     return Dataset(
         name=name or loaded.name,

@@ -28,11 +28,13 @@ def show(columns: Sequence[str], rows: Sequence[Sequence[Cell]], title: str = ''
     if title:
         print(f'\n{title}')
     for line in (list(columns), ['-' * w for w in widths], *texts):
-        cells = [c.rjust(w) if n else c.ljust(w) for c, w, n in zip(line, widths, numeric)]
+        cells = [
+            c.rjust(w) if n else c.ljust(w) for c, w, n in zip(line, widths, numeric, strict=True)
+        ]
         print('  '.join(cells).rstrip())
 
 
 def show_json(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> None:
     """Print the same table as a list of objects; NaN becomes null."""
     clean = [[None if isinstance(c, float) and c != c else c for c in row] for row in rows]  # noqa: PLR0124
-    print(json.dumps([dict(zip(columns, row)) for row in clean], indent=2))
+    print(json.dumps([dict(zip(columns, row, strict=True)) for row in clean], indent=2))
