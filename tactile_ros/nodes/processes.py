@@ -145,6 +145,10 @@ class Running:
                 msg = f'{name} ended with code {child.returncode}: {words}'
                 raise TactileError(msg)
 
+    def is_alive(self, executable: str) -> bool:
+        """Whether a process has not ended yet."""
+        return self._children[executable].poll() is None
+
     def pid(self, executable: str) -> int:
         """Process id of a running process."""
         return self._children[executable].pid
