@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> int:
         msg = f'{options.output} exists already; name a folder that does not'
         raise ValueError(msg)
     bag = str(options.output.resolve())
-    process = Process('record', {'record': {'bag': bag}}, options.namespace)
+    process = Process('record', {'bag': bag}, options.namespace)
     with Running(Graph((process,)), hear=lambda _, line: print(line)) as running:
         try:
             wait(running, options.seconds)
