@@ -417,6 +417,9 @@ def test_a_fit_without_rest_uses_readings_as_they_are() -> None:
         assert_same(state, states[row])
     with pytest.raises(ValueError, match='must follow a fit with tare rows or in_contact 0'):
         pipeline.tare([frame(REST)])
+    # and nothing is followed, however quiet it is
+    for i in range(9):
+        pipeline.process(frame(np.full(SHAPE, 0.5 * NOISE), i * SECOND_NS))
     assert not pipeline.baseline.any()
 
 
@@ -480,6 +483,14 @@ def test_an_id_lives_through_a_frame_that_cannot_tell() -> None:
     readings = [REST, REST + 1, lost, REST + 1, REST, lost, REST + 1]
     ids = [int(pipeline.process(frame(x, i)).contacts_id[0]) for i, x in enumerate(readings)]
     assert ids == [-1, 0, 0, 0, -1, -1, 1]
+
+
+def test_a_tare_ends_the_touch() -> None:
+    pipeline = fitted()
+    assert int(pipeline.process(frame(REST + 1, 0)).contacts_id[0]) == 0
+    pipeline.tare([frame(REST)])
+    assert int(pipeline.process(frame(np.full(SHAPE, np.nan), 1)).contacts_id[0]) == -1
+    assert int(pipeline.process(frame(REST + 1, 2)).contacts_id[0]) == 1
 
 
 def test_shapes_are_refused_with_both_named() -> None:

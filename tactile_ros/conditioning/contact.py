@@ -64,10 +64,6 @@ class ContactIds:
         self._count = 0
         self._touching = False
 
-    def release(self) -> None:
-        """End the running touch, as a tare does."""
-        self._touching = False
-
     def number(self, contact: npt.NDArray[np.int8], restart: Bools, in_time: bool) -> Integers:
         """Id of the patch in each frame.
 

@@ -34,7 +34,6 @@ class Stream:
     def rebase(self, tracker: BaselineTracker) -> None:
         """Go on from another baseline: what was remembered relative to the old one is void."""
         self.tracker = tracker
-        self.ids.release()
         self._fresh = True
 
     def is_over(self, stamp_ns: int | None) -> bool:

@@ -148,6 +148,18 @@ def test_nothing_is_followed_without(what: str) -> None:
     assert not held.any()
 
 
+@pytest.mark.parametrize(('size', 'followed'), [(0.99, True), (1.01, False)])
+@pytest.mark.parametrize('sign', [1, -1])
+def test_the_threshold_of_contact_is_the_threshold_of_rest(
+    size: float, followed: bool, sign: int
+) -> None:
+    values = np.zeros((50, *SHAPE))
+    values[:, 1, 2] = sign * size
+    tracker = BaselineTracker(np.zeros(SHAPE), TRACKING)
+    tracker(values, np.arange(50) * PERIOD_NS // 5)
+    assert (tracker.baseline[1, 2] != 0) == followed
+
+
 def test_an_unknown_baseline_stays_unknown() -> None:
     start = np.array([[0.0, 0, 0], [0, np.nan, 0]])
     held = BaselineTracker(start, TRACKING)(np.zeros((9, *SHAPE)), np.arange(9) * PERIOD_NS)

@@ -46,14 +46,6 @@ def test_ids_live_from_touch_to_release(stream: list[tuple[int, int]], cut: int)
     assert np.concatenate(parts).tolist() == wanted
 
 
-def test_a_tare_ends_the_touch() -> None:
-    ids = ContactIds()
-    assert ids.number(np.array([1], np.int8), np.array([True]), in_time=True).tolist() == [0]
-    ids.release()
-    assert ids.number(np.array([-1], np.int8), np.array([False]), in_time=True).tolist() == [-1]
-    assert ids.number(np.array([1], np.int8), np.array([False]), in_time=True).tolist() == [1]
-
-
 def test_independent_frames_are_not_numbered() -> None:
     contact = np.array([1, 0, -1, 1], np.int8)
     ids = ContactIds().number(contact, np.ones(4, bool), in_time=False)
