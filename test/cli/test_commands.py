@@ -1,0 +1,121 @@
+"""The command line as a user meets it: figures out, sentences for what is wrong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactile_ros.cli import demo
+from tactile_ros.cli.main import COMMANDS, main, parser
+from tactile_ros.cli.sources import read_config
+from tactile_ros.evaluation.archive import save_recording
+from tactile_ros.sensors import load_sensor
+
+
+@pytest.fixture(scope='module')
+def board_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small recording of the real board with truth."""
+    path = tmp_path_factory.mktemp('recordings') / 'small.npz'
+    spatial = load_sensor('reskin_board').recordings()['spatial']
+    rows = np.flatnonzero(~spatial.tare & (spatial.truth['position'][:, 0] > 0.0115))
+    save_recording(spatial.select(np.sort(np.r_[rows - 1, rows])), path)
+    return path
+
+
+@pytest.fixture(scope='module')
+def calibration(board_file: Path) -> Path:
+    path = board_file.with_name('calibration.npz')
+    command = ['calibrate', 'reskin_board', str(board_file), '-o', str(path)]
+    assert main([*command, '--estimator', 'grid_knn', '--json']) == 0
+    return path
+
+
+def test_list_names_every_sensor(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['list', '--json']) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert {row['sensor'] for row in rows} >= {'reskin_board'}
+
+
+def test_calibrate_prints_errors_of_held_out_groups(
+    board_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / 'c.npz'
+    command = ['calibrate', 'reskin_board', str(board_file), '-o', str(out)]
+    assert main([*command, '--estimator', 'ridge', '--json']) == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    assert row['target'] == 'position_xy'
+    assert row['groups'] > 30  # places, of which two fifths are held out
+    assert 0.0005 < row['held-out mean'] < 0.01
+    assert out.exists()
+
+
+def test_replay_prints_a_table_and_writes_a_report(
+    board_file: Path, calibration: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    report = tmp_path / 'r.html'
+    command = ['replay', str(board_file), '--calibration', str(calibration)]
+    assert main([*command, '--report', str(report), '--json']) == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    assert row['estimator'] == 'grid_knn'
+    assert 0 < row['place mean (mm)'] < 5
+    assert '<svg' in report.read_text()
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'code', 'words'),
+    [
+        (['calibrate', 'no_such', 'x', '-o', 'y'], 2, 'must be one of reskin_board'),
+        (['calibrate', 'reskin_board', 'no_such', '-o', 'y'], 1, 'does not exist'),
+        (['replay', 'x', '--calibration', 'no_such.npz'], 1, 'does not exist'),
+        (['bench', 'no_such'], 2, 'must be all or one of'),
+    ],
+)
+def test_what_is_wrong_is_one_sentence(
+    arguments: list[str], code: int, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments) == code
+    said = capsys.readouterr().err.strip().splitlines()
+    assert words in said[-1]
+    assert not any('Traceback' in line for line in said)
+
+
+def test_replay_names_what_it_leaves_out(
+    board_file: Path, calibration: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ['replay', str(board_file), 'no_such', '--calibration', str(calibration)]
+    assert main(command) == 1
+    assert 'left out: no_such does not exist' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('name', COMMANDS)
+def test_help_shows_an_example(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        parser().parse_args([name, '--help'])
+    assert stop.value.code == 0
+    assert f'tactile {name}' in capsys.readouterr().out
+
+
+def test_config_yaml_changes_fields_and_refuses_others(tmp_path: Path) -> None:
+    spec = load_sensor('reskin_board')
+    path = tmp_path / 'board.yaml'
+    path.write_text('rate_hz: 250.0\nsaturation: [0.0066, 0.0066, 0.0106]\n')
+    config = read_config(spec, path)
+    assert config.rate_hz == 250.0
+    assert np.allclose(config.saturation, [0.0066, 0.0066, 0.0106])
+    for text in ('nonsense: 1\n', '- 1\n', '!!python/object/apply:os.system ["true"]\n'):
+        path.write_text(text)
+        with pytest.raises(ValueError, match='config'):
+            read_config(spec, path)
+
+
+def test_parts_of_the_demo_share_no_group() -> None:
+    place, normal, shear = demo.parts(seed=0)
+    for part, key in ((place, 'position'), (normal, 'session'), (shear, 'repetition')):
+        seen = {str(x) for x in part.train.truth[key][~part.train.tare]}
+        played = {str(x) for x in part.played.truth[key][~part.played.tare]}
+        assert played
+        assert not seen & played, part.name
+        assert part.played.tare[0]

@@ -1,0 +1,75 @@
+"""The board's estimates on its real recordings, on groups that were held out."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from tactile_ros.sensors import load_sensor
+from tactile_ros.types import Recording
+
+SPEC = load_sensor('reskin_board')
+RECORDINGS = SPEC.recordings()
+
+
+def held_places(recording: Recording, seed: int) -> np.ndarray:
+    """Rows of a random fifth of the grid points, with their tare rows."""
+    plane = np.round(1e3 * recording.truth['position'][:, :2].astype(float))
+    touch = np.where(recording.tare, np.roll(np.arange(len(plane)), -1), np.arange(len(plane)))
+    _, place = np.unique(plane[touch], axis=0, return_inverse=True)
+    place = np.ravel(place)
+    return np.isin(place, np.random.default_rng(seed).permutation(961)[:192])
+
+
+def test_place_on_held_out_grid_points() -> None:
+    spatial = RECORDINGS['spatial']
+    held = held_places(spatial, seed=0)
+    pipeline = SPEC.pipeline().fit(spatial.select(~held))
+    test = spatial.select(held)
+    states = pipeline.process_batch(test)
+    miss = (states.position - test.truth['position'])[~test.tare, :2]
+    assert pipeline.estimators == {'position': 'perceptron'}
+    # k nearest neighbours err by 1.2 mm here, a 128 x 128 perceptron by 0.61 mm
+    assert np.linalg.norm(miss, axis=1).mean() < 0.42e-3
+    sigma = np.sqrt(np.diagonal(states.position_cov, axis1=1, axis2=2))[~test.tare, :2]
+    assert abs((np.abs(miss) <= sigma).mean() - 0.683) < 0.05
+
+
+def test_force_with_history_beats_force_without() -> None:
+    shear = RECORDINGS['shear']
+    late = shear.truth['repetition'] >= 8
+    config = dataclasses.replace(SPEC.config(), positions=shear.layout.positions)
+    pipeline = SPEC.pipeline(config).fit(shear.select(~late))
+    test = shear.select(late)
+    truth = test.truth['force'][:, 0].astype(float)
+    known = np.isfinite(truth)
+    stamped = pipeline.process_batch(test).force[known, 0] - truth[known]
+    free = dataclasses.replace(test, stamp_ns=None)
+    independent = pipeline.process_batch(free).force[known, 0] - truth[known]
+    assert np.sqrt((stamped**2).mean()) < 0.14
+    assert np.sqrt((stamped**2).mean()) < 0.5 * np.sqrt((independent**2).mean())
+
+
+def test_gain_between_runs_widens_the_covariance() -> None:
+    one, two = RECORDINGS['normal_1'], RECORDINGS['normal_2']
+    alone = SPEC.pipeline(estimator='ridge').fit(one).process_batch(one)
+    both = SPEC.pipeline(estimator='ridge').fit(one, two).process_batch(one)
+    strong = np.flatnonzero(alone.force[:, 2] > 20)
+    assert (alone.force_cov[strong, 2, 2] > 0.02**2 * alone.force[strong, 2] ** 2).all()
+    assert (both.force_cov[strong, 2, 2] > 0).all()
+
+
+@pytest.mark.parametrize('estimator', SPEC.estimator_names)
+def test_every_estimator_can_be_chosen(estimator: str) -> None:
+    part = RECORDINGS['spatial'].select(slice(0, 400))
+    pipeline = SPEC.pipeline(estimator=estimator).fit(part)
+    assert pipeline.estimators == {'position': estimator}
+    miss = (pipeline.process_batch(part).position - part.truth['position'])[~part.tare, :2]
+    assert np.nanmean(np.linalg.norm(miss, axis=1)) < 3e-3
+
+
+def test_unknown_estimator_is_refused_with_the_names() -> None:
+    with pytest.raises(ValueError, match='ridge, grid_knn'):
+        SPEC.pipeline(estimator='oracle')
