@@ -143,7 +143,7 @@ class Pipeline:
         base = self._stream.tracker(usable, stamp_ns)
         signals = self._signals(usable, bits, base, chips, stamp_ns, restart)
         known = self._estimate(signals, bits, base, self._stream)
-        return ContactStates.assemble(1, bits.shape[1], known)[0]
+        return ContactState.assemble(bits.shape[1], known)
 
     def process_batch(self, recording: Recording) -> ContactStates:
         """Estimate from every frame of a recording, starting from `reset()`.

@@ -90,6 +90,12 @@ def _blank(samples: int, taxels: int, contacts: int) -> dict[str, npt.NDArray[np
     }
 
 
+@lru_cache(maxsize=64)
+def _blank_row(taxels: int, contacts: int) -> dict[str, npt.NDArray[np.generic]]:
+    """Nothing known of one frame."""
+    return {name: column[0] for name, column in _blank(1, taxels, contacts).items()}
+
+
 @dataclass(frozen=True)
 class _StateFields:
     """The attributes that one state and many states share (public_face, without the s axis)."""
@@ -129,6 +135,13 @@ class _StateFields:
 @dataclass(frozen=True)
 class ContactState(_StateFields):
     """What is known about the contact in one frame; NaN / -1 where it is not estimated."""
+
+    @classmethod
+    def assemble(cls, taxels: int, known: Mapping[str, npt.NDArray[np.generic]]) -> ContactState:
+        """Complete what is known about one frame, shape (1, ...) each, as ContactStates does."""
+        contacts = known['contacts_id'].shape[1] if 'contacts_id' in known else 1
+        row = {name: column[0] for name, column in known.items()}
+        return cls(**{**_blank_row(taxels, contacts), **row})  # type: ignore[arg-type]
 
     @property
     def contacts(self) -> list[Contact]:
