@@ -128,9 +128,7 @@ class Perceptron:
         length = np.sqrt((rows.x**2).sum(axis=1))
         self.length_ = float(FLOOR * np.median(length) + np.finfo(np.float64).tiny)
         self.inputs_ = Standardisation().fit(self._seen(rows.x))
-        self.targets_ = Standardisation().fit(rows.y)
-        spread = np.sqrt((rows.y.std(axis=0) ** 2).mean())
-        self.targets_.gain_ = np.full(rows.y.shape[1], 1 / spread if spread > 0 else 0.0)
+        self.targets_ = Standardisation().fit(rows.y).share_spread()
         inputs = self.inputs_(self._seen(rows.x)).astype(np.float32)
         self._keep(*self._train(inputs, self.targets_(rows.y).astype(np.float32)))
         return self

@@ -18,6 +18,8 @@ class Standardisation:
         Mean of each column (unit of the column).
     gain_ : ndarray, shape (d,)
         One over the standard deviation (one over the unit); 0 for constant columns.
+    spread_ : ndarray, shape (d,)
+        Standard deviation (unit of the column); 0 for constant columns.
 
     Examples
     --------
@@ -27,13 +29,22 @@ class Standardisation:
 
     mean_: Array
     gain_: Array
+    spread_: Array
 
     def fit(self, x: Array) -> Standardisation:
         """Learn mean and spread of the columns of x, shape (s, d)."""
         self.mean_ = x.mean(axis=0)
         spread = x.std(axis=0)
         moves = spread > SPREAD_FLOOR * np.abs(x).max(axis=0)
+        self.spread_ = np.where(moves, spread, 0.0)
         self.gain_ = np.where(moves, 1 / np.where(moves, spread, 1.0), 0.0)
+        return self
+
+    def share_spread(self) -> Standardisation:
+        """Give all columns the root mean square of their spreads; return itself."""
+        common = float(np.sqrt((self.spread_**2).mean()))
+        self.spread_ = np.full_like(self.spread_, common)
+        self.gain_ = np.full_like(self.spread_, 1 / common if common > 0 else 0.0)
         return self
 
     def __call__(self, x: Array) -> Array:
@@ -42,6 +53,4 @@ class Standardisation:
 
     def inverse(self, z: Array) -> Array:
         """Back from standard columns (s, d) to the units of the fit."""
-        return z * np.where(self.gain_ > 0, 1 / np.where(self.gain_ > 0, self.gain_, 1), 0) + (
-            self.mean_
-        )
+        return z * self.spread_ + self.mean_
