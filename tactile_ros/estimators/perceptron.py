@@ -56,6 +56,8 @@ class Perceptron:
 
     Attributes
     ----------
+    moving_ : ndarray, shape (d,)
+        1 for features that moved in the fit, else 0.
     length_ : float
         Length below which the logarithm flattens (unit of the features).
     inputs_, targets_ : Standardisation
@@ -77,6 +79,7 @@ class Perceptron:
     True
     """
 
+    moving_: Array
     length_: float
     inputs_: Standardisation
     targets_: Standardisation
@@ -125,7 +128,9 @@ class Perceptron:
             Itself.
         """
         rows = training_rows(x, y, groups)
-        length = np.sqrt((rows.x**2).sum(axis=1))
+        # a column that never moved tells nothing, and must not drown the pattern of the others
+        self.moving_ = (Standardisation().fit(rows.x).gain_ > 0).astype(np.float64)
+        length = np.sqrt(((rows.x * self.moving_) ** 2).sum(axis=1))
         self.length_ = float(FLOOR * np.median(length) + np.finfo(np.float64).tiny)
         self.inputs_ = Standardisation().fit(self._seen(rows.x))
         self.targets_ = Standardisation().fit(rows.y).share_spread()
@@ -177,6 +182,7 @@ class Perceptron:
         """What the units see of the features, shape (s, p)."""
         if not self.pattern:
             return x
+        x = x * self.moving_
         length = np.sqrt((x * x).sum(axis=1, keepdims=True)) + self.length_
         return np.concatenate([x / length, np.log(length)], axis=1)
 

@@ -11,6 +11,7 @@ from tactile_ros.calibration import flatten, restore
 from tactile_ros.errors import NotCalibratedError
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.kernel_ridge import KernelRidge
+from tactile_ros.estimators.perceptron import Perceptron
 from tactile_ros.estimators.ridge import Ridge
 from tactile_ros.estimators.standardisation import Standardisation
 from tactile_ros.types import Array, Estimator, Integers
@@ -20,6 +21,8 @@ ESTIMATORS: dict[str, Estimator] = {
     'linear': Ridge(degree=1),
     'grid_knn': GridKnn(),
     'kernel_ridge': KernelRidge(),
+    'perceptron': Perceptron(members=2, width=24, epochs=60),
+    'pattern': Perceptron(members=2, width=24, epochs=60, pattern=True),
 }
 CLASSES = {
     c.__name__: c
