@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 ESTIMATORS = ('ridge', 'grid_knn', 'kernel_ridge', 'perceptron')
 FEWEST_ROWS = 5
 TINY = np.finfo(np.float64).tiny
-PLACE_FOLDS = 2  # thousands of touches are judged well by two fifths of them
+FEW_FOLDS = 2  # thousands of touches are judged well by two fifths of them
 
 
 def candidates(wanted: str | None, *, place: bool) -> dict[str, Estimator]:
@@ -97,7 +97,7 @@ class Head:
         """
         place = self.target == 'position'
         known = candidates(self.wanted, place=place)
-        choice = select(known, x, y, groups, rounds=PLACE_FOLDS if place else None)
+        choice = select(known, x, y, groups, rounds=FEW_FOLDS if 'perceptron' in known else None)
         self.name = choice.name
         self.estimator_ = known[self.name].fit(x, y, groups)
         drivers = self._drivers(choice.x, choice.predictions)
