@@ -17,7 +17,7 @@ from tactile_ros.msg import TactileContact, TactileContacts, TactileFrame, Tacti
 from tactile_ros.nodes.contact_stage import ContactStage
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
 from tactile_ros.nodes.markers import contact_markers
-from tactile_ros.nodes.quality import BASELINES, DATA, LATCHED, overridable
+from tactile_ros.nodes.quality import baselines, data, latched, overridable
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import FrameStatus
 
@@ -85,11 +85,11 @@ class ContactNode(ManagedNode):
         self.declare(ContactOptions())
         self._spec = load_sensor(self.get_parameter('sensor').value)
         self.declare(self._spec.config())
-        self._contacts = self.managed_publisher(TactileContacts, 'contacts', DATA)
-        self._wrench = self.managed_publisher(WrenchStamped, 'wrench', DATA)
-        self._markers = self.managed_publisher(MarkerArray, 'markers', DATA)
-        self._baseline = self.managed_publisher(TactileFrame, 'baseline', BASELINES)
-        self._calibration = self.managed_publisher(String, 'calibration', LATCHED)
+        self._contacts = self.managed_publisher(TactileContacts, 'contacts', data())
+        self._wrench = self.managed_publisher(WrenchStamped, 'wrench', data())
+        self._markers = self.managed_publisher(MarkerArray, 'markers', data())
+        self._baseline = self.managed_publisher(TactileFrame, 'baseline', baselines())
+        self._calibration = self.managed_publisher(String, 'calibration', latched())
         self._direct = direct
         self._active = False
         self._options = ContactOptions()
@@ -139,20 +139,21 @@ class ContactNode(ManagedNode):
 
     def _listen(self) -> None:
         """Subscribe to the sensor: to its frames once everybody hears what comes of them."""
-        self._heard = [self.create_subscription(TactileLayout, 'layout', self._on_layout, LATCHED)]
+        told = self.create_subscription(TactileLayout, 'layout', self._on_layout, latched())
+        self._heard = [told]
         if self._direct:
             return
         if self.is_heard():
             self._listen_to_frames()
         else:
-            self._waiting = self.create_timer(LISTENERS_PERIOD_S, self._on_waiting)
+            self._waiting = self.steady_timer(LISTENERS_PERIOD_S, self._on_waiting)
 
     def _listen_to_frames(self) -> None:
         """Subscribe to `frame`."""
         options = overridable()
         self._heard.append(
             self.create_subscription(
-                TactileFrame, 'frame', self._on_frame, DATA, qos_overriding_options=options
+                TactileFrame, 'frame', self._on_frame, data(), qos_overriding_options=options
             )
         )
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterValueException, ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -44,6 +45,7 @@ class ManagedNode(LifecycleNode):
         self._schemas: list[Schema[object]] = []
         self._configured = False
         self._timer: Timer | None = None
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.finished = threading.Event()
         self.exit_code = 0
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -72,6 +74,10 @@ class ManagedNode(LifecycleNode):
         return self.create_lifecycle_publisher(
             kind, topic, profile, qos_overriding_options=overridable()
         )
+
+    def steady_timer(self, period_s: float, callback: Callable[[], None]) -> Timer:
+        """Timer of real time, which runs also where simulated time stands still."""
+        return self.create_timer(period_s, callback, clock=self._steady)
 
     # --- transitions: subclasses override configure, activate, deactivate, cleanup ---
 
@@ -110,7 +116,7 @@ class ManagedNode(LifecycleNode):
         if done == SUCCESS and not self._tried(self.activate):
             super().on_deactivate(state)
             return FAILURE
-        self._timer = self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics)
+        self._timer = self.steady_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics)
         return done
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -207,7 +213,10 @@ def run(build: Callable[[], Sequence[ManagedNode]], args: Sequence[str] | None =
         Exit code: 0 after a signal, that of a node that finished, 2 when a parameter cannot be.
     """
     # A handler of ours: the context stays usable for the last words after Ctrl-C.
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as err:  # of several private classes: a file or an argument that cannot be
+        sys.exit(f'the ROS arguments cannot be read: {err}')
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())

@@ -22,7 +22,7 @@ from tactile_ros.msg import TactileContact, TactileContacts, TactileFrame
 from tactile_ros.nodes.ledger import Ledger
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
 from tactile_ros.nodes.performance import Performance, Score, Stopped, Tally, truth_states
-from tactile_ros.nodes.quality import DATA
+from tactile_ros.nodes.quality import data
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class PlayerNode(ManagedNode):
     def __init__(self) -> None:
         super().__init__('player')
         self.declare(PlayerOptions())
-        self._truth = self.managed_publisher(TactileContacts, 'truth/contacts', DATA)
+        self._truth = self.managed_publisher(TactileContacts, 'truth/contacts', data())
         self._options = PlayerOptions()
         self._recording: Recording | None = None
         self._states: ContactStates | None = None
@@ -114,10 +114,10 @@ class PlayerNode(ManagedNode):
         """Listen to what comes back, and play in a thread."""
         options = self._options
         self._ledger = Ledger()
-        self._heard = [self.create_subscription(TactileFrame, 'frame', self._on_frame, DATA)]
+        self._heard = [self.create_subscription(TactileFrame, 'frame', self._on_frame, data())]
         if options.wait_for == 'contacts':
             self._heard.append(
-                self.create_subscription(TactileContacts, 'contacts', self._on_contacts, DATA)
+                self.create_subscription(TactileContacts, 'contacts', self._on_contacts, data())
             )
         score = Score(
             self._recording, options.port, options.speed_up, options.rate_hz, options.window,

@@ -5,23 +5,32 @@ from __future__ import annotations
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-DATA = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.RELIABLE
-)
-LATCHED = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
-# a recorder must get every baseline, also of tares that follow one another closely
-BASELINES = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=100,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
 LATCHED_TOPICS = ('layout', 'baseline', 'calibration')
+
+
+# A profile is made anew for each use: rclpy writes what a parameter overrides into it.
+
+
+def data() -> QoSProfile:
+    """Frames and contacts: reliable, the last 1000."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.RELIABLE
+    )
+
+
+def latched(depth: int = 1) -> QoSProfile:
+    """What describes the data: late subscribers get the last ones too."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+
+
+def baselines() -> QoSProfile:
+    """A recorder must get every baseline, also of tares that follow one another closely."""
+    return latched(depth=100)
 
 
 def overridable() -> QoSOverridingOptions:

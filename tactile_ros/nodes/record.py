@@ -14,7 +14,7 @@ from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.bag import BagWriter
 from tactile_ros.msg import TactileContacts, TactileFrame, TactileLayout
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
-from tactile_ros.nodes.quality import BASELINES, DATA, LATCHED_TOPICS
+from tactile_ros.nodes.quality import LATCHED_TOPICS, baselines, data
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -65,7 +65,7 @@ class RecordNode(ManagedNode):
     def activate(self) -> None:
         """Subscribe to everything."""
         self._heard = [self._subscribe(topic, kind) for topic, kind in TOPICS.items()]
-        self._flushing = self.create_timer(FLUSH_PERIOD_S, self._writer.flush)
+        self._flushing = self.steady_timer(FLUSH_PERIOD_S, self._writer.flush)
 
     def _subscribe(self, topic: str, kind: type) -> Subscription:
         """Subscription to serialised messages."""
@@ -79,7 +79,7 @@ class RecordNode(ManagedNode):
             else (lambda data: write(data, 0))
         )
         return self.create_subscription(
-            kind, topic, callback, BASELINES if latched else DATA, raw=True
+            kind, topic, callback, baselines() if latched else data(), raw=True
         )
 
     def _write(

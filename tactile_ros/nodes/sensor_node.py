@@ -11,7 +11,7 @@ from geometry_msgs.msg import Point, Quaternion
 from tactile_ros import messages
 from tactile_ros.msg import TactileFrame, TactileLayout
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
-from tactile_ros.nodes.quality import DATA, LATCHED
+from tactile_ros.nodes.quality import data, latched
 from tactile_ros.nodes.reader import Reader
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import TaxelStatus
@@ -73,8 +73,8 @@ class SensorNode(ManagedNode):
         self.declare(SensorOptions())
         self._spec = load_sensor(self.get_parameter('sensor').value)
         self.declare(self._spec.config(), self._spec.connection())
-        self._frames = self.managed_publisher(TactileFrame, 'frame', DATA)
-        self._layouts = self.managed_publisher(TactileLayout, 'layout', LATCHED)
+        self._frames = self.managed_publisher(TactileFrame, 'frame', data())
+        self._layouts = self.managed_publisher(TactileLayout, 'layout', latched())
         self._downstream = downstream
         self._waits_for = waits_for
         self._reader: Reader | None = None

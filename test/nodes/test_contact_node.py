@@ -11,6 +11,7 @@ import pytest
 from geometry_msgs.msg import Point, Quaternion, WrenchStamped
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import ReliabilityPolicy
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
@@ -19,7 +20,7 @@ from tactile_ros.messages import fill_frame, fill_layout, read_contacts
 from tactile_ros.msg import TactileContacts, TactileFrame, TactileLayout
 from tactile_ros.nodes import lifecycle
 from tactile_ros.nodes.contact_node import ContactNode
-from tactile_ros.nodes.quality import BASELINES, DATA, LATCHED
+from tactile_ros.nodes.quality import baselines, data, latched
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame, FrameStatus, Layout
 
@@ -41,13 +42,13 @@ class Sensor(Node):
         self.wrenches: list[WrenchStamped] = []
         self.markers: list[MarkerArray] = []
         self.calibrations: list[String] = []
-        self.frame = self.create_publisher(TactileFrame, 'frame', DATA)
-        self.layout = self.create_publisher(TactileLayout, 'layout', LATCHED)
-        self.create_subscription(TactileContacts, 'contacts', self.contacts.append, DATA)
-        self.create_subscription(TactileFrame, 'baseline', self.baselines.append, BASELINES)
-        self.create_subscription(WrenchStamped, 'wrench', self.wrenches.append, DATA)
-        self.create_subscription(MarkerArray, 'markers', self.markers.append, DATA)
-        self.create_subscription(String, 'calibration', self.calibrations.append, LATCHED)
+        self.frame = self.create_publisher(TactileFrame, 'frame', data())
+        self.layout = self.create_publisher(TactileLayout, 'layout', latched())
+        self.create_subscription(TactileContacts, 'contacts', self.contacts.append, data())
+        self.create_subscription(TactileFrame, 'baseline', self.baselines.append, baselines())
+        self.create_subscription(WrenchStamped, 'wrench', self.wrenches.append, data())
+        self.create_subscription(MarkerArray, 'markers', self.markers.append, data())
+        self.create_subscription(String, 'calibration', self.calibrations.append, latched())
         self.tare = self.create_client(Trigger, 'contact_node/tare')
         self.count = 0
 
@@ -250,3 +251,16 @@ def test_layout_of_another_sensor_stops_processing_until_the_right_one(
     sensor.send(touches.values[:1])
     assert ros.until(lambda: sensor.contacts)
     assert [message.sequence for message in sensor.contacts] == [1]
+
+
+def test_quality_of_service_of_one_topic_can_be_overridden(ros: Ros) -> None:
+    override = 'qos_overrides./contacts.publisher'
+    ros.init(f'{override}.reliability:=best_effort', f'{override}.depth:=5')
+    node = ros.add(ContactNode())
+
+    def reliability(topic: str) -> ReliabilityPolicy:
+        assert ros.until(lambda: node.get_publishers_info_by_topic(topic))
+        return node.get_publishers_info_by_topic(topic)[0].qos_profile.reliability
+
+    assert reliability('/contacts') == ReliabilityPolicy.BEST_EFFORT
+    assert reliability('/wrench') == ReliabilityPolicy.RELIABLE

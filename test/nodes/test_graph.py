@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import subprocess
 
 import pytest
 import yaml
@@ -86,3 +87,19 @@ def test_simulated_boards_do_not_share_a_port() -> None:
     assert ports == [
         '/tmp/tactile_board', '/tmp/tactile_board_hand_thumb', '/tmp/tactile_board_hand_index',
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['-p', 'rate_hz:=-1.0'], 'rate_hz'),
+        (['-p', 'sensor:=none'], 'sensor must be one of reskin_board'),
+        (['--params-file', '/nowhere.yaml'], 'the ROS arguments cannot be read'),
+    ],
+)
+def test_a_start_that_cannot_be_is_one_sentence(arguments: list[str], sentence: str) -> None:
+    command = [*Process('sensor_node').command(), '--ros-args', *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode in (1, 2)
+    assert sentence in done.stderr
+    assert 'Traceback' not in done.stderr

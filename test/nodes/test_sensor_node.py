@@ -19,7 +19,7 @@ from tactile_ros.devices.packets import encode
 from tactile_ros.messages import read_frame, read_layout
 from tactile_ros.msg import TactileFrame, TactileLayout
 from tactile_ros.nodes import lifecycle
-from tactile_ros.nodes.quality import DATA, LATCHED
+from tactile_ros.nodes.quality import data, latched
 from tactile_ros.nodes.sensor_node import SensorNode
 
 if TYPE_CHECKING:
@@ -36,8 +36,8 @@ class Listener(Node):
         self.frames: list[TactileFrame] = []
         self.layouts: list[TactileLayout] = []
         self.diagnostics: list[DiagnosticArray] = []
-        self.create_subscription(TactileFrame, 'frame', self.frames.append, DATA)
-        self.create_subscription(TactileLayout, 'layout', self.layouts.append, LATCHED)
+        self.create_subscription(TactileFrame, 'frame', self.frames.append, data())
+        self.create_subscription(TactileLayout, 'layout', self.layouts.append, latched())
         self.create_subscription(DiagnosticArray, '/diagnostics', self.diagnostics.append, 10)
 
     def ask(self, kind: type, name: str) -> object:
