@@ -293,6 +293,7 @@ class ContactNode(ManagedNode):
                 'valid': tally.valid,
                 'refused': tally.refused,
                 'tares': tally.tares,
+                'faulty taxels': tally.flagged,
                 'unknown in wrench': self.get_parameter('unknown_as').value,
                 'calibration': self._options.calibration or 'none',
             }

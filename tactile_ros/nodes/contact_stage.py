@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import ContactState
+    from tactile_ros.types import Bytes, ContactState
 
 
 @dataclass
@@ -35,6 +35,8 @@ class Tally:
         Bits of `FrameStatus` of the last state.
     sequence : int
         Of the last frame, -1 before the first.
+    taxel_status : ndarray, shape (t,), or None
+        Of the last state.
     """
 
     frames: int = 0
@@ -43,6 +45,12 @@ class Tally:
     tares: int = 0
     status: int = 0
     sequence: int = -1
+    taxel_status: Bytes | None = None
+
+    @property
+    def flagged(self) -> list[int]:
+        """Taxels that the sensor or the pipeline found faulty in the last frame."""
+        return [] if self.taxel_status is None else np.flatnonzero(self.taxel_status).tolist()
 
 
 class ContactStage:
@@ -128,6 +136,7 @@ class ContactStage:
         tally.valid += int(state.valid)
         tally.status = int(state.status)
         tally.sequence = frame.sequence
+        tally.taxel_status = state.taxel_status
         self._touching = bool(state.in_contact == 1)
         if self._touching and self._guarded:
             self._resting.clear()

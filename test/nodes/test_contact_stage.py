@@ -116,6 +116,13 @@ def test_no_baseline_is_not_announced(baseline: float) -> None:
     assert made.announced == []
 
 
+def test_faulty_taxels_are_named() -> None:
+    made = stage_of()
+    assert made.stage.tally.flagged == []
+    made.stage.tally.taxel_status = np.array([0, 4, 0, 2], np.uint8)
+    assert made.stage.tally.flagged == [1, 3]
+
+
 def test_fewer_tare_frames_from_now_on() -> None:
     made = stage_of(frames=3)
     made.feed(0.0, 0.3, 0.6)
