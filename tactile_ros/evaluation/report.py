@@ -76,7 +76,8 @@ def render(result: Result) -> str:
 def _lead(result: Result) -> str:
     """What was evaluated, in a sentence."""
     frames = sum(dataset.frames for dataset in result.datasets)
-    names = [answer.name for dataset in result.datasets for answer in dataset.answers]
+    answers = [answer for dataset in result.datasets for answer in dataset.answers]
+    names = [answer.name.split(',')[0] for answer in answers]
     count = len(result.datasets)
     recordings = 'one recording' if count == 1 else f'{count} recordings'
     distinct = ', '.join(dict.fromkeys(names))
