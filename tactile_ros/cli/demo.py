@@ -6,7 +6,7 @@ without ROS.
 
 example:
   tactile demo
-  tactile demo --output /tmp/demo --seed 1
+  tactile demo --output out/other --seed 1
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 SENSOR = 'reskin_board'
 HELD_PLACES = 0.2
 TOUCHES_PLAYED = 300
+OWN_FOLDERS = ('bags', 'calibrations', 'recordings')
 COMPARED = ('ridge', 'grid_knn')
 
 
@@ -126,8 +127,7 @@ def split_cycles(recording: Recording, first: int) -> tuple[Recording, Recording
 def run(options: argparse.Namespace) -> int:
     """Calibrate, play, record, replay, report."""
     output = options.output.resolve()
-    shutil.rmtree(output, ignore_errors=True)
-    output.mkdir(parents=True)
+    clear(output)
     began = time.perf_counter()
     chosen = parts(options.seed)
     _say(began, 'calibrating on parts of real recordings (places, a run, cycles)')
@@ -159,6 +159,15 @@ NOTES = (
     'Latency runs from the arrival of the bytes to the recorder that heard the contacts.',
     'Parts that are played with recorded time carry stamps of that time and show no latency.',
 )
+
+
+def clear(output: Path) -> None:
+    """Remove what an earlier demo left in its folder, and nothing else."""
+    output.mkdir(parents=True, exist_ok=True)
+    for name in OWN_FOLDERS:
+        if (output / name).exists():
+            shutil.rmtree(output / name)
+    (output / 'report.html').unlink(missing_ok=True)
 
 
 def _say(began: float, sentence: str) -> None:

@@ -119,3 +119,11 @@ def test_parts_of_the_demo_share_no_group() -> None:
         assert played
         assert not seen & played, part.name
         assert part.played.tare[0]
+
+
+def test_demo_removes_only_what_a_demo_left(tmp_path: Path) -> None:
+    for name in ('bags', 'mine'):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / 'file').write_text('x')
+    demo.clear(tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ['mine']
