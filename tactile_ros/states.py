@@ -64,7 +64,9 @@ def add_flags(known: Columns, signals: Signals, bits: Bytes, flags: Integers) ->
     if bits.any():
         flags = flags | frame_faults(bits)
     # good readings without the baseline that they need say nothing: their change is NaN
-    seeing = signals.good & ~np.isnan(signals.delta).any(axis=(1, 2))
+    seeing = signals.good
+    if np.isnan(signals.delta.sum()):
+        seeing = seeing & ~np.isnan(signals.delta).any(axis=(1, 2))
     known['in_contact'] = signals.in_contact
     known['taxel_status'] = bits
     known['status'] = flags

@@ -77,8 +77,10 @@ class BaselineTracker:
                 self._begin_ns = int(stamp_ns[first])
             elif stamp_ns[first] - self._begin_ns >= self.tracking.period_ns:
                 self._close(int(stamp_ns[first]))
-            limit = self._begin_ns + self.tracking.period_ns
-            last = max(int(np.searchsorted(stamp_ns, limit)), first + 1)
+            last = first + 1
+            if len(values) > 1:
+                limit = self._begin_ns + self.tracking.period_ns
+                last = max(int(np.searchsorted(stamp_ns, limit)), last)
             held[first:last] = self.baseline
             self._gather(values[first:last], self.tracking.scale)
             first = last
@@ -86,11 +88,11 @@ class BaselineTracker:
 
     def _gather(self, block: Array, scale: Array) -> None:
         """Add frames of the running block."""
-        deviation = np.abs(block - self.baseline)
-        self._quiet = self._quiet and bool((deviation <= scale).all())
+        self._count += len(block)
+        if self._quiet:
+            self._quiet = bool((np.abs(block - self.baseline) <= scale).all())
         if self._quiet:
             self._total = self._total + block.sum(axis=0)
-        self._count += len(block)
 
     def _close(self, stamp_ns: int) -> None:
         """End the running block: follow if it was at rest, and begin the next."""
