@@ -50,8 +50,10 @@ def _truth_column(name: str, value: npt.ArrayLike, samples: int, taxels: int) ->
         raise ValueError(msg)
     if name in STATE_FIELDS and STATE_FIELDS[name][1] is np.float64:
         return array.astype(np.float64)
-    whole = np.where(np.isfinite(array.astype(np.float64)), array, -1)
-    return whole.astype(np.int64)
+    if array.dtype.kind in 'biu':
+        return array.astype(np.int64)
+    known = array.astype(np.float64)
+    return np.where(np.isfinite(known), known, -1).astype(np.int64)
 
 
 @dataclass(frozen=True)
