@@ -48,7 +48,7 @@ bench: setup-tests
 
 lint: setup-tests
 	@$(ALONE) .venv/bin/ruff check .
-	@if .venv/bin/python -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then \
+	@if $(ALONE) .venv/bin/python -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then \
 	  $(ALONE) .venv/bin/mypy; \
 	else echo 'mypy is left out: the last NumPy for Python 3.10 describes its arrays otherwise'; fi
 
