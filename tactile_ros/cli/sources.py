@@ -55,6 +55,9 @@ def read_config(spec: SensorSpec, path: Path | None) -> SensorConfig:
         return config
     import yaml
 
+    if not path.is_file():
+        msg = f'config {path} must be a yaml file; there is none'
+        raise ValueError(msg)
     if path.stat().st_size > MOST_YAML_BYTES:
         msg = (
             f'config {path} must be at most {MOST_YAML_BYTES} bytes; it has {path.stat().st_size}'

@@ -31,9 +31,13 @@ def as_shape(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> Array:
     Raises
     ------
     ValueError
-        If the shape differs.
+        If the shape differs, or a value is no number.
     """
-    array = np.ascontiguousarray(value, dtype=np.float64)
+    try:
+        array = np.ascontiguousarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        msg = f'{name} must be numbers; received {str(value)[:80]}'
+        raise ValueError(msg) from error
     fits = array.ndim == len(shape) and all(
         want in (-1, got) for want, got in zip(shape, array.shape, strict=True)
     )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
 from tactile_ros.types import Array, Layout, as_shape
 
 PITCH = 7e-3
+CHANNELS = 3
 # centre, left, right, up, down, as the board counts its chips
 CROSS = PITCH * np.array([[0, 0, 0], [-1, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0]], float)
 
@@ -60,7 +61,29 @@ class ReskinBoardConfig:
     def __post_init__(self) -> None:
         """Check shapes once, at the door."""
         positions = as_shape('positions of ReskinBoardConfig', self.positions, (-1, 3))
+        if not (len(positions) and np.isfinite(positions).all()):
+            msg = 'positions of ReskinBoardConfig must be finite, one row or more; '
+            msg += f'received {positions.tolist()}'
+            raise ValueError(msg)
         object.__setattr__(self, 'positions', positions)
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if 'range' in entry.metadata and value is not None:
+                _refuse_outside(entry.name, value, entry.metadata['range'])
+
+
+def _refuse_outside(name: str, value: float | Array, bounds: tuple[float, float]) -> None:
+    """Refuse a number, or one for each channel, that is not between its bounds."""
+    low, high = bounds
+    array = np.asarray(value, np.float64)
+    wanted = ((), (CHANNELS,)) if name in ('saturation', 'noise') else ((),)
+    if array.shape not in wanted or not ((array >= low) & (array <= high)).all():
+        each = ', or one for each channel' if len(wanted) > 1 else ''
+        msg = (
+            f'{name} of ReskinBoardConfig must be a number from {low} to {high}{each}; '
+            f'received {value}'
+        )
+        raise ValueError(msg)
 
 
 @dataclass(frozen=True)
