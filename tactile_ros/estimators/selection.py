@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -14,6 +14,15 @@ from tactile_ros.types import Array, Estimator, Integers
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+
+@runtime_checkable
+class Sketched(Protocol):
+    """An estimator that can be tried out by a cheaper one, which errs slightly more."""
+
+    def sketch(self) -> Estimator:
+        """The cheaper one, not fitted."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -33,7 +42,8 @@ class Selection:
     groups : ndarray of int, shape (s,)
         Their groups.
     predictions : ndarray, shape (s, k)
-        What the winner said about them when its training had none of their group.
+        What the winner, or its sketch where it has one, said about them when its training had
+        none of their group.
     """
 
     name: str
@@ -118,4 +128,5 @@ def _unseen(candidate: Estimator, rows: TrainingRows, held: Integers) -> Array:
     # A single group leaves nothing to learn from: then the held rows themselves are used.
     seen[held] = len(held) == len(seen)
     known = rows.take(seen)
-    return copy.deepcopy(candidate).fit(known.x, known.y, known.groups).predict(rows.x[held])
+    trial = candidate.sketch() if isinstance(candidate, Sketched) else copy.deepcopy(candidate)
+    return trial.fit(known.x, known.y, known.groups).predict(rows.x[held])

@@ -14,10 +14,9 @@ def test_mean_of_members_written_out() -> None:
     z = net.inputs_(x)
     answers = []
     for m in range(3):
-        part = slice(5 * m, 5 * m + 5)
-        hidden = np.tanh(z @ net.first_[:, part] + net.first_level_[part])
+        hidden = np.tanh(z @ net.first_[m] + net.first_level_[m])
         deeper = np.tanh(hidden @ net.second_[m] + net.second_level_[m])
-        answers.append(deeper @ (3 * net.last_[part]))
+        answers.append(deeper @ net.last_[m])
     expected = net.targets_.inverse(np.mean(answers, axis=0) + net.last_level_)
     assert np.allclose(net.predict(x), expected, rtol=0, atol=1e-12)
 
@@ -26,6 +25,7 @@ def test_slopes_are_those_of_the_mean_soft_length() -> None:
     rng = np.random.default_rng(1)
     net = Perceptron(members=1, width=4, softness=0.1)
     x, y = rng.normal(size=(1, 6, 3)), rng.normal(size=(1, 6, 2))
+    trust = rng.uniform(0.5, 2, (1, 6, 1))
     layers = [rng.normal(size=(1, a, b)) for a, b in ((3, 4), (4, 4), (4, 2))]
     layers += [rng.normal(size=(1, 1, b)) for b in (4, 4, 2)]
 
@@ -34,10 +34,11 @@ def test_slopes_are_those_of_the_mean_soft_length() -> None:
         for k in range(3):
             seen = seen @ layers[k] + layers[3 + k]
             seen = np.tanh(seen) if k < 2 else seen
-        return float(np.sqrt(((seen - y) ** 2).sum(axis=-1) + 0.01).mean())
+        size = np.sqrt(((seen - y) ** 2).sum(axis=-1) + 0.01)
+        return float((trust[..., 0] * size).mean())
 
     slopes = [np.zeros_like(layer) for layer in layers]
-    net._backward(x, y, layers, slopes)
+    net._backward(x, y, trust, layers, slopes)
     for layer, slope in zip(layers, slopes, strict=True):
         for index in np.ndindex(layer.shape):
             kept = layer[index]
@@ -60,3 +61,21 @@ def test_pattern_sees_direction_and_length() -> None:
         net = Perceptron(members=2, width=16, epochs=60, pattern=pattern).fit(x[:400], y[:400])
         errors[pattern] = np.linalg.norm(net.predict(x[400:]) - y[400:], axis=1).mean()
     assert errors[True] < 0.5 * errors[False]
+
+
+def test_faint_touches_weigh_less_and_no_touch_nothing() -> None:
+    net = Perceptron(pattern=True)
+    net.length_ = 1e-12
+    trust = net._trust(np.array([0.0, 1e-4, 1e-3, 1e-2, 1e-1]))
+    assert (np.diff(trust) > 0).all()
+    assert trust[0] < 1e-9
+    assert abs(trust.mean() - 1) < 1e-12
+    assert abs(trust[3] / trust[2] - np.sqrt(2)) < 0.01
+
+
+def test_sketch_has_fewer_members_and_leaves_its_model_alone() -> None:
+    net = Perceptron(members=5, width=7, seed=3)
+    sketch = net.sketch()
+    assert (sketch.members, sketch.width, sketch.seed) == (3, 7, 3)
+    assert net.members == 5
+    assert Perceptron(members=1).sketch().members == 1
