@@ -61,12 +61,11 @@ class Perceptron:
         1 for features that moved in the fit, else 0.
     length_ : float
         Length below which the logarithm flattens (unit of the features).
-    inputs_, targets_ : Standardisation
-        Of what the units see and of the targets.
     first_, second_, last_ : ndarray, shapes (m, p, w), (m, w, w), (m, w, k)
-        Weights of the three layers, members along the first axis.
+        Weights of the three layers, members along the first axis; of the features as they come,
+        to the unit of y.
     first_level_, second_level_, last_level_ : ndarray, shapes (m, 1, w), (m, 1, w), (k)
-        Constants; the last of the mean of the members.
+        Constants; the last of all members together.
 
     Examples
     --------
@@ -78,8 +77,6 @@ class Perceptron:
 
     moving_: Array
     length_: float
-    inputs_: Standardisation
-    targets_: Standardisation
     first_: Array
     second_: Array
     last_: Array
@@ -129,13 +126,12 @@ class Perceptron:
         self.moving_ = (Standardisation().fit(rows.x).gain_ > 0).astype(np.float64)
         length = np.sqrt(((rows.x * self.moving_) ** 2).sum(axis=1))
         self.length_ = float(FLOOR * np.median(length) + np.finfo(np.float64).tiny)
-        self.inputs_ = Standardisation().fit(self._seen(rows.x))
-        self.targets_ = Standardisation().fit(rows.y).share_spread()
-        inputs = self.inputs_(self._seen(rows.x))
+        seen = self._seen(rows.x)
+        scale, targets = Standardisation().fit(seen), Standardisation().fit(rows.y).share_spread()
         # Adam scales every input on its own, which helps where inputs are not correlated
-        turn = np.linalg.eigh(inputs.T @ inputs)[1]
-        weights, levels = self._train(inputs @ turn, self.targets_(rows.y), self._trust(length))
-        self._keep([turn @ weights[0], *weights[1:]], levels)
+        turn = np.linalg.eigh(scale(seen).T @ scale(seen))[1]
+        trained = self._train(scale(seen) @ turn, targets(rows.y), self._trust(length))
+        self._keep(*trained, scale, turn, targets)
         return self
 
     def sketch(self) -> Perceptron:
@@ -163,24 +159,24 @@ class Perceptron:
             Before a fit.
         """
         fitted(self, 'last_level_')
-        return predict_rows(x, len(self.inputs_.mean_) - int(self.pattern), self._answer)
+        return predict_rows(x, self.first_.shape[1] - int(self.pattern), self._answer)
 
     def _answer(self, x: Array) -> Array:
-        z = self.inputs_(self._seen(x))
-        if len(z) <= BLOCK:
-            return self.targets_.inverse(self._forward(z))
-        # blocks that stay in the cache: three times as fast as one sweep
-        parts = [self._forward(z[i : i + BLOCK]) for i in range(0, len(z), BLOCK)]
-        return self.targets_.inverse(np.concatenate(parts))
+        seen = self._seen(x)
+        if len(seen) <= BLOCK:
+            return self._forward(seen)
+        # blocks that stay in the cache: twice as fast as one sweep
+        parts = [self._forward(seen[i : i + BLOCK]) for i in range(0, len(seen), BLOCK)]
+        return np.concatenate(parts)
 
-    def _forward(self, z: Array) -> Array:
-        hidden = np.matmul(z, self.first_)
+    def _forward(self, seen: Array) -> Array:
+        hidden = np.matmul(seen, self.first_)
         hidden += self.first_level_
         np.tanh(hidden, out=hidden)
         hidden = np.matmul(hidden, self.second_)
         hidden += self.second_level_
         np.tanh(hidden, out=hidden)
-        return np.asarray(np.matmul(hidden, self.last_).mean(axis=0) + self.last_level_)
+        return np.asarray(np.matmul(hidden, self.last_).sum(axis=0) + self.last_level_)
 
     def _seen(self, x: Array) -> Array:
         """What the units see of the features, shape (s, p)."""
@@ -237,11 +233,21 @@ class Perceptron:
             if k:
                 back = (back @ layers[k].transpose(0, 2, 1)) * (1 - seen[k] * seen[k])
 
-    def _keep(self, weights: list[Array], levels: list[Array]) -> None:
-        """Store the layers, the constants of the members' last layers as one."""
-        self.first_, self.second_, self.last_ = weights
-        self.first_level_, self.second_level_ = levels[:2]
-        self.last_level_ = levels[2].mean(axis=0)[0]
+    def _keep(
+        self,
+        weights: list[Array],
+        levels: list[Array],
+        scale: Standardisation,
+        turn: Array,
+        targets: Standardisation,
+    ) -> None:
+        """Store the layers, scales and the mean of the members absorbed in the outer ones."""
+        first = turn @ weights[0]
+        self.first_ = scale.gain_[:, None] * first
+        self.first_level_ = levels[0] - (scale.mean_ * scale.gain_)[None] @ first
+        self.second_, self.second_level_ = weights[1], levels[1]
+        self.last_ = weights[2] * (targets.spread_ / self.members)
+        self.last_level_ = levels[2].mean(axis=0)[0] * targets.spread_ + targets.mean_
 
 
 def _views(flat: Single, shapes: Sequence[tuple[int, ...]]) -> list[Single]:

@@ -106,12 +106,10 @@ def predict_rows(x: Array, width: int, answer: Callable[[Array], Array]) -> Arra
         If the number of features differs from the fit.
     """
     x = as_shape('x of predict', x, (-1, width))
-    # a finite sum has finite terms; sums that overflow take the slow road and come to the same
-    if len(x) and np.isfinite(x.sum()):
+    rows = np.isfinite(x)
+    if len(x) and rows.all():
         return answer(x)
-    finite = np.isfinite(x).all(axis=1)
-    if finite.all() and len(x):
-        return answer(x)
+    finite = rows.all(axis=1)
     known = answer(x[finite]) if finite.any() else answer(np.zeros((1, width)))[:0]
     y = np.full((len(x), known.shape[1]), np.nan)
     y[finite] = known

@@ -12,7 +12,6 @@ from __future__ import annotations
 import numpy as np
 
 from tactile_ros.estimators.folds import group_folds
-from tactile_ros.estimators.ridge import polynomial
 from tactile_ros.estimators.standardisation import Standardisation
 from tactile_ros.estimators.training import fitted, predict_rows, training_rows
 from tactile_ros.types import Array, Integers
@@ -135,9 +134,10 @@ class CalibratedCovariance:
         return np.exp(self._sigma(self._terms(drivers) @ self.weights_))
 
     def _terms(self, drivers: Array) -> Array:
-        """Constant, first and second order of the drivers, shape (s, p)."""
+        """Products of any two of the constant and the drivers, shape (s, p)."""
         z = np.minimum(np.maximum(self.drivers_(drivers), self.low_), self.high_)
-        return np.concatenate([np.ones((len(z), 1)), polynomial(z, 2)], axis=1)
+        z = np.concatenate([np.ones((len(z), 1)), z], axis=1)
+        return np.asarray((z[:, :, None] * z[:, None, :]).reshape(len(z), -1))
 
     def _regress(self, terms: Array, size: Array) -> Array:
         """Weights (p, k) of the logarithm of the mean size, by penalised Newton steps."""

@@ -95,6 +95,7 @@ def test_rows_that_are_not_finite_are_left_out(estimator: Estimator) -> None:
     np.testing.assert_allclose(estimator.predict(x), clean.predict(x), rtol=1e-9, atol=1e-12)
     answer = estimator.predict(hurt_x)
     assert np.isnan(answer[120:123]).all()
+    assert np.isnan(estimator.predict(np.array([[np.inf, -np.inf] + 13 * [1e308]]))).all()
     assert np.isfinite(answer[:120]).all()
 
 
