@@ -73,3 +73,52 @@ def test_every_estimator_can_be_chosen(estimator: str) -> None:
 def test_unknown_estimator_is_refused_with_the_names() -> None:
     with pytest.raises(ValueError, match='ridge, grid_knn'):
         SPEC.pipeline(estimator='oracle')
+
+
+def jumping_loads(rng: np.random.Generator) -> Recording:
+    """Loads that jump from frame to frame after a rest, so that the past tells nothing."""
+    rows = np.arange(400)
+    touched = rows % 4 > 0
+    load = np.where(touched, rng.uniform(0.5, 5.0, 400), 0.0)
+    spot = np.repeat(rng.uniform(0.5, 1.5, (100, 15)), 4, axis=0)
+    values = 50e-6 * load[:, None] * (1 + 0.2 * spot) + 0.3e-6 * rng.normal(size=(400, 15))
+    return Recording.from_arrays(
+        SPEC.layout(SPEC.config()),
+        values.reshape(400, 5, 3),
+        stamp_ns=rows * 10_000_000,
+        stream=rows // 4,
+        tare=~touched,
+        truth={'force': load[:, None] * [0.0, 0.0, 1.0], 'in_contact': touched},
+    )
+
+
+def test_history_is_used_only_where_it_helps() -> None:
+    recording = jumping_loads(np.random.default_rng(3))
+    free = dataclasses.replace(recording, stamp_ns=None)
+    pipeline = SPEC.pipeline(estimator='grid_knn').fit(recording)
+    plain, past = (pipeline.report[f'force_xyz{end}'] for end in ('', '_with_history'))
+    assert plain['held_out_rmse'] < past['held_out_rmse']
+    found, wanted = (pipeline.process_batch(r).force for r in (recording, free))
+    np.testing.assert_array_equal(found, wanted)
+
+
+@pytest.mark.parametrize(
+    ('field', 'value'),
+    [
+        ('noise', -1.0),
+        ('noise', np.ones(2)),
+        ('saturation', np.array([1.0, -1.0, 1.0])),
+        ('rate_hz', np.nan),
+        ('positions', np.zeros((0, 3))),
+        ('positions', np.full((5, 3), np.nan)),
+        ('positions', 'hello'),
+    ],
+)
+def test_a_config_that_cannot_be_is_refused(field: str, value: object) -> None:
+    with pytest.raises(ValueError, match=f'{field} of ReskinBoardConfig must'):
+        dataclasses.replace(SPEC.config(), **{field: value})
+
+
+def test_a_fit_on_no_rows_knows_nothing() -> None:
+    empty = Recording.from_arrays(SPEC.layout(SPEC.config()), np.zeros((0, 5, 3)))
+    assert not SPEC.pipeline().fit(empty).calibrated

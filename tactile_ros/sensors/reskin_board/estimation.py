@@ -46,7 +46,7 @@ class BoardEstimation:
     @property
     def estimators(self) -> dict[str, str]:
         """Name of the estimator in use for each target."""
-        return {head.target: head.name for head in (*self.heads_, *self.remembering_)}
+        return {head.target: head.name for head in self._in_use(bool(self.remembering_))}
 
     @property
     def report(self) -> Report:
@@ -124,11 +124,14 @@ class BoardEstimation:
         return known
 
     def _in_use(self, stamped: bool) -> tuple[Head, ...]:
-        """Heads for frames with stamps, which have a history, or without."""
+        """Heads for frames; a history, which stamps give, is used where it helped."""
         if not (stamped and self.remembering_):
             return self.heads_
-        plain = tuple(head for head in self.heads_ if head.target not in REMEMBERING)
-        return plain + self.remembering_
+        past = {head.title: head for head in self.remembering_}
+        return tuple(
+            min(head, past.get(head.title, head), key=lambda one: one.report_['held_out_rmse'])
+            for head in self.heads_
+        )
 
     @staticmethod
     def _with_history(now: Array, signals: Signals, memory: History) -> Array:
