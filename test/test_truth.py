@@ -144,7 +144,8 @@ def test_joined_truth_of_every_key() -> None:
         'object_pose': (4, 4), 'force': (3,), 'torque': (3,), 'position': (3,),
         'stray_field': (3,), 'taxel_force': (2,), 'deformation': (2,),
     }  # fmt: skip
-    truth = {key: rng.integers(0, 5, (3, *shapes.get(key, ()))) for key in TRUTH_KEYS}
+    truth = {key: rng.integers(0, 2, (3, *shapes.get(key, ()))) for key in TRUTH_KEYS}
+    truth['object_pose'] = np.tile(np.eye(4), (3, 1, 1))
     joined = join([recording(3, truth=truth), recording(1), recording(3, truth=truth)])
     for key in set(TRUTH_KEYS) - {'session'}:
         column = joined.truth[key]

@@ -19,6 +19,8 @@ TRUTH_KEYS = (
     'force', 'torque', 'position', 'cell', 'label', 'yaw', 'object_pose', 'symmetry', 'in_contact',
     'slip', 'taxel_force', 'deformation', 'stray_field', 'session', 'repetition',
 )  # fmt: skip
+THREE_VALUED = ('in_contact', 'slip')
+TURN_ERROR = 1e-3  # poses are written with four digits, too
 
 
 def _column(
@@ -49,11 +51,46 @@ def _truth_column(name: str, value: npt.ArrayLike, samples: int, taxels: int) ->
         msg = f'truth {name!r} of Recording must have shape {wanted}; received {array.shape}'
         raise ValueError(msg)
     if name in STATE_FIELDS and STATE_FIELDS[name][1] is np.float64:
-        return array.astype(np.float64)
-    if array.dtype.kind in 'biu':
-        return array.astype(np.int64)
-    known = array.astype(np.float64)
-    return np.where(np.isfinite(known), known, -1).astype(np.int64)
+        numbers = array.astype(np.float64)
+        if name == 'object_pose':
+            _refuse_no_poses(numbers)
+        return numbers
+    if array.dtype.kind not in 'biu':
+        array = array.astype(np.float64)
+        array = np.where(np.isfinite(array), array, -1)
+    if name in THREE_VALUED:
+        _refuse_other_answers(name, array)
+    return array.astype(np.int64)
+
+
+def _refuse_other_answers(name: str, column: npt.NDArray[np.generic]) -> None:
+    """Refuse what is neither yes, no nor unknown."""
+    wrong = ~np.isin(column, (1, 0, -1))
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        msg = (
+            f'truth {name!r} of Recording must be 1, 0 or -1 (unknown); '
+            f'received {column[row]} in row {row}'
+        )
+        raise ValueError(msg)
+
+
+def _refuse_no_poses(poses: Array) -> None:
+    """Refuse matrices (s, 4, 4) that move no rigid object; rows with NaN are unknown."""
+    known = ~np.isnan(poses).any(axis=(1, 2))
+    turn, last = poses[known, :3, :3], poses[known, 3]
+    with np.errstate(over='ignore', invalid='ignore'):
+        off = np.abs(turn @ turn.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+        off += np.abs(last - [0.0, 0.0, 0.0, 1.0]).max(axis=1)
+        rigid = (off <= TURN_ERROR) & (np.linalg.det(turn) > 0)
+    rigid &= np.isfinite(poses[known, :3, 3]).all(axis=1)
+    if not rigid.all():
+        row = int(np.flatnonzero(known)[~rigid][0])
+        msg = (
+            "truth 'object_pose' of Recording must hold rotations (orthonormal, right-handed) "
+            f'above a last row 0, 0, 0, 1; row {row} does not'
+        )
+        raise ValueError(msg)
 
 
 @dataclass(frozen=True)
@@ -110,7 +147,8 @@ class Recording:
         Raises
         ------
         ValueError
-            If a shape does not fit, a truth key is unknown, or stamps do not increase.
+            If a shape does not fit, a truth key is unknown or its values can not be, or stamps do
+            not increase.
         """
         taxels, channels = layout.shape
         table = as_shape('values of Recording', values, (-1, taxels, channels))

@@ -45,7 +45,8 @@ def test_columns_become_what_the_public_face_says() -> None:
 @pytest.mark.parametrize('key', TRUTH_KEYS)
 def test_every_truth_key_is_taken_in_its_shape_only(key: str) -> None:
     shape = (3, *field_shape(key, 2))
-    recording = Recording.from_arrays(LAYOUT, np.zeros((3, 2, 3)), truth={key: np.zeros(shape)})
+    blank = np.full(shape, np.nan)
+    recording = Recording.from_arrays(LAYOUT, np.zeros((3, 2, 3)), truth={key: blank})
     assert recording.truth[key].shape == shape
     with pytest.raises(ValueError, match=f"truth '{key}' of Recording must have shape"):
         Recording.from_arrays(
@@ -69,6 +70,46 @@ def test_truth_that_is_unknown() -> None:
     assert recording.truth['session'].tolist() == [3, 3, 4]
     with pytest.raises(ValueError, match="received 'weight'"):
         Recording.from_arrays(LAYOUT, np.zeros((3, 2, 3)), truth={'weight': np.zeros(3)})
+
+
+@pytest.mark.parametrize('key', ['in_contact', 'slip'])
+@pytest.mark.parametrize('wrong', [2, -2, 255, 0.5, 1e300])
+def test_yes_no_and_unknown_are_all_the_answers(key: str, wrong: float) -> None:
+    values = np.zeros((3, 2, 3))
+    told = {key: [1.0, 0.0, np.nan]}
+    assert Recording.from_arrays(LAYOUT, values, truth=told).truth[key].tolist() == [1, 0, -1]
+    with pytest.raises(ValueError, match=rf"'{key}' .* must be 1, 0 or -1 .*; received .* row 1"):
+        Recording.from_arrays(LAYOUT, values, truth={key: [1, wrong, 0]})
+
+
+def turned(angle: float) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    return pose
+
+
+@pytest.mark.parametrize(
+    'pose',
+    [
+        np.zeros((4, 4)),
+        np.diag([1.0, 1.0, -1.0, 1.0]),
+        1.01 * turned(0.3),
+        np.diag([1.0, 1.0, 1.0, 0.0]),
+        np.full((4, 4), np.inf),
+        np.where(np.eye(4), np.inf, 0.0),
+        np.where(np.eye(4, k=3), np.inf, turned(0.3)),
+        np.full((4, 4), 1e200),
+    ],
+)
+def test_poses_are_rotations_and_translations(pose: np.ndarray) -> None:
+    poses = np.stack([turned(0.3), np.full((4, 4), np.nan), np.round(turned(0.7), 4), pose])
+    values = np.zeros((4, 2, 3))
+    good = Recording.from_arrays(LAYOUT, values[:3], truth={'object_pose': poses[:3]})
+    np.testing.assert_array_equal(good.truth['object_pose'], poses[:3])
+    with pytest.raises(
+        ValueError, match=r"'object_pose' .* must hold rotations .* row 3 does not"
+    ):
+        Recording.from_arrays(LAYOUT, values, truth={'object_pose': poses})
 
 
 @pytest.mark.parametrize(
