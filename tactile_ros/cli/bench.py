@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import tactile_ros
+from tactile_ros.cli.destination import refuse_unwritable
 from tactile_ros.cli.table import show
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.benchmark import COLUMNS
@@ -25,25 +26,23 @@ if TYPE_CHECKING:
     from types import ModuleType
 
 
-def folder() -> Path:
+def folder() -> Path | None:
     """Folder of the benches: beside the sources, or in the share folder of an installation."""
     package = Path(tactile_ros.__file__).resolve().parent
     installed = [p / 'share' / 'tactile_ros' / 'benchmarks' for p in package.parents]
-    for place in (package.parent / 'benchmarks', *installed):
-        if place.is_dir():
-            return place
-    msg = 'the benches are not installed; run `tactile bench` from a clone of the sources'
-    raise TactileError(msg)
+    places = (package.parent / 'benchmarks', *installed)
+    return next((place for place in places if place.is_dir()), None)
 
 
 def names() -> list[str]:
-    """Names of all benches."""
-    return sorted(path.stem for path in folder().glob('*.py'))
+    """Names of all benches; none where they are not installed."""
+    place = folder()
+    return [] if place is None else sorted(path.stem for path in place.glob('*.py'))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `tactile bench`."""
-    parser.add_argument('name', help=f'all, or one of: {", ".join(names())}')
+    parser.add_argument('name', help=f'all, or one of: {", ".join(names()) or "none here"}')
     parser.add_argument('--quick', action='store_true', help='fewer seeds and repetitions')
     parser.add_argument('--full', action='store_true', help='every seed')
     parser.add_argument('--results', type=Path, help='folder of the json files')
@@ -51,11 +50,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def load(name: str) -> ModuleType:
     """Module of a bench."""
-    path = folder() / f'{name}.py'
+    place = folder()
+    if place is None:
+        msg = 'the benches are not installed; run `tactile bench` from a clone of the sources'
+        raise TactileError(msg)
     if name not in names():
         msg = f'bench must be all or one of {", ".join(names())}; received {name!r}'
         raise ValueError(msg)
-    spec = importlib.util.spec_from_file_location(f'tactile_bench_{name}', path)
+    spec = importlib.util.spec_from_file_location(f'tactile_bench_{name}', place / f'{name}.py')
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -68,13 +70,17 @@ def run(options: argparse.Namespace) -> int:
     """Run the benches, print their tables and write their json."""
     results = options.results or Path('benchmarks') / 'results'
     extent = 'quick' if options.quick else 'full' if options.full else 'normal'
-    for name in names() if options.name == 'all' else [options.name]:
+    chosen = names() if options.name == 'all' else [options.name]
+    benches = {name: load(name) for name in chosen or ['all']}
+    for name in benches:
+        refuse_unwritable(results / f'{name}.json')
+    for name, bench in benches.items():
         began = time.perf_counter()
         print(f'bench {name} ({extent}) ...', file=sys.stderr, flush=True)
         command = shlex.join(
             ['tactile', 'bench', name, *([] if extent == 'normal' else [f'--{extent}'])]
         )
-        result = load(name).run(extent, command)
+        result = bench.run(extent, command)
         show(COLUMNS, [row.cells() for row in result.rows], title=f'{name}: {command}')
         for note in result.notes:
             print(f'  {note}')

@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tactile_ros.cli.destination import refuse_unwritable
 from tactile_ros.cli.sources import find, fit_layout, read_config
 from tactile_ros.cli.table import show, show_json
 from tactile_ros.errors import RecordingError
@@ -51,6 +52,7 @@ def run(options: argparse.Namespace) -> int:
     """Load, fit, save, and print the errors on held-out groups."""
     spec = load_sensor(options.sensor)
     config = read_config(spec, options.config)
+    refuse_unwritable(options.output)
     loaded = []
     for name in options.recordings:
         found, problems = find(name, spec, spec.layout(config), options.truth)

@@ -34,6 +34,14 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
+def sentence(error: Exception) -> str:
+    """What went wrong, without the number that the system gives it."""
+    if isinstance(error, OSError) and error.strerror:
+        named = [str(name) for name in (error.filename, error.filename2) if name]
+        return ': '.join([*named, error.strerror])
+    return str(error)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run one command.
 
@@ -46,7 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         return int(options.run(options) or 0)
     except (TactileError, OSError) as error:
-        print(f'tactile {options.command}: {error}', file=sys.stderr)
+        print(f'tactile {options.command}: {sentence(error)}', file=sys.stderr)
         return FAILED
     except ValueError as error:
         print(f'tactile {options.command}: {error}', file=sys.stderr)

@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros import calibration as files
+from tactile_ros.cli.destination import refuse_unwritable
 from tactile_ros.cli.sources import find
 from tactile_ros.cli.table import show, show_json
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.benchmark import environment
 from tactile_ros.evaluation.metrics import frames_dropped
 from tactile_ros.evaluation.replay import replay
-from tactile_ros.evaluation.result import Answer, Dataset, Result, answer, table
+from tactile_ros.evaluation.result import Answer, Dataset, Result, answer, table, unjudged
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
@@ -46,19 +47,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Replay every recording through every calibration, print the table, write the report."""
-    pipelines = {path: open_calibration(path) for path in options.calibration}
+    pipelines = [open_calibration(path) for path in options.calibration]
+    spec, layout = load_sensor(pipelines[0].sensor), pipelines[0].layout
+    if options.report:
+        refuse_unwritable(options.report)
     datasets, failed = [], []
     for name in options.recordings:
-        spec = load_sensor(next(iter(pipelines.values())).sensor)
-        layout = next(iter(pipelines.values())).layout
         try:
             found, problems = find(name, spec, layout, options.truth)
         except RecordingError as error:
             failed.append(str(error))
             continue
-        datasets += [evaluate(one, list(pipelines.values())) for one in found]
         for problem in problems:
             print(f'  {name}: {problem}', file=sys.stderr)
+        for one in found:
+            try:
+                datasets.append(evaluate(one, pipelines))
+            except RecordingError as error:
+                failed.append(str(error))
     if not datasets:
         raise RecordingError('; '.join(failed))
     command = shlex.join(['tactile', 'replay', *map(str, sys.argv[2:])])
@@ -92,6 +98,7 @@ def evaluate(
         replayed = replay(loaded, pipeline)
         label = ', '.join(dict.fromkeys(pipeline.estimators.values())) or 'not calibrated'
         answers.append(answer(label, loaded, replayed))
+        problems += unjudged(answers[-1], replayed.states)
         if len(answers) == 1:
             agreement = replayed.agreement
             problems += replayed.problems
@@ -123,13 +130,12 @@ def evaluate(
 def print_result(result: Result, *, as_json: bool = False) -> None:
     """Print the summary table, and how far replay and live run agree."""
     columns, rows = table(result)
-    if as_json:
-        show_json(columns, rows)
-        return
-    show(columns, rows)
+    said = sys.stderr if as_json else sys.stdout
+    (show_json if as_json else show)(columns, rows)
     for dataset in result.datasets:
         if dataset.agreement is not None:
             worst = dataset.agreement.largest
-            print(f'  {dataset.name}: replay and live contacts differ by at most {worst:.1g}')
+            text = f'replay and live contacts differ by at most {worst:.1g}'
+            print(f'  {dataset.name}: {text}', file=said)
         for problem in dataset.problems:
-            print(f'  {dataset.name}: {problem}')
+            print(f'  {dataset.name}: {problem}', file=said)

@@ -48,7 +48,8 @@ def read_config(spec: SensorSpec, path: Path | None) -> SensorConfig:
     Raises
     ------
     ValueError
-        If the file is too large, no mapping, or names a field that the config does not have.
+        If the file is missing, too large, no mapping, or names a field that the config does not
+        have or a value that it cannot have.
     """
     config = spec.config()
     if path is None:
@@ -73,8 +74,12 @@ def read_config(spec: SensorSpec, path: Path | None) -> SensorConfig:
         stray = sorted(map(str, set(given) - known)) if isinstance(given, dict) else given
         msg = f'config {path} must map {", ".join(sorted(known))}; received {stray}'
         raise ValueError(msg)
-    arrays = {k: np.asarray(v, float) if isinstance(v, list) else v for k, v in given.items()}
-    return replace(config, **arrays)  # type: ignore[type-var]
+    try:
+        arrays = {k: np.asarray(v, float) if isinstance(v, list) else v for k, v in given.items()}
+        return replace(config, **arrays)  # type: ignore[type-var]
+    except (TypeError, ValueError) as error:
+        msg = f'config {path}: {str(error).splitlines()[0]}'
+        raise ValueError(msg) from error
 
 
 def fit_layout(config: SensorConfig, layout: Layout) -> SensorConfig:

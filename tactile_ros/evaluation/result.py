@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tactile_ros.evaluation.loaded import LoadedRecording
     from tactile_ros.evaluation.metrics import TargetErrors
     from tactile_ros.evaluation.replay import Agreement, Replayed
+    from tactile_ros.types import ContactStates
 
 Cell = str | float | int | None
 
@@ -33,6 +34,12 @@ COLUMNS = (
     'dropped',
     'us/frame',
 )
+
+# what truth can judge: the place in the plane, and vectors by components
+COMPONENTS = {
+    'position': ('position', [0, 1]),
+    **{f'{key}_{axis}': (key, [i]) for key in ('force', 'torque') for i, axis in enumerate('xyz')},
+}
 
 
 @dataclass(frozen=True)
@@ -146,6 +153,40 @@ def answer(name: str, loaded: LoadedRecording, replayed: Replayed, note: str = '
     """Judge one replay by the truth of its recording."""
     targets = target_errors(loaded.recording, replayed.states)
     return Answer(name, targets, replayed.us_per_frame, replayed.us_batch, note)
+
+
+def unjudged(found: Answer, states: ContactStates) -> tuple[str, ...]:
+    """A sentence where truth and estimates have nothing in common, so that no error is known.
+
+    Parameters
+    ----------
+    found : Answer
+        With one entry in `targets` for everything that truth tells.
+    states : ContactStates
+        What was estimated.
+
+    Returns
+    -------
+    tuple of str
+        Empty where at least one error is known.
+    """
+    if any(target.spread.count for target in found.targets):
+        return ()
+    told = [target.name for target in found.targets]
+    given = [
+        name
+        for name, (key, axes) in COMPONENTS.items()
+        if np.isfinite(getattr(states, key)[:, axes]).all(axis=1).any()
+    ]
+    if both := [name for name in told if name in given]:
+        return (f'{found.name} has no error: no row with true {_listed(both)} has an estimate',)
+    return (
+        f'{found.name} has no error: it estimates {_listed(given)}, truth has {_listed(told)}',
+    )
+
+
+def _listed(names: list[str]) -> str:
+    return ', '.join(names) or f'none of {", ".join(COMPONENTS)}'
 
 
 def table_row(dataset: Dataset, answer: Answer) -> list[Cell]:

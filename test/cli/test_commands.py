@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tactile_ros.cli import demo
-from tactile_ros.cli.main import COMMANDS, main, parser
-from tactile_ros.cli.sources import read_config
+from tactile_ros.cli.main import COMMANDS, main, parser, sentence
+from tactile_ros.cli.sources import MOST_YAML_BYTES, read_config
 from tactile_ros.evaluation.archive import save_recording
 from tactile_ros.sensors import load_sensor
 
@@ -70,24 +70,98 @@ def test_replay_prints_a_table_and_writes_a_report(
         (['calibrate', 'no_such', 'x', '-o', 'y'], 2, 'must be one of reskin_board'),
         (['calibrate', 'reskin_board', 'no_such', '-o', 'y'], 1, 'does not exist'),
         (['replay', 'x', '--calibration', 'no_such.npz'], 1, 'does not exist'),
-        (['bench', 'no_such'], 2, 'must be all or one of'),
+        (['bench', 'no_such'], 2, "must be all or one of reskin, roads; received 'no_such'"),
     ],
 )
 def test_what_is_wrong_is_one_sentence(
     arguments: list[str], code: int, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(arguments) == code
-    said = capsys.readouterr().err.strip().splitlines()
-    assert words in said[-1]
-    assert not any('Traceback' in line for line in said)
+    printed = capsys.readouterr()
+    (said,) = printed.err.strip().splitlines()
+    assert words in said
+    assert not printed.out
 
 
-def test_replay_names_what_it_leaves_out(
-    board_file: Path, calibration: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize('place', ['', 'file/below/c.npz', 'file/c.npz'])
+@pytest.mark.parametrize(
+    'command',
+    [
+        ['calibrate', 'reskin_board', 'spatial', '-o'],
+        ['replay', 'spatial', '--calibration', 'CALIBRATION', '--report'],
+        ['bench', 'roads', '--results'],
+    ],
+    ids=lambda command: command[0],
+)
+def test_what_cannot_be_written_is_refused_before_the_work(
+    command: list[str],
+    place: str,
+    calibration: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    command = ['replay', str(board_file), 'no_such', '--calibration', str(calibration)]
+    def work(*_: object) -> None:
+        pytest.fail('work was begun')
+
+    for name in ('calibrate.find', 'replay.find', 'bench.show'):
+        monkeypatch.setattr(f'tactile_ros.cli.{name}', work)
+    (tmp_path / 'file').touch()
+    (tmp_path / 'roads.json').mkdir()
+    words = [str(calibration) if word == 'CALIBRATION' else word for word in command]
+    assert main([*words, str(tmp_path / place)]) == 1
+    printed = capsys.readouterr()
+    assert str(tmp_path) in printed.err
+    assert 'Errno' not in printed.err
+    assert not printed.out
+    assert {path.name for path in tmp_path.iterdir()} == {'file', 'roads.json'}
+
+
+def test_a_failure_of_the_system_is_told_without_its_number() -> None:
+    assert sentence(FileNotFoundError(2, 'No such file', 'a', None, 'b')) == 'a: b: No such file'
+    assert sentence(OSError(28, 'No space left on device')) == 'No space left on device'
+    assert sentence(OSError('of its own')) == 'of its own'
+
+
+def test_without_benches_the_other_commands_work(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr('tactile_ros.cli.bench.folder', lambda: None)
+    assert main(['list']) == 0
+    capsys.readouterr()
+    assert main(['bench', 'all']) == 1
+    (said,) = capsys.readouterr().err.splitlines()
+    assert 'the benches are not installed' in said
+
+
+@pytest.mark.parametrize(
+    ('other', 'words'),
+    [('no_such', 'no_such does not exist'), ('slip', 'slip has (10, 3) taxels and channels')],
+)
+def test_replay_names_what_it_leaves_out(
+    other: str,
+    words: str,
+    board_file: Path,
+    calibration: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    command = ['replay', other, str(board_file), '--calibration', str(calibration)]
     assert main(command) == 1
-    assert 'left out: no_such does not exist' in capsys.readouterr().err
+    printed = capsys.readouterr()
+    assert f'left out: {words}' in printed.err
+    assert 'grid_knn' in printed.out
+
+
+@pytest.mark.parametrize('flags', [[], ['--json']])
+def test_replay_says_why_it_shows_no_error(
+    flags: list[str], calibration: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ['replay', 'normal_1', '--calibration', str(calibration), *flags]
+    assert main(command) == 0
+    printed = capsys.readouterr()
+    said = printed.err if flags else printed.out
+    assert 'normal_1: grid_knn has no error: it estimates position, truth has force_z' in said
+    assert not flags or json.loads(printed.out)
 
 
 @pytest.mark.parametrize('name', COMMANDS)
@@ -105,9 +179,26 @@ def test_config_yaml_changes_fields_and_refuses_others(tmp_path: Path) -> None:
     config = read_config(spec, path)
     assert config.rate_hz == 250.0
     assert np.allclose(config.saturation, [0.0066, 0.0066, 0.0106])
-    for text in ('nonsense: 1\n', '- 1\n', '!!python/object/apply:os.system ["true"]\n'):
+    refused = {
+        'nonsense: 1\n': "must map .*rate_hz.*received .'nonsense'",
+        '- 1\n': r'must map .*received \[1\]',
+        '!!python/object/apply:os.system ["true"]\n': 'is no plain yaml',
+        'rate_hz: [1.0, 2.0]\n': 'rate_hz of ReskinBoardConfig must be a number from',
+        'rate_hz: fast\n': 'rate_hz of ReskinBoardConfig must be a number from .*received fast',
+        'positions: far\n': 'positions of ReskinBoardConfig must be numbers',
+        'positions: [[1, 2], [3]]\n': r'config .*board.yaml: ',
+        '#' * (MOST_YAML_BYTES + 1): f'at most {MOST_YAML_BYTES} bytes',
+    }
+    for text, words in refused.items():
         path.write_text(text)
-        with pytest.raises(ValueError, match='config'):
+        with pytest.raises(ValueError, match=words):
+            read_config(spec, path)
+
+
+def test_a_config_that_is_missing_is_named(tmp_path: Path) -> None:
+    spec = load_sensor('reskin_board')
+    for path in (tmp_path, tmp_path / 'none.yaml'):
+        with pytest.raises(ValueError, match=rf'config {path} must be a yaml file; there is none'):
             read_config(spec, path)
 
 

@@ -75,7 +75,10 @@ class ReskinBoardConfig:
 def _refuse_outside(name: str, value: float | Array, bounds: tuple[float, float]) -> None:
     """Refuse a number, or one for each channel, that is not between its bounds."""
     low, high = bounds
-    array = np.asarray(value, np.float64)
+    try:
+        array = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
     wanted = ((), (CHANNELS,)) if name in ('saturation', 'noise') else ((),)
     if array.shape not in wanted or not ((array >= low) & (array <= high)).all():
         each = ', or one for each channel' if len(wanted) > 1 else ''
