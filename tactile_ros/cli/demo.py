@@ -179,10 +179,17 @@ def calibrate(chosen: list[Part], output: Path) -> dict[str, list[Path]]:
     names = [None, *COMPARED]
     jobs = [(part, name, output) for name in names for part in chosen]
     files: dict[str, list[Path]] = {part.name: [] for part in chosen}
-    with ProcessPoolExecutor(2) as pool:
+    with workers() as pool:
         for (part, *_), path in zip(jobs, pool.map(fit_one, jobs), strict=True):
             files[part.name].append(path)
     return {name: _different(paths) for name, paths in files.items()}
+
+
+def workers() -> ProcessPoolExecutor:
+    """Two processes that a killed demo takes along."""
+    from tactile_ros.nodes.processes import end_with_parent
+
+    return ProcessPoolExecutor(2, initializer=end_with_parent)
 
 
 def fit_one(job: tuple[Part, str | None, Path]) -> Path:

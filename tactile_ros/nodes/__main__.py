@@ -6,6 +6,8 @@ import signal
 import sys
 from importlib import import_module
 
+from tactile_ros.nodes.processes import end_with_parent
+
 EXECUTABLES = ('sensor_node', 'contact_node', 'stack', 'record', 'player')
 
 
@@ -13,6 +15,7 @@ def main() -> None:
     """Import and run; Ctrl-C while numpy and rclpy still load ends without a traceback."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: sys.exit(0))
+    end_with_parent()
     if len(sys.argv) < 2 or sys.argv[1] not in EXECUTABLES:
         sys.exit(f'name one of {", ".join(EXECUTABLES)}')
     name = sys.argv.pop(1)

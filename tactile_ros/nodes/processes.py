@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import subprocess
+import sys
 import threading
 import time
 from typing import TYPE_CHECKING
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
     from tactile_ros.nodes.graph import Graph, Process
 
 STOP_S = 5.0
+STARTED_BY = 'TACTILE_STARTED_BY'  # environment variable: process id of who started a node
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
 MOST_LINES = 2000
 
 
@@ -42,7 +46,8 @@ class Running:
     ) -> None:
         self.graph = graph
         self.lines: dict[str, list[str]] = {p.executable: [] for p in graph.processes}
-        self._environment = {**os.environ, 'PYTHONUNBUFFERED': '1', **(environment or {})}
+        own = {'PYTHONUNBUFFERED': '1', STARTED_BY: str(os.getpid())}
+        self._environment = {**os.environ, **own, **(environment or {})}
         self._hear = hear
         self._children: dict[str, subprocess.Popen[str]] = {}
         self._threads: dict[str, threading.Thread] = {}
@@ -68,7 +73,10 @@ class Running:
         self.stop()
 
     def start(self, process: Process) -> None:
-        """Start one process; one that ended can be started again."""
+        """Start one process; one that ended can be started again.
+
+        Only from a thread that stays: its end would end the process too.
+        """
         # A group of its own: Ctrl-C reaches this program alone, which stops the others in order.
         child = subprocess.Popen(
             process.command(),
@@ -169,6 +177,19 @@ class Running:
                 codes[name] = _ended(self._children[name])
                 self._threads[name].join(STOP_S)
         return codes
+
+
+def end_with_parent() -> None:
+    """Let the end of this process's parent, also by SIGKILL, end this process as SIGTERM does.
+
+    Linux alone has it; elsewhere nothing happens. Called by the child, since what runs between
+    fork and exec of a parent with threads may lock up.
+    """
+    if sys.platform != 'linux':
+        return
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.environ.get(STARTED_BY, str(os.getppid())) != str(os.getppid()):
+        sys.exit('what started this node has ended')  # before it could tell
 
 
 def _ended(child: subprocess.Popen[str]) -> int:

@@ -1,0 +1,66 @@
+"""Processes end with whoever started them, however that ends."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+from tactile_ros.nodes.graph import Process
+from tactile_ros.nodes.processes import STARTED_BY
+
+ROOT = Path(__file__).resolve().parents[2]
+PATIENCE_S = 20.0
+
+pytestmark = pytest.mark.skipif(sys.platform != 'linux', reason='only Linux tells of a death')
+
+NODES = """
+    from tactile_ros.nodes.graph import Graph, Process
+    from tactile_ros.nodes.processes import Running
+    with Running(Graph((Process('sensor_node', {'port': '/nowhere'}),))) as running:
+        running.wait_for_line('sensor_node', '/nowhere', 20.0)
+        print(running.pid('sensor_node'), flush=True)
+        running.wait('sensor_node', 60.0)
+"""
+WORKERS = """
+    import os, time
+    from tactile_ros.cli.demo import workers
+    with workers() as pool:
+        print(pool.submit(os.getpid).result(), flush=True)
+        pool.submit(time.sleep, 60.0).result()
+"""
+
+
+@pytest.mark.parametrize('code', [NODES, WORKERS], ids=['nodes', 'workers'])
+def test_a_killed_parent_takes_its_children_along(code: str) -> None:
+    with subprocess.Popen(
+        [sys.executable, '-c', textwrap.dedent(code)],
+        stdout=subprocess.PIPE,
+        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+    ) as parent:
+        child = os.pidfd_open(int(parent.stdout.readline()))
+        parent.kill()
+        over = select.select([child], [], [], PATIENCE_S)[0]
+        if not over:
+            signal.pidfd_send_signal(child, signal.SIGKILL)
+        os.close(child)
+    assert over
+
+
+def test_a_node_whose_parent_is_gone_does_not_begin() -> None:
+    done = subprocess.run(
+        Process('record').command(),
+        env={**os.environ, STARTED_BY: '-1'},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stderr == 'what started this node has ended\n'
