@@ -9,10 +9,11 @@ from tactile_ros.types import Array, Bools, Integers
 
 SIGMAS = 5.0
 LIGHTEST = 0.01
+MOST_MISSED = 0.05
 SHARE = 0.4
 
 
-def contact_scale(noise: Array, touched: Array | None) -> Array:
+def contact_scale(noise: Array, touched: Array | None, *, bound: bool = False) -> Array:
     """Deviation of a channel beyond which something touches.
 
     Parameters
@@ -21,22 +22,27 @@ def contact_scale(noise: Array, touched: Array | None) -> Array:
         Standard deviation at rest (unit of values); NaN: unknown.
     touched : ndarray, shape (s, t, c), or None
         Deviations of frames that are known to be touched, whole ones.
+    bound : bool
+        The noise is at most this: drift between touches is in it.
 
     Returns
     -------
     ndarray, shape (t, c)
-        Five sigma, raised to 0.4 of the lightest touches where they are known; NaN: unknown.
+        Five sigma, raised to 0.4 of the lightest touches where they are known, and if it is a
+        bound lowered until one known touch in twenty is missed; NaN: unknown.
 
     Examples
     --------
     >>> contact_scale(np.full((1, 2), 0.1), None)
     array([[0.5, 0.5]])
     """
-    level = np.nan
+    level, most = np.nan, np.inf
     if touched is not None:
         size = np.abs(touched).max(axis=(1, 2))
         level = SHARE * float(np.quantile(size, LIGHTEST)) or np.nan
-    return np.asarray(np.fmax(np.where(noise > 0, SIGMAS * noise, np.nan), level))
+        most = (float(np.quantile(size, MOST_MISSED)) or np.inf) if bound else np.inf
+    sigmas = np.where(noise > 0, np.minimum(SIGMAS * noise, most), np.nan)
+    return np.asarray(np.fmax(sigmas, level))
 
 
 def excursion(delta: Array, scale: Array) -> Array:

@@ -9,8 +9,10 @@ import numpy.typing as npt
 
 from tactile_ros.conditioning.baseline import tare_means
 from tactile_ros.conditioning.contact import contact_scale, excursion
-from tactile_ros.conditioning.noise import motion_noise, rest_noise
+from tactile_ros.conditioning.noise import MOST_APART_NS, motion_noise, rest_noise
 from tactile_ros.types import Array, Bools, Integers
+
+FEWEST_PAIRS = 8
 
 
 @dataclass(frozen=True)
@@ -27,12 +29,16 @@ class Rest:
         Deviation beyond which something touches; NaN: unknown.
     tared : bool
         False: the estimators were fitted on readings without a baseline, and get such.
+    drifts : bool
+        True: rests were too short to tell noise from drift between them, and `noise` is at most
+        this.
     """
 
     baseline: Array
     noise: Array
     scale: Array
     tared: bool = True
+    drifts: bool = False
 
     @classmethod
     def unknown(cls, shape: tuple[int, int], stated_noise: float | Array | None) -> Rest:
@@ -64,18 +70,27 @@ class Rest:
         """
         if not resting.any():
             return replace(self, baseline=np.zeros(values.shape[1:]), tared=False)
-        run = np.zeros(int(resting.sum()), np.int64)
-        stream = np.asarray(np.cumsum(restarts)[resting], np.int64)
-        seen = rest_noise(values[resting], run if stamp_ns is None else stream)
+        whole = np.zeros(int(resting.sum()), np.int64)
+        group = _rests(resting, stamp_ns, restarts)
+        drifts = int((group[1:] == group[:-1]).sum()) < FEWEST_PAIRS
+        if drifts:
+            stream = np.cumsum(restarts)[resting]
+            group = whole if stamp_ns is None else np.asarray(stream, np.int64)
+        seen = rest_noise(values[resting], group)
         if stamp_ns is not None:
-            seen = np.fmin(seen, motion_noise(values, stamp_ns, restarts | resting))
+            begins = restarts.copy()
+            begins[1:] |= resting[1:] != resting[:-1]
+            seen = np.fmin(seen, motion_noise(values, stamp_ns, begins))
+        drifts = drifts and bool(np.isnan(self.noise).any())
         noise = np.where(np.isnan(self.noise), seen, self.noise)
-        return Rest(tare_means(values[resting], run)[0], noise, self.scale)
+        baseline = tare_means(values[resting], whole)[0]
+        return Rest(baseline, noise, self.scale, drifts=drifts)
 
     def threshold(self, touched: Array) -> Rest:
         """Set the threshold of contact, from the noise and from known touches (s, t, c)."""
         usable = touched[~np.isnan(touched).any(axis=(1, 2))]
-        return replace(self, scale=contact_scale(self.noise, usable if len(usable) else None))
+        known = usable if len(usable) else None
+        return replace(self, scale=contact_scale(self.noise, known, bound=self.drifts))
 
     def contact(self, delta: Array, good: Bools, tare: Bools | None) -> npt.NDArray[np.int8]:
         """Say of each frame whether anything touches.
@@ -100,3 +115,12 @@ class Rest:
             contact[tare] = 0
         contact[~good | np.isnan(size)] = -1
         return contact
+
+
+def _rests(resting: Bools, stamp_ns: Integers | None, restarts: Bools) -> Integers:
+    """Number of the rest that each resting row is of: rows that follow near in time."""
+    rows = np.flatnonzero(resting)
+    ends = (np.diff(rows) > 1) | restarts[rows[1:]]
+    if stamp_ns is not None:
+        ends |= np.diff(stamp_ns[rows]) > MOST_APART_NS
+    return np.concatenate([[0], np.cumsum(ends)])

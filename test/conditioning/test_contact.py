@@ -59,6 +59,19 @@ def test_the_threshold_is_five_sigma_or_a_share_of_light_touches() -> None:
     np.testing.assert_allclose(contact_scale(NOISE * np.nan, touched), [[0.8, 0.8]])
 
 
+def test_a_bound_of_noise_hides_one_touch_in_twenty_at_most() -> None:
+    touched = np.linspace(1, 50, 491)[:, None, None] * np.ones((1, 2))
+    for bound in (0.2, 0.4, 10.0, 1e6):
+        scale = contact_scale(np.full((1, 2), bound), touched, bound=True)
+        assert (excursion(touched, scale) <= 1).mean() <= 0.052
+        assert (scale <= 5 * bound).all()
+        np.testing.assert_allclose(
+            contact_scale(np.full((1, 2), bound), touched), np.full((1, 2), 5 * bound)
+        )
+    np.testing.assert_allclose(contact_scale(NOISE, None, bound=True), [[0.5, 1.0]])
+    np.testing.assert_allclose(contact_scale(NOISE, np.zeros((4, 1, 2)), bound=True), [[0.5, 1.0]])
+
+
 @pytest.mark.parametrize('noise', [0.0, np.nan])
 def test_a_threshold_that_nothing_tells_is_unknown(noise: float) -> None:
     assert np.isnan(contact_scale(np.full((1, 2), noise), None)).all()

@@ -99,3 +99,63 @@ def test_no_touches_leave_the_noise_to_decide() -> None:
     np.testing.assert_array_equal(rest.threshold(lost).scale, rest.scale)
     touched = np.full((3, *SHAPE), 4.0)
     np.testing.assert_allclose(rest.threshold(touched).scale, 1.6)
+
+
+def touches(
+    rests: int, drift: float, seed: int, count: int = 200, rows: int = 4
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Held touches of 1 .. 50, rests before each of them, noise 0.3 and drift in between."""
+    rng = np.random.default_rng(seed)
+    level = np.cumsum(drift * rng.normal(size=(count, 1, *SHAPE)), axis=0)
+    size = rng.uniform(1, 50, count)
+    pattern = rng.uniform(-1, 1, (count, 1, *SHAPE))
+    pattern /= np.abs(pattern).max(axis=(2, 3), keepdims=True)
+    resting = np.arange(rests + rows) < rests
+    press = np.where(resting, 0.0, size[:, None])[..., None, None] * pattern
+    values = level + press + 0.3 * rng.normal(size=press.shape)
+    stamp_ns = np.arange(count)[:, None] * 3_000_000_000 + np.arange(rests + rows) * 10_000_000
+    flat = values.reshape(-1, *SHAPE)
+    return flat, np.tile(resting, count), stamp_ns.ravel(), np.repeat(size, rests + rows)
+
+
+@pytest.mark.parametrize('drift', [0.0, 1.0, 20.0, 200.0])
+@pytest.mark.parametrize('stamped', [True, False])
+@pytest.mark.parametrize('rests', [1, 3])
+def test_drift_between_touches_is_no_noise(drift: float, stamped: bool, rests: int) -> None:
+    values, resting, stamp_ns, size = touches(rests, drift, seed=7)
+    restarts = np.tile(np.arange(rests + 4) == 0, 200)
+    # every touch less the rest before it
+    ahead = values.reshape(200, rests + 4, *SHAPE)
+    delta = (ahead - ahead[:, :rests].mean(axis=1, keepdims=True)).reshape(values.shape)
+    rest = Rest.unknown(SHAPE, None).learn(
+        values, resting, stamp_ns if stamped else None, restarts
+    )
+    rest = rest.threshold(delta[~resting])
+    contact = rest.contact(delta, np.ones(len(values), bool), None)
+    assert (contact[~resting & (size > 8)] == 1).all()
+    assert (contact[~resting] == 0).mean() < 0.06
+    if stamped or rests > 1:
+        np.testing.assert_allclose(rest.noise, 0.3, rtol=0.2)
+    # and what does not touch is not felt
+    free = 0.3 * np.random.default_rng(8).normal(size=(2000, *SHAPE)) * np.sqrt(1 + 1 / rests)
+    assert (rest.contact(free, np.ones(2000, bool), None) == 1).mean() < 0.01
+
+
+def test_rests_that_end_are_not_compared() -> None:
+    """Frames far apart, in another stream, or with a touch between them, are two rests."""
+    rows = 40
+    steps = np.random.default_rng(5).normal(size=(rows, *SHAPE))
+    near = np.arange(rows) * 10_000_000
+    alternate = np.arange(rows) % 2 == 0
+    none, resting = np.arange(rows) == 0, np.ones(rows, bool)
+    for stamp_ns, restarts, rests, drifts in (
+        (near, none, resting, False),
+        (None, none, resting, False),
+        (near * 100, none, resting, True),
+        (near, resting, resting, True),
+        (None, none, alternate, True),
+        (near, none, np.arange(rows) < 5, True),
+    ):
+        rest = Rest.unknown(SHAPE, None).learn(steps, rests, stamp_ns, restarts)
+        assert rest.drifts == drifts
+        assert not Rest.unknown(SHAPE, 1.0).learn(steps, rests, stamp_ns, restarts).drifts
