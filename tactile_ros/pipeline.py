@@ -167,7 +167,7 @@ class Pipeline:
         bits = taxel_faults(recording.values, recording.status, self._limit())
         usable = without_faults(recording.values, bits)
         base, signals = self._conditioned_rows(recording, usable, bits)
-        known = self._estimate(signals, bits, base, self._begin())
+        known = self._estimate(signals, bits, base, self._begin(), recording.restarts)
         return ContactStates.assemble(len(recording), bits.shape[1], known)
 
     def _conditioned_rows(
@@ -195,14 +195,21 @@ class Pipeline:
         contact = self.rest_.contact(delta, good, tare)
         return Signals(usable, delta, chips, stamp_ns, restart, contact, good)
 
-    def _estimate(self, signals: Signals, bits: Bytes, base: Array, stream: Stream) -> Columns:
+    def _estimate(
+        self,
+        signals: Signals,
+        bits: Bytes,
+        base: Array,
+        stream: Stream,
+        begins: Bools | None = None,
+    ) -> Columns:
         """State attributes of conditioned frames; the one road for live and batch."""
         contact = signals.in_contact
         known = self.estimation.estimate(signals, stream.memory)
         apply_contact(known, contact, signals.good)
         add_flags(known, signals, bits, self._flags(base))
         in_time = signals.stamp_ns is not None and self.rest_.tared
-        number = stream.ids.number(contact, signals.restart, in_time)
+        number = stream.ids.number(contact, signals.restart, in_time, begins)
         add_patches(known, number if in_time else np.where(signals.good, number, -1))
         return known
 

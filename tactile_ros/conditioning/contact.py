@@ -70,7 +70,13 @@ class ContactIds:
         self._count = 0
         self._touching = False
 
-    def number(self, contact: npt.NDArray[np.int8], restart: Bools, in_time: bool) -> Integers:
+    def number(
+        self,
+        contact: npt.NDArray[np.int8],
+        restart: Bools,
+        in_time: bool,
+        begins: Bools | None = None,
+    ) -> Integers:
         """Id of the patch in each frame.
 
         Parameters
@@ -81,6 +87,8 @@ class ContactIds:
             Rows before which a stream or a baseline begins.
         in_time : bool
             False: independent frames, every patch is number 0.
+        begins : ndarray, shape (s,), or None
+            Rows among those at which a stream begins, and its numbers with 0; None: nowhere.
 
         Returns
         -------
@@ -97,7 +105,11 @@ class ContactIds:
         )
         held = np.where(anchor < 0, self._touching, contact[anchor] == 1)
         before = np.concatenate([[self._touching], held[:-1]]) & ~restart
-        number = self._count + np.cumsum(held & ~before)
+        fresh = held & ~before
+        number = self._count + np.cumsum(fresh)
+        if begins is not None:
+            first = np.maximum.accumulate(np.where(begins, np.arange(len(contact)), -1))
+            number -= np.where(first < 0, 0, (number - fresh)[first])
         self._count, self._touching = int(number[-1]), bool(held[-1])
         return np.where(held, number - 1, -1)
 

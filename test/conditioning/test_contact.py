@@ -46,6 +46,18 @@ def test_ids_live_from_touch_to_release(stream: list[tuple[int, int]], cut: int)
     assert np.concatenate(parts).tolist() == wanted
 
 
+@given(STREAM)
+def test_numbers_begin_anew_with_a_stream(stream: list[tuple[int, int]]) -> None:
+    contact = np.array([c for c, _ in stream], np.int8)
+    restart = np.array([r < 2 for _, r in stream], bool)
+    begins = np.array([r == 0 for _, r in stream], bool)
+    wanted = []
+    for part in np.split(np.arange(len(contact)), np.flatnonzero(begins)):
+        wanted += plain_ids(contact[part].tolist(), restart[part].tolist())
+    found = ContactIds().number(contact, restart, in_time=True, begins=begins)
+    assert found.tolist() == wanted
+
+
 def test_independent_frames_are_not_numbered() -> None:
     contact = np.array([1, 0, -1, 1], np.int8)
     ids = ContactIds().number(contact, np.ones(4, bool), in_time=False)
