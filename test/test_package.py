@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -13,6 +14,7 @@ import pytest
 import tactile_ros
 
 ROOT = Path(__file__).resolve().parent.parent
+SHARED = ('msg', 'srv', 'action', 'benchmarks', 'config')  # in share/tactile_ros of a wheel
 BUILT = (ROOT / 'install' / 'setup.bash').exists()
 
 
@@ -50,6 +52,52 @@ def fresh(code: str, cwd: Path) -> str:
         [sys.executable, '-c', code], cwd=cwd, check=True, capture_output=True, text=True
     )
     return done.stdout.strip()
+
+
+@pytest.fixture(scope='module')
+def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An installation of the wheel by pip, far from the sources."""
+    pytest.importorskip('setuptools')
+    folder = tmp_path_factory.mktemp('wheel')
+    source = folder / 'source'
+    skipped = shutil.ignore_patterns('__pycache__', 'results')
+    for name in ('tactile_ros', *SHARED):
+        if (ROOT / name).exists():
+            shutil.copytree(ROOT / name, source / name, ignore=skipped)
+    for name in ('pyproject.toml', 'setup.py', 'README.md', 'LICENSE'):
+        shutil.copy(ROOT / name, source)
+    fresh(f'from setuptools import build_meta; build_meta.build_wheel({str(folder)!r})', source)
+    (wheel,) = folder.glob('*.whl')
+    command = [sys.executable, '-m', 'pip', 'install', '--no-deps', '--no-index', '-I', '--prefix']
+    subprocess.run([*command, str(folder / 'prefix'), str(wheel)], check=True, capture_output=True)
+    return folder / 'prefix'
+
+
+def test_a_wheel_carries_all_that_is_read_at_run_time(prefix: Path) -> None:
+    share = prefix / 'share' / 'tactile_ros'
+    shared = {path.relative_to(ROOT) for name in SHARED for path in (ROOT / name).rglob('*.*')}
+    shared = {path for path in shared if not {'__pycache__', 'results'} & set(path.parts)}
+    assert {path for path in shared if not (share / path).is_file()} == set()
+    (package,) = prefix.rglob('site-packages/tactile_ros')
+    own = {path.relative_to(ROOT) for path in (ROOT / 'tactile_ros').rglob('*')}
+    own = {path for path in own if (ROOT / path).is_file() and '__pycache__' not in path.parts}
+    assert {path for path in own if not (package.parent / path).is_file()} == set()
+
+
+def test_an_installed_wheel_finds_its_definitions_and_benches(
+    prefix: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (package,) = prefix.rglob('site-packages/tactile_ros')
+    monkeypatch.setenv('PYTHONPATH', str(package.parent))
+    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
+    code = (
+        'from tactile_ros.cli.bench import folder, names\n'
+        'from tactile_ros.evaluation.definitions import message_folder\n'
+        'print(message_folder(), folder(), *names(), sep="\\n")'
+    )
+    share = prefix / 'share' / 'tactile_ros'
+    found = fresh(code, prefix).splitlines()
+    assert found == [str(share / 'msg'), str(share / 'benchmarks'), 'reskin', 'roads']
 
 
 @pytest.mark.ros
