@@ -94,7 +94,8 @@ class Pipeline:
         Raises
         ------
         ValueError
-            If there is no frame, a shape differs, or the pipeline was fitted without a baseline.
+            If there is no frame, a shape differs, no taxel was read, or the pipeline was fitted
+            without a baseline; the baseline in use stays.
         """
         if not self.rest_.tared:
             msg = (
@@ -109,6 +110,12 @@ class Pipeline:
             self._refuse_other_shape(np.shape(frame.values))
         usable = np.concatenate([frame_readings(frame, self._limit())[0] for frame in frames])
         level = tare_means(usable, np.zeros(len(usable), np.int64))[0]
+        if np.isnan(level).any(axis=1).all():
+            msg = (
+                f'frames of tare must hold a usable reading; taxels {list(range(len(level)))} are '
+                f'faulty or unread in each of the {len(frames)} received'
+            )
+            raise ValueError(msg)
         self.rest_ = replace(self.rest_, baseline=level)
         self._stream.rebase(self._tracker())
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -193,7 +194,8 @@ def run_live(pipeline: Pipeline, recording: Recording) -> tuple[list[int], list[
             resting.append(recording.frame(row))
             continue
         if resting:
-            pipeline.tare(resting)
+            with suppress(ValueError):  # none was read: no tare
+                pipeline.tare(resting)
             resting = []
         rows.append(row)
         states.append(pipeline.process(recording.frame(row)))
@@ -394,6 +396,29 @@ def test_a_taxel_that_no_tare_frame_read_has_no_baseline() -> None:
     assert states.valid.tolist() == [False, False, True, True]
     blind = (states.status & FrameStatus.NO_BASELINE) > 0
     assert blind.tolist() == [True, True, False, False]
+
+
+@pytest.mark.parametrize('track', [True, False])
+def test_a_tare_that_read_nothing_leaves_the_baseline_as_it_was(track: bool) -> None:
+    pipeline = fitted(ToyConfig(track_baseline=track))
+    lost = np.full(SHAPE, np.nan)
+    stuck = frame(REST, status=np.array([TaxelStatus.STUCK, TaxelStatus.DEAD]))
+    pipeline.process(frame(REST + 1, 0))
+    for unread in ([frame(lost)], [stuck], [frame(lost), stuck]):
+        with pytest.raises(ValueError, match=r'usable reading; taxels \[0, 1\] .* in each of the'):
+            pipeline.tare(unread)
+        np.testing.assert_array_equal(pipeline.baseline, REST)
+    # and the touch, known before it, goes on
+    assert int(pipeline.process(frame(lost, 1)).contacts_id[0]) == 0
+    # in a batch likewise: the tare before it holds on, else that of the fit
+    recording = Recording.from_arrays(
+        LAYOUT,
+        np.stack([REST + 5, lost, REST + 5, lost, lost, REST]),
+        stamp_ns=np.arange(6),
+        stream=[0, 0, 0, 0, 1, 1],
+        tare=[True, False, False, True, True, False],
+    )
+    assert fitted().process_batch(recording).in_contact.tolist() == [0, -1, 0, -1, -1, 0]
 
 
 def test_a_tare_needs_frames_of_the_sensor() -> None:

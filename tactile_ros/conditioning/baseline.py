@@ -208,12 +208,18 @@ def stream_baselines(
     base : ndarray, shape (s, t, c)
         Baselines.
     restart, tare : ndarray, shape (s,)
-        Rows before which memory is forgotten; resting rows.
+        Rows before which memory is forgotten; resting rows that gave a baseline.
     """
     restarts = recording.restarts
     tare = np.zeros(len(restarts), bool) if recording.tare is None else recording.tare
     run, serves = tare_runs(tare, restarts)
-    base = np.concatenate([tare_means(values, run), start[None]])[serves]
+    level = tare_means(values, run)
+    unread = np.asarray(np.isnan(level).any(axis=2).all(axis=1))
+    if unread.any():  # such a run is no tare: the level before it holds on
+        tare = tare & ~unread[run]
+        run, serves = tare_runs(tare, restarts)
+        level = tare_means(values, run)
+    base = np.concatenate([level, start[None]])[serves]
     if recording.stamp_ns is None:
         return base, np.ones(len(restarts), bool), tare
     restart = restarts.copy()

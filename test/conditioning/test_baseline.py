@@ -168,12 +168,12 @@ def test_an_unknown_baseline_stays_unknown() -> None:
 
 def plain_baselines(
     recording: Recording, values: np.ndarray, start: np.ndarray, tracking: Tracking | None
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The definition: walk the rows, tare at every run, follow frames in between."""
     samples = len(recording)
     base = np.zeros((samples, *SHAPE))
     restart = np.zeros(samples, bool)
-    tare = np.zeros(samples, bool) if recording.tare is None else recording.tare
+    tare = np.zeros(samples, bool) if recording.tare is None else recording.tare.copy()
     tracker = BaselineTracker(start, tracking)
     row = 0
     while row < samples:
@@ -189,6 +189,9 @@ def plain_baselines(
         while end < samples and tare[end] and not recording.restarts[end]:
             end += 1
         known = np.isfinite(values[row:end]).sum(axis=0)
+        if (known == 0).any(axis=1).all():
+            tare[row:end] = False
+            continue
         total = np.nansum(values[row:end], axis=0)
         level = np.where(known > 0, total / np.maximum(known, 1), np.nan)
         base[row:end] = level
@@ -197,7 +200,7 @@ def plain_baselines(
         row = end
     if recording.stamp_ns is None:
         restart[:] = True
-    return base, restart
+    return base, restart, tare
 
 
 @given(
@@ -211,6 +214,7 @@ def test_baselines_of_a_recording_are_those_of_the_definition(
     values, stamp_ns = drifting(samples, seed)
     stream = np.cumsum(rng.random(samples) < 0.08) % 3
     tare = rng.random(samples) < 0.15 if seed % 4 else None
+    values[rng.random(samples) < 0.1] = np.nan
     recording = Recording.from_arrays(
         LAYOUT,
         values,
@@ -221,10 +225,10 @@ def test_baselines_of_a_recording_are_those_of_the_definition(
     tracking = TRACKING if tracked else None
     start = np.full(SHAPE, 0.25)
     base, restart, rows = stream_baselines(recording, values, start, tracking)
-    wanted, again = plain_baselines(recording, values, start, tracking)
+    wanted, again, tared = plain_baselines(recording, values, start, tracking)
     np.testing.assert_allclose(base, wanted, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(restart, again)
-    np.testing.assert_array_equal(rows, np.zeros(samples, bool) if tare is None else tare)
+    np.testing.assert_array_equal(rows, tared)
 
 
 def test_stretches_shorter_than_a_period_are_left_alone() -> None:
