@@ -214,7 +214,7 @@ def stream_baselines(
     tare = np.zeros(len(restarts), bool) if recording.tare is None else recording.tare
     run, serves = tare_runs(tare, restarts)
     level = tare_means(values, run)
-    unread = np.asarray(np.isnan(level).any(axis=2).all(axis=1))
+    unread = np.all(np.isnan(level).any(axis=2), axis=1)
     if unread.any():  # such a run is no tare: the level before it holds on
         tare = tare & ~unread[run]
         run, serves = tare_runs(tare, restarts)
