@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from tactile_ros.conditioning.baseline import tare_means, tare_runs
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.reskin_board import recordings
 from tactile_ros.sensors.reskin_board.config import ReskinBoardConfig, layout
+from tactile_ros.sensors.reskin_board.recordings.convert import packed
 from tactile_ros.types import Recording
 
 FOLDER = Path(recordings.__file__).parent
@@ -24,6 +26,14 @@ FACTS = {
     'slip': (27000 - 900, 900, 10, FINE, None),
 }
 NAMES = list(FACTS)
+# of the counts as little-endian int16, row by row: SHA-256 begins with
+DIGESTS = {
+    'spatial': '831f3ffa03257005',
+    'normal_1': 'f72f9cc4fbbc409c',
+    'normal_2': 'f15f1d8017a952b9',
+    'shear': '588b96e06cb2bc68',
+    'slip': '6bd4bdac8eb8fae8',
+}
 
 
 @pytest.fixture(scope='module')
@@ -44,7 +54,34 @@ def test_files_hold_integers_and_no_pickles(name: str) -> None:
     with np.load(FOLDER / f'{name}.npz', allow_pickle=False) as file:
         kinds = {key: file[key].dtype.kind for key in file.files}
     assert kinds.pop('quantum_ut') == 'f'
-    assert set(kinds.values()) == {'i'}
+    assert set(kinds.values()) <= {'i', 'u'}
+
+
+def test_all_of_them_are_small() -> None:
+    assert sum(path.stat().st_size for path in FOLDER.glob('*.npz')) < 1_000_000
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_counts_are_the_published_ones(name: str) -> None:
+    with np.load(FOLDER / f'{name}.npz', allow_pickle=False) as file:
+        counts = recordings.unpacked(file['counts']).astype('<i2')
+    assert hashlib.sha256(counts.tobytes()).hexdigest().startswith(DIGESTS[name])
+
+
+@pytest.mark.parametrize('shape', [(0, 3), (1, 1), (200,), (50, 4)])
+@pytest.mark.parametrize('most', [0, 1, 127, 2**15 - 1, 2**31, 2**60])
+def test_what_is_packed_comes_back(shape: tuple[int, ...], most: int) -> None:
+    rng = np.random.default_rng(most % 97)
+    table = rng.integers(-most, most, shape, endpoint=True)
+    planes = packed(table)
+    assert planes.dtype == np.uint8
+    wanted = table[:, 0] if table.shape[1:] == (1,) else table
+    np.testing.assert_array_equal(recordings.unpacked(planes), wanted)
+
+
+def test_small_steps_take_one_byte_each() -> None:
+    assert packed([[1000, 0], [990, 63], [1050, 0]]).shape == (2, 2, 3)
+    assert packed([[60, 0], [0, 63], [-64, 127]]).shape == (1, 2, 3)
 
 
 @pytest.mark.parametrize('name', NAMES)

@@ -18,6 +18,9 @@ SLIP_TARE_ROWS = 10
 # the two boards' true places are not published: 20 mm to either side, so that none coincide
 BESIDE = np.array([20e-3, 0.0, 0.0])
 
+# what convert.py packs
+PACKED = {'counts', 'rest', 'touch', 'time_us', 'probe_um', 'label', 'sequence'}
+
 Arrays = dict[str, npt.NDArray[np.generic]]
 
 
@@ -49,6 +52,7 @@ def load(name: str, board: Layout) -> Recording:
         raise ValueError(msg)
     with np.load(Path(__file__).parent / f'{name}.npz', allow_pickle=False) as file:
         arrays: Arrays = {key: file[key] for key in file.files}
+    arrays.update({key: unpacked(arrays[key]) for key in PACKED & arrays.keys()})
     return _slip(arrays, board) if name == 'slip' else _run(name, arrays, board)
 
 
@@ -63,18 +67,26 @@ def shipped() -> dict[str, Recording]:
     return {name: load(name, layout(chips.get(name, board))) for name in NAMES}
 
 
-def _fields(steps: npt.NDArray[np.generic], quantum_ut: npt.NDArray[np.generic]) -> Array:
-    """Counts from their differences, as fields (s, t, 3) in tesla."""
-    counts = np.cumsum(steps, axis=-1, dtype=np.int16).T.astype(np.float64)
-    fields: Array = counts.reshape(len(counts), -1, 3) * (1e-6 * quantum_ut.astype(np.float64))
+def unpacked(planes: npt.NDArray[np.generic]) -> Integers:
+    """Whole numbers, shape (s, n) or (s,) where n is 1, from bytes (b, n, s); see `packed`."""
+    code = sum(plane.astype(np.int64) << 8 * i for i, plane in enumerate(planes))
+    steps = (code >> 1) ^ -(code & 1)
+    table: Integers = np.cumsum(steps, axis=-1).T
+    return table[:, 0] if table.shape[1] == 1 else table
+
+
+def _fields(counts: npt.NDArray[np.generic], quantum_ut: npt.NDArray[np.generic]) -> Array:
+    """Counts (s, n) as fields (s, t, 3) in tesla."""
+    quantum = 1e-6 * quantum_ut.astype(np.float64)
+    fields: Array = counts.astype(np.float64).reshape(len(counts), -1, 3) * quantum
     return fields
 
 
 def _run(name: str, arrays: Arrays, board: Layout) -> Recording:
     """One run with a tare row in front of every touch."""
-    values = _fields(arrays['count_steps'], arrays['quantum_ut'])
-    rest = _fields(arrays['rest_steps'], arrays['quantum_ut'])
-    touch = arrays['touch'].astype(np.int64)
+    values = _fields(arrays['counts'], arrays['quantum_ut'])
+    rest = _fields(arrays['rest'], arrays['quantum_ut'])
+    touch = np.asarray(arrays['touch'], np.int64)
     first = np.searchsorted(touch, np.arange(len(rest)))
     stamp_ns = arrays['time_us'].astype(np.int64) * 1000
     truth = _position(arrays) if name == 'spatial' else _force(arrays, touch, name)
@@ -122,7 +134,7 @@ def _force(arrays: Arrays, cycle: Integers, name: str) -> dict[str, npt.NDArray[
 def _slip(arrays: Arrays, board: Layout) -> Recording:
     """Ninety pulls of 300 frames at 100 Hz, one stream and one label each."""
     pulls, length, _ = (int(n) for n in arrays['shape'])
-    values = _fields(arrays['count_steps'], arrays['quantum_ut'])
+    values = _fields(arrays['counts'], arrays['quantum_ut'])
     row = np.arange(pulls * length)
     return Recording.from_arrays(
         board,

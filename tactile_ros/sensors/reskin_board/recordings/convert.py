@@ -3,9 +3,10 @@
     python -m tactile_ros.sensors.reskin_board.recordings.convert FOLDER [DESTINATION]
 
 FOLDER holds spatial/, normal/, shear/ and slip/ as in the README beside this file. Fields are the
-chips' own counts (differences along time), times are microseconds since the run's start, probe
-positions micrometres and the scale's readings hundredths of a gram (-100: no reading), so that
-nothing is lost or invented.
+chips' own counts, times are microseconds since the run's start, probe positions micrometres and
+the scale's readings hundredths of a gram (-100: no reading), so that nothing is lost or invented.
+All but the scale's are packed, which makes the files a quarter smaller; `unpacked` beside this
+file gives the same numbers back.
 """
 
 from __future__ import annotations
@@ -38,10 +39,27 @@ def counts(
     return np.asarray(whole, np.int16)
 
 
-def steps(table: npt.NDArray[np.int16]) -> npt.NDArray[np.int16]:
-    """Channel-major differences along time (modulo 2^16), which compress to half; shape (n, s)."""
-    columns = np.ascontiguousarray(table.T)
-    return np.diff(columns, axis=-1, prepend=np.int16(0)).astype(np.int16)
+def packed(table: npt.ArrayLike) -> npt.NDArray[np.uint8]:
+    """Bytes that compress well.
+
+    Parameters
+    ----------
+    table : array_like, shape (s, n) or (s,)
+        Whole numbers below 2^62.
+
+    Returns
+    -------
+    ndarray, shape (b, n, s)
+        Bytes of the differences along time, lowest first, as many as are needed: first all
+        channels' low bytes, which alone vary. The sign is the lowest bit, so that small steps
+        down have no high bytes either.
+    """
+    whole = np.asarray(table, np.int64)
+    columns = whole[:, None] if whole.ndim == 1 else whole
+    steps = np.diff(columns.T, axis=-1, prepend=0)
+    code = (steps << 1) ^ (steps >> 63)
+    planes = max(1, -(-int(code.max(initial=0)).bit_length() // 8))
+    return np.stack([(code >> 8 * i & 255).astype(np.uint8) for i in range(planes)])
 
 
 def convert_run(folder: Path, quantum_ut: tuple[float, ...]) -> dict[str, npt.NDArray[np.generic]]:
@@ -54,14 +72,14 @@ def convert_run(folder: Path, quantum_ut: tuple[float, ...]) -> dict[str, npt.ND
     # the resting reading changes where a new touch or press cycle begins
     first = np.ones(len(rest), bool)
     first[1:] = (rest[1:] != rest[:-1]).any(axis=1) | (len(rest) > 4000 and channels == 15)
-    arrays = {
-        'count_steps': steps(counts(sensor[:, 1:], quantum_ut)),
-        'rest_steps': steps(rest[first]),
-        'touch': (np.cumsum(first) - 1).astype(np.int16),
+    arrays: dict[str, npt.NDArray[np.generic]] = {
+        'counts': packed(counts(sensor[:, 1:], quantum_ut)),
+        'rest': packed(rest[first]),
+        'touch': packed(np.cumsum(first) - 1),
         'quantum_ut': np.asarray(quantum_ut),
         'start_unix_s': np.array(int(sensor[0, 0])),
-        'time_us': np.round(1e6 * (sensor[:, 0] - int(sensor[0, 0]))).astype(np.int64),
-        'probe_um': np.round(1e3 * states[:, 1:4]).astype(np.int32),
+        'time_us': packed(np.round(1e6 * (sensor[:, 0] - int(sensor[0, 0])))),
+        'probe_um': packed(np.round(1e3 * states[:, 1:4])),
     }
     if states.shape[1] > 4:
         arrays['scale_cg'] = np.round(100 * states[:, 4]).astype(np.int32)
@@ -78,10 +96,10 @@ def main() -> None:
     slip = np.load(source / 'slip' / 'slip.npz')
     np.savez_compressed(
         destination / 'slip.npz',
-        count_steps=steps(counts(slip['values_ut'].astype(np.float64), FINE).reshape(-1, 30)),
+        counts=packed(counts(slip['values_ut'].astype(np.float64), FINE).reshape(-1, 30)),
         quantum_ut=np.asarray(FINE),
-        label=slip['label'],
-        sequence=slip['sequence'].astype(np.int16),
+        label=packed(slip['label']),
+        sequence=packed(slip['sequence']),
         shape=np.array(slip['values_ut'].shape),
     )
 
