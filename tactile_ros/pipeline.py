@@ -223,7 +223,10 @@ class Pipeline:
     def _flags(self, base: Array) -> Integers:
         """Bits of `FrameStatus` (s,) that the calibration and the baselines (s, t, c) set."""
         lacking = 0 if self.calibrated else int(FrameStatus.NOT_CALIBRATED)
-        blind = np.isnan(base).any(axis=(1, 2)) if self.rest_.tared else np.ones(len(base), bool)
+        unknown = np.isnan(base)
+        if self.rest_.tared and not np.count_nonzero(unknown):
+            return np.full(len(base), lacking)
+        blind = unknown.any(axis=(1, 2)) if self.rest_.tared else np.ones(len(base), bool)
         return np.asarray(lacking | blind * np.int64(FrameStatus.NO_BASELINE))
 
     def fit(self, *recordings: Recording) -> Pipeline:

@@ -32,7 +32,9 @@ def apply_contact(known: Columns, contact: npt.NDArray[np.int8], good: Bools) ->
         Rows that may be estimated from.
     """
     untouched = contact == 0
-    spoilt, free = not good.all(), bool(untouched.any())
+    spoilt, free = np.count_nonzero(good) < len(good), np.count_nonzero(untouched) > 0
+    if not (spoilt or free):
+        return
     for name in known:
         if name == 'status':
             continue
@@ -61,12 +63,12 @@ def add_flags(known: Columns, signals: Signals, bits: Bytes, flags: Integers) ->
     """
     if 'status' in known:
         flags = flags | known['status'].astype(np.int64)
-    if bits.any():
+    if np.count_nonzero(bits):
         flags = flags | frame_faults(bits)
     # good readings without the baseline that they need say nothing: their change is NaN
-    seeing = signals.good
-    if np.isnan(signals.delta.sum()):
-        seeing = seeing & ~np.isnan(signals.delta).any(axis=(1, 2))
+    seeing, missing = signals.good, np.isnan(signals.delta)
+    if np.count_nonzero(missing):
+        seeing = seeing & ~missing.any(axis=(1, 2))
     known['in_contact'] = signals.in_contact
     known['taxel_status'] = bits
     known['status'] = flags
@@ -86,7 +88,7 @@ def add_patches(known: Columns, number: Integers) -> None:
     if 'contacts_id' in known or not ('position' in known or 'force' in known):
         return
     there = number >= 0
-    everywhere = bool(there.all())
+    everywhere = np.count_nonzero(there) == len(there)
     known['contacts_id'] = number[:, None]
     normal = FLAT_NORMAL.repeat(len(number), axis=0)
     known['contacts_normal'] = normal if everywhere else _where(there, normal)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 from dataclasses import fields, is_dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -75,7 +76,8 @@ def _attributes(thing: object) -> dict[str, object]:
     """What an object consists of: the fields of a frozen dataclass, else its own attributes."""
     if _is_frozen(type(thing)):
         return {f.name: getattr(thing, f.name) for f in fields(thing)}  # type: ignore[arg-type]
-    return dict(vars(thing))
+    kind = type(thing)
+    return {name: value for name, value in vars(thing).items() if not _is_code(kind, name)}
 
 
 def _is_frozen(kind: type) -> bool:
@@ -149,9 +151,9 @@ def _restore_instance(
 
 
 def _is_code(kind: type, key: str) -> bool:
-    """Whether a class has a method or property of that name."""
+    """Whether a class has a method or property of that name, which no file holds."""
     found = getattr(kind, key, None)
-    return callable(found) or isinstance(found, property)
+    return callable(found) or isinstance(found, (property, cached_property))
 
 
 def _build_frozen(kind: type, members: Mapping[str, object], name: str) -> object:

@@ -70,35 +70,43 @@ class BaselineTracker:
         """
         if self.tracking is None or stamp_ns is None or self._unknown:
             return np.repeat(self.baseline[None], len(values), axis=0)
+        if len(values) == 1:
+            self._advance(int(stamp_ns[0]), self.tracking)
+            held = self.baseline[None]
+            self._gather(values, self.tracking.scale)
+            return held
         held = np.empty_like(values)
         first = 0
         while first < len(values):
-            if self._count == 0:
-                self._begin_ns = int(stamp_ns[first])
-            elif stamp_ns[first] - self._begin_ns >= self.tracking.period_ns:
-                self._close(int(stamp_ns[first]))
-            last = first + 1
-            if len(values) > 1:
-                limit = self._begin_ns + self.tracking.period_ns
-                last = max(int(np.searchsorted(stamp_ns, limit)), last)
+            self._advance(int(stamp_ns[first]), self.tracking)
+            limit = self._begin_ns + self.tracking.period_ns
+            last = max(int(np.searchsorted(stamp_ns, limit)), first + 1)
             held[first:last] = self.baseline
             self._gather(values[first:last], self.tracking.scale)
             first = last
         return held
 
+    def _advance(self, stamp_ns: int, tracking: Tracking) -> None:
+        """Begin a block where none runs, or where the running one is over."""
+        if self._count == 0:
+            self._begin_ns = stamp_ns
+        elif stamp_ns - self._begin_ns >= tracking.period_ns:
+            self._close(stamp_ns, tracking)
+
     def _gather(self, block: Array, scale: Array) -> None:
         """Add frames of the running block."""
         self._count += len(block)
         if self._quiet:
-            self._quiet = bool((np.abs(block - self.baseline) <= scale).all())
+            near = np.abs(block - self.baseline) <= scale
+            self._quiet = np.count_nonzero(near) == near.size
         if self._quiet:
             self._total = self._total + block.sum(axis=0)
 
-    def _close(self, stamp_ns: int) -> None:
+    def _close(self, stamp_ns: int, tracking: Tracking) -> None:
         """End the running block: follow if it was at rest, and begin the next."""
-        if self._quiet and self.tracking is not None:
+        if self._quiet:
             mean = self._total / self._count
-            self.baseline = self.baseline + self.tracking.gain * (mean - self.baseline)
+            self.baseline = self.baseline + tracking.gain * (mean - self.baseline)
         self._total = np.zeros_like(self.baseline)
         self._count = 0
         self._begin_ns = stamp_ns

@@ -60,7 +60,8 @@ def excursion(delta: Array, scale: Array) -> Array:
     ndarray, shape (s,)
         Above 1 in contact; NaN where a deviation or the threshold is unknown.
     """
-    return np.asarray(np.abs(delta / scale).max(axis=(1, 2)))
+    size = np.abs(delta / scale)
+    return np.asarray(size.reshape(len(size), scale.size).max(axis=1))
 
 
 class ContactIds:

@@ -38,7 +38,8 @@ def taxel_faults(values: Array, status: Bytes | None, limit: Array) -> Bytes:
         ERROR is added where a reading is not finite, SATURATED where one reached its limit.
     """
     size = np.abs(values)
-    if (size < limit).all():  # false for NaN too: the common case costs one pass
+    # false for NaN too, so that the common case costs one pass
+    if np.count_nonzero(size < limit) == size.size:
         clean = np.zeros(values.shape[:2], np.uint8)
         return clean if status is None else status
     clipped = (size >= limit).any(axis=-1)
@@ -49,7 +50,7 @@ def taxel_faults(values: Array, status: Bytes | None, limit: Array) -> Bytes:
 
 def without_faults(values: Array, bits: Bytes) -> Array:
     """Readings (s, t, c) with NaN at taxels that must not be used."""
-    if not bits.any():
+    if not np.count_nonzero(bits):
         return values
     unusable = (bits & UNUSABLE) > 0
     return np.asarray(np.where(unusable[..., None], np.nan, values))
@@ -65,7 +66,7 @@ def frame_faults(bits: Bytes) -> Integers:
 
 def usable_rows(bits: Bytes) -> Bools:
     """Frames (s,) of which every taxel (s, t) may be used."""
-    if not bits.any():
+    if not np.count_nonzero(bits):
         return np.ones(len(bits), bool)
     return np.asarray(~(bits & UNUSABLE).any(axis=1))
 

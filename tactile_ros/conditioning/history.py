@@ -82,8 +82,9 @@ class History:
         elapsed = stamp_ns - self._stamp_ns
         if elapsed <= 0:
             return self._means
-        if np.isnan(change).any():
-            change = np.where(np.isnan(change), self._last, change)
+        missing = np.isnan(change)
+        if np.count_nonzero(missing):
+            change = np.where(missing, self._last, change)
         decay, before, now = _weights(elapsed * self._rate)
         self._means = decay * self._means + before * self._last + now * change
         self._last = change

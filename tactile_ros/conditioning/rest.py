@@ -110,10 +110,12 @@ class Rest:
         if not self.tared:
             return np.full(len(delta), -1, np.int8)
         size = excursion(delta, self.scale)
-        contact = np.where(size > 1.0, 1, 0).astype(np.int8)
+        contact = (size > 1.0).astype(np.int8)
         if tare is not None:
             contact[tare] = 0
-        contact[~good | np.isnan(size)] = -1
+        judged = good & (size >= 0)  # false for NaN
+        if np.count_nonzero(judged) < len(judged):
+            contact[~judged] = -1
         return contact
 
 

@@ -9,6 +9,8 @@ samples the Gaussians bend the answer; beyond them the linear part continues it.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from tactile_ros.estimators.folds import group_folds
@@ -126,6 +128,7 @@ class KernelRidge:
         best, mildest = np.unravel_index(np.argmin(squares), np.shape(squares))
         self.length_, self.strength_ = float(self.lengths[best]), float(strengths[mildest])
         self.samples_ = picked / self.length_
+        vars(self).pop('_half_squares', None)
         terms, centre, mixing = self._centred(z, self.samples_, self.length_)
         weights = ridge_weights(terms, rows.y - level, self.strength_)
         self.bumps_ = mixing @ weights[: mixing.shape[1]]
@@ -156,7 +159,13 @@ class KernelRidge:
 
     def _answer(self, x: Array) -> Array:
         z = x * (self.gain_ / self.length_)
-        return gaussian(z, self.samples_) @ self.bumps_ + z @ self.plane_ + self.level_
+        bumps = gaussian(z, self.samples_, self._half_squares)
+        return bumps @ self.bumps_ + z @ self.plane_ + self.level_
+
+    @cached_property
+    def _half_squares(self) -> Array:
+        """Of the samples, which do not change from frame to frame."""
+        return np.asarray(0.5 * (self.samples_**2).sum(axis=1))
 
     def _centred(self, z: Array, samples: Array, length: float) -> tuple[Array, Array, Array]:
         """Terms whose penalty is the plain square of their weights, their mean, and their mixing.
@@ -173,8 +182,10 @@ class KernelRidge:
         return terms - centre, centre, mixing
 
 
-def gaussian(z: Array, samples: Array) -> Array:
+def gaussian(z: Array, samples: Array, half_squares: Array | None = None) -> Array:
     """Gaussian bumps of unit width, shape (s, n), of z (s, d) around samples (n, d).
+
+    Half the squared lengths of the samples, shape (n,), are reckoned where they are not given.
 
     Examples
     --------
@@ -183,8 +194,8 @@ def gaussian(z: Array, samples: Array) -> Array:
            [1.   ]])
     """
     exponent = z @ samples.T
-    exponent -= 0.5 * (samples**2).sum(axis=1)
-    exponent -= 0.5 * (z**2).sum(axis=1)[:, None]
+    exponent -= 0.5 * (samples**2).sum(axis=1) if half_squares is None else half_squares
+    exponent -= 0.5 * (z * z).sum(axis=1)[:, None]
     return np.asarray(np.exp(np.minimum(exponent, 0.0, out=exponent), out=exponent))
 
 

@@ -182,9 +182,11 @@ class Perceptron:
         """What the units see of the features, shape (s, p)."""
         if not self.pattern:
             return x
-        x = x * self.moving_
-        length = np.sqrt((x * x).sum(axis=1, keepdims=True)) + self.length_
-        return np.concatenate([x / length, np.log(length)], axis=1)
+        length = np.sqrt((x * x) @ self.moving_)[:, None] + self.length_
+        seen = np.empty((len(x), x.shape[1] + 1))
+        np.divide(x * self.moving_, length, out=seen[:, :-1])
+        np.log(length, out=seen[:, -1:])
+        return seen
 
     def _trust(self, length: Array) -> Array:
         """Weight of each sample (s,), of mean 1: noise turns the pattern of faint touches."""

@@ -105,9 +105,10 @@ def predict_rows(x: Array, width: int, answer: Callable[[Array], Array]) -> Arra
     ValueError
         If the number of features differs from the fit.
     """
-    x = as_shape('x of predict', x, (-1, width))
+    if np.shape(x)[1:] != (width,) or np.asarray(x).dtype != np.float64:
+        x = as_shape('x of predict', x, (-1, width))
     rows = np.isfinite(x)
-    if len(x) and rows.all():
+    if len(x) and np.count_nonzero(rows) == rows.size:
         return answer(x)
     finite = rows.all(axis=1)
     known = answer(x[finite]) if finite.any() else answer(np.zeros((1, width)))[:0]

@@ -135,8 +135,9 @@ class CalibratedCovariance:
 
     def _terms(self, drivers: Array) -> Array:
         """Products of any two of the constant and the drivers, shape (s, p)."""
-        z = np.minimum(np.maximum(self.drivers_(drivers), self.low_), self.high_)
-        z = np.concatenate([np.ones((len(z), 1)), z], axis=1)
+        z = np.empty((len(drivers), 1 + drivers.shape[1]))
+        z[:, 0] = 1.0
+        np.minimum(np.maximum(self.drivers_(drivers), self.low_), self.high_, out=z[:, 1:])
         return np.asarray((z[:, :, None] * z[:, None, :]).reshape(len(z), -1))
 
     def _regress(self, terms: Array, size: Array) -> Array:

@@ -116,6 +116,15 @@ class Head:
         return self
 
     @property
+    def cells(self) -> tuple[slice | Integers, slice | Integers]:
+        """Index of its components among three: of rows and of columns of a covariance."""
+        first, last = self.columns[0], self.columns[-1] + 1
+        if last - first == len(self.columns):  # a slice costs a tenth of a list
+            return slice(first, last), slice(first, last)
+        index = np.array(self.columns)
+        return index[:, None], index
+
+    @property
     def title(self) -> str:
         """Target with the names of its components."""
         return f'{self.target}_{"".join("xyz"[i] for i in self.columns)}'
