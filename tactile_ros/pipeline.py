@@ -222,12 +222,15 @@ class Pipeline:
 
     def _flags(self, base: Array) -> Integers:
         """Bits of `FrameStatus` (s,) that the calibration and the baselines (s, t, c) set."""
-        lacking = 0 if self.calibrated else int(FrameStatus.NOT_CALIBRATED)
+        flags = np.zeros(len(base), np.int64)
+        if not self.calibrated:
+            flags |= FrameStatus.NOT_CALIBRATED
         unknown = np.isnan(base)
-        if self.rest_.tared and not np.count_nonzero(unknown):
-            return np.full(len(base), lacking)
-        blind = unknown.any(axis=(1, 2)) if self.rest_.tared else np.ones(len(base), bool)
-        return np.asarray(lacking | blind * np.int64(FrameStatus.NO_BASELINE))
+        if not self.rest_.tared:
+            flags |= FrameStatus.NO_BASELINE
+        elif np.count_nonzero(unknown):
+            flags |= unknown.any(axis=(1, 2)) * np.int64(FrameStatus.NO_BASELINE)
+        return flags
 
     def fit(self, *recordings: Recording) -> Pipeline:
         """Learn baseline, noise, contact threshold and estimators from recordings.

@@ -47,7 +47,8 @@ class BoardEstimation:
     @property
     def estimators(self) -> dict[str, str]:
         """Name of the estimator in use for each target."""
-        return {head.target: head.name for head in self._in_use(bool(self.remembering_))}
+        heads = self._best if self.remembering_ else self.heads_
+        return {head.target: head.name for head in heads}
 
     @property
     def report(self) -> Report:
