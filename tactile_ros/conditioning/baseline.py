@@ -80,7 +80,7 @@ class BaselineTracker:
         while first < len(values):
             self._advance(int(stamp_ns[first]), self.tracking)
             limit = self._begin_ns + self.tracking.period_ns
-            last = max(int(np.searchsorted(stamp_ns, limit)), first + 1)
+            last = max(int(stamp_ns.searchsorted(limit)), first + 1)
             held[first:last] = self.baseline
             self._gather(values[first:last], self.tracking.scale)
             first = last
@@ -107,7 +107,7 @@ class BaselineTracker:
         if self._quiet:
             mean = self._total / self._count
             self.baseline = self.baseline + tracking.gain * (mean - self.baseline)
-        self._total = np.zeros_like(self.baseline)
+        self._total = np.zeros(self.baseline.shape)
         self._count = 0
         self._begin_ns = stamp_ns
         self._quiet = True
@@ -168,6 +168,18 @@ def tare_means(values: Array, run: Integers) -> Array:
     np.add.at(hits, run[rows], known)
     with np.errstate(invalid='ignore'):
         return np.asarray(np.where(hits > 0, total / hits, np.nan))
+
+
+def tare_level(values: Array) -> Array:
+    """Mean of resting frames (s, t, c), shape (t, c); ValueError if no taxel was read."""
+    level = tare_means(values, np.zeros(len(values), np.int64))[0]
+    if np.isnan(level).any(axis=1).all():
+        msg = (
+            f'frames of tare must hold a usable reading; taxels {list(range(len(level)))} are '
+            f'faulty or unread in each of the {len(values)} received'
+        )
+        raise ValueError(msg)
+    return level
 
 
 def track_streams(

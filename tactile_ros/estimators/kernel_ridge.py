@@ -21,6 +21,7 @@ from tactile_ros.types import Array, Integers
 
 STRENGTHS = tuple(10.0**power for power in range(-7, -1))
 LEAST_SHARE = 1e-10
+BLOCK = 256
 
 
 class KernelRidge:
@@ -159,6 +160,12 @@ class KernelRidge:
 
     def _answer(self, x: Array) -> Array:
         z = x * (self.gain_ / self.length_)
+        if len(z) <= BLOCK:
+            return self._evaluate(z)
+        # blocks that stay in the cache
+        return np.concatenate([self._evaluate(z[i : i + BLOCK]) for i in range(0, len(z), BLOCK)])
+
+    def _evaluate(self, z: Array) -> Array:
         bumps = gaussian(z, self.samples_, self._half_squares)
         return bumps @ self.bumps_ + z @ self.plane_ + self.level_
 

@@ -148,9 +148,11 @@ class BoardEstimation:
             means = memory.step(now[0], int(signals.stamp_ns[0]))[None]
         else:
             means = memory(now, signals.stamp_ns, signals.restart)
-        moved = PAST_WEIGHT * (now[:, None] - means)
-        width = moved.shape[1] * moved.shape[2]
-        return np.concatenate([now, moved.reshape(-1, width)], axis=1)
+        seen = np.empty((len(now), 1 + means.shape[1], now.shape[1]))
+        seen[:, 0] = now
+        np.subtract(now[:, None], means, out=seen[:, 1:])
+        seen[:, 1:] *= PAST_WEIGHT
+        return seen.reshape(len(now), seen.shape[1] * seen.shape[2])
 
 
 def _unknown(shape: tuple[int, ...]) -> Array:
