@@ -65,6 +65,10 @@ def run(options: argparse.Namespace) -> int:
     began = time.perf_counter()
     pipeline = spec.pipeline(fit_layout(config, loaded[0].layout), options.estimator)
     pipeline.fit(*loaded)
+    if not pipeline.estimators:
+        names = sorted({name for recording in loaded for name in recording.truth})
+        msg = f'nothing in {", ".join(options.recordings)} can be learned: truth has '
+        raise RecordingError(msg + ', '.join(names))
     pipeline.save(options.output)
     (show_json if options.json else show)(COLUMNS, report_rows(pipeline))
     if not options.json:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def refuse_unwritable(path: Path) -> None:
-    """Refuse a file that could not be written at the end; nothing is made or left.
+    """Refuse a file or new folder that could not be written at the end; nothing is made or left.
 
     Raises
     ------
@@ -27,5 +27,5 @@ def refuse_unwritable(path: Path) -> None:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        msg = f'{path} cannot be written: {error.strerror}; name another file'
+        msg = f'{path} cannot be written: {error.strerror}; name another place'
         raise TactileError(msg) from error

@@ -14,11 +14,15 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tactile_ros.cli.destination import refuse_unwritable
+from tactile_ros.errors import TactileError
 from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.processes import Running
 
 if TYPE_CHECKING:
     import argparse
+
+START_S = 20.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,19 +37,36 @@ def run(options: argparse.Namespace) -> int:
     if options.output.exists():
         msg = f'{options.output} exists already; name a folder that does not'
         raise ValueError(msg)
+    refuse_unwritable(options.output)
     bag = str(options.output.resolve())
     process = Process('record', {'bag': bag}, options.namespace)
     with Running(Graph((process,)), hear=lambda _, line: print(line)) as running:
         try:
-            wait(running, options.seconds)
+            wait(running, options.output, options.seconds)
         except KeyboardInterrupt:
             print('stopping')
+        code = running.stop()['record']
+    if code:
+        msg = f'{options.output} is no whole bag: the recorder ended with code {code}'
+        raise TactileError(msg)
     print(f'bag: {options.output}')
     return 0
 
 
-def wait(running: Running, seconds: float | None) -> None:
-    """Wait for the time to be over, or for the recorder to end."""
+def wait(running: Running, bag: Path, seconds: float | None) -> None:
+    """Wait for so many seconds of recording, or for the recorder to end.
+
+    Raises
+    ------
+    TactileError
+        If no recording begins.
+    """
+    end = time.monotonic() + START_S
+    while not bag.exists() and running.is_alive('record'):
+        if time.monotonic() > end:
+            msg = f'no bag was begun at {bag} within {START_S:g} s'
+            raise TactileError(msg)
+        time.sleep(0.05)
     end = float('inf') if seconds is None else time.monotonic() + seconds
     while time.monotonic() < end and running.is_alive('record'):
-        time.sleep(0.1)
+        time.sleep(0.05)

@@ -6,8 +6,6 @@ import signal
 import sys
 from importlib import import_module
 
-from tactile_ros.nodes.processes import end_with_parent
-
 EXECUTABLES = ('sensor_node', 'contact_node', 'stack', 'record', 'player')
 
 
@@ -15,6 +13,8 @@ def main() -> None:
     """Import and run; Ctrl-C while numpy and rclpy still load ends without a traceback."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: sys.exit(0))
+    from tactile_ros.nodes.processes import end_with_parent
+
     end_with_parent()
     if len(sys.argv) < 2 or sys.argv[1] not in EXECUTABLES:
         sys.exit(f'name one of {", ".join(EXECUTABLES)}')

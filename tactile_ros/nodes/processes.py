@@ -172,7 +172,8 @@ class Running:
         for group in ([n for n in names if n != 'record'], [n for n in names if n == 'record']):
             for name in group:
                 if self._children[name].poll() is None:
-                    self._children[name].send_signal(signal.SIGINT)
+                    # Not SIGINT: a Python that still starts would answer it with a traceback.
+                    self._children[name].terminate()
             for name in group:
                 codes[name] = _ended(self._children[name])
                 self._threads[name].join(STOP_S)

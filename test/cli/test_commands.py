@@ -83,6 +83,40 @@ def test_what_is_wrong_is_one_sentence(
     assert not printed.out
 
 
+def test_record_makes_a_bag_and_says_where(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = tmp_path / 'bag'
+    assert main(['record', '-o', str(bag), '--seconds', '0.1']) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f'bag: {bag}'
+    assert (bag / 'metadata.yaml').is_file()
+    assert main(['record', '-o', str(bag)]) == 2
+    assert 'exists already' in capsys.readouterr().err
+
+
+def test_record_that_cannot_begin_fails(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bag = tmp_path / 'bag'
+    assert main(['record', '-o', str(bag), '--namespace', '7 x']) == 1
+    assert f'{bag} is no whole bag: the recorder ended with code 1' in capsys.readouterr().err
+    assert not bag.exists()
+    (tmp_path / 'file').touch()
+    monkeypatch.setattr('tactile_ros.cli.record.Running', lambda *_, **__: pytest.fail('started'))
+    assert main(['record', '-o', str(tmp_path / 'file' / 'bag')]) == 1
+    assert 'file/bag cannot be written: Not a directory' in capsys.readouterr().err
+
+
+def test_calibrate_refuses_truth_that_nothing_learns(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / 'c.npz'
+    assert main(['calibrate', 'reskin_board', 'slip', '-o', str(out)]) == 1
+    said = capsys.readouterr().err
+    assert 'nothing in slip can be learned: truth has repetition, slip' in said
+    assert not out.exists()
+
+
 @pytest.mark.parametrize('place', ['', 'file/below/c.npz', 'file/c.npz'])
 @pytest.mark.parametrize(
     'command',

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from tactile_ros.nodes.graph import Process
-from tactile_ros.nodes.processes import STARTED_BY
+from tactile_ros.nodes.graph import Graph, Process
+from tactile_ros.nodes.processes import STARTED_BY, Running
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE_S = 20.0
@@ -64,3 +64,9 @@ def test_a_node_whose_parent_is_gone_does_not_begin() -> None:
     )
     assert done.returncode == 1
     assert done.stderr == 'what started this node has ended\n'
+
+
+def test_a_stop_while_a_node_starts_is_no_traceback() -> None:
+    with Running(Graph((Process('sensor_node'),))) as running:
+        running.stop()
+    assert running.lines['sensor_node'] == []
