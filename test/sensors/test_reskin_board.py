@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 
 import numpy as np
 import pytest
 
+from tactile_ros.devices.packets import encode
+from tactile_ros.devices.simulated import SimulatedSerialPort
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Recording
 
@@ -122,3 +125,25 @@ def test_a_config_that_cannot_be_is_refused(field: str, value: object) -> None:
 def test_a_fit_on_no_rows_knows_nothing() -> None:
     empty = Recording.from_arrays(SPEC.layout(SPEC.config()), np.zeros((0, 5, 3)))
     assert not SPEC.pipeline().fit(empty).calibrated
+
+
+def test_a_known_step_shows_damage_that_looks_like_a_reading() -> None:
+    step = np.array([2.4e-6, 2.4e-6, 3.872e-6])
+    rows = np.arange(1, 9)[:, None, None] * np.ones((8, 5, 1)) * step
+    damaged = rows[4, 2, 0] + 0.5 * step[0]
+    rows[4, 2, 0] = damaged
+    with SimulatedSerialPort() as board:
+        connection = SPEC.connection(port=board.port, step=step)
+        with SPEC.open(SPEC.config(), connection, time.monotonic_ns) as device:
+            for row in rows:
+                board.send(encode(row))
+            frames = []
+            while not frames or frames[-1].values[0, 0] < rows[-1, 0, 0] - 1e-9:
+                frames.append(device.read(5.0))
+    assert len(frames) >= len(rows) - 2
+    assert not any(np.isclose(frame.values, damaged, rtol=1e-6).any() for frame in frames)
+
+
+def test_a_step_that_is_not_one_number_for_each_channel_is_refused() -> None:
+    with pytest.raises(ValueError, match='step of ReskinBoardConnection must have shape'):
+        SPEC.connection(step=1e-6)

@@ -120,6 +120,21 @@ class ReskinBoardConnection:
         default=False,
         metadata={'help': 'mark readings equal to the frame before as stale (fast firmware)'},
     )
+    step: Array | None = field(
+        default=None,
+        metadata={
+            'unit': 'T',
+            'help': 'exact step of Bx, By, Bz at the gain of the firmware, which shows most '
+            'damaged readings; empty: unknown',
+            'range': (1e-9, 1e-3),
+        },
+    )
+
+    def __post_init__(self) -> None:
+        """Check the shape once, at the door."""
+        if self.step is not None:
+            step = as_shape('step of ReskinBoardConnection', self.step, (CHANNELS,))
+            object.__setattr__(self, 'step', step)
 
 
 def layout(config: ReskinBoardConfig) -> Layout:

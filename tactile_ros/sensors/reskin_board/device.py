@@ -27,6 +27,7 @@ def open_board(
         if connection.clock_rate == 1.0
         else faster(clock_ns, connection.clock_rate),
         transfer_s=0.0 if connection.native_usb else uart_transfer_s(chips, connection.baud),
+        quantum=connection.step,
         mark_repeats=connection.mark_repeats,
     )
 
