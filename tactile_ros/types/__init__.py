@@ -14,7 +14,7 @@ from tactile_ros.types.contact import (
     ContactStates,
     field_shape,
 )
-from tactile_ros.types.contracts import Device, Estimator
+from tactile_ros.types.contracts import Device, Estimator, Twin
 from tactile_ros.types.frames import Frame, Layout, Outline
 from tactile_ros.types.recording import TRUTH_KEYS, Recording
 from tactile_ros.types.status import FrameStatus, TaxelStatus
@@ -37,6 +37,7 @@ __all__ = [
     'Outline',
     'Recording',
     'TaxelStatus',
+    'Twin',
     'as_shape',
     'field_shape',
 ]

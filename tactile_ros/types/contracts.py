@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
     from types import TracebackType
 
     from tactile_ros.types.arrays import Array, Integers
@@ -34,6 +35,41 @@ class Device(Protocol):
         trace: TracebackType | None,
     ) -> None:
         """Close."""
+        ...
+
+
+class Twin(Protocol):
+    """A simulated sensor: what answers the bytes of a real one; a context manager."""
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Names of the faults that it can suffer."""
+        ...
+
+    @property
+    def injected(self) -> Mapping[str, int]:
+        """How often each fault has happened."""
+        ...
+
+    def inject(self, fault: str, count: int = 1) -> None:
+        """Let the next `count` frames or transfers suffer a fault; ValueError if unknown."""
+        ...
+
+    def device(self, clock_ns: Callable[[], int]) -> Device:
+        """The real driver on this twin's bytes, stamped by `clock_ns`; not yet entered."""
+        ...
+
+    def __enter__(self) -> Twin:
+        """Begin to answer."""
+        ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End, and free ports and threads."""
         ...
 
 
