@@ -12,6 +12,7 @@ Sources: R. Bhirangi et al., ReSkin (CoRL 2021) and AnySkin (2024); V. Pattabira
 
 from __future__ import annotations
 
+from tactile_ros.regression import CLASSES, ESTIMATORS, Regression
 from tactile_ros.sensors.registry import SensorSpec
 from tactile_ros.sensors.reskin_board.config import (
     ReskinBoardConfig,
@@ -19,7 +20,6 @@ from tactile_ros.sensors.reskin_board.config import (
     layout,
 )
 from tactile_ros.sensors.reskin_board.device import open_board
-from tactile_ros.sensors.reskin_board.estimation import CLASSES, ESTIMATORS, BoardEstimation
 from tactile_ros.sensors.reskin_board.recordings import shipped
 
 SENSOR = SensorSpec(
@@ -30,7 +30,7 @@ SENSOR = SensorSpec(
     config=ReskinBoardConfig,
     connection=ReskinBoardConnection,
     layout=layout,
-    estimation=BoardEstimation,
+    estimation=Regression,
     estimator_names=ESTIMATORS,
     open=open_board,
     classes=(ReskinBoardConfig, *CLASSES),

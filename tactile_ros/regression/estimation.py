@@ -1,4 +1,4 @@
-"""Place and force from the change of field: regressors chosen on held-out groups."""
+"""Place, force and torque from the change of readings: regressors chosen on held-out groups."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.conditioning.history import History
-from tactile_ros.sensors.reskin_board.head import CLASSES as HEAD_CLASSES
-from tactile_ros.sensors.reskin_board.head import ESTIMATORS, Head, known_columns
+from tactile_ros.regression.head import CLASSES as HEAD_CLASSES
+from tactile_ros.regression.head import ESTIMATORS, Head, known_columns
 
 if TYPE_CHECKING:
-    from tactile_ros.sensors.reskin_board.config import ReskinBoardConfig
-    from tactile_ros.signals import Columns, Report, Signals
+    from tactile_ros.signals import Columns, Report, SensorConfig, Signals
     from tactile_ros.types import Array, Integers
 
-__all__ = ['CLASSES', 'ESTIMATORS', 'BoardEstimation']
+__all__ = ['CLASSES', 'ESTIMATORS', 'Regression']
 
 TARGETS = ('position', 'force', 'torque')
 REMEMBERING = ('force', 'torque')
@@ -24,22 +23,25 @@ TIME_CONSTANTS = (0.5, 2.0, 8.0, 32.0)
 PAST_WEIGHT = 3.0  # relaxation is a small part of the change; its share of a distance
 PLACE = 1e-5
 MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
-CHANNELS = 3
 
 
-class BoardEstimation:
-    """Regressors of one board, each for the components of one target that truth tells.
+class Regression:
+    """Regressors of one sensor, each for the components of one target that truth tells.
 
     Parameters
     ----------
-    config : ReskinBoardConfig
-        Of the board.
+    config : dataclass
+        Of the sensor.
     estimator : str or None
         One of `ESTIMATORS`; None: the best of them on held-out groups.
+    channels : int
+        Channels of a taxel.
     """
 
-    def __init__(self, config: ReskinBoardConfig, estimator: str | None = None) -> None:
-        self.taxels = len(config.positions)
+    def __init__(
+        self, config: SensorConfig, estimator: str | None = None, channels: int = 3
+    ) -> None:
+        self.width = channels * len(config.positions)
         self.estimator = estimator
         self.heads_: tuple[Head, ...] = ()
         self.remembering_: tuple[Head, ...] = ()
@@ -73,7 +75,7 @@ class BoardEstimation:
         groups : dict of str to ndarray, shape (s,)
             'group' and 'session': what a split keeps together.
         """
-        now = signals.delta.reshape(-1, CHANNELS * self.taxels)
+        now = signals.delta.reshape(-1, self.width)
         past = None
         if signals.stamp_ns is not None:
             past = self._with_history(now, signals, self.start())
@@ -109,7 +111,7 @@ class BoardEstimation:
             One entry and its covariance for each target.
         """
         assert isinstance(memory, History)
-        now = signals.delta.reshape(-1, CHANNELS * self.taxels)
+        now = signals.delta.reshape(-1, self.width)
         known: Columns = {}
         for head in self.heads_:
             if head.target not in known:
@@ -169,4 +171,4 @@ def _places(plane: Array) -> Integers | None:
     return place if place.max(initial=0) + 1 <= MOST_SINGLE * len(place) else None
 
 
-CLASSES = (BoardEstimation, *HEAD_CLASSES)
+CLASSES = (Regression, *HEAD_CLASSES)
