@@ -3,6 +3,7 @@
 TactileError
  +-- DeviceError           a port or chip does not do what its datasheet says
  |    +-- DeviceTimeout    nothing came in time
+ |    +-- NotAcknowledged  a chip on a bus does not answer to its address
  +-- NotCalibratedError    an estimate was asked for before a fit or a calibration
  +-- CalibrationError      a calibration file is damaged, foreign or of another version
  +-- RecordingError        a recording or bag cannot be read as one
@@ -22,6 +23,10 @@ class DeviceError(TactileError):
 
 class DeviceTimeout(DeviceError):
     """Nothing came from the device within the time that was given."""
+
+
+class NotAcknowledged(DeviceError):
+    """A chip on a bus does not answer to its address."""
 
 
 class NotCalibratedError(TactileError):

@@ -1,19 +1,23 @@
-"""Serial ports by pyserial, opened lazily; every failure is one sentence that says what to do."""
+"""Serial ports by pyserial and I2C buses by smbus2, opened lazily; a failure is one sentence."""
 
 from __future__ import annotations
 
 import errno
+import fcntl
 import select
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
 
-from tactile_ros.errors import DeviceError, MissingPackageError
+from tactile_ros.errors import DeviceError, DeviceTimeout, MissingPackageError, NotAcknowledged
 
 if TYPE_CHECKING:
     from types import ModuleType
 
     import serial
+    from smbus2 import i2c_msg
 
 READ_BYTES = 4096
+I2C_TIMEOUT = 0x0702  # linux/i2c-dev.h, in units of 10 ms
 
 
 def _pyserial() -> ModuleType:
@@ -152,3 +156,173 @@ class SerialPort:
             self.close()
             msg = f'port {self.port} was unplugged; {_choice()}'
             raise DeviceError(msg) from err
+
+
+def _smbus2() -> ModuleType:
+    """The package, where it is needed."""
+    try:
+        import smbus2
+    except ImportError as err:
+        msg = 'I2C buses need smbus2: pip install smbus2 (or apt install python3-smbus2)'
+        raise MissingPackageError(msg) from err
+    return smbus2
+
+
+def list_buses() -> list[str]:
+    """Paths of the I2C buses that this machine has."""
+    return sorted(str(path) for path in Path('/dev').glob('i2c-*'))
+
+
+def _bus_choice() -> str:
+    """The buses that exist, as the end of a sentence."""
+    buses = list_buses()
+    if not buses:
+        return 'this machine shows no I2C bus: enable it and load the module i2c-dev'
+    return f'buses here: {", ".join(buses)}'
+
+
+def _bus_refusal(path: str, err: OSError) -> str:
+    """Why a bus could not be opened and what to do, in one sentence."""
+    if err.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+        return f'bus {path} does not exist; {_bus_choice()}'
+    if err.errno in (errno.EACCES, errno.EPERM):
+        return (
+            f'bus {path} may not be opened by this user: '
+            f'add the user to the group i2c and log in again; {_bus_choice()}'
+        )
+    return f'bus {path} cannot be opened ({err}); {_bus_choice()}'
+
+
+class BusMaster(Protocol):
+    """What carries messages: an smbus2.SMBus, or what stands in for it."""
+
+    def i2c_rdwr(self, *messages: i2c_msg) -> None:
+        """Carry messages in one transaction, a repeated start between them."""
+        ...
+
+    def close(self) -> None:
+        """Let the bus go."""
+        ...
+
+
+class I2cBus:
+    """An I2C bus whose transfers are combined transactions (a true repeated start).
+
+    Parameters
+    ----------
+    path : str
+        Device path, such as /dev/i2c-1; a name for sentences where `smbus` is given.
+    smbus : BusMaster or None
+        What carries the messages; None: smbus2 on `path`.
+    timeout_s : float
+        Longest time that the adapter may hold a transfer (s), in steps of 10 ms.
+    """
+
+    def __init__(self, path: str, smbus: BusMaster | None = None, timeout_s: float = 0.05) -> None:
+        """See the class."""
+        self.path = path
+        self._given = smbus
+        self._timeout_s = timeout_s
+        self._master: BusMaster | None = None
+        self._messages: dict[tuple[int, bytes, int], tuple[i2c_msg, ...]] = {}
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the bus is held."""
+        return self._master is not None
+
+    def open(self) -> None:
+        """Hold the bus.
+
+        Raises
+        ------
+        DeviceError
+            If it is missing or forbidden.
+        MissingPackageError
+            If smbus2 is not installed.
+        """
+        if self._master is not None:
+            return
+        smbus2 = _smbus2()
+        if self._given is not None:
+            self._master = self._given
+            return
+        try:
+            bus = smbus2.SMBus(self.path)
+        except OSError as err:
+            raise DeviceError(_bus_refusal(self.path, err)) from err
+        self._master = bus
+        try:
+            # the kernel waits a whole second for a stuck bus otherwise
+            fcntl.ioctl(bus.fd, I2C_TIMEOUT, max(1, round(self._timeout_s * 100)))
+        except OSError as err:
+            self.close()
+            raise DeviceError(_bus_refusal(self.path, err)) from err
+
+    def close(self) -> None:
+        """Let the bus go; closing twice is allowed."""
+        master, self._master = self._master, None
+        if master is not None:
+            master.close()
+
+    def transfer(self, address: int, data: bytes, count: int) -> bytes:
+        """Write bytes to a chip and read its answer without letting the bus go in between.
+
+        Parameters
+        ----------
+        address : int
+            Of the chip, 7 bits.
+        data : bytes
+            Written first; none: only read.
+        count : int
+            Bytes to read; 0: only write.
+
+        Returns
+        -------
+        bytes
+            `count` bytes.
+
+        Raises
+        ------
+        NotAcknowledged
+            If no chip answers to the address.
+        DeviceTimeout
+            If the bus is stuck.
+        DeviceError
+            If the bus is not open or is gone; it is closed then.
+        """
+        if self._master is None:
+            msg = f'bus {self.path} is not open'
+            raise DeviceError(msg)
+        messages = self._messages.get((address, data, count)) or self._build(address, data, count)
+        try:
+            self._master.i2c_rdwr(*messages)
+        except OSError as err:
+            raise self._failure(address, err) from err
+        return bytes(messages[-1]) if count else b''
+
+    def _build(self, address: int, data: bytes, count: int) -> tuple[i2c_msg, ...]:
+        """Messages of a transfer; those of commands are kept, since they come again."""
+        message = _smbus2().i2c_msg
+        parts = [message.write(address, data)] if data else []
+        parts += [message.read(address, count)] if count else []
+        if len(data) <= 1:
+            self._messages[address, data, count] = tuple(parts)
+        return tuple(parts)
+
+    def _failure(self, address: int, err: OSError) -> DeviceError:
+        """What an error of a transfer means."""
+        if err.errno in (errno.EREMOTEIO, errno.ENXIO):
+            return NotAcknowledged(
+                f'nothing answers at {address:#04x} on bus {self.path}: '
+                'check power, wires and the address of the chip'
+            )
+        if err.errno == errno.ETIMEDOUT:
+            return DeviceTimeout(
+                f'bus {self.path} is stuck: a chip holds its lines low; '
+                'check the pull-ups and the wires, switch the chips off and on'
+            )
+        self.close()
+        if err.errno in (errno.ENODEV, errno.ENOENT, errno.EBADF):
+            return DeviceError(f'bus {self.path} was unplugged; {_bus_choice()}')
+        return DeviceError(f'bus {self.path} failed ({err}); {_bus_choice()}')

@@ -1,0 +1,124 @@
+"""Flags of chips whose readings cannot be trusted: saturated, wrapped, stuck, repeated.
+
+A chip's code wraps beyond its range instead of clipping, so that a reading far outside looks like
+one inside; only the way there tells.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.types import Array, Bools, Bytes, TaxelStatus
+
+if TYPE_CHECKING:
+    from tactile_ros.devices.mlx90393 import Words
+
+
+class ReadingWatch:
+    """Remembers each chip's readings and judges the next ones by them.
+
+    Parameters
+    ----------
+    taxels : int
+        Count of chips t.
+    full_scale : ndarray, shape (3,)
+        Field at which the code wraps (T).
+    margin : float
+        Share of the range, at its ends, that counts as saturated.
+    jump : float
+        Largest change from one reading to the next that is believed, as a share of `full_scale`.
+    stuck_after : int
+        Identical readings in a row before a chip counts as stuck.
+    chance : float
+        A run of repeats is believed to be the chip's own quiet down to this probability, from
+        the share of repeats it had before the run.
+
+    Notes
+    -----
+    A reading that jumped stays WRAPPED until the chip reads near its last trusted value again, or
+    `forget` is called: nothing else tells a wrap from a magnet that was put on.
+    """
+
+    def __init__(
+        self,
+        taxels: int,
+        full_scale: Array,
+        margin: float = 0.02,
+        jump: float = 0.5,
+        stuck_after: int = 10,
+        chance: float = 1e-6,
+    ) -> None:
+        """See the class."""
+        if not (0 <= margin < 1 and 0 < jump <= 1 and stuck_after > 1 and 0 < chance < 1):
+            msg = (
+                'margin, jump and chance of ReadingWatch must be shares and stuck_after 2 or '
+                f'more; received {margin}, {jump}, {chance}, {stuck_after}'
+            )
+            raise ValueError(msg)
+        self._limit = full_scale * (1 - margin)
+        self._jump = full_scale * jump
+        self._stuck_after = stuck_after
+        self._log_chance = np.log(chance)
+        self._trusted = np.full((taxels, 3), np.nan)
+        self._codes: Words | None = None
+        self._run = np.zeros(taxels)
+        self._repeats = np.ones(taxels)
+        self._readings = np.full(taxels, 2.0)
+
+    def forget(self, chips: Bools | slice = slice(None)) -> None:
+        """Trust the next reading of these chips, whatever it is, as after a reset or at rest."""
+        self._trusted[chips] = np.nan
+        self._run[chips] = 0
+
+    def judge(self, codes: Words, values: Array, good: Bools, fresh: Bools) -> Bytes:
+        """Judge one frame.
+
+        Parameters
+        ----------
+        codes : ndarray, shape (t, 3) or (t, 4)
+            As the chips sent them.
+        values : ndarray, shape (t, 3)
+            The same as fields (T).
+        good : ndarray, shape (t,)
+            Chips that were read.
+        fresh : ndarray, shape (t,)
+            Chips that had time for a new measurement since they were read last.
+
+        Returns
+        -------
+        ndarray, shape (t,)
+            Bits of `TaxelStatus`; 0 for chips that were not read.
+        """
+        saturated = (np.abs(values) >= self._limit).any(axis=1)
+        jumped = (np.abs(values - self._trusted) > self._jump).any(axis=1)
+        trusted = good & ~saturated & ~jumped
+        self._trusted[trusted] = values[trusted]
+        repeated = self._repeated(codes, good)
+        status = saturated * np.uint8(TaxelStatus.SATURATED)
+        status |= (jumped & ~saturated) * np.uint8(TaxelStatus.WRAPPED)
+        if repeated.any():
+            status |= (repeated & ~fresh) * np.uint8(TaxelStatus.STALE)
+            status |= self._stuck() * np.uint8(TaxelStatus.STUCK)
+        return np.where(good, status, 0).astype(np.uint8)
+
+    def _repeated(self, codes: Words, good: Bools) -> Bools:
+        """Which chips sent what they sent before; counts runs and, when those end, shares."""
+        if self._codes is None:
+            self._codes = codes.copy()
+            return np.zeros(len(codes), bool)
+        same: Bools = (codes == self._codes).all(axis=1) & good
+        changed = good & ~same
+        self._repeats[changed] += self._run[changed]
+        self._readings[changed] += self._run[changed] + 1
+        self._run[changed] = 0
+        self._run += same
+        self._codes[changed] = codes[changed]
+        return same
+
+    def _stuck(self) -> Bools:
+        """Which runs of repeats are longer than the chip's own noise explains."""
+        share = self._repeats / self._readings
+        likely = self._run * np.log(share) > self._log_chance
+        return np.asarray((self._run + 1 >= self._stuck_after) & ~likely, np.bool_)

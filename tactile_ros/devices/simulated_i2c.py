@@ -1,0 +1,172 @@
+"""Simulated I2C bus with chips and switches: takes smbus2's messages and charges their time."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+from typing import TYPE_CHECKING
+
+from tactile_ros.devices.mux import ChipPlace
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from smbus2 import i2c_msg
+
+    from tactile_ros.devices.clock import Clock
+    from tactile_ros.devices.simulated_chip import SimulatedChip
+
+BITS_PER_BYTE = 9  # with the acknowledgement
+READING = 0x0001  # I2C_M_RD
+
+
+def _ignore(fault: str) -> None:
+    """Nobody counts."""
+
+
+class SimulatedMux:
+    """A TCA9548A: one byte, whose bits open channels."""
+
+    def __init__(self) -> None:
+        """See the class."""
+        self.mask = 0
+
+    def write(self, data: bytes) -> None:
+        """Open the channels of the last byte."""
+        self.mask = data[-1] if data else self.mask
+
+    def read(self, count: int) -> bytes:
+        """Tell which are open."""
+        return bytes((self.mask,)) * count
+
+
+class SimulatedI2cBus:
+    """A bus that stands in for `smbus2.SMBus`: `i2c_rdwr` on real messages.
+
+    Parameters
+    ----------
+    clock : Clock
+        Passes while bytes are on the wire.
+    chips : mapping of ChipPlace to SimulatedChip
+        Who is there.
+    hertz : float
+        Clock of the bus (Hz).
+    timeout_s : float
+        How long the adapter holds a transfer on a stuck bus (s).
+    on_fault : callable
+        Told the name of a fault that happens on the bus.
+
+    Attributes
+    ----------
+    stuck : int
+        Transfers that will find the bus stuck.
+    silent : dict
+        Transfers that a chip will not acknowledge, by place.
+    gone_until_ns : int
+        When the adapter is plugged in again (ns).
+    busy_s : float
+        Time that bytes were on the wire (s).
+
+    Notes
+    -----
+    Every byte takes 9 clocks, start, repeated start and stop one each. All chips with an address
+    answer together, so that two at one address spoil each other's bits, as on wires.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        chips: Mapping[ChipPlace, SimulatedChip],
+        hertz: float = 400e3,
+        timeout_s: float = 0.05,
+        on_fault: Callable[[str], None] = _ignore,
+    ) -> None:
+        """See the class."""
+        self._clock = clock
+        self._chips = dict(chips)
+        self._muxes = {p.mux: SimulatedMux() for p in chips if p.mux is not None}
+        self._bit_s = 1 / hertz
+        self._timeout_s = timeout_s
+        self._on_fault = on_fault
+        self.stuck = 0
+        self.silent: dict[ChipPlace, int] = {}
+        self.gone_until_ns = 0
+        self.busy_s = 0.0
+
+    def close(self) -> None:
+        """Let go; nothing is held."""
+
+    def power_down(self, now_ns: int) -> None:
+        """Take the supply of everything away and give it back."""
+        for mux in self._muxes.values():
+            mux.mask = 0
+        for chip in self._chips.values():
+            chip.power_up(now_ns)
+
+    def i2c_rdwr(self, *messages: i2c_msg) -> None:
+        """Carry messages in one transaction.
+
+        Raises
+        ------
+        OSError
+            ENODEV unplugged, ETIMEDOUT stuck, EREMOTEIO not acknowledged.
+        """
+        if self._clock.now_ns() < self.gone_until_ns:
+            raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
+        if self.stuck:
+            self.stuck -= 1
+            self._on_fault('stuck_bus')
+            self._clock.sleep(self._timeout_s)
+            raise OSError(errno.ETIMEDOUT, os.strerror(errno.ETIMEDOUT))
+        for message in messages:
+            self._carry(message)
+        self._charge(1)
+
+    def _charge(self, bits: int) -> None:
+        """Let the time of clocks of the bus pass."""
+        self.busy_s += bits * self._bit_s
+        self._clock.sleep(bits * self._bit_s)
+
+    def _carry(self, message: i2c_msg) -> None:
+        """One message of a transaction."""
+        listeners = self._listeners(message.addr)
+        if not listeners:
+            self._charge(2 + BITS_PER_BYTE)
+            raise OSError(errno.EREMOTEIO, os.strerror(errno.EREMOTEIO))
+        self._charge(1 + BITS_PER_BYTE * (1 + message.len))
+        if not message.flags & READING:
+            for listener in listeners:
+                if isinstance(listener, SimulatedMux):
+                    listener.write(bytes(message))
+                else:
+                    listener.write(bytes(message), self._clock.now_ns())
+            return
+        wires = b'\xff' * message.len
+        for listener in listeners:
+            wires = bytes(a & b for a, b in zip(wires, listener.read(message.len), strict=True))
+        ctypes.memmove(message.buf, wires, message.len)
+
+    def _listeners(self, address: int) -> list[SimulatedMux | SimulatedChip]:
+        """Who acknowledges an address now."""
+        found: list[SimulatedMux | SimulatedChip] = []
+        if address in self._muxes:
+            found.append(self._muxes[address])
+        for place, chip in self._chips.items():
+            if place.address == address and self._reached(place) and self._answers(place, chip):
+                found.append(chip)
+        return found
+
+    def _reached(self, place: ChipPlace) -> bool:
+        """Whether the channel of a place is open."""
+        if place.mux is None or place.channel is None:
+            return True
+        return bool(self._muxes[place.mux].mask >> place.channel & 1)
+
+    def _answers(self, place: ChipPlace, chip: SimulatedChip) -> bool:
+        """Whether a chip acknowledges now."""
+        if self.silent.get(place, 0):
+            self.silent[place] -= 1
+            self._on_fault('nack')
+            return False
+        return chip.awake(self._clock.now_ns())
