@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.devices.framing import Decoded, FrameDecoder
 from tactile_ros.devices.packets import foreign, frame_bytes
-from tactile_ros.devices.transport import SerialPort
+from tactile_ros.devices.reconnecting import ReconnectingPort, transfer_s
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.types import Array, Bools, Bytes, Frame, Integers, Layout, TaxelStatus
 
@@ -22,32 +22,13 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 NOMINAL_RATE_HZ = 400.0
-FIRST_RETRY_S = 0.05
-LONGEST_RETRY_S = 0.5
 CLOCK_RESET_NS = 1_000_000_000
 LONG_GAP = 3.0
 
 
-@dataclass
-class LinkCounts:
-    """What the driver has seen beyond the counts of its decoder.
-
-    Attributes
-    ----------
-    reconnects : int
-        Times the port came back.
-    suspected : int
-        Frames that the stamps say are missing, against the usual time between frames; a paused
-        host or board looks the same, so they are not part of `sequence`.
-    """
-
-    reconnects: int = 0
-    suspected: int = 0
-
-
 def uart_transfer_s(chips: int, baud: int) -> float:
     """Time (s) that a frame of `chips` chips takes on a true UART, ten bits a byte."""
-    return frame_bytes(chips) * 10 / baud
+    return transfer_s(frame_bytes(chips), baud)
 
 
 def arrival_stamps(
@@ -113,7 +94,8 @@ class SerialBoard:
     A stamp is the arrival of the frame's last byte less `transfer_s`; the board has no clock.
     `sequence` grows by one a frame and by the frames known lost: bytes skipped over the length of
     a frame, at least one for a reconnection. Whole frames that a board never sent cannot be known;
-    `counters()['suspected']` compares stamps with their usual spacing.
+    `counters()['suspected']` compares stamps with their usual spacing: a paused host or board
+    looks the same, so those are not part of `sequence`.
     """
 
     def __init__(
@@ -133,9 +115,8 @@ class SerialBoard:
             msg = f'layout of a serial board must have 3 channels; received {channels}'
             raise ValueError(msg)
         rate = layout.rate_hz if layout.rate_hz > 0 else NOMINAL_RATE_HZ
-        self.link = LinkCounts()
         self._layout = layout
-        self._port = SerialPort(port, baud)
+        self._port = ReconnectingPort(port, baud, self._restart)
         self._decoder = FrameDecoder(taxels, quantum)
         self._temperature_measured = temperature_measured
         self._clock = clock
@@ -148,11 +129,8 @@ class SerialBoard:
         self._last_ns: int | None = None
         self._usual_ns = 0.0
         self._last: tuple[Array, Array] | None = None
-        self._opened_before = False
         self._interrupted = False
-        self._failure = ''
-        self._retry_s = 0.0
-        self._retry_at = 0.0
+        self._suspected = 0
 
     @property
     def layout(self) -> Layout:
@@ -161,8 +139,12 @@ class SerialBoard:
 
     def counters(self) -> dict[str, int]:
         """Frames, losses and damage since the driver was made, by name."""
-        counts = {**asdict(self._decoder.counts), **asdict(self.link)}
-        return {**counts, 'dropped': self._dropped}
+        return {
+            **asdict(self._decoder.counts),
+            'dropped': self._dropped,
+            'reconnects': self._port.reconnects,
+            'suspected': self._suspected,
+        }
 
     def open(self) -> None:
         """Open the port.
@@ -172,16 +154,13 @@ class SerialBoard:
         DeviceError
             If it is missing, busy or forbidden: one sentence with the ports that exist.
         """
-        if self._port.is_open:
-            return
         self._port.open()
+
+    def _restart(self, again: bool) -> None:
+        """Forget the stream of before."""
         self._decoder.reset()
         self._last = None
-        if self._opened_before:
-            self.link.reconnects += 1
-            self._interrupted = True
-        self._opened_before = True
-        self._retry_s = 0.0
+        self._interrupted |= again
 
     def close(self) -> None:
         """Let the port go and forget frames that were not read."""
@@ -223,62 +202,33 @@ class SerialBoard:
         DeviceError
             If what comes is another stream than this board's.
         """
-        deadline = time.monotonic() + timeout
-        while not self._frames:
-            remaining = max(0.0, deadline - time.monotonic())
-            if self._port.is_open:
-                self._receive(remaining)
-            else:
-                self._reopen(remaining)
-            if not self._frames and time.monotonic() >= deadline:
-                self._give_up(timeout)
-        return self._frames.popleft()
+        frame = self._port.first(self._frames, self._receive, timeout)
+        if frame is None:
+            raise self._silence(timeout)
+        return frame
 
-    def _receive(self, remaining: float) -> None:
-        """Take what the port has, or note that it is gone."""
-        try:
-            data = self._port.read(remaining)
-        except DeviceError as err:
-            self._failure = str(err)
-            self._retry_at = time.monotonic()
-            return
-        if data:
-            now_ns = self._clock()
-            decoded = self._decoder.feed(data)
-            if len(decoded.skipped):
-                self._queue(decoded, now_ns - self._transfer_ns)
+    def _receive(self, data: bytes) -> None:
+        """Queue the frames that end in bytes that have just come."""
+        now_ns = self._clock()
+        decoded = self._decoder.feed(data)
+        if len(decoded.skipped):
+            self._queue(decoded, now_ns - self._transfer_ns)
 
-    def _reopen(self, remaining: float) -> None:
-        """Try to open the port when its time has come."""
-        pause = self._retry_at - time.monotonic()
-        if pause > 0:
-            time.sleep(min(pause, remaining))
-            if pause > remaining:
-                return
-        try:
-            self.open()
-        except DeviceError as err:
-            self._failure = str(err)
-            self._retry_s = min(max(2 * self._retry_s, FIRST_RETRY_S), LONGEST_RETRY_S)
-            self._retry_at = time.monotonic() + self._retry_s
-
-    def _give_up(self, timeout: float) -> None:
-        """Say why nothing came."""
+    def _silence(self, timeout: float) -> DeviceError:
+        """Why nothing came."""
         port = self._port.port
         if not self._port.is_open:
-            msg = f'{self._failure}; trying again'
-            raise DeviceTimeout(msg)
+            return DeviceTimeout(f'{self._port.failure}; trying again')
         pending = self._decoder.pending
         chips = self._layout.shape[0]
         if self._decoder.locked or not pending:
-            msg = f'no frame came from {port} within {timeout:g} s'
-            raise DeviceTimeout(msg)
+            return DeviceTimeout(f'no frame came from {port} within {timeout:g} s')
         stranger = foreign(pending, chips)
         if stranger is not None:
-            msg = f'{port}: {stranger}'
-            raise DeviceError(msg)
-        msg = f'bytes come from {port}, but no frame of {chips} chips within {timeout:g} s'
-        raise DeviceTimeout(msg)
+            return DeviceError(f'{port}: {stranger}')
+        return DeviceTimeout(
+            f'bytes come from {port}, but no frame of {chips} chips within {timeout:g} s'
+        )
 
     def _queue(self, decoded: Decoded, now_ns: int) -> None:
         """Turn decoded rows into frames with stamps, sequence and status."""
@@ -313,7 +263,7 @@ class SerialBoard:
         gap = (stamp_ns - self._last_ns) / (1 + skipped)
         usual = self._usual_ns or gap
         if gap > LONG_GAP * usual:
-            self.link.suspected += round(gap / usual) - 1
+            self._suspected += round(gap / usual) - 1
         self._usual_ns = usual + 0.05 * (min(gap, LONG_GAP * usual) - usual)
 
     def _status(self, decoded: Decoded) -> Bytes:

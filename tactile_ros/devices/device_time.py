@@ -1,0 +1,151 @@
+"""A board's own clock, unwrapped, and what it tells about when frames were taken."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from tactile_ros.types import Integers
+
+WRAP_US = 2**32
+NS_PER_US = 1000
+# oscillators of microcontrollers agree with the host's to this share
+CREEP = 0.01
+CLOCK_RESET_NS = 1_000_000_000
+LONG_GAP = 3
+SHORTEST_STALL_NS = 20_000_000
+TOLERANCE_NS = 50_000_000
+
+
+class Moments(NamedTuple):
+    """When frames were taken.
+
+    Attributes
+    ----------
+    device_ns : list of int
+        The board's clock, unwrapped: never falls.
+    stamp_ns : list of int
+        The host's clock: always increases.
+    repeated : list of bool
+        Whether the board says that this is the sample of the frame before.
+    """
+
+    device_ns: list[int]
+    stamp_ns: list[int]
+    repeated: list[bool]
+
+
+class DeviceTime:
+    """Follows a 32 bit microsecond clock and ties it to the host's.
+
+    Parameters
+    ----------
+    period_ns : int
+        Nominal period of frames (ns); 0: unknown.
+
+    Attributes
+    ----------
+    clock_jumps : int
+        Times the board's clock went back, or went ahead of the time that passed here.
+    stalls : int
+        Times the board measured nothing for more than three periods and 20 ms.
+
+    Notes
+    -----
+    Bytes come late, never early, so the host's time less the board's is lowest for the promptest
+    frame. A stamp is the board's time plus that lowest difference, which creeps up by 1 % to
+    follow oscillators that differ. So bursts and a late reader do not shift stamps.
+
+    Where the board's clock jumps, or its port was away, the unwrapped time goes on by the time
+    that passed on the host. A jump is told from a stall by the time that passed here, with a
+    tolerance of 50 ms.
+    """
+
+    def __init__(self, period_ns: int) -> None:
+        """See the class."""
+        self.clock_jumps = 0
+        self.stalls = 0
+        self._period_ns = period_ns
+        self._raw_us: int | None = None
+        self._device_ns = 0
+        self._offset_ns: int | None = None
+        self._now_ns = 0
+        self._stamp_ns: int | None = None
+
+    def restart(self) -> None:
+        """Expect another origin of the board's clock, as after a reconnection."""
+        self._raw_us = None
+        self._offset_ns = None
+
+    def follow(self, time_us: Integers, lost: Integers, now_ns: int) -> Moments:
+        """Times of the frames of one read.
+
+        Parameters
+        ----------
+        time_us : ndarray, shape (s,)
+            The board's clock (microseconds), wrapping at 2^32; s at least 1.
+        lost : ndarray, shape (s,)
+            Frames known lost before each.
+        now_ns : int
+            When the last frame was whole (ns), less its time on the wire.
+
+        Returns
+        -------
+        Moments
+            s of each.
+        """
+        elapsed_ns = max(0, now_ns - self._now_ns)
+        before_ns = self._device_ns
+        device_ns: list[int] = []
+        repeated: list[bool] = []
+        for raw_us, gap in zip(time_us.tolist(), lost.tolist(), strict=True):
+            repeated.append(raw_us == self._raw_us)
+            self._device_ns += self._step(raw_us, gap, elapsed_ns)
+            self._raw_us = raw_us
+            device_ns.append(self._device_ns)
+        self._now_ns = now_ns
+        offset_ns = self._tie(now_ns, self._device_ns - before_ns)
+        stamps = self._stamps(device_ns, offset_ns)
+        # 0 would say that there is no clock
+        return Moments([max(1, time_ns) for time_ns in device_ns], stamps, repeated)
+
+    def _step(self, raw_us: int, lost: int, elapsed_ns: int) -> int:
+        """Time since the frame before (ns)."""
+        if self._raw_us is None:
+            return elapsed_ns if self._device_ns else raw_us * NS_PER_US
+        step_us = (raw_us - self._raw_us) % WRAP_US
+        step_ns = step_us * NS_PER_US
+        usual_ns = self._period_ns * (lost + 1)
+        allowed_ns = max(SHORTEST_STALL_NS, LONG_GAP * usual_ns) + usual_ns
+        if not self._period_ns:
+            allowed_ns = CLOCK_RESET_NS
+        if step_ns <= allowed_ns:
+            return step_ns
+        if step_us < WRAP_US // 2 and step_ns <= elapsed_ns + TOLERANCE_NS:
+            self.stalls += 1
+            return step_ns
+        self.clock_jumps += 1
+        self._offset_ns = None
+        return elapsed_ns or usual_ns
+
+    def _tie(self, now_ns: int, passed_ns: int) -> int:
+        """Host's time less the board's."""
+        offset_ns = now_ns - self._device_ns
+        if self._offset_ns is not None:
+            late_ns = offset_ns - self._offset_ns
+            if abs(late_ns) <= CLOCK_RESET_NS:
+                offset_ns = self._offset_ns + min(late_ns, int(CREEP * passed_ns))
+        if self._stamp_ns is not None and now_ns < self._stamp_ns - CLOCK_RESET_NS:
+            self._stamp_ns = None
+        self._offset_ns = offset_ns
+        return offset_ns
+
+    def _stamps(self, device_ns: list[int], offset_ns: int) -> list[int]:
+        """The host's times, each later than the one before."""
+        stamps = []
+        for time_ns in device_ns:
+            stamp_ns = time_ns + offset_ns
+            if self._stamp_ns is not None:
+                stamp_ns = max(stamp_ns, self._stamp_ns + 1)
+            self._stamp_ns = stamp_ns
+            stamps.append(stamp_ns)
+        return stamps

@@ -1,0 +1,164 @@
+"""A serial port that comes back: opened again with growing pauses after it was unplugged."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING
+
+from tactile_ros.devices.transport import SerialPort
+from tactile_ros.errors import DeviceError
+
+if TYPE_CHECKING:
+    from collections import deque
+    from collections.abc import Callable
+
+    from tactile_ros.types import Frame
+
+FIRST_RETRY_S = 0.05
+LONGEST_RETRY_S = 0.5
+BITS_PER_BYTE = 10
+
+
+def transfer_s(size: int, baud: int) -> float:
+    """Time (s) that `size` bytes take on a true UART: a start bit, eight bits and a stop bit."""
+    return size * BITS_PER_BYTE / baud
+
+
+def check_capacity(what: str, size: int, rate_hz: float, baud: int) -> None:
+    """Refuse frames that a UART cannot carry.
+
+    Parameters
+    ----------
+    what : str
+        The frames in words.
+    size : int
+        Length of one (bytes).
+    rate_hz : float
+        Frames a second; not a number: unknown, not checked.
+    baud : int
+        Baud rate.
+
+    Raises
+    ------
+    ValueError
+        If they need more; names both byte rates and the baud rate that is enough.
+    """
+    needed, carried = size * rate_hz, baud / BITS_PER_BYTE
+    if needed > carried:
+        enough = math.ceil(needed * BITS_PER_BYTE)
+        msg = (
+            f'{what} at {rate_hz:g} Hz must fit the port: they are {needed:.0f} bytes/s and '
+            f'{baud} baud carry {carried:.0f} bytes/s; lower the rate, raise the baud rate to '
+            f'{enough} or more, or set native_usb where the baud rate means nothing'
+        )
+        raise ValueError(msg)
+
+
+class ReconnectingPort:
+    """Bytes of a port that may be unplugged and plugged in again at any time.
+
+    Parameters
+    ----------
+    port : str
+        Device path.
+    baud : int
+        Baud rate.
+    on_open : callable
+        Called after each opening with whether it is a reconnection.
+
+    Attributes
+    ----------
+    reconnects : int
+        Times the port came back.
+    failure : str
+        Why the port is not open now, in one sentence.
+    """
+
+    def __init__(self, port: str, baud: int, on_open: Callable[[bool], None]) -> None:
+        """See the class."""
+        self.reconnects = 0
+        self.failure = ''
+        self._port = SerialPort(port, baud)
+        self._on_open = on_open
+        self._opened_before = False
+        self._retry_s = 0.0
+        self._retry_at = 0.0
+
+    @property
+    def port(self) -> str:
+        """Device path."""
+        return self._port.port
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the port is held."""
+        return self._port.is_open
+
+    def open(self) -> None:
+        """Open the port; DeviceError in one sentence if it is missing, busy or forbidden."""
+        if self._port.is_open:
+            return
+        self._port.open()
+        again, self._opened_before = self._opened_before, True
+        self.reconnects += again
+        self._retry_s = 0.0
+        self._on_open(again)
+
+    def close(self) -> None:
+        """Let the port go."""
+        self._port.close()
+
+    def first(
+        self, frames: deque[Frame], receive: Callable[[bytes], None], timeout: float
+    ) -> Frame | None:
+        """Take the oldest frame; until there is one, hand bytes to `receive`, which queues them.
+
+        Parameters
+        ----------
+        frames : deque of Frame
+            Frames not read yet.
+        receive : callable
+            Takes bytes as they come.
+        timeout : float
+            Longest wait (s).
+
+        Returns
+        -------
+        Frame or None
+            None when none came in time.
+        """
+        deadline = time.monotonic() + timeout
+        while not frames:
+            data = self.take(max(0.0, deadline - time.monotonic()))
+            if data:
+                receive(data)
+            if not frames and time.monotonic() >= deadline:
+                return None
+        return frames.popleft()
+
+    def take(self, timeout: float) -> bytes:
+        """Wait at most `timeout` (s) for bytes, or for the port where it is gone."""
+        if not self._port.is_open:
+            self._reopen(timeout)
+            return b''
+        try:
+            return self._port.read(timeout)
+        except DeviceError as err:
+            self.failure = str(err)
+            self._retry_at = time.monotonic()
+            return b''
+
+    def _reopen(self, timeout: float) -> None:
+        """Try to open the port when its time has come."""
+        pause = self._retry_at - time.monotonic()
+        if pause > 0:
+            time.sleep(min(pause, timeout))
+            if pause > timeout:
+                return
+        try:
+            self.open()
+        except DeviceError as err:
+            self.failure = str(err)
+            self._retry_s = min(max(2 * self._retry_s, FIRST_RETRY_S), LONGEST_RETRY_S)
+            self._retry_at = time.monotonic() + self._retry_s
