@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
-from tactile_ros.regression.estimation import CLASSES, ESTIMATORS, Regression
+from tactile_ros.regression.estimation import ESTIMATORS, Regression
+from tactile_ros.regression.recognition import CLASSES, Recognition
 
-__all__ = ['CLASSES', 'ESTIMATORS', 'Regression']
+__all__ = ['CLASSES', 'ESTIMATORS', 'Recognition', 'Regression']

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from tactile_ros.signals import Estimation, SensorConfig
-    from tactile_ros.types import Device, Layout, Recording
+    from tactile_ros.types import Device, Layout, Recording, Twin
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,12 @@ class SensorSpec:
         What the second argument may be.
     open : callable
         Device, not yet entered, for a config, a connection and a clock (ns).
+    simulate : callable
+        Twin, not yet entered, for a config, a connection, a signal and a seed. The signal is a
+        function of time (s) that returns values (t, c) in the sensor's unit; None: that of
+        `presses` with the same seed, without its noise.
+    presses : callable
+        Recording with truth of a simple programme of presses, for a config and a seed.
     classes : tuple of type
         What a calibration file of this sensor may hold.
     recordings : callable
@@ -54,6 +60,8 @@ class SensorSpec:
     estimation: Callable[..., Estimation]
     estimator_names: tuple[str, ...]
     open: Callable[..., Device]
+    simulate: Callable[..., Twin]
+    presses: Callable[..., Recording]
     classes: tuple[type, ...]
     recordings: Callable[[], Mapping[str, Recording]]
 

@@ -19,8 +19,9 @@ from tactile_ros.sensors.reskin_board.config import (
     ReskinBoardConnection,
     layout,
 )
-from tactile_ros.sensors.reskin_board.device import open_board
+from tactile_ros.sensors.reskin_board.device import open_board, simulate_board
 from tactile_ros.sensors.reskin_board.recordings import shipped
+from tactile_ros.sensors.reskin_board.signal import presses
 
 SENSOR = SensorSpec(
     key='reskin_board',
@@ -33,6 +34,8 @@ SENSOR = SensorSpec(
     estimation=Regression,
     estimator_names=ESTIMATORS,
     open=open_board,
+    simulate=simulate_board,
+    presses=presses,
     classes=(ReskinBoardConfig, *CLASSES),
     recordings=shipped,
 )

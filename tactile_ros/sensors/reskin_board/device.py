@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from tactile_ros.devices.board_twin import BoardTwin
 from tactile_ros.devices.serial_board import SerialBoard, uart_transfer_s
 from tactile_ros.sensors.reskin_board.config import layout
+from tactile_ros.sensors.reskin_board.signal import NOISE
+from tactile_ros.sensors.reskin_board.signal import signal as own_signal
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from tactile_ros.sensors.reskin_board.config import ReskinBoardConfig, ReskinBoardConnection
+    from tactile_ros.types import Array
 
 
 def open_board(
@@ -29,6 +34,23 @@ def open_board(
         transfer_s=0.0 if connection.native_usb else uart_transfer_s(chips, connection.baud),
         quantum=connection.step,
         mark_repeats=connection.mark_repeats,
+    )
+
+
+def simulate_board(
+    config: ReskinBoardConfig,
+    connection: ReskinBoardConnection,
+    signal: Callable[[float], Array] | None = None,
+    seed: int = 0,
+) -> BoardTwin:
+    """Twin of a board that plays `signal`, or a simple one of its own; not entered yet."""
+    return BoardTwin(
+        layout(config),
+        own_signal(config, seed) if signal is None else signal,
+        noise=NOISE if config.noise is None else config.noise,
+        seed=seed,
+        quantum=connection.step,
+        driver=lambda port, clock_ns: open_board(config, replace(connection, port=port), clock_ns),
     )
 
 

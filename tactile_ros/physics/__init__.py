@@ -1,0 +1,1 @@
+"""What the world does: fields of magnets. Functions of arrays alone."""

@@ -1,0 +1,141 @@
+"""Regression that also names cells and classes, and tells the turn of what touches.
+
+Cells and classes are voted by nearest neighbours [2], weighted by one over the distance; a turn is
+regressed as cosine and sine, so that it has no seam.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.estimators.grid_knn import GridKnn
+from tactile_ros.regression.estimation import CLASSES as REGRESSION_CLASSES
+from tactile_ros.regression.estimation import Regression
+from tactile_ros.regression.head import FEWEST_ROWS, Head
+
+if TYPE_CHECKING:
+    from tactile_ros.signals import Columns, Report, SensorConfig, Signals
+    from tactile_ros.types import Array, Bools, Integers
+
+NAMED = ('cell', 'label')
+VOTER = 'grid_knn'
+
+
+class Vote:
+    """Nearest neighbours that vote for one of several classes.
+
+    Parameters
+    ----------
+    target : str
+        'cell' or 'label'.
+
+    Attributes
+    ----------
+    classes_ : ndarray, shape (k,)
+        Those that were seen.
+    voters_ : GridKnn
+        Of the share of each class.
+    """
+
+    classes_: Integers
+    voters_: GridKnn
+
+    def __init__(self, target: str) -> None:
+        self.target = target
+
+    def fit(self, x: Array, named: Integers) -> Vote:
+        """Remember features (s, d) and their classes (s,)."""
+        self.classes_, index = np.unique(named, return_inverse=True)
+        shares = np.eye(len(self.classes_))[np.ravel(index)]
+        self.voters_ = GridKnn().fit(x, shares)
+        return self
+
+    def predict(self, x: Array) -> tuple[Integers, Array]:
+        """Class and its share of the votes, shape (s,) each; of equal shares the lowest class."""
+        shares = self.voters_.predict(x)
+        best = shares.argmax(axis=1)
+        return self.classes_[best], shares[np.arange(len(x)), best]
+
+
+class Recognition(Regression):
+    """Regressors of one sensor, with votes for cell and label and the turn.
+
+    Parameters
+    ----------
+    config, estimator, channels
+        As in `Regression`. Votes are taken where the estimator is None or 'grid_knn'.
+    """
+
+    def __init__(
+        self, config: SensorConfig, estimator: str | None = None, channels: int = 3
+    ) -> None:
+        super().__init__(config, estimator, channels)
+        self.votes_: tuple[Vote, ...] = ()
+        self.turn_: Head | None = None
+
+    @property
+    def estimators(self) -> dict[str, str]:
+        """Name of the estimator in use for each target."""
+        turn = {} if self.turn_ is None else {'yaw': self.turn_.name}
+        return {**super().estimators, **turn, **{vote.target: VOTER for vote in self.votes_}}
+
+    @property
+    def report(self) -> Report:
+        """Errors on held-out groups for each target; those of votes are not measured."""
+        turn = {} if self.turn_ is None else {'yaw': self.turn_.report_}
+        return {**super().report, **turn}
+
+    @property
+    def label_names(self) -> tuple[str, ...]:
+        """Nothing but numbers is known of classes."""
+        known = [vote.classes_ for vote in self.votes_ if vote.target == 'label']
+        return tuple(str(name) for name in known[0]) if known else ()
+
+    def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
+        """Learn every target of which truth knows a component; see `Regression`."""
+        super().fit(signals, truth, groups)
+        x = signals.delta.reshape(len(signals.good), self.width)
+        unknown = np.full(len(x), -1)
+        votes: list[Vote] = []
+        for target in NAMED if self.estimator in (None, VOTER) else ():
+            named = np.asarray(truth.get(target, unknown), np.int64)
+            rows = signals.good & (named >= 0)
+            if rows.sum() >= FEWEST_ROWS:
+                votes.append(Vote(target).fit(x[rows], named[rows]))
+        self.votes_ = tuple(votes)
+        yaw = np.asarray(truth.get('yaw', np.full(len(x), np.nan)), np.float64)
+        self.turn_ = self._turn(x, yaw, signals.good & np.isfinite(yaw), groups)
+
+    def _turn(self, x: Array, yaw: Array, rows: Bools, groups: Columns) -> Head | None:
+        """Regressor of the turn's cosine and sine, where enough rows (s,) know it."""
+        if rows.sum() < FEWEST_ROWS:
+            return None
+        y = np.column_stack([np.cos(yaw[rows]), np.sin(yaw[rows])])
+        group = np.asarray(groups['group'], np.int64)[rows]
+        session = np.asarray(groups['session'], np.int64)[rows]
+        return Head('yaw', (0, 1), self.estimator, self.width).fit(x[rows], y, group, session)
+
+    def estimate(self, signals: Signals, memory: object) -> Columns:
+        """Targets of every row; see `Regression`."""
+        known = super().estimate(signals, memory)
+        x = signals.delta.reshape(len(signals.good), self.width)
+        for vote in self.votes_:
+            # no class, and no neighbours, for readings that are not there
+            there = np.isfinite(x).all(axis=1)
+            names, shares = np.full(len(x), -1), np.full(len(x), np.nan)
+            if there.any():
+                names[there], shares[there] = vote.predict(x[there])
+            known[vote.target], known[f'{vote.target}_probability'] = names, shares
+        if self.turn_ is not None:
+            mean, cov = self.turn_.predict(x)
+            length = np.maximum(np.linalg.norm(mean, axis=1), 1e-9)
+            across = np.column_stack([-mean[:, 1], mean[:, 0]]) / length[:, None]
+            known['yaw'] = np.arctan2(mean[:, 1], mean[:, 0])
+            variance = np.einsum('si,sij,sj->s', across, cov, across)
+            known['yaw_std'] = np.sqrt(variance) / length
+        return known
+
+
+CLASSES = (*REGRESSION_CLASSES, Recognition, Vote)

@@ -1,0 +1,74 @@
+"""Geometry and materials of the five-wire skin, as [5] built it, and its layout.
+
+[5]: a sheet of 100 x 100 mm, ITO-PET of 100 ohm per square (its "ohm/cm2") with a silver border
+of 2.4e7 S/m, Velostat, a foil, 15 x 15 mm touches, 5 wires. The border's thickness is not given:
+10 um make its sheet conductance 24 000 times that of the sheet. Supply, divider and rate are
+assumptions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactile_ros.types import Array, Layout
+from tactile_ros.types.fields import admit, array, each_channel, maybe_array, number, switch
+
+CHANNELS = ('u_AC', 'u_BD', 'divider')
+SIZE = 100e-3
+
+
+@dataclass(frozen=True)
+class FiveWireSkinConfig:
+    """One sheet with four corner electrodes and a foil; lengths in m, origin at electrode A.
+
+    Attributes
+    ----------
+    positions, rotations : ndarray, shape (t, 3) and (t, 3, 3) or None
+        Middle of the sheet; rotations carry no meaning for potentials.
+    saturation, noise : float, ndarray of shape (3,), or None
+        Largest reading and noise of a channel (fraction of the supply).
+    rate_hz, track_baseline : float, bool
+        Frames per second; whether slow drift at rest is followed.
+    size : ndarray, shape (2,)
+        Of the sheet: A to B along x, A to D along y.
+    touch_size : float
+        Edge of a square touch.
+    sheet_resistance, border_ratio : float
+        Of the sheet (ohm per square); sheet conductance of border over sheet.
+    supply_voltage, reference_resistance : float
+        V; R0 of the divider (ohm).
+    """
+
+    positions: Array = array([[SIZE / 2, SIZE / 2, 0]], 'middle of the sheet', 'm', (-1, 3))
+    rotations: Array | None = maybe_array('axes of the sheet; empty: aligned', '1', ('t', 3, 3))
+    saturation: float | Array | None = each_channel(
+        (np.inf, np.inf, np.inf), 'largest reading', '1'
+    )
+    noise: float | Array | None = each_channel(None, 'noise; empty: estimated from rest', '1')
+    rate_hz: float = number(100.0, 'frames per second', 'Hz', 0.1, 5000)
+    track_baseline: bool = switch(True, 'follow slow drift while nothing touches')
+    size: Array = array((SIZE, SIZE), 'sheet along x and y', 'm', (2,), 1e-3, 10.0)
+    touch_size: float = number(15e-3, 'edge of a square touch', 'm', 1e-4, 1.0)
+    sheet_resistance: float = number(100.0, 'of the sheet', 'ohm per square', 1e-3, 1e9)
+    border_ratio: float = number(24_000.0, 'conductance of border over sheet', '1', 1.0, 1e16)
+    supply_voltage: float = number(5.0, 'of divider and excitation', 'V', 1e-3, 1e3)
+    reference_resistance: float = number(1000.0, 'R0 of the divider', 'ohm', 1e-3, 1e9)
+
+    def __post_init__(self) -> None:
+        """Check values once, at the door."""
+        admit(self, len(CHANNELS))
+
+
+def layout(config: FiveWireSkinConfig) -> Layout:
+    """Layout of a sheet: one taxel of three channels."""
+    return Layout(
+        positions=config.positions,
+        channels=CHANNELS,
+        unit='1',
+        rotations=config.rotations,
+        saturation=None if config.saturation is None else np.asarray(config.saturation, float),
+        rate_hz=config.rate_hz,
+        sensor='five_wire_skin',
+    )

@@ -1,0 +1,96 @@
+"""A simple signal of the five-wire skin: linear potentials and a voltage divider.
+
+It is no model of [5] to estimate with: the border conducts perfectly, so that potentials are
+linear; the resistance to the border is a smooth bump, Velostat follows a power law, and creep is
+left out. The foil has a weak pull-down: untouched, all three readings are 0. A real one may float.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.presses import Programme, Touches, growing_loads, playing, recorded
+from tactile_ros.sensors.five_wire_skin.config import layout
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tactile_ros.presses import Truth
+    from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig
+    from tactile_ros.types import Array, Recording
+
+NOISE = 5e-4  # of the supply
+AT_ONE_NEWTON, EXPONENT = 2000.0, 0.7  # Velostat (ohm, 1)
+MIDDLE = 0.3  # resistance from the sheet's middle to its border, in squares
+BORDER = 12.5e-3  # nothing is pressed nearer to the border
+PRESSES = 40
+
+
+def reading(config: FiveWireSkinConfig, touches: Touches) -> Array:
+    """Readings (s, 1, 3), fractions of the supply: u_AC, u_BD, R0 / (R0 + R)."""
+    touched = touches.force[:, 2] > 0
+    x, y = (np.nan_to_num(touches.position[:, :2]) / config.size).T
+    u_ac, u_bd = 1 - (x + y) / 2, 0.5 + (x - y) / 2
+    sheet = config.sheet_resistance * MIDDLE * 16 * x * (1 - x) * y * (1 - y)
+    load = np.where(touched, touches.force[:, 2], 1.0)
+    resistance = sheet + AT_ONE_NEWTON * load**-EXPONENT
+    divider = config.reference_resistance / (config.reference_resistance + resistance)
+    read = np.stack([u_ac, u_bd, divider], axis=-1) * touched[:, None]
+    return np.broadcast_to(read[:, None], (len(read), len(config.positions), 3))
+
+
+def truth(touches: Touches) -> Truth:
+    """Place, and the force along z, the only one that is seen."""
+    force = touches.force.copy()
+    force[:, :2] = np.nan
+    return {'position': touches.position, 'force': force}
+
+
+def programme(config: FiveWireSkinConfig, seed: int, count: int) -> Programme:
+    """Presses of 1..15 N, as in [5], all over the sheet but for its border."""
+    rng = np.random.default_rng(seed)
+    margin = np.minimum(BORDER, config.size / 8)
+    place = margin + (config.size - 2 * margin) * rng.uniform(0, 1, (count, 2))
+    load = growing_loads(count, 1.0, 15.0, rng)
+    return Programme(
+        np.column_stack([place, np.zeros(count)]), load[:, None] * np.array([0.0, 0.0, 1.0])
+    )
+
+
+def presses(
+    config: FiveWireSkinConfig, seed: int = 0, count: int = PRESSES, noise: float | None = None
+) -> Recording:
+    """Readings of `count` presses with their truth: position and normal force.
+
+    Parameters
+    ----------
+    config : FiveWireSkinConfig
+        Of the sensor.
+    seed : int
+        Of places, loads and noise.
+    count : int
+        Presses (n).
+    noise : float or None
+        Of a channel (fraction of the supply); None: half a thousandth.
+
+    Returns
+    -------
+    Recording
+        One stream that begins with a tare.
+    """
+    return recorded(
+        layout(config),
+        programme(config, seed, count),
+        lambda touches: reading(config, touches),
+        truth,
+        NOISE if noise is None else noise,
+        seed,
+        (0.0, 1.0),
+    )
+
+
+def signal(config: FiveWireSkinConfig, seed: int = 0) -> Callable[[float], Array]:
+    """The readings of `presses` without noise, over time (s), again and again."""
+    return playing(presses(config, seed, noise=0.0))

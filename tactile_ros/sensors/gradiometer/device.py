@@ -1,0 +1,53 @@
+"""The gradiometer behind a microcontroller on a serial port, real or simulated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from tactile_ros.devices.connections import FramedConnection, open_framed, simulate_framed
+from tactile_ros.devices.framed_payloads import gradiometer
+from tactile_ros.sensors.gradiometer.config import layout
+from tactile_ros.sensors.gradiometer.signal import NOISE
+from tactile_ros.sensors.gradiometer.signal import signal as own_signal
+from tactile_ros.types.fields import number
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tactile_ros.devices.framed_twin import FramedTwin
+    from tactile_ros.sensors.gradiometer.config import GradiometerConfig
+    from tactile_ros.types import Array, Device
+
+
+@dataclass(frozen=True)
+class GradiometerConnection(FramedConnection):
+    """A microcontroller that sends eight counts and the chip's temperature in frames."""
+
+    tesla_per_count: float = number(2.5e-6, 'step of a reading', 'T', 1e-9, 1e-3)
+
+
+def open_gradiometer(
+    config: GradiometerConfig, connection: GradiometerConnection, clock_ns: Callable[[], int]
+) -> Device:
+    """Gradiometer of `config` at `connection`, with stamps from `clock_ns`; not opened yet."""
+    scale = connection.tesla_per_count
+    return open_framed(layout(config), connection, gradiometer(), scale, clock_ns)
+
+
+def simulate_gradiometer(
+    config: GradiometerConfig,
+    connection: GradiometerConnection,
+    signal: Callable[[float], Array] | None = None,
+    seed: int = 0,
+) -> FramedTwin:
+    """Twin of a gradiometer that plays `signal`, or a simple one of its own; not entered yet."""
+    return simulate_framed(
+        layout(config),
+        connection,
+        gradiometer(),
+        connection.tesla_per_count,
+        own_signal(config, seed) if signal is None else signal,
+        NOISE if config.noise is None else config.noise,
+        seed,
+    )

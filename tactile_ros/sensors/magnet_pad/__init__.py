@@ -1,0 +1,37 @@
+"""Magnets in a soft half cylinder over two 3-axis chips that locate a touch: paper [2].
+
+Three neodymium blocks lie in a body of soft polyurethane, two MLX90393 under it. A press moves the
+magnets, and the six readings tell which cell of the surface is touched: [2] votes among the
+nearest training samples (K = 1, 5, 10) for one of 6, 15 or 25 cells. Two conditions make a good
+design: no chip saturates under the largest force, and the least force moves at least one chip's
+reading by more than it can resolve. Here the cell is voted by five neighbours, and place and force
+are regressed from the change of field, until the rest of [2] and better ones are built; regressors
+are chosen in `fit` by grouped cross-validation.
+
+Source: [2] on the design of a soft tactile sensor with permanent magnets and Hall elements.
+"""
+
+from __future__ import annotations
+
+from tactile_ros.regression import CLASSES, ESTIMATORS, Recognition
+from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig, layout
+from tactile_ros.sensors.magnet_pad.device import MagnetPadConnection, open_pad, simulate_pad
+from tactile_ros.sensors.magnet_pad.signal import presses
+from tactile_ros.sensors.registry import SensorSpec
+
+SENSOR = SensorSpec(
+    key='magnet_pad',
+    paper='[2] soft magnet pad, which cell is touched by nearest neighbours',
+    summary='three magnets in a soft half cylinder over two three-axis chips',
+    transports=('I2C: two MLX90393 on one bus', 'serial: framed protocol, chips'),
+    config=MagnetPadConfig,
+    connection=MagnetPadConnection,
+    layout=layout,
+    estimation=Recognition,
+    estimator_names=ESTIMATORS,
+    open=open_pad,
+    simulate=simulate_pad,
+    presses=presses,
+    classes=(MagnetPadConfig, *CLASSES),
+    recordings=dict,
+)

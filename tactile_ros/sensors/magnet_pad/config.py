@@ -1,0 +1,112 @@
+"""Geometry and materials of the magnet pad, as [2] built it, and its layout.
+
+[2]: half a cylinder of Vytaflex 20 (Shore 20 A) on a base of 40 x 20 mm, three neodymium blocks of
+2 x 2 x 1 mm 10 mm apart on the middle axis, two MLX90393 20 mm apart and 10 mm from the ends, 6,
+15 or 25 cells. Its "10 mm from the base" would put the magnets on the surface; the field at rest
+(3.3 mT) puts them 6.4 mm above the Hall elements. Its "magnetic moment of 1.4" is the remanence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactile_ros.types import Array, Layout
+from tactile_ros.types.fields import admit, array, each_channel, maybe_array, number, switch
+
+CHANNELS = ('Bx', 'By', 'Bz')
+RADIUS, LENGTH = 10e-3, 40e-3
+HEIGHT = 6.4e-3
+GAIN_1 = (39.4e-3, 39.4e-3, 63.4e-3)  # range of the chips at gain 4x, resolution 1
+# Gent's relation between Shore A and Young's modulus gives 0.73 MPa for 20 A; G = E / 3
+SHEAR_MODULUS = 0.245e6
+
+
+def surface_cells(
+    along: int, around: int, radius: float = RADIUS, length: float = LENGTH
+) -> Array:
+    """Centres of a grid of cells on the half cylinder, in rows along its axis.
+
+    Parameters
+    ----------
+    along, around : int
+        Cells along the axis (x) and across it; [2] has 3 x 2, 5 x 3 and 5 x 5.
+    radius, length : float
+        Of the half cylinder (m).
+
+    Returns
+    -------
+    ndarray, shape (along * around, 3)
+        Centres (m), equally wide as seen from above.
+    """
+    x = length * ((np.arange(along) + 0.5) / along - 0.5)
+    y = 2 * radius * ((np.arange(around) + 0.5) / around - 0.5)
+    grid = np.stack(np.meshgrid(x, y, indexing='xy'), axis=-1).reshape(-1, 2)
+    return np.column_stack([grid, np.sqrt(radius**2 - grid[:, 1] ** 2)])
+
+
+@dataclass(frozen=True)
+class MagnetPadConfig:
+    """Magnets in a soft half cylinder over 3-axis chips; lengths in m, origin mid-base.
+
+    Attributes
+    ----------
+    positions, rotations : ndarray, shape (t, 3) and (t, 3, 3) or None
+        Hall elements; chip axes to sensor axes.
+    saturation, noise : float, ndarray of shape (3,), or None
+        Range of the chips and noise of a channel (T).
+    rate_hz, track_baseline : float, bool
+        Frames per second; whether slow drift at rest is followed.
+    magnet_positions, magnet_axes : ndarray, shape (m, 3)
+        Centres, directions of magnetisation.
+    magnet_size : ndarray, shape (3,)
+        Edges along a magnet's own axes.
+    cells : ndarray, shape (n, 3)
+        Row i is the centre of cell i.
+    radius, length : float
+        Of the half cylinder, whose axis is x.
+    shear_modulus, remanence : float
+        Of the soft body (Pa); of the magnets (T).
+    """
+
+    positions: Array = array([[-10e-3, 0, 0], [10e-3, 0, 0]], 'Hall elements', 'm', (-1, 3))
+    rotations: Array | None = maybe_array('chip to sensor axes; empty: aligned', '1', ('t', 3, 3))
+    saturation: float | Array | None = each_channel(GAIN_1, 'range of the chips', 'T')
+    noise: float | Array | None = each_channel(None, 'noise; empty: estimated from rest', 'T')
+    rate_hz: float = number(100.0, 'frames per second', 'Hz', 0.1, 5000)
+    track_baseline: bool = switch(True, 'follow slow drift while nothing touches')
+    magnet_positions: Array = array(
+        [[-10e-3, 0, HEIGHT], [0, 0, HEIGHT], [10e-3, 0, HEIGHT]], 'centres', 'm', (-1, 3)
+    )
+    magnet_axes: Array = array([[0, 0, 1]] * 3, 'magnetisation directions', '1', (-1, 3))
+    magnet_size: Array = array((2e-3, 2e-3, 1e-3), 'edges of a magnet', 'm', (3,), 1e-5, 0.1)
+    cells: Array = array(surface_cells(5, 3), 'centres of the cells', 'm', (-1, 3))
+    radius: float = number(RADIUS, 'radius of the half cylinder', 'm', 1e-4, 1.0)
+    length: float = number(LENGTH, 'length of the half cylinder', 'm', 1e-4, 1.0)
+    shear_modulus: float = number(SHEAR_MODULUS, 'of the soft body', 'Pa', 1e2, 1e9)
+    remanence: float = number(1.4, 'of the magnets', 'T', 1e-6, 2.0)
+
+    def __post_init__(self) -> None:
+        """Check values once, at the door."""
+        admit(self, len(CHANNELS))
+        length = np.linalg.norm(self.magnet_axes, axis=1)
+        if self.magnet_axes.shape != self.magnet_positions.shape or not length.all():
+            msg = (
+                'magnet_axes of MagnetPadConfig must be one direction for each of the '
+                f'{len(self.magnet_positions)} magnets; received {self.magnet_axes.tolist()}'
+            )
+            raise ValueError(msg)
+
+
+def layout(config: MagnetPadConfig) -> Layout:
+    """Layout of a pad: t chips of three channels."""
+    return Layout(
+        positions=config.positions,
+        channels=CHANNELS,
+        unit='T',
+        rotations=config.rotations,
+        saturation=None if config.saturation is None else np.asarray(config.saturation, float),
+        rate_hz=config.rate_hz,
+        sensor='magnet_pad',
+    )

@@ -1,0 +1,46 @@
+"""A magnetised sheet over twenty 3-axis chips that tells what shape touches it: paper [1].
+
+A sheet of silicone with magnetic particles, magnetised in bands of alternating poles, lies bonded
+on a soft layer over five clusters of four MLX90393. A press dents the sheet and squeezes it
+sideways; the change of field at the chips is a picture of the contact's shape and turn. [1] cuts
+windows of ten frames from it and recognises measuring heads from few presses by a network with
+prototypes. Here place, force and turn are regressed from the change of field, and the shape is
+voted by nearest neighbours, until those methods are built; regressors are chosen in `fit` by
+grouped cross-validation.
+
+Source: [1] Contact Shape and Pose Recognition: Utilizing Multipole Magnetic Tactile Sensor with
+Meta-learning Model.
+"""
+
+from __future__ import annotations
+
+from tactile_ros.regression import CLASSES, ESTIMATORS, Recognition
+from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig, layout
+from tactile_ros.sensors.multipole_skin.device import (
+    MultipoleSkinConnection,
+    open_skin,
+    simulate_skin,
+)
+from tactile_ros.sensors.multipole_skin.signal import presses
+from tactile_ros.sensors.registry import SensorSpec
+from tactile_ros.types import Outline
+
+SENSOR = SensorSpec(
+    key='multipole_skin',
+    paper='[1] multipole magnetic skin, contact shape and pose from few presses',
+    summary='magnetised sheet over 20 three-axis chips in 5 clusters',
+    transports=(
+        'I2C: MLX90393 behind a TCA9548A switch, or on several buses',
+        'serial: framed protocol, chips',
+    ),
+    config=MultipoleSkinConfig,
+    connection=MultipoleSkinConnection,
+    layout=layout,
+    estimation=Recognition,
+    estimator_names=ESTIMATORS,
+    open=open_skin,
+    simulate=simulate_skin,
+    presses=presses,
+    classes=(MultipoleSkinConfig, Outline, *CLASSES),
+    recordings=dict,
+)

@@ -1,0 +1,120 @@
+"""Geometry and materials of the multipole skin, as [1] built it, and its layout.
+
+[1] says: a magnetised sheet of 75 x 75 x 2 mm on 2 mm of the same silicone (Ecoflex 00-30), a
+pedestal of 1 mm, five places uniformly distributed with four chips each, 80 Hz and more, five new
+measuring heads. It does not say where in their clusters the chips sit, nor the depth of the Hall
+elements, the remanence and the width of a pole: those defaults are assumptions, to be measured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.types import Array, Layout, Outline
+from tactile_ros.types.fields import (
+    Outlines,
+    admit,
+    array,
+    each_channel,
+    maybe_array,
+    number,
+    outlines,
+    switch,
+    text_of,
+    whole,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+CHANNELS = ('Bx', 'By', 'Bz')
+CLUSTERS = 22e-3 * np.array([[0, 0], [-1, 1], [1, 1], [-1, -1], [1, -1]], float)
+CORNERS = 4e-3 * np.array([[-1, 1], [1, 1], [-1, -1], [1, -1]], float)
+PEDESTAL = 1e-3
+PACKAGE = 0.5e-3  # Hall elements below the face of their package
+CIRCLE = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+GAIN_5 = (16.4e-3, 16.4e-3, 26.4e-3)  # range of the chips at gain 1.67x, resolution 1
+
+
+def chip_positions() -> Array:
+    """Twenty chips, shape (20, 3) (m): cluster by cluster, the middle one first."""
+    plane = (CLUSTERS[:, None] + CORNERS).reshape(-1, 2)
+    return np.column_stack([plane, np.full(len(plane), -PEDESTAL - PACKAGE)])
+
+
+def _polygon(name: str, corners: Sequence[Sequence[float]]) -> Outline:
+    """Head from its corners (mm)."""
+    return Outline(name, (1e-3 * np.array(corners, float),))
+
+
+HEADS = (
+    _polygon('rectangle_10x15', [[-7.5, -5], [7.5, -5], [7.5, 5], [-7.5, 5]]),
+    _polygon('rectangle_8x12', [[-6, -4], [6, -4], [6, 4], [-6, 4]]),
+    Outline('circle_12', (6e-3 * np.column_stack([np.cos(CIRCLE), np.sin(CIRCLE)]),)),
+    _polygon('square_12', [[-6, -6], [6, -6], [6, 6], [-6, 6]]),
+    _polygon('triangle_12', [[-6, -3.464], [6, -3.464], [0, 6.928]]),
+)
+
+
+@dataclass(frozen=True)
+class MultipoleSkinConfig:
+    """A magnetised sheet on a soft layer over 3-axis chips; lengths in m, origin at z = 0.
+
+    Attributes
+    ----------
+    positions, rotations : ndarray, shape (t, 3) and (t, 3, 3) or None
+        Hall elements; chip axes to sensor axes.
+    saturation, noise : float, ndarray of shape (3,), or None
+        Range of the chips and noise of a channel (T).
+    rate_hz, track_baseline : float, bool
+        Frames per second; whether slow drift at rest is followed.
+    gap, sheet_size, sheet_thickness, layer_thickness : float and ndarray of shape (2,)
+        Hall plane to sheet at rest; sheet; soft layer under it. Where `positions` say otherwise
+        than `gap`, they win.
+    pole_pitch, magnetisation : float, str
+        Width of a pole; M1 +z, M2 +y, M3 +y for y > 0 and -y below, M4 +-y in bands along y.
+    youngs_modulus, poisson_ratio, remanence : float
+        Of layer and sheet (Pa, 1); of the sheet (T).
+    window : int
+        Frames of a press.
+    objects : tuple of Outline
+        Heads that may press; `label` is an index into them.
+    """
+
+    positions: Array = array(chip_positions(), 'Hall elements of the chips', 'm', (-1, 3))
+    rotations: Array | None = maybe_array('chip to sensor axes; empty: aligned', '1', ('t', 3, 3))
+    saturation: float | Array | None = each_channel(GAIN_5, 'range of the chips', 'T')
+    noise: float | Array | None = each_channel(None, 'noise; empty: estimated from rest', 'T')
+    rate_hz: float = number(80.0, 'frames per second', 'Hz', 0.1, 5000)
+    track_baseline: bool = switch(True, 'follow slow drift while nothing touches')
+    gap: float = number(2e-3 + PEDESTAL + PACKAGE, 'Hall plane to sheet at rest', 'm', 1e-5, 0.1)
+    sheet_size: Array = array((75e-3, 75e-3), 'sheet along x and y', 'm', (2,), 1e-4, 1.0)
+    sheet_thickness: float = number(2e-3, 'thickness of the sheet', 'm', 1e-5, 0.1)
+    layer_thickness: float = number(2e-3, 'soft layer under the sheet', 'm', 1e-5, 0.1)
+    pole_pitch: float = number(75e-3 / 8, 'width of one pole', 'm', 1e-4, 1.0)
+    magnetisation: str = text_of('M4', 'how the sheet is magnetised', ('M1', 'M2', 'M3', 'M4'))
+    youngs_modulus: float = number(69e3, 'of layer and sheet', 'Pa', 1e2, 1e9)
+    poisson_ratio: float = number(0.49, 'of layer and sheet', '1', 0.0, 0.5)
+    remanence: float = number(0.1, 'of the sheet', 'T', 1e-6, 2.0)
+    window: int = whole(10, 'frames of a press', 1, 10_000)
+    objects: Outlines = outlines(HEADS, 'heads that may press')
+
+    def __post_init__(self) -> None:
+        """Check values once, at the door."""
+        admit(self, len(CHANNELS))
+
+
+def layout(config: MultipoleSkinConfig) -> Layout:
+    """Layout of a skin: t chips of three channels."""
+    return Layout(
+        positions=config.positions,
+        channels=CHANNELS,
+        unit='T',
+        rotations=config.rotations,
+        saturation=None if config.saturation is None else np.asarray(config.saturation, float),
+        rate_hz=config.rate_hz,
+        sensor='multipole_skin',
+    )

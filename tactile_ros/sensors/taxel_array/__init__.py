@@ -1,0 +1,36 @@
+"""Piezoresistive taxels, few or thousands, on grippers: paper [4].
+
+Rows and columns of conductive thread cross over piezoresistive textile; the converter reads every
+crossing in 10 bits. Sensitivities differ by 55 % from taxel to taxel: [4] equilibrates each by a
+polynomial of second order, tames drift by a Voigt model, and finds washers and tubes by their
+footprint. Here each taxel's force comes from that polynomial, forced through zero; place and total
+force are regressed from the outputs until the paper's other methods are built.
+
+Source: [4] on pick and place with piezoresistive tactile sensor arrays.
+"""
+
+from __future__ import annotations
+
+from tactile_ros.sensors.registry import SensorSpec
+from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig, layout
+from tactile_ros.sensors.taxel_array.device import TaxelArrayConnection, open_array, simulate_array
+from tactile_ros.sensors.taxel_array.estimation import CLASSES, ESTIMATORS, TaxelRegression
+from tactile_ros.sensors.taxel_array.signal import presses
+from tactile_ros.types import Outline
+
+SENSOR = SensorSpec(
+    key='taxel_array',
+    paper='[4] piezoresistive taxel arrays for grippers',
+    summary='16, 72 or 2000 pressure taxels: forces, places, outlines',
+    transports=('serial: framed protocol, taxels of 10 bits',),
+    config=TaxelArrayConfig,
+    connection=TaxelArrayConnection,
+    layout=layout,
+    estimation=TaxelRegression,
+    estimator_names=ESTIMATORS,
+    open=open_array,
+    simulate=simulate_array,
+    presses=presses,
+    classes=(TaxelArrayConfig, Outline, *CLASSES),
+    recordings=dict,
+)

@@ -1,0 +1,128 @@
+"""Geometry and ranges of a piezoresistive array, as [4] built it, and its layout.
+
+[4]: 16 radial taxels on a suction cup, 72 on a magnet gripper (5 mm), about 2000 at 1 mm on a jaw;
+10 bit, 50..200 Hz; cells of 110 mm2 loaded with up to 40 N. The default is the array of 16:
+sectors of 110 mm2 between the radii 8 and 25 mm, which are an assumption.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactile_ros.types import Array, Layout, Outline
+from tactile_ros.types.fields import (
+    Outlines,
+    admit,
+    array,
+    each_channel,
+    maybe_array,
+    maybe_outlines,
+    number,
+    outlines,
+    switch,
+)
+
+CHANNELS = ('output',)
+TAXELS, INNER, AREA = 16, 8e-3, 110e-6
+OUTER = float(np.sqrt(INNER**2 + TAXELS * AREA / np.pi))
+ARC = 9  # points of an arc of a sector
+
+
+def sectors(taxels: int = TAXELS, inner: float = INNER, outer: float = OUTER) -> Outlines:
+    """Outlines of the taxels of a radial array, counter-clockwise from +x (m)."""
+    edges = 2 * np.pi * np.arange(taxels + 1) / taxels
+    rays = [np.linspace(edges[i], edges[i + 1], ARC) for i in range(taxels)]
+    arcs = [np.column_stack([np.cos(ray), np.sin(ray)]) for ray in rays]
+    return tuple(
+        Outline(f'taxel_{i}', (np.concatenate([outer * arc, inner * arc[::-1]]),))
+        for i, arc in enumerate(arcs)
+    )
+
+
+def radial_positions(taxels: int = TAXELS, inner: float = INNER, outer: float = OUTER) -> Array:
+    """Centroids of those sectors, shape (taxels, 3) (m)."""
+    half = np.pi / taxels
+    radius = 2 / 3 * np.sin(half) / half * (outer**3 - inner**3) / (outer**2 - inner**2)
+    angle = 2 * half * (np.arange(taxels) + 0.5)
+    plane = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(taxels)], axis=1)
+    return np.asarray(plane, np.float64)
+
+
+def grid_positions(rows: int, columns: int, pitch: float) -> Array:
+    """Centres of a matrix of taxels, shape (rows * columns, 3) (m), row by row."""
+    y, x = np.meshgrid(np.arange(rows), np.arange(columns), indexing='ij')
+    plane = pitch * (np.stack([x, y], axis=-1) - np.array([columns - 1, rows - 1]) / 2)
+    return np.column_stack([plane.reshape(-1, 2), np.zeros(rows * columns)])
+
+
+@dataclass(frozen=True)
+class TaxelArrayConfig:
+    """Taxels whose output is a fraction of the converter's range; lengths in m.
+
+    Attributes
+    ----------
+    positions, rotations : ndarray, shape (t, 3) and (t, 3, 3) or None
+        Centres of the taxels; rotations carry no meaning for pressures.
+    saturation, noise : float, ndarray of shape (1,), or None
+        Full output and noise of a channel (fraction).
+    rate_hz, track_baseline : float, bool
+        Frames per second; whether slow drift at rest is followed.
+    areas : ndarray, shape (t,)
+        Of the taxels (m2); one number, or equal numbers, hold for any count of taxels.
+    taxel_outlines : tuple of Outline, or None
+        Shapes of the taxels in the sensor frame; see `sectors`. None: only the areas are known.
+    force_range : ndarray, shape (2,)
+        Least and largest force of a taxel (N).
+    objects : tuple of Outline
+        Parts that may be gripped; `label` is an index into them.
+    """
+
+    positions: Array = array(radial_positions(), 'centres of the taxels', 'm', (-1, 3))
+    rotations: Array | None = maybe_array('axes of the taxels; empty: aligned', '1', ('t', 3, 3))
+    saturation: float | Array | None = each_channel((1.0,), 'full output', '1')
+    noise: float | Array | None = each_channel(None, 'noise; empty: estimated from rest', '1')
+    rate_hz: float = number(100.0, 'frames per second', 'Hz', 0.1, 5000)
+    track_baseline: bool = switch(True, 'follow slow drift while nothing touches')
+    areas: Array = array([AREA] * TAXELS, 'areas of the taxels', 'm2', ('t',), 1e-9, 1.0)
+    taxel_outlines: Outlines | None = maybe_outlines('shapes of the taxels')
+    force_range: Array = array((0.0, 40.0), 'least and largest force', 'N', (2,), 0.0, 1e5)
+    objects: Outlines = outlines((), 'parts that may be gripped')
+
+    def __post_init__(self) -> None:
+        """Check values once, at the door."""
+        self._spread_areas()
+        admit(self, len(CHANNELS))
+        if self.taxel_outlines is not None and len(self.taxel_outlines) != len(self.positions):
+            msg = (
+                f'taxel_outlines of TaxelArrayConfig must be {len(self.positions)}, one for each '
+                f'taxel; received {len(self.taxel_outlines)}'
+            )
+            raise ValueError(msg)
+        if not self.force_range[0] < self.force_range[1]:
+            msg = (
+                'force_range of TaxelArrayConfig must grow from the least force to the largest; '
+                f'received {self.force_range.tolist()}'
+            )
+            raise ValueError(msg)
+
+    def _spread_areas(self) -> None:
+        """Let one area, which holds for any count of taxels, hold for this one."""
+        areas = np.atleast_1d(np.asarray(self.areas))
+        alike = areas.ndim == 1 and areas.dtype.kind in 'iuf' and len(np.unique(areas)) == 1
+        if alike and np.ndim(self.positions) == 2:
+            object.__setattr__(self, 'areas', np.full(len(self.positions), float(areas[0])))
+
+
+def layout(config: TaxelArrayConfig) -> Layout:
+    """Layout of an array: t taxels of one channel."""
+    return Layout(
+        positions=config.positions,
+        channels=CHANNELS,
+        unit='1',
+        rotations=config.rotations,
+        saturation=None if config.saturation is None else np.asarray(config.saturation, float),
+        rate_hz=config.rate_hz,
+        sensor='taxel_array',
+    )
