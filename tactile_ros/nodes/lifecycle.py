@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterValueException, ParameterException
 from rclpy.executors import SingleThreadedExecutor
@@ -24,7 +25,6 @@ from tactile_ros.nodes.quality import overridable
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from rcl_interfaces.msg import SetParametersResult
     from rclpy.parameter import Parameter
     from rclpy.publisher import Publisher
     from rclpy.qos import QoSProfile
@@ -35,6 +35,8 @@ SUCCESS = TransitionCallbackReturn.SUCCESS
 FAILURE = TransitionCallbackReturn.FAILURE
 DIAGNOSTICS_PERIOD_S = 1.0
 DRAIN_S = 3.0
+# Humble's rclpy has no callback after a change
+APPLIES_AFTERWARDS = hasattr(LifecycleNode, 'add_post_set_parameters_callback')
 
 
 class ManagedNode(LifecycleNode):
@@ -59,10 +61,30 @@ class ManagedNode(LifecycleNode):
             self._schemas.append(schema)
         if first:
             self.add_on_set_parameters_callback(self._on_set_parameters)
+            if APPLIES_AFTERWARDS:
+                self.add_post_set_parameters_callback(self._apply)
 
     def _on_set_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Validate; nothing takes effect here."""
-        return refuse_or_accept(self, self._schemas, list(parameters), self._configured)
+        result = refuse_or_accept(self, self._schemas, list(parameters), self._configured)
+        if result.successful:
+            try:
+                self.check({p.name: p.value for p in parameters})
+            except ValueError as err:
+                return SetParametersResult(successful=False, reason=str(err))
+            if not APPLIES_AFTERWARDS:
+                self._apply(parameters)
+        return result
+
+    def _apply(self, parameters: Sequence[Parameter]) -> None:
+        """Let accepted values take effect."""
+        self.apply({p.name: p.value for p in parameters})
+
+    def check(self, changes: dict[str, object]) -> None:
+        """Refuse values by a ValueError where their dataclass alone cannot know."""
+
+    def apply(self, changes: dict[str, object]) -> None:
+        """Let live values that were accepted take effect."""
 
     def options(self, kind: type[T]) -> T:
         """Parameters in the dataclass that declared them."""
@@ -147,6 +169,8 @@ class ManagedNode(LifecycleNode):
     ) -> TransitionCallbackReturn:
         """Run one transition of the subclass and of the managed publishers."""
         if not self._tried(own):
+            if configured:
+                self._tried(self.cleanup)
             return FAILURE
         self._configured = configured
         return inherited(state)
@@ -172,7 +196,11 @@ class ManagedNode(LifecycleNode):
 
     def _publish_diagnostics(self) -> None:
         """One message a second on /diagnostics."""
-        status = self.diagnose()
+        try:
+            status = self.diagnose()
+        except Exception as err:  # what cannot be told must not end the node
+            status = DiagnosticStatus(level=DiagnosticStatus.ERROR, name='diagnostics')
+            status.message = f'{type(err).__name__}: {err}'
         place = f'{self.get_namespace()}/{self.get_name()}'.replace('//', '/').lstrip('/')
         status.name = f'{place}: {status.name}'
         message = DiagnosticArray(status=[status])
@@ -244,7 +272,12 @@ def run(build: Callable[[], Sequence[ManagedNode]], args: Sequence[str] | None =
 def spin(executor: SingleThreadedExecutor, done: Callable[[], bool]) -> None:
     """Serve callbacks until done."""
     while not done():
-        executor.spin_once(timeout_sec=0.1)
+        try:
+            executor.spin_once(timeout_sec=0.1)
+        except Exception:  # of one callback: the others go on
+            if not rclpy.ok():
+                raise
+            rclpy.logging.get_logger('tactile_ros').error(traceback.format_exc())
 
 
 def drain(executor: SingleThreadedExecutor, nodes: Sequence[ManagedNode]) -> None:

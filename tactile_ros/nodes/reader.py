@@ -1,11 +1,17 @@
-"""One thread that reads a device and hands its frames on, through whatever the port does."""
+"""One thread that reads a device and hands its frames on, through whatever the port does.
+
+With a queue a second thread hands on, so that a slow listener never delays the reading: a frame
+that finds the queue full pushes the oldest one out, which is counted.
+"""
 
 from __future__ import annotations
 
 import threading
 import time
-from contextlib import ExitStack
-from dataclasses import dataclass
+from collections import deque
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field, replace
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +29,7 @@ FIRST_RETRY_S = 0.1
 LONGEST_RETRY_S = 0.5
 # the same complaint is not told again before
 REPEAT_S = 10.0
+MOST_STAMPS = 10_000
 
 
 @dataclass
@@ -32,22 +39,52 @@ class Reading:
     Attributes
     ----------
     frames : int
-        Handed on.
+        Read.
+    overruns : int
+        Of them those that were pushed out of a full queue.
     failures : int
         Errors of the device or of what came after it.
+    waiting : bool
+        Nothing is read before everybody who listens is there.
     sentence : str
         Why nothing comes now; empty while frames come.
     last : Frame or None
         The latest frame.
     flagged : int
         Taxel readings with a status bit.
+    stamps : deque of int
+        Acquisition times (ns) since they were taken last.
+    marks : int
+        Bits of `TaxelStatus` that came since they were taken last.
     """
 
     frames: int = 0
+    overruns: int = 0
     failures: int = 0
+    waiting: bool = False
     sentence: str = 'no frame yet'
     last: Frame | None = None
     flagged: int = 0
+    stamps: deque[int] = field(default_factory=lambda: deque(maxlen=MOST_STAMPS))
+    marks: int = 0
+
+    def note(self, frame: Frame) -> None:
+        """Count a frame."""
+        self.frames += 1
+        self.last = frame
+        self.stamps.append(frame.stamp_ns or 0)
+        if frame.status is not None:
+            self.flagged += int(np.count_nonzero(frame.status))
+            self.marks |= int(np.bitwise_or.reduce(frame.status))
+
+    def take_stamps(self) -> list[int]:
+        """Acquisition times (ns) since the last call."""
+        return [self.stamps.popleft() for _ in range(len(self.stamps))]
+
+    def take_marks(self) -> TaxelStatus:
+        """Bits that came since the last call."""
+        marks, self.marks = self.marks, 0
+        return TaxelStatus(marks)
 
     def taxels(self, bit: TaxelStatus) -> list[int]:
         """Taxels of the latest frame that carry a status bit."""
@@ -64,11 +101,14 @@ class Reader:
     device : Device
         Not yet entered; opened again with growing pauses where its port is missing.
     deliver : callable
-        Takes every frame, in the reader's thread: the port's own buffer is the queue.
+        Takes every frame, one after the other.
     complain : callable
         Takes a sentence whenever the reason why nothing comes changes.
     ready : callable or None
         Nothing is read before it returns True: whoever must see the first frame is there.
+    queue : int
+        Frames that may wait for `deliver`, which runs in a thread of its own then; 0: it runs in
+        the reader's thread, and the port's own buffer is the queue.
     """
 
     def __init__(
@@ -77,6 +117,7 @@ class Reader:
         deliver: Callable[[Frame], None],
         complain: Callable[[str], None],
         ready: Callable[[], bool] | None = None,
+        queue: int = 0,
     ) -> None:
         self.reading = Reading()
         self._device = device
@@ -87,7 +128,15 @@ class Reader:
         self._opened = ExitStack()
         self._is_open = False
         self._told: dict[str, float] = {}
+        self._limit = queue
+        self._queue: SimpleQueue[Frame | None] = SimpleQueue()
         self._thread = threading.Thread(target=self._run, name='reader', daemon=True)
+        self._handing = threading.Thread(target=self._hand_on, name='reader_queue', daemon=True)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the device could be opened."""
+        return self._is_open
 
     def open(self) -> bool:
         """Try to open the device now; where its port is missing, the thread goes on trying."""
@@ -100,13 +149,18 @@ class Reader:
 
     def start(self) -> None:
         """Begin to read."""
+        if self._limit:
+            self._handing.start()
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread and close the device."""
+        """End the threads and close the device."""
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join()
+        if self._handing.is_alive():
+            self._queue.put(None)
+            self._handing.join()
         self._opened.close()
 
     def counters(self) -> dict[str, int]:
@@ -119,12 +173,21 @@ class Reader:
         pause = FIRST_RETRY_S
         while not self._is_open and not self._stop.wait(pause):
             pause = min(2 * pause, LONGEST_RETRY_S)
-            self.open()
+            self._open_again()
+        self.reading.waiting = self._ready is not None
         while self._ready is not None and not self._ready():
             if self._stop.wait(0.01):
                 return
+        self.reading.waiting = False
         while not self._stop.is_set():
             self._step()
+
+    def _open_again(self) -> None:
+        """Try to open; what fails is told."""
+        try:
+            self.open()
+        except (TactileError, OSError, ValueError) as err:
+            self._note(f'{err}; trying again')
 
     def _step(self) -> None:
         """One frame, or the reason why there is none."""
@@ -132,28 +195,49 @@ class Reader:
             frame = self._device.read(READ_TIMEOUT_S)
         except DeviceTimeout as err:
             self._note(str(err))
-            return
         except (TactileError, OSError) as err:
-            self.reading.failures += 1
-            self._note(str(err))
-            self._stop.wait(FIRST_RETRY_S)
-            return
-        self._take(frame)
+            self._fail(str(err))
+        except Exception as err:  # also what no driver may do: the node goes on
+            self._fail(f'{type(err).__name__}: {err}')
+        else:
+            self._take(frame)
+
+    def _fail(self, sentence: str) -> None:
+        """Count a failure, tell it, and pause."""
+        self.reading.failures += 1
+        self._note(sentence)
+        self._stop.wait(FIRST_RETRY_S)
 
     def _take(self, frame: Frame) -> None:
+        """Hand a frame on, or let it wait in the queue."""
+        self.reading.note(frame)
+        self.reading.sentence = ''
+        if not self._limit:
+            self._pass_on(frame)
+            return
+        if self._queue.qsize() >= self._limit:
+            self._push_out()
+        self._queue.put(frame)
+
+    def _push_out(self) -> None:
+        """Drop the oldest frame, unless it has just been taken."""
+        with suppress(Empty):
+            self._queue.get_nowait()
+            self.reading.overruns += 1
+
+    def _hand_on(self) -> None:
+        """Empty the queue until there is nothing more to come."""
+        while (frame := self._queue.get()) is not None:
+            lost = self.reading.overruns
+            self._pass_on(replace(frame, dropped=frame.dropped + lost) if lost else frame)
+
+    def _pass_on(self, frame: Frame) -> None:
         """Hand a frame on; a failure there is told and costs that frame alone."""
-        reading = self.reading
-        reading.frames += 1
-        reading.last = frame
-        if frame.status is not None:
-            reading.flagged += int(np.count_nonzero(frame.status))
         try:
             self._deliver(frame)
         except Exception as err:  # whatever listens must not end the sensor
-            reading.failures += 1
+            self.reading.failures += 1
             self._note(f'{type(err).__name__}: {err}')
-        else:
-            reading.sentence = ''
 
     def _note(self, sentence: str) -> None:
         """Complain about each new reason, and about one that comes and goes now and then."""

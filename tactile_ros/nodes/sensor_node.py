@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -9,24 +10,21 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, Quaternion
 
 from tactile_ros import messages
-from tactile_ros.msg import TactileFrame, TactileLayout
+from tactile_ros.msg import TactileContact, TactileContacts, TactileFrame, TactileLayout
+from tactile_ros.nodes.health import Health
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
 from tactile_ros.nodes.quality import data, latched
 from tactile_ros.nodes.reader import Reader
+from tactile_ros.nodes.twin import SignalTruth, parse_fault
+from tactile_ros.nodes.views import Views
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import TaxelStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from tactile_ros.types import Device, Frame, Layout
+    from rclpy.publisher import Publisher
 
-FAULTS = {
-    'saturated taxels': TaxelStatus.SATURATED,
-    'stuck taxels': TaxelStatus.STUCK,
-    'taxels in error': TaxelStatus.ERROR,
-    'stale taxels': TaxelStatus.STALE,
-}
+    from tactile_ros.types import Device, Frame, Layout, Twin
 
 
 @dataclass(frozen=True)
@@ -50,16 +48,51 @@ class SensorOptions:
             'range': (0, 100),
         },
     )
+    queue: int = field(
+        default=100,
+        metadata={
+            'help': 'frames that may wait to be published; in a full queue the oldest is dropped '
+            'and counted',
+            'range': (1, 100_000),
+        },
+    )
+    magnetic_field: bool = field(
+        default=False,
+        metadata={
+            'help': 'offer magnetic_field/chip_<i> of all chips; otherwise of those subscribed to'
+        },
+    )
+    image: bool = field(
+        default=False,
+        metadata={'help': 'offer image of a matrix; otherwise where it is subscribed to'},
+    )
+    simulated: bool = field(
+        default=False,
+        metadata={'help': 'a simulated twin answers the bytes of the sensor; no hardware'},
+    )
+    seed: int = field(
+        default=0,
+        metadata={'help': 'of the twin: its signal, noise and faults', 'range': (0, 2**31 - 1)},
+    )
+    fault: str = field(
+        default='',
+        metadata={
+            'help': 'fault that the twin suffers each time this is set: name or name:count',
+            'live': True,
+        },
+    )
 
 
 class SensorNode(ManagedNode):
-    """Publish `frame`, `layout` (latched) and /diagnostics of one sensor.
+    """Publish `frame`, `layout` (latched) and /diagnostics of one sensor, real or simulated.
+
+    On demand also `magnetic_field/chip_<i>` and `image`, and of a twin `truth/contacts`.
 
     Parameters
     ----------
     downstream : callable or None
         Takes every frame and the name of its tf frame in the reader's thread, before it is
-        published: the one-process road.
+        published: the one-process road, which has no queue.
     waits_for : callable or None
         Further condition for the first frame.
     """
@@ -78,9 +111,15 @@ class SensorNode(ManagedNode):
         self._downstream = downstream
         self._waits_for = waits_for
         self._reader: Reader | None = None
-        self._previous = 0
         self._options = SensorOptions()
         self._layout: Layout | None = None
+        self._health = Health(float('nan'))
+        self._views: Views | None = None
+        self._twin: Twin | None = None
+        self._held = ExitStack()
+        self._truth: SignalTruth | None = None
+        self._truths: Publisher | None = None
+        self._pending_fault = ''
 
     def configure(self) -> None:
         """Check the parameters and open the device; a missing port is told and tried again."""
@@ -89,15 +128,35 @@ class SensorNode(ManagedNode):
         self._layout = replace(
             self._spec.layout(config), frame_id=self._options.frame_id, serial=self._options.serial
         )
+        if self._options.simulated:
+            self._begin_twin(config)
+        self.check({'fault': self._options.fault})
+        self._pending_fault = self._options.fault
         self._reader = self._make_reader()
         self._reader.open()
+
+    def _begin_twin(self, config: object) -> None:
+        """Let the twin answer from now until cleanup."""
+        connection = self.options(type(self._spec.connection()))
+        seed = self._options.seed
+        twin = self._spec.simulate(config, connection, None, seed)
+        start_ns = self.now_ns()
+        self._twin = self._held.enter_context(twin)
+        self._truth = SignalTruth(self._spec.presses(config, seed), start_ns)
+        self._truths = self.create_publisher(TactileContacts, 'truth/contacts', data())
+        self._held.callback(self.destroy_publisher, self._truths)
 
     def _make_reader(self) -> Reader:
         """Reader of a fresh device: its frames count from 0."""
         config = self.options(type(self._spec.config()))
         connection = self.options(type(self._spec.connection()))
-        device: Device = self._spec.open(config, connection, self.now_ns)
-        return Reader(device, self._deliver, self.get_logger().error, self._is_awaited)
+        device: Device = (
+            self._spec.open(config, connection, self.now_ns)
+            if self._twin is None
+            else self._twin.device(self.now_ns)
+        )
+        queue = self._options.queue if self._downstream is None else 0
+        return Reader(device, self._deliver, self.get_logger().error, self._is_awaited, queue)
 
     def activate(self) -> None:
         """Publish the layout and begin to read."""
@@ -108,7 +167,11 @@ class SensorNode(ManagedNode):
         messages.fill_layout(message, self._layout, Point, Quaternion)
         message.header.stamp = self.get_clock().now().to_msg()
         self._layouts.publish(message)
-        self._previous = 0
+        name = f'{self._spec.key} {self._options.serial}'.strip()
+        self._health = Health(self._layout.rate_hz, hardware_id=name)
+        self._views = Views(self, self._layout, self._options.magnetic_field, self._options.image)
+        pending, self._pending_fault = self._pending_fault, ''
+        self.apply({'fault': pending})
         self._reader.start()
 
     def deactivate(self) -> None:
@@ -116,10 +179,35 @@ class SensorNode(ManagedNode):
         if self._reader is not None:
             self._reader.close()
             self._reader = None
+        if self._views is not None:
+            self._views.close()
+            self._views = None
 
     def cleanup(self) -> None:
-        """Free the port."""
+        """Free the port, end the twin."""
         self.deactivate()
+        self._held.close()
+        self._twin = self._truth = self._truths = None
+
+    def check(self, changes: dict[str, object]) -> None:
+        """Refuse a fault that this sensor cannot suffer."""
+        fault = str(changes.get('fault', ''))
+        if not fault:
+            return
+        simulated = changes.get('simulated', self.get_parameter('simulated').value)
+        if self._twin is not None:
+            parse_fault(fault, self._twin.faults)
+        elif self._reader is not None or not simulated:
+            msg = f'fault must be empty where the sensor is not simulated; received {fault!r}'
+            raise ValueError(msg)
+
+    def apply(self, changes: dict[str, object]) -> None:
+        """Let the twin suffer a fault."""
+        fault = str(changes.get('fault', ''))
+        if fault and self._twin is not None:
+            name, count = parse_fault(fault, self._twin.faults)
+            self._twin.inject(name, count)
+            self.get_logger().info(f'the twin suffers {name}, {count} times')
 
     def _is_awaited(self) -> bool:
         """Everybody who must see the first frame is there."""
@@ -127,36 +215,45 @@ class SensorNode(ManagedNode):
         return heard and (self._waits_for is None or self._waits_for())
 
     def _deliver(self, frame: Frame) -> None:
-        """Hand a frame on and publish it, in the reader's thread."""
+        """Hand a frame on and publish it."""
+        frame_id = self._options.frame_id
         if self._downstream is not None:
-            self._downstream(frame, self._options.frame_id)
+            self._downstream(frame, frame_id)
         if self._frames.get_subscription_count():
             message = TactileFrame()
-            messages.fill_frame(message, frame, self._options.frame_id)
+            messages.fill_frame(message, frame, frame_id)
             self._frames.publish(message)
+        self._views.publish(frame, frame_id)
+        if self._truths is not None and self._truths.get_subscription_count():
+            self._publish_truth(frame, frame_id)
+
+    def _publish_truth(self, frame: Frame, frame_id: str) -> None:
+        """What the twin's signal says at the frame's stamp."""
+        state, groups = self._truth.at(frame.stamp_ns)
+        message = TactileContacts()
+        messages.fill_contacts(message, state, TactileContact)
+        messages.fill_header(message.header, frame.stamp_ns, frame_id)
+        message.sequence = frame.sequence
+        for name, value in groups.items():
+            setattr(message, name, value)
+        self._truths.publish(message)
 
     def diagnose(self) -> DiagnosticStatus:
-        """Connection, rate, losses and taxels."""
+        """Connection, rate, jitter, losses, taxels and temperature."""
         if self._reader is None:
             return DiagnosticStatus(level=DiagnosticStatus.STALE, name='sensor')
-        reading = self._reader.reading
-        rate, self._previous = reading.frames - self._previous, reading.frames
-        level, sentence = DiagnosticStatus.OK, f'{rate} frames in the last second'
-        if reading.sentence or not rate:
-            level, sentence = DiagnosticStatus.ERROR, reading.sentence or 'no frame'
-        taxels = {name: reading.taxels(bit) for name, bit in FAULTS.items()}
-        if level == DiagnosticStatus.OK and any(taxels.values()):
-            level, sentence = DiagnosticStatus.WARN, f'{sentence}; taxels need attention'
-        status = DiagnosticStatus(level=level, name='sensor', message=sentence)
-        status.hardware_id = f'{self._spec.key} {self._options.serial}'.strip()
-        last = reading.last
-        known = {
-            'rate (Hz)': rate,
-            'frames': reading.frames,
-            'dropped': 0 if last is None else last.dropped,
-            'failures': reading.failures,
-        }
-        status.values = pairs({**known, **self._reader.counters(), **taxels})
+        self._views.look()
+        more = {'simulated': self._twin is not None}
+        if self._twin is not None:
+            suffered = {name: n for name, n in self._twin.injected.items() if n}
+            more['injected'] = ', '.join(f'{n} {k}' for k, n in suffered.items()) or 'nothing'
+        reader = self._reader
+        level, message, values = self._health.judge(
+            reader.reading, reader.counters(), reader.is_open, more
+        )
+        status = DiagnosticStatus(level=level, name='sensor', message=message)
+        status.hardware_id = self._health.hardware_id
+        status.values = pairs(values)
         return status
 
 
