@@ -181,7 +181,7 @@ def test_a_stall_and_a_jump_of_the_clock_are_told_apart(
     stamps = [f.stamp_ns or 0 for f in frames]
     taken = [f.values[0, 0] / SCALE * 1e6 for f in frames]
     # as long as a batch of 20 is: the clock gives the end of the batch to a jump inside of it
-    np.testing.assert_allclose(np.diff(stamps), np.diff(taken), atol=20e6)
+    np.testing.assert_allclose(np.diff(stamps), np.diff(taken), rtol=0, atol=20e6)
     assert np.ptp(np.array([f.device_time_ns for f in frames]) - taken) <= 4 * 20e6
 
 
@@ -231,26 +231,27 @@ def test_the_board_s_clock_may_wrap_and_drift(clock: VirtualClock) -> None:
     )
     with twin, twin.device(clock.now_ns) as board:
         frames = []
-        for i in range(300):
-            twin.play(10)
-            frames += read_to(board, 10 * i + 9)
+        for _ in range(1000):
+            twin.play(1)
+            frames.append(board.read(5.0))
     device = np.array([f.device_time_ns for f in frames])
-    np.testing.assert_allclose(np.diff(device), 1.002e6, atol=1000)
+    np.testing.assert_allclose(np.diff(device), 1.002e6, rtol=0, atol=1000)
     stamps = np.array([f.stamp_ns or 0 for f in frames])
-    errors = stamps - (10**12 + (np.arange(3000) + 1) * 10**6)
-    assert np.abs(errors).max() < 0.1e6
+    errors = stamps - (10**12 + (np.arange(1000) + 1) * 10**6)
+    assert np.abs(errors).max() < 0.01e6
     assert board.counters()['clock_jumps'] == 0
 
 
 def test_a_late_reader_does_not_shift_stamps(twin: FramedTwin, board: FramedBoard) -> None:
     start = 10**12
-    for i in range(10):
-        twin.play(5)
-        read_to(board, 5 * i + 4)
+    for _ in range(50):
+        twin.play(1)
+        board.read(5.0)
     twin.play(80)
     late = read_to(board, 129)
     due = [start + (i + 1) * 10**6 for i in range(50, 130)]
-    np.testing.assert_allclose([f.stamp_ns or 0 for f in late], due, atol=1e6)
+    # the difference of the clocks creeps up by 1 % of the time that passed
+    np.testing.assert_allclose([f.stamp_ns or 0 for f in late], due, rtol=0, atol=1e6)
 
 
 def test_time_on_the_wire_is_taken_off(clock: VirtualClock) -> None:

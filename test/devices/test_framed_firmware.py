@@ -1,0 +1,102 @@
+"""The reference sender, compiled by the host's compiler, against the codec."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactile_ros.devices.framed import FramedDecoder, encode
+from tactile_ros.devices.framed_payloads import gradiometer
+from tactile_ros.types import TaxelStatus
+
+ROOT = Path(__file__).resolve().parents[2]
+SENDER = ROOT / 'docs' / 'firmware' / 'gradiometer'
+ARDUINO = Path(__file__).parent / 'arduino'
+FLAGS = ['-std=c++11', '-Wall', '-Wextra', '-Wconversion', '-Werror', '-fno-exceptions', '-O1']
+
+VECTORS = """
+#include <stdio.h>
+#include "tactile_frame.h"
+int main() {
+  int counts[tactile::kChannels], centidegrees;
+  unsigned sequence, time_us;
+  while (scanf("%d %u %u", &centidegrees, &sequence, &time_us) == 3) {
+    int16_t narrow[tactile::kChannels];
+    for (int i = 0; i < tactile::kChannels; ++i) {
+      if (scanf("%d", &counts[i]) != 1) return 1;
+      narrow[i] = (int16_t)counts[i];
+    }
+    uint8_t frame[tactile::kFrameBytes];
+    tactile::writeFrame(frame, narrow, (int16_t)centidegrees, sequence, time_us);
+    fwrite(frame, 1, sizeof frame, stdout);
+  }
+}
+"""
+
+SKETCH = """
+#include "Arduino.h"
+#include "gradiometer.ino"
+int main() {
+  setup();
+  while (sequence < 20) loop();
+}
+"""
+
+
+def compiled(code: str, folder: Path) -> Path:
+    """Build a program around the sender; skip where there is no compiler."""
+    compiler = next(
+        (path for name in ('c++', 'g++', 'clang++') if (path := shutil.which(name))), ''
+    )
+    if not compiler:
+        pytest.skip('no C++ compiler (c++, g++ or clang++): the reference sender is not compiled')
+    source, program = folder / 'main.cpp', folder / 'program'
+    source.write_text(code)
+    include = [f'-I{SENDER}', f'-I{ARDUINO}']
+    done = subprocess.run(
+        [compiler, *FLAGS, *include, '-o', str(program), str(source)],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return program
+
+
+def test_the_sender_writes_the_codec_s_bytes(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    counts = rng.integers(-32767, 32768, (200, 4, 2))
+    counts[0] = [[1, -2], [300, -400], [32767, -32767], [0, 21]]
+    warm = rng.integers(-4000, 12500, 200)
+    sequence = rng.integers(0, 2**32, 200)
+    time_us = rng.integers(0, 2**32, 200)
+    warm[0], sequence[0], time_us[0] = 2653, 258, 16_909_060
+    lines = np.column_stack([warm, sequence, time_us, counts.reshape(200, 8)])
+    told = '\n'.join(' '.join(map(str, line)) for line in lines.tolist())
+    program = compiled(VECTORS, tmp_path)
+    done = subprocess.run([str(program)], input=told.encode(), capture_output=True, check=True)
+    ours = [
+        encode(gradiometer(), counts[i], int(sequence[i]), int(time_us[i]), warm[i] / 100)
+        for i in range(200)
+    ]
+    assert done.stdout == b''.join(ours)
+
+
+def test_the_sketch_s_stream_is_read(tmp_path: Path) -> None:
+    """Twenty frames, one of which the port did not take."""
+    program = compiled(SKETCH, tmp_path)
+    data = subprocess.run([str(program)], capture_output=True, check=True).stdout
+    decoder = FramedDecoder(gradiometer())
+    decoded = decoder.feed(data)
+    assert decoder.counts.frames == 19
+    assert decoded.lost.tolist() == [0, 0, 0, 0, 1, *[0] * 14]
+    steps = np.diff(decoded.time_us) % 2**32
+    assert steps.tolist() == [750, 1000, 1000, 2000, *[1000] * 14]
+    assert (np.diff(decoded.time_us) < 0).sum() == 1
+    want = [[0, 100], [200, 300], [400, 500], [600, 32767]]
+    assert decoded.readings.counts[5].tolist() == want
+    assert decoded.readings.status[5].tolist() == [0, 0, 0, TaxelStatus.SATURATED]
+    assert decoded.readings.temperature_c is not None
+    assert np.isnan(decoded.readings.temperature_c).all()
