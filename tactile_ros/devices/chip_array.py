@@ -116,7 +116,7 @@ class ChipArray:
         return {**asdict(self.counts), 'missing': len(self.missing)}
 
     def open(self) -> None:
-        """Open the buses, reset and configure the chips.
+        """Open the buses, reset and configure the chips, and measure once.
 
         Raises
         ------
@@ -136,6 +136,11 @@ class ChipArray:
         if all(chip.lost for chip in self._chips):
             self.close()
             raise DeviceError(self._care.failure)
+        # not handed out: what the first real frame is compared with
+        sequence = self._sequence
+        self._measure()
+        self._sequence = sequence
+        self._next_ns = self._monotonic_ns()
 
     def close(self) -> None:
         """Stop the chips and let the buses go."""

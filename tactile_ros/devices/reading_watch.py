@@ -15,6 +15,8 @@ from tactile_ros.types import Array, Bools, Bytes, TaxelStatus
 if TYPE_CHECKING:
     from tactile_ros.devices.mlx90393 import Words
 
+LEAST_DOUBT = 100
+
 
 class ReadingWatch:
     """Remembers each chip's readings and judges the next ones by them.
@@ -37,7 +39,8 @@ class ReadingWatch:
 
     Notes
     -----
-    A reading that jumped stays WRAPPED until the chip reads near its last trusted value again, or
+    A chip whose reading jumped stays WRAPPED until it reads near its last trusted value again, or
+    has read elsewhere more often in a row than it was ever trusted (and 100 times at least), or
     `forget` is called: nothing else tells a wrap from a magnet that was put on.
     """
 
@@ -62,6 +65,8 @@ class ReadingWatch:
         self._stuck_after = stuck_after
         self._log_chance = np.log(chance)
         self._trusted = np.full((taxels, 3), np.nan)
+        self._trust = np.zeros(taxels, np.int64)
+        self._doubt = np.zeros(taxels, np.int64)
         self._codes: Words | None = None
         self._run = np.zeros(taxels)
         self._repeats = np.ones(taxels)
@@ -70,6 +75,7 @@ class ReadingWatch:
     def forget(self, chips: Bools | slice = slice(None)) -> None:
         """Trust the next reading of these chips, whatever it is, as after a reset or at rest."""
         self._trusted[chips] = np.nan
+        self._trust[chips] = self._doubt[chips] = 0
         self._run[chips] = 0
 
     def judge(self, codes: Words, values: Array, good: Bools, fresh: Bools) -> Bytes:
@@ -92,16 +98,28 @@ class ReadingWatch:
             Bits of `TaxelStatus`; 0 for chips that were not read.
         """
         saturated = (np.abs(values) >= self._limit).any(axis=1)
-        jumped = (np.abs(values - self._trusted) > self._jump).any(axis=1)
-        trusted = good & ~saturated & ~jumped
-        self._trusted[trusted] = values[trusted]
+        jumped = self._jumped(values, good & ~saturated)
         repeated = self._repeated(codes, good)
         status = saturated * np.uint8(TaxelStatus.SATURATED)
-        status |= (jumped & ~saturated) * np.uint8(TaxelStatus.WRAPPED)
+        status |= jumped * np.uint8(TaxelStatus.WRAPPED)
         if repeated.any():
             status |= (repeated & ~fresh) * np.uint8(TaxelStatus.STALE)
             status |= self._stuck() * np.uint8(TaxelStatus.STUCK)
         return np.where(good, status, 0).astype(np.uint8)
+
+    def _jumped(self, values: Array, usable: Bools) -> Bools:
+        """Which chips are far from where they were trusted."""
+        jumped: Bools = (np.abs(values - self._trusted) > self._jump).any(axis=1) & usable
+        if jumped.any():
+            self._doubt += jumped
+            outvoted = jumped & (self._doubt > np.maximum(self._trust, LEAST_DOUBT))
+            self._trust[outvoted] = self._doubt[outvoted]
+            jumped &= ~outvoted
+        trusted = usable & ~jumped
+        self._trusted[trusted] = values[trusted]
+        self._trust += trusted
+        self._doubt[trusted] = 0
+        return jumped
 
     def _repeated(self, codes: Words, good: Bools) -> Bools:
         """Which chips sent what they sent before; counts runs and, when those end, shares."""

@@ -106,8 +106,8 @@ class SimulatedChip:
 
     @property
     def measuring(self) -> bool:
-        """Whether a measurement was begun."""
-        return bool(self._mode & (Status.BURST | Status.SINGLE))
+        """Whether a measurement was begun and not read yet."""
+        return self._began_ns < NEVER_NS
 
     def write(self, data: bytes, now_ns: int) -> None:
         """Take a command; its answer waits to be read."""

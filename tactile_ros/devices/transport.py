@@ -247,17 +247,15 @@ class I2cBus:
         if self._given is not None:
             self._master = self._given
             return
+        bus = smbus2.SMBus()
         try:
-            bus = smbus2.SMBus(self.path)
-        except OSError as err:
-            raise DeviceError(_bus_refusal(self.path, err)) from err
-        self._master = bus
-        try:
+            bus.open(self.path)
             # the kernel waits a whole second for a stuck bus otherwise
             fcntl.ioctl(bus.fd, I2C_TIMEOUT, max(1, round(self._timeout_s * 100)))
         except OSError as err:
-            self.close()
+            bus.close()
             raise DeviceError(_bus_refusal(self.path, err)) from err
+        self._master = bus
 
     def close(self) -> None:
         """Let the bus go; closing twice is allowed."""

@@ -1,7 +1,8 @@
-"""Ports by pyserial on real pseudo-terminals: every failure is one sentence."""
+"""Ports on real pseudo-terminals, buses on real messages: every failure is one sentence."""
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import sys
 import time
@@ -10,10 +11,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 import serial.tools.list_ports
+import smbus2
+from smbus2 import i2c_msg
 
 from tactile_ros.devices import transport
-from tactile_ros.devices.transport import SerialPort, list_ports
-from tactile_ros.errors import DeviceError, MissingPackageError
+from tactile_ros.devices.transport import I2cBus, SerialPort, list_ports
+from tactile_ros.errors import DeviceError, DeviceTimeout, MissingPackageError, NotAcknowledged
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -109,3 +112,104 @@ def test_pyserial_is_asked_for_where_it_is_needed(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setitem(sys.modules, 'serial', None)
     with pytest.raises(MissingPackageError, match='pip install pyserial'):
         SerialPort('/dev/ttyA').open()
+
+
+class Wires:
+    """Stands in for smbus2.SMBus: fails as told, or answers with counted bytes."""
+
+    def __init__(self, failure: int = 0) -> None:
+        self.failure = failure
+        self.seen: list[list[tuple[int, int, bytes]]] = []
+        self.closed = 0
+
+    def i2c_rdwr(self, *messages: i2c_msg) -> None:
+        self.seen.append([(m.addr, m.flags, bytes(m)) for m in messages])
+        if self.failure:
+            raise OSError(self.failure, 'told to fail')
+        for message in messages:
+            if message.flags & 1:
+                ctypes.memmove(message.buf, bytes(range(message.len)), message.len)
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+def test_a_transfer_is_one_transaction_of_real_messages() -> None:
+    wires = Wires()
+    bus = I2cBus('wires', smbus=wires)
+    bus.open()
+    bus.open()
+    assert bus.transfer(0x0C, b'\x4f', 9) == bytes(range(9))
+    assert bus.transfer(0x0C, b'\x4f', 9) == bytes(range(9))
+    assert bus.transfer(0x70, b'\x01', 0) == b''
+    assert bus.transfer(0x70, b'', 1) == b'\x00'
+    assert bus.transfer(0x0C, b'\x60\x12\x34\x08', 1) == b'\x00'
+    write, read = wires.seen[0]
+    assert write == (0x0C, 0, b'\x4f')
+    assert read[:2] == (0x0C, 1)
+    assert wires.seen[2] == [(0x70, 0, b'\x01')]
+    assert wires.seen[3][0][:2] == (0x70, 1)
+    assert wires.seen[4][0] == (0x0C, 0, b'\x60\x12\x34\x08')
+    bus.close()
+    bus.close()
+    assert wires.closed == 1
+    with pytest.raises(DeviceError, match='bus wires is not open'):
+        bus.transfer(0x0C, b'\x00', 1)
+
+
+@pytest.mark.parametrize(
+    ('failure', 'kind', 'sentence', 'stays_open'),
+    [
+        (errno.EREMOTEIO, NotAcknowledged, 'nothing answers at 0x0c on bus wires', True),
+        (errno.ENXIO, NotAcknowledged, 'nothing answers at 0x0c', True),
+        (errno.ETIMEDOUT, DeviceTimeout, 'bus wires is stuck: a chip holds its lines low', True),
+        (errno.ENODEV, DeviceError, 'bus wires was unplugged', False),
+        (errno.EIO, DeviceError, 'bus wires failed', False),
+    ],
+)
+def test_failures_of_a_transfer_are_sentences(
+    failure: int, kind: type[DeviceError], sentence: str, stays_open: bool
+) -> None:
+    bus = I2cBus('wires', smbus=Wires(failure))
+    bus.open()
+    with pytest.raises(DeviceError, match=sentence) as caught:
+        bus.transfer(0x0C, b'\x00', 1)
+    assert type(caught.value) is kind
+    assert bus.is_open is stays_open
+    bus.close()
+
+
+@pytest.mark.parametrize(
+    ('failure', 'sentence'),
+    [
+        (FileNotFoundError(errno.ENOENT, 'no'), r'does not exist; buses here: /dev/i2c-1$'),
+        (PermissionError(errno.EACCES, 'no'), 'add the user to the group i2c and log in again'),
+    ],
+)
+def test_a_bus_that_cannot_be_opened_says_what_to_do(
+    failure: OSError, sentence: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(self: smbus2.SMBus, path: str) -> None:
+        raise failure
+
+    monkeypatch.setattr(smbus2.SMBus, 'open', refuse)
+    monkeypatch.setattr(transport, 'list_buses', lambda: ['/dev/i2c-1'])
+    with pytest.raises(DeviceError, match=sentence):
+        I2cBus('/dev/i2c-7').open()
+
+
+def test_what_is_no_bus_is_let_go() -> None:
+    with pytest.raises(DeviceError, match='bus /dev/null cannot be opened'):
+        I2cBus('/dev/null').open()
+
+
+def test_no_bus_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(transport, 'list_buses', list)
+    with pytest.raises(DeviceError, match='no I2C bus: enable it and load the module i2c-dev'):
+        I2cBus('/dev/i2c-nothing').open()
+
+
+def test_smbus2_is_asked_for_where_it_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, 'smbus2', None)
+    with pytest.raises(MissingPackageError, match='pip install smbus2'):
+        I2cBus('/dev/i2c-1').open()

@@ -1,0 +1,203 @@
+"""The chip's datasheet: conversion times, registers, steps, codes and what it cannot do."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from tactile_ros.devices.mlx90393 import (
+    DIG_FILT,
+    GAIN_SEL,
+    HALLCONF,
+    OSR,
+    OSR2,
+    RES_X,
+    RES_Y,
+    RES_Z,
+    ChipSettings,
+    Decoder,
+    conversion_time,
+    register_read,
+    register_write,
+    tesla_per_lsb,
+)
+
+# rows DIG_FILT 0..7, columns OSR 0..3 (ms), x, y and z
+TABLE_MS = [
+    [1.27, 1.84, 3.00, 5.30],
+    [1.46, 2.23, 3.76, 6.84],
+    [1.84, 3.00, 5.30, 9.91],
+    [2.61, 4.53, 8.37, 16.05],
+    [4.15, 7.60, 14.52, 28.34],
+    [7.22, 13.75, 26.80, 52.92],
+    [13.36, 26.04, 51.38, 102.07],
+    [25.65, 50.61, 100.53, 200.37],
+]
+
+
+@pytest.mark.parametrize('filtering', range(8))
+@pytest.mark.parametrize('oversampling', range(4))
+def test_conversion_times_are_the_datasheets(filtering: int, oversampling: int) -> None:
+    ms = conversion_time(oversampling, filtering) * 1e3
+    assert ms == pytest.approx(TABLE_MS[filtering][oversampling], abs=0.01)
+
+
+def test_temperature_takes_time_of_its_own() -> None:
+    settings = ChipSettings(digital_filter=2, oversampling=0)
+    assert settings.conversion_s == pytest.approx(2.10e-3, abs=0.01e-3)
+    assert ChipSettings(temperature=False).conversion_s == pytest.approx(1.84e-3, abs=0.01e-3)
+
+
+@pytest.mark.parametrize(
+    ('gain', 'resolution', 'hallconf', 'xy', 'z'),
+    [
+        (7, 0, 0xC, 0.1502e-6, 0.242e-6),  # '1x', the finest
+        (0, 0, 0xC, 0.751e-6, 1.21e-6),  # '5x', the coarsest
+        (7, 3, 0xC, 1.2016e-6, 1.936e-6),
+        (1, 2, 0xC, 2.4032e-6, 3.872e-6),  # eFlesh
+        (7, 0, 0x0, 0.1573e-6, 0.2534e-6),
+    ],
+)
+def test_steps_are_the_datasheets(
+    gain: int, resolution: int, hallconf: int, xy: float, z: float
+) -> None:
+    step = tesla_per_lsb(gain, (resolution,) * 3, hallconf)
+    assert step == pytest.approx([xy, xy, z], rel=1e-3)
+
+
+def test_ranges() -> None:
+    fine = ChipSettings(gain=7, resolution=(0, 0, 0)).full_scale
+    coarse = ChipSettings(gain=1, resolution=(2, 2, 2)).full_scale
+    assert fine == pytest.approx([4.92e-3, 4.92e-3, 7.93e-3], rel=1e-3)
+    assert coarse == pytest.approx([78.7e-3, 78.7e-3, 126.9e-3], rel=1e-3)
+
+
+@pytest.mark.parametrize('field', [HALLCONF, GAIN_SEL, OSR, DIG_FILT, RES_X, RES_Y, RES_Z, OSR2])
+def test_a_field_leaves_its_neighbours_alone(field) -> None:  # type: ignore[no-untyped-def] # noqa: ANN001
+    for word in (0x0000, 0xFFFF, 0xA5C3):
+        for value in range(1 << field.width):
+            changed = field.put(word, value)
+            assert field.get(changed) == value
+            assert (changed ^ word) & ~field.mask == 0
+
+
+def test_fields_lie_where_the_datasheet_puts_them() -> None:
+    word = 0
+    fields = ((OSR, 1), (DIG_FILT, 5), (RES_X, 1), (RES_Y, 2), (RES_Z, 3), (OSR2, 2))
+    for field, value in fields:
+        word = field.put(word, value)
+    assert word == 0b10_11_10_01_101_01
+    assert GAIN_SEL.put(HALLCONF.put(0, 0xC), 7) == 0x7C
+
+
+def test_commands_of_registers() -> None:
+    assert register_read(0x02) == bytes.fromhex('50 08')
+    assert register_read(0x24) == bytes.fromhex('50 90')
+    assert register_write(0x02, 0x1A2B) == bytes.fromhex('60 1A 2B 08')
+
+
+@pytest.mark.parametrize(
+    ('resolution', 'compensated', 'code', 'counts'),
+    [
+        (0, False, 0x0000, 0),
+        (0, False, 0x7FFF, 32767),
+        (0, False, 0x8000, -32768),
+        (0, False, 0xFFFF, -1),
+        (1, False, 0xFFFE, -2),
+        (2, False, 0x8000, 0),
+        (2, False, 0xFFFF, 32767),
+        (2, False, 0x0000, -32768),
+        (3, False, 0x4000, 0),
+        (3, False, 0x3FFF, -1),
+        (3, False, 0x7FFF, 16383),
+        (0, True, 0x8000, 0),
+        (1, True, 0x7FFF, -1),
+    ],
+)
+def test_codes_become_counts(resolution: int, compensated: bool, code: int, counts: int) -> None:
+    settings = ChipSettings(
+        gain=7, resolution=(resolution,) * 3, temperature_compensation=compensated
+    )
+    answer = bytes((0x03,)) + (46696).to_bytes(2, 'big') + code.to_bytes(2, 'big') * 3
+    decoder = Decoder(settings, [46696])
+    status, codes = decoder.words(answer)
+    values, temperature_c = decoder.values(codes)
+    assert status.tolist() == [3]
+    lsb = tesla_per_lsb(7, (resolution,) * 3)
+    assert values[0] == pytest.approx(counts * lsb, abs=1e-15)
+    assert temperature_c is not None
+    assert temperature_c[0] == 35.0
+
+
+def test_temperature_is_that_of_the_datasheet() -> None:
+    """Typical 46244 at 25 degrees, 45.2 a degree, unsigned, and each chip's own reference."""
+    decoder = Decoder(ChipSettings(), [46696, 46600])
+    answers = b''.join(
+        bytes((3,)) + word.to_bytes(2, 'big') + b'\x80\x00' * 3 for word in (46244, 46600 - 452)
+    )
+    _, temperature_c = decoder.values(decoder.words(answers)[1])
+    assert temperature_c == pytest.approx([25.0, 25.0])
+
+
+def test_without_temperature_answers_are_shorter() -> None:
+    settings = ChipSettings(temperature=False)
+    decoder = Decoder(settings, [0])
+    values, temperature_c = decoder.values(
+        decoder.words(bytes((2, 0x80, 1, 0x80, 0, 0x7F, 0xFF)))[1]
+    )
+    assert temperature_c is None
+    assert values[0] == pytest.approx([2.4032e-6, 0.0, -3.872e-6])
+    assert (settings.axes, settings.answer_bytes) == (0xE, 7)
+
+
+@pytest.mark.parametrize('pair', [(0, 0), (0, 1), (1, 0)])
+def test_forbidden_filters_are_refused(pair: tuple[int, int]) -> None:
+    with pytest.raises(ValueError, match=r'must not be .* at HALLCONF 0xC; received'):
+        ChipSettings(digital_filter=pair[0], oversampling=pair[1])
+
+
+@pytest.mark.parametrize('pair', [(0, 2), (1, 1), (1, 3)])
+def test_fast_filters_are_warned_about(pair: tuple[int, int]) -> None:
+    with pytest.warns(UserWarning, match='digital_filter below 2'):
+        ChipSettings(digital_filter=pair[0], oversampling=pair[1])
+    with pytest.warns(UserWarning, match='digital_filter below 2'):
+        ChipSettings(digital_filter=0, oversampling=0, hallconf=0)
+    with pytest.warns(UserWarning, match='digital_filter below 2'):
+        ChipSettings(digital_filter=1, oversampling=0, forbidden=())
+
+
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ({'gain': 8}, 'gain of ChipSettings must be 0 to 7; received 8'),
+        ({'resolution': (0, 0, 4)}, 'resolution of ChipSettings must be 0 to 3; received 4'),
+        ({'resolution': (0, 0)}, 'must name x, y and z'),
+        ({'digital_filter': -1}, 'digital_filter of ChipSettings must be 0 to 7; received -1'),
+        ({'oversampling': 4}, 'oversampling of ChipSettings must be 0 to 3'),
+        ({'temperature_oversampling': 4}, 'temperature_oversampling of ChipSettings must be'),
+        ({'hallconf': 5}, r'hallconf of ChipSettings must be \(0, 12\); received 5'),
+        (
+            {'resolution': (0, 2, 0), 'temperature_compensation': True},
+            'must be 0 or 1 with temperature compensation',
+        ),
+    ],
+)
+def test_what_the_chip_cannot_do_is_refused(change: dict, sentence: str) -> None:  # type: ignore[type-arg]
+    with pytest.raises(ValueError, match=sentence):
+        ChipSettings(**change)
+
+
+def test_twenty_chips_decode_in_twenty_microseconds() -> None:
+    decoder = Decoder(ChipSettings(), np.full(20, 46696))
+    answers = bytes(np.random.default_rng(0).integers(0, 256, 180, dtype=np.uint8))
+    best = np.inf
+    for _ in range(20):
+        start = time.perf_counter()
+        for _ in range(200):
+            decoder.values(decoder.words(answers)[1])
+        best = min(best, (time.perf_counter() - start) / 200)
+    sys.stdout.write(f'decoding a frame of 20 chips: {best * 1e6:.1f} us\n')
+    assert best < 20e-6

@@ -1,0 +1,271 @@
+"""The simulated chips, switches and bus: states, time and faults below the driver."""
+
+from __future__ import annotations
+
+import errno
+
+import numpy as np
+import pytest
+from smbus2 import i2c_msg
+
+from tactile_ros.devices.chip_array_twin import ChipArrayTwin
+from tactile_ros.devices.clock import LeadingClock, SystemClock, VirtualClock
+from tactile_ros.devices.mux import ChipPlace, clusters
+from tactile_ros.devices.simulated_chip import SimulatedChip
+from tactile_ros.devices.simulated_i2c import SimulatedI2cBus
+from tactile_ros.types import Layout
+
+BURST, SINGLE, ERROR, RESET = 0x80, 0x20, 0x10, 0x04
+CONVERSION_NS = 2_102_000  # OSR 0, DIG_FILT 2, with temperature
+
+
+class Bench:
+    """A bus with chips that measure a constant, asked byte by byte."""
+
+    def __init__(self, *places: ChipPlace, field: float = 0.0, noise: float = 0.0) -> None:
+        self.clock = VirtualClock(10**9)
+        self.field = field
+        rng = np.random.default_rng(0)
+        self.chips = {
+            place: SimulatedChip(self.sample, rng, np.full(3, noise), tolerance=0.0)
+            for place in places or (ChipPlace(),)
+        }
+        self.bus = SimulatedI2cBus(self.clock, self.chips)
+
+    def sample(self, time_ns: int) -> tuple[np.ndarray, float]:
+        return np.full(3, self.field), 25.0
+
+    def ask(self, written: str, count: int, address: int = 0x0C) -> bytes:
+        messages = [i2c_msg.write(address, bytes.fromhex(written))] if written else []
+        messages += [i2c_msg.read(address, count)] if count else []
+        self.bus.i2c_rdwr(*messages)
+        return bytes(messages[-1]) if count else b''
+
+    def configure(self, third: str = '00 08') -> None:
+        """Past the reset, with register 2 as told."""
+        self.ask('00', 1)
+        self.ask(f'60 {third} 08', 1)
+
+
+def test_bytes_take_their_time_on_the_bus() -> None:
+    bench = Bench(ChipPlace(0x0C, 0, 0x70, 0))
+    for written, count, address, clocks in (('01', 0, 0x70, 20), ('3F', 1, 0x0C, 39)):
+        begun_ns = bench.clock.now_ns()
+        bench.ask(written, count, address)
+        assert bench.clock.now_ns() - begun_ns == clocks * 2500
+    begun_ns = bench.clock.now_ns()
+    bench.ask('4F', 9)
+    assert bench.clock.now_ns() - begun_ns == 111 * 2500
+    assert bench.bus.busy_s == pytest.approx(170 / 400e3)
+
+
+def test_reset_is_told_once_and_takes_its_time() -> None:
+    bench = Bench()
+    assert bench.ask('00', 1) == bytes((RESET,))
+    assert bench.ask('00', 1) == b'\x00'
+    bench.ask('F0', 0)
+    with pytest.raises(OSError, match='Remote I/O error') as caught:
+        bench.ask('00', 1)
+    assert caught.value.errno == errno.EREMOTEIO
+    bench.clock.sleep(1.6e-3)
+    assert bench.ask('00', 1) == bytes((RESET,))
+
+
+def test_data_are_ready_after_a_conversion_and_once() -> None:
+    bench = Bench()
+    bench.configure()
+    assert bench.ask('3F', 1) == bytes((SINGLE,))
+    assert bench.ask('4F', 9)[0] == SINGLE | ERROR | 3
+    bench.clock.sleep((CONVERSION_NS - 500_000) * 1e-9)
+    assert bench.ask('4F', 9)[0] & ERROR
+    bench.clock.sleep(300e-6)
+    assert bench.ask('4F', 9)[0] == 3
+    assert bench.ask('4F', 9)[0] == ERROR | 3
+
+
+def test_burst_goes_on_and_refuses_registers() -> None:
+    bench = Bench()
+    bench.configure()
+    assert bench.ask('1F', 1) == bytes((BURST,))
+    for _ in range(3):
+        bench.clock.sleep(CONVERSION_NS * 1e-9)
+        assert bench.ask('4F', 9)[0] == BURST | 3
+        assert bench.ask('4F', 9)[0] == BURST | ERROR | 3
+    for refused in ('50 00', '60 00 00 00', '3F', 'E0', 'D0'):
+        assert bench.ask(refused, 1)[0] & (BURST | ERROR) == BURST | ERROR
+    assert bench.ask('80', 1) == b'\x00'
+    assert bench.ask('50 00', 3)[0] == 0
+
+
+def test_a_slower_burst_waits_between_measurements() -> None:
+    bench = Bench()
+    bench.configure()
+    bench.ask('60 00 02 04', 1)  # 40 ms
+    bench.ask('1F', 1)
+    bench.clock.sleep(39e-3)
+    assert bench.ask('4F', 9)[0] & ERROR
+    bench.clock.sleep(2e-3)
+    assert not bench.ask('4F', 9)[0] & ERROR
+
+
+@pytest.mark.parametrize('command', ['2F', '90', 'A0', '5F', '60 00'])
+def test_what_it_does_not_know_is_acknowledged_and_refused(command: str) -> None:
+    bench = Bench()
+    bench.configure()
+    assert bench.ask(command, 1) == bytes((ERROR,))
+
+
+def test_registers_are_kept_stored_and_recalled() -> None:
+    bench = Bench()
+    bench.configure('05 48')
+    assert bench.ask('50 08', 3) == bytes.fromhex('00 05 48')
+    assert bench.ask('50 00', 3) == bytes.fromhex('00 00 7C')
+    tref = int.from_bytes(bench.ask('50 90', 3)[1:], 'big')
+    assert abs(tref - 46696) <= 300
+    bench.ask('E0', 1)
+    bench.ask('60 00 08 08', 1)
+    bench.ask('D0', 1)
+    assert bench.ask('50 08', 3) == bytes.fromhex('00 05 48')
+    bench.ask('F0', 0)
+    bench.clock.sleep(2e-3)
+    assert bench.ask('50 08', 3) == bytes.fromhex('04 05 48')
+
+
+@pytest.mark.parametrize(
+    ('third', 'second', 'field', 'code'),
+    [
+        ('00 08', '00 00', 0.1502e-6 * 1000, 1000),
+        ('00 08', '00 00', -0.1502e-6, 0xFFFF),
+        ('00 08', '00 00', 0.1502e-6 * 40000, 40000),  # beyond 32767: wraps to -25536
+        ('00 48', '00 00', 4 * 0.1502e-6 * 5, 0x8005),  # RES_X 2
+        ('00 68', '00 00', 8 * 0.1502e-6 * -3, 0x3FFD),  # RES_X 3
+        ('00 08', '04 00', 0.1502e-6 * 7, 0x8007),  # compensated
+    ],
+)
+def test_codes_are_the_datasheets(third: str, second: str, field: float, code: int) -> None:
+    bench = Bench(field=field)
+    bench.configure(third)
+    bench.ask(f'60 {second} 04', 1)
+    bench.ask('32', 1)
+    bench.clock.sleep(3e-3)
+    status, high, low = bench.ask('42', 3)
+    assert status == 0
+    assert high << 8 | low == code
+
+
+def test_axes_come_in_the_order_t_x_y_z() -> None:
+    bench = Bench(field=0.1502e-6 * 100)
+    bench.configure()
+    bench.ask('3F', 1)
+    bench.clock.sleep(3e-3)
+    words = np.frombuffer(bench.ask('4F', 9)[1:], '>u2')
+    tref = int.from_bytes(bench.ask('50 90', 3)[1:], 'big')
+    assert abs(int(words[0]) - (tref - 452)) <= 5
+    assert words[1:].tolist() == [100, 100, 62]  # the same field, coarser along z
+
+
+def test_a_switch_hides_and_shows_its_channels() -> None:
+    places = [ChipPlace(0x0C, 0, 0x70, 1), ChipPlace(0x0C, 0, 0x70, 2), ChipPlace(0x0D)]
+    bench = Bench(*places)
+    with pytest.raises(OSError, match='Remote I/O error'):
+        bench.ask('00', 1)
+    assert bench.ask('00', 1, 0x0D) == bytes((RESET,))
+    bench.ask('02', 0, 0x70)
+    assert bench.ask('', 1, 0x70) == b'\x02'
+    assert bench.ask('00', 1) == bytes((RESET,))
+    assert bench.ask('00', 1) == b'\x00'
+    bench.ask('04', 0, 0x70)
+    assert bench.ask('00', 1) == bytes((RESET,))  # the other one
+    bench.ask('06', 0, 0x70)
+    bench.ask('00', 1)
+    bench.bus.power_down(bench.clock.now_ns())
+    assert bench.ask('', 1, 0x70) == b'\x00'
+
+
+def test_two_at_one_address_spoil_each_other() -> None:
+    places = [ChipPlace(0x0C, 0, 0x70, 0), ChipPlace(0x0C, 0, 0x70, 1)]
+    bench = Bench(*places)
+    for mask, word in (('01', '0F 0F'), ('02', 'FF 00')):
+        bench.ask(mask, 0, 0x70)
+        bench.configure(word)
+    bench.ask('03', 0, 0x70)
+    assert bench.ask('50 08', 3) == bytes.fromhex('00 0F 00')
+
+
+def twin_of(seed: int = 0, clock: VirtualClock | None = None, **more: float) -> ChipArrayTwin:
+    layout = Layout(np.zeros((20, 3)), ('Bx', 'By', 'Bz'), 'T')
+    return ChipArrayTwin(
+        clusters(), layout, lambda t: np.zeros((20, 3)), clock=clock, seed=seed, **more
+    )
+
+
+def readings(seed: int) -> np.ndarray:
+    clock = VirtualClock()
+    twin = twin_of(seed, clock)
+    with twin, twin.device(clock.now_ns) as array:
+        return np.array([array.read(1.0).values for _ in range(30)])
+
+
+def test_the_seed_tells_everything() -> None:
+    first, again, other = readings(3), readings(3), readings(4)
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+    assert first.std(axis=(0, 1)) == pytest.approx(np.full(3, 5e-6), rel=0.15)
+
+
+def test_temperature_follows_its_signal() -> None:
+    clock = VirtualClock()
+    layout = Layout(np.zeros((4, 3)), ('Bx', 'By', 'Bz'), 'T')
+    twin = ChipArrayTwin(
+        clusters(1),
+        layout,
+        lambda t: np.zeros((4, 3)),
+        temperature_c=lambda t: np.array([10.0, 20.0, 30.0, 60.0]) + t,
+        clock=clock,
+    )
+    with twin, twin.device(clock.now_ns) as array:
+        frame = array.read(1.0)
+    assert frame.temperature_c == pytest.approx([10.0, 20.0, 30.0, 60.0], abs=0.15)
+
+
+def test_unknown_faults_are_refused() -> None:
+    twin = twin_of()
+    with pytest.raises(ValueError, match='fault must be one of stuck_bus, unplug, nack'):
+        twin.inject('clock_jump')
+    with pytest.raises(ValueError, match='chip must be 0 to 19; received 20'):
+        twin.inject('nack', chip=20)
+    assert set(twin.injected) == set(twin.faults)
+
+
+def test_it_runs_on_the_machines_clock_too() -> None:
+    clock = SystemClock()
+    twin = twin_of()
+    with twin, twin.device(clock.now_ns) as array:
+        begun_ns = clock.now_ns()
+        stamps = [array.read(1.0).stamp_ns for _ in range(20)]
+        elapsed_s = (clock.now_ns() - begun_ns) * 1e-9
+    assert 20 / elapsed_s < 135  # no faster than the bus
+    assert (np.diff(np.array(stamps)) > 0).all()
+    assert array.counters()['not_ready'] == 0
+
+
+def test_a_leading_clock_waits_seldom_and_never_goes_back() -> None:
+    waits: list[float] = []
+    clock = VirtualClock()
+
+    class Counted(VirtualClock):
+        def now_ns(self) -> int:
+            return clock.now_ns()
+
+        def sleep(self, seconds: float) -> None:
+            waits.append(seconds)
+            clock.sleep(seconds)
+
+    leading = LeadingClock(Counted(), 1e-3)
+    for i in range(100):
+        assert leading.now_ns() == i * 100_000
+        leading.sleep(1e-4)
+    assert len(waits) == 9
+    assert 0 <= leading.now_ns() - clock.now_ns() <= 1_000_000
+    clock.sleep(1.0)
+    assert leading.now_ns() == clock.now_ns()
