@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from tactile_ros.types import Integers
-
 WRAP_US = 2**32
 NS_PER_US = 1000
 # oscillators of microcontrollers agree with the host's to this share
@@ -76,14 +74,14 @@ class DeviceTime:
         self._raw_us = None
         self._offset_ns = None
 
-    def follow(self, time_us: Integers, lost: Integers, now_ns: int) -> Moments:
+    def follow(self, time_us: list[int], lost: list[int], now_ns: int) -> Moments:
         """Times of the frames of one read.
 
         Parameters
         ----------
-        time_us : ndarray, shape (s,)
-            The board's clock (microseconds), wrapping at 2^32; s at least 1.
-        lost : ndarray, shape (s,)
+        time_us : list of int
+            The board's clock at s frames (microseconds), wrapping at 2^32; s at least 1.
+        lost : list of int
             Frames known lost before each.
         now_ns : int
             When the last frame was whole (ns), less its time on the wire.
@@ -97,7 +95,7 @@ class DeviceTime:
         before_ns = self._device_ns
         device_ns: list[int] = []
         repeated: list[bool] = []
-        for raw_us, gap in zip(time_us.tolist(), lost.tolist(), strict=True):
+        for raw_us, gap in zip(time_us, lost, strict=True):
             repeated.append(raw_us == self._raw_us)
             self._device_ns += self._step(raw_us, gap, elapsed_ns)
             self._raw_us = raw_us

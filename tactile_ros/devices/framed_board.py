@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.devices.device_time import DeviceTime
-from tactile_ros.devices.framed import VERSION, Decoded, FramedDecoder, frame_bytes
+from tactile_ros.devices.framed import VERSION, frame_bytes
+from tactile_ros.devices.framed_decoder import Decoded, FramedDecoder
 from tactile_ros.devices.framed_payloads import Payload
 from tactile_ros.devices.reconnecting import ReconnectingPort, check_capacity, transfer_s
 from tactile_ros.errors import DeviceError, DeviceTimeout
@@ -187,7 +188,7 @@ class FramedBoard:
         now_ns = self._clock() - self._transfer_ns
         self._heard = True
         decoded = self._decoder.feed(data)
-        if len(decoded.lost):
+        if decoded.lost:
             self._queue(decoded, now_ns)
         elif self._decoder.strangers >= STRANGERS and not self._said:
             self._said = True
@@ -221,11 +222,10 @@ class FramedBoard:
         status = self._status(readings.status, moments.repeated)
         marked = np.any(status, axis=1)
         temperature_c = readings.temperature_c
-        if self._interrupted:
-            lost = lost.copy()
-            lost[0] += self._interrupted
-            self._interrupted = 0
-        for i, gap in enumerate(lost.tolist()):
+        self._dropped += self._interrupted
+        self._sequence += self._interrupted
+        self._interrupted = 0
+        for i, gap in enumerate(lost):
             self._dropped += gap
             self._sequence += 1 + gap
             frame = Frame(

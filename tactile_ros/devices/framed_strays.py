@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-import struct
 import zlib
 from typing import Protocol
 
+from tactile_ros.devices.framed import HEAD, HEADER_BYTES, RESIDUE, SYNC, TRAILER_BYTES
 from tactile_ros.devices.framed_payloads import MOST_BYTES, describe
-
-SYNC = b'\xa5\x5a'
-HEADER_BYTES = 16
-TRAILER_BYTES = 4
-# CRC-32 of any bytes followed by their own CRC-32, lowest byte first
-RESIDUE = 0x2144DF1C
-
-_HEAD = struct.Struct('<2sBBHH')
 
 
 class StrayCounts(Protocol):
@@ -52,7 +44,7 @@ class Strays:
         self.failed = False
         self.foreign = ''
         self.strangers = 0
-        self._own = _HEAD.unpack(own)
+        self._own = HEAD.unpack(own)
         self._counts = counts
         self._held = b''
         self._noise = 0
@@ -114,9 +106,9 @@ class Strays:
 
     def _foreign_bytes(self, held: bytes, place: int) -> int | None:
         """Length of the whole foreign frame at `place`; 0 if there is none, None if unknown."""
-        if len(held) - place < _HEAD.size:
+        if len(held) - place < HEAD.size:
             return None
-        fields = _HEAD.unpack_from(held, place)
+        fields = HEAD.unpack_from(held, place)
         total: int = HEADER_BYTES + fields[4] + TRAILER_BYTES
         if fields == self._own or fields[4] > MOST_BYTES:
             return 0

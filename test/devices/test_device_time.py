@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 
-import numpy as np
 import pytest
 
 from tactile_ros.devices.device_time import DeviceTime
@@ -14,7 +13,7 @@ MS = 1_000_000
 
 def one(clock: DeviceTime, time_us: int, now_ns: int, lost: int = 0) -> tuple[int, int]:
     """Times of a single frame."""
-    moments = clock.follow(np.array([time_us]), np.array([lost]), now_ns)
+    moments = clock.follow([time_us], [lost], now_ns)
     return moments.device_ns[0], moments.stamp_ns[0]
 
 
@@ -28,7 +27,7 @@ def test_the_promptest_frame_ties_the_clocks() -> None:
 
 
 def test_a_batch_is_spread_by_the_board_s_clock() -> None:
-    moments = DeviceTime(MS).follow(np.array([100, 1100, 2600]), np.zeros(3, int), 10**9)
+    moments = DeviceTime(MS).follow([100, 1100, 2600], [0, 0, 0], 10**9)
     assert moments.stamp_ns == [10**9 - 2_500_000, 10**9 - 1_500_000, 10**9]
     assert moments.device_ns == [100_000, 1_100_000, 2_600_000]
     assert moments.repeated == [False, False, False]
