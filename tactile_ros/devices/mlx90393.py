@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from enum import IntEnum, IntFlag
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -48,7 +48,7 @@ class Command(IntEnum):
     RESET = 0xF0
 
 
-class Status(IntFlag):
+class Status(IntEnum):
     """Bits of the byte that answers every command; the two lowest count answer bytes."""
 
     BURST = 0x80

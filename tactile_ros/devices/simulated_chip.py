@@ -74,10 +74,12 @@ class SimulatedChip:
     def power_up(self, now_ns: int) -> None:
         """Start as after its supply came back; the chip answers 1.6 ms later."""
         self.registers = dict(self._stored)
-        self._mode = Status(0)
+        self._scale = self._scaling()
+        self._mode = 0
         self._axes = 0
         self._began_ns = NEVER_NS
         self._taken = 0
+        self._conversion_ns = self._period_ns = 0
         self._was_reset = True
         self._awake_ns = now_ns + POWER_ON_NS
         self._data = bytes(8)
@@ -123,7 +125,7 @@ class SimulatedChip:
         elif opcode == Command.WRITE_REGISTER and len(data) == 4:
             fine = self._write_register(data[3] >> 2, data[1] << 8 | data[2])
         elif opcode == Command.EXIT:
-            self._mode, self._began_ns = Status(0), NEVER_NS
+            self._mode, self._began_ns = 0, NEVER_NS
         elif opcode == Command.RESET:
             self.power_up(now_ns)
             return
@@ -141,19 +143,20 @@ class SimulatedChip:
 
     def _status(self, fine: bool, count: int) -> int:
         """Status byte; RESET is told once."""
-        status = self._mode | (Status(0) if fine else Status.ERROR)
+        status = self._mode | (0 if fine else Status.ERROR)
         if self._was_reset:
             status |= Status.RESET
             self._was_reset = False
-        return int(status) | max(0, count // 2 - 1)
+        return status | max(0, count // 2 - 1)
 
     def _start(self, opcode: int, axes: int, now_ns: int) -> bool:
         """Start measuring, once or without end; refused while it measures without end."""
         if self._mode & Status.BURST:
             return False
-        self._mode = Status.SINGLE if opcode == Command.START_SINGLE else Status.BURST
+        self._mode = int(Status.SINGLE if opcode == Command.START_SINGLE else Status.BURST)
         self._axes = axes or 0xF
         self._began_ns, self._taken = now_ns, 0
+        self._conversion_ns, self._period_ns = self.conversion_ns, self._period()
         return True
 
     def _read(self, axes: int, now_ns: int) -> tuple[bool, bytes]:
@@ -163,15 +166,13 @@ class SimulatedChip:
         if done <= self._taken:
             return False, self._chosen(axes, size)
         self._taken = done
-        period = self._period_ns
-        end_ns = self._began_ns + done * period
-        self._data = self._convert(end_ns - self.conversion_ns // 2)
+        end_ns = self._began_ns + done * self._period_ns
+        self._data = self._convert(end_ns - self._conversion_ns // 2)
         if self._mode & Status.SINGLE:
-            self._mode, self._began_ns = Status(0), NEVER_NS
+            self._mode, self._began_ns = 0, NEVER_NS
         return True, self._chosen(axes, size)
 
-    @property
-    def _period_ns(self) -> int:
+    def _period(self) -> int:
         """Time from one measurement to the next (ns)."""
         pause_s = BURST_STEP_S * BURST_DATA_RATE.get(self.registers.get(0x01, 0))
         if not self._mode & Status.BURST:
@@ -187,13 +188,15 @@ class SimulatedChip:
 
     def _chosen(self, axes: int, size: int) -> bytes:
         """Words of the axes that were asked for, of t, x, y, z."""
+        if axes in (0, 0xF):
+            return self._data
         words = [self._data[2 * i : 2 * i + 2] for i in range(4) if (axes or 0xF) >> i & 1]
         return b''.join(words)[:size]
 
     def _convert(self, time_ns: int) -> bytes:
         """Measure: noise, steps, the range that wraps, and the code of the registers."""
         field, temperature_c = self._sample(time_ns)
-        zero, lsb = self._scaling()
+        zero, lsb, _ = self._scale
         counts = np.empty(4)
         noise = self._rng.standard_normal(4)
         counts[0] = self._stored[TREF_REGISTER] + noise[0]
@@ -208,25 +211,21 @@ class SimulatedChip:
         return counts
 
     @property
-    def _resolution(self) -> tuple[int, int, int]:
-        """RES of x, y, z."""
-        register = self.registers.get(0x02, 0)
-        return RES_X.get(register), RES_Y.get(register), RES_Z.get(register)
-
-    @property
     def full_scale(self) -> Array:
         """Counts at which x, y, z wrap, shape (3,)."""
-        return np.asarray(FULL_SCALE_LSB[list(self._resolution)], np.float64)
+        return self._scale[2]
 
-    def _scaling(self) -> tuple[Array, Array]:
-        """Code of zero and step (T) of x, y, z by the registers."""
-        resolution = self._resolution
+    def _scaling(self) -> tuple[Array, Array, Array]:
+        """Code of zero, step (T) and range of x, y, z by the registers."""
+        third = self.registers.get(0x02, 0)
+        resolution = RES_X.get(third), RES_Y.get(third), RES_Z.get(third)
         register = self.registers.get(0x00, 0)
         hallconf = 0xC if HALLCONF.get(register) else 0x0
         lsb = tesla_per_lsb(GAIN_SEL.get(register), resolution, hallconf)
+        zero = CODE_OF_ZERO[list(resolution)].astype(np.float64)
         if TCMP_EN.get(self.registers.get(0x01, 0)):
-            return np.full(3, 32768.0), lsb
-        return CODE_OF_ZERO[list(resolution)].astype(np.float64), lsb
+            zero = np.full(3, 32768.0)
+        return zero, lsb, FULL_SCALE_LSB[list(resolution)].astype(np.float64)
 
     def _read_register(self, register: int) -> tuple[bool, bytes]:
         """Word of a register; refused in burst mode."""
@@ -238,6 +237,7 @@ class SimulatedChip:
         if self._mode & Status.BURST:
             return False
         self.registers[register] = word
+        self._scale = self._scaling()
         return True
 
     def _memory(self, opcode: int) -> bool:
@@ -248,4 +248,5 @@ class SimulatedChip:
             self._stored = dict(self.registers)
         else:
             self.registers = dict(self._stored)
+            self._scale = self._scaling()
         return True

@@ -12,10 +12,9 @@ from tactile_ros.devices.mux import ChipPlace
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from smbus2 import i2c_msg
-
     from tactile_ros.devices.clock import Clock
     from tactile_ros.devices.simulated_chip import SimulatedChip
+    from tactile_ros.devices.transport import I2cMessage
 
 BITS_PER_BYTE = 9  # with the acknowledgement
 READING = 0x0001  # I2C_M_RD
@@ -85,6 +84,9 @@ class SimulatedI2cBus:
         """See the class."""
         self._clock = clock
         self._chips = dict(chips)
+        self._at: dict[int, list[tuple[ChipPlace, SimulatedChip]]] = {}
+        for place, chip in chips.items():
+            self._at.setdefault(place.address, []).append((place, chip))
         self._muxes = {p.mux: SimulatedMux() for p in chips if p.mux is not None}
         self._bit_s = 1 / hertz
         self._timeout_s = timeout_s
@@ -104,7 +106,7 @@ class SimulatedI2cBus:
         for chip in self._chips.values():
             chip.power_up(now_ns)
 
-    def i2c_rdwr(self, *messages: i2c_msg) -> None:
+    def i2c_rdwr(self, *messages: I2cMessage) -> None:
         """Carry messages in one transaction.
 
         Raises
@@ -128,7 +130,7 @@ class SimulatedI2cBus:
         self.busy_s += bits * self._bit_s
         self._clock.sleep(bits * self._bit_s)
 
-    def _carry(self, message: i2c_msg) -> None:
+    def _carry(self, message: I2cMessage) -> None:
         """One message of a transaction."""
         listeners = self._listeners(message.addr)
         if not listeners:
@@ -142,8 +144,8 @@ class SimulatedI2cBus:
                 else:
                     listener.write(bytes(message), self._clock.now_ns())
             return
-        wires = b'\xff' * message.len
-        for listener in listeners:
+        wires = listeners[0].read(message.len)
+        for listener in listeners[1:]:
             wires = bytes(a & b for a, b in zip(wires, listener.read(message.len), strict=True))
         ctypes.memmove(message.buf, wires, message.len)
 
@@ -152,8 +154,8 @@ class SimulatedI2cBus:
         found: list[SimulatedMux | SimulatedChip] = []
         if address in self._muxes:
             found.append(self._muxes[address])
-        for place, chip in self._chips.items():
-            if place.address == address and self._reached(place) and self._answers(place, chip):
+        for place, chip in self._at.get(address, ()):
+            if self._reached(place) and self._answers(place, chip):
                 found.append(chip)
         return found
 
@@ -165,7 +167,7 @@ class SimulatedI2cBus:
 
     def _answers(self, place: ChipPlace, chip: SimulatedChip) -> bool:
         """Whether a chip acknowledges now."""
-        if self.silent.get(place, 0):
+        if self.silent and self.silent.get(place, 0):
             self.silent[place] -= 1
             self._on_fault('nack')
             return False

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     import serial
     from smbus2 import i2c_msg
 
+    I2cMessage = i2c_msg
+
 READ_BYTES = 4096
 I2C_TIMEOUT = 0x0702  # linux/i2c-dev.h, in units of 10 ms
 
@@ -196,7 +198,7 @@ def _bus_refusal(path: str, err: OSError) -> str:
 class BusMaster(Protocol):
     """What carries messages: an smbus2.SMBus, or what stands in for it."""
 
-    def i2c_rdwr(self, *messages: i2c_msg) -> None:
+    def i2c_rdwr(self, *messages: I2cMessage) -> None:
         """Carry messages in one transaction, a repeated start between them."""
         ...
 
@@ -224,7 +226,7 @@ class I2cBus:
         self._given = smbus
         self._timeout_s = timeout_s
         self._master: BusMaster | None = None
-        self._messages: dict[tuple[int, bytes, int], tuple[i2c_msg, ...]] = {}
+        self._messages: dict[tuple[int, bytes, int], tuple[I2cMessage, ...]] = {}
 
     @property
     def is_open(self) -> bool:
@@ -299,7 +301,7 @@ class I2cBus:
             raise self._failure(address, err) from err
         return bytes(messages[-1]) if count else b''
 
-    def _build(self, address: int, data: bytes, count: int) -> tuple[i2c_msg, ...]:
+    def _build(self, address: int, data: bytes, count: int) -> tuple[I2cMessage, ...]:
         """Messages of a transfer; those of commands are kept, since they come again."""
         message = _smbus2().i2c_msg
         parts = [message.write(address, data)] if data else []
