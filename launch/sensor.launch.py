@@ -1,7 +1,8 @@
-"""One tactile sensor: frames, contacts, wrench, markers; from a board or a recording.
+"""One tactile sensor: frames, contacts, wrench, markers; real, from a recording, or simulated.
 
 ros2 launch tactile_ros sensor.launch.py port:=/dev/ttyACM0 calibration:=thumb.npz namespace:=thumb
 ros2 launch tactile_ros sensor.launch.py source:=recorded speed_up:=10.0
+ros2 launch tactile_ros sensor.launch.py source:=simulated sensor:=gradiometer fault:=flipped:3
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ TRUE_OR_FALSE = ['true', 'false']
 ARGUMENTS: dict[str, tuple[str, list[str] | None]] = {
     'sensor': ('key of the sensor', list_sensors()),
     'source': (
-        'where frames come from: the board, a recording in its place, or one again and again',
+        'where frames come from: the sensor, a recording in place of a board, a simulated twin',
         ['hardware', 'recorded', 'simulated'],
     ),
     'port': (f'serial port; {SIMULATED_PORT} where no board is used', None),
@@ -33,6 +34,8 @@ ARGUMENTS: dict[str, tuple[str, list[str] | None]] = {
     'tare': ('the player calls the tare before each touch', TRUE_OR_FALSE),
     'speed_up': ('recorded time over played time', None),
     'loop': ('the player begins again at the end', TRUE_OR_FALSE),
+    'seed': ('of a simulated twin: its signal, noise and faults', None),
+    'fault': ('that a simulated twin suffers at the start, as name or name:count', None),
     'frame_id': ('name of the sensor frame in tf', None),
     'namespace': ('namespace of nodes, topics and services: one sensor each', None),
     'params_file': ('YAML file of parameters, as config/reskin_board.yaml; empty: none', None),

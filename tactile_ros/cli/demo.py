@@ -2,11 +2,12 @@
 
 Three parts of real recordings, never seen by their calibrations, go as a board's own bytes through
 a pseudo-terminal, the driver, sensor_node and contact_node into a bag; the bag is evaluated
-without ROS.
+without ROS. `--sensor` of another sensor runs its simulated twin instead, on a simple signal.
 
 example:
   tactile demo
   tactile demo --output out/other --seed 1
+  tactile demo --sensor gradiometer
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.cli.replay import evaluate, print_result
+from tactile_ros.cli.twin_demo import run_twin
 from tactile_ros.evaluation.archive import save_recording
 from tactile_ros.evaluation.benchmark import environment
 from tactile_ros.evaluation.recording import load
@@ -73,6 +75,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `tactile demo`."""
     parser.add_argument('--output', type=Path, default=Path('out') / 'demo', help='folder')
     parser.add_argument('--seed', type=int, default=0, help='which places are held out')
+    parser.add_argument(
+        '--sensor', default=SENSOR, help=f'{SENSOR} plays recordings, any other one its twin'
+    )
 
 
 def parts(seed: int) -> list[Part]:
@@ -126,8 +131,11 @@ def split_cycles(recording: Recording, first: int) -> tuple[Recording, Recording
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate, play, record, replay, report."""
+    spec = load_sensor(options.sensor)
     output = options.output.resolve()
     clear(output)
+    if spec.key != SENSOR:
+        return run_twin(spec.key, output, options.seed)
     began = time.perf_counter()
     chosen = parts(options.seed)
     _say(began, 'calibrating on parts of real recordings (places, a run, cycles)')

@@ -110,10 +110,10 @@ class Setting:
     sensor : str
         Key of the sensor.
     source : str
-        'hardware': the board at `port`; 'recorded': a player of `recording` takes its place;
-        'simulated': the same, again and again.
+        'hardware': the sensor itself; 'recorded': a player of `recording` takes the place of its
+        board; 'simulated': a twin answers its bytes and says the truth.
     port : str
-        Serial port; of a player: where the simulated port appears.
+        Serial port, where the sensor has one; of a player: where the simulated port appears.
     recording : str
         Name of a shipped recording, or a file (.npz).
     calibration : str
@@ -128,6 +128,10 @@ class Setting:
         Recorded over played time; inf: as fast as the graph goes.
     loop : bool
         The player begins again at the end.
+    seed : int
+        Of a twin.
+    fault : str
+        That a twin suffers at the start, `name` or `name:count`; empty: none.
     """
 
     sensor: str = 'reskin_board'
@@ -140,6 +144,8 @@ class Setting:
     tare: bool = True
     speed_up: float = 1.0
     loop: bool = False
+    seed: int = 0
+    fault: str = ''
     frame_id: str = 'tactile_sensor'
     namespace: str = ''
     params_file: str = ''
@@ -148,8 +154,8 @@ class Setting:
 
     @property
     def place(self) -> str:
-        """Path of the port: where no board is used and none is named, one for the namespace."""
-        if self.source == 'hardware' or self.port != PORT:
+        """Path of the port: where a player's is not named, one for the namespace."""
+        if self.source != 'recorded' or self.port != PORT:
             return self.port
         return '_'.join([SIMULATED_PORT, *self.namespace.strip('/').split('/')]).rstrip('_')
 
@@ -182,7 +188,7 @@ def sensing(setting: Setting) -> Graph:
     Whoever listens is there before the first frame: the recorder starts first, contact_node waits
     for those who hear it, sensor_node for those who hear it, and the player for all of them.
     """
-    recorded = setting.source != 'hardware'
+    recorded = setting.source == 'recorded'
     hearing = int(bool(setting.bag)) + int(recorded)
     contact: dict[str, Value] = {
         **setting.chosen('sensor', 'calibration'),
@@ -197,6 +203,8 @@ def sensing(setting: Setting) -> Graph:
         # A recording has one resting row before a touch, and a hand that is known to be open.
         contact.update(tare_frames=1, allow_tare_in_contact=True)
         sensor.update(temperature_measured=False)
+    if setting.source == 'simulated':
+        sensor.update(simulated=True, **setting.chosen('seed', 'fault'))
     processes = [Process('record', {'bag': setting.bag})] if setting.bag else []
     if setting.stack:
         processes.append(Process('stack', {**contact, **sensor}))
@@ -225,7 +233,7 @@ def _player(setting: Setting) -> Process:
         'port': setting.place,
         'speed_up': float(setting.speed_up),
         'tare': setting.tare,
-        'loop': setting.loop or setting.source == 'simulated',
+        'loop': setting.loop,
         'listeners': int(bool(setting.bag)),
     }
     return Process('player', values)

@@ -1,0 +1,110 @@
+"""A simulated sensor through its real driver and the real graph, recorded, replayed, reported."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from tactile_ros.cli.record import wait
+from tactile_ros.cli.replay import evaluate, print_result
+from tactile_ros.evaluation.benchmark import environment
+from tactile_ros.evaluation.recording import load
+from tactile_ros.evaluation.result import Result
+from tactile_ros.sensors import load_sensor
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tactile_ros.pipeline import Pipeline
+
+PLAYED_S = 20.0
+# rows for a fit of seconds
+MOST_ROWS = 4000
+# Hz; at higher rates one process reads and estimates, by direct calls
+RATE_OF_PROCESSES = 250.0
+NOTES = (
+    'The signal is the simple one that the documentation of the sensor describes, not a model of '
+    'its physics: the figures show that the chain works, not how well the sensor does.',
+    'Learned from presses of another seed than those that are played; truth is what the signal '
+    'says at the stamp of each frame.',
+    'Latency runs from the acquisition to the recorder that heard the contacts.',
+)
+
+
+def say(began: float, sentence: str) -> None:
+    """Tell how far it is."""
+    print(f'[{time.perf_counter() - began:5.1f} s] {sentence}', file=sys.stderr, flush=True)
+
+
+def run_twin(key: str, output: Path, seed: int, seconds: float = PLAYED_S) -> int:
+    """Calibrate on simulated presses, run the graph on a twin, record, replay, report.
+
+    Parameters
+    ----------
+    key : str
+        Of the sensor.
+    output : Path
+        Folder, which has no bag yet.
+    seed : int
+        Of the twin; the calibration has the next one.
+    seconds : float
+        Length of the run (s).
+
+    Returns
+    -------
+    int
+        0.
+    """
+    began = time.perf_counter()
+    say(began, f'calibrating {key} on simulated presses of seed {seed + 1}')
+    path = output / 'calibrations' / f'{key}.npz'
+    pipeline = fit(key, seed + 1, path)
+    say(began, f'twin of {key}, seed {seed}: {seconds:g} s through driver, nodes and recorder')
+    play(key, seed, path, output / 'bags' / key, seconds)
+    say(began, 'replaying the bag')
+    loaded = load(output / 'bags' / key).recordings[0]
+    summary = f'Presses of seed {seed} on a twin, in a simple signal; calibrated on others.'
+    dataset = evaluate(loaded, [pipeline], summary, key)
+    command = f'tactile demo --sensor {key} --seed {seed}'
+    title = f'A simulated {key} through the real graph'
+    result = Result(title, command, environment(), (dataset,), NOTES)
+    print_result(result)
+    print(f'  {key}: {NOTES[0]}')
+    from tactile_ros.evaluation.report import write_report
+
+    write_report(output / 'report.html', result)
+    say(began, 'done')
+    for name, place in (
+        ('bag', output / 'bags' / key),
+        ('calibration', path),
+        ('report', output / 'report.html'),
+    ):
+        print(f'{name:12} {place}')
+    return 0
+
+
+def fit(key: str, seed: int, path: Path) -> Pipeline:
+    """Calibration from simulated presses, as it is read back from its file."""
+    spec = load_sensor(key)
+    config = spec.config()
+    train = spec.presses(config, seed)
+    rows = slice(None, None, -(-len(train) // MOST_ROWS))
+    spec.pipeline(config).fit(train.select(rows)).save(path)
+    return spec.load(path)
+
+
+def play(key: str, seed: int, calibration: Path, bag: Path, seconds: float) -> None:
+    """Run the graph on the twin and record it."""
+    from tactile_ros.nodes.graph import Setting, sensing
+    from tactile_ros.nodes.processes import Running
+
+    fast = load_sensor(key).config().rate_hz > RATE_OF_PROCESSES
+    setting = Setting(
+        sensor=key, source='simulated', seed=seed, calibration=str(calibration), bag=str(bag),
+        namespace=key, stack=fast,
+    )  # fmt: skip
+    with Running(sensing(setting), {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}) as running:
+        wait(running, bag, seconds)
+        # the source first, so that what is on its way arrives
+        running.stop(['stack' if fast else 'sensor_node'])
