@@ -170,3 +170,22 @@ def playing(recording: Recording) -> Signal:
     """
     values, rate_hz = recording.values, recording.layout.rate_hz
     return lambda t: values[round(t * rate_hz) % len(values)]
+
+
+def thinned(recording: Recording, rate_hz: float = 20.0) -> Recording:
+    """Recording with fewer frames a second, which teach as much of presses that last.
+
+    Parameters
+    ----------
+    recording : Recording
+        With the rate of its layout.
+    rate_hz : float
+        About how many frames a second stay; all, if the layout's rate is lower.
+
+    Returns
+    -------
+    Recording
+        Every n-th row, tare rows included.
+    """
+    step = max(1, round(recording.layout.rate_hz / rate_hz))
+    return recording.select(slice(None, None, step))
