@@ -2,4 +2,7 @@
 
 packets -> framing -> serial_board (over transport) is the road of the ReSkin / AnySkin board;
 simulated and player are its twin, damage says what the format cannot show.
+framed_payloads -> framed_readings -> framed -> framed_decoder -> framed_board is that of our own
+framed protocol, device_time its clock. reconnecting is the port of both; serial_twin is what their
+twins board_twin and framed_twin share.
 """

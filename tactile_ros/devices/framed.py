@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +36,7 @@ def head(payload: Payload, version: int = VERSION) -> bytes:
     return HEAD.pack(SYNC, version, payload.kind, payload.count, payload.size)
 
 
+@lru_cache(maxsize=32)
 def record(payload: Payload) -> np.dtype[np.void]:
     """A frame's fields as they lie on the wire."""
     return np.dtype(

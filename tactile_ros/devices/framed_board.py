@@ -14,7 +14,7 @@ from tactile_ros.devices.device_time import DeviceTime
 from tactile_ros.devices.framed import VERSION, frame_bytes
 from tactile_ros.devices.framed_decoder import Decoded, FramedDecoder
 from tactile_ros.devices.framed_payloads import Payload
-from tactile_ros.devices.reconnecting import ReconnectingPort, check_capacity, transfer_s
+from tactile_ros.devices.reconnecting import ReconnectingPort, check_capacity, wire_s
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.types import Bytes, Frame, Layout, TaxelStatus
 
@@ -92,7 +92,7 @@ class FramedBoard:
         self._decoder = FramedDecoder(payload)
         self._time = DeviceTime(round(1e9 / rate_hz) if known else 0)
         self._clock = clock
-        self._transfer_ns = 0 if native_usb else round(transfer_s(size, baud) * 1e9)
+        self._transfer_ns = 0 if native_usb else round(wire_s(size, baud) * 1e9)
         self._frames: deque[Frame] = deque()
         self._sequence = -1
         self._dropped = 0

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 
@@ -69,7 +70,7 @@ class Payload:
         """Length (bytes)."""
         return self.dtype.itemsize
 
-    @property
+    @cached_property
     def dtype(self) -> np.dtype[np.void]:
         """The fields as they lie on the wire, without gaps."""
         if self.kind == Kind.TAXELS:

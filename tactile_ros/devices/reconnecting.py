@@ -20,7 +20,7 @@ LONGEST_RETRY_S = 0.5
 BITS_PER_BYTE = 10
 
 
-def transfer_s(size: int, baud: int) -> float:
+def wire_s(size: int, baud: int) -> float:
     """Time (s) that `size` bytes take on a true UART: a start bit, eight bits and a stop bit."""
     return size * BITS_PER_BYTE / baud
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from tactile_ros.devices.framing import Decoded, FrameDecoder
 from tactile_ros.devices.packets import foreign, frame_bytes
-from tactile_ros.devices.reconnecting import ReconnectingPort, transfer_s
+from tactile_ros.devices.reconnecting import ReconnectingPort, check_capacity, wire_s
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.types import Array, Bools, Bytes, Frame, Integers, Layout, TaxelStatus
 
@@ -28,7 +28,7 @@ LONG_GAP = 3.0
 
 def uart_transfer_s(chips: int, baud: int) -> float:
     """Time (s) that a frame of `chips` chips takes on a true UART, ten bits a byte."""
-    return transfer_s(frame_bytes(chips), baud)
+    return wire_s(frame_bytes(chips), baud)
 
 
 def arrival_stamps(
@@ -89,6 +89,12 @@ class SerialBoard:
         poll faster than their chips convert; off by default, since a coarse recording at rest
         repeats itself honestly.
 
+    Raises
+    ------
+    ValueError
+        If the layout has no 3 channels, or `transfer_s` says that the port is a true UART and it
+        cannot carry the frames at the layout's rate.
+
     Notes
     -----
     A stamp is the arrival of the frame's last byte less `transfer_s`; the board has no clock.
@@ -114,6 +120,8 @@ class SerialBoard:
         if channels != 3:
             msg = f'layout of a serial board must have 3 channels; received {channels}'
             raise ValueError(msg)
+        if transfer_s > 0:
+            check_capacity(f'frames of {taxels} chips', frame_bytes(taxels), layout.rate_hz, baud)
         rate = layout.rate_hz if layout.rate_hz > 0 else NOMINAL_RATE_HZ
         self._layout = layout
         self._port = ReconnectingPort(port, baud, self._restart)

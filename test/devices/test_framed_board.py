@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -329,3 +330,12 @@ def test_repeated_samples_are_stale_and_repeated_frames_left_out() -> None:
     assert (board.counters()['repeated'], board.counters()['stale']) == (1, 4)
     stamps = [f.stamp_ns or 0 for f in frames]
     assert all(b > a for a, b in itertools.pairwise(stamps))
+
+
+def test_the_page_s_program_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    page = Path(__file__).resolve().parents[2] / 'docs' / 'serial_protocol.md'
+    program = page.read_text().split('```python\n')[1].split('```')[0]
+    exec(compile(program, str(page), 'exec'), {})
+    injected, dropped = capsys.readouterr().out.split()
+    assert injected == '3'
+    assert int(dropped) >= 3  # more where this machine pauses and the twin's port overruns

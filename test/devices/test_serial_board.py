@@ -84,9 +84,11 @@ def test_stamps_are_the_arrival_by_the_clock_that_was_handed_in(
     port: SimulatedSerialPort, layout: Layout, rows: np.ndarray
 ) -> None:
     now = [0]
-    transfer = uart_transfer_s(5, 115200)
-    assert transfer == pytest.approx(82 * 10 / 115200)
-    with SerialBoard(port.port, layout, clock=lambda: now[0], transfer_s=transfer) as board:
+    transfer = uart_transfer_s(5, 460800)
+    assert transfer == pytest.approx(82 * 10 / 460800)
+    with SerialBoard(
+        port.port, layout, 460800, clock=lambda: now[0], transfer_s=transfer
+    ) as board:
         for row in rows[:3]:
             port.send(encode(row))
         now[0] = 1000 * MS
@@ -302,3 +304,10 @@ def test_a_layout_of_other_channels_is_refused() -> None:
     layout = Layout(np.zeros((5, 3)), ('Bx', 'Bz'), 'T')
     with pytest.raises(ValueError, match='must have 3 channels; received 2'):
         SerialBoard('/dev/null', layout)
+
+
+def test_a_uart_that_is_too_slow_is_refused_with_both_rates(layout: Layout) -> None:
+    why = r'5 chips at 400 Hz .* are 32800 bytes/s and 115200 baud carry 11520 bytes/s'
+    with pytest.raises(ValueError, match=why):
+        SerialBoard('/dev/null', layout, transfer_s=uart_transfer_s(5, 115200))
+    SerialBoard('/dev/null', layout)
