@@ -289,7 +289,7 @@ class I2cBus:
         DeviceTimeout
             If the bus is stuck.
         DeviceError
-            If the bus is not open or is gone; it is closed then.
+            If the bus is not open, fails, or is gone; it is closed then.
         """
         if self._master is None:
             msg = f'bus {self.path} is not open'
@@ -312,7 +312,8 @@ class I2cBus:
 
     def _failure(self, address: int, err: OSError) -> DeviceError:
         """What an error of a transfer means."""
-        if err.errno in (errno.EREMOTEIO, errno.ENXIO):
+        # EIO: what adapters report that tell no causes
+        if err.errno in (errno.EREMOTEIO, errno.ENXIO, errno.EIO):
             return NotAcknowledged(
                 f'nothing answers at {address:#04x} on bus {self.path}: '
                 'check power, wires and the address of the chip'
@@ -322,7 +323,7 @@ class I2cBus:
                 f'bus {self.path} is stuck: a chip holds its lines low; '
                 'check the pull-ups and the wires, switch the chips off and on'
             )
-        self.close()
-        if err.errno in (errno.ENODEV, errno.ENOENT, errno.EBADF):
+        if err.errno in (errno.ENODEV, errno.ENOENT, errno.EBADF, errno.ESHUTDOWN):
+            self.close()
             return DeviceError(f'bus {self.path} was unplugged; {_bus_choice()}')
         return DeviceError(f'bus {self.path} failed ({err}); {_bus_choice()}')

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import errno
+import gc
 import sys
+import tracemalloc
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -430,3 +432,83 @@ def test_wrong_calls_are_refused() -> None:
         ChipArray([bus], [ChipPlace(0x0C), ChipPlace(0x0C)], layout_of(2))
     with pytest.raises(ValueError, match='mode of ChipArray must be one of single, burst'):
         ChipArray([bus], [ChipPlace()], layout_of(1), mode='wake')  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize('mode', ['single', 'burst'])
+@pytest.mark.parametrize('hallconf', [0x0, 0xC])
+@pytest.mark.parametrize(('gain', 'filtering', 'oversampling'), [(0, 2, 0), (7, 3, 1), (4, 7, 3)])
+@pytest.mark.parametrize(
+    ('resolution', 'compensated'),
+    [((0, 0, 0), False), ((1, 1, 0), False), ((2, 2, 1), False), ((3, 3, 3), False),
+     ((1, 0, 1), True)],
+)  # fmt: skip
+def test_all_settings_give_the_same_field(
+    gain: int, filtering: int, oversampling: int, hallconf: int,
+    resolution: tuple[int, int, int], compensated: bool, mode: Mode,
+) -> None:  # fmt: skip
+    settings = ChipSettings(
+        gain, resolution, filtering, oversampling, bool(gain % 2), 1, hallconf, compensated
+    )
+    truth = 0.4 * settings.full_scale * [1, -1, 1]
+    clock = VirtualClock()
+    twin = ChipArrayTwin(
+        [ChipPlace()],
+        layout_of(1),
+        lambda t: truth[None],
+        settings=settings,
+        mode=mode,
+        noise=0.0,
+        clock=clock,
+    )
+    with twin.device(clock.now_ns) as array:
+        frame = array.read(1.0)
+        assert good(frame).all()
+        assert np.abs(frame.values[0] - truth).max() <= settings.full_scale.max() / 16384
+        assert (frame.temperature_c is None) is not settings.temperature
+        assert not any(array.counters().values())
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_faults_on_faults_leave_no_wrong_frame(seed: int) -> None:
+    """Seeded storms of faults: stamps and sequences go up, what is wrong says so, all recovers."""
+    rng = np.random.default_rng(seed)
+    clock = VirtualClock()
+    mode: Mode = 'burst' if seed % 2 else 'single'
+    places = [*clusters(2), *(ChipPlace(0x0C + i, 1) for i in range(3))]
+    twin = array_of(places, clock, mode, seed)
+    kinds = [fault for fault in twin.faults if fault not in ('stuck_chip', 'unplug')]
+    frames = []
+    with twin.device(clock.now_ns) as array:
+        for i in range(150):
+            if i < 100 and rng.random() < 0.1:
+                twin.inject(str(rng.choice(kinds)), int(rng.integers(1, 4)))
+            try:
+                frames.append(array.read(0.05))
+            except DeviceTimeout:
+                continue
+        begun_ns = clock.now_ns()
+        while not good(frames[-1]).all():
+            frames.append(array.read(0.05))
+            assert clock.now_ns() - begun_ns < 2e9
+    assert (np.diff([frame.stamp_ns for frame in frames]) > 0).all()  # type: ignore[arg-type]
+    assert (np.diff([frame.sequence for frame in frames]) > 0).all()
+    assert not any((wrong(frame) & good(frame)).any() for frame in frames)
+    assert sum(not good(frame).all() for frame in frames) > 5
+
+
+def test_memory_stays_flat() -> None:
+    clock = VirtualClock()
+    twin = array_of([ChipPlace()], clock)
+    with twin.device(clock.now_ns) as array:
+        tracemalloc.start()
+        try:
+            for _ in range(300):
+                array.read(1.0)
+            gc.collect()
+            before = tracemalloc.get_traced_memory()[0]
+            for _ in range(1000):
+                array.read(1.0)
+            gc.collect()
+            assert tracemalloc.get_traced_memory()[0] - before < 10_000
+        finally:
+            tracemalloc.stop()

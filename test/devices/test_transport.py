@@ -164,7 +164,8 @@ def test_a_transfer_is_one_transaction_of_real_messages() -> None:
         (errno.ENXIO, NotAcknowledged, 'nothing answers at 0x0c', True),
         (errno.ETIMEDOUT, DeviceTimeout, 'bus wires is stuck: a chip holds its lines low', True),
         (errno.ENODEV, DeviceError, 'bus wires was unplugged', False),
-        (errno.EIO, DeviceError, 'bus wires failed', False),
+        (errno.EIO, NotAcknowledged, 'nothing answers at 0x0c', True),
+        (errno.EAGAIN, DeviceError, 'bus wires failed', True),
     ],
 )
 def test_failures_of_a_transfer_are_sentences(
