@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from tactile_ros.cli.record import wait
 from tactile_ros.cli.replay import evaluate, print_result
+from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.benchmark import environment
 from tactile_ros.evaluation.recording import load
 from tactile_ros.evaluation.result import Result
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 PLAYED_S = 20.0
 # rows for a fit of seconds
-MOST_ROWS = 4000
+MOST_ROWS = 2500
 # Hz; at higher rates one process reads and estimates, by direct calls
 RATE_OF_PROCESSES = 250.0
 NOTES = (
@@ -106,5 +107,9 @@ def play(key: str, seed: int, calibration: Path, bag: Path, seconds: float) -> N
     )  # fmt: skip
     with Running(sensing(setting), {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}) as running:
         wait(running, bag, seconds)
+        for name in running.lines:
+            if not running.is_alive(name):
+                msg = f'{name} ended too early; it said: {" | ".join(running.lines[name][-3:])}'
+                raise TactileError(msg)
         # the source first, so that what is on its way arrives
         running.stop(['stack' if fast else 'sensor_node'])

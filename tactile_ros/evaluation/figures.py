@@ -30,8 +30,11 @@ def honesty(dataset: Dataset) -> Figure | None:
     ends = np.array([0.0, 100.0])
     plot.band(ends, ends - 5, ends + 5, 'band ink')
     for i, target in enumerate(targets[:4]):
-        ratio = np.abs(target.error / np.sqrt(target.variance))
+        stated = target.variance > 0
+        ratio = np.abs(target.error[stated] / np.sqrt(target.variance[stated]))
         ratio = np.sort(ratio[np.isfinite(ratio)])
+        if not len(ratio):
+            continue
         share = np.searchsorted(ratio, limits, side='right') / len(ratio)
         plot.line(100 * expected, 100 * np.append(share, 1.0), f'line c{i}')
     plot.rule(100 * 0.6827, '1 sigma', 'rule')

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -82,6 +82,7 @@ class ContactNode(ManagedNode):
 
     def __init__(self, direct: bool = False) -> None:
         super().__init__('contact_node')
+        self._stage: ContactStage | None = None
         self.declare(ContactOptions())
         self._spec = load_sensor(self.get_parameter('sensor').value)
         self.declare(self._spec.config())
@@ -94,7 +95,6 @@ class ContactNode(ManagedNode):
         self._active = False
         self._options = ContactOptions()
         self._pipeline: Pipeline | None = None
-        self._stage: ContactStage | None = None
         self._heard: list[Subscription] = []
         self._waiting: Timer | None = None
         self._refusal = self._complaint = ''
@@ -108,6 +108,9 @@ class ContactNode(ManagedNode):
         config = self.options(type(self._spec.config()))
         if self._options.calibration:
             self._pipeline = self._spec.load(self._options.calibration)
+            if not config.track_baseline:
+                self._pipeline.config = replace(self._pipeline.config, track_baseline=False)
+                self._pipeline.reset()
             return
         self._pipeline = self._spec.pipeline(config)
         self.get_logger().warning(
@@ -120,8 +123,8 @@ class ContactNode(ManagedNode):
         pipeline = self._pipeline
         self._stage = ContactStage(
             pipeline,
-            self._options.tare_frames,
-            self._options.allow_tare_in_contact,
+            self.get_parameter('tare_frames').value,
+            self.get_parameter('allow_tare_in_contact').value,
             self._publish_baseline,
         )
         self._stage.reset()
@@ -269,10 +272,17 @@ class ContactNode(ManagedNode):
         if not self._active:
             response.message = 'tare needs an active node: activate it first'
             return response
-        self._stage.set_tare_frames(self.get_parameter('tare_frames').value)
-        self._stage.tare_in_contact = self.get_parameter('allow_tare_in_contact').value
         response.success, response.message = self._stage.tare()
         return response
+
+    def apply(self, changes: dict[str, object]) -> None:
+        """Let the rules of the tare change while it runs."""
+        if self._stage is None:
+            return
+        if 'tare_frames' in changes:
+            self._stage.set_tare_frames(changes['tare_frames'])
+        if 'allow_tare_in_contact' in changes:
+            self._stage.tare_in_contact = changes['allow_tare_in_contact']
 
     def diagnose(self) -> DiagnosticStatus:
         """Rate, validity, tares and what wrench says for the unknown."""
@@ -282,7 +292,11 @@ class ContactNode(ManagedNode):
         level, sentence = DiagnosticStatus.OK, f'{rate} frames in the last second'
         if self._refusal:
             level, sentence = DiagnosticStatus.ERROR, self._refusal
-        elif not rate or reasons:
+        elif not tally.frames:
+            level, sentence = DiagnosticStatus.STALE, 'no frame came yet'
+        elif not rate:
+            level, sentence = DiagnosticStatus.ERROR, 'no frame came in the last second'
+        elif reasons:
             level, sentence = DiagnosticStatus.WARN, ' '.join([sentence, *reasons])
         status = DiagnosticStatus(level=level, name='contact', message=sentence)
         status.hardware_id = self._spec.key
@@ -292,13 +306,23 @@ class ContactNode(ManagedNode):
                 'frames': tally.frames,
                 'valid': tally.valid,
                 'refused': tally.refused,
+                'in contact': tally.in_contact,
                 'tares': tally.tares,
+                'tare state': tally.tare_state,
+                'baseline age (s)': tally.baseline_age_s,
+                'baseline tracking': self._tracking(),
                 'faulty taxels': tally.flagged,
                 'unknown in wrench': self.get_parameter('unknown_as').value,
                 'calibration': self._options.calibration or 'none',
             }
         )
         return status
+
+    def _tracking(self) -> str:
+        """Whether the baseline follows drift now."""
+        if not self._pipeline.config.track_baseline:
+            return 'off'
+        return 'frozen in contact' if self._stage.is_touching else 'on'
 
 
 def build() -> Sequence[ManagedNode]:

@@ -14,13 +14,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.types import Frame
+from tactile_ros.types import Frame, FrameStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Bytes, ContactState
+
+# not those of a taxel that the fit found dead: it is left out
+DAMAGED = int(FrameStatus.BAD_TAXELS | FrameStatus.STALE)
 
 
 @dataclass
@@ -37,6 +40,12 @@ class Tally:
         Of the last frame, -1 before the first.
     taxel_status : ndarray, shape (t,), or None
         Of the last state.
+    in_contact : int
+        Of the last state: 1, 0, -1 unknown.
+    stamp_ns, tare_ns : int or None
+        Of the last frame, and of the last that a tare took (ns).
+    tare_state : str
+        How the last tare went, in words.
     """
 
     frames: int = 0
@@ -46,6 +55,17 @@ class Tally:
     status: int = 0
     sequence: int = -1
     taxel_status: Bytes | None = None
+    in_contact: int = -1
+    stamp_ns: int | None = None
+    tare_ns: int | None = None
+    tare_state: str = 'not tared since activation'
+
+    @property
+    def baseline_age_s(self) -> float:
+        """Stream time since the last tare (s); NaN: none was taken, or there are no stamps."""
+        if self.stamp_ns is None or self.tare_ns is None:
+            return float('nan')
+        return (self.stamp_ns - self.tare_ns) * 1e-9
 
     @property
     def flagged(self) -> list[int]:
@@ -80,8 +100,8 @@ class ContactStage:
         self.tare_in_contact = tare_in_contact
         self.tally = Tally()
         self._on_baseline = on_baseline
-        self._resting: deque[Frame] = deque(maxlen=tare_frames)
-        self._touching = False
+        # of each whether something touched
+        self._seen: deque[tuple[Frame, bool]] = deque(maxlen=tare_frames)
         # The service comes from another thread than the frames in the one-process road.
         self._lock = threading.Lock()
 
@@ -93,7 +113,7 @@ class ContactStage:
     def set_tare_frames(self, count: int) -> None:
         """Average so many frames in the next tare."""
         with self._lock:
-            self._resting = deque(self._resting, maxlen=count)
+            self._seen = deque(self._seen, maxlen=count)
 
     def reset(self) -> None:
         """A new stream begins: forget the last one, keep its baseline."""
@@ -102,8 +122,7 @@ class ContactStage:
 
     def _forget(self) -> None:
         self.pipeline.reset()
-        self._resting.clear()
-        self._touching = False
+        self._seen.clear()
         self.tally = Tally()
 
     def process(self, frame: Frame) -> ContactState:
@@ -137,16 +156,32 @@ class ContactStage:
         tally.status = int(state.status)
         tally.sequence = frame.sequence
         tally.taxel_status = state.taxel_status
-        self._touching = bool(state.in_contact == 1)
-        if self._touching and self._guarded:
-            self._resting.clear()
-        elif frame.status is None and np.isfinite(frame.values).all():
-            self._resting.append(frame)
+        tally.in_contact = int(state.in_contact)
+        tally.stamp_ns = frame.stamp_ns
+        if not tally.status & DAMAGED:
+            self._seen.append((frame, self.is_touching))
+        elif self.is_touching and self._seen:
+            # nothing before a contact may be a rest after it, whatever its frames look like
+            self._seen[-1] = (self._seen[-1][0], True)
+
+    @property
+    def is_touching(self) -> bool:
+        """Something touches, as far as can be told."""
+        return self.tally.in_contact == 1
 
     @property
     def _guarded(self) -> bool:
         """Frames in contact are no rest: not before the first tare, when nobody can tell."""
         return not self.tare_in_contact and self.tally.tares > 0
+
+    def _resting(self) -> list[Frame]:
+        """Frames that a tare may take: where contact matters, those since the last one."""
+        frames: list[Frame] = []
+        for frame, touched in reversed(self._seen):
+            if touched and self._guarded:
+                break
+            frames.append(frame)
+        return frames[::-1]
 
     def tare(self) -> tuple[bool, str]:
         """Take the baseline from the last resting frames.
@@ -159,21 +194,28 @@ class ContactStage:
             From how many frames and from which sequence on, or why not.
         """
         with self._lock:
-            if not self._resting:
-                return False, self._refusal()
-            frames = list(self._resting)
-            try:
-                self.pipeline.tare(frames)
-            except ValueError as err:
-                return False, str(err)
-            self.tally.tares += 1
-            first = self.tally.sequence + 1
-            self._on_baseline(self._baseline(frames[-1], first))
-            return True, f'baseline of {len(frames)} frames, from sequence {first} on'
+            done, message = self._take()
+            self.tally.tare_state = message if done else f'refused: {message}'
+            return done, message
+
+    def _take(self) -> tuple[bool, str]:
+        """Take the baseline, or say why not."""
+        frames = self._resting()
+        if not frames:
+            return False, self._refusal()
+        try:
+            self.pipeline.tare(frames)
+        except ValueError as err:
+            return False, str(err)
+        self.tally.tares += 1
+        self.tally.tare_ns = frames[-1].stamp_ns
+        first = self.tally.sequence + 1
+        self._on_baseline(self._baseline(frames[-1], first))
+        return True, f'baseline of {len(frames)} frames, from sequence {first} on'
 
     def _refusal(self) -> str:
         """Why there is no frame to tare from."""
-        if self._touching:
+        if self.is_touching and self._guarded:
             return (
                 'tare is refused while something touches: release it, or set allow_tare_in_contact'
             )

@@ -103,6 +103,8 @@ class SensorNode(ManagedNode):
         waits_for: Callable[[], bool] | None = None,
     ) -> None:
         super().__init__('sensor_node')
+        self._twin: Twin | None = None
+        self._reader: Reader | None = None
         self.declare(SensorOptions())
         self._spec = load_sensor(self.get_parameter('sensor').value)
         self.declare(self._spec.config(), self._spec.connection())
@@ -110,12 +112,10 @@ class SensorNode(ManagedNode):
         self._layouts = self.managed_publisher(TactileLayout, 'layout', latched())
         self._downstream = downstream
         self._waits_for = waits_for
-        self._reader: Reader | None = None
         self._options = SensorOptions()
         self._layout: Layout | None = None
         self._health = Health(float('nan'))
         self._views: Views | None = None
-        self._twin: Twin | None = None
         self._held = ExitStack()
         self._truth: SignalTruth | None = None
         self._truths: Publisher | None = None

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tactile_ros.nodes.contact_stage import ContactStage
-from tactile_ros.types import ContactStates, Frame, Layout
+from tactile_ros.sensors import load_sensor
+from tactile_ros.types import ContactStates, Frame, FrameStatus, Layout
 
 LAYOUT = Layout(np.zeros((1, 3)), ('p',), '1')
 
@@ -31,7 +33,13 @@ class ToyPipeline:
     def process(self, frame: Frame) -> object:
         touched = np.abs(frame.values - self.baseline).max() > 1.0
         contact = np.array([-1 if np.isnan(self.baseline).any() else int(touched)])
-        return ContactStates.assemble(1, 1, {'in_contact': contact, 'valid': np.array([True])})[0]
+        bad = frame.status is not None and bool(frame.status.any())
+        known = {
+            'in_contact': contact,
+            'valid': np.array([not bad]),
+            'status': np.array([bad * int(FrameStatus.BAD_TAXELS)]),
+        }
+        return ContactStates.assemble(1, 1, known)[0]
 
 
 def stage_of(baseline: float = 0.0, frames: int = 3, **options: bool) -> SimpleNamespace:
@@ -97,6 +105,8 @@ def test_no_frame_and_only_damaged_frames_are_refused() -> None:
     done, message = made.stage.tare()
     assert not done
     assert 'without damage' in message
+    made.feed(0, 0, status=np.array([0], np.uint8))
+    assert made.stage.tare()[0]
 
 
 def test_every_stream_begins_with_its_baseline() -> None:
@@ -129,3 +139,62 @@ def test_fewer_tare_frames_from_now_on() -> None:
     made.stage.set_tare_frames(1)
     made.stage.tare()
     assert made.announced[-1] == (3, pytest.approx(0.6))
+
+
+def test_a_contact_ends_the_rest_also_when_its_frames_are_damaged() -> None:
+    made = stage_of()
+    made.feed(0)
+    made.stage.tare()
+    made.feed(0.9)
+    made.feed(9, status=np.array([1], np.uint8))
+    made.feed(0.2)
+    assert made.stage.tare() == (True, 'baseline of 1 frames, from sequence 4 on')
+    assert made.announced[-1] == (4, 0.2)
+
+
+def test_the_rule_holds_at_once_for_what_came_before_it() -> None:
+    made = stage_of(tare_in_contact=True)
+    made.feed(0)
+    made.stage.tare()
+    made.feed(9, 9)
+    made.stage.tare_in_contact = False
+    done, message = made.stage.tare()
+    assert not done
+    assert 'while something touches' in message
+    made.stage.tare_in_contact = True
+    assert made.stage.tare() == (True, 'baseline of 3 frames, from sequence 3 on')
+
+
+def test_diagnostics_know_the_age_of_the_baseline_and_how_the_tare_went() -> None:
+    made = stage_of()
+    assert np.isnan(made.stage.tally.baseline_age_s)
+    made.feed(0, 0)
+    made.stage.tare()
+    assert 'from sequence 2 on' in made.stage.tally.tare_state
+    made.feed(0, 9)
+    assert made.stage.tally.baseline_age_s == pytest.approx(2e-9)
+    made.stage.tare()
+    assert made.stage.tally.tare_state.startswith('refused: tare is refused while something')
+
+
+@pytest.mark.parametrize('follows', [True, False])
+def test_a_held_touch_freezes_the_baseline_and_a_switch_stops_it(follows: bool) -> None:
+    spec = load_sensor('reskin_board')
+    pipeline = spec.pipeline(estimator='ridge').fit(
+        spec.recordings()['spatial'].select(slice(2000, 2600))
+    )
+    pipeline.config = replace(pipeline.config, track_baseline=follows)
+    pipeline.reset()
+    stage = ContactStage(pipeline, 3, False, lambda _: None)
+    rest, count = pipeline.baseline.copy(), iter(range(10_000))
+
+    def hold(values: np.ndarray, seconds: int) -> list[int]:
+        frames = [next(count) for _ in range(10 * seconds)]
+        return [int(stage.process(Frame(k * 10**8, k, values)).in_contact) for k in frames]
+
+    hold(rest, 3)
+    assert set(hold(rest + 3e-3, 60)) == {1}
+    np.testing.assert_array_equal(pipeline.baseline, rest)
+    assert set(hold(rest + 1e-6, 30)) == {0}
+    moved = np.abs(pipeline.baseline - rest).max()
+    assert (5e-7 < moved < 1.01e-6) if follows else moved == 0.0

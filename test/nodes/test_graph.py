@@ -79,9 +79,9 @@ def test_defaults_are_left_to_the_parameter_file() -> None:
     assert named['contact_node'].parameters['autostart'] is False
 
 
-def test_simulated_boards_do_not_share_a_port() -> None:
+def test_played_boards_do_not_share_a_port() -> None:
     ports = [
-        sensing(Setting(source='simulated', namespace=space))['player'].parameters['port']
+        sensing(Setting(source='recorded', namespace=space))['player'].parameters['port']
         for space in ('', 'hand/thumb', '/hand/index/')
     ]
     assert ports == [
@@ -89,11 +89,23 @@ def test_simulated_boards_do_not_share_a_port() -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize('stack', [False, True])
+def test_simulated_is_the_twin_and_no_player(stack: bool) -> None:
+    chosen = Setting('gradiometer', 'simulated', bag='b', stack=stack, seed=3, fault='flipped:2')
+    graph = sensing(chosen)
+    assert 'player' not in names(graph)
+    got = graph['stack' if stack else 'sensor_node'].parameters
+    assert got['simulated'] is True
+    assert (got['sensor'], got['seed'], got['fault']) == ('gradiometer', 3, 'flipped:2')
+    assert 'port' not in got
+    assert got['listeners'] == (1 if stack else 2)
+
+
 @pytest.mark.parametrize(
     ('arguments', 'sentence'),
     [
         (['-p', 'rate_hz:=-1.0'], 'rate_hz'),
-        (['-p', 'sensor:=none'], 'sensor must be one of reskin_board'),
+        (['-p', 'sensor:=none'], 'sensor must be one of five_wire_skin'),
         (['--params-file', '/nowhere.yaml'], 'the ROS arguments cannot be read'),
     ],
 )
