@@ -45,8 +45,8 @@ class Chip:
         Whether it has to be reset before it is read again.
     configured : bool
         Whether it ever was.
-    misses : int
-        Transfers in a row that it did not answer.
+    losses : int
+        Times that it was lost since it was last read.
     retry_ns, pause_s : int, float
         When to try again, and how long the pause before that was.
     started_ns, ready_ns, read_ns : int
@@ -65,7 +65,7 @@ class Chip:
         self.tref = 0
         self.lost = True
         self.configured = False
-        self.misses = 0
+        self.losses = 0
         self.retry_ns = 0
         self.pause_s = 0.0
         self.started_ns = 0

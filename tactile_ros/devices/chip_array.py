@@ -245,7 +245,7 @@ class ChipArray:
 
     def _note(self, chip: Chip, asked_ns: int) -> None:
         """Remember when a chip was read, and so when it was measured."""
-        chip.misses = 0
+        chip.losses, chip.pause_s = 0, 0.0
         chip.fresh = asked_ns - chip.read_ns >= self._conversion_ns
         chip.read_ns = asked_ns
         if self._burst:

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 T = TypeVar('T')
 
 FIRST_RETRY_S = 0.02
-LONGEST_RETRY_S = 0.25
-MOST_MISSES = 2
+LONGEST_RETRY_S = 0.2
 
 
 @dataclass
@@ -97,7 +96,8 @@ class ChipCare:
     def begin(self) -> None:
         """Set all chips up, as after opening."""
         for chip in self._chips:
-            chip.lost, chip.retry_ns, chip.pause_s = True, self._monotonic_ns(), 0.0
+            chip.lost, chip.losses, chip.pause_s = True, 0, 0.0
+            chip.retry_ns = self._monotonic_ns()
             chip.switches.forget()
         self.bring_back()
 
@@ -116,9 +116,8 @@ class ChipCare:
             self.failure = str(err)
             self.counts.nacks += 1
             chip.switches.forget()
-            chip.misses += 1
-            if chip.lost or chip.misses >= MOST_MISSES:
-                self.lose(chip)
+            # the answer that was lost may have told of a reset
+            self.lose(chip)
         except CommandRefused as err:
             self.failure = str(err)
             self.counts.refused += 1
@@ -128,9 +127,12 @@ class ChipCare:
             self._lose_bus(chip.bus)
         return None
 
-    def lose(self, chip: Chip, at_once: bool = False) -> None:
-        """Note that a chip has to be set up again, at once or after a growing pause."""
-        pause = 0.0 if at_once else min(max(2 * chip.pause_s, FIRST_RETRY_S), LONGEST_RETRY_S)
+    def lose(self, chip: Chip, at_once: bool = True) -> None:
+        """Note that a chip has to be set up again: at once, and after growing pauses then."""
+        chip.losses += 1
+        pause = min(max(2 * chip.pause_s, FIRST_RETRY_S), LONGEST_RETRY_S)
+        if at_once and chip.losses == 1:
+            pause = 0.0
         chip.lost, chip.pause_s = True, pause
         chip.retry_ns = self._monotonic_ns() + round(pause * 1e9)
 
@@ -140,7 +142,7 @@ class ChipCare:
         for chip in self._chips:
             if chip.bus is bus:
                 chip.switches.forget()
-                self.lose(chip)
+                self.lose(chip, at_once=False)
 
     def refused(self, chip: Chip, status: int) -> bool:
         """Whether a chip that should start does not; it is set up again then."""
@@ -149,7 +151,7 @@ class ChipCare:
         if status & Status.ERROR:
             self.failure = f'chip {chip.place} refuses to measure (status {status:#04x})'
             self.counts.refused += 1
-            self.lose(chip, at_once=chip.pause_s == 0)
+            self.lose(chip)
         return bool(status & Status.ERROR)
 
     def was_reset(self, chip: Chip, status: int) -> bool:
@@ -157,14 +159,14 @@ class ChipCare:
         if status & Status.RESET:
             self.failure = f'chip {chip.place} was reset: its supply broke down'
             self.counts.resets += 1
-            self.lose(chip, at_once=True)
+            self.lose(chip)
         return bool(status & Status.RESET)
 
     def stalled(self, chip: Chip) -> None:
         """Note that a measurement did not become ready in time."""
         self.failure = f'chip {chip.place} does not finish measuring'
         self.counts.stalls += 1
-        self.lose(chip, at_once=True)
+        self.lose(chip)
 
     def bring_back(self) -> None:
         """Set up the lost chips whose time has come, all together."""
@@ -200,7 +202,7 @@ class ChipCare:
         if self._burst:
             chip.start_burst()
         self.counts.reconfigured += again
-        chip.lost, chip.misses, chip.pause_s = False, 0, 0.0
+        chip.lost = False
         chip.ready_ns = self._monotonic_ns() + self._wait_ns
 
 

@@ -79,6 +79,7 @@ class SimulatedChip:
         self._axes = 0
         self._began_ns = NEVER_NS
         self._taken = 0
+        self._timed = (0, 0, 0, 0)
         self._conversion_ns = self._period_ns = 0
         self._was_reset = True
         self._awake_ns = now_ns + POWER_ON_NS
@@ -156,7 +157,10 @@ class SimulatedChip:
         self._mode = int(Status.SINGLE if opcode == Command.START_SINGLE else Status.BURST)
         self._axes = axes or 0xF
         self._began_ns, self._taken = now_ns, 0
-        self._conversion_ns, self._period_ns = self.conversion_ns, self._period()
+        settings = (self.registers.get(0x01, 0), self.registers.get(0x02, 0), opcode, self._axes)
+        if settings != self._timed:
+            self._timed = settings
+            self._conversion_ns, self._period_ns = self.conversion_ns, self._period()
         return True
 
     def _read(self, axes: int, now_ns: int) -> tuple[bool, bytes]:

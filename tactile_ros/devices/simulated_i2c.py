@@ -31,8 +31,8 @@ class SimulatedMux:
         """See the class."""
         self.mask = 0
 
-    def write(self, data: bytes) -> None:
-        """Open the channels of the last byte."""
+    def write(self, data: bytes, now_ns: int) -> None:
+        """Open the channels of the last byte, at once."""
         self.mask = data[-1] if data else self.mask
 
     def read(self, count: int) -> bytes:
@@ -78,7 +78,7 @@ class SimulatedI2cBus:
         clock: Clock,
         chips: Mapping[ChipPlace, SimulatedChip],
         hertz: float = 400e3,
-        timeout_s: float = 0.05,
+        timeout_s: float = 0.02,
         on_fault: Callable[[str], None] = _ignore,
     ) -> None:
         """See the class."""
@@ -114,48 +114,34 @@ class SimulatedI2cBus:
         OSError
             ENODEV unplugged, ETIMEDOUT stuck, EREMOTEIO not acknowledged.
         """
-        if self._clock.now_ns() < self.gone_until_ns:
+        now_ns = self._clock.now_ns()
+        if now_ns < self.gone_until_ns:
             raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
         if self.stuck:
             self.stuck -= 1
             self._on_fault('stuck_bus')
             self._clock.sleep(self._timeout_s)
             raise OSError(errno.ETIMEDOUT, os.strerror(errno.ETIMEDOUT))
-        for message in messages:
-            self._carry(message)
-        self._charge(1)
+        bits = 1
+        try:
+            for message in messages:
+                bits += 1 + BITS_PER_BYTE
+                listeners = self._listeners(message.addr, now_ns + round(bits * self._bit_s * 1e9))
+                if not listeners:
+                    raise OSError(errno.EREMOTEIO, os.strerror(errno.EREMOTEIO))
+                bits += BITS_PER_BYTE * message.len
+                _carry(message, listeners, now_ns + round(bits * self._bit_s * 1e9))
+        finally:
+            self.busy_s += bits * self._bit_s
+            self._clock.sleep(bits * self._bit_s)
 
-    def _charge(self, bits: int) -> None:
-        """Let the time of clocks of the bus pass."""
-        self.busy_s += bits * self._bit_s
-        self._clock.sleep(bits * self._bit_s)
-
-    def _carry(self, message: I2cMessage) -> None:
-        """One message of a transaction."""
-        listeners = self._listeners(message.addr)
-        if not listeners:
-            self._charge(2 + BITS_PER_BYTE)
-            raise OSError(errno.EREMOTEIO, os.strerror(errno.EREMOTEIO))
-        self._charge(1 + BITS_PER_BYTE * (1 + message.len))
-        if not message.flags & READING:
-            for listener in listeners:
-                if isinstance(listener, SimulatedMux):
-                    listener.write(bytes(message))
-                else:
-                    listener.write(bytes(message), self._clock.now_ns())
-            return
-        wires = listeners[0].read(message.len)
-        for listener in listeners[1:]:
-            wires = bytes(a & b for a, b in zip(wires, listener.read(message.len), strict=True))
-        ctypes.memmove(message.buf, wires, message.len)
-
-    def _listeners(self, address: int) -> list[SimulatedMux | SimulatedChip]:
+    def _listeners(self, address: int, now_ns: int) -> list[SimulatedMux | SimulatedChip]:
         """Who acknowledges an address now."""
         found: list[SimulatedMux | SimulatedChip] = []
         if address in self._muxes:
             found.append(self._muxes[address])
         for place, chip in self._at.get(address, ()):
-            if self._reached(place) and self._answers(place, chip):
+            if self._reached(place) and self._answers(place, chip, now_ns):
                 found.append(chip)
         return found
 
@@ -165,10 +151,24 @@ class SimulatedI2cBus:
             return True
         return bool(self._muxes[place.mux].mask >> place.channel & 1)
 
-    def _answers(self, place: ChipPlace, chip: SimulatedChip) -> bool:
+    def _answers(self, place: ChipPlace, chip: SimulatedChip, now_ns: int) -> bool:
         """Whether a chip acknowledges now."""
         if self.silent and self.silent.get(place, 0):
             self.silent[place] -= 1
             self._on_fault('nack')
             return False
-        return chip.awake(self._clock.now_ns())
+        return chip.awake(now_ns)
+
+
+def _carry(
+    message: I2cMessage, listeners: list[SimulatedMux | SimulatedChip], now_ns: int
+) -> None:
+    """One message of a transaction, between the master and all that listen."""
+    if not message.flags & READING:
+        for listener in listeners:
+            listener.write(bytes(message), now_ns)
+        return
+    wires = listeners[0].read(message.len)
+    for listener in listeners[1:]:
+        wires = bytes(a & b for a, b in zip(wires, listener.read(message.len), strict=True))
+    ctypes.memmove(message.buf, wires, message.len)

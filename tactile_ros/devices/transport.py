@@ -220,7 +220,7 @@ class I2cBus:
         Longest time that the adapter may hold a transfer (s), in steps of 10 ms.
     """
 
-    def __init__(self, path: str, smbus: BusMaster | None = None, timeout_s: float = 0.05) -> None:
+    def __init__(self, path: str, smbus: BusMaster | None = None, timeout_s: float = 0.02) -> None:
         """See the class."""
         self.path = path
         self._given = smbus
