@@ -210,7 +210,9 @@ class FramedDecoder:
         """Read all frames at once."""
         count, size = len(places), self._record.itemsize
         self.counts.frames += count
-        if count and places[-1] - places[0] == (count - 1) * size:
+        if not count:
+            rows = np.empty(0, self._record)
+        elif places[-1] - places[0] == (count - 1) * size:
             rows = np.frombuffer(buffer, self._record, count, places[0])
         else:
             rows = np.frombuffer(b''.join(buffer[i : i + size] for i in places), self._record)

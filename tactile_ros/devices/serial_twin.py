@@ -26,6 +26,9 @@ Own = TypeVar('Own', bound='SerialTwin')
 
 STALL_S = 0.5
 AWAY_S = 1.0
+# a driver that has just opened the port knows no frame yet to which a loss could be told
+CALM_S = 0.1
+PATIENCE_S = 0.2
 # frames are written together as USB delivers them
 SHORTEST_PAUSE_S = 0.002
 
@@ -57,10 +60,12 @@ class SerialTwin:
     injected : dict of str to int
         Faults that have happened; byte faults only where the frame was really damaged.
     overruns : int
-        Writes that nobody took, as on a real board; such frames are lost beyond `injected`.
+        Writes that the program at the port did not take in 0.2 s; such frames are lost beyond
+        `injected`.
 
     Notes
     -----
+    In real time, faults wait until a program has had the port open for 0.1 s.
     stall: nothing is measured for 0.5 s. unplug: the port goes for 1 s, and the board starts anew.
     stuck_chip: one taxel repeats its last reading. saturation: one reads its limit.
     """
@@ -96,6 +101,7 @@ class SerialTwin:
         self._step = 0
         self._silent = 0
         self._away = 0
+        self._calm = 0
         self._last: Array | None = None
 
     @property
@@ -175,20 +181,27 @@ class SerialTwin:
                 self._line.send(data)
 
     def _run(self) -> None:
-        """Send on schedule; what the port does not take is lost."""
+        """Send on schedule while somebody reads."""
         start, sent, rate_hz = time.monotonic(), 0, self.layout.rate_hz
+        calm = self._calm = round(CALM_S * rate_hz)
         while True:
             due = start + sent / rate_hz - time.monotonic()
             if self._stop.wait(max(SHORTEST_PAUSE_S, due)):
                 return
             count = int((time.monotonic() - start) * rate_hz) + 1 - sent
             sent += count
+            watched = self._line.watched
+            self._calm = self._calm - count if watched else calm
             data = b''.join([self._next() for _ in range(count)])
-            try:
-                if data:
-                    self._line.send(data, timeout=0.0)
-            except DeviceError:
-                self.overruns += 1
+            if data and watched:
+                self._send(data)
+
+    def _send(self, data: bytes) -> None:
+        """Write; what is not taken in time is lost."""
+        try:
+            self._line.send(data, timeout=PATIENCE_S)
+        except DeviceError:
+            self.overruns += 1
 
     def _next(self) -> bytes:
         """Bytes of the next period, with the fault that waits; none while stalled or away."""
@@ -198,7 +211,7 @@ class SerialTwin:
             self._pass()
             return b''
         with self._lock:
-            fault = self._waiting.pop(0) if self._waiting else ''
+            fault = self._waiting.pop(0) if self._waiting and self._calm <= 0 else ''
         if fault:
             self.injected[fault] += 1
         if fault in ('stall', 'unplug'):

@@ -118,6 +118,11 @@ class SimulatedSerialPort:
             # the kernel wakes nobody when a slave is opened
             time.sleep(0.002)
 
+    @property
+    def watched(self) -> bool:
+        """Whether a program has the port open."""
+        return not self._hung_up()
+
     def _hung_up(self) -> bool:
         """Whether no program has the port open."""
         return bool(self._poll(0, 0.0) & (select.POLLHUP | select.POLLNVAL))

@@ -93,6 +93,21 @@ def test_a_twin_that_is_unplugged_comes_back_within_two_seconds(
         assert twin.injected['unplug'] == 1
 
 
+def test_in_real_time_too_what_is_counted_is_what_was_injected() -> None:
+    with FramedTwin(MATRIX, taxel_matrix(16), 1 / 1023, pressure, seed=2) as twin:
+        for fault in (*BYTE_FAULTS, 'lost', 'saturation'):
+            twin.inject(fault, 3)
+        with twin.device(time.monotonic_ns) as board:
+            while sum(twin.injected.values()) < 27:
+                board.read(5.0)
+            last = board.read(5.0).sequence
+            while board.read(5.0).sequence < last + 20:
+                pass
+            counts = board.counters()
+    assert twin.overruns or counts['dropped'] == 24
+    assert counts['saturated'] == 3
+
+
 def test_unknown_faults_and_missing_rates_are_refused(layout: Layout) -> None:
     twin = board_twin(layout)
     with pytest.raises(ValueError, match=r"fault must be one of dropped, .*; received 'nack'"):
