@@ -233,6 +233,6 @@ def _all_outlines(name: str, value: object) -> Outlines:
     """Outlines as a tuple."""
     items = tuple(cast('Iterable[Outline]', value)) if isinstance(value, (tuple, list)) else None
     if items is None or not all(isinstance(item, Outline) for item in items):
-        msg = f'{name} must be a tuple of Outline; received {str(value)[:80]}'
+        msg = f'{name} must be a tuple of Outline; received {" ".join(str(value).split())[:80]}'
         raise ValueError(msg)
     return items

@@ -1,0 +1,167 @@
+"""Real drivers over twins: what a signal says comes out within quantisation and noise."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from tactile_ros.cli.main import main
+from tactile_ros.errors import DeviceError
+from tactile_ros.sensors import list_sensors, load_sensor
+
+if TYPE_CHECKING:
+    from tactile_ros.sensors import SensorSpec
+    from tactile_ros.types import Frame, Twin
+
+TWO_BUSES: dict[str, object] = {
+    'transport': 'i2c', 'mode': 'burst', 'buses': ('a', 'b'), 'bus_of_chip': (0,) * 12 + (1,) * 8,
+}  # fmt: skip
+# sensor, how it is connected, largest step of a reading (unit of values), rate of the twin (Hz)
+ROADS: list[tuple[str, dict[str, object], float, float]] = [
+    ('reskin_board', {}, 1e-9, 200.0),
+    ('multipole_skin', {'transport': 'i2c'}, 0.9e-6, 80.0),
+    ('multipole_skin', {'transport': 'serial'}, 0.9e-6, 80.0),
+    ('multipole_skin', TWO_BUSES, 0.9e-6, 80.0),
+    ('magnet_pad', {'transport': 'i2c'}, 2e-6, 200.0),
+    ('magnet_pad', {'transport': 'serial'}, 2e-6, 200.0),
+    ('gradiometer', {}, 2.5e-6, 1000.0),
+    ('taxel_array', {}, 1 / 1023, 200.0),
+    ('five_wire_skin', {}, 1 / 4095, 200.0),
+]  # fmt: skip
+NAMES = [
+    f'{key}-{"-".join(str(x) for x in how.values() if isinstance(x, str))}'
+    for key, how, *_ in ROADS
+]
+
+
+def pressed(spec: SensorSpec, config: object) -> np.ndarray:
+    """Readings in the middle of the first press, without noise."""
+    plain = spec.presses(config, 0, 1, noise=0.0)
+    row = round(1.5 * plain.layout.rate_hz)
+    assert plain.truth['in_contact'][row] == 1
+    return plain.values[row]
+
+
+def frames_of(twin: Twin, count: int) -> list[Frame]:
+    """Frames that the real driver reads."""
+    with twin, twin.device(time.monotonic_ns) as device:
+        return [device.read(5.0) for _ in range(count)]
+
+
+@pytest.mark.parametrize(('key', 'how', 'step', 'rate_hz'), ROADS, ids=NAMES)
+def test_a_signal_comes_out_of_the_real_driver(
+    key: str, how: dict[str, object], step: float, rate_hz: float
+) -> None:
+    spec = load_sensor(key)
+    config: Any = dataclasses.replace(spec.config(), noise=0.0, rate_hz=rate_hz)  # type: ignore[type-var]
+    wanted = pressed(spec, config)
+    frames = frames_of(spec.simulate(config, spec.connection(**how), lambda t: wanted), 12)
+    for frame in frames:
+        assert np.abs(frame.values - wanted).max() <= 0.51 * step
+        assert frame.values.shape == spec.layout(config).shape
+    sequence = np.array([frame.sequence for frame in frames])
+    assert (np.diff(sequence) == 1).all()
+    stamps = np.array([frame.stamp_ns for frame in frames], np.int64)
+    assert (np.diff(stamps) > 0).all()
+    if spec.layout(config).unit == 'T':
+        assert frames[-1].temperature_c is not None
+        assert np.abs(frames[-1].temperature_c - 25).max() < 1
+
+
+@pytest.mark.parametrize('key', ['magnet_pad', 'gradiometer', 'taxel_array', 'reskin_board'])
+def test_the_stated_noise_comes_out_with_its_seed(key: str) -> None:
+    spec = load_sensor(key)
+    sigma = {'T': 20e-6, '1': 4e-3}[spec.layout(spec.config()).unit]
+    config: Any = dataclasses.replace(spec.config(), noise=sigma, rate_hz=200.0)  # type: ignore[type-var]
+    wanted = pressed(spec, config)
+    runs = []
+    for seed in (1, 1, 2):
+        twin = spec.simulate(config, spec.connection(), lambda t: wanted, seed)
+        runs.append(np.array([frame.values for frame in frames_of(twin, 40)]))
+    spread = (runs[0] - wanted)[:, wanted > 3 * sigma]
+    assert 0.7 * sigma < spread.std() < 1.3 * sigma
+    if key == 'magnet_pad':  # its noise follows the machine's time
+        return
+    # a reader may come a few frames late
+    first, same, other = ({row.tobytes() for row in run} for run in runs)
+    assert len(first & same) > 20
+    assert not first & other
+
+
+@pytest.mark.parametrize('key', list_sensors())
+def test_without_a_signal_it_plays_its_own(key: str) -> None:
+    spec = load_sensor(key)
+    config: Any = dataclasses.replace(spec.config(), noise=0.0, rate_hz=50.0)  # type: ignore[type-var]
+    rest = spec.presses(config, 0, noise=0.0).values[0]
+    twin = spec.simulate(config, spec.connection())
+    assert twin.faults
+    assert set(twin.injected) == set(twin.faults)
+    (frame,) = frames_of(twin, 1)
+    np.testing.assert_allclose(frame.values, rest, rtol=2e-3, atol=2e-6)
+    with pytest.raises(ValueError, match=r"fault must be one of .*; received 'flood'"):
+        twin.inject('flood')
+
+
+@pytest.mark.parametrize('key', list_sensors())
+def test_a_missing_port_is_a_sentence(key: str) -> None:
+    spec = load_sensor(key)
+    device = spec.open(spec.config(), spec.connection(port='/dev/no_such_port'), time.monotonic_ns)
+    missing = spec.connection(port='/dev/no_such_port')
+    if hasattr(missing, 'buses'):
+        missing = dataclasses.replace(missing, buses=('/dev/i2c-9999',))
+        device = spec.open(spec.config(), missing, time.monotonic_ns)
+    with pytest.raises(DeviceError, match=r'/dev/\S+ does not exist; ') as failed, device:
+        pass
+    assert '\n' not in str(failed.value)
+
+
+@pytest.mark.parametrize('key', ['multipole_skin', 'magnet_pad'])
+def test_chips_behind_a_missing_port_are_a_sentence_too(key: str) -> None:
+    spec = load_sensor(key)
+    missing: Any = spec.connection(transport='serial', port='/dev/no_such_port')
+    with (
+        pytest.raises(DeviceError, match='port /dev/no_such_port does not exist'),
+        spec.open(spec.config(), missing, time.monotonic_ns),
+    ):
+        pass
+
+
+def test_a_rate_beyond_the_port_is_refused_by_the_sensor() -> None:
+    spec = load_sensor('taxel_array')
+    config: Any = dataclasses.replace(
+        spec.config(),
+        positions=np.zeros((2000, 3)),
+        rate_hz=200.0,  # type: ignore[type-var]
+    )
+    with pytest.raises(ValueError, match=r'bytes? (a|per) second|bytes/s|B/s'):
+        spec.open(config, spec.connection(), time.monotonic_ns)
+    spec.open(config, spec.connection(native_usb=True), time.monotonic_ns)
+
+
+def test_a_gradiometer_has_four_pixels_on_the_wire() -> None:
+    spec = load_sensor('gradiometer')
+    config: Any = dataclasses.replace(spec.config(), positions=np.zeros((6, 3)))  # type: ignore[type-var]
+    with pytest.raises(ValueError, match=r'must have shape \(4, 2\); received \(6, 2\)'):
+        spec.open(config, spec.connection(), time.monotonic_ns)
+
+
+def test_list_shows_all_six(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['list', '--json']) == 0
+    rows = {row['sensor']: row for row in json.loads(capsys.readouterr().out)}
+    papers = {
+        'multipole_skin': '[1]', 'magnet_pad': '[2]', 'gradiometer': '[3]', 'taxel_array': '[4]',
+        'five_wire_skin': '[5]', 'reskin_board': 'ReSkin',
+    }  # fmt: skip
+    for key, paper in papers.items():
+        assert paper in rows[key]['paper']
+        assert 'erial' in rows[key]['transports']
+    for key in ('multipole_skin', 'magnet_pad'):
+        assert 'I2C' in rows[key]['transports']
+    assert main(['list']) == 0
+    shown = capsys.readouterr().out
+    assert all(key in shown for key in papers)
