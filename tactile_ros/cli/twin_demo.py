@@ -100,7 +100,8 @@ def play(key: str, seed: int, calibration: Path, bag: Path, seconds: float) -> N
     from tactile_ros.nodes.graph import Setting, sensing
     from tactile_ros.nodes.processes import Running
 
-    fast = load_sensor(key).config().rate_hz > RATE_OF_PROCESSES
+    spec = load_sensor(key)
+    fast = spec.layout(spec.config()).rate_hz > RATE_OF_PROCESSES
     setting = Setting(
         sensor=key, source='simulated', seed=seed, calibration=str(calibration), bag=str(bag),
         namespace=key, stack=fast,

@@ -1,0 +1,243 @@
+"""The doctor on twins, on nothing, and on a machine made of files."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactile_ros.cli import doctor
+from tactile_ros.cli.machine import (
+    BAD,
+    NOTE,
+    OK,
+    WARN,
+    Finding,
+    buses,
+    permission,
+    probe,
+    serial_ports,
+)
+from tactile_ros.cli.main import main
+from tactile_ros.cli.trial import Trial, findings, noise_of, watch
+from tactile_ros.devices.clock import VirtualClock
+from tactile_ros.devices.mux import ChipPlace
+from tactile_ros.devices.simulated_chip import SimulatedChip
+from tactile_ros.devices.simulated_i2c import SimulatedI2cBus
+from tactile_ros.devices.transport import I2cBus
+from tactile_ros.errors import DeviceError
+from tactile_ros.sensors import list_sensors
+from tactile_ros.types import Frame, Layout
+
+LAYOUT = Layout(np.zeros((3, 3)), ('Bx', 'By', 'Bz'), 'T', rate_hz=100.0)
+
+
+def look(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, dict]]:
+    """Exit code and findings of the command."""
+    code = main(['doctor', '--json', *arguments])
+    return code, {found['where']: found for found in json.loads(capsys.readouterr().out)}
+
+
+@pytest.mark.parametrize('sensor', list_sensors())
+def test_every_twin_is_well(sensor: str, capsys: pytest.CaptureFixture[str]) -> None:
+    code, found = look(capsys, '--sensor', sensor, '--simulated', '--seconds', '0.4')
+    assert code == 0, found
+    assert {'rate', 'jitter', 'noise', 'temperature'} <= found.keys()
+    assert found['noise']['state'] == OK
+    assert 'serial ports' not in found
+
+
+def test_a_fault_of_a_twin_is_told_with_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
+    _, found = look(
+        capsys,
+        '--sensor',
+        'gradiometer',
+        '--simulated',
+        '--seconds',
+        '0.3',
+        '--fault',
+        'flipped:3',
+    )
+    assert found['dropped']['what'] == '3'
+    assert 'frames are lost' in found['dropped']['remedy']
+    assert found['crc errors']['state'] == WARN
+
+
+def test_nothing_connected_fails_and_says_what_to_do(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, 'list_ports', lambda: ['/dev/ttyS0'])
+    monkeypatch.setattr(doctor, 'list_buses', list)
+    code, found = look(capsys)
+    assert code == 1
+    assert found['sensor']['state'] == BAD
+    assert '--simulated' in found['sensor']['remedy']
+    assert found['serial ports']['state'] == found['I2C buses']['state'] == NOTE
+
+
+def test_a_sensor_that_is_not_there_fails(capsys: pytest.CaptureFixture[str]) -> None:
+    for sensor, option in (('reskin_board', 'port=/nowhere'), ('magnet_pad', 'buses=[/nowhere]')):
+        code, found = look(capsys, '--sensor', sensor, '--set', option, '--seconds', '0.1')
+        assert code == 1
+        assert '/nowhere does not exist' in found['frames']['remedy']
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        (['--simulated'], '--sensor must name'),
+        (['--sensor', 'none'], 'sensor must be one of'),
+        (['--sensor', 'gradiometer', '--set', 'nonsense=1'], '--set must name one of'),
+        (['--sensor', 'gradiometer', '--set', 'baud'], 'must be NAME=VALUE'),
+        (['--sensor', 'gradiometer', '--simulated', '--fault', 'fire'], 'fire'),
+    ],
+)
+def test_wrong_use_is_one_sentence(
+    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['doctor', *arguments]) == 2
+    printed = capsys.readouterr()
+    assert words in printed.err
+    assert len(printed.err.splitlines()) == 1
+
+
+def test_the_table_is_followed_by_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
+    assert (
+        main(['doctor', '--sensor', 'reskin_board', '--port', '/nowhere', '--seconds', '0']) == 1
+    )
+    said = capsys.readouterr().out
+    assert '\nframes: port /nowhere does not exist' in said
+
+
+def test_latency_timer_and_rule_of_a_port(tmp_path: Path) -> None:
+    device = tmp_path / 'sys/class/tty/ttyUSB0/device'
+    device.mkdir(parents=True)
+    (device / 'latency_timer').write_text('16\n')
+    (device.parent / 'idVendor').write_text('0403\n')
+    (device.parent / 'idProduct').write_text('6001\n')
+    (tmp_path / 'dev').mkdir()
+    (tmp_path / 'dev/ttyUSB0').touch()
+    port, timer = serial_ports(['/dev/ttyUSB0'], tmp_path)
+    assert port.state == OK
+    assert timer.state == WARN
+    assert 'up to 16 ms' in timer.what
+    assert 'ATTR{latency_timer}="1"' in timer.remedy
+    (device / 'latency_timer').write_text('1\n')
+    assert serial_ports(['/dev/ttyUSB0'], tmp_path)[1].state == OK
+
+
+@pytest.mark.parametrize(
+    ('group', 'words'), [('dialout', 'usermod -aG dialout'), ('root', "udev rule 'THE RULE'")]
+)
+def test_a_port_that_may_not_be_used(
+    group: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'port').touch()
+    monkeypatch.setattr(os, 'access', lambda *_: False)
+    monkeypatch.setattr(Path, 'group', lambda _: group)
+    found = permission(tmp_path / 'port', 'dialout', 'THE RULE')
+    assert found.state == BAD
+    assert words in found.remedy
+    assert permission(tmp_path / 'none', 'dialout', '').what == 'does not exist'
+
+
+def test_the_rule_of_a_port_names_its_board(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = tmp_path / 'sys/class/tty/ttyACM0/device'
+    device.mkdir(parents=True)
+    (device.parent / 'idVendor').write_text('2341\n')
+    (device.parent / 'idProduct').write_text('8054\n')
+    (tmp_path / 'dev').mkdir()
+    (tmp_path / 'dev/ttyACM0').touch()
+    monkeypatch.setattr(os, 'access', lambda *_: False)
+    monkeypatch.setattr(Path, 'group', lambda _: 'root')
+    (found,) = serial_ports(['/dev/ttyACM0'], tmp_path)
+    assert 'ATTRS{idVendor}=="2341", ATTRS{idProduct}=="8054", GROUP="dialout"' in found.remedy
+
+
+class Nobody:
+    """A bus whose transfers all fail in one way, and that keeps what was written."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.written: set[bytes] = set()
+
+    def i2c_rdwr(self, *messages: object) -> None:
+        self.written |= {bytes(m) for m in messages if not m.flags & 1}
+        raise OSError(self.number, 'no')
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_bus_is_asked_without_changing_anything() -> None:
+    rng = np.random.default_rng(0)
+    places = (ChipPlace(0x0C), ChipPlace(0x0E, 0, 0x70, 1))
+    chips = {p: SimulatedChip(lambda _: (np.zeros(3), 25.0), rng, np.zeros(3)) for p in places}
+    clock = VirtualClock()
+    found = probe(I2cBus('twin', SimulatedI2cBus(clock, chips)))
+    assert found.state == OK
+    assert found.what == 'answers come from 0x0c, 0x70 (switch)'
+    nobody = Nobody(121)
+    assert probe(I2cBus('empty', nobody)).state == WARN
+    assert nobody.written == {b'\x00'}
+    assert probe(I2cBus('stuck', Nobody(110))).state == BAD
+
+
+def test_a_machine_without_buses_says_how_to_get_one() -> None:
+    (found,) = buses([])
+    assert 'i2c-dev' in found.remedy
+
+
+def trial_of(values: np.ndarray, period_s: float = 0.01, **more: object) -> Trial:
+    frames = [Frame(round(k * period_s * 1e9), k, row) for k, row in enumerate(values)]
+    return Trial(LAYOUT, frames, str(more.get('failure', '')), dict(more.get('counters', {})))
+
+
+def named(found: list[Finding]) -> dict[str, Finding]:
+    return {finding.where: finding for finding in found}
+
+
+def test_noise_is_that_of_the_readings_whatever_presses() -> None:
+    rng = np.random.default_rng(0)
+    slow = 1e-3 * np.sin(np.linspace(0, 6, 2000))[:, None, None]
+    trial = trial_of(slow + 2e-6 * rng.standard_normal((2000, 3, 3)))
+    np.testing.assert_allclose(noise_of(trial), 2e-6, rtol=0.15)
+
+
+def test_a_noisy_and_a_dead_taxel_are_named() -> None:
+    rng = np.random.default_rng(0)
+    values = 1e-6 * rng.standard_normal((200, 3, 3))
+    values[:, 1] *= 30
+    assert 'taxels [1]' in named(findings(trial_of(values)))['noise'].remedy
+    values[:, 1] = 0.0
+    assert 'never change' in named(findings(trial_of(values)))['noise'].remedy
+
+
+def test_slow_irregular_and_lossy_streams_are_told() -> None:
+    rng = np.random.default_rng(0)
+    slow = trial_of(rng.standard_normal((50, 3, 3)), 0.05, counters={'reconnects': 2})
+    found = named(findings(slow))
+    assert found['rate'].state == WARN
+    assert found['rate'].what == '20 Hz, nominal 100 Hz'
+    assert 'plug' in found['reconnects'].remedy
+    silent = trial_of(np.zeros((9, 3, 3)), failure='gone')
+    assert named(findings(silent))['connection'].remedy == 'gone'
+
+
+def test_a_device_that_fails_is_no_traceback() -> None:
+    class Broken:
+        layout = LAYOUT
+
+        def __enter__(self) -> Broken:
+            msg = 'no such port'
+            raise DeviceError(msg)
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+    assert watch(Broken(), 1.0).failure == 'no such port'
