@@ -44,7 +44,8 @@ class ChipArray:
         single: all chips are started, then all are read, so that they measure at nearly the same
         time. burst: chips measure without end, each at its own pace; the fastest.
     rate_hz : float or None
-        Frames per second, held by waiting; None: as fast as bus and chips allow.
+        Frames per second, held by waiting; None or NaN: as fast as bus and chips allow, as is a
+        rate beyond that.
     clock_ns : callable
         Gives the stamps (ns).
     monotonic_ns, sleep : callable
@@ -82,7 +83,7 @@ class ChipArray:
         self._layout = layout
         self._settings = settings
         self._burst = mode == 'burst'
-        self._period_ns = round(1e9 / rate_hz) if rate_hz else 0
+        self._period_ns = round(1e9 / rate_hz) if rate_hz and rate_hz > 0 else 0
         self._clock_ns = clock_ns
         self._monotonic_ns = monotonic_ns
         self._sleep = sleep

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -104,6 +105,7 @@ class ChipArrayTwin:
         self._mode: Mode = mode
         self._rate_hz = rate_hz
         self._step_s = signal_step_s
+        self._waiting: deque[tuple[str, int, int]] = deque()
         self._held: tuple[int, Array, Array] | None = None
         self._rng = np.random.default_rng(seed)
         spread = np.broadcast_to(np.asarray(noise, np.float64), (3,))
@@ -121,7 +123,9 @@ class ChipArrayTwin:
             for place, chip in zip(self._places, self._chips, strict=True)
             if place.bus == number
         }
-        return SimulatedI2cBus(self._clock, chips, hertz, on_fault=self.count)
+        return SimulatedI2cBus(
+            self._clock, chips, hertz, on_transfer=self._befall, on_fault=self.count
+        )
 
     def device(self, clock_ns: Callable[[], int]) -> ChipArray:
         """The real driver on this twin's buses, stamped by `clock_ns`; not yet entered."""
@@ -139,7 +143,8 @@ class ChipArrayTwin:
         )
 
     def __enter__(self) -> ChipArrayTwin:
-        """Begin; nothing is held."""
+        """Begin: the signal's time is 0 now."""
+        self._start_ns = self._clock.now_ns()
         return self
 
     def __exit__(
@@ -155,7 +160,7 @@ class ChipArrayTwin:
         self.injected[fault] += 1
 
     def inject(self, fault: str, count: int = 1, chip: int | None = None) -> None:
-        """Let the next `count` transfers or measurements suffer a fault.
+        """Let the next `count` transfers or measurements suffer a fault; from any thread.
 
         Parameters
         ----------
@@ -178,16 +183,22 @@ class ChipArrayTwin:
         if not 0 <= victim < len(self._chips):
             msg = f'chip must be 0 to {len(self._chips) - 1}; received {chip}'
             raise ValueError(msg)
-        place = self._places[victim]
-        bus = self.buses[place.bus]
-        if fault == 'stuck_bus':
-            bus.stuck += count
-        elif fault == 'unplug':
-            self._unplug(bus, count)
-        elif fault == 'nack':
-            bus.silent[place] = bus.silent.get(place, 0) + count
-        else:
-            self._chips[victim].pending[fault] += count
+        self._waiting.append((fault, count, victim))
+
+    def _befall(self) -> None:
+        """Hand out the faults that wait, in the thread that reads."""
+        while self._waiting:
+            fault, count, victim = self._waiting.popleft()
+            place = self._places[victim]
+            bus = self.buses[place.bus]
+            if fault == 'stuck_bus':
+                bus.stuck += count
+            elif fault == 'unplug':
+                self._unplug(bus, count)
+            elif fault == 'nack':
+                bus.silent[place] = bus.silent.get(place, 0) + count
+            else:
+                self._chips[victim].pending[fault] += count
 
     def _unplug(self, bus: SimulatedI2cBus, count: int) -> None:
         """Take the adapter away for a second each, and the supply with it."""

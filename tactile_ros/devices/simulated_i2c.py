@@ -20,6 +20,10 @@ BITS_PER_BYTE = 9  # with the acknowledgement
 READING = 0x0001  # I2C_M_RD
 
 
+def _nothing() -> None:
+    """Nothing is to be done."""
+
+
 def _ignore(fault: str) -> None:
     """Nobody counts."""
 
@@ -53,6 +57,8 @@ class SimulatedI2cBus:
         Clock of the bus (Hz).
     timeout_s : float
         How long the adapter holds a transfer on a stuck bus (s).
+    on_transfer : callable
+        Called before each transfer.
     on_fault : callable
         Told the name of a fault that happens on the bus.
 
@@ -79,6 +85,7 @@ class SimulatedI2cBus:
         chips: Mapping[ChipPlace, SimulatedChip],
         hertz: float = 400e3,
         timeout_s: float = 0.02,
+        on_transfer: Callable[[], None] = _nothing,
         on_fault: Callable[[str], None] = _ignore,
     ) -> None:
         """See the class."""
@@ -90,6 +97,7 @@ class SimulatedI2cBus:
         self._muxes = {p.mux: SimulatedMux() for p in chips if p.mux is not None}
         self._bit_s = 1 / hertz
         self._timeout_s = timeout_s
+        self._on_transfer = on_transfer
         self._on_fault = on_fault
         self.stuck = 0
         self.silent: dict[ChipPlace, int] = {}
@@ -114,6 +122,7 @@ class SimulatedI2cBus:
         OSError
             ENODEV unplugged, ETIMEDOUT stuck, EREMOTEIO not acknowledged.
         """
+        self._on_transfer()
         now_ns = self._clock.now_ns()
         if now_ns < self.gone_until_ns:
             raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))

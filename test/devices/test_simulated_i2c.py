@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import threading
 
 import numpy as np
 import pytest
@@ -269,3 +270,22 @@ def test_a_leading_clock_waits_seldom_and_never_goes_back() -> None:
     assert 0 <= leading.now_ns() - clock.now_ns() <= 1_000_000
     clock.sleep(1.0)
     assert leading.now_ns() == clock.now_ns()
+
+
+def test_faults_come_from_any_thread_and_all_of_them_happen() -> None:
+    clock = VirtualClock()
+    twin = twin_of(1, clock)
+    with twin, twin.device(clock.now_ns) as array:
+        threads = [
+            threading.Thread(target=lambda: [twin.inject('saturation') for _ in range(50)])
+            for _ in range(4)
+        ]
+        for thread in threads:
+            thread.start()
+        while any(thread.is_alive() for thread in threads):
+            array.read(1.0)
+        for thread in threads:
+            thread.join()
+        marked = sum(int((array.read(1.0).status != 0).sum()) for _ in range(60))
+    assert twin.injected['saturation'] == 200
+    assert marked <= 200
