@@ -124,6 +124,12 @@ def noise_of(trial: Trial) -> Array:
     return noise
 
 
+def _step(trial: Trial) -> float:
+    """Smallest change of any reading, that of the converter where it is coarse; inf: none."""
+    steps = np.abs(np.diff([frame.values for frame in trial.frames], axis=0))
+    return float(np.min(steps, where=steps > 0, initial=np.inf))
+
+
 def _noise(trial: Trial) -> Finding:
     """Noise of the taxels, and those that differ from the others."""
     with np.errstate(all='ignore'):
@@ -131,8 +137,11 @@ def _noise(trial: Trial) -> Finding:
     unit = trial.layout.unit if trial.layout.unit != '1' else 'of full scale'
     usual = np.nanmedian(noise, axis=0)
     told = ', '.join(f'{c} {x:.2g}' for c, x in zip(trial.layout.channels, usual, strict=True))
-    odd = np.flatnonzero((noise > NOISY * np.maximum(usual, 1e-30)).any(axis=1))
-    silent = [] if not usual.any() else np.flatnonzero((noise == 0).all(axis=1)).tolist()
+    step = _step(trial)
+    odd = np.flatnonzero((noise > NOISY * np.maximum(usual, step)).any(axis=1))
+    # readings of a coarse converter may stand still at rest
+    fine = bool((usual > 2 * step).any())
+    silent = np.flatnonzero((noise == 0).all(axis=1)).tolist() if fine else []
     what = f'{told} {unit} (standard deviation, median of the taxels)'
     if len(odd):
         remedy = f'check taxels {odd.tolist()}: they are over {NOISY:g} times as noisy as the rest'
