@@ -18,9 +18,9 @@ uint32_t due = 0;
 void readSensor(int16_t counts[tactile::kChannels], int16_t *centidegrees) {
   for (uint8_t i = 0; i < tactile::kChannels; ++i) {
     const int16_t reading = (int16_t)analogRead(kPins[i]);
-    counts[i] = reading <= 0 || reading >= 2 * kMiddle - 1
-                    ? (reading <= 0 ? -32767 : 32767)
-                    : (int16_t)(reading - kMiddle);
+    counts[i] = (int16_t)(reading - kMiddle);
+    if (reading <= 0) counts[i] = -32767;
+    if (reading >= 2 * kMiddle - 1) counts[i] = 32767;
   }
   *centidegrees = tactile::kNoTemperature;         // or what the chip reports, times 100
 }

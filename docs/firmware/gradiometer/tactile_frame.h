@@ -1,5 +1,5 @@
 // One frame of the serial protocol, version 1, for a gradiometer (docs/serial_protocol.md).
-// Plain C++ without dynamic memory or Arduino calls; 38 bytes of RAM and no table for the CRC.
+// Plain C++11 without dynamic memory or Arduino calls: 38 bytes of the caller's, 64 of a table.
 
 #ifndef TACTILE_FRAME_H
 #define TACTILE_FRAME_H
@@ -17,7 +17,7 @@ const uint8_t kPayloadBytes = 2 * kChannels + 2;
 const size_t kFrameBytes = 16 + kPayloadBytes + 4;
 const int16_t kNoTemperature = -32768;
 
-// CRC-32 of zlib, four bits at a time: 64 bytes of flash instead of 1024.
+// CRC-32 of zlib, four bits at a time: a table of 64 bytes instead of 1024.
 inline uint32_t crc32(const uint8_t *data, size_t count) {
   static const uint32_t table[16] = {
       0x00000000, 0x1DB71064, 0x3B6E20C8, 0x26D930AC, 0x76DC4190, 0x6B6B51F4,
