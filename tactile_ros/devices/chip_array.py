@@ -96,6 +96,7 @@ class ChipArray:
             len(places), settings.full_scale, saturation_margin, jump, stuck_after
         )
         self._answers = bytearray(settings.answer_bytes * len(places))
+        self._opened = False
         self._sequence = 0
         self._last_stamp_ns: int | None = None
         self._next_ns = 0
@@ -141,10 +142,12 @@ class ChipArray:
         sequence = self._sequence
         self._measure()
         self._sequence = sequence
+        self._opened = True
         self._next_ns = self._monotonic_ns()
 
     def close(self) -> None:
         """Stop the chips and let the buses go."""
+        self._opened = False
         self._care.end()
         for bus in self._buses:
             bus.close()
@@ -180,7 +183,12 @@ class ChipArray:
         ------
         DeviceTimeout
             If no chip could be read in time; says why. The next calls try again.
+        DeviceError
+            If it is not open.
         """
+        if not self._opened:
+            msg = f'chips on {", ".join(bus.path for bus in self._buses)} are not open'
+            raise DeviceError(msg)
         deadline_ns = self._monotonic_ns() + round(timeout * 1e9)
         self._wait_until(self._next_ns)
         self._next_ns = max(self._next_ns + self._period_ns, self._monotonic_ns())

@@ -25,6 +25,8 @@ from tactile_ros.types import Frame, Layout, TaxelStatus
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from tactile_ros.devices.simulated_i2c import SimulatedI2cBus
+
 NACK = 'NACK'
 EPOCH_NS = 1_700_000_000_000_000_000
 
@@ -512,3 +514,83 @@ def test_memory_stays_flat() -> None:
             assert tracemalloc.get_traced_memory()[0] - before < 10_000
         finally:
             tracemalloc.stop()
+
+
+class Tap:
+    """Passes transfers on and notes who was told what."""
+
+    def __init__(self, bus: SimulatedI2cBus) -> None:
+        self.bus = bus
+        self.seen: list[str] = []
+
+    def i2c_rdwr(self, *messages: i2c_msg) -> None:
+        self.seen.append(f'{messages[0].addr:02X}:{bytes(messages[0]).hex()}')
+        self.bus.i2c_rdwr(*messages)
+
+    def close(self) -> None:
+        self.bus.close()
+
+
+@pytest.mark.parametrize(
+    ('mode', 'expected'),
+    [
+        (
+            'single',
+            '70:01 0C:3f 0D:3f 70:02 0C:3f 0D:3f 70:01 0C:4f 0D:4f 70:02 0C:4f 0D:4f',
+        ),
+        ('burst', '70:01 0C:4f 0D:4f 70:02 0C:4f 0D:4f'),
+    ],
+)
+def test_all_are_started_and_then_read_with_one_write_a_switch(mode: Mode, expected: str) -> None:
+    clock = VirtualClock()
+    places = clusters(2, 2)
+    tap = Tap(array_of(places, clock, mode).buses[0])
+    array = ChipArray(
+        [I2cBus('tap', smbus=tap)],
+        places,
+        layout_of(4),
+        mode=mode,
+        clock_ns=clock.now_ns,
+        monotonic_ns=clock.now_ns,
+        sleep=clock.sleep,
+    )
+    with array:
+        for _ in range(3):
+            tap.seen.clear()
+            assert good(array.read(1.0)).all()
+            assert ' '.join(tap.seen) == expected
+
+
+@pytest.mark.parametrize('rate_hz', [None, float('nan'), 0.0, 1e6])
+def test_without_a_rate_it_is_as_fast_as_it_can(rate_hz: float | None) -> None:
+    clock = VirtualClock()
+    twin = ChipArrayTwin(clusters(), layout_of(20), steady(20), rate_hz=rate_hz, clock=clock)  # type: ignore[arg-type]
+    with twin.device(clock.now_ns) as array:
+        begun_ns = clock.now_ns()
+        for _ in range(20):
+            array.read(1.0)
+    assert clock.now_ns() - begun_ns < 20 / 104 * 1e9
+
+
+def test_missing_chips_do_not_keep_a_sensor_closed_but_all_of_them_do() -> None:
+    clock = VirtualClock()
+    twin = array_of(clusters(1), clock)
+    for i in range(4):
+        twin.inject('nack', 10_000, chip=i)
+    with pytest.raises(DeviceError, match='nothing answers at 0x0'), twin.device(lambda: 0):
+        pass
+
+
+def test_closing_and_opening_again_goes_on() -> None:
+    clock = VirtualClock()
+    twin = array_of(clusters(1), clock, 'burst')
+    array = twin.device(clock.now_ns)
+    with array:
+        first = array.read(1.0)
+    with pytest.raises(DeviceError, match='chips on simulated-0 are not open'):
+        array.read(0.0)
+    with array:
+        again = array.read(1.0)
+    assert good(again).all()
+    assert again.sequence > first.sequence
+    assert array.counters()['resets'] == 0
