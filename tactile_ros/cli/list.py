@@ -15,7 +15,9 @@ from tactile_ros.sensors import list_sensors, load_sensor
 if TYPE_CHECKING:
     import argparse
 
-COLUMNS = ('sensor', 'paper', 'what', 'transports', 'estimators')
+    from tactile_ros.sensors import SensorSpec
+
+COLUMNS = ('sensor', 'paper', 'what', 'transports', 'connect', 'estimators')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,8 +29,22 @@ def run(options: argparse.Namespace) -> int:
     """Print one row per sensor."""
     specs = [load_sensor(key) for key in list_sensors()]
     rows = [
-        (s.key, s.paper, s.summary, '; '.join(s.transports), ', '.join(s.estimator_names))
+        (
+            s.key, s.paper, s.summary, '; '.join(s.transports), how_to_connect(s),
+            ', '.join(s.estimator_names),
+        )
         for s in specs
-    ]
+    ]  # fmt: skip
     (show_json if options.json else show)(COLUMNS, rows)
     return 0
+
+
+def how_to_connect(spec: SensorSpec) -> str:
+    """Where a sensor is looked for unless it is told otherwise, and the page that says more."""
+    connection = spec.connection()
+    buses = getattr(connection, 'buses', ())
+    ways = [f'buses {", ".join(buses)}'] if buses else []
+    if hasattr(connection, 'port'):
+        baud = getattr(connection, 'baud', '')
+        ways.append(f'port {connection.port}' + (f' at {baud} baud' if baud else ''))
+    return f'{" or ".join(ways)}; docs/{spec.key}.md'

@@ -160,8 +160,11 @@ def test_list_shows_all_six(capsys: pytest.CaptureFixture[str]) -> None:
     for key, paper in papers.items():
         assert paper in rows[key]['paper']
         assert 'erial' in rows[key]['transports']
+        assert 'port /dev/ttyACM0 at ' in rows[key]['connect']
+        assert rows[key]['connect'].endswith(f'docs/{key}.md')
     for key in ('multipole_skin', 'magnet_pad'):
         assert 'I2C' in rows[key]['transports']
+        assert rows[key]['connect'].startswith('buses /dev/i2c-1 or port')
     assert main(['list']) == 0
     shown = capsys.readouterr().out
     assert all(key in shown for key in papers)
