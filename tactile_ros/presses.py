@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 REST_S = 1.0
 TARE_S = 0.5
+BLOCK = 1024  # rows of a model at once: thousands of taxels fill the memory otherwise
 TOUCHED = 0.02  # share of a press's load below which it counts as not begun
 
 
@@ -45,6 +46,10 @@ class Touches:
     position: Array
     force: Array
     share: Array
+
+    def rows(self, part: slice) -> Touches:
+        """Some of the instants."""
+        return Touches(self.press[part], self.position[part], self.force[part], self.share[part])
 
 
 @dataclass(frozen=True)
@@ -137,7 +142,8 @@ def recorded(
     count = round(programme.duration_s * layout.rate_hz)
     times = np.arange(count) / layout.rate_hz
     touches = programme.at(times)
-    values = reading(touches)
+    blocks = [touches.rows(slice(i, i + BLOCK)) for i in range(0, count, BLOCK)]
+    values = np.concatenate([reading(block) for block in blocks])
     values = values + noise * np.random.default_rng(seed).normal(size=values.shape)
     known = {
         **truth(touches),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.presses import (
+    BLOCK,
     REST_S,
     TARE_S,
     Programme,
@@ -73,6 +74,20 @@ def test_playing_gives_the_rows_again_and_again() -> None:
     for row in (0, 150, len(recording) - 1, len(recording) + 150):
         wanted = recording.values[row % len(recording)]
         np.testing.assert_array_equal(signal(row / 100.0), wanted)
+
+
+def test_blocks_of_a_model_are_joined() -> None:
+    seen = []
+
+    def slow(touches: Touches) -> np.ndarray:
+        seen.append(len(touches.press))
+        return reading(touches)
+
+    fast = Layout(np.zeros((2, 3)), ('a',), '1', rate_hz=500.0)
+    recording = recorded(fast, PROGRAMME, slow, truth, 0.0, seed=0)
+    assert max(seen) <= BLOCK
+    assert len(seen) > 1
+    np.testing.assert_array_equal(recording.values[:, 0, 0], recording.truth['force'][:, 2])
 
 
 def test_thinned_keeps_rests_and_touches() -> None:

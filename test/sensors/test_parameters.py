@@ -46,3 +46,13 @@ def test_one_number_of_an_array_serves_all_taxels() -> None:
     values = {name: entry.ros_default for name, entry in schema.entries.items()}
     config: Any = schema.build({**values, 'areas': [1e-6], 'positions': [0.0] * 6})
     np.testing.assert_array_equal(config.areas, [1e-6, 1e-6])
+
+
+@pytest.mark.parametrize('key', list_sensors())
+def test_no_name_is_declared_twice_on_a_node(key: str) -> None:
+    pytest.importorskip('rclpy')
+    node = pytest.importorskip('tactile_ros.nodes.sensor_node')
+    spec = load_sensor(key)
+    parts: list[Any] = [spec.config(), spec.connection(), node.SensorOptions()]
+    names = [name for part in parts for name in Schema(part).entries]
+    assert len(names) == len(set(names))

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 NOISE = 4e-6  # T
 WIDTH = 0.6  # of the dent, in radii
-STIFFNESS = 4.0  # of the body, in shear moduli times radius
+STIFFNESS = 2.4  # of the body, in shear moduli times radius: about a flat punch of 6 mm
 PLAY = 0.3  # of a place about its cell's centre, in distances of cells
 PRESSES = 60
 

@@ -109,6 +109,7 @@ class Scene:
             np.column_stack([place, np.full(count, top)]),
             load[:, None] * np.array([0.0, 0.0, 1.0]),
         )
+        self._rest, self._changes = self._pictures()
 
     def depth(self, press: int) -> float:
         """Depth (m) of a press at its full load."""
@@ -117,21 +118,23 @@ class Scene:
         load = self.programme.forces[press, 2]
         return float(load * body / (STIFFENING * self.config.youngs_modulus * area))
 
-    def reading(self, touches: Touches) -> Array:
-        """Readings (s, t, 3) (T)."""
+    def _pictures(self) -> tuple[Array, Array]:
+        """Field at rest, shape (t, 3), and its changes, shape (n + 1, t, 3) (T)."""
         places, moments = sheet_dipoles(self.config)
         chips = self.config.positions
         slopes = dipole_gradients(chips, places, moments)
         changes = np.zeros((len(self.labels) + 1, len(chips), 3))  # the last is no press
         for press, label in enumerate(self.labels):
-            points = _turned(
-                self._covered[label], self.yaws[press], self.programme.positions[press]
-            )
+            place = self.programme.positions[press]
+            points = _turned(self._covered[label], self.yaws[press], place)
             moved = self.depth(press) * dent(self.config, places, points)
             changes[press] = np.tensordot(slopes, moved, axes=2)
-        field = dipole_field(chips, places, moments)
-        change = changes[touches.press] * touches.share[:, None, None]
-        return in_chip_axes(field + change, self.config.rotations)
+        return dipole_field(chips, places, moments), changes
+
+    def reading(self, touches: Touches) -> Array:
+        """Readings (s, t, 3) (T)."""
+        change = self._changes[touches.press] * touches.share[:, None, None]
+        return in_chip_axes(self._rest + change, self.config.rotations)
 
     def truth(self, touches: Touches) -> Truth:
         """Place, head, turn, force."""
