@@ -15,7 +15,7 @@ from tactile_ros.evaluation.archive import save_recording
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from rclpy.node import Node
@@ -69,9 +69,10 @@ class Ros:
         self.nodes: list[Node] = []
         self.executor: SingleThreadedExecutor | None = None
 
-    def init(self, *parameters: str) -> None:
-        """Start ROS with parameters `name:=value`."""
+    def init(self, *parameters: str, remaps: Sequence[str] = ()) -> None:
+        """Start ROS with parameters `name:=value` and remappings `from:=to`."""
         arguments = [text for parameter in parameters for text in ('-p', parameter)]
+        arguments += [text for rule in remaps for text in ('-r', rule)]
         rclpy.init(args=['--ros-args', *arguments] if arguments else None)
         self.executor = SingleThreadedExecutor()
 
