@@ -153,7 +153,7 @@ def _number(name: str, value: object, integer: bool, bounds: tuple[float, float]
         fits = float(cast('float', value)).is_integer()
     if not (fits and low <= cast('float', value) <= high):
         kind = 'a whole number' if integer else 'a number'
-        msg = f'{name} must be {kind} from {low} to {high}; received {value!r}'
+        msg = f'{name} must be {kind} from {low} to {high}; received {value}'
         raise ValueError(msg)
     return int(cast('float', value)) if integer else float(cast('float', value))
 

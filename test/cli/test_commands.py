@@ -67,7 +67,11 @@ def test_replay_prints_a_table_and_writes_a_report(
 @pytest.mark.parametrize(
     ('arguments', 'code', 'words'),
     [
-        (['calibrate', 'no_such', 'x', '-o', 'y'], 2, 'must be one of reskin_board'),
+        (
+            ['calibrate', 'no_such', 'x', '-o', 'y'],
+            2,
+            'sensor must be one of five_wire_skin, gradiometer',
+        ),
         (['calibrate', 'reskin_board', 'no_such', '-o', 'y'], 1, 'does not exist'),
         (['replay', 'x', '--calibration', 'no_such.npz'], 1, 'does not exist'),
         (['bench', 'no_such'], 2, "must be all or one of reskin, roads; received 'no_such'"),
