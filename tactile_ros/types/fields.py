@@ -161,7 +161,7 @@ def _number(name: str, value: object, integer: bool, bounds: tuple[float, float]
 def _plain(name: str, value: object, kind: type, about: Mapping[str, object]) -> object:
     """A text, perhaps one of several, or true or false."""
     choices = cast('tuple[str, ...]', about.get('choices', ()))
-    if choices and value not in choices:
+    if choices and not (isinstance(value, str) and value in choices):
         msg = f'{name} must be one of {", ".join(choices)}; received {value!r}'
         raise ValueError(msg)
     if isinstance(value, (kind, np.bool_ if kind is bool else kind)):

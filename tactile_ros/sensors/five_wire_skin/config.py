@@ -52,7 +52,7 @@ class FiveWireSkinConfig:
     size: Array = array((SIZE, SIZE), 'sheet along x and y', 'm', (2,), 1e-3, 10.0)
     touch_size: float = number(15e-3, 'edge of a square touch', 'm', 1e-4, 1.0)
     sheet_resistance: float = number(100.0, 'of the sheet', 'ohm per square', 1e-3, 1e9)
-    border_ratio: float = number(24_000.0, 'conductance of border over sheet', '1', 1.0, 1e16)
+    border_ratio: float = number(24_000.0, 'conductance of border over sheet', '1', 1.0, 1e18)
     supply_voltage: float = number(5.0, 'of divider and excitation', 'V', 1e-3, 1e3)
     reference_resistance: float = number(1000.0, 'R0 of the divider', 'ohm', 1e-3, 1e9)
 
