@@ -129,3 +129,49 @@ def test_flags_are_counted_and_named() -> None:
     assert read.reading.taxels(TaxelStatus.STUCK) == [1]
     assert read.reading.taxels(TaxelStatus.ERROR) == []
     assert read.reading.flagged == 1
+
+
+def test_a_full_queue_drops_the_oldest_and_counts() -> None:
+    device = Script(frame(0))
+    got, gate, taken = [], threading.Event(), threading.Event()
+
+    def deliver(item: Frame) -> None:
+        got.append((item.sequence, item.dropped))
+        taken.set()
+        assert gate.wait(PATIENCE_S)
+
+    def complain(_: str) -> None:
+        """What the empty script says."""
+
+    read = Reader(device, deliver, complain, queue=3)
+    read.open()
+    read.start()
+    assert taken.wait(PATIENCE_S)
+    # all others are read while the listener still has the first
+    for k in range(1, 10):
+        device.acts.put(frame(k))
+    while read.reading.frames < 10:
+        assert not gate.wait(0.001)
+    gate.set()
+    read.close()
+    first, *others = got
+    assert first == (0, 0)
+    # three were left, and say how many were lost before them
+    assert others == [(k, 6) for k in (7, 8, 9)]
+    assert read.reading.overruns == 6
+    assert not {'reader', 'reader_queue'} & {thread.name for thread in threading.enumerate()}
+
+
+def test_an_error_that_no_driver_may_raise_does_not_end_the_reader() -> None:
+    read, got, said = run(Script(frame(0), ZeroDivisionError('by zero'), frame(1)), 2)
+    assert [f.sequence for f in got] == [0, 1]
+    assert 'ZeroDivisionError: by zero' in said
+    assert read.reading.failures == 1
+
+
+def test_stamps_and_marks_are_taken_once() -> None:
+    read, _, _ = run(Script(frame(3), frame(5, TaxelStatus.STUCK)), 2)
+    assert read.reading.take_stamps() == [3, 5]
+    assert read.reading.take_stamps() == []
+    assert read.reading.take_marks() == TaxelStatus.STUCK
+    assert not read.reading.take_marks()

@@ -94,11 +94,13 @@ def test_a_subscription_makes_the_view_of_one_chip(ros: Ros) -> None:
 
 
 def test_a_parameter_offers_the_image_of_a_matrix(ros: Ros) -> None:
-    ros.init('sensor:=taxel_array', 'simulated:=true', 'image:=true', 'magnetic_field:=true')
+    square = [float(v) for i in range(16) for v in (5e-3 * (i % 4), 5e-3 * (i // 4), 0.0)]
+    offers = ('image:=true', 'magnetic_field:=true')
+    ros.init('sensor:=taxel_array', 'simulated:=true', f'positions:={square}', *offers)
     node, listener = ros.add(SensorNode()), ros.add(Node('listener'))
     images: list[Image] = []
     lifecycle.start([node])
     assert ros.until(lambda: topics(node) == {'/image'})
     listener.create_subscription(Image, 'image', images.append, data())
     assert ros.until(lambda: images)
-    assert images[0].height * images[0].width == 16
+    assert (images[0].height, images[0].width) == (4, 4)
