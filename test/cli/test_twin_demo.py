@@ -1,0 +1,60 @@
+"""The demo of a simulated sensor, cut short: calibration, graph, bag, replay, table and report."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from tactile_ros.cli import twin_demo
+from tactile_ros.cli.main import main
+from tactile_ros.evaluation.recording import load
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.mark.parametrize('sensor', ['five_wire_skin', 'gradiometer'])  # two processes, and one
+def test_a_twin_goes_through_the_real_graph(
+    sensor: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(twin_demo, 'MOST_ROWS', 800)
+    monkeypatch.setattr(
+        'tactile_ros.cli.demo.run_twin',
+        lambda key, output, seed: twin_demo.run_twin(key, output, seed, seconds=4.0),
+    )
+    assert main(['demo', '--sensor', sensor, '--output', str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert 'not a model of its physics' in said
+    assert 'replay and live contacts differ by at most 0' in said
+    loaded = load(tmp_path / 'bags' / sensor).recordings[0]
+    assert loaded.name == sensor
+    truth = loaded.recording.truth
+    assert (truth['in_contact'] == 1).mean() > 0.1
+    assert set(np.unique(truth['session'])) <= {-1, 0}
+    told = np.isfinite(truth['force'][:, 2])
+    assert told.mean() > 0.9
+    assert '<svg' in (tmp_path / 'report.html').read_text()
+
+
+def test_the_calibration_is_of_other_presses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(twin_demo, 'MOST_ROWS', 500)
+    pipeline = twin_demo.fit('taxel_array', 1, tmp_path / 'c.npz')
+    assert pipeline.calibrated
+    assert np.isfinite(pipeline.baseline).all()
+
+
+def test_a_sensor_that_is_none_is_named(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert main(['demo', '--sensor', 'none', '--output', str(tmp_path / 'x')]) == 2
+    assert 'sensor must be one of' in capsys.readouterr().err
+    assert not (tmp_path / 'x').exists()
