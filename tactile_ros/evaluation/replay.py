@@ -6,7 +6,8 @@ published each from its first frame on, memory forgotten where a stream began.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from time import perf_counter_ns
 from typing import TYPE_CHECKING
 
@@ -105,6 +106,7 @@ def replay(
     """
     recording, live = loaded.recording, loaded.contacts
     _refuse_other_shape(recording, pipeline)
+    pipeline = as_live(loaded, pipeline)
     problems = calibration_problems(loaded, pipeline)
     if live is None and not loaded.baselines:
         begin = clock_ns()
@@ -122,6 +124,16 @@ def replay(
         left_out = f'{agreement.without_contacts} frames without contacts were left out: '
         problems += (f'{left_out}the live node did not see them',)
     return Replayed(states, micro, agreement, problems)
+
+
+def as_live(loaded: LoadedRecording, pipeline: Pipeline) -> Pipeline:
+    """The pipeline, its baseline held still where the live run had switched tracking off."""
+    if pipeline.digest in loaded.calibrations or not pipeline.config.track_baseline:
+        return pipeline
+    still = copy(pipeline)
+    still.config = replace(pipeline.config, track_baseline=False)  # type: ignore[type-var]
+    still.reset()
+    return still if still.digest in loaded.calibrations else pipeline
 
 
 def single_cost(

@@ -11,7 +11,7 @@ import pytest
 from tactile_ros.evaluation.bag import BagWriter
 from tactile_ros.evaluation.loaded import LiveContacts, LoadedRecording
 from tactile_ros.evaluation.recording import load
-from tactile_ros.evaluation.replay import compare, replay
+from tactile_ros.evaluation.replay import as_live, compare, replay
 from tactile_ros.messages import fill_contacts
 from tactile_ros.nodes.contact_stage import ContactStage
 from tactile_ros.sensors import load_sensor
@@ -216,3 +216,21 @@ def test_an_empty_live_run_compares_nothing(spatial: Recording, fitted: Pipeline
     found = replay(loaded, fitted)
     assert found.agreement.frames == 0
     assert np.isnan(found.us_per_frame)
+
+
+def test_a_live_run_without_tracking_is_replayed_without(
+    spatial: Recording, fitted: Pipeline
+) -> None:
+    digest = fitted.digest
+    loaded = LoadedRecording('x', spatial, calibrations=(digest,))
+    assert as_live(loaded, fitted) is fitted
+    fitted.config = replace(fitted.config, track_baseline=False)
+    still = LoadedRecording('x', spatial, calibrations=(fitted.digest,))
+    fitted.config = replace(fitted.config, track_baseline=True)
+    found = as_live(still, fitted)
+    assert not found.config.track_baseline
+    assert found.digest == still.calibrations[0]
+    assert fitted.digest == digest
+    assert not replay(still, fitted).problems
+    foreign = LoadedRecording('x', spatial, calibrations=('0' * 64,))
+    assert as_live(foreign, fitted) is fitted
