@@ -101,10 +101,13 @@ class Views:
 
     def look(self, magnetic_field: bool = False, image: bool = False) -> None:
         """Make the publishers that are asked for, or that somebody has subscribed to."""
-        for i in self._offered:
-            name = FIELD_TOPIC.format(i)
-            if i not in self._fields and (magnetic_field or self._is_wanted(name)):
-                self._fields[i] = self._node.create_publisher(MagneticField, name, data())
+        new = {
+            i: self._node.create_publisher(MagneticField, FIELD_TOPIC.format(i), data())
+            for i in self._offered
+            if i not in self._fields and (magnetic_field or self._is_wanted(FIELD_TOPIC.format(i)))
+        }
+        # never changed in place: another thread publishes
+        self._fields = {**self._fields, **new}
         wanted = self._grid is not None and self._image is None
         if wanted and (image or self._is_wanted(IMAGE_TOPIC)):
             self._image = self._node.create_publisher(Image, IMAGE_TOPIC, data())

@@ -12,7 +12,7 @@ from tactile_ros.cli import demo
 from tactile_ros.cli.main import COMMANDS, main, parser, sentence
 from tactile_ros.cli.sources import MOST_YAML_BYTES, read_config
 from tactile_ros.evaluation.archive import save_recording
-from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors import list_sensors, load_sensor
 
 
 @pytest.fixture(scope='module')
@@ -36,7 +36,11 @@ def calibration(board_file: Path) -> Path:
 def test_list_names_every_sensor(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['list', '--json']) == 0
     rows = json.loads(capsys.readouterr().out)
-    assert {row['sensor'] for row in rows} >= {'reskin_board'}
+    assert [row['sensor'] for row in rows] == list_sensors()
+    assert all(row['paper'] and row['transports'] for row in rows)
+    connect = {row['sensor']: row['connect'] for row in rows}
+    assert connect['gradiometer'].startswith('port /dev/ttyACM0 at 921600 baud')
+    assert connect['multipole_skin'].startswith('buses /dev/i2c-1 or port')
 
 
 def test_calibrate_prints_errors_of_held_out_groups(

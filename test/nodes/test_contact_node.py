@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, Quaternion, WrenchStamped
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -164,10 +165,6 @@ def test_tare_is_refused_in_contact_and_its_rule_can_change(
     sensor.send(np.concatenate([touches.values[:1], touches.values[1:2] + 5e-3]))
     assert ros.until(lambda: len(sensor.contacts) == 3)
     assert sensor.contacts[-1].in_contact == 1
-    # the rule is read when a tare is asked for; frames in contact are left out from then on
-    ros.call(sensor.tare, Trigger.Request())
-    sensor.send(touches.values[:1] + 20e-3)
-    assert ros.until(lambda: len(sensor.contacts) == 4)
     answer = ros.call(sensor.tare, Trigger.Request())
     assert not answer.success
     assert 'while something touches' in answer.message
@@ -251,6 +248,39 @@ def test_layout_of_another_sensor_stops_processing_until_the_right_one(
     sensor.send(touches.values[:1])
     assert ros.until(lambda: sensor.contacts)
     assert [message.sequence for message in sensor.contacts] == [1]
+
+
+def test_diagnostics_tell_tare_age_and_tracking(
+    ros: Ros, pair: tuple[ContactNode, Sensor], touches: Recording
+) -> None:
+    contact, sensor = pair
+
+    def told() -> dict[str, str]:
+        return {entry.key: entry.value for entry in contact.diagnose().values}
+
+    assert contact.diagnose().level == DiagnosticStatus.STALE
+    sensor.send(touches.values[:1])
+    assert ros.until(lambda: len(sensor.contacts) == 1)
+    assert (told()['tares'], told()['baseline age (s)']) == ('0', 'nan')
+    assert ros.call(sensor.tare, Trigger.Request()).success
+    sensor.send(np.concatenate([touches.values[:3:2], touches.values[:1] + 5e-3]))
+    assert ros.until(lambda: len(sensor.contacts) == 4)
+    assert told()['tare state'] == 'baseline of 1 frames, from sequence 1 on'
+    assert told()['baseline age (s)'] == '0.03'
+    assert (told()['in contact'], told()['baseline tracking']) == ('1', 'frozen in contact')
+    assert contact.diagnose().level == DiagnosticStatus.ERROR
+    assert contact.diagnose().message == 'no frame came in the last second'
+
+
+def test_tracking_is_switched_off_whatever_the_calibration_says(
+    ros: Ros, calibration: Path
+) -> None:
+    contact, sensor = graph(ros, f'calibration:={calibration}', 'track_baseline:=false')
+    told = {entry.key: entry.value for entry in contact.diagnose().values}
+    assert told['baseline tracking'] == 'off'
+    assert ros.until(lambda: sensor.calibrations)
+    digest = json.loads(sensor.calibrations[0].data)['sha256']
+    assert digest != load_sensor('reskin_board').load(calibration).digest
 
 
 def test_quality_of_service_of_one_topic_can_be_overridden(ros: Ros) -> None:
