@@ -140,9 +140,9 @@ class SensorNode(ManagedNode):
         connection = self.options(type(self._spec.connection()))
         seed = self._options.seed
         twin = self._spec.simulate(config, connection, None, seed)
-        start_ns = self.now_ns()
+        recording = self._spec.presses(config, seed)
         self._twin = self._held.enter_context(twin)
-        self._truth = SignalTruth(self._spec.presses(config, seed), start_ns)
+        self._truth = SignalTruth(recording, self.now_ns())
         self._truths = self.create_publisher(TactileContacts, 'truth/contacts', data())
         self._held.callback(self.destroy_publisher, self._truths)
 
