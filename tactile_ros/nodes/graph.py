@@ -202,7 +202,7 @@ def sensing(setting: Setting) -> Graph:
     if recorded:
         # A recording has one resting row before a touch, and a hand that is known to be open.
         contact.update(tare_frames=1, allow_tare_in_contact=True)
-        sensor.update(temperature_measured=False)
+        sensor.update(temperature_measured=False, discard_stale=False)
     if setting.source == 'simulated':
         sensor.update(simulated=True, **setting.chosen('seed', 'fault'))
     processes = [Process('record', {'bag': setting.bag})] if setting.bag else []

@@ -30,6 +30,9 @@ LONGEST_RETRY_S = 0.5
 # the same complaint is not told again before
 REPEAT_S = 10.0
 MOST_STAMPS = 10_000
+# a frame that takes less was kept back somewhere
+AT_ONCE_S = 0.5e-3
+MOST_DISCARDING_S = 0.5
 
 
 @dataclass
@@ -109,6 +112,8 @@ class Reader:
     queue : int
         Frames that may wait for `deliver`, which runs in a thread of its own then; 0: it runs in
         the reader's thread, and the port's own buffer is the queue.
+    fresh : bool
+        Discard what the port has kept back before reading begins: its age is unknown.
     """
 
     def __init__(
@@ -118,6 +123,7 @@ class Reader:
         complain: Callable[[str], None],
         ready: Callable[[], bool] | None = None,
         queue: int = 0,
+        fresh: bool = False,
     ) -> None:
         self.reading = Reading()
         self._device = device
@@ -129,6 +135,7 @@ class Reader:
         self._is_open = False
         self._told: dict[str, float] = {}
         self._limit = queue
+        self._fresh = fresh
         self._queue: SimpleQueue[Frame | None] = SimpleQueue()
         self._thread = threading.Thread(target=self._run, name='reader', daemon=True)
         self._handing = threading.Thread(target=self._hand_on, name='reader_queue', daemon=True)
@@ -179,8 +186,20 @@ class Reader:
             if self._stop.wait(0.01):
                 return
         self.reading.waiting = False
+        if self._fresh:
+            self._discard()
         while not self._stop.is_set():
             self._step()
+
+    def _discard(self) -> None:
+        """Read on until a frame has to be waited for."""
+        end = time.monotonic() + MOST_DISCARDING_S
+        took = 0.0
+        with suppress(Exception):  # a failure is told by the reading that follows
+            while took < AT_ONCE_S and time.monotonic() < end and not self._stop.is_set():
+                began = time.monotonic()
+                self._device.read(0.0)
+                took = time.monotonic() - began
 
     def _open_again(self) -> None:
         """Try to open; what fails is told."""

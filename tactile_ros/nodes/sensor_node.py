@@ -56,6 +56,13 @@ class SensorOptions:
             'range': (1, 100_000),
         },
     )
+    discard_stale: bool = field(
+        default=True,
+        metadata={
+            'help': 'discard what the port kept back before reading begins, since its age is '
+            'unknown; false where every byte counts, as of a recording that is played'
+        },
+    )
     magnetic_field: bool = field(
         default=False,
         metadata={
@@ -156,7 +163,14 @@ class SensorNode(ManagedNode):
             else self._twin.device(self.now_ns)
         )
         queue = self._options.queue if self._downstream is None else 0
-        return Reader(device, self._deliver, self.get_logger().error, self._is_awaited, queue)
+        return Reader(
+            device,
+            self._deliver,
+            self.get_logger().error,
+            self._is_awaited,
+            queue,
+            self._options.discard_stale,
+        )
 
     def activate(self) -> None:
         """Publish the layout and begin to read."""

@@ -175,3 +175,28 @@ def test_stamps_and_marks_are_taken_once() -> None:
     assert read.reading.take_stamps() == []
     assert read.reading.take_marks() == TaxelStatus.STUCK
     assert not read.reading.take_marks()
+
+
+def test_what_was_kept_back_is_discarded_where_fresh_frames_are_wanted() -> None:
+    class Buffered(Script):
+        """Frames 0 to 4 were kept back; later ones come when somebody waits."""
+
+        def read(self, timeout: float) -> Frame:
+            if timeout == 0.0 and self.acts.qsize() <= 2:
+                msg = 'nothing now'
+                raise DeviceTimeout(msg)
+            return super().read(max(timeout, 0.01))
+
+    got, enough = [], threading.Event()
+
+    def deliver(item: Frame) -> None:
+        got.append(item.sequence)
+        if len(got) == 2:
+            enough.set()
+
+    read = Reader(Buffered(*(frame(k) for k in range(7))), deliver, lambda _: None, fresh=True)
+    read.open()
+    read.start()
+    assert enough.wait(PATIENCE_S)
+    read.close()
+    assert got == [5, 6]

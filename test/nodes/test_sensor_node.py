@@ -48,7 +48,13 @@ class Listener(Node):
 @pytest.fixture
 def sensor(ros: Ros, port: SimulatedSerialPort) -> SensorNode:
     """An unconfigured node at the simulated port."""
-    ros.init(f'port:={port.port}', 'listeners:=1', 'serial:=A7', 'frame_id:=thumb')
+    ros.init(
+        f'port:={port.port}',
+        'listeners:=1',
+        'serial:=A7',
+        'frame_id:=thumb',
+        'discard_stale:=false',
+    )
     return ros.add(SensorNode())
 
 
