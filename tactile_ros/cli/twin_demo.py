@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 PLAYED_S = 20.0
 # rows for a fit of seconds
-MOST_ROWS = 2500
+MOST_ROWS = 5000
 # Hz; at higher rates one process reads and estimates, by direct calls
 RATE_OF_PROCESSES = 250.0
 NOTES = (
