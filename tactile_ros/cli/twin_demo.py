@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
 
 PLAYED_S = 20.0
-# rows for a fit of seconds
-MOST_ROWS = 5000
+# rows, and readings in them, for a fit of seconds
+MOST_ROWS, MOST_READINGS = 5000, 200_000
 # Hz; at higher rates one process reads and estimates, by direct calls
 RATE_OF_PROCESSES = 250.0
 NOTES = (
@@ -90,8 +90,9 @@ def fit(key: str, seed: int, path: Path) -> Pipeline:
     spec = load_sensor(key)
     config = spec.config()
     train = spec.presses(config, seed)
-    rows = slice(None, None, -(-len(train) // MOST_ROWS))
-    spec.pipeline(config).fit(train.select(rows)).save(path)
+    most = min(MOST_ROWS, MOST_READINGS // train.values[0].size)
+    every = slice(None, None, -(-len(train) // most))
+    spec.pipeline(config).fit(train.select(every)).save(path)
     return spec.load(path)
 
 
