@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from tactile_ros.devices.clock import VirtualClock
     from tactile_ros.devices.framed_payloads import Payload
     from tactile_ros.types import Array, Layout
 
@@ -208,6 +209,7 @@ def simulate_framed(
     signal: Callable[[float], Array],
     noise: float | Array,
     seed: int,
+    clock: VirtualClock | None = None,
 ) -> FramedTwin:
     """Twin of that board on a pseudo-terminal; not entered yet.
 
@@ -221,6 +223,8 @@ def simulate_framed(
         Standard deviation of a reading (unit of the layout).
     seed : int
         Of noise and faults.
+    clock : VirtualClock or None
+        What the board runs on; None: the machine's.
 
     Returns
     -------
@@ -234,6 +238,7 @@ def simulate_framed(
         signal,
         noise=noise,
         seed=seed,
+        clock=clock,
         baud=connection.baud,
         native_usb=connection.native_usb,
     )
@@ -284,6 +289,7 @@ def simulate_chips(
     signal: Callable[[float], Array],
     noise: float | Array,
     seed: int,
+    clock: VirtualClock | None = None,
 ) -> ChipArrayTwin | FramedTwin:
     """Twin of those chips, on simulated buses or on a pseudo-terminal; not entered yet.
 
@@ -297,6 +303,8 @@ def simulate_chips(
         Standard deviation of a reading (T).
     seed : int
         Of noise, oscillators and faults.
+    clock : VirtualClock or None
+        What buses or board run on; None: the machine's.
 
     Returns
     -------
@@ -306,7 +314,7 @@ def simulate_chips(
     chips = layout.shape[0]
     if connection.transport == 'serial':
         payload, scale = three_axis_chips(chips), connection.tesla_per_count
-        return simulate_framed(layout, connection, payload, scale, signal, noise, seed)
+        return simulate_framed(layout, connection, payload, scale, signal, noise, seed, clock)
     return ChipArrayTwin(
         connection.places(chips),
         layout,
@@ -315,5 +323,6 @@ def simulate_chips(
         mode=connection.measuring,
         rate_hz=layout.rate_hz,
         noise=noise,
+        clock=clock,
         seed=seed,
     )

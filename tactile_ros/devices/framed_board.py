@@ -13,10 +13,11 @@ import numpy as np
 from tactile_ros.devices.device_time import DeviceTime
 from tactile_ros.devices.framed import VERSION, frame_bytes
 from tactile_ros.devices.framed_decoder import Decoded, FramedDecoder
-from tactile_ros.devices.framed_payloads import Payload
+from tactile_ros.devices.framed_payloads import Kind, Payload
 from tactile_ros.devices.reconnecting import ReconnectingPort, check_capacity, wire_s
+from tactile_ros.devices.still_watch import StillWatch
 from tactile_ros.errors import DeviceError, DeviceTimeout
-from tactile_ros.types import Bytes, Frame, Layout, TaxelStatus
+from tactile_ros.types import Array, Bytes, Frame, Layout, TaxelStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 # foreign frames without one of ours before the stream is called another one
 STRANGERS = 3
+# share of pixels or chips that must change before another one that does not is suspect
+OTHERS = 0.5
 
 
 class FramedBoard:
@@ -60,6 +63,8 @@ class FramedBoard:
     Stamps follow the board's clock, tied to `clock` by the promptest frames (`DeviceTime`), less
     the frame's time on the wire. `Frame.sequence` starts at 0 and grows by one a frame and by
     those that the board's own counter says are lost, one at least for a reconnection or restart.
+    STUCK marks pixels and chips that repeat themselves among others that change (`StillWatch`);
+    taxels and wires repeat themselves honestly when nothing touches.
     """
 
     def __init__(
@@ -101,6 +106,9 @@ class FramedBoard:
         self._said = False
         self._saturated = 0
         self._stale = 0
+        self._stuck = 0
+        telling = payload.kind in (Kind.GRADIOMETER, Kind.CHIPS)
+        self._still = StillWatch(payload.count, others=OTHERS) if telling else None
 
     @property
     def layout(self) -> Layout:
@@ -114,7 +122,8 @@ class FramedBoard:
         -------
         dict of str to int
             Those of the decoder; `dropped` has one for each reconnection in it. `reconnects`,
-            `clock_jumps`, `stalls`; `saturated` and `stale`, readings of taxels so marked.
+            `clock_jumps`, `stalls`; `saturated`, `stale` and `stuck`, readings of taxels so
+            marked.
         """
         return {
             **asdict(self._decoder.counts),
@@ -124,6 +133,7 @@ class FramedBoard:
             'stalls': self._time.stalls,
             'saturated': self._saturated,
             'stale': self._stale,
+            'stuck': self._stuck,
         }
 
     def open(self) -> None:
@@ -179,6 +189,8 @@ class FramedBoard:
         """Forget the stream of before."""
         self._decoder.reset()
         self._time.restart()
+        if self._still is not None:
+            self._still.forget()
         self._interrupted += again
         self._heard = False
         self._said = False
@@ -219,7 +231,8 @@ class FramedBoard:
         readings, lost = decoded.readings, decoded.lost
         moments = self._time.follow(decoded.time_us, lost, now_ns)
         values = readings.counts * self._scale
-        status = self._status(readings.status, moments.repeated)
+        status = readings.status | self._still_ones(readings.counts)
+        status = self._status(status, moments.repeated)
         marked = np.any(status, axis=1)
         temperature_c = readings.temperature_c
         self._dropped += self._interrupted
@@ -239,6 +252,15 @@ class FramedBoard:
             )
             self._frames.append(frame)
 
+    def _still_ones(self, counts: Array) -> Bytes:
+        """STUCK of every taxel in every frame; counts have shape (s, t, c)."""
+        status = np.zeros(counts.shape[:2], np.uint8)
+        if self._still is not None:
+            for row, frame in zip(status, counts, strict=True):
+                if self._still.follow(frame).any():
+                    row[self._still.stuck()] = np.uint8(TaxelStatus.STUCK)
+        return status
+
     def _status(self, status: Bytes, repeated: list[bool]) -> Bytes:
         """Bits of every taxel in every frame, those of repeated samples included."""
         if any(repeated):
@@ -246,4 +268,5 @@ class FramedBoard:
         if status.any():
             self._saturated += int(np.count_nonzero(status & np.uint8(TaxelStatus.SATURATED)))
             self._stale += int(np.count_nonzero(status & np.uint8(TaxelStatus.STALE)))
+            self._stuck += int(np.count_nonzero(status & np.uint8(TaxelStatus.STUCK)))
         return status

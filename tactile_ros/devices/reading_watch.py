@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.devices.still_watch import StillWatch
 from tactile_ros.types import Array, Bools, Bytes, TaxelStatus
 
 if TYPE_CHECKING:
@@ -31,11 +32,8 @@ class ReadingWatch:
         Share of the range, at its ends, that counts as saturated.
     jump : float
         Largest change from one reading to the next that is believed, as a share of `full_scale`.
-    stuck_after : int
-        Identical readings in a row before a chip counts as stuck.
-    chance : float
-        A run of repeats is believed to be the chip's own quiet down to this probability, from
-        the share of repeats it had before the run.
+    stuck_after, chance : int, float
+        See `StillWatch`.
 
     Notes
     -----
@@ -62,21 +60,16 @@ class ReadingWatch:
             raise ValueError(msg)
         self._limit = full_scale * (1 - margin)
         self._jump = full_scale * jump
-        self._stuck_after = stuck_after
-        self._log_chance = np.log(chance)
+        self._still = StillWatch(taxels, stuck_after, chance)
         self._trusted = np.full((taxels, 3), np.nan)
         self._trust = np.zeros(taxels, np.int64)
         self._doubt = np.zeros(taxels, np.int64)
-        self._codes: Words | None = None
-        self._run = np.zeros(taxels)
-        self._repeats = np.ones(taxels)
-        self._readings = np.full(taxels, 2.0)
 
     def forget(self, chips: Bools | slice = slice(None)) -> None:
         """Trust the next reading of these chips, whatever it is, as after a reset or at rest."""
         self._trusted[chips] = np.nan
         self._trust[chips] = self._doubt[chips] = 0
-        self._run[chips] = 0
+        self._still.forget(chips)
 
     def judge(self, codes: Words, values: Array, good: Bools, fresh: Bools) -> Bytes:
         """Judge one frame.
@@ -99,12 +92,12 @@ class ReadingWatch:
         """
         saturated = (np.abs(values) >= self._limit).any(axis=1)
         jumped = self._jumped(values, good & ~saturated)
-        repeated = self._repeated(codes, good)
+        repeated = self._still.follow(codes, good)
         status = saturated * np.uint8(TaxelStatus.SATURATED)
         status |= jumped * np.uint8(TaxelStatus.WRAPPED)
         if repeated.any():
             status |= (repeated & ~fresh) * np.uint8(TaxelStatus.STALE)
-            status |= self._stuck() * np.uint8(TaxelStatus.STUCK)
+            status |= self._still.stuck() * np.uint8(TaxelStatus.STUCK)
         return np.where(good, status, 0).astype(np.uint8)
 
     def _jumped(self, values: Array, usable: Bools) -> Bools:
@@ -120,23 +113,3 @@ class ReadingWatch:
         self._trust += trusted
         self._doubt[trusted] = 0
         return jumped
-
-    def _repeated(self, codes: Words, good: Bools) -> Bools:
-        """Which chips sent what they sent before; counts runs and, when those end, shares."""
-        if self._codes is None:
-            self._codes = codes.copy()
-            return np.zeros(len(codes), bool)
-        same: Bools = (codes == self._codes).all(axis=1) & good
-        changed = good & ~same
-        self._repeats[changed] += self._run[changed]
-        self._readings[changed] += self._run[changed] + 1
-        self._run[changed] = 0
-        self._run += same
-        self._codes[changed] = codes[changed]
-        return same
-
-    def _stuck(self) -> Bools:
-        """Which runs of repeats are longer than the chip's own noise explains."""
-        share = self._repeats / self._readings
-        likely = self._run * np.log(share) > self._log_chance
-        return np.asarray((self._run + 1 >= self._stuck_after) & ~likely, np.bool_)

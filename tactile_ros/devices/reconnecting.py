@@ -82,6 +82,7 @@ class ReconnectingPort:
         self._port = SerialPort(port, baud)
         self._on_open = on_open
         self._opened_before = False
+        self._wanted = False
         self._retry_s = 0.0
         self._retry_at = 0.0
 
@@ -100,6 +101,7 @@ class ReconnectingPort:
         if self._port.is_open:
             return
         self._port.open()
+        self._wanted = True
         again, self._opened_before = self._opened_before, True
         self.reconnects += again
         self._retry_s = 0.0
@@ -107,6 +109,7 @@ class ReconnectingPort:
 
     def close(self) -> None:
         """Let the port go."""
+        self._wanted = False
         self._port.close()
 
     def first(
@@ -138,7 +141,16 @@ class ReconnectingPort:
         return frames.popleft()
 
     def take(self, timeout: float) -> bytes:
-        """Wait at most `timeout` (s) for bytes, or for the port where it is gone."""
+        """Wait at most `timeout` (s) for bytes, or for the port where it is gone.
+
+        Raises
+        ------
+        DeviceError
+            If it was not opened, or closed again.
+        """
+        if not self._wanted:
+            msg = f'{self.port} is not open'
+            raise DeviceError(msg)
         if not self._port.is_open:
             self._reopen(timeout)
             return b''

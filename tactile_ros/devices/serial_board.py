@@ -12,6 +12,7 @@ import numpy as np
 from tactile_ros.devices.framing import Decoded, FrameDecoder
 from tactile_ros.devices.packets import foreign, frame_bytes
 from tactile_ros.devices.reconnecting import ReconnectingPort, check_capacity, wire_s
+from tactile_ros.devices.still_watch import StillWatch
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.types import Array, Bools, Bytes, Frame, Integers, Layout, TaxelStatus
 
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 NOMINAL_RATE_HZ = 400.0
 CLOCK_RESET_NS = 1_000_000_000
 LONG_GAP = 3.0
+# share of chips that must change before another one that does not is suspect
+OTHERS = 0.5
 
 
 def uart_transfer_s(chips: int, baud: int) -> float:
@@ -101,7 +104,8 @@ class SerialBoard:
     `sequence` grows by one a frame and by the frames known lost: bytes skipped over the length of
     a frame, at least one for a reconnection. Whole frames that a board never sent cannot be known;
     `counters()['suspected']` compares stamps with their usual spacing: a paused host or board
-    looks the same, so those are not part of `sequence`.
+    looks the same, so those are not part of `sequence`. STUCK marks chips that repeat themselves
+    among others that change (`StillWatch`).
     """
 
     def __init__(
@@ -139,6 +143,7 @@ class SerialBoard:
         self._last: tuple[Array, Array] | None = None
         self._interrupted = False
         self._suspected = 0
+        self._still = StillWatch(taxels, others=OTHERS)
 
     @property
     def layout(self) -> Layout:
@@ -168,6 +173,7 @@ class SerialBoard:
         """Forget the stream of before."""
         self._decoder.reset()
         self._last = None
+        self._still.forget()
         self._interrupted |= again
 
     def close(self) -> None:
@@ -280,6 +286,9 @@ class SerialBoard:
         status[decoded.error] |= np.uint8(TaxelStatus.ERROR)
         clipped = (np.abs(decoded.values) >= self._layout.saturation).any(axis=-1)
         status[clipped] |= np.uint8(TaxelStatus.SATURATED)
+        for row, values in zip(status, decoded.values, strict=True):
+            if self._still.follow(values).any():
+                row[self._still.stuck()] |= np.uint8(TaxelStatus.STUCK)
         if self._mark_repeats:
             status[self._repeats(decoded)] |= np.uint8(TaxelStatus.STALE)
         return status

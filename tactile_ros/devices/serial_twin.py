@@ -110,6 +110,11 @@ class SerialTwin:
         return self._line.port
 
     @property
+    def awaited(self) -> bool:
+        """Whether the port is there and no program has it open."""
+        return not self._away and not self._line.watched
+
+    @property
     def _line(self) -> SimulatedSerialPort:
         """The port, made when it is first needed."""
         if self._port is None:

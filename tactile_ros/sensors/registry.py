@@ -39,9 +39,10 @@ class SensorSpec:
     open : callable
         Device, not yet entered, for a config, a connection and a clock (ns).
     simulate : callable
-        Twin, not yet entered, for a config, a connection, a signal and a seed. The signal is a
-        function of time (s) that returns values (t, c) in the sensor's unit; None: that of
-        `presses` with the same seed, without its noise.
+        Twin, not yet entered, for a config, a connection, a signal, a seed and a clock. The signal
+        is a function of time (s) that returns values (t, c) in the sensor's unit; None: that of
+        `presses` with the same seed, without its noise. The clock is a `VirtualClock`; None: the
+        machine's.
     presses : callable
         Recording with truth of a simple programme of presses, for a config and a seed.
     classes : tuple of type

@@ -15,6 +15,7 @@ from tactile_ros.types.fields import whole
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from tactile_ros.devices.clock import VirtualClock
     from tactile_ros.devices.framed_twin import FramedTwin
     from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig
     from tactile_ros.types import Array, Device
@@ -41,6 +42,7 @@ def simulate_skin(
     connection: FiveWireSkinConnection,
     signal: Callable[[float], Array] | None = None,
     seed: int = 0,
+    clock: VirtualClock | None = None,
 ) -> FramedTwin:
     """Twin of a skin that plays `signal`, or a simple one of its own; not entered yet."""
     return simulate_framed(
@@ -51,4 +53,5 @@ def simulate_skin(
         own_signal(config, seed) if signal is None else signal,
         NOISE if config.noise is None else config.noise,
         seed,
+        clock,
     )

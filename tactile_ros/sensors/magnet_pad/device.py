@@ -13,6 +13,7 @@ from tactile_ros.sensors.magnet_pad.signal import signal as own_signal
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from tactile_ros.devices.clock import VirtualClock
     from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
     from tactile_ros.types import Array, Device, Twin
 
@@ -34,6 +35,7 @@ def simulate_pad(
     connection: MagnetPadConnection,
     signal: Callable[[float], Array] | None = None,
     seed: int = 0,
+    clock: VirtualClock | None = None,
 ) -> Twin:
     """Twin of a pad that plays `signal`, or a simple one of its own; not entered yet."""
     return simulate_chips(
@@ -42,4 +44,5 @@ def simulate_pad(
         own_signal(config, seed) if signal is None else signal,
         NOISE if config.noise is None else config.noise,
         seed,
+        clock,
     )

@@ -14,6 +14,7 @@ from tactile_ros.types.fields import whole, whole_numbers
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from tactile_ros.devices.clock import VirtualClock
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
     from tactile_ros.types import Array, Device, Twin
 
@@ -53,6 +54,7 @@ def simulate_skin(
     connection: MultipoleSkinConnection,
     signal: Callable[[float], Array] | None = None,
     seed: int = 0,
+    clock: VirtualClock | None = None,
 ) -> Twin:
     """Twin of a skin that plays `signal`, or a simple one of its own; not entered yet."""
     return simulate_chips(
@@ -61,4 +63,5 @@ def simulate_skin(
         own_signal(config, seed) if signal is None else signal,
         NOISE if config.noise is None else config.noise,
         seed,
+        clock,
     )

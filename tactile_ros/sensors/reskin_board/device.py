@@ -14,6 +14,7 @@ from tactile_ros.sensors.reskin_board.signal import signal as own_signal
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from tactile_ros.devices.clock import VirtualClock
     from tactile_ros.sensors.reskin_board.config import ReskinBoardConfig, ReskinBoardConnection
     from tactile_ros.types import Array
 
@@ -42,6 +43,7 @@ def simulate_board(
     connection: ReskinBoardConnection,
     signal: Callable[[float], Array] | None = None,
     seed: int = 0,
+    clock: VirtualClock | None = None,
 ) -> BoardTwin:
     """Twin of a board that plays `signal`, or a simple one of its own; not entered yet."""
     return BoardTwin(
@@ -49,6 +51,7 @@ def simulate_board(
         own_signal(config, seed) if signal is None else signal,
         noise=NOISE if config.noise is None else config.noise,
         seed=seed,
+        clock=clock,
         quantum=connection.step,
         driver=lambda port, clock_ns: open_board(config, replace(connection, port=port), clock_ns),
     )

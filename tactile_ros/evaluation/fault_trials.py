@@ -1,0 +1,294 @@
+"""A sensor's real driver over its twin, through a fault: what was lost, for how long, what lied.
+
+The signal tells its time, so that every frame can be compared with what was there when it was
+taken. Time is virtual; where a driver waits for a port in real time, that is added.
+"""
+
+from __future__ import annotations
+
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tactile_ros.conditioning.faults import UNUSABLE
+from tactile_ros.devices.clock import VirtualClock
+from tactile_ros.devices.serial_twin import AWAY_S, STALL_S, SerialTwin
+from tactile_ros.errors import DeviceTimeout
+from tactile_ros.types import Array, Bools, Frame, Layout, TaxelStatus
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from types import TracebackType
+
+    from tactile_ros.sensors import SensorSpec
+    from tactile_ros.types import Device
+
+RATE_HZ = 80.0
+START_NS = 10**12
+SIGNAL_S = 15.0
+# resting level, span of the signal and tolerance by unit; the coarsest steps are 2.5 uT and 1/1023
+SIZES = {'T': (0.3e-3, 1.6e-3, 10e-6), '1': (0.2, 0.6, 3e-3)}
+# so old may a repeated reading be before it is marked
+REPEATS_S = 10 / RATE_HZ
+BLOCK = 16
+DRAIN_S = 0.004
+LONGEST_S = 10.0
+# how long they last (s); such a fault comes again when it is over
+LONG = {'unplug': AWAY_S, 'stall': STALL_S}
+PATIENCE_S = 5.0
+MARKS = {
+    'saturation': TaxelStatus.SATURATED,
+    'wrap': TaxelStatus.WRAPPED,
+    'stuck_chip': TaxelStatus.STUCK,
+}
+COUNTERS = {
+    'nack': ('nacks',),
+    'brown_out': ('resets',),
+    'stuck_bus': ('bus_errors',),
+    'stall': ('stalls', 'suspected'),
+    'unplug': ('reconnects', 'bus_errors'),
+    'clock_jump': ('clock_jumps',),
+}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Outcome of one fault.
+
+    Attributes
+    ----------
+    fault : str
+        Its name.
+    injected : int
+        How often it happened.
+    counted : int
+        What the driver's counter for it says; of saturation, wrap and stuck_chip the readings
+        that were marked.
+    recovery_s : float
+        Longest time between two frames of which every taxel may be used (s).
+    wrong : int
+        Taxel readings that may be used and are not what was there.
+    frames : int
+        That the driver delivered.
+    """
+
+    fault: str
+    injected: int
+    counted: int
+    recovery_s: float
+    wrong: int
+    frames: int
+
+
+class Road:
+    """A sensor's driver over its twin on a virtual clock; a context manager.
+
+    Parameters
+    ----------
+    spec : SensorSpec
+        The sensor.
+    connection : mapping
+        Fields of its connection that are not the default.
+    seed : int
+        Of signal and faults.
+    noise : float
+        Standard deviation of a reading (unit of the layout).
+
+    Attributes
+    ----------
+    layout : Layout
+        Of the sensor, at 80 Hz.
+    waited_s : float
+        Real time that the driver took to find its port again (s).
+    """
+
+    def __init__(
+        self,
+        spec: SensorSpec,
+        connection: Mapping[str, object] | None = None,
+        seed: int = 0,
+        noise: float = 0.0,
+    ) -> None:
+        """See the class."""
+        config: Any = replace(spec.config(), noise=noise, rate_hz=RATE_HZ)  # type: ignore[type-var]
+        self.layout = spec.layout(config)
+        self.noise = noise
+        self.waited_s = 0.0
+        self.clock = VirtualClock(START_NS)
+        self.signal = telling(self.layout, seed)
+        self.twin = spec.simulate(
+            config, spec.connection(**(connection or {})), self.signal, seed, self.clock
+        )
+        self._held = ExitStack()
+        self._begun_ns = START_NS
+        self._seen = -1.0
+
+    def __enter__(self) -> Road:
+        """Start the twin, open the driver."""
+        with ExitStack() as stack:
+            self._begun_ns = self.clock.now_ns()
+            stack.enter_context(self.twin)
+            self.device: Device = stack.enter_context(self.twin.device(self.clock.now_ns))
+            self._held = stack.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the driver, end the twin."""
+        self._held.close()
+
+    def counters(self) -> dict[str, int]:
+        """What the driver counts."""
+        counted = getattr(self.device, 'counters', dict)
+        return dict(counted())
+
+    def run(self, seconds: float) -> list[Frame]:
+        """Frames of the next so many seconds of virtual time."""
+        end_ns = self.clock.now_ns() + round(seconds * 1e9)
+        frames: list[Frame] = []
+        while self.clock.now_ns() < end_ns:
+            if isinstance(self.twin, SerialTwin):
+                self.twin.play(BLOCK)
+                frames += self._drain(DRAIN_S)
+            else:
+                frames += self._read(0.1)
+        return frames
+
+    def _read(self, timeout: float) -> list[Frame]:
+        """The next frame, none where it does not come."""
+        try:
+            return [self.device.read(timeout)]
+        except DeviceTimeout:
+            return []
+
+    def _drain(self, timeout: float) -> list[Frame]:
+        """All that has come; a port that is there again is waited for."""
+        frames: list[Frame] = []
+        begun = time.monotonic()
+        while time.monotonic() - begun < PATIENCE_S:
+            waits = isinstance(self.twin, SerialTwin) and self.twin.awaited
+            got = self._read(timeout)
+            frames += got
+            if waits:
+                self.waited_s += timeout
+            elif not got:
+                return frames
+        return frames
+
+    def times(self, frames: list[Frame]) -> Array:
+        """When each frame was taken, by what its usable readings tell, shape (s,) (s)."""
+        found = np.empty(len(frames))
+        for i, frame in enumerate(frames):
+            if isinstance(self.twin, SerialTwin):
+                found[i] = self._time_told(frame)
+            else:
+                found[i] = ((frame.stamp_ns or 0) - self._begun_ns) * 1e-9
+        return found
+
+    def _time_told(self, frame: Frame) -> float:
+        """Period of the twin whose signal is nearest to most readings, not before the last."""
+        first = 0 if self._seen < 0 else round(self._seen * RATE_HZ)
+        last = round((self.clock.now_ns() - self._begun_ns) * 1e-9 * RATE_HZ)
+        periods = np.arange(first, max(first, last) + 1)
+        truth = np.array([self.signal(k / RATE_HZ) for k in periods])
+        off = np.abs(truth - frame.values)[:, usable(frame)]
+        if not off.size:
+            return self._seen
+        near = np.median(off.reshape(len(off), -1), axis=1)
+        self._seen = float(periods[int(near.argmin())] / RATE_HZ)
+        return self._seen
+
+    def wrong(self, frame: Frame, t: float, age_s: float = 0.0) -> int:
+        """Taxels that may be used and are not what was there at a time, or up to an age before."""
+        tolerance = SIZES[self.layout.unit][2] + 5 * self.noise
+        slack = np.abs(self.signal(t) - self.signal(t - age_s)) + tolerance
+        near = (np.abs(frame.values - self.signal(t)) <= slack).all(axis=1)
+        return int(np.count_nonzero(usable(frame) & ~near))
+
+
+def telling(layout: Layout, seed: int) -> Callable[[float], Array]:
+    """Signal that tells its time: ramps of all channels, each with its own level and slope."""
+    level, span, _ = SIZES[layout.unit]
+    rng = np.random.default_rng(seed)
+    slope = span * rng.uniform(0.5, 1.0, layout.shape) / SIGNAL_S
+    start = level * rng.uniform(0.8, 1.2, layout.shape)
+
+    def signal(t: float) -> Array:
+        return np.asarray(start + slope * min(t, SIGNAL_S))
+
+    return signal
+
+
+def usable(frame: Frame) -> Bools:
+    """Taxels, shape (t,), that are measured and not marked."""
+    measured = np.isfinite(frame.values).all(axis=1)
+    if frame.status is not None:
+        measured &= (frame.status & UNUSABLE) == 0
+    return np.asarray(measured, np.bool_)
+
+
+def suffer(road: Road, fault: str, count: int = 1, settle_s: float = 1.0) -> Trial:
+    """Let a running road suffer a fault, and see what the driver makes of it.
+
+    Parameters
+    ----------
+    road : Road
+        Entered.
+    fault : str
+        One of the twin's.
+    count : int
+        Frames or transfers that are hit, one after the other; stall and unplug come again when
+        they are over.
+    settle_s : float
+        Virtual time before and after (s).
+
+    Returns
+    -------
+    Trial
+        What happened.
+    """
+    frames = road.run(settle_s)
+    before, counted = road.twin.injected[fault], road.counters()
+    waited = road.waited_s
+    for part in [1] * count if fault in LONG else [count]:
+        road.twin.inject(fault, part)
+        frames += road.run(settle_s + LONG.get(fault, 0.0))
+    deadline_ns = road.clock.now_ns() + round(LONGEST_S * 1e9)
+    while road.twin.injected[fault] < before + count and road.clock.now_ns() < deadline_ns:
+        frames += road.run(settle_s)
+    frames += road.run(settle_s)
+    times = road.times(frames)
+    good = np.array([bool(usable(frame).all()) for frame in frames], bool)
+    gaps = np.diff(times[good]) if good.sum() > 1 else np.array([np.inf])
+    age_s = REPEATS_S if fault == 'stuck_chip' else 0.0
+    away = (road.waited_s - waited) / (count if fault == 'unplug' else 1)
+    return Trial(
+        fault,
+        road.twin.injected[fault] - before,
+        _counted(fault, frames, counted, road.counters()),
+        float(gaps.max()) + away,
+        sum(road.wrong(frame, t, age_s) for frame, t in zip(frames, times, strict=True)),
+        len(frames),
+    )
+
+
+def _counted(
+    fault: str, frames: list[Frame], before: Mapping[str, int], after: Mapping[str, int]
+) -> int:
+    """What the driver's own counter, or the marks in its frames, say of a fault."""
+    if fault in MARKS:
+        return sum(
+            int(np.count_nonzero(frame.status & np.uint8(MARKS[fault])))
+            for frame in frames
+            if frame.status is not None
+        )
+    names = COUNTERS.get(fault, ('dropped',))
+    name = next((name for name in names if name in after), 'dropped')
+    return after.get(name, 0) - before.get(name, 0)

@@ -1,0 +1,57 @@
+"""Stuck taxels among living ones, and quiet that is honest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactile_ros.devices.still_watch import StillWatch
+
+
+def follow(readings: np.ndarray, others: float = 0.0) -> np.ndarray:
+    """Stuck taxels after each row of readings, shape (s, t)."""
+    watch = StillWatch(readings.shape[1], others=others)
+    stuck = []
+    for row in readings:
+        watch.follow(row)
+        stuck.append(watch.stuck())
+    return np.array(stuck)
+
+
+def noisy(rows: int, taxels: int = 4) -> np.ndarray:
+    return np.random.default_rng(0).normal(size=(rows, taxels, 3))
+
+
+def test_a_taxel_that_stops_among_others_is_stuck_from_the_tenth_alike_until_it_moves() -> None:
+    readings = noisy(100)
+    readings[60:80, 2] = readings[60, 2]
+    stuck = follow(readings, others=0.5)
+    assert np.flatnonzero(stuck[:, 2]).tolist() == list(range(69, 80))
+    assert not np.delete(stuck, 2, axis=1).any()
+
+
+def test_a_board_that_is_still_as_a_whole_has_no_stuck_taxel() -> None:
+    readings = noisy(200)
+    readings[60:] = readings[60]
+    assert not follow(readings, others=0.5).any()
+    assert follow(readings).all(axis=1)[-1]
+
+
+def test_a_taxel_that_always_repeats_itself_often_is_only_quiet() -> None:
+    readings = noisy(400)
+    readings[:, 1] = np.repeat(noisy(50)[:, 1], 8, axis=0)
+    readings[300:312, 1] = readings[300, 1]
+    assert not follow(readings, others=0.5)[:, 1].any()
+
+
+def test_taxels_that_were_not_read_keep_their_run() -> None:
+    watch = StillWatch(1)
+    good = np.ones(1, bool)
+    for row in noisy(60, 1):
+        watch.follow(row, good)
+    for _ in range(9):
+        assert not watch.stuck().any()
+        watch.follow(np.zeros((1, 3)), ~good)
+        watch.follow(row, good)
+    assert watch.stuck().all()
+    watch.forget()
+    assert not watch.stuck().any()
