@@ -82,7 +82,7 @@ class ReconnectingPort:
         self._port = SerialPort(port, baud)
         self._on_open = on_open
         self._opened_before = False
-        self._wanted = False
+        self._closed = False
         self._retry_s = 0.0
         self._retry_at = 0.0
 
@@ -101,7 +101,7 @@ class ReconnectingPort:
         if self._port.is_open:
             return
         self._port.open()
-        self._wanted = True
+        self._closed = False
         again, self._opened_before = self._opened_before, True
         self.reconnects += again
         self._retry_s = 0.0
@@ -109,7 +109,7 @@ class ReconnectingPort:
 
     def close(self) -> None:
         """Let the port go."""
-        self._wanted = False
+        self._closed = True
         self._port.close()
 
     def first(
@@ -146,10 +146,10 @@ class ReconnectingPort:
         Raises
         ------
         DeviceError
-            If it was not opened, or closed again.
+            If it was closed.
         """
-        if not self._wanted:
-            msg = f'{self.port} is not open'
+        if self._closed:
+            msg = f'{self.port} is closed'
             raise DeviceError(msg)
         if not self._port.is_open:
             self._reopen(timeout)
