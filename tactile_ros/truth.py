@@ -142,7 +142,7 @@ def _blocks(recording: Recording) -> Integers:
 def _blocks_by_content(recording: Recording) -> Integers:
     """Ten parts of independent frames that the order of rows does not change."""
     table = np.nan_to_num(
-        recording.values.reshape(len(recording), np.prod(recording.values.shape[1:]))
+        recording.values.reshape(len(recording), int(np.prod(recording.values.shape[1:])))
     )
     _, rank = np.unique(table, axis=0, return_inverse=True)
     return np.asarray(rank, np.int64).reshape(-1) % BLOCKS
