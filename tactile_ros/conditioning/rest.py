@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +27,7 @@ class Rest:
     noise : ndarray, shape (t, c)
         Standard deviation of a channel; NaN: unknown.
     scale : ndarray, shape (t, c)
-        Deviation beyond which something touches; NaN: unknown.
+        Deviation beyond which something touches; NaN: unknown, inf: never, a dead taxel.
     tared : bool
         False: the estimators were fitted on readings without a baseline, and get such.
     drifts : bool
@@ -86,11 +87,20 @@ class Rest:
         baseline = tare_means(values[resting], whole)[0]
         return Rest(baseline, noise, self.scale, drifts=drifts)
 
-    def threshold(self, touched: Array) -> Rest:
+    @cached_property
+    def dead(self) -> Bools | None:
+        """Taxels (t,) that were dead in the fit and are left out since; None: there are none."""
+        dead: Bools = np.all(np.isinf(self.scale), axis=1)
+        return dead if dead.any() else None
+
+    def threshold(self, touched: Array, dead: Bools | None = None) -> Rest:
         """Set the threshold of contact, from the noise and from known touches (s, t, c)."""
         usable = touched[~np.isnan(touched).any(axis=(1, 2))]
         known = usable if len(usable) else None
-        return replace(self, scale=contact_scale(self.noise, known, bound=self.drifts))
+        scale = contact_scale(self.noise, known, bound=self.drifts)
+        if dead is not None:
+            scale[dead] = np.inf
+        return replace(self, scale=scale)
 
     def contact(self, delta: Array, good: Bools, tare: Bools | None) -> npt.NDArray[np.int8]:
         """Say of each frame whether anything touches.
