@@ -14,13 +14,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.types import Frame
+from tactile_ros.types import Frame, FrameStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Bytes, ContactState
+
+# not those of a taxel that the fit found dead: it is left out
+DAMAGED = int(FrameStatus.BAD_TAXELS | FrameStatus.STALE)
 
 
 @dataclass
@@ -140,7 +143,7 @@ class ContactStage:
         self._touching = bool(state.in_contact == 1)
         if self._touching and self._guarded:
             self._resting.clear()
-        elif frame.status is None and np.isfinite(frame.values).all():
+        elif not tally.status & DAMAGED:
             self._resting.append(frame)
 
     @property

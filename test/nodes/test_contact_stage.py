@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tactile_ros.nodes.contact_stage import ContactStage
-from tactile_ros.types import ContactStates, Frame, Layout
+from tactile_ros.sensors import load_sensor
+from tactile_ros.types import ContactStates, Frame, FrameStatus, Layout
 
 LAYOUT = Layout(np.zeros((1, 3)), ('p',), '1')
 
@@ -31,7 +33,13 @@ class ToyPipeline:
     def process(self, frame: Frame) -> object:
         touched = np.abs(frame.values - self.baseline).max() > 1.0
         contact = np.array([-1 if np.isnan(self.baseline).any() else int(touched)])
-        return ContactStates.assemble(1, 1, {'in_contact': contact, 'valid': np.array([True])})[0]
+        bad = frame.status is not None and bool(frame.status.any())
+        known = {
+            'in_contact': contact,
+            'valid': np.array([not bad]),
+            'status': np.array([bad * int(FrameStatus.BAD_TAXELS)]),
+        }
+        return ContactStates.assemble(1, 1, known)[0]
 
 
 def stage_of(baseline: float = 0.0, frames: int = 3, **options: bool) -> SimpleNamespace:
@@ -97,6 +105,30 @@ def test_no_frame_and_only_damaged_frames_are_refused() -> None:
     done, message = made.stage.tare()
     assert not done
     assert 'without damage' in message
+    made.feed(0, 0, status=np.array([0], np.uint8))
+    assert made.stage.tare()[0]
+
+
+def test_a_dead_taxel_that_was_left_out_of_the_fit_does_not_hinder_a_tare() -> None:
+    spec = load_sensor('reskin_board')
+    spatial = spec.recordings()['spatial'].select(slice(0, 200))
+    values = spatial.values.copy()
+    values[:, 2] = np.nan
+    pipeline = spec.pipeline(estimator='ridge').fit(replace(spatial, values=values))
+    announced: list[Frame] = []
+    stage = ContactStage(pipeline, 3, False, announced.append)
+    for k in range(5):
+        stage.process(Frame(k, k, values[0] + 1e-6))
+    assert stage.tare()[0]
+    expected = np.where(np.arange(5)[:, None] == 2, np.nan, values[0] + 1e-6)
+    np.testing.assert_allclose(announced[-1].values, expected)
+    # what is announced can be taken back, as a replay does
+    pipeline.tare([announced[-1]])
+    np.testing.assert_allclose(pipeline.baseline, expected)
+    # a chip that lived in the fit is damage
+    stage.reset()
+    stage.process(Frame(9, 9, np.where(np.arange(5)[:, None] == 1, np.nan, values[0])))
+    assert not stage.tare()[0]
 
 
 def test_every_stream_begins_with_its_baseline() -> None:
