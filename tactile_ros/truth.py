@@ -155,8 +155,8 @@ def left_out(
         Counts by what they are of; empty where all was of use.
     """
     counts = {
-        'rows with a faulty taxel': (~whole).sum(),
-        'rows without a baseline': (whole & ~good).sum(),
+        'rows with a faulty taxel': int((~whole).sum()),
+        'rows without a baseline': int((whole & ~good).sum()),
     }
     if joined.stamp_ns is None:
         stamped = sum(len(r) for r in recordings if r.stamp_ns is not None)
