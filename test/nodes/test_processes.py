@@ -35,9 +35,14 @@ WORKERS = """
         print(pool.submit(os.getpid).result(), flush=True)
         pool.submit(time.sleep, 60.0).result()
 """
+WORKERS_3_14 = f"""
+    import multiprocessing
+    multiprocessing.set_start_method('forkserver')
+    {WORKERS.strip()}
+"""
 
 
-@pytest.mark.parametrize('code', [NODES, WORKERS], ids=['nodes', 'workers'])
+@pytest.mark.parametrize('code', [NODES, WORKERS, WORKERS_3_14], ids=['nodes', 'workers', '3.14'])
 def test_a_killed_parent_takes_its_children_along(code: str) -> None:
     with subprocess.Popen(
         [sys.executable, '-c', textwrap.dedent(code)],
