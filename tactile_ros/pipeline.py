@@ -251,10 +251,9 @@ class Pipeline:
             usable, truth.resting_rows(joined), joined.stamp_ns, joined.restarts
         )
         signals = self._whole_rows(joined, usable, bits)
-        touched = signals.good & truth.touched_rows(joined)
-        if joined.tare is not None:
-            touched &= ~joined.tare
-        self.rest_ = self.rest_.threshold(signals.delta[touched], dead)
+        touched = signals.delta[signals.good & truth.touched_rows(joined)]
+        firm = signals.delta[signals.good & truth.firm_rows(joined)]
+        self.rest_ = self.rest_.threshold(touched, firm, dead)
         # once more with the threshold of contact: the baseline moves as it will in use
         signals = self._whole_rows(joined, usable, bits)
         self.estimation.fit(signals, joined.truth, truth.groups_of(joined))

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 Columns = dict[str, npt.NDArray[np.generic]]
 BLOCKS = 10
+FIRM = 0.02  # of the largest force: above the drift of a load cell
 
 
 def refuse_other_shape(sensor: str, layout: Layout, shape: tuple[int, ...]) -> None:
@@ -126,7 +127,17 @@ def touched_rows(recording: Recording) -> Bools:
     if 'in_contact' in recording.truth:
         known = recording.truth['in_contact'].astype(np.int64)
         touched = (touched & (known != 0)) | (known == 1)
-    return touched
+    return touched if recording.tare is None else touched & ~recording.tare
+
+
+def firm_rows(recording: Recording) -> Bools:
+    """Rows (s,) at which truth tells a force well above what a load cell makes of nothing."""
+    if 'force' not in recording.truth:
+        return np.zeros(len(recording), bool)
+    force = np.nan_to_num(recording.truth['force'].astype(np.float64))
+    size = np.linalg.norm(force, axis=1)
+    firm = np.asarray(size > FIRM * size.max(initial=0.0))
+    return firm if recording.tare is None else firm & ~recording.tare
 
 
 def left_out(

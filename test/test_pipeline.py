@@ -694,6 +694,26 @@ def test_recordings_of_many_kinds_are_learned_together() -> None:
     )
 
 
+@pytest.mark.parametrize('drift', [0.0, 2.0])
+def test_drift_between_touches_with_forces_alone_hides_no_touch(drift: float) -> None:
+    rng = np.random.default_rng(2)
+    level = np.cumsum(drift * rng.normal(size=(200, 1, *SHAPE)), axis=0)
+    load = rng.uniform(0.5, 5.0, (200, 1)) * (np.arange(3) > 0)
+    values = level + load[..., None, None] * TRUE_WEIGHTS[:, 2].reshape(SHAPE)
+    values += NOISE * rng.normal(size=values.shape)
+    force = np.where(np.arange(3) == 2, load.reshape(600, 1), 0.0)
+    recording = Recording.from_arrays(
+        LAYOUT,
+        values.reshape(600, *SHAPE),
+        stream=np.repeat(np.arange(200), 3),
+        tare=(load == 0).ravel(),
+        truth={'force': force},
+    )
+    states = toy(ToyConfig(noise=None)).fit(recording).process_batch(recording)
+    assert (states.in_contact[load.ravel() > 0] == 1).mean() > 0.93
+    np.testing.assert_array_equal(states.in_contact[load.ravel() == 0], 0)
+
+
 def test_a_second_fit_forgets_the_first() -> None:
     pipeline = toy().fit(lessons(tare=None))
     pipeline.fit(lessons())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.truth import groups_of, join, left_out, resting_rows, touched_rows
+from tactile_ros.truth import firm_rows, groups_of, join, left_out, resting_rows, touched_rows
 from tactile_ros.types import TRUTH_KEYS, Layout, Recording
 
 LAYOUT = Layout(np.zeros((2, 3)), ('Bx', 'By', 'Bz'), 'T')
@@ -104,6 +104,23 @@ def test_tare_rows_rest_else_those_that_truth_calls_untouched() -> None:
 )
 def test_rows_that_truth_calls_touched(truth: dict[str, object], touched: list[int]) -> None:
     assert touched_rows(recording(3, truth=truth)).astype(int).tolist() == touched
+
+
+def test_a_firm_force_is_above_that_of_a_load_cell_at_rest() -> None:
+    force = [[0, 0, 8.0], [0, 0, 0.12], [np.nan, np.nan, -3.0], [np.nan] * 3]
+    truth = {'force': force}
+    assert not touched_rows(recording(4, truth=truth)).any()
+    assert firm_rows(recording(4, truth=truth)).tolist() == [True, False, True, False]
+    tared = recording(4, truth=truth, tare=[False, False, True, False])
+    assert firm_rows(tared).tolist() == [True, False, False, False]
+    assert not firm_rows(recording(4)).any()
+    assert not firm_rows(recording(4, truth={'force': np.zeros((4, 3))})).any()
+    assert firm_rows(recording(0, truth={'force': np.zeros((0, 3))})).shape == (0,)
+
+
+def test_a_tare_row_is_not_touched() -> None:
+    tared = recording(3, truth={'cell': [1, 1, 1]}, tare=[True, False, False])
+    assert touched_rows(tared).tolist() == [False, True, True]
 
 
 def test_groups_are_repetitions_inside_sessions() -> None:

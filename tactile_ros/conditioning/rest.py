@@ -93,11 +93,27 @@ class Rest:
         dead: Bools = np.all(np.isinf(self.scale), axis=1)
         return dead if dead.any() else None
 
-    def threshold(self, touched: Array, dead: Bools | None = None) -> Rest:
-        """Set the threshold of contact, from the noise and from known touches (s, t, c)."""
-        usable = touched[~np.isnan(touched).any(axis=(1, 2))]
-        known = usable if len(usable) else None
-        scale = contact_scale(self.noise, known, bound=self.drifts)
+    def threshold(
+        self, touched: Array, firm: Array | None = None, dead: Bools | None = None
+    ) -> Rest:
+        """Set the threshold of contact, from the noise and from known touches.
+
+        Parameters
+        ----------
+        touched, firm : ndarray, shape (s, t, c)
+            Deviations of known touches, the lightest among them; of firm touches, which limit
+            the threshold where no other touch is known and drift passes for noise.
+        dead : ndarray, shape (t,), or None
+            Taxels that never touch.
+
+        Returns
+        -------
+        Rest
+            With the threshold.
+        """
+        known = _whole(touched)
+        felt = known if known is not None or firm is None else _whole(firm)
+        scale = contact_scale(self.noise, known, felt if self.drifts else None)
         if dead is not None:
             scale[dead] = np.inf
         return replace(self, scale=scale)
@@ -127,6 +143,12 @@ class Rest:
         if np.count_nonzero(judged) < len(judged):
             contact[~judged] = -1
         return contact
+
+
+def _whole(touched: Array) -> Array | None:
+    """Frames (s, t, c) of which all was read; None if there is none."""
+    usable = touched[~np.isnan(touched).any(axis=(1, 2))]
+    return usable if len(usable) else None
 
 
 def _rests(resting: Bools, stamp_ns: Integers | None, restarts: Bools) -> Integers:

@@ -159,3 +159,20 @@ def test_rests_that_end_are_not_compared() -> None:
         rest = Rest.unknown(SHAPE, None).learn(steps, rests, stamp_ns, restarts)
         assert rest.drifts == drifts
         assert not Rest.unknown(SHAPE, 1.0).learn(steps, rests, stamp_ns, restarts).drifts
+
+
+def test_firm_touches_limit_a_threshold_that_drift_would_raise() -> None:
+    firm = np.linspace(20, 50, 100)[:, None, None] * np.ones(SHAPE)
+    none = np.zeros((0, *SHAPE))
+    rest = Rest(np.zeros(SHAPE), np.full(SHAPE, 40.0), np.full(SHAPE, np.nan), drifts=True)
+    np.testing.assert_allclose(rest.threshold(none).scale, 200.0)
+    np.testing.assert_allclose(rest.threshold(none, firm).scale, np.quantile(firm, 0.05))
+    # lighter ones, where they are known, say it better
+    np.testing.assert_allclose(rest.threshold(firm / 4, firm).scale, np.quantile(firm, 0.05) / 4)
+    sure = Rest(np.zeros(SHAPE), np.full(SHAPE, 40.0), np.full(SHAPE, np.nan))
+    np.testing.assert_allclose(sure.threshold(none, firm).scale, 200.0)
+    dead = sure.threshold(none, None, np.array([False, True]))
+    assert dead.scale[:, 0].tolist() == [200.0, np.inf]
+    assert dead.dead is not None
+    assert dead.dead.tolist() == [False, True]
+    assert sure.dead is None
