@@ -64,6 +64,42 @@ def motion_noise(values: Array, stamp_ns: Integers, restart: Bools) -> Array:
     return np.asarray(MAD_TO_SIGMA * _middle(np.abs(bend)) / np.sqrt(6))
 
 
+def held_noise(values: Array, groups: Integers) -> Array:
+    """Standard deviation of a channel inside groups of frames, whatever their order.
+
+    As with `motion_noise`, motion makes it too large.
+
+    Parameters
+    ----------
+    values : ndarray, shape (s, t, c)
+        Frames (unit of values); those with NaN are passed over.
+    groups : ndarray, shape (s,)
+        Frames of one touch have one number.
+
+    Returns
+    -------
+    ndarray, shape (t, c)
+        NaN where no group has two frames.
+
+    Notes
+    -----
+    The median of chi-squared of k degrees of freedom is near k (1 - 2 / (9 k))^3 (Wilson and
+    Hilferty, 1931).
+    """
+    read = np.isfinite(values).all(axis=(1, 2))
+    rows = values[read]
+    _, group, count = np.unique(groups[read], return_inverse=True, return_counts=True)
+    group = np.asarray(group).reshape(-1)
+    mean, square = np.zeros((2, len(count), *values.shape[1:]))
+    np.add.at(mean, group, rows / count[group, None, None])
+    np.add.at(square, group, (rows - mean[group]) ** 2)
+    free = (count[count > 1] - 1)[:, None, None]
+    if not len(free):
+        return np.full(values.shape[1:], np.nan)
+    middle = free * (1 - 2 / (9 * free)) ** 3
+    return np.asarray(np.sqrt(np.median(square[count > 1] / middle, axis=0)))
+
+
 def _middle(size: Array) -> Array:
     """Median over s of every channel (s, t, c), ignoring NaN; NaN where nothing was read."""
     read = ~np.isnan(size).all(axis=0)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from tactile_ros.conditioning.baseline import tare_means
 from tactile_ros.conditioning.contact import contact_scale, excursion
-from tactile_ros.conditioning.noise import MOST_APART_NS, motion_noise, rest_noise
+from tactile_ros.conditioning.noise import MOST_APART_NS, held_noise, motion_noise, rest_noise
 from tactile_ros.types import Array, Bools, Integers
 
 FEWEST_PAIRS = 8
@@ -78,10 +78,14 @@ class Rest:
             stream = np.cumsum(restarts)[resting]
             group = whole if stamp_ns is None else np.asarray(stream, np.int64)
         seen = rest_noise(values[resting], group)
+        begins = restarts.copy()
+        begins[1:] |= resting[1:] != resting[:-1]
         if stamp_ns is not None:
-            begins = restarts.copy()
-            begins[1:] |= resting[1:] != resting[:-1]
             seen = np.fmin(seen, motion_noise(values, stamp_ns, begins))
+        elif drifts:
+            touch = np.asarray(np.cumsum(begins), np.int64)[~resting]
+            held = held_noise(values[~resting], touch)
+            seen = np.where(held < seen, held, seen)
         drifts = drifts and bool(np.isnan(self.noise).any())
         noise = np.where(np.isnan(self.noise), seen, self.noise)
         baseline = tare_means(values[resting], whole)[0]
