@@ -74,6 +74,7 @@ class BoardEstimation:
             'group' and 'session': what a split keeps together.
         """
         now = signals.delta.reshape(-1, CHANNELS * self.taxels)
+        rest = signals.values.reshape(now.shape) - now
         past = None
         if signals.stamp_ns is not None:
             past = self._with_history(now, signals, self.start())
@@ -86,10 +87,10 @@ class BoardEstimation:
                 kept = _places(told) if target == 'position' else None
                 kept = np.asarray(groups['group'][rows], np.int64) if kept is None else kept
                 head = Head(target, columns, self.estimator, now.shape[1])
-                heads['now'] += (head.fit(now[rows], told, kept, session[rows]),)
+                heads['now'] += (head.fit(now[rows], told, kept, session[rows], rest[rows]),)
                 if past is not None and target in REMEMBERING:
                     head = Head(target, columns, self.estimator, now.shape[1])
-                    heads['past'] += (head.fit(past[rows], told, kept, session[rows]),)
+                    heads['past'] += (head.fit(past[rows], told, kept, session[rows], rest[rows]),)
         self.heads_, self.remembering_ = heads['now'], heads['past']
         vars(self).pop('_best', None)
 
@@ -110,6 +111,7 @@ class BoardEstimation:
         """
         assert isinstance(memory, History)
         now = signals.delta.reshape(-1, CHANNELS * self.taxels)
+        rest = signals.values.reshape(now.shape) - now
         known: Columns = {}
         for head in self.heads_:
             if head.target not in known:
@@ -119,7 +121,7 @@ class BoardEstimation:
         if signals.stamp_ns is not None and self.remembering_:
             past = self._with_history(now, signals, memory)
         for head in self._in_use(signals.stamp_ns is not None):
-            mean, cov = head.predict(past if head in self.remembering_ else now)
+            mean, cov = head.predict(past if head in self.remembering_ else now, rest)
             rows, columns = head.cells
             known[head.target][:, columns] = mean
             known[f'{head.target}_cov'][:, rows, columns] = cov
