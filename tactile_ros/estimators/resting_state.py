@@ -127,21 +127,22 @@ class RestingState:
             Before a fit.
         """
         fitted(self, 'width_')
-        ways, level = self._table
+        ways, level, ends = self._table
         moved = rests - self.centre_
         table = moved @ ways
         table += level
-        state = np.maximum(table[:, :1], self.low_)
-        np.minimum(state, self.high_, out=state)
+        state = np.maximum(table[:, :1], ends[:1])
+        np.minimum(state, ends[1:], out=state)
         # twice the product less the squares of both: less the squared distance, over the width
         near = np.maximum.reduce(table[:, 1:], axis=1)
-        near -= np.einsum('ij,ij->i', moved, moved) / self.width_**2
+        near -= (moved * moved).sum(axis=1) / self.width_**2
         np.minimum(near, 0.0, out=near)
         return state, -np.expm1(near, out=near)
 
     @cached_property
-    def _table(self) -> tuple[Array, Array]:
-        """Way and readings that rests are multiplied by, and what is added, side by side."""
+    def _table(self) -> tuple[Array, Array, Array]:
+        """Way and readings that rests are multiplied by, what is added, ends of the range."""
         known, unit = self.known_, self.width_**2
         ways = np.concatenate([self.direction_[:, None], 2 * known.T / unit], axis=1)
-        return ways, np.concatenate([np.zeros(1), -(known * known).sum(axis=1) / unit])
+        level = np.concatenate([np.zeros(1), -(known * known).sum(axis=1) / unit])
+        return ways, level, np.array([self.low_, self.high_])

@@ -111,7 +111,8 @@ class BoardEstimation:
         """
         assert isinstance(memory, History)
         now = signals.delta.reshape(-1, CHANNELS * self.taxels)
-        rest = signals.values.reshape(now.shape) - now
+        forces = any(head.target in REMEMBERING for head in self.heads_)
+        rest = signals.values.reshape(now.shape) - now if forces else now
         known: Columns = {}
         for head in self.heads_:
             if head.target not in known:
