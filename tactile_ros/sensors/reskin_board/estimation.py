@@ -143,7 +143,7 @@ class BoardEstimation:
 
     @staticmethod
     def _with_history(now: Array, signals: Signals, memory: History) -> Array:
-        """Change of field and how far it is from each of its fading means, shape (s, d + m d)."""
+        """Change of field, how far it is from its fading means, and room: (s, d + m d + 1)."""
         assert signals.stamp_ns is not None
         if len(now) == 1:
             if signals.restart[0]:
@@ -151,11 +151,14 @@ class BoardEstimation:
             means = memory.step(now[0], int(signals.stamp_ns[0]))[None]
         else:
             means = memory(now, signals.stamp_ns, signals.restart)
-        seen = np.empty((len(now), 1 + means.shape[1], now.shape[1]))
+        shape = (len(now), 1 + means.shape[1], now.shape[1])
+        wide = np.empty((len(now), shape[1] * shape[2] + 1))
+        wide[:, -1] = 0.0
+        seen = wide[:, :-1].reshape(shape)  # a view: the head fills the last column
         seen[:, 0] = now
         np.subtract(now[:, None], means, out=seen[:, 1:])
         seen[:, 1:] *= PAST_WEIGHT
-        return seen.reshape(len(now), seen.shape[1] * seen.shape[2])
+        return wide
 
 
 def _unknown(shape: tuple[int, ...]) -> Array:

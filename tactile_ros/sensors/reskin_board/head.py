@@ -96,7 +96,7 @@ class Head:
         Parameters
         ----------
         x : ndarray, shape (s, d)
-            Features.
+            Features; beside a history, the last column is overwritten.
         y : ndarray, shape (s, k)
             Components of the target, all known.
         groups : ndarray, shape (s,)
@@ -148,7 +148,10 @@ class Head:
         return f'{self.target}_{"".join("xyz"[i] for i in self.columns)}'
 
     def predict(self, x: Array, rests: Array) -> tuple[Array, Array]:
-        """Components (s, k) and their covariance (s, k, k) at rests (s, channels)."""
+        """Components (s, k) and their covariance (s, k, k) at rests (s, channels).
+
+        Beside a history, the last column of x is overwritten.
+        """
         if self.gain_ is None or self.state_ is None:
             mean = self.estimator_.predict(x)
             return mean, self.covariance_.predict(self._drivers(x, mean))
@@ -159,10 +162,10 @@ class Head:
         return mean, cov
 
     def _seen(self, x: Array, state: Array) -> Array:
-        """Features; beside a history, the state of the skin is the last of them."""
-        if x.shape[1] == self.channels:
-            return x
-        return np.concatenate([x, STATE_WEIGHT * state], axis=1)
+        """Features; beside a history, the state of the skin is written to the last of them."""
+        if x.shape[1] > self.channels:
+            np.multiply(state, STATE_WEIGHT, out=x[:, -1:])
+        return x
 
     @staticmethod
     def _gain(estimator: Estimator, x: Array, y: Array, sessions: Integers) -> GainSpread:
