@@ -135,7 +135,7 @@ class KernelRidge:
         best, mildest = np.unravel_index(np.argmin(squares), np.shape(squares))
         self.length_, self.strength_ = float(self.lengths[best]), float(strengths[mildest])
         self.samples_ = picked / self.length_
-        for name in ('_table', '_scale'):
+        for name in ('_half_squares', '_scale'):
             vars(self).pop(name, None)
         terms, centre, mixing = self._centred(z, self.samples_, self.length_)
         weighed = anchored(terms, rows.y - level, rows.groups, load, self.common)
@@ -174,24 +174,20 @@ class KernelRidge:
         return np.concatenate([self._evaluate(z[i : i + BLOCK]) for i in range(0, len(z), BLOCK)])
 
     def _evaluate(self, z: Array) -> Array:
-        ways, half_squares = self._table
-        table = z @ ways
-        table -= half_squares
-        bumps, plane = table[:, : len(self.samples_)], table[:, len(self.samples_) :]
+        bumps = z @ self.samples_.T
+        bumps -= self._half_squares
         bumps -= 0.5 * (z * z).sum(axis=1)[:, None]
         np.exp(np.minimum(bumps, 0.0, out=bumps), out=bumps)
-        return bumps @ self.bumps_ + plane
+        return bumps @ self.bumps_ + z @ self.plane_ + self.level_
 
     @cached_property
     def _scale(self) -> Array:
         return self.gain_ / self.length_
 
     @cached_property
-    def _table(self) -> tuple[Array, Array]:
-        """Samples and plane that rows are multiplied by, and what is taken off, side by side."""
-        half_squares = 0.5 * (self.samples_**2).sum(axis=1)
-        ways = np.concatenate([self.samples_.T, self.plane_], axis=1)
-        return ways, np.concatenate([half_squares, -self.level_])
+    def _half_squares(self) -> Array:
+        """Of the samples, which do not change from frame to frame."""
+        return np.asarray(0.5 * (self.samples_**2).sum(axis=1))
 
     def _centred(self, z: Array, samples: Array, length: float) -> tuple[Array, Array, Array]:
         """Terms whose penalty is the plain square of their weights, their mean, and their mixing.
