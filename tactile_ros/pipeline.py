@@ -200,7 +200,7 @@ class Pipeline:
         delta = usable - base if self.rest_.tared else usable
         good = usable_rows(bits)
         contact = self.rest_.contact(delta, good, tare)
-        return Signals(usable, delta, chips, stamp_ns, restart, contact, good)
+        return Signals(usable, delta, base, chips, stamp_ns, restart, contact, good)
 
     def _estimate(
         self,
