@@ -118,7 +118,7 @@ class Pipeline:
     def baseline(self) -> Array:
         """Baseline in use now, shape (t, c); NaN: none yet, or dead in the fit."""
         level, dead = self._stream.tracker.baseline, self.rest_.dead
-        return level if dead is None else np.where(dead[:, None], np.nan, level)
+        return level.copy() if dead is None else np.where(dead[:, None], np.nan, level)
 
     def process(self, frame: Frame) -> ContactState:
         """Estimate from the next frame of the stream.
@@ -247,9 +247,9 @@ class Pipeline:
         dead = dead_throughout(bits)
         usable, bits = set_aside(without_faults(joined.values, bits), bits, dead)
         rest = Rest.unknown(self.layout.shape, self.config.noise)
-        self.rest_ = rest.learn(
-            usable, truth.resting_rows(joined), joined.stamp_ns, joined.restarts
-        )
+        resting, begins = truth.resting_rows(joined), joined.restarts
+        ordered = truth.are_ordered(recordings)
+        self.rest_ = rest.learn(usable, resting, joined.stamp_ns, begins, ordered)
         signals = self._whole_rows(joined, usable, bits)
         touched = signals.delta[signals.good & truth.touched_rows(joined)]
         firm = signals.delta[signals.good & truth.firm_rows(joined)]

@@ -107,6 +107,13 @@ def _joined_truth(recordings: Sequence[Recording]) -> Columns:
     return truth
 
 
+def are_ordered(recordings: Sequence[Recording]) -> bool:
+    """Whether neighbouring rows belong together: stamps, streams or tare rows say so."""
+    return any(
+        column is not None for one in recordings for column in (one.stamp_ns, one.tare, one.stream)
+    )
+
+
 def resting_rows(recording: Recording) -> Bools:
     """Rows (s,) that give the baseline: tare rows, else those that truth calls untouched."""
     if recording.tare is not None and recording.tare.any():

@@ -30,10 +30,34 @@ def rest_noise(rest: Array, groups: Integers) -> Array:
     step = np.diff(rest, axis=0)
     same = groups[1:] == groups[:-1]
     size = np.abs(step[same] if same.any() else step)
-    sigma = MAD_TO_SIGMA * _middle(size) / np.sqrt(2)
+    return np.asarray(np.maximum(MAD_TO_SIGMA * _middle(size) / np.sqrt(2), _floor(size)))
+
+
+def spread_noise(rest: Array) -> Array:
+    """Standard deviation of a resting channel from frames in any order, drift counted in.
+
+    Parameters
+    ----------
+    rest : ndarray, shape (s, t, c)
+        Resting frames (unit of values).
+
+    Returns
+    -------
+    ndarray, shape (t, c)
+        At least a quantum / sqrt(12); NaN where fewer than two frames were read.
+    """
+    if len(rest) < 2:
+        return np.full(rest.shape[1:], np.nan)
+    size = np.abs(rest - _middle(rest))
+    return np.asarray(
+        np.maximum(MAD_TO_SIGMA * _middle(size), _floor(np.diff(np.sort(rest, axis=0), axis=0)))
+    )
+
+
+def _floor(size: Array) -> Array:
+    """Noise of a quantum: the smallest step (s, t, c) of every channel that is not 0, or 0."""
     quantum = np.where(size > 0, size, np.inf).min(axis=0)
-    floor = np.where(np.isfinite(quantum), quantum, 0.0) / np.sqrt(12)
-    return np.asarray(np.maximum(sigma, floor))
+    return np.asarray(np.where(np.isfinite(quantum), quantum, 0.0) / np.sqrt(12))
 
 
 def motion_noise(values: Array, stamp_ns: Integers, restart: Bools) -> Array:

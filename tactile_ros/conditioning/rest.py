@@ -10,7 +10,13 @@ import numpy.typing as npt
 
 from tactile_ros.conditioning.baseline import tare_means
 from tactile_ros.conditioning.contact import contact_scale, excursion
-from tactile_ros.conditioning.noise import MOST_APART_NS, held_noise, motion_noise, rest_noise
+from tactile_ros.conditioning.noise import (
+    MOST_APART_NS,
+    held_noise,
+    motion_noise,
+    rest_noise,
+    spread_noise,
+)
 from tactile_ros.types import Array, Bools, Integers
 
 FEWEST_PAIRS = 8
@@ -49,7 +55,12 @@ class Rest:
         return cls(np.full(shape, np.nan), noise, contact_scale(noise, None))
 
     def learn(
-        self, values: Array, resting: Bools, stamp_ns: Integers | None, restarts: Bools
+        self,
+        values: Array,
+        resting: Bools,
+        stamp_ns: Integers | None,
+        restarts: Bools,
+        ordered: bool = True,
     ) -> Rest:
         """Baseline and noise from the resting rows of a recording.
 
@@ -63,6 +74,8 @@ class Rest:
             Acquisition times.
         restarts : ndarray, shape (s,)
             Rows at which a stream begins.
+        ordered : bool
+            False: independent frames, whose order says nothing; what they differ by is noise.
 
         Returns
         -------
@@ -72,6 +85,11 @@ class Rest:
         if not resting.any():
             return replace(self, baseline=np.zeros(values.shape[1:]), tared=False)
         whole = np.zeros(int(resting.sum()), np.int64)
+        baseline = tare_means(values[resting], whole)[0]
+        if not ordered:
+            seen = spread_noise(values[resting])
+            noise = np.where(np.isnan(self.noise), seen, self.noise)
+            return Rest(baseline, noise, self.scale)
         group = _rests(resting, stamp_ns, restarts)
         drifts = int((group[1:] == group[:-1]).sum()) < FEWEST_PAIRS
         if drifts:
@@ -81,14 +99,15 @@ class Rest:
         begins = restarts.copy()
         begins[1:] |= resting[1:] != resting[:-1]
         if stamp_ns is not None:
-            seen = np.fmin(seen, motion_noise(values, stamp_ns, begins))
+            moving = motion_noise(values, stamp_ns, begins)
+            # a bound of 0 is of readings below a quantum, or repeated, and none
+            seen = np.fmin(seen, np.where(moving > 0, moving, np.nan))
         elif drifts:
             touch = np.asarray(np.cumsum(begins), np.int64)[~resting]
             held = held_noise(values[~resting], touch)
-            seen = np.where(held < seen, held, seen)
+            seen = np.where((held > 0) & (held < seen), held, seen)
         drifts = drifts and bool(np.isnan(self.noise).any())
         noise = np.where(np.isnan(self.noise), seen, self.noise)
-        baseline = tare_means(values[resting], whole)[0]
         return Rest(baseline, noise, self.scale, drifts=drifts)
 
     @cached_property
@@ -105,8 +124,8 @@ class Rest:
         Parameters
         ----------
         touched, firm : ndarray, shape (s, t, c)
-            Deviations of known touches, the lightest among them; of firm touches, which limit
-            the threshold where no other touch is known and drift passes for noise.
+            Deviations of known touches, the lightest among them; of firm ones, which limit the
+            threshold where drift passes for noise: where none is known, all touches do.
         dead : ndarray, shape (t,), or None
             Taxels that never touch.
 
@@ -116,7 +135,8 @@ class Rest:
             With the threshold.
         """
         known = _whole(touched)
-        felt = known if known is not None or firm is None else _whole(firm)
+        felt = None if firm is None else _whole(firm)
+        felt = known if felt is None else felt
         scale = contact_scale(self.noise, known, felt if self.drifts else None)
         if dead is not None:
             scale[dead] = np.inf

@@ -18,7 +18,7 @@ from tactile_ros.estimators.kernel_ridge import spread_out
 from tactile_ros.estimators.training import fitted
 from tactile_ros.types import Array, Integers
 
-LEAST_WIDTH = 1e-6
+LEAST_WIDTH = 1e-4
 TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -44,6 +44,8 @@ class RestingState:
         Resting readings seen, less the centre (unit of the rests).
     width_ : float
         Root mean square length of the deviation from a run's mean (unit of the rests).
+    tells_ : bool
+        Whether a reading tells its run: there are several, and no two runs share one.
 
     Examples
     --------
@@ -60,6 +62,7 @@ class RestingState:
     high_: float
     known_: Array
     width_: float
+    tells_: bool
 
     def __init__(self, slack: float = 0.25, most: int = 32) -> None:
         self.slack = slack
@@ -96,6 +99,8 @@ class RestingState:
         self.low_, self.high_ = float(state.min()) - beyond, float(state.max()) + beyond
         seen = np.unique(moved, axis=0)
         self.known_ = seen[spread_out(seen, self.most)]
+        each = sum(len(np.unique(moved[runs == run], axis=0)) for run in np.unique(runs))
+        self.tells_ = 1 < len(seen) == each
         for name in ('_table', '_latest'):
             vars(self).pop(name, None)
         return self
@@ -132,10 +137,12 @@ class RestingState:
             return self._read(rests)
         # the rest under successive frames is the same until the baseline moves
         name = rests.tobytes()
-        if name not in self._latest:
+        answer = self._latest.get(name)
+        if answer is None:
+            answer = self._read(rests)
             self._latest.clear()
-            self._latest[name] = self._read(rests)
-        return self._latest[name]
+            self._latest[name] = answer
+        return answer
 
     @cached_property
     def _latest(self) -> dict[bytes, tuple[Array, Array]]:
@@ -153,7 +160,7 @@ class RestingState:
         near = np.maximum.reduce(table[:, 1:], axis=1)
         near -= (moved * moved).sum(axis=1) / self.width_**2
         np.minimum(near, 0.0, out=near)
-        return state, -np.expm1(near, out=near)
+        return state, -np.expm1(near, out=near) if self.tells_ else np.ones(len(rests))
 
     @cached_property
     def _table(self) -> tuple[Array, Array, Array]:

@@ -166,8 +166,9 @@ def test_firm_touches_limit_a_threshold_that_drift_would_raise() -> None:
     rest = Rest(np.zeros(SHAPE), np.full(SHAPE, 40.0), np.full(SHAPE, np.nan), drifts=True)
     np.testing.assert_allclose(rest.threshold(none).scale, 200.0)
     np.testing.assert_allclose(rest.threshold(none, firm).scale, np.quantile(firm, 0.05))
-    # lighter ones, where they are known, say it better
-    np.testing.assert_allclose(rest.threshold(firm / 4, firm).scale, np.quantile(firm, 0.05) / 4)
+    # lighter ones do where no other is known: frames may be called touched before they are
+    np.testing.assert_allclose(rest.threshold(firm / 4).scale, np.quantile(firm, 0.05) / 4)
+    np.testing.assert_allclose(rest.threshold(firm / 4, firm).scale, np.quantile(firm, 0.05))
     sure = Rest(np.zeros(SHAPE), np.full(SHAPE, 40.0), np.full(SHAPE, np.nan))
     np.testing.assert_allclose(sure.threshold(none, firm).scale, 200.0)
     dead = sure.threshold(none, None, np.array([False, True]))
@@ -175,3 +176,27 @@ def test_firm_touches_limit_a_threshold_that_drift_would_raise() -> None:
     assert dead.dead is not None
     assert dead.dead.tolist() == [False, True]
     assert sure.dead is None
+
+
+def test_readings_below_a_quantum_leave_a_threshold() -> None:
+    """A bound of no noise is no bound: one rest a touch, readings that do not move within it."""
+    rng = np.random.default_rng(2)
+    level = np.round(rng.normal(size=(150, 1, *SHAPE)) * 3)
+    values = np.repeat(level, 4, axis=1).reshape(600, *SHAPE)
+    resting = np.arange(600) % 4 == 0
+    for stamp_ns in (None, np.arange(600) * 10_000_000):
+        rest = Rest.unknown(SHAPE, None).learn(values, resting, stamp_ns, resting)
+        assert (rest.noise > 0).all()
+
+
+def test_the_order_of_independent_frames_says_nothing() -> None:
+    rng = np.random.default_rng(3)
+    values = 1e-7 * rng.normal(size=(400, *SHAPE)) + 2e-6 * np.linspace(0, 1, 400)[:, None, None]
+    order, none = rng.permutation(400), np.arange(400) == 0
+    resting = np.ones(400, bool)
+    first, second = (
+        Rest.unknown(SHAPE, None).learn(rows, resting, None, none, ordered=False).noise
+        for rows in (values, values[order])
+    )
+    np.testing.assert_array_equal(first, second)
+    assert (first > 3e-7).all()

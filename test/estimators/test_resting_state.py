@@ -52,20 +52,26 @@ def test_readings_that_were_seen_are_not_strange_and_far_ones_are() -> None:
     np.testing.assert_allclose(share, 1 - np.exp(-((steps[:, 0] / state.width_) ** 2)), atol=0.02)
 
 
-def test_one_resting_reading_knows_no_other() -> None:
+def test_one_resting_reading_tells_nothing() -> None:
     rest = np.full((5, 3), 2e-3)
     state = RestingState().fit(rest, np.zeros(5, np.int64))
     assert state.along(rest + 1e-4).tolist() == [[0.0]] * 5
-    assert state.strangeness(rest).tolist() == [0.0] * 5
-    np.testing.assert_allclose(state.strangeness(rest + 1e-6), 1.0)
+    assert state.strangeness(rest).tolist() == [1.0] * 5
 
 
-def test_no_rest_at_all_is_never_strange() -> None:
+def test_a_reading_that_two_runs_share_tells_neither() -> None:
+    rests = np.array([[0.0, 1], [2, 1], [2, 1], [5, 1]])
+    own, shared = np.array([0, 0, 0, 1]), np.array([0, 0, 1, 1])
+    assert RestingState().fit(rests, own).strangeness(rests).tolist() == [0.0] * 4
+    assert RestingState().fit(rests, shared).strangeness(rests).tolist() == [1.0] * 4
+
+
+def test_no_rest_at_all_is_always_strange() -> None:
     none = np.zeros((4, 3))
     state = RestingState().fit(none, np.zeros(4, np.int64))
     along, strangeness = state.read(none)
     assert not along.any()
-    assert not strangeness.any()
+    assert strangeness.tolist() == [1.0] * 4
 
 
 def test_a_row_gives_the_numbers_of_a_batch_and_units_do_not_matter() -> None:

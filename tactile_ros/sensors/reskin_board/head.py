@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 ESTIMATORS = ('ridge', 'grid_knn', 'kernel_ridge', 'perceptron')
 FEWEST_ROWS = 5
 TINY = np.finfo(np.float64).tiny
+MOST_RUNS = 10  # folds of runs that are held out, a fit each
 FEW_FOLDS = 2  # thousands of touches are judged well by two fifths of them
 STATE_WEIGHT = 3.0  # the set of the skin is a small part of the change; its share of a distance
 
@@ -173,7 +174,7 @@ class Head:
         runs = len(np.unique(sessions))
         if runs < 2:
             return GainSpread().fit(y, y, sessions)
-        unseen = select({'': estimator}, x, y, sessions, folds=runs)
+        unseen = select({'': estimator}, x, y, sessions, folds=min(runs, MOST_RUNS))
         return GainSpread().fit(unseen.predictions, unseen.y, unseen.groups)
 
     def _drivers(self, x: Array, mean: Array) -> Array:
