@@ -11,15 +11,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros import truth
 from tactile_ros.calibration import flatten, write
 from tactile_ros.conditioning.baseline import (
     BaselineTracker,
     Tracking,
     stream_baselines,
-    tare_means,
+    tare_level,
 )
 from tactile_ros.conditioning.faults import (
+    dead_throughout,
     frame_readings,
+    set_aside,
     taxel_faults,
     usable_rows,
     without_faults,
@@ -27,9 +30,8 @@ from tactile_ros.conditioning.faults import (
 from tactile_ros.conditioning.rest import Rest
 from tactile_ros.conditioning.stream import Stream
 from tactile_ros.signals import Columns, Estimation, Report, SensorConfig, Signals
-from tactile_ros.states import add_flags, add_patches, apply_contact
+from tactile_ros.states import add_dead, add_flags, add_patches, apply_contact, lacking
 from tactile_ros.stored import identity, parts_to_arrays, read_parts, rehearse
-from tactile_ros.truth import groups_of, join, resting_rows, touched_rows
 from tactile_ros.types import (
     Array,
     Bools,
@@ -37,7 +39,6 @@ from tactile_ros.types import (
     ContactState,
     ContactStates,
     Frame,
-    FrameStatus,
     Integers,
     Layout,
     Recording,
@@ -71,6 +72,7 @@ class Pipeline:
         self.layout = layout
         self.estimation = estimation
         self.rest_ = Rest.unknown(layout.shape, config.noise)
+        self.left_out_: dict[str, float] = {}
         self.reset()
 
     def reset(self) -> None:
@@ -107,22 +109,16 @@ class Pipeline:
             msg = 'frames of tare must hold at least one resting frame; received none'
             raise ValueError(msg)
         for frame in frames:
-            self._refuse_other_shape(np.shape(frame.values))
+            truth.refuse_other_shape(self.sensor, self.layout, np.shape(frame.values))
         usable = np.concatenate([frame_readings(frame, self._limit())[0] for frame in frames])
-        level = tare_means(usable, np.zeros(len(usable), np.int64))[0]
-        if np.isnan(level).any(axis=1).all():
-            msg = (
-                f'frames of tare must hold a usable reading; taxels {list(range(len(level)))} are '
-                f'faulty or unread in each of the {len(frames)} received'
-            )
-            raise ValueError(msg)
-        self.rest_ = replace(self.rest_, baseline=level)
+        self.rest_ = replace(self.rest_, baseline=tare_level(usable, self.rest_.dead))
         self._stream.rebase(self._tracker())
 
     @property
     def baseline(self) -> Array:
-        """Baseline in use now, shape (t, c); NaN: none yet."""
-        return self._stream.tracker.baseline
+        """Baseline in use now, shape (t, c); NaN: none yet, or dead in the fit."""
+        level, dead = self._stream.tracker.baseline, self.rest_.dead
+        return level.copy() if dead is None else np.where(dead[:, None], np.nan, level)
 
     def process(self, frame: Frame) -> ContactState:
         """Estimate from the next frame of the stream.
@@ -142,8 +138,9 @@ class Pipeline:
         ValueError
             If the frame's shape differs from the layout.
         """
-        self._refuse_other_shape(np.shape(frame.values))
+        truth.refuse_other_shape(self.sensor, self.layout, np.shape(frame.values))
         usable, bits, chips = frame_readings(frame, self._limit())
+        usable, bits = set_aside(usable, bits, self.rest_.dead)
         if self._stream.is_over(frame.stamp_ns):
             self.reset()
         stamp_ns, restart = self._stream.admit(frame.stamp_ns)
@@ -168,11 +165,12 @@ class Pipeline:
         Raises
         ------
         ValueError
-            If the shape differs from the layout.
+            If the shape, the unit or a channel differs from the layout.
         """
-        self._refuse_other_shape(recording.values.shape[1:])
+        truth.refuse_foreign(self.sensor, self.layout, recording)
         bits = taxel_faults(recording.values, recording.status, self._limit())
         usable = without_faults(recording.values, bits)
+        usable, bits = set_aside(usable, bits, self.rest_.dead)
         base, signals = self._conditioned_rows(recording, usable, bits)
         known = self._estimate(signals, bits, base, self._begin(), recording.restarts)
         return ContactStates.assemble(len(recording), bits.shape[1], known)
@@ -181,8 +179,10 @@ class Pipeline:
         self, recording: Recording, usable: Array, bits: Bytes
     ) -> tuple[Array, Signals]:
         """Baseline of every row of a recording, and its conditioned frames."""
-        tracking, level = self._tracking(), self.rest_.baseline
-        base, restart, tare = stream_baselines(recording, usable, level, tracking)
+        rest, tracking = self.rest_, self._tracking()
+        base, restart, tare = stream_baselines(
+            recording, usable, rest.baseline, tracking, rest.dead
+        )
         chips, stamp_ns = recording.temperature_c, recording.stamp_ns
         return base, self._signals(usable, bits, base, chips, stamp_ns, restart, tare)
 
@@ -200,7 +200,7 @@ class Pipeline:
         delta = usable - base if self.rest_.tared else usable
         good = usable_rows(bits)
         contact = self.rest_.contact(delta, good, tare)
-        return Signals(usable, delta, chips, stamp_ns, restart, contact, good)
+        return Signals(usable, delta, base, chips, stamp_ns, restart, contact, good)
 
     def _estimate(
         self,
@@ -214,23 +214,14 @@ class Pipeline:
         contact = signals.in_contact
         known = self.estimation.estimate(signals, stream.memory)
         apply_contact(known, contact, signals.good)
-        add_flags(known, signals, bits, self._flags(base))
+        flags = lacking(self.calibrated, base if self.rest_.tared else None, len(base))
+        add_flags(known, signals, bits, flags)
         in_time = signals.stamp_ns is not None and self.rest_.tared
         number = stream.ids.number(contact, signals.restart, in_time, begins)
         add_patches(known, number if in_time else np.where(signals.good, number, -1))
+        if self.rest_.dead is not None:
+            add_dead(known, bits, self.rest_.dead)
         return known
-
-    def _flags(self, base: Array) -> Integers:
-        """Bits of `FrameStatus` (s,) that the calibration and the baselines (s, t, c) set."""
-        flags = np.zeros(len(base), np.int64)
-        if not self.calibrated:
-            flags |= FrameStatus.NOT_CALIBRATED
-        unknown = np.isnan(base)
-        if not self.rest_.tared:
-            flags |= FrameStatus.NO_BASELINE
-        elif np.count_nonzero(unknown):
-            flags |= unknown.any(axis=(1, 2)) * np.int64(FrameStatus.NO_BASELINE)
-        return flags
 
     def fit(self, *recordings: Recording) -> Pipeline:
         """Learn baseline, noise, contact threshold and estimators from recordings.
@@ -248,26 +239,29 @@ class Pipeline:
         Raises
         ------
         ValueError
-            If there is no recording or a shape differs.
+            If there is no recording, or a shape, a unit or a channel differs.
         """
-        if not recordings:
-            msg = 'recordings of fit must hold at least one Recording; received none'
-            raise ValueError(msg)
-        for recording in recordings:
-            self._refuse_other_shape(recording.values.shape[1:])
-        joined = join(recordings)
+        truth.refuse_foreign(self.sensor, self.layout, *recordings)
+        joined = truth.join(recordings)
         bits = taxel_faults(joined.values, joined.status, self._limit())
-        usable = without_faults(joined.values, bits)
+        dead = dead_throughout(bits)
+        usable, bits = set_aside(without_faults(joined.values, bits), bits, dead)
         rest = Rest.unknown(self.layout.shape, self.config.noise)
-        self.rest_ = rest.learn(usable, resting_rows(joined), joined.stamp_ns, joined.restarts)
+        resting, begins = truth.resting_rows(joined), joined.restarts
+        ordered = truth.are_ordered(recordings)
+        self.rest_ = rest.learn(usable, resting, joined.stamp_ns, begins, ordered)
         signals = self._whole_rows(joined, usable, bits)
-        touched = signals.good & touched_rows(joined)
-        if joined.tare is not None:
-            touched &= ~joined.tare
-        self.rest_ = self.rest_.threshold(signals.delta[touched])
+        touched = signals.delta[signals.good & truth.touched_rows(joined)]
+        firm = signals.delta[signals.good & truth.firm_rows(joined)]
+        self.rest_ = self.rest_.threshold(touched, firm, dead)
         # once more with the threshold of contact: the baseline moves as it will in use
         signals = self._whole_rows(joined, usable, bits)
-        self.estimation.fit(signals, joined.truth, groups_of(joined))
+        self.estimation.fit(signals, joined.truth, truth.groups_of(joined))
+        counts = truth.left_out(
+            recordings, joined, usable_rows(bits), signals.good, self.estimators
+        )
+        gone = {} if dead is None else {'taxels faulty in every row': float(dead.sum())}
+        self.left_out_ = {**gone, **counts}
         self.reset()
         return self
 
@@ -280,14 +274,6 @@ class Pipeline:
     def _tracking(self) -> Tracking | None:
         follows = self.config.track_baseline and self.rest_.tared
         return Tracking(self.rest_.scale) if follows else None
-
-    def _refuse_other_shape(self, shape: tuple[int, ...]) -> None:
-        if shape != self.layout.shape:
-            msg = (
-                f'frames of {self.sensor} must have shape {self.layout.shape} (t, c) as its '
-                f'config says; received {shape}'
-            )
-            raise ValueError(msg)
 
     def _limit(self) -> Array:
         """Magnitude at which each channel clips, shape (c,)."""
@@ -306,8 +292,9 @@ class Pipeline:
 
     @property
     def report(self) -> Report:
-        """Errors on held-out groups for each target, as the fit measured them."""
-        return self.estimation.report
+        """Errors on held-out groups for each target; `left_out`: counts of what was of no use."""
+        rest = {'left_out': self.left_out_} if self.left_out_ else {}
+        return {**self.estimation.report, **rest}
 
     @property
     def label_names(self) -> tuple[str, ...]:

@@ -22,6 +22,8 @@ class Signals:
     ----------
     values, delta : ndarray, shape (s, t, c)
         Readings, and readings less their baseline (unit of values); NaN where unusable.
+    baseline : ndarray, shape (s, t, c)
+        Of each row (unit of values); 0 where none is used, NaN where there is none yet.
     temperature_c : ndarray, shape (s, t), or None
         What the chips report.
     stamp_ns : ndarray, shape (s,), or None
@@ -36,6 +38,7 @@ class Signals:
 
     values: Array
     delta: Array
+    baseline: Array
     temperature_c: Array | None
     stamp_ns: Integers | None
     restart: Bools

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from tactile_ros.conditioning.faults import frame_faults
 from tactile_ros.signals import Columns, Signals
-from tactile_ros.types import STATE_FIELDS, Bools, Bytes, FrameStatus, Integers
+from tactile_ros.types import STATE_FIELDS, Array, Bools, Bytes, FrameStatus, Integers, TaxelStatus
 
 MEASURES_OF_NOTHING = frozenset({'force', 'torque', 'taxel_force', 'deformation'})
 ALWAYS = frozenset(
@@ -73,6 +73,27 @@ def add_flags(known: Columns, signals: Signals, bits: Bytes, flags: Integers) ->
     known['taxel_status'] = bits
     known['status'] = flags
     known['valid'] = seeing & (flags & FORBIDS_USE == 0)
+
+
+def lacking(calibrated: bool, base: Array | None, samples: int) -> Integers:
+    """Bits of `FrameStatus` (s,) for what is not calibrated, or has no baseline (s, t, c)."""
+    flags = np.zeros(samples, np.int64)
+    if not calibrated:
+        flags |= FrameStatus.NOT_CALIBRATED
+    if base is None:
+        return flags | FrameStatus.NO_BASELINE
+    unknown = np.isnan(base)
+    if np.count_nonzero(unknown):
+        flags |= unknown.any(axis=(1, 2)) * np.int64(FrameStatus.NO_BASELINE)
+    return flags
+
+
+def add_dead(known: Columns, bits: Bytes, dead: Bools) -> None:
+    """Say which taxels (t,) are dead, and that nothing is measured there; `known` is changed."""
+    known['taxel_status'] = np.asarray(bits | dead * np.uint8(TaxelStatus.DEAD), np.uint8)
+    for name in ('taxel_force', 'deformation'):
+        if name in known:
+            known[name][:, dead] = np.nan
 
 
 def add_patches(known: Columns, number: Integers) -> None:

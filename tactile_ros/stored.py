@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-PARTS = ('config', 'layout', 'rest_', 'estimation')
+PARTS = ('config', 'layout', 'rest_', 'estimation', 'left_out_')
 OWN_CLASSES = {'Layout': Layout, 'Rest': Rest}
 BASELINE = 'rest_/baseline.array'
 
@@ -109,6 +109,10 @@ def _refuse_misfit(
     known = all(type(parts[name]) in classes.values() for name in ('config', 'estimation'))
     if not (whole and known):
         msg = f'calibration {path} lacks a layout, a rest level or estimators; calibrate again'
+        raise CalibrationError(msg)
+    counts = parts['left_out_']
+    if not (isinstance(counts, dict) and all(isinstance(n, float) for n in counts.values())):
+        msg = f'what the fit left out is no table of counts in calibration {path}; calibrate again'
         raise CalibrationError(msg)
     for name in ('baseline', 'noise', 'scale'):
         found, wanted = np.shape(getattr(rest, name)), layout.shape  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""What recordings know: which rows rest, which are touched, and what must not be split."""
+"""What recordings know: which rows rest or are touched, and what must not be split."""
 
 from __future__ import annotations
 
@@ -7,13 +7,40 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.types import Bools, Integers, Recording
+from tactile_ros.types import STATE_FIELDS, Bools, Integers, Layout, Recording
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
 Columns = dict[str, npt.NDArray[np.generic]]
 BLOCKS = 10
+FIRM = 0.02  # of the largest force: above the drift of a load cell
+
+
+def refuse_other_shape(sensor: str, layout: Layout, shape: tuple[int, ...]) -> None:
+    """Raise ValueError if frames have another shape than `layout` says, naming both."""
+    if shape != layout.shape:
+        msg = (
+            f'frames of {sensor} must have shape {layout.shape} (t, c) as its config says; '
+            f'received {shape}'
+        )
+        raise ValueError(msg)
+
+
+def refuse_foreign(sensor: str, layout: Layout, *recordings: Recording) -> None:
+    """Raise ValueError if there is no recording, or one does not measure what `layout` says."""
+    if not recordings:
+        msg = 'recordings of fit must hold at least one Recording; received none'
+        raise ValueError(msg)
+    for recording in recordings:
+        found = recording.layout
+        refuse_other_shape(sensor, layout, found.shape)
+        if (found.unit, found.channels) != (layout.unit, layout.channels):
+            msg = (
+                f'frames of {sensor} must have channels {", ".join(layout.channels)} in '
+                f'{layout.unit}; received {", ".join(found.channels)} in {found.unit}'
+            )
+            raise ValueError(msg)
 
 
 def join(recordings: Sequence[Recording]) -> Recording:
@@ -80,6 +107,13 @@ def _joined_truth(recordings: Sequence[Recording]) -> Columns:
     return truth
 
 
+def are_ordered(recordings: Sequence[Recording]) -> bool:
+    """Whether neighbouring rows belong together: stamps, streams or tare rows say so."""
+    return any(
+        column is not None for one in recordings for column in (one.stamp_ns, one.tare, one.stream)
+    )
+
+
 def resting_rows(recording: Recording) -> Bools:
     """Rows (s,) that give the baseline: tare rows, else those that truth calls untouched."""
     if recording.tare is not None and recording.tare.any():
@@ -100,7 +134,61 @@ def touched_rows(recording: Recording) -> Bools:
     if 'in_contact' in recording.truth:
         known = recording.truth['in_contact'].astype(np.int64)
         touched = (touched & (known != 0)) | (known == 1)
-    return touched
+    return touched if recording.tare is None else touched & ~recording.tare
+
+
+def firm_rows(recording: Recording) -> Bools:
+    """Rows (s,) at which truth tells a force well above what a load cell makes of nothing."""
+    if 'force' not in recording.truth:
+        return np.zeros(len(recording), bool)
+    force = np.nan_to_num(recording.truth['force'].astype(np.float64))
+    size = np.linalg.norm(force, axis=1)
+    firm = np.asarray(size > FIRM * size.max(initial=0.0))
+    return firm if recording.tare is None else firm & ~recording.tare
+
+
+def left_out(
+    recordings: Sequence[Recording],
+    joined: Recording,
+    whole: Bools,
+    good: Bools,
+    learned: Collection[str],
+) -> dict[str, float]:
+    """Count what a fit did not learn from, and what it was told and did not learn.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        As they were given.
+    joined : Recording
+        All of them.
+    whole, good : ndarray, shape (s,)
+        Rows of which all taxels could be used; those of them that could be learned from.
+    learned : collection of str
+        Targets that can be estimated now.
+
+    Returns
+    -------
+    dict of str to float
+        Counts by what they are of; empty where all was of use.
+    """
+    counts = {
+        'rows with a faulty taxel': int((~whole).sum()),
+        'rows without a baseline': int((whole & ~good).sum()),
+    }
+    if joined.stamp_ns is None:
+        stamped = sum(len(r) for r in recordings if r.stamp_ns is not None)
+        counts['stamps, since a recording has none'] = stamped
+    found = {what: float(count) for what, count in counts.items() if count}
+    for key in sorted((joined.truth.keys() & STATE_FIELDS.keys()) - {'in_contact', *learned}):
+        column = joined.truth[key]
+        known = np.isfinite(column) if column.dtype.kind == 'f' else column != -1
+        told = known.reshape(len(known), -1).any(axis=1) if len(known) else np.zeros(0, bool)
+        if told.any():
+            found[f'usable rows that tell {key}, which was not learned'] = float(
+                (told & good).sum()
+            )
+    return found
 
 
 def groups_of(recording: Recording) -> Columns:
@@ -142,7 +230,7 @@ def _blocks(recording: Recording) -> Integers:
 def _blocks_by_content(recording: Recording) -> Integers:
     """Ten parts of independent frames that the order of rows does not change."""
     table = np.nan_to_num(
-        recording.values.reshape(len(recording), np.prod(recording.values.shape[1:]))
+        recording.values.reshape(len(recording), int(np.prod(recording.values.shape[1:])))
     )
     _, rank = np.unique(table, axis=0, return_inverse=True)
     return np.asarray(rank, np.int64).reshape(-1) % BLOCKS

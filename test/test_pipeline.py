@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -194,8 +193,11 @@ def run_live(pipeline: Pipeline, recording: Recording) -> tuple[list[int], list[
             resting.append(recording.frame(row))
             continue
         if resting:
-            with suppress(ValueError):  # none was read: no tare
+            try:
                 pipeline.tare(resting)
+            except ValueError:  # nothing was read: frames like any other
+                for one in resting:
+                    pipeline.process(one)
             resting = []
         rows.append(row)
         states.append(pipeline.process(recording.frame(row)))
@@ -572,7 +574,94 @@ def test_fit_leaves_out_bad_and_blind_rows() -> None:
         tare=np.isin(np.arange(200), [0, 190]),
         truth=recording.truth,
     )
-    assert toy().fit(spoilt).report['force']['rows'] == 189 - 2
+    report = toy().fit(spoilt).report
+    assert report['force']['rows'] == 189 - 2
+    assert report['left_out'] == {'rows with a faulty taxel': 3.0, 'rows without a baseline': 9.0}
+
+
+def without_taxel(recording: Recording, taxel: int) -> Recording:
+    values = recording.values.copy()
+    values[:, taxel] = np.nan
+    return replace(recording, values=values)
+
+
+def fitted_with_a_dead_taxel(config: ToyConfig | None = None) -> Pipeline:
+    recording = lessons()
+    force = (recording.values - REST)[:, 0] @ TRUE_WEIGHTS[:3]
+    force[0] = np.nan
+    return toy(config).fit(without_taxel(replace(recording, truth={'force': force}), 1))
+
+
+def test_a_taxel_that_was_dead_throughout_is_left_out(tmp_path: Path) -> None:
+    pipeline = fitted_with_a_dead_taxel()
+    assert pipeline.report == {
+        'force': {'rows': 199.0},
+        'left_out': {'taxels faulty in every row': 1.0},
+    }
+    assert np.isnan(pipeline.baseline).any(axis=1).tolist() == [False, True]
+    pipeline.save(tmp_path / 'c.npz')
+    again = Pipeline.load(tmp_path / 'c.npz', 'toy', CLASSES)
+    assert again.report == pipeline.report
+    touch = REST + np.array([[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]])
+    mad = touch + np.array([[0.0], [50.0]])
+    lost = np.where(np.arange(TAXELS)[:, None] == 1, np.nan, touch)
+    for values in (touch, mad, lost):
+        state = again.process(frame(values, status=np.array([0, TaxelStatus.STUCK])))
+        assert bits_of(state) == FrameStatus(0)
+        assert state.valid
+        assert state.in_contact == 1
+        assert state.taxel_status.tolist() == [0, TaxelStatus.DEAD]
+        np.testing.assert_allclose(state.force, [1.0, 2.0, 3.0] @ TRUE_WEIGHTS[:3], atol=1e-9)
+    assert again.process(frame(REST + np.array([[0.0], [9.0]]))).in_contact == 0
+    # one that lived in the fit is missed
+    state = again.process(frame(np.where(np.arange(TAXELS)[:, None] == 0, np.nan, touch)))
+    assert bits_of(state) == FrameStatus.BAD_TAXELS
+    assert np.isnan(state.force).all()
+    again.tare([frame(np.where(np.arange(TAXELS)[:, None] == 1, np.nan, REST + 1))])
+    np.testing.assert_allclose(again.baseline[0], REST[0] + 1)
+    assert again.process(frame(lost)).in_contact == 1
+    with pytest.raises(ValueError, match='usable reading'):
+        again.tare([frame(np.where(np.arange(TAXELS)[:, None] == 0, np.nan, REST))])
+
+
+@pytest.mark.parametrize('tracked', [True, False])
+@pytest.mark.parametrize('seed', range(12))
+def test_with_a_dead_taxel_live_is_batch(seed: int, tracked: bool) -> None:
+    pipeline = fitted_with_a_dead_taxel(ToyConfig(track_baseline=tracked))
+    recording = stream(seed)
+    batch = pipeline.process_batch(recording)
+    rows, states = run_live(pipeline, recording)
+    for row, state in zip(rows, states, strict=True):
+        assert_same(state, batch[row])
+    assert set(batch.in_contact.tolist()) >= {0, 1}
+
+
+def test_a_fit_on_nothing_but_faults_says_so() -> None:
+    lost = replace(lessons(), values=np.full((200, *SHAPE), np.nan))
+    pipeline = toy().fit(lost)
+    assert not pipeline.calibrated
+    assert pipeline.report['left_out'] == {
+        'rows with a faulty taxel': 200.0,
+        'usable rows that tell force, which was not learned': 0.0,
+    }
+    pipeline.fit(lessons())
+    assert 'left_out' not in pipeline.report
+
+
+def test_stamps_that_are_of_no_use_are_counted() -> None:
+    stamped = lessons(seed=1, stamp_ns=np.arange(200))
+    pipeline = toy().fit(stamped, lessons(seed=2), stamped)
+    assert pipeline.report['left_out'] == {'stamps, since a recording has none': 400.0}
+    assert 'left_out' not in toy().fit(stamped, stamped).report
+
+
+@pytest.mark.parametrize('change', [{'unit': 'mT'}, {'channels': ('Bz', 'By', 'Bx')}])
+def test_other_units_and_channels_are_refused(change: dict[str, object]) -> None:
+    other = replace(lessons(), layout=replace(LAYOUT, **change))  # type: ignore[arg-type]
+    pipeline = fitted()
+    for use in (lambda: pipeline.fit(lessons(), other), lambda: pipeline.process_batch(other)):
+        with pytest.raises(ValueError, match='toy must have channels Bx, By, Bz in T; received B'):
+            use()
 
 
 @pytest.mark.parametrize('truth', [{}, {'in_contact': np.zeros(200, np.int8)}])
@@ -603,6 +692,26 @@ def test_recordings_of_many_kinds_are_learned_together() -> None:
     np.testing.assert_allclose(
         pipeline.process_batch(kinds[1]).force[1:], kinds[1].truth['force'][1:], atol=1e-9
     )
+
+
+@pytest.mark.parametrize('drift', [0.0, 2.0])
+def test_drift_between_touches_with_forces_alone_hides_no_touch(drift: float) -> None:
+    rng = np.random.default_rng(2)
+    level = np.cumsum(drift * rng.normal(size=(200, 1, *SHAPE)), axis=0)
+    load = rng.uniform(0.5, 5.0, (200, 1)) * (np.arange(3) > 0)
+    values = level + load[..., None, None] * TRUE_WEIGHTS[:, 2].reshape(SHAPE)
+    values += NOISE * rng.normal(size=values.shape)
+    force = np.where(np.arange(3) == 2, load.reshape(600, 1), 0.0)
+    recording = Recording.from_arrays(
+        LAYOUT,
+        values.reshape(600, *SHAPE),
+        stream=np.repeat(np.arange(200), 3),
+        tare=(load == 0).ravel(),
+        truth={'force': force},
+    )
+    states = toy(ToyConfig(noise=None)).fit(recording).process_batch(recording)
+    assert (states.in_contact[load.ravel() > 0] == 1).mean() > 0.93
+    np.testing.assert_array_equal(states.in_contact[load.ravel() == 0], 0)
 
 
 def test_a_second_fit_forgets_the_first() -> None:

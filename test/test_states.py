@@ -47,7 +47,8 @@ def test_components_that_a_sensor_cannot_see_stay_unknown_when_untouched() -> No
 def signals_of(delta: np.ndarray, good: np.ndarray) -> Signals:
     rows = len(delta)
     contact = np.zeros(rows, np.int8)
-    return Signals(delta, delta, None, None, np.ones(rows, bool), contact, good)
+    rest = np.zeros_like(delta)
+    return Signals(delta, delta, rest, None, None, np.ones(rows, bool), contact, good)
 
 
 def test_what_forbids_use() -> None:

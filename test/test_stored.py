@@ -168,6 +168,15 @@ def test_parts_of_another_kind(tmp_path: Path, part: str, tree: object, match: s
         SENSOR.load(tmp_path / 'c.npz')
 
 
+@pytest.mark.parametrize('tree', [None, 'hello', {'rows': 'many'}, [1.0], {'rows': {'a': 1.0}}])
+def test_counts_of_another_kind(tmp_path: Path, tree: object) -> None:
+    whole = stored('grid_knn', os.fspath(tmp_path))
+    rest = {k: v for k, v in whole.items() if not k.startswith('left_out_')}
+    write(tmp_path / 'c.npz', {**rest, **flatten(tree, 'left_out_')})
+    with pytest.raises(CalibrationError, match='left out is no table of counts'):
+        SENSOR.load(tmp_path / 'c.npz')
+
+
 @pytest.mark.parametrize('name', ['baseline', 'noise', 'scale'])
 def test_another_shape_is_refused_with_both_named(tmp_path: Path, name: str) -> None:
     whole = dict(stored('grid_knn', os.fspath(tmp_path)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.truth import groups_of, join, resting_rows, touched_rows
+from tactile_ros.truth import firm_rows, groups_of, join, left_out, resting_rows, touched_rows
 from tactile_ros.types import TRUTH_KEYS, Layout, Recording
 
 LAYOUT = Layout(np.zeros((2, 3)), ('Bx', 'By', 'Bz'), 'T')
@@ -106,6 +106,23 @@ def test_rows_that_truth_calls_touched(truth: dict[str, object], touched: list[i
     assert touched_rows(recording(3, truth=truth)).astype(int).tolist() == touched
 
 
+def test_a_firm_force_is_above_that_of_a_load_cell_at_rest() -> None:
+    force = [[0, 0, 8.0], [0, 0, 0.12], [np.nan, np.nan, -3.0], [np.nan] * 3]
+    truth = {'force': force}
+    assert not touched_rows(recording(4, truth=truth)).any()
+    assert firm_rows(recording(4, truth=truth)).tolist() == [True, False, True, False]
+    tared = recording(4, truth=truth, tare=[False, False, True, False])
+    assert firm_rows(tared).tolist() == [True, False, False, False]
+    assert not firm_rows(recording(4)).any()
+    assert not firm_rows(recording(4, truth={'force': np.zeros((4, 3))})).any()
+    assert firm_rows(recording(0, truth={'force': np.zeros((0, 3))})).shape == (0,)
+
+
+def test_a_tare_row_is_not_touched() -> None:
+    tared = recording(3, truth={'cell': [1, 1, 1]}, tare=[True, False, False])
+    assert touched_rows(tared).tolist() == [False, True, True]
+
+
 def test_groups_are_repetitions_inside_sessions() -> None:
     truth = {'session': [0, 0, 0, 1, 1, 1], 'repetition': [0, 1, 0, 0, 1, -1]}
     groups = groups_of(recording(6, truth=truth))
@@ -152,3 +169,27 @@ def test_joined_truth_of_every_key() -> None:
         np.testing.assert_array_equal(column[:3], truth[key])
         np.testing.assert_array_equal(column[4:], truth[key])
         assert (np.isnan(column[3]) if column.dtype.kind == 'f' else column[3] == -1).all()
+
+
+def test_what_was_told_and_not_learned_is_counted() -> None:
+    truth = {
+        'force': [[np.nan, np.nan, 1.0], [np.nan] * 3, [0.0, 0.0, 1.0], [0.0, 0.0, 2.0]],
+        'label': [-1, -1, -1, 3],
+        'cell': [-1, -1, -1, -1],
+        'in_contact': [1, 0, 1, 1],
+        'session': [0, 0, 1, 1],
+    }
+    one = recording(4, truth=truth)
+    whole = np.array([True, True, False, True])
+    good = np.array([True, True, False, False])
+    base = {'rows with a faulty taxel': 1.0, 'rows without a baseline': 1.0}
+    assert left_out([one], one, whole, good, {'force', 'label'}) == base
+    assert left_out([one], one, whole, good, ()) == {
+        **base,
+        'usable rows that tell force, which was not learned': 1.0,
+        'usable rows that tell label, which was not learned': 0.0,
+    }
+    everything = np.ones(4, bool)
+    assert left_out([one], one, everything, everything, {'force', 'label'}) == {}
+    none = recording(0, truth={'force': np.zeros((0, 3))})
+    assert left_out([none], none, np.zeros(0, bool), np.zeros(0, bool), ()) == {}

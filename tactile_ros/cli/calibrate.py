@@ -11,6 +11,7 @@ example:
 
 from __future__ import annotations
 
+import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -68,14 +69,23 @@ def run(options: argparse.Namespace) -> int:
     if not pipeline.estimators:
         names = sorted({name for recording in loaded for name in recording.truth})
         msg = f'nothing in {", ".join(options.recordings)} can be learned: truth has '
-        raise RecordingError(msg + ', '.join(names))
+        raise RecordingError(msg + ', '.join(names) + f'; {left_out(pipeline)}')
     pipeline.save(options.output)
     (show_json if options.json else show)(COLUMNS, report_rows(pipeline))
+    if left_out(pipeline):
+        print(left_out(pipeline), file=sys.stderr)
     if not options.json:
         seconds = time.perf_counter() - began
         print(f'fitted in {seconds:.1f} s; metres and newton; written to {options.output}')
         print(f'SHA-256 {pipeline.digest}')
     return 0
+
+
+def left_out(pipeline: Pipeline) -> str:
+    """What the fit could not use, in a sentence; empty if it used all."""
+    counts = pipeline.report.get('left_out', {})
+    said = '; '.join(f'{count:.0f} {what}' for what, count in counts.items())
+    return said and f'left out: {said}'
 
 
 def report_rows(pipeline: Pipeline) -> list[tuple[str | float | int | None, ...]]:
@@ -91,4 +101,5 @@ def report_rows(pipeline: Pipeline) -> list[tuple[str | float | int | None, ...]
             int(found.get('rows', 0)),
         )
         for target, found in pipeline.report.items()
+        if target != 'left_out'
     ]

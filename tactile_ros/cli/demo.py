@@ -17,6 +17,7 @@ import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -197,7 +198,9 @@ def workers() -> ProcessPoolExecutor:
     """Two processes that a killed demo takes along."""
     from tactile_ros.nodes.processes import end_with_parent
 
-    return ProcessPoolExecutor(2, initializer=end_with_parent)
+    # Not what Python 3.14 takes by itself, a server of forks: its children outlive a killed demo,
+    # and each would run this command again.
+    return ProcessPoolExecutor(2, get_context('fork'), initializer=end_with_parent)
 
 
 def fit_one(job: tuple[Part, str | None, Path]) -> Path:

@@ -170,16 +170,23 @@ def tare_means(values: Array, run: Integers) -> Array:
         return np.asarray(np.where(hits > 0, total / hits, np.nan))
 
 
-def tare_level(values: Array) -> Array:
-    """Mean of resting frames (s, t, c), shape (t, c); ValueError if no taxel was read."""
-    level = tare_means(values, np.zeros(len(values), np.int64))[0]
-    if np.isnan(level).any(axis=1).all():
+def tare_level(values: Array, dead: Bools | None) -> Array:
+    """Mean of resting frames (s, t, c), shape (t, c), 0 at taxels (t,) that are dead.
+
+    Raises
+    ------
+    ValueError
+        If no taxel was read.
+    """
+    level: Array = tare_means(values, np.zeros(len(values), np.int64))[0]
+    alive = np.ones(len(level), bool) if dead is None else ~dead
+    if np.isnan(level[alive]).any(axis=1).all():
         msg = (
-            f'frames of tare must hold a usable reading; taxels {list(range(len(level)))} are '
-            f'faulty or unread in each of the {len(values)} received'
+            f'frames of tare must hold a usable reading; taxels {np.flatnonzero(alive).tolist()} '
+            f'are faulty or unread in each of the {len(values)} received'
         )
         raise ValueError(msg)
-    return level
+    return np.where(alive[:, None], level, 0.0)
 
 
 def track_streams(
@@ -208,7 +215,11 @@ def track_streams(
 
 
 def stream_baselines(
-    recording: Recording, values: Array, start: Array, tracking: Tracking | None
+    recording: Recording,
+    values: Array,
+    start: Array,
+    tracking: Tracking | None,
+    dead: Bools | None = None,
 ) -> tuple[Array, Bools, Bools]:
     """Baseline of every row of a recording.
 
@@ -222,6 +233,8 @@ def stream_baselines(
         Baseline of rows that no tare run precedes.
     tracking : Tracking or None
         How the baseline follows in stamped streams.
+    dead : ndarray, shape (t,), or None
+        Taxels whose readings mean nothing.
 
     Returns
     -------
@@ -234,7 +247,8 @@ def stream_baselines(
     tare = np.zeros(len(restarts), bool) if recording.tare is None else recording.tare
     run, serves = tare_runs(tare, restarts)
     level = tare_means(values, run)
-    unread = np.all(np.isnan(level).any(axis=2), axis=1)
+    lost = np.isnan(level).any(axis=2)
+    unread = np.all(lost if dead is None else lost | dead, axis=1)
     if unread.any():  # such a run is no tare: the level before it holds on
         tare = tare & ~unread[run]
         run, serves = tare_runs(tare, restarts)

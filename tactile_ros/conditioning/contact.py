@@ -13,7 +13,7 @@ MOST_MISSED = 0.05
 SHARE = 0.4
 
 
-def contact_scale(noise: Array, touched: Array | None, *, bound: bool = False) -> Array:
+def contact_scale(noise: Array, touched: Array | None, felt: Array | None = None) -> Array:
     """Deviation of a channel beyond which something touches.
 
     Parameters
@@ -22,14 +22,14 @@ def contact_scale(noise: Array, touched: Array | None, *, bound: bool = False) -
         Standard deviation at rest (unit of values); NaN: unknown.
     touched : ndarray, shape (s, t, c), or None
         Deviations of frames that are known to be touched, whole ones.
-    bound : bool
-        The noise is at most this: drift between touches is in it.
+    felt : ndarray, shape (s, t, c), or None
+        Deviations of touches that must be felt though the noise is but a bound, with drift in it.
 
     Returns
     -------
     ndarray, shape (t, c)
-        Five sigma, raised to 0.4 of the lightest touches where they are known, and if it is a
-        bound lowered until one known touch in twenty is missed; NaN: unknown.
+        Five sigma, lowered until at most one in twenty of the touches that must be felt is
+        missed, raised to 0.4 of the lightest touches where they are known; NaN: unknown.
 
     Examples
     --------
@@ -40,7 +40,8 @@ def contact_scale(noise: Array, touched: Array | None, *, bound: bool = False) -
     if touched is not None:
         size = np.abs(touched).max(axis=(1, 2))
         level = SHARE * float(np.quantile(size, LIGHTEST)) or np.nan
-        most = (float(np.quantile(size, MOST_MISSED)) or np.inf) if bound else np.inf
+    if felt is not None:
+        most = float(np.quantile(np.abs(felt).max(axis=(1, 2)), MOST_MISSED)) or np.inf
     sigmas = np.where(noise > 0, np.minimum(SIGMAS * noise, most), np.nan)
     return np.asarray(np.fmax(sigmas, level))
 

@@ -56,6 +56,19 @@ def without_faults(values: Array, bits: Bytes) -> Array:
     return np.asarray(np.where(unusable[..., None], np.nan, values))
 
 
+def dead_throughout(bits: Bytes) -> Bools | None:
+    """Taxels (t,) that no row (s, t) could use; None if there is none, or no other."""
+    dead: Bools = np.all((bits & UNUSABLE) > 0, axis=0)
+    return dead if dead.any() and not dead.all() else None
+
+
+def set_aside(values: Array, bits: Bytes, dead: Bools | None) -> tuple[Array, Bytes]:
+    """Readings (s, t, c) with 0 and bits (s, t) without a fault at taxels (t,) known as dead."""
+    if dead is None:
+        return values, bits
+    return np.where(dead[:, None], 0.0, values), np.where(dead, np.uint8(0), bits)
+
+
 def frame_faults(bits: Bytes) -> Integers:
     """Bits of `FrameStatus` (s,) that follow from the bits of taxels (s, t)."""
     spoilt = (bits & UNUSABLE).any(axis=1) * np.int64(FrameStatus.BAD_TAXELS)

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.conditioning.baseline import tare_means
 from tactile_ros.conditioning.contact import contact_scale, excursion
-from tactile_ros.conditioning.noise import MOST_APART_NS, motion_noise, rest_noise
+from tactile_ros.conditioning.noise import (
+    MOST_APART_NS,
+    held_noise,
+    motion_noise,
+    rest_noise,
+    spread_noise,
+)
 from tactile_ros.types import Array, Bools, Integers
 
 FEWEST_PAIRS = 8
@@ -26,7 +33,7 @@ class Rest:
     noise : ndarray, shape (t, c)
         Standard deviation of a channel; NaN: unknown.
     scale : ndarray, shape (t, c)
-        Deviation beyond which something touches; NaN: unknown.
+        Deviation beyond which something touches; NaN: unknown, inf: never, a dead taxel.
     tared : bool
         False: the estimators were fitted on readings without a baseline, and get such.
     drifts : bool
@@ -48,7 +55,12 @@ class Rest:
         return cls(np.full(shape, np.nan), noise, contact_scale(noise, None))
 
     def learn(
-        self, values: Array, resting: Bools, stamp_ns: Integers | None, restarts: Bools
+        self,
+        values: Array,
+        resting: Bools,
+        stamp_ns: Integers | None,
+        restarts: Bools,
+        ordered: bool = True,
     ) -> Rest:
         """Baseline and noise from the resting rows of a recording.
 
@@ -62,6 +74,8 @@ class Rest:
             Acquisition times.
         restarts : ndarray, shape (s,)
             Rows at which a stream begins.
+        ordered : bool
+            False: independent frames, whose order says nothing; what they differ by is noise.
 
         Returns
         -------
@@ -71,26 +85,62 @@ class Rest:
         if not resting.any():
             return replace(self, baseline=np.zeros(values.shape[1:]), tared=False)
         whole = np.zeros(int(resting.sum()), np.int64)
+        baseline = tare_means(values[resting], whole)[0]
+        if not ordered:
+            seen = spread_noise(values[resting])
+            noise = np.where(np.isnan(self.noise), seen, self.noise)
+            return Rest(baseline, noise, self.scale)
         group = _rests(resting, stamp_ns, restarts)
         drifts = int((group[1:] == group[:-1]).sum()) < FEWEST_PAIRS
         if drifts:
             stream = np.cumsum(restarts)[resting]
             group = whole if stamp_ns is None else np.asarray(stream, np.int64)
         seen = rest_noise(values[resting], group)
+        begins = restarts.copy()
+        begins[1:] |= resting[1:] != resting[:-1]
         if stamp_ns is not None:
-            begins = restarts.copy()
-            begins[1:] |= resting[1:] != resting[:-1]
-            seen = np.fmin(seen, motion_noise(values, stamp_ns, begins))
+            moving = motion_noise(values, stamp_ns, begins)
+            # a bound of 0 is of readings below a quantum, or repeated, and none
+            seen = np.fmin(seen, np.where(moving > 0, moving, np.nan))
+        elif drifts:
+            touch = np.asarray(np.cumsum(begins), np.int64)[~resting]
+            held = held_noise(values[~resting], touch)
+            seen = np.where((held > 0) & (held < seen), held, seen)
         drifts = drifts and bool(np.isnan(self.noise).any())
         noise = np.where(np.isnan(self.noise), seen, self.noise)
-        baseline = tare_means(values[resting], whole)[0]
         return Rest(baseline, noise, self.scale, drifts=drifts)
 
-    def threshold(self, touched: Array) -> Rest:
-        """Set the threshold of contact, from the noise and from known touches (s, t, c)."""
-        usable = touched[~np.isnan(touched).any(axis=(1, 2))]
-        known = usable if len(usable) else None
-        return replace(self, scale=contact_scale(self.noise, known, bound=self.drifts))
+    @cached_property
+    def dead(self) -> Bools | None:
+        """Taxels (t,) that were dead in the fit and are left out since; None: there are none."""
+        dead: Bools = np.all(np.isinf(self.scale), axis=1)
+        return dead if dead.any() else None
+
+    def threshold(
+        self, touched: Array, firm: Array | None = None, dead: Bools | None = None
+    ) -> Rest:
+        """Set the threshold of contact, from the noise and from known touches.
+
+        Parameters
+        ----------
+        touched, firm : ndarray, shape (s, t, c)
+            Deviations of known touches, the lightest among them; of firm ones, which limit the
+            threshold where drift passes for noise: where none is known, all touches do.
+        dead : ndarray, shape (t,), or None
+            Taxels that never touch.
+
+        Returns
+        -------
+        Rest
+            With the threshold.
+        """
+        known = _whole(touched)
+        felt = None if firm is None else _whole(firm)
+        felt = known if felt is None else felt
+        scale = contact_scale(self.noise, known, felt if self.drifts else None)
+        if dead is not None:
+            scale[dead] = np.inf
+        return replace(self, scale=scale)
 
     def contact(self, delta: Array, good: Bools, tare: Bools | None) -> npt.NDArray[np.int8]:
         """Say of each frame whether anything touches.
@@ -117,6 +167,12 @@ class Rest:
         if np.count_nonzero(judged) < len(judged):
             contact[~judged] = -1
         return contact
+
+
+def _whole(touched: Array) -> Array | None:
+    """Frames (s, t, c) of which all was read; None if there is none."""
+    usable = touched[~np.isnan(touched).any(axis=(1, 2))]
+    return usable if len(usable) else None
 
 
 def _rests(resting: Bools, stamp_ns: Integers | None, restarts: Bools) -> Integers:

@@ -84,13 +84,16 @@ class GainSpread:
         self.spread_ = float(np.sqrt(variance * (1 + 1 / max(self.runs_, 1))))
         return self
 
-    def covariance(self, mean: Array) -> Array:
+    def covariance(self, mean: Array, share: Array | None = None) -> Array:
         """Covariance of the error of predictions by their unknown gain.
 
         Parameters
         ----------
         mean : ndarray, shape (s, k)
             Predictions.
+        share : ndarray, shape (s,), or None
+            Share of the variance of the gain that is unknown, 0 in a run that was learned from;
+            None: all of it.
 
         Returns
         -------
@@ -103,7 +106,9 @@ class GainSpread:
             Before a fit.
         """
         fitted(self, 'spread_')
-        return self.spread_**2 * mean[:, :, None] * mean[:, None, :]
+        size = self.spread_ * mean
+        cells = size[:, :, None] * size[:, None, :]
+        return cells if share is None else cells * share[:, None, None]
 
 
 def _deviation(said: Array, told: Array, presses: Integers) -> float:

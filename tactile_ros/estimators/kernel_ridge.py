@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from tactile_ros.estimators.anchor import anchored
 from tactile_ros.estimators.folds import group_folds
 from tactile_ros.estimators.ridge_path import held_out_squares, ridge_weights
 from tactile_ros.estimators.standardisation import Standardisation
@@ -40,6 +41,9 @@ class KernelRidge:
         Variance of the plane, relative to that of the bumps.
     strengths : tuple of float
         Penalties per row to choose from.
+    common : float
+        Weight of what the errors of a whole group have in common, a level and a gain, against
+        what varies within the group; above 1 for groups that a later one continues.
     folds : int
         Folds of held-out groups on which width and penalty are chosen.
     seed : int
@@ -84,6 +88,7 @@ class KernelRidge:
         lengths: tuple[float, ...] = (0.5,),
         linear: float = 0.01,
         strengths: tuple[float, ...] = STRENGTHS,
+        common: float = 1.0,
         folds: int = 5,
         seed: int = 0,
     ) -> None:
@@ -91,6 +96,7 @@ class KernelRidge:
         self.lengths = lengths
         self.linear = linear
         self.strengths = strengths
+        self.common = common
         self.folds = folds
         self.seed = seed
 
@@ -120,18 +126,20 @@ class KernelRidge:
         z = rows.x * self.gain_
         picked = z[spread_out(z, self.samples)]
         strengths = np.array(self.strengths)
-        squares = [
-            held_out_squares(
-                self._centred(z, picked / length, length)[0], rows.y - level, fold, strengths
-            )
-            for length in self.lengths
-        ]
+        load = np.sqrt((z * z).sum(axis=1))
+        squares = []
+        for length in self.lengths:
+            terms = self._centred(z, picked / length, length)[0]
+            weighed = anchored(terms, rows.y - level, rows.groups, load, self.common)
+            squares.append(held_out_squares(terms, rows.y - level, fold, strengths, weighed))
         best, mildest = np.unravel_index(np.argmin(squares), np.shape(squares))
         self.length_, self.strength_ = float(self.lengths[best]), float(strengths[mildest])
         self.samples_ = picked / self.length_
-        vars(self).pop('_half_squares', None)
+        for name in ('_half_squares', '_scale'):
+            vars(self).pop(name, None)
         terms, centre, mixing = self._centred(z, self.samples_, self.length_)
-        weights = ridge_weights(terms, rows.y - level, self.strength_)
+        weighed = anchored(terms, rows.y - level, rows.groups, load, self.common)
+        weights = ridge_weights(*weighed, self.strength_)
         self.bumps_ = mixing @ weights[: mixing.shape[1]]
         self.plane_ = np.sqrt(self.linear) * weights[mixing.shape[1] :] * self.length_
         self.level_ = level - centre @ weights
@@ -159,15 +167,22 @@ class KernelRidge:
         return predict_rows(x, self.samples_.shape[1], self._answer)
 
     def _answer(self, x: Array) -> Array:
-        z = x * (self.gain_ / self.length_)
+        z = x * self._scale
         if len(z) <= BLOCK:
             return self._evaluate(z)
         # blocks that stay in the cache
         return np.concatenate([self._evaluate(z[i : i + BLOCK]) for i in range(0, len(z), BLOCK)])
 
     def _evaluate(self, z: Array) -> Array:
-        bumps = gaussian(z, self.samples_, self._half_squares)
+        bumps = z @ self.samples_.T
+        bumps -= self._half_squares
+        bumps -= 0.5 * (z * z).sum(axis=1)[:, None]
+        np.exp(np.minimum(bumps, 0.0, out=bumps), out=bumps)
         return bumps @ self.bumps_ + z @ self.plane_ + self.level_
+
+    @cached_property
+    def _scale(self) -> Array:
+        return self.gain_ / self.length_
 
     @cached_property
     def _half_squares(self) -> Array:
@@ -189,10 +204,8 @@ class KernelRidge:
         return terms - centre, centre, mixing
 
 
-def gaussian(z: Array, samples: Array, half_squares: Array | None = None) -> Array:
+def gaussian(z: Array, samples: Array) -> Array:
     """Gaussian bumps of unit width, shape (s, n), of z (s, d) around samples (n, d).
-
-    Half the squared lengths of the samples, shape (n,), are reckoned where they are not given.
 
     Examples
     --------
@@ -201,7 +214,7 @@ def gaussian(z: Array, samples: Array, half_squares: Array | None = None) -> Arr
            [1.   ]])
     """
     exponent = z @ samples.T
-    exponent -= 0.5 * (samples**2).sum(axis=1) if half_squares is None else half_squares
+    exponent -= 0.5 * (samples**2).sum(axis=1)
     exponent -= 0.5 * (z * z).sum(axis=1)[:, None]
     return np.asarray(np.exp(np.minimum(exponent, 0.0, out=exponent), out=exponent))
 

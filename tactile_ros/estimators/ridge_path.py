@@ -11,7 +11,13 @@ import numpy as np
 from tactile_ros.types import Array, Integers
 
 
-def held_out_squares(terms: Array, target: Array, fold: Integers, strengths: Array) -> Array:
+def held_out_squares(
+    terms: Array,
+    target: Array,
+    fold: Integers,
+    strengths: Array,
+    weighed: tuple[Array, Array] | None = None,
+) -> Array:
     """Sum of squared errors on held-out folds for each penalty.
 
     Parameters
@@ -24,20 +30,23 @@ def held_out_squares(terms: Array, target: Array, fold: Integers, strengths: Arr
         Fold of each row; with one fold only, the errors are those of the fit.
     strengths : ndarray, shape (n,)
         Penalties per row on the squares of the weights.
+    weighed : tuple of ndarray, shapes (s, p) and (s, k), or None
+        Terms and targets of the fit where they differ from those that are judged.
 
     Returns
     -------
     ndarray, shape (n,)
         Sums over rows and components (unit of the target, squared).
     """
-    gram, moment = terms.T @ terms, terms.T @ target
+    learned, told = (terms, target) if weighed is None else weighed
+    gram, moment = learned.T @ learned, learned.T @ told
     squares = np.zeros(len(strengths))
     names = np.unique(fold)
     for name in names:
         out = fold == name
         held, answer = terms[out], target[out]
         left = len(terms) - len(held) * (len(names) > 1)
-        apart = (gram - held.T @ held, moment - held.T @ answer)
+        apart = (gram - learned[out].T @ learned[out], moment - learned[out].T @ told[out])
         value, vector, right = _spectrum(*(apart if len(names) > 1 else (gram, moment)))
         projected = held @ vector
         for i, strength in enumerate(strengths):

@@ -9,6 +9,8 @@ of Romano, Patterson and Candes, Conformalized Quantile Regression, NeurIPS 2019
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from tactile_ros.estimators.folds import group_folds
@@ -123,6 +125,8 @@ class CalibratedCovariance:
             Before a fit.
         """
         sigma = self.sigma(drivers)
+        if sigma.shape[1] == 1:
+            return np.asarray((sigma * sigma)[:, :, None])
         return sigma[:, :, None] * sigma[:, None, :] * self.correlation_
 
     def sigma(self, drivers: Array) -> Array:
@@ -173,13 +177,21 @@ class CalibratedCovariance:
             # One more than the sample's own share: the finite-sample step of conformal methods.
             share = min(ONE_SIGMA * (len(rows) + 1) / len(rows), 1.0)
             self.factors_[level] = np.quantile(inside, share, axis=0)
+        vars(self).pop('_levels', None)
 
     def _sigma(self, spread: Array) -> Array:
         """Logarithm of sigma at a logarithm of the spread, shape (s, k) both."""
-        sigma = spread.copy()
-        for k in range(spread.shape[1]):
-            sigma[:, k] += np.interp(spread[:, k], self.knots_[:, k], self.factors_[:, k])
+        sigma = np.empty_like(spread)
+        for k, (knots, factors) in enumerate(self._levels):
+            sigma[:, k] = np.interp(spread[:, k], knots, factors)
+        sigma += spread
         return sigma
+
+    @cached_property
+    def _levels(self) -> list[tuple[Array, Array]]:
+        """Knots and factors of each component, each in one piece."""
+        pairs = zip(self.knots_.T, self.factors_.T, strict=True)
+        return [(knots.copy(), factors.copy()) for knots, factors in pairs]
 
 
 def _correlation(unit: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from importlib import import_module
@@ -13,9 +14,10 @@ def main() -> None:
     """Import and run; Ctrl-C while numpy and rclpy still load ends without a traceback."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: sys.exit(0))
-    from tactile_ros.nodes.processes import end_with_parent
+    from tactile_ros.nodes.processes import STARTED_BY, end_with_parent
 
-    end_with_parent()
+    if STARTED_BY in os.environ:  # one that was started by hand outlives its shell
+        end_with_parent()
     if len(sys.argv) < 2 or sys.argv[1] not in EXECUTABLES:
         sys.exit(f'name one of {", ".join(EXECUTABLES)}')
     name = sys.argv.pop(1)

@@ -122,10 +122,14 @@ class Running:
         with self._spoken:
             line = self._spoken.wait_for(said, timeout)
         if line is None:
-            heard = ' | '.join(self.lines[executable][-5:]) or 'nothing'
-            msg = f'{executable} did not say {text!r} within {timeout:g} s; it said: {heard}'
+            heard = '; '.join(f'{name} said: {self._last(name)}' for name in self.lines)
+            msg = f'{executable} did not say {text!r} within {timeout:g} s; {heard}'
             raise TactileError(msg)
         return line
+
+    def _last(self, name: str) -> str:
+        """Last words of a process."""
+        return ' | '.join(self.lines[name][-3:]) or 'nothing'
 
     def wait(self, executable: str, timeout: float) -> int:
         """Wait for a process to end by itself and return its exit code.
@@ -149,8 +153,7 @@ class Running:
         """Say which process failed, with its last words."""
         for name, child in self._children.items():
             if name != waited_for and child.poll():
-                words = ' | '.join(self.lines[name][-3:])
-                msg = f'{name} ended with code {child.returncode}: {words}'
+                msg = f'{name} ended with code {child.returncode}: {self._last(name)}'
                 raise TactileError(msg)
 
     def is_alive(self, executable: str) -> bool:

@@ -13,7 +13,7 @@ from tactile_ros.regression.head import ESTIMATORS, Head, known_columns
 
 if TYPE_CHECKING:
     from tactile_ros.signals import Columns, Report, SensorConfig, Signals
-    from tactile_ros.types import Array, Integers
+    from tactile_ros.types import Array, Bools, Integers
 
 __all__ = ['CLASSES', 'ESTIMATORS', 'Regression']
 
@@ -22,6 +22,7 @@ REMEMBERING = ('force', 'torque')
 TIME_CONSTANTS = (0.5, 2.0, 8.0, 32.0)
 PAST_WEIGHT = 3.0  # relaxation is a small part of the change; its share of a distance
 PLACE = 1e-5
+BLOCK = 1024  # rows whose history stays in the cache
 MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
 
 
@@ -76,9 +77,10 @@ class Regression:
             'group' and 'session': what a split keeps together.
         """
         now = signals.delta.reshape(-1, self.width)
+        rest = signals.baseline.reshape(now.shape)
         past = None
         if signals.stamp_ns is not None:
-            past = self._with_history(now, signals, self.start())
+            past = self._with_history(now, signals.stamp_ns, signals.restart, self.start())
         session = np.asarray(groups['session'], np.int64)
         heads: dict[str, tuple[Head, ...]] = {'now': (), 'past': ()}
         for target in TARGETS:
@@ -88,10 +90,10 @@ class Regression:
                 kept = _places(told) if target == 'position' else None
                 kept = np.asarray(groups['group'][rows], np.int64) if kept is None else kept
                 head = Head(target, columns, self.estimator, now.shape[1])
-                heads['now'] += (head.fit(now[rows], told, kept, session[rows]),)
+                heads['now'] += (head.fit(now[rows], told, kept, session[rows], rest[rows]),)
                 if past is not None and target in REMEMBERING:
                     head = Head(target, columns, self.estimator, now.shape[1])
-                    heads['past'] += (head.fit(past[rows], told, kept, session[rows]),)
+                    heads['past'] += (head.fit(past[rows], told, kept, session[rows], rest[rows]),)
         self.heads_, self.remembering_ = heads['now'], heads['past']
         vars(self).pop('_best', None)
 
@@ -112,19 +114,25 @@ class Regression:
         """
         assert isinstance(memory, History)
         now = signals.delta.reshape(-1, self.width)
+        rest = signals.baseline.reshape(now.shape)
         known: Columns = {}
         for head in self.heads_:
             if head.target not in known:
                 known[head.target] = _unknown((len(now), 3))
                 known[f'{head.target}_cov'] = _unknown((len(now), 3, 3))
-        past = now
-        if signals.stamp_ns is not None and self.remembering_:
-            past = self._with_history(now, signals, memory)
-        for head in self._in_use(signals.stamp_ns is not None):
-            mean, cov = head.predict(past if head in self.remembering_ else now)
-            rows, columns = head.cells
-            known[head.target][:, columns] = mean
-            known[f'{head.target}_cov'][:, rows, columns] = cov
+        for i in range(0, len(now), BLOCK):
+            block = slice(i, i + BLOCK)
+            part = now[block]
+            past = part
+            if signals.stamp_ns is not None and self.remembering_:
+                stamps, restart = signals.stamp_ns[block], signals.restart[block]
+                past = self._with_history(part, stamps, restart, memory)
+            for head in self._in_use(signals.stamp_ns is not None):
+                x = past if head in self.remembering_ else part
+                mean, cov = head.predict(x, rest[block])
+                rows, columns = head.cells
+                known[head.target][block, columns] = mean
+                known[f'{head.target}_cov'][block, rows, columns] = cov
         return known
 
     def _in_use(self, stamped: bool) -> tuple[Head, ...]:
@@ -141,20 +149,21 @@ class Regression:
         )
 
     @staticmethod
-    def _with_history(now: Array, signals: Signals, memory: History) -> Array:
-        """Change of field and how far it is from each of its fading means, shape (s, d + m d)."""
-        assert signals.stamp_ns is not None
+    def _with_history(now: Array, stamp_ns: Integers, restart: Bools, memory: History) -> Array:
+        """Change of field, how far it is from its fading means, and room: (s, d + m d + 1)."""
         if len(now) == 1:
-            if signals.restart[0]:
+            if restart[0]:
                 memory.reset()
-            means = memory.step(now[0], int(signals.stamp_ns[0]))[None]
+            means = memory.step(now[0], int(stamp_ns[0]))[None]
         else:
-            means = memory(now, signals.stamp_ns, signals.restart)
-        seen = np.empty((len(now), 1 + means.shape[1], now.shape[1]))
+            means = memory(now, stamp_ns, restart)
+        shape = (len(now), 1 + means.shape[1], now.shape[1])
+        wide = np.empty((len(now), shape[1] * shape[2] + 1))
+        seen = wide[:, :-1].reshape(shape)  # a view: the head fills the last column
         seen[:, 0] = now
         np.subtract(now[:, None], means, out=seen[:, 1:])
         seen[:, 1:] *= PAST_WEIGHT
-        return seen.reshape(len(now), seen.shape[1] * seen.shape[2])
+        return wide
 
 
 def _unknown(shape: tuple[int, ...]) -> Array:

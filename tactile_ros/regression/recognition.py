@@ -129,16 +129,20 @@ class Recognition(Regression):
                 votes.append(Vote(target).fit(x[rows], named[rows], group))
         self.votes_ = tuple(votes)
         yaw = np.asarray(truth.get('yaw', np.full(len(x), np.nan)), np.float64)
-        self.turn_ = self._turn(x, yaw, signals.good & np.isfinite(yaw), groups)
+        rests = signals.baseline.reshape(x.shape)
+        self.turn_ = self._turn(x, rests, yaw, signals.good & np.isfinite(yaw), groups)
 
-    def _turn(self, x: Array, yaw: Array, rows: Bools, groups: Columns) -> Head | None:
+    def _turn(
+        self, x: Array, rests: Array, yaw: Array, rows: Bools, groups: Columns
+    ) -> Head | None:
         """Regressor of the turn's cosine and sine, where enough rows (s,) know it."""
         if rows.sum() < FEWEST_ROWS:
             return None
         y = np.column_stack([np.cos(yaw[rows]), np.sin(yaw[rows])])
         group = np.asarray(groups['group'], np.int64)[rows]
         session = np.asarray(groups['session'], np.int64)[rows]
-        return Head('yaw', (0, 1), self.estimator, self.width).fit(x[rows], y, group, session)
+        head = Head('yaw', (0, 1), self.estimator, self.width)
+        return head.fit(x[rows], y, group, session, rests[rows])
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Targets of every row; see `Regression`."""
@@ -152,7 +156,7 @@ class Recognition(Regression):
                 names[there], shares[there] = vote.predict(x[there])
             known[vote.target], known[f'{vote.target}_probability'] = names, shares
         if self.turn_ is not None:
-            mean, cov = self.turn_.predict(x)
+            mean, cov = self.turn_.predict(x, signals.baseline.reshape(x.shape))
             length = np.maximum(np.linalg.norm(mean, axis=1), 1e-9)
             across = np.column_stack([-mean[:, 1], mean[:, 0]]) / length[:, None]
             known['yaw'] = np.arctan2(mean[:, 1], mean[:, 0])

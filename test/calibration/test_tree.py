@@ -123,7 +123,9 @@ def test_what_follows_from_the_rest_is_not_kept() -> None:
     assert digest(flatten(before, 'r')) == digest(flatten(after, 'r'))
 
 
-@pytest.mark.parametrize('key', ['__class__', '__dict__', 'no name', 'predict', 'name', 'total', ''])
+@pytest.mark.parametrize(
+    'key', ['__class__', '__dict__', 'no name', 'predict', 'name', 'total', '']
+)
 def test_attributes_do_not_take_the_place_of_code(key: str) -> None:
     arrays = flatten(Regressor(), 'x')
     arrays['x.names'] = np.array([key])

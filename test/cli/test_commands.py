@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 from tactile_ros.cli import demo
 from tactile_ros.cli.main import COMMANDS, main, parser, sentence
 from tactile_ros.cli.sources import MOST_YAML_BYTES, read_config
-from tactile_ros.evaluation.archive import save_recording
+from tactile_ros.evaluation.archive import load_recording, save_recording
 from tactile_ros.sensors import list_sensors, load_sensor
 
 
@@ -54,6 +55,30 @@ def test_calibrate_prints_errors_of_held_out_groups(
     assert row['groups'] > 30  # places, of which two fifths are held out
     assert 0.0005 < row['held-out mean'] < 0.01
     assert out.exists()
+
+
+def test_calibrate_says_what_it_left_out(
+    board_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = load_recording(board_file)
+    values = recording.values.copy()
+    values[:, 4] = np.nan  # a dead chip
+    values[11, 0] = np.nan
+    path, out = tmp_path / 'hurt.npz', tmp_path / 'c.npz'
+    save_recording(dataclasses.replace(recording, values=values), path)
+    command = ['calibrate', 'reskin_board', str(path), '-o', str(out), '--estimator', 'ridge']
+    assert main([*command, '--json']) == 0
+    printed = capsys.readouterr()
+    assert [row['target'] for row in json.loads(printed.out)] == ['position_xy']
+    assert (
+        printed.err.strip() == 'left out: 1 taxels faulty in every row; 1 rows with a faulty taxel'
+    )
+    few = tmp_path / 'few.npz'
+    save_recording(recording.select(slice(0, 8)), few)
+    out.unlink()
+    assert main(['calibrate', 'reskin_board', str(few), '-o', str(out)]) == 1
+    assert '; left out: 4 usable rows that tell position, which' in capsys.readouterr().err
+    assert not out.exists()
 
 
 def test_replay_prints_a_table_and_writes_a_report(

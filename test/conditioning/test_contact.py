@@ -74,14 +74,17 @@ def test_the_threshold_is_five_sigma_or_a_share_of_light_touches() -> None:
 def test_a_bound_of_noise_hides_one_touch_in_twenty_at_most() -> None:
     touched = np.linspace(1, 50, 491)[:, None, None] * np.ones((1, 2))
     for bound in (0.2, 0.4, 10.0, 1e6):
-        scale = contact_scale(np.full((1, 2), bound), touched, bound=True)
+        scale = contact_scale(np.full((1, 2), bound), touched, touched)
         assert (excursion(touched, scale) <= 1).mean() <= 0.052
         assert (scale <= 5 * bound).all()
         np.testing.assert_allclose(
             contact_scale(np.full((1, 2), bound), touched), np.full((1, 2), 5 * bound)
         )
-    np.testing.assert_allclose(contact_scale(NOISE, None, bound=True), [[0.5, 1.0]])
-    np.testing.assert_allclose(contact_scale(NOISE, np.zeros((4, 1, 2)), bound=True), [[0.5, 1.0]])
+    # a firm touch says nothing of the lightest
+    np.testing.assert_allclose(contact_scale(NOISE, None, touched), [[0.5, 1.0]])
+    np.testing.assert_allclose(contact_scale(100 * NOISE, None, touched), [[3.45, 3.45]])
+    still = np.zeros((4, 1, 2))
+    np.testing.assert_allclose(contact_scale(NOISE, still, still), [[0.5, 1.0]])
 
 
 @pytest.mark.parametrize('noise', [0.0, np.nan])

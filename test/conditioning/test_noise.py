@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.conditioning.noise import motion_noise, rest_noise
+from tactile_ros.conditioning.noise import held_noise, motion_noise, rest_noise
 
 RNG = np.random.default_rng(4)
 SIGMA = np.array([[0.5, 2.0, 0.0]])
@@ -76,3 +76,25 @@ def test_a_lost_channel_is_unknown_and_lost_rows_are_passed_over() -> None:
         assert noise[0, 0] == pytest.approx(0.5, rel=0.1)
     nothing = np.full((5, 1, 3), np.nan)
     assert np.isnan(rest_noise(nothing, np.zeros(5, int))).all()
+
+
+@pytest.mark.parametrize('rows', [2, 3, 5, 40])
+def test_noise_inside_held_touches_in_any_order(rows: int) -> None:
+    rng = np.random.default_rng(rows)
+    group = np.repeat(np.arange(500), rows)
+    values = 100.0 * rng.normal(size=(500, 1, 3))[group] + SIGMA * rng.normal(
+        size=(len(group), 1, 3)
+    )
+    found = held_noise(values, group)
+    np.testing.assert_allclose(found[0, :2], SIGMA[0, :2], rtol=0.1)
+    order = rng.permutation(len(group))
+    np.testing.assert_allclose(held_noise(values[order], 7 - group[order]), found, atol=1e-12)
+    values[::7] = np.nan
+    if rows > 2:
+        np.testing.assert_allclose(held_noise(values, group)[0, :2], SIGMA[0, :2], rtol=0.15)
+
+
+def test_single_frames_hold_nothing() -> None:
+    assert np.isnan(held_noise(noisy(9), np.arange(9))).all()
+    assert np.isnan(held_noise(noisy(9)[:0], np.arange(0))).all()
+    assert np.isnan(held_noise(np.full((4, 1, 3), np.nan), np.zeros(4, int))).all()

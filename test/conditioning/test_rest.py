@@ -134,8 +134,7 @@ def test_drift_between_touches_is_no_noise(drift: float, stamped: bool, rests: i
     contact = rest.contact(delta, np.ones(len(values), bool), None)
     assert (contact[~resting & (size > 8)] == 1).all()
     assert (contact[~resting] == 0).mean() < 0.06
-    if stamped or rests > 1:
-        np.testing.assert_allclose(rest.noise, 0.3, rtol=0.2)
+    np.testing.assert_allclose(rest.noise, 0.3, rtol=0.2)
     # and what does not touch is not felt
     free = 0.3 * np.random.default_rng(8).normal(size=(2000, *SHAPE)) * np.sqrt(1 + 1 / rests)
     assert (rest.contact(free, np.ones(2000, bool), None) == 1).mean() < 0.01
@@ -159,3 +158,45 @@ def test_rests_that_end_are_not_compared() -> None:
         rest = Rest.unknown(SHAPE, None).learn(steps, rests, stamp_ns, restarts)
         assert rest.drifts == drifts
         assert not Rest.unknown(SHAPE, 1.0).learn(steps, rests, stamp_ns, restarts).drifts
+
+
+def test_firm_touches_limit_a_threshold_that_drift_would_raise() -> None:
+    firm = np.linspace(20, 50, 100)[:, None, None] * np.ones(SHAPE)
+    none = np.zeros((0, *SHAPE))
+    rest = Rest(np.zeros(SHAPE), np.full(SHAPE, 40.0), np.full(SHAPE, np.nan), drifts=True)
+    np.testing.assert_allclose(rest.threshold(none).scale, 200.0)
+    np.testing.assert_allclose(rest.threshold(none, firm).scale, np.quantile(firm, 0.05))
+    # lighter ones do where no other is known: frames may be called touched before they are
+    np.testing.assert_allclose(rest.threshold(firm / 4).scale, np.quantile(firm, 0.05) / 4)
+    np.testing.assert_allclose(rest.threshold(firm / 4, firm).scale, np.quantile(firm, 0.05))
+    sure = Rest(np.zeros(SHAPE), np.full(SHAPE, 40.0), np.full(SHAPE, np.nan))
+    np.testing.assert_allclose(sure.threshold(none, firm).scale, 200.0)
+    dead = sure.threshold(none, None, np.array([False, True]))
+    assert dead.scale[:, 0].tolist() == [200.0, np.inf]
+    assert dead.dead is not None
+    assert dead.dead.tolist() == [False, True]
+    assert sure.dead is None
+
+
+def test_readings_below_a_quantum_leave_a_threshold() -> None:
+    """A bound of no noise is no bound: one rest a touch, readings that do not move within it."""
+    rng = np.random.default_rng(2)
+    level = np.round(rng.normal(size=(150, 1, *SHAPE)) * 3)
+    values = np.repeat(level, 4, axis=1).reshape(600, *SHAPE)
+    resting = np.arange(600) % 4 == 0
+    for stamp_ns in (None, np.arange(600) * 10_000_000):
+        rest = Rest.unknown(SHAPE, None).learn(values, resting, stamp_ns, resting)
+        assert (rest.noise > 0).all()
+
+
+def test_the_order_of_independent_frames_says_nothing() -> None:
+    rng = np.random.default_rng(3)
+    values = 1e-7 * rng.normal(size=(400, *SHAPE)) + 2e-6 * np.linspace(0, 1, 400)[:, None, None]
+    order, none = rng.permutation(400), np.arange(400) == 0
+    resting = np.ones(400, bool)
+    first, second = (
+        Rest.unknown(SHAPE, None).learn(rows, resting, None, none, ordered=False).noise
+        for rows in (values, values[order])
+    )
+    np.testing.assert_array_equal(first, second)
+    assert (first > 3e-7).all()

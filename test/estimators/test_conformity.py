@@ -21,6 +21,7 @@ ESTIMATORS: dict[str, Estimator] = {
     'linear': Ridge(degree=1),
     'grid_knn': GridKnn(),
     'kernel_ridge': KernelRidge(),
+    'anchored': KernelRidge(common=10.0),
     'perceptron': Perceptron(members=2, width=24, epochs=60),
     'pattern': Perceptron(members=2, width=24, epochs=60, pattern=True),
 }

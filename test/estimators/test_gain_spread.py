@@ -58,6 +58,14 @@ def test_covariance_of_unseen_runs_covers() -> None:
     assert inside == pytest.approx(0.6827, abs=0.05)
 
 
+def test_a_share_of_the_variance_is_a_share_of_the_covariance() -> None:
+    said, told, runs = unseen_runs(3, sigma=0.03, seed=5)
+    spread = GainSpread().fit(said, told, runs)
+    share = np.linspace(0.0, 1.0, len(said))
+    whole, part = spread.covariance(said), spread.covariance(said, share)
+    np.testing.assert_allclose(part, share[:, None, None] * whole)
+
+
 def test_rows_that_are_not_known_are_left_out() -> None:
     said, told, runs = unseen_runs(5, sigma=0.03, seed=5)
     full = GainSpread().fit(said, told, runs)

@@ -109,6 +109,28 @@ def test_no_frame_and_only_damaged_frames_are_refused() -> None:
     assert made.stage.tare()[0]
 
 
+def test_a_dead_taxel_that_was_left_out_of_the_fit_does_not_hinder_a_tare() -> None:
+    spec = load_sensor('reskin_board')
+    spatial = spec.recordings()['spatial'].select(slice(0, 200))
+    values = spatial.values.copy()
+    values[:, 2] = np.nan
+    pipeline = spec.pipeline(estimator='ridge').fit(replace(spatial, values=values))
+    announced: list[Frame] = []
+    stage = ContactStage(pipeline, 3, False, announced.append)
+    for k in range(5):
+        stage.process(Frame(k, k, values[0] + 1e-6))
+    assert stage.tare()[0]
+    expected = np.where(np.arange(5)[:, None] == 2, np.nan, values[0] + 1e-6)
+    np.testing.assert_allclose(announced[-1].values, expected)
+    # what is announced can be taken back, as a replay does
+    pipeline.tare([announced[-1]])
+    np.testing.assert_allclose(pipeline.baseline, expected)
+    # a chip that lived in the fit is damage
+    stage.reset()
+    stage.process(Frame(9, 9, np.where(np.arange(5)[:, None] == 1, np.nan, values[0])))
+    assert not stage.tare()[0]
+
+
 def test_every_stream_begins_with_its_baseline() -> None:
     made = stage_of(2.0)
     made.feed(2, 2)

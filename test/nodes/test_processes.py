@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from tactile_ros.errors import TactileError
 from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.processes import STARTED_BY, Running
 
@@ -35,9 +36,14 @@ WORKERS = """
         print(pool.submit(os.getpid).result(), flush=True)
         pool.submit(time.sleep, 60.0).result()
 """
+WORKERS_3_14 = f"""
+    import multiprocessing
+    multiprocessing.set_start_method('forkserver')
+    {WORKERS.strip()}
+"""
 
 
-@pytest.mark.parametrize('code', [NODES, WORKERS], ids=['nodes', 'workers'])
+@pytest.mark.parametrize('code', [NODES, WORKERS, WORKERS_3_14], ids=['nodes', 'workers', '3.14'])
 def test_a_killed_parent_takes_its_children_along(code: str) -> None:
     with subprocess.Popen(
         [sys.executable, '-c', textwrap.dedent(code)],
@@ -64,6 +70,16 @@ def test_a_node_whose_parent_is_gone_does_not_begin() -> None:
     )
     assert done.returncode == 1
     assert done.stderr == 'what started this node has ended\n'
+
+
+def test_who_waits_in_vain_hears_what_the_others_said() -> None:
+    graph = Graph((Process('sensor_node', {'port': '/nowhere'}), Process('record')))
+    with Running(graph) as running:
+        running.wait_for_line('sensor_node', '/nowhere', PATIENCE_S)
+        with pytest.raises(
+            TactileError, match=r"say 'x' within 0.1 s; sensor_node said: .*/nowhere"
+        ):
+            running.wait_for_line('record', 'x', 0.1)
 
 
 def test_a_stop_while_a_node_starts_is_no_traceback() -> None:

@@ -467,7 +467,9 @@ def test_tare_reset_and_load(toy: Toy, tmp_path: Path) -> None:
     touch = toy.streams(1).frame(4)
     moved = dataclasses.replace(touch, values=touch.values + 0.5 * toy.signal)
     one.tare([toy.frame(toy.rest)])
-    assert differences(again.process(moved), one.process(touch), 1e-6, ALL) == []
+    # a rest that was never seen may widen a covariance
+    names = {name for name in ALL if not name.endswith('_cov')}
+    assert differences(again.process(moved), one.process(touch), 1e-6, names) == []
     with pytest.raises(ValueError, match='at least one'):
         one.tare([])
 

@@ -55,13 +55,44 @@ def test_force_with_history_beats_force_without() -> None:
     assert np.sqrt((stamped**2).mean()) < 0.5 * np.sqrt((independent**2).mean())
 
 
-def test_gain_between_runs_widens_the_covariance() -> None:
+def test_gain_between_runs_widens_the_covariance_of_another_run() -> None:
     one, two = RECORDINGS['normal_1'], RECORDINGS['normal_2']
-    alone = SPEC.pipeline(estimator='ridge').fit(one).process_batch(one)
-    both = SPEC.pipeline(estimator='ridge').fit(one, two).process_batch(one)
-    strong = np.flatnonzero(alone.force[:, 2] > 20)
-    assert (alone.force_cov[strong, 2, 2] > 0.02**2 * alone.force[strong, 2] ** 2).all()
-    assert (both.force_cov[strong, 2, 2] > 0).all()
+    alone = SPEC.pipeline(estimator='ridge').fit(one)
+    relative = []
+    for recording in (one, two):
+        states = alone.process_batch(recording)
+        strong = np.flatnonzero(states.force[:, 2] > 20)
+        variance = states.force_cov[strong, 2, 2] / states.force[strong, 2] ** 2
+        assert (variance > 0).all()
+        relative.append(np.sqrt(np.median(variance)))
+    # within the run its own errors count; another run's gain is unknown by up to 3.5 %
+    assert relative[1] > 0.025
+    assert relative[1] > 1.2 * relative[0]
+
+
+def test_a_later_part_of_a_run_is_covered_honestly() -> None:
+    shear = RECORDINGS['shear']
+    late = shear.truth['repetition'] >= 8
+    config = dataclasses.replace(SPEC.config(), positions=shear.layout.positions)
+    pipeline = SPEC.pipeline(config, estimator='kernel_ridge').fit(shear.select(~late))
+    test = shear.select(late)
+    states = pipeline.process_batch(test)
+    miss = np.abs(states.force[:, 0] - test.truth['force'][:, 0])
+    inside = (miss <= np.sqrt(states.force_cov[:, 0, 0]))[np.isfinite(miss)]
+    assert 0.466 < inside.mean() < 0.9  # 95 % binomial interval of the ten cycles' run
+
+
+def test_another_ambient_field_is_borne() -> None:
+    one, two = RECORDINGS['normal_1'], RECORDINGS['normal_2']
+    pipeline = SPEC.pipeline(estimator='kernel_ridge').fit(one)
+    shift = 60e-6 * np.random.default_rng(0).normal(size=two.values.shape[1:])
+    error = []
+    for values in (two.values, two.values + shift):
+        states = pipeline.process_batch(dataclasses.replace(two, values=values))
+        miss = (states.force - two.truth['force'])[~two.tare, 2]
+        error.append(np.sqrt(np.nanmean(miss**2)))
+    assert error[0] < 0.45
+    assert error[1] < 0.7
 
 
 @pytest.mark.parametrize('estimator', SPEC.estimator_names)
@@ -103,6 +134,23 @@ def test_history_is_used_only_where_it_helps() -> None:
     assert plain['held_out_rmse'] < past['held_out_rmse']
     found, wanted = (pipeline.process_batch(r).force for r in (recording, free))
     np.testing.assert_array_equal(found, wanted)
+
+
+def test_too_few_touches_and_a_dead_chip_are_reported() -> None:
+    part = RECORDINGS['spatial'].select(slice(0, 8))
+    report = SPEC.pipeline(estimator='ridge').fit(part).report
+    assert report == {'left_out': {'usable rows that tell position, which was not learned': 4.0}}
+    part = RECORDINGS['spatial'].select(slice(0, 400))
+    values = part.values.copy()
+    values[:, 3] = np.nan
+    hurt = dataclasses.replace(part, values=values)
+    for estimator in SPEC.estimator_names:
+        pipeline = SPEC.pipeline(estimator=estimator).fit(hurt)
+        assert pipeline.report['left_out'] == {'taxels faulty in every row': 1.0}
+        states = pipeline.process_batch(hurt)
+        assert states.valid.all()
+        miss = (states.position - part.truth['position'])[~part.tare, :2]
+        assert np.linalg.norm(miss, axis=1).mean() < 3e-3
 
 
 @pytest.mark.parametrize(
