@@ -36,7 +36,7 @@ def apply_contact(known: Columns, contact: npt.NDArray[np.int8], good: Bools) ->
     if not (spoilt or free):
         return
     for name in known:
-        if name == 'status':
+        if name in ('status', 'taxel_status'):
             continue
         column, blank = known[name], STATE_FIELDS[name][2]
         if free and name in MEASURES_OF_NOTHING:
@@ -53,7 +53,8 @@ def add_flags(known: Columns, signals: Signals, bits: Bytes, flags: Integers) ->
     Parameters
     ----------
     known : dict of str to ndarray, shape (s, ...)
-        Estimates; changed in place. A `status` of the estimators' own is kept beside the rest.
+        Estimates; changed in place. A `status` or `taxel_status` of the estimators' own is kept
+        beside the rest.
     signals : Signals
         Conditioned frames.
     bits : ndarray, shape (s, t)
@@ -70,7 +71,7 @@ def add_flags(known: Columns, signals: Signals, bits: Bytes, flags: Integers) ->
     if np.count_nonzero(missing):
         seeing = seeing & ~missing.any(axis=(1, 2))
     known['in_contact'] = signals.in_contact
-    known['taxel_status'] = bits
+    known['taxel_status'] = bits | known['taxel_status'] if 'taxel_status' in known else bits
     known['status'] = flags
     known['valid'] = seeing & (flags & FORBIDS_USE == 0)
 
@@ -90,7 +91,8 @@ def lacking(calibrated: bool, base: Array | None, samples: int) -> Integers:
 
 def add_dead(known: Columns, bits: Bytes, dead: Bools) -> None:
     """Say which taxels (t,) are dead, and that nothing is measured there; `known` is changed."""
-    known['taxel_status'] = np.asarray(bits | dead * np.uint8(TaxelStatus.DEAD), np.uint8)
+    found = known.get('taxel_status', bits)
+    known['taxel_status'] = np.asarray(found | dead * np.uint8(TaxelStatus.DEAD), np.uint8)
     for name in ('taxel_force', 'deformation'):
         if name in known:
             known[name][:, dead] = np.nan

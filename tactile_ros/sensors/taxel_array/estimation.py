@@ -1,102 +1,286 @@
-"""Force of every taxel by its own polynomial of second order [4], beside what is regressed.
+"""Forces by equilibration [4], their sum and centre, and the objects whose outlines config tells.
 
-[4] equilibrates with p0 + p1 u + p2 u^2; here p0 is 0, so that a taxel at rest carries nothing,
-and outputs are those above the baseline. The rest of [4] has yet to come.
+Place and total force are regressed as well; what does better on held-out groups answers.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import cached_property
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from tactile_ros.conditioning.equilibration import LAWS, Equilibration, silent_taxels
+from tactile_ros.conditioning.history import History
+from tactile_ros.conditioning.viscoelastic import Creep, CreepState
+from tactile_ros.estimators.object_pose import ObjectPose
 from tactile_ros.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.regression import ESTIMATORS as REGRESSION_ESTIMATORS
 from tactile_ros.regression import Regression
+from tactile_ros.regression.estimation import TIME_CONSTANTS
+from tactile_ros.sensors.taxel_array.creep_fit import fit_creep
+from tactile_ros.sensors.taxel_array.placing import place_objects
+
+from tactile_ros.types import TaxelStatus
 
 if TYPE_CHECKING:
+    from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
     from tactile_ros.signals import Columns, Report, SensorConfig, Signals
-    from tactile_ros.types import Array
+    from tactile_ros.types import Array, Bools
 
 POLYNOMIAL = 'polynomial'
-ESTIMATORS = (POLYNOMIAL, *REGRESSION_ESTIMATORS)
+ESTIMATORS = (*LAWS, *REGRESSION_ESTIMATORS)
 FEWEST_ROWS = 5
-PENALTY = 1e-9
+QUANTUM = 2.8e-4  # standard deviation of rounding to 10 bits (fraction)
+TEMPLATES, SUM, CENTRE = 'coverage templates', 'sum of taxels', 'centre of force'
+UNLEARNED = 0.25  # spread of gains that nothing equilibrates
+LEAST_SPREAD = 0.03  # of laws and coverage together
+
+
+class Memory(History):
+    """What a stream remembers: the past of regressors, and strains of the skin."""
+
+    def __init__(self, creep: CreepState | None) -> None:
+        super().__init__(np.array(TIME_CONSTANTS))
+        self.creep = creep
 
 
 class TaxelRegression(Regression):
-    """Polynomials of the taxels, with place and total force from regressors.
+    """Laws of the taxels with their sum and centre, objects by their outline, and regressors.
 
     Parameters
     ----------
     config : TaxelArrayConfig
         Of the sensor.
     estimator : str or None
-        'polynomial': the taxels' forces alone; a regressor: place and total force alone; None:
-        both, the best regressor on held-out groups.
+        A law: the taxels' forces alone by it; a regressor: place and total force alone; None:
+        everything, the best on held-out groups.
 
     Attributes
     ----------
-    weights_ : ndarray, shape (t, 2), or None
-        Of u and u^2 (N); NaN for taxels without enough rows.
-    error_ : float
-        Root mean square error of a taxel's force on the rows that it was learned from (N).
+    law_ : Equilibration or None
+        Forces of the taxels.
+    shape_ : Equilibration or None
+        Deformation of the taxels: the calibrated shape factor.
+    creep_ : Creep or None
+        What follows the laws in time, where that helped.
+    silent_ : ndarray, shape (t,)
+        Taxels found dead or stuck in the fit, without labels.
+    noise_ : ndarray, shape (t,)
+        Of outputs at rest (fraction).
+    floor_, spread_ : float
+        Error of a taxel's force: a constant part (N), and a part of the force.
+    summed_ : bool
+        Whether the total force is the sum of the taxels'.
     """
 
     def __init__(self, config: SensorConfig, estimator: str | None = None) -> None:
-        super().__init__(config, None if estimator == POLYNOMIAL else estimator, channels=1)
+        super().__init__(config, None if estimator in LAWS else estimator, channels=1)
         self.only = estimator or ''
-        self.weights_: Array | None = None
-        self.error_ = float('nan')
+        self.config = cast('TaxelArrayConfig', config)
+        self.law_: Equilibration | None = None
+        self.shape_: Equilibration | None = None
+        self.creep_: Creep | None = None
+        taxels = len(config.positions)
+        self.silent_: Bools = np.zeros(taxels, bool)
+        self.noise_: Array = np.full(taxels, QUANTUM)
+        self.floor_, self.spread_ = 0.0, UNLEARNED
+        self.summed_ = False
+        self.errors_: dict[str, float] = {}
+
+    @cached_property
+    def objects(self) -> ObjectPose | None:
+        """Templates of config's objects; None: there are none, or they are not asked for."""
+        known = self.config
+        if self.only or not known.objects:
+            return None
+        return ObjectPose(known.positions, known.areas, known.taxel_outlines, known.objects)
 
     @property
     def estimators(self) -> dict[str, str]:
         """Name of the estimator in use for each target."""
-        own = {} if self.weights_ is None else {'taxel_force': POLYNOMIAL}
-        return {**super().estimators, **own}
+        own = {}
+        if self.law_ is not None:
+            own['taxel_force'] = self.law_.name + (' with creep' if self.creep_ else '')
+        if self.shape_ is not None:
+            own['deformation'] = self.shape_.name
+        learned = super().estimators
+        if self.summed_:
+            own['force'] = SUM
+            if 'position' not in learned:
+                own['position'] = CENTRE
+        if self.config.objects and not self.only:
+            own.update(label=TEMPLATES, yaw=TEMPLATES, object_pose=TEMPLATES, position=TEMPLATES)
+        return {**learned, **own}
+
+    @property
+    def label_names(self) -> tuple[str, ...]:
+        """Names of the objects of config."""
+        return () if self.only else tuple(item.name for item in self.config.objects)
 
     @property
     def report(self) -> Report:
-        """Errors on held-out groups; of the taxels' forces, on the rows learned from."""
-        own = {} if self.weights_ is None else {'taxel_force': {'fit_rmse': self.error_}}
+        """Errors on held-out groups; of the taxels' forces also on the rows learned from."""
+        own = {} if self.law_ is None else {'taxel_force': self.errors_}
         return {**super().report, **own}
+
+    def start(self) -> Memory:
+        """Fresh memory of a stream."""
+        return Memory(None if self.creep_ is None else self.creep_.start())
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component; see `Regression`."""
-        if self.only != POLYNOMIAL:
+        self.law_, self.shape_, self.creep_, self.summed_ = None, None, None, False
+        output = signals.delta[..., 0]
+        self._learn_rest(output, signals)
+        force = self._told(truth, 'taxel_force', signals)
+        self.silent_ = silent_taxels(output[signals.good], force, self.noise_)
+        if self.only not in LAWS:
             super().fit(signals, truth, groups)
-        self.weights_ = None
-        if self.only in ('', POLYNOMIAL) and 'taxel_force' in truth:
-            force = np.asarray(truth['taxel_force'], np.float64)[signals.good]
-            if (np.isfinite(force).sum(axis=0) >= FEWEST_ROWS).any():
-                self._equilibrate(signals.delta[signals.good, :, 0], force)
+        if self.only not in ('', *LAWS):
+            return
+        wanted = self.only or None
+        group = np.asarray(groups['group'], np.int64)[signals.good]
+        if force is not None:
+            clean = np.where(self.silent_, np.nan, force)
+            self.law_ = Equilibration(wanted).fit(output[signals.good], clean, group)
+            if not self.only:
+                self._learn_creep(signals, truth, clean, group)
+            self._measure(signals, truth)
+        depth = self._told(truth, 'deformation', signals)
+        if depth is not None and not self.only:
+            self.shape_ = Equilibration().fit(output[signals.good], depth, group)
 
-    def _equilibrate(self, output: Array, force: Array) -> None:
-        """Weights of all taxels at once, from outputs and forces (s, t)."""
-        known = np.isfinite(force) & np.isfinite(output)
-        u = np.where(known, output, 0.0)
-        terms = np.stack([u, u**2], axis=-1)
-        gram = np.einsum('sti,stj->tij', terms, terms)
-        moment = np.einsum('sti,st->ti', terms, np.where(known, force, 0.0))
-        scale = np.trace(gram, axis1=1, axis2=2)[:, None, None]
-        seen = (known.sum(axis=0) >= FEWEST_ROWS) & (scale[:, 0, 0] > 0)
-        gram = gram + np.where(seen[:, None, None], PENALTY * scale, 1.0) * np.eye(2)
-        weights = np.linalg.solve(gram, moment[..., None])[..., 0]
-        self.weights_ = np.where(seen[:, None], weights, np.nan)
-        miss = self._forces(output) - force
-        self.error_ = float(np.sqrt(np.nanmean(miss**2))) if seen.any() else float('nan')
+    def _learn_rest(self, output: Array, signals: Signals) -> None:
+        """Noise of outputs (s, t) while nothing touches."""
+        rest = output[(signals.in_contact == 0) & signals.good]
+        seen = rest.std(axis=0) if len(rest) > 2 else np.zeros(output.shape[1])
+        self.noise_ = np.maximum(np.nan_to_num(seen), QUANTUM)
 
-    def _forces(self, output: Array) -> Array:
-        """Forces of outputs (s, t)."""
-        assert self.weights_ is not None
-        return (self.weights_[:, 0] + self.weights_[:, 1] * output) * output
+    @staticmethod
+    def _told(truth: Columns, name: str, signals: Signals) -> Array | None:
+        """Truth of the taxels in usable rows; None where it is too little."""
+        if name not in truth:
+            return None
+        told = np.asarray(truth[name], np.float64)[signals.good]
+        return told if (np.isfinite(told).sum(axis=0) >= FEWEST_ROWS).any() else None
+
+    def _learn_creep(self, signals: Signals, truth: Columns, force: Array, group: Array) -> None:
+        """Laws and branches together, where stamps tell the past and it helps."""
+        assert self.law_ is not None
+        if signals.stamp_ns is None or not signals.good.all():
+            return
+        found = fit_creep(
+            signals.delta[..., 0], force, signals.stamp_ns, signals.restart, group, self.law_
+        )
+        if found is not None:
+            self.law_, self.creep_ = found
+
+    def _measure(self, signals: Signals, truth: Columns) -> None:
+        """Errors of the taxels' forces and of their sum on the rows learned from."""
+        found = self._forces(signals, self.start())[signals.good]
+        force = np.asarray(truth['taxel_force'], np.float64)[signals.good]
+        miss = np.where(self.silent_, np.nan, found - force)
+        known = np.isfinite(miss)
+        if not known.any():
+            return
+        top = float(np.nanmax(force))
+        light = known & (force < 0.03 * top)
+        heavy = known & (force >= 0.1 * top)
+        self.floor_ = float(np.sqrt(np.square(miss[light]).mean())) if light.any() else 0.0
+        part = (np.square(miss[heavy]) - self.floor_**2) / np.square(force[heavy])
+        self.spread_ = float(np.sqrt(max(part.mean(), 1e-8))) if heavy.any() else UNLEARNED
+        assert self.law_ is not None
+        self.errors_ = {
+            'fit_rmse': float(np.sqrt(np.square(miss[known]).mean())),
+            'relative': self.spread_,
+            'silent': float(self.silent_.sum()),
+            **{f'held_out_{name}': error for name, error in self.law_.errors_.items()},
+        }
+        self.summed_ = not self.only and self._sum_is_best(found, truth, signals.good)
+
+    def _sum_is_best(self, found: Array, truth: Columns, good: Bools) -> bool:
+        """Whether the sum of the taxels' forces is nearer the truth than the regressors."""
+        learned = [head for head in self._best if head.target == 'force' and 2 in head.columns]
+        if not learned:
+            return bool((np.isfinite(found).any(axis=0) | self.silent_).all())
+        total = np.asarray(truth['force'], np.float64)[good, 2]
+        miss = np.nansum(found, axis=1) - total
+        own = float(np.sqrt(np.nanmean(np.square(miss))))
+        self.errors_['sum_rmse'] = own
+        return own < min(head.report_['held_out_rmse'] for head in learned)
+
+    def _forces(self, signals: Signals, memory: Memory) -> Array:
+        """Forces (s, t) of outputs, the past of the skin undone (N)."""
+        assert self.law_ is not None
+        forces = self.law_.forces(signals.delta[..., 0])
+        if self.creep_ is not None and signals.stamp_ns is not None:
+            assert memory.creep is not None
+            forces = self.creep_.undo(forces, signals.stamp_ns, signals.restart, memory.creep)
+        forces = np.where(self.silent_, np.nan, forces)
+        return np.asarray(forces)
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Targets of every row; see `Regression`."""
+        assert isinstance(memory, Memory)
         known = super().estimate(signals, memory)
-        if self.weights_ is not None:
-            known['taxel_force'] = self._forces(signals.delta[..., 0])
+        output = signals.delta[..., 0]
+        forces = output
+        if self.law_ is not None:
+            forces = self._forces(signals, memory)
+            known['taxel_force'] = forces
+            if self.summed_:
+                self._add_sum(known, forces, output)
+        if self.shape_ is not None:
+            known['deformation'] = self.shape_.forces(output)
+        if self.silent_.any():
+            dead = self.silent_ * np.uint8(TaxelStatus.DEAD)
+            known['taxel_status'] = np.repeat(dead[None].astype(np.uint8), len(output), axis=0)
+        if self.objects is not None:
+            self._add_objects(known, forces, signals)
         return known
 
+    def _variance(self, forces: Array) -> Array:
+        """Of each taxel's force (s, t) (N2)."""
+        return np.asarray(self.floor_**2 + np.square(self.spread_ * np.nan_to_num(forces)))
 
-CLASSES = (*REGRESSION_CLASSES, TaxelRegression)
+    def _add_sum(self, known: Columns, forces: Array, output: Array) -> None:
+        """Total force and its place, with covariances; `known` is changed."""
+        load, variance = np.nan_to_num(forces), self._variance(forces)
+        variance = np.where(np.isnan(forces), 0.0, variance)
+        samples = len(load)
+        total = load.sum(axis=1)
+        if 'force' not in known:
+            known['force'] = np.full((samples, 3), np.nan)
+            known['force_cov'] = np.full((samples, 3, 3), np.nan)
+        known['force'][:, 2] = total
+        known['force_cov'][:, 2, 2] = variance.sum(axis=1)
+        if 'position' in known:
+            return
+        share = np.maximum(load, 0.0)
+        weight = np.maximum(share.sum(axis=1), 1e-12)[:, None]
+        place = share @ self.config.positions / weight
+        away = self.config.positions[None] - place[:, None]
+        cov = np.einsum('sti,stj,st->sij', away, away, variance) / weight[..., None] ** 2
+        active = np.maximum((share > 0.05 * share.max(axis=1, keepdims=True)).sum(axis=1), 1)
+        blur = 0.09 * float(np.median(self.config.areas)) / active
+        cov[:, [0, 1], [0, 1]] += blur[:, None]
+        known['position'], known['position_cov'] = place, cov
+
+    def _add_objects(self, known: Columns, forces: Array, signals: Signals) -> None:
+        """Recognised objects; `known` is changed."""
+        assert self.objects is not None
+        learned = self.law_ is not None
+        if not learned and np.isnan(forces).any():
+            # at rest the taxels read nothing: without a baseline readings stand for themselves
+            forces = np.where(np.isnan(forces), signals.values[..., 0], forces)
+        noise, spread = self.noise_, UNLEARNED
+        if self.law_ is not None:
+            gain = self.law_.forces(np.full((1, len(self.noise_)), 0.1))[0] / 0.1
+            noise = np.hypot(np.nan_to_num(gain) * self.noise_, 0.0)
+            spread = max(self.spread_, LEAST_SPREAD)
+        asked = signals.good & (signals.in_contact != 0)
+        place_objects(known, self.objects, forces, noise, spread, asked, ~self.silent_)
+
+
+CLASSES = (*REGRESSION_CLASSES, TaxelRegression, Equilibration, Creep)

@@ -1,0 +1,209 @@
+"""How much of a taxel an object covers: one table for an object, looked up at points of taxels.
+
+A table holds what part of a small disc at a point the object covers, and its slope; one
+look-up with its slope replaces many points inside the disc.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.physics.outlines import grid_inside
+from tactile_ros.types import Array, Integers, Outline
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+NODES = 280  # of the longer side of a table
+TURNS = (0.71, 1.37, 2.29)  # no symmetry of a polygon of few corners
+ALIKE = 0.015  # of the area: what a turn may change and still be called a symmetry
+MOST_FOLD = 12
+
+
+def raster(loops: Sequence[Array], x: Array, y: Array) -> Array:
+    """1 where a node (y, x) lies inside the loops, 0 elsewhere, by crossings of each line.
+
+    Examples
+    --------
+    >>> square = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+    >>> raster([square], np.array([0.5, 1.5]), np.array([0.5])).tolist()
+    [[1.0, 0.0]]
+    """
+    start = np.concatenate(list(loops))
+    end = np.concatenate([np.roll(loop, -1, axis=0) for loop in loops])
+    inside = np.zeros((len(y), len(x)))
+    for i, level in enumerate(y):
+        spans = (start[:, 1] > level) != (end[:, 1] > level)
+        a, b = start[spans], end[spans]
+        crossings = np.sort(a[:, 0] + (level - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b - a)[:, 0])
+        inside[i] = np.searchsorted(crossings, x) % 2
+    return inside
+
+
+def tube(bend: float, half_width: float, x: Array, y: Array) -> Array:
+    """Pressure (y, x), 1 at most, of two cylinders whose axes leave the origin: a parabola.
+
+    A cylinder sinks into a soft layer like a parabola: pressure falls to 0 at the half width.
+    """
+    nearest = np.full((len(y), len(x)), np.inf)
+    for angle in (0.0, bend):
+        cos, sin = np.cos(angle), np.sin(angle)
+        along = cos * x + sin * y[:, None]
+        across = cos * y[:, None] - sin * x
+        squared = np.where(along > 0, across**2, x**2 + y[:, None] ** 2)
+        nearest = np.minimum(nearest, squared)
+    return np.asarray(np.maximum(1.0 - nearest / half_width**2, 0.0))
+
+
+def _blur(picture: Array, radius: float) -> Array:
+    """Mean of a picture over a disc of a radius in nodes."""
+    from scipy.signal import fftconvolve
+
+    reach = int(np.ceil(radius))
+    steps = np.arange(-reach, reach + 1)
+    away = np.hypot(steps, steps[:, None])
+    disc = np.clip(radius + 0.5 - away, 0.0, 1.0)
+    return np.asarray(fftconvolve(picture, disc / disc.sum(), mode='same'))
+
+
+class CoverageTable:
+    """Coverage of a disc at any place of an object's frame.
+
+    Parameters
+    ----------
+    outline : Outline
+        The object.
+    radius : float
+        Of the disc (m).
+    reach : float
+        Of an angle tube's arms from its origin (m).
+    half_width : float
+        Of a tube's contact (m).
+    """
+
+    def __init__(
+        self, outline: Outline, radius: float, reach: float, half_width: float = 0.0
+    ) -> None:
+        if outline.bend is None:
+            corners = np.concatenate(list(outline.loops))
+            low, high = corners.min(axis=0), corners.max(axis=0)
+        else:
+            low, high = np.full(2, -reach), np.full(2, reach)
+        self.pitch = max(float((high - low).max()) / NODES, radius / 12)
+        margin = 2 * radius + 3 * self.pitch
+        x, y = (
+            np.arange(low[i] - margin, high[i] + margin + self.pitch, self.pitch) for i in (0, 1)
+        )
+        if outline.bend is None:
+            sharp = raster(outline.loops, x + 1e-3 * self.pitch, y + 1e-3 * self.pitch)
+        else:
+            sharp = tube(outline.bend, half_width, x, y)
+        soft = _blur(sharp, radius / self.pitch)
+        rise_y, rise_x = np.gradient(soft, self.pitch)
+        self.rows, self.columns = soft.shape
+        self.low = np.array([x[0], y[0]])
+        self.table = np.stack([soft, rise_x, rise_y], axis=-1).reshape(-1, 3)
+        self.squared = float(np.square(soft).sum() * self.pitch**2)
+        total = max(float(soft.sum()), 1e-12)
+        self.centre = np.array([(soft * x).sum(), (soft * y[:, None]).sum()]) / total
+        size = max(float(np.ptp(x)), float(np.ptp(y)))
+        self.gyration = float(np.sqrt((soft * (x**2 + y[:, None] ** 2)).sum() / total)) or size
+
+    def at(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """Coverage and its slopes at points (n,) of the object's frame; 0 beyond the table."""
+        fx, fy = (x - self.low[0]) / self.pitch, (y - self.low[1]) / self.pitch
+        column, row = np.rint(fx), np.rint(fy)
+        np.minimum(np.maximum(column, 0, out=column), self.columns - 1, out=column)
+        np.minimum(np.maximum(row, 0, out=row), self.rows - 1, out=row)
+        node = self.table[(row * self.columns + column).astype(np.intp)]
+        apart_x, apart_y = (fx - column) * self.pitch, (fy - row) * self.pitch
+        value = node[..., 0] + node[..., 1] * apart_x + node[..., 2] * apart_y
+        return np.minimum(np.maximum(value, 0.0), 1.0), node[..., 1], node[..., 2]
+
+
+def symmetry(outline: Outline) -> int:
+    """Order of rotation about the outline's origin: 0 any turn, n by 2 pi / n, 1 none.
+
+    Examples
+    --------
+    >>> square = Outline('square', (np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]]),))
+    >>> symmetry(square)
+    4
+    """
+    if outline.bend is not None:
+        straight = abs(np.cos(outline.bend) + 1) < 1e-9
+        return 2 if straight else 1
+    corners = np.concatenate(list(outline.loops))
+    span = float(np.linalg.norm(corners, axis=1).max())
+    grid = np.linspace(-span, span, 241)
+    picture = raster(outline.loops, grid + 1e-7 * span, grid + 1e-7 * span)
+    smooth = _blur(picture, 2.0)
+    if all(_change(smooth, turn) < ALIKE for turn in TURNS):
+        return 0
+    found = [n for n in range(2, MOST_FOLD + 1) if _change(smooth, 2 * np.pi / n) < ALIKE]
+    return max(found, default=1)
+
+
+def _change(picture: Array, turn: float) -> float:
+    """Part of a square picture's area that a turn about its middle changes."""
+    from scipy.ndimage import map_coordinates
+
+    middle = (len(picture) - 1) / 2
+    row, column = np.indices(picture.shape) - middle
+    cos, sin = np.cos(turn), np.sin(turn)
+    there = [middle + cos * row - sin * column, middle + sin * row + cos * column]
+    turned = map_coordinates(picture, there, order=1)
+    return float(np.abs(turned - picture).sum() / max(picture.sum(), 1e-12))
+
+
+def taxel_points(
+    positions: Array, areas: Array, outlines: Sequence[Outline] | None, count: int
+) -> tuple[Array, Integers, float]:
+    """Points that stand for taxels, about equal parts of each.
+
+    Parameters
+    ----------
+    positions : ndarray, shape (t, 3)
+        Centres (m).
+    areas : ndarray, shape (t,)
+        Of taxels (m2).
+    outlines : sequence of Outline, or None
+        Shapes of the taxels; None: squares along the axes.
+    count : int
+        Points of a taxel, about.
+
+    Returns
+    -------
+    points : ndarray, shape (n, 2)
+        One taxel after the other (m).
+    first : ndarray, shape (t,)
+        Index of the first point of each taxel.
+    radius : float
+        Of a disc as large as a point's part (m).
+    """
+    groups = []
+    for i, (centre, area) in enumerate(zip(positions[:, :2], areas)):
+        if outlines is None:
+            side = max(round(np.sqrt(count)), 1)
+            steps = (np.arange(side) + 0.5) / side - 0.5
+            cross = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+            groups.append(centre + np.sqrt(area) * cross)
+        else:
+            groups.append(_parts(outlines[i].loops, centre, count))
+    sizes = np.array([len(group) for group in groups])
+    radius = float(np.sqrt(np.mean(areas / sizes) / np.pi))
+    return np.concatenate(groups), np.cumsum(sizes) - sizes, radius
+
+
+def _parts(loops: Sequence[Array], centre: Array, count: int) -> Array:
+    """About `count` points inside loops, with the centroid of many."""
+    corners = np.concatenate(list(loops))
+    box = float(np.prod(np.ptp(corners, axis=0)))
+    fine = grid_inside(loops, np.sqrt(box / 1600))
+    if not len(fine):
+        return centre[None]
+    middle = fine.mean(axis=0)
+    part = grid_inside(loops, np.sqrt(box * len(fine) / 1600 / count))
+    return part + (middle - part.mean(axis=0)) if len(part) else middle[None]
