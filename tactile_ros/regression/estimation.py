@@ -87,7 +87,7 @@ class Regression:
             y = np.asarray(truth.get(target, np.full((len(now), 3), np.nan)), np.float64)
             for columns, rows in known_columns(y, signals.good):
                 told = y[rows][:, columns]
-                kept = _places(told) if target == 'position' else None
+                kept = places_of(told) if target == 'position' else None
                 kept = np.asarray(groups['group'][rows], np.int64) if kept is None else kept
                 head = Head(target, columns, self.estimator, now.shape[1])
                 heads['now'] += (head.fit(now[rows], told, kept, session[rows], rest[rows]),)
@@ -173,7 +173,7 @@ def _unknown(shape: tuple[int, ...]) -> Array:
     return array
 
 
-def _places(plane: Array) -> Integers | None:
+def places_of(plane: Array) -> Integers | None:
     """Number of the place of each row, if places were touched more than once; else None."""
     _, place = np.unique(np.round(plane / PLACE), axis=0, return_inverse=True)
     place = np.asarray(place).reshape(-1)

@@ -115,7 +115,7 @@ class Head:
         place = self.target == 'position'
         self.state_ = None if place else RestingState().fit(rests, sessions)
         x = x if self.state_ is None else self._seen(x, self.state_.along(rests))
-        known = candidates(self.wanted, place=place)
+        known = self.candidates()
         choice = select(known, x, y, groups, rounds=FEW_FOLDS if 'perceptron' in known else None)
         self.name = choice.name
         self.estimator_ = known[self.name].fit(x, y, groups)
@@ -133,6 +133,10 @@ class Head:
             **{f'rmse_{name}': error for name, error in choice.errors.items()},
         }
         return self
+
+    def candidates(self) -> dict[str, Estimator]:
+        """The regressors to choose from, by name."""
+        return candidates(self.wanted, place=self.target == 'position')
 
     @property
     def cells(self) -> tuple[slice | Integers, slice | Integers]:

@@ -13,9 +13,9 @@ Source: [2] on the design of a soft tactile sensor with permanent magnets and Ha
 
 from __future__ import annotations
 
-from tactile_ros.regression import CLASSES, ESTIMATORS, Recognition
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig, layout
 from tactile_ros.sensors.magnet_pad.device import MagnetPadConnection, open_pad, simulate_pad
+from tactile_ros.sensors.magnet_pad.estimation import CLASSES, ESTIMATORS, Localisation
 from tactile_ros.sensors.magnet_pad.signal import presses
 from tactile_ros.sensors.registry import SensorSpec
 
@@ -27,11 +27,11 @@ SENSOR = SensorSpec(
     config=MagnetPadConfig,
     connection=MagnetPadConnection,
     layout=layout,
-    estimation=Recognition,
+    estimation=Localisation,
     estimator_names=ESTIMATORS,
     open=open_pad,
     simulate=simulate_pad,
     presses=presses,
-    classes=(MagnetPadConfig, *CLASSES),
+    classes=CLASSES,
     recordings=dict,
 )

@@ -1,0 +1,77 @@
+"""Kernel ridge regression on the pattern of a reading and the logarithm of its size.
+
+A touch of a soft body changes the channels of a sensor in proportion, nearly: the proportions
+tell the place, the size tells the load, and both bend more evenly than the channels themselves.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactile_ros.estimators.kernel_ridge import KernelRidge
+from tactile_ros.estimators.training import fitted, predict_rows, training_rows
+from tactile_ros.types import Array, Integers
+
+SHARE = 0.3  # of a factor e in size against a right angle between patterns
+LEAST = 0.02  # quantile of sizes below which readings have no pattern
+STRENGTHS = tuple(10.0**power for power in range(-10, -2))
+
+
+class PatternRidge:
+    """Kernel ridge on unit readings and the logarithm of their size.
+
+    Parameters
+    ----------
+    samples : int
+        Largest number of inducing samples.
+    lengths : tuple of float
+        Widths of the bumps to choose from, in root mean square lengths of the features.
+
+    Attributes
+    ----------
+    least_ : float
+        Size below which a reading fades into one without pattern (unit of the features).
+    kernel_ : KernelRidge
+        On pattern and size.
+
+    Examples
+    --------
+    >>> x = np.outer(np.linspace(1, 2, 40), [1.0, 2.0])
+    >>> PatternRidge().fit(x, x[:, :1] ** 2).predict(np.array([[1.5, 3.0]])).round(2)
+    array([[2.25]])
+    """
+
+    least_: float
+    kernel_: KernelRidge
+
+    def __init__(self, samples: int = 300, lengths: tuple[float, ...] = (0.5, 1.0, 2.0)) -> None:
+        self.samples = samples
+        self.lengths = lengths
+
+    def fit(self, x: Array, y: Array, groups: Integers | None = None) -> PatternRidge:
+        """Learn from features x (s, d) and targets y (s, k); groups (s,) are split as wholes."""
+        rows = training_rows(x, y, groups)
+        size = np.linalg.norm(rows.x, axis=1)
+        self.least_ = max(float(np.quantile(size, LEAST)), 1e-9 * float(size.max()), 1e-300)
+        self.kernel_ = KernelRidge(self.samples, self.lengths, strengths=STRENGTHS)
+        self.kernel_.fit(self._pattern(rows.x), rows.y, rows.groups)
+        return self
+
+    def predict(self, x: Array) -> Array:
+        """Targets (s, k) of features x (s, d).
+
+        Raises
+        ------
+        NotCalibratedError
+            Before a fit.
+        """
+        fitted(self, 'kernel_')
+        return predict_rows(x, len(self.kernel_.gain_) - 1, self._answer)
+
+    def _answer(self, x: Array) -> Array:
+        return self.kernel_.predict(self._pattern(x))
+
+    def _pattern(self, x: Array) -> Array:
+        """Readings of unit size, and the logarithm of their size, shape (s, d + 1)."""
+        size = np.sqrt((x * x).sum(axis=1) + (0.1 * self.least_) ** 2)
+        return np.column_stack([x / size[:, None], SHARE * np.log(size / self.least_)])

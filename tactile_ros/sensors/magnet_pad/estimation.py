@@ -1,0 +1,307 @@
+"""Cell, place and force of a touch: regressors, neighbours, and the pad as its config tells it.
+
+The cell is voted by neighbours as in [2] or follows from the place, whichever is right more often
+on held-out presses. Where a stray field is met, known touches are compared by what the chips
+differ in. Before any truth is told, touches of the nominal model take the place of recorded ones.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from tactile_ros.conditioning.history import History
+from tactile_ros.estimators.pattern_ridge import PatternRidge
+from tactile_ros.estimators.touch_table import TouchTable
+from tactile_ros.estimators.uncertainty import CalibratedCovariance
+from tactile_ros.regression import CLASSES as REGRESSION_CLASSES
+from tactile_ros.regression import ESTIMATORS as REGRESSORS
+from tactile_ros.regression import Recognition
+from tactile_ros.regression.estimation import places_of
+from tactile_ros.regression.head import Head, known_columns
+from tactile_ros.sensors.magnet_pad.cells import (
+    PLAN,
+    SPACE,
+    nearest,
+    partition,
+    shares_of_cells,
+)
+from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
+from tactile_ros.sensors.magnet_pad.nominal import NominalPad
+from tactile_ros.sensors.magnet_pad.touches import KnownTouches
+
+if TYPE_CHECKING:
+    from tactile_ros.signals import Columns, Report, SensorConfig, Signals
+    from tactile_ros.types import Array, Bools, Estimator, Integers
+
+NOMINAL = 'nominal'
+BY_PLACE, BY_CENTRE = 'nearest_centre', 'cell_centres'
+ESTIMATORS = (*REGRESSORS, NOMINAL)
+FEWEST = 50
+FEWEST_SESSIONS = 3
+TOLD = ('position', 'force', 'cell', 'torque', 'label', 'yaw')
+
+
+class PadHead(Head):
+    """Regressor of a target, with kernel ridge on patterns to choose from."""
+
+    def candidates(self) -> dict[str, Estimator]:
+        """Those of `Head` for a place; for a force the one that `Head` does not try."""
+        mine: dict[str, Estimator] = {'pattern_ridge': PatternRidge()}
+        return {**super().candidates(), **mine} if self.target == 'position' else mine
+
+
+class Localisation(Recognition):
+    """Estimation of the magnet pad.
+
+    Parameters
+    ----------
+    config : MagnetPadConfig
+        Of the sensor.
+    estimator : str or None
+        One of `ESTIMATORS`; None: chosen in `fit`.
+
+    Attributes
+    ----------
+    touches_ : KnownTouches or None
+        Recorded touches, for readings with a stray field.
+    columns_ : tuple of int
+        Coordinates by which a place belongs to the nearest cell; (): none.
+    cell_report_ : dict of str to float
+        How often the place names the right cell, as its covariance says.
+    nominal_ : bool
+        Whether the nominal model speaks.
+    """
+
+    touches_: KnownTouches | None
+
+    def __init__(self, config: SensorConfig, estimator: str | None = None) -> None:
+        assert isinstance(config, MagnetPadConfig)
+        super().__init__(config, estimator)
+        self.config = config
+        self.touches_ = None
+        self.columns_: tuple[int, ...] = ()
+        self.cell_report_: dict[str, float] = {}
+        self.nominal_ = estimator in (None, NOMINAL)
+
+    @property
+    def estimators(self) -> dict[str, str]:
+        """Name of the estimator in use for each target."""
+        if self.nominal_:
+            return dict.fromkeys(('position', 'force', 'cell'), NOMINAL)
+        names = super().estimators
+        if self._cell_by_place:
+            names['cell'] = BY_PLACE
+        return names
+
+    @property
+    def report(self) -> Report:
+        """Errors on held-out groups for each target, and how often cells are right."""
+        place = {'cell_by_place': self.cell_report_} if self.cell_report_ else {}
+        return {**super().report, **place}
+
+    @property
+    def _cell_by_place(self) -> bool:
+        """Whether the cell follows from the place."""
+        voted = [v.report_['held_out_accuracy'] for v in self._useful if v.target == 'cell']
+        return self.cell_report_.get('expected_accuracy', -1.0) > max(voted, default=-0.5)
+
+    def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
+        """Learn every target of which truth knows a component; see `Regression`."""
+        self.touches_, self.columns_, self.cell_report_ = None, (), {}
+        told = any(_told(truth[k])[signals.good].any() for k in TOLD if k in truth)
+        self.nominal_ = self.estimator == NOMINAL or (self.estimator is None and not told)
+        if self.nominal_:
+            _ = self._pad  # now, not when the first frame waits
+            return
+        if self.estimator is not None:
+            super().fit(signals, truth, groups)
+            return
+        super().fit(signals, {k: v for k, v in truth.items() if k != 'position'}, groups)
+        self._own_heads(signals, truth, groups)
+        self._learn_touches(signals, truth, groups)
+        self._learn_cells(signals, truth)
+
+    def _own_heads(self, signals: Signals, truth: Columns, groups: Columns) -> None:
+        """Regressors of the place, and of the force where kernel ridge on patterns errs less."""
+        x = signals.delta.reshape(len(signals.good), self.width)
+        rests = signals.baseline.reshape(x.shape)
+        session = np.asarray(groups['session'], np.int64)
+        better: list[Head] = []
+        y = np.asarray(truth.get('position', np.full((len(x), 3), np.nan)), np.float64)
+        for columns, rows in known_columns(y, signals.good):
+            group = _apart(y[rows][:, columns], truth, groups, rows)
+            head = PadHead('position', columns, None, self.width)
+            better.append(
+                head.fit(x[rows], y[rows][:, columns], group, session[rows], rests[rows])
+            )
+        for head in self.heads_:
+            y = np.asarray(truth[head.target], np.float64)[:, list(head.columns)]
+            rows = signals.good & np.isfinite(y).all(axis=1)
+            rival = PadHead(head.target, head.columns, None, self.width)
+            group = np.asarray(groups['group'], np.int64)[rows]
+            rival.fit(x[rows], y[rows], group, session[rows], rests[rows])
+            pair: tuple[Head, Head] = (head, rival)
+            better.append(min(pair, key=lambda one: one.report_['held_out_rmse']))
+        self.heads_ = tuple(better)
+        vars(self).pop('_best', None)
+
+    def _learn_touches(self, signals: Signals, truth: Columns, groups: Columns) -> None:
+        """Remember touches, for readings with a stray field."""
+        common = self._common(signals)
+        heads = [h for h in self.heads_ if h.target in ('position', 'force')]
+        if common is None or not heads:
+            return
+        count = len(signals.good)
+        cells = np.asarray(truth.get('cell', np.full(count, -1)), np.int64)
+        answers = np.full((count, 6), np.nan)
+        rows = signals.good.copy()
+        for head in heads:
+            columns = np.array(head.columns) + (3 if head.target == 'force' else 0)
+            answers[:, columns] = np.asarray(truth[head.target], np.float64)[:, head.columns]
+            rows &= np.isfinite(answers[:, columns]).all(axis=1)
+        if rows.sum() < FEWEST:
+            return
+        noise = _noise_of_rest(signals)
+        x = signals.delta.reshape(count, self.width)[rows]
+        group = np.asarray(groups['group'], np.int64)[rows]
+        known = KnownTouches(common, int(cells[rows].max(initial=-1)) + 1)
+        self.touches_ = known.fit(x, np.nan_to_num(answers[rows]), cells[rows], group, noise)
+
+    def _learn_cells(self, signals: Signals, truth: Columns) -> None:
+        """Whether cells are the surroundings of their centres, and how often places hit them."""
+        places = np.asarray(truth.get('position', np.empty((0, 3))), np.float64)
+        by = {h.columns for h in self.heads_ if h.target == 'position'}
+        if not places.size or not any({*PLAN} <= {*columns} for columns in by):
+            return
+        rows = signals.good & np.isfinite(places[:, list(PLAN)]).all(axis=1)
+        cells = np.asarray(truth.get('cell', np.full(len(places), -1)), np.int64)
+        named = rows & (cells >= 0)
+        if named.any():
+            self.columns_ = partition(places[named], cells[named], self.config.cells)
+        else:
+            self.columns_ = SPACE if any({*SPACE} <= {*c} for c in by) else PLAN
+        if not {*self.columns_} <= {i for columns in by for i in columns} or not self.columns_:
+            self.columns_ = ()
+            return
+        cov = super().estimate(signals, self.start())['position_cov'][rows].astype(np.float64)
+        at = nearest(places[rows], self.config.cells, self.columns_)
+        shares = shares_of_cells(places[rows], cov, self.config.cells, self.columns_)
+        hit = float(shares[np.arange(len(at)), at].mean())
+        agrees = float((at == cells[rows])[named[rows]].mean()) if named.any() else 1.0
+        self.cell_report_ = {'expected_accuracy': hit * agrees}
+
+    def _common(self, signals: Signals) -> Array | None:
+        """What a uniform field adds to the features (d, 3); None with a single live chip."""
+        taxels = len(self.config.positions)
+        turns = self.config.rotations
+        turned = np.tile(np.eye(3), (taxels, 1, 1)) if turns is None else turns
+        common = np.concatenate([turn.T for turn in turned])
+        live = np.nan_to_num(signals.delta[signals.good]).any(axis=(0, 2))
+        common[~np.repeat(live, 3)] = 0.0
+        return common if live.sum() > 1 else None
+
+    def estimate(self, signals: Signals, memory: object) -> Columns:
+        """Targets of every row; see `Regression`."""
+        if self.nominal_:
+            assert isinstance(memory, History)
+            x = signals.delta.reshape(len(signals.good), self.width)
+            return self._pad.estimate(x)
+        known = super().estimate(signals, memory)
+        x = signals.delta.reshape(len(signals.good), self.width)
+        there = np.flatnonzero(np.isfinite(x).all(axis=1))
+        if self._cell_by_place:
+            self._name_cells(known)
+        if self.touches_ is not None and len(there):
+            self._mind_stray(known, x, there, self.touches_)
+        return known
+
+    @cached_property
+    def _pad(self) -> NominalPad:
+        """Touches of the nominal model: computed once they are asked for."""
+        return NominalPad(self.config)
+
+    def _name_cells(self, known: Columns) -> None:
+        """Cells by place, in rows whose place is known."""
+        place, cov = (np.asarray(known[k], np.float64) for k in ('position', 'position_cov'))
+        rows = np.isfinite(place[:, list(self.columns_)]).all(axis=1)
+        names, shares = np.full(len(place), -1), np.full(len(place), np.nan)
+        if rows.any():
+            each = shares_of_cells(place[rows], cov[rows], self.config.cells, self.columns_)
+            names[rows] = each.argmax(axis=1)
+            shares[rows] = each.max(axis=1)
+        known['cell'], known['cell_probability'] = names, shares
+
+    def _mind_stray(
+        self, known: Columns, x: Array, there: Integers, touches: KnownTouches
+    ) -> None:
+        """Lean on what the chips differ in, where a reading is unlike any known touch."""
+        strange = touches.strangeness(x[there], touches.plain_.blame(x[there]))
+        stray = np.full((len(x), 3), np.nan)
+        stray[there] = 0.0
+        known['stray_field'] = stray
+        lean, rows = strange[strange > 0], there[strange > 0]
+        if not len(rows):
+            return
+        answer = touches.without_common(x[rows])
+        stray[rows] = lean[:, None] * answer.stray
+        for i, target in enumerate(('position', 'force')):
+            if target in known:
+                part = slice(3 * i, 3 * i + 3)
+                told = np.isfinite(known[target][rows])
+                _blend(known, target, rows, lean, answer.mean[:, part], answer.cov[:, part, part])
+                known[target][rows] = np.where(told, known[target][rows], np.nan)
+        if 'cell' in known and touches.cells:
+            firm = lean >= 0.5
+            chosen, shares = rows[firm], answer.shares[firm]
+            known['cell'][chosen] = shares.argmax(axis=1)
+            known['cell_probability'][chosen] = shares.max(axis=1)
+
+
+def _blend(
+    known: Columns, target: str, rows: Integers, lean: Array, mean: Array, cov: Array
+) -> None:
+    """Mean and covariance of a mixture, in place; `lean` (s,) is the share of the new part."""
+    old, spread = (np.asarray(known[k], np.float64)[rows] for k in (target, f'{target}_cov'))
+    share, apart = lean[:, None], mean - old
+    known[target][rows] = old + share * apart
+    between = (share * (1 - share))[:, :, None] * apart[:, :, None] * apart[:, None]
+    known[f'{target}_cov'][rows] = (
+        (1 - share)[:, :, None] * spread + share[:, :, None] * cov + between
+    )
+
+
+def _apart(y: Array, truth: Columns, groups: Columns, rows: Bools) -> Integers:
+    """What a split keeps together: sessions where there are several, presses, or places."""
+    session = np.asarray(groups['session'], np.int64)[rows]
+    if len(np.unique(session)) >= FEWEST_SESSIONS:
+        return session
+    places = None if 'repetition' in truth else places_of(y)
+    return np.asarray(groups['group'], np.int64)[rows] if places is None else places
+
+
+def _told(column: npt.NDArray[np.generic]) -> Bools:
+    """Whether truth tells anything of each row."""
+    known = np.isfinite(column) if column.dtype.kind == 'f' else column != -1
+    return np.asarray(known.any(axis=tuple(range(1, known.ndim))))
+
+
+def _noise_of_rest(signals: Signals) -> float:
+    """Standard deviation of resting readings, over all channels; 0 where nothing rests."""
+    rest = signals.delta[signals.good & (signals.in_contact == 0)]
+    return float(np.sqrt((rest**2).mean())) if len(rest) else 0.0
+
+
+CLASSES = (
+    *REGRESSION_CLASSES,
+    Localisation,
+    PadHead,
+    PatternRidge,
+    KnownTouches,
+    TouchTable,
+    CalibratedCovariance,
+    MagnetPadConfig,
+)

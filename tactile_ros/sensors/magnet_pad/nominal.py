@@ -1,0 +1,161 @@
+"""The pad as its config tells it: magnets carried by an incompressible body under touches.
+
+Touches of all places and loads, normal to the surface or leaning, by tips of several sizes, on a
+body that its base holds or not: what is not known of a touch is spread over the table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.estimators.touch_table import TouchTable
+from tactile_ros.physics.dipoles import in_chip_axes
+from tactile_ros.physics.elastomer import disc_press
+from tactile_ros.physics.magnet_blocks import Blocks
+from tactile_ros.sensors.magnet_pad.cells import SPACE, nearest
+from tactile_ros.types import Array
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
+    from tactile_ros.signals import Columns
+
+SEED = 20191112
+LOADS = (0.01, 0.6)  # of shear modulus times the square of the radius
+TIPS = (0.05, 0.7)  # radius of a tip over that of the cylinder
+LEAN = 0.5  # rad, largest of a leaning touch
+UPRIGHT = 0.75  # share of touches that do not lean
+BLOCK = 2048
+COUNT = 40_000
+WIDTH = 0.7
+UNSURE = 0.8  # the table's spread has touches that lean and bodies of all bonds
+LEAST = 1e-4  # m; N times shear modulus and radius follow
+
+
+@dataclass(frozen=True)
+class Presses:
+    """Touches of the half cylinder.
+
+    Attributes
+    ----------
+    along, around : ndarray, shape (s,)
+        Place along the axis (m), and angle from y (rad).
+    force : ndarray, shape (s, 3)
+        What the skin exerts on the object (N).
+    tip, bond : ndarray, shape (s,)
+        Radius of the contact (m); share of the base's image.
+    """
+
+    along: Array
+    around: Array
+    force: Array
+    tip: Array
+    bond: Array
+
+    @property
+    def normals(self) -> Array:
+        """Outward normals, shape (s, 3)."""
+        zero = np.zeros_like(self.around)
+        return np.column_stack([zero, np.cos(self.around), np.sin(self.around)])
+
+    def places(self, radius: float) -> Array:
+        """Contacts on a cylinder of `radius`, shape (s, 3) (m)."""
+        places = radius * self.normals
+        places[:, 0] = self.along
+        return places
+
+
+def spread_presses(config: MagnetPadConfig, count: int) -> Presses:
+    """Touches of all kinds over the whole pad, the same for the same config."""
+    rng = np.random.default_rng(SEED)
+    along = config.length * (rng.uniform(size=count) - 0.5)
+    across = rng.uniform(-1, 1, count)
+    around = np.arccos(0.98 * across)
+    low, high = np.log(LOADS)
+    size = np.exp(rng.uniform(low, high, count)) * config.shear_modulus * config.radius**2
+    lean = LEAN * rng.uniform(size=count) * (rng.uniform(size=count) > UPRIGHT)
+    turn = rng.uniform(0, 2 * np.pi, count)
+    zero = np.zeros(count)
+    normal = np.column_stack([zero, np.cos(around), np.sin(around)])
+    tangent = np.column_stack([zero, -np.sin(around), np.cos(around)])
+    sideways = np.cos(turn)[:, None] * np.eye(3)[0] + np.sin(turn)[:, None] * tangent
+    direction = np.cos(lean)[:, None] * normal + np.sin(lean)[:, None] * sideways
+    tip = config.radius * rng.uniform(*TIPS, count)
+    bond = np.clip(rng.uniform(-0.8, 1.6, count), 0.0, 1.0)
+    return Presses(along, around, size[:, None] * direction, tip, bond)
+
+
+def change_of_field(config: MagnetPadConfig, presses: Presses) -> Array:
+    """Change of the readings (s, t, 3) (T) in chip axes, from rest to touched."""
+    blocks = Blocks.along(
+        config.magnet_positions, config.magnet_axes, config.magnet_size, config.remanence
+    )
+    rest = np.zeros((1, len(config.magnet_positions), 3))
+    level = blocks.field(config.positions, rest, rest)
+    parts = []
+    for i in range(0, len(presses.along), BLOCK):
+        moved, turned = blocks.carried(_displacement(config, presses, slice(i, i + BLOCK)))
+        parts.append(blocks.field(config.positions, moved, turned) - level)
+    return in_chip_axes(np.concatenate(parts), config.rotations)
+
+
+def _displacement(
+    config: MagnetPadConfig, presses: Presses, rows: slice
+) -> Callable[[Array], Array]:
+    """Of points (n, 3) under some of the presses, shape (s, n, 3)."""
+    places, normals = presses.places(config.radius)[rows], presses.normals[rows]
+    force, tip, bond = -presses.force[rows], presses.tip[rows], presses.bond[rows]
+
+    def displacement(points: Array) -> Array:
+        wide = np.broadcast_to(points, (len(places), *points.shape))
+        return disc_press(wide, places, normals, force, tip, config.shear_modulus, bond)
+
+    return displacement
+
+
+class NominalPad:
+    """Touches of the nominal model as a table that answers readings.
+
+    Parameters
+    ----------
+    config : MagnetPadConfig
+        Geometry and materials.
+    """
+
+    def __init__(self, config: MagnetPadConfig) -> None:
+        presses = spread_presses(config, COUNT)
+        change = change_of_field(config, presses).reshape(COUNT, -1)
+        self.least = 0.05 * float(np.sqrt((change**2).sum(axis=1).mean()))
+        self.table = TouchTable(0.02, neighbours=32, width=WIDTH).fit(self._pattern(change))
+        self.answers = np.column_stack([presses.places(config.radius), presses.force])
+        self.cells = nearest(self.answers, config.cells, SPACE)
+        self.count = len(config.cells)
+        force = LEAST * config.shear_modulus * config.radius
+        self.floor = np.diag(np.repeat([LEAST, force], 3) ** 2)
+
+    def _pattern(self, x: Array) -> Array:
+        """Readings whose size counts by its logarithm once it is no longer small."""
+        size = np.sqrt((x * x).sum(axis=1, keepdims=True)) / self.least
+        return np.asarray(x / self.least * np.arcsinh(size) / np.maximum(size, 1e-12))
+
+    def estimate(self, x: Array) -> Columns:
+        """Place, force and cell of changes of field x (s, d) (T); NaN and -1 where x is not."""
+        there = np.isfinite(x).all(axis=1)
+        mean, cov = np.full((len(x), 6), np.nan), np.full((len(x), 6, 6), np.nan)
+        cell, share = np.full(len(x), -1), np.full(len(x), np.nan)
+        if there.any():
+            blame = self.table.blame(self._pattern(x[there]))
+            mean[there] = blame.mean(self.answers)
+            spread = blame.covariance(self.answers, mean[there])
+            cov[there] = UNSURE**2 * spread + self.floor
+            shares = blame.shares(self.cells, self.count)
+            cell[there], share[there] = shares.argmax(axis=1), shares.max(axis=1)
+        return {
+            'position': mean[:, :3], 'position_cov': cov[:, :3, :3],
+            'force': mean[:, 3:], 'force_cov': cov[:, 3:, 3:],
+            'cell': cell, 'cell_probability': share,
+        }  # fmt: skip
