@@ -4,25 +4,45 @@ A disc in an elastomer moves with the force on it; four pixels within 2 mm see B
 stray field is the same at all four, so that what is left after removing the mean is the disc's
 alone. [3] corrects the Hall sensitivity for temperature, removes means, adds norms and all
 products of second order (91 features), and fits three forces and two torques by Huber loss with an
-L1 penalty. Here force and torque are regressed from the change of field until those methods are
-built; which regressor serves is chosen in `fit` by grouped cross-validation.
+L1 penalty. Here that chain competes with polynomials of the disc's place, which a model of its
+field tells, and with plain regressors; which serves is chosen in `fit` by grouped
+cross-validation.
 
 Source: [3] on a magnetic force sensor with gradiometric pixels, immune to stray fields.
 """
 
 from __future__ import annotations
 
-from functools import partial
-
-from tactile_ros.regression import CLASSES, ESTIMATORS, Regression
+from tactile_ros.estimators.column_view import ColumnView
+from tactile_ros.estimators.disc_inversion import DiscInversion
+from tactile_ros.estimators.polynomial_force import PolynomialForce
+from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
+from tactile_ros.estimators.uniform_field import UniformField
+from tactile_ros.regression import CLASSES
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig, layout
 from tactile_ros.sensors.gradiometer.device import (
     GradiometerConnection,
     open_gradiometer,
     simulate_gradiometer,
 )
+from tactile_ros.sensors.gradiometer.estimation import GradiometerEstimation
+from tactile_ros.sensors.gradiometer.readings import Readings
 from tactile_ros.sensors.gradiometer.signal import presses
+from tactile_ros.sensors.gradiometer.stray import StrayField
+from tactile_ros.sensors.gradiometer.target import ESTIMATORS, Target
 from tactile_ros.sensors.registry import SensorSpec
+
+OWN = (
+    GradiometerEstimation,
+    Readings,
+    UniformField,
+    DiscInversion,
+    StrayField,
+    Target,
+    ColumnView,
+    PolynomialForce,
+    PolynomialRidge,
+)
 
 SENSOR = SensorSpec(
     key='gradiometer',
@@ -32,11 +52,11 @@ SENSOR = SensorSpec(
     config=GradiometerConfig,
     connection=GradiometerConnection,
     layout=layout,
-    estimation=partial(Regression, channels=2),
+    estimation=GradiometerEstimation,
     estimator_names=ESTIMATORS,
     open=open_gradiometer,
     simulate=simulate_gradiometer,
     presses=presses,
-    classes=(GradiometerConfig, *CLASSES),
+    classes=(GradiometerConfig, *OWN, *CLASSES),
     recordings=dict,
 )

@@ -1,0 +1,156 @@
+"""Force by all second-order products of pixels without their mean [3].
+
+[3], appendix, as corrected: the means over the pixels carry a factor of one over their number and
+the Bz line removes the mean of Bz; with a norm for each pixel and a constant, products of any two
+make 91 features of four pixels. They have rank 61, so that weights come from singular values, of
+which those that carry nothing are left out; Huber's loss with an L1 penalty is kept beside it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactile_ros.estimators.training import fitted, predict_rows, training_rows
+from tactile_ros.types import Array, Integers
+
+LEAST_SHARE = 1e-10
+HUBER = 1.345  # of the residuals' scale (Huber, Robust Statistics, 1981)
+ROUNDS = 300
+
+
+class PolynomialForce:
+    """The chain of [3]: mean removal, norms, 91 products, one matrix of weights.
+
+    Parameters
+    ----------
+    loss : str
+        'squares', solved by singular values; 'huber_l1', Huber's loss with an L1 penalty,
+        iterated until it stands.
+    penalty : float
+        Of the L1 norm, per row, of weights of standardised features.
+
+    Attributes
+    ----------
+    size_ : float
+        Root mean square of the gradient field (T), in which features are expressed.
+    mean_, spread_ : ndarray, shape (p,)
+        Of the features.
+    weights_ : ndarray, shape (p, k)
+        Of standardised features (unit of y).
+    level_ : ndarray, shape (k,)
+        Mean of y.
+
+    Examples
+    --------
+    >>> x = np.random.default_rng(0).normal(size=(200, 8))
+    >>> chain = PolynomialForce().fit(x, x[:, :1] - x[:, 2:3])
+    >>> bool(np.allclose(chain.predict(x + np.tile([5.0, -3.0], 4)), chain.predict(x)))
+    True
+    """
+
+    size_: float
+    mean_: Array
+    spread_: Array
+    weights_: Array
+    level_: Array
+
+    def __init__(self, loss: str = 'squares', penalty: float = 1e-6) -> None:
+        if loss not in ('squares', 'huber_l1'):
+            msg = f"loss of PolynomialForce must be 'squares' or 'huber_l1'; received {loss!r}"
+            raise ValueError(msg)
+        self.loss = loss
+        self.penalty = penalty
+
+    def fit(self, x: Array, y: Array, groups: Integers | None = None) -> PolynomialForce:
+        """Learn weights.
+
+        Parameters
+        ----------
+        x : ndarray, shape (s, 2 t)
+            Bx and Bz of every pixel (T).
+        y : ndarray, shape (s, k)
+            Targets.
+        groups : ndarray of int, shape (s,), or None
+            Not used: nothing is chosen.
+
+        Returns
+        -------
+        PolynomialForce
+            Itself.
+        """
+        rows = training_rows(x, y, groups)
+        size = float(np.sqrt((gradient_field(rows.x) ** 2).mean()))
+        self.size_ = size if size > 0 else 1.0
+        raw = products(gradient_field(rows.x) / self.size_)
+        self.mean_, spread = raw.mean(axis=0), raw.std(axis=0)
+        self.spread_ = np.where(spread > 0, spread, 1.0)
+        terms, self.level_ = (raw - self.mean_) / self.spread_, rows.y.mean(axis=0)
+        target = rows.y - self.level_
+        self.weights_ = np.asarray(np.linalg.lstsq(terms, target, rcond=LEAST_SHARE)[0], float)
+        if self.loss == 'huber_l1':
+            self.weights_ = _huber_l1(terms, target, self.weights_, self.penalty)
+        return self
+
+    def predict(self, x: Array) -> Array:
+        """Evaluate the chain, shape (s, k), of fields (s, 2 t) (T).
+
+        Raises
+        ------
+        NotCalibratedError
+            Before a fit.
+        """
+        fitted(self, 'weights_')
+        width = int(np.sqrt(2 * len(self.mean_))) // 3 * 2
+        return predict_rows(x, width, self._answer)
+
+    def _answer(self, x: Array) -> Array:
+        raw = products(gradient_field(x) / self.size_)
+        return np.asarray((raw - self.mean_) / self.spread_ @ self.weights_ + self.level_)
+
+
+def gradient_field(x: Array) -> Array:
+    """Fields (s, t, 2) of pixels (s, 2 t) less their mean over the pixels.
+
+    Examples
+    --------
+    >>> gradient_field(np.array([[1.0, 5.0, 3.0, 5.0]])).tolist()
+    [[[-1.0, 0.0], [1.0, 0.0]]]
+    """
+    pixels = x.reshape(len(x), -1, 2)
+    return np.asarray(pixels - pixels.mean(axis=1, keepdims=True))
+
+
+def products(field: Array) -> Array:
+    """Constant, fields and norms, and products of any two: (s, (3 t + 1)(3 t + 2) / 2).
+
+    Examples
+    --------
+    >>> products(np.zeros((1, 4, 2))).shape
+    (1, 91)
+    """
+    norm = np.sqrt((field**2).sum(axis=2))
+    flat = field.reshape(len(field), -1)
+    wide = np.concatenate([np.ones((len(field), 1)), flat, norm], axis=1)
+    first, second = np.triu_indices(wide.shape[1])
+    return np.asarray(wide[:, first] * wide[:, second])
+
+
+def _huber_l1(terms: Array, target: Array, weights: Array, penalty: float) -> Array:
+    """Weights (p, k) that minimise Huber's loss with an L1 penalty, by reweighted squares."""
+    found = weights.copy()
+    for k in range(target.shape[1]):
+        w = found[:, k]
+        for _ in range(ROUNDS):
+            error = target[:, k] - terms @ w
+            scale = 1.4826 * np.median(np.abs(error)) + np.finfo(float).tiny
+            trust = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(error), 1e-300))
+            shrink = penalty * len(terms) * scale / np.maximum(np.abs(w), 1e-9 * np.abs(w).max())
+            root = np.sqrt(trust)[:, None]
+            left = np.concatenate([root * terms, np.diag(np.sqrt(shrink))])
+            right = np.concatenate([root[:, 0] * target[:, k], np.zeros(len(w))])
+            new = np.linalg.lstsq(left, right, rcond=LEAST_SHARE)[0]
+            moved, w = float(np.abs(new - w).max()), new
+            if moved <= 1e-6 * np.abs(w).max():
+                break
+        found[:, k] = w
+    return found

@@ -1,0 +1,169 @@
+"""Polynomials of a few features; degree and penalty of each component by held-out groups.
+
+Where a model has already turned readings into a place, force is a smooth function of few
+variables, and a polynomial of low degree learns it from a few hundred presses.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+from tactile_ros.estimators.folds import group_folds
+from tactile_ros.estimators.ridge_path import held_out_squares, ridge_weights
+from tactile_ros.estimators.standardisation import Standardisation
+from tactile_ros.estimators.training import fitted, predict_rows, training_rows
+from tactile_ros.types import Array, Integers
+
+STRENGTHS = 10.0 ** np.arange(-12.0, -1.0)
+BEYOND = 1.5  # of the range seen: farther out the polynomial stands still
+
+
+class PolynomialRidge:
+    """Polynomial of all features up to a degree, with a penalty on standardised terms.
+
+    Parameters
+    ----------
+    degrees : tuple of int
+        To choose from, for each component of the target.
+    folds, seed : int
+        Of held-out groups.
+
+    Attributes
+    ----------
+    scale_ : Standardisation
+        Of the features.
+    limit_ : ndarray, shape (d,)
+        Standardised size of a feature that was seen, and half as much again.
+    terms_ : Standardisation
+        Of the terms of the highest degree.
+    weights_ : ndarray, shape (p, k)
+        Of the terms; 0 above the degree of a component.
+    level_ : ndarray, shape (k,)
+        Mean of y.
+    degree_ : ndarray, shape (k,)
+        Degree of each component.
+
+    Examples
+    --------
+    >>> x = np.linspace(-1, 1, 50)[:, None]
+    >>> PolynomialRidge((1, 2, 3)).fit(x, x**3).predict(np.array([[0.5]])).round(3)
+    array([[0.125]])
+    """
+
+    scale_: Standardisation
+    limit_: Array
+    terms_: Standardisation
+    weights_: Array
+    level_: Array
+    degree_: Integers
+
+    def __init__(
+        self, degrees: tuple[int, ...] = (1, 2, 3), folds: int = 5, seed: int = 0
+    ) -> None:
+        self.degrees = degrees
+        self.folds = folds
+        self.seed = seed
+
+    def fit(self, x: Array, y: Array, groups: Integers | None = None) -> PolynomialRidge:
+        """Choose degrees and penalties, and learn weights.
+
+        Parameters
+        ----------
+        x : ndarray, shape (s, d)
+            Features.
+        y : ndarray, shape (s, k)
+            Targets.
+        groups : ndarray of int, shape (s,), or None
+            What a split keeps together.
+
+        Returns
+        -------
+        PolynomialRidge
+            Itself.
+        """
+        rows = training_rows(x, y, groups)
+        self.scale_ = Standardisation().fit(rows.x)
+        z = self.scale_(rows.x)
+        self.limit_ = BEYOND * np.abs(z).max(axis=0)
+        width = z.shape[1]
+        affordable = [d for d in self.degrees if count_terms(width, d) < 0.8 * len(z)]
+        degrees = affordable or [min(self.degrees)]
+        raw = monomials(z, max(degrees))
+        self.terms_ = Standardisation().fit(raw)
+        terms, self.level_ = self.terms_(raw), np.asarray(rows.y.mean(axis=0))
+        target = rows.y - self.level_
+        fold = group_folds(rows.groups, self.folds, self.seed)
+        self.weights_ = np.zeros((terms.shape[1], target.shape[1]))
+        self.degree_ = np.zeros(target.shape[1], np.int64)
+        counts = {d: count_terms(width, d) for d in degrees}
+        for k in range(target.shape[1]):
+            one = target[:, k : k + 1]
+            squares = {
+                d: held_out_squares(terms[:, :n], one, fold, STRENGTHS) for d, n in counts.items()
+            }
+            degree = min(squares, key=lambda d: float(squares[d].min()))
+            strength = float(STRENGTHS[int(np.argmin(squares[degree]))])
+            n = counts[degree]
+            self.weights_[:n, k] = ridge_weights(terms[:, :n], one, strength)[:, 0]
+            self.degree_[k] = degree
+        return self
+
+    def predict(self, x: Array) -> Array:
+        """Evaluate the polynomials, shape (s, k), of features (s, d).
+
+        Raises
+        ------
+        NotCalibratedError
+            Before a fit.
+        """
+        fitted(self, 'degree_')
+        return predict_rows(x, len(self.limit_), self._answer)
+
+    def _answer(self, x: Array) -> Array:
+        z = np.clip(self.scale_(x), -self.limit_, self.limit_)
+        degree = next(
+            d for d in sorted(self.degrees) if count_terms(x.shape[1], d) == len(self.weights_)
+        )
+        return np.asarray(self.terms_(monomials(z, degree)) @ self.weights_ + self.level_)
+
+
+def count_terms(width: int, degree: int) -> int:
+    """Number of monomials of a width up to a degree, without the constant.
+
+    Examples
+    --------
+    >>> count_terms(2, 2)
+    5
+    """
+    return len(_factors(width, degree))
+
+
+def monomials(z: Array, degree: int) -> Array:
+    """Monomials of z (s, d) up to a degree, in growing order, without the constant.
+
+    Examples
+    --------
+    >>> monomials(np.array([[2.0, 3.0]]), 2).tolist()
+    [[2.0, 3.0, 4.0, 6.0, 9.0]]
+    """
+    width = z.shape[1]
+    factors = _factors(width, degree)
+    terms = np.empty((len(z), len(factors)))
+    terms[:, :width] = z
+    for column in range(width, len(factors)):
+        lower, last = factors[column]
+        np.multiply(terms[:, lower], z[:, last], out=terms[:, column])
+    return terms
+
+
+@lru_cache(maxsize=32)
+def _factors(width: int, degree: int) -> tuple[tuple[int, int], ...]:
+    """For each monomial the column of its lower factor, and the variable that multiplies it."""
+    names: list[tuple[int, ...]] = []
+    for order in range(1, degree + 1):
+        names += list(combinations_with_replacement(range(width), order))
+    column = {name: i for i, name in enumerate(names)}
+    return tuple((column.get(name[:-1], 0), name[-1]) for name in names)

@@ -1,0 +1,137 @@
+"""Field of a disc from a table over its half plane: a thousandth of the exact field's price.
+
+Near the disc a dipole errs by milliteslas; a table of the exact field with cubic interpolation
+errs by less than a hundredth of a microtesla. Its rows are squares of the distance from the axis,
+in which the field is smooth at the axis, and its columns heights.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactile_ros.physics.magnetics import axial_cylinder, tilt_rotation
+from tactile_ros.types import Array, Integers
+
+ROWS, COLUMNS = 128, 96
+
+
+def disc_table(
+    diameter: float, height: float, reach: tuple[float, float, float]
+) -> tuple[Array, Array]:
+    """Tabulate the field below a disc of remanence 1 T.
+
+    Parameters
+    ----------
+    diameter, height : float
+        Of the disc (m).
+    reach : tuple of float
+        Largest distance from the axis, least and largest depth under the disc's centre (m).
+
+    Returns
+    -------
+    table : ndarray, shape (ROWS, COLUMNS, 2)
+        Radial field over the distance (T / m), and axial field (T).
+    grid : ndarray, shape (4,)
+        Step of the squares (m2), first depth, step of depths (m); the last is their number.
+    """
+    farthest, least, most = reach
+    step, rise = farthest**2 / (ROWS - 3), (most - least) / (COLUMNS - 1)
+    # squares begin one step below 0, where the field is that of the mirrored side
+    squares = step * np.arange(-1.0, ROWS - 1)
+    depth = least + rise * np.arange(COLUMNS)
+    rho = np.sqrt(np.maximum(squares, 1e-6 * step))[:, None] * np.ones(COLUMNS)
+    radial, axial = axial_cylinder(rho, -depth * np.ones_like(rho), diameter, height, 1.0)
+    table = np.stack([radial / rho, axial], axis=-1)
+    # even in the distance is smooth in its square: the row below 0 continues the next three
+    table[0] = 4 * table[1] - 6 * table[2] + 4 * table[3] - table[4]
+    return table, np.array([step, least, rise, float(COLUMNS)])
+
+
+def _cubic(position: Array, count: int) -> tuple[Integers, Array, Array]:
+    """First of four nodes, Lagrange's weights (4, ...) and their slopes at positions."""
+    first = np.clip(np.floor(position).astype(np.int64) - 1, 0, count - 4)
+    u = position - first - 1
+    a, b, c = u + 1, u - 1, u - 2
+    weights = np.stack([-u * b * c / 6, a * b * c / 2, -a * u * c / 2, a * u * b / 6])
+    slopes = np.stack(
+        [
+            -(b * c + u * c + u * b) / 6,
+            (b * c + a * c + a * b) / 2,
+            -(u * c + a * c + a * u) / 2,
+            (u * b + a * b + a * u) / 6,
+        ]
+    )
+    return first, weights, slopes
+
+
+def table_field(own: Array, table: Array, grid: Array) -> tuple[Array, Array]:
+    """Field of a disc of 1 T in its own axes, and how it changes with the place.
+
+    Parameters
+    ----------
+    own : ndarray, shape (n, 3)
+        Points under the disc, from its centre (m).
+    table, grid : ndarray
+        Of `disc_table`.
+
+    Returns
+    -------
+    field : ndarray, shape (n, 3)
+        (T).
+    slope : ndarray, shape (n, 3, 3)
+        d field[i] / d own[j] (T / m).
+    """
+    step, least, rise, _ = grid
+    x, y = own[:, 0], own[:, 1]
+    i, wi, si = _cubic((x * x + y * y) / step + 1, table.shape[0])
+    j, wj, sj = _cubic((-own[:, 2] - least) / rise, table.shape[1])
+    near = table[i[:, None, None] + np.arange(4)[:, None], j[:, None, None] + np.arange(4)]
+    rows = np.einsum('nabk,bn->ank', near, wj)
+    f, g = np.einsum('ank,an->kn', rows, wi)
+    fs, gs = np.einsum('ank,an->kn', rows, si) * (2 / step)
+    fz, gz = np.einsum('nabk,bn,an->kn', near, sj, wi) / -rise
+    field = np.stack([f * x, f * y, g], axis=1)
+    slope = np.empty((len(own), 3, 3))
+    slope[:, 0, 0], slope[:, 1, 1] = f + x * x * fs, f + y * y * fs
+    slope[:, 0, 1] = slope[:, 1, 0] = x * y * fs
+    slope[:, 0, 2], slope[:, 1, 2] = x * fz, y * fz
+    slope[:, 2, 0], slope[:, 2, 1], slope[:, 2, 2] = x * gs, y * gs, gz
+    return field, slope
+
+
+def table_disc(
+    pixels: Array, places: Array, tilts: Array, table: Array, grid: Array
+) -> tuple[Array, Array]:
+    """Field at pixels of tilted discs of 1 T, and how it changes with place and tilt.
+
+    Parameters
+    ----------
+    pixels : ndarray, shape (t, 3)
+        (m).
+    places, tilts : ndarray, shape (s, 3), (s, 2)
+        Centres (m) and turns about x and y (rad).
+    table, grid : ndarray
+        Of `disc_table`.
+
+    Returns
+    -------
+    field : ndarray, shape (s, t, 3)
+        (T).
+    slope : ndarray, shape (s, t, 3, 5)
+        Against place (T / m) and tilt (T / rad; exact where the tilt is 0).
+    """
+    turn = tilt_rotation(tilts)
+    apart = pixels[None] - places[:, None]
+    own = np.einsum('sji,stj->sti', turn, apart)
+    flat, steep = table_field(own.reshape(-1, 3), table, grid)
+    field = np.einsum('sij,stj->sti', turn, flat.reshape(own.shape))
+    steep = steep.reshape(*own.shape, 3)
+    steep = np.einsum('sij,stjk,slk->stil', turn, steep, turn)
+    slope = np.empty((*own.shape, 5))
+    slope[..., :3] = -steep
+    for k in (0, 1):
+        axis = np.eye(3)[k]
+        slope[..., 3 + k] = np.cross(axis, field) - np.einsum(
+            'stij,stj->sti', steep, np.cross(axis, apart)
+        )
+    return field, slope

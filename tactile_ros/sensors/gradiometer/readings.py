@@ -1,0 +1,130 @@
+"""Readings of the gradiometer as changes of field: temperature, baseline, axes and margins."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.sensors.gradiometer.thermal import (
+    LEAST_RANGE,
+    STRONGEST,
+    WEAKEST,
+    chip_temperature,
+    sensitivity,
+)
+
+if TYPE_CHECKING:
+    from tactile_ros.sensors.gradiometer.config import GradiometerConfig
+    from tactile_ros.signals import Signals
+    from tactile_ros.types import Array, Bools
+
+NOISE = 3e-6  # T, where nothing tells it: of [3] at room temperature
+SIGMAS = 4.0  # within which a clipped reading may fall below the range
+MOST_MARGIN = 0.01  # of the range
+CLEAR = 20.0  # sigmas of the disc at rest beyond which it tells the baseline's temperature
+
+
+class Readings:
+    """Change of field of one gradiometer.
+
+    Parameters
+    ----------
+    config : GradiometerConfig
+        Axes, sensitivity and noise.
+
+    Attributes
+    ----------
+    axes : ndarray, shape (n, 3)
+        Direction of each channel; 0 for dead ones.
+    noise : float
+        Of a channel (T).
+    absolute_ : bool
+        Readings came without a baseline.
+    level_ : ndarray, shape (n,)
+        Mean field at rest (T).
+    usual_ : float
+        Mean temperature of the fit (degrees Celsius); NaN: none was told.
+    warm_ : bool
+        Temperatures of the fit differed.
+    """
+
+    def __init__(self, config: GradiometerConfig) -> None:
+        self.sensitivity = config.sensitivity
+        turned = config.rotations
+        turned = np.tile(np.eye(3), (len(config.positions), 1, 1)) if turned is None else turned
+        self.axes = np.ascontiguousarray(turned[:, :, [0, 2]].transpose(0, 2, 1)).reshape(-1, 3)
+        stated = NOISE if config.noise is None else float(np.max(config.noise))
+        self.noise = stated if np.isfinite(stated) else NOISE
+        self.absolute_ = False
+        self.level_ = np.zeros(len(self.axes))
+        self.usual_ = float('nan')
+        self.warm_ = False
+        self.stated = config.noise is not None
+
+    def fit(self, signals: Signals, resting: Bools) -> Readings:
+        """Learn level, noise and temperatures from frames and which of them (s,) rest."""
+        rows = signals.good
+        flat = signals.values.reshape(len(rows), len(self.axes))
+        if rows.any():
+            dead = (flat[rows] == 0).all(axis=0)
+            self.axes = np.where(dead[:, None] & ~dead.all(), 0.0, self.axes)
+        self.absolute_ = not np.nan_to_num(signals.baseline[rows]).any()
+        chip = chip_temperature(signals)
+        if chip is not None and np.isfinite(chip[rows]).any():
+            seen = chip[rows & np.isfinite(chip)]
+            self.usual_ = float(seen.mean())
+            self.warm_ = bool(seen.max() - seen.min() > LEAST_RANGE)
+        self._learn_rest(signals, resting if resting.any() else rows)
+        if not self.stated and resting.sum() > 10:
+            spread = signals.delta[resting].reshape(-1, len(self.axes)).std(axis=0)
+            self.noise = float(np.sqrt((spread**2).mean())) or self.noise
+        return self
+
+    def _learn_rest(self, signals: Signals, rows: Bools) -> None:
+        if self.absolute_ or not rows.any():
+            return
+        base = signals.baseline[rows] / self._sensitivity(signals)[rows]
+        self.level_ = base.reshape(len(base), len(self.axes)).mean(axis=0)
+
+    def _sensitivity(self, signals: Signals) -> Array:
+        """Of every reading, shape (s, t, 1); 1 where a fit was told no temperature."""
+        if signals.temperature_c is None or not np.isfinite(self.usual_):
+            return np.ones((len(signals.good), 1, 1))
+        chip = np.where(np.isfinite(signals.temperature_c), signals.temperature_c, np.nan)
+        if not np.isfinite(chip).all():
+            mean = chip_temperature(signals)
+            assert mean is not None
+            mean = np.where(np.isfinite(mean), mean, self.usual_)
+            chip = np.where(np.isfinite(chip), chip, mean[:, None])
+        return sensitivity(chip, self.sensitivity)[..., None]
+
+    def change(self, signals: Signals) -> Array:
+        """Change of field since rest, or the field, shape (s, n) (T)."""
+        shape = (len(signals.good), len(self.axes))
+        if signals.temperature_c is None or not np.isfinite(self.usual_):
+            return signals.delta.reshape(shape)
+        field = signals.values / self._sensitivity(signals)
+        if self.absolute_:
+            return np.asarray(field.reshape(shape))
+        base = signals.baseline.reshape(shape)
+        return np.asarray(field.reshape(shape) - base / self._strength(base)[:, None])
+
+    def _strength(self, base: Array) -> Array:
+        """How strong the disc at rest was when baselines (s, n) were read, against the fit."""
+        pixels = self.level_.reshape(-1, 2)
+        pattern = (pixels - pixels.mean(axis=0)).reshape(-1)
+        size = float(pattern @ pattern)
+        if size < (CLEAR * self.noise) ** 2:
+            return np.ones(len(base))
+        found = base @ pattern / size
+        return np.clip(np.where(np.isfinite(found), found, 1.0), WEAKEST, STRONGEST)
+
+
+def margins(signals: Signals, config: GradiometerConfig, noise: float) -> Bools:
+    """Rows (s,) with a reading so near its limit that noise may hide that it is clipped."""
+    if config.saturation is None:
+        return np.zeros(len(signals.good), bool)
+    limit = np.broadcast_to(np.asarray(config.saturation, float), (2,))
+    edge = limit - np.minimum(SIGMAS * noise, MOST_MARGIN * limit)
+    return np.asarray((np.abs(signals.values) >= edge).any(axis=(1, 2)))

@@ -1,0 +1,151 @@
+"""One target of the gradiometer: its estimator, chosen and calibrated on held-out groups."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.estimators.column_view import ColumnView
+from tactile_ros.estimators.grid_knn import GridKnn
+from tactile_ros.estimators.kernel_ridge import KernelRidge
+from tactile_ros.estimators.perceptron import Perceptron
+from tactile_ros.estimators.polynomial_force import PolynomialForce
+from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
+from tactile_ros.estimators.ridge import Ridge
+from tactile_ros.estimators.selection import Selection, select
+from tactile_ros.estimators.uncertainty import CalibratedCovariance
+
+if TYPE_CHECKING:
+    from tactile_ros.types import Array, Estimator, Integers
+
+PLAIN = ('ridge', 'grid_knn', 'kernel_ridge', 'perceptron', 'polynomial', 'differences')
+MODELS = ('inversion', 'inversion_tilt', 'inversion_rest')
+ESTIMATORS = (*MODELS, *PLAIN)
+TRIED = 2500  # rows on which candidates are compared
+TINY = 1e-12
+
+
+def candidates(parts: dict[str, Integers], wanted: str | None) -> dict[str, Estimator]:
+    """Estimators of the features that there are, by name."""
+    warm = parts['thermal']
+    low = (1, 2) if len(warm) else (1, 2, 3)
+    seen = np.concatenate([parts['differences'], warm])
+    known: dict[str, Estimator] = {}
+    if 'place' in parts:
+        place = np.concatenate([parts['place'], warm])
+        known['inversion'] = ColumnView(PolynomialRidge((1, 2, 3, 4, 5)), place)
+        tilted = np.concatenate([parts['tilted'], warm])
+        known['inversion_tilt'] = ColumnView(PolynomialRidge((*low, low[-1] + 1)), tilted)
+        rest = np.concatenate([place, parts['rest']])
+        known['inversion_rest'] = ColumnView(PolynomialRidge(low), rest)
+    known['differences'] = ColumnView(PolynomialRidge((*low, low[-1] + 1)), seen)
+    known['polynomial'] = ColumnView(PolynomialForce(), parts['field'])
+    known['kernel_ridge'] = ColumnView(KernelRidge(), parts['differences'])
+    known['ridge'] = ColumnView(Ridge(), seen)
+    known['grid_knn'] = ColumnView(GridKnn(), parts['differences'])
+    if wanted == 'perceptron':
+        return {wanted: ColumnView(Perceptron(), parts['differences'])}
+    return known if wanted is None else {wanted: known[wanted]}
+
+
+class Target:
+    """Estimator of some components of force, torque or position.
+
+    Parameters
+    ----------
+    name : str
+        Attribute of the state.
+    columns : tuple of int
+        Components that truth tells.
+    drivers : ndarray of int, shape (d,)
+        Features on which the error depends.
+    strength : ndarray of int, shape (m,)
+        Features whose size does too.
+
+    Attributes
+    ----------
+    estimator_name : str
+        Of the estimator in use.
+    estimator_ : Estimator
+        Fitted on all rows, on components over `unit_`.
+    unit_ : ndarray, shape (k,)
+        Spread of each component.
+    covariance_ : CalibratedCovariance
+        From residuals of rows that the estimator had not seen.
+    report_ : dict of str to float
+        Errors on held-out groups (unit of the target).
+    """
+
+    def __init__(
+        self, name: str, columns: tuple[int, ...], drivers: Integers, strength: Integers
+    ) -> None:
+        self.name = name
+        self.columns = columns
+        self.drivers = drivers
+        self.strength = strength
+        self.estimator_name = ''
+
+    def fit(self, x: Array, y: Array, groups: Integers, known: dict[str, Estimator]) -> Target:
+        """Choose among `known` by features (s, f), components (s, k) and groups (s,)."""
+        spread = y.std(axis=0)
+        self.unit_ = np.where(spread > 0, spread, 1.0)
+        scaled = y / self.unit_
+        few = _few_groups(groups)
+        choice = select(known, x[few], scaled[few], groups[few])
+        errors, name = choice.errors, choice.name
+        if len(few) < len(x):
+            choice = select({name: known[name]}, x, scaled, groups, folds=3)
+        self.estimator_name = name
+        self.estimator_ = known[name].fit(x, scaled, groups)
+        residuals = choice.residuals * self.unit_
+        drivers = self._drivers(choice.x)
+        self.covariance_ = CalibratedCovariance().fit(drivers, residuals, choice.groups)
+        self._report(choice, residuals, drivers, errors)
+        return self
+
+    def _report(
+        self, choice: Selection, residuals: Array, drivers: Array, errors: dict[str, float]
+    ) -> None:
+        sigma = self.covariance_.sigma(drivers)
+        length = np.linalg.norm(residuals, axis=1)
+        self.report_ = {
+            'held_out_mean': float(length.mean()),
+            'held_out_rmse': float(np.sqrt((length**2).mean())),
+            'inside_one_sigma': float((np.abs(residuals) <= sigma).mean()),
+            'inside_two_sigma': float((np.abs(residuals) <= 2 * sigma).mean()),
+            'groups': float(len(np.unique(choice.groups))),
+            'rows': float(len(choice.x)),
+            **{
+                f'rmse_{"xyz"[c]}': float(np.sqrt((residuals[:, k] ** 2).mean()))
+                for k, c in enumerate(self.columns)
+            },
+            **{f'share_{name}': error for name, error in errors.items()},
+        }
+
+    @property
+    def title(self) -> str:
+        """Target with the names of its components."""
+        return f'{self.name}_{"".join("xyz"[i] for i in self.columns)}'
+
+    def predict(self, x: Array) -> tuple[Array, Array]:
+        """Components (s, k) and their covariance (s, k, k) of features (s, f)."""
+        mean = self.estimator_.predict(x) * self.unit_
+        return mean, self.covariance_.predict(self._drivers(x))
+
+    def _drivers(self, x: Array) -> Array:
+        """Logarithm of the signal's size, and features."""
+        size = np.sqrt((x[:, self.strength] ** 2).mean(axis=1))
+        return np.column_stack([np.log(size + TINY), x[:, self.drivers]])
+
+
+def _few_groups(groups: Integers) -> Integers:
+    """Rows of whole groups, about `TRIED` of them."""
+    if len(groups) <= TRIED:
+        return np.arange(len(groups))
+    names, counts = np.unique(groups, return_counts=True)
+    if len(names) <= 20:  # few and large groups: some rows of each
+        return np.arange(0, len(groups), -(-len(groups) // TRIED))
+    order = np.random.default_rng(0).permutation(len(names))
+    taken = names[order[np.cumsum(counts[order]) <= TRIED]]
+    return np.flatnonzero(np.isin(groups, taken if len(taken) > 4 else names))
