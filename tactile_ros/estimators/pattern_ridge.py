@@ -44,7 +44,7 @@ class PatternRidge:
     least_: float
     kernel_: KernelRidge
 
-    def __init__(self, samples: int = 300, lengths: tuple[float, ...] = (0.5, 1.0, 2.0)) -> None:
+    def __init__(self, samples: int = 400, lengths: tuple[float, ...] = (1.0,)) -> None:
         self.samples = samples
         self.lengths = lengths
 

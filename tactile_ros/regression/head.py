@@ -18,7 +18,7 @@ from tactile_ros.estimators.uncertainty import CalibratedCovariance
 from tactile_ros.types import Array, Bools, Estimator, Integers
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
 ESTIMATORS = ('ridge', 'grid_knn', 'kernel_ridge', 'perceptron')
 FEWEST_ROWS = 5
@@ -116,7 +116,7 @@ class Head:
         self.state_ = None if place else RestingState().fit(rests, sessions)
         x = x if self.state_ is None else self._seen(x, self.state_.along(rests))
         known = self.candidates()
-        choice = select(known, x, y, groups, rounds=FEW_FOLDS if 'perceptron' in known else None)
+        choice = select(known, x, y, groups, rounds=self.rounds(known, len(x)))
         self.name = choice.name
         self.estimator_ = known[self.name].fit(x, y, groups)
         drivers = self._drivers(choice.x, choice.predictions)
@@ -137,6 +137,10 @@ class Head:
     def candidates(self) -> dict[str, Estimator]:
         """The regressors to choose from, by name."""
         return candidates(self.wanted, place=self.target == 'position')
+
+    def rounds(self, known: Mapping[str, Estimator], rows: int) -> int | None:
+        """How many folds are held out; None: all."""
+        return FEW_FOLDS if 'perceptron' in known and rows else None
 
     @property
     def cells(self) -> tuple[slice | Integers, slice | Integers]:

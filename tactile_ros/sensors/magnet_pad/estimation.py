@@ -34,24 +34,42 @@ from tactile_ros.sensors.magnet_pad.nominal import NominalPad
 from tactile_ros.sensors.magnet_pad.touches import KnownTouches
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from tactile_ros.signals import Columns, Report, SensorConfig, Signals
     from tactile_ros.types import Array, Bools, Estimator, Integers
 
 NOMINAL = 'nominal'
 BY_PLACE, BY_CENTRE = 'nearest_centre', 'cell_centres'
 ESTIMATORS = (*REGRESSORS, NOMINAL)
-FEWEST = 50
+FEWEST, MANY = 50, 5000
 FEWEST_SESSIONS = 3
 TOLD = ('position', 'force', 'cell', 'torque', 'label', 'yaw')
 
 
 class PadHead(Head):
-    """Regressor of a target, with kernel ridge on patterns to choose from."""
+    """Regressor of a target, with kernel ridge on patterns to choose from.
+
+    Attributes
+    ----------
+    by_runs : bool
+        Whether whole sessions are held out: then all of them are, by regressors that are quick.
+    """
+
+    by_runs = False
 
     def candidates(self) -> dict[str, Estimator]:
         """Those of `Head` for a place; for a force the one that `Head` does not try."""
-        mine: dict[str, Estimator] = {'pattern_ridge': PatternRidge()}
-        return {**super().candidates(), **mine} if self.target == 'position' else mine
+        known: dict[str, Estimator] = {'pattern_ridge': PatternRidge()}
+        if self.target == 'position':
+            known.update(super().candidates())
+        if self.by_runs:
+            known.pop('perceptron', None)
+        return known
+
+    def rounds(self, known: Mapping[str, Estimator], rows: int) -> int | None:
+        """One fold of thousands of touches is enough to judge by."""
+        return 1 if 'perceptron' in known and rows > MANY else super().rounds(known, rows)
 
 
 class Localisation(Recognition):
@@ -133,11 +151,11 @@ class Localisation(Recognition):
         better: list[Head] = []
         y = np.asarray(truth.get('position', np.full((len(x), 3), np.nan)), np.float64)
         for columns, rows in known_columns(y, signals.good):
-            group = _apart(y[rows][:, columns], truth, groups, rows)
-            head = PadHead('position', columns, None, self.width)
-            better.append(
-                head.fit(x[rows], y[rows][:, columns], group, session[rows], rests[rows])
-            )
+            told = y[rows][:, columns]
+            group = _apart(told, truth, groups, rows)
+            place = PadHead('position', columns, None, self.width)
+            place.by_runs = len(np.unique(session[rows])) >= FEWEST_SESSIONS
+            better.append(place.fit(x[rows], told, group, session[rows], rests[rows]))
         for head in self.heads_:
             y = np.asarray(truth[head.target], np.float64)[:, list(head.columns)]
             rows = signals.good & np.isfinite(y).all(axis=1)
