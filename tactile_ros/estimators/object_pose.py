@@ -20,14 +20,17 @@ if TYPE_CHECKING:
 
 POINTS = 1300  # of all taxels together, about
 FEW_TAXELS = 200  # up to which templates are kept for every place
-TEMPLATES = 24_000
-WIDTHS = (0.15, 0.3, 0.45, 0.65)  # of a tube's contact, in radii
-ROUNDS = 5
+TEMPLATES = 24_000  # as many again for every object that is a tube
+WIDTHS = (0.2, 0.3, 0.4, 0.5, 0.62, 0.78, 0.95)  # of a tube's contact, in radii
+ROUNDS = 6
 CUT = 3.0  # sigma at which a taxel's misfit stops to count
 LOOSE = 3.0  # times wider at first
 NEAR = 0.35  # beyond the best score: starts that are worth a closer look
-MOST_STARTS = 5
-CLOSER = 80  # templates whose misfit is looked at taxel by taxel
+MOST_STARTS = 4
+ROUGH = 0.011  # error of edges, which all have in common, in radii of a point's part
+MOST_OF_TUBES = 12
+CENTRED = 0.4  # of the reach: how far from the middle the origin of a gripped tube lies
+CLOSER = 150  # templates whose misfit is looked at taxel by taxel
 CLOSE = 0.01  # of a step's limit: what is left to go needs no other round
 ODD = 0.25  # of the taxels that may fit to no known object
 PRESENT = 0.06  # of the largest force: less is no contact
@@ -35,11 +38,16 @@ PRESENT = 0.06  # of the largest force: less is no contact
 
 @dataclass
 class Variant:
-    """One object, for a tube at one width of its contact."""
+    """One object; a tube has a table for each of some widths of its contact."""
 
     label: int
     order: int
-    table: CoverageTable
+    tables: tuple[CoverageTable, ...]
+
+    @property
+    def table(self) -> CoverageTable:
+        """Of the middle width."""
+        return self.tables[len(self.tables) // 2]
 
 
 @dataclass
@@ -87,20 +95,20 @@ class ObjectPose:
         taxel_outlines: Sequence[Outline] | None,
         objects: Sequence[Outline],
     ) -> None:
-        count = int(np.clip(POINTS // len(positions), 1, 81))
-        points, self.first, radius = taxel_points(positions, areas, taxel_outlines, count)
+        count = int(np.clip(POINTS // len(positions), 1, 64))
+        points, self.first, self.blur = taxel_points(positions, areas, taxel_outlines, count)
         self.x, self.y = points.T.copy()
         self.sizes = np.diff(np.append(self.first, len(points)))
         self.areas = areas
         self.middle = positions[:, :2].mean(axis=0)
         self.centres = positions[:, :2]
-        self.reach = float(np.linalg.norm(points - self.middle, axis=1).max()) + 2 * radius
+        self.reach = float(np.linalg.norm(points - self.middle, axis=1).max()) + 2 * self.blur
         self.step = float(np.sqrt(np.median(areas)))
         self.variants = [
-            variant
+            _variant(label, outline, self.blur, 2 * self.reach)
             for label, outline in enumerate(objects)
-            for variant in _variants(label, outline, radius, 2 * self.reach)
         ]
+        self.tubes = any(outline.bend is not None for outline in objects)
         self.bank = self._bank() if len(positions) <= FEW_TAXELS else None
 
     # ------------------------------------------------------------ forward
@@ -122,18 +130,11 @@ class ObjectPose:
     def _bank(self) -> tuple[Array, Array, Array]:
         """Templates of unit length (n, t), their variants and poses (n, 4), centroids (n, 2)."""
         rows, what = [], []
-        each = TEMPLATES // max(len(self.variants), 1)
         for i, variant in enumerate(self.variants):
-            turns = self._turns(variant)
-            side = int(np.sqrt(each / len(turns)))
-            side = min(side, int(np.ceil(2 * self.reach / (0.3 * self.step))))
-            grid = np.linspace(-0.85 * self.reach, 0.85 * self.reach, max(side, 5))
-            for yaw in turns:
-                for a in grid:
-                    for b in grid:
-                        pose = np.array([self.middle[0] + a, self.middle[1] + b, yaw])
-                        rows.append(self._quick(variant.table, pose))
-                        what.append([i, *pose])
+            for width in range(1, len(variant.tables), 2) if len(variant.tables) > 1 else (0,):
+                for pose in self._places(variant):
+                    rows.append(self._quick(variant.tables[width], pose))
+                    what.append([i, *pose, width])
         cover = np.array(rows) * self.areas
         length = np.linalg.norm(cover, axis=1)
         total = np.maximum(cover.sum(axis=1), 1e-30)
@@ -141,6 +142,16 @@ class ObjectPose:
         unit = (cover[keep] / length[keep, None]).astype(np.float32)
         centroid = (cover @ self.centres / total[:, None])[keep]
         return unit, np.array(what)[keep], centroid
+
+    def _places(self, variant: Variant) -> Array:
+        """Poses (n, 3) of templates."""
+        turns = self._turns(variant)
+        most = TEMPLATES // len(turns) // (3 if self.tubes else len(self.variants))
+        span = (0.4 if self.tubes else 0.85) * self.reach
+        side = min(int(np.sqrt(most)), int(np.ceil(2 * self.reach / (0.3 * self.step))))
+        line = np.linspace(-span, span, max(side, 5))
+        x, y, yaw = np.meshgrid(line, line, turns, indexing='ij')
+        return np.stack([self.middle[0] + x, self.middle[1] + y, yaw], axis=-1).reshape(-1, 3)
 
     def _quick(self, table: CoverageTable, pose: Array) -> Array:
         """Covered part of each taxel (t,)."""
@@ -188,7 +199,8 @@ class ObjectPose:
             return nothing
         sigma = np.sqrt(noise**2 + (spread * np.quantile(y[y > PRESENT * top], 0.7)) ** 2)
         weight = np.where(usable, 1.0 / sigma, 0.0)
-        fits = [self._polish(y, weight, start, 2, LOOSE) for start in starts]
+        early = 5 if self.tubes else 2
+        fits = [self._polish(y, weight, start, early, LOOSE) for start in starts]
         fits.sort(key=lambda fit: fit.cost)
         finalists = [fit for fit in fits[:3] if fit.cost < 3 * fits[0].cost + 60]
         fits = [
@@ -224,13 +236,14 @@ class ObjectPose:
         if not len(scores):
             return what
         order = np.argsort(-scores)[:400]
-        order = order[scores[order] > scores[order[0]] - NEAR]
+        order = order[scores[order] > scores[order[0]] - (3 * NEAR if self.tubes else NEAR)]
         taken: list[int] = []
         for i in order:
             same = [j for j in taken if what[j, 0] == what[i, 0]]
-            if all(abs(np.sin((what[j, 3] - what[i, 3]) / 2)) > 0.35 for j in same):
+            turn = 0.12 if self.tubes else 0.35
+            if all(abs(np.sin((what[j, 3] - what[i, 3]) / 2)) > turn for j in same):
                 taken.append(int(i))
-            if len(taken) == MOST_STARTS:
+            if len(taken) == (MOST_OF_TUBES if self.tubes else MOST_STARTS):
                 break
         return what[taken]
 
@@ -250,51 +263,80 @@ class ObjectPose:
             value = variant.table.at(u, v)[0]
             scores.append(value @ load / np.sqrt(variant.table.squared))
             cx, cy = variant.table.centre
+            wide = np.full(len(turns), len(variant.tables) // 2)
             x = middle[0] - np.cos(turns) * cx + np.sin(turns) * cy
             z = middle[1] - np.sin(turns) * cx - np.cos(turns) * cy
-            found.append(np.column_stack([np.full(len(turns), i), x, z, turns]))
+            found.append(np.column_stack([np.full(len(turns), i), x, z, turns, wide]))
         score = np.concatenate(scores)
-        return self._chosen(np.concatenate(found), 3 * score / score.max())
+        return self._chosen(np.concatenate(found), 6 * score / score.max())
+
+    def _seen(self, variant: Variant, pose: Array, width: float) -> tuple[Array, Array, Array]:
+        """Coverage (t,), its change with the pose (t, 3) and with the width of a tube (t,)."""
+        if len(variant.tables) == 1:
+            cover, slopes = self.coverage(variant.tables[0], pose)
+            return cover, slopes, np.zeros(0)
+        k = min(int(width), len(variant.tables) - 2)
+        part = width - k
+        low, low_slopes = self.coverage(variant.tables[k], pose)
+        high, high_slopes = self.coverage(variant.tables[k + 1], pose)
+        cover = (1 - part) * low + part * high
+        return cover, (1 - part) * low_slopes + part * high_slopes, high - low
 
     def _polish(self, y: Array, weight: Array, start: Array, rounds: int, loose: float) -> Fit:
-        """Robust least squares from a start."""
-        index, pose = int(start[0]), start[1:].copy()
+        """Robust least squares from a start, in steps of a taxel, a radian, and parts of 1."""
+        index, pose, width = int(start[0]), start[1:4].copy(), float(start[4])
         variant = self.variants[index]
         free = 2 if variant.order == 0 else 3
-        limit = np.array([self.step, self.step, 0.35])
+        unit = np.array([self.step, self.step, self.step / variant.table.gyration])[:free]
+        count = free + 1 + (len(variant.tables) > 1)
+        centred, hold = np.zeros(count), np.full(count, 1e-4)
+        if self.tubes:
+            hold[:2] = (self.step / (CENTRED * self.reach)) ** 2
         pressure = 0.0
         for i in range(rounds):
-            cover, slopes = self.coverage(variant.table, pose)
+            cover, slopes, wider = self._seen(variant, pose, width)
             c = cover * self.areas
             if i == 0:
-                w = weight**2
-                pressure = float((w * c) @ y / max((w * c) @ c, 1e-300))
-                pressure = self._robust_pressure(y, c, weight, pressure)
+                pressure = self._first_pressure(y, c, weight)
             miss = y - pressure * c
             w = _tukey(miss * weight, CUT * loose * (2.0 if i == 0 else 1.0)) * weight**2
-            j = np.column_stack([pressure * self.areas[:, None] * slopes[:, :free], c])
-            size = np.sqrt(np.einsum('ti,ti->i', j, j)) + 1e-300
-            j = j / size
-            gram = (j * w[:, None]).T @ j
-            gram[np.diag_indices(free + 1)] *= 1 + 1e-6
-            gram += 1e-12 * np.trace(gram) * np.eye(free + 1) + 1e-300 * np.eye(free + 1)
-            step = np.linalg.solve(gram, j.T @ (w * miss)) / size
-            move = np.clip(step[:free], -limit[:free], limit[:free])
-            pose[:free] += move
-            pressure = max(pressure + float(step[free]), 1e-3 * pressure)
-            if np.all(np.abs(move) < CLOSE * limit[:free]):
+            j = np.empty((len(c), count))
+            j[:, :free] = (pressure * self.areas)[:, None] * slopes[:, :free] * unit
+            j[:, free] = pressure * c
+            if len(wider):
+                j[:, -1] = pressure * self.areas * wider
+            centred[:2] = (self.middle - pose[:2]) / self.step if self.tubes else 0.0
+            gram = (j * w[:, None]).T @ j + np.diag(hold)
+            step = np.linalg.solve(gram, j.T @ (w * miss) + hold * centred)
+            move = np.clip(step[:free], -1.0, 1.0)
+            pose[:free] += move * unit
+            pressure *= float(np.clip(1 + step[free], 0.3, 3.0))
+            if len(wider):
+                change = float(np.clip(step[-1], -1.0, 1.0))
+                width = float(np.clip(width + change, 0.0, len(variant.tables) - 1.0))
+            if np.all(np.abs(move) < CLOSE):
                 break
-        cov = np.linalg.inv(gram) / np.outer(size, size)
-        c = c + self.areas * (slopes[:, :free] @ move)
+        cov = _covariance(gram, j, w, miss, weight)[:free, :free] * np.outer(unit, unit)
+        cov[np.diag_indices(free)] += np.square(ROUGH * self.blur / self.step * unit)
+        c = c + self.areas * (slopes[:, :free] @ (move * unit))
+        if len(wider):
+            c = c + self.areas * wider * change
         excess = (y - pressure * c) * weight
         cost = float(np.minimum(excess**2, CUT**2 * loose**2).sum())
-        return Fit(index, pose, pressure, cov[:free, :free], cost, c)
+        if self.tubes:
+            cost += float(np.square(pose[:2] - self.middle).sum() / (CENTRED * self.reach) ** 2)
+        return Fit(index, np.append(pose, width), pressure, cov, cost, c)
 
     @staticmethod
-    def _robust_pressure(y: Array, c: Array, weight: Array, first: float) -> float:
-        """Median pressure of taxels that are well covered."""
+    def _first_pressure(y: Array, c: Array, weight: Array) -> float:
+        """Median pressure of taxels that are well covered; of few, by least squares."""
         well = (weight > 0) & (c > 0.5 * c.max(initial=0.0))
-        return float(np.median(y[well] / c[well])) if np.count_nonzero(well) > 4 else first
+        if np.count_nonzero(well) > 4:
+            pressure = float(np.median(y[well] / c[well]))
+            if pressure > 0:
+                return pressure
+        w = weight**2
+        return max(float((w * c) @ y), 1e-12) / max(float((w * c) @ c), 1e-300)
 
     def _verdict(
         self, fits: list[Fit], y: Array, weight: Array, present: float, nothing: Found
@@ -320,8 +362,8 @@ class ObjectPose:
         variant = self.variants[best.variant]
         cov = np.zeros((3, 3))
         free = len(best.cov)
-        cov[:free, :free] = best.cov * self._width(wrong, free)
-        pose = best.pose.copy()
+        cov[:free, :free] = best.cov
+        pose = best.pose[:3].copy()
         if free == 2:
             pose[2], cov[2, 2] = 0.0, np.pi**2 / 3
         else:
@@ -329,12 +371,19 @@ class ObjectPose:
             pose[2] -= sector * np.round(pose[2] / sector)
         return Found(variant.label, chance, pose, cov, variant.order, best.cover, best.pressure)
 
-    @staticmethod
-    def _width(wrong: Array, free: int) -> float:
-        """Variance of misfits (in sigma) against what was stated, outliers aside."""
-        inner = np.square(wrong[wrong < 2 * CUT])
-        left = len(inner) - free - 1
-        return float(np.clip(inner.sum() / left, 0.05, 9.0)) if left > 3 else 1.0
+
+def _covariance(gram: Array, j: Array, w: Array, miss: Array, weight: Array) -> Array:
+    """Of parameters, half from misfits where they are, half from their common size."""
+    inverse = np.linalg.inv(gram)
+    share = w / np.maximum(weight, 1e-300) ** 2
+    excess = share * np.square(miss * weight)
+    told = np.count_nonzero((np.abs(j).max(axis=1) > 1e-3 * np.abs(j).max()) & (w > 0))
+    spare = max(told - len(gram), 0)
+    common = float(np.clip((excess.sum() + 2.0) / (spare + 2.0), 0.05, 9.0))
+    if spare < 12:
+        return np.asarray(inverse * common)
+    part = (j * (w * w * np.square(miss))[:, None]).T @ j * (told / spare)
+    return np.asarray(0.5 * inverse * common + 0.5 * inverse @ part @ inverse)
 
 
 def _classes(labels: Integers, likely: Array) -> float:
@@ -349,13 +398,11 @@ def _tukey(excess: Array, cut: float) -> Array:
     return np.asarray(np.square(1.0 - part))
 
 
-def _variants(label: int, outline: Outline, radius: float, reach: float) -> list[Variant]:
+def _variant(label: int, outline: Outline, radius: float, reach: float) -> Variant:
     """Tables of one object."""
     order = symmetry(outline)
     if outline.bend is None:
-        return [Variant(label, order, CoverageTable(outline, radius, reach))]
+        return Variant(label, order, (CoverageTable(outline, radius, reach),))
     size = outline.thickness or 0.1 * reach
-    return [
-        Variant(label, order, CoverageTable(outline, radius, reach, part * size))
-        for part in WIDTHS
-    ]
+    tables = (CoverageTable(outline, radius, reach, part * size) for part in WIDTHS)
+    return Variant(label, order, tuple(tables))

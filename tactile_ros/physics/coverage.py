@@ -20,6 +20,7 @@ NODES = 280  # of the longer side of a table
 TURNS = (0.71, 1.37, 2.29)  # no symmetry of a polygon of few corners
 ALIKE = 0.015  # of the area: what a turn may change and still be called a symmetry
 MOST_FOLD = 12
+FINE = 64  # points of a box for each part that a taxel is cut into
 
 
 def raster(loops: Sequence[Array], x: Array, y: Array) -> Array:
@@ -198,12 +199,21 @@ def taxel_points(
 
 
 def _parts(loops: Sequence[Array], centre: Array, count: int) -> Array:
-    """About `count` points inside loops, with the centroid of many."""
+    """Centroids of about `count` parts of equal area inside loops, cut in halves again and again."""
     corners = np.concatenate(list(loops))
     box = float(np.prod(np.ptp(corners, axis=0)))
-    fine = grid_inside(loops, np.sqrt(box / 1600))
-    if not len(fine):
-        return centre[None]
-    middle = fine.mean(axis=0)
-    part = grid_inside(loops, np.sqrt(box * len(fine) / 1600 / count))
-    return part + (middle - part.mean(axis=0)) if len(part) else middle[None]
+    fine = grid_inside(loops, np.sqrt(box / (FINE * count)))
+    if len(fine) < count:
+        return fine.mean(axis=0)[None] if len(fine) else centre[None]
+    parts = [fine]
+    while 2 * len(parts) <= count:
+        parts = [half for part in parts for half in _halves(part)]
+    return np.array([part.mean(axis=0) for part in parts])
+
+
+def _halves(part: Array) -> tuple[Array, Array]:
+    """Points on either side of the middle across the longer way."""
+    longer = int(np.argmax(part.var(axis=0)))
+    order = np.argsort(part[:, longer], kind='stable')
+    middle = len(part) // 2
+    return part[order[:middle]], part[order[middle:]]
