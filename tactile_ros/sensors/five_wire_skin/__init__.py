@@ -4,22 +4,25 @@ A weakly conducting sheet with a well conducting border lies over Velostat and a
 its corners A and C, then B and D, makes the foil's potential tell the place; the resistance from
 foil to corner, in a divider, tells the force. [5] takes place from the linear formula and force
 from a network of radial basis functions of place and resistance. Untouched, a real foil may float.
-Here place and force are regressed from the three readings until those methods are built; which
-regressor serves is chosen in `fit` by grouped cross-validation.
+Here place comes from a harmonic map and force from a power law that varies smoothly over the
+sheet, unless the formula, the network or a regressor does better on held-out places of the
+calibration.
 
 Source: [5] on a large-area tactile sensor with five electrodes.
 """
 
 from __future__ import annotations
 
-from functools import partial
-
-from tactile_ros.regression import CLASSES, ESTIMATORS, Regression
 from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig, layout
 from tactile_ros.sensors.five_wire_skin.device import (
     FiveWireSkinConnection,
     open_skin,
     simulate_skin,
+)
+from tactile_ros.sensors.five_wire_skin.estimation import (
+    CLASSES,
+    ESTIMATORS,
+    FiveWireEstimation,
 )
 from tactile_ros.sensors.five_wire_skin.signal import presses
 from tactile_ros.sensors.registry import SensorSpec
@@ -32,7 +35,7 @@ SENSOR = SensorSpec(
     config=FiveWireSkinConfig,
     connection=FiveWireSkinConnection,
     layout=layout,
-    estimation=partial(Regression, channels=3),
+    estimation=FiveWireEstimation,
     estimator_names=ESTIMATORS,
     open=open_skin,
     simulate=simulate_skin,

@@ -1,0 +1,68 @@
+"""Linear regression with a Gaussian prior on the weights, chosen by the evidence.
+
+MacKay, Bayesian interpolation, Neural Computation 4, 1992: prior spreads stand in units of the
+noise, whose own size has a closed form; what makes the data likeliest is taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+
+from tactile_ros.types import Array
+
+
+@dataclass(frozen=True)
+class Moments:
+    """What a regression needs of its rows, however many there are.
+
+    Attributes
+    ----------
+    gram : ndarray, shape (p, p)
+        Sum of weighted products of terms.
+    cross : ndarray, shape (p, k)
+        Sum of weighted products of terms and targets.
+    square : float
+        Sum of weighted squares of targets.
+    rows : int
+        Numbers that were told, s k.
+    """
+
+    gram: Array
+    cross: Array
+    square: float
+    rows: int
+
+    @classmethod
+    def of(cls, terms: Array, y: Array, weight: Array | None = None) -> Moments:
+        """Of terms (s, p), targets (s, k) and weights (s,)."""
+        scaled = terms if weight is None else terms * weight[:, None]
+        square = float((y * y).sum() if weight is None else (y * y * weight[:, None]).sum())
+        return cls(scaled.T @ terms, scaled.T @ y, square, y.size)
+
+    def evidence(self, spread: Array) -> float:
+        """Logarithm of the evidence, up to a constant, for prior spreads (p,) over the noise."""
+        factor, misfit = self._factor(spread)
+        outputs = self.cross.shape[1]
+        volume = 2 * outputs * np.log(np.diagonal(factor)).sum()
+        return float(-0.5 * (self.rows * np.log(misfit / self.rows) + volume))
+
+    def solve(self, spread: Array) -> tuple[Array, Array, float]:
+        """Weights (p, k), square root (p, p) of their covariance over the noise's, and noise."""
+        factor, misfit = self._factor(spread)
+        scaled = self.cross * spread[:, None]
+        weights = spread[:, None] * cho_solve((factor, True), scaled)
+        root = solve_triangular(factor, np.diag(spread), lower=True)
+        return weights, np.asarray(root), float(np.sqrt(misfit / self.rows))
+
+    def _factor(self, spread: Array) -> tuple[Array, float]:
+        """Cholesky factor of the scaled posterior precision, and the sum of squares left."""
+        matrix = self.gram * spread * spread[:, None]
+        matrix[np.diag_indices_from(matrix)] += 1.0
+        factor = cholesky(matrix, lower=True, check_finite=False)
+        half = solve_triangular(factor, self.cross * spread[:, None], lower=True)
+        left = self.square - float((half * half).sum())
+        least = 1e-12 * self.square + np.finfo(np.float64).tiny
+        return np.asarray(factor), max(left, least)

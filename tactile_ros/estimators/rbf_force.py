@@ -1,0 +1,142 @@
+"""The network of radial basis functions of [5]: place and resistance to force.
+
+[5] section 3.1: centres by k-means, one width for all, s = d_max / sqrt(2 h) (Eq. (7)), weights by
+least squares, and hidden nodes added until the mean square error is reached. As printed it bends
+freely between the squares that it was calibrated on. Clusters that empty are left out, and so are
+centres that coincide; the least squares are solved by singular values.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactile_ros.estimators.training import fitted, predict_rows, training_rows
+from tactile_ros.types import Array, Integers
+
+ROUNDS = 20
+RCOND = 1e-10
+MOST_ROWS = 2000  # k-means and least squares see no more
+
+
+class RbfForce:
+    """Gaussian nodes at k-means centres of the normalised features.
+
+    Parameters
+    ----------
+    target : float
+        Mean square error, of targets normalised to 0..1, at which no more nodes are added.
+    nodes : tuple of int
+        Numbers of hidden nodes that are tried, growing.
+    seed : int
+        Of the first centres.
+
+    Attributes
+    ----------
+    low_, span_ : ndarray, shape (d,)
+        Normalisation of the features to 0..1 ([5] Eq. (8), over all squares together).
+    centres_ : ndarray, shape (h, d)
+        Of the nodes.
+    width_ : float
+        Of the nodes.
+    weights_ : ndarray, shape (h + 1, k)
+        Of the nodes and of a constant (unit of y).
+    """
+
+    low_: Array
+    span_: Array
+    centres_: Array
+    width_: float
+    weights_: Array
+
+    def __init__(
+        self,
+        target: float = 1e-3,
+        nodes: tuple[int, ...] = (4, 8, 16, 24, 32, 48, 64, 96),
+        seed: int = 0,
+    ) -> None:
+        self.target = target
+        self.nodes = nodes
+        self.seed = seed
+
+    def fit(self, x: Array, y: Array, groups: Integers | None = None) -> RbfForce:
+        """Learn from features (s, d) and targets (s, k); groups do not matter."""
+        rows = training_rows(x, y, groups)
+        if len(rows.x) > MOST_ROWS:
+            rows = rows.take(np.linspace(0, len(rows.x) - 1, MOST_ROWS).astype(np.int64))
+        self.low_ = rows.x.min(axis=0)
+        span = rows.x.max(axis=0) - self.low_
+        self.span_ = np.where(span > 0, span, np.inf)
+        scaled = (rows.x - self.low_) / self.span_
+        size = np.ptp(rows.y, axis=0)
+        size = np.where(size > 0, size, 1.0)
+        for count in self.nodes:
+            self.centres_ = k_means(scaled, min(count, len(scaled)), self.seed)
+            self.width_ = _width(self.centres_)
+            terms = self._terms(scaled)
+            weights, *_ = np.linalg.lstsq(terms, rows.y, rcond=RCOND)
+            self.weights_ = np.asarray(weights, np.float64)
+            error = (((terms @ self.weights_ - rows.y) / size) ** 2).mean()
+            if error <= self.target or count >= len(scaled) // 2:
+                break
+        return self
+
+    def predict(self, x: Array) -> Array:
+        """Targets (s, k)."""
+        fitted(self, 'weights_')
+        return predict_rows(x, len(self.low_), self._answer)
+
+    def _answer(self, x: Array) -> Array:
+        return np.asarray(self._terms((x - self.low_) / self.span_) @ self.weights_)
+
+    def _terms(self, scaled: Array) -> Array:
+        """Nodes of normalised features and a constant, shape (s, h + 1)."""
+        terms = np.ones((len(scaled), len(self.centres_) + 1))
+        apart = scaled[:, None] - self.centres_
+        square = np.einsum('shd,shd->sh', apart, apart)
+        np.exp(-square / (2 * self.width_**2), out=terms[:, :-1])
+        return terms
+
+
+def k_means(points: Array, count: int, seed: int) -> Array:
+    """Centres of clusters.
+
+    Parameters
+    ----------
+    points : ndarray, shape (s, d)
+        What is clustered.
+    count : int
+        Largest number of clusters.
+    seed : int
+        Of the first centres, drawn from the points.
+
+    Returns
+    -------
+    ndarray, shape (h, d)
+        Different from each other; fewer than `count` where clusters emptied or points coincide.
+
+    Examples
+    --------
+    >>> k_means(np.array([[0.0], [0.2], [1.0], [1.0]]), 3, seed=0).round(1).ravel().tolist()
+    [0.0, 0.2, 1.0]
+    """
+    different = np.unique(points, axis=0)
+    rng = np.random.default_rng(seed)
+    centres = different[rng.permutation(len(different))[:count]]
+    for _ in range(ROUNDS):
+        apart = (points**2).sum(1)[:, None] - 2 * points @ centres.T + (centres**2).sum(1)
+        nearest = apart.argmin(axis=1)
+        held = np.bincount(nearest, minlength=len(centres))
+        total = np.zeros_like(centres)
+        np.add.at(total, nearest, points)
+        moved = total[held > 0] / held[held > 0, None]
+        if moved.shape == centres.shape and np.allclose(moved, centres, atol=1e-12):
+            break
+        centres = moved
+    return np.unique(centres, axis=0)
+
+
+def _width(centres: Array) -> float:
+    """Width of the nodes: d_max / sqrt(2 h)."""
+    apart = centres[:, None] - centres
+    largest = float(np.sqrt((apart**2).sum(axis=2).max()))
+    return max(largest / float(np.sqrt(2 * len(centres))), 1e-3)

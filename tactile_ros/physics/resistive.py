@@ -1,0 +1,164 @@
+"""Potentials and resistances of a weakly conducting sheet with a well conducting border.
+
+[5] Eq. (1): the potential of the sheet obeys Laplace's equation. Its missing equations are
+R = Rx + Rv + RE and V = Vcc R0 / (R0 + R). The border is a line of its own conductance, as uneven
+as silver paste is; the equations are solved directly, because iteration stalls at border ratios
+of thousands.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.linalg import spsolve
+
+from tactile_ros.types import Array, Integers
+
+EQUAL_AREA = 0.59  # radius of the disc of equal outer conductance, over the edge of a square
+CORNER_POWER = 4.0
+
+
+def linear_place(potentials: Array, size: Array) -> Array:
+    """Place at which ideal linear potentials have given values.
+
+    Parameters
+    ----------
+    potentials : ndarray, shape (..., 2)
+        u_AC (1 at A) and u_BD (1 at B), fractions of the supply.
+    size : ndarray, shape (2,)
+        Of the sheet (m).
+
+    Returns
+    -------
+    ndarray, shape (..., 2)
+        x, y from electrode A (m).
+
+    Notes
+    -----
+    [5] section 2.2.
+
+    Examples
+    --------
+    >>> linear_place(np.array([0.5, 0.75]), np.array([0.1, 0.1])).round(3).tolist()
+    [0.075, 0.025]
+    """
+    mean, turn = 1.0 - potentials[..., 0], potentials[..., 1] - 0.5
+    place: Array = np.stack([mean + turn, mean - turn], axis=-1) * size
+    return place
+
+
+def linear_potentials(places: Array, size: Array) -> Array:
+    """Ideal potentials u_AC, u_BD (..., 2), fractions of the supply, at places (..., 2) (m)."""
+    share = places / size
+    x, y = share[..., 0], share[..., 1]
+    return np.stack([1.0 - (x + y) / 2, 0.5 + (x - y) / 2], axis=-1)
+
+
+def divider_resistance(divider: Array, reference: float) -> Array:
+    """Resistance R (ohm) from R0 / (R0 + R), shape (s,), and R0 (ohm).
+
+    Examples
+    --------
+    >>> divider_resistance(np.array([0.5, 0.25]), 1000.0).tolist()
+    [1000.0, 3000.0]
+    """
+    return reference * (1.0 / divider - 1.0)
+
+
+def spreading_resistance(places: Array, size: Array, touch: float, sheet: float) -> Array:
+    """Resistance from a touch to the joined corners over a border that conducts perfectly.
+
+    Parameters
+    ----------
+    places : ndarray, shape (s, 2)
+        Middle of the touch, inside the sheet (m).
+    size : ndarray, shape (2,)
+        Of the sheet (m).
+    touch : float
+        Edge of a square touch (m).
+    sheet : float
+        Sheet resistance (ohm per square).
+
+    Returns
+    -------
+    ndarray, shape (s,)
+        Rx (ohm): sheet / 2 pi times the logarithm of the conformal radius over the touch's own.
+
+    Notes
+    -----
+    The conformal radius is that of two crossing strips, joined so that a square is met within
+    1 %.
+    """
+    across = 2 * size / np.pi * np.sin(np.pi * np.clip(places / size, 1e-3, 1 - 1e-3))
+    radius = (across**-CORNER_POWER).sum(axis=1) ** (-1 / CORNER_POWER)
+    return np.asarray(
+        sheet / (2 * np.pi) * np.log(np.maximum(radius / (EQUAL_AREA * touch), 1.05))
+    )
+
+
+def sheet_potential(size: Array, shape: tuple[int, int], border: Array, corners: Array) -> Array:
+    """Potential of the whole sheet with some corners held.
+
+    Parameters
+    ----------
+    size : ndarray, shape (2,)
+        Of the sheet (m).
+    shape : tuple of int
+        Nodes along x and along y.
+    border : ndarray, shape (4, n)
+        Conductance of the border lines times length over the sheet conductance (m), along AB, BC,
+        DC and AD, evenly spaced; a border of width w and ratio q has q w.
+    corners : ndarray, shape (4,)
+        Potentials held at A, B, C, D (fractions of the supply); NaN: left free. Two opposite
+        corners are one of [5]'s excitations, three make a third one.
+
+    Returns
+    -------
+    ndarray, shape (nx, ny)
+        Potential at the nodes (fraction of the supply).
+
+    Raises
+    ------
+    ValueError
+        If no corner is held.
+    """
+    held = np.isfinite(corners)
+    if not held.any():
+        msg = 'corners of sheet_potential must hold at least one potential; received none'
+        raise ValueError(msg)
+    first, second, weight = _links(size, shape, border)
+    count = shape[0] * shape[1]
+    row = np.concatenate([first, second, first, second])
+    column = np.concatenate([second, first, first, second])
+    value = np.concatenate([-weight, -weight, weight, weight])
+    matrix = coo_matrix((value, (row, column)), shape=(count, count)).tocsc()
+    number = np.arange(count).reshape(shape)
+    fixed = np.array([number[0, 0], number[-1, 0], number[-1, -1], number[0, -1]])[held]
+    potential = np.zeros(count)
+    potential[fixed] = corners[held]
+    free = np.setdiff1d(np.arange(count), fixed)
+    current = -(matrix[free][:, fixed] @ potential[fixed])
+    potential[free] = spsolve(matrix[free][:, free], current)
+    return potential.reshape(shape)
+
+
+def _links(size: Array, shape: tuple[int, int], border: Array) -> tuple[Integers, Integers, Array]:
+    """Both ends of every link between neighbouring nodes, and its conductance over the sheet's."""
+    nx, ny = shape
+    step = size / (np.array(shape) - 1)
+    number = np.arange(nx * ny).reshape(shape)
+    along_x = np.full((nx - 1, ny), step[1] / step[0])
+    along_y = np.full((nx, ny - 1), step[0] / step[1])
+    # a link on the edge has sheet on one of its sides only
+    along_x[:, [0, -1]] *= 0.5
+    along_y[[0, -1]] *= 0.5
+    knots = (np.arange(border.shape[1]) + 0.5) / border.shape[1]
+    for side, column in ((0, 0), (2, -1)):
+        middle = (np.arange(nx - 1) + 0.5) / (nx - 1)
+        along_x[:, column] += np.interp(middle, knots, border[side]) / step[0]
+    for side, row in ((3, 0), (1, -1)):
+        middle = (np.arange(ny - 1) + 0.5) / (ny - 1)
+        along_y[row] += np.interp(middle, knots, border[side]) / step[1]
+    first = np.concatenate([number[:-1].ravel(), number[:, :-1].ravel()])
+    second = np.concatenate([number[1:].ravel(), number[:, 1:].ravel()])
+    return first, second, np.concatenate([along_x.ravel(), along_y.ravel()])

@@ -1,0 +1,191 @@
+"""Normal force of a touch from its place and the divider, with creep taken out of it.
+
+The film creeps: under a held force its conductance keeps growing. What a static curve takes for
+force is then the force and fading means of its past, whose shares are learned where stamps tell
+the past.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactile_ros.estimators.grid_knn import GridKnn
+from tactile_ros.estimators.kernel_ridge import KernelRidge
+from tactile_ros.estimators.mean_curve import MeanCurve
+from tactile_ros.estimators.on_columns import OnColumns, Spreading, trials
+from tactile_ros.estimators.power_force import PowerForce
+from tactile_ros.estimators.rbf_force import RbfForce
+from tactile_ros.estimators.ridge import Ridge
+from tactile_ros.estimators.stated_spread import StatedSpread
+from tactile_ros.types import Array, Estimator, Integers
+
+MOST_TRIED = 3000  # rows that candidates are compared on
+PENALTY = 1e-4
+CREEP_FOLDS = 5
+WORTH = 0.97  # of the static error; creep that takes off less is none
+
+
+class ForceHead:
+    """Map from place and resistance to normal force, with the spread of its error.
+
+    Features are x and y over the size of the sheet, R and the nominal Rx over R0, u_AC, u_BD, the
+    divider's reading, and the logarithm of R / R0.
+
+    Attributes
+    ----------
+    name : str
+        Of the estimator in use.
+    estimator_ : Estimator
+        Fitted on all rows.
+    spread_ : StatedSpread
+        Scale of its spread, measured on held-out places.
+    level_ : float
+        Spread of an estimator that states none (N).
+    report_ : dict of str to float
+        Errors on held-out places (N).
+    """
+
+    estimator_: Estimator
+    spread_: StatedSpread
+    level_: float
+    report_: dict[str, float]
+
+    def __init__(self, noise: float) -> None:
+        self.noise = noise
+        self.name = ''
+
+    def fit(self, x: Array, y: Array, groups: Integers, wanted: str | None) -> ForceHead:
+        """Choose and fit.
+
+        Parameters
+        ----------
+        x : ndarray, shape (s, 8)
+            Features.
+        y : ndarray, shape (s,)
+            Normal forces (N).
+        groups : ndarray of int, shape (s,)
+            What a split keeps together: places, where they repeat.
+        wanted : str or None
+            'printed': the network of [5]; or the name of a candidate; None: the best.
+
+        Returns
+        -------
+        ForceHead
+            Itself.
+        """
+        some = np.linspace(0, len(x) - 1, min(len(x), MOST_TRIED)).astype(np.int64)
+        some = np.lexsort(np.column_stack([x, y]).T)[some]
+        candidates = self._candidates(wanted)
+        found, told = trials(candidates, x[some], y[some, None], groups[some], _plane)
+        best = min(found, key=lambda name: found[name].typical)
+        self.name = best if wanted is None else wanted
+        self.estimator_ = candidates[best].fit(x, y[:, None], groups)
+        trial = found[best]
+        residual = trial.said - told
+        self.spread_ = StatedSpread().fit(trial.spread, residual)
+        self.level_ = float(np.sqrt((residual**2).mean())) + 1e-9
+        inside = np.abs(residual) <= self.spread_(trial.spread)
+        self.report_ = {
+            'held_out_mean': float(np.abs(residual).mean()),
+            'held_out_rmse': trial.error,
+            'inside_one_sigma': float(inside.mean()),
+            'groups': float(len(np.unique(groups))),
+            'rows': float(len(x)),
+            **{f'rmse_{name}': one.error for name, one in found.items()},
+        }
+        return self
+
+    def predict(self, x: Array) -> tuple[Array, Array]:
+        """Forces (s,) (N) and spreads of their errors (s,) (N)."""
+        inner = self.estimator_.estimator if isinstance(self.estimator_, OnColumns) else None
+        if isinstance(inner, PowerForce):
+            force, spread = inner.force(x[:, :4])
+            return force, self.spread_(spread[:, None])[:, 0]
+        force = self.estimator_.predict(x)[:, 0]
+        spread = np.full((len(x), 1), self.level_)
+        return force, self.spread_(spread)[:, 0]
+
+    def _candidates(self, wanted: str | None) -> dict[str, Estimator]:
+        """Estimators to choose from."""
+        network: Estimator = OnColumns(RbfForce(), (0, 1, 2))
+        if wanted == 'printed':
+            return {'rbf': network}
+        known: dict[str, Estimator] = {
+            'power': SmoothPower(PowerForce(self.noise), (0, 1, 2, 3)),
+            'rbf': network,
+            'rbf_log': OnColumns(RbfForce(), (0, 1, 7)),
+            'mean_curve': MeanCurve(7),
+            'ridge': OnColumns(Ridge(), (4, 5, 6)),
+            'kernel_ridge': OnColumns(
+                KernelRidge(lengths=(0.4,), linear=1.0, strengths=(1e-6,), common=10.0), (4, 5, 6)
+            ),
+            'grid_knn': OnColumns(GridKnn(), (4, 5, 6)),
+        }
+        return known if wanted is None else {wanted: known[wanted]}
+
+
+def _plane(x: Array, y: Array) -> Array:
+    """Places of rows, the first two features."""
+    return x[:, :2]
+
+
+class SmoothPower(OnColumns):
+    """The smooth power law on its columns, with the spread that it states."""
+
+    def stated(self, x: Array) -> tuple[Array, Array]:
+        """Forces (s, 1) and spreads of their errors (s, 1) (N)."""
+        assert isinstance(self.estimator, Spreading)
+        return self.estimator.stated(x[:, self.columns])
+
+
+def creep_shares(force: Array, means: Array, told: Array, groups: Integers) -> Array:
+    """Shares of the fading means that a static force holds.
+
+    Parameters
+    ----------
+    force : ndarray, shape (s,)
+        Of the static curve (N).
+    means : ndarray, shape (s, m)
+        Its fading means (N).
+    told : ndarray, shape (s,)
+        True forces (N).
+    groups : ndarray of int, shape (s,)
+        What a split keeps together.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        Shares (1), with which force - gain - means @ shares is nearest; 0 where they do not help
+        with groups that were not learned from.
+    """
+    terms = np.column_stack([means, force])
+    error = force - told
+    fold = np.unique(groups, return_inverse=True)[1].reshape(-1) % CREEP_FOLDS
+    left = np.empty(len(error))
+    for part in range(CREEP_FOLDS):
+        held = fold == part
+        seen = ~held if (~held).any() else held
+        left[held] = error[held] - terms[held] @ _shares(terms[seen], error[seen])
+    helps = float((left**2).sum()) < WORTH**2 * float((error**2).sum())
+    return _shares(terms, error) if helps else np.zeros(terms.shape[1])
+
+
+def _shares(terms: Array, error: Array) -> Array:
+    """Ridge solution, with a penalty that knows the size of the terms."""
+    gram = terms.T @ terms
+    gram[np.diag_indices_from(gram)] += PENALTY * (np.trace(gram) / len(gram) + 1e-12)
+    return np.asarray(np.linalg.solve(gram, terms.T @ error))
+
+
+CLASSES = (
+    ForceHead,
+    SmoothPower,
+    OnColumns,
+    PowerForce,
+    RbfForce,
+    MeanCurve,
+    Ridge,
+    KernelRidge,
+    GridKnn,
+    StatedSpread,
+)

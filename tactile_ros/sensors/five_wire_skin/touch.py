@@ -1,0 +1,109 @@
+"""Whether the skin is touched, and its readings less what of their rest has moved.
+
+Contact shows in the divider alone: the foil of an untouched skin may float, and its potentials
+then read garbage, in the baseline too. Where rests show that, potentials are taken as they are
+read, and only the divider is less its baseline.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.conditioning.contact import contact_scale
+
+if TYPE_CHECKING:
+    from tactile_ros.signals import Columns, Signals
+    from tactile_ros.types import Array
+
+TOUCHED = 0.01  # divider's reading above which a skin that was never fitted is touched
+STILL = 0.01  # spread of a resting potential below which the foil does not float
+LIGHTEST = 0.01
+
+
+class Touch:
+    """What the divider says of contact.
+
+    Parameters
+    ----------
+    noise : float
+        Of the divider's reading; NaN: estimated from rest.
+
+    Attributes
+    ----------
+    threshold_ : float
+        Of the divider's reading; NaN: unknown.
+    blind_ : bool
+        Whether the fit had no rest to tell contact from.
+    quiet_ : ndarray, shape (3,)
+        Readings that rest at a level.
+    rest_ : ndarray, shape (3,)
+        That level; 0 for the divider, which is less its whole baseline.
+    unfelt_ : float
+        Mean square of forces that do not close the air gap (N2).
+    report_ : dict of str to float
+        `threshold_divider`; `lightest_felt` and `threshold_force` of the air gap (N).
+    """
+
+    def __init__(self, noise: float) -> None:
+        self.noise = noise
+        self.threshold_ = np.nan
+        self.blind_ = False
+        self.quiet_ = np.array([False, False, True])
+        self.rest_ = np.zeros(3)
+        self.unfelt_ = 0.0
+        self.report_: dict[str, float] = {}
+
+    def fit(self, signals: Signals, truth: Columns) -> Touch:
+        """Learn rest and threshold from frames, and the touches that truth (s, ...) tells."""
+        blank = np.full((len(signals.good), 3), np.nan)
+        position = np.asarray(truth.get('position', blank), np.float64)
+        force = np.asarray(truth.get('force', blank), np.float64)[:, 2]
+        told = np.asarray(truth.get('in_contact', np.full(len(blank), -1)), np.int64)
+        self.blind_ = bool((signals.in_contact[signals.good] < 0).all())
+        touched = (np.isfinite(position).any(axis=1) & (told != 0)) | (told == 1)
+        loaded = np.nan_to_num(force) > 0
+        resting = (told == 0) | ((signals.in_contact == 0) & ~touched & ~loaded)
+        resting &= signals.good
+        values = signals.values[resting, 0]
+        still = len(values) > 1 and bool((values[:, :2].std(axis=0) < STILL).all())
+        self.quiet_ = np.array([still, still, True])
+        if still:
+            self.rest_ = np.append(values[:, :2].mean(axis=0), 0.0)
+        divider = self.readings(signals)[:, 2]
+        rest, felt = divider[resting], divider[touched & signals.good]
+        seen = float(np.sqrt((rest**2).mean())) if len(rest) > 1 else np.nan
+        self.noise = seen if np.isnan(self.noise) else self.noise
+        known = felt[:, None, None] if len(felt) else None
+        self.threshold_ = float(contact_scale(np.array([[self.noise]]), known)[0, 0])
+        above = np.abs(divider) > self.threshold_
+        pressed = signals.good & loaded
+        self._tell(force[pressed & ~above], force[pressed & above])
+        return self
+
+    def readings(self, signals: Signals) -> Array:
+        """Potentials and divider (s, 3), less what of their rest has moved since the fit."""
+        x, rest = signals.values[:, 0], signals.baseline[:, 0]
+        x = x - np.where(self.quiet_ & np.isfinite(rest), rest - self.rest_, 0.0)
+        return np.minimum(np.maximum(x, -1.0), 2.0)
+
+    def judge(self, signals: Signals, x: Array) -> None:
+        """Set contact by the divider; frames that a fit could not judge stay as they are."""
+        if self.blind_:
+            return
+        limit = TOUCHED if np.isnan(self.threshold_) else self.threshold_
+        size = np.abs(x[:, 2])
+        # a frame called untouched may be a tare row, so that more than the threshold is asked
+        felt = (size > limit) & ((signals.in_contact != 0) | (size > TOUCHED))
+        # as the pipeline's own: of unusable frames nothing is said
+        np.copyto(signals.in_contact, felt, where=signals.good, casting='unsafe')
+
+    def _tell(self, light: Array, heavy: Array) -> None:
+        """Forces (N) below and above the threshold: what the air gap swallows."""
+        lightest = float(np.quantile(heavy, LIGHTEST)) if len(heavy) else 0.0
+        self.unfelt_ = float((light**2).mean()) if len(light) else (0.1 * lightest) ** 2
+        told = {'threshold_divider': self.threshold_, 'lightest_felt': lightest}
+        if len(light):
+            told['threshold_force'] = float(np.quantile(light, 0.95))
+        self.report_ = {name: value for name, value in told.items() if np.isfinite(value)}
