@@ -37,6 +37,18 @@ def nearest(places: Array, cells: Array, columns: tuple[int, ...]) -> Integers:
     return np.asarray((at @ centre.T - 0.5 * (centre**2).sum(axis=1)).argmax(axis=1))
 
 
+def extent(cells: Array) -> Array:
+    """Variance (3,) of places inside a cell along each axis (m2), by the gaps of centres (n, 3).
+
+    Examples
+    --------
+    >>> (1e6 * extent(np.array([[0.0, 0, 0], [6e-3, 0, 0]]))).round(3)
+    array([3., 0., 0.])
+    """
+    steps = [max(len(np.unique(np.round(axis, 6))) - 1, 1) for axis in cells.T]
+    return np.asarray((np.ptp(cells, axis=0) / steps) ** 2 / 12)
+
+
 def partition(places: Array, told: Integers, cells: Array) -> tuple[int, ...]:
     """Coordinates by which the nearest centre is the cell that truth told; () if by none.
 

@@ -25,6 +25,7 @@ from tactile_ros.regression.head import Head, known_columns
 from tactile_ros.sensors.magnet_pad.cells import (
     PLAN,
     SPACE,
+    extent,
     nearest,
     partition,
     shares_of_cells,
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Bools, Estimator, Integers
 
 NOMINAL = 'nominal'
-BY_PLACE, BY_CENTRE = 'nearest_centre', 'cell_centres'
+BY_PLACE = 'nearest_centre'
 ESTIMATORS = (*REGRESSORS, NOMINAL)
 FEWEST, MANY = 50, 5000
 FEWEST_SESSIONS = 3
@@ -88,6 +89,8 @@ class Localisation(Recognition):
         Recorded touches, for readings with a stray field.
     columns_ : tuple of int
         Coordinates by which a place belongs to the nearest cell; (): none.
+    coarse_ : ndarray, shape (3,)
+        Variance of places inside a cell (m2), where only cells were told.
     cell_report_ : dict of str to float
         How often the place names the right cell, as its covariance says.
     nominal_ : bool
@@ -102,6 +105,7 @@ class Localisation(Recognition):
         self.config = config
         self.touches_ = None
         self.columns_: tuple[int, ...] = ()
+        self.coarse_ = np.zeros(3)
         self.cell_report_: dict[str, float] = {}
         self.nominal_ = estimator in (None, NOMINAL)
 
@@ -130,6 +134,7 @@ class Localisation(Recognition):
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component; see `Regression`."""
         self.touches_, self.columns_, self.cell_report_ = None, (), {}
+        self.coarse_ = np.zeros(3)
         told = any(_told(truth[k])[signals.good].any() for k in TOLD if k in truth)
         self.nominal_ = self.estimator == NOMINAL or (self.estimator is None and not told)
         if self.nominal_:
@@ -139,9 +144,22 @@ class Localisation(Recognition):
             super().fit(signals, truth, groups)
             return
         super().fit(signals, {k: v for k, v in truth.items() if k != 'position'}, groups)
+        placed = self._by_centres(truth, signals.good)
+        if placed is not None:
+            truth, self.coarse_ = {**truth, 'position': placed}, extent(self.config.cells)
         self._own_heads(signals, truth, groups)
         self._learn_touches(signals, truth, groups)
-        self._learn_cells(signals, truth)
+        if placed is None:
+            self._learn_cells(signals, truth)
+
+    def _by_centres(self, truth: Columns, good: Bools) -> Array | None:
+        """Centres of the cells (s, 3) where truth told cells, and never a place."""
+        cells = np.asarray(truth.get('cell', np.full(len(good), -1)), np.int64)
+        told = 'position' in truth and bool(_told(truth['position']).any())
+        voted = any(vote.target == 'cell' for vote in self._useful)
+        if told or not voted or cells.max(initial=-1) >= len(self.config.cells):
+            return None
+        return np.where((cells >= 0)[:, None], self.config.cells[cells], np.nan)
 
     def _own_heads(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Regressors of the place, and of the force where kernel ridge on patterns errs less."""
@@ -229,6 +247,8 @@ class Localisation(Recognition):
             x = signals.delta.reshape(len(signals.good), self.width)
             return self._pad.estimate(x)
         known = super().estimate(signals, memory)
+        if self.coarse_.any():
+            known['position_cov'] = known['position_cov'] + np.diag(self.coarse_)
         x = signals.delta.reshape(len(signals.good), self.width)
         there = np.flatnonzero(np.isfinite(x).all(axis=1))
         if self._cell_by_place:
