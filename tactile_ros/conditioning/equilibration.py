@@ -78,7 +78,7 @@ class Equilibration:
         names = LAWS if self.law is None else (self.law,)
         self.errors_ = {name: self._held_out(name, u, load, known, groups) for name in names}
         best = min(names, key=lambda name: self.errors_[name] / MARGINS[name])
-        self._learn(best, u, load, known)
+        self.learn(best, u, load, known)
         return self
 
     def _held_out(self, name: str, u: Array, load: Array, known: Bools, groups: Integers) -> float:
@@ -89,7 +89,7 @@ class Equilibration:
             held = fold == i
             if not held.any() or held.all():
                 continue
-            self._learn(name, u[~held], load[~held], known[~held])
+            self.learn(name, u[~held], load[~held], known[~held])
             miss = self.forces(u[held]) - load[held]
             scale = load[held] + RELATIVE * load.max(axis=0, initial=0.0) + 1e-12
             counted = known[held] & np.isfinite(miss)
@@ -97,8 +97,8 @@ class Equilibration:
             count += int(counted.sum())
         return float(np.sqrt(wrong / count)) if count else np.inf
 
-    def _learn(self, name: str, u: Array, load: Array, known: Bools) -> None:
-        """Set the law of every taxel."""
+    def learn(self, name: str, u: Array, load: Array, known: Bools) -> None:
+        """Set the law of every taxel (t,) from known rows (s, t), by one kind of law."""
         self.name, self.curves_ = name, None
         seen = (known.sum(axis=0) >= FEWEST_ROWS) & (np.square(u).sum(axis=0) > 0)
         self.top_ = np.where(seen, u.max(axis=0, initial=0.0), 1.0)

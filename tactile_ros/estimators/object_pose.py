@@ -375,8 +375,7 @@ class ObjectPose:
 def _covariance(gram: Array, j: Array, w: Array, miss: Array, weight: Array) -> Array:
     """Of parameters, half from misfits where they are, half from their common size."""
     inverse = np.linalg.inv(gram)
-    share = w / np.maximum(weight, 1e-300) ** 2
-    excess = share * np.square(miss * weight)
+    excess = w * np.square(miss)
     told = np.count_nonzero((np.abs(j).max(axis=1) > 1e-3 * np.abs(j).max()) & (w > 0))
     spare = max(told - len(gram), 0)
     common = float(np.clip((excess.sum() + 2.0) / (spare + 2.0), 0.05, 9.0))

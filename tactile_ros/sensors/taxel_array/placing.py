@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from tactile_ros.signals import Columns
     from tactile_ros.types import Array, Bools
 
-MISSING = 0.3  # of the force that a silent taxel under a recognised object bears
 COVERED, MUTE, LOUD = 0.7, 0.15, 0.25
 
 
@@ -25,6 +24,7 @@ def place_objects(
     spread: float,
     asked: Bools,
     usable: Bools,
+    summed: bool,
 ) -> None:
     """Add label, pose, position and bad taxels of every asked row.
 
@@ -44,6 +44,8 @@ def place_objects(
         Rows in which something may lie.
     usable : ndarray, shape (t,)
         False: known to be dead.
+    summed : bool
+        Whether the total force is a sum, in which the object tells what silent taxels bear.
     """
     samples, taxels = forces.shape
     _make_room(known, samples, taxels)
@@ -55,6 +57,9 @@ def place_objects(
             known['status'][i] = int(FrameStatus.ABSTAINED)
             continue
         _write(known, int(i), found)
+        if summed and not usable.all():
+            hidden = found.pressure * found.cover[~usable].sum()
+            known['force'][i, 2] = np.nansum(row) + max(float(hidden), 0.0)
         _mark(known, int(i), found, row, objects.areas)
 
 
@@ -102,7 +107,3 @@ def _mark(known: Columns, i: int, found: Found, row: Array, areas: Array) -> Non
         known['taxel_status'][i, loud] |= int(TaxelStatus.STUCK)
         if 'taxel_force' in known:
             known['taxel_force'][i, mute | loud] = np.nan
-    if 'force' in known and np.isnan(row).any():
-        hidden = float(np.maximum(expected[np.isnan(row)], 0.0).sum())
-        known['force'][i, 2] += hidden
-        known['force_cov'][i, 2, 2] += (MISSING * hidden) ** 2
