@@ -14,11 +14,7 @@ ALWAYS = frozenset(
     {'stray_field', 'force_cov', 'torque_cov', 'slip', 'slip_probability', 'status'}
 )
 FORBIDS_USE = int(
-    FrameStatus.NOT_CALIBRATED
-    | FrameStatus.BAD_TAXELS
-    | FrameStatus.SATURATED
-    | FrameStatus.STRAY_FIELD
-    | FrameStatus.STALE
+    FrameStatus.NOT_CALIBRATED | FrameStatus.BAD_TAXELS | FrameStatus.SATURATED | FrameStatus.STALE
 )
 FLAT_NORMAL = np.array([[[0.0, 0.0, 1.0]]])
 

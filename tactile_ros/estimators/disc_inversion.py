@@ -16,9 +16,9 @@ from tactile_ros.physics.disc_table import disc_table, table_disc
 from tactile_ros.types import Array
 
 GAP, REMANENCE, REST, LEANING, COUPLING, GAIN = 0.1, 0.1, 0.08, 0.03, 0.3, 0.01
-MOST_ROWS = 400
-ROUNDS = 12
-STEPS, FEW_STEPS = 14, 4
+MOST_ROWS = 300
+ROUNDS = 8
+STEPS, FEW_STEPS = 14, 3
 SIMULATED, WIDER = 800, 0.1
 DOUBT = 4.0
 DAMPING, CALMER, WILDER = 1e-3, 0.2, 8.0
@@ -55,6 +55,8 @@ class DiscInversion:
         Whether readings are fields, not changes since rest.
     start_ : PolynomialRidge or None
         Where to begin, learned from the model; None before a fit.
+    rest_ : ndarray, shape (1, n), or None
+        Readings at rest (T); None before a fit.
     doubt_ : float
         Squares left over, beyond which a row is begun again from rest.
     """
@@ -74,6 +76,7 @@ class DiscInversion:
         self.found_ = np.zeros(7 + len(axes))
         self.start_: PolynomialRidge | None = None
         self.doubt_ = np.inf
+        self.rest_: Array | None = None
 
     def given(self, projection: Array, sigma: float, *, absolute: bool) -> DiscInversion:
         """Say what is measured: differences (n, m), noise of a channel (T), and from what."""
@@ -103,11 +106,11 @@ class DiscInversion:
         """Find what the config is uncertain of from readings (s, n) (T) alone."""
         rows = change[np.linspace(0, len(change) - 1, min(len(change), MOST_ROWS)).astype(int)]
         place = np.zeros((len(rows), self.unknowns))
-        self.found_ = np.zeros_like(self.found_)
+        self.found_, self.rest_ = np.zeros_like(self.found_), None
         sigma = self._sigma(rows)
         best, least = self.found_, np.inf
         for turn in range(ROUNDS):
-            place = self._descend(rows, place, STEPS if turn == 0 else 3)
+            place, _ = self._descend(rows, place, STEPS if turn == 0 else 3)
             slopes, error = self._slopes(rows, place)
             cost = float(np.minimum((error / sigma) ** 2, 25.0).sum() + self.found_ @ self.found_)
             if cost > 0.999 * least:
@@ -115,15 +118,11 @@ class DiscInversion:
             best, least = self.found_, cost
             self.found_ = best + self._step(slopes, error, place, sigma)
         self.found_ = best
-        place = self._descend(rows, 0 * place, STEPS)
+        self.rest_ = self._absolute(np.zeros((1, 3)))[0]
+        place, miss = self._descend(rows, 0 * place, STEPS)
         self._learn_starts(place)
-        self.doubt_ = DOUBT * float(np.quantile(self._cost(rows, place), 0.99)) + 25.0
+        self.doubt_ = DOUBT * float(np.quantile((miss**2).sum(axis=1), 0.99)) + 25.0
         return self
-
-    def _cost(self, rows: Array, place: Array) -> Array:
-        """Squares of what places leave unexplained, over those of their noise, shape (s,)."""
-        miss = (rows - self.field(place)[0]) @ self.projection_ / self._sigma(rows)
-        return np.asarray((miss**2).sum(axis=1))
 
     def _learn_starts(self, place: Array) -> None:
         """Learn where to begin, from the model itself around places (s, 3 or 5)."""
@@ -189,7 +188,9 @@ class DiscInversion:
         """
         readings, slopes = self._absolute(place)
         if not self.absolute_:
-            readings = readings - self._absolute(np.zeros((1, place.shape[1])))[0]
+            rest = self.rest_
+            rest = self._absolute(np.zeros((1, 3)))[0] if rest is None else rest
+            readings = readings - rest
         return readings, slopes
 
     def _absolute(self, place: Array) -> tuple[Array, Array]:
@@ -221,8 +222,8 @@ class DiscInversion:
         """Farthest sideways, deepest and most tilted, shape (3 or 5,)."""
         return np.array([-SIDEWAYS, -SIDEWAYS, -DEEPEST, -STEEP, -STEEP])[: self.unknowns]
 
-    def _descend(self, rows: Array, place: Array, steps: int) -> Array:
-        """Damped Gauss-Newton steps (Marquardt, J. SIAM 11, 1963), none longer than `LONGEST`."""
+    def _descend(self, rows: Array, place: Array, steps: int) -> tuple[Array, Array]:
+        """Places and errors over sigma (s, m) after damped steps: Marquardt, J. SIAM 11, 1963."""
         sigma, prior = self._sigma(rows), self._prior()
         damping = np.full((len(rows), 1), DAMPING)
         seen, slope = self.field(place)
@@ -242,7 +243,7 @@ class DiscInversion:
             place, error = np.where(better, trial, place), np.where(better, miss, error)
             slope = np.where(better[..., None], steep, slope)
             damping = np.where(better, damping * CALMER, damping * WILDER)
-        return np.asarray(place)
+        return place, error
 
     def _moved(self, place: Array, normal: Array, pull: Array, damping: Array) -> Array:
         """Places after one damped step, inside the table."""
@@ -254,20 +255,21 @@ class DiscInversion:
         moved = place + move * np.minimum(1.0, LONGEST / np.maximum(longest, 1e-12))
         return self._inside(moved)
 
-    def _found(self, rows: Array) -> Array:
-        """Places of readings; begun again from rest where they do not explain them."""
+    def _found(self, rows: Array) -> tuple[Array, Array]:
+        """Places of readings and errors; begun again from rest where they explain little."""
         again = np.zeros((len(rows), self.unknowns))
         if self.start_ is None:
             return self._descend(rows, again, STEPS)
         near = self.start_.predict(rows @ self.projection_)
-        place = self._descend(rows, self._inside(near), FEW_STEPS)
-        cost = self._cost(rows, place)
+        place, miss = self._descend(rows, self._inside(near), FEW_STEPS)
+        cost = (miss**2).sum(axis=1)
         doubtful = cost > self.doubt_
-        if doubtful.any():
-            other = self._descend(rows[doubtful], again[doubtful], STEPS)
-            better = self._cost(rows[doubtful], other) < cost[doubtful]
-            place[doubtful] = np.where(better[:, None], other, place[doubtful])
-        return place
+        if np.count_nonzero(doubtful):
+            other, gap = self._descend(rows[doubtful], again[doubtful], STEPS)
+            better = ((gap**2).sum(axis=1) < cost[doubtful])[:, None]
+            place[doubtful] = np.where(better, other, place[doubtful])
+            miss[doubtful] = np.where(better, gap, miss[doubtful])
+        return place, miss
 
     def invert(self, change: Array) -> tuple[Array, Array]:
         """Places and what they leave unexplained.
@@ -286,7 +288,7 @@ class DiscInversion:
         """
         lost = ~np.asarray(np.isfinite(change)).all(axis=1)
         rows = np.where(lost.reshape(-1, 1), 0.0, change)
-        place = self._found(rows)
-        rest = (rows - self.field(place)[0]) @ self.projection_
+        place, miss = self._found(rows)
+        rest = miss * self._sigma(rows)
         place[lost], rest[lost] = np.nan, np.nan
         return place, rest

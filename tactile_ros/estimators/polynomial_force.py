@@ -88,7 +88,8 @@ class PolynomialForce:
         target = rows.y - self.level_
         self.weights_ = np.asarray(np.linalg.lstsq(terms, target, rcond=LEAST_SHARE)[0], float)
         if self.loss == 'huber_l1':
-            self.weights_ = _huber_l1(terms, target, self.weights_, self.penalty)
+            self.weights_, shift = _huber_l1(terms, target, self.weights_, self.penalty)
+            self.level_ = self.level_ + shift
         return self
 
     def predict(self, x: Array) -> Array:
@@ -135,9 +136,11 @@ def products(field: Array) -> Array:
     return np.asarray(wide[:, first] * wide[:, second])
 
 
-def _huber_l1(terms: Array, target: Array, weights: Array, penalty: float) -> Array:
-    """Weights (p, k) that minimise Huber's loss with an L1 penalty, by reweighted squares."""
-    found = weights.copy()
+def _huber_l1(terms: Array, target: Array, weights: Array, penalty: float) -> tuple[Array, Array]:
+    """Weights (p, k) and level (k,) that minimise Huber's loss with an L1 penalty."""
+    count = terms.shape[1]
+    terms = np.concatenate([terms, np.ones((len(terms), 1))], axis=1)
+    found = np.concatenate([weights, np.zeros((1, weights.shape[1]))])
     for k in range(target.shape[1]):
         w = found[:, k]
         for _ in range(ROUNDS):
@@ -146,6 +149,7 @@ def _huber_l1(terms: Array, target: Array, weights: Array, penalty: float) -> Ar
             trust = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(error), 1e-300))
             shrink = penalty * len(terms) * scale / np.maximum(np.abs(w), 1e-9 * np.abs(w).max())
             root = np.sqrt(trust)[:, None]
+            shrink[count:] = 0.0  # the level is free
             left = np.concatenate([root * terms, np.diag(np.sqrt(shrink))])
             right = np.concatenate([root[:, 0] * target[:, k], np.zeros(len(w))])
             new = np.linalg.lstsq(left, right, rcond=LEAST_SHARE)[0]
@@ -153,4 +157,4 @@ def _huber_l1(terms: Array, target: Array, weights: Array, penalty: float) -> Ar
             if moved <= 1e-6 * np.abs(w).max():
                 break
         found[:, k] = w
-    return found
+    return found[:count], found[count]

@@ -129,9 +129,10 @@ def table_disc(
     steep = np.einsum('sij,stjk,slk->stil', turn, steep, turn)
     slope = np.empty((*own.shape, 5))
     slope[..., :3] = -steep
-    for k in (0, 1):
-        axis = np.eye(3)[k]
-        slope[..., 3 + k] = np.cross(axis, field) - np.einsum(
-            'stij,stj->sti', steep, np.cross(axis, apart)
-        )
+    # the turn of the field itself, and the change of place in the disc's axes
+    slope[..., 0, 3], slope[..., 1, 3], slope[..., 2, 3] = 0.0, -field[..., 2], field[..., 1]
+    slope[..., 0, 4], slope[..., 1, 4], slope[..., 2, 4] = field[..., 2], 0.0, -field[..., 0]
+    x, y, z = (apart[..., None, k] for k in range(3))
+    slope[..., 3] += steep[..., 1] * z - steep[..., 2] * y
+    slope[..., 4] += steep[..., 2] * x - steep[..., 0] * z
     return field, slope

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 TARGETS = ('position', 'force', 'torque')
 TILT = 0.03  # rad, beside the tilt that comes with a shift
 FEWEST_ROWS = 20
+RESPONSES = 400
+DISTURBED = 2e-5  # T
 
 
 class GradiometerEstimation:
@@ -91,15 +93,27 @@ class GradiometerEstimation:
         self.targets_, self.place_, self.tilted_, self.stray_ = (), None, None, None
         if self.estimator in (None, *MODELS) and touched.sum() >= FEWEST_ROWS:
             self._learn_disc(change[touched])
-        x, parts = self._features(signals, change, self.start())
+        x, parts = self._features(change, self._thermal(signals, self.start()))
         self._learn_targets(x, parts, signals.good, truth, groups)
         if self.place_ is not None and self.targets_:
             use = touched & np.isfinite(x).all(axis=1)
             group = np.asarray(groups['group'], np.int64)[use]
+            self._learn_response(change[use], x[use][:, parts['thermal']])
             uniform = self._beside_disc(change[use], x[use][:, parts['place']])
-            self.stray_ = StrayField(self.readings_.noise).fit(
+            plane = self.config.positions[:, :2]
+            span = float(np.sqrt(((plane - plane.mean(axis=0)) ** 2).sum() / 2))
+            self.stray_ = StrayField(self.readings_.noise, span).fit(
                 x[use][:, parts['place']], x[use][:, parts['rest']], uniform, stray[use], group
             )
+
+    def _learn_response(self, change: Array, thermal: Array) -> None:
+        """Learn how targets answer to fields that are not the disc's."""
+        rows = np.linspace(0, len(change) - 1, min(len(change), RESPONSES)).astype(int)
+        change, thermal = change[rows], thermal[rows]
+        x, parts = self._features(change, thermal)
+        moved = [self._features(change + DISTURBED * d, thermal)[0] for d in self._projection().T]
+        for target in self.targets_:
+            target.learn_response(x, moved, parts['place'], DISTURBED)
 
     def _beside_disc(self, change: Array, place: Array) -> Array:
         """Uniform field (s, 3) (T) of changes (s, n) (T) less those that places (s, 3) make."""
@@ -137,19 +151,22 @@ class GradiometerEstimation:
         used = (self.readings_.axes != 0).any(axis=1)
         return differences if differences.shape[1] >= 3 else np.eye(len(used))[:, used]
 
-    def _features(
-        self, signals: Signals, change: Array, memory: ThermalMemory
-    ) -> tuple[Array, dict[str, Integers]]:
+    def _thermal(self, signals: Signals, memory: ThermalMemory) -> Array:
+        """Temperatures (s, h); no column where those of the fit were all alike."""
+        rows = len(signals.good)
+        if not self.readings_.warm_:
+            return np.zeros((rows, 0))
+        chip = chip_temperature(signals)
+        chip = np.full(rows, np.nan) if chip is None else chip
+        return lagging(signals, chip, self.readings_.usual_, memory)
+
+    def _features(self, change: Array, thermal: Array) -> tuple[Array, dict[str, Integers]]:
         """Features of all candidates, side by side, and which columns are whose."""
         known = {
             'field': change + self.readings_.level_,
             'differences': change @ self._projection(),
-            'thermal': np.zeros((len(change), 0)),
+            'thermal': thermal,
         }
-        chip = chip_temperature(signals)
-        if self.readings_.warm_:
-            chip = np.full(len(change), np.nan) if chip is None else chip
-            known['thermal'] = lagging(signals, chip, self.readings_.usual_, memory)
         if self.place_ is not None and self.tilted_ is not None:
             known['place'], known['rest'] = self.place_.invert(change)
             # a fit that chose otherwise spares its frames the tilts
@@ -198,21 +215,22 @@ class GradiometerEstimation:
         change = self.readings_.change(signals)
         status = np.where(margins(signals, self.config, self.readings_.noise), _SATURATED, 0)
         known: Columns = {'stray_field': self.uniform_.solve(change)}
-        swell = np.ones(len(change))
-        x, parts = self._features(signals, change, memory)
+        excess = np.zeros(len(change))
+        x, parts = self._features(change, self._thermal(signals, memory))
         if self.stray_ is not None:
             place = x[:, parts['place']]
-            known['stray_field'] = self.stray_.predict(place, self._beside_disc(change, place))
-            swell, odd = self.stray_.oddness(place, x[:, parts['rest']])
+            field = self.stray_.predict(place, self._beside_disc(change, place))
+            known['stray_field'] = field
+            excess, odd = self.stray_.oddness(place, x[:, parts['rest']], field)
             status = status | np.where(odd, _STRAY, 0)
         for target in self.targets_:
             if target.name not in known:
                 known[target.name] = np.full((len(x), 3), np.nan)
                 known[f'{target.name}_cov'] = np.full((len(x), 3, 3), np.nan)
-            mean, cov = target.predict(x)
+            mean, cov = target.predict(x, excess)
             index = np.array(target.columns)
             known[target.name][:, index] = mean
-            known[f'{target.name}_cov'][:, index[:, None], index] = cov * swell[:, None, None]
+            known[f'{target.name}_cov'][:, index[:, None], index] = cov
         known['status'] = status
         return known
 

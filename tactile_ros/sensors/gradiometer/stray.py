@@ -10,11 +10,15 @@ import numpy as np
 
 from tactile_ros.estimators.folds import group_folds
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
+from tactile_ros.estimators.uncertainty import CalibratedCovariance
 from tactile_ros.types import Array, Bools, Integers
 
 DEGREES = (1, 2, 3, 4)
-CERTAIN = 1.5  # beyond the oddest of a thousand
-USUAL = 0.999
+USUAL, CERTAIN = 0.99, 0.9999  # of what clean frames leave over
+NEAREST = 14e-3  # m, of a magnet whose gradient the covariance covers; a nearer one is warned of
+GRADIENT = 1.5  # of a dipole, times its field over its distance: a typical entry of the tensor
+BEYOND = 1.5  # times the oddest that is certain
+FEW_FREEDOMS = 1.6  # two sigmas of Student's t of three freedoms, over those of a normal one
 
 
 class StrayField:
@@ -24,6 +28,8 @@ class StrayField:
     ----------
     noise : float
         Of a channel (T).
+    span : float
+        Root of the sum of squares of the pixels' distance from their middle along an axis (m).
 
     Attributes
     ----------
@@ -31,22 +37,28 @@ class StrayField:
         Uniform field that is left beside the disc's model where there is none, of its place.
     misfit_ : PolynomialRidge
         What the disc's model leaves over, of its place.
-    whiten_ : ndarray, shape (m, m)
-        Turns what is left over into units of its spread.
-    limit_ : float
-        Mean square of them beyond which a field is not the disc's.
+    spread_ : CalibratedCovariance
+        Of what is left over then.
+    usual_, limit_ : float
+        Mean square of what is left over, in units of its spread, that clean frames reach now and
+        then, and beyond which a field is not the disc's.
+    blind_ : float
+        Size of a stray field (T) that clean frames seem to have now and then.
     report_ : dict of str to float
         Held-out error of the stray field (T), and the limit.
     """
 
     common_: PolynomialRidge
     misfit_: PolynomialRidge
-    whiten_: Array
+    spread_: CalibratedCovariance
+    usual_: float
     limit_: float
+    blind_: float
     report_: dict[str, float]
 
-    def __init__(self, noise: float) -> None:
+    def __init__(self, noise: float, span: float) -> None:
         self.noise = noise
+        self.span = span
 
     def fit(
         self, place: Array, rest: Array, uniform: Array, stray: Array, groups: Integers
@@ -87,11 +99,11 @@ class StrayField:
             )
             left[out] = rest[out] - misfit.predict(place[out])
             error[out] = common.predict(place[out]) - target[out][:, seen]
-        spread = left.T @ left / len(left) + self.noise**2 * 0.1 * np.eye(rest.shape[1])
-        value, vector = np.linalg.eigh(spread)
-        self.whiten_ = vector / np.sqrt(value)
-        odd = ((left @ self.whiten_) ** 2).mean(axis=1)
-        self.limit_ = CERTAIN * float(np.quantile(odd, USUAL))
+        self.spread_ = CalibratedCovariance().fit(place, left, groups)
+        odd = ((left / self.spread_.sigma(place)) ** 2).mean(axis=1)
+        self.usual_ = float(np.quantile(odd, USUAL))
+        self.limit_ = BEYOND * float(np.quantile(odd, CERTAIN))
+        self.blind_ = float(np.quantile(np.sqrt((error**2).sum(axis=1)), USUAL))
         self.report_ = {
             'held_out_rmse': float(np.sqrt((error**2).sum(axis=1).mean())),
             'oddness_limit': self.limit_,
@@ -104,8 +116,16 @@ class StrayField:
         field[:, self.seen_] = uniform[:, self.seen_] - self.common_.predict(place)
         return field
 
-    def oddness(self, place: Array, rest: Array) -> tuple[Array, Bools]:
-        """By what to swell covariances, and which rows are beyond the limit, shape (s,) both."""
+    def oddness(self, place: Array, rest: Array, field: Array) -> tuple[Array, Bools]:
+        """Field that is not the disc's, in every difference (T), and where it is certain, (s,).
+
+        A magnet's gradient may hide in what its place explains: then the field that it leaves in
+        the mean, `field` (s, 3) (T), says how large its gradient may be.
+        """
         left = rest - self.misfit_.predict(place)
-        odd = ((left @ self.whiten_) ** 2).mean(axis=1)
-        return np.maximum(1.0, odd / self.limit_), odd > self.limit_
+        sigma = self.spread_.sigma(place)
+        odd = ((left / sigma) ** 2).mean(axis=1)
+        excess = np.maximum(odd - self.usual_, 0.0) * (sigma**2).mean(axis=1)
+        stray = np.maximum((field[:, self.seen_] ** 2).sum(axis=1) - self.blind_**2, 0.0)
+        steep = (GRADIENT * self.span / NEAREST) ** 2 * stray
+        return np.sqrt(FEW_FREEDOMS**2 * excess + steep), odd > self.limit_

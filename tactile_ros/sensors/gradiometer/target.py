@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 PLAIN = ('ridge', 'grid_knn', 'kernel_ridge', 'perceptron', 'polynomial', 'differences')
 MODELS = ('inversion', 'inversion_tilt', 'inversion_rest')
 ESTIMATORS = (*MODELS, *PLAIN)
-TRIED = 2500  # rows on which candidates are compared
+TRIED = 1500  # rows on which candidates are compared
 TINY = 1e-12
 
 
@@ -73,6 +73,8 @@ class Target:
         Spread of each component.
     covariance_ : CalibratedCovariance
         From residuals of rows that the estimator had not seen.
+    response_ : PolynomialRidge or None
+        Logarithm of how components answer to fields that are not the disc's, of its place.
     report_ : dict of str to float
         Errors on held-out groups (unit of the target).
     """
@@ -85,6 +87,8 @@ class Target:
         self.drivers = drivers
         self.strength = strength
         self.estimator_name = ''
+        self.response_: PolynomialRidge | None = None
+        self.seen_ = np.zeros(0, np.int64)
 
     def fit(self, x: Array, y: Array, groups: Integers, known: dict[str, Estimator]) -> Target:
         """Choose among `known` by features (s, f), components (s, k) and groups (s,)."""
@@ -128,10 +132,48 @@ class Target:
         """Target with the names of its components."""
         return f'{self.name}_{"".join("xyz"[i] for i in self.columns)}'
 
-    def predict(self, x: Array) -> tuple[Array, Array]:
-        """Components (s, k) and their covariance (s, k, k) of features (s, f)."""
+    def learn_response(self, x: Array, moved: list[Array], place: Integers, step: float) -> None:
+        """Learn how much components change with a field that is not the disc's.
+
+        Parameters
+        ----------
+        x : ndarray, shape (s, f)
+            Features.
+        moved : list of ndarray, shape (s, f)
+            Features with each difference disturbed by `step` (T).
+        place : ndarray of int, shape (d,)
+            Features of the disc's place.
+        step : float
+            (T).
+        """
+        mean = self.estimator_.predict(x)
+        turns = np.stack([self.estimator_.predict(other) - mean for other in moved]) / step
+        size = 0.5 * np.log((turns**2).sum(axis=0) + TINY)
+        self.seen_ = place
+        self.response_ = PolynomialRidge((1, 2)).fit(x[:, place], size)
+
+    def predict(self, x: Array, excess: Array) -> tuple[Array, Array]:
+        """Components and their covariance.
+
+        Parameters
+        ----------
+        x : ndarray, shape (s, f)
+            Features.
+        excess : ndarray, shape (s,)
+            Size of a field that is not the disc's, in every difference (T).
+
+        Returns
+        -------
+        mean, cov : ndarray, shape (s, k), (s, k, k)
+            (Unit of the target, and squared.)
+        """
         mean = self.estimator_.predict(x) * self.unit_
-        return mean, self.covariance_.predict(self._drivers(x))
+        cov = self.covariance_.predict(self._drivers(x))
+        if self.response_ is not None and np.count_nonzero(excess):
+            turn = np.exp(self.response_.predict(x[:, self.seen_])) * self.unit_
+            index = np.arange(len(self.columns))
+            cov[:, index, index] += (turn * excess[:, None]) ** 2
+        return mean, cov
 
     def _drivers(self, x: Array) -> Array:
         """Logarithm of the signal's size, and features."""

@@ -1,0 +1,70 @@
+"""The chain of [3]: its rank, its common field, and where float and zero would spoil it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_ros.errors import NotCalibratedError
+from tactile_ros.estimators.polynomial_force import PolynomialForce, gradient_field, products
+from tactile_ros.estimators.polynomial_ridge import PolynomialRidge, count_terms, monomials
+
+
+def fields(rows: int, seed: int = 0) -> np.ndarray:
+    return 1e-2 * np.random.default_rng(seed).normal(size=(rows, 8))
+
+
+def test_features_are_91_of_rank_61_beside_the_constant() -> None:
+    raw = products(gradient_field(fields(600)) / 1e-2)
+    assert raw.shape[1] == 91
+    assert np.linalg.matrix_rank(raw[:, 1:] - raw[:, 1:].mean(axis=0), tol=1e-6) == 61
+
+
+@pytest.mark.parametrize('common', [2e-3, 0.1])
+def test_a_common_field_changes_nothing(common: float) -> None:
+    x = fields(300)
+    chain = PolynomialForce().fit(x, x[:, :1] - x[:, 2:3])
+    moved = chain.predict(x + common * np.tile([1.0, -0.5], 4))
+    assert np.allclose(moved, chain.predict(x), atol=1e-9)
+
+
+def test_weights_stay_small_although_features_are_dependent() -> None:
+    x = fields(400)
+    y = 100 * (x[:, :1] - x[:, 2:3]) + 0.01 * np.random.default_rng(1).normal(size=(400, 1))
+    assert np.abs(PolynomialForce().fit(x, y).weights_).max() < 10
+
+
+def test_huber_bears_outliers_and_silence_gives_no_nan() -> None:
+    x = fields(400)
+    clean = 100 * (x[:, :1] - x[:, 2:3])
+    spoilt = clean.copy()
+    spoilt[::20] += 50.0
+    error = [
+        np.abs(PolynomialForce(loss).fit(x, spoilt).predict(x) - clean).mean()
+        for loss in ('squares', 'huber_l1')
+    ]
+    assert error[1] < 0.2 * error[0]
+    assert np.isfinite(PolynomialForce().fit(x, clean).predict(np.zeros((2, 8)))).all()
+
+
+def test_refuses_what_it_does_not_know() -> None:
+    with pytest.raises(ValueError, match='loss of PolynomialForce must be'):
+        PolynomialForce('l2')
+    with pytest.raises(NotCalibratedError):
+        PolynomialForce().predict(np.zeros((1, 8)))
+
+
+def test_polynomials_choose_their_degree_for_each_component() -> None:
+    x = np.random.default_rng(0).uniform(-1, 1, (200, 3))
+    noise = 0.01 * np.random.default_rng(1).normal(size=(200, 2))
+    y = np.column_stack([x[:, 0], x[:, 0] * x[:, 1] * x[:, 2]]) + noise
+    found = PolynomialRidge((1, 2, 3, 4)).fit(x, y)
+    assert found.degree_.tolist() == [1, 3]
+    assert np.abs(found.predict(x) - y).mean() < 0.02
+    assert monomials(x, 3).shape[1] == count_terms(3, 3) == 19
+
+
+def test_far_beyond_what_was_seen_a_polynomial_stands_still() -> None:
+    x = np.linspace(-1, 1, 60)[:, None]
+    found = PolynomialRidge((3,)).fit(x, x**3)
+    assert found.predict(np.array([[1e6]])) == found.predict(np.array([[1e3]]))
