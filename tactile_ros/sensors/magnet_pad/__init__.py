@@ -4,9 +4,9 @@ Three neodymium blocks lie in a body of soft polyurethane, two MLX90393 under it
 magnets, and the six readings tell which cell of the surface is touched: [2] votes among the
 nearest training samples (K = 1, 5, 10) for one of 6, 15 or 25 cells. Two conditions make a good
 design: no chip saturates under the largest force, and the least force moves at least one chip's
-reading by more than it can resolve. Here the cell is voted by five neighbours, and place and force
-are regressed from the change of field, until the rest of [2] and better ones are built; regressors
-are chosen in `fit` by grouped cross-validation.
+reading by more than it can resolve. Here the cell is voted or follows from the place, place and
+force are regressed from the change of field, stray fields are told from touches by what the chips
+have in common, and before any truth is told the nominal model of the pad answers.
 
 Source: [2] on the design of a soft tactile sensor with permanent magnets and Hall elements.
 """
