@@ -63,8 +63,9 @@ class Trial:
         Predictions, and the spreads that it stated; its root mean square error where it states
         none.
     error, typical : float
-        Root mean square length of its error, and the geometric mean over groups of theirs, which
-        a few groups that it cannot reach do not rule (unit of y); infinite where it said nothing.
+        Root mean square length of its error, and the mean over groups of theirs, none counted
+        above the spread of the targets, so that a few groups that it cannot reach do not rule
+        (unit of y); infinite where it said nothing.
     """
 
     said: Array
@@ -131,7 +132,7 @@ def _judge(said: Array, spread: Array, told: Array, groups: Integers) -> Trial:
     spread = np.where(np.isfinite(spread), spread, np.maximum(level, 1e-12))
     index = np.unique(groups, return_inverse=True)[1].reshape(-1)
     means = np.bincount(index, square.sum(axis=1)) / np.bincount(index)
-    typical = float(np.exp(0.5 * np.log(np.maximum(means, 1e-18)).mean()))
+    typical = float(np.minimum(np.sqrt(means), np.sqrt(told.var(axis=0).sum())).mean())
     return Trial(said, spread, error, typical if error < np.inf else np.inf)
 
 

@@ -60,6 +60,7 @@ class FiveWireEstimation:
         self.crept_: ForceHead | None = None
         self.shares_ = np.zeros(len(TIME_CONSTANTS) + 1)
         self.shear_: Head | None = None
+        self.left_ = 0.0  # of a force, by creep that the fading means do not tell
 
     @property
     def estimators(self) -> dict[str, str]:
@@ -175,7 +176,8 @@ class FiveWireEstimation:
         static = np.where(signals.in_contact == 0, 0.0, static)
         static = np.where(signals.good, static, np.nan)
         means = _remember(static, signals, memory)
-        return static - np.column_stack([means, static]) @ self.shares_, spread
+        value = static - np.column_stack([means, static]) @ self.shares_
+        return value, np.sqrt(spread**2 + (self.left_ * value) ** 2)
 
     def _features(self, x: Array, place: Array) -> Array:
         """Features (s, 8) of `ForceHead`."""
@@ -218,6 +220,8 @@ class FiveWireEstimation:
         left = static[rows] - np.column_stack([means, static])[rows] @ shares - told[rows]
         if float(np.sqrt((left**2).mean())) < self.force_.report_['held_out_rmse']:
             self.crept_, self.shares_ = head, shares
+            least = 0.1 * float(told[rows].max())
+            self.left_ = float(np.sqrt(((left / np.maximum(told[rows], least)) ** 2).mean()))
 
     @staticmethod
     def _static(head: ForceHead, features: Array, signals: Signals) -> Array:
