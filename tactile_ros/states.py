@@ -71,7 +71,8 @@ def add_flags(known: Columns, signals: Signals, bits: Bytes, flags: Integers) ->
     if np.count_nonzero(missing):
         seeing = seeing & ~missing.any(axis=(1, 2))
     known['in_contact'] = signals.in_contact
-    known['taxel_status'] = bits | known['taxel_status'] if 'taxel_status' in known else bits
+    found = known.get('taxel_status')
+    known['taxel_status'] = bits if found is None else bits | found.astype(np.uint8)
     known['status'] = flags
     known['valid'] = seeing & (flags & FORBIDS_USE == 0)
 
@@ -91,7 +92,7 @@ def lacking(calibrated: bool, base: Array | None, samples: int) -> Integers:
 
 def add_dead(known: Columns, bits: Bytes, dead: Bools) -> None:
     """Say which taxels (t,) are dead, and that nothing is measured there; `known` is changed."""
-    found = known.get('taxel_status', bits)
+    found = known.get('taxel_status', bits).astype(np.uint8)
     known['taxel_status'] = np.asarray(found | dead * np.uint8(TaxelStatus.DEAD), np.uint8)
     for name in ('taxel_force', 'deformation'):
         if name in known:

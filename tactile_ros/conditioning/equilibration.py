@@ -146,7 +146,7 @@ def _normal(terms: Array, load: Array, weight: Array, seen: Bools) -> Array:
 
 def _polynomials(u: Array, load: Array, known: Bools, seen: Bools) -> Array:
     """Weights (t, 3) of u and u^2, and 0."""
-    weights = _normal(np.stack([u, u**2], axis=-1), load, known * 1.0, seen)
+    weights = _normal(np.stack([u, u**2], axis=-1), load, known.astype(np.float64), seen)
     return np.column_stack([weights, np.where(seen, 0.0, np.nan)])
 
 
@@ -154,12 +154,12 @@ def _rationals(
     u: Array, load: Array, known: Bools, seen: Bools, spare: Array, top: Array
 ) -> Array:
     """Weights (t, 3) of a rational law; those of the polynomial where it would not rise."""
-    weights, share = spare, known * 1.0
+    weights, share = spare, known.astype(np.float64)
     for _ in range(3):  # F (1 - c u) is linear in a, b, c; its error is divided by 1 - c u
         terms = np.stack([u, u**2, u * load], axis=-1)
         weights = _normal(terms, load, share, seen)
         room = 1.0 - weights[:, 2] * u
-        share = known / np.square(np.where(np.abs(room) > 0.05, room, 0.05))
+        share = np.asarray(known / np.square(np.where(np.abs(room) > 0.05, room, 0.05)))
     a, b, c = np.nan_to_num(weights).T[:, :, None]
     grid = top[:, None] * np.linspace(0, 1.1, 23)
     room = 1.0 - c * grid

@@ -185,7 +185,7 @@ def taxel_points(
         Of a disc as large as a point's part (m).
     """
     groups = []
-    for i, (centre, area) in enumerate(zip(positions[:, :2], areas)):
+    for i, (centre, area) in enumerate(zip(positions[:, :2], areas, strict=True)):
         if outlines is None:
             side = max(round(np.sqrt(count)), 1)
             steps = (np.arange(side) + 0.5) / side - 0.5
@@ -199,7 +199,7 @@ def taxel_points(
 
 
 def _parts(loops: Sequence[Array], centre: Array, count: int) -> Array:
-    """Centroids of about `count` parts of equal area inside loops, cut in halves again and again."""
+    """Centroids of about `count` parts of equal area inside loops, from halves of halves."""
     corners = np.concatenate(list(loops))
     box = float(np.prod(np.ptp(corners, axis=0)))
     fine = grid_inside(loops, np.sqrt(box / (FINE * count)))

@@ -51,7 +51,7 @@ def fit_creep(
         None: creep does not help.
     """
     load = np.where(np.isfinite(force), force, 0.0)
-    whole = np.isfinite(force[:, law.known]).all(axis=1)
+    whole: Bools = np.all(np.isfinite(force[:, law.known]), axis=1)
     if not law.known.any() or whole.mean() < 0.5 or len(output) < FEWEST_ROWS or not load.any():
         return None
     loaded = np.flatnonzero(law.known & (load.max(axis=0) > 0.3 * load.max()))

@@ -25,9 +25,8 @@ from tactile_ros.types import TaxelStatus
 if TYPE_CHECKING:
     from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
     from tactile_ros.signals import Columns, Report, SensorConfig, Signals
-    from tactile_ros.types import Array, Bools
+    from tactile_ros.types import Array, Bools, Integers
 
-POLYNOMIAL = 'polynomial'
 ESTIMATORS = (*LAWS, *REGRESSION_ESTIMATORS)
 FEWEST_ROWS = 5
 QUANTUM = 2.8e-4  # standard deviation of rounding to 10 bits (fraction)
@@ -167,7 +166,9 @@ class TaxelRegression(Regression):
         told = np.asarray(truth[name], np.float64)[signals.good]
         return told if (np.isfinite(told).sum(axis=0) >= FEWEST_ROWS).any() else None
 
-    def _learn_creep(self, signals: Signals, truth: Columns, force: Array, group: Array) -> None:
+    def _learn_creep(
+        self, signals: Signals, truth: Columns, force: Array, group: Integers
+    ) -> None:
         """Laws and branches together, where stamps tell the past and it helps."""
         assert self.law_ is not None
         if signals.stamp_ns is None or not signals.good.all():
@@ -296,7 +297,7 @@ class TaxelRegression(Regression):
         noise, spread = self.noise_, UNLEARNED
         if self.law_ is not None:
             gain = self.law_.forces(np.full((1, len(self.noise_)), 0.1))[0] / 0.1
-            noise = np.hypot(np.nan_to_num(gain) * self.noise_, 0.0)
+            noise = np.nan_to_num(gain) * self.noise_
             spread = max(self.spread_, LEAST_SPREAD)
         asked = signals.good & (signals.in_contact != 0)
         place_objects(

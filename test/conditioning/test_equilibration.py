@@ -1,0 +1,57 @@
+"""Laws of taxels: zero at zero, rising, chosen by held-out error; silent taxels found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_ros.conditioning.equilibration import LAWS, Equilibration, silent_taxels
+
+
+def pressed(samples: int, seed: int, power: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs and forces of four taxels whose gains differ by 55 %, rounded to 10 bits."""
+    rng = np.random.default_rng(seed)
+    force = rng.uniform(0, 40, (samples, 4))
+    gain = 1 / np.array([1.0, 1.2, 1.4, 1.55])
+    output = gain * force**power / (force**power + 20**power)
+    return np.round(output * 1023) / 1023, force
+
+
+@pytest.mark.parametrize('law', LAWS)
+def test_zero_output_is_zero_force(law: str) -> None:
+    u, force = pressed(200, 0)
+    fitted = Equilibration(law).fit(u, force, np.arange(200))
+    assert not fitted.forces(np.zeros((1, 4))).any()
+
+
+def test_a_divider_is_equilibrated_to_two_percent() -> None:
+    u, force = pressed(300, 1)
+    fitted = Equilibration().fit(u, force, np.arange(300))
+    assert fitted.name == 'rational'
+    u, force = pressed(100, 2)
+    firm = force > 4
+    assert np.std((fitted.forces(u) / force)[firm]) < 0.02
+
+
+def test_monotone_laws_rise_everywhere() -> None:
+    u, force = pressed(300, 3, power=0.7)
+    for law in ('rational', 'pchip'):
+        fitted = Equilibration(law).fit(u, force, np.arange(300))
+        grid = np.linspace(0, 1, 60)[:, None] * fitted.top_
+        assert (np.diff(fitted.forces(grid), axis=0) > -1e-9).all()
+
+
+def test_dead_and_stuck_taxels_are_found_and_do_no_harm() -> None:
+    u, force = pressed(100, 4)
+    u[:, 1], u[:, 2] = 0.0, 0.0  # stuck readings have no change from their baseline
+    found = silent_taxels(u, force, np.full(4, 1e-3))
+    assert found.tolist() == [False, True, True, False]
+    fitted = Equilibration().fit(u, np.where(found, np.nan, force), np.arange(100))
+    assert np.isnan(fitted.forces(u)[:, found]).all()
+    assert np.isfinite(fitted.forces(u)[:, ~found]).all()
+
+
+def test_untouched_taxels_are_not_called_silent() -> None:
+    u, force = pressed(100, 5)
+    u[:, 3], force[:, 3] = 0.0, 0.0
+    assert not silent_taxels(u, force, np.full(4, 1e-3)).any()

@@ -1,0 +1,67 @@
+"""Creep undone: holds, gaps, noise, and readings that were not there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_ros.conditioning.viscoelastic import Creep, step_response, strains, voigt_strain
+
+TAU, SHARE = np.array([1.5, 30.0]), np.array([[0.08], [0.066]])
+CREEP = Creep(TAU, SHARE)
+
+
+def crept(force: np.ndarray, stamps: np.ndarray) -> np.ndarray:
+    """What a skin with this creep reads."""
+    past = strains(force, TAU, stamps, np.zeros(len(force), bool))
+    return force + np.einsum('bt,sbt->st', SHARE, past)
+
+
+def test_a_hold_of_two_minutes_does_not_drift() -> None:
+    time = np.arange(0, 120, 0.02)
+    stamps = (1e9 * time).astype(np.int64)
+    v = np.ones((len(time), 1))  # of a step at the first frame, in closed form
+    for tau, share in zip(TAU, SHARE[:, 0], strict=True):
+        v[:, 0] += share * voigt_strain(time, 1.0, 1.0, tau)
+    assert np.ptp(v) > 0.1
+    found = CREEP.undo(v, stamps, np.zeros(len(v), bool), CREEP.start())
+    assert np.ptp(found) < 0.003
+
+
+def test_a_gap_of_ten_seconds_is_exact() -> None:
+    time = np.concatenate([np.arange(0, 5, 0.01), np.arange(15, 20, 0.01)])
+    stamps = (1e9 * time).astype(np.int64)
+    force = np.full((len(time), 1), 2.0)
+    found = CREEP.undo(crept(force, stamps), stamps, np.zeros(len(time), bool), CREEP.start())
+    np.testing.assert_allclose(found, force, atol=1e-9)
+
+
+@pytest.mark.parametrize('rate', [1.0, 50.0, 5000.0])
+def test_noise_is_not_amplified(rate: float) -> None:
+    noise = np.random.default_rng(0).normal(size=(2000, 1))
+    stamps = (1e9 * np.arange(2000) / rate).astype(np.int64)
+    found = CREEP.undo(noise, stamps, np.zeros(2000, bool), CREEP.start())
+    assert found.std() <= 1.001 * noise.std()
+
+
+def test_a_lost_reading_does_not_poison_the_state() -> None:
+    stamps = 10_000_000 * np.arange(1000)
+    force = np.full((1000, 1), 3.0)
+    v = crept(force, stamps)
+    v[400:420] = np.nan
+    found = CREEP.undo(v, stamps, np.zeros(1000, bool), CREEP.start())
+    assert np.isnan(found[400:420]).all()
+    np.testing.assert_allclose(found[420:], 3.0, atol=1e-9)
+
+
+def test_a_clock_that_stands_still_changes_nothing() -> None:
+    state = CREEP.start()
+    v, stamps = np.full((3, 1), 1.0), np.array([5, 5, 4])
+    found = CREEP.undo(v, stamps, np.zeros(3, bool), state)
+    assert np.isfinite(found).all()
+    assert state.stamp_ns == 5
+
+
+def test_the_printed_element_begins_and_settles_as_it_should() -> None:
+    response = step_response(np.array([0.0, 1e6]), 2.0, 1.0, 1e12, 0.5)
+    np.testing.assert_allclose(response, [1.0, 2.0], atol=1e-5)
