@@ -19,7 +19,7 @@ from tactile_ros.types import Array, Integers
 
 STRAY = 0.3e-3  # T, of one component of stray fields that are met: earth turned, motors, magnets
 UNLIKE = 0.995  # share of held-out touches that count as known
-MARGIN = 1.5
+MARGIN, RISE = 1.2, 0.5
 MISFIT = 0.12  # of its size, by which a touch may be unlike all others without a stray field
 WEAK = 30e-6  # T, a tenth of such fields: below it a misfit is as likely
 MOST = 12_000
@@ -127,7 +127,7 @@ class KnownTouches:
         """0 for readings (s, d) like those of known touches, to 1 for those with a stray field."""
         size = np.sqrt((x * x).sum(axis=1))
         likely = np.minimum(blame.distance / np.maximum(MISFIT * size, WEAK), 2) - 1
-        off = self.plain_.strangeness(x, blame) / self.limit_ - 1
+        off = (self.plain_.strangeness(x, blame) / self.limit_ - 1) / RISE
         return np.asarray(np.clip(off, 0, 1) * np.maximum(likely, 0))
 
     def without_common(self, x: Array) -> Answer:
