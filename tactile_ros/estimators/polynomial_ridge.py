@@ -28,6 +28,9 @@ class PolynomialRidge:
     ----------
     degrees : tuple of int
         To choose from, for each component of the target.
+    slow : int
+        How many of the last features, such as temperatures, only change what the others say a
+        little: they enter up to their squares, and beside products of two others.
     folds, seed : int
         Of held-out groups.
 
@@ -61,9 +64,14 @@ class PolynomialRidge:
     degree_: Integers
 
     def __init__(
-        self, degrees: tuple[int, ...] = (1, 2, 3), folds: int = 5, seed: int = 0
+        self,
+        degrees: tuple[int, ...] = (1, 2, 3),
+        slow: int = 0,
+        folds: int = 5,
+        seed: int = 0,
     ) -> None:
         self.degrees = degrees
+        self.slow = slow
         self.folds = folds
         self.seed = seed
 
@@ -89,16 +97,16 @@ class PolynomialRidge:
         z = self.scale_(rows.x)
         self.limit_ = BEYOND * np.abs(z).max(axis=0)
         width = z.shape[1]
-        affordable = [d for d in self.degrees if count_terms(width, d) < 0.8 * len(z)]
+        affordable = [d for d in self.degrees if count_terms(width, d, self.slow) < 0.8 * len(z)]
         degrees = affordable or [min(self.degrees)]
-        raw = monomials(z, max(degrees))
+        raw = monomials(z, max(degrees), self.slow)
         self.terms_ = Standardisation().fit(raw)
         terms, self.level_ = self.terms_(raw), np.asarray(rows.y.mean(axis=0))
         target = rows.y - self.level_
         fold = group_folds(rows.groups, self.folds, self.seed)
         self.weights_ = np.zeros((terms.shape[1], target.shape[1]))
         self.degree_ = np.zeros(target.shape[1], np.int64)
-        counts = {d: count_terms(width, d) for d in degrees}
+        counts = {d: count_terms(width, d, self.slow) for d in degrees}
         for k in range(target.shape[1]):
             one = target[:, k : k + 1]
             squares = {
@@ -124,25 +132,24 @@ class PolynomialRidge:
 
     def _answer(self, x: Array) -> Array:
         z = np.minimum(np.maximum(self.scale_(x), -self.limit_), self.limit_)
-        degree = next(
-            d for d in sorted(self.degrees) if count_terms(x.shape[1], d) == len(self.weights_)
-        )
-        return np.asarray(self.terms_(monomials(z, degree)) @ self.weights_ + self.level_)
+        known = {count_terms(x.shape[1], d, self.slow): d for d in self.degrees}
+        terms = monomials(z, known[len(self.weights_)], self.slow)
+        return np.asarray(self.terms_(terms) @ self.weights_ + self.level_)
 
 
-def count_terms(width: int, degree: int) -> int:
-    """Number of monomials of a width up to a degree, without the constant.
+def count_terms(width: int, degree: int, slow: int = 0) -> int:
+    """Number of monomials of a width up to a degree, the last few slow, without the constant.
 
     Examples
     --------
     >>> count_terms(2, 2)
     5
     """
-    return len(_factors(width, degree))
+    return len(_factors(width, degree, slow))
 
 
-def monomials(z: Array, degree: int) -> Array:
-    """Monomials of z (s, d) up to a degree, in growing order, without the constant.
+def monomials(z: Array, degree: int, slow: int = 0) -> Array:
+    """Monomials of z (s, d) up to a degree, the last few slow, without the constant.
 
     Examples
     --------
@@ -150,7 +157,7 @@ def monomials(z: Array, degree: int) -> Array:
     [[2.0, 3.0, 4.0, 6.0, 9.0]]
     """
     width = z.shape[1]
-    factors = _factors(width, degree)
+    factors = _factors(width, degree, slow)
     terms = np.empty((len(z), len(factors)))
     terms[:, :width] = z
     for column in range(width, len(factors)):
@@ -160,10 +167,17 @@ def monomials(z: Array, degree: int) -> Array:
 
 
 @lru_cache(maxsize=32)
-def _factors(width: int, degree: int) -> tuple[tuple[int, int], ...]:
+def _factors(width: int, degree: int, slow: int) -> tuple[tuple[int, int], ...]:
     """For each monomial the column of its lower factor, and the variable that multiplies it."""
     names: list[tuple[int, ...]] = []
     for order in range(1, degree + 1):
-        names += list(combinations_with_replacement(range(width), order))
+        every = combinations_with_replacement(range(width), order)
+        names += [name for name in every if _kept(name, width - slow)]
     column = {name: i for i, name in enumerate(names)}
     return tuple((column.get(name[:-1], 0), name[-1]) for name in names)
+
+
+def _kept(name: tuple[int, ...], first_slow: int) -> bool:
+    """Whether a product has few enough slow factors, and few others beside them."""
+    slow = sum(i >= first_slow for i in name)
+    return slow == 0 or (slow <= 2 and len(name) <= 3)

@@ -70,7 +70,7 @@ class GradiometerEstimation:
 
     def start(self) -> ThermalMemory:
         """Fresh memory of a stream."""
-        return ThermalMemory()
+        return ThermalMemory(self.readings_.lags_)
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component.
@@ -89,7 +89,7 @@ class GradiometerEstimation:
         change = self.readings_.change(signals)
         stray = np.asarray(truth.get('stray_field', np.full((len(change), 3), np.nan)), float)
         self._learn_uniform(change, stray, signals.good & _at_rest(signals, truth))
-        touched = signals.good & ~resting & np.isfinite(change).all(axis=1)
+        touched = signals.good & ~_at_rest(signals, truth) & np.isfinite(change).all(axis=1)
         self.targets_, self.place_, self.tilted_, self.stray_ = (), None, None, None
         if self.estimator in (None, *MODELS) and touched.sum() >= FEWEST_ROWS:
             self._learn_disc(change[touched])
@@ -138,7 +138,7 @@ class GradiometerEstimation:
         disc = np.array([config.gap, config.disc_diameter, config.disc_height, config.remanence])
         order = np.lexsort(change.T[::-1])
         models = [
-            DiscInversion(config.positions, self.readings_.axes, disc, tilt)
+            DiscInversion(config.positions, self.uniform_.response_, disc, tilt)
             .given(differences, self.readings_.noise, absolute=self.readings_.absolute_)
             .fit(change[order])
             for tilt in (0.0, TILT)

@@ -11,6 +11,7 @@ from tactile_ros.sensors.gradiometer.thermal import (
     STRONGEST,
     WEAKEST,
     chip_temperature,
+    lags_told,
     sensitivity,
 )
 
@@ -47,6 +48,8 @@ class Readings:
         Mean temperature of the fit (degrees Celsius); NaN: none was told.
     warm_ : bool
         Temperatures of the fit differed.
+    lags_ : ndarray, shape (m,)
+        Time constants by which the magnet may lag behind the chip (s).
     """
 
     def __init__(self, config: GradiometerConfig) -> None:
@@ -60,6 +63,7 @@ class Readings:
         self.level_ = np.zeros(len(self.axes))
         self.usual_ = float('nan')
         self.warm_ = False
+        self.lags_ = np.zeros(0)
         self.stated = config.noise is not None
 
     def fit(self, signals: Signals, resting: Bools) -> Readings:
@@ -75,6 +79,7 @@ class Readings:
             seen = chip[rows & np.isfinite(chip)]
             self.usual_ = float(seen.mean())
             self.warm_ = bool(seen.max() - seen.min() > LEAST_RANGE)
+            self.lags_ = lags_told(signals) if self.warm_ else self.lags_
         self._learn_rest(signals, resting if resting.any() else rows)
         if not self.stated and resting.sum() > 10:
             spread = signals.delta[resting].reshape(-1, len(self.axes)).std(axis=0)

@@ -29,17 +29,17 @@ TINY = 1e-12
 def candidates(parts: dict[str, Integers], wanted: str | None) -> dict[str, Estimator]:
     """Estimators of the features that there are, by name."""
     warm = parts['thermal']
-    low = (1, 2) if len(warm) else (1, 2, 3)
+    low, slow = (1, 2, 3), len(warm)
     seen = np.concatenate([parts['differences'], warm])
     known: dict[str, Estimator] = {}
     if 'place' in parts:
         place = np.concatenate([parts['place'], warm])
-        known['inversion'] = ColumnView(PolynomialRidge((1, 2, 3, 4, 5)), place)
+        known['inversion'] = ColumnView(PolynomialRidge((1, 2, 3, 4, 5), slow), place)
         tilted = np.concatenate([parts['tilted'], warm])
-        known['inversion_tilt'] = ColumnView(PolynomialRidge((*low, low[-1] + 1)), tilted)
-        rest = np.concatenate([place, parts['rest']])
-        known['inversion_rest'] = ColumnView(PolynomialRidge(low), rest)
-    known['differences'] = ColumnView(PolynomialRidge((*low, low[-1] + 1)), seen)
+        known['inversion_tilt'] = ColumnView(PolynomialRidge((*low, 4), slow), tilted)
+        rest = np.concatenate([parts['place'], parts['rest'], warm])
+        known['inversion_rest'] = ColumnView(PolynomialRidge(low, slow), rest)
+    known['differences'] = ColumnView(PolynomialRidge((*low, 4), slow), seen)
     known['polynomial'] = ColumnView(PolynomialForce(), parts['field'])
     known['kernel_ridge'] = ColumnView(KernelRidge(), parts['differences'])
     known['ridge'] = ColumnView(Ridge(), seen)

@@ -16,6 +16,7 @@ from tactile_ros.types import Array
 
 CALIBRATED_AT = 35.0  # degrees Celsius [3]
 LAGS = (8.0, 60.0)  # s
+LONG = 5.0  # lags that a stream lasts
 WEAKEST, STRONGEST = 0.7, 1.4
 LEAST_RANGE = 3.0  # degrees
 SPAN = 60.0  # degrees beyond 35 at which the polynomial of the sensitivity stands still
@@ -25,8 +26,8 @@ UNIT = 25.0  # degrees
 class ThermalMemory:
     """Temperatures of one stream: the first, and fading means of what it rose by."""
 
-    def __init__(self) -> None:
-        self.history = History(np.array(LAGS))
+    def __init__(self, lags: Array) -> None:
+        self.history = History(lags) if len(lags) else None
         self.first: Array | None = None
 
 
@@ -48,11 +49,12 @@ def sensitivity(temperature_c: Array, coefficients: Array) -> Array:
 
 
 def lagging(signals: Signals, chip: Array, usual: float, memory: ThermalMemory) -> Array:
-    """Temperature and its lags over fading means, shape (s, 3), from the usual one, over 25."""
+    """Temperature and its lags over means, shape (s, 1 + m), from the usual one, over 25."""
     chip = np.where(np.isfinite(chip), chip, usual)
-    columns = np.zeros((len(chip), 1 + len(LAGS)))
+    lags = 0 if memory.history is None else len(memory.history.time_constants)
+    columns = np.zeros((len(chip), 1 + lags))
     columns[:, 0] = (chip - usual) / UNIT
-    if signals.stamp_ns is None or not len(chip):
+    if signals.stamp_ns is None or memory.history is None or not len(chip):
         return columns
     begins = signals.restart.copy()
     begins[0] |= memory.first is None
@@ -69,3 +71,13 @@ def lagging(signals: Signals, chip: Array, usual: float, memory: ThermalMemory) 
     memory.first = first[-1:]
     columns[:, 1:] = (rise - means[:, :, 0]) / UNIT
     return columns
+
+
+def lags_told(signals: Signals) -> Array:
+    """Time constants (m,) (s) of which streams are long enough to tell them from an offset."""
+    if signals.stamp_ns is None or not len(signals.stamp_ns):
+        return np.zeros(0)
+    stream = np.cumsum(signals.restart)
+    stamps = 1e-9 * (signals.stamp_ns - signals.stamp_ns[0])
+    longest = max(float(np.ptp(stamps[stream == name])) for name in np.unique(stream))
+    return np.array([lag for lag in LAGS if LONG * lag <= longest])
