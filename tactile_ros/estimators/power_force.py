@@ -16,7 +16,7 @@ from tactile_ros.estimators.evidence import Moments
 from tactile_ros.estimators.training import fitted, predict_rows, training_rows
 from tactile_ros.types import Array, Integers
 
-WAVES = (9, 6, 3)  # cosines along x and y of constant, exponent and bend
+WAVES = (10, 8, 4)  # cosines along x and y of constant, exponent and bend
 BENDS = 4  # powers of the logarithm that are the same everywhere
 SERIES = (0.0, 0.5, 1.0, 1.5)  # share of the nominal series resistance
 PRIOR = (20.0, 50.0, 20.0)  # spread over the noise of what is the same everywhere

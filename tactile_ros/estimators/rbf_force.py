@@ -14,7 +14,7 @@ from tactile_ros.estimators.training import fitted, predict_rows, training_rows
 from tactile_ros.types import Array, Integers
 
 ROUNDS = 20
-RCOND = 1e-10
+RCOND = 1e-6
 MOST_ROWS = 2000  # k-means and least squares see no more
 
 
