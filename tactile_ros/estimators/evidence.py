@@ -13,6 +13,8 @@ from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from tactile_ros.types import Array
 
+ROUNDING = 1e-15
+
 
 @dataclass(frozen=True)
 class Moments:
@@ -60,7 +62,8 @@ class Moments:
     def _factor(self, spread: Array) -> tuple[Array, float]:
         """Cholesky factor of the scaled posterior precision, and the sum of squares left."""
         matrix = self.gram * spread * spread[:, None]
-        matrix[np.diag_indices_from(matrix)] += 1.0
+        # rounding of what many rows add up to must not make the factor fail
+        matrix[np.diag_indices_from(matrix)] += 1.0 + ROUNDING * float(matrix.max())
         factor = cholesky(matrix, lower=True, check_finite=False)
         half = solve_triangular(factor, self.cross * spread[:, None], lower=True)
         left = self.square - float((half * half).sum())

@@ -42,6 +42,8 @@ class StatedSpread:
 
     def __call__(self, spread: Array) -> Array:
         """Spreads (s, k) that hold what they say."""
+        if len(self.knots_) == 1:
+            return np.asarray(spread * np.exp(self.factors_[0]))
         stated = np.log(np.maximum(spread, np.finfo(np.float64).tiny))
         factor = np.empty_like(stated)
         for k in range(stated.shape[1]):
