@@ -64,7 +64,7 @@ class Readings:
         self.usual_ = float('nan')
         self.warm_ = False
         self.lags_ = np.zeros(0)
-        self.stated = config.noise is not None
+        self.noise_is_stated = config.noise is not None
 
     def fit(self, signals: Signals, resting: Bools) -> Readings:
         """Learn level, noise and temperatures from frames and which of them (s,) rest."""
@@ -81,7 +81,7 @@ class Readings:
             self.warm_ = bool(seen.max() - seen.min() > LEAST_RANGE)
             self.lags_ = lags_told(signals) if self.warm_ else self.lags_
         self._learn_rest(signals, resting if resting.any() else rows)
-        if not self.stated and resting.sum() > 10:
+        if not self.noise_is_stated and resting.sum() > 10:
             spread = signals.delta[resting].reshape(-1, len(self.axes)).std(axis=0)
             self.noise = float(np.sqrt((spread**2).mean())) or self.noise
         return self

@@ -116,6 +116,7 @@ class Target:
         self.report_ = {
             'held_out_mean': float(length.mean()),
             'held_out_rmse': float(np.sqrt((length**2).mean())),
+            'held_out_p95': float(np.percentile(length, 95)),
             'inside_one_sigma': float((np.abs(residuals) <= sigma).mean()),
             'inside_two_sigma': float((np.abs(residuals) <= 2 * sigma).mean()),
             'groups': float(len(np.unique(choice.groups))),
