@@ -17,7 +17,7 @@ from tactile_ros.types import Array, Bools, Integers
 ROUNDS = 6
 CUT = 3.0  # sigma at which a taxel's misfit stops to count
 LOOSE = 3.0  # times wider at first
-ROUGH = 0.011  # error of edges, which all have in common, in radii of a point's part
+ROUGH = 0.008  # error of edges, which all have in common, in radii of a point's part
 CENTRED = 0.4  # of the reach: how far from the middle the origin of a gripped tube lies
 CLOSE = 0.01  # of a step's limit: what is left to go needs no other round
 ODD = 0.25  # of the taxels that may fit to no known object
@@ -193,7 +193,7 @@ def _covariance(gram: Array, j: Array, w: Array, miss: Array, weight: Array) -> 
     size = np.abs(j).max(axis=1)
     told = int(np.sum((size > 1e-3 * size.max()) & (w > 0)))
     spare = max(told - len(gram), 0)
-    common = float(np.clip((excess.sum() + 2.0) / (spare + 2.0), 0.05, 9.0))
+    common = float(np.clip((excess.sum() + 0.5) / (spare + 0.5), 0.003, 9.0))
     if spare < 12:
         return np.asarray(inverse * common)
     part = (j * (w * w * np.square(miss))[:, None]).T @ j * (told / spare)

@@ -135,7 +135,8 @@ class TaxelRegression(Regression):
         self._learn_rest(output, signals)
         force = self._told(truth, 'taxel_force', signals)
         self.silent_ = silent_taxels(output[signals.good], force, self.noise_)
-        vars(self).pop('objects', None)
+        templates = self.objects  # made now, not under the first frame
+        del templates
         if self.only not in LAWS:
             super().fit(signals, truth, groups)
         if self.only not in ('', *LAWS):
@@ -300,9 +301,8 @@ class TaxelRegression(Regression):
             noise = np.nan_to_num(gain) * self.noise_
             spread = max(self.spread_, LEAST_SPREAD)
         asked = signals.good & (signals.in_contact != 0)
-        place_objects(
-            known, self.objects, forces, noise, spread, asked, ~self.silent_, self.summed_
-        )
+        errors = (self.floor_, self.spread_) if self.summed_ else None
+        place_objects(known, self.objects, forces, noise, spread, asked, ~self.silent_, errors)
 
 
 CLASSES = (*REGRESSION_CLASSES, TaxelRegression, Equilibration, Creep)

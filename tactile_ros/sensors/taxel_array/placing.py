@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from tactile_ros.signals import Columns
     from tactile_ros.types import Array, Bools
 
+HIDDEN = 0.03  # error of what silent taxels under an object bear, in parts
 COVERED, MUTE, LOUD = 0.7, 0.15, 0.25
 
 
@@ -24,7 +25,7 @@ def place_objects(
     spread: float,
     asked: Bools,
     usable: Bools,
-    summed: bool,
+    summed: tuple[float, float] | None,
 ) -> None:
     """Add label, pose, position and bad taxels of every asked row.
 
@@ -44,8 +45,9 @@ def place_objects(
         Rows in which something may lie.
     usable : ndarray, shape (t,)
         False: known to be dead.
-    summed : bool
-        Whether the total force is a sum, in which the object tells what silent taxels bear.
+    summed : tuple of float, or None
+        Where the total force is a sum, in which the object tells what silent taxels bear: error
+        of a taxel (N), and in parts of its force.
     """
     samples, taxels = forces.shape
     _make_room(known, samples, taxels)
@@ -57,9 +59,11 @@ def place_objects(
             known['status'][i] = int(FrameStatus.ABSTAINED)
             continue
         _write(known, int(i), found)
-        if summed and not usable.all():
-            hidden = found.pressure * found.cover[~usable].sum()
-            known['force'][i, 2] = np.nansum(row) + max(float(hidden), 0.0)
+        if summed is not None and not usable.all():
+            hidden = max(float(found.pressure * found.cover[~usable].sum()), 0.0)
+            known['force'][i, 2] = np.nansum(row) + hidden
+            variance = np.nansum(summed[0] ** 2 + np.square(summed[1] * row))
+            known['force_cov'][i, 2, 2] = variance + (HIDDEN * hidden) ** 2
         _mark(known, int(i), found, row, objects.areas)
 
 
