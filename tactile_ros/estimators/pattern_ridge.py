@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from tactile_ros.estimators.kernel_ridge import KernelRidge
+from tactile_ros.estimators.standardisation import Standardisation
 from tactile_ros.estimators.training import fitted, predict_rows, training_rows
 from tactile_ros.types import Array, Integers
 
@@ -29,6 +30,8 @@ class PatternRidge:
 
     Attributes
     ----------
+    moves_ : ndarray, shape (d,)
+        1; 0 for features that were constant, which count for nothing.
     least_ : float
         Size below which a reading fades into one without pattern (unit of the features).
     kernel_ : KernelRidge
@@ -41,6 +44,7 @@ class PatternRidge:
     array([[2.25]])
     """
 
+    moves_: Array
     least_: float
     kernel_: KernelRidge
 
@@ -51,8 +55,9 @@ class PatternRidge:
     def fit(self, x: Array, y: Array, groups: Integers | None = None) -> PatternRidge:
         """Learn from features x (s, d) and targets y (s, k); groups (s,) are split as wholes."""
         rows = training_rows(x, y, groups)
-        size = np.linalg.norm(rows.x, axis=1)
-        self.least_ = max(float(np.quantile(size, LEAST)), 1e-9 * float(size.max()), 1e-300)
+        self.moves_ = (Standardisation().fit(rows.x).gain_ > 0).astype(np.float64)
+        size = np.linalg.norm(rows.x * self.moves_, axis=1)
+        self.least_ = max(float(np.quantile(size, LEAST)), 1e-9 * float(size.max())) or 1.0
         self.kernel_ = KernelRidge(self.samples, self.lengths, strengths=STRENGTHS)
         self.kernel_.fit(self._pattern(rows.x), rows.y, rows.groups)
         return self
@@ -73,5 +78,6 @@ class PatternRidge:
 
     def _pattern(self, x: Array) -> Array:
         """Readings of unit size, and the logarithm of their size, shape (s, d + 1)."""
+        x = x * self.moves_
         size = np.sqrt((x * x).sum(axis=1) + (0.1 * self.least_) ** 2)
         return np.column_stack([x / size[:, None], SHARE * np.log(size / self.least_)])

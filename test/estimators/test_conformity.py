@@ -11,6 +11,7 @@ from tactile_ros.calibration import flatten, restore
 from tactile_ros.errors import NotCalibratedError
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.kernel_ridge import KernelRidge
+from tactile_ros.estimators.pattern_ridge import PatternRidge
 from tactile_ros.estimators.perceptron import Perceptron
 from tactile_ros.estimators.ridge import Ridge
 from tactile_ros.estimators.standardisation import Standardisation
@@ -22,6 +23,7 @@ ESTIMATORS: dict[str, Estimator] = {
     'grid_knn': GridKnn(),
     'kernel_ridge': KernelRidge(),
     'anchored': KernelRidge(common=10.0),
+    'pattern_ridge': PatternRidge(),
     'perceptron': Perceptron(members=2, width=24, epochs=60),
     'pattern': Perceptron(members=2, width=24, epochs=60, pattern=True),
 }
