@@ -21,6 +21,7 @@ ROUGH = 0.008  # error of edges, which all have in common, in radii of a point's
 CENTRED = 0.4  # of the reach: how far from the middle the origin of a gripped tube lies
 CLOSE = 0.01  # of a step's limit: what is left to go needs no other round
 ODD = 0.25  # of the taxels that may fit to no known object
+SEEN = 10.0  # of the noise: weaker patterns are noise
 PRESENT = 0.06  # of the largest force: less is no contact
 
 
@@ -74,7 +75,7 @@ class ObjectPose(CoverageTemplates):
         y = np.where(usable & (force > 0), force, 0.0)
         top = float(np.sort(y)[-3:].mean()) if len(y) > 2 else float(y.max(initial=0.0))
         nothing = Found(-1, np.nan, np.full(3, np.nan), np.full((3, 3), np.nan), -1, y, 0.0)
-        if top <= 0 or not self.variants:
+        if top <= SEEN * float(np.median(noise)) or not self.variants:
             return nothing
         starts = self.starts(y)
         if not len(starts):
