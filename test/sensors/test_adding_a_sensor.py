@@ -1,4 +1,4 @@
-"""docs/adding_a_sensor.md, executed: its made-up sensor is found, read, fitted and run as nodes."""
+"""docs/adding_a_sensor.md, executed: its made-up sensor is found, read, fitted and run."""
 
 from __future__ import annotations
 
