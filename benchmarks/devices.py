@@ -61,7 +61,8 @@ PAGE_KIB = os.sysconf('SC_PAGE_SIZE') / 1024
 
 def run(extent: str, command: str) -> BenchResult:
     """Measure all."""
-    rows = [*_faults(), *_fuzz(extent), *_hidden(extent), *_buses(), *_decoding()]
+    table, rows = _faults()
+    rows += [*_fuzz(extent), *_hidden(extent), *_buses(), *_decoding()]
     rows += [*_flat(extent), *_nodes(extent)]
     notes = [
         'recovery: longest time between two frames of which every taxel may be used, the fault '
@@ -73,6 +74,7 @@ def run(extent: str, command: str) -> BenchResult:
         f'{", ".join(RESTING)}: a stuck taxel looks like one that rests, and is not marked',
         f'fuzz: {STRINGS[extent]} strings for each decoder, a third each of random bytes, frames '
         'damaged in one of 7 ways, and 1 to 8 bytes overwritten; good frames before and after',
+        *table,
     ]
     return BenchResult('devices', command, [0, 1], rows, notes)
 
@@ -92,9 +94,10 @@ def _ways(key: str) -> list[dict[str, object]]:
     ]
 
 
-def _faults() -> list[Row]:
-    """Every fault of every twin, once and in a storm."""
+def _faults() -> tuple[list[str], list[Row]]:
+    """Every fault of every twin, once and in a storm: a table by kind of driver, and all rows."""
     rows: list[Row] = []
+    outcomes: dict[tuple[str, str], list[Trial]] = {}
     wrong = unequal = 0
     threads, files = threading.active_count(), _descriptors()
     for key in list_sensors():
@@ -103,13 +106,14 @@ def _faults() -> list[Row]:
             for fault in Road(load_sensor(key), how).twin.faults:
                 trials = _trials(key, how, fault)
                 rows.append(_fault_row(name, fault, trials))
+                outcomes.setdefault((_kind(name), fault), []).extend(trials)
                 bad = sum(trial.wrong for trial in trials)
                 hidden = key == 'reskin_board' and fault in UNSEEN
                 wrong += 0 if hidden or (fault == 'stuck_chip' and key in RESTING) else bad
                 if key != 'reskin_board' and 'i2c' not in name and fault != 'stuck_chip':
                     unequal += sum(abs(t.counted - t.injected) for t in trials)
     left = threading.active_count() - threads + _descriptors() - files
-    return [
+    return _table(outcomes), [
         *rows,
         Row('faults: wrong readings marked valid, besides what the notes name', 'readings',
             float(wrong), bound=0.0, aim=0.0),
@@ -118,6 +122,26 @@ def _faults() -> list[Row]:
         Row('faults: threads and descriptors left behind', 'count', float(left), bound=0.0,
             aim=0.0),
     ]  # fmt: skip
+
+
+def _kind(name: str) -> str:
+    """Which driver a sensor has that is connected so."""
+    if 'i2c' in name:
+        return 'chips on I2C'
+    return 'ReSkin board' if name == 'reskin_board' else 'framed boards'
+
+
+def _table(outcomes: dict[tuple[str, str], list[Trial]]) -> list[str]:
+    """Faults by kind of driver, all sensors together."""
+    lines = [
+        '| driver | fault | injected | counted | wrong | recovery (s) |',
+        '|---|---|---|---|---|---|',
+    ]
+    for (kind, fault), trials in sorted(outcomes.items()):
+        sums = [sum(getattr(t, what) for t in trials) for what in ('injected', 'counted', 'wrong')]
+        cells = [kind, fault, *map(str, sums), f'{max(t.recovery_s for t in trials):.2f}']
+        lines.append(f'| {" | ".join(cells)} |')
+    return lines
 
 
 def _trials(key: str, how: dict[str, object], fault: str) -> list[Trial]:
