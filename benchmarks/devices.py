@@ -6,7 +6,6 @@ machine's.
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import tempfile
 import threading
@@ -35,7 +34,7 @@ from tactile_ros.devices.framing import FrameDecoder
 from tactile_ros.devices.mlx90393 import ChipSettings, Decoder
 from tactile_ros.devices.mux import ChipPlace, clusters
 from tactile_ros.evaluation.benchmark import BenchResult, Row
-from tactile_ros.evaluation.fault_trials import Road, Trial, suffer
+from tactile_ros.evaluation.fault_trials import STORM, STORMS, Road, Trial, suffer, ways
 from tactile_ros.evaluation.recording import load
 from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.processes import Running
@@ -51,7 +50,6 @@ STRINGS = {'quick': 20_000, 'normal': 1_000_000, 'full': 1_000_000}
 DECODED = {'quick': 100_000, 'normal': 1_000_000, 'full': 1_000_000}
 NODE_S = {'quick': 10.0, 'normal': 100.0, 'full': 100.0}
 WARM_S = 5.0
-STORMS = {'stuck_chip': 30, 'unplug': 2, 'stall': 2}
 UNSEEN = ('flipped', 'garbage', 'shifted')
 RESTING = ('taxel_array', 'five_wire_skin')
 CHUNK = 1000
@@ -82,18 +80,6 @@ def run(extent: str, command: str) -> BenchResult:
 # --- faults --------------------------------------------------------------------------------------
 
 
-def _ways(key: str) -> list[dict[str, object]]:
-    """Every way in which a sensor can be connected."""
-    fields = {f.name for f in dataclasses.fields(load_sensor(key).connection())}
-    if 'transport' not in fields:
-        return [{}]
-    return [
-        {'transport': 'i2c', 'mode': 'single'},
-        {'transport': 'i2c', 'mode': 'burst'},
-        {'transport': 'serial'},
-    ]
-
-
 def _faults() -> tuple[list[str], list[Row]]:
     """Every fault of every twin, once and in a storm: a table by kind of driver, and all rows."""
     rows: list[Row] = []
@@ -101,7 +87,7 @@ def _faults() -> tuple[list[str], list[Row]]:
     wrong = unequal = 0
     threads, files = threading.active_count(), _descriptors()
     for key in list_sensors():
-        for how in _ways(key):
+        for how in ways(load_sensor(key)):
             name = ' '.join([key, *map(str, how.values())])
             for fault in Road(load_sensor(key), how).twin.faults:
                 trials = _trials(key, how, fault)
@@ -147,7 +133,7 @@ def _table(outcomes: dict[tuple[str, str], list[Trial]]) -> list[str]:
 def _trials(key: str, how: dict[str, object], fault: str) -> list[Trial]:
     """A fault once, and in a storm."""
     with Road(load_sensor(key), how) as road:
-        return [suffer(road, fault, count, 0.25) for count in (1, STORMS.get(fault, 5))]
+        return [suffer(road, fault, count, 0.25) for count in (1, STORMS.get(fault, STORM))]
 
 
 def _fault_row(name: str, fault: str, trials: list[Trial]) -> Row:
