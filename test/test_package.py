@@ -97,7 +97,7 @@ def test_an_installed_wheel_finds_its_definitions_and_benches(
     )
     share = prefix / 'share' / 'tactile_ros'
     found = fresh(code, prefix).splitlines()
-    assert found == [str(share / 'msg'), str(share / 'benchmarks'), 'reskin', 'roads']
+    assert found == [str(share / 'msg'), str(share / 'benchmarks'), 'devices', 'reskin', 'roads']
 
 
 @pytest.mark.ros
