@@ -10,7 +10,7 @@ import os
 import tempfile
 import threading
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +20,7 @@ import numpy as np
 from tactile_ros.devices import framed, packets
 from tactile_ros.devices.chip_array_twin import ChipArrayTwin
 from tactile_ros.devices.clock import VirtualClock
-from tactile_ros.devices.damage import DAMAGES, damage, unseen
+from tactile_ros.devices.damage import DAMAGES, unseen
 from tactile_ros.devices.framed_decoder import FramedDecoder
 from tactile_ros.devices.framed_payloads import (
     Kind,
@@ -35,6 +35,15 @@ from tactile_ros.devices.mlx90393 import ChipSettings, Decoder
 from tactile_ros.devices.mux import ChipPlace, clusters
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.fault_trials import STORM, STORMS, Road, Trial, suffer, ways
+from tactile_ros.evaluation.hostile_bytes import (
+    PIECE,
+    BoardSubject,
+    FramedSubject,
+    Fuzzed,
+    cut,
+    suffer_bytes,
+)
+from tactile_ros.evaluation.hostile_chips import suffer_answers
 from tactile_ros.evaluation.recording import load
 from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.processes import Running
@@ -42,7 +51,7 @@ from tactile_ros.sensors import list_sensors, load_sensor
 from tactile_ros.types import Layout
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from tactile_ros.devices.chip_array import Mode
 
@@ -53,7 +62,6 @@ WARM_S = 5.0
 UNSEEN = ('flipped', 'garbage', 'shifted')
 RESTING = ('taxel_array', 'five_wire_skin')
 CHUNK = 1000
-PIECE = 4096
 PAGE_KIB = os.sysconf('SC_PAGE_SIZE') / 1024
 
 
@@ -153,26 +161,15 @@ def _descriptors() -> int:
 # --- hostile bytes -------------------------------------------------------------------------------
 
 
-@dataclass
-class Fuzzed:
-    """What a decoder did with hostile strings."""
-
-    strings: int = 0
-    wrong: int = 0
-    lost: int = 0
-    held: int = 0
-    slowest_s: float = 0.0
-
-
 def _fuzz(extent: str) -> list[Row]:
     """Random and mutated strings through each decoder."""
     count = STRINGS[extent]
     rows: list[Row] = []
     for payload in (gradiometer(), three_axis_chips(5), taxel_matrix(16), five_wires()):
-        found = _fuzz_stream(_FramedSubject(payload), count)
+        found = suffer_bytes(FramedSubject(payload), count, 1)
         rows += _fuzz_rows(f'framed {payload.kind.name.lower()}', found, hidden=False)
-    rows += _fuzz_rows('ReSkin, 5 chips', _fuzz_stream(_BoardSubject(5), count), hidden=True)
-    return [*rows, _fuzz_chips(count)]
+    rows += _fuzz_rows('ReSkin, 5 chips', suffer_bytes(BoardSubject(5), count, 1), hidden=True)
+    return [*rows, *_fuzz_chips(count)]
 
 
 def _fuzz_rows(name: str, found: Fuzzed, hidden: bool) -> list[Row]:
@@ -188,122 +185,22 @@ def _fuzz_rows(name: str, found: Fuzzed, hidden: bool) -> list[Row]:
     ]  # fmt: skip
 
 
-class _FramedSubject:
-    """The framed protocol's decoder under fuzz."""
-
-    def __init__(self, payload: Payload) -> None:
-        self._payload = payload
-        self._decoder = FramedDecoder(payload)
-        self._sequence = 0
-
-    def frames(self, count: int, rng: np.random.Generator) -> tuple[list[bytes], list[bytes]]:
-        """Frames on the wire, and what each is when it is decoded."""
-        payload = self._payload
-        low, high = (-30_000, 30_000) if payload.signed else (0, payload.full_count)
-        counts = rng.integers(low, high, (count, payload.count, payload.channels))
-        data = framed.encode(payload, counts, self._sequence, np.arange(count) * 1000)
-        self._sequence += count
-        told = [row.tobytes() for row in counts.astype(np.float64)]
-        return _cut(data, framed.frame_bytes(payload)), told
-
-    def feed(self, data: bytes) -> list[bytes]:
-        """What is decoded."""
-        readings = self._decoder.feed(data).readings
-        return [np.asarray(row, np.float64).tobytes() for row in readings.counts]
-
-    @property
-    def held(self) -> int:
-        """Bytes held back."""
-        return self._decoder.pending
-
-
-class _BoardSubject:
-    """The ReSkin decoder under fuzz."""
-
-    def __init__(self, chips: int) -> None:
-        self._chips = chips
-        self._size = packets.frame_bytes(chips)
-        self._decoder = FrameDecoder(chips)
-
-    def frames(self, count: int, rng: np.random.Generator) -> tuple[list[bytes], list[bytes]]:
-        """Frames on the wire, and what each is when it is decoded."""
-        values = rng.integers(-2500, 2500, (count, self._chips, 3)) * 2.4e-6
-        frames = _cut(packets.encode(values, np.full((count, self._chips), 25.0)), self._size)
-        return frames, frames
-
-    def feed(self, data: bytes) -> list[bytes]:
-        """What is decoded."""
-        decoded = self._decoder.feed(data)
-        return _cut(packets.encode(decoded.values, decoded.temperature_c), self._size)
-
-    @property
-    def held(self) -> int:
-        """Bytes held back."""
-        return len(self._decoder.pending)
-
-
-def _fuzz_stream(subject: _FramedSubject | _BoardSubject, count: int) -> Fuzzed:
-    """Good frames with hostile strings between them, until so many strings have passed."""
-    rng = np.random.default_rng(1)
-    found = Fuzzed()
-    frames, _ = subject.frames(8, rng)
-    subject.feed(b''.join(frames))
-    while found.strings < count:
-        frames, told = subject.frames(3 * CHUNK, rng)
-        stream = [
-            part
-            for i in range(0, 3 * CHUNK, 3)
-            for part in (_hostile(frames[i], rng), frames[i + 1], frames[i + 2])
-        ]
-        got = set(_fed(subject, b''.join(stream), found))
-        found.wrong += len(got.difference(told))
-        lost = [told[i + 1] not in got for i in range(0, 3 * CHUNK, 3)]
-        also = [told[i + 2] not in got for i in range(0, 3 * CHUNK - 3, 3)] + [False]
-        found.lost = max(found.lost, *(int(a) + int(b) for a, b in zip(lost, also, strict=True)))
-        found.strings += CHUNK
-    return found
-
-
-def _fed(subject: _FramedSubject | _BoardSubject, stream: bytes, found: Fuzzed) -> Iterator[bytes]:
-    """Frames of a stream that comes in pieces."""
-    for piece in _cut(stream, PIECE):
-        began = time.thread_time()  # a machine that does other things is no hang
-        got = subject.feed(piece)
-        found.slowest_s = max(found.slowest_s, time.thread_time() - began)
-        found.held = max(found.held, subject.held)
-        yield from got
-
-
-def _hostile(frame: bytes, rng: np.random.Generator) -> bytes:
-    """Random bytes, a damaged frame, or a frame with bytes overwritten."""
-    kind = int(rng.integers(3))
-    if kind == 0:
-        return rng.bytes(int(rng.integers(1, 2 * len(frame))))
-    if kind == 1:
-        return damage(frame, DAMAGES[int(rng.integers(len(DAMAGES)))], rng)
-    hurt = bytearray(frame)
-    for place in rng.integers(len(frame), size=int(rng.integers(1, 9))):
-        hurt[place] = int(rng.integers(256))
-    return bytes(hurt)
-
-
-def _cut(data: bytes, size: int) -> list[bytes]:
-    """Pieces of a length."""
-    return [data[i : i + size] for i in range(0, len(data), size)]
-
-
-def _fuzz_chips(count: int) -> Row:
-    """Random answers of a chip: every one decodes to numbers inside the range."""
-    settings = ChipSettings()
-    decoder = Decoder(settings, np.zeros(20))
-    rng = np.random.default_rng(1)
-    outside = 0
-    for _ in range(0, count, 20):
-        _, codes = decoder.words(bytearray(rng.bytes(settings.answer_bytes * 20)))
-        values, _ = decoder.values(codes)
-        outside += int(np.count_nonzero(~(np.abs(values) <= settings.full_scale * 1.001)))
-    what = f'fuzz MLX90393 answers, {count} strings: readings outside the range'
-    return Row(what, 'readings', float(outside), bound=0.0, aim=0.0)
+def _fuzz_chips(count: int) -> list[Row]:
+    """Random answers of chips to the whole driver; RES 3 has codes beyond the range."""
+    rows = []
+    for status_only in (False, True):
+        rng = np.random.default_rng(1)
+        found = suffer_answers(count // 10, 3, status_only, rng)
+        part = 'status bytes' if status_only else 'answers'
+        what = f'fuzz MLX90393 {part} at RES 3, {found.strings} strings'
+        rows.append(Row(f'{what}: readings beyond the range that no bit marks', 'readings',
+                        float(found.beyond), bound=0.0, aim=0.0))  # fmt: skip
+        if status_only:
+            rows.append(Row(f'{what}: wrong readings that no bit marks', 'readings',
+                            float(found.wrong), bound=0.0, aim=0.0))  # fmt: skip
+        rows.append(Row(f'{what}: time until all chips are good', 's', found.recovery_s,
+                        aim=5.0))  # fmt: skip
+    return rows
 
 
 def _hidden(extent: str) -> list[Row]:
@@ -381,7 +278,7 @@ def _decoding() -> list[Row]:
     data = packets.encode(values, np.full((256, 20), 25.0))
     subjects.append(('ReSkin, 20 chips', 20.0, data, packets.frame_bytes(20), FrameDecoder(20)))
     for name, aim, stream, size, decoder in subjects:
-        pieces = _cut(stream, size)
+        pieces = cut(stream, size)
         single = _best(lambda d=decoder, p=pieces: [d.feed(x) for x in p]) / len(pieces)
         batch = _best(lambda d=decoder, s=stream: d.feed(s)) / len(pieces)
         rows.append(_time_row(name, aim, single, batch))
@@ -452,7 +349,7 @@ def _growth(decoder: FramedDecoder | FrameDecoder, stream: bytes, count: int) ->
     for i in range(passes):
         if i == passes // 10:
             before = _resident_kib()
-        for piece in _cut(stream, PIECE):
+        for piece in cut(stream, PIECE):
             decoder.feed(piece)
     return _resident_kib() - before
 
