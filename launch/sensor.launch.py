@@ -68,6 +68,8 @@ def setting_of(context: LaunchContext) -> Setting:
             values[field.name] = text == 'true'
         else:
             values[field.name] = type(default)(text)
+    if LaunchConfiguration('simulated').perform(context) == 'true':
+        values['source'] = 'simulated'
     return Setting(**values)
 
 
@@ -126,6 +128,14 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(name, default_value=default, description=description)
         for name, (default, description) in POSE.items()
     ]
+    declared.append(
+        DeclareLaunchArgument(
+            'simulated',
+            default_value='false',
+            description='the same as source:=simulated',
+            choices=TRUE_OR_FALSE,
+        )
+    )
     declared.append(
         DeclareLaunchArgument(
             'log_level',

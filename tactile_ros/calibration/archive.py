@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from tactile_ros.calibration.beside import write_beside
 from tactile_ros.calibration.tree import Arrays
 from tactile_ros.errors import CalibrationError
 
@@ -54,16 +55,9 @@ def write(path: str | Path, arrays: Mapping[str, npt.NDArray[np.generic]]) -> No
     arrays : mapping of str to ndarray
         Numbers and text only.
     """
-    target = Path(path)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    beside = target.with_name(f'.{target.name}.{os.getpid()}.part')
     buffer = io.BytesIO()
     np.savez_compressed(buffer, schema=np.array(SCHEMA), **dict(arrays))  # type: ignore[arg-type]
-    try:
-        beside.write_bytes(buffer.getvalue())
-        beside.replace(target)
-    finally:
-        beside.unlink(missing_ok=True)
+    write_beside(path, buffer.getvalue())
 
 
 def read(path: str | Path) -> Arrays:

@@ -2,7 +2,7 @@
 
 example:
   tactile bench reskin
-  tactile bench roads --quick
+  tactile bench devices --quick
   tactile bench all
 """
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 import time
+from argparse import ArgumentTypeError
 from contextlib import ExitStack
 from dataclasses import asdict, fields, replace
 from typing import TYPE_CHECKING
@@ -30,7 +31,17 @@ if TYPE_CHECKING:
 
     from tactile_ros.types import Device
 
+LONGEST_S = 3600
 COLUMNS = ('what', 'state', 'found', 'to do')
+
+
+def duration(text: str) -> float:
+    """Seconds, at most an hour."""
+    seconds = float(text)
+    if not 0 <= seconds <= LONGEST_S:
+        msg = f'seconds must be 0 to {LONGEST_S}; received {text}'
+        raise ArgumentTypeError(msg)
+    return seconds
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--set', action='append', default=[], metavar='NAME=VALUE',
         help='another field of its connection or config',
     )  # fmt: skip
-    parser.add_argument('--seconds', type=float, default=3.0, help='how long it is read')
+    parser.add_argument('--seconds', type=duration, default=3.0, help='how long it is read')
     parser.add_argument('--probe', action='store_true', help='ask the I2C buses who answers')
     parser.add_argument('--json', action='store_true', help='print the findings as JSON')
 

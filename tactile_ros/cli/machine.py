@@ -76,7 +76,10 @@ def permission(path: Path, group: str, rule: str) -> Finding:
         return Finding(str(path), BAD, 'does not exist', 'plug it in, or name another one')
     if os.access(path, os.R_OK | os.W_OK):
         return Finding(str(path), OK, 'may be read and written')
-    owner = path.group()
+    try:
+        owner = path.group()
+    except KeyError:  # a group without a name, as in containers
+        owner = str(path.stat().st_gid)
     if owner in ('root', 'nogroup'):
         remedy = (
             f"put the udev rule '{rule}' into {RULES}, reload by `sudo udevadm control --reload`"

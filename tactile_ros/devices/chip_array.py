@@ -123,8 +123,8 @@ class ChipArray:
         Raises
         ------
         DeviceError
-            If a bus is missing or forbidden, or no chip at all answers; chips that are missing
-            among others have ERROR in every frame and are looked for again.
+            If a bus is missing or forbidden, or no chip at all answers, twice; chips that are
+            missing among others have ERROR in every frame and are looked for again.
         """
         try:
             for bus in self._buses:
@@ -135,6 +135,10 @@ class ChipArray:
         self._watch.forget()
         self._last_stamp_ns = None
         self._care.begin()
+        if all(chip.lost for chip in self._chips):
+            # one transfer that failed is no missing sensor
+            self._wait_until(max(chip.retry_ns for chip in self._chips))
+            self._care.bring_back()
         if all(chip.lost for chip in self._chips):
             self.close()
             raise DeviceError(self._care.failure)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from tactile_ros.devices.mux import ChipPlace
 
 BUS_FAULTS = ('stuck_bus', 'unplug')
+RELIEF = 'none'
 CHIP_FAULTS = ('nack', 'brown_out', 'stuck_chip', 'saturation', 'wrap', 'stall')
 UNPLUGGED_NS = 1_000_000_000
 SATURATED = 0.995
@@ -185,10 +186,17 @@ class ChipArrayTwin:
             raise ValueError(msg)
         self._waiting.append((fault, count, victim))
 
+    def relieve(self) -> None:
+        """Withdraw the faults that wait, at the next transfer; an unplugging takes its course."""
+        self._waiting.append((RELIEF, 0, 0))
+
     def _befall(self) -> None:
         """Hand out the faults that wait, in the thread that reads."""
         while self._waiting:
             fault, count, victim = self._waiting.popleft()
+            if fault == RELIEF:
+                self._withdraw()
+                continue
             place = self._places[victim]
             bus = self.buses[place.bus]
             if fault == 'stuck_bus':
@@ -199,6 +207,14 @@ class ChipArrayTwin:
                 bus.silent[place] = bus.silent.get(place, 0) + count
             else:
                 self._chips[victim].pending[fault] += count
+
+    def _withdraw(self) -> None:
+        """Forget what was handed out and has not happened."""
+        for bus in self.buses:
+            bus.stuck = 0
+            bus.silent.clear()
+        for chip in self._chips:
+            chip.pending = dict.fromkeys(CHIP_FAULTS, 0)
 
     def _unplug(self, bus: SimulatedI2cBus, count: int) -> None:
         """Take the adapter away for a second each, and the supply with it."""

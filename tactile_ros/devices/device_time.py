@@ -12,6 +12,9 @@ CLOCK_RESET_NS = 1_000_000_000
 LONG_GAP = 3
 SHORTEST_STALL_NS = 20_000_000
 TOLERANCE_NS = 50_000_000
+# so long, and in so many reads, bytes must be late before the host's clock is said to have stepped
+WINDOW_NS = 1_000_000_000
+WINDOW_READS = 10
 
 
 class Moments(NamedTuple):
@@ -46,12 +49,18 @@ class DeviceTime:
         Times the board's clock went back, or went ahead of the time that passed here.
     stalls : int
         Times the board measured nothing for more than three periods and 20 ms.
+    clock_steps : int
+        Times the host's clock stepped by more than 50 ms.
 
     Notes
     -----
     Bytes come late, never early, so the host's time less the board's is lowest for the promptest
     frame. A stamp is the board's time plus that lowest difference, which creeps up by 1 % to
     follow oscillators that differ. So bursts and a late reader do not shift stamps.
+
+    A host clock that went back by more than 50 ms starts anew, and so do stamps. One that stepped
+    ahead makes all bytes late: where the promptest of a second and 10 reads is more than 50 ms
+    late, it is the new tie; more than a second is believed at once.
 
     Where the board's clock jumps, or its port was away, the unwrapped time goes on by the time
     that passed on the host. A jump is told from a stall by the time that passed here, with a
@@ -62,12 +71,14 @@ class DeviceTime:
         """See the class."""
         self.clock_jumps = 0
         self.stalls = 0
+        self.clock_steps = 0
         self._period_ns = period_ns
         self._raw_us: int | None = None
         self._device_ns = 0
         self._offset_ns: int | None = None
         self._now_ns = 0
         self._stamp_ns: int | None = None
+        self._prompt = _Promptest()
 
     def restart(self) -> None:
         """Expect another origin of the board's clock, as after a reconnection."""
@@ -100,8 +111,8 @@ class DeviceTime:
             self._device_ns += self._step(raw_us, gap, elapsed_ns)
             self._raw_us = raw_us
             device_ns.append(self._device_ns)
-        self._now_ns = now_ns
         offset_ns = self._tie(now_ns, self._device_ns - before_ns)
+        self._now_ns = now_ns
         stamps = self._stamps(device_ns, offset_ns)
         # 0 would say that there is no clock
         return Moments([max(1, time_ns) for time_ns in device_ns], stamps, repeated)
@@ -128,12 +139,22 @@ class DeviceTime:
     def _tie(self, now_ns: int, passed_ns: int) -> int:
         """Host's time less the board's."""
         offset_ns = now_ns - self._device_ns
-        if self._offset_ns is not None:
-            late_ns = offset_ns - self._offset_ns
-            if abs(late_ns) <= CLOCK_RESET_NS:
-                offset_ns = self._offset_ns + min(late_ns, int(CREEP * passed_ns))
-        if self._stamp_ns is not None and now_ns < self._stamp_ns - CLOCK_RESET_NS:
+        went_back = now_ns < self._now_ns - TOLERANCE_NS
+        if went_back:
             self._stamp_ns = None
+        if self._offset_ns is None:
+            self._prompt.begin(now_ns)
+            self.clock_steps += went_back
+        elif went_back or abs(offset_ns - self._offset_ns) > CLOCK_RESET_NS:
+            self._prompt.begin(now_ns)
+            self.clock_steps += 1
+        else:
+            lowest_ns = self._prompt.lowest(offset_ns, now_ns)
+            if lowest_ns is not None and lowest_ns > self._offset_ns + TOLERANCE_NS:
+                self._offset_ns = lowest_ns
+                self.clock_steps += 1
+            creep_ns = int(CREEP * passed_ns)
+            offset_ns = min(offset_ns, self._offset_ns + creep_ns)
         self._offset_ns = offset_ns
         return offset_ns
 
@@ -147,3 +168,27 @@ class DeviceTime:
             self._stamp_ns = stamp_ns
             stamps.append(stamp_ns)
         return stamps
+
+
+class _Promptest:
+    """Lowest difference of the clocks over each second."""
+
+    def __init__(self) -> None:
+        """See the class."""
+        self.begin(0)
+
+    def begin(self, now_ns: int) -> None:
+        """Begin a second."""
+        self._begun_ns = now_ns
+        self._lowest_ns: int | None = None
+        self._reads = 0
+
+    def lowest(self, offset_ns: int, now_ns: int) -> int | None:
+        """Take the difference of one read; the lowest (ns) where a second ends with it."""
+        lowest_ns = offset_ns if self._lowest_ns is None else min(self._lowest_ns, offset_ns)
+        self._lowest_ns = lowest_ns
+        self._reads += 1
+        if now_ns - self._begun_ns < WINDOW_NS or self._reads < WINDOW_READS:
+            return None
+        self.begin(now_ns)
+        return lowest_ns

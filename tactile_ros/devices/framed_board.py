@@ -122,14 +122,15 @@ class FramedBoard:
         -------
         dict of str to int
             Those of the decoder; `dropped` has one for each reconnection in it. `reconnects`,
-            `clock_jumps`, `stalls`; `saturated`, `stale` and `stuck`, readings of taxels so
-            marked.
+            `clock_jumps`, `clock_steps`, `stalls`; `saturated`, `stale` and `stuck`, readings of
+            taxels so marked.
         """
         return {
             **asdict(self._decoder.counts),
             'dropped': self._dropped,
             'reconnects': self._port.reconnects,
             'clock_jumps': self._time.clock_jumps,
+            'clock_steps': self._time.clock_steps,
             'stalls': self._time.stalls,
             'saturated': self._saturated,
             'stale': self._stale,

@@ -7,6 +7,7 @@ and no damaged length can make it wait.
 from __future__ import annotations
 
 import zlib
+from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,6 +21,8 @@ from tactile_ros.devices.framed_strays import Strays
 SLICE_BYTES = 65536
 # a longer gap is taken for a board that started anew
 MOST_LOST = 1_000_000
+# frames that are known again when they come once more
+REMEMBERED = 64
 
 
 @dataclass
@@ -43,7 +46,7 @@ class FramedCounts:
     other_version, other_kind, other_length : int
         Whole frames with a good CRC that are not the decoder's own.
     repeated : int
-        Frames with the sequence of the one before; not delivered.
+        Frames that had come before, the last or one of the 64 before it; not delivered.
     restarts : int
         Times the sequence started anew while the port stayed open.
     """
@@ -102,6 +105,7 @@ class FramedDecoder:
         self._strays = Strays(self._head, self.counts)
         self._buffer = b''
         self._last: int | None = None
+        self._recent: deque[bytes] = deque(maxlen=REMEMBERED)
         self.reset()
 
     def reset(self) -> None:
@@ -110,6 +114,7 @@ class FramedDecoder:
         self.counts.lost_bytes += len(self._buffer)
         self._buffer = b''
         self._last = None
+        self._recent.clear()
 
     @property
     def synchronised(self) -> bool:
@@ -194,10 +199,13 @@ class FramedDecoder:
         sequence = int.from_bytes(view[place + 8 : place + 12], 'little')
         intact = self._strays.end()
         gap = 0 if self._last is None else (sequence - self._last) % SEQUENCES - 1
-        self._last = sequence
-        if gap < 0:
+        told = self._told(view, place)
+        # a board that started anew may count the same, but not at the same time and with this CRC
+        if gap < 0 or (gap > MOST_LOST and told in self._recent):
             self.counts.repeated += 1
             return
+        self._last = sequence
+        self._recent.append(told)
         if gap > MOST_LOST:
             self.counts.restarts += 1
             gap = 1
@@ -205,6 +213,11 @@ class FramedDecoder:
         self.counts.missing += gap if intact else 0
         places.append(place)
         lost.append(gap)
+
+    def _told(self, view: memoryview, place: int) -> bytes:
+        """Sequence, time and CRC of a frame, by which it is known again."""
+        end = place + self._record.itemsize
+        return bytes(view[place + 8 : place + 16]) + bytes(view[end - 4 : end])
 
     def _decode(self, buffer: bytes, places: list[int], lost: list[int]) -> Decoded:
         """Read all frames at once."""

@@ -85,6 +85,9 @@ class SerialBoard:
     transfer_s : float
         Time on the wire that is taken off the stamps (s); 0 for native USB, `uart_transfer_s`
         for a true UART.
+    conversion_s : float
+        Time that the chips take for a sample (s); half of it is taken off the stamps, which are
+        the middle of the measurement then. 0: unknown.
     quantum : array_like, shape (3,), or None
         Step of the chips' readings (T), where it is known exactly; shows most flipped bits.
     mark_repeats : bool
@@ -100,7 +103,8 @@ class SerialBoard:
 
     Notes
     -----
-    A stamp is the arrival of the frame's last byte less `transfer_s`; the board has no clock.
+    A stamp is the arrival of the frame's last byte less `transfer_s` and half of `conversion_s`;
+    the board has no clock.
     `sequence` grows by one a frame and by the frames known lost: bytes skipped over the length of
     a frame, at least one for a reconnection. Whole frames that a board never sent cannot be known;
     `counters()['suspected']` compares stamps with their usual spacing: a paused host or board
@@ -118,6 +122,7 @@ class SerialBoard:
         transfer_s: float = 0.0,
         quantum: npt.ArrayLike | None = None,
         mark_repeats: bool = False,
+        conversion_s: float = 0.0,
     ) -> None:
         """See the class."""
         taxels, channels = layout.shape
@@ -132,7 +137,7 @@ class SerialBoard:
         self._decoder = FrameDecoder(taxels, quantum)
         self._temperature_measured = temperature_measured
         self._clock = clock
-        self._transfer_ns = round(transfer_s * 1e9)
+        self._age_ns = round((transfer_s + conversion_s / 2) * 1e9)
         self._period_ns = max(1, round(1e9 / rate))
         self._mark_repeats = mark_repeats
         self._frames: deque[Frame] = deque()
@@ -226,7 +231,7 @@ class SerialBoard:
         now_ns = self._clock()
         decoded = self._decoder.feed(data)
         if len(decoded.skipped):
-            self._queue(decoded, now_ns - self._transfer_ns)
+            self._queue(decoded, now_ns - self._age_ns)
 
     def _silence(self, timeout: float) -> DeviceError:
         """Why nothing came."""

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 Own = TypeVar('Own', bound='SerialTwin')
 
+MOST_WAITING = 10_000
 STALL_S = 0.5
 AWAY_S = 1.0
 # a driver that has just opened the port knows no frame yet to which a loss could be told
@@ -162,13 +163,24 @@ class SerialTwin:
         Raises
         ------
         ValueError
-            If the fault is unknown.
+            If the fault is unknown, or more than 10 000 would wait.
         """
         if fault not in self.faults:
             msg = f'fault must be one of {", ".join(self.faults)}; received {fault!r}'
             raise ValueError(msg)
         with self._lock:
+            if len(self._waiting) + count > MOST_WAITING:
+                msg = (
+                    f'at most {MOST_WAITING} faults may wait; {len(self._waiting)} do, '
+                    f'received {count} more'
+                )
+                raise ValueError(msg)
             self._waiting += [fault] * count
+
+    def relieve(self) -> None:
+        """Withdraw the faults that wait; one that has begun takes its course."""
+        with self._lock:
+            self._waiting.clear()
 
     def play(self, count: int) -> None:
         """Send `count` frames at once, each a period of the virtual clock; return when taken.

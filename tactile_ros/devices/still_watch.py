@@ -21,7 +21,7 @@ class StillWatch:
         Identical readings in a row before a taxel counts as stuck.
     chance : float
         A run of repeats is believed to be the taxel's own quiet down to this probability, from
-        the share of repeats it had before the run.
+        the share of repeats it had before the run. Runs that were judged stuck are not learnt.
     others : float
         A repeat counts only where at least this share of all taxels changed: a board that is
         still as a whole says nothing about one taxel.
@@ -66,8 +66,9 @@ class StillWatch:
         if good is not None:
             same &= good
             changed &= good
-        self._repeats[changed] += self._run[changed]
-        self._seen[changed] += self._run[changed] + 1
+        learnt = self._run * ~self.stuck() if self._run.any() else self._run
+        self._repeats[changed] += learnt[changed]
+        self._seen[changed] += learnt[changed] + 1
         self._run[changed] = 0
         if np.count_nonzero(changed) >= self._others:
             self._run += same

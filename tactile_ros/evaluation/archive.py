@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import os
 import struct
@@ -15,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.calibration.archive import HEADER
+from tactile_ros.calibration.beside import write_beside
 from tactile_ros.errors import RecordingError
 from tactile_ros.types import Layout, Recording
 
@@ -50,8 +52,9 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
         if getattr(recording, name) is not None:
             arrays[name] = np.asarray(getattr(recording, name))
     arrays.update({f'truth_{key}': value for key, value in recording.truth.items()})
-    with Path(path).open('wb') as file:
-        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
+    write_beside(path, buffer.getvalue())
 
 
 def load_recording(path: str | os.PathLike[str]) -> Recording:

@@ -8,10 +8,14 @@ import platform
 import sys
 from dataclasses import asdict, dataclass, field
 from importlib import metadata
-from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+
+from tactile_ros.calibration.beside import write_beside
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 COLUMNS = (
     'what', 'unit', 'paper', 'peer', 'ours', 'bound', 'aim', 'held', 'us_single', 'us_batch',
@@ -88,8 +92,6 @@ class BenchResult:
 
     def write(self, folder: Path) -> Path:
         """Write `<bench>.json` into `folder`, NaN as null; return its path."""
-        folder.mkdir(parents=True, exist_ok=True)
-        path = folder / f'{self.bench}.json'
         document = {
             'bench': self.bench,
             'environment': environment(),
@@ -98,8 +100,8 @@ class BenchResult:
             'rows': [{k: _plain(v) for k, v in asdict(row).items()} for row in self.rows],
             'notes': self.notes,
         }
-        path.write_text(json.dumps(document, indent=1, allow_nan=False) + '\n')
-        return path
+        text = json.dumps(document, indent=1, allow_nan=False) + '\n'
+        return write_beside(folder / f'{self.bench}.json', text.encode())
 
 
 def _plain(value: object) -> object:

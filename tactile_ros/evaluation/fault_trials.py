@@ -44,6 +44,9 @@ MARKS = {
     'wrap': TaxelStatus.WRAPPED,
     'stuck_chip': TaxelStatus.STUCK,
 }
+# frames or transfers of a storm, where they are not five
+STORMS = {'stuck_chip': 30, 'unplug': 2, 'stall': 2}
+STORM = 5
 COUNTERS = {
     'nack': ('nacks',),
     'brown_out': ('resets',),
@@ -211,6 +214,17 @@ class Road:
         slack = np.abs(self.signal(t) - self.signal(t - age_s)) + tolerance
         near = (np.abs(frame.values - self.signal(t)) <= slack).all(axis=1)
         return int(np.count_nonzero(usable(frame) & ~near))
+
+
+def ways(spec: SensorSpec) -> list[dict[str, object]]:
+    """Fields of the connection for every way in which a sensor can be connected and read."""
+    if not hasattr(spec.connection(), 'transport'):
+        return [{}]
+    return [
+        {'transport': 'i2c', 'mode': 'single'},
+        {'transport': 'i2c', 'mode': 'burst'},
+        {'transport': 'serial'},
+    ]
 
 
 def telling(layout: Layout, seed: int) -> Callable[[float], Array]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from html import escape
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.calibration.beside import write_beside
 from tactile_ros.evaluation.figures import colours_of, figures_of, headline
 from tactile_ros.evaluation.result import table
 from tactile_ros.evaluation.stylesheet import STYLE
@@ -15,6 +15,7 @@ from tactile_ros.evaluation.stylesheet import STYLE
 if TYPE_CHECKING:
     import os
     from collections.abc import Sequence
+    from pathlib import Path
 
     from tactile_ros.evaluation.figure import Colours, Figure
     from tactile_ros.evaluation.result import Cell, Dataset, Result
@@ -49,10 +50,7 @@ def write_report(path: str | os.PathLike[str], result: Result) -> Path:
     Path
         Of the file.
     """
-    file = Path(path)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(render(result), encoding='utf-8')
-    return file
+    return write_beside(path, render(result).encode())
 
 
 def render(result: Result) -> str:

@@ -8,8 +8,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from tactile_ros.errors import RecordingError
 from tactile_ros.messages import stamp_ns
 from tactile_ros.types import TRUTH_KEYS
+from tactile_ros.types.names import admit_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -162,13 +164,21 @@ def _labels(
     heard: list[Heard], frames: Integers, names: tuple[str, ...]
 ) -> tuple[Columns, tuple[str, ...]]:
     """Names that hold from when they were heard until the next; an empty one is unknown."""
-    told = [str(h.message.data) for h in heard]  # type: ignore[attr-defined]
+    told = [_label(str(h.message.data)) for h in heard]  # type: ignore[attr-defined]
     names = tuple(dict.fromkeys([*names, *filter(None, told)]))
     index = np.array([names.index(name) if name else -1 for name in told], np.int64)
     times = np.array([h.log_ns for h in heard], np.int64)
     order = np.argsort(times, kind='stable')
     last = np.searchsorted(times[order], frames, side='right') - 1
     return {'label': np.where(last >= 0, index[order][last], -1)}, names
+
+
+def _label(name: str) -> str:
+    """A label that fits the pattern of names."""
+    try:
+        return admit_name('label of a recording', name)
+    except ValueError as err:
+        raise RecordingError(str(err)) from err
 
 
 def _vector(xyz: object) -> Array:

@@ -102,6 +102,8 @@ class ContactStage:
         self._on_baseline = on_baseline
         # of each whether something touched
         self._seen: deque[tuple[Frame, bool]] = deque(maxlen=tare_frames)
+        # since activation: a stream that begins anew, or a doubled message, lifts no guard
+        self._tared = False
         # The service comes from another thread than the frames in the one-process road.
         self._lock = threading.Lock()
 
@@ -116,9 +118,10 @@ class ContactStage:
             self._seen = deque(self._seen, maxlen=count)
 
     def reset(self) -> None:
-        """A new stream begins: forget the last one, keep its baseline."""
+        """Activation: forget the last stream, keep its baseline; the next tare is the first."""
         with self._lock:
             self._forget()
+            self._tared = False
 
     def _forget(self) -> None:
         self.pipeline.reset()
@@ -172,7 +175,7 @@ class ContactStage:
     @property
     def _guarded(self) -> bool:
         """Frames in contact are no rest: not before the first tare, when nobody can tell."""
-        return not self.tare_in_contact and self.tally.tares > 0
+        return not self.tare_in_contact and self._tared
 
     def _resting(self) -> list[Frame]:
         """Frames that a tare may take: where contact matters, those since the last one."""
@@ -207,6 +210,7 @@ class ContactStage:
             self.pipeline.tare(frames)
         except ValueError as err:
             return False, str(err)
+        self._tared = True
         self.tally.tares += 1
         self.tally.tare_ns = frames[-1].stamp_ns
         first = self.tally.sequence + 1

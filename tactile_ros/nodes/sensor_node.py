@@ -15,7 +15,7 @@ from tactile_ros.nodes.health import Health
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
 from tactile_ros.nodes.quality import data, latched
 from tactile_ros.nodes.reader import Reader
-from tactile_ros.nodes.twin import SignalTruth, parse_fault
+from tactile_ros.nodes.twin import RELIEF, SignalTruth, parse_fault
 from tactile_ros.nodes.views import Views
 from tactile_ros.sensors import load_sensor
 
@@ -84,7 +84,8 @@ class SensorOptions:
     fault: str = field(
         default='',
         metadata={
-            'help': 'fault that the twin suffers each time this is set: name or name:count',
+            'help': 'fault that the twin suffers each time this is set: name or name:count; none '
+            'withdraws those that wait',
             'live': True,
         },
     )
@@ -210,7 +211,8 @@ class SensorNode(ManagedNode):
             return
         simulated = changes.get('simulated', self.get_parameter('simulated').value)
         if self._twin is not None:
-            parse_fault(fault, self._twin.faults)
+            if fault != RELIEF:
+                parse_fault(fault, self._twin.faults)
         elif self._reader is not None or not simulated:
             msg = f'fault must be empty where the sensor is not simulated; received {fault!r}'
             raise ValueError(msg)
@@ -218,7 +220,9 @@ class SensorNode(ManagedNode):
     def apply(self, changes: dict[str, object]) -> None:
         """Let the twin suffer a fault."""
         fault = str(changes.get('fault', ''))
-        if fault and self._twin is not None:
+        if fault == RELIEF and self._twin is not None:
+            self._twin.relieve()
+        elif fault and self._twin is not None:
             name, count = parse_fault(fault, self._twin.faults)
             self._twin.inject(name, count)
             self.get_logger().info(f'the twin suffers {name}, {count} times')

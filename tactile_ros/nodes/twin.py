@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
     from tactile_ros.types import ContactState, ContactStates, Recording
 
-MOST_FAULTS = 100_000
+MOST_FAULTS = 1000
+RELIEF = 'none'
 PATTERN = re.compile(r'(?P<name>[a-z_]+)(:(?P<count>[0-9]{1,6}))?')
 
 

@@ -1,7 +1,15 @@
-"""Sensors: one folder each, found by its name."""
+"""Sensors: one folder each, found by its name.
+
+A folder beside this file, or in a folder that the environment variable TACTILE_SENSORS names
+(several like PATH), so that a sensor can live outside of the package.
+"""
 
 from __future__ import annotations
+
+import os
 
 from tactile_ros.sensors.registry import SensorSpec, list_sensors, load_sensor
 
 __all__ = ['SensorSpec', 'list_sensors', 'load_sensor']
+
+__path__.extend(filter(None, os.environ.get('TACTILE_SENSORS', '').split(os.pathsep)))

@@ -1,4 +1,7 @@
-"""The one registry: a folder beside this file that has a SENSOR is a sensor named like it."""
+"""The one registry: a folder that has a SENSOR is a sensor named like it.
+
+It lies beside this file, or in a folder that TACTILE_SENSORS names.
+"""
 
 from __future__ import annotations
 
@@ -104,8 +107,8 @@ class SensorSpec:
 
 def list_sensors() -> list[str]:
     """Keys of all sensors, in alphabetical order."""
-    folder = Path(__file__).parent
-    return sorted(path.parent.name for path in folder.glob('*/__init__.py'))
+    folders = importlib.import_module('tactile_ros.sensors').__path__
+    return sorted({path.parent.name for f in folders for path in Path(f).glob('*/__init__.py')})
 
 
 def load_sensor(key: str) -> SensorSpec:
@@ -121,6 +124,6 @@ def load_sensor(key: str) -> SensorSpec:
         raise ValueError(msg)
     spec = getattr(importlib.import_module(f'tactile_ros.sensors.{key}'), 'SENSOR', None)
     if not isinstance(spec, SensorSpec):
-        msg = f'tactile_ros/sensors/{key}/__init__.py must define SENSOR, a SensorSpec'
+        msg = f'sensors/{key}/__init__.py must define SENSOR, a SensorSpec'
         raise TypeError(msg)
     return spec

@@ -55,6 +55,10 @@ class Twin(Protocol):
         """Let the next `count` frames or transfers suffer a fault; ValueError if unknown."""
         ...
 
+    def relieve(self) -> None:
+        """Withdraw the faults that wait."""
+        ...
+
     def device(self, clock_ns: Callable[[], int]) -> Device:
         """The real driver on this twin's bytes, stamped by `clock_ns`; not yet entered."""
         ...

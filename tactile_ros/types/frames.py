@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_ros.types.arrays import Array, Bytes, as_shape
+from tactile_ros.types.names import admit_name
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Layout:
     rate_hz : float
         Nominal frame rate (Hz).
     frame_id, sensor, serial : str
-        Name of the sensor frame, key of the sensor, which board.
+        Name of the sensor frame, key of the sensor, which board; see `names.admit_name`.
     """
 
     positions: Array
@@ -48,6 +49,10 @@ class Layout:
         if self.rotations is not None:
             rotations = as_shape('rotations of Layout', self.rotations, (len(positions), 3, 3))
             object.__setattr__(self, 'rotations', rotations)
+        for name in ('unit', 'frame_id', 'sensor', 'serial'):
+            admit_name(f'{name} of Layout', getattr(self, name))
+        for channel in self.channels:
+            admit_name('channels of Layout', channel)
         limit = np.inf if self.saturation is None else self.saturation
         limits = np.broadcast_to(np.asarray(limit, np.float64), (len(self.channels),))
         object.__setattr__(self, 'saturation', np.array(limits))

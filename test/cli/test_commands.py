@@ -103,7 +103,7 @@ def test_replay_prints_a_table_and_writes_a_report(
         ),
         (['calibrate', 'reskin_board', 'no_such', '-o', 'y'], 1, 'does not exist'),
         (['replay', 'x', '--calibration', 'no_such.npz'], 1, 'does not exist'),
-        (['bench', 'no_such'], 2, "must be all or one of reskin, roads; received 'no_such'"),
+        (['bench', 'no_such'], 2, "all or one of devices, reskin, roads; received 'no_such'"),
     ],
 )
 def test_what_is_wrong_is_one_sentence(

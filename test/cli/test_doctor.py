@@ -241,3 +241,12 @@ def test_a_device_that_fails_is_no_traceback() -> None:
             pass
 
     assert watch(Broken(), 1.0).failure == 'no such port'
+
+
+@pytest.mark.parametrize('text', ['-1', 'nan', 'inf', 'soon'])
+def test_a_duration_that_cannot_be_is_refused(
+    text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(['doctor', '--seconds', text])
+    assert 'seconds' in capsys.readouterr().err

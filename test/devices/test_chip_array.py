@@ -170,7 +170,7 @@ def test_a_late_reset_is_a_brown_out() -> None:
     ],
 )
 def test_a_chip_that_cannot_be_set_up_says_why(lines: list[str], sentence: str) -> None:
-    script = Script(lines)
+    script = Script(lines * 2)
     with pytest.raises(DeviceError, match=sentence):
         driver(script, VirtualClock()).open()
     assert script.lines == []
@@ -579,6 +579,16 @@ def test_missing_chips_do_not_keep_a_sensor_closed_but_all_of_them_do() -> None:
         twin.inject('nack', 10_000, chip=i)
     with pytest.raises(DeviceError, match='nothing answers at 0x0'), twin.device(lambda: 0):
         pass
+
+
+@pytest.mark.parametrize('mode', ['single', 'burst'])
+@pytest.mark.parametrize('fault', ['nack', 'stuck_bus'])
+def test_one_transfer_that_fails_does_not_keep_a_sensor_closed(fault: str, mode: Mode) -> None:
+    clock = VirtualClock()
+    twin = array_of([ChipPlace(0x0C)], clock, mode)
+    twin.inject(fault, 1, 0)
+    with twin.device(clock.now_ns) as array:
+        assert good(array.read(1.0)).all()
 
 
 def test_closing_and_opening_again_goes_on() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from functools import lru_cache
 
 import numpy as np
@@ -13,7 +12,7 @@ from tactile_ros.devices.chip_array_twin import ChipArrayTwin
 from tactile_ros.devices.framed_twin import FramedTwin
 from tactile_ros.devices.serial_twin import BYTE_FAULTS, SerialTwin
 from tactile_ros.errors import DeviceError, DeviceTimeout
-from tactile_ros.evaluation.fault_trials import RATE_HZ, Road, suffer, usable
+from tactile_ros.evaluation.fault_trials import RATE_HZ, STORM, STORMS, Road, suffer, usable, ways
 from tactile_ros.sensors import list_sensors, load_sensor
 from tactile_ros.types import TaxelStatus
 
@@ -27,22 +26,9 @@ UNSEEN = {'flipped', 'garbage', 'shifted'}
 EXACT = {'nack', 'brown_out', 'stuck_bus', 'saturation', 'wrap'}
 # taxels that repeat themselves honestly when nothing touches: a stuck one looks the same
 RESTING = {'taxel_array', 'five_wire_skin'}
-STORMS = {'stuck_chip': 30, 'unplug': 2, 'stall': 2}
 
 
-def ways(key: str) -> list[dict[str, object]]:
-    """Every way in which a sensor can be connected: transports and modes."""
-    fields = {f.name: f for f in dataclasses.fields(load_sensor(key).connection())}  # type: ignore[arg-type]
-    if 'transport' not in fields:
-        return [{}]
-    return [
-        {'transport': 'i2c', 'mode': 'single'},
-        {'transport': 'i2c', 'mode': 'burst'},
-        {'transport': 'serial'},
-    ]
-
-
-ROADS = [(key, how) for key in list_sensors() for how in ways(key)]
+ROADS = [(key, how) for key in list_sensors() for how in ways(load_sensor(key))]
 NAMES = ['-'.join([key, *map(str, how.values())]) for key, how in ROADS]
 
 
@@ -123,7 +109,7 @@ def test_a_fault_is_survived_counted_and_never_a_wrong_reading(
     key: str, how: dict[str, object], fault: str
 ) -> None:
     with road_of(key, how) as road:
-        for count in (1, STORMS.get(fault, 5)):
+        for count in (1, STORMS.get(fault, STORM)):
             trial = suffer(road, fault, count, 0.25)
             assert trial.injected == count
             assert trial.recovery_s < 2.0

@@ -85,3 +85,35 @@ def test_a_restart_goes_on_by_the_host_s_clock() -> None:
     clock.restart()
     assert one(clock, 5, 1010 * MS) == (first + 1000 * MS, 1010 * MS)
     assert clock.clock_jumps == 0
+
+
+def stamps_over(clock: DeviceTime, frames: int, step_ns: int, at: int = 500) -> list[int]:
+    """How much each stamp is ahead of the true host time, whose clock steps at a frame."""
+    errors = []
+    for i in range(frames):
+        host_ns = 10**12 + i * MS + (step_ns if i >= at else 0)
+        errors.append(one(clock, 1000 * i, host_ns)[1] - host_ns)
+    return errors
+
+
+def test_a_host_clock_that_steps_ahead_is_followed_after_two_seconds() -> None:
+    clock = DeviceTime(MS)
+    errors = stamps_over(clock, 4000, 300 * MS)
+    assert errors[600] < -290 * MS
+    assert not any(errors[2500:])
+    assert clock.clock_steps == 1
+
+
+def test_a_host_clock_that_steps_back_is_followed_at_once() -> None:
+    clock = DeviceTime(MS)
+    assert not any(stamps_over(clock, 1000, -300 * MS))
+    assert clock.clock_steps == 1
+
+
+def test_bytes_that_are_late_for_less_than_a_second_are_no_step() -> None:
+    clock = DeviceTime(MS)
+    for i in range(5000):
+        late = max(0, min(i - 1200, 200, 1900 - i)) * MS // 2
+        one(clock, 1000 * i, 10**12 + i * MS + late)
+    assert clock.clock_steps == 0
+    assert one(clock, 5_000_000, 10**12 + 5000 * MS)[1] == 10**12 + 5000 * MS

@@ -212,6 +212,18 @@ def test_sequence_tells_lost_repeated_and_restarted() -> None:
     assert (counts.repeated, counts.restarts, counts.dropped, counts.missing) == (1, 1, 12, 12)
 
 
+def test_an_older_frame_that_comes_again_is_left_out_but_a_board_that_starts_anew_is_not() -> None:
+    frames = stream(gradiometer(), 8)
+    decoder = FramedDecoder(gradiometer())
+    sent = [*frames[3:5], frames[3], frames[5]]
+    assert decoder.feed(b''.join(sent)).lost == [0, 0, 0]
+    counts = decoder.counts
+    assert (counts.repeated, counts.restarts, counts.dropped) == (1, 0, 0)
+    anew = encode(gradiometer(), COUNTS, 10, 500)  # the sequence of frames[3], not its time
+    assert decoder.feed(anew).lost == [1]
+    assert counts.restarts == 1
+
+
 def test_a_frame_in_a_damaged_frame_s_extent_is_found() -> None:
     frames = stream(gradiometer(), 4)
     decoder = FramedDecoder(gradiometer())

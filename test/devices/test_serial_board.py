@@ -100,6 +100,15 @@ def test_stamps_are_the_arrival_by_the_clock_that_was_handed_in(
         assert board.read(1.0).stamp_ns == 1007 * MS - round(transfer * 1e9)
 
 
+def test_stamps_are_the_middle_of_a_conversion_that_is_known(
+    port: SimulatedSerialPort, layout: Layout, rows: np.ndarray
+) -> None:
+    with SerialBoard(port.port, layout, clock=lambda: 1000 * MS, conversion_s=2.1e-3) as board:
+        for row in rows[:3]:
+            port.send(encode(row))
+        assert [board.read(1.0).stamp_ns for _ in range(3)][-1] == 998_950_000
+
+
 @given(
     st.lists(st.integers(0, 5), min_size=1, max_size=20),
     st.integers(0, 10**12),

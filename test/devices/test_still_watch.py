@@ -55,3 +55,12 @@ def test_taxels_that_were_not_read_keep_their_run() -> None:
     assert watch.stuck().all()
     watch.forget()
     assert not watch.stuck().any()
+
+
+def test_a_fault_that_comes_and_goes_is_found_as_soon_every_time() -> None:
+    readings = noisy(5000)
+    for start in range(100, 5000, 1000):
+        readings[start : start + 900, 2] = readings[start, 2]
+    stuck = follow(readings, others=0.5)[:, 2].reshape(5, 1000)
+    assert (stuck.sum(axis=1) == stuck[0].sum()).all()
+    assert stuck[0].sum() >= 880

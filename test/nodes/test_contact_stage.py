@@ -220,3 +220,19 @@ def test_a_held_touch_freezes_the_baseline_and_a_switch_stops_it(follows: bool) 
     assert set(hold(rest + 1e-6, 30)) == {0}
     moved = np.abs(pipeline.baseline - rest).max()
     assert (5e-7 < moved < 1.01e-6) if follows else moved == 0.0
+
+
+def test_a_doubled_or_older_message_does_not_lift_the_guard() -> None:
+    made = stage_of()
+    made.feed(0, 0, 0)
+    assert made.stage.tare()[0]
+    made.feed(5, 5)
+    assert not made.stage.tare()[0]
+    for again in (4, 2):
+        made.stage.process(Frame(again, again, np.full((1, 1), 5.0)))
+        assert made.stage.is_touching
+        assert not made.stage.tare()[0]
+    # activation does: nobody can tell a day's drift from a touch then
+    made.stage.reset()
+    made.stage.process(Frame(9, 9, np.full((1, 1), 5.0)))
+    assert made.stage.tare()[0]

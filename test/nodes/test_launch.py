@@ -161,6 +161,14 @@ def test_a_simulated_sensor_is_one_node_with_its_seed_and_fault() -> None:
         assert told.items() <= parameters.items()
 
 
+def test_simulated_is_a_source() -> None:
+    module = module_of('sensor.launch.py')
+    _, sensor = actions(module, sensor='gradiometer', simulated='true')
+    assert sensor.node_executable == 'sensor_node'
+    if isinstance(sensor, Record):
+        assert sensor.named['parameters'][0]['simulated'] is True
+
+
 def test_every_choice_of_a_graph_is_an_argument() -> None:
     module = module_of('sensor.launch.py')
     declared = module.generate_launch_description().get_launch_arguments()

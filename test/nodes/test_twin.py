@@ -139,6 +139,19 @@ def test_saturation_is_marked_and_said(ros: Ros) -> None:
     assert listener.diagnostics[-1].status[0].level == b'\x01'
 
 
+@pytest.mark.parametrize('sensor', ['gradiometer', 'magnet_pad'])
+def test_faults_that_wait_are_withdrawn(ros: Ros, sensor: str) -> None:
+    node, listener = twin_of(ros, sensor)
+    lifecycle.start([node])
+    assert ros.until(lambda: listener.frames)
+    assert set_fault(ros, listener, 'saturation:1000').successful
+    assert ros.until(lambda: any(m.status and max(m.status) for m in listener.frames))
+    assert set_fault(ros, listener, 'none').successful
+    seen = len(listener.frames)
+    assert ros.until(lambda: sum(m.valid for m in listener.frames[seen:]) > 20)
+    assert not set_fault(ros, listener, 'saturation:1001').successful
+
+
 def test_truth_is_the_signal_at_the_stamp_of_the_frame(ros: Ros) -> None:
     node, listener = twin_of(ros, 'taxel_array', 'seed:=5', 'rate_hz:=200.0')
     lifecycle.start([node])

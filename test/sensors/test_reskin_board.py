@@ -195,3 +195,15 @@ def test_a_known_step_shows_damage_that_looks_like_a_reading() -> None:
 def test_a_step_that_is_not_one_number_for_each_channel_is_refused() -> None:
     with pytest.raises(ValueError, match='step of ReskinBoardConnection must have shape'):
         SPEC.connection(step=1e-6)
+
+
+def test_stamps_are_the_middle_of_the_conversion_of_the_boards_firmware() -> None:
+    stamps = []
+    for conversion in ({}, {'conversion': 0.0}):
+        with SimulatedSerialPort() as board:
+            connection = SPEC.connection(port=board.port, **conversion)
+            with SPEC.open(SPEC.config(), connection, lambda: 10**9) as device:
+                for _ in range(3):
+                    board.send(encode(np.random.default_rng(0).normal(0, 1e-4, (5, 3))))
+                stamps.append(device.read(5.0).stamp_ns)
+    assert stamps[1] - stamps[0] == 1_050_000

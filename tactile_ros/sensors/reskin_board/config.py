@@ -80,6 +80,12 @@ class ReskinBoardConnection:
     mark_repeats: bool = switch(
         False, 'mark readings equal to the frame before as stale (fast firmware)'
     )
+    conversion: float = number(
+        2.10e-3,
+        'time of a conversion, half of which is taken off the stamps; 2.1 ms: firmware with OSR 0 '
+        'and DIG_FILT 2; 0: unknown',
+        's', 0.0, 0.3,
+    )  # fmt: skip
     step: Array | None = maybe_array(
         'exact step of Bx, By, Bz at the gain of the firmware, which shows most damaged readings; '
         'empty: unknown',

@@ -35,6 +35,7 @@ def open_board(
         transfer_s=0.0 if connection.native_usb else uart_transfer_s(chips, connection.baud),
         quantum=connection.step,
         mark_repeats=connection.mark_repeats,
+        conversion_s=connection.conversion,
     )
 
 
@@ -53,7 +54,10 @@ def simulate_board(
         seed=seed,
         clock=clock,
         quantum=connection.step,
-        driver=lambda port, clock_ns: open_board(config, replace(connection, port=port), clock_ns),
+        # the twin sends what is there at the moment: nothing converts
+        driver=lambda port, clock_ns: open_board(
+            config, replace(connection, port=port, conversion=0.0), clock_ns
+        ),
     )
 
 

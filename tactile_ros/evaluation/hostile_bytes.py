@@ -1,0 +1,168 @@
+"""Decoders of serial boards under hostile bytes: what they believe, lose, hold back and take."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.devices import framed, packets
+from tactile_ros.devices.damage import DAMAGES, damage
+from tactile_ros.devices.framed_decoder import FramedDecoder
+from tactile_ros.devices.framing import FrameDecoder
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from tactile_ros.devices.framed_payloads import Payload
+
+CHUNK = 1000
+PIECE = 4096
+
+
+@dataclass
+class Fuzzed:
+    """What a decoder did with hostile strings.
+
+    Attributes
+    ----------
+    strings : int
+        That it was fed.
+    wrong : int
+        Frames delivered that nobody sent.
+    lost : int
+        Most good frames lost by one string.
+    held : int
+        Most bytes held back.
+    slowest_s : float
+        Longest processor time of one feed (s).
+    """
+
+    strings: int = 0
+    wrong: int = 0
+    lost: int = 0
+    held: int = 0
+    slowest_s: float = 0.0
+
+
+class FramedSubject:
+    """The framed protocol's decoder under fuzz."""
+
+    def __init__(self, payload: Payload) -> None:
+        """See the class."""
+        self._payload = payload
+        self._decoder = FramedDecoder(payload)
+        self._sequence = 0
+
+    def frames(self, count: int, rng: np.random.Generator) -> tuple[list[bytes], list[bytes]]:
+        """Frames on the wire, and what each is when it is decoded."""
+        payload = self._payload
+        low, high = (-30_000, 30_000) if payload.signed else (0, payload.full_count)
+        counts = rng.integers(low, high, (count, payload.count, payload.channels))
+        data = framed.encode(payload, counts, self._sequence, np.arange(count) * 1000)
+        self._sequence += count
+        told = [row.tobytes() for row in counts.astype(np.float64)]
+        return cut(data, framed.frame_bytes(payload)), told
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """What is decoded."""
+        readings = self._decoder.feed(data).readings
+        return [np.asarray(row, np.float64).tobytes() for row in readings.counts]
+
+    @property
+    def held(self) -> int:
+        """Bytes held back."""
+        return self._decoder.pending
+
+
+class BoardSubject:
+    """The ReSkin decoder under fuzz."""
+
+    def __init__(self, chips: int) -> None:
+        """See the class."""
+        self._chips = chips
+        self._size = packets.frame_bytes(chips)
+        self._decoder = FrameDecoder(chips)
+
+    def frames(self, count: int, rng: np.random.Generator) -> tuple[list[bytes], list[bytes]]:
+        """Frames on the wire, and what each is when it is decoded."""
+        values = rng.integers(-2500, 2500, (count, self._chips, 3)) * 2.4e-6
+        frames = cut(packets.encode(values, np.full((count, self._chips), 25.0)), self._size)
+        return frames, frames
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """What is decoded."""
+        decoded = self._decoder.feed(data)
+        return cut(packets.encode(decoded.values, decoded.temperature_c), self._size)
+
+    @property
+    def held(self) -> int:
+        """Bytes held back."""
+        return len(self._decoder.pending)
+
+
+def suffer_bytes(subject: FramedSubject | BoardSubject, count: int, seed: int) -> Fuzzed:
+    """Good frames with hostile strings between them, until so many strings have passed.
+
+    Parameters
+    ----------
+    subject : FramedSubject or BoardSubject
+        The decoder.
+    count : int
+        Hostile strings at least.
+    seed : int
+        Of all bytes.
+
+    Returns
+    -------
+    Fuzzed
+        What it did with them.
+    """
+    rng = np.random.default_rng(seed)
+    found = Fuzzed()
+    frames, _ = subject.frames(8, rng)
+    subject.feed(b''.join(frames))
+    while found.strings < count:
+        frames, told = subject.frames(3 * CHUNK, rng)
+        stream = [
+            part
+            for i in range(0, 3 * CHUNK, 3)
+            for part in (_hostile(frames[i], rng), frames[i + 1], frames[i + 2])
+        ]
+        got = set(_fed(subject, b''.join(stream), found))
+        found.wrong += len(got.difference(told))
+        lost = [told[i + 1] not in got for i in range(0, 3 * CHUNK, 3)]
+        also = [told[i + 2] not in got for i in range(0, 3 * CHUNK - 3, 3)] + [False]
+        found.lost = max(found.lost, *(int(a) + int(b) for a, b in zip(lost, also, strict=True)))
+        found.strings += CHUNK
+    return found
+
+
+def _fed(subject: FramedSubject | BoardSubject, stream: bytes, found: Fuzzed) -> Iterator[bytes]:
+    """Frames of a stream that comes in pieces."""
+    for piece in cut(stream, PIECE):
+        began = time.thread_time()  # a machine that does other things is no hang
+        got = subject.feed(piece)
+        found.slowest_s = max(found.slowest_s, time.thread_time() - began)
+        found.held = max(found.held, subject.held)
+        yield from got
+
+
+def _hostile(frame: bytes, rng: np.random.Generator) -> bytes:
+    """Random bytes, a damaged frame, or a frame with bytes overwritten."""
+    kind = int(rng.integers(3))
+    if kind == 0:
+        return rng.bytes(int(rng.integers(1, 2 * len(frame))))
+    if kind == 1:
+        return damage(frame, DAMAGES[int(rng.integers(len(DAMAGES)))], rng)
+    hurt = bytearray(frame)
+    for place in rng.integers(len(frame), size=int(rng.integers(1, 9))):
+        hurt[place] = int(rng.integers(256))
+    return bytes(hurt)
+
+
+def cut(data: bytes, size: int) -> list[bytes]:
+    """Pieces of a length."""
+    return [data[i : i + size] for i in range(0, len(data), size)]

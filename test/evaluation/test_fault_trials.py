@@ -1,0 +1,86 @@
+"""The judge of drivers: it sees wrong readings, marked ones, and silence."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from tactile_ros.evaluation.fault_trials import RATE_HZ, Road, suffer, telling, usable, ways
+from tactile_ros.sensors import load_sensor
+from tactile_ros.types import Frame, TaxelStatus
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+@pytest.fixture
+def road() -> Iterator[Road]:
+    with Road(load_sensor('gradiometer')) as running:
+        yield running
+
+
+def test_wrong_readings_are_seen_and_marked_ones_forgiven(road: Road) -> None:
+    frames = road.run(0.5)
+    (t, *_) = road.times(frames)
+    assert [road.wrong(frame, t) for frame in frames[:1]] == [0]
+    values = frames[0].values.copy()
+    values[2] += 20e-6
+    bad = dataclasses.replace(frames[0], values=values)
+    assert road.wrong(bad, t) == 1
+    status = np.array([0, 0, TaxelStatus.STUCK, 0], np.uint8)
+    assert road.wrong(dataclasses.replace(bad, status=status), t) == 0
+    assert road.wrong(dataclasses.replace(frames[0], values=values * np.nan), t) == 0
+
+
+def test_a_reading_of_another_time_is_wrong(road: Road) -> None:
+    frames = road.run(1.0)
+    times = road.times(frames)
+    assert np.ptp(times) == pytest.approx((len(frames) - 1) / RATE_HZ)
+    assert road.wrong(frames[0], times[-1]) == 4
+    assert road.wrong(frames[0], times[-1], age_s=1.0) == 0
+
+
+def test_a_driver_that_lies_is_found_out(road: Road, monkeypatch: pytest.MonkeyPatch) -> None:
+    read = road.device.read
+
+    def lie(timeout: float) -> Frame:
+        frame = read(timeout)
+        values = frame.values.copy()
+        values[1] *= 1.1
+        return dataclasses.replace(frame, values=values) if frame.sequence == 30 else frame
+
+    monkeypatch.setattr(road.device, 'read', lie)
+    assert suffer(road, 'lost', 1, 0.25).wrong == 1
+
+
+def test_a_driver_that_never_recovers_has_no_recovery(
+    road: Road, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = road.device.read
+    dead = np.full(4, TaxelStatus.ERROR, np.uint8)
+    monkeypatch.setattr(
+        road.device, 'read', lambda timeout: dataclasses.replace(read(timeout), status=dead)
+    )
+    assert suffer(road, 'lost', 1, 0.25).recovery_s == np.inf
+
+
+def test_usable_is_measured_and_not_marked() -> None:
+    values = np.array([[1.0], [np.nan], [1.0], [1.0]])
+    status = np.array([0, 0, TaxelStatus.SATURATED, TaxelStatus.STALE], np.uint8)
+    assert usable(Frame(0, 0, values, status=status)).tolist() == [True, False, False, True]
+    assert usable(Frame(0, 0, values)).tolist() == [True, False, True, True]
+
+
+def test_the_signal_moves_every_channel_until_it_stays() -> None:
+    spec = load_sensor('multipole_skin')
+    signal = telling(spec.layout(spec.config()), 3)
+    assert (np.diff([signal(t) for t in (0.0, 1.0, 14.0)], axis=0) > 0).all()
+    np.testing.assert_array_equal(signal(20.0), signal(30.0))
+
+
+def test_sensors_of_chips_have_three_ways_the_others_one() -> None:
+    assert len(ways(load_sensor('magnet_pad'))) == 3
+    assert ways(load_sensor('taxel_array')) == [{}]

@@ -1,0 +1,107 @@
+"""docs/adding_a_sensor.md, executed: its made-up sensor is found, read, fitted and run."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from tactile_ros.devices.serial_twin import BYTE_FAULTS
+from tactile_ros.errors import TactileError
+from tactile_ros.evaluation.recording import load
+from tactile_ros.nodes.graph import Setting, sensing
+from tactile_ros.nodes.processes import Running
+
+ROOT = Path(__file__).resolve().parents[2]
+BLOCKS = re.findall(
+    r'^```python\n# (\S+\.py)\n(.*?)^```$',
+    (ROOT / 'docs' / 'adding_a_sensor.md').read_text(),
+    re.DOTALL | re.MULTILINE,
+)
+INTERFACES = find_spec('rclpy') is not None
+
+
+@pytest.fixture(scope='module')
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder that TACTILE_SENSORS names, with the files of the page."""
+    folder = tmp_path_factory.mktemp('my_sensors')
+    (folder / 'pinch_pad').mkdir()
+    for name, text in BLOCKS:
+        place = folder if name == 'try_it.py' else folder / 'pinch_pad'
+        (place / name).write_text(text)
+    return folder
+
+
+def python(home: Path, *arguments: str) -> str:
+    """What a new Python prints that knows the folder."""
+    environment = {**os.environ, 'TACTILE_SENSORS': str(home), 'PYTHONPATH': str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        env=environment, cwd=home, check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    return done.stdout
+
+
+def test_the_page_has_all_files_of_a_sensor() -> None:
+    names = [name for name, _ in BLOCKS]
+    assert names == ['config.py', 'signal.py', 'device.py', '__init__.py', 'try_it.py']
+
+
+def test_without_the_variable_nothing_changes(home: Path) -> None:
+    code = 'from tactile_ros.sensors import list_sensors; print(*list_sensors())'
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    environment.pop('TACTILE_SENSORS', None)
+    done = subprocess.run(
+        [sys.executable, '-c', code], env=environment, check=True, capture_output=True, text=True
+    )
+    assert 'pinch_pad' not in done.stdout
+    assert 'pinch_pad' in python(home, '-c', code)
+
+
+def test_the_commands_find_it(home: Path) -> None:
+    code = 'import sys; from tactile_ros.cli.main import main; sys.exit(main(sys.argv[1:]))'
+    listed = python(home, '-c', code, 'list')
+    assert 'two force-sensing resistors on a gripper' in listed
+
+
+def test_the_program_of_the_page_estimates_from_its_twin(home: Path) -> None:
+    shown = 'print(sorted(pipeline.estimators), state.force.shape, state.valid, config.rate_hz)'
+    (home / 'shown.py').write_text((home / 'try_it.py').read_text() + shown + '\n')
+    assert python(home, 'shown.py').strip() == "['force'] (3,) True 100.0"
+
+
+def test_its_driver_passes_the_trials_of_faults(home: Path) -> None:
+    code = f"""
+from tactile_ros.evaluation.fault_trials import Road, suffer
+from tactile_ros.sensors import load_sensor
+
+for fault in {BYTE_FAULTS!r}:
+    with Road(load_sensor('pinch_pad')) as road:
+        trial = suffer(road, fault, 3, 0.25)
+        assert trial.injected == trial.counted == 3, trial
+        assert trial.wrong == 0 and trial.recovery_s < 2.0, trial
+print('conforms')
+"""
+    assert python(home, '-c', code).strip() == 'conforms'
+
+
+@pytest.mark.ros
+@pytest.mark.skipif(not INTERFACES, reason='without ROS 2')
+def test_it_runs_through_the_real_graph(home: Path, tmp_path: Path) -> None:
+    bag = str(tmp_path / 'bag')
+    setting = Setting(sensor='pinch_pad', source='simulated', bag=bag, namespace='pinch')
+    environment = {'TACTILE_SENSORS': str(home), 'PYTHONPATH': str(ROOT)}
+    with Running(sensing(setting), environment) as running:
+        # ends by itself only when something is wrong
+        with pytest.raises(TactileError, match=r'sensor_node did not end within 6'):
+            running.wait('sensor_node', timeout=6.0)
+        assert set(running.stop().values()) == {0}
+    recording = load(bag).recordings[0].recording
+    assert recording.layout.sensor == 'pinch_pad'
+    assert recording.values.shape[1:] == (2, 1)
+    assert len(recording) > 50

@@ -1,0 +1,194 @@
+"""What docs/security.md promises: no code from data, no shell, names by a pattern, all escaped."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING
+from unittest import mock
+
+import numpy as np
+import pytest
+
+import tactile_ros
+from tactile_ros.calibration.beside import write_beside
+from tactile_ros.errors import RecordingError
+from tactile_ros.evaluation.archive import load_recording, save_recording
+from tactile_ros.evaluation.report import render
+from tactile_ros.evaluation.result import Dataset, Result
+from tactile_ros.evaluation.truth_topics import _label
+from tactile_ros.types import Layout, Recording
+from tactile_ros.types.names import MOST_CHARACTERS, admit_name
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+PACKAGE = Path(tactile_ros.__file__).parent
+ROOT = Path(__file__).resolve().parents[1]
+SOURCES = sorted(
+    path
+    for folder in (PACKAGE, ROOT / 'benchmarks', ROOT / 'launch', ROOT / 'bootstrap')
+    for path in folder.rglob('*.py')
+)
+SCRIPT = '<script>alert(1)</script>'
+# what turns data into code or hands it to a shell
+FORBIDDEN = {
+    'eval', 'exec', 'compile', '__import__', 'os.system', 'os.popen', 'yaml.load',
+    'yaml.full_load', 'yaml.unsafe_load', 'yaml.load_all', 'pickle.load', 'pickle.loads',
+    'subprocess.getoutput', 'subprocess.getstatusoutput', 'marshal.loads', 'shelve.open',
+    'asyncio.create_subprocess_shell',
+}  # fmt: skip
+DYNAMIC = {'pickle', 'marshal', 'shelve', 'dill', 'cloudpickle', 'joblib'}
+LOCAL = ('127.0.0.1', 'localhost', '::1')
+
+
+def name_of(node: ast.expr) -> str:
+    """Dotted name of what is called."""
+    if isinstance(node, ast.Attribute):
+        return f'{name_of(node.value)}.{node.attr}'
+    return node.id if isinstance(node, ast.Name) else ''
+
+
+def calls(path: Path) -> Iterator[tuple[str, ast.Call]]:
+    """All calls of a file, by name."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Call):
+            yield name_of(node.func), node
+
+
+def offences(path: Path) -> list[str]:
+    """What a file does that it must not."""
+    found = []
+    for name, call in calls(path):
+        if name in FORBIDDEN:
+            found.append(f'{path}:{call.lineno} calls {name}')
+        for keyword in call.keywords:
+            value = keyword.value.value if isinstance(keyword.value, ast.Constant) else None
+            if keyword.arg == 'shell' and value is not False:
+                found.append(f'{path}:{call.lineno} starts a shell')
+            if keyword.arg == 'allow_pickle' and value is not False:
+                found.append(f'{path}:{call.lineno} allows pickles')
+        if name.endswith(('.bind', 'HTTPServer', 'create_server')):
+            place = ast.dump(call.args[0]) if call.args else ''
+            if not any(repr(local) in place for local in LOCAL):
+                found.append(f'{path}:{call.lineno} listens beyond this machine')
+    return found
+
+
+@pytest.mark.parametrize('path', SOURCES, ids=lambda p: f'{p.parent.name}/{p.name}')
+def test_nothing_turns_data_into_code_or_starts_a_shell(path: Path) -> None:
+    assert offences(path) == []
+    imported = {
+        alias.name.split('.')[0]
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, (ast.Import, ast.ImportFrom))
+        for alias in (
+            node.names if isinstance(node, ast.Import) else [ast.alias(node.module or '')]
+        )
+    }
+    assert not imported & DYNAMIC
+
+
+@pytest.mark.parametrize(
+    'line',
+    [
+        'import os\nos.system("ls")', 'subprocess.run("ls", shell=True)', 'eval("1")',
+        'yaml.load(text)', 'np.load(path, allow_pickle=True)', 's.bind(("0.0.0.0", 80))',
+        's.bind(("", 80))', 'subprocess.run("ls", shell=flag)',
+    ],
+)  # fmt: skip
+def test_the_search_finds_what_it_looks_for(line: str, tmp_path: Path) -> None:
+    path = tmp_path / 'bad.py'
+    path.write_text(line)
+    assert offences(path)
+    path.write_text('s.bind(("127.0.0.1", 80))\nsubprocess.run(["ls"], shell=False)')
+    assert offences(path) == []
+
+
+@pytest.mark.parametrize(
+    'name', ['', 'thumb/tip', 'Würfel 3', 'u_AC', 'rad/s^2', 'A7-#12', '指', 'a' * MOST_CHARACTERS]
+)
+def test_names_that_people_use_are_names(name: str) -> None:
+    assert admit_name('label', name) == name
+
+
+@pytest.mark.parametrize(
+    'name',
+    [SCRIPT, 'a"b', "a'b", 'a&b', 'a;b', '$(ls)', '`ls`', 'a\nb', 'a\x00b', 'a\u202eb', 'a\\b',
+     'a' * (MOST_CHARACTERS + 1)],
+)  # fmt: skip
+@pytest.mark.parametrize('field', ['frame_id', 'serial', 'sensor', 'unit', 'channels', 'label'])
+def test_other_names_are_refused_everywhere(field: str, name: str) -> None:
+    with pytest.raises((ValueError, RecordingError), match='letters, digits, spaces'):
+        named(field, name)
+
+
+def named(field: str, name: str) -> None:
+    """Use a name where it comes in."""
+    plain = Layout(np.zeros((1, 3)), ('x',), 'T')
+    if field == 'label':
+        _label(name)
+    else:
+        dataclasses.replace(plain, **{field: (name,) if field == 'channels' else name})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize('field', ['frame_id', 'serial', 'sensor'])
+def test_a_file_with_such_a_name_is_refused(field: str, tmp_path: Path) -> None:
+    layout = Layout(np.zeros((1, 3)), ('x',), 'T')
+    object.__setattr__(layout, field, SCRIPT)
+    path = tmp_path / 'hostile.npz'
+    save_recording(Recording.from_arrays(layout, np.zeros((2, 1, 1))), path)
+    with pytest.raises(RecordingError, match=f'{field} of Layout must be at most'):
+        load_recording(path)
+
+
+def test_a_report_shows_markup_as_text_wherever_it_gets_in() -> None:
+    """Even where a name came past the pattern."""
+    dataset = Dataset(
+        name=SCRIPT, summary=f'serial {SCRIPT}, frame {SCRIPT}', answers=(), frames=1, dropped=0,
+        time_s=np.zeros(1), chips=np.zeros((1, 3)), problems=(f'label {SCRIPT} was left out',),
+    )  # fmt: skip
+    text = render(Result(SCRIPT, SCRIPT, {SCRIPT: SCRIPT}, (dataset,)))
+    assert SCRIPT not in text
+    assert '<script' not in text
+    assert text.count('&lt;script&gt;') >= 7
+
+
+def test_a_write_that_fails_leaves_the_old_file_and_nothing_beside_it(tmp_path: Path) -> None:
+    path = write_beside(tmp_path / 'deep' / 'report.html', b'old')
+    with mock.patch.object(Path, 'replace', side_effect=OSError), pytest.raises(OSError):  # noqa: PT011
+        write_beside(path, b'new')
+    assert path.read_bytes() == b'old'
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_what_is_written_goes_through_it() -> None:
+    """Bags are written as they come; everything else is whole or not there."""
+    direct = {
+        path.relative_to(PACKAGE).as_posix()
+        for path in PACKAGE.rglob('*.py')
+        for name, _ in calls(path)
+        if name.endswith(('.write_text', '.write_bytes', 'np.savez', 'np.savez_compressed'))
+    }
+    assert direct <= {
+        'calibration/beside.py', 'calibration/archive.py', 'evaluation/archive.py',
+        'evaluation/bag.py', 'sensors/reskin_board/recordings/convert.py',
+    }  # fmt: skip
+
+
+def test_the_page_says_the_caps_that_the_code_has() -> None:
+    from tactile_ros.calibration import archive as calibrations
+    from tactile_ros.cli.sources import MOST_YAML_BYTES
+    from tactile_ros.evaluation import archive as recordings
+    from tactile_ros.evaluation.container import LARGEST_CHUNK
+    from tactile_ros.evaluation.csv_file import MOST_ROWS
+
+    page = (ROOT / 'docs' / 'security.md').read_text()
+    assert f'{calibrations.MOST_MEMBERS:,}'.replace(',', ' ') + ' members' in page
+    assert f'{calibrations.MOST_BYTES >> 20} MiB' in page
+    assert f'{recordings.MOST_MEMBERS} members and {recordings.MOST_BYTES >> 30} GiB' in page
+    assert f'chunks at most {LARGEST_CHUNK >> 20} MiB' in page
+    assert f'rows at most {MOST_ROWS // 10**6} million' in page
+    assert f'{MOST_YAML_BYTES // 10**6} MB' in page
+    assert f'at most {MOST_CHARACTERS} letters' in page
