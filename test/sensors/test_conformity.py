@@ -247,7 +247,7 @@ def test_the_order_of_independent_frames_does_not_matter(toy: Toy) -> None:
         assert differences(a[int(row)], state, 1e-12, ALL) == []
 
 
-@pytest.mark.parametrize('damage', ['sensor', 'cut', 'flip', 'swap', 'not an estimation'])
+@pytest.mark.parametrize('damage', ['sensor', 'cut', 'swap', 'not an estimation'])
 def test_damaged_and_foreign_calibrations_are_refused(
     toy: Toy, pipeline: Pipeline, tmp_path: Path, damage: str
 ) -> None:
@@ -259,9 +259,6 @@ def test_damaged_and_foreign_calibrations_are_refused(
         write(path, {**arrays, **flatten('some_other_skin', 'sensor')})
     elif damage == 'cut':
         path.write_bytes(content[: len(content) // 2])
-    elif damage == 'flip':
-        middle = len(content) // 2
-        path.write_bytes(content[:middle] + bytes([content[middle] ^ 4]) + content[middle + 1 :])
     elif damage == 'swap':
         swapped = {name: a for name, a in arrays.items() if not name.startswith('estimation')}
         write(path, {**swapped, **flatten(toy.layout, 'estimation')})
@@ -270,6 +267,23 @@ def test_damaged_and_foreign_calibrations_are_refused(
         write(path, {**swapped, **flatten('hello', 'estimation')})
     with pytest.raises(CalibrationError, match=r'c\.npz'):
         toy.spec.load(path)
+
+
+def test_a_flipped_bit_is_refused_or_changes_nothing(
+    toy: Toy, pipeline: Pipeline, tmp_path: Path
+) -> None:
+    """A zip file has bytes that no reader looks at; all others are guarded."""
+    path = tmp_path / 'c.npz'
+    pipeline.save(path)
+    content, refused = path.read_bytes(), 0
+    for place in np.linspace(0.1, 0.9, 7):
+        at = int(place * len(content))
+        path.write_bytes(content[:at] + bytes([content[at] ^ 4]) + content[at + 1 :])
+        try:
+            assert toy.spec.load(path).digest == pipeline.digest
+        except CalibrationError:
+            refused += 1
+    assert refused >= 3
 
 
 # ---------------------------------------------------------------- live and batch
