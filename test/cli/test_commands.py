@@ -15,6 +15,10 @@ from tactile_ros.cli.sources import MOST_YAML_BYTES, read_config
 from tactile_ros.evaluation.archive import load_recording, save_recording
 from tactile_ros.sensors import list_sensors, load_sensor
 
+BENCHES = ', '.join(
+    sorted(path.stem for path in (Path(__file__).parents[2] / 'benchmarks').glob('*.py'))
+)
+
 
 @pytest.fixture(scope='module')
 def board_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -103,7 +107,7 @@ def test_replay_prints_a_table_and_writes_a_report(
         ),
         (['calibrate', 'reskin_board', 'no_such', '-o', 'y'], 1, 'does not exist'),
         (['replay', 'x', '--calibration', 'no_such.npz'], 1, 'does not exist'),
-        (['bench', 'no_such'], 2, "all or one of devices, reskin, roads; received 'no_such'"),
+        (['bench', 'no_such'], 2, f"all or one of {BENCHES}; received 'no_such'"),
     ],
 )
 def test_what_is_wrong_is_one_sentence(
