@@ -13,12 +13,12 @@ from tactile_ros.devices.chip_care import FIRST_RETRY_S, ChipCare
 from tactile_ros.devices.mlx90393 import ChipSettings, Decoder, Status
 from tactile_ros.devices.mux import ChipPlace, Switches, refuse_conflicts
 from tactile_ros.devices.reading_watch import ReadingWatch
+from tactile_ros.devices.reconnecting import Opened
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.types import Bools, Frame, Layout, TaxelStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from types import TracebackType
 
     from tactile_ros.devices.transport import I2cBus
 
@@ -27,7 +27,7 @@ POLLS_PER_CONVERSION = 8
 CLOCK_RESET_NS = 1_000_000_000
 
 
-class ChipArray:
+class ChipArray(Opened):
     """The chips as a `Device`: a context manager whose `read` gives frames.
 
     Parameters
@@ -155,20 +155,6 @@ class ChipArray:
         self._care.end()
         for bus in self._buses:
             bus.close()
-
-    def __enter__(self) -> ChipArray:
-        """Open the buses and the chips."""
-        self.open()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Stop the chips and let the buses go."""
-        self.close()
 
     def read(self, timeout: float) -> Frame:
         """Measure with all chips.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -14,14 +13,13 @@ from tactile_ros.devices.device_time import DeviceTime
 from tactile_ros.devices.framed import VERSION, frame_bytes
 from tactile_ros.devices.framed_decoder import Decoded, FramedDecoder
 from tactile_ros.devices.framed_payloads import Kind, Payload
-from tactile_ros.devices.reconnecting import ReconnectingPort, check_capacity, wire_s
+from tactile_ros.devices.reconnecting import StreamingBoard, check_capacity, wire_s
 from tactile_ros.devices.still_watch import StillWatch
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.types import Array, Bytes, Frame, Layout, TaxelStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from types import TracebackType
 
     import numpy.typing as npt
 
@@ -31,7 +29,7 @@ STRANGERS = 3
 OTHERS = 0.5
 
 
-class FramedBoard:
+class FramedBoard(StreamingBoard):
     """The board as a `Device`: a context manager whose `read` gives frames.
 
     Parameters
@@ -90,15 +88,13 @@ class FramedBoard:
             check_capacity(f'frames of {payload}', size, layout.rate_hz, baud)
         rate_hz = layout.rate_hz
         known = math.isfinite(rate_hz) and rate_hz > 0
-        self._layout = layout
+        super().__init__(port, baud, layout)
         self._payload = payload
         self._scale = np.broadcast_to(np.asarray(scale, np.float64), layout.shape).copy()
-        self._port = ReconnectingPort(port, baud, self._restart)
         self._decoder = FramedDecoder(payload)
         self._time = DeviceTime(round(1e9 / rate_hz) if known else 0)
         self._clock = clock
         self._transfer_ns = 0 if native_usb else round(wire_s(size, baud) * 1e9)
-        self._frames: deque[Frame] = deque()
         self._sequence = -1
         self._dropped = 0
         self._interrupted = 0
@@ -109,11 +105,6 @@ class FramedBoard:
         self._stuck = 0
         telling = payload.kind in (Kind.GRADIOMETER, Kind.CHIPS)
         self._still = StillWatch(payload.count, others=OTHERS) if telling else None
-
-    @property
-    def layout(self) -> Layout:
-        """Where the taxels are."""
-        return self._layout
 
     def counters(self) -> dict[str, int]:
         """Frames, losses and damage since the driver was made, by name.
@@ -136,55 +127,6 @@ class FramedBoard:
             'stale': self._stale,
             'stuck': self._stuck,
         }
-
-    def open(self) -> None:
-        """Open the port; DeviceError in one sentence if it is missing, busy or forbidden."""
-        self._port.open()
-
-    def close(self) -> None:
-        """Let the port go and forget frames that were not read."""
-        self._port.close()
-        self._frames.clear()
-
-    def __enter__(self) -> FramedBoard:
-        """Open the port."""
-        self.open()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close the port."""
-        self.close()
-
-    def read(self, timeout: float) -> Frame:
-        """Wait for the next frame, and for the port where it is unplugged.
-
-        Parameters
-        ----------
-        timeout : float
-            Longest wait (s).
-
-        Returns
-        -------
-        Frame
-            The oldest frame not read yet.
-
-        Raises
-        ------
-        DeviceTimeout
-            If none came in time; says why. A port that is gone is opened again by the next calls,
-            with growing pauses of at most 0.5 s.
-        DeviceError
-            If what comes is another kind or layout than this board's; once for each opening.
-        """
-        frame = self._port.first(self._frames, self._receive, timeout)
-        if frame is None:
-            raise DeviceTimeout(self._silence(timeout))
-        return frame
 
     def _restart(self, again: bool) -> None:
         """Forget the stream of before."""
@@ -216,16 +158,16 @@ class FramedBoard:
             f'not of version {VERSION}, {own}: set the sensor and its taxels to what the board has'
         )
 
-    def _silence(self, timeout: float) -> str:
+    def _silence(self, timeout: float) -> DeviceTimeout:
         """Why nothing came."""
         port = self._port.port
-        if not self._port.is_open:
-            return f'{self._port.failure}; trying again'
         if self._decoder.strangers:
-            return f'{port}: {self._stranger()}'
+            return DeviceTimeout(f'{port}: {self._stranger()}')
         if self._heard and not self._decoder.synchronised:
-            return f'bytes come from {port}, but no frame of {self._payload} within {timeout:g} s'
-        return f'no frame came from {port} within {timeout:g} s'
+            return DeviceTimeout(
+                f'bytes come from {port}, but no frame of {self._payload} within {timeout:g} s'
+            )
+        return DeviceTimeout(f'no frame came from {port} within {timeout:g} s')
 
     def _queue(self, decoded: Decoded, now_ns: int) -> None:
         """Turn decoded rows into frames with stamps, sequence and status."""
