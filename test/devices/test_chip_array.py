@@ -564,7 +564,7 @@ def test_all_are_started_and_then_read_with_one_write_a_switch(mode: Mode, expec
             assert ' '.join(tap.seen) == expected
 
 
-@pytest.mark.parametrize('rate_hz', [None, float('nan'), 0.0, 1e6])
+@pytest.mark.parametrize('rate_hz', [None, float('nan'), 0.0])
 def test_without_a_rate_it_is_as_fast_as_it_can(rate_hz: float | None) -> None:
     clock = VirtualClock()
     twin = ChipArrayTwin(clusters(), layout_of(20), steady(20), rate_hz=rate_hz, clock=clock)  # type: ignore[arg-type]
