@@ -29,8 +29,6 @@ STRANGERS = 3
 OTHERS = 0.5
 # changes after which a board of one converter is known not to rest since it was opened
 LIVELY = 10
-# a board whose readings are all STALE is not valid: fewer repeats may be doubted than of one chip
-FROZEN = 1e-3
 
 
 class FramedBoard(StreamingBoard):
@@ -111,7 +109,7 @@ class FramedBoard(StreamingBoard):
         self._stuck = 0
         self._as_one = payload.kind in (Kind.TAXELS, Kind.WIRES)
         self._still = (
-            StillWatch(1, doubt=FROZEN, changes=LIVELY)
+            StillWatch(1, changes=LIVELY)
             if self._as_one
             else StillWatch(payload.count, others=OTHERS)
         )

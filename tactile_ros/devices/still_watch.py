@@ -42,7 +42,7 @@ class StillWatch:
         stuck_after: int = 10,
         chance: float = 1e-6,
         others: float = 0.0,
-        doubt: float = 0.01,
+        doubt: float = 1e-3,
         changes: int = 0,
     ) -> None:
         """See the class."""

@@ -380,7 +380,7 @@ def test_a_stuck_chip_is_told_from_a_quiet_one(mode: Mode) -> None:
     stuck = (statuses[:, 2] & TaxelStatus.STUCK) > 0
     stale = (statuses[:, 2] & TaxelStatus.STALE) > 0
     assert np.flatnonzero(stuck).tolist() == list(range(8, 30))  # the tenth alike and on
-    assert np.flatnonzero(stale).tolist() == list(range(30))
+    assert np.flatnonzero(stale).tolist() == list(range(1, 30))  # once is no wonder
 
 
 @pytest.mark.parametrize('mode', ['single', 'burst'])
