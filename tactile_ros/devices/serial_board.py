@@ -214,7 +214,8 @@ class SerialBoard(StreamingBoard):
         if self._last_ns is None:
             return
         gap = (stamp_ns - self._last_ns) / (1 + skipped)
-        usual = self._usual_ns or gap
+        # frames that were kept back come at once: their spacing is not the board's
+        usual = max(self._usual_ns or gap, self._period_ns / 2)
         if gap > LONG_GAP * usual:
             self._suspected += round(gap / usual) - 1
         self._usual_ns = usual + 0.05 * (min(gap, LONG_GAP * usual) - usual)
