@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import magpylib
 import numpy as np
@@ -57,7 +58,7 @@ def test_more_dipoles_come_nearer_to_the_exact_block(axis: tuple[float, float, f
     blocks = {n: dataclasses.replace(one(axis), edge_nodes=n) for n in (EXACT, 1, 2, 3, 4)}
     field = {n: block.field(CHIP, moved, turned) for n, block in blocks.items()}
     error = [np.abs(field[n] - field[EXACT]).max() for n in (1, 2, 3, 4)]
-    assert all(later < 0.2 * former for former, later in zip(error, error[1:], strict=False))
+    assert all(later < 0.2 * former for former, later in itertools.pairwise(error))
     turn = Rotation.from_rotvec(turned[0, 0]) * Rotation.from_matrix(one(axis).frames[0])
     magnet = magpylib.magnet.Cuboid(
         dimension=SIZE, polarization=(0, 0, 1.4), position=(CENTRE + moved[0])[0], orientation=turn
