@@ -8,8 +8,9 @@ in which the field is smooth at the axis, and its columns heights.
 from __future__ import annotations
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
-from tactile_ros.physics.grid_table import cubic_weights
+from tactile_ros.physics.grid_table import cubic_weights, linear_weights
 from tactile_ros.physics.magnetics import axial_cylinder, tilt_rotation
 from tactile_ros.types import Array
 
@@ -87,6 +88,30 @@ def table_field(own: Array, table: Array, grid: Array) -> tuple[Array, Array]:
     slope[:, 0, 2], slope[:, 1, 2] = x * fz, y * fz
     slope[:, 2, 0], slope[:, 2, 1], slope[:, 2, 2] = x * gs, y * gs, gz
     return field, slope
+
+
+def table_at(own: Array, table: Array, grid: Array, degree: int = 3) -> Array:
+    """Field (n, 3) (T) of a disc of 1 T at points (n, 3) (m) of its own axes, without slopes.
+
+    Parameters
+    ----------
+    own, table, grid : ndarray
+        As of `table_field`.
+    degree : int
+        Of the interpolation: 3, or 1 for the plane rule of four nodes, which is coarser.
+    """
+    step, least, rise, _ = grid
+    x, y = own[:, 0], own[:, 1]
+    weigh = cubic_weights if degree == 3 else linear_weights
+    i, wi, _ = weigh((x * x + y * y) / step + 1, table.shape[0])
+    j, wj, _ = weigh((-own[:, 2] - least) / rise, table.shape[1])
+    nodes, columns = len(wi), table.shape[1]
+    # the nodes of a row lie side by side: each is one piece of memory
+    pieces = sliding_window_view(table.reshape(-1), 2 * nodes)[::2]
+    near = pieces[(i * columns + j)[:, None] + columns * np.arange(nodes)]
+    row = np.einsum('nak,an->nk', near, wi).reshape(-1, nodes, 2)
+    f, g = np.einsum('nbk,bn->kn', row, wj)
+    return np.stack([f * x, f * y, g], axis=1)
 
 
 def table_disc(

@@ -51,6 +51,14 @@ def cubic_weights(position: Array, count: int) -> tuple[Integers, Array, Array]:
     return first, weights, slopes
 
 
+def linear_weights(position: Array, count: int) -> tuple[Integers, Array, Array]:
+    """First of two nodes, their weights and slopes (2, ...); see `cubic_weights`."""
+    first = np.clip(np.floor(position).astype(np.int64), 0, count - 2)
+    u = position - first
+    one = np.ones_like(u)
+    return first, np.stack([1 - u, u]), np.stack([-one, one])
+
+
 @dataclass(frozen=True)
 class GridTable:
     """Values on a regular grid of d axes.

@@ -1,4 +1,4 @@
-"""Tables of any number of axes: exact for cubics, slopes as differences, errors of fourth order."""
+"""Tables of any number of axes: cubics are exact, slopes are differences."""
 
 from __future__ import annotations
 
