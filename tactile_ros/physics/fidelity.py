@@ -166,7 +166,6 @@ def choose(
     Returns
     -------
     Choice
-        With the figures of what was measured.
 
     Raises
     ------
@@ -186,13 +185,11 @@ def choose(
     if not (sigma > 0).all():
         msg = f'noise of a scene must be above 0; received {noise}'
         raise ValueError(msg)
-    truth = exact.readings(states)
     rated: list[Rated] = []
-    found = exact.name, exact.size
+    found, truth = (exact.name, exact.size), exact.readings(states)
     for model in sorted(models, key=lambda m: (m.operations, m.numbers)):
-        figures = rate(model, truth, states, sigma)
-        rated.append(figures)
-        if figures.share <= share and found[0] == exact.name:
+        rated.append(rate(model, truth, states, sigma))
+        if rated[-1].share <= share and found[0] == exact.name:
             found = model.name, model.size
             if not every:
                 break
