@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.estimators.disc_model import UPWARD, DiscModel, heats
+from tactile_ros.estimators.disc_model import RIGHT, DiscModel, heats
 from tactile_ros.estimators.disc_rows import CALMER, DAMPING, LONGEST, WILDER, find_rows
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
 from tactile_ros.estimators.polynomial_rows import times
@@ -63,8 +63,8 @@ class DiscInversion(DiscModel):
         chosen = np.linspace(0, len(change) - 1, min(len(change), MOST_ROWS)).astype(int)
         rows, heat = change[chosen], heats(change, warm)[chosen]
         place = np.zeros((len(rows), self.unknowns))
-        self._set(np.zeros_like(self.found_))
         self.rest_ = None
+        self._set(np.zeros_like(self.found_))
         sigma = self._sigma(rows)
         best, least = self.found_, np.inf
         for turn in range(ROUNDS):
@@ -78,6 +78,7 @@ class DiscInversion(DiscModel):
         self._set(best)
         self.cost_ = least
         self.rest_ = self._absolute(np.zeros((1, 3)), np.zeros(1))[0]
+        vars(self).pop('_offset', None)
         place, miss = self._descend(rows, heat, 0 * place, STEPS)
         self._learn_starts(place)
         self.doubt_ = DOUBT * float(np.quantile((miss**2).sum(axis=1), 0.99)) + 25.0
@@ -160,12 +161,7 @@ class DiscInversion(DiscModel):
         if self.start_ is None:
             near, steps = again, STEPS
         else:
-            near, steps = (
-                self._inside(self.start_.predict(times(rows, self.projection_))),
-                FEW_STEPS,
-            )
-        if compiled.AVAILABLE:
-            return self._compiled(rows, heat, near, steps)
+            near, steps = self._inside(self.start_.predict(rows @ self.projection_)), FEW_STEPS
         place, miss = self._descend(rows, heat, near, steps)
         cost = (miss**2).sum(axis=1)
         doubtful = cost > self.doubt_
@@ -176,17 +172,20 @@ class DiscInversion(DiscModel):
             miss[doubtful] = np.where(better, gap, miss[doubtful])
         return place, miss
 
-    def _compiled(self, rows: Array, heat: Array, near: Array, steps: int) -> tuple[Array, Array]:
-        """The same by compiled loops."""
-        miss = np.empty((len(rows), self.projection_.shape[1]))
-        geometry, axes = self._model
+    def _compiled(self, rows: Array, heat: Array) -> tuple[Array, Array, Array]:
+        """The same by compiled loops, with the readings that are left over."""
+        if self.start_ is None:
+            near, steps = np.zeros((len(rows), self.unknowns)), STEPS
+        else:
+            near, steps = self.start_.predict(times(rows, self.projection_)), FEW_STEPS
+        rest, left = np.empty((len(rows), self.projection_.shape[1])), np.empty(rows.shape)
+        (geometry, axes), (prior, least, most) = self._model, self._bounds
         find_rows(
-            np.ascontiguousarray(rows), heat, near, self._sigma(rows)[:, 0], steps, STEPS,
-            self.doubt_, geometry, self.pixels, axes, self.table, self.grid, self._offset,
-            self.projection_, self._prior(), self._least, -self._least * UPWARD[: self.unknowns],
-            miss,
+            rows, heat, near, self.sigma_, RIGHT, steps, STEPS, self.doubt_, geometry,
+            self.pixels, axes, self.table, self.grid, self._offset, self.projection_, prior,
+            least, most, rest, left,
         )  # fmt: skip
-        return near, miss
+        return near, rest, left
 
     def invert(self, change: Array, warm: Array | None = None) -> tuple[Array, Array]:
         """Places and what they leave unexplained.
@@ -205,9 +204,16 @@ class DiscInversion(DiscModel):
         rest : ndarray, shape (s, m)
             Differences that it does not explain (T).
         """
+        return self.explain(change, warm)[:2]
+
+    def explain(self, change: Array, warm: Array | None = None) -> tuple[Array, Array, Array]:
+        """Place and rest as in `invert`, and readings (s, n) (T) less those of the disc there."""
+        heat = heats(change, warm)
+        if compiled.AVAILABLE:
+            return self._compiled(np.ascontiguousarray(change), heat)
         lost = ~np.asarray(np.isfinite(change)).all(axis=1)
         rows = np.where(lost.reshape(-1, 1), 0.0, change)
-        place, miss = self._found(rows, heats(change, warm))
-        rest = miss * self._sigma(rows)
-        place[lost], rest[lost] = np.nan, np.nan
-        return place, rest
+        place, miss = self._found(rows, heat)
+        rest, left = miss * self._sigma(rows), rows - self.field(place, heat)[0]
+        place[lost], rest[lost], left[lost] = np.nan, np.nan, np.nan
+        return place, rest, left

@@ -98,6 +98,7 @@ class DiscModel:
         """Take what is found; what follows from it is forgotten."""
         self.found_ = found
         vars(self).pop('_model', None)
+        vars(self).pop('_offset', None)
 
     @cached_property
     def _model(self) -> tuple[Array, Array]:
@@ -140,7 +141,7 @@ class DiscModel:
         readings, slopes = self._absolute(place, heats(place, warm))
         return readings - self._offset, slopes
 
-    @property
+    @cached_property
     def _offset(self) -> Array:
         """Readings at rest (n,) (T), 0 where none are taken off."""
         if self.absolute_:
@@ -168,13 +169,14 @@ class DiscModel:
 
     def _inside(self, place: Array) -> Array:
         """Places (s, 3 or 5) that the table knows."""
-        least = self._least
-        return np.asarray(np.minimum(np.maximum(place, least), -least * UPWARD[: len(least)]))
+        _, least, most = self._bounds
+        return np.asarray(np.minimum(np.maximum(place, least), most))
 
-    @property
-    def _least(self) -> Array:
-        """Farthest sideways, deepest and most tilted, shape (3 or 5,)."""
-        return np.array([-SIDEWAYS, -SIDEWAYS, -DEEPEST, -STEEP, -STEEP])[: self.unknowns]
+    @cached_property
+    def _bounds(self) -> tuple[Array, Array, Array]:
+        """Prior, and the least and the most that a place and a tilt may be."""
+        least = np.array([-SIDEWAYS, -SIDEWAYS, -DEEPEST, -STEEP, -STEEP])[: self.unknowns]
+        return self._prior(), least, -least * UPWARD[: self.unknowns]
 
 
 def heats(rows: Array, warm: Array | None) -> Array:

@@ -246,23 +246,41 @@ def descend_row(
 
 @compiled
 def find_rows(
-    rows: Array, warm: Array, places: Array, sigmas: Array, steps: int, many: int, doubt: float,
-    disc: Array, pixels: Array, axes: Array, table: Array, grid: Array, rest: Array,
-    projection: Array, prior: Array, least: Array, most: Array, errors: Array,
+    rows: Array, warm: Array, places: Array, noise: float, right: float, steps: int, many: int,
+    doubt: float, disc: Array, pixels: Array, axes: Array, table: Array, grid: Array, rest: Array,
+    projection: Array, prior: Array, least: Array, most: Array, errors: Array, lefts: Array,
 ) -> None:  # fmt: skip
-    """Places (s, u) of readings (s, n) from where they begin; again from rest where in doubt."""
-    work = np.empty((10, 3))
-    other, miss = np.empty(places.shape[1]), np.empty(errors.shape[1])
+    """Places (s, u) of readings (s, n) from where they begin; again from rest where in doubt.
+
+    What they leave unexplained goes into differences (s, m) and readings (s, n).
+    """
+    work, slope, unknowns = np.empty((10, 3)), np.empty((3, 5)), places.shape[1]
+    seen, steep = np.empty(rows.shape[1]), np.empty((rows.shape[1], unknowns))
+    other, miss = np.empty(unknowns), np.empty(errors.shape[1])
     for s in range(len(rows)):
+        square = 0.0
+        for n in range(rows.shape[1]):
+            square += rows[s, n] * rows[s, n]
+        if not math.isfinite(square):
+            places[s, :], errors[s, :], lefts[s, :] = np.nan, np.nan, np.nan
+            continue
+        sigma = math.hypot(noise, right * math.sqrt(square / rows.shape[1]))
+        for k in range(unknowns):
+            places[s, k] = min(max(places[s, k], least[k]), most[k])
         cost = descend_row(
-            rows[s], warm[s], places[s], sigmas[s], steps, disc, pixels, axes, table, grid, rest,
+            rows[s], warm[s], places[s], sigma, steps, disc, pixels, axes, table, grid, rest,
             projection, prior, least, most, errors[s], work,
         )  # fmt: skip
         if cost > doubt:
             other[:] = 0.0
             again = descend_row(
-                rows[s], warm[s], other, sigmas[s], many, disc, pixels, axes, table, grid, rest,
+                rows[s], warm[s], other, sigma, many, disc, pixels, axes, table, grid, rest,
                 projection, prior, least, most, miss, work,
             )  # fmt: skip
             if again < cost:
                 places[s, :], errors[s, :] = other, miss
+        disc_row(places[s], warm[s], disc, pixels, axes, table, grid, work, slope, seen, steep)
+        for n in range(len(seen)):
+            lefts[s, n] = rows[s, n] - (seen[n] - rest[n])
+        for m in range(errors.shape[1]):
+            errors[s, m] *= sigma

@@ -26,6 +26,7 @@ from tactile_ros.sensors.gradiometer.device import (
     simulate_gradiometer,
 )
 from tactile_ros.sensors.gradiometer.estimation import GradiometerEstimation
+from tactile_ros.sensors.gradiometer.features import Features
 from tactile_ros.sensors.gradiometer.readings import Readings
 from tactile_ros.sensors.gradiometer.signal import presses
 from tactile_ros.sensors.gradiometer.stray import StrayField
@@ -34,6 +35,7 @@ from tactile_ros.sensors.registry import SensorSpec
 
 OWN = (
     GradiometerEstimation,
+    Features,
     Readings,
     UniformField,
     DiscInversion,

@@ -10,6 +10,7 @@ import numpy as np
 
 from tactile_ros.estimators.folds import group_folds
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
+from tactile_ros.estimators.polynomial_rows import spread
 from tactile_ros.estimators.uncertainty import CalibratedCovariance
 from tactile_ros.types import Array, Bools, Integers
 
@@ -30,13 +31,14 @@ class StrayField:
         Of a channel (T).
     span : float
         Root of the sum of squares of the pixels' distance from their middle along an axis (m).
+    slow : int
+        How many temperatures follow the disc's place.
 
     Attributes
     ----------
-    common_ : PolynomialRidge
-        Uniform field that is left beside the disc's model where there is none, of its place.
-    misfit_ : PolynomialRidge
-        What the disc's model leaves over, of its place.
+    usual_field_ : PolynomialRidge
+        Uniform field that is left beside the disc's model where there is none, and what the model
+        leaves over, of its place.
     spread_ : CalibratedCovariance
         Of what is left over then.
     usual_, limit_ : float
@@ -48,32 +50,37 @@ class StrayField:
         Held-out error of the stray field (T), and the limit.
     """
 
-    common_: PolynomialRidge
-    misfit_: PolynomialRidge
+    usual_field_: PolynomialRidge
     spread_: CalibratedCovariance
     usual_: float
     limit_: float
     blind_: float
     report_: dict[str, float]
 
-    def __init__(self, noise: float, span: float) -> None:
+    def __init__(self, noise: float, span: float, slow: int = 0) -> None:
         self.noise = noise
         self.span = span
+        self.slow = slow
 
     def fit(
-        self, place: Array, rest: Array, uniform: Array, stray: Array, groups: Integers
+        self,
+        place: Array,
+        rest: Array,
+        uniform: Array,
+        stray: Array,
+        groups: Integers,
     ) -> StrayField:
         """Learn what the disc does.
 
         Parameters
         ----------
-        place : ndarray, shape (s, 3)
-            Of the disc.
+        place : ndarray, shape (s, 3 + h)
+            Of the disc, and temperatures.
         rest : ndarray, shape (s, m)
             What the disc's model leaves over (T).
-        uniform, stray : ndarray, shape (s, 3)
-            Uniform part of what the disc's model leaves over, and the true stray field (T); NaN:
-            taken as 0.
+        uniform, stray : ndarray, shape (s, r)
+            Uniform part of what the disc's model leaves over, along the axes that are measured,
+            and the true stray field (T); NaN: taken as 0.
         groups : ndarray of int, shape (s,)
             What a split keeps together.
 
@@ -82,23 +89,20 @@ class StrayField:
         StrayField
             Itself.
         """
-        seen = np.isfinite(uniform).all(axis=0)
-        target = uniform - np.nan_to_num(stray)
-        self.seen_ = np.flatnonzero(seen)
-        self.common_ = PolynomialRidge(DEGREES).fit(place, target[:, seen], groups)
-        self.misfit_ = PolynomialRidge(DEGREES).fit(place, rest, groups)
+        both = np.column_stack([uniform - np.nan_to_num(stray), rest])
+        self.usual_field_ = PolynomialRidge(DEGREES, self.slow).fit(place, both, groups)
         _, number = np.unique(groups, return_inverse=True)
         fold = group_folds(np.asarray(number).reshape(-1), 3, 0)
-        left, error = np.empty_like(rest), np.empty((len(rest), int(seen.sum())))
+        said = np.empty_like(both)
         for part in np.unique(fold):
             out, known = fold == part, fold != part
             known = known if known.any() else out
-            misfit = PolynomialRidge(DEGREES).fit(place[known], rest[known], groups[known])
-            common = PolynomialRidge(DEGREES).fit(
-                place[known], target[known][:, seen], groups[known]
+            model = PolynomialRidge(DEGREES, self.slow).fit(
+                place[known], both[known], groups[known]
             )
-            left[out] = rest[out] - misfit.predict(place[out])
-            error[out] = common.predict(place[out]) - target[out][:, seen]
+            said[out] = model.predict(place[out])
+        count = uniform.shape[1]
+        error, left = said[:, :count] - both[:, :count], rest - said[:, count:]
         self.spread_ = CalibratedCovariance().fit(place, left, groups)
         odd = ((left / self.spread_.sigma(place)) ** 2).mean(axis=1)
         self.usual_ = float(np.quantile(odd, USUAL))
@@ -110,22 +114,34 @@ class StrayField:
         }
         return self
 
-    def predict(self, place: Array, uniform: Array) -> Array:
-        """Stray field (s, 3) (T) of places (s, 3) and uniform parts (s, 3) (T)."""
-        field = np.full(uniform.shape, np.nan)
-        field[:, self.seen_] = uniform[:, self.seen_] - self.common_.predict(place)
-        return field
-
-    def oddness(self, place: Array, rest: Array, field: Array) -> tuple[Array, Bools]:
-        """Field that is not the disc's, in every difference (T), and where it is certain, (s,).
+    def predict(self, place: Array, uniform: Array, rest: Array) -> tuple[Array, Array, Bools]:
+        """Stray field, what of it may disturb differences, and where it certainly does.
 
         A magnet's gradient may hide in what its place explains: then the field that it leaves in
-        the mean, `field` (s, 3) (T), says how large its gradient may be.
+        the mean says how large its gradient may be.
+
+        Parameters
+        ----------
+        place : ndarray, shape (s, 3 + h)
+            Of the disc, and temperatures.
+        uniform, rest : ndarray, shape (s, r), (s, m)
+            Uniform part along the axes that are measured, and differences, that the disc's model
+            leaves over (T).
+
+        Returns
+        -------
+        field : ndarray, shape (s, r)
+            Stray field (T).
+        excess : ndarray, shape (s,)
+            Field that is not the disc's, in every difference (T).
+        odd : ndarray of bool, shape (s,)
+            The differences are certainly not the disc's.
         """
-        left = rest - self.misfit_.predict(place)
-        sigma = self.spread_.sigma(place)
-        odd = ((left / sigma) ** 2).mean(axis=1)
+        usual, count = self.usual_field_.predict(place), uniform.shape[1]
+        field = uniform - usual[:, :count]
+        sigma = spread(self.spread_, place)
+        odd = (((rest - usual[:, count:]) / sigma) ** 2).mean(axis=1)
         excess = np.maximum(odd - self.usual_, 0.0) * (sigma**2).mean(axis=1)
-        stray = np.maximum((field[:, self.seen_] ** 2).sum(axis=1) - self.blind_**2, 0.0)
+        stray = np.maximum((field**2).sum(axis=1) - self.blind_**2, 0.0)
         steep = (GRADIENT * self.span / NEAREST) ** 2 * stray
-        return np.sqrt(FEW_FREEDOMS**2 * excess + steep), odd > self.limit_
+        return field, np.sqrt(FEW_FREEDOMS**2 * excess + steep), odd > self.limit_
