@@ -66,6 +66,12 @@ class Worth:
     alone: float
 
     @property
+    def report(self) -> dict[str, dict[str, float]]:
+        """As calibrations and reports name it."""
+        figures = {'costs': self.cost, 'buys': self.buys, 'unknowns': float(self.unknowns)}
+        return {f'term: {self.name}': figures}
+
+    @property
     def pays(self) -> bool:
         """Whether the scene is estimated better with the term."""
         return self.within < self.without
@@ -81,17 +87,21 @@ class Worth:
         return self.without / self.within
 
 
-def worth(slopes: Array, noise: float, terms: Sequence[Term]) -> tuple[Worth, ...]:
+def worth(
+    slopes: Array, noise: float, terms: Sequence[Term], wanted: int | None = None
+) -> tuple[Worth, ...]:
     """Weigh each term by itself.
 
     Parameters
     ----------
     slopes : ndarray, shape (s, n, p)
-        Change of n readings with what is wanted, in s states of a scene.
+        Change of n readings with what is unknown anyway, in s states of a scene.
     noise : float
         Of a reading.
     terms : sequence of Term
         To be weighed.
+    wanted : int or None
+        The first so many of the p unknowns count, in one unit; None: all.
 
     Returns
     -------
@@ -106,12 +116,13 @@ def worth(slopes: Array, noise: float, terms: Sequence[Term]) -> tuple[Worth, ..
     >>> round(found.without, 3), round(found.within, 3), round(found.alone, 3)
     (3.162, 1.414, 1.0)
     """
-    own = np.linalg.pinv(slopes)
+    count = slopes.shape[2] if wanted is None else wanted
+    own = np.linalg.pinv(slopes)[:, :count]
     alone = noise**2 * (own**2).sum(axis=(1, 2))
     found = []
     for term in terms:
         bias = term.spread**2 * ((own @ term.columns) ** 2).sum(axis=(1, 2))
-        within = noise**2 * _bound(slopes, term, noise)
+        within = noise**2 * _bound(slopes, term, noise, count)
         reads = term.spread * np.sqrt((term.columns**2).sum(axis=2).mean())
         found.append(
             Worth(
@@ -126,12 +137,11 @@ def worth(slopes: Array, noise: float, terms: Sequence[Term]) -> tuple[Worth, ..
     return tuple(found)
 
 
-def _bound(slopes: Array, term: Term, noise: float) -> Array:
+def _bound(slopes: Array, term: Term, noise: float, wanted: int) -> Array:
     """Variance (s,) of what is wanted over that of the noise, when a term is unknown."""
     both = np.concatenate([slopes, term.columns], axis=2)
     normal = np.swapaxes(both, 1, 2) @ both
-    wanted = slopes.shape[2]
-    held = np.arange(wanted, both.shape[2])
+    held = np.arange(slopes.shape[2], both.shape[2])
     normal[:, held, held] += (noise / (BOUNDED * term.spread)) ** 2
     inverse = np.linalg.inv(normal)
     return np.asarray(np.trace(inverse[:, :wanted, :wanted], axis1=1, axis2=2))

@@ -52,3 +52,14 @@ def test_a_term_that_looks_like_what_is_wanted_does_not_pay() -> None:
     (found,) = worth(SLOPES, NOISE, [Term('twin', SLOPES[..., :1], 0.01)])
     assert not found.pays
     assert found.cost > 10
+
+
+def test_only_what_is_wanted_counts() -> None:
+    term = Term('t', COLUMNS, 0.5)
+    (all_of_them,), (first,) = worth(SLOPES, NOISE, [term]), worth(SLOPES, NOISE, [term], 1)
+    assert first.within < all_of_them.within
+    turned = worth(SLOPES[..., ::-1], NOISE, [term], 2)[0]
+    squares = first.within**2 + turned.within**2
+    np.testing.assert_allclose(squares, all_of_them.within**2)
+    assert first.report['term: t']['costs'] == first.cost
+    assert first.report['term: t']['unknowns'] == 2
