@@ -9,12 +9,14 @@ once. What an outside cause adds to many channels at once enters the metric as a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from tactile_ros.estimators.mixture_rows import mixture_rows, share_rows
+from tactile_ros.physics.compiled import AVAILABLE
 from tactile_ros.types import Array, Integers
 
 # A tree is no array: it is grown again where a mixture was loaded.
@@ -47,6 +49,10 @@ class Linearised:
     leads: Array
     sigma: Array
     share: Array
+
+    def of(self, count: int) -> Linearised:
+        """With the first answers alone."""
+        return replace(self, answers=self.answers[:, :count], leads=self.leads[:, :count])
 
 
 @dataclass(frozen=True)
@@ -88,6 +94,9 @@ class TouchMixture:
         Rows that answer (m).
     told : int or None
         How many answers have a covariance (c); None: all.
+    slack : float
+        Share by which a neighbour may be farther than one that was passed over; readings that are
+        like none of the table's are looked up sooner.
 
     Examples
     --------
@@ -108,12 +117,15 @@ class TouchMixture:
         strength: float = 0.0,
         neighbours: int = 16,
         told: int | None = None,
+        slack: float = 0.0,
     ) -> None:
         count, channels = touches.readings.shape
         self.neighbours = min(neighbours, count)
+        self.slack = slack
         self.told = touches.answers.shape[1] if told is None else told
         typical = float(np.sqrt((touches.sigma**2).mean()))
         self.metric, volume = _metric(channels, common, strength / typical)
+        self.turned = volume != 0.0
         self.samples = touches.readings @ self.metric
         slopes = np.matmul(self.metric, touches.slopes)
         variance = touches.sigma**2
@@ -123,50 +135,84 @@ class TouchMixture:
         turned = np.linalg.solve(factor, slopes.transpose(0, 2, 1))
         root = np.linalg.inv(factor).transpose(0, 2, 1)
         leads = np.matmul(touches.leads, root)
-        self.answers, self.precision = touches.answers, 1 / variance
-        # a row's matrices side by side: looked up at once
-        self.gains = np.ascontiguousarray(turned)
-        self.leads = np.ascontiguousarray(leads)
         own = np.log(np.maximum(touches.share, 1e-300)) + volume
         own -= np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
         own -= 0.5 * (channels - slopes.shape[2]) * np.log(variance)
-        self.level = own
+        self.freedoms, self.count = slopes.shape[2], touches.answers.shape[1]
+        pieces = (self.samples, turned, leads, touches.answers, 1 / variance, own)
+        # a row's numbers in one piece: looked up at once
+        self.table = np.concatenate([part.reshape(count, -1) for part in pieces], axis=1)
+        self.compiled = AVAILABLE
 
     def __call__(self, x: Array) -> Posterior:
         """What finite features x (s, d) say."""
-        z = x @ self.metric
+        z = x
+        if self.turned:
+            # a row at a time: the same bits alone and among others
+            z = np.matmul(x[:, None], self.metric)[:, 0]
         index = self._nearest(z)
-        away = z[:, None] - self.samples[index]
-        inside = np.matmul(self.gains[index], away[..., None])
+        return self._loops(z, index) if self.compiled else self._arrays(z, index)
+
+    def _loops(self, z: Array, index: Integers) -> Posterior:
+        """By compiled loops over rows."""
+        rows, near, count = len(z), index.shape[1], self.count
+        outcome = np.empty((rows, count + 2))
+        cov = np.zeros((rows, self.told, self.told))
+        parts, weight = np.empty((rows, near, count)), np.empty((rows, near))
+        mixture_rows(z, index, self.table, self.freedoms, outcome, cov, parts, weight)
+        return Posterior(
+            outcome[:, :count], cov, outcome[:, count], outcome[:, count + 1], parts, weight
+        )
+
+    def _arrays(self, z: Array, index: Integers) -> Posterior:
+        """By whole arrays; the same numbers to rounding."""
+        rows, channels, freedoms, count = *z.shape, self.freedoms, self.count
+        near = index.shape[1]
+        piece = self.table.take(index, axis=0)
+        ends = np.cumsum([channels, freedoms * channels, count * freedoms, count])
+        away = z[:, None] - piece[:, :, :channels]
+        gains = piece[:, :, ends[0] : ends[1]].reshape(rows, near, freedoms, channels)
+        leads = piece[:, :, ends[1] : ends[2]].reshape(rows, near, count, freedoms)
+        inside = np.matmul(gains, away[..., None])
         misfit = (away * away).sum(axis=2) - (inside * inside).sum(axis=(2, 3))
-        misfit *= self.precision[index]
-        likely = self.level[index] - 0.5 * misfit
+        misfit *= piece[:, :, -2]
+        likely = piece[:, :, -1] - 0.5 * misfit
         best = likely.max(axis=1)
         weight = np.exp(likely - best[:, None])
         total = weight.sum(axis=1)
         weight /= total[:, None]
-        leads = self.leads[index]
-        parts = self.answers[index] + np.matmul(leads, inside)[..., 0]
+        parts = piece[:, :, ends[2] : ends[3]] + np.matmul(leads, inside)[..., 0]
         mean = np.matmul(weight[:, None], parts)[:, 0]
-        cov = self._covariance(index, leads, weight, parts - mean[:, None])
+        own = leads * np.sqrt(weight / piece[:, :, -2])[..., None, None]
+        cov = self._covariance(own, weight, parts - mean[:, None])
         return Posterior(mean, cov, best + np.log(total), misfit.min(axis=1), parts, weight)
 
     def _nearest(self, z: Array) -> Integers:
         if self not in _TREES:
             _TREES[self] = cKDTree(self.samples)
-        index = _TREES[self].query(z, k=self.neighbours)[1]
+        index = _TREES[self].query(z, k=self.neighbours, eps=self.slack)[1]
         return np.asarray(index.reshape(len(z), self.neighbours))
 
-    def _covariance(self, index: Integers, leads: Array, weight: Array, apart: Array) -> Array:
+    def _covariance(self, leads: Array, weight: Array, apart: Array) -> Array:
         """Within the rows of the table and between them, shape (s, c, c)."""
-        told = self.told
-        root = np.sqrt(weight)
-        own = leads[:, :, :told] * (root / np.sqrt(self.precision[index]))[..., None, None]
-        wide = np.empty((len(index), told, index.shape[1] * (own.shape[3] + 1)))
-        split = index.shape[1] * own.shape[3]
-        wide[:, :, :split] = own.transpose(0, 2, 1, 3).reshape(len(index), told, split)
-        wide[:, :, split:] = (apart[:, :, :told] * root[..., None]).transpose(0, 2, 1)
+        told, (rows, near, _, freedoms) = self.told, leads.shape
+        wide = np.empty((rows, told, near * (freedoms + 1)))
+        split = near * freedoms
+        wide[:, :, :split] = leads[:, :, :told].transpose(0, 2, 1, 3).reshape(rows, told, split)
+        wide[:, :, split:] = (apart[:, :, :told] * np.sqrt(weight)[..., None]).transpose(0, 2, 1)
         return np.asarray(np.matmul(wide, wide.transpose(0, 2, 1)))
+
+    def shares(self, seen: Posterior, centres: Array) -> Array:
+        """Share (s, n) of the parts that are nearest to each of some centres (n, 3)."""
+        rows = len(seen.parts)
+        shares = np.zeros((rows, len(centres)))
+        if self.compiled:
+            share_rows(seen.parts, seen.weight, centres, shares)
+            return shares
+        near = seen.parts[:, :, :3] @ centres.T - 0.5 * (centres**2).sum(axis=1)
+        named = near.argmax(axis=2) + np.arange(rows)[:, None] * len(centres)
+        total = np.bincount(named.ravel(), seen.weight.ravel(), shares.size)
+        return np.asarray(total.reshape(shares.shape), np.float64)
 
 
 def _metric(channels: int, common: Array | None, strength: float) -> tuple[Array, float]:

@@ -27,10 +27,12 @@ if TYPE_CHECKING:
 
 COUNT, FEW = 30_000, 12_000
 FOLDS = 4
-NEIGHBOURS, BLIND = 16, 48
+NEIGHBOURS, BLIND, SLACK = 16, 48, 1.0
 STRAY = 0.3e-3  # T, of one component of stray fields that are met
 ODDS = -4.0  # logarithm, of a stray field against none
 UNLIKE = 16.0  # misfit over its scale, from which a stray field is thought of
+COMPONENTS = np.arange(6)
+FLOOR = np.diag(np.repeat([1e-6, 1e-4], 3) ** 2)  # m2, N2: what truth itself is wrong by
 LEANING = 0.03  # tangential over normal force, from which touches lean
 
 
@@ -148,7 +150,8 @@ class PadInversion:
         self.response_ = model.learn(np.ones(len(x), bool), lacks)
         self.touches_ = _rows(touches)
         self._calibrate(ways, touched, fold, centres)
-        vars(self).pop('_mixtures', None)
+        for name in ('_mixtures', '_levels', '_field', '_whole'):
+            vars(self).pop(name, None)
         return self
 
     def _calibrate(
@@ -161,11 +164,12 @@ class PadInversion:
         for part, way in enumerate(ways):
             held = fold == part
             known = self.touches_[~held] if len(ways) > 1 else self.touches_
-            table = TouchMixture(self._table(way, known, FEW), neighbours=NEIGHBOURS, told=6)
+            rows = self._table(way, known, FEW).of(6)
+            table = TouchMixture(rows, neighbours=NEIGHBOURS, slack=SLACK)
             one = table(touched.x[held])
-            said[held], misfit[held] = one.mean[:, :6], one.misfit
-            stated[held] = np.sqrt(np.diagonal(one.cov, axis1=1, axis2=2))
-            named[held] = _shares(one, centres).argmax(axis=1)
+            said[held], misfit[held] = one.mean, one.misfit
+            stated[held] = np.sqrt(np.diagonal(one.cov + FLOOR, axis1=1, axis2=2))
+            named[held] = table.shares(one, centres).argmax(axis=1)
         error = said - answers
         self.spread_ = StatedSpread().fit(stated, error)
         self.misfit_ = max(float(np.quantile(misfit, 0.95)), 1.0)
@@ -244,7 +248,7 @@ class PadInversion:
     def _mixtures(self) -> tuple[TouchMixture, TouchMixture | None]:
         """Without and with an outside field."""
         known = self._table(self.response_, self.touches_, COUNT)
-        plain = TouchMixture(known, neighbours=NEIGHBOURS, told=6)
+        plain = TouchMixture(known.of(6), neighbours=NEIGHBOURS, slack=SLACK)
         if self.common is None:
             return plain, None
         return plain, TouchMixture(known, self.common, STRAY, neighbours=BLIND, told=6)
@@ -254,28 +258,45 @@ class PadInversion:
         x = x if self._whole else x[:, self.live]
         plain, blind = self._mixtures
         seen = plain(x)
-        mean, cov, shares = seen.mean[:, :6], seen.cov, _shares(seen, cells)
+        mean, cov, shares = seen.mean, seen.cov, plain.shares(seen, cells)
         stray = np.zeros((len(x), 3))
-        odd = np.flatnonzero(seen.misfit > UNLIKE * self.misfit_)
-        if blind is not None and len(odd):
+        unlike = seen.misfit > UNLIKE * self.misfit_
+        if blind is not None and np.count_nonzero(unlike):
+            odd = np.flatnonzero(unlike)
             other = blind(x[odd])
             lean = other.evidence - seen.evidence[odd] + ODDS
             lean = 1 / (1 + np.exp(-np.clip(lean, -50, 50)))
             self._blend(mean, cov, odd, lean, other)
-            shares[odd] += lean[:, None] * (_shares(other, cells) - shares[odd])
+            shares[odd] += lean[:, None] * (blind.shares(other, cells) - shares[odd])
             left = x[odd] - other.mean[:, 6:]
-            stray[odd] = lean[:, None] * (left @ self._field)
-        sigma = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
-        factor = self.spread_(sigma) / np.maximum(sigma, 1e-300)
-        cov = cov * factor[:, :, None] * factor[:, None, :]
+            stray[odd] = lean[:, None] * np.matmul(left[:, None], self._field)[:, 0]
+        cov += FLOOR
+        factor = self._factors(np.sqrt(cov[:, COMPONENTS, COMPONENTS]))
+        cov *= factor[:, :, None] * factor[:, None, :]
         return Told(mean, cov, shares, stray)
+
+    def _factors(self, sigma: Array) -> Array:
+        """What `spread_` makes of a standard deviation (s, 6), over it."""
+        first, knots, widths, slopes = self._levels
+        beyond = np.log(sigma)[:, None] - knots
+        np.minimum(np.maximum(beyond, 0.0, out=beyond), widths, out=beyond)
+        return np.asarray(np.exp(first + np.add.reduce(beyond * slopes, axis=1)))
+
+    @cached_property
+    def _levels(self) -> tuple[Array, Array, Array, Array]:
+        """First factor, knots, their distances and the slopes between them, as logarithms."""
+        knots, factors = self.spread_.knots_, self.spread_.factors_
+        widths = np.maximum(np.diff(knots, axis=0), 0.0)
+        rise = np.diff(factors, axis=0)
+        slopes = np.where(widths > 1e-9, rise / np.maximum(widths, 1e-9), 0.0)
+        return factors[0], knots[:-1], widths, slopes
 
     def resting_field(self, x: Array) -> Array:
         """Uniform field (s, 3) (T) of readings (s, c) that nothing touches; 0 within noise."""
         x = x if self._whole else x[:, self.live]
         assert self.common is not None
-        field = x @ self._field
-        left = x - field @ self.common.T
+        field = np.matmul(x[:, None], self._field)[:, 0]
+        left = x - np.matmul(field[:, None], self.common.T)[:, 0]
         seen = (np.abs(field) > 5 * self.noise).any(axis=1)
         seen &= (left * left).sum(axis=1) < 0.25 * (x * x).sum(axis=1)
         return np.where(seen[:, None], field, 0.0)
@@ -297,15 +318,6 @@ class PadInversion:
         between = (share * (1 - share))[:, :, None] * apart[:, :, None] * apart[:, None]
         cov[rows] += share[:, :, None] * (other.cov - cov[rows]) + between
         mean[rows] += share * apart
-
-
-def _shares(seen: Posterior, cells: Array) -> Array:
-    """Share (s, n) of each cell, by the cells whose centres are nearest to the parts."""
-    near = seen.parts[:, :, :3] @ cells.T - 0.5 * (cells**2).sum(axis=1)
-    named = near.argmax(axis=2)
-    row = np.arange(len(named))[:, None] * len(cells)
-    total = np.bincount((row + named).ravel(), seen.weight.ravel(), len(named) * len(cells))
-    return np.asarray(total.reshape(len(named), len(cells)), np.float64)
 
 
 def _rows(touches: PadTouches) -> Array:
