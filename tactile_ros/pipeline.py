@@ -30,7 +30,7 @@ from tactile_ros.conditioning.faults import (
 from tactile_ros.conditioning.rest import Rest
 from tactile_ros.conditioning.stream import Stream
 from tactile_ros.signals import Columns, Estimation, Report, SensorConfig, Signals
-from tactile_ros.states import add_dead, add_flags, add_patches, apply_contact, lacking
+from tactile_ros.states import add_dead, add_flags, add_patches, apply_contact, lacking, told
 from tactile_ros.stored import identity, parts_to_arrays, read_parts, rehearse
 from tactile_ros.types import (
     Array,
@@ -146,7 +146,7 @@ class Pipeline:
         stamp_ns, restart = self._stream.admit(frame.stamp_ns)
         base = self._stream.tracker(usable, stamp_ns)
         signals = self._signals(usable, bits, base, chips, stamp_ns, restart)
-        known = self._estimate(signals, bits, base, self._stream)
+        known = self._estimate(signals, bits, self._stream)
         return ContactState.assemble(bits.shape[1], known)
 
     def process_batch(self, recording: Recording) -> ContactStates:
@@ -171,20 +171,18 @@ class Pipeline:
         bits = taxel_faults(recording.values, recording.status, self._limit())
         usable = without_faults(recording.values, bits)
         usable, bits = set_aside(usable, bits, self.rest_.dead)
-        base, signals = self._conditioned_rows(recording, usable, bits)
-        known = self._estimate(signals, bits, base, self._begin(), recording.restarts)
+        signals = self._conditioned_rows(recording, usable, bits)
+        known = self._estimate(signals, bits, self._begin(), recording.restarts)
         return ContactStates.assemble(len(recording), bits.shape[1], known)
 
-    def _conditioned_rows(
-        self, recording: Recording, usable: Array, bits: Bytes
-    ) -> tuple[Array, Signals]:
-        """Baseline of every row of a recording, and its conditioned frames."""
+    def _conditioned_rows(self, recording: Recording, usable: Array, bits: Bytes) -> Signals:
+        """Conditioned frames of a recording."""
         rest, tracking = self.rest_, self._tracking()
         base, restart, tare = stream_baselines(
             recording, usable, rest.baseline, tracking, rest.dead
         )
         chips, stamp_ns = recording.temperature_c, recording.stamp_ns
-        return base, self._signals(usable, bits, base, chips, stamp_ns, restart, tare)
+        return self._signals(usable, bits, base, chips, stamp_ns, restart, tare)
 
     def _signals(
         self,
@@ -206,16 +204,17 @@ class Pipeline:
         self,
         signals: Signals,
         bits: Bytes,
-        base: Array,
         stream: Stream,
         begins: Bools | None = None,
     ) -> Columns:
         """State attributes of conditioned frames; the one road for live and batch."""
+        signals = told(self.estimation, signals)
         contact = signals.in_contact
         known = self.estimation.estimate(signals, stream.memory)
         apply_contact(known, contact, signals.good)
-        flags = lacking(self.calibrated, base if self.rest_.tared else None, len(base))
-        add_flags(known, signals, bits, flags)
+        add_flags(
+            known, signals, bits, lacking(calibrated=self.calibrated, tared=self.rest_.tared)
+        )
         in_time = signals.stamp_ns is not None and self.rest_.tared
         number = stream.ids.number(contact, signals.restart, in_time, begins)
         add_patches(known, number if in_time else np.where(signals.good, number, -1))
@@ -267,7 +266,7 @@ class Pipeline:
 
     def _whole_rows(self, joined: Recording, usable: Array, bits: Bytes) -> Signals:
         """Conditioned frames, of which those without a baseline are not to be learned from."""
-        _, signals = self._conditioned_rows(joined, usable, bits)
+        signals = self._conditioned_rows(joined, usable, bits)
         whole = ~np.isnan(signals.delta).any(axis=(1, 2))
         return replace(signals, good=signals.good & whole)
 

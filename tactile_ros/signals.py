@@ -66,7 +66,12 @@ class SensorConfig(Protocol):
 
 
 class Estimation(Protocol):
-    """Features and estimators of one sensor."""
+    """Features and estimators of one sensor.
+
+    An estimation may also have `contact(signals)`, which gives `in_contact` (s,) anew before
+    `estimate`, for sensors on which contact does not show in every channel: 1, 0, and -1 in rows
+    that are not good. A `fit` sees contact as the pipeline judged it.
+    """
 
     @property
     def estimators(self) -> dict[str, str]:

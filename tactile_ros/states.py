@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.conditioning.faults import frame_faults
-from tactile_ros.signals import Columns, Signals
-from tactile_ros.types import STATE_FIELDS, Array, Bools, Bytes, FrameStatus, Integers, TaxelStatus
+from tactile_ros.signals import Columns, Estimation, Signals
+from tactile_ros.types import STATE_FIELDS, Bools, Bytes, FrameStatus, Integers, TaxelStatus
 
 MEASURES_OF_NOTHING = frozenset({'force', 'torque', 'taxel_force', 'deformation'})
 ALWAYS = frozenset(
@@ -16,6 +18,7 @@ ALWAYS = frozenset(
 FORBIDS_USE = int(
     FrameStatus.NOT_CALIBRATED | FrameStatus.BAD_TAXELS | FrameStatus.SATURATED | FrameStatus.STALE
 )
+NOT_CALIBRATED, NO_BASELINE = int(FrameStatus.NOT_CALIBRATED), int(FrameStatus.NO_BASELINE)
 FLAT_NORMAL = np.array([[[0.0, 0.0, 1.0]]])
 
 
@@ -47,7 +50,13 @@ def apply_contact(known: Columns, contact: npt.NDArray[np.int8], good: Bools) ->
             column[~good] = blank
 
 
-def add_flags(known: Columns, signals: Signals, bits: Bytes, flags: Integers) -> None:
+def told(estimation: Estimation, signals: Signals) -> Signals:
+    """Frames with what the sensor itself says of contact, if it does not show in every channel."""
+    contact = getattr(estimation, 'contact', None)
+    return signals if contact is None else replace(signals, in_contact=contact(signals))
+
+
+def add_flags(known: Columns, signals: Signals, bits: Bytes, lacks: int) -> None:
     """Say of every frame what is wrong with it, and whether it may be used for control.
 
     Parameters
@@ -59,9 +68,10 @@ def add_flags(known: Columns, signals: Signals, bits: Bytes, flags: Integers) ->
         Conditioned frames.
     bits : ndarray, shape (s, t)
         Of `TaxelStatus`.
-    flags : ndarray, shape (s,)
-        Bits of `FrameStatus` that are known already.
+    lacks : int
+        Of `lacking`.
     """
+    flags = np.array([lacks], np.int64).repeat(len(bits))
     if 'status' in known:
         flags = flags | known['status'].astype(np.int64)
     if np.count_nonzero(bits):
@@ -70,6 +80,8 @@ def add_flags(known: Columns, signals: Signals, bits: Bytes, flags: Integers) ->
     seeing, missing = signals.good, np.isnan(signals.delta)
     if np.count_nonzero(missing):
         seeing = seeing & ~missing.any(axis=(1, 2))
+        lost = np.isnan(signals.baseline).any(axis=(1, 2))
+        flags = flags | lost * np.int64(NO_BASELINE)
     known['in_contact'] = signals.in_contact
     found = known.get('taxel_status')
     known['taxel_status'] = bits if found is None else bits | found.astype(np.uint8)
@@ -77,17 +89,9 @@ def add_flags(known: Columns, signals: Signals, bits: Bytes, flags: Integers) ->
     known['valid'] = seeing & (flags & FORBIDS_USE == 0)
 
 
-def lacking(calibrated: bool, base: Array | None, samples: int) -> Integers:
-    """Bits of `FrameStatus` (s,) for what is not calibrated, or has no baseline (s, t, c)."""
-    flags = np.zeros(samples, np.int64)
-    if not calibrated:
-        flags |= FrameStatus.NOT_CALIBRATED
-    if base is None:
-        return flags | FrameStatus.NO_BASELINE
-    unknown = np.isnan(base)
-    if np.count_nonzero(unknown):
-        flags |= unknown.any(axis=(1, 2)) * np.int64(FrameStatus.NO_BASELINE)
-    return flags
+def lacking(calibrated: bool, tared: bool) -> int:
+    """Bits of `FrameStatus` for what a pipeline lacks in all frames."""
+    return (0 if calibrated else NOT_CALIBRATED) | (0 if tared else NO_BASELINE)
 
 
 def add_dead(known: Columns, bits: Bytes, dead: Bools) -> None:

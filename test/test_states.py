@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tactile_ros.regression import Regression
+from tactile_ros.sensors import load_sensor
 from tactile_ros.signals import Signals
-from tactile_ros.states import add_flags, add_patches, apply_contact
+from tactile_ros.states import add_flags, add_patches, apply_contact, lacking, told
 from tactile_ros.types import STATE_FIELDS, FrameStatus, TaxelStatus, field_shape
 
 CONTACT = np.array([1, 0, -1, -1, 0], np.int8)
+CONFIG = load_sensor('reskin_board').config()
 GOOD = np.array([True, True, True, False, False])
 FIELDS = [
     name
@@ -59,8 +62,9 @@ def test_what_forbids_use() -> None:
     bits[3, 0] = TaxelStatus.SATURATED
     own = np.array([0, 0, 0, 0, FrameStatus.ABSTAINED])
     known = {'status': own}
-    flags = np.array([0, FrameStatus.NO_BASELINE, 0, 0, 0])
-    add_flags(known, signals_of(delta, np.array([1, 1, 1, 0, 1], bool)), bits, flags)
+    signals = signals_of(delta, np.array([1, 1, 1, 0, 1], bool))
+    signals.baseline[1, 0] = np.nan
+    add_flags(known, signals, bits, 0)
     assert known['valid'].tolist() == [True, False, False, False, True]
     assert known['status'].tolist() == [
         0,
@@ -70,14 +74,14 @@ def test_what_forbids_use() -> None:
         FrameStatus.ABSTAINED,
     ]
     np.testing.assert_array_equal(known['taxel_status'], bits)
-    assert flags.tolist() == [0, FrameStatus.NO_BASELINE, 0, 0, 0]
+    assert own.tolist() == [0, 0, 0, 0, FrameStatus.ABSTAINED]
 
 
 @pytest.mark.parametrize('flag', list(FrameStatus))
 def test_each_flag(flag: FrameStatus) -> None:
     known: dict[str, np.ndarray] = {}
     bits = np.zeros((1, 2), np.uint8)
-    add_flags(known, signals_of(np.zeros((1, 2, 3)), np.ones(1, bool)), bits, np.array([flag]))
+    add_flags(known, signals_of(np.zeros((1, 2, 3)), np.ones(1, bool)), bits, int(flag))
     forbidding = {
         FrameStatus.NOT_CALIBRATED, FrameStatus.BAD_TAXELS, FrameStatus.SATURATED,
         FrameStatus.STALE,
@@ -106,3 +110,21 @@ def test_a_sensor_may_bring_its_own_patches_or_know_of_none() -> None:
     label = {'label': np.array([1])}
     add_patches(label, np.array([0]))
     assert list(label) == ['label']
+
+
+def test_what_a_pipeline_lacks() -> None:
+    assert lacking(True, True) == 0
+    assert lacking(False, True) == FrameStatus.NOT_CALIBRATED
+    assert lacking(True, False) == FrameStatus.NO_BASELINE
+
+
+def test_a_sensor_may_say_itself_what_touches() -> None:
+    class Divider(Regression):
+        def contact(self, signals: Signals) -> np.ndarray:
+            return (signals.delta[:, 0, 0] > 0).astype(np.int8)
+
+    delta = np.array([[[1.0, 0, 0]], [[0.0, 9, 9]]])
+    signals = signals_of(delta, np.ones(2, bool))
+    assert told(Divider(CONFIG), signals).in_contact.tolist() == [1, 0]
+    assert signals.in_contact.tolist() == [0, 0]
+    assert told(Regression(CONFIG), signals) is signals

@@ -100,7 +100,7 @@ class BaselineTracker:
             near = np.abs(block - self.baseline) <= scale
             self._quiet = np.count_nonzero(near) == near.size
         if self._quiet:
-            self._total = self._total + block.sum(axis=0)
+            self._total += np.add.reduce(block, axis=0)
 
     def _close(self, stamp_ns: int, tracking: Tracking) -> None:
         """End the running block: follow if it was at rest, and begin the next."""

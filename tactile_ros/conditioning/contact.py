@@ -61,8 +61,9 @@ def excursion(delta: Array, scale: Array) -> Array:
     ndarray, shape (s,)
         Above 1 in contact; NaN where a deviation or the threshold is unknown.
     """
-    size = np.abs(delta / scale)
-    return np.asarray(size.reshape(len(size), scale.size).max(axis=1))
+    size = delta / scale
+    np.abs(size, out=size)
+    return np.asarray(np.maximum.reduce(size.reshape(len(size), scale.size), axis=1))
 
 
 class ContactIds:

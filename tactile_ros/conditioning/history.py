@@ -57,7 +57,7 @@ class History:
         """Forget the past: what came before counts as rest."""
         self._stamp_ns: int | None = None
         self._last = np.zeros(0)
-        self._means = np.zeros((len(self.time_constants), 0))
+        self._lag = np.zeros((len(self.time_constants), 0))
 
     def step(self, change: Array, stamp_ns: int) -> Array:
         """Take one frame into the memory.
@@ -74,22 +74,31 @@ class History:
         ndarray, shape (m, d)
             Means after this frame (unit of change), 0 at the first frame.
         """
-        if self._stamp_ns is None:
-            self._means = np.zeros((len(self.time_constants), len(change)))
-            self._last = np.where(np.isnan(change), 0.0, change)
-            self._stamp_ns = stamp_ns
-            return self._means
-        elapsed = stamp_ns - self._stamp_ns
-        if elapsed <= 0:
-            return self._means
+        self._take(change, stamp_ns)
+        return self._last - self._lag
+
+    def behind(self, change: Array, stamp_ns: int) -> Array:
+        """As `step`, but how far the means are behind the change, shape (m, d)."""
+        self._take(change, stamp_ns)
+        return self._lag + (change - self._last)
+
+    def _take(self, change: Array, stamp_ns: int) -> None:
         missing = np.isnan(change)
         if np.count_nonzero(missing):
-            change = np.where(missing, self._last, change)
-        decay, before, now = _weights(elapsed * self._rate)
-        self._means = decay * self._means + before * self._last + now * change
-        self._last = change
-        self._stamp_ns = stamp_ns
-        return self._means
+            change = np.where(missing, self._last if self._last.size else 0.0, change)
+        if self._stamp_ns is None:
+            self._last, self._lag = change, np.tile(change, (len(self.time_constants), 1))
+            self._stamp_ns = stamp_ns
+            return
+        elapsed = stamp_ns - self._stamp_ns
+        if elapsed <= 0:
+            return
+        exponent = elapsed * self._rate
+        # the change less its mean fades, and takes in the average of the step since
+        step = np.expm1(exponent) / exponent * (change - self._last)
+        self._lag *= np.exp(exponent, out=exponent)
+        self._lag += step
+        self._last, self._stamp_ns = change, stamp_ns
 
     def __call__(self, change: Array, stamp_ns: Integers, restart: Bools) -> Array:
         """Take many frames into the memory; the same numbers as `step` frame by frame.
@@ -116,11 +125,11 @@ class History:
         taken = slice(None) if newer.all() else np.flatnonzero(newer)
         fresh = begins[taken]
         if len(fresh) == 0:
-            return np.repeat(self._means[None], len(change), axis=0)
+            return np.repeat((self._last - self._lag)[None], len(change), axis=0)
         held = _hold(change[taken], fresh, self._last)
-        seed = np.zeros((len(self._rate), change.shape[1])) if fresh[0] else self._means
+        seed = np.zeros((len(self._rate), change.shape[1])) if fresh[0] else self._last - self._lag
         means = _fade(elapsed[taken], held, fresh, self._rate, self._last, seed)
-        self._means, self._last = means[-1].copy(), held[-1].copy()
+        self._last, self._lag = held[-1].copy(), held[-1] - means[-1]
         self._stamp_ns = int(stamp_ns[taken][-1])
         if newer.all():
             return means

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -14,14 +13,13 @@ from tactile_ros.devices.device_time import DeviceTime
 from tactile_ros.devices.framed import VERSION, frame_bytes
 from tactile_ros.devices.framed_decoder import Decoded, FramedDecoder
 from tactile_ros.devices.framed_payloads import Kind, Payload
-from tactile_ros.devices.reconnecting import ReconnectingPort, check_capacity, wire_s
+from tactile_ros.devices.reconnecting import StreamingBoard, check_capacity, wire_s
 from tactile_ros.devices.still_watch import StillWatch
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.types import Array, Bytes, Frame, Layout, TaxelStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from types import TracebackType
 
     import numpy.typing as npt
 
@@ -29,9 +27,13 @@ if TYPE_CHECKING:
 STRANGERS = 3
 # share of pixels or chips that must change before another one that does not is suspect
 OTHERS = 0.5
+# changes after which a board of one converter is known not to rest since it was opened
+LIVELY = 10
+# a board whose readings are all STALE is not valid: fewer repeats may be doubted than of one chip
+FROZEN = 1e-3
 
 
-class FramedBoard:
+class FramedBoard(StreamingBoard):
     """The board as a `Device`: a context manager whose `read` gives frames.
 
     Parameters
@@ -63,8 +65,10 @@ class FramedBoard:
     Stamps follow the board's clock, tied to `clock` by the promptest frames (`DeviceTime`), less
     the frame's time on the wire. `Frame.sequence` starts at 0 and grows by one a frame and by
     those that the board's own counter says are lost, one at least for a reconnection or restart.
-    STUCK marks pixels and chips that repeat themselves among others that change (`StillWatch`);
-    taxels and wires repeat themselves honestly when nothing touches.
+    Pixels and chips that repeat themselves bit for bit among others that change are STALE, and
+    STUCK when it lasts (`StillWatch`). A taxel or wire may rest on one count; all of them together
+    repeat themselves only where their one converter has frozen, or where nothing touches and all
+    are at an end of its range, which is not judged.
     """
 
     def __init__(
@@ -90,15 +94,13 @@ class FramedBoard:
             check_capacity(f'frames of {payload}', size, layout.rate_hz, baud)
         rate_hz = layout.rate_hz
         known = math.isfinite(rate_hz) and rate_hz > 0
-        self._layout = layout
+        super().__init__(port, baud, layout)
         self._payload = payload
         self._scale = np.broadcast_to(np.asarray(scale, np.float64), layout.shape).copy()
-        self._port = ReconnectingPort(port, baud, self._restart)
         self._decoder = FramedDecoder(payload)
         self._time = DeviceTime(round(1e9 / rate_hz) if known else 0)
         self._clock = clock
         self._transfer_ns = 0 if native_usb else round(wire_s(size, baud) * 1e9)
-        self._frames: deque[Frame] = deque()
         self._sequence = -1
         self._dropped = 0
         self._interrupted = 0
@@ -107,13 +109,12 @@ class FramedBoard:
         self._saturated = 0
         self._stale = 0
         self._stuck = 0
-        telling = payload.kind in (Kind.GRADIOMETER, Kind.CHIPS)
-        self._still = StillWatch(payload.count, others=OTHERS) if telling else None
-
-    @property
-    def layout(self) -> Layout:
-        """Where the taxels are."""
-        return self._layout
+        self._as_one = payload.kind in (Kind.TAXELS, Kind.WIRES)
+        self._still = (
+            StillWatch(1, doubt=FROZEN, changes=LIVELY)
+            if self._as_one
+            else StillWatch(payload.count, others=OTHERS)
+        )
 
     def counters(self) -> dict[str, int]:
         """Frames, losses and damage since the driver was made, by name.
@@ -137,61 +138,11 @@ class FramedBoard:
             'stuck': self._stuck,
         }
 
-    def open(self) -> None:
-        """Open the port; DeviceError in one sentence if it is missing, busy or forbidden."""
-        self._port.open()
-
-    def close(self) -> None:
-        """Let the port go and forget frames that were not read."""
-        self._port.close()
-        self._frames.clear()
-
-    def __enter__(self) -> FramedBoard:
-        """Open the port."""
-        self.open()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close the port."""
-        self.close()
-
-    def read(self, timeout: float) -> Frame:
-        """Wait for the next frame, and for the port where it is unplugged.
-
-        Parameters
-        ----------
-        timeout : float
-            Longest wait (s).
-
-        Returns
-        -------
-        Frame
-            The oldest frame not read yet.
-
-        Raises
-        ------
-        DeviceTimeout
-            If none came in time; says why. A port that is gone is opened again by the next calls,
-            with growing pauses of at most 0.5 s.
-        DeviceError
-            If what comes is another kind or layout than this board's; once for each opening.
-        """
-        frame = self._port.first(self._frames, self._receive, timeout)
-        if frame is None:
-            raise DeviceTimeout(self._silence(timeout))
-        return frame
-
     def _restart(self, again: bool) -> None:
         """Forget the stream of before."""
         self._decoder.reset()
         self._time.restart()
-        if self._still is not None:
-            self._still.forget()
+        self._still.forget()
         self._interrupted += again
         self._heard = False
         self._said = False
@@ -216,16 +167,16 @@ class FramedBoard:
             f'not of version {VERSION}, {own}: set the sensor and its taxels to what the board has'
         )
 
-    def _silence(self, timeout: float) -> str:
+    def _silence(self, timeout: float) -> DeviceTimeout:
         """Why nothing came."""
         port = self._port.port
-        if not self._port.is_open:
-            return f'{self._port.failure}; trying again'
         if self._decoder.strangers:
-            return f'{port}: {self._stranger()}'
+            return DeviceTimeout(f'{port}: {self._stranger()}')
         if self._heard and not self._decoder.synchronised:
-            return f'bytes come from {port}, but no frame of {self._payload} within {timeout:g} s'
-        return f'no frame came from {port} within {timeout:g} s'
+            return DeviceTimeout(
+                f'bytes come from {port}, but no frame of {self._payload} within {timeout:g} s'
+            )
+        return DeviceTimeout(f'no frame came from {port} within {timeout:g} s')
 
     def _queue(self, decoded: Decoded, now_ns: int) -> None:
         """Turn decoded rows into frames with stamps, sequence and status."""
@@ -254,13 +205,19 @@ class FramedBoard:
             self._frames.append(frame)
 
     def _still_ones(self, counts: Array) -> Bytes:
-        """STUCK of every taxel in every frame; counts have shape (s, t, c)."""
+        """STALE and STUCK of every taxel in every frame; counts have shape (s, t, c)."""
         status = np.zeros(counts.shape[:2], np.uint8)
-        if self._still is not None:
-            for row, frame in zip(status, counts, strict=True):
-                if self._still.follow(frame).any():
-                    row[self._still.stuck()] = np.uint8(TaxelStatus.STUCK)
+        for row, frame in zip(status, counts, strict=True):
+            if self._repeats(frame):
+                row[:] |= self._still.marks()
         return status
+
+    def _repeats(self, counts: Array) -> bool:
+        """Whether pixels or chips, or all taxels, of a frame (t, c) are as in the frame before."""
+        if not self._as_one:
+            return bool(self._still.follow(counts).any())
+        between = (counts > 0) & (counts < self._payload.full_count)
+        return bool(self._still.follow(counts.reshape(1, -1), telling=bool(between.any())).any())
 
     def _status(self, status: Bytes, repeated: list[bool]) -> Bytes:
         """Bits of every taxel in every frame, those of repeated samples included."""

@@ -1,19 +1,25 @@
-"""A serial port that comes back: opened again with growing pauses after it was unplugged."""
+"""A serial port that comes back: opened again with growing pauses after it was unplugged.
+
+With it what drivers share: opening and closing, and reading frames out of a stream of bytes.
+"""
 
 from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING
+from collections import deque
+from typing import TYPE_CHECKING, TypeVar
 
 from tactile_ros.devices.transport import SerialPort
-from tactile_ros.errors import DeviceError
+from tactile_ros.errors import DeviceError, DeviceTimeout
 
 if TYPE_CHECKING:
-    from collections import deque
     from collections.abc import Callable
+    from types import TracebackType
 
-    from tactile_ros.types import Frame
+    from tactile_ros.types import Frame, Layout
+
+Own = TypeVar('Own', bound='Opened')
 
 FIRST_RETRY_S = 0.05
 LONGEST_RETRY_S = 0.5
@@ -112,34 +118,6 @@ class ReconnectingPort:
         self._closed = True
         self._port.close()
 
-    def first(
-        self, frames: deque[Frame], receive: Callable[[bytes], None], timeout: float
-    ) -> Frame | None:
-        """Take the oldest frame; until there is one, hand bytes to `receive`, which queues them.
-
-        Parameters
-        ----------
-        frames : deque of Frame
-            Frames not read yet.
-        receive : callable
-            Takes bytes as they come.
-        timeout : float
-            Longest wait (s).
-
-        Returns
-        -------
-        Frame or None
-            None when none came in time.
-        """
-        deadline = time.monotonic() + timeout
-        while not frames:
-            data = self.take(max(0.0, deadline - time.monotonic()))
-            if data:
-                receive(data)
-            if not frames and time.monotonic() >= deadline:
-                return None
-        return frames.popleft()
-
     def take(self, timeout: float) -> bytes:
         """Wait at most `timeout` (s) for bytes, or for the port where it is gone.
 
@@ -174,3 +152,119 @@ class ReconnectingPort:
             self.failure = str(err)
             self._retry_s = min(max(2 * self._retry_s, FIRST_RETRY_S), LONGEST_RETRY_S)
             self._retry_at = time.monotonic() + self._retry_s
+
+
+class Opened:
+    """A context manager that opens and closes."""
+
+    def open(self) -> None:
+        """Open; DeviceError in one sentence where that cannot be."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Let go of everything."""
+        raise NotImplementedError
+
+    def __enter__(self: Own) -> Own:
+        """Open."""
+        self.open()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close."""
+        self.close()
+
+
+class StreamingBoard(Opened):
+    """A board that sends frames without being asked: its port, and the frames not read yet.
+
+    Parameters
+    ----------
+    port : str
+        Device path.
+    baud : int
+        Baud rate.
+    layout : Layout
+        Of the sensor.
+
+    Notes
+    -----
+    A board adds what happens after an opening (`_restart`), how bytes become frames in `_frames`
+    (`_receive`), and why there are none (`_silence`).
+    """
+
+    def __init__(self, port: str, baud: int, layout: Layout) -> None:
+        """See the class."""
+        self._layout = layout
+        self._port = ReconnectingPort(port, baud, self._restart)
+        self._frames: deque[Frame] = deque()
+
+    @property
+    def layout(self) -> Layout:
+        """Where the taxels are."""
+        return self._layout
+
+    def open(self) -> None:
+        """Open the port.
+
+        Raises
+        ------
+        DeviceError
+            If it is missing, busy or forbidden: one sentence with the ports that exist.
+        """
+        self._port.open()
+
+    def close(self) -> None:
+        """Let the port go and forget frames that were not read."""
+        self._port.close()
+        self._frames.clear()
+
+    def read(self, timeout: float) -> Frame:
+        """Wait for the next frame, and for the port where it is unplugged.
+
+        Parameters
+        ----------
+        timeout : float
+            Longest wait (s).
+
+        Returns
+        -------
+        Frame
+            The oldest frame not read yet.
+
+        Raises
+        ------
+        DeviceTimeout
+            If none came in time; says why. A port that is gone is opened again by the next calls,
+            with growing pauses of at most 0.5 s.
+        DeviceError
+            If what comes is another stream than this board's, or it was closed.
+        """
+        deadline = time.monotonic() + timeout
+        while not self._frames:
+            data = self._port.take(max(0.0, deadline - time.monotonic()))
+            if data:
+                self._receive(data)
+            if not self._frames and time.monotonic() >= deadline:
+                if self._port.is_open:
+                    raise self._silence(timeout)
+                msg = f'{self._port.failure}; trying again'
+                raise DeviceTimeout(msg)
+        return self._frames.popleft()
+
+    def _restart(self, again: bool) -> None:
+        """Forget the stream of before; `again`: the port came back."""
+        raise NotImplementedError
+
+    def _receive(self, data: bytes) -> None:
+        """Queue the frames that end in bytes that have just come."""
+        raise NotImplementedError
+
+    def _silence(self, timeout: float) -> DeviceError:
+        """Why nothing came through the open port."""
+        raise NotImplementedError

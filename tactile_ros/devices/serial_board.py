@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import deque
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -11,14 +10,13 @@ import numpy as np
 
 from tactile_ros.devices.framing import Decoded, FrameDecoder
 from tactile_ros.devices.packets import foreign, frame_bytes
-from tactile_ros.devices.reconnecting import ReconnectingPort, check_capacity, wire_s
+from tactile_ros.devices.reconnecting import StreamingBoard, check_capacity, wire_s
 from tactile_ros.devices.still_watch import StillWatch
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.types import Array, Bools, Bytes, Frame, Integers, Layout, TaxelStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from types import TracebackType
 
     import numpy.typing as npt
 
@@ -67,7 +65,7 @@ def arrival_stamps(
     return [now_ns - spacing * int(back) for back in place[-1] - place]
 
 
-class SerialBoard:
+class SerialBoard(StreamingBoard):
     """The board as a `Device`: a context manager whose `read` gives frames.
 
     Parameters
@@ -108,8 +106,8 @@ class SerialBoard:
     `sequence` grows by one a frame and by the frames known lost: bytes skipped over the length of
     a frame, at least one for a reconnection. Whole frames that a board never sent cannot be known;
     `counters()['suspected']` compares stamps with their usual spacing: a paused host or board
-    looks the same, so those are not part of `sequence`. STUCK marks chips that repeat themselves
-    among others that change (`StillWatch`).
+    looks the same, so those are not part of `sequence`. Chips that repeat themselves bit for bit
+    among others that change are STALE, and STUCK when it lasts (`StillWatch`).
     """
 
     def __init__(
@@ -132,15 +130,13 @@ class SerialBoard:
         if transfer_s > 0:
             check_capacity(f'frames of {taxels} chips', frame_bytes(taxels), layout.rate_hz, baud)
         rate = layout.rate_hz if layout.rate_hz > 0 else NOMINAL_RATE_HZ
-        self._layout = layout
-        self._port = ReconnectingPort(port, baud, self._restart)
+        super().__init__(port, baud, layout)
         self._decoder = FrameDecoder(taxels, quantum)
         self._temperature_measured = temperature_measured
         self._clock = clock
         self._age_ns = round((transfer_s + conversion_s / 2) * 1e9)
         self._period_ns = max(1, round(1e9 / rate))
         self._mark_repeats = mark_repeats
-        self._frames: deque[Frame] = deque()
         self._sequence = -1
         self._dropped = 0
         self._last_ns: int | None = None
@@ -149,11 +145,6 @@ class SerialBoard:
         self._interrupted = False
         self._suspected = 0
         self._still = StillWatch(taxels, others=OTHERS)
-
-    @property
-    def layout(self) -> Layout:
-        """Where the chips are."""
-        return self._layout
 
     def counters(self) -> dict[str, int]:
         """Frames, losses and damage since the driver was made, by name."""
@@ -164,67 +155,12 @@ class SerialBoard:
             'suspected': self._suspected,
         }
 
-    def open(self) -> None:
-        """Open the port.
-
-        Raises
-        ------
-        DeviceError
-            If it is missing, busy or forbidden: one sentence with the ports that exist.
-        """
-        self._port.open()
-
     def _restart(self, again: bool) -> None:
         """Forget the stream of before."""
         self._decoder.reset()
         self._last = None
         self._still.forget()
         self._interrupted |= again
-
-    def close(self) -> None:
-        """Let the port go and forget frames that were not read."""
-        self._port.close()
-        self._frames.clear()
-
-    def __enter__(self) -> SerialBoard:
-        """Open the port."""
-        self.open()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close the port."""
-        self.close()
-
-    def read(self, timeout: float) -> Frame:
-        """Wait for the next frame, and for the port where it is unplugged.
-
-        Parameters
-        ----------
-        timeout : float
-            Longest wait (s).
-
-        Returns
-        -------
-        Frame
-            The oldest frame not read yet.
-
-        Raises
-        ------
-        DeviceTimeout
-            If none came in time; says why. A port that is gone is opened again by the next calls,
-            with growing pauses of at most 0.5 s.
-        DeviceError
-            If what comes is another stream than this board's.
-        """
-        frame = self._port.first(self._frames, self._receive, timeout)
-        if frame is None:
-            raise self._silence(timeout)
-        return frame
 
     def _receive(self, data: bytes) -> None:
         """Queue the frames that end in bytes that have just come."""
@@ -236,8 +172,6 @@ class SerialBoard:
     def _silence(self, timeout: float) -> DeviceError:
         """Why nothing came."""
         port = self._port.port
-        if not self._port.is_open:
-            return DeviceTimeout(f'{self._port.failure}; trying again')
         pending = self._decoder.pending
         chips = self._layout.shape[0]
         if self._decoder.locked or not pending:
@@ -293,7 +227,7 @@ class SerialBoard:
         status[clipped] |= np.uint8(TaxelStatus.SATURATED)
         for row, values in zip(status, decoded.values, strict=True):
             if self._still.follow(values).any():
-                row[self._still.stuck()] |= np.uint8(TaxelStatus.STUCK)
+                row[:] |= self._still.marks()
         if self._mark_repeats:
             status[self._repeats(decoded)] |= np.uint8(TaxelStatus.STALE)
         return status

@@ -176,9 +176,12 @@ class KernelRidge:
     def _evaluate(self, z: Array) -> Array:
         bumps = z @ self.samples_.T
         bumps -= self._half_squares
-        bumps -= 0.5 * (z * z).sum(axis=1)[:, None]
+        bumps -= 0.5 * np.add.reduce(z * z, axis=1)[:, None]
         np.exp(np.minimum(bumps, 0.0, out=bumps), out=bumps)
-        return bumps @ self.bumps_ + z @ self.plane_ + self.level_
+        answer = bumps @ self.bumps_
+        answer += z @ self.plane_
+        answer += self.level_
+        return answer
 
     @cached_property
     def _scale(self) -> Array:

@@ -15,8 +15,8 @@ import numpy as np
 
 from tactile_ros.estimators.folds import group_folds
 from tactile_ros.estimators.standardisation import Standardisation
-from tactile_ros.estimators.training import fitted, predict_rows, training_rows
-from tactile_ros.types import Array, Integers
+from tactile_ros.estimators.training import fitted, training_rows
+from tactile_ros.types import Array, Integers, as_shape
 
 ONE_SIGMA = 0.6827
 NEWTON_STEPS = 25
@@ -91,7 +91,7 @@ class CalibratedCovariance:
         self.drivers_ = Standardisation().fit(rows.x)
         z = self.drivers_(rows.x)
         self.low_, self.high_ = np.percentile(z, [0.5, 99.5], axis=0)
-        terms = self._terms(rows.x)
+        terms = _squares(z, self.low_, self.high_)
         size = np.abs(rows.y)
         size = np.maximum(size, 1e-3 * size.mean(axis=0) + np.finfo(float).tiny)
         fold = group_folds(rows.groups, self.folds, self.seed)
@@ -101,6 +101,7 @@ class CalibratedCovariance:
             seen = ~out if (~out).any() else out
             spread[out] = terms[out] @ self._regress(terms[seen], size[seen])
         self.weights_ = self._regress(terms, size)
+        vars(self).pop('_unscaled', None)
         self._scale(spread, size)
         sigma = np.exp(self._sigma(spread))
         self.correlation_ = _correlation(np.clip(rows.y / sigma, -3, 3))
@@ -132,17 +133,22 @@ class CalibratedCovariance:
     def sigma(self, drivers: Array) -> Array:
         """Standard deviation of each component, shape (s, k) (unit of the residuals)."""
         fitted(self, 'correlation_')
-        return predict_rows(drivers, len(self.low_), self._answer)
+        if np.shape(drivers)[1:] != self.low_.shape:
+            drivers = as_shape('drivers', drivers, (-1, len(self.low_)))
+        low, high, weights = self._unscaled
+        sigma = self._sigma(_squares(drivers, low, high) @ weights)  # NaN where a driver is
+        return np.asarray(np.exp(sigma, out=sigma))
 
-    def _answer(self, drivers: Array) -> Array:
-        return np.exp(self._sigma(self._terms(drivers) @ self.weights_))
-
-    def _terms(self, drivers: Array) -> Array:
-        """Products of any two of the constant and the drivers, shape (s, p)."""
-        z = np.empty((len(drivers), 1 + drivers.shape[1]))
-        z[:, 0] = 1.0
-        np.minimum(np.maximum(self.drivers_(drivers), self.low_), self.high_, out=z[:, 1:])
-        return np.asarray((z[:, :, None] * z[:, None, :]).reshape(len(z), -1))
+    @cached_property
+    def _unscaled(self) -> tuple[Array, Array, Array]:
+        """Range and weights for drivers as they come: a frame has no time to standardise."""
+        mean, gain = self.drivers_.mean_, self.drivers_.gain_
+        ends = (self.drivers_.inverse(end) for end in (self.low_, self.high_))
+        scale = np.diag(np.concatenate([np.ones(1), gain]))
+        scale[1:, 0] = -mean * gain
+        form = self.weights_.reshape(*scale.shape, -1)
+        weights = np.einsum('ia,ijk,jb->abk', scale, form, scale)
+        return (*ends, weights.reshape(self.weights_.shape))
 
     def _regress(self, terms: Array, size: Array) -> Array:
         """Weights (p, k) of the logarithm of the mean size, by penalised Newton steps."""
@@ -192,6 +198,14 @@ class CalibratedCovariance:
         """Knots and factors of each component, each in one piece."""
         pairs = zip(self.knots_.T, self.factors_.T, strict=True)
         return [(knots.copy(), factors.copy()) for knots, factors in pairs]
+
+
+def _squares(drivers: Array, low: Array, high: Array) -> Array:
+    """Products of any two of the constant and the drivers within their range, shape (s, p)."""
+    z = np.empty((len(drivers), 1 + drivers.shape[1]))
+    z[:, 0] = 1.0
+    np.minimum(np.maximum(drivers, low), high, out=z[:, 1:])
+    return np.asarray((z[:, :, None] * z[:, None, :]).reshape(len(z), z.shape[1] ** 2))
 
 
 def _correlation(unit: Array) -> Array:

@@ -154,15 +154,14 @@ class Regression:
         if len(now) == 1:
             if restart[0]:
                 memory.reset()
-            means = memory.step(now[0], int(stamp_ns[0]))[None]
+            behind = memory.behind(now[0], int(stamp_ns[0]))[None]
         else:
-            means = memory(now, stamp_ns, restart)
-        shape = (len(now), 1 + means.shape[1], now.shape[1])
+            behind = now[:, None] - memory(now, stamp_ns, restart)
+        shape = (len(now), 1 + behind.shape[1], now.shape[1])
         wide = np.empty((len(now), shape[1] * shape[2] + 1))
         seen = wide[:, :-1].reshape(shape)  # a view: the head fills the last column
         seen[:, 0] = now
-        np.subtract(now[:, None], means, out=seen[:, 1:])
-        seen[:, 1:] *= PAST_WEIGHT
+        np.multiply(behind, PAST_WEIGHT, out=seen[:, 1:])
         return wide
 
 

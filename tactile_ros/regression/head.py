@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -142,7 +143,7 @@ class Head:
         """How many folds are held out; None: all."""
         return FEW_FOLDS if 'perceptron' in known and rows else None
 
-    @property
+    @cached_property
     def cells(self) -> tuple[slice | Integers, slice | Integers]:
         """Index of its components among three: of rows and of columns of a covariance."""
         first, last = self.columns[0], self.columns[-1] + 1
@@ -189,7 +190,7 @@ class Head:
         """What the error depends on: strength of the signal, and place or load."""
         now = x[:, : self.channels]
         drivers = np.empty((len(x), 1 + mean.shape[1]))
-        drivers[:, 0] = 0.5 * np.log((now * now).sum(axis=1) + TINY)
+        drivers[:, 0] = 0.5 * np.log(np.add.reduce(now * now, axis=1) + TINY)
         drivers[:, 1:] = mean
         return drivers
 

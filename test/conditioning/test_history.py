@@ -161,3 +161,13 @@ def test_an_empty_batch_is_empty() -> None:
 def test_time_constants_are_positive(taus: list[float]) -> None:
     with pytest.raises(ValueError, match='must be positive'):
         History(np.array(taus))
+
+
+def test_how_far_the_means_are_behind() -> None:
+    change, stamp_ns, _ = stream(40, 3, seed=9)
+    change[7, 1] = np.nan
+    stamp_ns[20] = stamp_ns[19]
+    one, other = History(TAUS), History(TAUS)
+    for x, t in zip(change, stamp_ns, strict=True):
+        means = one.step(x.copy(), int(t))
+        np.testing.assert_allclose(other.behind(x.copy(), int(t)), x - means, atol=1e-12)

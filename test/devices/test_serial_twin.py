@@ -146,8 +146,10 @@ def test_limits_and_stuck_chips_are_as_on_a_board(layout: Layout) -> None:
         frames = [board.read(5.0) for _ in range(9)]
     marked = [frame.status for frame in frames if frame.status is not None]
     assert [sorted(status.tolist()) for status in marked] == [
-        [0, 0, 0, 0, TaxelStatus.SATURATED]
-    ] * 2
+        [0, 0, 0, 0, TaxelStatus.SATURATED],
+        [0, 0, 0, 0, TaxelStatus.SATURATED],
+        [0, 0, 0, 0, TaxelStatus.STALE],
+    ]
     values = np.array([frame.values for frame in frames])
     assert (values[6:8, 0] == values[5, 0]).all()
     assert (values[6, 1:] != values[5, 1:]).all()

@@ -14,7 +14,7 @@ Source: [2] on the design of a soft tactile sensor with permanent magnets and Ha
 from __future__ import annotations
 
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig, layout
-from tactile_ros.sensors.magnet_pad.device import MagnetPadConnection, open_pad, simulate_pad
+from tactile_ros.sensors.magnet_pad.device import PAD, MagnetPadConnection
 from tactile_ros.sensors.magnet_pad.estimation import CLASSES, ESTIMATORS, Localisation
 from tactile_ros.sensors.magnet_pad.signal import presses
 from tactile_ros.sensors.registry import SensorSpec
@@ -29,8 +29,8 @@ SENSOR = SensorSpec(
     layout=layout,
     estimation=Localisation,
     estimator_names=ESTIMATORS,
-    open=open_pad,
-    simulate=simulate_pad,
+    open=PAD.open,
+    simulate=PAD.simulate,
     presses=presses,
     classes=CLASSES,
     recordings=dict,

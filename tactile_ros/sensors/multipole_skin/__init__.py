@@ -16,11 +16,7 @@ from __future__ import annotations
 
 from tactile_ros.regression import CLASSES, ESTIMATORS, Recognition
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig, layout
-from tactile_ros.sensors.multipole_skin.device import (
-    MultipoleSkinConnection,
-    open_skin,
-    simulate_skin,
-)
+from tactile_ros.sensors.multipole_skin.device import SKIN, MultipoleSkinConnection
 from tactile_ros.sensors.multipole_skin.signal import presses
 from tactile_ros.sensors.registry import SensorSpec
 from tactile_ros.types import Outline
@@ -38,8 +34,8 @@ SENSOR = SensorSpec(
     layout=layout,
     estimation=Recognition,
     estimator_names=ESTIMATORS,
-    open=open_skin,
-    simulate=simulate_skin,
+    open=SKIN.open,
+    simulate=SKIN.simulate,
     presses=presses,
     classes=(MultipoleSkinConfig, Outline, *CLASSES),
     recordings=dict,

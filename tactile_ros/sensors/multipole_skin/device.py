@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from tactile_ros.devices.connections import ChipConnection, open_chips, simulate_chips
+from tactile_ros.devices.chip_connections import ChipConnection, ChipSensor
 from tactile_ros.sensors.multipole_skin.config import layout
 from tactile_ros.sensors.multipole_skin.signal import NOISE
 from tactile_ros.sensors.multipole_skin.signal import signal as own_signal
 from tactile_ros.types.fields import whole, whole_numbers
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tactile_ros.devices.clock import VirtualClock
-    from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
-    from tactile_ros.types import Array, Device, Twin
 
 CLUSTERS, CHIPS = 5, 4
 
@@ -42,26 +34,4 @@ class MultipoleSkinConnection(ChipConnection):
     gain: int = whole(5, 'GAIN_SEL; 0 has the largest range, 7 the finest step', 0, 7)
 
 
-def open_skin(
-    config: MultipoleSkinConfig, connection: MultipoleSkinConnection, clock_ns: Callable[[], int]
-) -> Device:
-    """Skin of `config` at `connection`, with stamps from `clock_ns`; not opened yet."""
-    return open_chips(layout(config), connection, clock_ns)
-
-
-def simulate_skin(
-    config: MultipoleSkinConfig,
-    connection: MultipoleSkinConnection,
-    signal: Callable[[float], Array] | None = None,
-    seed: int = 0,
-    clock: VirtualClock | None = None,
-) -> Twin:
-    """Twin of a skin that plays `signal`, or a simple one of its own; not entered yet."""
-    return simulate_chips(
-        layout(config),
-        connection,
-        own_signal(config, seed) if signal is None else signal,
-        NOISE if config.noise is None else config.noise,
-        seed,
-        clock,
-    )
+SKIN = ChipSensor(layout, own_signal, NOISE)

@@ -1,0 +1,90 @@
+"""Connections: what they let in, where they find chips, and what cannot be carried."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+
+import numpy as np
+import pytest
+
+from tactile_ros.devices.chip_array import ChipArray
+from tactile_ros.devices.chip_connections import ChipConnection, open_chips
+from tactile_ros.devices.framed_board import FramedBoard
+from tactile_ros.devices.mux import ChipPlace
+from tactile_ros.types import Layout
+
+FOUR = Layout(np.zeros((4, 3)), ('Bx', 'By', 'Bz'), 'T', rate_hz=50.0)
+ADDRESSES = (0x0C, 0x0D, 0x0E, 0x0F)
+
+
+def test_places_directly_on_buses() -> None:
+    connection = ChipConnection(
+        buses=('/dev/i2c-1', '/dev/i2c-2'), bus_of_chip=(0, 0, 1, 1), addresses=(12, 13, 12, 13)
+    )
+    wanted = [ChipPlace(12, 0), ChipPlace(13, 0), ChipPlace(12, 1), ChipPlace(13, 1)]
+    assert connection.places(4) == wanted
+
+
+def test_places_behind_switches() -> None:
+    connection = ChipConnection(
+        addresses=ADDRESSES, mux_addresses=(0x70, 0x70, 0, 0x71), mux_channels=(0, 1, 0, 7)
+    )
+    assert connection.places(4) == [
+        ChipPlace(0x0C, 0, 0x70, 0),
+        ChipPlace(0x0D, 0, 0x70, 1),
+        ChipPlace(0x0E, 0),
+        ChipPlace(0x0F, 0, 0x71, 7),
+    ]
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'words'),
+    [
+        (
+            {'addresses': (12, 13)},
+            'addresses must have one number for each of 4 chips; received 2',
+        ),
+        ({'addresses': (12,)}, 'addresses must have one number for each of 4 chips'),
+        ({'bus_of_chip': (0, 0)}, 'bus_of_chip must have one number for each of 4 chips'),
+        ({'bus_of_chip': (1,)}, 'bus_of_chip must be 0 to 0, a number in buses /dev/i2c-1'),
+        ({'mux_addresses': (0x20,)}, 'mux and channel of ChipPlace must be 0x70 to 0x77'),
+        ({'addresses': (12, 12, 13, 14)}, 'must differ; two would answer'),
+    ],
+)
+def test_places_that_cannot_be_are_refused(wrong: dict[str, object], words: str) -> None:
+    connection = dataclasses.replace(ChipConnection(addresses=ADDRESSES), **wrong)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=words):
+        open_chips(FOUR, connection, time.monotonic_ns)
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'words'),
+    [
+        (
+            {'transport': 'spi'},
+            "transport of ChipConnection must be one of i2c, serial; received 's",
+        ),
+        ({'mode': 'slow'}, 'mode of ChipConnection must be one of single, burst'),
+        ({'gain': 8}, 'gain of ChipConnection must be a whole number from 0 to 7'),
+        ({'resolution': (0, 0)}, 'resolution of ChipConnection must have shape'),
+        ({'baud': 300}, 'baud of ChipConnection must be a whole number from 1200'),
+        ({'buses': ()}, 'buses of ChipConnection must be one text or more'),
+    ],
+)
+def test_values_that_cannot_be_are_refused(wrong: dict[str, object], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        ChipConnection(**wrong)  # type: ignore[arg-type]
+
+
+def test_the_transport_chooses_the_driver() -> None:
+    connection = ChipConnection(addresses=ADDRESSES)
+    assert isinstance(open_chips(FOUR, connection, time.monotonic_ns), ChipArray)
+    serial = dataclasses.replace(connection, transport='serial')
+    assert isinstance(open_chips(FOUR, serial, time.monotonic_ns), FramedBoard)
+
+
+def test_steps_of_counts_follow_the_settings() -> None:
+    coarse, fine = ChipConnection(gain=1, resolution=(2, 2, 2)), ChipConnection(gain=1)
+    np.testing.assert_allclose(coarse.tesla_per_count, 2 * np.asarray(fine.tesla_per_count))
+    np.testing.assert_allclose(coarse.tesla_per_count, [2.4032e-6, 2.4032e-6, 3.872e-6], rtol=1e-3)
