@@ -11,7 +11,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.estimators.disc_model import RIGHT, DiscModel, heats
+from tactile_ros.estimators.disc_model import (
+    CROSSED,
+    GEOMETRY,
+    REMANENCE,
+    RIGHT,
+    DiscModel,
+    heats,
+)
 from tactile_ros.estimators.disc_rows import CALMER, DAMPING, LONGEST, WILDER, find_rows
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
 from tactile_ros.estimators.polynomial_rows import times
@@ -96,13 +103,23 @@ class DiscInversion(DiscModel):
     def _slopes(self, rows: Array, heat: Array, place: Array) -> tuple[Array, Array]:
         """How differences change with what is to be found (s, m, p), and their errors (s, m)."""
         seen, _ = self.field(place, heat)
-        start, step = self.found_, 1e-4
-        slopes = np.empty((len(rows), self.projection_.shape[1], len(start)))
-        for i in range(len(start)):
+        start, step, count = self.found_, 1e-4, self.projection_.shape[1]
+        slopes = np.empty((len(rows), count, len(start)))
+        for i in range(GEOMETRY):
             self._set(start + step * np.eye(len(start))[i])
             slopes[..., i] = (self.field(place, heat)[0] - seen) @ self.projection_ / step
         self._set(start)
+        slopes[..., GEOMETRY:] = self._crossing(place, heat).reshape(len(rows), count, -1)
         return slopes, (rows - seen) @ self.projection_
+
+    def _crossing(self, place: Array, heat: Array) -> Array:
+        """How differences change with gains and crossed axes, shape (s, m, n, 3)."""
+        field, _ = self._fields(place, heat)
+        if not self.absolute_:
+            field = field - self._fields(np.zeros((1, 3)), np.zeros(1))[0]
+        size = CROSSED * float(self.disc[3] * (1 + REMANENCE * self.found_[1]))
+        field = size * np.repeat(field, len(self.axes) // len(self.pixels), axis=1)
+        return np.asarray(np.einsum('nm,sni->smni', self.projection_, field))
 
     def _step(self, slopes: Array, error: Array, place: Array, heat: Array, sigma: Array) -> Array:
         """Change of what is to be found, after places are eliminated."""

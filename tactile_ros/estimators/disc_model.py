@@ -2,7 +2,7 @@
 
 The tabulated field of the disc [3], with what a calibration finds beside the config: gap,
 remanence and its change with temperature, where the disc rests, the tilt that comes with a shift,
-gains of the channels.
+gains and crossed axes of the channels.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ import numpy as np
 from tactile_ros.physics.disc_table import disc_table, table_disc
 from tactile_ros.types import Array
 
-GAP, REMANENCE, REST, LEANING, COUPLING, GAIN = 0.1, 0.1, 0.08, 0.03, 0.3, 0.01
+GAP, REMANENCE, REST, LEANING, COUPLING, DEEPER = 0.1, 0.1, 0.08, 0.03, 0.3, 0.5
+CROSSED = 0.01  # of gains and crossed axes
 WEAKER = 0.04  # loss of remanence over a unit of temperature
-GEOMETRY = 8
+GEOMETRY = 9
 DEEPEST, SIDEWAYS, STEEP = 0.85, 1.2, 0.6  # of the gap, of the gap, rad
 UPWARD = np.array([1.0, 1.0, 0.8, 1.0, 1.0])
 RIGHT = 1e-3  # of the field: what a disc's model may be wrong by
@@ -41,9 +42,10 @@ class DiscModel:
 
     Attributes
     ----------
-    found_ : ndarray, shape (8 + n,)
+    found_ : ndarray, shape (9 + 3 n,)
         What was found of gap, remanence, rest, leaning, coupling, change of remanence with
-        temperature, and gains, in units of what the config is uncertain by.
+        temperature, change of coupling with depth, and gains and crossed axes, in units of what
+        the config is uncertain by.
     projection_ : ndarray, shape (n, m)
         To the differences that a uniform field does not change.
     sigma_ : float
@@ -66,7 +68,7 @@ class DiscModel:
         low = float(pixels[:, 2].max())
         reach = (wide, 0.1 * gap - low + height / 2, 1.8 * gap - low + height / 2)
         self.table, self.grid = disc_table(float(diameter), float(height), reach)
-        self.found_ = np.zeros(GEOMETRY + len(axes))
+        self.found_ = np.zeros(GEOMETRY + axes.size)
         self.rest_: Array | None = None
 
     def given(self: Model, projection: Array, sigma: float, *, absolute: bool) -> Model:
@@ -91,7 +93,7 @@ class DiscModel:
             'rest_y': gap * REST * float(found[3]),
             'tilt_per_shift': COUPLING * float(found[6]),
             'remanence_per_unit': WEAKER * float(found[7]),
-            'gain_spread': GAIN * float(found[GEOMETRY:].std()),
+            'gain_spread': CROSSED * float(found[GEOMETRY:].std()),
         }
 
     def _set(self, found: Array) -> None:
@@ -102,15 +104,17 @@ class DiscModel:
 
     @cached_property
     def _model(self) -> tuple[Array, Array]:
-        """Geometry (8,) and directions of the channels (n, 3) times gains and remanence (T)."""
+        """Geometry (9,) and directions of the channels (n, 3) with gains, times remanence (T)."""
         found, (gap, _, height, remanence) = self.found_, self.disc
         geometry = np.array([
             gap, gap * REST * found[2], gap * REST * found[3],
             gap * (1 + GAP * found[0]) + height / 2, COUPLING * found[6],
             LEANING * found[4], LEANING * found[5], WEAKER * found[7],
+            DEEPER * found[8],
         ])  # fmt: skip
-        gain = (1 + GAIN * found[GEOMETRY:]) * remanence * (1 + REMANENCE * found[1])
-        return geometry, self.axes * gain[:, None]
+        used = (self.axes != 0).any(axis=1, keepdims=True)
+        axes = self.axes + CROSSED * used * found[GEOMETRY:].reshape(-1, 3)
+        return geometry, axes * (remanence * (1 + REMANENCE * found[1]))
 
     def _sigma(self, change: Array) -> Array:
         """Of a difference of every row, with what a model may be wrong by: (s, 1) (T)."""
@@ -151,21 +155,29 @@ class DiscModel:
         return np.asarray(rest[0])
 
     def _absolute(self, place: Array, heat: Array) -> tuple[Array, Array]:
-        (gap, x, y, z, coupling, *lean, weaker), axes = self._model
+        axes = self._model[1]
+        field, slope = self._fields(place, heat)
+        channels = len(axes) // len(self.pixels)
+        field, slope = np.repeat(field, channels, axis=1), np.repeat(slope, channels, axis=1)
+        readings = np.einsum('ni,sni->sn', axes, field)
+        return readings, np.einsum('ni,snij->snj', axes, slope[..., : place.shape[1]])
+
+    def _fields(self, place: Array, heat: Array) -> tuple[Array, Array]:
+        """Field of a disc of 1 T at pixels (s, t, 3), and its slopes (s, t, 3, 5)."""
+        gap, x, y, z, coupling, *lean, weaker, deeper = self._model[0]
         centre = gap * place[:, :3] + np.array([x, y, z])
-        tilts = coupling * np.stack([-place[:, 1], place[:, 0]], axis=1) + np.array(lean)
+        turn = coupling * (1 - deeper * place[:, 2])
+        tilts = np.stack([-turn * place[:, 1], turn * place[:, 0]], axis=1) + np.array(lean)
         if place.shape[1] == 5:
             tilts = tilts + place[:, 3:]
         field, slope = table_disc(self.pixels, centre, tilts, self.table, self.grid)
+        px, py, turn = (one[:, None, None] for one in (place[:, 0], place[:, 1], turn))
         slope[..., :3] *= gap
-        slope[..., 0] += coupling * slope[..., 4]
-        slope[..., 1] -= coupling * slope[..., 3]
-        axes = axes.reshape(len(self.pixels), -1, 3)
-        strength = (1 + weaker * heat)[:, None]
-        readings = np.einsum('tci,sti->stc', axes, field).reshape(len(place), -1) * strength
-        slopes = np.einsum('tci,stij->stcj', axes, slope[..., : place.shape[1]])
-        slopes = slopes.reshape(len(place), readings.shape[1], -1) * strength[..., None]
-        return readings, slopes
+        slope[..., 0] += turn * slope[..., 4]
+        slope[..., 1] -= turn * slope[..., 3]
+        slope[..., 2] -= coupling * deeper * (px * slope[..., 4] - py * slope[..., 3])
+        strength = (1 + weaker * heat)[:, None, None]
+        return field * strength, slope * strength[..., None]
 
     def _inside(self, place: Array) -> Array:
         """Places (s, 3 or 5) that the table knows."""

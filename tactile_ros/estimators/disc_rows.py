@@ -121,7 +121,8 @@ def disc_row(
     gap, coupling = disc[0], disc[4]
     x, y = gap * place[0] + disc[1], gap * place[1] + disc[2]
     z = gap * place[2] + disc[3]
-    a, b = -coupling * place[1] + disc[5], coupling * place[0] + disc[6]
+    lean = coupling * (1 - disc[8] * place[2])
+    a, b = -lean * place[1] + disc[5], lean * place[0] + disc[6]
     if unknowns == 5:
         a, b = a + place[3], b + place[4]
     turn, apart = work[6:9], work[9]
@@ -134,8 +135,10 @@ def disc_row(
         for i in range(3):
             for k in range(3):
                 slope[i, k] *= gap
-            slope[i, 0] += coupling * slope[i, 4]
-            slope[i, 1] -= coupling * slope[i, 3]
+            slope[i, 0] += lean * slope[i, 4]
+            slope[i, 1] -= lean * slope[i, 3]
+            sideways = place[0] * slope[i, 4] - place[1] * slope[i, 3]
+            slope[i, 2] -= coupling * disc[8] * sideways
         for n in range(p * channels, (p + 1) * channels):
             ax, ay, az = axes[n, 0] * strength, axes[n, 1] * strength, axes[n, 2] * strength
             seen[n] = ax * bx + ay * by + az * bz
