@@ -75,7 +75,7 @@ def rest_model(config: MultipoleSkinConfig, noise: float) -> tuple[Choice, list[
             )
             for n in HARMONICS
         ]
-    states = region(-PLAY * np.ones(3), PLAY * np.ones(3), 20)
+    states = region(-PLAY * np.ones(3), PLAY * np.ones(3), 4)
     return choose(models, exact, states, noise, every=True), [*models, exact]
 
 
