@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 SEEDS = [0]
 NOISE = {'gradiometer': 3e-6, 'magnet_pad': 4e-6, 'multipole_skin': 4e-6}
 MICRO = 1e6
-BATCH = {'quick': 200, 'normal': 1000, 'full': 1000}
+BATCH = {'quick': 200, 'normal': 200, 'full': 1000}
 HEADS = {'quick': 2, 'normal': 6, 'full': 20}
 LOAD, TIP, AROUND = (1.5, 10.0), 3e-3, (0.5, np.pi - 0.5)  # N, m, rad: presses of [2]
 GRIDS = ((9, 7, 5), (15, 11, 5), (29, 21, 9), (57, 41, 9))
