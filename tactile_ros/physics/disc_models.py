@@ -6,6 +6,7 @@ so that every ring stands for its share of the volume.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -105,16 +106,20 @@ def table_disc_model(
     shape: tuple[int, int],
     degree: int = 3,
 ) -> Model:
-    """Table of a shape with linear or cubic (degree 3) interpolation at pixels (t, 3)."""
+    """Table of a shape, linear or cubic (degree 3), at pixels (t, 3); built when first needed."""
     diameter, height, remanence = disc
-    table, grid = disc_table(diameter, height, reach, shape)
     kind, cost = ('cubic', CUBIC_COST) if degree == 3 else ('linear', LINEAR_COST)
 
+    @cache
+    def built() -> tuple[Array, Array]:
+        return disc_table(diameter, height, reach, shape)
+
     def field(own: Array) -> Array:
-        return remanence * table_at(own, table, grid, degree)
+        return remanence * table_at(own, *built(), degree)
 
     name = f'{kind} table {shape[0]} x {shape[1]}'
-    return Model(name, on_pixels(pixels, field), cost * len(pixels), table.size, shape)
+    numbers = 2 * shape[0] * shape[1]
+    return Model(name, on_pixels(pixels, field), cost * len(pixels), numbers, shape)
 
 
 def exact_disc(pixels: Array, disc: Disc) -> Model:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import import_module
 
+import magpylib
 import numpy as np
 import pytest
 
@@ -119,3 +121,25 @@ def test_a_finer_carpet_is_nearer_to_the_finest() -> None:
         for pitch in (5e-3, 2.5e-3, 1.25e-3)
     ]
     assert error == sorted(error, reverse=True)
+
+
+def test_the_twin_of_the_gradiometer_reads_as_its_disc_does() -> None:
+    module = import_module('tactile_ros.sensors.gradiometer.signal')
+    recording = module.presses(DISC, 3, 8, noise=0.0)
+    rows = recording.truth['force'][:, 2].argsort()[-1:].tolist() + [0]
+    stiffness = np.array([0.2 * 3.5 / 1.1e-3, 0.2 * 3.5 / 1.1e-3, 3.5 / 1.5e-3])
+    for row in rows:
+        place = np.array([0, 0, 3e-3]) - recording.truth['force'][row] / stiffness
+        magnet = magpylib.magnet.Cylinder(
+            dimension=(2e-3, 1e-3), polarization=(0, 0, 1.4), position=place
+        )
+        error = recording.values[row] - magnet.getB(DISC.positions)[:, [0, 2]]
+        assert np.abs(error).max() < module.NOISE / 3
+
+
+@pytest.mark.parametrize(
+    ('gap', 'name'), [(20e-3, 'dipole'), (2.5e-3, 'cubic'), (0.8e-3, 'exact')]
+)
+def test_a_twin_takes_what_its_gap_needs(gap: float, name: str) -> None:
+    module = import_module('tactile_ros.sensors.gradiometer.signal')
+    assert name in module.disc_model(replace(DISC, gap=gap)).name

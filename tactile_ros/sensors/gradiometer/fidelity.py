@@ -17,6 +17,7 @@ from tactile_ros.physics.disc_models import (
     exact_disc,
     table_disc_model,
 )
+from tactile_ros.physics.disc_models import table_reach as reach_over
 from tactile_ros.physics.fidelity import Choice, Model, choose, region
 from tactile_ros.physics.scene_terms import Term, Worth, worth
 from tactile_ros.physics.temperature import EXPANSION, REMANENCE_SLOPE
@@ -68,6 +69,17 @@ def field_model(config: GradiometerConfig, noise: float) -> Choice:
     """The smallest cubic table that an inversion needs at a noise (T)."""
     exact = exact_disc(config.positions, disc_of(config))
     return choose(tables(config), exact, states_of(config), noise)
+
+
+def twin_model(config: GradiometerConfig, states: Array, noise: float) -> Model:
+    """The cheapest model of the disc at places and tilts (s, 5), for a twin of a noise (T)."""
+    disc, pixels = disc_of(config), config.positions
+    exact = exact_disc(pixels, disc)
+    reach = reach_over(pixels, states)
+    models = [dipole_disc(pixels, disc, rings) for rings in RINGS]
+    models += [table_disc_model(pixels, disc, reach, shape) for shape in SHAPES]
+    name = choose(models, exact, states, noise).name
+    return next((model for model in models if model.name == name), exact)
 
 
 def every_model(config: GradiometerConfig, noise: float) -> tuple[Choice, list[Model]]:
