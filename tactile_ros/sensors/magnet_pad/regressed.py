@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 BY_PLACE = 'nearest_centre'
 FEWEST, MANY = 50, 5000
 FEWEST_SESSIONS = 3
+SURE = 0.8  # of another's error: what errs less needs no rival that takes long
 
 
 class PadHead(Head):
@@ -47,16 +48,19 @@ class PadHead(Head):
     ----------
     by_runs : bool
         Whether whole sessions are held out: then all of them are, by regressors that are quick.
+    slow : bool
+        Whether those that take long are tried.
     """
 
     by_runs = False
+    slow = True
 
     def candidates(self) -> dict[str, Estimator]:
         """Those of `Head` for a place; for a force the one that `Head` does not try."""
         known: dict[str, Estimator] = {'pattern_ridge': PatternRidge()}
         if self.target == 'position':
             known.update(super().candidates())
-        if self.by_runs:
+        if self.by_runs or not self.slow:
             known.pop('perceptron', None)
         return known
 
@@ -83,6 +87,8 @@ class Regressed(Recognition):
         Coordinates by which a place belongs to the nearest cell; (): none.
     coarse_ : ndarray, shape (3,)
         Variance of places inside a cell (m2), where only cells were told.
+    bar_ : float
+        Error of places (m) that another method has on held-out groups.
     cell_report_ : dict of str to float
         How often the place names the right cell, as its covariance says.
     """
@@ -94,6 +100,7 @@ class Regressed(Recognition):
         super().__init__(config, estimator)
         self.config = config
         self.touches_ = None
+        self.bar_ = np.inf
         self.columns_: tuple[int, ...] = ()
         self.coarse_ = np.zeros(3)
         self.cell_report_: dict[str, float] = {}
@@ -170,7 +177,11 @@ class Regressed(Recognition):
             group = apart(told, truth, groups, rows)
             place = PadHead('position', columns, None, self.width)
             place.by_runs = len(np.unique(session[rows])) >= FEWEST_SESSIONS
+            place.slow = False
             better.append(place.fit(x[rows], told, group, session[rows], rests[rows]))
+            if self.bar_ > SURE * place.report_['held_out_rmse'] and not place.by_runs:
+                place = PadHead('position', columns, None, self.width)
+                better[-1] = place.fit(x[rows], told, group, session[rows], rests[rows])
         for head in self.heads_:
             y = np.asarray(truth[head.target], np.float64)[:, list(head.columns)]
             rows = signals.good & np.isfinite(y).all(axis=1)
