@@ -21,7 +21,7 @@ SHARE = 1 / 3  # of the noise
 # Operations at one point, counted in the code, a root or quotient as four.
 DIPOLE_COST = 40.0
 LINEAR_COST, CUBIC_COST = 60.0, 150.0  # two components over two axes
-DISC_COST, BLOCK_COST = 700.0, 1100.0  # closed forms
+DISC_COST, BLOCK_COST = 700.0, 1000.0  # closed forms
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ def choose(
     models : sequence of Model
         To choose from, in any order.
     exact : Model
-        Serves where none of them does.
+        Serves where none of them does, or none that is cheaper.
     states : ndarray, shape (s, d)
         Of the scene; see `region`.
     noise : float or ndarray, shape (n,)
@@ -188,11 +188,12 @@ def choose(
     rated: list[Rated] = []
     found, truth = (exact.name, exact.size), exact.readings(states)
     for model in sorted(models, key=lambda m: (m.operations, m.numbers)):
+        cheaper = model.operations < exact.operations
+        if not (every or (cheaper and found[0] == exact.name)):
+            break
         rated.append(rate(model, truth, states, sigma))
-        if rated[-1].share <= share and found[0] == exact.name:
+        if cheaper and rated[-1].share <= share and found[0] == exact.name:
             found = model.name, model.size
-            if not every:
-                break
     if every or found[0] == exact.name:
         rated.append(Rated(exact.name, exact.operations, exact.numbers, exact.size, 0.0, 0.0, 0.0))
     return Choice(*found, float(sigma.min()), tuple(rated))

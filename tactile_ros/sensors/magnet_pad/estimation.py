@@ -14,11 +14,12 @@ import numpy as np
 
 from tactile_ros.conditioning.history import History
 from tactile_ros.estimators.stated_spread import StatedSpread
+from tactile_ros.physics.fidelity import Choice, Rated
 from tactile_ros.regression import ESTIMATORS as REGRESSORS
 from tactile_ros.regression.recognition import VOTER
 from tactile_ros.sensors.magnet_pad.cells import SPACE
 from tactile_ros.sensors.magnet_pad.inversion import PadInversion, Touched
-from tactile_ros.sensors.magnet_pad.nominal import NominalPad
+from tactile_ros.sensors.magnet_pad.nominal import NominalPad, nominal_choice
 from tactile_ros.sensors.magnet_pad.regressed import CLASSES as REGRESSED_CLASSES
 from tactile_ros.sensors.magnet_pad.regressed import FEWEST, Regressed, apart, noise_of_rest
 from tactile_ros.sensors.magnet_pad.response import PadResponse
@@ -77,7 +78,12 @@ class Localisation(Regressed):
     @property
     def report(self) -> Report:
         """Errors on held-out groups for each target, and what was found of the pad."""
-        found = {} if self.inversion_ is None else {'pad': self.inversion_.response_.report}
+        if self.nominal_:
+            return {**super().report, **self._nominal_choice.report}
+        if self.inversion_ is None:
+            return {**super().report, **self.beaten_}
+        response = self.inversion_.response_
+        found = {'pad': response.report, **response.choice_.report}
         return {**super().report, **self.beaten_, **found}
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
@@ -215,6 +221,10 @@ class Localisation(Regressed):
         return centres
 
     @cached_property
+    def _nominal_choice(self) -> Choice:
+        return nominal_choice(self.config)
+
+    @cached_property
     def _pad(self) -> NominalPad:
         """Touches of the nominal model: computed once they are asked for."""
         return NominalPad(self.config)
@@ -234,4 +244,6 @@ def _told(column: npt.NDArray[np.generic]) -> Bools:
     return np.asarray(known.any(axis=tuple(range(1, known.ndim))))
 
 
-CLASSES = (*REGRESSED_CLASSES, Localisation, PadInversion, PadResponse, StatedSpread)
+CLASSES = (
+    *REGRESSED_CLASSES, Localisation, PadInversion, PadResponse, StatedSpread, Choice, Rated,
+)  # fmt: skip

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from tactile_ros.sensors.magnet_pad.nominal import Presses, change_of_field
+from tactile_ros.sensors.magnet_pad.nominal import Presses, change_of_field, field_choice
 from tactile_ros.types import Array, Bools, Integers
 
 if TYPE_CHECKING:
+    from tactile_ros.physics.fidelity import Choice
     from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
     from tactile_ros.sensors.magnet_pad.lacks import Lacks
 
@@ -99,6 +100,8 @@ class PadResponse:
 
     Attributes
     ----------
+    choice_ : Choice
+        Model of the blocks that the touches need.
     found_ : ndarray, shape (6,)
         What was found of `FITTED`, in units of `UNSURE`.
     full_ : float
@@ -107,6 +110,7 @@ class PadResponse:
         Coefficients over the surface (T).
     """
 
+    choice_: Choice
     found_: Array
     full_: float
     table_: Array
@@ -150,11 +154,15 @@ class PadResponse:
             shear_modulus=config.shear_modulus * float(np.exp(value[3])),
         )
         presses = touches.presses(self._tip(found), self._bond(found))
-        return change_of_field(config, presses).reshape(len(touches.load), -1)[:, self.live]
+        field = change_of_field(config, presses, self.choice_.size[0])
+        return field.reshape(len(touches.load), -1)[:, self.live]
 
     def fit(self, touches: PadTouches, x: Array, noise: float) -> PadResponse:
         """Fit the model to readings x (s, d) (T) of touches, and tabulate it."""
         self.full_ = float(touches.load.max())
+        still = np.zeros(len(UNSURE))
+        presses = touches.presses(self._tip(still), self._bond(still))
+        self.choice_ = field_choice(self.config, presses, noise)
         some = np.unique(np.linspace(0, len(x) - 1, min(len(x), ROWS)).astype(int))
         self.found_ = self._descend(touches.take(some), x[some], noise)
         self.table_ = self._tabulate()
@@ -210,6 +218,7 @@ class PadResponse:
         grid = np.stack(np.meshgrid(self.along, self.around, indexing='ij'), axis=-1)
         added = lacks.solve(rows) @ lacks.bumps(grid.reshape(-1, 2)).T
         richer = PadResponse(self.config, self.live, leaning=self.leaning)
+        richer.choice_ = self.choice_
         richer.found_, richer.full_ = self.found_, self.full_
         richer.table_ = self.table_.copy()
         for part, into in zip(added, lacks.into, strict=True):
