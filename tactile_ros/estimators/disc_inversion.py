@@ -67,11 +67,24 @@ class DiscInversion(DiscModel):
         DiscInversion
             Itself.
         """
-        chosen = np.linspace(0, len(change) - 1, min(len(change), MOST_ROWS)).astype(int)
-        rows, heat = change[chosen], heats(change, warm)[chosen]
-        place = np.zeros((len(rows), self.unknowns))
+        rows, heat = _some(change, warm)
         self.rest_ = None
         self._set(np.zeros_like(self.found_))
+        self.cost_ = self._find(rows, heat)
+        self.rest_ = self._absolute(np.zeros((1, 3)), np.zeros(1))[0]
+        vars(self).pop('_offset', None)
+        place, miss = self._descend(rows, heat, np.zeros((len(rows), self.unknowns)), STEPS)
+        self._learn_starts(place)
+        self.doubt_ = DOUBT * float(np.quantile((miss**2).sum(axis=1), 0.99)) + 25.0
+        return self
+
+    def leaves(self, change: Array, warm: Array) -> float:
+        """Squares that the best of such models leaves over, beginning from what was found."""
+        return self._find(*_some(change, warm))
+
+    def _find(self, rows: Array, heat: Array) -> float:
+        """Find what the config is uncertain of; squares that it leaves over."""
+        place = np.zeros((len(rows), self.unknowns))
         sigma = self._sigma(rows)
         best, least = self.found_, np.inf
         for turn in range(ROUNDS):
@@ -83,13 +96,7 @@ class DiscInversion(DiscModel):
             best, least = self.found_, cost
             self._set(best + self._step(slopes, error, place, heat, sigma))
         self._set(best)
-        self.cost_ = least
-        self.rest_ = self._absolute(np.zeros((1, 3)), np.zeros(1))[0]
-        vars(self).pop('_offset', None)
-        place, miss = self._descend(rows, heat, 0 * place, STEPS)
-        self._learn_starts(place)
-        self.doubt_ = DOUBT * float(np.quantile((miss**2).sum(axis=1), 0.99)) + 25.0
-        return self
+        return least
 
     def _learn_starts(self, place: Array) -> None:
         """Learn where to begin, from the model itself around places (s, 3 or 5)."""
@@ -234,3 +241,9 @@ class DiscInversion(DiscModel):
         rest, left = miss * self._sigma(rows), rows - self.field(place, heat)[0]
         place[lost], rest[lost], left[lost] = np.nan, np.nan, np.nan
         return place, rest, left
+
+
+def _some(change: Array, warm: Array | None) -> tuple[Array, Array]:
+    """Rows that suffice for a fit, and their temperatures."""
+    chosen = np.linspace(0, len(change) - 1, min(len(change), MOST_ROWS)).astype(int)
+    return change[chosen], heats(change, warm)[chosen]

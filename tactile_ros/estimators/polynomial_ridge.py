@@ -13,7 +13,7 @@ import numpy as np
 
 from tactile_ros.estimators.folds import group_folds
 from tactile_ros.estimators.polynomial_rows import polynomial_rows
-from tactile_ros.estimators.ridge_path import held_out_squares, ridge_weights
+from tactile_ros.estimators.ridge_path import held_out_each, ridge_weights
 from tactile_ros.estimators.standardisation import Standardisation
 from tactile_ros.estimators.training import fitted, predict_rows, training_rows
 from tactile_ros.physics import compiled
@@ -110,15 +110,16 @@ class PolynomialRidge:
         self.weights_ = np.zeros((terms.shape[1], target.shape[1]))
         self.degree_ = np.zeros(target.shape[1], np.int64)
         counts = {d: count_terms(width, d, self.slow) for d in degrees}
+        squares = {
+            d: held_out_each(terms[:, :n], target, fold, STRENGTHS) for d, n in counts.items()
+        }
         for k in range(target.shape[1]):
-            one = target[:, k : k + 1]
-            squares = {
-                d: held_out_squares(terms[:, :n], one, fold, STRENGTHS) for d, n in counts.items()
-            }
-            degree = min(squares, key=lambda d: float(squares[d].min()))
-            strength = float(STRENGTHS[int(np.argmin(squares[degree]))])
-            n = counts[degree]
-            self.weights_[:n, k] = ridge_weights(terms[:, :n], one, strength)[:, 0]
+            least = {d: float(squares[d][:, k].min()) for d in counts}
+            degree = min(least, key=least.__getitem__)
+            strength, n = float(STRENGTHS[int(np.argmin(squares[degree][:, k]))]), counts[degree]
+            self.weights_[:n, k] = ridge_weights(terms[:, :n], target[:, k : k + 1], strength)[
+                :, 0
+            ]
             self.degree_[k] = degree
         return self
 

@@ -18,6 +18,7 @@ from tactile_ros.estimators.disc_inversion import DiscInversion
 from tactile_ros.estimators.polynomial_force import PolynomialForce
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
 from tactile_ros.estimators.uniform_field import UniformField
+from tactile_ros.estimators.warm_polynomial import WarmPolynomial
 from tactile_ros.regression import CLASSES
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig, layout
 from tactile_ros.sensors.gradiometer.device import (
@@ -44,6 +45,7 @@ OWN = (
     ColumnView,
     PolynomialForce,
     PolynomialRidge,
+    WarmPolynomial,
 )
 
 SENSOR = SensorSpec(

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 TILT = 0.03  # rad, beside the tilt that comes with a shift
 FEWEST_ROWS = 20
 FEWEST_DIFFERENCES = 5
-CLEARLY = 20.0  # chi square by which a lag must explain more than a shorter one
+CLEARLY = 20.0  # chi square by which a lag must explain more than none
+FINER, GOLDEN = 7, 0.618
 
 
 class Features:
@@ -94,12 +95,23 @@ class Features:
         """Take the time constant with which the disc's model explains most."""
         if self.lag_ > 0 or not self.readings_.warm_:
             return
-        least = np.inf
-        for lag in (0.0, *self.readings_.lags_):
-            warm = self.thermal(signals, StreamMemory(lag))[rows, 0]
-            cost = self._disc(0.0).fit(change[rows], warm).cost_
-            if cost < least - CLEARLY:
-                least, self.lag_ = cost, float(lag)
+        model, costs = self._disc(0.0), {}
+
+        def left(lag: float) -> float:
+            if lag not in costs:
+                warm = self.thermal(signals, StreamMemory(lag))[rows, 0]
+                costs[lag] = model.leaves(change[rows], warm)
+            return costs[lag]
+
+        lags = [0.0, *(float(lag) for lag in self.readings_.lags_)]
+        best = min(lags, key=left)
+        if best == 0 or left(best) > left(0.0) - CLEARLY:
+            return
+        low, high = best / 3, best * 3
+        for _ in range(FINER):  # golden section of the logarithm
+            first, second = low**GOLDEN * high ** (1 - GOLDEN), low ** (1 - GOLDEN) * high**GOLDEN
+            low, high = (low, second) if left(first) < left(second) else (first, high)
+        self.lag_ = min(costs, key=left)
 
     def _disc(self, tilt: float) -> DiscInversion:
         config, noise = self.config, self.readings_.noise

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.physics.dipoles import in_chip_axes
+from tactile_ros.physics.disc_models import exact_disc
 from tactile_ros.physics.fidelity import Model, region
 from tactile_ros.presses import Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.sensors.gradiometer.config import layout
-from tactile_ros.sensors.gradiometer.fidelity import twin_model
+from tactile_ros.sensors.gradiometer.fidelity import disc_of, twin_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,8 +44,9 @@ def disc_model(config: GradiometerConfig, noise: float = NOISE) -> Model:
     return twin_model(config, region(rest - reach, top, STATES), noise)
 
 
-def reading(config: GradiometerConfig, touches: Touches, model: Model) -> Array:
-    """Readings (s, t, 2) (T) of the disc where the force (s, 3) has moved it."""
+def reading(config: GradiometerConfig, touches: Touches, model: Model | None = None) -> Array:
+    """Readings (s, t, 2) (T) of the disc, exact or in a model, where the force has moved it."""
+    model = exact_disc(config.positions, disc_of(config)) if model is None else model
     rest = np.array([0.0, 0.0, config.gap + config.disc_height / 2])
     shear = SHEAR_SHARE * config.full_scale / RADIUS
     stiffness = np.array([shear, shear, config.full_scale / DEPTH])

@@ -16,6 +16,7 @@ from tactile_ros.estimators.polynomial_rows import spread
 from tactile_ros.estimators.ridge import Ridge
 from tactile_ros.estimators.selection import Selection, select
 from tactile_ros.estimators.uncertainty import CalibratedCovariance
+from tactile_ros.estimators.warm_polynomial import WarmPolynomial
 
 if TYPE_CHECKING:
     from tactile_ros.types import Array, Estimator, Integers
@@ -39,9 +40,9 @@ def candidates(parts: dict[str, Integers], wanted: str | None) -> dict[str, Esti
     known: dict[str, Estimator] = {}
     if 'place' in parts:
         place = np.concatenate([parts['place'], warm])
-        known['inversion'] = ColumnView(PolynomialRidge((1, 2, 3, 4, 5), slow), place)
+        known['inversion'] = ColumnView(_of_place((1, 2, 3, 4, 5), slow), place)
         tilted = np.concatenate([parts['tilted'], warm])
-        known['inversion_tilt'] = ColumnView(PolynomialRidge((*low, 4), slow), tilted)
+        known['inversion_tilt'] = ColumnView(_of_place((*low, 4), slow), tilted)
         rest = np.concatenate([parts['place'], parts['rest'], warm])
         known['inversion_rest'] = ColumnView(PolynomialRidge(low, slow), rest)
     if 'history' in parts:
@@ -55,6 +56,11 @@ def candidates(parts: dict[str, Integers], wanted: str | None) -> dict[str, Esti
     if wanted == 'perceptron':
         return {wanted: ColumnView(Perceptron(), parts['differences'])}
     return known if wanted is None else {wanted: known[wanted]}
+
+
+def _of_place(degrees: tuple[int, ...], slow: int) -> WarmPolynomial | PolynomialRidge:
+    """Polynomial of a place; with temperatures, of an elastomer that expands and softens."""
+    return WarmPolynomial(degrees, slow) if slow else PolynomialRidge(degrees)
 
 
 def _with_history(parts: dict[str, Integers], slow: int) -> ColumnView:

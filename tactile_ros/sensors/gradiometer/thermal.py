@@ -11,15 +11,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.conditioning.history import History
+from tactile_ros.conditioning.history import SECONDS_PER_NS, History
 from tactile_ros.signals import Signals
-from tactile_ros.types import Array
+from tactile_ros.types import Array, Bools
 
 CALIBRATED_AT = 35.0  # degrees Celsius [3]
 LAGS = (4.0, 12.0, 36.0, 108.0)  # s: tried, where the config leaves it open
 LONG = 2.0  # lags that a stream lasts
 WEAKEST, STRONGEST = 0.7, 1.4
 LEAST_RANGE = 3.0  # degrees
+SAME = 1.0  # degrees between two frames of one stream
 SPAN = 60.0  # degrees beyond 35 at which the polynomial of the sensitivity stands still
 UNIT = 25.0  # degrees
 
@@ -36,6 +37,20 @@ class ThermalMemory:
     def __init__(self, lag: float) -> None:
         self.history = History(np.array([lag])) if lag > 0 else None
         self.first: Array | None = None
+        self.last: tuple[int, float] | None = None
+
+    def begins(self, signals: Signals, chip: Array) -> Bools:
+        """Rows (s,) before which a new stream begins; a new baseline alone changes no warmth."""
+        assert signals.stamp_ns is not None
+        assert self.history is not None
+        stamp_ns, last_chip = self.last or (int(signals.stamp_ns[0]), float(chip[0]))
+        gap = SECONDS_PER_NS * np.diff(signals.stamp_ns, prepend=stamp_ns)
+        soon = (gap > 0) & (gap < float(self.history.time_constants[0]))
+        same = np.abs(np.diff(chip, prepend=last_chip)) < SAME
+        begins: Bools = signals.restart & ~(soon & same)
+        begins[0] |= self.first is None
+        self.last = int(signals.stamp_ns[-1]), float(chip[-1])
+        return begins
 
 
 def chip_temperature(signals: Signals) -> Array | None:
@@ -65,8 +80,7 @@ def lagging(signals: Signals, chip: Array, usual: float, memory: ThermalMemory) 
     columns[:, 0] = (chip - usual) / UNIT
     if signals.stamp_ns is None or memory.history is None or not len(chip):
         return columns
-    begins = signals.restart.copy()
-    begins[0] |= memory.first is None
+    begins = memory.begins(signals, chip)
     start = np.maximum.accumulate(np.where(begins, np.arange(len(chip)), -1))
     earlier = chip[:1] if memory.first is None else memory.first
     first = np.where(start >= 0, chip[np.maximum(start, 0)], earlier[0])
