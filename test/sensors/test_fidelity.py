@@ -11,6 +11,7 @@ import pytest
 
 from tactile_ros.physics.disc_models import exact_disc, table_disc_model
 from tactile_ros.physics.fidelity import SHARE, rate
+from tactile_ros.physics.magnet_blocks import EXACT
 from tactile_ros.sensors.gradiometer import fidelity as gradiometer
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
 from tactile_ros.sensors.magnet_pad import fidelity as pad
@@ -68,9 +69,9 @@ def carried(spread: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 def test_a_pad_takes_more_dipoles_when_it_hears_more() -> None:
     moved, turned = carried(3e-4)
-    nodes = [pad.block_model(PAD, n, moved, turned).size[0] for n in (1e-3, 1e-5, 1e-7)]
-    assert nodes[0] == 1
-    assert nodes == sorted(nodes)
+    found = [pad.block_model(PAD, n, moved, turned).chosen for n in (1e-3, 3e-5, 1e-7)]
+    assert [rated.size for rated in found] == [(1,), (2,), (EXACT,)]
+    assert [rated.operations for rated in found] == sorted(rated.operations for rated in found)
     choice = pad.block_model(PAD, 4e-6, moved, turned)
     fresh = np.stack(carried(3e-4, 1), axis=1).reshape(100, -1)
     truth = pad.block_field(PAD, 0).readings(fresh)
@@ -143,3 +144,20 @@ def test_the_twin_of_the_gradiometer_reads_as_its_disc_does() -> None:
 def test_a_twin_takes_what_its_gap_needs(gap: float, name: str) -> None:
     module = import_module('tactile_ros.sensors.gradiometer.signal')
     assert name in module.disc_model(replace(DISC, gap=gap)).name
+
+
+def test_the_twin_of_the_pad_reads_as_its_blocks_do() -> None:
+    module = import_module('tactile_ros.sensors.magnet_pad.signal')
+    recording = module.presses(PAD, 3, 15, noise=0.0)
+    row = int(np.linalg.norm(recording.truth['force'], axis=1).argmax())
+    away = PAD.magnet_positions - recording.truth['position'][row]
+    share = np.exp(-0.5 * (away**2).sum(axis=1) / (0.6 * PAD.radius) ** 2)[:, None]
+    moved = -share * recording.truth['force'][row] / (2.4 * PAD.shear_modulus * PAD.radius)
+    field = sum(
+        magpylib.magnet.Cuboid(
+            dimension=PAD.magnet_size, polarization=(0, 0, PAD.remanence), position=place
+        ).getB(PAD.positions)
+        for place in PAD.magnet_positions + moved
+    )
+    assert np.abs(moved).max() > 2e-4
+    assert np.abs(recording.values[row] - field).max() < module.NOISE / 3
