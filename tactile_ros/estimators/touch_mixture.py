@@ -124,8 +124,8 @@ class TouchMixture:
         self.slack = slack
         self.told = touches.answers.shape[1] if told is None else told
         typical = float(np.sqrt((touches.sigma**2).mean()))
-        self.metric, volume = _metric(channels, common, strength / typical)
-        self.turned = volume != 0.0
+        self.metric, self.volume = _metric(channels, common, strength / typical)
+        self.turned = self.volume != 0.0
         self.samples = touches.readings @ self.metric
         slopes = np.matmul(self.metric, touches.slopes)
         variance = touches.sigma**2
@@ -135,7 +135,7 @@ class TouchMixture:
         turned = np.linalg.solve(factor, slopes.transpose(0, 2, 1))
         root = np.linalg.inv(factor).transpose(0, 2, 1)
         leads = np.matmul(touches.leads, root)
-        own = np.log(np.maximum(touches.share, 1e-300)) + volume
+        own = np.log(np.maximum(touches.share, 1e-300)) + self.volume
         own -= np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
         own -= 0.5 * (channels - slopes.shape[2]) * np.log(variance)
         self.freedoms, self.count = slopes.shape[2], touches.answers.shape[1]
@@ -201,6 +201,11 @@ class TouchMixture:
         wide[:, :, :split] = leads[:, :, :told].transpose(0, 2, 1, 3).reshape(rows, told, split)
         wide[:, :, split:] = (apart[:, :, :told] * np.sqrt(weight)[..., None]).transpose(0, 2, 1)
         return np.asarray(np.matmul(wide, wide.transpose(0, 2, 1)))
+
+    def of_causes(self, x: Array, sigma: float) -> Array:
+        """Logarithm of the likelihood (s,) that outside causes alone made features x (s, d)."""
+        z = np.matmul(x[:, None], self.metric)[:, 0] / sigma
+        return np.asarray(self.volume - 0.5 * (z * z).sum(axis=1) - x.shape[1] * np.log(sigma))
 
     def shares(self, seen: Posterior, centres: Array) -> Array:
         """Share (s, n) of the parts that are nearest to each of some centres (n, 3)."""

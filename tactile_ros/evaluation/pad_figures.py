@@ -56,8 +56,8 @@ def confusion_map(table: Array, told: str) -> str:
 def error_map(places: Array, error: Array, told: str) -> str:
     """Where places (s, 3) (m) err by error (s,) (m), seen from above."""
     x, y = MM * places[:, 0], MM * places[:, 1]
-    ends = ((float(np.floor(v.min())), float(np.ceil(v.max()))) for v in (x, y))
-    plot = Plot.plan(*ends, '(mm)', told)
+    along, across = ((float(np.floor(v.min())), float(np.ceil(v.max()))) for v in (x, y))
+    plot = Plot.plan(along, across, '(mm)', told)
     plot.boxes(x, y, 0.7, [f's{np.searchsorted(STEPS_MM, MM * one)}' for one in error])
     return standalone(plot)
 

@@ -178,6 +178,15 @@ class Localisation(Regressed):
             self._add_inverted(known, signals, x)
         return known
 
+    def contact(self, signals: Signals) -> npt.NDArray[np.int8]:
+        """What touches (s,): a uniform field that came after the tare does not."""
+        inversion, known = self.inversion_, signals.in_contact
+        if inversion is None or inversion.common is None or 'position' not in self.inverted_:
+            return known
+        x = signals.delta.reshape(len(known), self.width)
+        alone = (known == 1) & ~inversion.touching(x)
+        return known - alone if np.count_nonzero(alone) else known
+
     def _add_inverted(self, known: Columns, signals: Signals, x: Array) -> None:
         """Targets by the response of the pad."""
         inversion = self.inversion_

@@ -33,6 +33,7 @@ ODDS = -4.0  # logarithm, of a stray field against none
 UNLIKE = 16.0  # misfit over its scale, from which a stray field is thought of
 COMPONENTS = np.arange(6)
 FLOOR = np.diag(np.repeat([1e-6, 1e-4], 3) ** 2)  # m2, N2: what truth itself is wrong by
+SIGMAS, SHARE, LIGHTEST = 5.0, 0.4, 0.01  # as `conditioning.contact` has them
 LEANING = 0.03  # tangential over normal force, from which touches lean
 
 
@@ -116,6 +117,8 @@ class PadInversion:
         Of place and force.
     misfit_ : float
         That most touches leave, over their sigma.
+    contact_ : float
+        Largest channel, less a uniform field, beyond which something touches (T).
     report_ : dict of str to dict
         Errors on held-out groups.
     """
@@ -126,6 +129,7 @@ class PadInversion:
     misfit_: float
     touches_: Array
     spread_: StatedSpread
+    contact_: float
     report_: dict[str, dict[str, float]]
 
     def __init__(
@@ -149,9 +153,11 @@ class PadInversion:
         self._measure_scatter(ways, touches, x, fold)
         self.response_ = model.learn(np.ones(len(x), bool), lacks)
         self.touches_ = _rows(touches)
-        self._calibrate(ways, touched, fold, centres)
         for name in ('_mixtures', '_levels', '_field', '_whole'):
             vars(self).pop(name, None)
+        lightest = float(np.quantile(self._apart(x)[1], LIGHTEST))
+        self.contact_ = max(SIGMAS * self.noise, SHARE * lightest)
+        self._calibrate(ways, touched, fold, centres)
         return self
 
     def _calibrate(
@@ -293,13 +299,29 @@ class PadInversion:
 
     def resting_field(self, x: Array) -> Array:
         """Uniform field (s, 3) (T) of readings (s, c) that nothing touches; 0 within noise."""
+        field, _ = self._apart(x if self._whole else x[:, self.live])
+        seen = np.abs(field).max(axis=1, keepdims=True) > SIGMAS * self.noise
+        return np.where(seen, field, 0.0)
+
+    def touching(self, x: Array) -> Bools:
+        """Whether readings (s, c) are rather those of a touch than of a uniform field alone."""
         x = x if self._whole else x[:, self.live]
-        assert self.common is not None
-        field = np.matmul(x[:, None], self._field)[:, 0]
-        left = x - np.matmul(field[:, None], self.common.T)[:, 0]
-        seen = (np.abs(field) > 5 * self.noise).any(axis=1)
-        seen &= (left * left).sum(axis=1) < 0.25 * (x * x).sum(axis=1)
-        return np.where(seen[:, None], field, 0.0)
+        touching = np.asarray(self._apart(x)[1] > self.contact_)
+        if np.count_nonzero(touching) < len(x):
+            weak = np.flatnonzero(~touching)
+            plain, blind = self._mixtures
+            assert blind is not None
+            touch = np.maximum(plain(x[weak]).evidence, blind(x[weak]).evidence)
+            touching[weak] = touch > blind.of_causes(x[weak], self.noise)
+        return touching
+
+    def _apart(self, x: Array) -> tuple[Array, Array]:
+        """Uniform field (s, 3) in readings (s, d), and the largest channel of what remains."""
+        if self.common is None:
+            return np.zeros((len(x), 3)), np.abs(x).max(axis=1)
+        field = np.matmul(x[:, None], self._field)
+        left = x - np.matmul(field, self.common.T)[:, 0]
+        return field[:, 0], np.abs(left).max(axis=1)
 
     @cached_property
     def _whole(self) -> bool:
