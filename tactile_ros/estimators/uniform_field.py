@@ -33,6 +33,8 @@ class UniformField:
     ----------
     response_ : ndarray, shape (n, 3)
         Reading of each channel for a field of 1 along x, y, z.
+    uncertainty : float
+        Of an entry of it.
 
     Examples
     --------
@@ -46,6 +48,7 @@ class UniformField:
     def __init__(self, axes: Array, noise: float) -> None:
         self.noise = noise
         self.response_ = np.array(axes, float)
+        self.uncertainty = ENTRY
 
     def fit(self, change: Array, stray: Array) -> UniformField:
         """Learn gains and crossed axes.
@@ -65,6 +68,8 @@ class UniformField:
         used = (self.response_ != 0).any(axis=1)
         left = stray.T @ stray + np.eye(3) * (max(self.noise, 1e-9) / ENTRY) ** 2
         error = change - stray @ self.response_.T
+        least = np.maximum(np.linalg.eigvalsh(left)[0], 1e-300)
+        self.uncertainty = float(max(self.noise, 1e-9) / np.sqrt(least))
         for name in ('differences', 'seen', '_inverse'):
             vars(self).pop(name, None)
         self.response_ += np.where(used, np.linalg.solve(left, stray.T @ error), 0.0).T

@@ -16,7 +16,7 @@ from tactile_ros.regression.head import known_columns
 from tactile_ros.sensors.gradiometer.features import Features
 from tactile_ros.sensors.gradiometer.memory import StreamMemory
 from tactile_ros.sensors.gradiometer.readings import margins
-from tactile_ros.sensors.gradiometer.stray import StrayField
+from tactile_ros.sensors.gradiometer.stray import StrayField, gradient_patterns
 from tactile_ros.sensors.gradiometer.target import MODELS, Target, candidates
 from tactile_ros.sensors.gradiometer.thermal import beyond
 from tactile_ros.types import FrameStatus
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 TARGETS = ('position', 'force', 'torque')
 RESPONSES = 400
-DISTURBED = 2e-5  # T
+STEEP, DISTURBED = 0.02, 2e-5  # T / m, T: a small gradient, a small field in one difference
 OUTSIDE = 0.01  # of a component's spread, for a degree beyond the temperatures of the fit
 
 
@@ -97,11 +97,9 @@ class GradiometerEstimation:
         if features.place_ is not None and self.targets_:
             use = signals.good & ~rest & np.isfinite(x[:, parts['place']]).all(axis=1)
             self._learn_response(change[use], thermal[use])
-            plane = self.config.positions[:, :2]
-            span = float(np.sqrt(((plane - plane.mean(axis=0)) ** 2).sum() / 2))
             where = x[use][:, parts['where']]
             group = np.asarray(groups['group'], np.int64)[use]
-            self.stray_ = StrayField(features.readings_.noise, span, thermal.shape[1]).fit(
+            self.stray_ = StrayField(thermal.shape[1]).fit(
                 where,
                 x[use][:, parts['rest']],
                 x[use][:, parts['uniform']],
@@ -115,9 +113,15 @@ class GradiometerEstimation:
         change, thermal = change[rows], thermal[rows]
         table, memory = self.features_.table, self.start()
         x, parts = table(change, thermal, None, memory)
-        steps = DISTURBED * self.features_.projection.T
-        moved = [table(change + step, thermal, None, memory)[0] for step in steps]
-        sizes = [target.response(x, moved, DISTURBED) for target in self.targets_]
+        kinds = gradient_patterns(self.config.positions, self.features_.uniform_.response_)
+        moved, leaked = (
+            [table(change + step, thermal, None, memory)[0] for step in steps]
+            for steps in (STEEP * kinds, DISTURBED * self.features_.projection.T)
+        )
+        sizes = [target.response(x, moved, STEEP) for target in self.targets_]
+        shown = sum(((other - x)[:, parts['rest']] ** 2).sum(axis=1) for other in moved)
+        sizes.append(0.5 * np.log(np.asarray(shown)[:, None] / STEEP**2))
+        sizes += [target.response(x, leaked, DISTURBED) for target in self.targets_]
         place = x[:, parts['place']]
         self.response_ = PolynomialRidge((1, 2)).fit(place, np.concatenate(sizes, axis=1))
 
@@ -167,13 +171,16 @@ class GradiometerEstimation:
             known['stray_field'] = features.uniform_.solve(change)
         else:
             rest, uniform = x[:, parts['rest']], x[:, parts['uniform']]
-            field, excess, odd = self.stray_.predict(x[:, parts['where']], uniform, rest)
+            field, shown, size, odd = self.stray_.predict(x[:, parts['where']], uniform, rest)
             known['stray_field'] = np.full((len(x), 3), np.nan)
             known['stray_field'][:, features.uniform_.seen] = field
             status |= odd * _STRAY
-            if self.response_ is not None and np.count_nonzero(excess):
-                place = x[:, parts['place']]
-                wider = np.exp(self.response_.predict(place)) * excess[:, None]
+            if self.response_ is not None and np.count_nonzero(shown):
+                place, count = x[:, parts['place']], wider.shape[1]
+                answer = np.exp(self.response_.predict(place))
+                wider = answer[:, :count] * (shown / answer[:, count])[:, None]
+                leak = (features.uniform_.uncertainty * size)[:, None]
+                wider = np.hypot(wider, answer[:, count + 1 :] * leak)
         outside = beyond(signals, features.readings_.span_)
         if np.count_nonzero(outside):
             status |= (outside > 0) * _OUTSIDE

@@ -68,6 +68,7 @@ class Features:
         """Learn from frames of which some rest and some are touched; changes (s, n) (T)."""
         resting = signals.good & (signals.in_contact == 0)
         self.readings_ = Readings(self.config).fit(signals, resting)
+        self.readings_.warm_ &= self.config.thermal_term
         change = self.readings_.change(signals)
         self._learn_uniform(change, stray, rest & signals.good)
         self.place_ = self.tilted_ = None
@@ -116,7 +117,10 @@ class Features:
     def _disc(self, tilt: float) -> DiscInversion:
         config, noise = self.config, self.readings_.noise
         disc = np.array([config.gap, config.disc_diameter, config.disc_height, config.remanence])
-        model = DiscInversion(config.positions, self.uniform_.response_, disc, tilt)
+        rows, columns = self._choice.size
+        model = DiscInversion(
+            config.positions, self.uniform_.response_, disc, tilt, (rows, columns)
+        )
         return model.given(self.projection, noise, absolute=self.readings_.absolute_)
 
     @cached_property
@@ -125,7 +129,7 @@ class Features:
         differences = self.uniform_.differences
         used = (self.readings_.axes != 0).any(axis=1)
         whole = np.ascontiguousarray(np.eye(len(used))[:, used])
-        return differences if differences.shape[1] >= 3 else whole
+        return differences if differences.shape[1] >= 3 and self.config.stray_term else whole
 
     def thermal(self, signals: Signals, memory: StreamMemory) -> Array:
         """Temperatures (s, h); no column where those of the fit were all alike."""

@@ -16,10 +16,8 @@ from tactile_ros.types import Array, Bools, Integers
 
 DEGREES = (1, 2, 3, 4)
 USUAL, CERTAIN = 0.99, 0.9999  # of what clean frames leave over
-NEAREST = 14e-3  # m, of a magnet whose gradient the covariance covers; a nearer one is warned of
-GRADIENT = 1.5  # of a dipole, times its field over its distance: a typical entry of the tensor
 BEYOND = 1.5  # times the oddest that is certain
-FEW_FREEDOMS = 1.6  # two sigmas of Student's t of three freedoms, over those of a normal one
+FEW_FREEDOMS = 3.0  # two sigmas of Student's t of about two freedoms, over those of normal ones
 
 
 class StrayField:
@@ -27,10 +25,6 @@ class StrayField:
 
     Parameters
     ----------
-    noise : float
-        Of a channel (T).
-    span : float
-        Root of the sum of squares of the pixels' distance from their middle along an axis (m).
     slow : int
         How many temperatures follow the disc's place.
 
@@ -57,9 +51,7 @@ class StrayField:
     blind_: float
     report_: dict[str, float]
 
-    def __init__(self, noise: float, span: float, slow: int = 0) -> None:
-        self.noise = noise
-        self.span = span
+    def __init__(self, slow: int = 0) -> None:
         self.slow = slow
 
     def fit(
@@ -114,11 +106,13 @@ class StrayField:
         }
         return self
 
-    def predict(self, place: Array, uniform: Array, rest: Array) -> tuple[Array, Array, Bools]:
+    def predict(
+        self, place: Array, uniform: Array, rest: Array
+    ) -> tuple[Array, Array, Array, Bools]:
         """Stray field, what of it may disturb differences, and where it certainly does.
 
-        A magnet's gradient may hide in what its place explains: then the field that it leaves in
-        the mean says how large its gradient may be.
+        Of a magnet's gradient a part hides in the disc's place; the part that shows in what the
+        model leaves over tells how large the whole may be.
 
         Parameters
         ----------
@@ -133,7 +127,9 @@ class StrayField:
         field : ndarray, shape (s, r)
             Stray field (T).
         excess : ndarray, shape (s,)
-            Field that is not the disc's, in every difference (T).
+            What of a gradient may show in all differences together (T); 0: none is likely.
+        size : ndarray, shape (s,)
+            Of the stray field; 0 where it may be none (T).
         odd : ndarray of bool, shape (s,)
             The differences are certainly not the disc's.
         """
@@ -141,7 +137,31 @@ class StrayField:
         field = uniform - usual[:, :count]
         sigma = spread(self.spread_, place)
         odd = (((rest - usual[:, count:]) / sigma) ** 2).mean(axis=1)
-        excess = np.maximum(odd - self.usual_, 0.0) * (sigma**2).mean(axis=1)
-        stray = np.maximum((field**2).sum(axis=1) - self.blind_**2, 0.0)
-        steep = (GRADIENT * self.span / NEAREST) ** 2 * stray
-        return field, np.sqrt(FEW_FREEDOMS**2 * excess + steep), odd > self.limit_
+        size = np.sqrt(np.maximum((field**2).sum(axis=1) - self.blind_**2, 0.0))
+        near = (odd > self.usual_) | (size > 0)
+        shown = np.where(near, np.sqrt(odd * (sigma**2).sum(axis=1)), 0.0)
+        return field, FEW_FREEDOMS * shown, size, odd > self.limit_
+
+
+def gradient_patterns(pixels: Array, response: Array) -> Array:
+    """Readings of each kind of gradient of a field without sources, of 1 T / m.
+
+    Parameters
+    ----------
+    pixels : ndarray, shape (t, 3)
+        (m).
+    response : ndarray, shape (n, 3)
+        Of the n = c t channels to a uniform field.
+
+    Returns
+    -------
+    ndarray, shape (5, n)
+        Of the symmetric tensors without trace, orthonormal (T).
+    """
+    kinds = np.zeros((5, 3, 3))
+    kinds[0, 0, 1], kinds[1, 0, 2], kinds[2, 1, 2] = np.sqrt([0.5] * 3)
+    kinds = kinds + kinds.transpose(0, 2, 1)
+    kinds[3] = np.diag([1, -1, 0]) / np.sqrt(2)
+    kinds[4] = np.diag([1, 1, -2]) / np.sqrt(6)
+    apart = np.repeat(pixels - pixels.mean(axis=0), len(response) // len(pixels), axis=0)
+    return np.asarray(np.einsum('ni,kij,nj->kn', response, kinds, apart))

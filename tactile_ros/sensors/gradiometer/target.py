@@ -158,14 +158,14 @@ class Target:
         x : ndarray, shape (s, f)
             Features.
         moved : list of ndarray, shape (s, f)
-            Features with each difference disturbed by `step` (T).
+            Features in each kind of gradient, of `step` (T / m).
         step : float
-            (T).
+            (T / m).
 
         Returns
         -------
         ndarray, shape (s, k)
-            Logarithm of the change, in `unit_`, over the field (1 / T).
+            Logarithm of the change, in `unit_`, over the gradient (m / T).
         """
         mean = self.estimator_.predict(x)
         turns = np.stack([self.estimator_.predict(other) - mean for other in moved]) / step
