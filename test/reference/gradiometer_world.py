@@ -34,9 +34,11 @@ class Scene:
 class World:
     """One specimen: the config says what it was built as, the specimen differs from it."""
 
-    def __init__(self, seed: int, noise: float = 2e-6, amiss: float = 1.0) -> None:
+    def __init__(
+        self, seed: int, noise: float = 2e-6, amiss: float = 1.0, thermometer: float = 0.0
+    ) -> None:
         rng = np.random.default_rng([seed, 77])
-        self.noise, self.rest = noise, 60
+        self.noise, self.rest, self.thermometer = noise, 60, thermometer
         wide, deep = rng.uniform(1.7e-3, 2.3e-3, 2)
         corner = 0.5 * np.array([[-1, -1], [1, -1], [-1, 1], [1, 1]]) * [wide, deep]
         pixels = np.column_stack([corner, np.zeros(4)])
@@ -99,28 +101,41 @@ class World:
             disc[i] = disc[i - 1] + (chip[i] - disc[i - 1]) * -np.expm1(-step / self.lag_s)
         return np.stack([chip, disc])
 
-    def record(self, count: int, seed: int, scene: Scene = Scene()) -> Recording:  # noqa: B008
+    def record(self, count: int, seed: int, scene: Scene = Scene()) -> Recording:
         """Presses after a rest; the surroundings come after the rest."""
         rng = np.random.default_rng([seed, 5])
+        shift = np.concatenate([np.zeros((self.rest, 3)), self.shifts(count, rng)])
+        return self.recorded(shift, seed, scene)
+
+    def shifts(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Places of the disc since rest, shape (s, 3) (m)."""
         radius, angle = np.sqrt(rng.uniform(size=count)), rng.uniform(0, 2 * np.pi, count)
         depth = rng.uniform(0.01, 1, count) * self.depth
         side = 0.4 * self.gap * radius
-        shift = np.column_stack([side * np.cos(angle), side * np.sin(angle), -depth])
-        shift = np.concatenate([np.zeros((self.rest, 3)), shift])
+        return np.column_stack([side * np.cos(angle), side * np.sin(angle), -depth])
+
+    def tilts(self, shift: np.ndarray) -> np.ndarray:
+        """Turns (s, 2) (rad) that come with shifts."""
+        tilt = self.lean * np.column_stack([-shift[:, 1], shift[:, 0]])
+        return np.asarray(tilt * (1 - 0.3 * shift[:, 2:] / self.gap))
+
+    def recorded(self, shift: np.ndarray, seed: int, scene: Scene) -> Recording:
+        """Frames of a disc at places (s, 3), of which the first `rest` are the tare."""
+        rng = np.random.default_rng([seed, 6])
         touched = np.arange(len(shift)) >= self.rest
         chip, disc = self.warmth(scene, len(shift), rng)
         if scene.turned:
             shift = 0 * shift
-        tilt = self.lean * np.column_stack([-shift[:, 1], shift[:, 0]])
-        tilt = tilt * (1 - 0.3 * shift[:, 2:] / self.gap)
+        tilt = self.tilts(shift)
         force = self.force(shift, disc)
         outside = self.surroundings(scene, len(shift), rng) * touched[:, None, None]
         read = np.einsum('tij,stj->sti', self.mix, self.field(shift, tilt, disc) + outside)
         read = (read[..., [0, 2]] + self.offset) * (1 - 0.005 * chip)[:, None, None]
         read = read + self.noise * rng.normal(size=read.shape)
         limit = float(np.max(self.config.saturation))  # type: ignore[arg-type]
-        told = 35 + chip + (0.02 * rng.normal(size=len(chip)) if scene.span else 0)
-        torque = np.column_stack([-4e-3 * force[:, 1], 4e-3 * force[:, 0], np.full(len(force), np.nan)])
+        told = 35 + chip + self.thermometer * rng.normal(size=len(chip))
+        unseen = np.full(len(force), np.nan)
+        torque = np.column_stack([-4e-3 * force[:, 1], 4e-3 * force[:, 0], unseen])
         truth = {'force': force, 'torque': torque}
         if scene.turned:
             truth = {'stray_field': outside[:, 0], 'in_contact': np.zeros(len(force), np.int8)}

@@ -18,7 +18,10 @@ from tactile_ros.estimators.disc_inversion import DiscInversion
 from tactile_ros.estimators.polynomial_force import PolynomialForce
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
 from tactile_ros.estimators.uniform_field import UniformField
+from tactile_ros.estimators.warm_chain import WarmChain
 from tactile_ros.estimators.warm_polynomial import WarmPolynomial
+from tactile_ros.physics.fidelity import Choice, Rated
+from tactile_ros.physics.scene_terms import Worth
 from tactile_ros.regression import CLASSES
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig, layout
 from tactile_ros.sensors.gradiometer.device import (
@@ -45,7 +48,11 @@ OWN = (
     ColumnView,
     PolynomialForce,
     PolynomialRidge,
+    WarmChain,
     WarmPolynomial,
+    Choice,
+    Rated,
+    Worth,
 )
 
 SENSOR = SensorSpec(

@@ -16,6 +16,7 @@ from tactile_ros.estimators.polynomial_rows import spread
 from tactile_ros.estimators.ridge import Ridge
 from tactile_ros.estimators.selection import Selection, select
 from tactile_ros.estimators.uncertainty import CalibratedCovariance
+from tactile_ros.estimators.warm_chain import WarmChain
 from tactile_ros.estimators.warm_polynomial import WarmPolynomial
 
 if TYPE_CHECKING:
@@ -49,7 +50,8 @@ def candidates(parts: dict[str, Integers], wanted: str | None) -> dict[str, Esti
         known['history'] = _with_history(parts, slow)
     known['channels'] = ColumnView(PolynomialRidge(low, slow), every)
     known['differences'] = ColumnView(PolynomialRidge((*low, 4), slow), seen)
-    known['polynomial'] = ColumnView(PolynomialForce(), parts['field'])
+    chain = WarmChain(slow) if slow else PolynomialForce()
+    known['polynomial'] = ColumnView(chain, every)
     known['kernel_ridge'] = ColumnView(KernelRidge(), parts['differences'])
     known['ridge'] = ColumnView(Ridge(), seen)
     known['grid_knn'] = ColumnView(GridKnn(), parts['differences'])
