@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from tactile_ros.physics.disc_table import disc_table, table_disc
+from tactile_ros.physics.disc_table import COLUMNS, ROWS, disc_table, table_disc
 from tactile_ros.types import Array
 
 GAP, REMANENCE, REST, LEANING, COUPLING, DEEPER = 0.1, 0.1, 0.08, 0.03, 0.3, 0.5
@@ -39,6 +39,8 @@ class DiscModel:
         Gap to its near face, diameter, height (m), remanence (T).
     tilt : float
         Standard deviation of tilts beside those that come with a shift (rad); 0: none.
+    shape : tuple of int
+        Of the disc's table, as `physics.fidelity` chooses it.
 
     Attributes
     ----------
@@ -61,13 +63,20 @@ class DiscModel:
     sigma_: float
     absolute_: bool
 
-    def __init__(self, pixels: Array, axes: Array, disc: Array, tilt: float = 0.0) -> None:
+    def __init__(
+        self,
+        pixels: Array,
+        axes: Array,
+        disc: Array,
+        tilt: float = 0.0,
+        shape: tuple[int, int] = (ROWS, COLUMNS),
+    ) -> None:
         self.pixels, self.axes, self.disc, self.tilt = pixels, axes, disc, tilt
         gap, diameter, height, _ = disc
         wide = float(np.hypot(*np.abs(pixels[:, :2]).max(axis=0)) + 1.2 * gap)
         low = float(pixels[:, 2].max())
         reach = (wide, 0.1 * gap - low + height / 2, 1.8 * gap - low + height / 2)
-        self.table, self.grid = disc_table(float(diameter), float(height), reach)
+        self.table, self.grid = disc_table(float(diameter), float(height), reach, shape)
         self.found_ = np.zeros(GEOMETRY + axes.size)
         self.rest_: Array | None = None
 

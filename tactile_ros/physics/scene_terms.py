@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 BOUNDED = 1e3  # spreads: what an unknown that is not told by readings is held to
 
+SOLVABLE = 1e-13
+
 
 @dataclass(frozen=True)
 class Term:
@@ -143,5 +145,8 @@ def _bound(slopes: Array, term: Term, noise: float, wanted: int) -> Array:
     normal = np.swapaxes(both, 1, 2) @ both
     held = np.arange(slopes.shape[2], both.shape[2])
     normal[:, held, held] += (noise / (BOUNDED * term.spread)) ** 2
+    every = np.arange(both.shape[2])  # what no reading tells stays solvable
+    normal[:, every, every] *= 1 + SOLVABLE
+    normal[:, every, every] += SOLVABLE * normal.max(axis=(1, 2))[:, None]
     inverse = np.linalg.inv(normal)
     return np.asarray(np.trace(inverse[:, :wanted, :wanted], axis1=1, axis2=2))

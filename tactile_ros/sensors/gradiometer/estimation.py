@@ -65,7 +65,7 @@ class GradiometerEstimation:
             found['disc']['thermal_lag'] = self.features_.lag_
         if self.targets_ and self.stray_ is not None:
             found['stray_field'] = self.stray_.report_
-        return found
+        return {**found, **self.features_.report}
 
     def start(self) -> StreamMemory:
         """Fresh memory of a stream."""

@@ -10,11 +10,14 @@ import numpy as np
 from tactile_ros.estimators.disc_inversion import DiscInversion
 from tactile_ros.estimators.polynomial_rows import times
 from tactile_ros.estimators.uniform_field import UniformField
+from tactile_ros.sensors.gradiometer.fidelity import LEAST_NOISE, field_model, terms
 from tactile_ros.sensors.gradiometer.memory import StreamMemory
 from tactile_ros.sensors.gradiometer.readings import Readings
 from tactile_ros.sensors.gradiometer.thermal import chip_temperature, lagging
 
 if TYPE_CHECKING:
+    from tactile_ros.physics.fidelity import Choice
+    from tactile_ros.physics.scene_terms import Worth
     from tactile_ros.sensors.gradiometer.config import GradiometerConfig
     from tactile_ros.signals import Signals
     from tactile_ros.types import Array, Bools, Integers
@@ -24,6 +27,7 @@ FEWEST_ROWS = 20
 FEWEST_DIFFERENCES = 5
 CLEARLY = 20.0  # chi square by which a lag must explain more than none
 FINER, GOLDEN = 7, 0.618
+STATES = 30  # of the scene, over which terms are weighed
 
 
 class Features:
@@ -44,11 +48,17 @@ class Features:
         What a uniform field does to the channels.
     place_, tilted_ : DiscInversion or None
         The disc's model without and with tilts of its own.
+    choice_ : Choice
+        Model of the disc's field that the noise needs.
+    terms_ : tuple of Worth
+        What terms of the scene cost and buy; none before a fit.
     lag_ : float
         Time constant with which the disc follows the chip's temperature (s).
     tilts_, remembers_ : bool
         Whether tilts, and what was a while ago, are features.
     """
+
+    choice_: Choice
 
     def __init__(self, config: GradiometerConfig, remembers: bool = False) -> None:
         self.config = config
@@ -59,6 +69,13 @@ class Features:
         self.tilted_: DiscInversion | None = None
         self.lag_ = config.thermal_lag
         self.tilts_ = self.remembers_ = False
+        self.terms_: tuple[Worth, ...] = ()
+
+    @property
+    def report(self) -> dict[str, dict[str, float]]:
+        """The model of the disc's field, and what terms of the scene cost and buy."""
+        told = [self.choice_.report, *(term.report for term in self.terms_)] if self.terms_ else []
+        return {name: figures for part in told for name, figures in part.items()}
 
     def start(self) -> StreamMemory:
         """Fresh memory of a stream."""
@@ -69,6 +86,8 @@ class Features:
         resting = signals.good & (signals.in_contact == 0)
         self.readings_ = Readings(self.config).fit(signals, resting)
         self.readings_.warm_ &= self.config.thermal_term
+        self.choice_ = field_model(self.config, self.readings_.noise)
+        self.terms_ = terms(self.config, max(self.readings_.noise, LEAST_NOISE), STATES)
         change = self.readings_.change(signals)
         self._learn_uniform(change, stray, rest & signals.good)
         self.place_ = self.tilted_ = None
@@ -117,7 +136,7 @@ class Features:
     def _disc(self, tilt: float) -> DiscInversion:
         config, noise = self.config, self.readings_.noise
         disc = np.array([config.gap, config.disc_diameter, config.disc_height, config.remanence])
-        rows, columns = self._choice.size
+        rows, columns = self.choice_.size
         model = DiscInversion(
             config.positions, self.uniform_.response_, disc, tilt, (rows, columns)
         )

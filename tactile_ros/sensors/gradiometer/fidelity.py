@@ -6,6 +6,7 @@ leans. Uniform stray fields and the magnet's own temperature are terms that a sc
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,6 +33,7 @@ COUNT = 400
 STRAY = 1e-3  # T, of one component of stray fields in a scene that has them
 WARM = 15.0  # degrees, by which the magnet differs from the chip or from calibration
 STEP = 1e-6
+LEAST_NOISE = 1e-8  # T, below which nothing is gained
 
 
 def disc_of(config: GradiometerConfig) -> tuple[float, float, float]:
@@ -66,9 +68,13 @@ def tables(config: GradiometerConfig, degree: int = 3) -> list[Model]:
 
 
 def field_model(config: GradiometerConfig, noise: float) -> Choice:
-    """The smallest cubic table that an inversion needs at a noise (T)."""
+    """The smallest cubic table that an inversion needs at a noise (T); the finest, if none is."""
     exact = exact_disc(config.positions, disc_of(config))
-    return choose(tables(config), exact, states_of(config), noise)
+    choice = choose(tables(config), exact, states_of(config), max(noise, LEAST_NOISE))
+    if choice.size:
+        return choice
+    finest = max(choice.rated, key=lambda rated: rated.numbers)
+    return replace(choice, name=finest.name, size=finest.size)
 
 
 def twin_model(config: GradiometerConfig, states: Array, noise: float) -> Model:
