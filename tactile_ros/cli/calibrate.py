@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tactile_ros.cli import models
 from tactile_ros.cli.destination import refuse_unwritable
 from tactile_ros.cli.sources import find, fit_layout, read_config
 from tactile_ros.cli.table import show, show_json
@@ -74,6 +75,8 @@ def run(options: argparse.Namespace) -> int:
     (show_json if options.json else show)(COLUMNS, report_rows(pipeline))
     if left_out(pipeline):
         print(left_out(pipeline), file=sys.stderr)
+    for sentence in models.sentences(pipeline.report):
+        print(sentence, file=sys.stderr if options.json else sys.stdout)
     if not options.json:
         seconds = time.perf_counter() - began
         print(f'fitted in {seconds:.1f} s; metres and newton; written to {options.output}')
@@ -101,5 +104,5 @@ def report_rows(pipeline: Pipeline) -> list[tuple[str | float | int | None, ...]
             int(found.get('rows', 0)),
         )
         for target, found in pipeline.report.items()
-        if target != 'left_out'
+        if target != 'left_out' and not target.startswith(models.KINDS)
     ]

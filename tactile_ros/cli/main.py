@@ -9,7 +9,7 @@ import sys
 from tactile_ros import __version__
 from tactile_ros.errors import TactileError
 
-COMMANDS = ('list', 'doctor', 'demo', 'calibrate', 'record', 'replay', 'bench')
+COMMANDS = ('list', 'doctor', 'demo', 'calibrate', 'record', 'replay', 'design', 'bench')
 FAILED, WRONG_USE, INTERRUPTED = 1, 2, 130
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros import calibration as files
+from tactile_ros.cli import models
 from tactile_ros.cli.destination import refuse_unwritable
 from tactile_ros.cli.sources import find
 from tactile_ros.cli.table import show, show_json
@@ -68,7 +69,8 @@ def run(options: argparse.Namespace) -> int:
     if not datasets:
         raise RecordingError('; '.join(failed))
     command = shlex.join(['tactile', 'replay', *map(str, sys.argv[2:])])
-    result = Result('Replay', command, environment(), tuple(datasets))
+    notes = dict.fromkeys(said for p in pipelines for said in models.sentences(p.report))
+    result = Result('Replay', command, environment(), tuple(datasets), tuple(notes))
     print_result(result, as_json=options.json)
     if options.report:
         from tactile_ros.evaluation.report import write_report

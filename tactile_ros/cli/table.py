@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-Cell = str | float | int | None
+    from tactile_ros.types.table import Cell
 
 
 def figure(value: Cell, digits: int = 3) -> str:
@@ -34,7 +36,17 @@ def show(columns: Sequence[str], rows: Sequence[Sequence[Cell]], title: str = ''
         print('  '.join(cells).rstrip())
 
 
+def as_objects(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> list[dict[str, Cell]]:
+    """The same table as a list of objects; what is not finite becomes null."""
+    return [dict(zip(columns, (_plain(cell) for cell in row), strict=True)) for row in rows]
+
+
+def _plain(cell: Cell) -> Cell:
+    """A cell as json has it, numbers of numpy as numbers."""
+    value: Cell = cell.item() if isinstance(cell, np.generic) else cell
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
 def show_json(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> None:
-    """Print the same table as a list of objects; NaN becomes null."""
-    clean = [[None if isinstance(c, float) and c != c else c for c in row] for row in rows]  # noqa: PLR0124
-    print(json.dumps([dict(zip(columns, row, strict=True)) for row in clean], indent=2))
+    """Print the same table as a list of objects; what is not finite becomes null."""
+    print(json.dumps(as_objects(columns, rows), indent=2))

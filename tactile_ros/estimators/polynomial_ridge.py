@@ -6,16 +6,18 @@ variables, and a polynomial of low degree learns it from a few hundred presses.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import combinations_with_replacement
 
 import numpy as np
 
 from tactile_ros.estimators.folds import group_folds
-from tactile_ros.estimators.ridge_path import held_out_squares, ridge_weights
+from tactile_ros.estimators.polynomial_rows import polynomial_rows
+from tactile_ros.estimators.ridge_path import held_out_each, ridge_weights
 from tactile_ros.estimators.standardisation import Standardisation
 from tactile_ros.estimators.training import fitted, predict_rows, training_rows
-from tactile_ros.types import Array, Integers
+from tactile_ros.physics import compiled
+from tactile_ros.types import Array, Integers, as_shape
 
 STRENGTHS = 10.0 ** np.arange(-12.0, -1.0)
 BEYOND = 1.5  # of the range seen: farther out the polynomial stands still
@@ -93,6 +95,7 @@ class PolynomialRidge:
             Itself.
         """
         rows = training_rows(x, y, groups)
+        vars(self).pop('_folded', None)
         self.scale_ = Standardisation().fit(rows.x)
         z = self.scale_(rows.x)
         self.limit_ = BEYOND * np.abs(z).max(axis=0)
@@ -107,15 +110,16 @@ class PolynomialRidge:
         self.weights_ = np.zeros((terms.shape[1], target.shape[1]))
         self.degree_ = np.zeros(target.shape[1], np.int64)
         counts = {d: count_terms(width, d, self.slow) for d in degrees}
+        squares = {
+            d: held_out_each(terms[:, :n], target, fold, STRENGTHS) for d, n in counts.items()
+        }
         for k in range(target.shape[1]):
-            one = target[:, k : k + 1]
-            squares = {
-                d: held_out_squares(terms[:, :n], one, fold, STRENGTHS) for d, n in counts.items()
-            }
-            degree = min(squares, key=lambda d: float(squares[d].min()))
-            strength = float(STRENGTHS[int(np.argmin(squares[degree]))])
-            n = counts[degree]
-            self.weights_[:n, k] = ridge_weights(terms[:, :n], one, strength)[:, 0]
+            least = {d: float(squares[d][:, k].min()) for d in counts}
+            degree = min(least, key=least.__getitem__)
+            strength, n = float(STRENGTHS[int(np.argmin(squares[degree][:, k]))]), counts[degree]
+            self.weights_[:n, k] = ridge_weights(terms[:, :n], target[:, k : k + 1], strength)[
+                :, 0
+            ]
             self.degree_[k] = degree
         return self
 
@@ -128,13 +132,38 @@ class PolynomialRidge:
             Before a fit.
         """
         fitted(self, 'degree_')
-        return predict_rows(x, len(self.limit_), self._answer)
+        if not compiled.AVAILABLE:
+            return predict_rows(x, len(self.limit_), self._answer)
+        x = as_shape('x of predict', x, (-1, len(self.limit_)))
+        y = np.empty((len(x), len(self.level_)))
+        scale, (factors, weights, level) = self.scale_, self._folded
+        lower, last = factors
+        polynomial_rows(x, scale.mean_, scale.gain_, self.limit_, lower, last, weights, level, y)
+        return y
+
+    @cached_property
+    def _folded(self) -> tuple[tuple[Integers, Integers], Array, Array]:
+        """Factors of every term; weights (p, k) and level (k,) of terms that are not centred."""
+        known = {count_terms(len(self.limit_), d, self.slow): d for d in self.degrees}
+        degree = known[len(self.weights_)]
+        pairs = np.array(_factors(len(self.limit_), degree, self.slow), np.int64)
+        weights = np.ascontiguousarray(self.weights_ * self.terms_.gain_[:, None])
+        factors = (np.ascontiguousarray(pairs[:, 0]), np.ascontiguousarray(pairs[:, 1]))
+        return factors, weights, np.asarray(self.level_ - self.terms_.mean_ @ weights)
 
     def _answer(self, x: Array) -> Array:
         z = np.minimum(np.maximum(self.scale_(x), -self.limit_), self.limit_)
-        known = {count_terms(x.shape[1], d, self.slow): d for d in self.degrees}
-        terms = monomials(z, known[len(self.weights_)], self.slow)
-        return np.asarray(self.terms_(terms) @ self.weights_ + self.level_)
+        (lower, last), weights, level = self._folded
+        terms = np.empty((len(z), len(lower)))
+        width = z.shape[1]
+        terms[:, :width] = z
+        first = width
+        while first < len(lower):  # all terms whose lower factors are known
+            known = lower[first:] >= first
+            end = first + int(np.argmax(known)) if known.any() else len(lower)
+            terms[:, first:end] = terms[:, lower[first:end]] * z[:, last[first:end]]
+            first = end
+        return np.asarray(terms @ weights + level)
 
 
 def count_terms(width: int, degree: int, slow: int = 0) -> int:

@@ -18,7 +18,24 @@ def held_out_squares(
     strengths: Array,
     weighed: tuple[Array, Array] | None = None,
 ) -> Array:
-    """Sum of squared errors on held-out folds for each penalty.
+    """Sum of squared errors on held-out folds for each penalty, as `held_out_each` has them.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Sums over rows and components (unit of the target, squared).
+    """
+    return np.asarray(held_out_each(terms, target, fold, strengths, weighed).sum(axis=1))
+
+
+def held_out_each(
+    terms: Array,
+    target: Array,
+    fold: Integers,
+    strengths: Array,
+    weighed: tuple[Array, Array] | None = None,
+) -> Array:
+    """Sum of squared errors on held-out folds for each penalty and component.
 
     Parameters
     ----------
@@ -35,12 +52,12 @@ def held_out_squares(
 
     Returns
     -------
-    ndarray, shape (n,)
-        Sums over rows and components (unit of the target, squared).
+    ndarray, shape (n, k)
+        Sums over rows (unit of the target, squared).
     """
     learned, told = (terms, target) if weighed is None else weighed
     gram, moment = learned.T @ learned, learned.T @ told
-    squares = np.zeros(len(strengths))
+    squares = np.zeros((len(strengths), target.shape[1]))
     names = np.unique(fold)
     for name in names:
         out = fold == name
@@ -51,7 +68,7 @@ def held_out_squares(
         projected = held @ vector
         for i, strength in enumerate(strengths):
             damped = right / (value + strength * left)[:, None]
-            squares[i] += float(((projected @ damped - answer) ** 2).sum())
+            squares[i] += ((projected @ damped - answer) ** 2).sum(axis=0)
     return squares
 
 

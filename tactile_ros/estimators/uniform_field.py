@@ -7,9 +7,12 @@ That response is known from the chips' axes, and better from a rest in known fie
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
-from tactile_ros.types import Array
+from tactile_ros.estimators.polynomial_rows import times
+from tactile_ros.types import Array, Integers
 
 ENTRY = 0.01  # what the config is uncertain by, of gains and crossed axes
 STRAY = 2e-3  # T: a field that [3] is to bear
@@ -30,6 +33,8 @@ class UniformField:
     ----------
     response_ : ndarray, shape (n, 3)
         Reading of each channel for a field of 1 along x, y, z.
+    uncertainty : float
+        Of an entry of it.
 
     Examples
     --------
@@ -43,6 +48,7 @@ class UniformField:
     def __init__(self, axes: Array, noise: float) -> None:
         self.noise = noise
         self.response_ = np.array(axes, float)
+        self.uncertainty = ENTRY
 
     def fit(self, change: Array, stray: Array) -> UniformField:
         """Learn gains and crossed axes.
@@ -62,6 +68,10 @@ class UniformField:
         used = (self.response_ != 0).any(axis=1)
         left = stray.T @ stray + np.eye(3) * (max(self.noise, 1e-9) / ENTRY) ** 2
         error = change - stray @ self.response_.T
+        least = np.maximum(np.linalg.eigvalsh(left)[0], 1e-300)
+        self.uncertainty = float(max(self.noise, 1e-9) / np.sqrt(least))
+        for name in ('differences', 'seen', '_inverse'):
+            vars(self).pop(name, None)
         self.response_ += np.where(used, np.linalg.solve(left, stray.T @ error), 0.0).T
         return self
 
@@ -71,13 +81,13 @@ class UniformField:
         left, size, _ = np.linalg.svd(self.response_, full_matrices=False)
         return left[:, size * STRAY > np.sqrt(max(self.noise, 1e-9) ** 2 + (1e-3 * STRAY) ** 2)]
 
-    @property
+    @cached_property
     def differences(self) -> Array:
         """Projection (n, m), orthonormal, that no uniform field passes; channels unused are 0."""
         used = (self.response_ != 0).any(axis=1)
         seen = self.directions
         left, size, _ = np.linalg.svd(np.diag(used * 1.0) - seen @ seen.T)
-        return np.asarray(left[:, size > 0.5])
+        return np.ascontiguousarray(left[:, size > 0.5])
 
     @property
     def measured(self) -> Array:
@@ -87,7 +97,17 @@ class UniformField:
 
     def solve(self, change: Array) -> Array:
         """Uniform field (s, 3) (T) of readings (s, n) (T); NaN for axes that none measures."""
+        return times(change, self._inverse)
+
+    @cached_property
+    def seen(self) -> Integers:
+        """Indices of the axes that channels measure."""
+        return np.flatnonzero(self.measured)
+
+    @cached_property
+    def _inverse(self) -> Array:
+        """Readings to the field, shape (n, 3); NaN for axes that none measures."""
         seen = self.measured
-        field = np.full((len(change), 3), np.nan)
-        field[:, seen] = change @ np.linalg.pinv(self.response_[:, seen]).T
-        return field
+        inverse = np.full(self.response_.shape, np.nan)
+        inverse[:, seen] = np.linalg.pinv(self.response_[:, seen]).T
+        return inverse

@@ -50,10 +50,11 @@ def dipole_field(points: Array, places: Array, moments: Array) -> Array:
     8.0
     """
     r = points[..., :, None, :] - places[..., None, :, :]
-    near = 1 / np.linalg.norm(r, axis=-1, keepdims=True)
     moment = moments[..., None, :, :]
-    along = np.sum(moment * r, axis=-1, keepdims=True)
-    field: Array = SCALE * (3 * along * r * near**5 - moment * near**3).sum(axis=-2)
+    near = 1 / np.einsum('...i,...i->...', r, r)
+    along = 3 * near * np.einsum('...i,...i->...', moment, r)
+    weight = SCALE * near * np.sqrt(near)
+    field: Array = np.einsum('...mi,...m->...i', along[..., None] * r - moment, weight)
     return field
 
 

@@ -8,15 +8,20 @@ in which the field is smooth at the axis, and its columns heights.
 from __future__ import annotations
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
+from tactile_ros.physics.grid_table import cubic_weights, linear_weights
 from tactile_ros.physics.magnetics import axial_cylinder, tilt_rotation
-from tactile_ros.types import Array, Integers
+from tactile_ros.types import Array
 
 ROWS, COLUMNS = 128, 96
 
 
 def disc_table(
-    diameter: float, height: float, reach: tuple[float, float, float]
+    diameter: float,
+    height: float,
+    reach: tuple[float, float, float],
+    shape: tuple[int, int] = (ROWS, COLUMNS),
 ) -> tuple[Array, Array]:
     """Tabulate the field below a disc of remanence 1 T.
 
@@ -26,42 +31,28 @@ def disc_table(
         Of the disc (m).
     reach : tuple of float
         Largest distance from the axis, least and largest depth under the disc's centre (m).
+    shape : tuple of int
+        Rows (5 at least) and columns (4 at least).
 
     Returns
     -------
-    table : ndarray, shape (ROWS, COLUMNS, 2)
+    table : ndarray, shape (rows, columns, 2)
         Radial field over the distance (T / m), and axial field (T).
     grid : ndarray, shape (4,)
         Step of the squares (m2), first depth, step of depths (m); the last is their number.
     """
     farthest, least, most = reach
-    step, rise = farthest**2 / (ROWS - 3), (most - least) / (COLUMNS - 1)
+    rows, columns = shape
+    step, rise = farthest**2 / (rows - 3), (most - least) / (columns - 1)
     # squares begin one step below 0, where the field is that of the mirrored side
-    squares = step * np.arange(-1.0, ROWS - 1)
-    depth = least + rise * np.arange(COLUMNS)
-    rho = np.sqrt(np.maximum(squares, 1e-6 * step))[:, None] * np.ones(COLUMNS)
+    squares = step * np.arange(-1.0, rows - 1)
+    depth = least + rise * np.arange(columns)
+    rho = np.sqrt(np.maximum(squares, 1e-6 * step))[:, None] * np.ones(columns)
     radial, axial = axial_cylinder(rho, -depth * np.ones_like(rho), diameter, height, 1.0)
     table = np.stack([radial / rho, axial], axis=-1)
     # even in the distance is smooth in its square: the row below 0 continues the next three
     table[0] = 4 * table[1] - 6 * table[2] + 4 * table[3] - table[4]
-    return table, np.array([step, least, rise, float(COLUMNS)])
-
-
-def _cubic(position: Array, count: int) -> tuple[Integers, Array, Array]:
-    """First of four nodes, Lagrange's weights (4, ...) and their slopes at positions."""
-    first = np.clip(np.floor(position).astype(np.int64) - 1, 0, count - 4)
-    u = position - first - 1
-    a, b, c = u + 1, u - 1, u - 2
-    weights = np.stack([-u * b * c / 6, a * b * c / 2, -a * u * c / 2, a * u * b / 6])
-    slopes = np.stack(
-        [
-            -(b * c + u * c + u * b) / 6,
-            (b * c + a * c + a * b) / 2,
-            -(u * c + a * c + a * u) / 2,
-            (u * b + a * b + a * u) / 6,
-        ]
-    )
-    return first, weights, slopes
+    return table, np.array([step, least, rise, float(columns)])
 
 
 def table_field(own: Array, table: Array, grid: Array) -> tuple[Array, Array]:
@@ -83,8 +74,8 @@ def table_field(own: Array, table: Array, grid: Array) -> tuple[Array, Array]:
     """
     step, least, rise, _ = grid
     x, y = own[:, 0], own[:, 1]
-    i, wi, si = _cubic((x * x + y * y) / step + 1, table.shape[0])
-    j, wj, sj = _cubic((-own[:, 2] - least) / rise, table.shape[1])
+    i, wi, si = cubic_weights((x * x + y * y) / step + 1, table.shape[0])
+    j, wj, sj = cubic_weights((-own[:, 2] - least) / rise, table.shape[1])
     near = table[i[:, None, None] + np.arange(4)[:, None], j[:, None, None] + np.arange(4)]
     rows = np.einsum('nabk,bn->ank', near, wj)
     f, g = np.einsum('ank,an->kn', rows, wi)
@@ -97,6 +88,30 @@ def table_field(own: Array, table: Array, grid: Array) -> tuple[Array, Array]:
     slope[:, 0, 2], slope[:, 1, 2] = x * fz, y * fz
     slope[:, 2, 0], slope[:, 2, 1], slope[:, 2, 2] = x * gs, y * gs, gz
     return field, slope
+
+
+def table_at(own: Array, table: Array, grid: Array, degree: int = 3) -> Array:
+    """Field (n, 3) (T) of a disc of 1 T at points (n, 3) (m) of its own axes, without slopes.
+
+    Parameters
+    ----------
+    own, table, grid : ndarray
+        As of `table_field`.
+    degree : int
+        Of the interpolation: 3, or 1 for the plane rule of four nodes, which is coarser.
+    """
+    step, least, rise, _ = grid
+    x, y = own[:, 0], own[:, 1]
+    weigh = cubic_weights if degree == 3 else linear_weights
+    i, wi, _ = weigh((x * x + y * y) / step + 1, table.shape[0])
+    j, wj, _ = weigh((-own[:, 2] - least) / rise, table.shape[1])
+    nodes, columns = len(wi), table.shape[1]
+    # the nodes of a row lie side by side: each is one piece of memory
+    pieces = sliding_window_view(table.reshape(-1), 2 * nodes)[::2]
+    near = pieces[(i * columns + j)[:, None] + columns * np.arange(nodes)]
+    row = np.einsum('nak,an->nk', near, wi).reshape(-1, nodes, 2)
+    f, g = np.einsum('nbk,bn->kn', row, wj)
+    return np.stack([f * x, f * y, g], axis=1)
 
 
 def table_disc(

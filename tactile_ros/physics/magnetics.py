@@ -238,6 +238,18 @@ def tilt_rotation(tilts: Array) -> Array:
     return turn
 
 
+def uniform_stray(points: Array, field: Array) -> Array:
+    """Stray field (..., t, 3) (T) at points (t, 3) of one that is the same everywhere: (..., 3).
+
+    Examples
+    --------
+    >>> uniform_stray(np.zeros((4, 3)), np.array([[1e-3, 0.0, 0.0]])).shape
+    (1, 4, 3)
+    """
+    field = np.asarray(field, float)
+    return np.broadcast_to(field[..., None, :], (*field.shape[:-1], len(points), 3))
+
+
 def dipole_stray(points: Array, place: Array, moment: Array) -> Array:
     """Stray field (t, 3) (T) at points (t, 3) of a magnet of a moment (3,) (A m2) at (3,) (m)."""
     return dipole_field(points, place[None], moment[None])

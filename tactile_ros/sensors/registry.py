@@ -8,15 +8,29 @@ from __future__ import annotations
 import importlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, cast
 
 from tactile_ros.pipeline import Pipeline
 
 if TYPE_CHECKING:
+    import argparse
     from collections.abc import Callable, Mapping
 
     from tactile_ros.signals import Estimation, SensorConfig
     from tactile_ros.types import Device, Layout, Recording, Twin
+    from tactile_ros.types.table import Table
+
+
+class Design(Protocol):
+    """Module `design.py` of a sensor's folder, which need not have one."""
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Arguments of its own beside --config and --json."""
+        ...
+
+    def tables(self, config: SensorConfig, options: argparse.Namespace) -> list[Table]:
+        """What the sensor of a config can measure, and which other would serve better."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -100,15 +114,39 @@ class SensorSpec:
         config = self.config() if config is None else config
         return Pipeline(self.key, config, self.layout(config), self.estimation(config, estimator))
 
+    def design(self) -> Design:
+        """Module that trades its geometry and materials, read only when it is asked for.
+
+        Raises
+        ------
+        ValueError
+            If the sensor has none; the sentence lists those that have one.
+        """
+        if self.key not in designable():
+            keys = ', '.join(designable())
+            msg = f'sensor must be one that can be designed ({keys}); received {self.key!r}'
+            raise ValueError(msg)
+        return cast('Design', importlib.import_module(f'tactile_ros.sensors.{self.key}.design'))
+
     def load(self, path: str | Path) -> Pipeline:
         """Pipeline from a calibration file of this sensor; CalibrationError if it is none."""
         return Pipeline.load(path, self.key, {c.__name__: c for c in self.classes})
 
 
+def _with_file(name: str) -> list[str]:
+    """Names of the folders of sensors that hold a file."""
+    folders = importlib.import_module('tactile_ros.sensors').__path__
+    return sorted({path.parent.name for f in folders for path in Path(f).glob(f'*/{name}')})
+
+
 def list_sensors() -> list[str]:
     """Keys of all sensors, in alphabetical order."""
-    folders = importlib.import_module('tactile_ros.sensors').__path__
-    return sorted({path.parent.name for f in folders for path in Path(f).glob('*/__init__.py')})
+    return _with_file('__init__.py')
+
+
+def designable() -> list[str]:
+    """Keys of the sensors that `tactile design` knows, in alphabetical order."""
+    return [key for key in _with_file('design.py') if key in list_sensors()]
 
 
 def load_sensor(key: str) -> SensorSpec:

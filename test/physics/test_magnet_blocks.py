@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
+import dataclasses
+import itertools
 
-from tactile_ros.physics.magnet_blocks import Blocks, rotations
+import magpylib
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tactile_ros.physics.magnet_blocks import EXACT, Blocks, rotations
 from tactile_ros.physics.magnetics import cuboid_field
 
 SIZE = np.array([2e-3, 2e-3, 1e-3])
@@ -43,3 +49,18 @@ def test_a_rigid_motion_carries_and_turns() -> None:
         moved, turned = block.carried(lambda p: (shift + np.cross(turn, p - CENTRE))[None])
         np.testing.assert_allclose(moved[0, 0], shift, atol=1e-12)
         np.testing.assert_allclose(turned[0, 0], turn, atol=1e-12)
+
+
+@pytest.mark.parametrize('axis', [(0, 0, 1), (1, -0.5, 2)])
+def test_more_dipoles_come_nearer_to_the_exact_block(axis: tuple[float, float, float]) -> None:
+    moved = np.array([[[2e-4, -1e-4, -2e-3]]])
+    turned = np.array([[[0.2, -0.1, 0.3]]])
+    blocks = {n: dataclasses.replace(one(axis), edge_nodes=n) for n in (EXACT, 1, 2, 3, 4)}
+    field = {n: block.field(CHIP, moved, turned) for n, block in blocks.items()}
+    error = [np.abs(field[n] - field[EXACT]).max() for n in (1, 2, 3, 4)]
+    assert all(later < 0.2 * former for former, later in itertools.pairwise(error))
+    turn = Rotation.from_rotvec(turned[0, 0]) * Rotation.from_matrix(one(axis).frames[0])
+    magnet = magpylib.magnet.Cuboid(
+        dimension=SIZE, polarization=(0, 0, 1.4), position=(CENTRE + moved[0])[0], orientation=turn
+    )
+    np.testing.assert_allclose(field[EXACT][0], magnet.getB(CHIP), atol=1e-12)

@@ -56,6 +56,7 @@ FIELDS = {  # of the public face, beside the common ones
     },
     'gradiometer': {
         'gap', 'remanence', 'disc_diameter', 'disc_height', 'sensitivity', 'full_scale',
+        'thermal_lag', 'stray_term', 'thermal_term',
     },
     'taxel_array': {'areas', 'taxel_outlines', 'force_range', 'objects'},
     'five_wire_skin': {

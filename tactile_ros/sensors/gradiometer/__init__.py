@@ -18,6 +18,10 @@ from tactile_ros.estimators.disc_inversion import DiscInversion
 from tactile_ros.estimators.polynomial_force import PolynomialForce
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
 from tactile_ros.estimators.uniform_field import UniformField
+from tactile_ros.estimators.warm_chain import WarmChain
+from tactile_ros.estimators.warm_polynomial import WarmPolynomial
+from tactile_ros.physics.fidelity import Choice, Rated
+from tactile_ros.physics.scene_terms import Worth
 from tactile_ros.regression import CLASSES
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig, layout
 from tactile_ros.sensors.gradiometer.device import (
@@ -26,6 +30,7 @@ from tactile_ros.sensors.gradiometer.device import (
     simulate_gradiometer,
 )
 from tactile_ros.sensors.gradiometer.estimation import GradiometerEstimation
+from tactile_ros.sensors.gradiometer.features import Features
 from tactile_ros.sensors.gradiometer.readings import Readings
 from tactile_ros.sensors.gradiometer.signal import presses
 from tactile_ros.sensors.gradiometer.stray import StrayField
@@ -34,6 +39,7 @@ from tactile_ros.sensors.registry import SensorSpec
 
 OWN = (
     GradiometerEstimation,
+    Features,
     Readings,
     UniformField,
     DiscInversion,
@@ -42,6 +48,11 @@ OWN = (
     ColumnView,
     PolynomialForce,
     PolynomialRidge,
+    WarmChain,
+    WarmPolynomial,
+    Choice,
+    Rated,
+    Worth,
 )
 
 SENSOR = SensorSpec(

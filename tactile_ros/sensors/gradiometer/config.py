@@ -37,6 +37,12 @@ class GradiometerConfig:
         p0, p1, p2: raw = true (p0 + p1 dT + p2 dT^2), dT = T - 35 C.
     full_scale : float
         Of every component of force (N).
+    thermal_lag : float
+        Time constant with which the disc follows the chip's temperature (s); 0: told by the
+        recordings of a fit.
+    stray_term, thermal_term : bool
+        Whether fields from outside, and the disc's temperature, are unknowns. Without the first
+        force is told more precisely, and wrongly near magnets; docs/fidelity.md has figures.
     """
 
     positions: Array = array(PIXELS, 'pixels', 'm', (-1, 3))
@@ -51,6 +57,9 @@ class GradiometerConfig:
     remanence: float = number(1.4, 'of the disc', 'T', 1e-6, 2.0)
     sensitivity: Array = array((1.0, -0.005, 0.0), 'Hall sensitivity over dT', '1', (3,), -2, 2)
     full_scale: float = number(3.5, 'of every component of force', 'N', 1e-6, 1e6)
+    stray_term: bool = switch(True, 'fields from outside are unknown; false: there are none')
+    thermal_term: bool = switch(True, 'the disc warms and cools; false: it does not')
+    thermal_lag: float = number(0.0, 'disc behind chip; 0: told by recordings', 's', 0.0, 1e4)
 
     def __post_init__(self) -> None:
         """Check values once, at the door."""

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.disc_inversion import DiscInversion
-from tactile_ros.estimators.uniform_field import UniformField
+from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
 from tactile_ros.regression.head import known_columns
-from tactile_ros.sensors.gradiometer.readings import Readings, margins
-from tactile_ros.sensors.gradiometer.stray import StrayField
+from tactile_ros.sensors.gradiometer.features import Features
+from tactile_ros.sensors.gradiometer.memory import StreamMemory
+from tactile_ros.sensors.gradiometer.readings import margins
+from tactile_ros.sensors.gradiometer.stray import StrayField, gradient_patterns
 from tactile_ros.sensors.gradiometer.target import MODELS, Target, candidates
-from tactile_ros.sensors.gradiometer.thermal import ThermalMemory, chip_temperature, lagging
+from tactile_ros.sensors.gradiometer.thermal import beyond
 from tactile_ros.types import FrameStatus
 
 if TYPE_CHECKING:
@@ -26,10 +27,9 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Bools, Integers
 
 TARGETS = ('position', 'force', 'torque')
-TILT = 0.03  # rad, beside the tilt that comes with a shift
-FEWEST_ROWS = 20
 RESPONSES = 400
-DISTURBED = 2e-5  # T
+STEEP, DISTURBED = 0.02, 2e-5  # T / m, T: a small gradient, a small field in one difference
+OUTSIDE = 0.01  # of a component's spread, for a degree beyond the temperatures of the fit
 
 
 class GradiometerEstimation:
@@ -47,11 +47,9 @@ class GradiometerEstimation:
         self.config = config
         self.estimator = estimator
         self.targets_: tuple[Target, ...] = ()
-        self.readings_ = Readings(config)
-        self.uniform_ = UniformField(self.readings_.axes, self.readings_.noise)
-        self.place_: DiscInversion | None = None
-        self.tilted_: DiscInversion | None = None
+        self.features_ = Features(config)
         self.stray_: StrayField | None = None
+        self.response_: PolynomialRidge | None = None
 
     @property
     def estimators(self) -> dict[str, str]:
@@ -62,15 +60,16 @@ class GradiometerEstimation:
     def report(self) -> Report:
         """Errors on held-out groups for each target, and what was found of the disc."""
         found = {target.title: target.report_ for target in self.targets_}
-        if self.targets_ and self.place_ is not None:
-            found['disc'] = self.place_.report
+        if self.targets_ and self.features_.place_ is not None:
+            found['disc'] = self.features_.place_.report
+            found['disc']['thermal_lag'] = self.features_.lag_
         if self.targets_ and self.stray_ is not None:
             found['stray_field'] = self.stray_.report_
-        return found
+        return {**found, **self.features_.report}
 
-    def start(self) -> ThermalMemory:
+    def start(self) -> StreamMemory:
         """Fresh memory of a stream."""
-        return ThermalMemory(self.readings_.lags_)
+        return self.features_.start()
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component.
@@ -84,108 +83,58 @@ class GradiometerEstimation:
         groups : dict of str to ndarray, shape (s,)
             'group' and 'session'.
         """
-        resting = signals.good & (signals.in_contact == 0)
-        self.readings_ = Readings(self.config).fit(signals, resting)
-        change = self.readings_.change(signals)
-        stray = np.asarray(truth.get('stray_field', np.full((len(change), 3), np.nan)), float)
-        self._learn_uniform(change, stray, signals.good & _at_rest(signals, truth))
-        touched = signals.good & ~_at_rest(signals, truth) & np.isfinite(change).all(axis=1)
-        self.targets_, self.place_, self.tilted_, self.stray_ = (), None, None, None
-        if self.estimator in (None, *MODELS) and touched.sum() >= FEWEST_ROWS:
-            self._learn_disc(change[touched])
-        x, parts = self._features(change, self._thermal(signals, self.start()))
+        rest = _at_rest(signals, truth)
+        stray = np.asarray(truth.get('stray_field', np.full((len(rest), 3), np.nan)), float)
+        remembers = self.estimator == 'history'
+        features = self.features_ = Features(self.config, remembers)
+        modelled = self.estimator in (None, 'history', *MODELS)
+        change = features.fit(signals, stray, rest, ~rest & modelled)
+        self.targets_, self.stray_, self.response_ = (), None, None
+        thermal = features.thermal(signals, self.start())
+        x, parts = features.table(change, thermal, signals, self.start())
         self._learn_targets(x, parts, signals.good, truth, groups)
-        if self.place_ is not None and self.targets_:
-            use = touched & np.isfinite(x).all(axis=1)
+        features.use({*self.estimators.values()})
+        if features.place_ is not None and self.targets_:
+            use = signals.good & ~rest & np.isfinite(x[:, parts['place']]).all(axis=1)
+            self._learn_response(change[use], thermal[use])
+            where = x[use][:, parts['where']]
             group = np.asarray(groups['group'], np.int64)[use]
-            self._learn_response(change[use], x[use][:, parts['thermal']])
-            uniform = self._beside_disc(change[use], x[use][:, parts['place']])
-            plane = self.config.positions[:, :2]
-            span = float(np.sqrt(((plane - plane.mean(axis=0)) ** 2).sum() / 2))
-            self.stray_ = StrayField(self.readings_.noise, span).fit(
-                x[use][:, parts['place']], x[use][:, parts['rest']], uniform, stray[use], group
+            self.stray_ = StrayField(thermal.shape[1]).fit(
+                where,
+                x[use][:, parts['rest']],
+                x[use][:, parts['uniform']],
+                stray[use][:, features.uniform_.seen],
+                group,
             )
 
     def _learn_response(self, change: Array, thermal: Array) -> None:
-        """Learn how targets answer to fields that are not the disc's."""
+        """Learn how targets answer to fields that are not the disc's, from the disc's place."""
         rows = np.linspace(0, len(change) - 1, min(len(change), RESPONSES)).astype(int)
         change, thermal = change[rows], thermal[rows]
-        x, parts = self._features(change, thermal)
-        moved = [self._features(change + DISTURBED * d, thermal)[0] for d in self._projection().T]
-        for target in self.targets_:
-            target.learn_response(x, moved, parts['place'], DISTURBED)
-
-    def _beside_disc(self, change: Array, place: Array) -> Array:
-        """Uniform field (s, 3) (T) of changes (s, n) (T) less those that places (s, 3) make."""
-        if self.place_ is None:
-            return self.uniform_.solve(change)
-        whole = np.isfinite(place)
-        return self.uniform_.solve(change - self.place_.field(np.where(whole, place, 0.0))[0])
-
-    def _learn_uniform(self, change: Array, stray: Array, rows: Bools) -> None:
-        """Learn how channels respond to a uniform field."""
-        self.uniform_ = UniformField(self.readings_.axes, self.readings_.noise)
-        known = rows & np.isfinite(stray).any(axis=1) & np.isfinite(change).all(axis=1)
-        if known.sum() >= 3 and np.nanmax(np.abs(stray[known])) > 0:
-            self.uniform_.fit(change[known], np.nan_to_num(stray[known]))
-
-    def _learn_disc(self, change: Array) -> None:
-        """Learn what the config is uncertain of."""
-        differences = self._projection()
-        if differences.shape[1] < 5:
-            return
-        config = self.config
-        disc = np.array([config.gap, config.disc_diameter, config.disc_height, config.remanence])
-        order = np.lexsort(change.T[::-1])
-        models = [
-            DiscInversion(config.positions, self.uniform_.response_, disc, tilt)
-            .given(differences, self.readings_.noise, absolute=self.readings_.absolute_)
-            .fit(change[order])
-            for tilt in (0.0, TILT)
-        ]
-        self.place_, self.tilted_ = models
-
-    def _projection(self) -> Array:
-        """What a uniform field does not change; all channels, where nothing would be left."""
-        differences = self.uniform_.differences
-        used = (self.readings_.axes != 0).any(axis=1)
-        return differences if differences.shape[1] >= 3 else np.eye(len(used))[:, used]
-
-    def _thermal(self, signals: Signals, memory: ThermalMemory) -> Array:
-        """Temperatures (s, h); no column where those of the fit were all alike."""
-        rows = len(signals.good)
-        if not self.readings_.warm_:
-            return np.zeros((rows, 0))
-        chip = chip_temperature(signals)
-        chip = np.full(rows, np.nan) if chip is None else chip
-        return lagging(signals, chip, self.readings_.usual_, memory)
-
-    def _features(self, change: Array, thermal: Array) -> tuple[Array, dict[str, Integers]]:
-        """Features of all candidates, side by side, and which columns are whose."""
-        known = {
-            'field': change + self.readings_.level_,
-            'differences': change @ self._projection(),
-            'thermal': thermal,
-        }
-        if self.place_ is not None and self.tilted_ is not None:
-            known['place'], known['rest'] = self.place_.invert(change)
-            # a fit that chose otherwise spares its frames the tilts
-            if not self.targets_ or 'inversion_tilt' in self.estimators.values():
-                known['tilted'] = self.tilted_.invert(change)[0]
-            else:
-                known['tilted'] = np.zeros((len(change), 5))
-        ends = np.cumsum([0, *(part.shape[1] for part in known.values())])
-        parts = {name: np.arange(ends[i], ends[i + 1]) for i, name in enumerate(known)}
-        return np.concatenate(list(known.values()), axis=1), parts
+        table, memory = self.features_.table, self.start()
+        x, parts = table(change, thermal, None, memory)
+        kinds = gradient_patterns(self.config.positions, self.features_.uniform_.response_)
+        moved, leaked = (
+            [table(change + step, thermal, None, memory)[0] for step in steps]
+            for steps in (STEEP * kinds, DISTURBED * self.features_.projection.T)
+        )
+        sizes = [target.response(x, moved, STEEP) for target in self.targets_]
+        shown = sum(((other - x)[:, parts['rest']] ** 2).sum(axis=1) for other in moved)
+        sizes.append(0.5 * np.log(np.asarray(shown)[:, None] / STEEP**2))
+        sizes += [target.response(x, leaked, DISTURBED) for target in self.targets_]
+        place = x[:, parts['place']]
+        self.response_ = PolynomialRidge((1, 2)).fit(place, np.concatenate(sizes, axis=1))
 
     def _learn_targets(
         self, x: Array, parts: dict[str, Integers], good: Bools, truth: Columns, groups: Columns
     ) -> None:
         targets: list[Target] = []
         wanted = self.estimator
-        if wanted in MODELS and 'place' not in parts:
-            wanted = 'differences'  # too few pixels for a model
-        drivers = np.concatenate([parts.get('place', parts['differences'][:3]), parts['thermal']])
+        if (wanted in MODELS and 'place' not in parts) or (
+            wanted == 'history' and wanted not in parts
+        ):
+            wanted = 'differences'  # too few pixels for a model, or no time
+        drivers = parts['where']
         good = good & np.isfinite(x).all(axis=1)
         for name in TARGETS:
             y = np.asarray(truth.get(name, np.full((len(x), 3), np.nan)), np.float64)
@@ -211,31 +160,52 @@ class GradiometerEstimation:
         dict of str to ndarray, shape (s, ...)
             NaN for components that were never told.
         """
-        assert isinstance(memory, ThermalMemory)
-        change = self.readings_.change(signals)
-        status = np.where(margins(signals, self.config, self.readings_.noise), _SATURATED, 0)
-        known: Columns = {'stray_field': self.uniform_.solve(change)}
-        excess = np.zeros(len(change))
-        x, parts = self._features(change, self._thermal(signals, memory))
-        if self.stray_ is not None:
-            place = x[:, parts['place']]
-            field = self.stray_.predict(place, self._beside_disc(change, place))
-            known['stray_field'] = field
-            excess, odd = self.stray_.oddness(place, x[:, parts['rest']], field)
-            status = status | np.where(odd, _STRAY, 0)
+        assert isinstance(memory, StreamMemory)
+        features, config = self.features_, self.config
+        change = features.readings_.change(signals)
+        x, parts = features.table(change, features.thermal(signals, memory), signals, memory)
+        status = margins(signals, config, features.readings_.noise) * _SATURATED
+        known: Columns = {}
+        wider = np.zeros((len(x), sum(len(target.columns) for target in self.targets_)))
+        if self.stray_ is None:
+            known['stray_field'] = features.uniform_.solve(change)
+        else:
+            rest, uniform = x[:, parts['rest']], x[:, parts['uniform']]
+            field, shown, size, odd = self.stray_.predict(x[:, parts['where']], uniform, rest)
+            known['stray_field'] = np.full((len(x), 3), np.nan)
+            known['stray_field'][:, features.uniform_.seen] = field
+            status |= odd * _STRAY
+            if self.response_ is not None and np.count_nonzero(shown):
+                place, count = x[:, parts['place']], wider.shape[1]
+                answer = np.exp(self.response_.predict(place))
+                wider = answer[:, :count] * (shown / answer[:, count])[:, None]
+                leak = (features.uniform_.uncertainty * size)[:, None]
+                wider = np.hypot(wider, answer[:, count + 1 :] * leak)
+        outside = beyond(signals, features.readings_.span_)
+        if np.count_nonzero(outside):
+            status |= (outside > 0) * _OUTSIDE
+            wider = np.hypot(wider, OUTSIDE * outside[:, None])
+        if self.targets_:
+            self._add_targets(known, x, wider)
+        known['status'] = status
+        return known
+
+    def _add_targets(self, known: Columns, x: Array, wider: Array) -> None:
+        """Components of all targets (s, 3) and their covariances, NaN where never told."""
+        first, drivers = 0, self.targets_[0].drive(x)
         for target in self.targets_:
             if target.name not in known:
                 known[target.name] = np.full((len(x), 3), np.nan)
                 known[f'{target.name}_cov'] = np.full((len(x), 3, 3), np.nan)
-            mean, cov = target.predict(x, excess)
-            index = np.array(target.columns)
+            end = first + len(target.columns)
+            mean, cov = target.predict(x, drivers, wider[:, first:end])
+            index, first = np.array(target.columns), end
             known[target.name][:, index] = mean
             known[f'{target.name}_cov'][:, index[:, None], index] = cov
-        known['status'] = status
-        return known
 
 
 _SATURATED, _STRAY = np.int64(FrameStatus.SATURATED), np.int64(FrameStatus.STRAY_FIELD)
+_OUTSIDE = np.int64(FrameStatus.OUT_OF_RANGE)
 
 
 def _at_rest(signals: Signals, truth: Columns) -> Bools:

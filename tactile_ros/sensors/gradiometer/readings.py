@@ -49,7 +49,9 @@ class Readings:
     warm_ : bool
         Temperatures of the fit differed.
     lags_ : ndarray, shape (m,)
-        Time constants by which the magnet may lag behind the chip (s).
+        Time constants by which the disc may lag behind the chip (s).
+    span_ : ndarray, shape (2,)
+        Least and highest temperature of the fit (degrees Celsius); infinite: none was told.
     """
 
     def __init__(self, config: GradiometerConfig) -> None:
@@ -64,6 +66,7 @@ class Readings:
         self.usual_ = float('nan')
         self.warm_ = False
         self.lags_ = np.zeros(0)
+        self.span_ = np.array([-np.inf, np.inf])
         self.noise_is_stated = config.noise is not None
 
     def fit(self, signals: Signals, resting: Bools) -> Readings:
@@ -78,6 +81,7 @@ class Readings:
         if chip is not None and np.isfinite(chip[rows]).any():
             seen = chip[rows & np.isfinite(chip)]
             self.usual_ = float(seen.mean())
+            self.span_ = np.array([seen.min(), seen.max()])
             self.warm_ = bool(seen.max() - seen.min() > LEAST_RANGE)
             self.lags_ = lags_told(signals) if self.warm_ else self.lags_
         self._learn_rest(signals, resting if resting.any() else rows)
@@ -122,7 +126,7 @@ class Readings:
         size = float(pattern @ pattern)
         if size < (CLEAR * self.noise) ** 2:
             return np.ones(len(base))
-        found = base @ pattern / size
+        found = (base * pattern).sum(axis=1) / size
         return np.clip(np.where(np.isfinite(found), found, 1.0), WEAKEST, STRONGEST)
 
 
@@ -130,6 +134,6 @@ def margins(signals: Signals, config: GradiometerConfig, noise: float) -> Bools:
     """Rows (s,) with a reading so near its limit that noise may hide that it is clipped."""
     if config.saturation is None:
         return np.zeros(len(signals.good), bool)
-    limit = np.broadcast_to(np.asarray(config.saturation, float), (2,))
+    limit = np.asarray(config.saturation, float)
     edge = limit - np.minimum(SIGMAS * noise, MOST_MARGIN * limit)
     return np.asarray((np.abs(signals.values) >= edge).any(axis=(1, 2)))

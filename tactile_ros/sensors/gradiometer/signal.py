@@ -1,7 +1,7 @@
-"""A simple signal of the gradiometer: the disc as one dipole on three springs.
+"""A simple signal of the gradiometer: the disc on three springs, as exact as its noise needs.
 
-It is no model of [3] to estimate with: the disc's extent and tilt, the elastomer's coupling and
-temperature are left out. Force moves the disc by force over stiffness, so that full scale is the
+It is no model of [3] to estimate with: the disc's tilt, the elastomer's coupling and temperature
+are left out. Force moves the disc by force over stiffness, so that full scale is the
 depth (1.5 mm) and a fifth of it the radius (1.1 mm) to which [3] calibrated; the contact is on the
 elastomer's top, which gives the two torques.
 """
@@ -12,9 +12,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.physics.dipoles import dipole_field, in_chip_axes, magnet_moment
+from tactile_ros.physics.dipoles import in_chip_axes
+from tactile_ros.physics.disc_models import exact_disc
+from tactile_ros.physics.fidelity import Model, region
 from tactile_ros.presses import Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.sensors.gradiometer.config import layout
+from tactile_ros.sensors.gradiometer.fidelity import disc_of, twin_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,17 +32,26 @@ SHEAR_SHARE = 0.2
 ELASTOMER_ABOVE = 0.5e-3
 AXES = [0, 2]  # Bx, Bz
 PRESSES = 30
+STATES = 50
 
 
-def reading(config: GradiometerConfig, touches: Touches) -> Array:
-    """Readings (s, t, 2) (T) of the dipole where the force (s, 3) has moved it."""
-    volume = np.pi / 4 * config.disc_diameter**2 * config.disc_height
-    moment = magnet_moment(config.remanence, float(volume)) * np.array([[0.0, 0.0, 1.0]])
+def disc_model(config: GradiometerConfig, noise: float = NOISE) -> Model:
+    """The cheapest model of the disc wherever full scale may move it."""
+    reach = np.array([RADIUS, RADIUS, DEPTH, 0.0, 0.0])
+    rest = np.array([0.0, 0.0, config.gap + config.disc_height / 2, 0.0, 0.0])
+    # upward the disc comes from its rest, and no farther
+    top = rest + reach * np.array([1.0, 1.0, 0.0, 0.0, 0.0])
+    return twin_model(config, region(rest - reach, top, STATES), noise)
+
+
+def reading(config: GradiometerConfig, touches: Touches, model: Model | None = None) -> Array:
+    """Readings (s, t, 2) (T) of the disc, exact or in a model, where the force has moved it."""
+    model = exact_disc(config.positions, disc_of(config)) if model is None else model
     rest = np.array([0.0, 0.0, config.gap + config.disc_height / 2])
     shear = SHEAR_SHARE * config.full_scale / RADIUS
     stiffness = np.array([shear, shear, config.full_scale / DEPTH])
-    places = (rest - touches.force / stiffness)[:, None]
-    field = dipole_field(config.positions, places, moment)
+    places = rest - touches.force / stiffness
+    field = model.readings(np.concatenate([places, np.zeros((len(places), 2))], axis=1))
     return in_chip_axes(field, config.rotations)[..., AXES]
 
 
@@ -83,10 +95,11 @@ def presses(
     Recording
         One stream that begins with a tare.
     """
+    model = disc_model(config)
     return recorded(
         layout(config),
         programme(config, seed, count),
-        lambda touches: reading(config, touches),
+        lambda touches: reading(config, touches, model),
         lambda touches: truth(config, touches),
         NOISE if noise is None else noise,
         seed,

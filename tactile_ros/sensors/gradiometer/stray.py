@@ -10,15 +10,14 @@ import numpy as np
 
 from tactile_ros.estimators.folds import group_folds
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
+from tactile_ros.estimators.polynomial_rows import spread
 from tactile_ros.estimators.uncertainty import CalibratedCovariance
 from tactile_ros.types import Array, Bools, Integers
 
 DEGREES = (1, 2, 3, 4)
 USUAL, CERTAIN = 0.99, 0.9999  # of what clean frames leave over
-NEAREST = 14e-3  # m, of a magnet whose gradient the covariance covers; a nearer one is warned of
-GRADIENT = 1.5  # of a dipole, times its field over its distance: a typical entry of the tensor
 BEYOND = 1.5  # times the oddest that is certain
-FEW_FREEDOMS = 1.6  # two sigmas of Student's t of three freedoms, over those of a normal one
+FEW_FREEDOMS = 3.0  # two sigmas of Student's t of about two freedoms, over those of normal ones
 
 
 class StrayField:
@@ -26,17 +25,14 @@ class StrayField:
 
     Parameters
     ----------
-    noise : float
-        Of a channel (T).
-    span : float
-        Root of the sum of squares of the pixels' distance from their middle along an axis (m).
+    slow : int
+        How many temperatures follow the disc's place.
 
     Attributes
     ----------
-    common_ : PolynomialRidge
-        Uniform field that is left beside the disc's model where there is none, of its place.
-    misfit_ : PolynomialRidge
-        What the disc's model leaves over, of its place.
+    usual_field_ : PolynomialRidge
+        Uniform field that is left beside the disc's model where there is none, and what the model
+        leaves over, of its place.
     spread_ : CalibratedCovariance
         Of what is left over then.
     usual_, limit_ : float
@@ -48,32 +44,35 @@ class StrayField:
         Held-out error of the stray field (T), and the limit.
     """
 
-    common_: PolynomialRidge
-    misfit_: PolynomialRidge
+    usual_field_: PolynomialRidge
     spread_: CalibratedCovariance
     usual_: float
     limit_: float
     blind_: float
     report_: dict[str, float]
 
-    def __init__(self, noise: float, span: float) -> None:
-        self.noise = noise
-        self.span = span
+    def __init__(self, slow: int = 0) -> None:
+        self.slow = slow
 
     def fit(
-        self, place: Array, rest: Array, uniform: Array, stray: Array, groups: Integers
+        self,
+        place: Array,
+        rest: Array,
+        uniform: Array,
+        stray: Array,
+        groups: Integers,
     ) -> StrayField:
         """Learn what the disc does.
 
         Parameters
         ----------
-        place : ndarray, shape (s, 3)
-            Of the disc.
+        place : ndarray, shape (s, 3 + h)
+            Of the disc, and temperatures.
         rest : ndarray, shape (s, m)
             What the disc's model leaves over (T).
-        uniform, stray : ndarray, shape (s, 3)
-            Uniform part of what the disc's model leaves over, and the true stray field (T); NaN:
-            taken as 0.
+        uniform, stray : ndarray, shape (s, r)
+            Uniform part of what the disc's model leaves over, along the axes that are measured,
+            and the true stray field (T); NaN: taken as 0.
         groups : ndarray of int, shape (s,)
             What a split keeps together.
 
@@ -82,23 +81,20 @@ class StrayField:
         StrayField
             Itself.
         """
-        seen = np.isfinite(uniform).all(axis=0)
-        target = uniform - np.nan_to_num(stray)
-        self.seen_ = np.flatnonzero(seen)
-        self.common_ = PolynomialRidge(DEGREES).fit(place, target[:, seen], groups)
-        self.misfit_ = PolynomialRidge(DEGREES).fit(place, rest, groups)
+        both = np.column_stack([uniform - np.nan_to_num(stray), rest])
+        self.usual_field_ = PolynomialRidge(DEGREES, self.slow).fit(place, both, groups)
         _, number = np.unique(groups, return_inverse=True)
         fold = group_folds(np.asarray(number).reshape(-1), 3, 0)
-        left, error = np.empty_like(rest), np.empty((len(rest), int(seen.sum())))
+        said = np.empty_like(both)
         for part in np.unique(fold):
             out, known = fold == part, fold != part
             known = known if known.any() else out
-            misfit = PolynomialRidge(DEGREES).fit(place[known], rest[known], groups[known])
-            common = PolynomialRidge(DEGREES).fit(
-                place[known], target[known][:, seen], groups[known]
+            model = PolynomialRidge(DEGREES, self.slow).fit(
+                place[known], both[known], groups[known]
             )
-            left[out] = rest[out] - misfit.predict(place[out])
-            error[out] = common.predict(place[out]) - target[out][:, seen]
+            said[out] = model.predict(place[out])
+        count = uniform.shape[1]
+        error, left = said[:, :count] - both[:, :count], rest - said[:, count:]
         self.spread_ = CalibratedCovariance().fit(place, left, groups)
         odd = ((left / self.spread_.sigma(place)) ** 2).mean(axis=1)
         self.usual_ = float(np.quantile(odd, USUAL))
@@ -110,22 +106,62 @@ class StrayField:
         }
         return self
 
-    def predict(self, place: Array, uniform: Array) -> Array:
-        """Stray field (s, 3) (T) of places (s, 3) and uniform parts (s, 3) (T)."""
-        field = np.full(uniform.shape, np.nan)
-        field[:, self.seen_] = uniform[:, self.seen_] - self.common_.predict(place)
-        return field
+    def predict(
+        self, place: Array, uniform: Array, rest: Array
+    ) -> tuple[Array, Array, Array, Bools]:
+        """Stray field, what of it may disturb differences, and where it certainly does.
 
-    def oddness(self, place: Array, rest: Array, field: Array) -> tuple[Array, Bools]:
-        """Field that is not the disc's, in every difference (T), and where it is certain, (s,).
+        Of a magnet's gradient a part hides in the disc's place; the part that shows in what the
+        model leaves over tells how large the whole may be.
 
-        A magnet's gradient may hide in what its place explains: then the field that it leaves in
-        the mean, `field` (s, 3) (T), says how large its gradient may be.
+        Parameters
+        ----------
+        place : ndarray, shape (s, 3 + h)
+            Of the disc, and temperatures.
+        uniform, rest : ndarray, shape (s, r), (s, m)
+            Uniform part along the axes that are measured, and differences, that the disc's model
+            leaves over (T).
+
+        Returns
+        -------
+        field : ndarray, shape (s, r)
+            Stray field (T).
+        excess : ndarray, shape (s,)
+            What of a gradient may show in all differences together (T); 0: none is likely.
+        size : ndarray, shape (s,)
+            Of the stray field; 0 where it may be none (T).
+        odd : ndarray of bool, shape (s,)
+            The differences are certainly not the disc's.
         """
-        left = rest - self.misfit_.predict(place)
-        sigma = self.spread_.sigma(place)
-        odd = ((left / sigma) ** 2).mean(axis=1)
-        excess = np.maximum(odd - self.usual_, 0.0) * (sigma**2).mean(axis=1)
-        stray = np.maximum((field[:, self.seen_] ** 2).sum(axis=1) - self.blind_**2, 0.0)
-        steep = (GRADIENT * self.span / NEAREST) ** 2 * stray
-        return np.sqrt(FEW_FREEDOMS**2 * excess + steep), odd > self.limit_
+        usual, count = self.usual_field_.predict(place), uniform.shape[1]
+        field = uniform - usual[:, :count]
+        sigma = spread(self.spread_, place)
+        odd = (((rest - usual[:, count:]) / sigma) ** 2).mean(axis=1)
+        size = np.sqrt(np.maximum((field**2).sum(axis=1) - self.blind_**2, 0.0))
+        near = (odd > self.usual_) | (size > 0)
+        shown = np.where(near, np.sqrt(odd * (sigma**2).sum(axis=1)), 0.0)
+        return field, FEW_FREEDOMS * shown, size, odd > self.limit_
+
+
+def gradient_patterns(pixels: Array, response: Array) -> Array:
+    """Readings of each kind of gradient of a field without sources, of 1 T / m.
+
+    Parameters
+    ----------
+    pixels : ndarray, shape (t, 3)
+        (m).
+    response : ndarray, shape (n, 3)
+        Of the n = c t channels to a uniform field.
+
+    Returns
+    -------
+    ndarray, shape (5, n)
+        Of the symmetric tensors without trace, orthonormal (T).
+    """
+    kinds = np.zeros((5, 3, 3))
+    kinds[0, 0, 1], kinds[1, 0, 2], kinds[2, 1, 2] = np.sqrt([0.5] * 3)
+    kinds = kinds + kinds.transpose(0, 2, 1)
+    kinds[3] = np.diag([1, -1, 0]) / np.sqrt(2)
+    kinds[4] = np.diag([1, 1, -2]) / np.sqrt(6)
+    apart = np.repeat(pixels - pixels.mean(axis=0), len(response) // len(pixels), axis=0)
+    return np.asarray(np.einsum('ni,kij,nj->kn', response, kinds, apart))

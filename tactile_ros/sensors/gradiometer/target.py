@@ -12,14 +12,20 @@ from tactile_ros.estimators.kernel_ridge import KernelRidge
 from tactile_ros.estimators.perceptron import Perceptron
 from tactile_ros.estimators.polynomial_force import PolynomialForce
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
+from tactile_ros.estimators.polynomial_rows import spread
 from tactile_ros.estimators.ridge import Ridge
 from tactile_ros.estimators.selection import Selection, select
 from tactile_ros.estimators.uncertainty import CalibratedCovariance
+from tactile_ros.estimators.warm_chain import WarmChain
+from tactile_ros.estimators.warm_polynomial import WarmPolynomial
 
 if TYPE_CHECKING:
     from tactile_ros.types import Array, Estimator, Integers
 
-PLAIN = ('ridge', 'grid_knn', 'kernel_ridge', 'perceptron', 'polynomial', 'differences')
+PLAIN = (
+    'ridge', 'grid_knn', 'kernel_ridge', 'perceptron', 'polynomial', 'differences', 'channels',
+    'history',
+)  # fmt: skip
 MODELS = ('inversion', 'inversion_tilt', 'inversion_rest')
 ESTIMATORS = (*MODELS, *PLAIN)
 TRIED = 1500  # rows on which candidates are compared
@@ -31,22 +37,39 @@ def candidates(parts: dict[str, Integers], wanted: str | None) -> dict[str, Esti
     warm = parts['thermal']
     low, slow = (1, 2, 3), len(warm)
     seen = np.concatenate([parts['differences'], warm])
+    every = np.concatenate([parts['field'], warm])
     known: dict[str, Estimator] = {}
     if 'place' in parts:
         place = np.concatenate([parts['place'], warm])
-        known['inversion'] = ColumnView(PolynomialRidge((1, 2, 3, 4, 5), slow), place)
+        known['inversion'] = ColumnView(_of_place((1, 2, 3, 4, 5), slow), place)
         tilted = np.concatenate([parts['tilted'], warm])
-        known['inversion_tilt'] = ColumnView(PolynomialRidge((*low, 4), slow), tilted)
+        known['inversion_tilt'] = ColumnView(_of_place((*low, 4), slow), tilted)
         rest = np.concatenate([parts['place'], parts['rest'], warm])
         known['inversion_rest'] = ColumnView(PolynomialRidge(low, slow), rest)
+    if 'history' in parts:
+        known['history'] = _with_history(parts, slow)
+    known['channels'] = ColumnView(PolynomialRidge(low, slow), every)
     known['differences'] = ColumnView(PolynomialRidge((*low, 4), slow), seen)
-    known['polynomial'] = ColumnView(PolynomialForce(), parts['field'])
+    chain = WarmChain(slow) if slow else PolynomialForce()
+    known['polynomial'] = ColumnView(chain, every)
     known['kernel_ridge'] = ColumnView(KernelRidge(), parts['differences'])
     known['ridge'] = ColumnView(Ridge(), seen)
     known['grid_knn'] = ColumnView(GridKnn(), parts['differences'])
     if wanted == 'perceptron':
         return {wanted: ColumnView(Perceptron(), parts['differences'])}
     return known if wanted is None else {wanted: known[wanted]}
+
+
+def _of_place(degrees: tuple[int, ...], slow: int) -> WarmPolynomial | PolynomialRidge:
+    """Polynomial of a place; with temperatures, of an elastomer that expands and softens."""
+    return WarmPolynomial(degrees, slow) if slow else PolynomialRidge(degrees)
+
+
+def _with_history(parts: dict[str, Integers], slow: int) -> ColumnView:
+    """Polynomial of the place, or of differences, beside what they were a while ago."""
+    now = parts.get('place', parts['differences'])
+    columns = np.concatenate([now, parts['thermal'], parts['history']])
+    return ColumnView(PolynomialRidge((1, 2, 3, 4), slow + len(parts['history'])), columns)
 
 
 class Target:
@@ -73,8 +96,6 @@ class Target:
         Spread of each component.
     covariance_ : CalibratedCovariance
         From residuals of rows that the estimator had not seen.
-    response_ : PolynomialRidge or None
-        Logarithm of how components answer to fields that are not the disc's, of its place.
     report_ : dict of str to float
         Errors on held-out groups (unit of the target).
     """
@@ -87,8 +108,6 @@ class Target:
         self.drivers = drivers
         self.strength = strength
         self.estimator_name = ''
-        self.response_: PolynomialRidge | None = None
-        self.seen_ = np.zeros(0, np.int64)
 
     def fit(self, x: Array, y: Array, groups: Integers, known: dict[str, Estimator]) -> Target:
         """Choose among `known` by features (s, f), components (s, k) and groups (s,)."""
@@ -103,7 +122,7 @@ class Target:
         self.estimator_name = name
         self.estimator_ = known[name].fit(x, scaled, groups)
         residuals = choice.residuals * self.unit_
-        drivers = self._drivers(choice.x)
+        drivers = self.drive(choice.x)
         self.covariance_ = CalibratedCovariance().fit(drivers, residuals, choice.groups)
         self._report(choice, residuals, drivers, errors)
         return self
@@ -133,35 +152,38 @@ class Target:
         """Target with the names of its components."""
         return f'{self.name}_{"".join("xyz"[i] for i in self.columns)}'
 
-    def learn_response(self, x: Array, moved: list[Array], place: Integers, step: float) -> None:
-        """Learn how much components change with a field that is not the disc's.
+    def response(self, x: Array, moved: list[Array], step: float) -> Array:
+        """How much components change with a field that is not the disc's.
 
         Parameters
         ----------
         x : ndarray, shape (s, f)
             Features.
         moved : list of ndarray, shape (s, f)
-            Features with each difference disturbed by `step` (T).
-        place : ndarray of int, shape (d,)
-            Features of the disc's place.
+            Features in each kind of gradient, of `step` (T / m).
         step : float
-            (T).
+            (T / m).
+
+        Returns
+        -------
+        ndarray, shape (s, k)
+            Logarithm of the change, in `unit_`, over the gradient (m / T).
         """
         mean = self.estimator_.predict(x)
         turns = np.stack([self.estimator_.predict(other) - mean for other in moved]) / step
-        size = 0.5 * np.log((turns**2).sum(axis=0) + TINY)
-        self.seen_ = place
-        self.response_ = PolynomialRidge((1, 2)).fit(x[:, place], size)
+        return np.asarray(0.5 * np.log((turns**2).sum(axis=0) + TINY))
 
-    def predict(self, x: Array, excess: Array) -> tuple[Array, Array]:
+    def predict(self, x: Array, drivers: Array, wider: Array) -> tuple[Array, Array]:
         """Components and their covariance.
 
         Parameters
         ----------
         x : ndarray, shape (s, f)
             Features.
-        excess : ndarray, shape (s,)
-            Size of a field that is not the disc's, in every difference (T).
+        drivers : ndarray, shape (s, 1 + d)
+            Of `drive`, the same for all targets.
+        wider : ndarray, shape (s, k)
+            Standard deviations beside those of the calibration, in `unit_`.
 
         Returns
         -------
@@ -169,17 +191,19 @@ class Target:
             (Unit of the target, and squared.)
         """
         mean = self.estimator_.predict(x) * self.unit_
-        cov = self.covariance_.predict(self._drivers(x))
-        if self.response_ is not None and np.count_nonzero(excess):
-            turn = np.exp(self.response_.predict(x[:, self.seen_])) * self.unit_
-            index = np.arange(len(self.columns))
-            cov[:, index, index] += (turn * excess[:, None]) ** 2
+        sigma, known = spread(self.covariance_, drivers), self.covariance_.correlation_
+        cov = sigma[:, :, None] * sigma[:, None, :] * known
+        width = len(self.columns)
+        cov.reshape(len(x), width * width)[:, :: width + 1] += (wider * self.unit_) ** 2
         return mean, cov
 
-    def _drivers(self, x: Array) -> Array:
-        """Logarithm of the signal's size, and features."""
+    def drive(self, x: Array) -> Array:
+        """Logarithm of the signal's size, and features: what errors depend on, (s, 1 + d)."""
+        drivers = np.empty((len(x), 1 + len(self.drivers)))
         size = np.sqrt((x[:, self.strength] ** 2).mean(axis=1))
-        return np.column_stack([np.log(size + TINY), x[:, self.drivers]])
+        np.log(size + TINY, out=drivers[:, 0])
+        drivers[:, 1:] = x[:, self.drivers]
+        return drivers
 
 
 def _few_groups(groups: Integers) -> Integers:

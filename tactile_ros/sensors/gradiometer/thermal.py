@@ -3,32 +3,54 @@
 [3]: the Hall sensitivity follows p0 + p1 dT + p2 dT^2 of the chip's temperature. The baseline was
 read at another temperature, which nothing reports: it is told by how much stronger the disc at
 rest was then than in the fit. Gap, stiffness and remanence follow the magnet, whose temperature
-follows the chip's with a delay: what the chip's has risen by over fading means stands for that.
+follows the chip's with a delay: a slow state, of the config's time constant or of the one with
+which the disc's model explains a recording best.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.conditioning.history import History
+from tactile_ros.conditioning.history import SECONDS_PER_NS, History
 from tactile_ros.signals import Signals
-from tactile_ros.types import Array
+from tactile_ros.types import Array, Bools
 
 CALIBRATED_AT = 35.0  # degrees Celsius [3]
-LAGS = (8.0, 60.0)  # s
-LONG = 5.0  # lags that a stream lasts
+LAGS = (4.0, 12.0, 36.0, 108.0)  # s: tried, where the config leaves it open
+LONG = 2.0  # lags that a stream lasts
 WEAKEST, STRONGEST = 0.7, 1.4
 LEAST_RANGE = 3.0  # degrees
+SAME = 1.0  # degrees between two frames of one stream
 SPAN = 60.0  # degrees beyond 35 at which the polynomial of the sensitivity stands still
 UNIT = 25.0  # degrees
 
 
 class ThermalMemory:
-    """Temperatures of one stream: the first, and fading means of what it rose by."""
+    """Temperature of the disc in one stream: a first-order lag behind the chip's.
 
-    def __init__(self, lags: Array) -> None:
-        self.history = History(lags) if len(lags) else None
+    Parameters
+    ----------
+    lag : float
+        Time constant (s); 0: the disc is as warm as the chip.
+    """
+
+    def __init__(self, lag: float) -> None:
+        self.history = History(np.array([lag])) if lag > 0 else None
         self.first: Array | None = None
+        self.last: tuple[int, float] | None = None
+
+    def begins(self, signals: Signals, chip: Array) -> Bools:
+        """Rows (s,) before which a new stream begins; a new baseline alone changes no warmth."""
+        assert signals.stamp_ns is not None
+        assert self.history is not None
+        stamp_ns, last_chip = self.last or (int(signals.stamp_ns[0]), float(chip[0]))
+        gap = SECONDS_PER_NS * np.diff(signals.stamp_ns, prepend=stamp_ns)
+        soon = (gap > 0) & (gap < float(self.history.time_constants[0]))
+        same = np.abs(np.diff(chip, prepend=last_chip)) < SAME
+        begins: Bools = signals.restart & ~(soon & same)
+        begins[0] |= self.first is None
+        self.last = int(signals.stamp_ns[-1]), float(chip[-1])
+        return begins
 
 
 def chip_temperature(signals: Signals) -> Array | None:
@@ -49,15 +71,16 @@ def sensitivity(temperature_c: Array, coefficients: Array) -> Array:
 
 
 def lagging(signals: Signals, chip: Array, usual: float, memory: ThermalMemory) -> Array:
-    """Temperature and its lags over means, shape (s, 1 + m), from the usual one, over 25."""
+    """Temperatures over 25 degrees: of the disc from the usual one, of the chip from the disc's.
+
+    Shape (s, 1), or (s, 2) where the disc lags. A stream begins in equilibrium.
+    """
     chip = np.where(np.isfinite(chip), chip, usual)
-    lags = 0 if memory.history is None else len(memory.history.time_constants)
-    columns = np.zeros((len(chip), 1 + lags))
+    columns = np.zeros((len(chip), 1 if memory.history is None else 2))
     columns[:, 0] = (chip - usual) / UNIT
     if signals.stamp_ns is None or memory.history is None or not len(chip):
         return columns
-    begins = signals.restart.copy()
-    begins[0] |= memory.first is None
+    begins = memory.begins(signals, chip)
     start = np.maximum.accumulate(np.where(begins, np.arange(len(chip)), -1))
     earlier = chip[:1] if memory.first is None else memory.first
     first = np.where(start >= 0, chip[np.maximum(start, 0)], earlier[0])
@@ -69,7 +92,8 @@ def lagging(signals: Signals, chip: Array, usual: float, memory: ThermalMemory) 
     else:
         means = memory.history(rise, signals.stamp_ns, begins)
     memory.first = first[-1:]
-    columns[:, 1:] = (rise - means[:, :, 0]) / UNIT
+    columns[:, 1] = (rise[:, 0] - means[:, 0, 0]) / UNIT
+    columns[:, 0] -= columns[:, 1]
     return columns
 
 
@@ -81,3 +105,13 @@ def lags_told(signals: Signals) -> Array:
     stamps = 1e-9 * (signals.stamp_ns - signals.stamp_ns[0])
     longest = max(float(np.ptp(stamps[stream == name])) for name in np.unique(stream))
     return np.array([lag for lag in LAGS if LONG * lag <= longest])
+
+
+def beyond(signals: Signals, span: Array) -> Array:
+    """Degrees (s,) by which chips are warmer or colder than in the fit, of span (2,)."""
+    if signals.temperature_c is None or not np.isfinite(span).all():
+        return np.zeros(len(signals.good))
+    chip = chip_temperature(signals)
+    assert chip is not None
+    farther = np.maximum(span[0] - chip, chip - span[1]) - LEAST_RANGE
+    return np.asarray(np.maximum(np.nan_to_num(farther), 0.0))

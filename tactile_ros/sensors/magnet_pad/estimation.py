@@ -1,8 +1,8 @@
-"""Cell, place and force of a touch: regressors, neighbours, and the pad as its config tells it.
+"""Cell, place and force of a touch: the fitted response of the pad, regressors and neighbours.
 
-The cell is voted by neighbours as in [2] or follows from the place, whichever is right more often
-on held-out presses. Where a stray field is met, known touches are compared by what the chips
-differ in. Before any truth is told, touches of the nominal model take the place of recorded ones.
+Where truth tells places and forces, they are found by Gauss-Newton on the tabulated response of
+the pad (`inversion`) or by regressors (`regressed`), whichever errs less on held-out presses.
+Before any truth is told, touches of the nominal model take the place of recorded ones.
 """
 
 from __future__ import annotations
@@ -11,69 +11,34 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from tactile_ros.conditioning.history import History
-from tactile_ros.estimators.pattern_ridge import PatternRidge
-from tactile_ros.estimators.touch_table import TouchTable
-from tactile_ros.estimators.uncertainty import CalibratedCovariance
-from tactile_ros.regression import CLASSES as REGRESSION_CLASSES
+from tactile_ros.estimators.stated_spread import StatedSpread
+from tactile_ros.physics.fidelity import Choice, Rated
 from tactile_ros.regression import ESTIMATORS as REGRESSORS
-from tactile_ros.regression import Recognition
-from tactile_ros.regression.estimation import places_of
-from tactile_ros.regression.head import Head, known_columns
-from tactile_ros.sensors.magnet_pad.cells import (
-    PLAN,
-    SPACE,
-    extent,
-    nearest,
-    partition,
-    shares_of_cells,
-)
-from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-from tactile_ros.sensors.magnet_pad.nominal import NominalPad
-from tactile_ros.sensors.magnet_pad.touches import KnownTouches
+from tactile_ros.regression.recognition import VOTER
+from tactile_ros.sensors.magnet_pad.cells import SPACE
+from tactile_ros.sensors.magnet_pad.inversion import PadInversion, Touched
+from tactile_ros.sensors.magnet_pad.nominal import NominalPad, nominal_choice
+from tactile_ros.sensors.magnet_pad.regressed import CLASSES as REGRESSED_CLASSES
+from tactile_ros.sensors.magnet_pad.regressed import FEWEST, Regressed, apart, noise_of_rest
+from tactile_ros.sensors.magnet_pad.response import PadResponse
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    import numpy.typing as npt
 
     from tactile_ros.signals import Columns, Report, SensorConfig, Signals
-    from tactile_ros.types import Array, Bools, Estimator, Integers
+    from tactile_ros.types import Array, Bools
 
 NOMINAL = 'nominal'
-BY_PLACE = 'nearest_centre'
-ESTIMATORS = (*REGRESSORS, NOMINAL)
-FEWEST, MANY = 50, 5000
-FEWEST_SESSIONS = 3
+TABLE = 'table_gauss_newton'
+ESTIMATORS = (*REGRESSORS, TABLE, NOMINAL)
 TOLD = ('position', 'force', 'cell', 'torque', 'label', 'yaw')
+OFF_SURFACE = 0.1  # of the radius: contacts that lie farther off are of another body
+MOST_OFF = 0.05
 
 
-class PadHead(Head):
-    """Regressor of a target, with kernel ridge on patterns to choose from.
-
-    Attributes
-    ----------
-    by_runs : bool
-        Whether whole sessions are held out: then all of them are, by regressors that are quick.
-    """
-
-    by_runs = False
-
-    def candidates(self) -> dict[str, Estimator]:
-        """Those of `Head` for a place; for a force the one that `Head` does not try."""
-        known: dict[str, Estimator] = {'pattern_ridge': PatternRidge()}
-        if self.target == 'position':
-            known.update(super().candidates())
-        if self.by_runs:
-            known.pop('perceptron', None)
-        return known
-
-    def rounds(self, known: Mapping[str, Estimator], rows: int) -> int | None:
-        """One fold of thousands of touches is enough to judge by."""
-        return 1 if 'perceptron' in known and rows > MANY else super().rounds(known, rows)
-
-
-class Localisation(Recognition):
+class Localisation(Regressed):
     """Estimation of the magnet pad.
 
     Parameters
@@ -85,28 +50,22 @@ class Localisation(Recognition):
 
     Attributes
     ----------
-    touches_ : KnownTouches or None
-        Recorded touches, for readings with a stray field.
-    columns_ : tuple of int
-        Coordinates by which a place belongs to the nearest cell; (): none.
-    coarse_ : ndarray, shape (3,)
-        Variance of places inside a cell (m2), where only cells were told.
-    cell_report_ : dict of str to float
-        How often the place names the right cell, as its covariance says.
+    inversion_ : PadInversion or None
+        By the response of the pad.
+    inverted_ : tuple of str
+        Targets that it answers; 'force' alone where stamps give regressors no history.
     nominal_ : bool
         Whether the nominal model speaks.
     """
 
-    touches_: KnownTouches | None
+    inversion_: PadInversion | None
 
     def __init__(self, config: SensorConfig, estimator: str | None = None) -> None:
-        assert isinstance(config, MagnetPadConfig)
-        super().__init__(config, estimator)
-        self.config = config
-        self.touches_ = None
-        self.columns_: tuple[int, ...] = ()
-        self.coarse_ = np.zeros(3)
-        self.cell_report_: dict[str, float] = {}
+        super().__init__(config, None if estimator == TABLE else estimator)
+        self.wanted = estimator
+        self.inversion_ = None
+        self.inverted_: tuple[str, ...] = ()
+        self.beaten_: dict[str, dict[str, float]] = {}
         self.nominal_ = estimator in (None, NOMINAL)
 
     @property
@@ -114,211 +73,178 @@ class Localisation(Recognition):
         """Name of the estimator in use for each target."""
         if self.nominal_:
             return dict.fromkeys(('position', 'force', 'cell'), NOMINAL)
-        names = super().estimators
-        if self._cell_by_place:
-            names['cell'] = BY_PLACE
-        return names
+        return {**super().estimators, **dict.fromkeys(self.inverted_, TABLE)}
 
     @property
     def report(self) -> Report:
-        """Errors on held-out groups for each target, and how often cells are right."""
-        place = {'cell_by_place': self.cell_report_} if self.cell_report_ else {}
-        return {**super().report, **place}
-
-    @property
-    def _cell_by_place(self) -> bool:
-        """Whether the cell follows from the place."""
-        voted = [v.report_['held_out_accuracy'] for v in self._useful if v.target == 'cell']
-        return self.cell_report_.get('expected_accuracy', -1.0) > max(voted, default=-0.5)
+        """Errors on held-out groups for each target, and what was found of the pad."""
+        if self.nominal_:
+            return {**super().report, **self._nominal_choice.report}
+        if self.inversion_ is None:
+            return {**super().report, **self.beaten_}
+        response = self.inversion_.response_
+        found = {'pad': response.report, **response.choice_.report}
+        return {**super().report, **self.beaten_, **found}
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component; see `Regression`."""
-        self.touches_, self.columns_, self.cell_report_ = None, (), {}
-        self.coarse_ = np.zeros(3)
+        self.inversion_, self.inverted_, self.beaten_ = None, (), {}
         told = any(_told(truth[k])[signals.good].any() for k in TOLD if k in truth)
-        self.nominal_ = self.estimator == NOMINAL or (self.estimator is None and not told)
+        self.nominal_ = self.wanted == NOMINAL or (self.wanted is None and not told)
         if self.nominal_:
+            self.forget_all()
             _ = self._pad  # now, not when the first frame waits
             return
-        if self.estimator is not None:
-            super().fit(signals, truth, groups)
-            return
-        super().fit(signals, {k: v for k, v in truth.items() if k != 'position'}, groups)
-        placed = self._by_centres(truth, signals.good)
-        if placed is not None:
-            truth, self.coarse_ = {**truth, 'position': placed}, extent(self.config.cells)
-        self._own_heads(signals, truth, groups)
-        self._learn_touches(signals, truth, groups)
-        if placed is None:
-            self._learn_cells(signals, truth)
-
-    def _by_centres(self, truth: Columns, good: Bools) -> Array | None:
-        """Centres of the cells (s, 3) where truth told cells, and never a place."""
-        cells = np.asarray(truth.get('cell', np.full(len(good), -1)), np.int64)
-        told = 'position' in truth and bool(_told(truth['position']).any())
-        voted = any(vote.target == 'cell' for vote in self._useful)
-        if told or not voted or cells.max(initial=-1) >= len(self.config.cells):
-            return None
-        return np.where((cells >= 0)[:, None], self.config.cells[cells], np.nan)
-
-    def _own_heads(self, signals: Signals, truth: Columns, groups: Columns) -> None:
-        """Regressors of the place, and of the force where kernel ridge on patterns errs less."""
-        x = signals.delta.reshape(len(signals.good), self.width)
-        rests = signals.baseline.reshape(x.shape)
-        session = np.asarray(groups['session'], np.int64)
-        better: list[Head] = []
-        y = np.asarray(truth.get('position', np.full((len(x), 3), np.nan)), np.float64)
-        for columns, rows in known_columns(y, signals.good):
-            told = y[rows][:, columns]
-            group = _apart(told, truth, groups, rows)
-            place = PadHead('position', columns, None, self.width)
-            place.by_runs = len(np.unique(session[rows])) >= FEWEST_SESSIONS
-            better.append(place.fit(x[rows], told, group, session[rows], rests[rows]))
-        for head in self.heads_:
-            y = np.asarray(truth[head.target], np.float64)[:, list(head.columns)]
-            rows = signals.good & np.isfinite(y).all(axis=1)
-            rival = PadHead(head.target, head.columns, None, self.width)
-            group = np.asarray(groups['group'], np.int64)[rows]
-            rival.fit(x[rows], y[rows], group, session[rows], rests[rows])
-            pair: tuple[Head, Head] = (head, rival)
-            better.append(min(pair, key=lambda one: one.report_['held_out_rmse']))
-        self.heads_ = tuple(better)
-        vars(self).pop('_best', None)
-
-    def _learn_touches(self, signals: Signals, truth: Columns, groups: Columns) -> None:
-        """Remember touches, for readings with a stray field."""
-        common = self._common(signals)
-        heads = [h for h in self.heads_ if h.target in ('position', 'force')]
-        if common is None or not heads:
-            return
-        count = len(signals.good)
-        cells = np.asarray(truth.get('cell', np.full(count, -1)), np.int64)
-        answers = np.full((count, 6), np.nan)
-        rows = signals.good.copy()
-        for head in heads:
-            columns = np.array(head.columns) + (3 if head.target == 'force' else 0)
-            answers[:, columns] = np.asarray(truth[head.target], np.float64)[:, head.columns]
-            rows &= np.isfinite(answers[:, columns]).all(axis=1)
-        if rows.sum() < FEWEST:
-            return
-        noise = _noise_of_rest(signals)
-        x = signals.delta.reshape(count, self.width)[rows]
-        group = np.asarray(groups['group'], np.int64)[rows]
-        known = KnownTouches(common, int(cells[rows].max(initial=-1)) + 1)
-        self.touches_ = known.fit(x, np.nan_to_num(answers[rows]), cells[rows], group, noise)
-
-    def _learn_cells(self, signals: Signals, truth: Columns) -> None:
-        """Whether cells are the surroundings of their centres, and how often places hit them."""
-        places = np.asarray(truth.get('position', np.empty((0, 3))), np.float64)
-        by = {h.columns for h in self.heads_ if h.target == 'position'}
-        if not places.size or not any({*PLAN} <= {*columns} for columns in by):
-            return
-        rows = signals.good & np.isfinite(places[:, list(PLAN)]).all(axis=1)
-        cells = np.asarray(truth.get('cell', np.full(len(places), -1)), np.int64)
-        named = rows & (cells >= 0)
-        if named.any():
-            self.columns_ = partition(places[named], cells[named], self.config.cells)
+        if self.wanted in (None, TABLE):
+            known = self.inversion_ = self._inverted(signals, truth, groups)
+            place = np.inf if known is None else known.report_['position']['held_out_rmse']
+            self.bar_ = place
+        if self.wanted == TABLE:
+            self.forget_all()
         else:
-            self.columns_ = SPACE if any({*SPACE} <= {*c} for c in by) else PLAN
-        if not {*self.columns_} <= {i for columns in by for i in columns} or not self.columns_:
-            self.columns_ = ()
-            return
-        cov = super().estimate(signals, self.start())['position_cov'][rows].astype(np.float64)
-        at = nearest(places[rows], self.config.cells, self.columns_)
-        shares = shares_of_cells(places[rows], cov, self.config.cells, self.columns_)
-        hit = float(shares[np.arange(len(at)), at].mean())
-        agrees = float((at == cells[rows])[named[rows]].mean()) if named.any() else 1.0
-        self.cell_report_ = {'expected_accuracy': hit * agrees}
+            super().fit(signals, truth, groups)
+        vars(self).pop('_centres', None)
+        if self.inversion_ is not None:
+            self._choose(self.inversion_, self.cell_columns(signals, truth))
 
-    def _common(self, signals: Signals) -> Array | None:
-        """What a uniform field adds to the features (d, 3); None with a single live chip."""
-        taxels = len(self.config.positions)
-        turns = self.config.rotations
-        turned = np.tile(np.eye(3), (taxels, 1, 1)) if turns is None else turns
-        common = np.concatenate([turn.T for turn in turned])
-        live = np.nan_to_num(signals.delta[signals.good]).any(axis=(0, 2))
-        common[~np.repeat(live, 3)] = 0.0
-        return common if live.sum() > 1 else None
+    def _inverted(self, signals: Signals, truth: Columns, groups: Columns) -> PadInversion | None:
+        """By the response of the pad, where truth tells places and forces on its surface."""
+        blank = np.full((len(signals.good), 3), np.nan)
+        place, force = (np.asarray(truth.get(k, blank), np.float64) for k in ('position', 'force'))
+        rows = signals.good & np.isfinite(place).all(axis=1) & np.isfinite(force).all(axis=1)
+        x = signals.delta.reshape(len(rows), self.width)
+        live = np.asarray(np.abs(x[rows]).max(axis=0, initial=0.0) > 0)
+        if rows.sum() < FEWEST or live.sum() < 3 or not self._on_surface(place[rows], force[rows]):
+            return None
+        common = self.common(signals)
+        common = None if common is None else common[live]
+        known = PadInversion(self.config, live, common, noise_of_rest(signals))
+        group = apart(place[rows], truth, groups, rows)
+        columns = self.cell_columns(signals, truth)
+        cells = np.asarray(truth.get('cell', np.full(len(rows), -1)), np.int64)[rows]
+        touched = Touched(x[rows][:, live], place[rows], force[rows], group, cells)
+        return known.fit(touched, self._centred(columns))
+
+    def _on_surface(self, place: Array, force: Array) -> bool:
+        """Whether contacts (s, 3) lie on a half cylinder about the axis, pressed inward."""
+        radius = np.hypot(place[:, 1], place[:, 2])
+        off = np.abs(radius / max(float(np.median(radius)), 1e-9) - 1) > OFF_SURFACE
+        off |= np.abs(place[:, 0]) > 0.55 * self.config.length
+        off |= (place[:, 1:] * force[:, 1:]).sum(axis=1) <= 0
+        near = 0.5 < float(np.median(radius)) / self.config.radius < 2.0
+        return near and float(off.mean()) <= MOST_OFF
+
+    def _choose(self, inversion: PadInversion, columns: tuple[int, ...]) -> None:
+        """Drop regressors that err more than the response of the pad; keep their errors."""
+        held = inversion.report_
+        for target in ('position', 'force'):
+            rivals = tuple(head for head in self.heads_ if head.target == target)
+            least = min((h.report_['held_out_rmse'] for h in rivals), default=np.inf)
+            own = held[target]['held_out_rmse']
+            if self.wanted != TABLE and own > least:
+                continue
+            self.inverted_ += (target,)
+            for head in rivals:
+                lost = {k: v for k, v in head.report_.items() if k.startswith('rmse_')}
+                self.beaten_[head.title] = {**lost, f'rmse_{TABLE}': own, **held[target]}
+            past = [h.report_['held_out_rmse'] for h in self.remembering_ if h.target == target]
+            if min(past, default=np.inf) >= own:
+                self.answer_without(rivals)
+        if 'position' in self.inverted_:
+            self.touches_ = None
+            self._choose_cells(held.get('cell', {}), columns)
+
+    def _choose_cells(self, held: dict[str, float], columns: tuple[int, ...]) -> None:
+        """Drop the vote for cells where places by the response name them as often."""
+        votes = [vote for vote in self.votes_ if vote.target == 'cell']
+        least = max((vote.report_['held_out_accuracy'] for vote in votes), default=0.0)
+        own = held.get('held_out_accuracy', 1.0)
+        if not columns or own < least:
+            return
+        self.columns_, self.cell_report_ = columns, {}
+        self.inverted_ += ('cell',)
+        self.votes_ = tuple(vote for vote in self.votes_ if vote.target != 'cell')
+        lost = {f'accuracy_{VOTER}': least} if votes else {}
+        self.beaten_['cell'] = {**lost, **held}
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Targets of every row; see `Regression`."""
+        x = signals.delta.reshape(len(signals.good), self.width)
         if self.nominal_:
             assert isinstance(memory, History)
-            x = signals.delta.reshape(len(signals.good), self.width)
             return self._pad.estimate(x)
         known = super().estimate(signals, memory)
-        if self.coarse_.any():
-            known['position_cov'] = known['position_cov'] + np.diag(self.coarse_)
-        x = signals.delta.reshape(len(signals.good), self.width)
-        there = np.flatnonzero(np.isfinite(x).all(axis=1))
-        if self._cell_by_place:
-            self._name_cells(known)
-        if self.touches_ is not None and len(there):
-            self._mind_stray(known, x, there, self.touches_)
+        if self.inverted_:
+            self._add_inverted(known, signals, x)
         return known
+
+    def contact(self, signals: Signals) -> npt.NDArray[np.int8]:
+        """What touches (s,): a uniform field that came after the tare does not."""
+        inversion, known = self.inversion_, signals.in_contact
+        if inversion is None or inversion.common is None or 'position' not in self.inverted_:
+            return known
+        x = signals.delta.reshape(len(known), self.width)
+        alone = (known == 1) & ~inversion.touching(x)
+        return known - alone if np.count_nonzero(alone) else known
+
+    def _add_inverted(self, known: Columns, signals: Signals, x: Array) -> None:
+        """Targets by the response of the pad."""
+        inversion = self.inversion_
+        assert inversion is not None
+        there = np.asarray(np.isfinite(x).all(axis=1))
+        every = np.count_nonzero(there) == len(there)
+        told = inversion.invert(x if every else x[there], self._centres)
+        parts = {
+            'position': told.mean[:, :3], 'position_cov': told.cov[:, :3, :3],
+            'force': told.mean[:, 3:], 'force_cov': told.cov[:, 3:, 3:],
+        }  # fmt: skip
+        if self._remembers(signals):
+            del parts['force'], parts['force_cov']
+        if 'cell' in self.inverted_:
+            parts['cell'] = told.shares.argmax(axis=1)
+            parts['cell_probability'] = told.shares.max(axis=1)
+        if 'position' in self.inverted_ and inversion.common is not None:
+            rest = signals.in_contact == 0
+            if np.count_nonzero(rest):
+                rest = rest if every else rest[there]
+                told.stray[rest] = inversion.resting_field((x if every else x[there])[rest])
+            parts['stray_field'] = told.stray
+        for name, column in parts.items():
+            if name.split('_')[0] in self.inverted_ or name == 'stray_field':
+                known[name] = column if every else _filled(column, there)
+
+    def _remembers(self, signals: Signals) -> bool:
+        """Whether a history, which stamps give, tells the force better."""
+        past = [head for head in self.remembering_ if head.target == 'force']
+        return signals.stamp_ns is not None and bool(past)
+
+    @cached_property
+    def _centres(self) -> Array:
+        return self._centred(self.columns_)
+
+    def _centred(self, columns: tuple[int, ...]) -> Array:
+        """Centres of cells (n, 3) (m) in the coordinates that count, 0 in the others."""
+        centres = np.zeros_like(self.config.cells)
+        index = list(columns or SPACE)
+        centres[:, index] = self.config.cells[:, index]
+        return centres
+
+    @cached_property
+    def _nominal_choice(self) -> Choice:
+        return nominal_choice(self.config)
 
     @cached_property
     def _pad(self) -> NominalPad:
         """Touches of the nominal model: computed once they are asked for."""
         return NominalPad(self.config)
 
-    def _name_cells(self, known: Columns) -> None:
-        """Cells by place, in rows whose place is known."""
-        place, cov = (np.asarray(known[k], np.float64) for k in ('position', 'position_cov'))
-        rows = np.isfinite(place[:, list(self.columns_)]).all(axis=1)
-        names, shares = np.full(len(place), -1), np.full(len(place), np.nan)
-        if rows.any():
-            each = shares_of_cells(place[rows], cov[rows], self.config.cells, self.columns_)
-            names[rows] = each.argmax(axis=1)
-            shares[rows] = each.max(axis=1)
-        known['cell'], known['cell_probability'] = names, shares
 
-    def _mind_stray(
-        self, known: Columns, x: Array, there: Integers, touches: KnownTouches
-    ) -> None:
-        """Lean on what the chips differ in, where a reading is unlike any known touch."""
-        strange = touches.strangeness(x[there], touches.plain_.blame(x[there]))
-        stray = np.full((len(x), 3), np.nan)
-        stray[there] = 0.0
-        known['stray_field'] = stray
-        lean, rows = strange[strange > 0], there[strange > 0]
-        if not len(rows):
-            return
-        answer = touches.without_common(x[rows])
-        stray[rows] = lean[:, None] * answer.stray
-        for i, target in enumerate(('position', 'force')):
-            if target in known:
-                part = slice(3 * i, 3 * i + 3)
-                told = np.isfinite(known[target][rows])
-                _blend(known, target, rows, lean, answer.mean[:, part], answer.cov[:, part, part])
-                known[target][rows] = np.where(told, known[target][rows], np.nan)
-        if 'cell' in known and touches.cells:
-            firm = lean >= 0.5
-            chosen, shares = rows[firm], answer.shares[firm]
-            known['cell'][chosen] = shares.argmax(axis=1)
-            known['cell_probability'][chosen] = shares.max(axis=1)
-
-
-def _blend(
-    known: Columns, target: str, rows: Integers, lean: Array, mean: Array, cov: Array
-) -> None:
-    """Mean and covariance of a mixture, in place; `lean` (s,) is the share of the new part."""
-    old, spread = (np.asarray(known[k], np.float64)[rows] for k in (target, f'{target}_cov'))
-    share, apart = lean[:, None], mean - old
-    known[target][rows] = old + share * apart
-    between = (share * (1 - share))[:, :, None] * apart[:, :, None] * apart[:, None]
-    known[f'{target}_cov'][rows] = (
-        (1 - share)[:, :, None] * spread + share[:, :, None] * cov + between
-    )
-
-
-def _apart(y: Array, truth: Columns, groups: Columns, rows: Bools) -> Integers:
-    """What a split keeps together: sessions where there are several, presses, or places."""
-    session = np.asarray(groups['session'], np.int64)[rows]
-    if len(np.unique(session)) >= FEWEST_SESSIONS:
-        return session
-    places = None if 'repetition' in truth else places_of(y)
-    return np.asarray(groups['group'], np.int64)[rows] if places is None else places
+def _filled(column: npt.NDArray[np.generic], there: Bools) -> npt.NDArray[np.generic]:
+    """A column of some rows (s,) for all of them, NaN or -1 in the others."""
+    blank = np.nan if column.dtype.kind == 'f' else -1
+    wide = np.full((len(there), *column.shape[1:]), blank, column.dtype)
+    wide[there] = column
+    return wide
 
 
 def _told(column: npt.NDArray[np.generic]) -> Bools:
@@ -327,19 +253,6 @@ def _told(column: npt.NDArray[np.generic]) -> Bools:
     return np.asarray(known.any(axis=tuple(range(1, known.ndim))))
 
 
-def _noise_of_rest(signals: Signals) -> float:
-    """Standard deviation of resting readings, over all channels; 0 where nothing rests."""
-    rest = signals.delta[signals.good & (signals.in_contact == 0)]
-    return float(np.sqrt((rest**2).mean())) if len(rest) else 0.0
-
-
 CLASSES = (
-    *REGRESSION_CLASSES,
-    Localisation,
-    PadHead,
-    PatternRidge,
-    KnownTouches,
-    TouchTable,
-    CalibratedCovariance,
-    MagnetPadConfig,
-)
+    *REGRESSED_CLASSES, Localisation, PadInversion, PadResponse, StatedSpread, Choice, Rated,
+)  # fmt: skip

@@ -14,13 +14,14 @@ import numpy as np
 from tactile_ros.estimators.touch_table import TouchTable
 from tactile_ros.physics.dipoles import in_chip_axes
 from tactile_ros.physics.elastomer import disc_press
-from tactile_ros.physics.magnet_blocks import Blocks
 from tactile_ros.sensors.magnet_pad.cells import SPACE, nearest
+from tactile_ros.sensors.magnet_pad.fidelity import block_model, blocks_of
 from tactile_ros.types import Array
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from tactile_ros.physics.fidelity import Choice
     from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
     from tactile_ros.signals import Columns
 
@@ -30,6 +31,8 @@ TIPS = (0.05, 0.7)  # radius of a tip over that of the cylinder
 LEAN = 0.5  # rad, largest of a leaning touch
 UPRIGHT = 0.75  # share of touches that do not lean
 BLOCK = 2048
+MEASURED = 200  # touches by which a model of the blocks is chosen
+NOISE, LEAST_NOISE = 4e-6, 1e-7  # T, where nothing tells it; below it nothing is gained
 COUNT = 40_000
 WIDTH = 0.7
 UNSURE = 0.8  # the table's spread has touches that lean and bodies of all bonds
@@ -89,11 +92,9 @@ def spread_presses(config: MagnetPadConfig, count: int) -> Presses:
     return Presses(along, around, size[:, None] * direction, tip, bond)
 
 
-def change_of_field(config: MagnetPadConfig, presses: Presses) -> Array:
+def change_of_field(config: MagnetPadConfig, presses: Presses, edge_nodes: int = 2) -> Array:
     """Change of the readings (s, t, 3) (T) in chip axes, from rest to touched."""
-    blocks = Blocks.along(
-        config.magnet_positions, config.magnet_axes, config.magnet_size, config.remanence
-    )
+    blocks = blocks_of(config, edge_nodes)
     rest = np.zeros((1, len(config.magnet_positions), 3))
     level = blocks.field(config.positions, rest, rest)
     parts = []
@@ -101,6 +102,19 @@ def change_of_field(config: MagnetPadConfig, presses: Presses) -> Array:
         moved, turned = blocks.carried(_displacement(config, presses, slice(i, i + BLOCK)))
         parts.append(blocks.field(config.positions, moved, turned) - level)
     return in_chip_axes(np.concatenate(parts), config.rotations)
+
+
+def field_choice(config: MagnetPadConfig, presses: Presses, noise: float) -> Choice:
+    """Model of the blocks that touches need at a noise (T), by some of them."""
+    some = slice(0, None, max(len(presses.along) // MEASURED, 1))
+    moved, turned = blocks_of(config, 1).carried(_displacement(config, presses, some))
+    return block_model(config, max(noise, LEAST_NOISE), moved, turned)
+
+
+def nominal_choice(config: MagnetPadConfig) -> Choice:
+    """Model of the blocks that the nominal touches need at the config's noise."""
+    noise = NOISE if config.noise is None else float(np.min(config.noise))
+    return field_choice(config, spread_presses(config, MEASURED), noise)
 
 
 def _displacement(
@@ -128,7 +142,8 @@ class NominalPad:
 
     def __init__(self, config: MagnetPadConfig) -> None:
         presses = spread_presses(config, COUNT)
-        change = change_of_field(config, presses).reshape(COUNT, -1)
+        nodes = nominal_choice(config).size[0]
+        change = change_of_field(config, presses, nodes).reshape(COUNT, -1)
         self.least = 0.05 * float(np.sqrt((change**2).sum(axis=1).mean()))
         self.table = TouchTable(0.02, neighbours=32, width=WIDTH).fit(self._pattern(change))
         self.answers = np.column_stack([presses.places(config.radius), presses.force])

@@ -1,9 +1,9 @@
-"""A simple signal of the magnet pad: magnets as dipoles that give way to a press nearby.
+"""A simple signal of the magnet pad: magnets that give way to a press nearby.
 
 It is no model of [2] to estimate with: magnets move against the force by a share that falls with
-their distance from the contact as a Gaussian; the body's mechanics, the magnets' extent and
-rotation are left out. Forces are those of [2], 1.5..10 N, along the surface's normal or inside the
-cone of 45 degrees about it.
+their distance from the contact as a Gaussian; the body's mechanics and the magnets' rotation are
+left out. Fields are as exact as the noise needs. Forces are those of [2], 1.5..10 N, along the
+surface's normal or inside the cone of 45 degrees about it.
 """
 
 from __future__ import annotations
@@ -12,13 +12,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.physics.dipoles import dipole_field, in_chip_axes, magnet_moment
-from tactile_ros.presses import Programme, Touches, growing_loads, playing, recorded
+from tactile_ros.physics.dipoles import in_chip_axes
+from tactile_ros.physics.magnet_blocks import EXACT
+from tactile_ros.presses import REST_S, Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.sensors.magnet_pad.config import layout
+from tactile_ros.sensors.magnet_pad.fidelity import block_model, blocks_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from tactile_ros.physics.magnet_blocks import Blocks
     from tactile_ros.presses import Truth
     from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
     from tactile_ros.types import Array, Recording
@@ -28,17 +31,31 @@ WIDTH = 0.6  # of the dent, in radii
 STIFFNESS = 2.4  # of the body, in shear moduli times radius: about a flat punch of 6 mm
 PLAY = 0.3  # of a place about its cell's centre, in distances of cells
 PRESSES = 60
+MEASURED = 100
 
 
-def reading(config: MagnetPadConfig, touches: Touches) -> Array:
-    """Readings (s, t, 3) (T) of the dipoles where the press has moved them."""
-    axes = config.magnet_axes / np.linalg.norm(config.magnet_axes, axis=1, keepdims=True)
-    moments = magnet_moment(config.remanence, float(np.prod(config.magnet_size))) * axes
+def movement(config: MagnetPadConfig, touches: Touches) -> Array:
+    """Displacement (s, m, 3) (m) of the magnets."""
     away = config.magnet_positions - np.nan_to_num(touches.position)[:, None]
     share = np.exp(-0.5 * np.square(away / (WIDTH * config.radius)).sum(axis=2))
     stiffness = STIFFNESS * config.shear_modulus * config.radius
-    moved = config.magnet_positions - share[..., None] * touches.force[:, None] / stiffness
-    return in_chip_axes(dipole_field(config.positions, moved, moments), config.rotations)
+    return np.asarray(-share[..., None] * touches.force[:, None] / stiffness)
+
+
+def blocks_for(config: MagnetPadConfig, programme: Programme, noise: float = NOISE) -> Blocks:
+    """Magnets in the cheapest model that presses at their full load need."""
+    begin = REST_S + programme.period_s * np.arange(len(programme.positions))
+    held = begin + programme.rise_s + programme.hold_s / 2
+    moved = movement(config, programme.at(held[:MEASURED]))
+    return blocks_of(config, block_model(config, noise, moved, np.zeros_like(moved)).size[0])
+
+
+def reading(config: MagnetPadConfig, touches: Touches, blocks: Blocks | None = None) -> Array:
+    """Readings (s, t, 3) (T) of the magnets, exact or in a model, where a press has moved them."""
+    moved = movement(config, touches)
+    blocks = blocks_of(config, EXACT) if blocks is None else blocks
+    field = blocks.field(config.positions, moved, np.zeros_like(moved))
+    return in_chip_axes(field, config.rotations)
 
 
 def truth(config: MagnetPadConfig, touches: Touches) -> Truth:
@@ -95,10 +112,12 @@ def presses(
     Recording
         One stream that begins with a tare.
     """
+    played = programme(config, seed, count, cone)
+    blocks = blocks_for(config, played)
     return recorded(
         layout(config),
-        programme(config, seed, count, cone),
-        lambda touches: reading(config, touches),
+        played,
+        lambda touches: reading(config, touches, blocks),
         lambda touches: truth(config, touches),
         NOISE if noise is None else noise,
         seed,

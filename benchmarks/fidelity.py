@@ -1,0 +1,259 @@
+"""fidelity: error against time of every model of every magnetic sensor, and what terms are worth.
+
+Each model is compared with the exact one over the states that its scene may visit; the cheapest
+whose worst error is below a third of the noise is chosen, by operations, not by this machine's
+times. Terms of a scene (stray field, temperature, tilt) are weighed by what they cost in precision
+and save in bias.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.evaluation.benchmark import BenchResult, Row
+from tactile_ros.evaluation.drawing import standalone
+from tactile_ros.evaluation.svg import Plot
+from tactile_ros.physics.elastomer import disc_press
+from tactile_ros.physics.fidelity import SHARE, Choice, Model, choose, region
+from tactile_ros.physics.grid_table import GridTable
+from tactile_ros.physics.scene_terms import Term, Worth, worth
+from tactile_ros.physics.temperature import REMANENCE_SLOPE
+from tactile_ros.sensors.gradiometer import fidelity as gradiometer
+from tactile_ros.sensors.gradiometer.config import GradiometerConfig
+from tactile_ros.sensors.magnet_pad import fidelity as pad
+from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
+from tactile_ros.sensors.multipole_skin import fidelity as skin
+from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
+
+if TYPE_CHECKING:
+    from tactile_ros.types import Array
+
+SEEDS = [0]
+NOISE = {'gradiometer': 3e-6, 'magnet_pad': 4e-6, 'multipole_skin': 4e-6}
+MICRO = 1e6
+BATCH = {'quick': 200, 'normal': 200, 'full': 1000}
+HEADS = {'quick': 2, 'normal': 6, 'full': 20}
+LOAD, TIP, AROUND = (1.5, 10.0), 3e-3, (0.5, np.pi - 0.5)  # N, m, rad: presses of [2]
+GRIDS = ((9, 7, 5), (15, 11, 5), (29, 21, 9), (57, 41, 9))
+BUDGET_S = 0.2
+KINDS = ('dipole', 'linear', 'cubic', 'exact')
+Spot = tuple[str, float, float]  # name, time (us), worst error (uT)
+
+
+def timed(model: Model, states: Array) -> tuple[float, float]:
+    """Microseconds of one state alone and of one among all; the least of some repetitions."""
+    found = []
+    for rows in (states[:1], states):
+        least, end = np.inf, time.perf_counter() + BUDGET_S
+        while time.perf_counter() < end:
+            began = time.perf_counter()
+            model.readings(rows)
+            least = min(least, time.perf_counter() - began)
+        found.append(MICRO * least / len(rows))
+    return found[0], found[1]
+
+
+def rows_of(
+    scene: str, choice: Choice, models: list[Model], states: Array
+) -> tuple[list[Row], list[Spot]]:
+    """A row and a spot for every model."""
+    by_name = {model.name: model for model in models}
+    rows, spots = [], []
+    for rated in choice.rated:
+        single, batch = timed(by_name[rated.name], states)
+        chosen = rated.name == choice.name
+        rows.append(
+            Row(
+                f'{scene}: {rated.name} (rms {MICRO * rated.rms:.2g})',
+                'uT',
+                MICRO * rated.worst,
+                aim=MICRO * SHARE * choice.noise if chosen else None,
+                us_single=single,
+                us_batch=batch,
+            )
+        )
+        spots.append((rated.name, batch, MICRO * rated.worst))
+    return rows, spots
+
+
+def pad_movement(config: MagnetPadConfig, touches: Array) -> tuple[Array, Array]:
+    """Shifts and turns of the magnets under touches (s, 3): along (m), around (rad), force (N)."""
+    along, around, force = touches.T
+    normal = np.column_stack([0 * along, np.cos(around), np.sin(around)])
+    place = config.radius * normal + along[:, None] * np.eye(3)[0]
+    tip, bond = np.full(len(along), TIP), np.full(len(along), 0.5)
+
+    def displacement(points: Array) -> Array:
+        wide = np.broadcast_to(points, (len(place), *points.shape))
+        push = -force[:, None] * normal
+        return disc_press(wide, place, normal, push, tip, config.shear_modulus, bond)
+
+    return pad.blocks_of(config, 1).carried(displacement)
+
+
+def pad_region(config: MagnetPadConfig, count: int) -> Array:
+    """Touches of [2] along the normal, shape (s, 3)."""
+    reach = 0.45 * config.length
+    low, high = np.array([-reach, AROUND[0], LOAD[0]]), np.array([reach, AROUND[1], LOAD[1]])
+    return region(low, high, count)
+
+
+def touch_tables(config: MagnetPadConfig, noise: float) -> tuple[Choice, list[Model]]:
+    """Choice among tables over the touches, whose values are exact mechanics and fields."""
+    field = pad.block_field(config, 0)
+
+    def readings(touches: Array) -> Array:
+        moved, turned = pad_movement(config, touches)
+        return field.readings(np.stack([moved, turned], axis=1).reshape(len(touches), -1))
+
+    states = pad_region(config, 200)
+    low, high = states.min(axis=0), states.max(axis=0)
+    exact = Model('exact mechanics and blocks', readings, 1e5)
+    models = []
+    for shape in GRIDS:
+        table = GridTable.of(readings, low, high, shape)
+        name = f'cubic table {shape[0]} x {shape[1]} x {shape[2]}'
+        models.append(Model(name, table.at, 64.0 * 6 * 2 + 200, table.values.size, shape))
+    return choose(models, exact, states, noise, every=True), [*models, exact]
+
+
+def pad_terms(config: MagnetPadConfig, noise: float) -> tuple[Worth, ...]:
+    """What a stray field and a temperature cost and buy, in place of a touch (m)."""
+    touches = pad_region(config, 100)[8:]
+    field = pad.block_field(config, 0)
+
+    def readings(at: Array) -> Array:
+        moved, turned = pad_movement(config, at)
+        return field.readings(np.stack([moved, turned], axis=1).reshape(len(at), -1))
+
+    step = np.array([1e-6, 1e-6 / config.radius, 1e-3])
+    slopes = [
+        (readings(touches + e) - readings(touches - e)) / (2 * size)
+        for e, size in zip(np.diag(step), [1e-6, 1e-6, 1e-3], strict=True)
+    ]
+    even = np.tile(np.eye(3), (len(config.positions), 1))
+    uniform = np.broadcast_to(even, (len(touches), *even.shape))
+    still = np.zeros((1, len(config.magnet_positions), 3))
+    blocks = pad.blocks_of(config, 0)
+    level = blocks.field(config.positions, still, still).reshape(1, -1)
+    warm = REMANENCE_SLOPE * (level + readings(touches))[..., None]
+    terms = (
+        Term('uniform stray field', uniform, 0.3e-3),
+        Term('temperature of the magnets', warm, 5.0),
+    )
+    return worth(np.stack(slopes, axis=-1), noise, terms, wanted=2)
+
+
+def term_rows(scene: str, terms: tuple[Worth, ...]) -> list[Row]:
+    """Errors of a place without and with each term."""
+    return [
+        Row(
+            f'{scene}: place with {term.name} ({term.unknowns} unknowns, costs '
+            f'{term.cost:.3g}, buys {term.buys:.3g})',
+            'um',
+            MICRO * term.within,
+            peer=MICRO * term.without,
+            bound=MICRO * term.alone,
+        )
+        for term in terms
+    ]
+
+
+def skin_rows(config: MultipoleSkinConfig, heads: int) -> tuple[list[Row], list[Spot]]:
+    """Carpets of growing fineness, and other mechanics, beside the finest carpet."""
+    states = skin.pressed_states(heads)
+    truth = skin.pressed_model(config, skin.FINEST).readings(states)
+    kinds = [(pitch, 'bonded') for pitch in skin.PITCHES]
+    kinds += [(skin.PITCHES[-1], law) for law in ('even', 'half-space', 'springs')]
+    rows, spots = [], []
+    for pitch, law in kinds:
+        model = skin.pressed_model(config, pitch, law)
+        found = model.readings(states)
+        likeness = float((found * truth).sum() / np.sqrt((found**2).sum() * (truth**2).sum()))
+        error, (single, _) = found - truth, timed(model, states[:1])
+        what = f'rms {MICRO * error.std():.2g}, cosine {likeness:.3f}'
+        worst = MICRO * float(np.abs(error).max())
+        rows.append(
+            Row(f'multipole_skin pressed: {model.name} ({what})', 'uT', worst, us_single=single)
+        )
+        spots.append((model.name, single, worst))
+    return rows, spots
+
+
+def drawing(spots: list[Spot], limit: float, told: str) -> str:
+    """Worst error against time, with the line below which a model is good enough."""
+    shown = [spot for spot in spots if spot[2] > 0]
+    every, errors = [s[1] for s in spots], [s[2] for s in shown]
+    wide = min(every) / 2, 2.5 * max(every)
+    tall = min(*errors, limit) / 8, min(5 * max(errors), 99e3)  # a label of 1e5 is too wide
+    plot = Plot(wide, tall, 'time of a frame (µs)', 'worst error (µT)', (560, 360),
+                log_x=True, log_y=True, told=told)  # fmt: skip
+    plot.line(np.array(wide), np.full(2, limit), 'line ink')
+    plot.text(wide[0], limit, 'a third of the noise', shift=-12)
+    last: dict[str, tuple[float, float, bool]] = {}
+    for name, us, error in shown:
+        kind = next((i for i, word in enumerate(KINDS) if word in name), 0)
+        plot.mark(us, error, kind, f'fill c{kind}')
+        words = name.replace(', bonded layer', '').replace('1.25 mm, ', '')
+        below = 'table' in name or 'even' in name
+        last[f'{KINDS[kind]} tables' if 'table' in name else words] = us, error, below
+    for words, (us, error, below) in last.items():
+        plot.text(us, error, words, 'middle', shift=17 if below else -14)
+    for row, (name, us, _) in enumerate(spot for spot in spots if spot[2] == 0):
+        plot.rule(us, name, row=row)
+    return standalone(plot)
+
+
+def scenes(extent: str) -> tuple[list[Row], dict[str, list[Spot]], list[str]]:
+    """Rows, spots and choices of all scenes that have an exact model."""
+    disc, magnets, sheet = GradiometerConfig(), MagnetPadConfig(), MultipoleSkinConfig()
+    touches = pad_region(magnets, BATCH[extent] // 4)
+    moved, turned = pad_movement(magnets, touches)
+    shifts = region(-skin.PLAY * np.ones(3), skin.PLAY * np.ones(3), 2)[-2:]
+    noise = NOISE['magnet_pad']
+    blocks = [pad.block_field(magnets, n) for n in (*pad.EDGES, 0)]
+    carried = np.stack([moved, turned], axis=1).reshape(len(moved), -1)
+    chosen = pad.block_model(magnets, noise, moved, turned, every=True)
+    found = {
+        'gradiometer': (
+            *gradiometer.every_model(disc, NOISE['gradiometer']),
+            gradiometer.states_of(disc, BATCH[extent]),
+        ),
+        'magnet_pad': (chosen, blocks, carried),
+        'magnet_pad, normal touches': (*touch_tables(magnets, noise), touches),
+        'multipole_skin at rest': (*skin.rest_model(sheet, NOISE['multipole_skin']), shifts),
+    }
+    rows: list[Row] = []
+    spots: dict[str, list[Spot]] = {}
+    notes = []
+    for scene, (choice, models, states) in found.items():
+        more, spots[scene] = rows_of(scene, choice, models, states)
+        rows += more
+        notes.append(f'{scene}: {choice.name} at {MICRO * choice.noise:.2g} uT')
+    return rows, spots, notes
+
+
+def run(extent: str, command: str) -> BenchResult:
+    """Every scene with all of its models, then terms."""
+    rows, spots, choices = scenes(extent)
+    pressed, carpets = skin_rows(MultipoleSkinConfig(), HEADS[extent])
+    terms = gradiometer.terms(GradiometerConfig(), NOISE['gradiometer'])
+    rows += pressed + term_rows('gradiometer', terms)
+    rows += term_rows('magnet_pad', pad_terms(MagnetPadConfig(), NOISE['magnet_pad']))
+    notes = [
+        'ours: worst error over the scene; aim: a third of the noise, for the chosen model',
+        'terms: ours with the term, peer without it, bound where there is no such thing',
+        *choices,
+        'multipole_skin pressed: beside the finest carpet, 0.625 mm; no closed form',
+    ]
+    limit = {name: MICRO * SHARE * noise for name, noise in NOISE.items()}
+    pads = spots['magnet_pad'] + spots['magnet_pad, normal touches']
+    drawings = {
+        'gradiometer': drawing(spots['gradiometer'], limit['gradiometer'], 'Models of a disc'),
+        'magnet_pad': drawing(pads, limit['magnet_pad'], 'Models of blocks and of touches'),
+        'multipole_skin': drawing(carpets, limit['multipole_skin'], 'Models of a pressed sheet'),
+    }
+    return BenchResult('fidelity', command, SEEDS, rows, notes, drawings)

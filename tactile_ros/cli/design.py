@@ -1,0 +1,79 @@
+"""Trade the geometry and materials of a sensor for what it shall measure, by its physics.
+
+example:
+  tactile design gradiometer
+  tactile design magnet_pad --config my_pad.yaml
+  tactile design gradiometer --json
+  tactile design gradiometer --help
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tactile_ros.cli.sources import read_config
+from tactile_ros.cli.table import as_objects, show
+from tactile_ros.sensors import designable, load_sensor
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tactile_ros.sensors import Design, SensorSpec
+    from tactile_ros.types.table import Table
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `tactile design`; what follows the sensor is for its own parser."""
+    keys = ', '.join(designable()) or 'none here'
+    parser.add_argument('sensor', help=f'one of: {keys}')
+    parser.add_argument(
+        'rest', nargs=argparse.REMAINDER, metavar='...',
+        help='--config, --json and what `tactile design SENSOR --help` names',
+    )  # fmt: skip
+
+
+def sensor_parser(spec: SensorSpec, design: Design) -> argparse.ArgumentParser:
+    """Arguments of the design of one sensor."""
+    parser = argparse.ArgumentParser(
+        prog=f'tactile design {spec.key}',
+        description=design.__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('--config', type=Path, help='yaml with fields of the sensor config')
+    parser.add_argument('--json', action='store_true', help='print the tables as JSON')
+    design.add_arguments(parser)
+    return parser
+
+
+def run(options: argparse.Namespace) -> int:
+    """Work out the tables of one sensor and print them."""
+    spec = load_sensor(options.sensor)
+    design = spec.design()
+    own = sensor_parser(spec, design).parse_args(options.rest)
+    tables = design.tables(read_config(spec, own.config), own)
+    (print_json if own.json else print_text)(tables)
+    return 0
+
+
+def print_text(tables: Sequence[Table]) -> None:
+    """Every table with its notes below."""
+    for table in tables:
+        show(table.columns, table.rows, title=table.title)
+        for note in table.notes:
+            print(f'  {note}')
+
+
+def print_json(tables: Sequence[Table]) -> None:
+    """The same as a list of objects with title, rows and notes; NaN becomes null."""
+    told = [
+        {
+            'title': table.title,
+            'rows': as_objects(table.columns, table.rows),
+            'notes': list(table.notes),
+        }
+        for table in tables
+    ]
+    print(json.dumps(told, indent=2, allow_nan=False))

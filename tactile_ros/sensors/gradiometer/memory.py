@@ -1,0 +1,41 @@
+"""What one stream of the gradiometer remembers: how warm the disc is, and where it was."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.conditioning.history import History
+from tactile_ros.sensors.gradiometer.thermal import ThermalMemory
+
+if TYPE_CHECKING:
+    from tactile_ros.signals import Signals
+    from tactile_ros.types import Array
+
+PAST = np.array([0.3, 3.0])  # s, of an elastomer that creeps
+
+
+class StreamMemory:
+    """Memory of one stream.
+
+    Parameters
+    ----------
+    lag : float
+        Time constant with which the disc follows the chip's temperature (s).
+    """
+
+    def __init__(self, lag: float) -> None:
+        self.thermal = ThermalMemory(lag)
+        self.places = History(PAST)
+
+    def past(self, signals: Signals, now: Array) -> Array:
+        """Fading means (s, 2 d) of what is now (s, d), since the stream began at rest."""
+        stamps, rows = signals.stamp_ns, len(now)
+        if stamps is None:
+            return np.tile(now, len(PAST))
+        if rows == 1:
+            if signals.restart[0]:
+                self.places.reset()
+            return self.places.step(now[0], int(stamps[0])).reshape(1, -1)
+        return self.places(now, stamps, signals.restart).reshape(rows, len(PAST) * now.shape[1])

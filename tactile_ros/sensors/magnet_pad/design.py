@@ -1,0 +1,211 @@
+"""Conditions 1 and 2 of [2], the least force in every cell, remedies, and the fewest parts.
+
+The mechanics are the nominal ones, half held by the base; cells are those of the config. The
+search spaces magnets and chips evenly along the axis and looks for the stiffness at which the
+least force is felt in every cell and the largest one saturates no chip. Both conditions are
+necessary, not sufficient: the bound of a place says whether readings tell where it is.
+
+example:
+  tactile design magnet_pad --force 0.5
+  tactile design magnet_pad --tip 1 --magnets 5 --chips 3 --json
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.sensors.magnet_pad.conditions import (
+    Wanted,
+    least_forces,
+    loudest,
+    place_bound,
+    quiet_enough,
+    rest_field,
+    saturation,
+)
+from tactile_ros.sensors.magnet_pad.remedies import remedies, stiffest
+from tactile_ros.types.table import Table
+
+if TYPE_CHECKING:
+    import argparse
+
+    from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
+    from tactile_ros.types import Array
+
+NOISE = 4e-6  # T, where the config states none
+SOFTEST, ROUNDS = 0.02, 7
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `tactile design magnet_pad`."""
+    parser.add_argument('--force', type=float, default=1.5, help='least force to be felt (N)')
+    parser.add_argument('--largest', type=float, default=10.0, help='largest force (N)')
+    parser.add_argument('--tip', type=float, default=3.0, help='radius of what touches (mm)')
+    parser.add_argument(
+        '--least-field', type=float, default=10.0, help='least field of a chip (uT)'
+    )
+    parser.add_argument(
+        '--resolution', type=float, help='least change that counts (uT); 5 sigma of the noise'
+    )
+    parser.add_argument('--magnets', type=int, default=4, help='most magnets of the search')
+    parser.add_argument('--chips', type=int, default=3, help='most chips of the search')
+
+
+def tables(config: MagnetPadConfig, options: argparse.Namespace) -> list[Table]:
+    """Conditions, map, remedies and search."""
+    positive = (options.force, options.largest, options.tip, options.magnets, options.chips)
+    if min(positive) <= 0 or options.force > options.largest:
+        msg = 'forces, tip, magnets and chips of design must be above 0, and force below largest'
+        raise ValueError(msg)
+    noise = NOISE if config.noise is None else float(np.max(config.noise))
+    resolution = 5 * noise if options.resolution is None else 1e-6 * options.resolution
+    wanted = Wanted(
+        options.force, options.largest, 1e-3 * options.tip, 1e-6 * options.least_field, resolution
+    )
+    force = least_forces(config, wanted)
+    return [
+        _first(config, wanted),
+        _map(config, wanted, force),
+        _remedies(config, wanted, force),
+        _search(config, wanted, noise, options.magnets, options.chips),
+    ]
+
+
+def _first(config: MagnetPadConfig, wanted: Wanted) -> Table:
+    """Condition 1."""
+    rest, most = np.linalg.norm(rest_field(config), axis=1), loudest(config, wanted)
+    holds, limit = quiet_enough(config, wanted), saturation(config)
+    share = (most / limit).max(axis=1)
+    rows = tuple(
+        (i + 1, 1e3 * rest[i], *(1e3 * most[i]), 100 * share[i], 'yes' if holds[i] else 'no')
+        for i in range(len(rest))
+    )
+    says = 'holds' if holds.all() else 'does not hold'
+    notes = (
+        f'Condition 1 {says}: at rest more than {1e6 * wanted.least_field:g} uT, and no chip '
+        f'saturates up to {wanted.largest:g} N.',
+    )
+    columns = (
+        'chip', 'at rest (mT)', 'most x (mT)', 'most y (mT)', 'most z (mT)', 'of its range (%)',
+        'holds',
+    )  # fmt: skip
+    return Table('condition 1: every chip', columns, rows, notes)
+
+
+def _map(config: MagnetPadConfig, wanted: Wanted, force: Array) -> Table:
+    """Condition 2: least force in every cell, as seen from above."""
+    x, y = (np.unique(np.round(config.cells[:, i], 6)) for i in range(2))
+    rows = []
+    for b in y[::-1]:
+        row: list[float | None] = [float(1e3 * b)]
+        for a in x:
+            near = np.abs(config.cells[:, :2] - (a, b)).max(axis=1)
+            i = int(near.argmin())
+            row.append(float(force[i]) if near[i] < 1e-5 and np.isfinite(force[i]) else None)
+        rows.append(tuple(row))
+    most = float(force.max())
+    says = 'holds' if most <= wanted.force else 'does not hold'
+    notes = (
+        f'Condition 2 {says} for {wanted.force:g} N: the largest of the map is {most:.3g} N, with '
+        f'changes above {1e6 * wanted.resolution:g} uT and a tip of {1e3 * wanted.tip:g} mm.',
+    )
+    columns = ('y (mm)', *(f'x = {1e3 * a:.4g} (N)' for a in x))
+    return Table('F_min: least force that is felt in each cell', columns, tuple(rows), notes)
+
+
+def _remedies(config: MagnetPadConfig, wanted: Wanted, force: Array) -> Table:
+    """What [2] proposes where condition 2 fails, and what it is worth."""
+    felt, quiet = int((force <= wanted.force).sum()), quiet_enough(config, wanted).all()
+    rows = [('none', 'as it is', '-', float(force.max()), felt, 'yes' if quiet else 'no')]
+    for one in remedies(config, wanted, force):
+        after = least_forces(one.config, wanted)
+        quiet = quiet_enough(one.config, wanted).all()
+        felt = int((after <= wanted.force).sum())
+        says = 'yes' if quiet else 'no'
+        rows.append((one.what, one.why, one.change, float(after.max()), felt, says))
+    notes = () if rows[1:] else ('Nothing to mend: every cell feels the least force.',)
+    columns = (
+        'remedy of [2]', 'why', 'change', 'largest F_min (N)', 'cells that feel it', 'condition 1',
+    )  # fmt: skip
+    return Table('remedies', columns, tuple(rows), notes)
+
+
+def _search(
+    config: MagnetPadConfig, wanted: Wanted, noise: float, magnets: int, chips: int
+) -> Table:
+    """The stiffness that serves every number of magnets and chips; the fewest parts first."""
+    rows = []
+    for count in sorted(np.ndindex(magnets, chips), key=lambda n: (sum(n), n[1])):
+        one = evenly(config, count[0] + 1, count[1] + 1)
+        hard = stiffest(one, wanted)
+        soft = softest(one, wanted, hard)
+        serves = np.isfinite(soft) and 0 < soft <= hard
+        best = float(np.sqrt(soft * hard)) if serves else np.nan
+        place = np.inf
+        if serves:
+            place = 1e3 * place_bound(replace(one, shear_modulus=best), wanted, noise)
+        rows.append((
+            count[0] + 1, count[1] + 1, 1e-6 * soft if serves else None,
+            1e-6 * hard if hard > 0 else None, 1e-6 * best if serves else None,
+            place if np.isfinite(place) else None, 'yes' if serves else 'no',
+        ))  # fmt: skip
+    known = [row for row in rows if row[-1] == 'yes']
+    fewest = (
+        f'Fewest parts: {known[0][0]} magnets and {known[0][1]} chips at a shear modulus of '
+        f'{known[0][4]:.3g} MPa.'
+        if known
+        else 'No number of magnets and chips in this range satisfies both conditions.'
+    )
+    columns = (
+        'magnets', 'chips', 'softest G (MPa)', 'stiffest G (MPa)', 'optimum G (MPa)',
+        'place bound (mm)', 'both conditions',
+    )  # fmt: skip
+    notes = (
+        fewest,
+        'Softer, the largest force saturates a chip or moves magnets by more than a third of '
+        'their height; stiffer, the least force is not felt in every cell; the optimum keeps the '
+        'same factor from both.',
+    )
+    return Table('search: fewest magnets and chips', columns, tuple(rows), notes)
+
+
+def evenly(config: MagnetPadConfig, magnets: int, chips: int) -> MagnetPadConfig:
+    """The pad with so many magnets and chips, spaced evenly along the axis."""
+    height = float(config.magnet_positions[:, 2].mean())
+    along = config.length * ((np.arange(magnets) + 0.5) / magnets - 0.5) * 0.75
+    places = np.column_stack([along, 0 * along, np.full(magnets, height)])
+    under = config.length * ((np.arange(chips) + 0.5) / chips - 0.5)
+    return replace(
+        config,
+        magnet_positions=places,
+        magnet_axes=np.tile(config.magnet_axes[:1], (magnets, 1)),
+        positions=np.column_stack([under, 0 * under, 0 * under]),
+        rotations=None,
+    )
+
+
+def softest(config: MagnetPadConfig, wanted: Wanted, hard: float) -> float:
+    """Least shear modulus (Pa) at which condition 1 holds under the largest force; nan: none."""
+    if not hard > 0 or not quiet_enough(replace(config, shear_modulus=1e9), wanted).all():
+        return float('nan')
+    low, high = np.log(SOFTEST * hard), np.log(hard)
+    if not _bears(config, wanted, float(np.exp(high))):
+        return float('inf')
+    for _ in range(ROUNDS):
+        middle = 0.5 * (low + high)
+        if _bears(config, wanted, float(np.exp(middle))):
+            high = middle
+        else:
+            low = middle
+    return float(np.exp(high))
+
+
+def _bears(config: MagnetPadConfig, wanted: Wanted, modulus: float) -> bool:
+    """Whether the largest force leaves the chips clear and the magnets in their place."""
+    strained = wanted.largest / (4 * np.pi * modulus * config.radius)
+    height = float(config.magnet_positions[:, 2].min())
+    softened = replace(config, shear_modulus=modulus)
+    return bool(2 * strained < height / 3 and quiet_enough(softened, wanted).all())

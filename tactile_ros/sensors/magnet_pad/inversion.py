@@ -1,0 +1,346 @@
+"""Place, load and stray field of a touch by Gauss-Newton on the tabulated answer of the pad.
+
+A table of touches, spread as the recorded ones are and thinly everywhere else, holds for each the
+reading of the fitted response (`response`) and its slopes; what readings say follows by Bayes
+(`touch_mixture`), without an outside field and with one. What is stated of errors is measured on
+groups of touches that neither the response nor the table has seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.estimators.folds import group_folds
+from tactile_ros.estimators.stated_spread import StatedSpread
+from tactile_ros.estimators.touch_mixture import Linearised, Posterior, TouchMixture
+from tactile_ros.sensors.magnet_pad.lacks import Lacks
+from tactile_ros.sensors.magnet_pad.likeness import LOAD, SHEAR, like_known
+from tactile_ros.sensors.magnet_pad.response import PadResponse, PadTouches
+from tactile_ros.types import Array, Bools, Integers
+
+if TYPE_CHECKING:
+    from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
+
+COUNT, FEW = 30_000, 12_000
+FOLDS = 4
+NEIGHBOURS, BLIND, SLACK = 16, 48, 1.0
+STRAY = 0.3e-3  # T, of one component of stray fields that are met
+ODDS = -4.0  # logarithm, of a stray field against none
+UNLIKE = 16.0  # misfit over its scale, from which a stray field is thought of
+COMPONENTS = np.arange(6)
+FLOOR = np.diag(np.repeat([1e-6, 1e-4], 3) ** 2)  # m2, N2: what truth itself is wrong by
+SIGMAS, SHARE, LIGHTEST = 5.0, 0.4, 0.01  # as `conditioning.contact` has them
+LEANING = 0.03  # tangential over normal force, from which touches lean
+
+
+@dataclass(frozen=True)
+class Touched:
+    """Recorded touches.
+
+    Attributes
+    ----------
+    x : ndarray, shape (s, d)
+        Readings of live channels (T).
+    place, force : ndarray, shape (s, 3)
+        (m, N).
+    groups, cells : ndarray of int, shape (s,)
+        What a split keeps together; true cells, -1 unknown.
+    """
+
+    x: Array
+    place: Array
+    force: Array
+    groups: Integers
+    cells: Integers
+
+    def in_order(self) -> Touched:
+        """The same for every order of the rows."""
+        order = np.lexsort(np.column_stack([self.x, self.place, self.force]).T[::-1])
+        _, first, index = np.unique(self.groups[order], return_index=True, return_inverse=True)
+        rank = np.empty(len(first), np.int64)
+        rank[np.argsort(first)] = np.arange(len(first))
+        return Touched(
+            self.x[order], self.place[order], self.force[order],
+            np.asarray(rank[index.reshape(-1)]), self.cells[order],
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Told:
+    """What readings tell.
+
+    Attributes
+    ----------
+    mean, cov : ndarray, shape (s, 6) and (s, 6, 6)
+        Place (m) and force (N).
+    shares : ndarray, shape (s, n)
+        Of the cells.
+    stray : ndarray, shape (s, 3)
+        Uniform outside field (T).
+    """
+
+    mean: Array
+    cov: Array
+    shares: Array
+    stray: Array
+
+
+class PadInversion:
+    """Touches from readings, by the response of the pad.
+
+    Parameters
+    ----------
+    config : MagnetPadConfig
+        Where the fit starts.
+    live : ndarray of bool, shape (c,)
+        Channels that are alive; the d of them are the features.
+    common : ndarray, shape (d, 3), or None
+        What a uniform field adds to the features, in sensor axes; None: it cannot be told.
+    noise : float
+        Of a channel (T).
+
+    Attributes
+    ----------
+    response_ : PadResponse
+        Fitted.
+    radius_ : float
+        Of the surface on which contacts were told (m).
+    scatter_ : float
+        What readings differ by from the response, over their size, beside noise.
+    touches_ : ndarray, shape (s, 5)
+        Recorded ones: along, around, logarithm of the load, leanings.
+    spread_ : StatedSpread
+        Of place and force.
+    misfit_ : float
+        That most touches leave, over their sigma.
+    contact_ : float
+        Largest channel, less a uniform field, beyond which something touches (T).
+    report_ : dict of str to dict
+        Errors on held-out groups.
+    """
+
+    response_: PadResponse
+    radius_: float
+    scatter_: float
+    misfit_: float
+    touches_: Array
+    spread_: StatedSpread
+    contact_: float
+    report_: dict[str, dict[str, float]]
+
+    def __init__(
+        self, config: MagnetPadConfig, live: Bools, common: Array | None, noise: float
+    ) -> None:
+        self.config, self.live, self.common = config, live, common
+        self.noise = max(noise, 1e-9)
+
+    def fit(self, touched: Touched, centres: Array) -> PadInversion:
+        """Learn from recorded touches; centres (n, 3) are those of cells (m)."""
+        touched = touched.in_order()
+        x, place = touched.x, touched.place
+        self.radius_ = float(np.median(np.hypot(place[:, 1], place[:, 2])))
+        touches = PadTouches.told(place, touched.force)
+        self.leaning = bool(np.sqrt((touches.lean**2).mean()) > LEANING)
+        model = PadResponse(self.config, self.live, leaning=self.leaning)
+        model.fit(touches, x, self.noise)
+        lacks = Lacks(model, touches, x, self.noise)
+        fold = group_folds(touched.groups, FOLDS, seed=0)
+        ways = [model.learn(fold != part, lacks) for part in range(int(fold.max()) + 1)]
+        self._measure_scatter(ways, touches, x, fold)
+        self.response_ = model.learn(np.ones(len(x), bool), lacks)
+        self.touches_ = _rows(touches)
+        for name in ('_mixtures', '_levels', '_field', '_whole'):
+            vars(self).pop(name, None)
+        lightest = float(np.quantile(self._apart(x)[1], LIGHTEST))
+        self.contact_ = max(SIGMAS * self.noise, SHARE * lightest)
+        self._calibrate(ways, touched, fold, centres)
+        return self
+
+    def _calibrate(
+        self, ways: list[PadResponse], touched: Touched, fold: Integers, centres: Array
+    ) -> None:
+        """What touches of groups that were not learned from are said to be."""
+        answers = np.column_stack([touched.place, touched.force])
+        said, stated = np.empty_like(answers), np.empty_like(answers)
+        misfit, named = np.empty(len(said)), np.empty(len(said), np.int64)
+        for part, way in enumerate(ways):
+            held = fold == part
+            known = self.touches_[~held] if len(ways) > 1 else self.touches_
+            rows = self._table(way, known, FEW).of(6)
+            table = TouchMixture(rows, neighbours=NEIGHBOURS, slack=SLACK)
+            one = table(touched.x[held])
+            said[held], misfit[held] = one.mean, one.misfit
+            stated[held] = np.sqrt(np.diagonal(one.cov + FLOOR, axis1=1, axis2=2))
+            named[held] = table.shares(one, centres).argmax(axis=1)
+        error = said - answers
+        self.spread_ = StatedSpread().fit(stated, error)
+        self.misfit_ = max(float(np.quantile(misfit, 0.95)), 1.0)
+        sigma = self.spread_(stated)
+        self.report_ = {}
+        for target, columns in (('position', slice(0, 3)), ('force', slice(3, 6))):
+            away = np.sqrt((error[:, columns] ** 2).sum(axis=1))
+            self.report_[target] = {
+                'held_out_mean': float(away.mean()),
+                'held_out_rmse': float(np.sqrt((away**2).mean())),
+                'inside_one_sigma': float((np.abs(error) <= sigma)[:, columns].mean()),
+                'groups': float(touched.groups.max() + 1),
+                'rows': float(len(error)),
+            }
+        known = touched.cells >= 0
+        if known.any():
+            right = float((named == touched.cells)[known].mean())
+            self.report_['cell'] = {'held_out_accuracy': right}
+
+    def _measure_scatter(
+        self, ways: list[PadResponse], touches: PadTouches, x: Array, fold: Integers
+    ) -> None:
+        """What held-out readings differ by from the response, as a share of their size."""
+        error = np.empty_like(x)
+        for part, way in enumerate(ways):
+            held = fold == part
+            error[held] = x[held] - way(touches.take(np.flatnonzero(held)))
+        size = (x * x).mean(axis=1)
+        beyond = (error * error).mean(axis=1) - self.noise**2
+        least, most = 1e-4, 0.3
+        ratio = float(np.median(beyond / np.maximum(size, self.noise**2)))
+        mean = float(beyond.mean() / size.mean())
+        self.scatter_ = float(np.sqrt(np.clip(max(ratio, 0.5 * mean), least**2, most**2)))
+
+    def _table(self, response: PadResponse, known: Array, count: int) -> Linearised:
+        """Touches of the table with their readings."""
+        rows, reach = like_known(self.config, known, count, leaning=self.leaning)
+        width = 5 if self.leaning else 3
+        touches = PadTouches(rows[:, 0], rows[:, 1], np.exp(rows[:, 2]), rows[:, 3:])
+        readings, slopes = response.near(touches)
+        radius = self.config.radius
+        unit = np.array([radius, 1.0, 1 / LOAD, 1 / SHEAR, 1 / SHEAR])[:width]
+        size = reach[:, None] * unit
+        answers, leads = self._answers(touches)
+        sigma = np.sqrt(self.noise**2 + self.scatter_**2 * (readings**2).mean(axis=1))
+        return Linearised(
+            readings,
+            slopes * size[:, None],
+            np.concatenate([answers, readings], axis=1),
+            np.concatenate([leads[:, :, :width], slopes], axis=1) * size[:, None],
+            sigma,
+            np.full(len(rows), 1 / len(rows)),
+        )
+
+    def _answers(self, touches: PadTouches) -> tuple[Array, Array]:
+        """Place and force (s, 6), and how they change with the five freedoms (s, 6, 5)."""
+        radius, load = self.radius_, touches.load
+        cosine, sine, zero = np.cos(touches.around), np.sin(touches.around), 0 * load
+        normal = np.column_stack([zero, cosine, sine])
+        around = np.column_stack([zero, -sine, cosine])
+        side = np.eye(3)[:1]
+        a, b = touches.lean[:, :1], touches.lean[:, 1:]
+        place = radius * normal
+        place[:, 0] = touches.along
+        force = load[:, None] * (normal + a * side + b * around)
+        leads = np.zeros((len(load), 6, 5))
+        leads[:, 0, 0] = 1.0
+        leads[:, :3, 1] = radius * around
+        leads[:, 3:, 1] = load[:, None] * (around - b * normal)
+        leads[:, 3:, 2] = force
+        leads[:, 3, 3] = load
+        leads[:, 3:, 4] = load[:, None] * around
+        return np.concatenate([place, force], axis=1), leads
+
+    @cached_property
+    def _mixtures(self) -> tuple[TouchMixture, TouchMixture | None]:
+        """Without and with an outside field."""
+        known = self._table(self.response_, self.touches_, COUNT)
+        plain = TouchMixture(known.of(6), neighbours=NEIGHBOURS, slack=SLACK)
+        if self.common is None:
+            return plain, None
+        return plain, TouchMixture(known, self.common, STRAY, neighbours=BLIND, told=6)
+
+    def invert(self, x: Array, cells: Array) -> Told:
+        """What finite readings x (s, d) (T) tell, with centres (n, 3) of cells (m)."""
+        x = x if self._whole else x[:, self.live]
+        plain, blind = self._mixtures
+        seen = plain(x)
+        mean, cov, shares = seen.mean, seen.cov, plain.shares(seen, cells)
+        stray = np.zeros((len(x), 3))
+        unlike = seen.misfit > UNLIKE * self.misfit_
+        if blind is not None and np.count_nonzero(unlike):
+            odd = np.flatnonzero(unlike)
+            other = blind(x[odd])
+            lean = other.evidence - seen.evidence[odd] + ODDS
+            lean = 1 / (1 + np.exp(-np.clip(lean, -50, 50)))
+            self._blend(mean, cov, odd, lean, other)
+            shares[odd] += lean[:, None] * (blind.shares(other, cells) - shares[odd])
+            left = x[odd] - other.mean[:, 6:]
+            stray[odd] = lean[:, None] * np.matmul(left[:, None], self._field)[:, 0]
+        cov += FLOOR
+        factor = self._factors(np.sqrt(cov[:, COMPONENTS, COMPONENTS]))
+        cov *= factor[:, :, None] * factor[:, None, :]
+        return Told(mean, cov, shares, stray)
+
+    def _factors(self, sigma: Array) -> Array:
+        """What `spread_` makes of a standard deviation (s, 6), over it."""
+        first, knots, widths, slopes = self._levels
+        beyond = np.log(sigma)[:, None] - knots
+        np.minimum(np.maximum(beyond, 0.0, out=beyond), widths, out=beyond)
+        return np.asarray(np.exp(first + np.add.reduce(beyond * slopes, axis=1)))
+
+    @cached_property
+    def _levels(self) -> tuple[Array, Array, Array, Array]:
+        """First factor, knots, their distances and the slopes between them, as logarithms."""
+        knots, factors = self.spread_.knots_, self.spread_.factors_
+        widths = np.maximum(np.diff(knots, axis=0), 0.0)
+        rise = np.diff(factors, axis=0)
+        slopes = np.where(widths > 1e-9, rise / np.maximum(widths, 1e-9), 0.0)
+        return factors[0], knots[:-1], widths, slopes
+
+    def resting_field(self, x: Array) -> Array:
+        """Uniform field (s, 3) (T) of readings (s, c) that nothing touches; 0 within noise."""
+        field, _ = self._apart(x if self._whole else x[:, self.live])
+        seen = np.abs(field).max(axis=1, keepdims=True) > SIGMAS * self.noise
+        return np.where(seen, field, 0.0)
+
+    def touching(self, x: Array) -> Bools:
+        """Whether readings (s, c) are rather those of a touch than of a uniform field alone."""
+        x = x if self._whole else x[:, self.live]
+        touching = np.asarray(self._apart(x)[1] > self.contact_)
+        if np.count_nonzero(touching) < len(x):
+            weak = np.flatnonzero(~touching)
+            plain, blind = self._mixtures
+            assert blind is not None
+            touch = np.maximum(plain(x[weak]).evidence, blind(x[weak]).evidence)
+            touching[weak] = touch > blind.of_causes(x[weak], self.noise)
+        return touching
+
+    def _apart(self, x: Array) -> tuple[Array, Array]:
+        """Uniform field (s, 3) in readings (s, d), and the largest channel of what remains."""
+        if self.common is None:
+            return np.zeros((len(x), 3)), np.abs(x).max(axis=1)
+        field = np.matmul(x[:, None], self._field)
+        left = x - np.matmul(field, self.common.T)[:, 0]
+        return field[:, 0], np.abs(left).max(axis=1)
+
+    @cached_property
+    def _whole(self) -> bool:
+        return bool(self.live.all())
+
+    @cached_property
+    def _field(self) -> Array:
+        """From readings (s, d) to the uniform field (s, 3) in them."""
+        assert self.common is not None
+        return np.asarray(np.linalg.pinv(self.common).T)
+
+    @staticmethod
+    def _blend(mean: Array, cov: Array, rows: Integers, lean: Array, other: Posterior) -> None:
+        """Mean and covariance of a mixture, in place; `lean` (s,) is the share of the other."""
+        share, apart = lean[:, None], other.mean[:, :6] - mean[rows]
+        between = (share * (1 - share))[:, :, None] * apart[:, :, None] * apart[:, None]
+        cov[rows] += share[:, :, None] * (other.cov - cov[rows]) + between
+        mean[rows] += share * apart
+
+
+def _rows(touches: PadTouches) -> Array:
+    return np.column_stack([touches.along, touches.around, np.log(touches.load), touches.lean])

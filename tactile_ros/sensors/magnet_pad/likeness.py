@@ -1,0 +1,87 @@
+"""Touches drawn like recorded ones, and thinly everywhere else, with the reach of each.
+
+Recorded touches, blurred by their distances from each other, say where touches are likely
+(Parzen, Ann. Math. Stat. 33, 1962); some are spread evenly, since what was recorded is not all.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tactile_ros.sensors.magnet_pad.response import EDGE
+from tactile_ros.types import Array
+
+if TYPE_CHECKING:
+    from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
+
+SEED = 19
+ANYWHERE = 0.2  # share of touches that are spread evenly
+LOAD, SHEAR = 2.0, 1.0  # radii that a factor e of load, and a leaning of 1, count as
+NEAR = 6  # neighbour whose distance is the reach
+LEAST_REACH, MOST_REACH = 0.005, 0.3  # radii
+LEAST_BLUR, MOST_BLUR = 0.02, 0.2
+WEAKER, HARDER = 0.4, 0.3  # logarithm of loads beyond the recorded ones
+
+
+def like_known(
+    config: MagnetPadConfig, known: Array, count: int, *, leaning: bool
+) -> tuple[Array, Array]:
+    """Draw touches.
+
+    Parameters
+    ----------
+    config : MagnetPadConfig
+        Of the pad.
+    known : ndarray, shape (s, 5)
+        Recorded touches: along (m), around (rad), logarithm of the load (N), leanings.
+    count : int
+        How many (n).
+    leaning : bool
+        Whether leanings count.
+
+    Returns
+    -------
+    touches : ndarray, shape (n, 5)
+        As `known`; the same for the same arguments.
+    reach : ndarray, shape (n,)
+        Distance to neighbours (radii; see `LOAD` and `SHEAR`).
+    """
+    rng = np.random.default_rng(SEED)
+    unit = np.array([1 / config.radius, 1.0, LOAD, SHEAR, SHEAR])
+    unit[3:] *= leaning
+    free = int(ANYWHERE * count)
+    drawn = np.concatenate(
+        [_blurred(known, unit, count - free, rng), _even(config, known, free, rng)]
+    )
+    least = float(np.arccos(EDGE))
+    low, high = known[:, 2].min() - WEAKER, known[:, 2].max() + HARDER
+    drawn[:, 0] = np.clip(drawn[:, 0], -config.length / 2, config.length / 2)
+    drawn[:, 1] = np.clip(drawn[:, 1], least, np.pi - least)
+    drawn[:, 2] = np.clip(drawn[:, 2], low, high)
+    spots = drawn * unit
+    near = min(NEAR + 1, count)
+    reach = cKDTree(spots).query(spots, k=[near])[0][:, 0]
+    return drawn, np.clip(reach, LEAST_REACH, MOST_REACH)
+
+
+def _blurred(known: Array, unit: Array, count: int, rng: np.random.Generator) -> Array:
+    """Known touches (s, 5), each moved by half the distance to others like it."""
+    spots = known * unit
+    near = min(4, len(known) - 1)
+    gap = cKDTree(spots).query(spots, k=[near + 1])[0][:, 0]
+    pick = rng.integers(0, len(known), count)
+    blur = np.clip(0.5 * gap, LEAST_BLUR, MOST_BLUR)[pick, None] * rng.normal(size=(count, 5))
+    return np.asarray(known[pick] + blur * np.where(unit > 0, 1 / np.maximum(unit, 1e-9), 0.0))
+
+
+def _even(config: MagnetPadConfig, known: Array, count: int, rng: np.random.Generator) -> Array:
+    """Touches (n, 5) all over the pad, of all loads, leaning as known ones (s, 5) do."""
+    even = np.empty((count, 5))
+    even[:, 0] = config.length * (rng.uniform(size=count) - 0.5)
+    even[:, 1] = np.arccos(rng.uniform(-EDGE, EDGE, count))
+    even[:, 2] = rng.uniform(known[:, 2].min() - WEAKER, known[:, 2].max() + HARDER, count)
+    even[:, 3:] = known[rng.integers(0, len(known), count), 3:]
+    return even

@@ -1,0 +1,176 @@
+"""Which model of the sheet this skin needs: how fine a carpet of dipoles, and whose mechanics.
+
+At rest a sheet has a closed form. Pressed, it is a carpet of dipoles that a layer carries: bonded
+to its base, a half-space, or springs side by side. The scene is a round flat head of 12 mm that
+sinks by 0.6 mm at most, anywhere around the middle.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.physics.bonded_layer import Layer
+from tactile_ros.physics.dipoles import in_chip_axes
+from tactile_ros.physics.fidelity import BLOCK_COST, DIPOLE_COST, Choice, Model, choose, region
+from tactile_ros.physics.multipole_sheet import Sheet, carried_field
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
+    from tactile_ros.types import Array, Bools
+
+RADIUS, DEEPEST, FARTHEST = 6e-3, 0.6e-3, 10e-3
+PLAY = 0.5e-3  # m, of the sheet at rest, to any side
+LEVELS = 2
+FINEST = 0.625e-3
+PITCHES = (5e-3, 3.75e-3, 2.5e-3, 1.875e-3, 1.25e-3)
+MARGIN = 1.5  # of the sheet, that a map of the layer is wide
+DEEP = 10.0  # thicknesses of a layer that stands for a half-space
+HARMONICS = (1, 2, 4)
+
+
+def sheet_of(config: MultipoleSkinConfig) -> Sheet:
+    """The magnetised sheet at rest."""
+    size = np.array([*config.sheet_size, config.sheet_thickness])
+    return Sheet(size, config.remanence, config.magnetisation, config.pole_pitch)
+
+
+def middle_of(config: MultipoleSkinConfig) -> Array:
+    """Centre of the sheet, shape (3,) (m)."""
+    low = float(config.positions[:, 2].mean()) + config.gap
+    return np.array([0.0, 0.0, low + config.sheet_thickness / 2])
+
+
+def rest_model(config: MultipoleSkinConfig, noise: float) -> tuple[Choice, list[Model]]:
+    """Choice for the sheet at rest, which may sit off its place, and all models."""
+    chips, middle, sheet = config.positions, middle_of(config), sheet_of(config)
+    count = len(chips)
+
+    def shifted(field: Callable[[Array], Array]) -> Callable[[Array], Array]:
+        return lambda states: field(chips - middle - states[:, None])
+
+    def carpet(pitch: float, levels: int) -> Model:
+        places, moments = sheet.dipoles(pitch, levels)
+        still = np.zeros_like(places)
+        return Model(
+            f'{len(places)} dipoles',
+            shifted(lambda at: carried_field(at, places, moments, still)),
+            DIPOLE_COST * len(places) * count,
+            size=(len(places),),
+        )
+
+    blocks = len(sheet.bands[1])
+    exact = Model('exact bands', shifted(sheet.field), BLOCK_COST * blocks * count)
+    models = [carpet(5e-3, 1), carpet(2.5e-3, 1), carpet(2.5e-3, 2), carpet(1.25e-3, 2)]
+    if config.magnetisation == 'M4':
+        models += [
+            Model(
+                f'{n} harmonics',
+                shifted(lambda at, n=n: sheet.harmonics(at, n)),  # type: ignore[misc]
+                40.0 * n * count,
+                size=(n,),
+            )
+            for n in HARMONICS
+        ]
+    states = region(-PLAY * np.ones(3), PLAY * np.ones(3), 4)
+    return choose(models, exact, states, noise, every=True), [*models, exact]
+
+
+class PressedSheet:
+    """Change of the readings by a round head, on squares of one pitch.
+
+    Parameters
+    ----------
+    config : MultipoleSkinConfig
+        Of the skin.
+    pitch : float
+        Of the carpet and of the map of the layer (m).
+    law : str
+        'bonded', 'half-space', 'springs', or 'even' for a bonded layer under even pressure.
+    """
+
+    def __init__(self, config: MultipoleSkinConfig, pitch: float, law: str = 'bonded') -> None:
+        self.config, self.law, self.pitch = config, law, pitch
+        self.body = config.layer_thickness + config.sheet_thickness
+        deep = DEEP if law == 'half-space' else 1.0
+        shear = config.youngs_modulus / (2 * (1 + config.poisson_ratio))
+        self.layer = Layer(deep * self.body, shear, config.poisson_ratio)
+        sheet = sheet_of(config)
+        self.places, self.moments = sheet.dipoles(pitch, LEVELS)
+        self.places = self.places + middle_of(config)
+        count = 2 * int(np.ceil(MARGIN * sheet.size[:2].max() / pitch / 2)) + 1
+        line = pitch * (np.arange(count) - count // 2)
+        self.line, self.levels = line, np.unique(self.places[:, 2])
+        self.rest = carried_field(
+            config.positions, self.places, self.moments, np.zeros_like(self.places)
+        )
+
+    def readings(self, states: Array) -> Array:
+        """Changes (s, n) (T) of heads at x, y, sunk by a depth: states (s, 3) (m)."""
+        return np.stack([self.change(*state) for state in states])
+
+    def change(self, x: float, y: float, depth: float) -> Array:
+        """Change (n,) (T) of one head."""
+        moved = self.movement(x, y, depth)
+        field = carried_field(self.config.positions, self.places, self.moments, moved)
+        return in_chip_axes(field - self.rest, self.config.rotations).reshape(-1)
+
+    def movement(self, x: float, y: float, depth: float) -> Array:
+        """Displacement (g, 3) (m) of the dipoles."""
+        # the map is centred on the head, so that its squares cover it alike everywhere
+        covered = np.hypot(*np.meshgrid(self.line, self.line)) <= RADIUS
+        tractions = self._tractions(covered, depth)
+        top = float(self.levels.mean()) + self.config.sheet_thickness / 2
+        moved = np.zeros_like(self.places)
+        for level in self.levels:
+            here = np.isclose(self.places[:, 2], level)
+            shift = self._map(tractions, self.layer.thickness - (top - float(level)))
+            moved[here] = self._between(shift, self.places[here, :2] - np.array([x, y]))
+        return moved
+
+    def _tractions(self, covered: Bools, depth: float) -> Array:
+        """What a head exerts on squares (ny, nx, 3) (Pa); for springs how deep they sink (m)."""
+        if self.law in ('bonded', 'half-space'):
+            return self.layer.punch(covered, self.pitch, depth)
+        even: Array = -depth * covered[..., None] * np.array([0.0, 0.0, 1.0])
+        if self.law == 'springs':
+            return even
+        sunk = self.layer.displacement(even, self.pitch, self.layer.thickness)
+        return np.asarray(-depth / sunk[covered][:, 2].mean() * even)
+
+    def _map(self, tractions: Array, z: float) -> Array:
+        """Displacement (ny, nx, 3) at a height (m) over the base."""
+        if self.law == 'springs':
+            return np.asarray(tractions * (z / self.body))
+        return self.layer.displacement(tractions, self.pitch, z)
+
+    def _between(self, shift: Array, at: Array) -> Array:
+        """A map (ny, nx, 3) at places (g, 2) from its middle, linear between squares."""
+        last = len(self.line) - 1
+        position = np.clip(at / self.pitch + len(self.line) // 2, 0, last - 1e-9)
+        first = np.floor(position).astype(np.int64)
+        u = position - first
+        found = np.zeros((len(at), 3))
+        for a in (0, 1):
+            for b in (0, 1):
+                weight = (u[:, 0] if a else 1 - u[:, 0]) * (u[:, 1] if b else 1 - u[:, 1])
+                found += weight[:, None] * shift[first[:, 1] + b, first[:, 0] + a]
+        return found
+
+
+def pressed_model(config: MultipoleSkinConfig, pitch: float, law: str = 'bonded') -> Model:
+    """Model of the pressed sheet, its cost counted without the layer's."""
+    pressed = PressedSheet(config, pitch, law)
+    count = len(pressed.places)
+    named = {'bonded': 'bonded layer', 'even': 'even pressure'}.get(law, law)
+    cost = DIPOLE_COST * count * len(config.positions)
+    return Model(f'{1e3 * pitch:g} mm, {named}', pressed.readings, cost, size=(count,))
+
+
+def pressed_states(count: int, seed: int = 0) -> Array:
+    """Heads of the scene: x, y and depth, shape (s, 3) (m)."""
+    low = np.array([-FARTHEST, -FARTHEST, 0.2 * DEEPEST])
+    return region(low, np.array([FARTHEST, FARTHEST, DEEPEST]), count, seed)[8:]

@@ -1,0 +1,59 @@
+"""Neighbours of [2] against a slow vote, ties included."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from tactile_ros.errors import NotCalibratedError
+from tactile_ros.estimators.cell_knn import CellKnn
+
+
+def slow_vote(samples: np.ndarray, cells: np.ndarray, x: np.ndarray, count: int) -> int:
+    """Every distance, sorted; then votes, distances and numbers, one after the other."""
+    far = [round(float(np.sqrt(((row - x) ** 2).sum())), 12) for row in samples]
+    near = sorted(zip(far, cells.tolist(), strict=True))[:count]
+    votes = Counter(cell for _, cell in near)
+    reach = {cell: sum(d for d, c in near if c == cell) for cell in votes}
+    return min(votes, key=lambda cell: (-votes[cell], round(reach[cell], 9), cell))
+
+
+@pytest.mark.parametrize('count', [1, 2, 5, 10])
+def test_it_is_the_slow_vote(count: int) -> None:
+    rng = np.random.default_rng(count)
+    samples = rng.integers(-3, 4, (300, 3)).astype(float)  # many at one distance
+    cells = rng.integers(0, 5, 300)
+    x = rng.integers(-3, 4, (120, 3)) + 0.5 * rng.integers(0, 2, (120, 3))
+    knn = CellKnn(count).fit(samples, cells)
+    said = knn.predict(x)
+    assert said.tolist() == [slow_vote(samples, cells, row, count) for row in x]
+    order = rng.permutation(300)
+    again = CellKnn(count).fit(samples[order], cells[order])
+    np.testing.assert_array_equal(again.predict(x), said)
+    np.testing.assert_array_equal([knn.predict(x[i : i + 1])[0] for i in range(120)], said)
+
+
+def test_ties_as_stated() -> None:
+    x = np.array([[0.0], [2.0], [4.0]])
+    knn = CellKnn(2).fit(x, np.array([9, 3, 1]))
+    assert knn.predict(np.array([[1.0]])).tolist() == [3]  # one vote each, as far: the lowest
+    assert knn.predict(np.array([[0.9]])).tolist() == [9]  # one vote each: the nearer
+    assert knn.predict(np.array([[2.0]])).tolist() == [3]  # a distance of zero wins
+
+
+def test_distances_of_large_fields_do_not_cancel() -> None:
+    """Hard case 7: |a|^2 - 2 a b + |b|^2 of 40 mT vectors loses microtesla."""
+    rng = np.random.default_rng(0)
+    samples = 40e-3 + 3e-6 * rng.normal(size=(200, 6))
+    cells = (samples[:, 0] > 40e-3).astype(int)
+    said = CellKnn(1).fit(samples, cells).predict(samples + 1e-9)
+    np.testing.assert_array_equal(said, cells)
+
+
+def test_fewer_samples_than_neighbours_and_none() -> None:
+    knn = CellKnn(10).fit(np.array([[0.0], [1.0], [1.1]]), np.array([2, 5, 5]))
+    assert knn.predict(np.array([[0.4]])).tolist() == [5]
+    with pytest.raises(NotCalibratedError):
+        CellKnn().predict(np.zeros((1, 2)))

@@ -1,0 +1,97 @@
+"""A mixture of touches against Bayes on a fine grid, and its loops against its arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_ros.estimators.touch_mixture import Linearised, TouchMixture
+
+NOISE = 0.02
+
+
+def bent(place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Readings (n, 3) of places (n, 1), and their slopes (n, 3, 1)."""
+    t = place[:, 0]
+    readings = np.stack([np.sin(t), np.cos(t), 0.3 * t * t], axis=1)
+    return readings, np.stack([np.cos(t), -np.sin(t), 0.6 * t], axis=1)[:, :, None]
+
+
+def table(count: int = 60) -> Linearised:
+    """Evenly spread over -1.5 .. 1.5."""
+    place = np.linspace(-1.5, 1.5, count)[:, None]
+    reach = 3.0 / count
+    readings, slopes = bent(place)
+    leads = np.full((count, 1, 1), reach)
+    sigma, share = np.full(count, NOISE), np.full(count, 1 / count)
+    return Linearised(readings, slopes * reach, place, leads, sigma, share)
+
+
+def test_it_is_bayes_on_a_fine_grid() -> None:
+    rng = np.random.default_rng(0)
+    true = rng.uniform(-1.2, 1.2, (200, 1))
+    x = bent(true)[0] + NOISE * rng.normal(size=(200, 3))
+    seen = TouchMixture(table(), neighbours=12)(x)
+    fine = np.linspace(-1.6, 1.6, 8001)
+    away = x[:, None] - bent(fine[:, None])[0]
+    likely = np.exp(-0.5 * (away**2).sum(axis=2) / NOISE**2)
+    likely /= likely.sum(axis=1, keepdims=True)
+    mean = likely @ fine
+    spread = np.sqrt((likely * (fine - mean[:, None]) ** 2).sum(axis=1))
+    np.testing.assert_allclose(seen.mean[:, 0], mean, atol=0.1 * NOISE)
+    np.testing.assert_allclose(np.sqrt(seen.cov[:, 0, 0]), spread, rtol=0.12)
+    error = seen.mean[:, 0] - true[:, 0]
+    assert 0.6 < (np.abs(error) < np.sqrt(seen.cov[:, 0, 0])).mean() < 0.76
+
+
+def test_two_touches_of_one_reading_both_stay() -> None:
+    folded = table()
+    readings = folded.readings.copy()
+    readings[:, [0]] = 0.0  # cosine and square are even: left and right look the same
+    slopes = folded.slopes.copy()
+    slopes[:, 0] = 0.0
+    even = Linearised(readings, slopes, folded.answers, folded.leads, folded.sigma, folded.share)
+    x = bent(np.array([[0.8]]))[0]
+    x[:, 0] = 0.0
+    seen = TouchMixture(even, neighbours=16)(x)
+    assert abs(seen.mean[0, 0]) < 0.05
+    assert np.sqrt(seen.cov[0, 0, 0]) == pytest.approx(0.8, rel=0.05)
+
+
+def test_an_outside_cause_in_the_metric_is_told_apart() -> None:
+    rng = np.random.default_rng(1)
+    common = np.array([[1.0], [1.0], [-1.0]])
+    true = rng.uniform(-1.2, 1.2, (200, 1))
+    x = bent(true)[0] + NOISE * rng.normal(size=(200, 3))
+    hit = x + 0.5 * rng.normal(size=(200, 1)) * common.T
+    plain = TouchMixture(table(400), neighbours=32)
+    blind = TouchMixture(table(400), common, 0.5, neighbours=64)
+    error = {name: np.abs(one(hit).mean - true).mean() for name, one in
+             (('plain', plain), ('blind', blind))}  # fmt: skip
+    assert error['blind'] < 0.2 * error['plain']
+    assert (blind(hit).evidence > plain(hit).evidence).mean() > 0.8
+    assert (blind(x).evidence < plain(x).evidence).mean() > 0.95
+
+
+@pytest.mark.parametrize('strength', [0.0, 0.4])
+def test_loops_are_arrays_and_a_row_is_the_same_alone(strength: float) -> None:
+    rng = np.random.default_rng(2)
+    x = bent(rng.uniform(-1.2, 1.2, (50, 1)))[0] + NOISE * rng.normal(size=(50, 3))
+    one = TouchMixture(table(), np.ones((3, 1)), strength, neighbours=9)
+    centres = np.array([[-1.0, 0, 0], [0.5, 0, 0]])
+    places = np.zeros((50, 9, 3))
+    seen = {}
+    for compiled in (True, False):
+        one.compiled = compiled
+        seen[compiled] = one(x)
+        for row in range(0, 50, 7):
+            alone = one(x[row : row + 1])
+            for name in ('mean', 'cov', 'evidence', 'misfit'):
+                whole = getattr(seen[compiled], name)[row]
+                np.testing.assert_array_equal(getattr(alone, name)[0], whole)
+        places[:, :, 0] = seen[compiled].parts[:, :, 0]
+        wide = seen[compiled].__class__(**{**vars(seen[compiled]), 'parts': places})
+        np.testing.assert_allclose(one.shares(wide, centres).sum(axis=1), 1.0, rtol=1e-12)
+    for name in ('mean', 'cov', 'evidence', 'misfit', 'parts', 'weight'):
+        both = [getattr(seen[compiled], name) for compiled in (True, False)]
+        np.testing.assert_allclose(*both, rtol=1e-9, atol=1e-12)

@@ -1,0 +1,218 @@
+"""Places, forces and stray fields by the fitted response, in a world that it does not know."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.sensors import load_sensor
+from tactile_ros.types import Recording
+
+pytest.importorskip('magpylib')
+FILE = Path(__file__).parents[1] / 'reference' / 'magnet_pad_world.py'
+FOUND = importlib.util.spec_from_file_location('magnet_pad_world', FILE)
+reference = importlib.util.module_from_spec(FOUND)
+FOUND.loader.exec_module(reference)
+SPEC = load_sensor('magnet_pad')
+CONFIG = SPEC.config()
+GRID, REST = (5, 3), 60
+TABLE = 'table_gauss_newton'
+
+
+def record(
+    seed: int, count: int, *, spread: float = 1.0, config: object = CONFIG, **more: float
+) -> tuple[object, Recording]:
+    """Touches and their recording; `more` goes to the touches or to the recording."""
+    cone = more.pop('cone', 0.0)
+    touches = reference.Touches.in_cells(config, GRID, count, spread, seed, cone=cone)
+    pad = reference.PadWorld(config, seed=3)
+    return touches, pad.record(touches, seed + 100, layout=SPEC.layout(config), **more)
+
+
+@lru_cache
+def known() -> Pipeline:
+    """Learned from 400 touches anywhere."""
+    return SPEC.pipeline().fit(record(1, 400)[1])
+
+
+def bound(touches: object) -> float:
+    """Mean error of a place by the world's own slopes, place and load unknown (m)."""
+    pad = reference.PadWorld(CONFIG, seed=3)
+    level, steps = pad.change(touches, 3e-3), ((1e-5, 0, 0), (0, 1e-5, 0), (0, 0, 1e-3))
+    slopes = np.stack(
+        [(pad.change(touches.shifted(*s), 3e-3) - level) / max(s) for s in steps], axis=-1
+    ).reshape(len(level), -1, 3)
+    cov = np.linalg.inv(np.matmul(slopes.transpose(0, 2, 1), slopes)) * pad.noise**2
+    draws = np.random.default_rng(0).normal(size=(100, 2))
+    away = [np.linalg.norm(draws @ np.linalg.cholesky(one[:2, :2]).T, axis=1) for one in cov]
+    return float(np.mean(away))
+
+
+def test_the_world_is_a_half_space_where_it_is_asked_to_be() -> None:
+    """Written otherwise, the same physics gives the same readings as the nominal model."""
+    from tactile_ros.sensors.magnet_pad.nominal import Presses, change_of_field
+
+    plain = {'poisson': 0.5, 'stiffening': 1e12, 'height': 0.0, 'base': 1e-6, 'gains': 0.0}
+    pad = reference.PadWorld(CONFIG, seed=3, **plain)
+    pad.magnets, pad.strength, pad.shear = CONFIG.magnet_positions, [1.4] * 3, CONFIG.shear_modulus
+    touches = reference.Touches.in_cells(CONFIG, GRID, 60, 1.0, 5)
+    around = np.arctan2(touches.place[:, 2], touches.place[:, 1])
+    one = np.ones(60)
+    nominal = change_of_field(
+        CONFIG, Presses(touches.place[:, 0], around, touches.force, 1e-4 * one, 0 * one)
+    )
+    seen = pad.change(touches, 1e-4)
+    assert np.abs(seen - nominal).max() < 0.03 * np.abs(nominal).max()
+
+
+def test_places_are_as_good_as_noise_allows() -> None:
+    pipeline = known()
+    assert pipeline.estimators == {'position': TABLE, 'force': TABLE, 'cell': TABLE}
+    report = pipeline.report
+    assert report['position_xyz'][f'rmse_{TABLE}'] < report['position_xyz']['rmse_pattern_ridge']
+    assert 0.9 < report['pad']['height'] < 1.1
+    touches, fresh = record(2, 300)
+    states = pipeline.process_batch(fresh)
+    error = np.linalg.norm(states.position[REST:] - touches.place, axis=1)
+    assert error.mean() < 1.2 * bound(touches)
+    assert (states.cell[REST:] == touches.cell).mean() > 0.93
+    force = np.linalg.norm(states.force[REST:] - touches.force, axis=1)
+    assert np.median(force) < 0.05 * np.median(np.linalg.norm(touches.force, axis=1))
+
+
+def test_stated_errors_are_the_errors() -> None:
+    touches, fresh = record(4, 600)
+    states = known().process_batch(fresh)
+    for name, true in (('position', touches.place), ('force', touches.force)):
+        error = np.abs(getattr(states, name)[REST:] - true)
+        cov = getattr(states, f'{name}_cov')[REST:]
+        sigma = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
+        for sigmas, aimed in ((1, 0.683), (2, 0.954)):
+            inside = (error <= sigmas * sigma)[:, np.ptp(true, axis=0) > 0]
+            np.testing.assert_allclose(inside.mean(axis=0), aimed, atol=0.07)
+
+
+def test_live_is_batch_bit_for_bit() -> None:
+    _, fresh = record(5, 30, stray=3e-4)
+    pipeline = known()
+    batch = pipeline.process_batch(fresh)
+    pipeline.tare([fresh.frame(i) for i in range(REST)])
+    pipeline.reset()
+    names = ('position', 'position_cov', 'force', 'force_cov', 'stray_field', 'cell_probability')
+    for row in range(REST, len(fresh)):
+        state = pipeline.process(fresh.frame(row))
+        for name in names:
+            np.testing.assert_array_equal(getattr(state, name), getattr(batch, name)[row])
+
+
+def test_saved_it_says_the_same(tmp_path: Path) -> None:
+    _, fresh = record(6, 20, stray=3e-4)
+    path = tmp_path / 'pad.npz'
+    known().save(path)
+    one, other = known().process_batch(fresh), SPEC.load(path).process_batch(fresh)
+    np.testing.assert_array_equal(one.position, other.position)
+    np.testing.assert_array_equal(one.force_cov, other.force_cov)
+
+
+def test_a_stray_field_is_told_from_touches_and_is_no_contact() -> None:
+    touches, stray = record(7, 200, stray=5e-4)
+    states = known().process_batch(stray)
+    away = np.linalg.norm(states.position[REST:] - touches.place, axis=1)
+    plain = SPEC.pipeline(estimator='grid_knn').fit(record(1, 400)[1]).process_batch(stray)
+    lost = np.linalg.norm(plain.position[REST:] - touches.place, axis=1)
+    assert np.isnan(away).mean() < 0.05  # the lightest at the edges drown
+    assert np.nanmean(away) < 0.3 * np.nanmean(lost)
+    field = stray.truth['stray_field'][REST:]
+    off = np.linalg.norm(states.stray_field[REST:] - field, axis=1)
+    assert np.median(off) < 0.1 * 5e-4
+    # nothing but a field that came after the tare
+    rng = np.random.default_rng(0)
+    outside = 5e-4 * rng.normal(size=(100, 3))
+    values = np.concatenate([stray.values[:REST], stray.values[:REST].mean(axis=0) +
+                             outside[:, None] + 4e-6 * rng.normal(size=(100, 2, 3))])  # fmt: skip
+    tare = np.arange(len(values)) < REST
+    rest = known().process_batch(Recording.from_arrays(stray.layout, values, tare=tare))
+    assert (rest.in_contact[REST:] == 0).mean() > 0.95
+    assert np.nanmax(np.abs(rest.force[rest.in_contact == 0])) == 0
+    np.testing.assert_allclose(rest.stray_field[REST:], outside, atol=3e-5)
+
+
+def test_touches_that_lean_are_placed() -> None:
+    _, train = record(8, 300, cone=0.78)
+    fresh_touches, fresh = record(9, 200, cone=0.78)
+    pipeline = SPEC.pipeline(estimator=TABLE).fit(train)
+    states = pipeline.process_batch(fresh)
+    away = np.linalg.norm(states.position[REST:] - fresh_touches.place, axis=1)
+    assert np.isnan(away).mean() < 0.03
+    assert np.nanmean(away) < 2e-3
+    sideways = states.force[REST:, 0] - fresh_touches.force[:, 0]
+    assert np.nanstd(sideways) < 0.4 * fresh_touches.force[:, 0].std()
+
+
+def test_other_geometry_turned_chips_and_a_dead_one() -> None:
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    config = dataclasses.replace(
+        CONFIG,
+        positions=np.array([[-12e-3, 1e-3, 0], [1e-3, -2e-3, 0], [12e-3, 0, 0]]),
+        rotations=np.stack([np.eye(3), turn, np.eye(3)]),
+    )
+    _, train = record(10, 150, config=config)
+    touches, fresh = record(11, 100, config=config)
+    for dead in (False, True):
+        if dead:
+            for one in (train, fresh):
+                one.values[:, 2] = np.nan
+        pipeline = SPEC.pipeline(config).fit(train)
+        assert pipeline.estimators['position'] == TABLE
+        away = np.linalg.norm(
+            pipeline.process_batch(fresh).position[REST:] - touches.place, axis=1
+        )
+        assert away.mean() < (1.2e-3 if dead else 0.7e-3)
+
+
+def test_near_fields_are_those_of_blocks() -> None:
+    """Hard case 4: a dipole is a third off at 2 mm; magnets low over the chips are still found."""
+    low = dataclasses.replace(
+        CONFIG, magnet_positions=CONFIG.magnet_positions * np.array([1, 1, 4.0 / 6.4])
+    )
+    touches, fresh = record(12, 100, config=low)
+    pipeline = SPEC.pipeline(low).fit(record(13, 200, config=low)[1])
+    away = np.linalg.norm(pipeline.process_batch(fresh).position[REST:] - touches.place, axis=1)
+    assert away.mean() < 0.6e-3
+
+
+def test_whole_presses_are_held_out() -> None:
+    """Hard case 8: frames of one ramp never stand on both sides of a split."""
+    _, train = record(14, 240)
+    again = train.select(np.concatenate([np.arange(len(train)), np.arange(REST, len(train))]))
+    pipeline = SPEC.pipeline(estimator=TABLE).fit(again)
+    held = pipeline.estimation.inversion_.report_['position']
+    assert held['rows'] == 480
+    assert held['groups'] == 240
+
+
+def test_depth_changes_the_pattern() -> None:
+    """Hard case 18: loads from light to firm are told at one place, beyond a mere scale."""
+    plan = np.tile([[7e-3, 3e-3]], (20, 1))
+    load = np.linspace(1.6, 9.9, 20)
+    pad = reference.PadWorld(CONFIG, seed=3)
+    touches = reference.Touches(CONFIG, plan, load, np.zeros(20, int))
+    fresh = pad.record(touches, 9, layout=SPEC.layout(CONFIG))
+    states = known().process_batch(fresh)
+    size = np.linalg.norm(states.force[REST:], axis=1)
+    assert np.abs(size / load - 1).max() < 0.15
+    assert np.linalg.norm(states.position[REST:] - touches.place, axis=1).max() < 1.5e-3
+
+
+def test_the_level_at_rest_is_subtracted_first() -> None:
+    """Hard case 19: another level at rest, tared, changes nothing."""
+    _, fresh = record(15, 60)
+    moved = dataclasses.replace(fresh, values=fresh.values + np.array([2e-3, -1e-3, 3e-3]))
+    one, other = (known().process_batch(each) for each in (fresh, moved))
+    np.testing.assert_allclose(one.position[REST:], other.position[REST:], atol=1e-9)
