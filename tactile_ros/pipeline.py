@@ -184,7 +184,8 @@ class Pipeline:
             recording, usable, rest.baseline, tracking, rest.dead
         )
         chips, stamp_ns = recording.temperature_c, recording.stamp_ns
-        return base, self._signals(usable, bits, base, chips, stamp_ns, restart, tare)
+        signals = self._signals(usable, bits, base, chips, stamp_ns, restart, tare)
+        return base, replace(signals, begins=recording.restarts)
 
     def _signals(
         self,

@@ -22,6 +22,7 @@ from tactile_ros.types.fields import (
     number,
     outlines,
     switch,
+    whole,
 )
 
 CHANNELS = ('output',)
@@ -77,6 +78,8 @@ class TaxelArrayConfig:
         Least and largest force of a taxel (N).
     objects : tuple of Outline
         Parts that may be gripped; `label` is an index into them.
+    most_contacts : int
+        Patches of a frame that are reported (k), the strongest.
     """
 
     positions: Array = array(radial_positions(), 'centres of the taxels', 'm', (-1, 3))
@@ -89,6 +92,7 @@ class TaxelArrayConfig:
     taxel_outlines: Outlines | None = maybe_outlines('shapes of the taxels')
     force_range: Array = array((0.0, 40.0), 'least and largest force', 'N', (2,), 0.0, 1e5)
     objects: Outlines = outlines((), 'parts that may be gripped')
+    most_contacts: int = whole(8, 'patches of a frame that are reported', 1, 64)
 
     def __post_init__(self) -> None:
         """Check values once, at the door."""

@@ -19,10 +19,12 @@ from tactile_ros.regression import ESTIMATORS as REGRESSION_ESTIMATORS
 from tactile_ros.regression import Regression
 from tactile_ros.regression.estimation import TIME_CONSTANTS
 from tactile_ros.sensors.taxel_array.creep_fit import fit_creep
+from tactile_ros.sensors.taxel_array.patches import ArrayPatches, ids_of
 from tactile_ros.sensors.taxel_array.placing import place_objects
 from tactile_ros.types import TaxelStatus
 
 if TYPE_CHECKING:
+    from tactile_ros.conditioning.patch_ids import PatchIds
     from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
     from tactile_ros.signals import Columns, Report, SensorConfig, Signals
     from tactile_ros.types import Array, Bools, Integers
@@ -40,9 +42,10 @@ LEAST_SPREAD = 0.03  # of laws and coverage together
 class Memory(History):
     """What a stream remembers: the past of regressors, and strains of the skin."""
 
-    def __init__(self, creep: CreepState | None) -> None:
+    def __init__(self, creep: CreepState | None, ids: PatchIds) -> None:
         super().__init__(np.array(TIME_CONSTANTS))
         self.creep = creep
+        self.ids = ids
 
 
 class TaxelRegression(Regression):
@@ -96,6 +99,11 @@ class TaxelRegression(Regression):
             return None
         return ObjectPose(known.positions, known.areas, known.taxel_outlines, known.objects)
 
+    @cached_property
+    def patches(self) -> ArrayPatches:
+        """Finder of patches on this array."""
+        return ArrayPatches(self.config, self.noise_, self.law_, self.floor_)
+
     @property
     def estimators(self) -> dict[str, str]:
         """Name of the estimator in use for each target."""
@@ -126,7 +134,7 @@ class TaxelRegression(Regression):
 
     def start(self) -> Memory:
         """Fresh memory of a stream."""
-        return Memory(None if self.creep_ is None else self.creep_.start())
+        return Memory(None if self.creep_ is None else self.creep_.start(), ids_of(self.config))
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component; see `Regression`."""
@@ -137,6 +145,8 @@ class TaxelRegression(Regression):
         self.silent_ = silent_taxels(output[signals.good], force, self.noise_)
         templates = self.objects  # made now, not under the first frame
         del templates
+        for name in ('patches', '_around'):
+            vars(self).pop(name, None)
         if self.only not in LAWS:
             super().fit(signals, truth, groups)
         if self.only not in ('', *LAWS):
@@ -245,20 +255,36 @@ class TaxelRegression(Regression):
             known['taxel_status'] = np.repeat(dead[None].astype(np.uint8), len(output), axis=0)
         if self.objects is not None:
             self._add_objects(known, forces, signals)
+        if self.only in ('', *LAWS):
+            self._add_patches(known, forces, signals, memory)
         return known
+
+    def _add_patches(
+        self, known: Columns, forces: Array, signals: Signals, memory: Memory
+    ) -> None:
+        """Contacts of every row; `known` is changed."""
+        load, law = self._filled(forces), self.law_ is not None
+        variance = self._variance(load) if law else np.square(UNLEARNED * np.nan_to_num(load))
+        centred = 'position' not in super().estimators
+        self.patches.add(known, load, variance, signals, memory.ids, (law, centred))
 
     def _filled(self, forces: Array) -> Array:
         """Forces (s, t) with those of silent taxels from the pressure around them."""
         if not self.silent_.any() or self.silent_.all():
             return forces
-        areas, places = self.config.areas, self.config.positions
-        silent, live = np.flatnonzero(self.silent_), np.flatnonzero(~self.silent_)
-        away = np.linalg.norm(places[silent, None] - places[None, live], axis=2)
-        near = live[np.argsort(away, axis=1, kind='stable')[:, :AROUND]]
+        areas, (silent, near) = self.config.areas, self._around
         filled = forces.copy()
         pressure = np.nan_to_num(forces)[:, near] / areas[near]
         filled[:, silent] = pressure.mean(axis=2) * areas[silent]
         return filled
+
+    @cached_property
+    def _around(self) -> tuple[Integers, Integers]:
+        """Silent taxels (n,), and those nearest to each (n, AROUND)."""
+        places = self.config.positions
+        silent, live = np.flatnonzero(self.silent_), np.flatnonzero(~self.silent_)
+        away = np.linalg.norm(places[silent, None] - places[None, live], axis=2)
+        return silent, live[np.argsort(away, axis=1, kind='stable')[:, :AROUND]]
 
     def _variance(self, forces: Array) -> Array:
         """Of each taxel's force (s, t) (N2)."""
@@ -299,7 +325,7 @@ class TaxelRegression(Regression):
         if self.law_ is not None:
             gain = self.law_.forces(np.full((1, len(self.noise_)), 0.1))[0] / 0.1
             noise = np.nan_to_num(gain) * self.noise_
-            spread = max(self.spread_, LEAST_SPREAD)
+            spread = self.spread_
         asked = signals.good & (signals.in_contact != 0)
         errors = (self.floor_, self.spread_) if self.summed_ else None
         place_objects(known, self.objects, forces, noise, spread, asked, ~self.silent_, errors)
