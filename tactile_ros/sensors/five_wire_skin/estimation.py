@@ -200,7 +200,9 @@ class FiveWireEstimation:
         features, told = self._features(x, place), force[:, 2]
         noise = 0.0 if np.isnan(self.touch_.noise) else self.touch_.noise
         wanted = self.wanted
-        self.force_ = ForceHead(noise).fit(features[rows], told[rows], kept[rows], wanted)
+        self.force_ = ForceHead(noise, self.size).fit(
+            features[rows], told[rows], kept[rows], wanted
+        )
         if signals.stamp_ns is None or wanted is not None:
             return
         static = self._static(self.force_, features, signals)
@@ -213,7 +215,9 @@ class FiveWireEstimation:
         terms = np.column_stack([means, static])
         past = np.clip(terms @ shares, -0.5 * static, 0.5 * static)
         target = (told + past)[rows]
-        head = ForceHead(noise).fit(features[rows], target, kept[rows], self.force_.name)
+        head = ForceHead(noise, self.size).fit(
+            features[rows], target, kept[rows], self.force_.name
+        )
         static = self._static(head, features, signals)
         means = _remember(static, signals, self.start())
         shares = creep_shares(static[rows], means[rows], told[rows], kept[rows])
