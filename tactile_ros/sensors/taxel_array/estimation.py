@@ -21,13 +21,14 @@ from tactile_ros.regression.estimation import TIME_CONSTANTS
 from tactile_ros.sensors.taxel_array.creep_fit import fit_creep
 from tactile_ros.sensors.taxel_array.patches import ArrayPatches, ids_of
 from tactile_ros.sensors.taxel_array.placing import place_objects
+from tactile_ros.sensors.taxel_array.surface import touched_surface
 from tactile_ros.types import TaxelStatus
 
 if TYPE_CHECKING:
     from tactile_ros.conditioning.patch_ids import PatchIds
     from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
     from tactile_ros.signals import Columns, Report, SensorConfig, Signals
-    from tactile_ros.types import Array, Bools, Integers
+    from tactile_ros.types import Array, Bools, ContactState, Integers
 
 ESTIMATORS = (*LAWS, *REGRESSION_ESTIMATORS)
 FEWEST_ROWS = 5
@@ -267,6 +268,10 @@ class TaxelRegression(Regression):
         variance = self._variance(load) if law else np.square(UNLEARNED * np.nan_to_num(load))
         centred = 'position' not in super().estimators
         self.patches.add(known, load, variance, signals, memory.ids, (law, centred))
+
+    def surface(self, state: ContactState) -> Array:
+        """Points (t, 3) of the surface under a frame (m); NaN where nothing touches."""
+        return touched_surface(self.config.positions, state, self.patches.least, self.shape_)
 
     def _filled(self, forces: Array) -> Array:
         """Forces (s, t) with those of silent taxels from the pressure around them."""
