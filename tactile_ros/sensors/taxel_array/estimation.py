@@ -21,6 +21,8 @@ from tactile_ros.regression.estimation import TIME_CONSTANTS
 from tactile_ros.sensors.taxel_array.creep_fit import fit_creep
 from tactile_ros.sensors.taxel_array.patches import ArrayPatches, ids_of
 from tactile_ros.sensors.taxel_array.placing import place_objects
+from tactile_ros.sensors.taxel_array.readout import Unmixing, area_correction
+from tactile_ros.sensors.taxel_array.summing import add_sum
 from tactile_ros.sensors.taxel_array.surface import touched_surface
 from tactile_ros.types import TaxelStatus
 
@@ -37,7 +39,6 @@ TEMPLATES, SUM, CENTRE = 'coverage templates', 'sum of taxels', 'centre of force
 UNLEARNED = 0.25  # spread of gains that nothing equilibrates
 AROUND, GUESSED = 4, 0.5  # taxels that stand for a silent one; error in parts of its force
 NEAR_ENOUGH = 0.03  # of the total force
-LEAST_SPREAD = 0.03  # of laws and coverage together
 
 
 class Memory(History):
@@ -101,6 +102,11 @@ class TaxelRegression(Regression):
         return ObjectPose(known.positions, known.areas, known.taxel_outlines, known.objects)
 
     @cached_property
+    def _alone(self) -> Unmixing:
+        """Signals as of taxels that stand alone."""
+        return Unmixing(self.config)
+
+    @cached_property
     def patches(self) -> ArrayPatches:
         """Finder of patches on this array."""
         return ArrayPatches(self.config, self.noise_, self.law_, self.floor_)
@@ -140,6 +146,7 @@ class TaxelRegression(Regression):
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component; see `Regression`."""
         self.law_, self.shape_, self.creep_, self.summed_ = None, None, None, False
+        signals = self._alone(signals)
         output = signals.delta[..., 0]
         self._learn_rest(output, signals)
         force = self._told(truth, 'taxel_force', signals)
@@ -241,6 +248,7 @@ class TaxelRegression(Regression):
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Targets of every row; see `Regression`."""
         assert isinstance(memory, Memory)
+        signals = self._alone(signals)
         known = super().estimate(signals, memory)
         output = signals.delta[..., 0]
         forces = output
@@ -300,24 +308,7 @@ class TaxelRegression(Regression):
         load = np.nan_to_num(self._filled(forces))
         guessed = np.square(GUESSED * load) * np.isnan(forces)
         variance = np.where(np.isnan(forces), guessed, self._variance(forces))
-        samples = len(load)
-        total = load.sum(axis=1)
-        if 'force' not in known:
-            known['force'] = np.full((samples, 3), np.nan)
-            known['force_cov'] = np.full((samples, 3, 3), np.nan)
-        known['force'][:, 2] = total
-        known['force_cov'][:, 2, 2] = variance.sum(axis=1)
-        if 'position' in known:
-            return
-        share = np.maximum(load, 0.0)
-        weight = np.maximum(share.sum(axis=1), 1e-12)[:, None]
-        place = share @ self.config.positions / weight
-        away = self.config.positions[None] - place[:, None]
-        cov = np.einsum('sti,stj,st->sij', away, away, variance) / weight[..., None] ** 2
-        active = np.maximum((share > 0.05 * share.max(axis=1, keepdims=True)).sum(axis=1), 1)
-        blur = 0.09 * float(np.median(self.config.areas)) / active
-        cov[:, [0, 1], [0, 1]] += blur[:, None]
-        known['position'], known['position_cov'] = place, cov
+        add_sum(known, load, variance, self.config)
 
     def _add_objects(self, known: Columns, forces: Array, signals: Signals) -> None:
         """Recognised objects; `known` is changed."""
@@ -333,7 +324,14 @@ class TaxelRegression(Regression):
             spread = self.spread_
         asked = signals.good & (signals.in_contact != 0)
         errors = (self.floor_, self.spread_) if self.summed_ else None
-        place_objects(known, self.objects, forces, noise, spread, asked, ~self.silent_, errors)
+        corrected, area_law = None, self.config.area_law
+        if self.law_ is not None and area_law is not None:
+            corrected = area_correction(
+                self.law_, signals.delta[..., 0], forces, self.config.areas, area_law
+            )
+        place_objects(
+            known, self.objects, forces, noise, spread, asked, ~self.silent_, errors, corrected
+        )
 
 
 CLASSES = (*REGRESSION_CLASSES, TaxelRegression, Equilibration, Creep)
