@@ -57,7 +57,10 @@ FIELDS = {  # of the public face, beside the common ones
     'gradiometer': {
         'gap', 'remanence', 'disc_diameter', 'disc_height', 'sensitivity', 'full_scale',
     },
-    'taxel_array': {'areas', 'taxel_outlines', 'force_range', 'objects'},
+    'taxel_array': {
+        'areas', 'taxel_outlines', 'force_range', 'objects', 'most_contacts', 'crosstalk',
+        'matrix_lines', 'area_law',
+    },
     'five_wire_skin': {
         'size', 'touch_size', 'sheet_resistance', 'border_ratio', 'supply_voltage',
         'reference_resistance',
