@@ -3,6 +3,7 @@
 example:
   tactile bench reskin
   tactile bench devices --quick
+  tactile bench fidelity --figures docs/images
   tactile bench all
 """
 
@@ -46,6 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--quick', action='store_true', help='fewer seeds and repetitions')
     parser.add_argument('--full', action='store_true', help='every seed')
     parser.add_argument('--results', type=Path, help='folder of the json files')
+    parser.add_argument('--figures', type=Path, help='folder of the plots (SVG), where wanted')
 
 
 def load(name: str) -> ModuleType:
@@ -74,6 +76,8 @@ def run(options: argparse.Namespace) -> int:
     benches = {name: load(name) for name in chosen or ['all']}
     for name in benches:
         refuse_unwritable(results / f'{name}.json')
+        if options.figures:
+            refuse_unwritable(options.figures / f'{name}.svg')
     for name, bench in benches.items():
         began = time.perf_counter()
         print(f'bench {name} ({extent}) ...', file=sys.stderr, flush=True)
@@ -84,6 +88,8 @@ def run(options: argparse.Namespace) -> int:
         show(COLUMNS, [row.cells() for row in result.rows], title=f'{name}: {command}')
         for note in result.notes:
             print(f'  {note}')
+        for path in result.draw(options.figures) if options.figures else ():
+            print(f'  drawn: {path}')
         seconds = time.perf_counter() - began
         print(f'  seeds {result.seed}; {seconds:.0f} s; written to {result.write(results)}')
     return 0

@@ -82,6 +82,8 @@ class BenchResult:
         Figures.
     notes : list of str
         What a reader must know to trust the figures.
+    drawings : dict of str to str
+        SVG of plots by name, for `--figures`; see `evaluation.drawing`.
     """
 
     bench: str
@@ -89,6 +91,14 @@ class BenchResult:
     seed: list[int]
     rows: list[Row]
     notes: list[str] = field(default_factory=list)
+    drawings: dict[str, str] = field(default_factory=dict)
+
+    def draw(self, folder: Path) -> list[Path]:
+        """Write every drawing as `<bench>_<name>.svg` into `folder`; return their paths."""
+        return [
+            write_beside(folder / f'{self.bench}_{name}.svg', drawing.encode())
+            for name, drawing in self.drawings.items()
+        ]
 
     def write(self, folder: Path) -> Path:
         """Write `<bench>.json` into `folder`, NaN as null; return its path."""

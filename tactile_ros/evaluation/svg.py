@@ -77,8 +77,8 @@ class Plot:
         With units.
     size : tuple of int
         Width and height (pixels at full size).
-    log_x : bool
-        Logarithmic x axis.
+    log_x, log_y : bool
+        Logarithmic axes.
     told : str
         What the drawing shows, for those who cannot see it.
     """
@@ -92,11 +92,12 @@ class Plot:
         size: tuple[int, int] = (360, 270),
         log_x: bool = False,
         told: str = '',
+        log_y: bool = False,
     ) -> None:
         self.size, self.told = size, told
         self.labels = x_label, y_label
         self.x = Scale(x, (LEFT, size[0] - RIGHT), log_x)
-        self.y = Scale(y, (size[1] - BOTTOM, TOP), log=False)
+        self.y = Scale(y, (size[1] - BOTTOM, TOP), log_y)
         self._marks: list[str] = []
         self._over: list[str] = []
 

@@ -1,0 +1,53 @@
+"""Drawings as files of their own: whole XML with their look inside."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from tactile_ros.evaluation.benchmark import BenchResult
+from tactile_ros.evaluation.drawing import standalone
+from tactile_ros.evaluation.svg import Plot
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def plot() -> Plot:
+    drawn = Plot(
+        (1, 100), (1e-3, 1e3), 'time', 'error', log_x=True, log_y=True, told='Error & time'
+    )
+    drawn.line(np.array([1.0, 100.0]), np.array([1e-3, 1e3]), 'line c0')
+    drawn.mark(10.0, 1.0, 0, 'fill c1')
+    return drawn
+
+
+def test_a_drawing_is_whole_and_brings_its_colours() -> None:
+    text = standalone(plot())
+    root = ET.fromstring(text)
+    assert root.tag == '{http://www.w3.org/2000/svg}svg'
+    assert root.get('viewBox') == '0 0 360 270'
+    assert root.get('aria-label') == 'Error & time'
+    style = root.findtext('{http://www.w3.org/2000/svg}style')
+    assert style is not None
+    assert '--c0: #0060a8' in style
+    assert 'path.line' in style
+    assert '.c4 {' in style
+    assert 'h1' not in style
+    assert style.count('{') == style.count('}')
+
+
+def test_axes_may_both_be_logarithmic() -> None:
+    drawn = plot()
+    assert np.isclose(drawn.y(1.0), (drawn.y(1e-3) + drawn.y(1e3)) / 2)
+    assert np.isclose(drawn.x(10.0), (drawn.x(1.0) + drawn.x(100.0)) / 2)
+
+
+def test_a_bench_writes_its_drawings(tmp_path: Path) -> None:
+    result = BenchResult('b', 'c', [1], [], drawings={'map': standalone(plot())})
+    (path,) = result.draw(tmp_path / 'images')
+    assert path == tmp_path / 'images' / 'b_map.svg'
+    assert path.read_text().startswith('<svg xmlns')
+    assert 'drawings' not in result.write(tmp_path).read_text()
