@@ -95,7 +95,7 @@ class CoverageTemplates:
         keep = length > 0.2 * self.areas.mean()
         cover, poses = cover[keep], poses[keep]
         unit = (cover / length[keep, None]).astype(np.float32)
-        self._bucket = 0.25 * self.reach
+        self._bucket = 0.1 * self.reach
         centroid = cover @ self.centres / cover.sum(axis=1, keepdims=True) - self.middle
         self._sort(centroid)
         return unit, poses
@@ -103,14 +103,12 @@ class CoverageTemplates:
     def _sort(self, centroid: Array) -> None:
         """Which templates lie near each bucket of the force's centroid."""
         edge = self._bucket
-        wide = 0.5 * edge + 0.16 * self.reach + 0.5 * self.step
-        ends = range(-5, 6)
-        for i in ends:
-            inside = np.abs(centroid[:, 0] - i * edge) < wide
-            for j in ends:
-                self._near[i, j] = np.flatnonzero(
-                    inside & (np.abs(centroid[:, 1] - j * edge) < wide)
-                )
+        wide = 0.5 * edge + 0.05 * self.reach + 0.5 * self.step
+        for i in range(-11, 12):
+            inside = np.flatnonzero(np.abs(centroid[:, 0] - i * edge) < wide)
+            over = centroid[inside, 1]
+            for j in range(-11, 12):
+                self._near[i, j] = inside[np.abs(over - j * edge) < wide]
 
     def _places(self, variant: Variant) -> Array:
         """Poses (n, 4) of templates: x, y, yaw, width."""

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.coverage_descent import CUT, Descent, Fits, Readings
+from tactile_ros.estimators.coverage_descent import Descent
 from tactile_ros.estimators.coverage_model import TaxelPoints, Variant
 from tactile_ros.estimators.coverage_templates import FEW_TAXELS, CoverageTemplates
+from tactile_ros.estimators.readings import CUT, Fits, Readings
 from tactile_ros.physics.tubes import SPRINGS
 from tactile_ros.types import Array, Bools, Integers
 
@@ -29,7 +30,7 @@ FINALISTS = 3
 PROFILES = (1, SPRINGS, 0)
 APART = 0.05  # turns (rad) and places (steps) at which two descents have not met
 EDGE = 0.001  # error of the model everywhere, in parts of the largest force
-ROUGH = np.array([0.02, 0.02, 0.005])  # error that edges have in common, in radii of a point
+ROUGH = np.array([0.02, 0.02, 0.005])  # error that straight edges share, in radii of a point
 ALIKE = 0.03  # least error of a force under an object that may be none of these
 ODD = 0.25  # of the taxels that may fit to no known object
 SEEN = 10.0  # of the noise: weaker patterns are noise
@@ -94,33 +95,33 @@ class ObjectPose(CoverageTemplates):
         Found
             Label -1 if there is none, or none of these.
         """
-        y = np.where(usable, np.maximum(force, 0.0), 0.0)
-        first = np.sort(y)[-3:]
-        top = float(first.sum()) / len(first)
+        y = np.maximum(force, 0.0) * usable
+        first = np.sort(y)[-3:].tolist()
+        top = sum(first) / len(first)
         nothing = Found(-1, np.nan, np.full(3, np.nan), np.full((3, 3), np.nan), -1, y, 0.0)
         if top <= SEEN * float(np.sort(noise)[len(noise) // 2]) or not self.variants:
             return nothing
         starts = self.starts(y)
         if not len(starts):
             return nothing
-        sigma = np.sqrt(noise**2 + np.square(spread * y) + (EDGE * top) ** 2)
-        able = np.asarray(usable)
-        readings = Readings(y, sigma, able, top, int(np.count_nonzero(y > PRESENT * top)))
+        firm = np.sort(y[y > PRESENT * top])
+        variance = noise * noise
+        stated = variance + ((spread * y) ** 2 + (EDGE * top) ** 2)
+        readings = Readings(y, stated, usable, top, len(firm))
         points, coarse, chosen = self.points, self.coarse, None
         if len(y) > FEW_TAXELS and points.size:
             chosen = self._around(starts)
             points = coarse = points.among(chosen)
-            readings = Readings(y[chosen], sigma[chosen], able[chosen], top, readings.count)
+            readings = Readings(y[chosen], stated[chosen], usable[chosen], top, len(firm))
         fits = self._finals(points, self._chosen_starts(coarse, starts, readings), readings)
         if chosen is not None:
             for fit in fits:
                 cover = np.zeros(len(y))
                 cover[chosen] = fit.cover
                 fit.cover = cover
-        rough = np.sqrt(
-            noise**2 + (max(spread, ALIKE) * float(np.quantile(y[y > PRESENT * top], 0.7))) ** 2
-        )
-        return self._verdict(fits, y, usable / rough, PRESENT * top, nothing)
+        alike = max(spread, ALIKE) * float(firm[int(0.7 * (len(firm) - 1))])
+        rough = usable / (variance + alike**2)
+        return self._verdict(fits, y, rough, PRESENT * top, nothing)
 
     def _around(self, starts: Array) -> Integers:
         """Taxels that any of the starts may touch."""
@@ -178,10 +179,11 @@ class ObjectPose(CoverageTemplates):
         """One of the descents, with the covariance of its parameters."""
         free = fits.params.shape[1]
         unit = fits.variant.unit[:free]
-        cov = _covariance(fits, i, readings)[:free, :free] * np.outer(unit, unit)
-        cov[np.arange(min(free, 3)), np.arange(min(free, 3))] += np.square(
-            ROUGH[: min(free, 3)] * self.points.radius / self.step * unit[:3]
-        )
+        cov = _covariance(fits, i, readings)[:free, :free] * (unit[:, None] * unit)
+        if fits.variant.order:
+            most = min(free, 3)
+            rough = ROUGH[:most] * self.points.radius / self.step * unit[:most]
+            cov[np.arange(most), np.arange(most)] += np.square(rough)
         return Fit(
             fits.variant,
             fits.params[i],
@@ -198,27 +200,25 @@ class ObjectPose(CoverageTemplates):
         fits.sort(key=_cost)
         best = fits[0]
         expected = best.pressure * best.cover
-        told = (weight > 0) & ((y > present) | (expected > present))
-        count = int(np.count_nonzero(told))
-        wrong = (np.abs(y - expected) * weight)[told]
-        worst = np.count_nonzero(wrong > 2 * CUT) > max(3, ODD * count)
-        if (
-            worst
-            or float(np.minimum(wrong**2, CUT**2).sum())
-            > (CUT**2 * ODD + 1.0) * count + 2 * CUT**2
-        ):
+        told = np.flatnonzero((weight > 0) & (np.maximum(y, expected) > present))
+        count = len(told)
+        wrong = (np.square(y - expected) * weight)[told]
+        worst = np.count_nonzero(wrong > (2 * CUT) ** 2) > max(3, ODD * count)
+        most = (CUT**2 * ODD + 1.0) * count + 2 * CUT**2
+        if worst or float(np.minimum(wrong, CUT**2).sum()) > most:
             return nothing
         scale = max(best.cost / max(count - len(best.params), 1), 1.0)
-        labels = np.array([fit.variant.label for fit in fits])
-        costs = np.array([fit.cost for fit in fits]) / scale
-        likely = np.exp(-0.5 * (costs - costs[0]))
-        chance = 1.0 / sum(float(likely[labels == label].max()) for label in set(labels.tolist()))
+        likely = [float(np.exp(0.5 * (best.cost - fit.cost) / scale)) for fit in fits]
+        each: dict[int, float] = {}
+        for fit, part in zip(fits, likely, strict=True):
+            each[fit.variant.label] = max(part, each.get(fit.variant.label, 0.0))
+        chance = 1.0 / sum(each.values())
         if chance < 0.5:
             return nothing
         return self._found(best, fits, likely, chance)
 
     @staticmethod
-    def _found(best: Fit, fits: list[Fit], likely: Array, chance: float) -> Found:
+    def _found(best: Fit, fits: list[Fit], likely: list[float], chance: float) -> Found:
         """What the best fit says, and how far others that are about as likely lie from it."""
         variant, free = best.variant, min(len(best.params), 3)
         cov, pose = np.zeros((3, 3)), np.zeros(3)
@@ -255,7 +255,7 @@ def _covariance(fits: Fits, i: int, readings: Readings) -> Array:
     size = np.abs(j).max(axis=0)
     told = int(np.count_nonzero((size > 1e-3 * size.max()) & (share > 0)))
     spare = max(told - len(inverse), 0)
-    common = float(np.clip((excess.sum() + PRIOR) / (spare + PRIOR), 0.1, 9.0))
+    common = min(max((float(excess.sum()) + PRIOR) / (spare + PRIOR), 0.1), 9.0)
     if spare < 12:
         return np.asarray(inverse * common)
     part = (j * (share * excess)) @ j.T * (told / spare)

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 FINENESS = 5.0  # nodes for the width of a taxel
 MOST_NODES = 120  # of a side
 CUBIC = np.array([[0, -1, 2, -1], [2, 0, -5, 3], [0, 1, 4, -3], [0, 0, -1, 1]]) / 2.0
-SLOPE = CUBIC[:, 1:] * np.array([1.0, 2.0, 3.0])
+SLOPE = np.pad(CUBIC[:, 1:] * np.array([1.0, 2.0, 3.0]), ((0, 0), (0, 1)))
+POWERS = np.stack([CUBIC, SLOPE])  # weights of four nodes, and their slopes, by powers
 
 
 class PlaceTable:
@@ -52,22 +53,21 @@ class PlaceTable:
         self._scale = variant.unit[0] / self.pitch
 
     def seen(self, x: float, y: float) -> Array:
-        """Slopes and covered area (3, 1, t) with the object at a place (m); see `TaxelPoints`."""
+        """Slopes and covered area (3, t) at a place (m), as of `TaxelPoints.seen`."""
         last = self.side - 3
         fx, fy = (x - self.low[0]) / self.pitch, (y - self.low[1]) / self.pitch
         i, j = min(max(int(fx), 1), last), min(max(int(fy), 1), last)
-        along, over = _weights(fx - i)
-        up, rise = _weights(fy - j)
+        tables = POWERS @ np.array([_powers(fx - i), _powers(fy - j)]).T
+        (along, over), (up, rise) = tables[:, :, 0], tables[:, :, 1]
         weights = np.empty((3, 4, 4))
         np.multiply(up[:, None], over * self._scale, out=weights[0])
         np.multiply(rise[:, None] * self._scale, along, out=weights[1])
         np.multiply(up[:, None], along, out=weights[2])
         near = self.rows[self._offsets + (j * self.side + i)]
-        return np.asarray((weights.reshape(3, 16) @ near)[:, None])
+        return np.asarray(weights.reshape(3, 16) @ near)
 
 
-def _weights(t: float) -> tuple[Array, Array]:
-    """Of four nodes at t between the middle two, and their slopes."""
+def _powers(t: float) -> tuple[float, float, float, float]:
+    """Of a place between the middle two of four nodes."""
     t = min(max(t, -1.0), 2.0)
-    powers = np.array([1.0, t, t * t, t**3])
-    return CUBIC @ powers, SLOPE @ powers[:3]
+    return 1.0, t, t * t, t * t * t
