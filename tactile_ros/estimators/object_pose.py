@@ -98,12 +98,12 @@ class ObjectPose(CoverageTemplates):
         y = np.maximum(force, 0.0) * usable
         first = np.sort(y)[-3:].tolist()
         top = sum(first) / len(first)
-        nothing = Found(-1, np.nan, np.full(3, np.nan), np.full((3, 3), np.nan), -1, y, 0.0)
-        if top <= SEEN * float(np.sort(noise)[len(noise) // 2]) or not self.variants:
-            return nothing
+        loud = np.count_nonzero(noise * SEEN < top)  # as if by the median, but quicker
+        if 2 * loud <= len(noise) or not self.variants:
+            return _nothing(y)
         starts = self.starts(y)
         if not len(starts):
-            return nothing
+            return _nothing(y)
         firm = np.sort(y[y > PRESENT * top])
         variance = noise * noise
         stated = variance + ((spread * y) ** 2 + (EDGE * top) ** 2)
@@ -121,7 +121,7 @@ class ObjectPose(CoverageTemplates):
                 fit.cover = cover
         alike = max(spread, ALIKE) * float(firm[int(0.7 * (len(firm) - 1))])
         rough = usable / (variance + alike**2)
-        return self._verdict(fits, y, rough, PRESENT * top, nothing)
+        return self._verdict(fits, y, rough, PRESENT * top)
 
     def _around(self, starts: Array) -> Integers:
         """Taxels that any of the starts may touch."""
@@ -193,9 +193,7 @@ class ObjectPose(CoverageTemplates):
             fits.cover[i],
         )
 
-    def _verdict(
-        self, fits: list[Fit], y: Array, weight: Array, present: float, nothing: Found
-    ) -> Found:
+    def _verdict(self, fits: list[Fit], y: Array, weight: Array, present: float) -> Found:
         """The best of the fits, if it is better than none of these."""
         fits.sort(key=_cost)
         best = fits[0]
@@ -206,7 +204,7 @@ class ObjectPose(CoverageTemplates):
         worst = np.count_nonzero(wrong > (2 * CUT) ** 2) > max(3, ODD * count)
         most = (CUT**2 * ODD + 1.0) * count + 2 * CUT**2
         if worst or float(np.minimum(wrong, CUT**2).sum()) > most:
-            return nothing
+            return _nothing(y)
         scale = max(best.cost / max(count - len(best.params), 1), 1.0)
         likely = [float(np.exp(0.5 * (best.cost - fit.cost) / scale)) for fit in fits]
         each: dict[int, float] = {}
@@ -214,7 +212,7 @@ class ObjectPose(CoverageTemplates):
             each[fit.variant.label] = max(part, each.get(fit.variant.label, 0.0))
         chance = 1.0 / sum(each.values())
         if chance < 0.5:
-            return nothing
+            return _nothing(y)
         return self._found(best, fits, likely, chance)
 
     @staticmethod
@@ -239,6 +237,11 @@ class ObjectPose(CoverageTemplates):
         else:
             pose[2] -= sector * np.round(pose[2] / sector)
         return Found(variant.label, chance, pose, cov, variant.order, best.cover, best.pressure)
+
+
+def _nothing(force: Array) -> Found:
+    """None of these."""
+    return Found(-1, np.nan, np.full(3, np.nan), np.full((3, 3), np.nan), -1, force, 0.0)
 
 
 def _cost(fit: Fit) -> float:

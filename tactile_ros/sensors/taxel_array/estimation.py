@@ -153,7 +153,7 @@ class TaxelRegression(Regression):
         self.silent_ = silent_taxels(output[signals.good], force, self.noise_)
         templates = self.objects  # made now, not under the first frame
         del templates
-        for name in ('patches', '_around'):
+        for name in ('patches', '_around', '_rest_noise'):
             vars(self).pop(name, None)
         if self.only not in LAWS:
             super().fit(signals, truth, groups)
@@ -256,7 +256,7 @@ class TaxelRegression(Regression):
             forces = self._forces(signals, memory)
             known['taxel_force'] = forces
             if self.summed_:
-                self._add_sum(known, forces, output)
+                self._add_sum(known, forces)
         if self.shape_ is not None:
             known['deformation'] = self.shape_.forces(output)
         if self.silent_.any():
@@ -299,15 +299,25 @@ class TaxelRegression(Regression):
         away = np.linalg.norm(places[silent, None] - places[None, live], axis=2)
         return silent, live[np.argsort(away, axis=1, kind='stable')[:, :AROUND]]
 
+    @cached_property
+    def _rest_noise(self) -> Array:
+        """Of each taxel's force at rest (t,) (N); of its output where no law is known."""
+        if self.law_ is None:
+            return self.noise_
+        gain = self.law_.forces(np.full((1, len(self.noise_)), 0.1))[0] / 0.1
+        return np.asarray(np.nan_to_num(gain) * self.noise_)
+
     def _variance(self, forces: Array) -> Array:
         """Of each taxel's force (s, t) (N2)."""
         return np.asarray(self.floor_**2 + np.square(self.spread_ * np.nan_to_num(forces)))
 
-    def _add_sum(self, known: Columns, forces: Array, output: Array) -> None:
+    def _add_sum(self, known: Columns, forces: Array) -> None:
         """Total force and its place, with covariances; `known` is changed."""
-        load = np.nan_to_num(self._filled(forces))
-        guessed = np.square(GUESSED * load) * np.isnan(forces)
-        variance = np.where(np.isnan(forces), guessed, self._variance(forces))
+        lost = np.isnan(forces)
+        filled = self._filled(forces)
+        load = np.where(np.isnan(filled), 0.0, filled)
+        guessed = np.square(GUESSED * load)
+        variance = np.where(lost, guessed, self.floor_**2 + np.square(self.spread_ * load))
         add_sum(known, load, variance, self.config)
 
     def _add_objects(self, known: Columns, forces: Array, signals: Signals) -> None:
@@ -317,11 +327,7 @@ class TaxelRegression(Regression):
         if not learned and np.isnan(forces).any():
             # at rest the taxels read nothing: without a baseline readings stand for themselves
             forces = np.where(np.isnan(forces), signals.values[..., 0], forces)
-        noise, spread = self.noise_, UNLEARNED
-        if self.law_ is not None:
-            gain = self.law_.forces(np.full((1, len(self.noise_)), 0.1))[0] / 0.1
-            noise = np.nan_to_num(gain) * self.noise_
-            spread = self.spread_
+        spread = UNLEARNED if self.law_ is None else self.spread_
         asked = signals.good & (signals.in_contact != 0)
         errors = (self.floor_, self.spread_) if self.summed_ else None
         corrected, area_law = None, self.config.area_law
@@ -330,7 +336,15 @@ class TaxelRegression(Regression):
                 self.law_, signals.delta[..., 0], forces, self.config.areas, area_law
             )
         place_objects(
-            known, self.objects, forces, noise, spread, asked, ~self.silent_, errors, corrected
+            known,
+            self.objects,
+            forces,
+            self._rest_noise,
+            spread,
+            asked,
+            ~self.silent_,
+            errors,
+            corrected,
         )
 
 

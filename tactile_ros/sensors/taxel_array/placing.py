@@ -77,8 +77,9 @@ def place_objects(
         _write(known, int(i), found)
         if summed is not None and not (usable.all() and corrected is None):
             hidden = max(float(found.pressure * found.cover[~usable].sum()), 0.0)
-            known['force'][i, 2] = np.nansum(row) + hidden
-            variance = np.nansum(summed[0] ** 2 + np.square(summed[1] * row))
+            seen = row[np.isfinite(row)]
+            known['force'][i, 2] = seen.sum() + hidden
+            variance = float((summed[0] ** 2 + np.square(summed[1] * seen)).sum())
             known['force_cov'][i, 2, 2] = variance + (HIDDEN * hidden) ** 2
         _mark(known, int(i), found, row, objects.areas)
 

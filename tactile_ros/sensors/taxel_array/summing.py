@@ -39,7 +39,8 @@ def add_sum(known: Columns, load: Array, variance: Array, config: TaxelArrayConf
     weight = np.maximum(share.sum(axis=1), 1e-12)[:, None]
     place = share @ config.positions / weight
     away = config.positions[None] - place[:, None]
-    cov = np.einsum('sti,stj,st->sij', away, away, variance) / weight[..., None] ** 2
+    moved = (away * variance[..., None]).transpose(0, 2, 1)
+    cov = moved @ away / weight[..., None] ** 2
     active = np.maximum((share > ACTIVE * share.max(axis=1, keepdims=True)).sum(axis=1), 1)
     cov[:, [0, 1], [0, 1]] += (BLUR * float(np.median(config.areas)) / active)[:, None]
     known['position'], known['position_cov'] = place, cov
