@@ -108,11 +108,12 @@ class HarmonicMap:
         The covariance is of noise and calibration together.
         """
         u = (x[:, :2] - self.range_[0]) / self.range_[1]
-        known = _powers(np.minimum(np.maximum(u, -OUTSIDE), OUTSIDE)) @ self.inverse_
-        place = self.size / 2 + self._radius * known[:, :2]
-        place = np.minimum(np.maximum(place, 0.0), self.size)
-        root = self._radius * known[:, 2:].reshape(-1, 2, 2)
-        return place, root @ root.transpose(0, 2, 1)
+        powers = np.minimum(np.maximum(u, -OUTSIDE), OUTSIDE)[:, :, None] ** _RISING
+        # no product of matrices: its sums run otherwise for one frame than for many
+        known = np.einsum('si,sj,ijk->sk', powers[:, 0], powers[:, 1], self._table)
+        place = np.minimum(np.maximum(known[:, :2], 0.0), self.size)
+        root = known[:, 2:].reshape(-1, 2, 2)
+        return place, np.einsum('sij,skj->sik', root, root)
 
     def stated(self, x: Array) -> tuple[Array, Array]:
         """Places (s, 2) and spreads of their errors (s, 2) (m)."""
@@ -134,6 +135,14 @@ class HarmonicMap:
             slope.real + z[:, :1] * bent,
             z[:, 1:] * bent - slope.imag,
         )
+
+    @cached_property
+    def _table(self) -> Array:
+        """Factors (n, n, 6) of products of powers: of the place and the root of its covariance."""
+        table = np.zeros((len(_RISING) ** 2, 6))
+        table[_BELOW] = self._radius * self.inverse_
+        table[0, :2] += self.size / 2
+        return table.reshape(len(_RISING), len(_RISING), 6)
 
     @cached_property
     def _series(self) -> Complexes:
@@ -179,6 +188,7 @@ class HarmonicMap:
         penalty = PENALTY * np.eye(terms.shape[1])
         stacked = np.concatenate([terms, penalty])
         wanted = np.concatenate([wanted, np.zeros((len(penalty), 6))])
+        vars(self).pop('_table', None)
         self.inverse_ = np.linalg.lstsq(stacked, wanted, rcond=None)[0]
 
 

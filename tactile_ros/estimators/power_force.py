@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from tactile_ros.estimators.evidence import Moments
-from tactile_ros.estimators.smooth_fields import MOST_WAVES, SmoothFields
+from tactile_ros.estimators.smooth_fields import GAP, MOST_WAVES, SmoothFields
 from tactile_ros.estimators.training import TrainingRows, fitted, predict_rows, training_rows
 from tactile_ros.estimators.trials import at_corners, caution
 from tactile_ros.types import Array, Integers
@@ -33,16 +33,18 @@ FEWEST = 12
 MORE = 0.4  # logarithm of the largest answer over the largest force told
 BEYOND = 0.15  # of the range of the logarithm, in which the curve goes on
 LEAST_FILM = 0.02  # of R
+SMOOTH = 1e-4  # directions of cosines, over the strongest, that the nominal Rx does not need
 ROUNDS = 40
 GRID = 41
+WIDEST = np.pi / GAP * np.arange(MOST_WAVES) * np.ones((2, 1))  # phases of all fields
+LEVELS = 24  # steps of the film's resistance in which a spread is told
 
 
 class PowerForce:
     """Logarithm of force by that of the film's resistance, with smoothly varying factors.
 
-    Features are x and y in units of the sheet's edges (0 to 1), the resistance R and the nominal
-    Rx, both in units of the divider's, and further ones that do not count; targets are forces
-    above 0.
+    Features are x and y in units of the sheet's edges (0 to 1), the resistance R in units of the
+    divider's, and further ones that do not count; targets are forces above 0.
 
     Parameters
     ----------
@@ -50,6 +52,9 @@ class PowerForce:
         Of the divider's reading, R0 / (R0 + R); 0: unknown.
     size : ndarray, shape (2,), or None
         Edges of the sheet; None: a square.
+    series : ndarray, shape (g, g), or None
+        Nominal Rx, in units of the divider's, at places spread evenly over the sheet, its border
+        included, x first; None: 0.
 
     Attributes
     ----------
@@ -71,6 +76,8 @@ class PowerForce:
         Slope of the logarithm of force over that of the film, all over the sheet.
     most_ : float
         Logarithm of the largest answer.
+    nominal_ : ndarray, shape (n, n)
+        Factors of cosines that tell the nominal Rx.
     caution_ : float
         Factor on the spread by calibration, from groups that were left out.
     doubt_ : ndarray, shape (g, 3)
@@ -88,13 +95,17 @@ class PowerForce:
     most_: float
     doubt_: Array
     caution_: float
+    nominal_: Array
 
-    def __init__(self, noise: float = 0.0, size: Array | None = None) -> None:
+    def __init__(
+        self, noise: float = 0.0, size: Array | None = None, series: Array | None = None
+    ) -> None:
         self.noise = noise
         self.size = np.ones(2) if size is None else np.asarray(size, np.float64)
+        self.series = np.zeros((2, 2)) if series is None else np.asarray(series, np.float64)
 
     def fit(self, x: Array, y: Array, groups: Integers | None = None) -> PowerForce:
-        """Learn from features (s, 4..) and forces (s, 1) (N); rows without force are left out."""
+        """Learn from features (s, 3..) and forces (s, 1) (N); rows without force are left out."""
         rows = training_rows(x, y, groups)
         there = rows.y[:, 0] > 0
         rows = rows.take(there if there.any() else np.ones(len(there), bool))
@@ -110,7 +121,7 @@ class PowerForce:
         used = float(np.einsum('ij,ij->', root @ moments.gram, root))
         self.noise_ = max(noise, float(np.sqrt(max(left, 0) / max(len(target) - used, 1))), 1e-9)
         self.weights_, self.root_ = weights[:, 0], root * self.noise_
-        for name in ('_table', '_angles'):
+        for name in ('_table', '_steps', '_spreads'):
             vars(self).pop(name, None)
         self.caution_ = self._careful(rows.x, target[:, 0], rows.groups)
         self.doubt_ = self._tell_doubt()
@@ -122,25 +133,31 @@ class PowerForce:
 
     def force(self, x: Array) -> tuple[Array, Array]:
         """Forces (s,) (N) and their spreads (s,), of calibration and noise together (N)."""
+        return self.at(x[:, :2], x[:, 2])
+
+    def at(self, places: Array, resistance: Array) -> tuple[Array, Array]:
+        """Forces (s,) and their spreads (s,) (N) for the columns of features.
+
+        Parameters
+        ----------
+        places : ndarray, shape (s, 2)
+            In units of the sheet's edges; beyond the sheet its border counts.
+        resistance : ndarray, shape (s,)
+            R, in units of the divider's.
+        """
         fitted(self, 'weights_')
-        inside = np.minimum(np.maximum(x[:, :2], 0.0), 1.0)
-        waves = np.cos(inside[:, :, None] * self._angles)
+        low, high, middle = self.range_
+        inside = np.fmin(np.fmax(places, 0.0), 1.0)
+        waves = np.cos(inside[:, :, None] * WIDEST)
+        # no product of matrices: its sums run otherwise for one frame than for many
         known = np.einsum('si,sj,ijk->sk', waves[:, 0], waves[:, 1], self._table)
-        film = self._film(x)
-        level = np.log(film) - self.range_[2]
-        force = np.exp(
-            np.minimum(
-                known[:, 0]
-                + level * (known[:, 1] + level * self.weights_[4])
-                + known[:, 2] / film
-                + known[:, 3] * film,
-                self.most_,
-            )
-        )
-        cell = (inside * (GRID - 1) + 0.5).astype(np.int64)
-        told = self.doubt_[cell[:, 0] * GRID + cell[:, 1]]
-        doubt = np.exp(told[:, 0] + level * (told[:, 1] + level * told[:, 2]))
-        return force, force * np.sqrt(doubt + self._scatter(x, film))
+        film = np.fmin(np.fmax(resistance - known[:, 4], low), high)
+        level = np.log(film) - middle
+        power = known[:, 0] + level * (known[:, 1] + level * self.weights_[4])
+        power += known[:, 2] / film
+        power += known[:, 3] * film
+        force = np.exp(np.minimum(power, self.most_))
+        return force, force * self._spreads.take(self._cells(inside, level))
 
     def stated(self, x: Array) -> tuple[Array, Array]:
         """Forces (s, 1) and spreads of their errors (s, 1) (N)."""
@@ -150,7 +167,7 @@ class PowerForce:
     def held_out(self, x: Array, y: Array, groups: Integers) -> tuple[Array, Array]:
         """What a fit without the group of each row says of it, and the spread that it states.
 
-        The prior is that of the fit on all rows. Features (s, 4..) and forces (s, 1) must be those
+        The prior is that of the fit on all rows. Features (s, 3..) and forces (s, 1) must be those
         of the fit; answers (s, 1) in N.
         """
         force, spread = np.empty(len(x)), np.empty(len(x))
@@ -177,7 +194,11 @@ class PowerForce:
             said[rows] = target[rows] - alone[:, 0] / scale[rows]
             doubt[rows] = np.diagonal(alone[:, 1:]) / scale[rows] ** 2
         force = np.exp(np.minimum(said, self.most_))
-        return force, self.noise_**2 * np.maximum(doubt, 0.0), self._scatter(x, self._film(x))
+        return (
+            force,
+            self.noise_**2 * np.maximum(doubt, 0.0),
+            self._scatter(x[:, 2], self._film(x)),
+        )
 
     def _careful(self, x: Array, target: Array, groups: Integers) -> float:
         """Factor on the doubt of calibration with which held-out groups lie inside as they should.
@@ -194,15 +215,17 @@ class PowerForce:
 
     def _prepare(self, rows: TrainingRows, target: Array) -> None:
         """Range, fields and slope, before any choice."""
-        film = np.maximum(rows.x[:, 2] - rows.x[:, 3], np.maximum(LEAST_FILM * rows.x[:, 2], 1e-6))
-        level = np.log(film)
-        low, high = float(level.min()), float(level.max())
-        more = BEYOND * max((high - low) / 2, 1e-3)
-        self.range_ = np.array([np.exp(low - more), np.exp(high + more), (low + high) / 2])
         count = len(np.unique(rows.groups))
         self.fields_ = tuple(
             SmoothFields.for_places(rows.x[:, :2], count, self.size, most) for most in WAVES
         )
+        self.nominal_ = self._smooth_series()
+        film = rows.x[:, 2] - self._rx(rows.x[:, :2])
+        film = np.maximum(film, np.maximum(LEAST_FILM * rows.x[:, 2], 1e-6))
+        level = np.log(film)
+        low, high = float(level.min()), float(level.max())
+        more = BEYOND * max((high - low) / 2, 1e-3)
+        self.range_ = np.array([np.exp(low - more), np.exp(high + more), (low + high) / 2])
         few = len(target) < FEWEST or high - low < 1e-6
         self.steep_ = -1.0 if few else float(np.polyfit(level, target[:, 0], 1)[0])
 
@@ -211,7 +234,7 @@ class PowerForce:
         self.rough_, self.prior_ = 0.0, EXPECTED
         if len(target) < FEWEST:
             return
-        own = float(np.median(np.sqrt(self._scatter(x, self._film(x), 1.0))))
+        own = float(np.median(np.sqrt(self._scatter(x[:, 2], self._film(x), 1.0))))
         best, self.prior_ = self._likeliest(x, terms, target)
         for share in ROUGHS[1:] if self.noise > 0 else ():
             before, self.rough_ = self.rough_, share * own
@@ -259,22 +282,37 @@ class PowerForce:
 
     def _film(self, x: Array) -> Array:
         """The film's resistance (s,), over the divider's, within what was seen."""
-        film = np.maximum(x[:, 2] - x[:, 3], LEAST_FILM * x[:, 2])
+        film = x[:, 2] - self._rx(x[:, :2])
         return np.asarray(np.minimum(np.maximum(film, self.range_[0]), self.range_[1]))
 
-    def _scatter(self, x: Array, film: Array, noise: float | None = None) -> Array:
+    def _rx(self, places: Array) -> Array:
+        """Nominal Rx (s,) at places (s, 2) in units of the edges."""
+        waves = np.cos(np.fmin(np.fmax(places, 0.0), 1.0)[:, :, None] * WIDEST)
+        return np.asarray(np.einsum('si,sj,ij->s', waves[:, 0], waves[:, 1], self.nominal_))
+
+    def _smooth_series(self) -> Array:
+        """Factors (n, n) of cosines that tell the nominal Rx."""
+        # at the very border Rx falls too steeply for cosines, and nobody presses there
+        edge = 1 if min(self.series.shape) > MOST_WAVES + 2 else 0
+        factors = self.series[edge : len(self.series) - edge, edge : self.series.shape[1] - edge]
+        for angles, count in zip(WIDEST, self.series.shape, strict=True):
+            line = np.linspace(0.0, 1.0, count)[edge : count - edge]
+            factors = (np.linalg.pinv(np.cos(np.outer(line, angles)), rcond=SMOOTH) @ factors).T
+        return np.asarray(factors)
+
+    def _scatter(self, resistance: Array, film: Array, noise: float | None = None) -> Array:
         """Variance (s,) of the logarithm of a force about the curve of its place."""
         noise = self.noise_**2 if noise is None else noise
         if self.noise <= 0:
-            return np.full(len(x), noise * UNKNOWN_NOISE**2)
-        above = 1.0 + x[:, 2]
+            return np.full(len(film), noise * UNKNOWN_NOISE**2)
+        above = 1.0 + resistance
         ratio = above * above / film
         steep = noise * (self.noise * self.steep_) ** 2
         return np.asarray(steep * ratio * ratio + noise * self.rough_**2)
 
     def _weight(self, x: Array) -> Array:
         """Weights (s,) of rows: inverse variances, if the noise were all."""
-        return 1.0 / self._scatter(x, self._film(x), 1.0)
+        return 1.0 / self._scatter(x[:, 2], self._film(x), 1.0)
 
     def _shapes(self, film: Array) -> Array:
         """The five shapes (s, 5) of film resistances; the last has no field."""
@@ -291,15 +329,9 @@ class PowerForce:
         return np.concatenate(parts, axis=1)
 
     @cached_property
-    def _angles(self) -> Array:
-        """Phases of the cosines of all fields, shape (2, n)."""
-        return max((fields.angles for fields in self.fields_), key=lambda one: one.shape[1])
-
-    @cached_property
     def _table(self) -> Array:
-        """Factors of cosines (n, n, 4) of the four shapes."""
-        count = self._angles.shape[1]
-        table = np.zeros((count, count, SHAPES))
+        """Factors of cosines (n, n, 5) of the four shapes, and of the nominal Rx."""
+        table = np.zeros((MOST_WAVES, MOST_WAVES, SHAPES + 1))
         first = len(MEAN)
         for shape, fields in enumerate(self.fields_):
             own = self.weights_[first : first + len(fields.entry), None]
@@ -309,7 +341,31 @@ class PowerForce:
             table[0, 0, shape] += self.weights_[shape]
         table[:, :, 2] *= self.range_[0]
         table[:, :, 3] /= self.range_[1]
+        table[:, :, 4] = self.nominal_
         return table
+
+    def _cells(self, inside: Array, level: Array) -> Integers:
+        """Number (s,) of the cell of `_spreads` that a place and a level are in."""
+        cell = (inside * (GRID - 1) + 0.5).astype(np.int64)
+        depth = (level * self._steps[0] + self._steps[1]).astype(np.int64)
+        return np.asarray((cell[:, 0] * GRID + cell[:, 1]) * LEVELS + depth)
+
+    @cached_property
+    def _steps(self) -> tuple[float, float]:
+        """Slope and offset of the number of a level's step."""
+        low, high = np.log(self.range_[:2]) - self.range_[2]
+        slope = (LEVELS - 1) / (high - low)
+        return float(slope), float(0.5 - slope * low)
+
+    @cached_property
+    def _spreads(self) -> Array:
+        """Relative spreads of a force, by calibration and noise, at the middle of each cell."""
+        low, high = np.log(self.range_[:2]) - self.range_[2]
+        level = np.linspace(low, high, LEVELS)
+        variance = np.exp(self.doubt_ @ level ** np.arange(3)[:, None])
+        film = np.exp(level + self.range_[2])
+        typical = film + float(np.median(self.series))
+        return np.sqrt(variance + self._scatter(typical, film)).ravel()
 
     def _tell_doubt(self) -> Array:
         """Logarithm of the variance by calibration on a grid of places: squares in the level."""
@@ -319,7 +375,7 @@ class PowerForce:
         levels = np.array([low, 0.5 * (low + high), high])
         found = []
         for film in np.exp(levels + self.range_[2]):
-            x = np.column_stack([places, np.full(len(places), film), np.zeros(len(places))])
+            x = np.column_stack([places, film + self._rx(places)])
             half = self._terms(x) @ self.root_.T
             found.append(np.log(self.caution_**2 * np.einsum('sp,sp->s', half, half) + 1e-300))
         return np.asarray(np.linalg.solve(levels[:, None] ** np.arange(3), np.array(found)).T)

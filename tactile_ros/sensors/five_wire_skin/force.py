@@ -24,14 +24,16 @@ from tactile_ros.types import Array, Estimator, Integers
 MOST_TRIED = 3000  # rows that candidates are compared on
 PENALTY = 1e-4
 CREEP_FOLDS = 5
+LEAST_RESISTANCE = 1e-4  # over R0
 WORTH = 0.97  # of the static error; creep that takes off less is none
 
 
 class ForceHead:
     """Map from place and resistance to normal force, with the spread of its error.
 
-    Features are x and y over the size of the sheet, R and the nominal Rx over R0, u_AC, u_BD, the
-    divider's reading, and the logarithm of R / R0.
+    Features are x and y over the size of the sheet, R over R0, u_AC, u_BD, the divider's reading,
+    and the logarithm of R / R0. It starts from the divider's noise, the edges of the sheet and
+    its nominal Rx over R0, on a grid.
 
     Attributes
     ----------
@@ -52,9 +54,10 @@ class ForceHead:
     level_: float
     report_: dict[str, float]
 
-    def __init__(self, noise: float, size: Array) -> None:
+    def __init__(self, noise: float, size: Array, series: Array) -> None:
         self.noise = noise
         self.size = size
+        self.series = series
         self.name = ''
 
     def fit(self, x: Array, y: Array, groups: Integers, wanted: str | None) -> ForceHead:
@@ -62,7 +65,7 @@ class ForceHead:
 
         Parameters
         ----------
-        x : ndarray, shape (s, 8)
+        x : ndarray, shape (s, 7)
             Features.
         y : ndarray, shape (s,)
             Normal forces (N).
@@ -106,24 +109,40 @@ class ForceHead:
         spread = np.full((len(x), 1), self.level_)
         return force, self.spread_(spread)[:, 0]
 
+    def at(self, x: Array, places: Array, resistance: Array) -> tuple[Array, Array]:
+        """Forces (s,) (N) and spreads of their errors (s,) (N) for the columns of features."""
+        if isinstance(self.estimator_, PowerForce):
+            return self.estimator_.at(places, resistance)
+        return self.predict(features_of(x, places, resistance))
+
     def _candidates(self, wanted: str | None) -> dict[str, Estimator]:
         """Estimators to choose from."""
         network: Estimator = ColumnView(RbfForce(), np.array([0, 1, 2]))
         if wanted == 'printed':
             return {'rbf': network}
         known: dict[str, Estimator] = {
-            'power': PowerForce(self.noise, self.size),
+            'power': PowerForce(self.noise, self.size, self.series),
             'rbf': network,
-            'rbf_log': ColumnView(RbfForce(), np.array([0, 1, 7])),
-            'mean_curve': MeanCurve(7),
-            'ridge': ColumnView(Ridge(), np.array([4, 5, 6])),
+            'rbf_log': ColumnView(RbfForce(), np.array([0, 1, 6])),
+            'mean_curve': MeanCurve(6),
+            'ridge': ColumnView(Ridge(), np.array([3, 4, 5])),
             'kernel_ridge': ColumnView(
                 KernelRidge(lengths=(0.4,), linear=1.0, strengths=(1e-6,), common=10.0),
-                np.array([4, 5, 6]),
+                np.array([3, 4, 5]),
             ),
-            'grid_knn': ColumnView(GridKnn(), np.array([4, 5, 6])),
+            'grid_knn': ColumnView(GridKnn(), np.array([3, 4, 5])),
         }
         return known if wanted is None else {wanted: known[wanted]}
+
+
+def features_of(x: Array, places: Array, resistance: Array) -> Array:
+    """Features (s, 7) of `ForceHead` from readings (s, 3), places (s, 2) and R (s,)."""
+    features = np.empty((len(x), 7))
+    features[:, :2] = places
+    features[:, 2] = np.maximum(resistance, LEAST_RESISTANCE)
+    features[:, 3:6] = x
+    features[:, 6] = np.log(features[:, 2])
+    return features
 
 
 def _plane(x: Array, y: Array) -> Array:
