@@ -81,7 +81,11 @@ class PatchIds:
     def _follow(self, label: Integers, centre: Array) -> Integers:
         """Ids of the patches (n,) of one more frame."""
         ids = np.full(len(centre), -1, np.int64)
-        if self._label is not None:
+        if self._label is not None and len(ids) == len(self._ids) == 1:
+            shared = np.count_nonzero((self._label >= 0) & (label >= 0))
+            if shared or np.linalg.norm(self._centre[0] - centre[0]) <= self.reach:
+                ids[0] = self._ids[0]
+        elif self._label is not None:
             self._by_taxels(label, ids)
             if (ids < 0).any():
                 self._by_distance(centre, ids)

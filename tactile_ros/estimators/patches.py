@@ -16,6 +16,7 @@ REACH = 3.0  # of the way to the nearest taxel: no neighbour lies farther
 BETWEEN = 0.9  # of the half way: a taxel as near to the middle of a pair lies between
 ROUND = 16  # taxels around a pair that are looked at
 JOINED = 0.1  # of a patch's largest pressure: less joins nothing
+LEAST = 1e-12  # load of a touched taxel (unit of loads)
 BLUR = 0.09  # of a taxel's area: variance of a centre that one taxel tells
 BLOCK = 200_000  # taxels of frames that are looked at in one go
 FEW = 400  # touched taxels up to which a loop is quicker than a sparse graph
@@ -163,7 +164,11 @@ class PatchFinder:
         row, taxel = np.nonzero(touched)
         if not len(row):
             return self._nothing(load.shape)
-        weight = np.maximum(load[row, taxel], 1e-300)
+        if len(load) == 1 and len(taxel) <= FEW:
+            alone = self._alone(load[0], variance[0], taxel)
+            if alone is not None:
+                return alone
+        weight = np.maximum(load[row, taxel], LEAST)
         patch = self._parted(row, taxel, weight / self.areas[taxel], touched)
         count = int(patch.max(initial=-1)) + 1
         total = np.bincount(patch, weight, count)
@@ -185,12 +190,36 @@ class PatchFinder:
 
     def _nothing(self, shape: tuple[int, ...]) -> Patches:
         """No patch in any frame (s, t)."""
-        blank = np.full((shape[0], self.most, 3, 3), np.nan)
-        flat = blank[:, :, 0, 0]
-        none = np.zeros(shape[0], np.int64)
+        blank = np.full((16, shape[0], self.most), np.nan)
+        tail = (shape[0], self.most)
         return Patches(
-            np.full(shape, -1), none, flat, flat.copy(), blank[:, :, 0], blank, flat.copy()
-        )
+            np.full(shape, -1), np.zeros(shape[0], np.int64), blank[0], blank[1],
+            blank[2:5].reshape(*tail, 3), blank[5:14].reshape(*tail, 3, 3), blank[14],
+        )  # fmt: skip
+
+    def _alone(self, load: Array, variance: Array, taxel: Integers) -> Patches | None:
+        """The one patch of one frame, quickly; None: there are several."""
+        weight = np.maximum(load[taxel], LEAST)
+        pressure = weight / self.areas[taxel]
+        core = taxel[pressure > JOINED * pressure.max()]
+        for nodes in (taxel,) if len(core) == len(taxel) else (taxel, core):
+            if _flooded(self._near, nodes.tolist(), len(load))[1] > 1:
+                return None
+        powers, own = self._powers[taxel], variance[taxel]
+        first, sums = weight @ powers[:, :4], own @ powers
+        total, spread = first[0], sums[0]
+        centre = first[1:] / total
+        mixed = centre[:, None] * sums[1:4]
+        cov = sums[SQUARE - 4] - mixed - mixed.T + spread * centre[:, None] * centre
+        cov /= total * total
+        cov[[0, 1], [0, 1]] += self.blur / len(taxel)
+        found = self._nothing((1, len(load)))
+        found.label[0, taxel] = 0
+        found.count[0] = 1
+        found.load[0, 0], found.variance[0, 0] = total, spread
+        found.position[0, 0], found.position_cov[0, 0] = centre, cov
+        found.area[0, 0] = self.areas[taxel].sum()
+        return found
 
     def _measured(
         self, patch: Integers, taxel: Integers, weight: Array, variance: Array, count: int
@@ -201,7 +230,7 @@ class PatchFinder:
         powers = self._powers[taxel]
         parts = np.hstack([weight * powers[:, :4], variance * powers, self._extra[taxel]])
         sums = np.add.reduceat(parts, np.searchsorted(patch[order], np.arange(count)), axis=0)
-        total, spread = sums[:, 0], sums[:, 4]
+        total, spread = np.maximum(sums[:, 0], 1e-100), sums[:, 4]
         centre = sums[:, 1:4] / total[:, None]
         first, second = sums[:, 5:8], sums[:, SQUARE]
         mixed = centre[:, :, None] * first[:, None]
@@ -229,7 +258,8 @@ class PatchFinder:
         if len(touched) == 1:
             nodes = np.flatnonzero(touched[0])
             if len(nodes) <= FEW:
-                return _flooded(self._near, nodes.tolist(), len(self.positions))
+                label, _ = _flooded(self._near, nodes.tolist(), len(self.positions))
+                return np.array([label[node] for node in nodes.tolist()], np.int64)
         number = np.cumsum(touched).reshape(touched.shape) - 1
         a, b = self._ends
         row, pair = np.nonzero(touched[:, a] & touched[:, b])
@@ -276,8 +306,11 @@ def connected(first: Integers, second: Integers, count: int) -> Integers:
     return np.asarray(connected_components(graph, directed=False)[1], np.int64)
 
 
-def _flooded(near: list[list[int]], nodes: list[int], count: int) -> Integers:
-    """Component of each of a few nodes, numbered by their first nodes: quicker than a graph."""
+def _flooded(near: list[list[int]], nodes: list[int], count: int) -> tuple[list[int], int]:
+    """Component of a few of `count` nodes, numbered by their first nodes, and how many there are.
+
+    It is quicker than a graph.
+    """
     label = [-2] * count
     for node in nodes:
         label[node] = -1
@@ -293,4 +326,4 @@ def _flooded(near: list[list[int]], nodes: list[int], count: int) -> Integers:
                 if label[other] == -1:
                     label[other] = number
                     front.append(other)
-    return np.array([label[node] for node in nodes], np.int64)
+    return label, number + 1

@@ -58,6 +58,10 @@ class ArrayPatches:
             least = np.maximum(law.forces(least[None])[0], LIGHT * floor)
             least = np.where(np.isfinite(least), least, np.nanmedian(least))
         self.least = least
+        most = config.most_contacts
+        there = np.arange(most) < np.arange(most + 1)[:, None]
+        self.ranks: Integers = np.where(there, np.arange(most), -1)
+        self.normals: Array = np.where(there[..., None], np.array([0.0, 0.0, 1.0]), np.nan)
 
     def add(
         self,
@@ -66,7 +70,8 @@ class ArrayPatches:
         variance: Array,
         signals: Signals,
         ids: PatchIds,
-        measured: tuple[bool, bool],
+        measured: bool,
+        centred: bool,
     ) -> None:
         """List the patches of every row.
 
@@ -75,38 +80,48 @@ class ArrayPatches:
         known : dict of str to ndarray, shape (s, ...)
             Estimates; changed in place.
         load, variance : ndarray, shape (s, t)
-            Of each taxel: force (N), or output where no law is known; NaN: unknown.
+            Of each taxel: force (N), or output where no law is known; no NaN.
         signals : Signals
             Conditioned frames.
         ids : PatchIds
             Of the stream; moves on.
-        measured : tuple of bool
-            Loads are forces; the state's position is the centre of them.
+        measured : bool
+            Loads are forces.
+        centred : bool
+            The state's position is the centre of them.
         """
-        touched = (load > self.least) & (signals.good & (signals.in_contact != 0))[:, None]
+        touched = load > self.least
+        asked = signals.good & (signals.in_contact != 0)
+        touched &= asked[:, None]
         if 'label' in known and 'taxel_status' in known:
             bits = np.asarray(known['taxel_status'], np.uint8)
             touched &= (bits & np.uint8(TaxelStatus.STUCK)) == 0
-        found = self.finder.find(np.nan_to_num(load), variance, touched)
-        number = _numbered(found, signals, ids)
+        lone = asked & ~touched.any(axis=1) & (load.max(axis=1) > 0)
+        if np.count_nonzero(lone):  # something touches, and no taxel much: the most loaded one
+            touched[lone, load[lone].argmax(axis=1)] = True
+        found = self.finder.find(load, variance, touched)
+        if signals.stamp_ns is None:
+            number = self.ranks[found.count]
+        else:
+            number = ids.number(
+                found.label, found.count, found.position, signals.good, signals.restart,
+                signals.begins,
+            )  # fmt: skip
         known['contacts_id'] = number
-        normal = np.full((*found.load.shape, 3), np.nan)
-        normal[number >= 0] = 0.0, 0.0, 1.0
-        known['contacts_normal'] = normal
+        known['contacts_normal'] = self.normals[found.count]
         known['contacts_position'] = found.position
         known['contacts_position_cov'] = found.position_cov
-        _share_force(known, found, measured[0])
-        _agree(known, found, measured[1])
+        _share_force(known, found, measured)
+        _agree(known, found, centred)
 
 
-def _numbered(found: Patches, signals: Signals, ids: PatchIds) -> Integers:
-    """Ids (s, k); those of independent frames begin with 0 in each."""
-    if signals.stamp_ns is None:
-        rank = np.arange(found.load.shape[1])
-        return np.where(rank < found.count[:, None], rank, -1)
-    return ids.number(
-        found.label, found.count, found.position, signals.good, signals.restart, signals.begins
-    )
+def add_sum(known: Columns, load: Array, variance: Array) -> None:
+    """Total force with its covariance; `known` is changed."""
+    if 'force' not in known:
+        known['force'] = np.full((len(load), 3), np.nan)
+        known['force_cov'] = np.full((len(load), 3, 3), np.nan)
+    known['force'][:, 2] = load.sum(axis=1)
+    known['force_cov'][:, 2, 2] = variance.sum(axis=1)
 
 
 def _share_force(known: Columns, found: Patches, measured: bool) -> None:
@@ -130,18 +145,31 @@ def _share_force(known: Columns, found: Patches, measured: bool) -> None:
 def _agree(known: Columns, found: Patches, centred: bool) -> None:
     """Let the strongest patch and the state's position say the same where no object does."""
     if 'position' not in known:
+        if not centred:
+            return
+        known['position'], known['position_cov'] = (
+            found.position[:, 0].copy(), found.position_cov[:, 0].copy()
+        )  # fmt: skip
         return
-    place = np.asarray(known['position'])
-    label = np.asarray(known.get('label', np.full(len(place), -1)), np.int64)
-    lying = label >= 0
-    second = found.load[:, 1] if found.load.shape[1] > 1 else np.zeros(len(place))
-    several = (found.count > 1) & (np.nan_to_num(second) > SECOND * found.load[:, 0])
-    told = np.isfinite(place).any(axis=1)
-    ask = (found.count > 0) & ~lying & told & (centred | several)
-    unseen = np.where(np.isnan(place[ask]), np.nan, 0.0)
-    known['position'][ask] = found.position[ask, 0] + unseen
-    blind = unseen[:, :, None] + unseen[:, None]
-    known['position_cov'][ask] = found.position_cov[ask, 0] + blind
-    own = (found.count > 0) & ~lying & told & ~ask & (found.count == 1)
+    place, there = np.asarray(known['position']), found.count > 0
+    free = there
+    if 'label' in known:
+        free = there & (np.asarray(known['label'], np.int64) < 0)
+    if not np.count_nonzero(free):
+        return
+    if centred:
+        known['position'][free] = found.position[free, 0]
+        known['position_cov'][free] = found.position_cov[free, 0]
+        return
+    told = free & np.isfinite(place).any(axis=1)
+    own = told & (found.count == 1)
     known['contacts_position'][own, 0] = place[own]
     known['contacts_position_cov'][own, 0] = known['position_cov'][own]
+    second = found.load[:, 1] if found.load.shape[1] > 1 else np.zeros(len(place))
+    several = told & (found.count > 1) & (np.nan_to_num(second) > SECOND * found.load[:, 0])
+    # components that regressors never learned stay unknown
+    unseen = np.where(np.isnan(place[several]), np.nan, 0.0)
+    known['position'][several] = found.position[several, 0] + unseen
+    known['position_cov'][several] = (
+        found.position_cov[several, 0] + unseen[:, :, None] + unseen[:, None]
+    )
