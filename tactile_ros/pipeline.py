@@ -22,6 +22,7 @@ from tactile_ros.conditioning.baseline import (
 from tactile_ros.conditioning.faults import (
     dead_throughout,
     frame_readings,
+    judged_rows,
     set_aside,
     taxel_faults,
     usable_rows,
@@ -144,10 +145,9 @@ class Pipeline:
         if self._stream.is_over(frame.stamp_ns):
             self.reset()
         stamp_ns, restart = self._stream.admit(frame.stamp_ns)
-        base = self._stream.tracker(usable, stamp_ns)
+        base, stream = self._stream.tracker(usable, stamp_ns), self._stream
         signals = self._signals(usable, bits, base, chips, stamp_ns, restart)
-        known = self._estimate(signals, bits, base, self._stream)
-        return ContactState.assemble(bits.shape[1], known)
+        return ContactState.assemble(bits.shape[1], self._estimate(signals, bits, base, stream))
 
     def process_batch(self, recording: Recording) -> ContactStates:
         """Estimate from every frame of a recording, starting from `reset()`.
@@ -199,8 +199,8 @@ class Pipeline:
     ) -> Signals:
         """Frames less their baseline, with what they say about contact."""
         delta = usable - base if self.rest_.tared else usable
-        good = usable_rows(bits)
-        contact = self.rest_.contact(delta, good, tare)
+        good, told = judged_rows(self.estimation, bits, delta, base)
+        contact = self.rest_.contact(told, good, tare)
         return Signals(usable, delta, base, chips, stamp_ns, restart, contact, good)
 
     def _estimate(
