@@ -75,8 +75,8 @@ def place_objects(
             known['status'][i] = int(FrameStatus.ABSTAINED)
             continue
         _write(known, int(i), found)
-        if summed is not None and not (usable.all() and corrected is None):
-            hidden = max(float(found.pressure * found.cover[~usable].sum()), 0.0)
+        if summed is not None and not (able.all() and corrected is None):
+            hidden = max(float(found.pressure * found.cover[~able].sum()), 0.0)
             seen = row[np.isfinite(row)]
             known['force'][i, 2] = seen.sum() + hidden
             variance = float((summed[0] ** 2 + np.square(summed[1] * seen)).sum())
