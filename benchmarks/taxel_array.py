@@ -13,12 +13,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.estimators.coverage_model import TaxelPoints
+from tactile_ros.evaluation import array_figures
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.taxel_array.config import grid_positions
+from tactile_ros.simulation import grippers
+from tactile_ros.simulation.pick_and_place import Gripper, Picked, even_loads, turn_between
+from tactile_ros.simulation.taxel_scene import TaxelScene, TaxelSkin
 from tactile_ros.types import Frame, Outline, Recording
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Array, Integers
 
@@ -27,6 +34,8 @@ RADII = ((16e-3, 8e-3), (14e-3, 6.5e-3), (12e-3, 5e-3), (18e-3, 9e-3), (10e-3, 4
 BAD = (3, 17, 30, 44, 61)
 PITCH, TAXELS = 5e-3, 72
 SEED = 4
+WORLDS = 300  # seeds of pick and place, skins and picks
+PICKS = {'quick': (1, 12), 'normal': (3, 40), 'full': (8, 100)}  # worlds, picks of each
 SPEC = load_sensor('taxel_array')
 
 
@@ -57,9 +66,19 @@ def run(extent: str, command: str) -> BenchResult:
         Row('total force, mean error', '%', 100 * float(np.nanmean(total))),
         Row('one frame of 72 taxels', 'us', single, aim=300.0),
     ]  # fmt: skip
-    notes = ['paper: before equilibration (spread), its own parts (washers)',
+    notes = ['paper: before equilibration (spread), one branch of Voigt (hold), its own parts',
              'peer: polynomial with a free constant; threshold and circle fit']  # fmt: skip
-    return BenchResult('taxel_array', command, [SEED], rows, notes)
+    sorted_rows, drawings = _sorting(extent)
+    rows += sorted_rows
+    drawings['equilibration'] = _draw_spread(pipeline, config)
+    drawings['coverage'] = _draw_coverage(pipeline)
+    drawings['hold'], drift = _hold()
+    rows.append(
+        Row('hold of 120 s: drift after 1 s', '%', drift['with creep'], paper=6.6,
+            peer=drift['law alone'], aim=0.3)
+    )  # fmt: skip
+    seeds = [SEED, *(WORLDS + i for i in range(PICKS[extent][0]))]
+    return BenchResult('taxel_array', command, seeds, rows, notes, drawings)
 
 
 def _config() -> object:
@@ -156,3 +175,181 @@ def _single(pipeline: Pipeline, recording: Recording) -> float:
         pipeline.process(frame)
         spent.append(perf_counter() - began)
     return 1e6 * float(np.median(spent))
+
+
+def _sorting(extent: str) -> tuple[list[Row], dict[str, str]]:
+    """Pick and place with the paper's grippers, and drawings of what they felt."""
+    worlds, count = PICKS[extent]
+    kinds = {
+        'washer': (grippers.magnet_gripper(), 1.5, 3.0, (10.0, 30.0), 3e-3, 5),
+        'tube': (grippers.suction_cup(), 8.0, 20.0, (10.0, 40.0), 2e-3, 0),
+        'jaw': (grippers.jaw(), 0.05, 0.1, (4.0, 10.0), 4e-3, 20),
+    }
+    picks, drawings = {}, {}
+    for name, kind in kinds.items():
+        few = max(count // 4, 3) if name == 'jaw' else count
+        picks[name] = [p for i in range(worlds) for p in _world(kind, WORLDS + i, few)]
+        drawings[name] = _draw_pick(kind[0], picks[name][0])
+    turn = [
+        np.rad2deg(turn_between(float(p.state.yaw), float(p.pose[2]), 1)) for p in picks['tube']
+    ]
+    rows = [
+        _placed('pick and place: washers of 5 types, 5 bad taxels', picks['washer'], 95.0, 99.0),
+        _placed('pick and place: angle tubes of 2 bends, 16 taxels', picks['tube'], 100.0, 100.0),
+        Row('picked tubes: turn, median', 'deg', float(np.nanmedian(turn))),
+        _placed('pick and place: parts in a jaw of 2000, 20 bad taxels', picks['jaw'], None, 99.0),
+    ]
+    return rows, drawings
+
+
+def _world(kind: tuple, seed: int, count: int) -> list[Picked]:
+    """Parts picked by one gripper with a skin of its own."""
+    config, half_load, top, force, play, broken = kind
+    rng = np.random.default_rng(seed)
+    skin = TaxelSkin.drawn(len(config.positions), half_load, rng, broken)
+    taught = even_loads(SPEC.layout(config), config.areas, skin, rng, top)
+    pipeline = SPEC.pipeline(config).fit(taught)
+    gripper = Gripper(config, TaxelScene(config), skin, pipeline, force, play)
+    return [gripper.pick(rng) for _ in range(count)]
+
+
+def _placed(what: str, picks: list[Picked], paper: float | None, aim: float) -> Row:
+    """Per cent of parts that went where they belong."""
+    share = 100 * float(np.mean([pick.placed for pick in picks]))
+    return Row(f'{what} ({len(picks)} picks)', '%', share, 'high', paper=paper, aim=aim)
+
+
+def _draw_pick(config: object, pick: Picked) -> str:
+    """A part as it was felt, found, and as it lay."""
+    part = array_figures.edges_of(config.objects[pick.part])  # type: ignore[attr-defined]
+    corners = array_figures.taxel_corners(
+        config.positions, config.areas, config.taxel_outlines  # type: ignore[attr-defined]
+    )  # fmt: skip
+    found: list[Array] = []
+    if pick.state.label >= 0:
+        pose = pick.state.object_pose
+        turn = np.arctan2(pose[1, 0], pose[0, 0])
+        shown = array_figures.edges_of(config.objects[pick.state.label])  # type: ignore[attr-defined]
+        found = array_figures.placed(shown, np.array([*pose[:2, 3], turn]))
+    pressure = pick.state.taxel_force / config.areas  # type: ignore[attr-defined]
+    told = 'Pressure on the taxels, the object as it lies and as it was found'
+    return array_figures.object_map(
+        corners, pressure, found, array_figures.placed(part, pick.pose), told
+    )
+
+
+def _draw_spread(pipeline: Pipeline, config: object) -> str:
+    """Spread of healthy taxels over the load: raw outputs, the paper's polynomial, ours."""
+    load, healthy = np.linspace(0.1, 2.8, 28), np.setdiff1d(np.arange(TAXELS), BAD)
+    values = _read(np.repeat(load[:, None], TAXELS, axis=1), 3)
+    found = pipeline.process_batch(Recording.from_arrays(SPEC.layout(config), values))
+    taught, output = _taught()[15:], _read(_taught(), 2)[15:, :, 0]
+    paper = np.stack(
+        [np.polyval(np.polyfit(output[:, i], taught[:, i], 2), values[:, i, 0]) for i in healthy],
+        axis=1,
+    )
+    raw, ours = values[:, healthy, 0], found.taxel_force[:, healthy]
+    lines = {
+        name: (load, 100 * np.abs(of.std(axis=1) / of.mean(axis=1)))
+        for name, of in (('outputs', raw), ('polynomial, free constant', paper), ('ours', ours))
+    }
+    return array_figures.curves(
+        lines, ('load of every taxel (N)', 'spread (%)'),
+        'Spread of equally loaded taxels over the load', log_y=True,
+    )  # fmt: skip
+
+
+def _draw_coverage(pipeline: Pipeline) -> str:
+    """Time and error of the coverage of 72 taxels by points, soft points and a table."""
+    objects = pipeline.estimation.objects  # type: ignore[attr-defined]
+    variant, rng = objects.variants[0], np.random.default_rng(SEED)
+    places = rng.uniform(-3e-3, 3e-3, (60, 2))
+    exact = np.array([_counted(40, at) for at in places])
+    points = {
+        f'{n * n} points': _cost(lambda at, n=n: _counted(n, at), places, exact)
+        for n in (1, 3, 5, 7, 20)
+    }
+    settings = pipeline.config
+    for count in (4, 16):
+        soft = TaxelPoints(settings.positions, settings.areas, None, count)  # type: ignore[attr-defined]
+        points[f'{count} soft points'] = _cost(
+            lambda at, soft=soft: soft.cover(variant, at[None])[0] / PITCH**2, places, exact
+        )
+    points['table of places'] = _cost(
+        lambda at: variant.places.seen(*at)[-1] / PITCH**2, places, exact
+    )
+    return array_figures.costs(
+        points, ('time for 72 taxels (us)', 'error of the covered part'),
+        'Time and error of models of coverage',
+    )  # fmt: skip
+
+
+def _counted(side: int, at: Array) -> Array:
+    """Covered part of each taxel by the first washer, by points."""
+    line = PITCH * ((np.arange(side) + 0.5) / side - 0.5)
+    points = np.stack(np.meshgrid(line, line), -1).reshape(-1, 2)
+    away = grid_positions(8, 9, PITCH)[:, None, :2] + points - at
+    squared = away[..., 0] ** 2 + away[..., 1] ** 2
+    within = (squared < RADII[0][0] ** 2) & (squared > RADII[0][1] ** 2)
+    return np.asarray(within.mean(axis=1))
+
+
+def _cost(model: Callable[[Array], Array], places: Array, exact: Array) -> tuple[float, float]:
+    """Least time (us) and error (rms) of a model of coverage."""
+    spent, found = [], []
+    for at in places:
+        began = perf_counter()
+        cover = model(at)
+        spent.append(perf_counter() - began)
+        found.append(cover)
+    return 1e6 * min(spent), float(np.sqrt(np.mean(np.square(np.array(found) - exact))))
+
+
+def _hold() -> tuple[str, dict[str, float]]:
+    """Error of the force over a hold of 120 s in a skin that creeps, drawn, and its drift (%)."""
+    config = SPEC.config()
+    rng = np.random.default_rng(SEED)
+    taught = np.concatenate([np.zeros(20)] + [
+        np.full(int(n), load) for n, load in zip(
+            rng.integers(10, 120, 40), np.where(np.arange(40) % 2, rng.uniform(3, 30, 40), 0),
+            strict=True)
+    ])  # fmt: skip
+    held = np.concatenate([np.zeros(20), np.full(1200, 20.0), np.zeros(300)])
+    lines: dict[str, tuple[Array, Array]] = {}
+    drift = {}
+    for name, stamped in (('law alone', False), ('with creep', True)):
+        pipeline = SPEC.pipeline(config).fit(_crept(config, taught, 5, stamped))
+        states = pipeline.process_batch(_crept(config, held, 6, stamped))
+        miss = 100 * (np.nanmean(states.taxel_force, axis=1) / 20.0 - held / 20.0)
+        lines[name] = (0.1 * np.arange(len(held))[::10] - 2.0, miss[::10])
+        drift[name] = float(np.ptp(np.convolve(miss[30:1220], np.ones(20) / 20, 'valid')))
+    drawn = array_figures.curves(
+        lines, ('time since the load (s)', 'error (% of the load)'),
+        'Error of the force over a hold of 120 s and after it',
+    )  # fmt: skip
+    return drawn, drift
+
+
+def _crept(config: object, load: Array, seed: int, stamped: bool) -> Recording:
+    """Even loads (s,) at 10 Hz on 16 taxels whose skin creeps by three fading branches."""
+    felt = load.copy()
+    for share, tau in ((0.06, 0.7), (0.05, 6.0), (0.05, 45.0)):
+        fade, strain = float(np.exp(-0.1 / tau)), 0.0
+        for i in range(1, len(load)):
+            strain = fade * strain + (1 - fade) * load[i]
+            felt[i] += share * strain
+    rng = np.random.default_rng(9)
+    gain = 1 / (1 + 0.55 * rng.uniform(size=16))
+    size = (felt[:, None] / 20.0) ** 0.9
+    output = gain * size / (1 + size)
+    output = output + 3e-4 * np.random.default_rng(seed).normal(size=output.shape)
+    count = len(load)
+    return Recording.from_arrays(
+        SPEC.layout(config), np.round(np.clip(output, 0, 1) * 1023)[..., None] / 1023,
+        100_000_000 * np.arange(count) if stamped else None,
+        tare=np.arange(count) < 15,
+        truth={
+            'taxel_force': np.repeat(load[:, None], 16, axis=1),
+            'in_contact': (load > 0).astype(np.int8),
+        },
+    )  # fmt: skip

@@ -22,6 +22,7 @@ from tactile_ros.conditioning.baseline import (
 from tactile_ros.conditioning.faults import (
     dead_throughout,
     frame_readings,
+    judged_rows,
     set_aside,
     taxel_faults,
     usable_rows,
@@ -182,7 +183,8 @@ class Pipeline:
             recording, usable, rest.baseline, tracking, rest.dead
         )
         chips, stamp_ns = recording.temperature_c, recording.stamp_ns
-        return self._signals(usable, bits, base, chips, stamp_ns, restart, tare)
+        signals = self._signals(usable, bits, base, chips, stamp_ns, restart, tare)
+        return replace(signals, begins=recording.restarts)
 
     def _signals(
         self,
@@ -196,8 +198,8 @@ class Pipeline:
     ) -> Signals:
         """Frames less their baseline, with what they say about contact."""
         delta = usable - base if self.rest_.tared else usable
-        good = usable_rows(bits)
-        contact = self.rest_.contact(delta, good, tare)
+        good, told = judged_rows(self.estimation, bits, delta, base)
+        contact = self.rest_.contact(told, good, tare)
         return Signals(usable, delta, base, chips, stamp_ns, restart, contact, good)
 
     def _estimate(

@@ -34,6 +34,8 @@ class Signals:
         1, 0, -1 unknown.
     good : ndarray, shape (s,)
         Rows that may be estimated from.
+    begins : ndarray, shape (s,), or None
+        Rows of `restart` at which a stream begins, and the ids of its patches; None: none does.
     """
 
     values: Array
@@ -44,6 +46,7 @@ class Signals:
     restart: Bools
     in_contact: npt.NDArray[np.int8]
     good: Bools
+    begins: Bools | None = None
 
 
 class SensorConfig(Protocol):

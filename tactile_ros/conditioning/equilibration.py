@@ -2,23 +2,38 @@
 
 [4] fits a polynomial of second order to each taxel. With a free constant it reports 0.1..0.2 N at
 rest and may fall inside the converter's range; here the constant is 0. A rational law bends like
-a resistance in a divider, and a monotone curve through means of bins takes any other shape.
+a resistance in a divider, a power law like a skin whose resistance falls with a power of the load,
+and a monotone curve (PCHIP) multiplies the better of these by what it lacks.
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.types import Array, Bools, Integers
 
-LAWS = ('polynomial', 'rational', 'pchip')
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+LAWS = ('polynomial', 'rational', 'power', 'pchip')
 FEWEST_ROWS = 5
 PENALTY = 1e-9
 KNOTS = 12
-TABLE = 129  # entries of a monotone curve
+TABLE = 65  # entries of a curve
+LIGHT = 0.1  # of the largest force: lighter loads count by their error, heavier in parts
+BENDS = np.linspace(0.0, 0.98, 15)  # of a power law, in parts of 1 over the largest output
+FULL = 0.98  # of the way to an infinite force: beyond, a law goes on in a straight line
 FOLDS = 4
 RELATIVE = 0.3  # of the largest force: below it errors count as they are, above it in parts
-MARGINS = {'polynomial': 1.0, 'rational': 0.98, 'pchip': 0.85}  # what freedom must be worth
+MARGINS = {
+    'polynomial': 1.0,
+    'rational': 0.98,
+    'power': 0.96,
+    'pchip': 0.85,
+}  # what freedom must be worth
 
 
 class Equilibration:
@@ -34,9 +49,12 @@ class Equilibration:
     name : str
         Of the law in use.
     weights_ : ndarray, shape (t, 3)
-        a, b (N) and c of F = (a u + b u^2) / (1 - c u); NaN: too few rows.
+        a, b (N) and c of F = (a u + b u^2) / (1 - c u), or a (N), p and c of the power law
+        F = a (u / (1 - c u))^p; NaN: too few rows.
     curves_ : ndarray, shape (t, TABLE), or None
-        Forces (N) at outputs from 0 to `top_` of a monotone curve.
+        Factors of the law at outputs from 0 to `top_`, of a monotone curve.
+    kind : str
+        Of `weights_`: 'power', or a polynomial or rational law.
     top_ : ndarray, shape (t,)
         Largest output that was learned from (unit of output).
     errors_ : dict of str to float
@@ -52,7 +70,7 @@ class Equilibration:
 
     def __init__(self, law: str | None = None) -> None:
         self.law = law
-        self.name = law or LAWS[0]
+        self.name = self.kind = law or LAWS[0]
         self.weights_: Array = np.zeros((0, 3))
         self.curves_: Array | None = None
         self.top_: Array = np.zeros(0)
@@ -99,15 +117,30 @@ class Equilibration:
 
     def learn(self, name: str, u: Array, load: Array, known: Bools) -> None:
         """Set the law of every taxel (t,) from known rows (s, t), by one kind of law."""
-        self.name, self.curves_ = name, None
+        self.name, self.curves_, self.kind = name, None, name
         seen = (known.sum(axis=0) >= FEWEST_ROWS) & (np.square(u).sum(axis=0) > 0)
         self.top_ = np.where(seen, u.max(axis=0, initial=0.0), 1.0)
         self.top_ = np.where(self.top_ > 0, self.top_, 1.0)
         self.weights_ = _polynomials(u, load, known, seen)
-        if name == 'rational':
+        if name in ('rational', 'pchip'):
             self.weights_ = _rationals(u, load, known, seen, self.weights_, self.top_)
-        elif name == 'pchip':
-            self.curves_ = _curves(u, load, known, seen, self.top_)
+        if name == 'power':
+            self.weights_ = _powers(u, load, known, seen, self.top_)
+        if name == 'pchip':
+            self._bend(u, load, known, seen)
+
+    def _bend(self, u: Array, load: Array, known: Bools, seen: Bools) -> None:
+        """Factors by which the better law is multiplied."""
+        share = known / np.square(load + LIGHT * load.max(axis=0, initial=0.0) + 1e-12)
+        rational, kept = self.forces(u), self.weights_
+        self.weights_, self.kind = _powers(u, load, known, seen, self.top_), 'power'
+        power = self.forces(u)
+        worse = [np.nansum(share * np.square(one - load)) for one in (rational, power)]
+        found = power
+        if worse[0] <= worse[1]:
+            self.weights_, self.kind, found = kept, 'rational', rational
+        self.curves_ = _factors(u / self.top_, load, found, known)
+        self.curves_ = _rising(self.forces, self.curves_, self.top_)
 
     @property
     def known(self) -> Bools:
@@ -116,21 +149,37 @@ class Equilibration:
 
     def forces(self, output: Array) -> Array:
         """Forces (s, t) (N) of outputs (s, t) above the baseline; NaN without a law."""
-        if self.curves_ is not None:
-            return self._looked_up(output)
         a, b, c = self.weights_.T
-        rise = (a + b * output) * output
-        return rise if self.name == LAWS[0] else np.asarray(rise / (1.0 - c * output))
+        if self.kind == 'power':
+            size = np.abs(output)
+            inner = np.minimum(size, self._full(c))
+            base = inner / (1.0 - c * inner)
+            rise = a * base**b
+            if np.count_nonzero(size > inner):
+                steep = b * rise / np.maximum(inner * (1.0 - c * inner), 1e-12)
+                rise = rise + steep * (size - inner)
+            rise = np.copysign(rise, output)
+        else:
+            rise = (a + b * output) * output
+            if self.kind != LAWS[0]:
+                rise /= 1.0 - c * output
+        return rise if self.curves_ is None else np.asarray(rise * self._factor(output))
 
-    def _looked_up(self, output: Array) -> Array:
-        """Forces on the curves, straight on beyond their ends."""
+    @staticmethod
+    def _full(c: Array) -> Array:
+        """Outputs (t,) up to which a power law holds."""
+        return np.asarray(FULL / np.maximum(c, 1e-9))
+
+    def _factor(self, output: Array) -> Array:
+        """What a curve multiplies the law by; beyond its ends as at them."""
         assert self.curves_ is not None
         at = np.nan_to_num(output * ((TABLE - 1) / self.top_))
-        cell = np.clip(at.astype(np.int64), 0, TABLE - 2)
+        at = np.minimum(np.maximum(at, 0.0), TABLE - 1.0)
+        cell = np.minimum(at.astype(np.int64), TABLE - 2)
         flat = cell + TABLE * np.arange(len(self.top_))
         low = self.curves_.reshape(-1)[flat]
         high = self.curves_.reshape(-1)[flat + 1]
-        return np.asarray(np.where(np.isnan(output), np.nan, low + (at - cell) * (high - low)))
+        return np.asarray(low + (at - cell) * (high - low))
 
 
 def _normal(terms: Array, load: Array, weight: Array, seen: Bools) -> Array:
@@ -154,12 +203,13 @@ def _rationals(
     u: Array, load: Array, known: Bools, seen: Bools, spare: Array, top: Array
 ) -> Array:
     """Weights (t, 3) of a rational law; those of the polynomial where it would not rise."""
-    weights, share = spare, known.astype(np.float64)
+    part = known / np.square(load + LIGHT * load.max(axis=0, initial=0.0) + 1e-12)
+    weights, share = spare, part
     for _ in range(3):  # F (1 - c u) is linear in a, b, c; its error is divided by 1 - c u
         terms = np.stack([u, u**2, u * load], axis=-1)
         weights = _normal(terms, load, share, seen)
         room = 1.0 - weights[:, 2] * u
-        share = np.asarray(known / np.square(np.where(np.abs(room) > 0.05, room, 0.05)))
+        share = np.asarray(part / np.square(np.where(np.abs(room) > 0.05, room, 0.05)))
     a, b, c = np.nan_to_num(weights).T[:, :, None]
     grid = top[:, None] * np.linspace(0, 1.1, 23)
     room = 1.0 - c * grid
@@ -168,31 +218,74 @@ def _rationals(
     return np.asarray(np.where(rises[:, None], weights, spare))
 
 
-def _curves(u: Array, load: Array, known: Bools, seen: Bools, top: Array) -> Array:
-    """Monotone curves (t, TABLE) through zero and means of bins."""
+def _powers(u: Array, load: Array, known: Bools, seen: Bools, top: Array) -> Array:
+    """Weights (t, 3) of a power law: for each bend a straight line through logarithms."""
+    told = known & (load > 0) & (u > 2e-3 * top)
+    most = load.max(axis=0, initial=0.0) + 1e-12
+    log_load = np.log(np.where(told, load, 1.0))
+    share = told * np.square(load / (load + LIGHT * most))
+    best = np.full(u.shape[1], np.inf)
+    found = np.full((u.shape[1], 3), np.nan)
+    bends, step = np.zeros(u.shape[1]) + BENDS[:, None], BENDS[1]
+    for finer in (False, True):
+        if finer:
+            around = np.nan_to_num(found[:, 2] * top)
+            bends = np.clip(around + step * np.linspace(-0.9, 0.9, 13)[:, None], 0.0, BENDS[-1])
+        for bend in bends:
+            c = bend / top
+            x = np.where(told, np.log(np.where(told, u, 1.0)) - np.log1p(-c * u), 0.0)
+            weight, wrong = _line(x, log_load, share)
+            better = seen & (wrong < best) & (weight[:, 1] > 0.1)
+            best = np.where(better, wrong, best)
+            found[better] = np.column_stack([weight, c])[better]
+    return found
+
+
+def _line(x: Array, y: Array, share: Array) -> tuple[Array, Array]:
+    """Exponential of the constant and slope (t, 2), and squared misfit (t,) of straight lines."""
+    total = share.sum(axis=0) + 1e-30
+    mean_x, mean_y = (share * x).sum(axis=0) / total, (share * y).sum(axis=0) / total
+    away = share * (x - mean_x)
+    slope = (away * y).sum(axis=0) / ((away * x).sum(axis=0) + 1e-30)
+    constant = np.clip(mean_y - slope * mean_x, -50.0, 50.0)
+    wrong = (share * np.square(y - constant - slope * x)).sum(axis=0)
+    return np.column_stack([np.exp(constant), slope]), wrong
+
+
+def _factors(part: Array, load: Array, found: Array, known: Bools) -> Array:
+    """Factors (t, TABLE) between loads and what a law found, at bins of parts of the range."""
     from scipy.interpolate import PchipInterpolator
 
-    curves = np.full((u.shape[1], TABLE), np.nan)
-    for i in np.flatnonzero(seen):
-        x, y = _knots(u[known[:, i], i], load[known[:, i], i], float(top[i]))
-        curves[i] = PchipInterpolator(x, y)(np.linspace(0, top[i], TABLE))
+    inside = known & (part > 1e-3) & np.isfinite(found)
+    edges = np.quantile(part[inside], np.linspace(0, 1, KNOTS + 1)) if inside.any() else [0.0, 1]
+    x, y = [0.0], []
+    for low, high in pairwise(edges):
+        rows = inside & (part >= low) & (part <= high)
+        if not rows.any() or high - x[-1] < 1e-3:
+            continue
+        enough = rows.sum(axis=0) >= 3
+        scale = np.square(np.where(rows, found, 0.0)).sum(axis=0)
+        ratio = (np.where(rows, load * found, 0.0)).sum(axis=0) / np.where(scale > 0, scale, 1.0)
+        x.append(float(part[rows].mean()))
+        y.append(np.where(enough & (scale > 0), np.clip(ratio, 0.3, 3.0), 1.0))
+    if not y:
+        return np.ones((load.shape[1], TABLE))
+    if x[-1] < 1.0:
+        x, y = [*x, 1.0 + 1e-9], [*y, y[-1]]
+    curve = PchipInterpolator(np.array(x), np.array([y[0], *y]))
+    return np.asarray(curve(np.linspace(0, 1, TABLE)).T)
+
+
+def _rising(forces: Callable[[Array], Array], curves: Array, top: Array) -> Array:
+    """The same factors, drawn to 1 until no force falls; `curves` is changed."""
+    grid = np.linspace(0, 1, 4 * TABLE)[:, None] * top
+    for _ in range(5):
+        falls = (np.diff(np.nan_to_num(forces(grid)), axis=0) < 0).any(axis=0)
+        if not falls.any():
+            return curves
+        curves[falls] = 1.0 + 0.5 * (curves[falls] - 1.0)
+    curves[falls] = 1.0
     return curves
-
-
-def _knots(u: Array, load: Array, top: float) -> tuple[Array, Array]:
-    """Means of bins of about as many rows each, rising, from zero to the largest output."""
-    above = u > 1e-3 * top
-    u, load = u[above], load[above]
-    order = np.argsort(u, kind='stable')
-    bins = [b for b in np.array_split(order, min(KNOTS, max(len(order) // 3, 1))) if len(b)]
-    x = np.array([0.0] + [u[b].mean() for b in bins])
-    y = np.array([0.0] + [load[b].mean() for b in bins])
-    keep = np.concatenate([[True], np.diff(x) > 1e-6 * top])
-    x, y = x[keep], np.maximum.accumulate(np.maximum(y[keep], 0.0))
-    if x[-1] < top:  # straight on to the largest output
-        slope = (y[-1] - y[-2]) / (x[-1] - x[-2]) if len(x) > 1 else 0.0
-        x, y = np.append(x, top), np.append(y, y[-1] + slope * (top - x[-1]))
-    return x, y
 
 
 def silent_taxels(output: Array, force: Array | None, noise: Array) -> Bools:

@@ -84,6 +84,32 @@ def usable_rows(bits: Bytes) -> Bools:
     return np.asarray(~(bits & UNUSABLE).any(axis=1))
 
 
+def judged_rows(estimation: object, bits: Bytes, delta: Array, base: Array) -> tuple[Bools, Array]:
+    """Frames that may be estimated from, and the deviations that tell contact.
+
+    Parameters
+    ----------
+    estimation : object
+        Its `sees_enough(bits)`, where it has one, says which frames (s,) tell enough without
+        their faulty taxels; else every taxel is needed.
+    bits : ndarray, shape (s, t)
+        Of `TaxelStatus`.
+    delta, base : ndarray, shape (s, t, c)
+        Deviations from the baseline, and the baseline (unit of values); NaN: unknown.
+
+    Returns
+    -------
+    good : ndarray, shape (s,)
+        Whether to estimate.
+    told : ndarray, shape (s, t, c)
+        Deviations; 0 of a taxel that was not read and need not be.
+    """
+    enough = getattr(estimation, 'sees_enough', None)
+    if enough is None or not np.count_nonzero(bits):
+        return usable_rows(bits), delta
+    return enough(bits), np.where(np.isnan(delta) & np.isfinite(base), 0.0, delta)
+
+
 def frame_readings(frame: Frame, limit: Array) -> tuple[Array, Bytes, Array | None]:
     """What a frame says, as a batch of one.
 

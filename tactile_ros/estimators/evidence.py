@@ -51,6 +51,18 @@ class Moments:
         volume = 2 * outputs * np.log(np.diagonal(factor)).sum()
         return float(-0.5 * (self.rows * np.log(misfit / self.rows) + volume))
 
+    def slope(self, spread: Array) -> tuple[float, Array]:
+        """Evidence, and its slope (p,) along the logarithms of the prior spreads."""
+        factor, misfit = self._factor(spread)
+        outputs = self.cross.shape[1]
+        volume = 2 * outputs * np.log(np.diagonal(factor)).sum()
+        level = float(-0.5 * (self.rows * np.log(misfit / self.rows) + volume))
+        weights = cho_solve((factor, True), self.cross * spread[:, None])
+        root = solve_triangular(factor, np.eye(len(factor)), lower=True)
+        doubt = outputs * (1.0 - np.einsum('ij,ij->j', root, root))
+        gain = self.rows / misfit * (weights * weights).sum(axis=1)
+        return level, np.asarray(gain - doubt)
+
     def solve(self, spread: Array) -> tuple[Array, Array, float]:
         """Weights (p, k), square root (p, p) of their covariance over the noise's, and noise."""
         factor, misfit = self._factor(spread)

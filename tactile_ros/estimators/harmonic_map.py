@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from tactile_ros.estimators.evidence import Moments
 from tactile_ros.estimators.training import fitted, predict_rows, training_rows
+from tactile_ros.estimators.trials import at_corners, caution
 from tactile_ros.types import Array, Integers
 
 ORDER = 9
@@ -56,6 +57,8 @@ class HarmonicMap:
         Middle and half width of the potentials on the sheet.
     noise_ : float
         Of a potential within a place.
+    caution_ : float
+        Factor on the spread by calibration, from places that were left out.
     """
 
     weights_: Array
@@ -63,6 +66,7 @@ class HarmonicMap:
     inverse_: Array
     range_: Array
     noise_: float
+    caution_: float
 
     def __init__(self, size: Array) -> None:
         self.size = np.asarray(size, np.float64)
@@ -89,6 +93,7 @@ class HarmonicMap:
         noise = max(noise, float(np.sqrt(left / max(potentials.size - used, 1.0))), LEAST_NOISE)
         self.root_ = root * noise
         self.noise_ = max(within, LEAST_NOISE) if repeats else noise
+        self.caution_ = _careful(places, potentials - terms @ self.weights_, terms @ root.T, noise)
         self._turn_round(places)
         return self
 
@@ -103,11 +108,12 @@ class HarmonicMap:
         The covariance is of noise and calibration together.
         """
         u = (x[:, :2] - self.range_[0]) / self.range_[1]
-        known = _powers(np.minimum(np.maximum(u, -OUTSIDE), OUTSIDE)) @ self.inverse_
-        place = self.size / 2 + self._radius * known[:, :2]
-        place = np.minimum(np.maximum(place, 0.0), self.size)
-        root = self._radius * known[:, 2:].reshape(-1, 2, 2)
-        return place, root @ root.transpose(0, 2, 1)
+        powers = np.minimum(np.maximum(u, -OUTSIDE), OUTSIDE)[:, :, None] ** _RISING
+        # no product of matrices: its sums run otherwise for one frame than for many
+        known = np.einsum('si,sj,ijk->sk', powers[:, 0], powers[:, 1], self._table)
+        place = np.minimum(np.maximum(known[:, :2], 0.0), self.size)
+        root = known[:, 2:].reshape(-1, 2, 2)
+        return place, np.einsum('sij,skj->sik', root, root)
 
     def stated(self, x: Array) -> tuple[Array, Array]:
         """Places (s, 2) and spreads of their errors (s, 2) (m)."""
@@ -129,6 +135,14 @@ class HarmonicMap:
             slope.real + z[:, :1] * bent,
             z[:, 1:] * bent - slope.imag,
         )
+
+    @cached_property
+    def _table(self) -> Array:
+        """Factors (n, n, 6) of products of powers: of the place and the root of its covariance."""
+        table = np.zeros((len(_RISING) ** 2, 6))
+        table[_BELOW] = self._radius * self.inverse_
+        table[0, :2] += self.size / 2
+        return table.reshape(len(_RISING), len(_RISING), 6)
 
     @cached_property
     def _series(self) -> Complexes:
@@ -164,7 +178,7 @@ class HarmonicMap:
         least, most = u.min(axis=0), u.max(axis=0)
         half = np.maximum((most - least) / 2, 1e-9)
         self.range_ = np.stack([(least + most) / 2, half])
-        calibration = ((_terms(grid) @ self.root_.T) ** 2).sum(axis=1)
+        calibration = self.caution_**2 * ((_terms(grid) @ self.root_.T) ** 2).sum(axis=1)
         sigma = np.sqrt(self.noise_**2 + calibration)
         det = across[:, 0] * along[:, 1] - along[:, 0] * across[:, 1]
         det = np.where(np.abs(det) > LEAST_SLOPE, det, LEAST_SLOPE)
@@ -174,6 +188,7 @@ class HarmonicMap:
         penalty = PENALTY * np.eye(terms.shape[1])
         stacked = np.concatenate([terms, penalty])
         wanted = np.concatenate([wanted, np.zeros((len(penalty), 6))])
+        vars(self).pop('_table', None)
         self.inverse_ = np.linalg.lstsq(stacked, wanted, rcond=None)[0]
 
 
@@ -211,6 +226,19 @@ def at_places(places: Array, told: Array) -> tuple[Array, Array, float, bool]:
     free = (len(told) - len(count)) * told.shape[1]
     within = float(np.sqrt(((told - means[index]) ** 2).sum() / free))
     return mean(places), means, within, True
+
+
+def _careful(places: Array, left: Array, half: Array, noise: float) -> float:
+    """Factor on the doubt of calibration with which held-out places lie inside as they should.
+
+    Residuals (n, k) of places (n, 2) and the root of their hat matrix give what a fit without
+    each place would miss it by; corners do not count.
+    """
+    hat = np.minimum((half * half).sum(axis=1), 0.999)[:, None]
+    judged = ~at_corners(places, np.arange(len(places)))
+    error, doubt = left / (1 - hat), noise**2 * hat / (1 - hat)
+    asked = np.sqrt(np.maximum(error**2 - noise**2, 0.0) / (doubt + 1e-300))[judged]
+    return caution(asked.ravel(), np.ones(asked.size), int(judged.sum()))
 
 
 def _terms(z: Array) -> Array:

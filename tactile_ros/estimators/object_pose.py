@@ -8,33 +8,34 @@ ones that nobody marked) lose their weight. Nothing is learned: outlines and lay
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.coverage_templates import CoverageTemplates
+from tactile_ros.estimators.coverage_descent import Descent
+from tactile_ros.estimators.coverage_model import TaxelPoints, Variant
+from tactile_ros.estimators.coverage_templates import FEW_TAXELS, CoverageTemplates
+from tactile_ros.estimators.readings import CUT, Fits, Readings
+from tactile_ros.physics.tubes import SPRINGS
 from tactile_ros.types import Array, Bools, Integers
 
-ROUNDS = 6
-CUT = 3.0  # sigma at which a taxel's misfit stops to count
-LOOSE = 3.0  # times wider at first
-ROUGH = 0.008  # error of edges, which all have in common, in radii of a point's part
-CENTRED = 0.4  # of the reach: how far from the middle the origin of a gripped tube lies
-CLOSE = 0.01  # of a step's limit: what is left to go needs no other round
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tactile_ros.types import Outline
+
+EARLY = {True: (6, (0.3, 0.2, 0.1, 0.06, 0.04, 0.03)), False: (2, (0.15, 0.04))}
+LATE = {True: (14, ()), False: (8, (0.1,))}
+FINALISTS = 3
+PROFILES = (1, SPRINGS, 0)
+APART = 0.05  # turns (rad) and places (steps) at which two descents have not met
+EDGE = 0.001  # error of the model everywhere, in parts of the largest force
+ROUGH = np.array([0.02, 0.02, 0.005])  # error that straight edges share, in radii of a point
+ALIKE = 0.03  # least error of a force under an object that may be none of these
 ODD = 0.25  # of the taxels that may fit to no known object
 SEEN = 10.0  # of the noise: weaker patterns are noise
 PRESENT = 0.06  # of the largest force: less is no contact
-
-
-@dataclass
-class Fit:
-    """Pose (x, y, yaw), pressure, covariance and cost of one variant."""
-
-    variant: int
-    pose: Array
-    pressure: float
-    cov: Array
-    cost: float
-    cover: Array
+PRIOR = 2.0  # taxels' worth of trust in the stated errors
 
 
 @dataclass(frozen=True)
@@ -50,8 +51,30 @@ class Found:
     pressure: float
 
 
+@dataclass
+class Fit:
+    """One end of a descent: parameters, covariance (m, m), cost."""
+
+    variant: Variant
+    params: Array
+    pressure: float
+    cov: Array
+    cost: float
+    cover: Array
+
+
 class ObjectPose(CoverageTemplates):
     """Objects on one array; parameters as of `CoverageTemplates`."""
+
+    def __init__(
+        self,
+        positions: Array,
+        areas: Array,
+        taxel_outlines: Sequence[Outline] | None,
+        objects: Sequence[Outline],
+    ) -> None:
+        super().__init__(positions, areas, taxel_outlines, objects)
+        self.descent = Descent(self.middle, self.reach)
 
     def locate(self, force: Array, noise: Array, usable: Bools, spread: float) -> Found:
         """Recognise and place the object under one frame.
@@ -65,121 +88,160 @@ class ObjectPose(CoverageTemplates):
         usable : ndarray, shape (t,)
             False: dead or unknown.
         spread : float
-            Error of laws and model, in parts of the force of a taxel that is covered.
+            Error of laws, in parts of the force of a taxel.
 
         Returns
         -------
         Found
             Label -1 if there is none, or none of these.
         """
-        y = np.where(usable & (force > 0), force, 0.0)
-        top = float(np.sort(y)[-3:].mean()) if len(y) > 2 else float(y.max(initial=0.0))
-        nothing = Found(-1, np.nan, np.full(3, np.nan), np.full((3, 3), np.nan), -1, y, 0.0)
-        if top <= SEEN * float(np.median(noise)) or not self.variants:
-            return nothing
+        y = np.maximum(force, 0.0) * usable
+        first = np.sort(y)[-3:].tolist()
+        top = sum(first) / len(first)
+        loud = np.count_nonzero(noise * SEEN < top)  # as if by the median, but quicker
+        if 2 * loud <= len(noise) or not self.variants:
+            return _nothing(y)
         starts = self.starts(y)
         if not len(starts):
-            return nothing
-        sigma = np.sqrt(noise**2 + (spread * np.quantile(y[y > PRESENT * top], 0.7)) ** 2)
-        weight = np.where(usable, 1.0 / sigma, 0.0)
-        early = 5 if self.tubes else 2
-        fits = [self._polish(y, weight, start, early, LOOSE) for start in starts]
-        fits.sort(key=_cost)
-        finalists = [fit for fit in fits[:3] if fit.cost < 3 * fits[0].cost + 60]
-        fits = [
-            self._polish(y, weight, np.append(fit.variant, fit.pose), ROUNDS, 1.0)
-            for fit in finalists
-        ]
-        return self._verdict(fits, y, weight, PRESENT * top, nothing)
+            return _nothing(y)
+        firm = np.sort(y[y > PRESENT * top])
+        variance = noise * noise
+        stated = variance + ((spread * y) ** 2 + (EDGE * top) ** 2)
+        readings = Readings(y, stated, usable, top, len(firm))
+        points, coarse, chosen = self.points, self.coarse, None
+        if len(y) > FEW_TAXELS and points.size:
+            chosen = self._around(starts)
+            points = coarse = points.among(chosen)
+            readings = Readings(y[chosen], stated[chosen], usable[chosen], top, len(firm))
+        fits = self._finals(points, self._chosen_starts(coarse, starts, readings), readings)
+        if chosen is not None:
+            for fit in fits:
+                cover = np.zeros(len(y))
+                cover[chosen] = fit.cover
+                fit.cover = cover
+        alike = max(spread, ALIKE) * float(firm[int(0.7 * (len(firm) - 1))])
+        rough = usable / (variance + alike**2)
+        return self._verdict(fits, y, rough, PRESENT * top)
 
-    def _polish(self, y: Array, weight: Array, start: Array, rounds: int, loose: float) -> Fit:
-        """Robust least squares from a start, in steps of a taxel, a radian, and parts of 1."""
-        index, pose, width = int(start[0]), start[1:4].copy(), float(start[4])
-        variant = self.variants[index]
-        free = 2 if variant.order == 0 else 3
-        unit = np.array([self.step, self.step, self.step / variant.table.gyration])[:free]
-        count = free + 1 + (len(variant.tables) > 1)
-        centred, hold = np.zeros(count), np.full(count, 1e-4)
-        if self.tubes:
-            hold[:2] = (self.step / (CENTRED * self.reach)) ** 2
-        pressure = 0.0
-        for i in range(rounds):
-            cover, slopes, wider = self.seen(variant, pose, width)
-            c = cover * self.areas
-            if i == 0:
-                pressure = self._first_pressure(y, c, weight)
-            miss = y - pressure * c
-            w = _tukey(miss * weight, CUT * loose * (2.0 if i == 0 else 1.0)) * weight**2
-            j = np.empty((len(c), count))
-            j[:, :free] = (pressure * self.areas)[:, None] * slopes[:, :free] * unit
-            j[:, free] = pressure * c
-            if len(wider):
-                j[:, -1] = pressure * self.areas * wider
-            centred[:2] = (self.middle - pose[:2]) / self.step if self.tubes else 0.0
-            gram = (j * w[:, None]).T @ j + np.diag(hold)
-            step = np.linalg.solve(gram, j.T @ (w * miss) + hold * centred)
-            move = np.clip(step[:free], -1.0, 1.0)
-            pose[:free] += move * unit
-            pressure *= float(np.clip(1 + step[free], 0.3, 3.0))
-            if len(wider):
-                change = float(np.clip(step[-1], -1.0, 1.0))
-                width = float(np.clip(width + change, 0.0, len(variant.tables) - 1.0))
-            if np.all(np.abs(move) < CLOSE):
+    def _around(self, starts: Array) -> Integers:
+        """Taxels that any of the starts may touch."""
+        near = np.zeros(len(self.areas), bool)
+        for index, x, y in starts[:, :3]:
+            span = self.variants[int(index)].span + 4 * self.step
+            near |= np.square(self.centres[:, 0] - x) + np.square(self.centres[:, 1] - y) < span**2
+        return np.flatnonzero(near)
+
+    def _chosen_starts(
+        self, points: TaxelPoints, starts: Array, readings: Readings
+    ) -> list[tuple[Variant, Array]]:
+        """The likeliest few after a short descent, each (variant, params)."""
+        if len(starts) == 1:
+            return [(self.variants[int(starts[0, 0])], starts[0, 1:])]
+        rounds, loose = EARLY[self.tubes]
+        ends = []
+        for index in np.unique(starts[:, 0]):
+            variant = self.variants[int(index)]
+            some = starts[starts[:, 0] == index, 1:]
+            fits = self.descent.run(points, variant, some, readings, rounds, loose, final=False)
+            ends += [
+                (float(cost), variant, params)
+                for cost, params in zip(fits.cost, fits.params, strict=True)
+            ]
+        ends.sort(key=lambda end: end[0])
+        taken: list[tuple[Variant, Array]] = []
+        for cost, variant, params in ends:
+            if cost > 3 * ends[0][0] + 60 or len(taken) == FINALISTS:
                 break
-        cov = _covariance(gram, j, w, miss, weight)[:free, :free] * np.outer(unit, unit)
-        cov[np.diag_indices(free)] += np.square(ROUGH * self.blur / self.step * unit)
-        c = c + self.areas * (slopes[:, :free] @ (move * unit))
-        if len(wider):
-            c = c + self.areas * wider * change
-        excess = (y - pressure * c) * weight
-        cost = float(np.minimum(excess**2, CUT**2 * loose**2).sum())
-        if self.tubes:
-            cost += float(np.square(pose[:2] - self.middle).sum() / (CENTRED * self.reach) ** 2)
-        return Fit(index, np.append(pose, width), pressure, cov, cost, c)
+            if all(variant is not other or self._differ(params, seen) for other, seen in taken):
+                taken.append((variant, params))
+        return taken
 
-    @staticmethod
-    def _first_pressure(y: Array, c: Array, weight: Array) -> float:
-        """Median pressure of taxels that are well covered; of few, by least squares."""
-        well = (weight > 0) & (c > 0.5 * c.max(initial=0.0))
-        if np.count_nonzero(well) > 4:
-            pressure = float(np.median(y[well] / c[well]))
-            if pressure > 0:
-                return pressure
-        w = weight**2
-        return max(float((w * c) @ y), 1e-12) / max(float((w * c) @ c), 1e-300)
+    def _differ(self, params: Array, other: Array) -> bool:
+        """Whether two descents have not met."""
+        away = np.abs(params[:2] - other[:2]).max() / self.step
+        turn = abs(np.sin((params[2] - other[2]) / 2)) if len(params) > 2 else 0.0
+        return bool(away > APART or turn > APART / 2)
 
-    def _verdict(
-        self, fits: list[Fit], y: Array, weight: Array, present: float, nothing: Found
-    ) -> Found:
+    def _finals(
+        self, points: TaxelPoints, starts: list[tuple[Variant, Array]], readings: Readings
+    ) -> list[Fit]:
+        """Descents to the end, for tubes with every profile of contact."""
+        found = []
+        for variant in {id(variant): variant for variant, _ in starts}.values():
+            params = np.array([params for other, params in starts if other is variant])
+            rounds, loose = LATE[variant.tube]
+            for profile in PROFILES if variant.tube else PROFILES[:1]:
+                fits = self.descent.run(points, variant, params, readings, rounds, loose, profile)
+                found += [self._fit(fits, i, readings) for i in range(len(params))]
+        return found
+
+    def _fit(self, fits: Fits, i: int, readings: Readings) -> Fit:
+        """One of the descents, with the covariance of its parameters."""
+        free = fits.params.shape[1]
+        unit = fits.variant.unit[:free]
+        cov = _covariance(fits, i, readings)[:free, :free] * (unit[:, None] * unit)
+        if fits.variant.order:
+            most = min(free, 3)
+            rough = ROUGH[:most] * self.points.radius / self.step * unit[:most]
+            cov[np.arange(most), np.arange(most)] += np.square(rough)
+        return Fit(
+            fits.variant,
+            fits.params[i],
+            float(fits.pressure[i]),
+            cov,
+            float(fits.cost[i]),
+            fits.cover[i],
+        )
+
+    def _verdict(self, fits: list[Fit], y: Array, weight: Array, present: float) -> Found:
         """The best of the fits, if it is better than none of these."""
         fits.sort(key=_cost)
         best = fits[0]
-        told = (weight > 0) & ((y > present) | (best.pressure * best.cover > present))
-        count = int(np.sum(told))
-        wrong = np.abs(y - best.pressure * best.cover)[told] * weight[told]
-        scale = float(np.clip(1.4826 * np.median(wrong), 1.0, 3.0)) ** 2 if count else 1.0
-        if count > 6 and scale > 1:
-            excess = np.square(wrong)[wrong < CUT * float(np.sqrt(scale))]
-            scale = max(scale, float(excess.mean()) if len(excess) else 1.0)
-        labels = np.array([self.variants[fit.variant].label for fit in fits])
-        costs = np.array([fit.cost / scale for fit in fits])
-        none = (CUT**2 * ODD + 1.0) * count + 2 * CUT**2
-        worst = np.count_nonzero(wrong > 2 * CUT) > max(3, ODD * count)
-        likely = np.exp(-0.5 * np.append(costs - costs[0], max(none - costs[0], -60.0)))
-        chance = float(likely[:-1][labels == labels[0]].max() / _classes(labels, likely))
-        if worst or chance < 0.5 or likely[-1] > 1:
-            return nothing
-        variant = self.variants[best.variant]
-        cov = np.zeros((3, 3))
-        free = len(best.cov)
-        cov[:free, :free] = best.cov
-        pose = best.pose[:3].copy()
+        expected = best.pressure * best.cover
+        told = np.flatnonzero((weight > 0) & (np.maximum(y, expected) > present))
+        count = len(told)
+        wrong = (np.square(y - expected) * weight)[told]
+        worst = np.count_nonzero(wrong > (2 * CUT) ** 2) > max(3, ODD * count)
+        most = (CUT**2 * ODD + 1.0) * count + 2 * CUT**2
+        if worst or float(np.minimum(wrong, CUT**2).sum()) > most:
+            return _nothing(y)
+        scale = max(best.cost / max(count - len(best.params), 1), 1.0)
+        likely = [float(np.exp(0.5 * (best.cost - fit.cost) / scale)) for fit in fits]
+        each: dict[int, float] = {}
+        for fit, part in zip(fits, likely, strict=True):
+            each[fit.variant.label] = max(part, each.get(fit.variant.label, 0.0))
+        chance = 1.0 / sum(each.values())
+        if chance < 0.5:
+            return _nothing(y)
+        return self._found(best, fits, likely, chance)
+
+    @staticmethod
+    def _found(best: Fit, fits: list[Fit], likely: list[float], chance: float) -> Found:
+        """What the best fit says, and how far others that are about as likely lie from it."""
+        variant, free = best.variant, min(len(best.params), 3)
+        cov, pose = np.zeros((3, 3)), np.zeros(3)
+        pose[:free] = best.params[:free]
+        cov[:free, :free] = best.cov[:free, :free]
+        sector = 2 * np.pi / max(variant.order, 1)
+        same = [
+            (fit, part) for fit, part in zip(fits, likely, strict=True) if fit.variant is variant
+        ]
+        total = sum(part for _, part in same)
+        for fit, part in same[1:]:
+            away = fit.params[:free] - best.params[:free]
+            if free == 3:
+                away[2] -= sector * np.round(away[2] / sector)
+            cov[:free, :free] += part / total * np.outer(away, away)
         if free == 2:
-            pose[2], cov[2, 2] = 0.0, np.pi**2 / 3
+            cov[2, 2] = np.pi**2 / 3
         else:
-            sector = 2 * np.pi / variant.order
             pose[2] -= sector * np.round(pose[2] / sector)
         return Found(variant.label, chance, pose, cov, variant.order, best.cover, best.pressure)
+
+
+def _nothing(force: Array) -> Found:
+    """None of these."""
+    return Found(-1, np.nan, np.full(3, np.nan), np.full((3, 3), np.nan), -1, force, 0.0)
 
 
 def _cost(fit: Fit) -> float:
@@ -187,27 +249,17 @@ def _cost(fit: Fit) -> float:
     return fit.cost
 
 
-def _covariance(gram: Array, j: Array, w: Array, miss: Array, weight: Array) -> Array:
+def _covariance(fits: Fits, i: int, readings: Readings) -> Array:
     """Of parameters, half from misfits where they are, half from their common size."""
-    inverse = np.linalg.inv(gram)
-    excess = w * np.square(miss)
-    size = np.abs(j).max(axis=1)
-    told = int(np.sum((size > 1e-3 * size.max()) & (w > 0)))
-    spare = max(told - len(gram), 0)
-    common = float(np.clip((excess.sum() + 0.5) / (spare + 0.5), 0.003, 9.0))
+    inverse = np.linalg.inv(fits.normal[i])
+    share, j = fits.share[i], fits.slopes[:, i]
+    miss = readings.force - fits.pressure[i] * fits.cover[i]
+    excess = share * np.square(miss)
+    size = np.abs(j).max(axis=0)
+    told = int(np.count_nonzero((size > 1e-3 * size.max()) & (share > 0)))
+    spare = max(told - len(inverse), 0)
+    common = min(max((float(excess.sum()) + PRIOR) / (spare + PRIOR), 0.1), 9.0)
     if spare < 12:
         return np.asarray(inverse * common)
-    part = (j * (w * w * np.square(miss))[:, None]).T @ j * (told / spare)
+    part = (j * (share * excess)) @ j.T * (told / spare)
     return np.asarray(0.5 * inverse * common + 0.5 * inverse @ part @ inverse)
-
-
-def _classes(labels: Integers, likely: Array) -> float:
-    """Sum over labels of the likelihood of the best fit of each, with that of none."""
-    each = [likely[:-1][labels == label].max() for label in np.unique(labels)]
-    return float(sum(each) + likely[-1])
-
-
-def _tukey(excess: Array, cut: float) -> Array:
-    """Weights (t,) of misfits in sigma: 1 in the middle, 0 from 2 cuts on."""
-    part = np.minimum(np.square(excess / (2 * cut)), 1.0)
-    return np.asarray(np.square(1.0 - part))

@@ -1,200 +1,381 @@
 """Force on a piezoresistive skin by a power law whose coefficients vary smoothly over the sheet.
 
-The film's resistance is R - Rx, that of the film alone, and falls as a power of the force. Its
-logarithm tells that of the force by a short polynomial whose coefficients are smooth functions of
-place: sums of cosines with a prior of their own smoothness (a Gaussian process of reduced rank,
-Solin and Sarkka, Statistics and Computing 30, 2020). Smoothness, size of the variation and
-series resistance are those that make the calibration likeliest.
+The film's resistance is R - Rx, that of the film alone, and falls as a power of the force. So the
+logarithm of the force is linear in that of the film; what R - Rx lacks by a wrong Rx grows as the
+inverse of the film's resistance, and what an air gap takes off the force as the resistance itself.
+The factors of these four shapes are smooth fields over the sheet, whose sizes and smoothness are
+those that make the calibration likeliest. The divider's noise weighs the rows.
 """
 
 from __future__ import annotations
+
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import minimize
 
 from tactile_ros.estimators.evidence import Moments
-from tactile_ros.estimators.training import fitted, predict_rows, training_rows
+from tactile_ros.estimators.smooth_fields import GAP, MOST_WAVES, SmoothFields
+from tactile_ros.estimators.training import TrainingRows, fitted, predict_rows, training_rows
+from tactile_ros.estimators.trials import at_corners, caution
 from tactile_ros.types import Array, Integers
 
-WAVES = (10, 8, 4)  # cosines along x and y of constant, exponent and bend
-BENDS = 4  # powers of the logarithm that are the same everywhere
-SERIES = (0.0, 0.5, 1.0, 1.5)  # share of the nominal series resistance
-PRIOR = (20.0, 50.0, 20.0)  # spread over the noise of what is the same everywhere
+SHAPES = 4  # constant, logarithm, inverse and film itself: each with a field
+WAVES = (MOST_WAVES, MOST_WAVES, 5, 7)  # at most, along an axis, of each field
+MEAN = (10.0, 2.0, 0.3, 0.3, 0.1)  # prior spreads of what is the same everywhere, and of a bend
+EXPECTED = np.log([0.15, 0.05, 0.03, 0.05, 0.25])  # sizes of the fields, length over the sheet
+SURE = np.array([1.2, 1.2, 1.5, 1.5, 0.5])  # spreads of those logarithms
+BOUNDS = ((-7.0, 1.5), (-7.0, 1.0), (-8.0, 0.0), (-8.0, 0.5), (-2.7, 0.5))
+SERIES_LENGTH = 0.4
+ROUGHS = (0.0, 0.5, 2.0)  # spread of a force beside the divider's noise, over the noise's
+UNKNOWN_NOISE = 0.01
 FEWEST = 12
 MORE = 0.4  # logarithm of the largest answer over the largest force told
 BEYOND = 0.15  # of the range of the logarithm, in which the curve goes on
-START = ((2.0, 1.0, -1.0, 0.4), (4.0, 3.0, 0.0, 0.4), (6.0, 5.0, 1.0, 0.4))
-EXPECTED = (3.0, 2.0, 0.0, 0.4)  # of logarithms of sizes and smoothness
-SURENESS = (0.02, 0.02, 0.02, 2.0)
-TRIALS = 160
-FINER = 0.05  # share of the spread between places that rows of one place have
-STEP = (1.0, 1.0, 2.0, 0.4)
+LEAST_FILM = 0.02  # of R
+SMOOTH = 1e-4  # directions of cosines, over the strongest, that the nominal Rx does not need
+ROUNDS = 40
+GRID = 41
+WIDEST = np.pi / GAP * np.arange(MOST_WAVES) * np.ones((2, 1))  # phases of all fields
+LEVELS = 24  # steps of the film's resistance in which a spread is told
 
 
 class PowerForce:
-    """Logarithm of force as a polynomial of that of the film's resistance, varying over the sheet.
+    """Logarithm of force by that of the film's resistance, with smoothly varying factors.
 
-    Features are x and y in units of the sheet (0 to 1), the resistance R and the nominal Rx, both
-    in units of the divider's; targets are forces above 0.
+    Features are x and y in units of the sheet's edges (0 to 1), the resistance R in units of the
+    divider's, and further ones that do not count; targets are forces above 0.
 
     Parameters
     ----------
     noise : float
-        Of the divider's reading, R0 / (R0 + R).
+        Of the divider's reading, R0 / (R0 + R); 0: unknown.
+    size : ndarray, shape (2,), or None
+        Edges of the sheet; None: a square.
+    series : ndarray, shape (g, g), or None
+        Nominal Rx, in units of the divider's, at places spread evenly over the sheet, its border
+        included, x first; None: 0.
 
     Attributes
     ----------
-    series_ : float
-        Share of the nominal series resistance in use.
-    range_ : ndarray, shape (4,)
-        Middle and half width of the logarithm of resistance, and its seen ends, -1 to 1.
+    range_ : ndarray, shape (3,)
+        Least and largest film resistance that count, and the middle of its logarithm.
+    fields_ : tuple of SmoothFields
+        Of the four shapes.
+    prior_ : ndarray, shape (5,)
+        Logarithms of the sizes of the fields, and of their length over the sheet.
     weights_ : ndarray, shape (p,)
-        Of the terms.
+        Of the terms: five that are the same everywhere, then those of the fields.
     root_ : ndarray, shape (p, p)
         Square root of their covariance.
     noise_ : float
-        Relative spread of a force about the curve of its place.
-    reading_ : float
-        Spread by the divider's noise at R = R0, over `noise_`.
+        Spread of a weighted row about the curve of its place.
+    rough_ : float
+        Relative spread of a force beside what the divider's noise makes.
+    steep_ : float
+        Slope of the logarithm of force over that of the film, all over the sheet.
     most_ : float
         Logarithm of the largest answer.
-    prior_ : ndarray, shape (4,)
-        Logarithms of the variation of each coefficient over the noise, and smoothness.
+    nominal_ : ndarray, shape (n, n)
+        Factors of cosines that tell the nominal Rx.
+    caution_ : float
+        Factor on the spread by calibration, from groups that were left out.
+    doubt_ : ndarray, shape (g, 3)
+        Logarithm of the variance by calibration, a square in the level, on a grid of places.
     """
 
-    series_: float
     range_: Array
+    fields_: tuple[SmoothFields, ...]
+    prior_: Array
     weights_: Array
     root_: Array
     noise_: float
-    reading_: float
+    rough_: float
+    steep_: float
     most_: float
-    prior_: Array
+    doubt_: Array
+    caution_: float
+    nominal_: Array
 
-    def __init__(self, noise: float = 0.0) -> None:
+    def __init__(
+        self, noise: float = 0.0, size: Array | None = None, series: Array | None = None
+    ) -> None:
         self.noise = noise
+        self.size = np.ones(2) if size is None else np.asarray(size, np.float64)
+        self.series = np.zeros((2, 2)) if series is None else np.asarray(series, np.float64)
 
     def fit(self, x: Array, y: Array, groups: Integers | None = None) -> PowerForce:
-        """Learn from features (s, 4) and forces (s, 1) (N); rows without force are left out."""
+        """Learn from features (s, 3..) and forces (s, 1) (N); rows without force are left out."""
         rows = training_rows(x, y, groups)
         there = rows.y[:, 0] > 0
         rows = rows.take(there if there.any() else np.ones(len(there), bool))
         target = np.log(np.maximum(rows.y[:, :1], 1e-6))
-        shares = SERIES if len(target) >= FEWEST else (1.0,)
-        coarse = [(self._learn(rows.x, target, share, START[:1])[0], share) for share in shares]
-        _, self.prior_ = self._learn(rows.x, target, max(coarse)[1], START)
+        self._prepare(rows, target)
         terms = self._terms(rows.x)
+        self._choose(rows.x, terms, target)
         self.most_ = float(target.max()) + MORE
-        weight = 1 / (1 + self._reading(rows.x) ** 2)
-        moments = Moments.of(terms, target, weight)
-        weights, root, noise = moments.solve(_spread(self.prior_))
-        left = float(((target - terms @ weights) ** 2 * weight[:, None]).sum())
+        moments = Moments.of(terms, target, self._weight(rows.x))
+        weights, root, noise = moments.solve(self._spread(self.prior_))
+        left = moments.square - 2 * float((weights * moments.cross).sum())
+        left += float((weights * (moments.gram @ weights)).sum())
         used = float(np.einsum('ij,ij->', root @ moments.gram, root))
-        self.noise_ = max(noise, float(np.sqrt(left / max(len(target) - used, 1.0))), 1e-6)
+        self.noise_ = max(noise, float(np.sqrt(max(left, 0) / max(len(target) - used, 1))), 1e-9)
         self.weights_, self.root_ = weights[:, 0], root * self.noise_
+        for name in ('_table', '_steps', '_spreads'):
+            vars(self).pop(name, None)
+        self.caution_ = self._careful(rows.x, target[:, 0], rows.groups)
+        self.doubt_ = self._tell_doubt()
         return self
 
     def predict(self, x: Array) -> Array:
         """Forces (s, 1) (N)."""
-        return predict_rows(x, 4, lambda known: self.force(known)[0][:, None])
+        return predict_rows(x, x.shape[1], lambda known: self.force(known)[0][:, None])
 
     def force(self, x: Array) -> tuple[Array, Array]:
         """Forces (s,) (N) and their spreads (s,), of calibration and noise together (N)."""
+        return self.at(x[:, :2], x[:, 2])
+
+    def at(self, places: Array, resistance: Array) -> tuple[Array, Array]:
+        """Forces (s,) and their spreads (s,) (N) for the columns of features.
+
+        Parameters
+        ----------
+        places : ndarray, shape (s, 2)
+            In units of the sheet's edges; beyond the sheet its border counts.
+        resistance : ndarray, shape (s,)
+            R, in units of the divider's.
+        """
         fitted(self, 'weights_')
-        terms = self._terms(x)
-        force = np.exp(np.minimum(terms @ self.weights_, self.most_))
-        spread = terms @ self.root_.T
-        noise = self.noise_**2 * (1 + self._reading(x) ** 2)
-        sigma = np.sqrt(noise + np.einsum('sp,sp->s', spread, spread))
-        return force, force * sigma
+        low, high, middle = self.range_
+        inside = np.fmin(np.fmax(places, 0.0), 1.0)
+        waves = np.cos(inside[:, :, None] * WIDEST)
+        # no product of matrices: its sums run otherwise for one frame than for many
+        known = np.einsum('si,sj,ijk->sk', waves[:, 0], waves[:, 1], self._table)
+        film = np.fmin(np.fmax(resistance - known[:, 4], low), high)
+        level = np.log(film) - middle
+        power = known[:, 0] + level * (known[:, 1] + level * self.weights_[4])
+        power += known[:, 2] / film
+        power += known[:, 3] * film
+        force = np.exp(np.minimum(power, self.most_))
+        return force, force * self._spreads.take(self._cells(inside, level))
 
     def stated(self, x: Array) -> tuple[Array, Array]:
         """Forces (s, 1) and spreads of their errors (s, 1) (N)."""
         force, spread = self.force(x)
         return force[:, None], spread[:, None]
 
-    def _learn(
-        self, x: Array, target: Array, share: float, starts: tuple[tuple[float, ...], ...]
-    ) -> tuple[float, Array]:
-        """Evidence and prior at a share of the series resistance, which is set."""
-        self.series_ = share
-        level = self._logarithm(x)
+    def held_out(self, x: Array, y: Array, groups: Integers) -> tuple[Array, Array]:
+        """What a fit without the group of each row says of it, and the spread that it states.
+
+        The prior is that of the fit on all rows. Features (s, 3..) and forces (s, 1) must be those
+        of the fit; answers (s, 1) in N.
+        """
+        force, spread = np.empty(len(x)), np.empty(len(x))
+        there = y[:, 0] > 0
+        force[~there], spread[~there] = self.force(x[~there])
+        force[there], doubt, scatter = self._alone(x[there], np.log(y[there, 0]), groups[there])
+        spread[there] = force[there] * np.sqrt(self.caution_**2 * doubt + scatter)
+        return force[:, None], spread[:, None]
+
+    def _alone(self, x: Array, target: Array, groups: Integers) -> tuple[Array, Array, Array]:
+        """Forces (s,) that a fit without each group says, and both parts of their variance.
+
+        Those of the logarithm: by calibration, without caution, and by noise.
+        """
+        terms, scale = self._terms(x), np.sqrt(self._weight(x))
+        half = (terms * scale[:, None]) @ self.root_.T / self.noise_
+        error = scale * (target - terms @ self.weights_)
+        said, doubt = np.empty(len(x)), np.empty(len(x))
+        for group in np.unique(groups):
+            rows = np.flatnonzero(groups == group)
+            hat = half[rows] @ half[rows].T
+            apart = np.eye(len(rows)) * (1.0 + 1e-9) - hat
+            alone = np.linalg.solve(apart, np.column_stack([error[rows], hat]))
+            said[rows] = target[rows] - alone[:, 0] / scale[rows]
+            doubt[rows] = np.diagonal(alone[:, 1:]) / scale[rows] ** 2
+        force = np.exp(np.minimum(said, self.most_))
+        return (
+            force,
+            self.noise_**2 * np.maximum(doubt, 0.0),
+            self._scatter(x[:, 2], self._film(x)),
+        )
+
+    def _careful(self, x: Array, target: Array, groups: Integers) -> float:
+        """Factor on the doubt of calibration with which held-out groups lie inside as they should.
+
+        Corners of what was touched do not count, and few groups do not tell much.
+        """
+        judged = ~at_corners(x[:, :2], groups)
+        index = np.unique(groups, return_inverse=True)[1].reshape(-1)
+        force, doubt, scatter = self._alone(x, target, groups)
+        error = np.minimum(np.abs(np.log(force) - target), MORE)
+        asked = np.sqrt(np.maximum(error**2 - scatter, 0.0) / np.maximum(doubt, 1e-30))
+        weight = judged / np.bincount(index)[index]
+        return caution(asked, weight, len(np.unique(index[judged])))
+
+    def _prepare(self, rows: TrainingRows, target: Array) -> None:
+        """Range, fields and slope, before any choice."""
+        count = len(np.unique(rows.groups))
+        self.fields_ = tuple(
+            SmoothFields.for_places(rows.x[:, :2], count, self.size, most) for most in WAVES
+        )
+        self.nominal_ = self._smooth_series()
+        film = rows.x[:, 2] - self._rx(rows.x[:, :2])
+        film = np.maximum(film, np.maximum(LEAST_FILM * rows.x[:, 2], 1e-6))
+        level = np.log(film)
         low, high = float(level.min()), float(level.max())
-        half = max((high - low) / 2, 1e-3)
-        self.range_ = np.array([(low + high) / 2, half, -1.0 - BEYOND, 1.0 + BEYOND])
-        self._set_reading(level, target[:, 0])
-        moments = Moments.of(self._terms(x), target, 1 / (1 + self._reading(x) ** 2))
+        more = BEYOND * max((high - low) / 2, 1e-3)
+        self.range_ = np.array([np.exp(low - more), np.exp(high + more), (low + high) / 2])
+        few = len(target) < FEWEST or high - low < 1e-6
+        self.steep_ = -1.0 if few else float(np.polyfit(level, target[:, 0], 1)[0])
 
-        def cost(prior: Array) -> float:
-            doubt = (np.array(SURENESS) * (prior - np.array(EXPECTED)) ** 2).sum()
-            return float(doubt - moments.evidence(_spread(prior)))
+    def _choose(self, x: Array, terms: Array, target: Array) -> None:
+        """Sizes and length of the fields, and what spreads a force beside the divider's noise."""
+        self.rough_, self.prior_ = 0.0, EXPECTED
+        if len(target) < FEWEST:
+            return
+        own = float(np.median(np.sqrt(self._scatter(x[:, 2], self._film(x), 1.0))))
+        best, self.prior_ = self._likeliest(x, terms, target)
+        for share in ROUGHS[1:] if self.noise > 0 else ():
+            before, self.rough_ = self.rough_, share * own
+            level, prior = self._likeliest(x, terms, target)
+            if level <= best:
+                self.rough_ = before
+                break
+            best, self.prior_ = level, prior
 
-        best, least = np.array(starts[0]), cost(np.array(starts[0]))
-        for start in starts if len(target) >= FEWEST else ():
-            simplex = np.array(start) + np.concatenate([np.zeros((1, 4)), np.diag(STEP)])
-            trials = TRIALS // (4 if len(starts) == 1 else 1)
-            options = {'maxfev': trials, 'initial_simplex': simplex, 'fatol': 0.02}
-            found = minimize(cost, start, method='Nelder-Mead', options=options)
-            if found.fun < least:
-                best, least = np.asarray(found.x), float(found.fun)
-        return -least, best
+    def _likeliest(self, x: Array, terms: Array, target: Array) -> tuple[float, Array]:
+        """Evidence and prior that make the targets likeliest."""
+        weight = self._weight(x)
+        moments = Moments.of(terms, target, weight)
+        bonus = 0.5 * float(np.log(weight).sum())
 
-    def _set_reading(self, level: Array, target: Array) -> None:
-        """How much the divider's noise moves the force's logarithm, over its other spread."""
-        self.reading_ = 0.0
-        if len(target) >= FEWEST and self.noise > 0.0 and np.ptp(level) > 0:
-            steep = np.polyfit(level, target, 1)
-            rough = float(np.std(target - np.polyval(steep, level)))
-            self.reading_ = self.noise * abs(float(steep[0])) / (FINER * rough + 1e-3)
+        def cost(prior: Array) -> tuple[float, Array]:
+            level, slope = moments.slope(self._spread(prior))
+            off = (prior - EXPECTED) / SURE
+            return 0.5 * float(off @ off) - level, off / SURE - self._along(prior) @ slope
 
-    def _reading(self, x: Array) -> Array:
-        """Spread (s,) by the divider's noise, over the rest: more where the curve is flat."""
-        film = np.maximum(x[:, 2] - self.series_ * x[:, 3], 1e-6)
-        return np.asarray(self.reading_ * np.minimum((1 + x[:, 2]) ** 2 / film, 1e6))
+        found = minimize(
+            cost, self.prior_, jac=True, method='L-BFGS-B', bounds=BOUNDS,
+            options={'maxiter': ROUNDS, 'ftol': 1e-6},
+        )  # fmt: skip
+        return bonus - float(found.fun), np.asarray(found.x)
 
-    def _logarithm(self, x: Array) -> Array:
-        """Logarithm of the film's resistance (s,), over that of the divider."""
-        film = x[:, 2] - self.series_ * x[:, 3]
-        return np.log(np.maximum(film, np.maximum(0.02 * x[:, 2], 1e-6)))
+    def _spread(self, prior: Array) -> Array:
+        """Prior spread (p,) of each term."""
+        parts = [np.array(MEAN)]
+        for shape, fields in enumerate(self.fields_):
+            length = SERIES_LENGTH if shape == 2 else float(np.exp(prior[4]))
+            parts.append(np.exp(prior[shape] + fields.spread(length)[0]))
+        return np.concatenate(parts)
+
+    def _along(self, prior: Array) -> Array:
+        """Slopes (5, p) of the logarithms of the prior spreads along `prior`."""
+        starts = np.cumsum([len(MEAN)] + [len(fields.entry) for fields in self.fields_])
+        along = np.zeros((SHAPES + 1, starts[-1]))
+        for shape, fields in enumerate(self.fields_):
+            own = slice(starts[shape], starts[shape + 1])
+            along[shape, own] = 1.0
+            if shape != 2:
+                along[4, own] = fields.spread(float(np.exp(prior[4])))[1]
+        return along
+
+    def _film(self, x: Array) -> Array:
+        """The film's resistance (s,), over the divider's, within what was seen."""
+        film = x[:, 2] - self._rx(x[:, :2])
+        return np.asarray(np.minimum(np.maximum(film, self.range_[0]), self.range_[1]))
+
+    def _rx(self, places: Array) -> Array:
+        """Nominal Rx (s,) at places (s, 2) in units of the edges."""
+        waves = np.cos(np.fmin(np.fmax(places, 0.0), 1.0)[:, :, None] * WIDEST)
+        return np.asarray(np.einsum('si,sj,ij->s', waves[:, 0], waves[:, 1], self.nominal_))
+
+    def _smooth_series(self) -> Array:
+        """Factors (n, n) of cosines that tell the nominal Rx."""
+        # at the very border Rx falls too steeply for cosines, and nobody presses there
+        edge = 1 if min(self.series.shape) > MOST_WAVES + 2 else 0
+        factors = self.series[edge : len(self.series) - edge, edge : self.series.shape[1] - edge]
+        for angles, count in zip(WIDEST, self.series.shape, strict=True):
+            line = np.linspace(0.0, 1.0, count)[edge : count - edge]
+            factors = (np.linalg.pinv(np.cos(np.outer(line, angles)), rcond=SMOOTH) @ factors).T
+        return np.asarray(factors)
+
+    def _scatter(self, resistance: Array, film: Array, noise: float | None = None) -> Array:
+        """Variance (s,) of the logarithm of a force about the curve of its place."""
+        noise = self.noise_**2 if noise is None else noise
+        if self.noise <= 0:
+            return np.full(len(film), noise * UNKNOWN_NOISE**2)
+        above = 1.0 + resistance
+        ratio = above * above / film
+        steep = noise * (self.noise * self.steep_) ** 2
+        return np.asarray(steep * ratio * ratio + noise * self.rough_**2)
+
+    def _weight(self, x: Array) -> Array:
+        """Weights (s,) of rows: inverse variances, if the noise were all."""
+        return 1.0 / self._scatter(x[:, 2], self._film(x), 1.0)
+
+    def _shapes(self, film: Array) -> Array:
+        """The five shapes (s, 5) of film resistances; the last has no field."""
+        level = np.log(film) - self.range_[2]
+        small, large = self.range_[0] / film, film / self.range_[1]
+        return np.stack([np.ones_like(level), level, small, large, level * level], axis=1)
 
     def _terms(self, x: Array) -> Array:
-        """Terms (s, p): powers of the logarithm, and products with cosines of place."""
-        middle, half, low, high = self.range_
-        level = (self._logarithm(x) - middle) / half
-        inside = np.minimum(np.maximum(level, low), high)[:, None]
-        angle = np.minimum(np.maximum(x[:, :2], -0.1), 1.1)[:, :, None] * _ANGLES
-        waves = np.cos(angle)
-        table = (waves[:, 0, :, None] * waves[:, 1, None, :]).reshape(len(x), -1)[:, _ALL]
-        rising = inside**_POWERS
-        return np.concatenate([rising[:, :BENDS], table * rising[:, _BEND]], axis=1)
+        """Terms (s, p)."""
+        shapes = self._shapes(self._film(x))
+        parts = [shapes]
+        for shape, fields in enumerate(self.fields_):
+            parts.append(shapes[:, shape, None] * fields.terms(x[:, :2]))
+        return np.concatenate(parts, axis=1)
 
+    @cached_property
+    def _table(self) -> Array:
+        """Factors of cosines (n, n, 5) of the four shapes, and of the nominal Rx."""
+        table = np.zeros((MOST_WAVES, MOST_WAVES, SHAPES + 1))
+        first = len(MEAN)
+        for shape, fields in enumerate(self.fields_):
+            own = self.weights_[first : first + len(fields.entry), None]
+            first += len(own)
+            part = fields.table(own)[:, :, 0]
+            table[: len(part), : len(part), shape] = part
+            table[0, 0, shape] += self.weights_[shape]
+        table[:, :, 2] *= self.range_[0]
+        table[:, :, 3] /= self.range_[1]
+        table[:, :, 4] = self.nominal_
+        return table
 
-def _spread(prior: Array) -> Array:
-    """Prior spread (p,) of each term over the noise, from logarithms of sizes and smoothness."""
-    size = np.exp(np.clip(prior[:3], -12.0, 9.0))[_BEND]
-    length = np.exp(np.clip(prior[3], -2.0, 3.0))
-    fading = 1.0 / (1.0 + (_FREQUENCY / length) ** 2) ** 1.5
-    same = np.array([PRIOR[min(i, 2)] for i in range(BENDS)]) * np.array([1e3, 1e3, 1.0, 1.0])
-    return np.concatenate([same[:BENDS], size * fading])
+    def _cells(self, inside: Array, level: Array) -> Integers:
+        """Number (s,) of the cell of `_spreads` that a place and a level are in."""
+        cell = (inside * (GRID - 1) + 0.5).astype(np.int64)
+        depth = (level * self._steps[0] + self._steps[1]).astype(np.int64)
+        return np.asarray((cell[:, 0] * GRID + cell[:, 1]) * LEVELS + depth)
 
+    @cached_property
+    def _steps(self) -> tuple[float, float]:
+        """Slope and offset of the number of a level's step."""
+        low, high = np.log(self.range_[:2]) - self.range_[2]
+        slope = (LEVELS - 1) / (high - low)
+        return float(slope), float(0.5 - slope * low)
 
-_COUNT = max(WAVES)
-_GAP = 1.25  # half period of the slowest cosine over the sheet, so that its slope is free there
-_ANGLES = np.pi / _GAP * np.arange(_COUNT)
-_POWERS = np.arange(max(BENDS, len(WAVES)))
+    @cached_property
+    def _spreads(self) -> Array:
+        """Relative spreads of a force, by calibration and noise, at the middle of each cell."""
+        low, high = np.log(self.range_[:2]) - self.range_[2]
+        level = np.linspace(low, high, LEVELS)
+        variance = np.exp(self.doubt_ @ level ** np.arange(3)[:, None])
+        film = np.exp(level + self.range_[2])
+        typical = film + float(np.median(self.series))
+        return np.sqrt(variance + self._scatter(typical, film)).ravel()
 
-
-def _chosen() -> tuple[Integers, Integers, Array]:
-    """Entry in the table of products, coefficient, and frequency of each varying term."""
-    entry, bend, frequency = [], [], []
-    for power, waves in enumerate(WAVES):
-        for i in range(waves):
-            for j in range(waves):
-                if 0 < i + j < waves + waves // 2:
-                    entry.append(i * _COUNT + j)
-                    bend.append(power)
-                    frequency.append(float(np.hypot(i, j)))
-    return np.array(entry), np.array(bend), np.array(frequency)
-
-
-_ALL, _BEND, _FREQUENCY = _chosen()
+    def _tell_doubt(self) -> Array:
+        """Logarithm of the variance by calibration on a grid of places: squares in the level."""
+        line = np.linspace(0.0, 1.0, GRID)
+        places = np.stack(np.meshgrid(line, line, indexing='ij'), axis=-1).reshape(-1, 2)
+        low, high = np.log(self.range_[:2]) - self.range_[2]
+        levels = np.array([low, 0.5 * (low + high), high])
+        found = []
+        for film in np.exp(levels + self.range_[2]):
+            x = np.column_stack([places, film + self._rx(places)])
+            half = self._terms(x) @ self.root_.T
+            found.append(np.log(self.caution_**2 * np.einsum('sp,sp->s', half, half) + 1e-300))
+        return np.asarray(np.linalg.solve(levels[:, None] ** np.arange(3), np.array(found)).T)

@@ -16,3 +16,5 @@ from tactile_ros.messages.frames import fill_layout as fill_layout
 from tactile_ros.messages.frames import is_valid as is_valid
 from tactile_ros.messages.frames import read_frame as read_frame
 from tactile_ros.messages.frames import read_layout as read_layout
+from tactile_ros.messages.objects import fill_object_pose as fill_object_pose
+from tactile_ros.messages.objects import fill_surface as fill_surface

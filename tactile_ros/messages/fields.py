@@ -91,6 +91,50 @@ class WrenchStampedMessage(Protocol):
     wrench: WrenchMessage
 
 
+class PoseMessage(Protocol):
+    """geometry_msgs/Pose."""
+
+    position: VectorMessage
+    orientation: QuaternionMessage
+
+
+class PoseWithCovarianceMessage(Protocol):
+    """geometry_msgs/PoseWithCovariance."""
+
+    pose: PoseMessage
+    covariance: npt.NDArray[np.float64]
+
+
+class PoseStampedMessage(Protocol):
+    """geometry_msgs/PoseWithCovarianceStamped."""
+
+    header: HeaderMessage
+    pose: PoseWithCovarianceMessage
+
+
+class PointFieldMessage(Protocol):
+    """sensor_msgs/PointField."""
+
+    name: str
+    offset: int
+    datatype: int
+    count: int
+
+
+class PointCloudMessage(Protocol):
+    """sensor_msgs/PointCloud2."""
+
+    header: HeaderMessage
+    height: int
+    width: int
+    fields: Sequence[PointFieldMessage]
+    is_bigendian: bool
+    point_step: int
+    row_step: int
+    data: bytes
+    is_dense: bool
+
+
 class ContactsMessage(Protocol):
     """tactile_ros/TactileContacts; fields of the table above are reached by their names."""
 

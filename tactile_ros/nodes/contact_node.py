@@ -1,4 +1,4 @@
-"""contact_node: frames of one sensor to contacts, wrench, markers; takes the tare."""
+"""contact_node: frames of one sensor to contacts and standard messages; takes the tare."""
 
 from __future__ import annotations
 
@@ -7,17 +7,15 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import MarkerArray
 
 from tactile_ros import messages
 from tactile_ros.msg import TactileContact, TactileContacts, TactileFrame, TactileLayout
 from tactile_ros.nodes.contact_stage import ContactStage
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
-from tactile_ros.nodes.markers import contact_markers
 from tactile_ros.nodes.quality import baselines, data, latched, overridable
+from tactile_ros.nodes.standard_topics import StandardTopics
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import FrameStatus
 
@@ -72,7 +70,7 @@ class ContactOptions:
 
 
 class ContactNode(ManagedNode):
-    """Publish `contacts`, `wrench`, `markers`, `baseline`, `calibration`; serve `~/tare`.
+    """Publish `contacts`, `baseline`, `calibration`, standard topics; serve `~/tare`.
 
     Parameters
     ----------
@@ -87,8 +85,7 @@ class ContactNode(ManagedNode):
         self._spec = load_sensor(self.get_parameter('sensor').value)
         self.declare(self._spec.config())
         self._contacts = self.managed_publisher(TactileContacts, 'contacts', data())
-        self._wrench = self.managed_publisher(WrenchStamped, 'wrench', data())
-        self._markers = self.managed_publisher(MarkerArray, 'markers', data())
+        self._standard = StandardTopics(self, self._spec)
         self._baseline = self.managed_publisher(TactileFrame, 'baseline', baselines())
         self._calibration = self.managed_publisher(String, 'calibration', latched())
         self._direct = direct
@@ -238,7 +235,7 @@ class ContactNode(ManagedNode):
         self._publish(frame, state, frame_id)
 
     def _publish(self, frame: Frame, state: ContactState, frame_id: str) -> None:
-        """Contacts, wrench and markers, each where somebody listens."""
+        """Contacts and standard messages, each where somebody listens."""
         if self._contacts.get_subscription_count():
             message = TactileContacts()
             messages.fill_contacts(message, state, TactileContact)
@@ -246,15 +243,8 @@ class ContactNode(ManagedNode):
             message.sequence = frame.sequence
             message.label_name = self._label_name(int(state.label))
             self._contacts.publish(message)
-        if self._wrench.get_subscription_count():
-            wrench = WrenchStamped()
-            messages.fill_header(wrench.header, frame.stamp_ns, frame_id)
-            messages.fill_wrench(wrench, state, self.get_parameter('unknown_as').value)
-            self._wrench.publish(wrench)
-        if self._markers.get_subscription_count():
-            header = WrenchStamped().header
-            messages.fill_header(header, frame.stamp_ns, frame_id)
-            self._markers.publish(contact_markers(header, self._pipeline.layout, state))
+        unknown_as = self.get_parameter('unknown_as').value
+        self._standard.publish(frame, state, frame_id, self._pipeline, unknown_as)
 
     def _label_name(self, label: int) -> str:
         """Name of a class, where the sensor has classes."""

@@ -20,6 +20,8 @@ NODES = 280  # of the longer side of a table
 TURNS = (0.71, 1.37, 2.29)  # no symmetry of a polygon of few corners
 ALIKE = 0.015  # of the area: what a turn may change and still be called a symmetry
 MOST_FOLD = 12
+FINER = 4  # points of a node's cell, each way
+SIDES = 48  # from which a round object is looked at
 FINE = 64  # points of a box for each part that a taxel is cut into
 
 
@@ -43,19 +45,11 @@ def raster(loops: Sequence[Array], x: Array, y: Array) -> Array:
     return inside
 
 
-def tube(bend: float, half_width: float, x: Array, y: Array) -> Array:
-    """Pressure (y, x), 1 at most, of two cylinders whose axes leave the origin: a parabola.
-
-    A cylinder sinks into a soft layer like a parabola: pressure falls to 0 at the half width.
-    """
-    nearest = np.full((len(y), len(x)), np.inf)
-    for angle in (0.0, bend):
-        cos, sin = np.cos(angle), np.sin(angle)
-        along = cos * x + sin * y[:, None]
-        across = cos * y[:, None] - sin * x
-        squared = np.where(along > 0, across**2, x**2 + y[:, None] ** 2)
-        nearest = np.minimum(nearest, squared)
-    return np.asarray(np.maximum(1.0 - nearest / half_width**2, 0.0))
+def _soft_raster(loops: Sequence[Array], x: Array, y: Array, pitch: float) -> Array:
+    """Part of each node's cell (y, x) that lies inside."""
+    off = pitch * ((np.arange(FINER) + 0.5) / FINER - 0.5)
+    fine = raster(loops, (x[:, None] + off).reshape(-1), (y[:, None] + off).reshape(-1))
+    return np.asarray(fine.reshape(len(y), FINER, len(x), FINER).mean(axis=(1, 3)))
 
 
 def _blur(picture: Array, radius: float) -> Array:
@@ -78,30 +72,17 @@ class CoverageTable:
         The object.
     radius : float
         Of the disc (m).
-    reach : float
-        Of an angle tube's arms from its origin (m).
-    half_width : float
-        Of a tube's contact (m).
     """
 
-    def __init__(
-        self, outline: Outline, radius: float, reach: float, half_width: float = 0.0
-    ) -> None:
-        if outline.bend is None:
-            corners = np.concatenate(list(outline.loops))
-            low, high = corners.min(axis=0), corners.max(axis=0)
-        else:
-            low, high = np.full(2, -reach), np.full(2, reach)
+    def __init__(self, outline: Outline, radius: float) -> None:
+        corners = np.concatenate(list(outline.loops))
+        low, high = corners.min(axis=0), corners.max(axis=0)
         self.pitch = max(float((high - low).max()) / NODES, radius / 12)
         margin = 2 * radius + 3 * self.pitch
         x, y = (
             np.arange(low[i] - margin, high[i] + margin + self.pitch, self.pitch) for i in (0, 1)
         )
-        if outline.bend is None:
-            sharp = raster(outline.loops, x + 1e-3 * self.pitch, y + 1e-3 * self.pitch)
-        else:
-            sharp = tube(outline.bend, half_width, x, y)
-        soft = _blur(sharp, radius / self.pitch)
+        soft = _blur(_soft_raster(outline.loops, x, y, self.pitch), radius / self.pitch)
         rise_y, rise_x = np.gradient(soft, self.pitch)
         self.rows, self.columns = soft.shape
         self.low = np.array([x[0], y[0]])
@@ -113,7 +94,7 @@ class CoverageTable:
         self.gyration = float(np.sqrt((soft * (x**2 + y[:, None] ** 2)).sum() / total)) or size
 
     def at(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        """Coverage and its slopes at points (n,) of the object's frame; 0 beyond the table."""
+        """Coverage and its slopes at points (...) of the object's frame; 0 beyond the table."""
         fx, fy = (x - self.low[0]) / self.pitch, (y - self.low[1]) / self.pitch
         column, row = np.rint(fx), np.rint(fy)
         np.minimum(np.maximum(column, 0, out=column), self.columns - 1, out=column)
@@ -122,6 +103,45 @@ class CoverageTable:
         apart_x, apart_y = (fx - column) * self.pitch, (fy - row) * self.pitch
         value = node[..., 0] + node[..., 1] * apart_x + node[..., 2] * apart_y
         return np.minimum(np.maximum(value, 0.0), 1.0), node[..., 1], node[..., 2]
+
+
+class RadialTable:
+    """Coverage of a disc by an object that looks alike from all sides, by its distance.
+
+    Parameters
+    ----------
+    table : CoverageTable
+        Of the object; its mean over all sides is taken.
+    span : float
+        Farthest point of the object from its origin (m).
+    """
+
+    def __init__(self, table: CoverageTable, span: float) -> None:
+        turn = 2 * np.pi * np.arange(SIDES) / SIDES
+        count = int(np.ceil(2 * span / table.pitch)) + 40
+        self.pitch = 0.5 * table.pitch
+        away: Array = self.pitch * np.arange(count, dtype=np.float64)[:, None]
+        x, y = np.asarray(away * np.cos(turn)), np.asarray(away * np.sin(turn))
+        self.value = table.at(x, y)[0].mean(axis=1)
+        self.value[-2:] = 0.0
+        self.rise = np.append(np.diff(self.value), 0.0)
+
+    def cover(self, x: Array, y: Array) -> Array:
+        """Coverage at points (...) of the object's frame."""
+        far, node = self._place(x, y)
+        return np.asarray(self.value[node] + self.rise[node] * (far - node))
+
+    def at(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """Coverage and its slopes at points (...) of the object's frame."""
+        far, node = self._place(x, y)
+        rise = self.rise[node]
+        outward = rise / np.maximum(far * self.pitch**2, 1e-30)
+        return self.value[node] + rise * (far - node), outward * x, outward * y
+
+    def _place(self, x: Array, y: Array) -> tuple[Array, Integers]:
+        """Distance in nodes, and the node below it."""
+        far = np.minimum(np.sqrt(x * x + y * y) / self.pitch, len(self.value) - 1.0)
+        return far, far.astype(np.intp)
 
 
 def symmetry(outline: Outline) -> int:

@@ -15,7 +15,7 @@ from scipy.sparse.linalg import spsolve
 from tactile_ros.types import Array, Integers
 
 EQUAL_AREA = 0.59  # radius of the disc of equal outer conductance, over the edge of a square
-CORNER_POWER = 4.0
+LEAST_LOG = float(np.log(1.05))
 
 
 def linear_place(potentials: Array, size: Array) -> Array:
@@ -86,14 +86,15 @@ def spreading_resistance(places: Array, size: Array, touch: float, sheet: float)
 
     Notes
     -----
-    The conformal radius is that of two crossing strips, joined so that a square is met within
-    1 %.
+    The conformal radius is that of two crossing strips, joined by their fourth powers so that a
+    square is met within 1 %.
     """
-    across = 2 * size / np.pi * np.sin(np.pi * np.clip(places / size, 1e-3, 1 - 1e-3))
-    radius = (across**-CORNER_POWER).sum(axis=1) ** (-1 / CORNER_POWER)
-    return np.asarray(
-        sheet / (2 * np.pi) * np.log(np.maximum(radius / (EQUAL_AREA * touch), 1.05))
-    )
+    share = np.fmin(np.fmax(places / size, 1e-3), 1 - 1e-3)
+    steep = np.pi / 2 / (size * np.sin(np.pi * share))
+    steep *= steep
+    steep *= steep
+    decay = 0.25 * np.log(steep[:, 0] + steep[:, 1]) + np.log(EQUAL_AREA * touch)
+    return np.asarray(np.fmax(-decay, LEAST_LOG) * (sheet / (2 * np.pi)))
 
 
 def sheet_potential(size: Array, shape: tuple[int, int], border: Array, corners: Array) -> Array:

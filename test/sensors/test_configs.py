@@ -58,7 +58,10 @@ FIELDS = {  # of the public face, beside the common ones
         'gap', 'remanence', 'disc_diameter', 'disc_height', 'sensitivity', 'full_scale',
         'thermal_lag', 'stray_term', 'thermal_term',
     },
-    'taxel_array': {'areas', 'taxel_outlines', 'force_range', 'objects'},
+    'taxel_array': {
+        'areas', 'taxel_outlines', 'force_range', 'objects', 'most_contacts', 'crosstalk',
+        'matrix_lines', 'area_law',
+    },
     'five_wire_skin': {
         'size', 'touch_size', 'sheet_resistance', 'border_ratio', 'supply_voltage',
         'reference_resistance',

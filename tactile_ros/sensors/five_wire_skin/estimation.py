@@ -14,12 +14,14 @@ from tactile_ros.regression import ESTIMATORS as REGRESSORS
 from tactile_ros.regression import Regression
 from tactile_ros.regression.head import FEWEST_ROWS, Head
 from tactile_ros.sensors.five_wire_skin.force import CLASSES as FORCE_CLASSES
-from tactile_ros.sensors.five_wire_skin.force import ForceHead, creep_shares
+from tactile_ros.sensors.five_wire_skin.force import ForceHead, creep_shares, features_of
 from tactile_ros.sensors.five_wire_skin.place import CLASSES as PLACE_CLASSES
 from tactile_ros.sensors.five_wire_skin.place import PlaceHead
 from tactile_ros.sensors.five_wire_skin.touch import Touch
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig
     from tactile_ros.signals import Columns, Report, Signals
     from tactile_ros.types import Array, Bools, Integers
@@ -29,6 +31,7 @@ TIME_CONSTANTS = (0.3, 1.0, 4.0, 16.0, 64.0)
 SAME_PLACE = 1e-5
 MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
 LEAST_DIVIDER = 1e-4
+GRID = 33  # of the nominal series resistance
 USEFUL = 0.9  # of the spread of shear; a regressor that leaves more knows nothing of it
 
 
@@ -46,8 +49,8 @@ class FiveWireEstimation:
 
     def __init__(self, config: FiveWireSkinConfig, estimator: str | None = None) -> None:
         self.size = np.asarray(config.size, np.float64)
-        self.touch_size = config.touch_size
-        self.sheet = config.sheet_resistance / config.reference_resistance
+        sheet = config.sheet_resistance / config.reference_resistance
+        self.series = _nominal_series(self.size, config.touch_size, sheet)
         noise = np.nan if config.noise is None else config.noise
         self.touch_ = Touch(float(np.broadcast_to(np.asarray(noise, np.float64), (3,))[2]))
         self.wanted = estimator
@@ -100,7 +103,7 @@ class FiveWireEstimation:
             'group' and 'session': what a split keeps together.
         """
         x = self.touch_.fit(signals, truth).readings(signals)
-        self.touch_.judge(signals, x)
+        np.copyto(signals.in_contact, self.touch_.contact(signals, x))
         blank = np.full((len(x), 3), np.nan)
         position = np.asarray(truth.get('position', blank), np.float64)
         force = np.asarray(truth.get('force', blank), np.float64)
@@ -125,6 +128,16 @@ class FiveWireEstimation:
         self._learn_force(signals, x, force, kept)
         self._learn_shear(signals, x, force, group, groups)
 
+    def contact(self, signals: Signals) -> npt.NDArray[np.int8]:
+        """Whether anything touches (s,): 1, 0, -1 unknown; the divider alone tells.
+
+        Parameters
+        ----------
+        signals : Signals
+            Conditioned frames, which stay as they are.
+        """
+        return self.touch_.contact(signals, self.touch_.readings(signals))
+
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Place and force of every row.
 
@@ -142,53 +155,64 @@ class FiveWireEstimation:
         """
         assert isinstance(memory, History)
         x = self.touch_.readings(signals)
-        self.touch_.judge(signals, x)
+        # a pipeline that asks `contact` first finds the same here
+        np.copyto(signals.in_contact, self.touch_.contact(signals, x))
         if self.others_ is not None:
             return self.others_.estimate(_own(signals, x), memory)
         known: Columns = {}
         place = x[:, :2]
         if self.place_ is not None:
             place, covariance = self.place_.predict(x)
-            known['position'] = _beside(place, self.height_[0])
-            known['position_cov'] = np.full((len(x), 3, 3), np.nan)
-            known['position_cov'][:, :2, :2] = covariance
-            if self.height_[1] >= 0:
-                known['position_cov'][:, 2] = known['position_cov'][:, :, 2] = 0.0
-                known['position_cov'][:, 2, 2] = self.height_[1]
+            position = np.empty((len(x), 3))
+            position[:, :2], position[:, 2] = place, self.height_[0]
+            known['position'], known['position_cov'] = position, self._beside(covariance)
         if self.force_ is not None:
-            value, spread = self._normal(signals, self._features(x, place), memory)
-            known['force'] = np.full((len(x), 3), np.nan)
-            known['force_cov'] = np.full((len(x), 3, 3), np.nan)
-            untouched = signals.in_contact == 0
-            known['force'][:, 2] = np.where(untouched, 0.0, value)
-            known['force_cov'][:, 2, 2] = np.where(untouched, self.touch_.unfelt_, spread**2)
-            if self.shear_ is not None:
-                mean, cov = self.shear_.predict(x.copy(), np.zeros_like(x))
-                known['force'][:, :2], known['force_cov'][:, :2, :2] = mean, cov
+            known['force'], known['force_cov'] = self._pressed(signals, x, place, memory)
         return known
 
-    def _normal(self, signals: Signals, features: Array, memory: History) -> tuple[Array, Array]:
+    def _beside(self, covariance: Array) -> Array:
+        """Covariances (s, 3, 3) of places in the plane (s, 2, 2) with that of their height."""
+        told = self.height_[1] >= 0
+        whole = np.empty((len(covariance), 3, 3))
+        whole[:] = 0.0 if told else np.nan
+        whole[:, 2, 2] = self.height_[1] if told else np.nan
+        whole[:, :2, :2] = covariance
+        return whole
+
+    def _pressed(
+        self, signals: Signals, x: Array, place: Array, memory: History
+    ) -> tuple[Array, Array]:
+        """Forces (s, 3) and covariances of their errors (s, 3, 3)."""
+        value, spread = self._normal(signals, x, place, memory)
+        force, covariance = np.empty((len(x), 3)), np.empty((len(x), 3, 3))
+        force[:], covariance[:] = np.nan, np.nan
+        force[:, 2], covariance[:, 2, 2] = value, spread * spread
+        untouched = signals.in_contact == 0
+        if np.count_nonzero(untouched):
+            force[untouched, 2], covariance[untouched, 2, 2] = 0.0, self.touch_.unfelt_
+        if self.shear_ is not None:
+            mean, cov = self.shear_.predict(x.copy(), np.zeros_like(x))
+            force[:, :2], covariance[:, :2, :2] = mean, cov
+        return force, covariance
+
+    def _normal(
+        self, signals: Signals, x: Array, place: Array, memory: History
+    ) -> tuple[Array, Array]:
         """Normal forces (s,) and their spreads (N), without creep where stamps tell the past."""
         assert self.force_ is not None
+        columns = self._columns(x, place)
         if self.crept_ is None or signals.stamp_ns is None:
-            return self.force_.predict(features)
-        static, spread = self.crept_.predict(features)
+            return self.force_.at(x, *columns)
+        static, spread = self.crept_.at(x, *columns)
         static = np.where(signals.in_contact == 0, 0.0, static)
         static = np.where(signals.good, static, np.nan)
         means = _remember(static, signals, memory)
         value = static - np.column_stack([means, static]) @ self.shares_
         return value, np.sqrt(spread**2 + (self.left_ * value) ** 2)
 
-    def _features(self, x: Array, place: Array) -> Array:
-        """Features (s, 8) of `ForceHead`."""
-        divider = np.minimum(np.maximum(x[:, 2], LEAST_DIVIDER), 1 - LEAST_DIVIDER)
-        features = np.empty((len(x), 8))
-        features[:, :2] = place / self.size
-        features[:, 2] = 1.0 / divider - 1.0
-        features[:, 3] = spreading_resistance(place, self.size, self.touch_size, self.sheet)
-        features[:, 4:7] = x
-        features[:, 7] = np.log(features[:, 2])
-        return features
+    def _columns(self, x: Array, place: Array) -> tuple[Array, Array]:
+        """Places (s, 2) over the size of the sheet, and R over R0 (s,)."""
+        return place / self.size, 1.0 / np.fmax(x[:, 2], LEAST_DIVIDER) - 1.0
 
     def _learn_force(self, signals: Signals, x: Array, force: Array, kept: Integers) -> None:
         """Static curve, and where stamps tell the past one without creep."""
@@ -197,10 +221,12 @@ class FiveWireEstimation:
         if rows.sum() < FEWEST_ROWS:
             return
         place = x[:, :2] if self.place_ is None else self.place_.predict(x)[0]
-        features, told = self._features(x, place), force[:, 2]
+        features, told = features_of(x, *self._columns(x, place)), force[:, 2]
         noise = 0.0 if np.isnan(self.touch_.noise) else self.touch_.noise
         wanted = self.wanted
-        self.force_ = ForceHead(noise).fit(features[rows], told[rows], kept[rows], wanted)
+        self.force_ = ForceHead(noise, self.size, self.series).fit(
+            features[rows], told[rows], kept[rows], wanted
+        )
         if signals.stamp_ns is None or wanted is not None:
             return
         static = self._static(self.force_, features, signals)
@@ -213,7 +239,9 @@ class FiveWireEstimation:
         terms = np.column_stack([means, static])
         past = np.clip(terms @ shares, -0.5 * static, 0.5 * static)
         target = (told + past)[rows]
-        head = ForceHead(noise).fit(features[rows], target, kept[rows], self.force_.name)
+        head = ForceHead(noise, self.size, self.series).fit(
+            features[rows], target, kept[rows], self.force_.name
+        )
         static = self._static(head, features, signals)
         means = _remember(static, signals, self.start())
         shares = creep_shares(static[rows], means[rows], told[rows], kept[rows])
@@ -249,17 +277,17 @@ class FiveWireEstimation:
         self.shear_ = head if head.report_['held_out_rmse'] < USEFUL * spread else None
 
 
+def _nominal_series(size: Array, touch: float, sheet: float) -> Array:
+    """Nominal Rx (g, g) over the sheet, in the unit of the sheet resistance."""
+    lines = [np.linspace(0.0, edge, GRID) for edge in size]
+    places = np.stack(np.meshgrid(*lines, indexing='ij'), axis=-1).reshape(-1, 2)
+    return spreading_resistance(places, size, touch, sheet).reshape(GRID, GRID)
+
+
 def _own(signals: Signals, x: Array) -> Signals:
     """Frames of which only the divider has a baseline."""
     wide = np.repeat(x[:, None], signals.values.shape[1], axis=1)
     return replace(signals, delta=wide, baseline=np.zeros_like(signals.values))
-
-
-def _beside(place: Array, height: float) -> Array:
-    """Places in the plane with a height."""
-    whole = np.empty((len(place), 3))
-    whole[:, :2], whole[:, 2] = place, height
-    return whole
 
 
 def _remember(static: Array, signals: Signals, memory: History) -> Array:

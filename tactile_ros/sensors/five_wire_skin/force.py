@@ -9,27 +9,31 @@ from __future__ import annotations
 
 import numpy as np
 
+from tactile_ros.estimators.column_view import ColumnView
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.kernel_ridge import KernelRidge
 from tactile_ros.estimators.mean_curve import MeanCurve
-from tactile_ros.estimators.on_columns import OnColumns, Spreading, trials
 from tactile_ros.estimators.power_force import PowerForce
 from tactile_ros.estimators.rbf_force import RbfForce
 from tactile_ros.estimators.ridge import Ridge
+from tactile_ros.estimators.smooth_fields import SmoothFields
 from tactile_ros.estimators.stated_spread import StatedSpread
+from tactile_ros.estimators.trials import chosen, trials
 from tactile_ros.types import Array, Estimator, Integers
 
 MOST_TRIED = 3000  # rows that candidates are compared on
 PENALTY = 1e-4
 CREEP_FOLDS = 5
+LEAST_RESISTANCE = 1e-4  # over R0
 WORTH = 0.97  # of the static error; creep that takes off less is none
 
 
 class ForceHead:
     """Map from place and resistance to normal force, with the spread of its error.
 
-    Features are x and y over the size of the sheet, R and the nominal Rx over R0, u_AC, u_BD, the
-    divider's reading, and the logarithm of R / R0.
+    Features are x and y over the size of the sheet, R over R0, u_AC, u_BD, the divider's reading,
+    and the logarithm of R / R0. It starts from the divider's noise, the edges of the sheet and
+    its nominal Rx over R0, on a grid.
 
     Attributes
     ----------
@@ -50,8 +54,10 @@ class ForceHead:
     level_: float
     report_: dict[str, float]
 
-    def __init__(self, noise: float) -> None:
+    def __init__(self, noise: float, size: Array, series: Array) -> None:
         self.noise = noise
+        self.size = size
+        self.series = series
         self.name = ''
 
     def fit(self, x: Array, y: Array, groups: Integers, wanted: str | None) -> ForceHead:
@@ -59,7 +65,7 @@ class ForceHead:
 
         Parameters
         ----------
-        x : ndarray, shape (s, 8)
+        x : ndarray, shape (s, 7)
             Features.
         y : ndarray, shape (s,)
             Normal forces (N).
@@ -77,7 +83,7 @@ class ForceHead:
         some = np.lexsort(np.column_stack([x, y]).T)[some]
         candidates = self._candidates(wanted)
         found, told = trials(candidates, x[some], y[some, None], groups[some], _plane)
-        best = min(found, key=lambda name: found[name].typical)
+        best = chosen(found, 'power')
         self.name = best if wanted is None else wanted
         self.estimator_ = candidates[best].fit(x, y[:, None], groups)
         trial = found[best]
@@ -97,45 +103,51 @@ class ForceHead:
 
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Forces (s,) (N) and spreads of their errors (s,) (N)."""
-        inner = self.estimator_.estimator if isinstance(self.estimator_, OnColumns) else None
-        if isinstance(inner, PowerForce):
-            force, spread = inner.force(x[:, :4])
-            return force, self.spread_(spread[:, None])[:, 0]
+        if isinstance(self.estimator_, PowerForce):
+            return self.estimator_.force(x)
         force = self.estimator_.predict(x)[:, 0]
         spread = np.full((len(x), 1), self.level_)
         return force, self.spread_(spread)[:, 0]
 
+    def at(self, x: Array, places: Array, resistance: Array) -> tuple[Array, Array]:
+        """Forces (s,) (N) and spreads of their errors (s,) (N) for the columns of features."""
+        if isinstance(self.estimator_, PowerForce):
+            return self.estimator_.at(places, resistance)
+        return self.predict(features_of(x, places, resistance))
+
     def _candidates(self, wanted: str | None) -> dict[str, Estimator]:
         """Estimators to choose from."""
-        network: Estimator = OnColumns(RbfForce(), (0, 1, 2))
+        network: Estimator = ColumnView(RbfForce(), np.array([0, 1, 2]))
         if wanted == 'printed':
             return {'rbf': network}
         known: dict[str, Estimator] = {
-            'power': SmoothPower(PowerForce(self.noise), (0, 1, 2, 3)),
+            'power': PowerForce(self.noise, self.size, self.series),
             'rbf': network,
-            'rbf_log': OnColumns(RbfForce(), (0, 1, 7)),
-            'mean_curve': MeanCurve(7),
-            'ridge': OnColumns(Ridge(), (4, 5, 6)),
-            'kernel_ridge': OnColumns(
-                KernelRidge(lengths=(0.4,), linear=1.0, strengths=(1e-6,), common=10.0), (4, 5, 6)
+            'rbf_log': ColumnView(RbfForce(), np.array([0, 1, 6])),
+            'mean_curve': MeanCurve(6),
+            'ridge': ColumnView(Ridge(), np.array([3, 4, 5])),
+            'kernel_ridge': ColumnView(
+                KernelRidge(lengths=(0.4,), linear=1.0, strengths=(1e-6,), common=10.0),
+                np.array([3, 4, 5]),
             ),
-            'grid_knn': OnColumns(GridKnn(), (4, 5, 6)),
+            'grid_knn': ColumnView(GridKnn(), np.array([3, 4, 5])),
         }
         return known if wanted is None else {wanted: known[wanted]}
+
+
+def features_of(x: Array, places: Array, resistance: Array) -> Array:
+    """Features (s, 7) of `ForceHead` from readings (s, 3), places (s, 2) and R (s,)."""
+    features = np.empty((len(x), 7))
+    features[:, :2] = places
+    features[:, 2] = np.maximum(resistance, LEAST_RESISTANCE)
+    features[:, 3:6] = x
+    features[:, 6] = np.log(features[:, 2])
+    return features
 
 
 def _plane(x: Array, y: Array) -> Array:
     """Places of rows, the first two features."""
     return x[:, :2]
-
-
-class SmoothPower(OnColumns):
-    """The smooth power law on its columns, with the spread that it states."""
-
-    def stated(self, x: Array) -> tuple[Array, Array]:
-        """Forces (s, 1) and spreads of their errors (s, 1) (N)."""
-        assert isinstance(self.estimator, Spreading)
-        return self.estimator.stated(x[:, self.columns])
 
 
 def creep_shares(force: Array, means: Array, told: Array, groups: Integers) -> Array:
@@ -179,9 +191,9 @@ def _shares(terms: Array, error: Array) -> Array:
 
 CLASSES = (
     ForceHead,
-    SmoothPower,
-    OnColumns,
+    ColumnView,
     PowerForce,
+    SmoothFields,
     RbfForce,
     MeanCurve,
     Ridge,

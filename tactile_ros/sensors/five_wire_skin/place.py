@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from tactile_ros.estimators.column_view import ColumnView
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.harmonic_map import HarmonicMap
-from tactile_ros.estimators.on_columns import OnColumns, trials
 from tactile_ros.estimators.perceptron import Perceptron
 from tactile_ros.estimators.ridge import Ridge
 from tactile_ros.estimators.stated_spread import StatedSpread
 from tactile_ros.estimators.thin_plate import ThinPlate
 from tactile_ros.estimators.training import predict_rows
+from tactile_ros.estimators.trials import chosen, trials
 from tactile_ros.physics.resistive import linear_place
 from tactile_ros.types import Array, Estimator, Integers
 
@@ -92,13 +93,13 @@ class PlaceHead:
         tried = (x[some], y[some], groups[some])
         candidates = self._candidates(wanted)
         found, told = trials(candidates, *tried, _told)
-        best = min(found, key=lambda name: found[name].typical)
+        best = chosen(found, 'harmonic')
         if wanted is None and best in REGRESSORS:
             # no model of the sheet serves: the costly regressor may
             candidates['perceptron'] = Perceptron(pattern=True)
             more, _ = trials({'perceptron': candidates['perceptron']}, *tried, _told, folds=2)
             found |= more
-            best = min(found, key=lambda name: found[name].typical)
+            best = chosen(found, 'harmonic')
         self.name = best if wanted is None else wanted
         self.estimator_ = candidates[best].fit(x, y, groups)
         trial = found[best]
@@ -117,11 +118,8 @@ class PlaceHead:
 
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Places (s, 2) (m) and covariances of their errors (s, 2, 2) (m2)."""
-        if isinstance(self.estimator_, HarmonicMap) and self.spread_ is not None:
-            place, covariance = self.estimator_.place(x)
-            spread = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-            factor = self.spread_(spread) / spread
-            return place, covariance * factor[:, :, None] * factor[:, None, :]
+        if isinstance(self.estimator_, HarmonicMap):
+            return self.estimator_.place(x)
         place = self.estimator_.predict(x)
         spread = np.broadcast_to(self.level_, place.shape)
         spread = spread if self.spread_ is None else self.spread_(spread)
@@ -134,7 +132,7 @@ class PlaceHead:
         return {
             'linear': LinearPlace(self.size),
             'harmonic': HarmonicMap(self.size),
-            'thin_plate': OnColumns(ThinPlate(), (0, 1)),
+            'thin_plate': ColumnView(ThinPlate(), np.array([0, 1])),
             'ridge': Ridge(),
             'grid_knn': GridKnn(),
         }
@@ -149,7 +147,7 @@ CLASSES = (
     PlaceHead,
     LinearPlace,
     HarmonicMap,
-    OnColumns,
+    ColumnView,
     ThinPlate,
     StatedSpread,
     Perceptron,

@@ -14,12 +14,15 @@ import numpy as np
 from tactile_ros.conditioning.contact import contact_scale
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from tactile_ros.signals import Columns, Signals
     from tactile_ros.types import Array
 
 TOUCHED = 0.01  # divider's reading above which a skin that was never fitted is touched
 STILL = 0.01  # spread of a resting potential below which the foil does not float
 LIGHTEST = 0.01
+TINY = 1e-300
 
 
 class Touch:
@@ -39,7 +42,9 @@ class Touch:
     quiet_ : ndarray, shape (3,)
         Readings that rest at a level.
     rest_ : ndarray, shape (3,)
-        That level; 0 for the divider, which is less its whole baseline.
+        That level; 0 where it is none, or unknown.
+    doubt_ : ndarray, shape (3,)
+        Variance of a reading at rest.
     unfelt_ : float
         Mean square of forces that do not close the air gap (N2).
     report_ : dict of str to float
@@ -52,6 +57,7 @@ class Touch:
         self.blind_ = False
         self.quiet_ = np.array([False, False, True])
         self.rest_ = np.zeros(3)
+        self.doubt_ = np.zeros(3)
         self.unfelt_ = 0.0
         self.report_: dict[str, float] = {}
 
@@ -69,35 +75,48 @@ class Touch:
         values = signals.values[resting, 0]
         still = len(values) > 1 and bool((values[:, :2].std(axis=0) < STILL).all())
         self.quiet_ = np.array([still, still, True])
-        if still:
-            self.rest_ = np.append(values[:, :2].mean(axis=0), 0.0)
-        divider = self.readings(signals)[:, 2]
+        if len(values) > 1:
+            self.rest_ = np.where(self.quiet_, values.mean(axis=0), 0.0)
+            self.doubt_ = np.where(self.quiet_, values.var(axis=0), 0.0)
+        divider = self._felt(self.readings(signals))
         rest, felt = divider[resting], divider[touched & signals.good]
         seen = float(np.sqrt((rest**2).mean())) if len(rest) > 1 else np.nan
         self.noise = seen if np.isnan(self.noise) else self.noise
         known = felt[:, None, None] if len(felt) else None
         self.threshold_ = float(contact_scale(np.array([[self.noise]]), known)[0, 0])
-        above = np.abs(divider) > self.threshold_
+        above = divider > self.threshold_
         pressed = signals.good & loaded
         self._tell(force[pressed & ~above], force[pressed & above])
         return self
 
     def readings(self, signals: Signals) -> Array:
-        """Potentials and divider (s, 3), less what of their rest has moved since the fit."""
-        x, rest = signals.values[:, 0], signals.baseline[:, 0]
-        x = x - np.where(self.quiet_ & np.isfinite(rest), rest - self.rest_, 0.0)
-        return np.minimum(np.maximum(x, -1.0), 2.0)
+        """Potentials and divider (s, 3), less what of their rest has moved since the fit.
 
-    def judge(self, signals: Signals, x: Array) -> None:
-        """Set contact by the divider; frames that a fit could not judge stay as they are."""
+        A rest that lies within its noise of the fit's has not moved: a short tare would add its
+        own noise to every frame.
+        """
+        x, moved = signals.values[:, 0], signals.baseline[:, 0] - self.rest_
+        square = moved * moved
+        share = np.fmax(1.0 - self.doubt_ / (square + TINY), 0.0) * self.quiet_
+        known = np.where(square < np.inf, share * moved, 0.0)
+        return np.asarray(np.minimum(np.maximum(x - known, -1.0), 2.0))
+
+    def _felt(self, x: Array) -> Array:
+        """Distance (s,) of the divider's reading from its rest."""
+        return np.asarray(np.abs(x[:, 2] - self.rest_[2]))
+
+    def contact(self, signals: Signals, x: Array) -> npt.NDArray[np.int8]:
+        """Contact (s,) by the divider of readings x (s, 3): 1, 0, -1 unknown.
+
+        Where a fit had no rest to judge by, and of unusable frames, it is as the pipeline says.
+        """
         if self.blind_:
-            return
+            return signals.in_contact
         limit = TOUCHED if np.isnan(self.threshold_) else self.threshold_
-        size = np.abs(x[:, 2])
+        size = self._felt(x)
         # a frame called untouched may be a tare row, so that more than the threshold is asked
         felt = (size > limit) & ((signals.in_contact != 0) | (size > TOUCHED))
-        # as the pipeline's own: of unusable frames nothing is said
-        np.copyto(signals.in_contact, felt, where=signals.good, casting='unsafe')
+        return np.where(signals.good, felt.view(np.int8), signals.in_contact)
 
     def _tell(self, light: Array, heavy: Array) -> None:
         """Forces (N) below and above the threshold: what the air gap swallows."""

@@ -22,9 +22,12 @@ from tactile_ros.types.fields import (
     number,
     outlines,
     switch,
+    text_of,
+    whole,
 )
 
 CHANNELS = ('output',)
+CROSSTALK = ('none', 'grounded', 'floating')
 TAXELS, INNER, AREA = 16, 8e-3, 110e-6
 OUTER = float(np.sqrt(INNER**2 + TAXELS * AREA / np.pi))
 ARC = 9  # points of an arc of a sector
@@ -77,6 +80,17 @@ class TaxelArrayConfig:
         Least and largest force of a taxel (N).
     objects : tuple of Outline
         Parts that may be gripped; `label` is an index into them.
+    most_contacts : int
+        Patches of a frame that are reported (k), the strongest.
+    crosstalk : str
+        'none': the read-out isolates every crossing; 'grounded': rows that are not selected are
+        tied to ground, u_ij = g_ij / (1 + sum_k g_kj); 'floating': they and the columns float,
+        sneak paths add to every crossing. See `physics/crosstalk.py`.
+    matrix_lines : ndarray, shape (t, 2), or None
+        Row and column of each taxel in the matrix, for crosstalk; None: by its y and x.
+    area_law : ndarray, shape (4,), or None
+        p1, p2 (1 / m2), p3, p4 (m2) of the paper's Eq. (2), current over pressed area at one load;
+        None: a load on a part of a taxel reads like one on the whole.
     """
 
     positions: Array = array(radial_positions(), 'centres of the taxels', 'm', (-1, 3))
@@ -89,6 +103,12 @@ class TaxelArrayConfig:
     taxel_outlines: Outlines | None = maybe_outlines('shapes of the taxels')
     force_range: Array = array((0.0, 40.0), 'least and largest force', 'N', (2,), 0.0, 1e5)
     objects: Outlines = outlines((), 'parts that may be gripped')
+    most_contacts: int = whole(8, 'patches of a frame that are reported', 1, 64)
+    crosstalk: str = text_of('none', 'what the other lines of the matrix do', CROSSTALK)
+    matrix_lines: Array | None = maybe_array(
+        'row and column of each taxel; empty: by y and x', '1', ('t', 2), 0, 1e4
+    )
+    area_law: Array | None = maybe_array('p1..p4 of the area law', '1', (4,))
 
     def __post_init__(self) -> None:
         """Check values once, at the door."""
@@ -104,6 +124,21 @@ class TaxelArrayConfig:
             msg = (
                 'force_range of TaxelArrayConfig must grow from the least force to the largest; '
                 f'received {self.force_range.tolist()}'
+            )
+            raise ValueError(msg)
+
+        self._refuse_readout()
+
+    def _refuse_readout(self) -> None:
+        """Refuse lines that two taxels share, and an area law without a scale."""
+        lines = self.matrix_lines
+        if lines is not None and len(np.unique(np.rint(lines), axis=0)) < len(lines):
+            msg = 'matrix_lines of TaxelArrayConfig must give each taxel its own crossing'
+            raise ValueError(msg)
+        if self.area_law is not None and not self.area_law[3] > 0:
+            msg = (
+                'p4, the last of area_law of TaxelArrayConfig, must be an area above 0; '
+                f'received {self.area_law[3]}'
             )
             raise ValueError(msg)
 

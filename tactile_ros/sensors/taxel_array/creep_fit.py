@@ -1,4 +1,8 @@
-"""Laws and creep of the taxels together: both are linear in what they need to know."""
+"""Laws and creep of the taxels together.
+
+A law without memory gives the crept load: h(u) = F + sum_i c_i x_i, with x_i the strains that the
+told loads F leave. Any law h is a sum of hinges; what they cannot tell of F must be strains.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +13,22 @@ import numpy as np
 
 from tactile_ros.conditioning.equilibration import Equilibration
 from tactile_ros.conditioning.viscoelastic import Creep, strains
+from tactile_ros.types import Array
 
 if TYPE_CHECKING:
-    from tactile_ros.types import Array, Bools, Integers
+    from tactile_ros.types import Bools, Integers
 
-TAUS = np.array([0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 13.0, 26.0, 60.0])
+TAUS: Array = np.asarray(0.1 * 1.3 ** np.arange(28.0))  # up to two minutes
+HINGES = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.85])  # of the largest output
 FEWEST_ROWS = 60
 MOST_TAXELS = 12  # that choose the time constants
-MOST_ROWS = 1500
-BETTER = 0.9  # of the error without creep; a held-out half judges
-RIDGE = 1e-7
-TRIED = 4  # sets of time constants whose shares are refined
+MOST_ROWS = 4000
+BETTER = 0.9  # of the error without creep
+MORE = 0.9  # of the error of two branches: what a third must be worth
+LIGHT = 0.1  # of the largest load: lighter ones count by their error, heavier in parts
+TOGETHER = 0.5  # trust in shares that all taxels have in common, in taxels
+RIDGE = 1e-6
+MOST_SHARE = 3.0
 
 
 def fit_creep(
@@ -55,81 +64,79 @@ def fit_creep(
     if not law.known.any() or whole.mean() < 0.5 or len(output) < FEWEST_ROWS or not load.any():
         return None
     loaded = np.flatnonzero(law.known & (load.max(axis=0) > 0.3 * load.max()))
+    if not len(loaded):
+        return None
     chosen = loaded[:: max(len(loaded) // MOST_TAXELS, 1)]
-    if not len(chosen):
-        return None
     past = strains(load[:, chosen], TAUS, stamp_ns, restart)
-    u, told = np.nan_to_num(output[:, chosen]), load[:, chosen]
-    sets: list[tuple[int, ...]] = [(), *((i,) for i in range(len(TAUS)))]
-    sets += list(combinations(range(len(TAUS)), 2))
-    errors = [_trial_error(u, told, past[:, list(one)], whole) for one in sets]
-    if np.min(errors) > BETTER * errors[0]:
+    rows = np.flatnonzero(whole)
+    rows = rows[:: max(len(rows) // MOST_ROWS, 1)]
+    products = np.array(
+        [
+            _unexplained(output[rows, taxel], load[rows, taxel], past[rows, :, k])
+            for k, taxel in enumerate(chosen)
+        ]
+    )
+    branches = _branches(products.sum(axis=0))
+    if branches is None:
         return None
-    found = [
-        (_refined(u[whole], told[whole], past[whole][:, list(sets[i])], law), sets[i])
-        for i in np.argsort(errors, kind='stable')[:TRIED]
-        if sets[i]
-    ]
-    (_, share), chosen_set = min(found, key=lambda one: one[0][0])
-    tau = TAUS[list(chosen_set)]
-    if not 0.003 < share.sum() < 3.0:
-        return None
-    every = strains(load, tau, stamp_ns, restart)
-    crept = load + np.einsum('b,sbt->st', share, every)
+    tau = np.asarray(TAUS[list(branches)])
+    share = _shares(products, branches, chosen, output.shape[1])
+    every = past if len(chosen) == output.shape[1] else strains(load, tau, stamp_ns, restart)
+    every = every[:, list(branches)] if len(chosen) == output.shape[1] else every
+    crept = load + np.einsum('bt,sbt->st', share, every)
     crept = np.where(np.isfinite(force), crept, np.nan)
-    spread = np.repeat(share[:, None], output.shape[1], axis=1)
-    creep = Creep(tau, spread)
-    return Equilibration(law.law).fit(output, crept, groups), creep
+    return Equilibration(law.law).fit(output, crept, groups), Creep(tau, share)
 
 
-def _terms(u: Array, told: Array, past: Array) -> Array:
-    """Columns (s, t, n): a u + b u^2 + c u F + d u^3 - sum c_i x_i = F."""
-    own = np.stack([u, u**2, u * told, u**3], axis=-1)
-    return np.concatenate([own, -np.moveaxis(past, 1, 2)], axis=2)
+def _unexplained(u: Array, told: Array, past: Array) -> Array:
+    """Products (m + 1, m + 1) of the load and its strains, less what hinges of u explain."""
+    part = u / max(float(u.max()), 1e-12)
+    terms = np.column_stack([part, np.maximum(part[:, None] - HINGES, 0.0)])
+    weight = 1.0 / (told + LIGHT * float(told.max()) + 1e-12)
+    basis, _ = np.linalg.qr(terms * weight[:, None])
+    columns = np.column_stack([told, past]) * weight[:, None]
+    rest = columns - basis @ (basis.T @ columns)
+    return np.asarray(rest.T @ rest)
 
 
-def _solve(terms: Array, told: Array) -> Array:
-    """Weights (t, n) by least squares, all taxels at once."""
-    gram = np.einsum('sti,stj->tij', terms, terms)
-    size = np.sqrt(np.einsum('tii->ti', gram)) + 1e-30
-    scaled = gram / (size[:, :, None] * size[:, None, :])
-    scaled += RIDGE * np.eye(terms.shape[2])
-    moment = np.einsum('sti,st->ti', terms, told) / size
-    return np.asarray(np.linalg.solve(scaled, moment[..., None])[..., 0] / size)
+def _branches(products: Array) -> tuple[int, ...] | None:
+    """Indices of the time constants that explain most: two, or three where that is worth it."""
+    found: list[tuple[float, tuple[int, ...]]] = [(float(products[0, 0]), ())]
+    for count in (1, 2, 3):
+        sets = list(combinations(range(len(TAUS)), count))
+        # of three, neighbours say nothing that two do not
+        sets = [one for one in sets if count < 3 or min(np.diff(one)) > 2]
+        found.append(min((_left(products, one), one) for one in sets))
+    none, single, pair, triple = found
+    if min(single[0], pair[0]) > BETTER**2 * none[0]:
+        return None
+    if triple[0] < MORE**2 * pair[0]:
+        return triple[1]
+    return pair[1] if pair[0] < 0.999 * single[0] else single[1]
 
 
-def _trial_error(u: Array, told: Array, past: Array, whole: Bools) -> float:
-    """Error of blocks of rows that the weights were not learned from."""
-    block = np.arange(len(u)) * 10 // len(u) % 2
-    terms, wrong = _terms(u, told, past), 0.0
-    for half in (0, 1):
-        train, test = whole & (block != half), whole & (block == half)
-        if not (train.any() and test.any()):
-            return np.inf
-        weights = _solve(terms[train], told[train])
-        miss = np.einsum('sti,ti->st', terms[test], weights) - told[test]
-        wrong += float(np.square(miss).sum())
-    return wrong
+def _left(products: Array, branches: tuple[int, ...]) -> float:
+    """Squared error with some branches; inf where a share would be negative or too large."""
+    share = _share(products, branches)
+    if share.min() < 0 or share.sum() > MOST_SHARE:
+        return np.inf
+    at = [1 + i for i in branches]
+    squared = share @ products[np.ix_(at, at)] @ share
+    return float(products[0, 0] + 2 * share @ products[at, 0] + squared)
 
 
-def _refined(u: Array, told: Array, past: Array, law: Equilibration) -> tuple[float, Array]:
-    """Error and shares (b,) of the branches with which the laws fit best."""
-    from scipy.optimize import minimize
+def _share(products: Array, branches: tuple[int, ...]) -> Array:
+    """Shares (b,) by least squares."""
+    at = [1 + i for i in branches]
+    normal = products[np.ix_(at, at)] + RIDGE * np.eye(len(at)) * products[at, at].max()
+    return np.asarray(np.linalg.solve(normal, -products[at, 0]))
 
-    own = Equilibration('polynomial' if law.name == 'polynomial' else 'rational')
-    step = max(len(u) // MOST_ROWS, 1)
-    u, told, past = u[::step], told[::step], past[::step]
-    known = np.ones(u.shape, bool)
-    size = float(np.square(told).mean()) + 1e-30
 
-    def error(share: Array) -> float:
-        positive = np.maximum(share, 0.0)
-        crept = told + np.einsum('b,sbt->st', positive, past)
-        own.learn(own.law or 'rational', u, crept, known)
-        # in parts of the settled load: larger shares must not pay by a larger scale
-        miss = (own.forces(u) - crept) / (1.0 + positive.sum())
-        return float(np.nanmean(np.square(miss)) / size + np.square(share - positive).sum())
-
-    start = np.full(past.shape[1], 0.05)
-    done = minimize(error, start, method='Nelder-Mead', options={'maxfev': 50, 'xatol': 1e-3})
-    return float(done.fun), np.maximum(np.asarray(done.x, np.float64), 0.0)
+def _shares(products: Array, branches: tuple[int, ...], chosen: Integers, taxels: int) -> Array:
+    """Shares (b, t) of the taxels, those that were not looked at like the others together."""
+    mean = products.mean(axis=0)
+    common = np.maximum(_share(mean, branches), 0.0)
+    shares = np.repeat(common[:, None], taxels, axis=1)
+    for one, taxel in zip(products, chosen, strict=True):
+        shares[:, taxel] = np.maximum(_share(one + TOGETHER * mean, branches), 0.0)
+    return shares

@@ -11,38 +11,35 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from tactile_ros.conditioning.equilibration import LAWS, Equilibration, silent_taxels
-from tactile_ros.conditioning.history import History
-from tactile_ros.conditioning.viscoelastic import Creep, CreepState
+from tactile_ros.conditioning.faults import UNUSABLE
+from tactile_ros.conditioning.viscoelastic import Creep
 from tactile_ros.estimators.object_pose import ObjectPose
 from tactile_ros.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.regression import ESTIMATORS as REGRESSION_ESTIMATORS
 from tactile_ros.regression import Regression
-from tactile_ros.regression.estimation import TIME_CONSTANTS
 from tactile_ros.sensors.taxel_array.creep_fit import fit_creep
+from tactile_ros.sensors.taxel_array.gaps import Gaps
+from tactile_ros.sensors.taxel_array.memory import Memory
+from tactile_ros.sensors.taxel_array.patches import ArrayPatches, add_sum, ids_of
 from tactile_ros.sensors.taxel_array.placing import place_objects
+from tactile_ros.sensors.taxel_array.readout import Unmixing, area_correction
+from tactile_ros.sensors.taxel_array.surface import touched_surface
 from tactile_ros.types import TaxelStatus
 
 if TYPE_CHECKING:
     from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
     from tactile_ros.signals import Columns, Report, SensorConfig, Signals
-    from tactile_ros.types import Array, Bools, Integers
+    from tactile_ros.types import Array, Bools, Bytes, ContactState, Integers
 
 ESTIMATORS = (*LAWS, *REGRESSION_ESTIMATORS)
 FEWEST_ROWS = 5
 QUANTUM = 2.8e-4  # standard deviation of rounding to 10 bits (fraction)
 TEMPLATES, SUM, CENTRE = 'coverage templates', 'sum of taxels', 'centre of force'
 UNLEARNED = 0.25  # spread of gains that nothing equilibrates
-AROUND, GUESSED = 4, 0.5  # taxels that stand for a silent one; error in parts of its force
+GUESSED = 0.5  # error of a silent taxel's force, in parts
+MOST_LOST = 0.5  # of the taxels of a frame that still says something
+UNDONE = 0.1  # error of what creep is undone, in parts of it
 NEAR_ENOUGH = 0.03  # of the total force
-LEAST_SPREAD = 0.03  # of laws and coverage together
-
-
-class Memory(History):
-    """What a stream remembers: the past of regressors, and strains of the skin."""
-
-    def __init__(self, creep: CreepState | None) -> None:
-        super().__init__(np.array(TIME_CONSTANTS))
-        self.creep = creep
 
 
 class TaxelRegression(Regression):
@@ -96,6 +93,16 @@ class TaxelRegression(Regression):
             return None
         return ObjectPose(known.positions, known.areas, known.taxel_outlines, known.objects)
 
+    @cached_property
+    def _alone(self) -> Unmixing:
+        """Signals as of taxels that stand alone."""
+        return Unmixing(self.config)
+
+    @cached_property
+    def patches(self) -> ArrayPatches:
+        """Finder of patches on this array."""
+        return ArrayPatches(self.config, self.noise_, self.law_, self.floor_)
+
     @property
     def estimators(self) -> dict[str, str]:
         """Name of the estimator in use for each target."""
@@ -126,17 +133,20 @@ class TaxelRegression(Regression):
 
     def start(self) -> Memory:
         """Fresh memory of a stream."""
-        return Memory(None if self.creep_ is None else self.creep_.start())
+        return Memory(None if self.creep_ is None else self.creep_.start(), ids_of(self.config))
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component; see `Regression`."""
         self.law_, self.shape_, self.creep_, self.summed_ = None, None, None, False
+        signals = self._alone(signals)
         output = signals.delta[..., 0]
         self._learn_rest(output, signals)
         force = self._told(truth, 'taxel_force', signals)
         self.silent_ = silent_taxels(output[signals.good], force, self.noise_)
         templates = self.objects  # made now, not under the first frame
         del templates
+        for name in ('patches', '_gaps', '_rest_noise'):
+            vars(self).pop(name, None)
         if self.only not in LAWS:
             super().fit(signals, truth, groups)
         if self.only not in ('', *LAWS):
@@ -172,11 +182,14 @@ class TaxelRegression(Regression):
     ) -> None:
         """Laws and branches together, where stamps tell the past and it helps."""
         assert self.law_ is not None
-        if signals.stamp_ns is None or not signals.good.all():
+        if signals.stamp_ns is None:
             return
-        found = fit_creep(
-            signals.delta[..., 0], force, signals.stamp_ns, signals.restart, group, self.law_
-        )
+        good = np.flatnonzero(signals.good)
+        output = self.start().above_tare(signals)[good]
+        # a row that is left out hands the beginning of a stream on to the next
+        restart = np.diff(np.cumsum(signals.restart)[good], prepend=0) > 0
+        stamps = signals.stamp_ns[good]
+        found = fit_creep(output, force, stamps, restart, group, self.law_)
         if found is not None:
             self.law_, self.creep_ = found
 
@@ -209,7 +222,7 @@ class TaxelRegression(Regression):
         if not learned:
             return bool((np.isfinite(found).any(axis=0) | self.silent_).all())
         total = np.asarray(truth['force'], np.float64)[good, 2]
-        miss = np.nansum(self._filled(found), axis=1) - total
+        miss = np.nansum(self._gaps.filled(found), axis=1) - total
         own = float(np.sqrt(np.nanmean(np.square(miss))))
         self.errors_['sum_rmse'] = own
         # a sum is physics: what is as good as this needs no regressor, which may not carry over
@@ -217,27 +230,43 @@ class TaxelRegression(Regression):
             return True
         return own < min(head.report_['held_out_rmse'] for head in learned)
 
+    def sees_enough(self, bits: Bytes) -> Bools:
+        """Frames (s,) of which so many taxels (s, t) may be used that the rest tells enough."""
+        faulty: Array = np.mean((bits & UNUSABLE) > 0, axis=1)
+        return np.asarray(faulty <= MOST_LOST)
+
+    def _settle(self, signals: Signals, forces: Array, crept: Array) -> None:
+        """Call frames untouched in which only the past is read; `in_contact` is changed."""
+        least = self.patches.least + UNDONE * np.abs(crept - forces)
+        pressed = (np.nan_to_num(forces) > least).any(axis=1)
+        signals.in_contact[(signals.in_contact == 1) & ~pressed] = 0
+
     def _forces(self, signals: Signals, memory: Memory) -> Array:
         """Forces (s, t) of outputs, the past of the skin undone (N)."""
         assert self.law_ is not None
-        forces = self.law_.forces(signals.delta[..., 0])
-        if self.creep_ is not None and signals.stamp_ns is not None:
+        if self.creep_ is None or signals.stamp_ns is None:
+            forces = self.law_.forces(signals.delta[..., 0])
+        else:
             assert memory.creep is not None
-            forces = self.creep_.undo(forces, signals.stamp_ns, signals.restart, memory.creep)
+            crept = self.law_.forces(memory.above_tare(signals))
+            forces = self.creep_.undo(crept, signals.stamp_ns, signals.restart, memory.creep)
+            self._settle(signals, forces, crept)
         forces = np.where(self.silent_, np.nan, forces)
         return np.asarray(forces)
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Targets of every row; see `Regression`."""
         assert isinstance(memory, Memory)
+        signals = self._alone(signals)
         known = super().estimate(signals, memory)
         output = signals.delta[..., 0]
         forces = output
         if self.law_ is not None:
             forces = self._forces(signals, memory)
             known['taxel_force'] = forces
-            if self.summed_:
-                self._add_sum(known, forces, output)
+        loads = self._loads(forces)
+        if self.summed_:
+            add_sum(known, *loads)
         if self.shape_ is not None:
             known['deformation'] = self.shape_.forces(output)
         if self.silent_.any():
@@ -245,48 +274,44 @@ class TaxelRegression(Regression):
             known['taxel_status'] = np.repeat(dead[None].astype(np.uint8), len(output), axis=0)
         if self.objects is not None:
             self._add_objects(known, forces, signals)
+        if self.only in ('', *LAWS):
+            self._add_patches(known, loads, signals, memory)
         return known
 
-    def _filled(self, forces: Array) -> Array:
-        """Forces (s, t) with those of silent taxels from the pressure around them."""
-        if not self.silent_.any() or self.silent_.all():
-            return forces
-        areas, places = self.config.areas, self.config.positions
-        silent, live = np.flatnonzero(self.silent_), np.flatnonzero(~self.silent_)
-        away = np.linalg.norm(places[silent, None] - places[None, live], axis=2)
-        near = live[np.argsort(away, axis=1, kind='stable')[:, :AROUND]]
-        filled = forces.copy()
-        pressure = np.nan_to_num(forces)[:, near] / areas[near]
-        filled[:, silent] = pressure.mean(axis=2) * areas[silent]
-        return filled
+    def _add_patches(
+        self, known: Columns, loads: tuple[Array, Array], signals: Signals, memory: Memory
+    ) -> None:
+        """Contacts of every row; `known` is changed."""
+        law = self.law_ is not None
+        load, variance = loads
+        if not law:
+            variance = np.square(UNLEARNED * load)
+        centred = self.summed_ and not any(head.target == 'position' for head in self.heads_)
+        self.patches.add(known, load, variance, signals, memory.ids, law, centred)
 
-    def _variance(self, forces: Array) -> Array:
-        """Of each taxel's force (s, t) (N2)."""
-        return np.asarray(self.floor_**2 + np.square(self.spread_ * np.nan_to_num(forces)))
+    def surface(self, state: ContactState) -> Array:
+        """Points (t, 3) of the surface under a frame (m); NaN where nothing touches."""
+        return touched_surface(self.config.positions, state, self.patches.least, self.shape_)
 
-    def _add_sum(self, known: Columns, forces: Array, output: Array) -> None:
-        """Total force and its place, with covariances; `known` is changed."""
-        load = np.nan_to_num(self._filled(forces))
-        guessed = np.square(GUESSED * load) * np.isnan(forces)
-        variance = np.where(np.isnan(forces), guessed, self._variance(forces))
-        samples = len(load)
-        total = load.sum(axis=1)
-        if 'force' not in known:
-            known['force'] = np.full((samples, 3), np.nan)
-            known['force_cov'] = np.full((samples, 3, 3), np.nan)
-        known['force'][:, 2] = total
-        known['force_cov'][:, 2, 2] = variance.sum(axis=1)
-        if 'position' in known:
-            return
-        share = np.maximum(load, 0.0)
-        weight = np.maximum(share.sum(axis=1), 1e-12)[:, None]
-        place = share @ self.config.positions / weight
-        away = self.config.positions[None] - place[:, None]
-        cov = np.einsum('sti,stj,st->sij', away, away, variance) / weight[..., None] ** 2
-        active = np.maximum((share > 0.05 * share.max(axis=1, keepdims=True)).sum(axis=1), 1)
-        blur = 0.09 * float(np.median(self.config.areas)) / active
-        cov[:, [0, 1], [0, 1]] += blur[:, None]
-        known['position'], known['position_cov'] = place, cov
+    @cached_property
+    def _gaps(self) -> Gaps:
+        """Neighbours of taxels that were not read."""
+        return Gaps(self.config.positions, self.config.areas, self.silent_)
+
+    @cached_property
+    def _rest_noise(self) -> Array:
+        """Of each taxel's force at rest (t,) (N); of its output where no law is known."""
+        if self.law_ is None:
+            return self.noise_
+        gain = self.law_.forces(np.full((1, len(self.noise_)), 0.1))[0] / 0.1
+        return np.asarray(np.nan_to_num(gain) * self.noise_)
+
+    def _loads(self, forces: Array) -> tuple[Array, Array]:
+        """Forces (s, t) without gaps, and their variance."""
+        lost, filled = np.isnan(forces), self._gaps.filled(forces)
+        load = np.where(np.isnan(filled), 0.0, filled)
+        own = self.floor_**2 + np.square(self.spread_ * load)
+        return load, np.where(lost, np.square(GUESSED * load), own)
 
     def _add_objects(self, known: Columns, forces: Array, signals: Signals) -> None:
         """Recognised objects; `known` is changed."""
@@ -295,14 +320,25 @@ class TaxelRegression(Regression):
         if not learned and np.isnan(forces).any():
             # at rest the taxels read nothing: without a baseline readings stand for themselves
             forces = np.where(np.isnan(forces), signals.values[..., 0], forces)
-        noise, spread = self.noise_, UNLEARNED
-        if self.law_ is not None:
-            gain = self.law_.forces(np.full((1, len(self.noise_)), 0.1))[0] / 0.1
-            noise = np.nan_to_num(gain) * self.noise_
-            spread = max(self.spread_, LEAST_SPREAD)
+        spread = UNLEARNED if self.law_ is None else self.spread_
         asked = signals.good & (signals.in_contact != 0)
         errors = (self.floor_, self.spread_) if self.summed_ else None
-        place_objects(known, self.objects, forces, noise, spread, asked, ~self.silent_, errors)
+        corrected, area_law = None, self.config.area_law
+        if self.law_ is not None and area_law is not None:
+            corrected = area_correction(
+                self.law_, signals.delta[..., 0], forces, self.config.areas, area_law
+            )
+        place_objects(
+            known,
+            self.objects,
+            forces,
+            self._rest_noise,
+            spread,
+            asked,
+            ~self.silent_,
+            errors,
+            corrected,
+        )
 
 
 CLASSES = (*REGRESSION_CLASSES, TaxelRegression, Equilibration, Creep)

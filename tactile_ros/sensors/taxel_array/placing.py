@@ -9,11 +9,15 @@ import numpy as np
 from tactile_ros.types import FrameStatus, TaxelStatus
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tactile_ros.estimators.object_pose import Found, ObjectPose
     from tactile_ros.signals import Columns
     from tactile_ros.types import Array, Bools
 
 HIDDEN = 0.03  # error of what silent taxels under an object bear, in parts
+UNCORRECTED = 0.25  # error of a taxel's force before it is known how much of it is pressed
+ROUNDS = 2  # of correction
 COVERED, MUTE, LOUD = 0.7, 0.15, 0.25
 
 
@@ -26,6 +30,7 @@ def place_objects(
     asked: Bools,
     usable: Bools,
     summed: tuple[float, float] | None,
+    corrected: Callable[[int, Array], Array] | None = None,
 ) -> None:
     """Add label, pose, position and bad taxels of every asked row.
 
@@ -48,21 +53,33 @@ def place_objects(
     summed : tuple of float, or None
         Where the total force is a sum, in which the object tells what silent taxels bear: error
         of a taxel (N), and in parts of its force.
+    corrected : callable or None
+        Forces (t,) of a row once it is known how much of each taxel is covered (t,) (m2).
     """
     samples, taxels = forces.shape
     _make_room(known, samples, taxels)
     for i in np.flatnonzero(asked):
         row = forces[i]
         able = usable & np.isfinite(row)
-        found = objects.locate(np.nan_to_num(row), noise, able, spread)
+        first = spread if corrected is None else max(spread, UNCORRECTED)
+        found = objects.locate(np.nan_to_num(row), noise, able, first)
+        for _ in range(0 if corrected is None or found.label < 0 else ROUNDS):
+            assert corrected is not None
+            row = corrected(int(i), found.cover)
+            better = objects.locate(np.nan_to_num(row), noise, able, spread)
+            if better.label < 0:
+                break
+            found = better
+            known['taxel_force'][i] = row
         if found.label < 0:
             known['status'][i] = int(FrameStatus.ABSTAINED)
             continue
         _write(known, int(i), found)
-        if summed is not None and not usable.all():
-            hidden = max(float(found.pressure * found.cover[~usable].sum()), 0.0)
-            known['force'][i, 2] = np.nansum(row) + hidden
-            variance = np.nansum(summed[0] ** 2 + np.square(summed[1] * row))
+        if summed is not None and not (able.all() and corrected is None):
+            hidden = max(float(found.pressure * found.cover[~able].sum()), 0.0)
+            seen = row[np.isfinite(row)]
+            known['force'][i, 2] = seen.sum() + hidden
+            variance = float((summed[0] ** 2 + np.square(summed[1] * seen)).sum())
             known['force_cov'][i, 2, 2] = variance + (HIDDEN * hidden) ** 2
         _mark(known, int(i), found, row, objects.areas)
 

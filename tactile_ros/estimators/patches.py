@@ -1,0 +1,329 @@
+"""Patches of contact on an array of any layout: touched taxels that are connected.
+
+Taxels are neighbours where no other taxel lies between them, whatever the layout. Touched ones
+that are connected are one patch; where two patches are joined by little pressure they are two.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactile_ros.types import Array, Bools, Integers
+
+REACH = 3.0  # of the way to the nearest taxel: no neighbour lies farther
+BETWEEN = 0.9  # of the half way: a taxel as near to the middle of a pair lies between
+ROUND = 16  # taxels around a pair that are looked at
+JOINED = 0.1  # of a patch's largest pressure: less joins nothing
+LEAST = 1e-12  # load of a touched taxel (unit of loads)
+BLUR = 0.09  # of a taxel's area: variance of a centre that one taxel tells
+BLOCK = 200_000  # taxels of frames that are looked at in one go
+FEW = 400  # touched taxels up to which a loop is quicker than a sparse graph
+SQUARE = 8 + np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # columns of second powers
+
+
+def neighbours(positions: Array) -> Integers:
+    """Pairs of taxels that are neighbours.
+
+    Parameters
+    ----------
+    positions : ndarray, shape (t, 3)
+        Centres (m).
+
+    Returns
+    -------
+    ndarray of int, shape (n, 2)
+        Each pair once, the lower index first.
+
+    Notes
+    -----
+    Two taxels are neighbours where no third one lies in the ball on their line, less a tenth:
+    corners of a square are, every second one of a row or a ring is not. Nothing beyond three
+    times the way to the nearest taxel is a neighbour.
+
+    Examples
+    --------
+    >>> row = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0]])
+    >>> neighbours(row).tolist()
+    [[0, 1], [1, 2], [1, 3], [2, 3]]
+    """
+    from scipy.spatial import cKDTree
+
+    count = len(positions)
+    if count < 2:
+        return np.zeros((0, 2), np.int64)
+    tree = cKDTree(positions)
+    near = tree.query(positions, 2)[0][:, 1]
+    others = tree.query(positions, min(4 * ROUND, count))[1]
+    first = np.repeat(np.arange(count), others.shape[1])
+    pairs = np.column_stack([first, others.reshape(-1)])
+    pairs = np.unique(np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1), axis=0)
+    a, b = positions[pairs[:, 0]], positions[pairs[:, 1]]
+    away = np.linalg.norm(a - b, axis=1)
+    close = away <= REACH * np.maximum(near[pairs[:, 0]], near[pairs[:, 1]])
+    pairs, a, b, away = pairs[close], a[close], b[close], away[close]
+    distance, who = tree.query((a + b) / 2, min(3, count))
+    third = (who != pairs[:, :1]) & (who != pairs[:, 1:])
+    blocked = (third & (distance < BETWEEN * away[:, None] / 2)).any(axis=1)
+    return np.asarray(pairs[~blocked], np.int64)
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Patches of s frames, strongest first, at most k of each.
+
+    Attributes
+    ----------
+    label : ndarray of int, shape (s, t)
+        Patch of each taxel; -1: none.
+    count : ndarray of int, shape (s,)
+        Patches of each frame.
+    load, variance : ndarray, shape (s, k)
+        Sum of the loads of the taxels, and its variance; NaN: no patch.
+    position : ndarray, shape (s, k, 3)
+        Centre of pressure (m).
+    position_cov : ndarray, shape (s, k, 3, 3)
+        Of the centre (m2).
+    area : ndarray, shape (s, k)
+        Of the touched taxels (m2).
+    """
+
+    label: Integers
+    count: Integers
+    load: Array
+    variance: Array
+    position: Array
+    position_cov: Array
+    area: Array
+
+
+class PatchFinder:
+    """Connected patches on one array.
+
+    Parameters
+    ----------
+    positions : ndarray, shape (t, 3)
+        Centres of the taxels (m).
+    areas : ndarray, shape (t,)
+        Of the taxels (m2).
+    most : int
+        Patches of a frame that are kept (k), the strongest.
+
+    Examples
+    --------
+    >>> row = np.arange(5)[:, None] * np.array([1e-3, 0, 0])
+    >>> finder = PatchFinder(row, np.full(5, 1e-6), 2)
+    >>> load = np.array([[1.0, 1.0, 0.0, 0.0, 3.0]])
+    >>> found = finder.find(load, 0 * load, load > 0)
+    >>> found.label.tolist(), found.load.tolist()
+    ([[1, 1, -1, -1, 0]], [[3.0, 2.0]])
+    """
+
+    def __init__(self, positions: Array, areas: Array, most: int) -> None:
+        self.positions, self.areas, self.most = positions, areas, most
+        self.pairs = neighbours(positions)
+        self._ends = self.pairs.T.copy()
+        self._near: list[list[int]] = [[] for _ in positions]
+        for i, j in self.pairs.tolist():
+            self._near[i].append(j)
+            self._near[j].append(i)
+        x, y, z = positions.T
+        one = np.ones(len(positions))
+        self._powers = np.stack([one, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z], axis=1)
+        self._extra = np.stack([areas, one], axis=1)
+        self.blur = BLUR * float(np.median(areas))
+
+    def find(self, load: Array, variance: Array, touched: Bools) -> Patches:
+        """Patches of frames.
+
+        Parameters
+        ----------
+        load, variance : ndarray, shape (s, t)
+            Of each taxel, and its variance; any unit, no NaN.
+        touched : ndarray, shape (s, t)
+            Taxels on which something lies.
+
+        Returns
+        -------
+        Patches
+            In the unit of the loads.
+        """
+        samples, taxels = load.shape
+        step = max(BLOCK // taxels, 1)
+        blocks = [slice(i, i + step) for i in range(0, samples, step)]
+        if len(blocks) == 1:
+            return self._block(load, variance, touched)
+        found = [self._block(load[b], variance[b], touched[b]) for b in blocks]
+        return Patches(
+            *(np.concatenate([vars(one)[name] for one in found]) for name in vars(found[0]))
+        )
+
+    def _block(self, load: Array, variance: Array, touched: Bools) -> Patches:
+        """Patches of as many frames as fit."""
+        row, taxel = np.nonzero(touched)
+        if not len(row):
+            return self._nothing(load.shape)
+        if len(load) == 1 and len(taxel) <= FEW:
+            alone = self._alone(load[0], variance[0], taxel)
+            if alone is not None:
+                return alone
+        weight = np.maximum(load[row, taxel], LEAST)
+        patch = self._parted(row, taxel, weight / self.areas[taxel], touched)
+        count = int(patch.max(initial=-1)) + 1
+        total = np.bincount(patch, weight, count)
+        home = np.zeros(count, np.int64)
+        home[patch] = row
+        order = np.lexsort((-total, home))
+        rank = np.empty(count, np.int64)
+        rank[order] = np.arange(count) - np.searchsorted(home[order], home[order])
+        kept = rank < self.most
+        told = self._measured(patch, taxel, weight, variance[row, taxel], count)
+        label = np.full(load.shape, -1, np.int64)
+        label[row, taxel] = np.where(kept[patch], rank[patch], -1)
+        columns = []
+        for column in told:
+            wide = np.full((len(load), self.most, *column.shape[1:]), np.nan)
+            wide[home[kept], rank[kept]] = column[kept]
+            columns.append(wide)
+        return Patches(label, np.bincount(home[kept], minlength=len(load)), *columns)
+
+    def _nothing(self, shape: tuple[int, ...]) -> Patches:
+        """No patch in any frame (s, t)."""
+        blank = np.full((16, shape[0], self.most), np.nan)
+        tail = (shape[0], self.most)
+        return Patches(
+            np.full(shape, -1), np.zeros(shape[0], np.int64), blank[0], blank[1],
+            blank[2:5].reshape(*tail, 3), blank[5:14].reshape(*tail, 3, 3), blank[14],
+        )  # fmt: skip
+
+    def _alone(self, load: Array, variance: Array, taxel: Integers) -> Patches | None:
+        """The one patch of one frame, quickly; None: there are several."""
+        weight = np.maximum(load[taxel], LEAST)
+        pressure = weight / self.areas[taxel]
+        core = taxel[pressure > JOINED * pressure.max()]
+        for nodes in (taxel,) if len(core) == len(taxel) else (taxel, core):
+            if _flooded(self._near, nodes.tolist(), len(load))[1] > 1:
+                return None
+        powers, own = self._powers[taxel], variance[taxel]
+        first, sums = weight @ powers[:, :4], own @ powers
+        total, spread = first[0], sums[0]
+        centre = first[1:] / total
+        mixed = centre[:, None] * sums[1:4]
+        cov = sums[SQUARE - 4] - mixed - mixed.T + spread * centre[:, None] * centre
+        cov /= total * total
+        cov[[0, 1], [0, 1]] += self.blur / len(taxel)
+        found = self._nothing((1, len(load)))
+        found.label[0, taxel] = 0
+        found.count[0] = 1
+        found.load[0, 0], found.variance[0, 0] = total, spread
+        found.position[0, 0], found.position_cov[0, 0] = centre, cov
+        found.area[0, 0] = self.areas[taxel].sum()
+        return found
+
+    def _measured(
+        self, patch: Integers, taxel: Integers, weight: Array, variance: Array, count: int
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """Load, variance, centre (n, 3), its covariance (n, 3, 3) and area of every patch."""
+        order = np.argsort(patch, kind='stable')
+        taxel, weight, variance = taxel[order], weight[order, None], variance[order, None]
+        powers = self._powers[taxel]
+        parts = np.hstack([weight * powers[:, :4], variance * powers, self._extra[taxel]])
+        sums = np.add.reduceat(parts, np.searchsorted(patch[order], np.arange(count)), axis=0)
+        total, spread = np.maximum(sums[:, 0], 1e-100), sums[:, 4]
+        centre = sums[:, 1:4] / total[:, None]
+        first, second = sums[:, 5:8], sums[:, SQUARE]
+        mixed = centre[:, :, None] * first[:, None]
+        own = spread[:, None, None] * centre[:, :, None] * centre[:, None]
+        cov = (second - mixed - mixed.transpose(0, 2, 1) + own) / total[:, None, None] ** 2
+        cov[:, [0, 1], [0, 1]] += (self.blur / sums[:, -1])[:, None]
+        return total, spread, centre, cov, sums[:, -2]
+
+    def _parted(self, row: Integers, taxel: Integers, pressure: Array, touched: Bools) -> Integers:
+        """Patch of each touched taxel (n,): connected ones, cut where little joins them."""
+        whole = self._connected(touched)
+        peak = np.zeros(int(whole.max()) + 1)
+        np.maximum.at(peak, whole, pressure)
+        core = pressure > JOINED * peak[whole]
+        if core.all():
+            return whole
+        firm = np.zeros(touched.shape, bool)
+        firm[row[core], taxel[core]] = True
+        patch = np.full(len(row), -1)
+        patch[core] = self._connected(firm)
+        return self._with_rims(patch, whole, core, taxel)
+
+    def _connected(self, touched: Bools) -> Integers:
+        """Component of each touched taxel (n,), numbered by their first ones."""
+        if len(touched) == 1:
+            nodes = np.flatnonzero(touched[0])
+            if len(nodes) <= FEW:
+                label, _ = _flooded(self._near, nodes.tolist(), len(self.positions))
+                return np.array([label[node] for node in nodes.tolist()], np.int64)
+        number = np.cumsum(touched).reshape(touched.shape) - 1
+        a, b = self._ends
+        row, pair = np.nonzero(touched[:, a] & touched[:, b])
+        return connected(number[row, a[pair]], number[row, b[pair]], int(number[-1, -1]) + 1)
+
+    def _with_rims(
+        self, patch: Integers, whole: Integers, core: Bools, taxel: Integers
+    ) -> Integers:
+        """Patches with their lightly pressed rims: each taxel to the nearest of its whole."""
+        owner = np.zeros(int(patch.max()) + 1, np.int64)
+        owner[patch[core]] = whole[core]
+        cores = np.bincount(owner)
+        only = np.zeros(len(cores), np.int64)
+        only[owner] = np.arange(len(owner))
+        rim = np.flatnonzero(~core)
+        patch[rim] = only[whole[rim]]
+        torn = rim[cores[whole[rim]] > 1]
+        if not len(torn):
+            return patch
+        inner, place = np.flatnonzero(core), self.positions[taxel]
+        inner = inner[cores[whole[inner]] > 1]
+        for part in np.unique(whole[torn]):
+            mine, there = torn[whole[torn] == part], inner[whole[inner] == part]
+            away = np.square(place[mine, None] - place[None, there]).sum(axis=2)
+            patch[mine] = patch[there[np.argmin(away, axis=1)]]
+        return patch
+
+
+def connected(first: Integers, second: Integers, count: int) -> Integers:
+    """Component of each of `count` nodes, of links sorted by their first nodes.
+
+    Examples
+    --------
+    >>> connected(np.array([0, 3]), np.array([2, 4]), 5).tolist()
+    [0, 1, 0, 2, 2]
+    """
+    from scipy.sparse import csr_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    starts = np.zeros(count + 1, np.int32)
+    np.cumsum(np.bincount(first, minlength=count), out=starts[1:])
+    links = (np.ones(len(first)), second.astype(np.int32), starts)
+    graph = csr_matrix(links, shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+
+
+def _flooded(near: list[list[int]], nodes: list[int], count: int) -> tuple[list[int], int]:
+    """Component of a few of `count` nodes, numbered by their first nodes, and how many there are.
+
+    It is quicker than a graph.
+    """
+    label = [-2] * count
+    for node in nodes:
+        label[node] = -1
+    number = -1
+    for node in nodes:
+        if label[node] != -1:
+            continue
+        number += 1
+        label[node] = number
+        front = [node]
+        while front:
+            for other in near[front.pop()]:
+                if label[other] == -1:
+                    label[other] = number
+                    front.append(other)
+    return label, number + 1

@@ -1,0 +1,226 @@
+"""Trials of estimators on groups that they had not seen, and a choice that needs a reason.
+
+Few groups tell little: the one that is expected to serve is left only for one that errs less on
+held-out groups by more than chance makes (after the one-standard-error rule of Breiman et al.,
+Classification and Regression Trees, 1984, sec. 3.4.3, with two), and by enough to matter.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from tactile_ros.estimators.folds import group_folds
+from tactile_ros.estimators.training import TrainingRows, training_rows
+from tactile_ros.types import Array, Bools, Estimator, Integers
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+FOLDS = 8
+ALIKE = 0.02  # of what was touched
+ONE_SIGMA = 0.6827
+FEWEST_GROUPS = 5
+SURE_GROUPS = 45.0  # the model's own doubt counts as much as so many groups
+MOST_CAUTION = 4.0
+WORTH = 0.5  # of an error: touches lie nearer to what was learned than groups left out do
+SURE = 2.0  # standard errors
+
+
+@runtime_checkable
+class Spreading(Protocol):
+    """An estimator that states the spread of its error."""
+
+    def stated(self, x: Array) -> tuple[Array, Array]:
+        """Targets (s, k) and spreads of their errors (s, k)."""
+        ...
+
+
+@runtime_checkable
+class LeavingOut(Protocol):
+    """An estimator that tells from one fit what it would say without some of the rows."""
+
+    def fit(self, x: Array, y: Array, groups: Integers | None = None) -> Estimator:
+        """Learn from rows."""
+        ...
+
+    def held_out(self, x: Array, y: Array, groups: Integers) -> tuple[Array, Array]:
+        """Targets (s, k) that a fit without the group of each row says, and their spreads."""
+        ...
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What a candidate said about rows whose group it had not seen.
+
+    Attributes
+    ----------
+    said, spread : ndarray, shape (s, k)
+        Predictions, and the spreads that it stated; its root mean square error where it states
+        none.
+    error : float
+        Root mean square length of its error (unit of y); infinite where it said nothing.
+    typical : ndarray, shape (g,)
+        That of each group, none counted above the spread of the targets, so that a few groups
+        that it cannot reach do not rule (unit of y).
+    """
+
+    said: Array
+    spread: Array
+    error: float
+    typical: Array
+
+
+def trials(
+    candidates: Mapping[str, Estimator],
+    x: Array,
+    y: Array,
+    groups: Integers,
+    plane: Callable[[Array, Array], Array],
+    folds: int = FOLDS,
+) -> tuple[dict[str, Trial], Array]:
+    """Let candidates predict groups that they were not trained on.
+
+    Parameters
+    ----------
+    candidates : mapping of str to Estimator
+        They are copied, not fitted.
+    x, y : ndarray, shape (s, d) and (s, k)
+        Features and targets.
+    groups : ndarray of int, shape (s,)
+        What a split keeps together.
+    plane : callable
+        Place (s, 2) of rows from features and targets. Corners of what was touched are not
+        judged: left out, they would ask for what lies beyond all touches.
+    folds : int
+        Parts into which groups are dealt.
+
+    Returns
+    -------
+    trials : dict of str to Trial
+        One for each candidate.
+    y : ndarray, shape (s, k)
+        Targets of the rows in the order of the trials.
+    """
+    rows = training_rows(x, y, groups)
+    fold = group_folds(rows.groups, folds, 0)
+    judged = ~at_corners(plane(rows.x, rows.y), rows.groups)
+    found = {}
+    for name, candidate in candidates.items():
+        said, spread = _unseen(candidate, rows, fold)
+        found[name] = _judge(said[judged], spread[judged], rows.y[judged], rows.groups[judged])
+    return found, rows.y[judged]
+
+
+def chosen(found: Mapping[str, Trial], expected: str) -> str:
+    """Name of the candidate to use.
+
+    Parameters
+    ----------
+    found : mapping of str to Trial
+        Of the candidates, on the same groups.
+    expected : str
+        Used unless another errs less by more than two standard errors of the difference over
+        groups, and by half of it.
+
+    Returns
+    -------
+    str
+        Of those that do, the one that errs least.
+    """
+    trust = found.get(expected)
+    if trust is None or trust.error == np.inf:
+        return min(found, key=lambda name: float(found[name].typical.mean()))
+    known = trust.typical
+    better = {expected: float(known.mean())}
+    for name, one in found.items():
+        gain = known - one.typical
+        chance = float(gain.std()) / np.sqrt(max(len(gain) - 1, 1))
+        if float(gain.mean()) > max(SURE * chance, WORTH * float(known.mean())):
+            better[name] = float(one.typical.mean())
+    return min(better, key=lambda name: better[name])
+
+
+def _unseen(candidate: Estimator, rows: TrainingRows, fold: Integers) -> tuple[Array, Array]:
+    """What copies of a candidate say (s, k) about folds that they were not trained on."""
+    if isinstance(candidate, LeavingOut) and (fold != fold[0]).any():
+        whole = copy.deepcopy(candidate)
+        whole.fit(rows.x, rows.y, rows.groups)
+        return whole.held_out(rows.x, rows.y, rows.groups)  # nearest to use, and costs no more
+    said, spread = np.full_like(rows.y, np.nan), np.full_like(rows.y, np.nan)
+    for part in np.unique(fold):
+        held = fold == part
+        seen = rows.take(~held if not held.all() else held)
+        trial = copy.deepcopy(candidate).fit(seen.x, seen.y, seen.groups)
+        if isinstance(trial, Spreading):
+            said[held], spread[held] = trial.stated(rows.x[held])
+        else:
+            said[held] = trial.predict(rows.x[held])
+    return said, spread
+
+
+def _judge(said: Array, spread: Array, told: Array, groups: Integers) -> Trial:
+    """Trial of what was said about targets (s, k)."""
+    square = (said - told) ** 2
+    error = float(np.sqrt(square.sum(axis=1).mean()))
+    error = error if np.isfinite(error) else np.inf
+    level = np.sqrt(square.mean(axis=0)) if error < np.inf else 1.0
+    spread = np.where(np.isfinite(spread), spread, np.maximum(level, 1e-12))
+    index = np.unique(groups, return_inverse=True)[1].reshape(-1)
+    means = np.bincount(index, square.sum(axis=1)) / np.bincount(index)
+    typical = np.minimum(np.sqrt(means), np.sqrt(told.var(axis=0).sum()))
+    return Trial(said, spread, error, np.asarray(np.where(error < np.inf, typical, np.inf)))
+
+
+def caution(asked: Array, weight: Array, groups: int) -> float:
+    """Factor on a spread with which 68.27 % of held-out errors lie inside it.
+
+    Parameters
+    ----------
+    asked : ndarray, shape (s,)
+        Factor at which the error of each held-out row is one sigma.
+    weight : ndarray, shape (s,)
+        Weights of the rows.
+    groups : int
+        How many groups they are of; few do not tell much against the model's own spread.
+
+    Returns
+    -------
+    float
+        1 where nothing is known.
+
+    Examples
+    --------
+    >>> round(caution(np.full(100, 4.0), np.ones(100), 45), 2)
+    2.0
+    """
+    if groups < FEWEST_GROUPS:
+        return 1.0
+    order = np.argsort(asked, kind='stable')
+    share = np.cumsum(weight[order]) / weight.sum()
+    row = min(int(np.searchsorted(share, ONE_SIGMA)), len(share) - 1)
+    factor = float(asked[order[row]])
+    bounded = min(max(factor, 1 / MOST_CAUTION), MOST_CAUTION)
+    return float(bounded ** (groups / (groups + SURE_GROUPS)))
+
+
+def at_corners(places: Array, groups: Integers) -> Bools:
+    """Rows (s,) whose group is a corner of the convex hull of all groups' places (s, 2).
+
+    Where that would leave less than half of the groups, none is.
+    """
+    index = np.unique(groups, return_inverse=True)[1].reshape(-1)
+    count = np.bincount(index)
+    means = np.stack([np.bincount(index, column) / count for column in places.T], axis=1)
+    corner = np.zeros(len(means), bool)
+    step = ALIKE * np.maximum(np.ptp(means, axis=0), 1e-300)
+    try:
+        # noise would make corners of places on a straight edge
+        corner[ConvexHull(np.round(means / step)).vertices] = True
+    except (QhullError, ValueError):  # too few places, or all on a line
+        return np.zeros(len(places), bool)
+    return corner[index] if 2 * corner.sum() < len(corner) else np.zeros(len(places), bool)

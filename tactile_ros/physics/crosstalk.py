@@ -1,0 +1,184 @@
+"""Crosstalk between rows and columns of a passive matrix of taxels, and its inverse.
+
+Every crossing is a resistor and nothing else, so current finds its way over other crossings. What
+that does depends on the lines that are not selected. Conductances are in units of 1 / R0, the
+resistor below each column, so that outputs (fractions of the supply) are all that must be known.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactile_ros.types import Array
+
+LEAK = 1e-6  # of the largest conductance: what ties lines that nothing presses to the rest
+FLOOR, NOTHING = 1e-5, 1e-7  # of the largest conductance: less is none; the least that is tried
+CLOSE = 2e-4  # of the largest conductance: readings that are met as well are met
+ROUNDS, STEPS, DAMPING, ENOUGH = 15, 15, 1e-5, 1e-6
+LONGEST = 3.0  # logarithm by which a conductance falls in one round
+
+
+def alone(output: Array) -> Array:
+    """Conductance (1 / R0) of a crossing that is the only one: u = g / (1 + g).
+
+    Examples
+    --------
+    >>> alone(np.array([0.0, 0.5])).tolist()
+    [0.0, 1.0]
+    """
+    return np.asarray(output / (1.0 - np.minimum(output, 1 - 1e-9)))
+
+
+def divided(conductance: Array) -> Array:
+    """Output (fraction) of a conductance (1 / R0) above R0."""
+    return np.asarray(conductance / (1.0 + conductance))
+
+
+def grounded_output(conductance: Array) -> Array:
+    """Outputs of a matrix whose rows are all driven, those not selected to ground.
+
+    Parameters
+    ----------
+    conductance : ndarray, shape (..., r, c)
+        Of the crossings (1 / R0).
+
+    Returns
+    -------
+    ndarray, shape (..., r, c)
+        u_ij = g_ij / (1 + sum_k g_kj): the other crossings of a column pull it down.
+
+    Examples
+    --------
+    >>> grounded_output(np.array([[1.0], [2.0]])).tolist()
+    [[0.25], [0.5]]
+    """
+    return np.asarray(conductance / (1.0 + conductance.sum(axis=-2, keepdims=True)))
+
+
+def without_grounded(output: Array) -> Array:
+    """Conductances (..., r, c) (1 / R0) of such outputs: g_ij = u_ij / (1 - sum_k u_kj), exactly.
+
+    Examples
+    --------
+    >>> without_grounded(np.array([[0.25], [0.5]])).tolist()
+    [[1.0], [2.0]]
+    """
+    room = 1.0 - output.sum(axis=-2, keepdims=True)
+    return np.asarray(output / np.maximum(room, 1e-9))
+
+
+def floating_conductance(conductance: Array) -> Array:
+    """What is measured between a row and a column while all other lines float.
+
+    Parameters
+    ----------
+    conductance : ndarray, shape (r, c)
+        Of the crossings (1 / R0).
+
+    Returns
+    -------
+    ndarray, shape (r, c)
+        G_ij = 1 / (M_ii + M_jj - 2 M_ij), with M the inverse of the Laplacian of the network of
+        r + c lines: no less than g_ij, since every sneak path adds to it.
+
+    Examples
+    --------
+    >>> floating_conductance(np.ones((2, 2))).round(3).tolist()
+    [[1.333, 1.333], [1.333, 1.333]]
+    """
+    return _between(_inverse(conductance), len(conductance))
+
+
+def without_floating(measured: Array) -> Array:
+    """Conductances of the crossings behind what is measured while all other lines float.
+
+    Parameters
+    ----------
+    measured : ndarray, shape (r, c)
+        Of every crossing (1 / R0).
+
+    Returns
+    -------
+    ndarray, shape (r, c)
+        Of the crossings (1 / R0).
+
+    Notes
+    -----
+    Least squares on what is measured, over logarithms of conductances, which cannot be negative,
+    from above: no crossing conducts more than is measured across it. A conductance dg changes
+    G_ij by G_ij^2 times the square of the potential that a unit current through ij leaves across
+    it: a product with all of these costs two products of matrices of the lines, so that each round
+    is solved by damped conjugate gradients.
+    """
+    top = float(measured.max(initial=0.0))
+    if top <= 0:
+        return np.zeros(measured.shape)
+    wanted = np.maximum(measured, 0.0) / top
+    highest = np.maximum(wanted, FLOOR)
+    found = highest.copy()
+    for _ in range(ROUNDS):
+        inverse = _inverse(found)
+        seen = _between(inverse, len(found))
+        wrong = seen - wanted
+        if np.abs(wrong).max() < CLOSE:
+            break
+        step = np.clip(_descended(inverse, seen, found, wrong), -LONGEST, 1.0)
+        found = np.clip(found * np.exp(step), NOTHING, highest)
+    return np.where(found > FLOOR, found, 0.0) * top
+
+
+def _laplacian(conductance: Array) -> Array:
+    """Of a network (r + c, r + c): rows first."""
+    rows, columns = conductance.shape
+    network = np.zeros((rows + columns, rows + columns))
+    network[:rows, rows:] = -conductance
+    network[rows:, :rows] = -conductance.T
+    diagonal = np.concatenate([conductance.sum(axis=1), conductance.sum(axis=0)])
+    network[np.diag_indices(rows + columns)] = diagonal
+    return network
+
+
+def _inverse(conductance: Array) -> Array:
+    """Inverse of the Laplacian, every line tied to ground a little."""
+    network = _laplacian(conductance)
+    top = max(float(conductance.max(initial=0.0)), 1e-30)
+    network[np.diag_indices(len(network))] += LEAK * top
+    return np.asarray(np.linalg.inv(network))
+
+
+def _between(inverse: Array, rows: int) -> Array:
+    """Conductance (r, c) between rows and columns."""
+    return np.asarray(1.0 / _apart(inverse, rows))
+
+
+def _apart(matrix: Array, rows: int) -> Array:
+    """m_ii + m_jj - 2 m_ij for rows i and columns j."""
+    diagonal = np.diag(matrix)
+    return np.asarray(diagonal[:rows, None] + diagonal[None, rows:] - 2 * matrix[:rows, rows:])
+
+
+def _descended(inverse: Array, seen: Array, found: Array, wrong: Array) -> Array:
+    """Change of logarithms that brings what is seen down by what is wrong, least squares."""
+    rows = len(seen)
+
+    def ahead(change: Array) -> Array:
+        turned = inverse @ _laplacian(found * change) @ inverse
+        return np.asarray(seen**2 * _apart(turned, rows))
+
+    def back(change: Array) -> Array:
+        turned = inverse @ _laplacian(seen**2 * change) @ inverse
+        return np.asarray(found * _apart(turned, rows))
+
+    left = -back(wrong)
+    step, way = np.zeros(seen.shape), left.copy()
+    size = first = float(np.square(left).sum())
+    for _ in range(STEPS):
+        if size <= ENOUGH * first:
+            break
+        turned = back(ahead(way)) + DAMPING * way
+        length = size / float((way * turned).sum())
+        step += length * way
+        left -= length * turned
+        before, size = size, float(np.square(left).sum())
+        way = left + size / before * way
+    return step
