@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tactile_ros.cli.record import wait_for_frames
 from tactile_ros.devices.damage import DAMAGES, unseen
 from tactile_ros.devices.framed_payloads import (
     five_wires,
@@ -23,7 +24,6 @@ from tactile_ros.devices.framed_payloads import (
     taxel_matrix,
     three_axis_chips,
 )
-from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.driver_speed import bus_rows, decoding_rows, memory_rows, resident_kib
 from tactile_ros.evaluation.fault_trials import STORM, STORMS, Road, Trial, suffer, ways
@@ -43,7 +43,6 @@ from tactile_ros.sensors import list_sensors, load_sensor
 STRINGS = {'quick': 20_000, 'normal': 1_000_000, 'full': 1_000_000}
 DECODED = {'quick': 100_000, 'normal': 1_000_000, 'full': 1_000_000}
 NODE_S = {'quick': 10.0, 'normal': 100.0, 'full': 100.0}
-START_S = 60.0
 WARM_S = 10.0
 ON_ITS_WAY_S = 0.5
 UNSEEN = ('flipped', 'garbage', 'shifted')
@@ -242,14 +241,14 @@ def _node(
     connection = spec.connection(native_usb=True, **how)
     level = np.full(spec.layout(config).shape, 1e-4)
     with tempfile.TemporaryDirectory() as name:
-        bag = str(Path(name) / 'bag')
+        bag = Path(name) / 'bag'
         twin = spec.simulate(config, connection, lambda t: level * (1 + 0.1 * np.sin(t)), 0)
         with twin:
             values = {'sensor': sensor, 'port': twin.port, 'rate_hz': rate_hz, 'native_usb': True,
                       'listeners': 1, **how}  # fmt: skip
-            graph = Graph((Process('record', {'bag': bag}), Process('sensor_node', values)))
+            graph = Graph((Process('record', {'bag': str(bag)}), Process('sensor_node', values)))
             with Running(graph, {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}) as running:
-                _wait_for_frames(bag)
+                wait_for_frames(running, bag)
                 time.sleep(WARM_S)
                 began_ns = time.time_ns()
                 cores, grown = _watch(running.pid('sensor_node'), seconds)
@@ -259,20 +258,6 @@ def _node(
     assert stamp_ns is not None
     heard = np.count_nonzero((stamp_ns > began_ns) & (stamp_ns <= ended_ns))
     return cores, grown, min(1.0, heard * 1e9 / (rate_hz * (ended_ns - began_ns)))
-
-
-def _wait_for_frames(bag: str) -> None:
-    """Wait until a recorder has frames: processes take seconds to start and find one another."""
-    deadline = time.monotonic() + START_S
-    while True:
-        time.sleep(0.5)
-        try:
-            load(bag)
-        except RecordingError:
-            if time.monotonic() > deadline:
-                raise
-        else:
-            return
 
 
 def _watch(pid: int, seconds: float) -> tuple[float, float]:
