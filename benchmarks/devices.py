@@ -13,10 +13,10 @@ import time
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.cli.record import wait_for_frames
 from tactile_ros.devices.damage import DAMAGES, unseen
 from tactile_ros.devices.framed_payloads import (
     five_wires,
@@ -40,13 +40,11 @@ from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.processes import Running
 from tactile_ros.sensors import list_sensors, load_sensor
 
-if TYPE_CHECKING:
-    pass
-
 STRINGS = {'quick': 20_000, 'normal': 1_000_000, 'full': 1_000_000}
 DECODED = {'quick': 100_000, 'normal': 1_000_000, 'full': 1_000_000}
 NODE_S = {'quick': 10.0, 'normal': 100.0, 'full': 100.0}
-WARM_S = 5.0
+WARM_S = 10.0
+ON_ITS_WAY_S = 0.5
 UNSEEN = ('flipped', 'garbage', 'shifted')
 
 
@@ -243,24 +241,27 @@ def _node(
     connection = spec.connection(native_usb=True, **how)
     level = np.full(spec.layout(config).shape, 1e-4)
     with tempfile.TemporaryDirectory() as name:
-        bag = str(Path(name) / 'bag')
+        bag = Path(name) / 'bag'
         twin = spec.simulate(config, connection, lambda t: level * (1 + 0.1 * np.sin(t)), 0)
         with twin:
             values = {'sensor': sensor, 'port': twin.port, 'rate_hz': rate_hz, 'native_usb': True,
                       'listeners': 1, **how}  # fmt: skip
-            graph = Graph((Process('record', {'bag': bag}), Process('sensor_node', values)))
+            graph = Graph((Process('record', {'bag': str(bag)}), Process('sensor_node', values)))
             with Running(graph, {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}) as running:
-                pid = running.pid('sensor_node')
-                cores, grown = _watch(pid, seconds)
-        recording = load(bag).recordings[0].recording
-    assert recording.sequence is not None
-    span = int(recording.sequence[-1] - recording.sequence[0]) + 1
-    return cores, grown, min(len(recording) / span, len(recording) / (rate_hz * seconds))
+                wait_for_frames(running, bag)
+                time.sleep(WARM_S)
+                began_ns = time.time_ns()
+                cores, grown = _watch(running.pid('sensor_node'), seconds)
+                ended_ns = time.time_ns()
+                time.sleep(ON_ITS_WAY_S)
+        stamp_ns = load(bag).recordings[0].recording.stamp_ns
+    assert stamp_ns is not None
+    heard = np.count_nonzero((stamp_ns > began_ns) & (stamp_ns <= ended_ns))
+    return cores, grown, min(1.0, heard * 1e9 / (rate_hz * (ended_ns - began_ns)))
 
 
 def _watch(pid: int, seconds: float) -> tuple[float, float]:
-    """Cores and growth of memory (KiB) of a process after its start."""
-    time.sleep(WARM_S)
+    """Cores and growth of memory (KiB) of a process that has warmed up."""
     memory, spent, began = resident_kib(pid), _processor_s(pid), time.monotonic()
     time.sleep(seconds)
     cores = (_processor_s(pid) - spent) / (time.monotonic() - began)

@@ -105,6 +105,8 @@ class Road:
         Of the sensor, at 80 Hz.
     waited_s : float
         Real time that the driver took to find its port again (s).
+    block : int
+        Frames that a serial board sends before the driver reads; 1: each is read when it comes.
     """
 
     def __init__(
@@ -119,6 +121,7 @@ class Road:
         self.layout = spec.layout(config)
         self.noise = noise
         self.waited_s = 0.0
+        self.block = BLOCK
         self.clock = VirtualClock(START_NS)
         self.signal = telling(self.layout, seed)
         self.twin = spec.simulate(
@@ -157,7 +160,7 @@ class Road:
         frames: list[Frame] = []
         while self.clock.now_ns() < end_ns:
             if isinstance(self.twin, SerialTwin):
-                self.twin.play(BLOCK)
+                self.twin.play(self.block)
                 frames += self._drain(DRAIN_S)
             else:
                 frames += self._read(0.1)
@@ -286,6 +289,8 @@ def suffer(road: Road, fault: str, count: int = 1, settle_s: float = 1.0) -> Tri
     Trial
         What happened.
     """
+    # told by the time of arrival
+    road.block = 1 if fault == 'stall' else BLOCK
     frames = road.run(settle_s)
     before, counted = road.twin.injected[fault], road.counters()
     waited = road.waited_s

@@ -60,7 +60,7 @@ def test_no_limit_never_clips(limit: np.ndarray) -> None:
     ('bits', 'flags'),
     [
         ([0, 0, 0], 0),
-        ([1, 0, 0], 0),
+        ([1, 0, 0], FrameStatus.STALE),
         ([1, 1, 1], FrameStatus.STALE),
         ([2, 0, 0], FrameStatus.SATURATED | FrameStatus.BAD_TAXELS),
         ([0, 4, 0], FrameStatus.BAD_TAXELS),
