@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.physics.disc_models import exact_disc, table_disc_model
+from tactile_ros.physics.disc_table import reach_under
 from tactile_ros.physics.fidelity import SHARE, rate
 from tactile_ros.physics.magnet_blocks import EXACT
 from tactile_ros.sensors.gradiometer import fidelity as gradiometer
@@ -30,7 +31,8 @@ def test_the_table_of_an_inversion_holds_in_states_that_were_not_tried(
 ) -> None:
     choice = gradiometer.field_model(config, noise)
     assert choice.chosen.share <= SHARE
-    disc, reach = gradiometer.disc_of(config), gradiometer.table_reach(config)
+    disc = gradiometer.disc_of(config)
+    reach = reach_under(config.positions, config.gap, config.disc_height)
     model = table_disc_model(config.positions, disc, reach, (choice.size[0], choice.size[1]))
     assert model.name == choice.name
     states = gradiometer.states_of(config, 1000, seed=7)
