@@ -18,7 +18,8 @@ from tactile_ros.physics.fidelity import Choice, Rated
 from tactile_ros.regression import ESTIMATORS as REGRESSORS
 from tactile_ros.regression.recognition import VOTER
 from tactile_ros.sensors.magnet_pad.cells import SPACE
-from tactile_ros.sensors.magnet_pad.inversion import PadInversion, Touched
+from tactile_ros.sensors.magnet_pad.inversion import PadInversion
+from tactile_ros.sensors.magnet_pad.likeness import Touched
 from tactile_ros.sensors.magnet_pad.nominal import NominalPad, nominal_choice
 from tactile_ros.sensors.magnet_pad.regressed import CLASSES as REGRESSED_CLASSES
 from tactile_ros.sensors.magnet_pad.regressed import FEWEST, Regressed, apart, noise_of_rest

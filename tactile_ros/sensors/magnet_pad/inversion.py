@@ -18,7 +18,7 @@ from tactile_ros.estimators.folds import group_folds
 from tactile_ros.estimators.stated_spread import StatedSpread
 from tactile_ros.estimators.touch_mixture import Linearised, Posterior, TouchMixture
 from tactile_ros.sensors.magnet_pad.lacks import Lacks
-from tactile_ros.sensors.magnet_pad.likeness import LOAD, SHEAR, like_known
+from tactile_ros.sensors.magnet_pad.likeness import LOAD, SHEAR, Touched, like_known
 from tactile_ros.sensors.magnet_pad.response import PadResponse, PadTouches
 from tactile_ros.types import Array, Bools, Integers
 
@@ -34,39 +34,8 @@ UNLIKE = 16.0  # misfit over its scale, from which a stray field is thought of
 COMPONENTS = np.arange(6)
 FLOOR = np.diag(np.repeat([1e-6, 1e-4], 3) ** 2)  # m2, N2: what truth itself is wrong by
 SIGMAS, SHARE, LIGHTEST = 5.0, 0.4, 0.01  # as `conditioning.contact` has them
+TRUSTED = 200  # rows of a level, from which half of its own factor is believed
 LEANING = 0.03  # tangential over normal force, from which touches lean
-
-
-@dataclass(frozen=True)
-class Touched:
-    """Recorded touches.
-
-    Attributes
-    ----------
-    x : ndarray, shape (s, d)
-        Readings of live channels (T).
-    place, force : ndarray, shape (s, 3)
-        (m, N).
-    groups, cells : ndarray of int, shape (s,)
-        What a split keeps together; true cells, -1 unknown.
-    """
-
-    x: Array
-    place: Array
-    force: Array
-    groups: Integers
-    cells: Integers
-
-    def in_order(self) -> Touched:
-        """The same for every order of the rows."""
-        order = np.lexsort(np.column_stack([self.x, self.place, self.force]).T[::-1])
-        _, first, index = np.unique(self.groups[order], return_index=True, return_inverse=True)
-        rank = np.empty(len(first), np.int64)
-        rank[np.argsort(first)] = np.arange(len(first))
-        return Touched(
-            self.x[order], self.place[order], self.force[order],
-            np.asarray(rank[index.reshape(-1)]), self.cells[order],
-        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -117,6 +86,8 @@ class PadInversion:
         Of place and force.
     misfit_ : float
         That most touches leave, over their sigma.
+    sharp_ : bool
+        Whether touches keep to recorded places.
     contact_ : float
         Largest channel, less a uniform field, beyond which something touches (T).
     report_ : dict of str to dict
@@ -129,6 +100,7 @@ class PadInversion:
     misfit_: float
     touches_: Array
     spread_: StatedSpread
+    sharp_: bool
     contact_: float
     report_: dict[str, dict[str, float]]
 
@@ -157,7 +129,14 @@ class PadInversion:
             vars(self).pop(name, None)
         lightest = float(np.quantile(self._apart(x)[1], LIGHTEST))
         self.contact_ = max(SIGMAS * self.noise, SHARE * lightest)
-        self._calibrate(ways, touched, fold, centres)
+        best = np.inf
+        for sharp in (False, True):
+            kept, self.sharp_ = dict(vars(self)), sharp
+            self._calibrate(ways, touched, fold, centres)
+            error = self.report_['position']['held_out_rmse']
+            if error >= best:
+                vars(self).update(kept)
+            best = min(best, error)
         return self
 
     def _calibrate(
@@ -177,7 +156,7 @@ class PadInversion:
             stated[held] = np.sqrt(np.diagonal(one.cov + FLOOR, axis1=1, axis2=2))
             named[held] = table.shares(one, centres).argmax(axis=1)
         error = said - answers
-        self.spread_ = StatedSpread().fit(stated, error)
+        self.spread_ = _trusting(StatedSpread().fit(stated, error), len(error))
         self.misfit_ = max(float(np.quantile(misfit, 0.95)), 1.0)
         sigma = self.spread_(stated)
         self.report_ = {}
@@ -212,7 +191,9 @@ class PadInversion:
 
     def _table(self, response: PadResponse, known: Array, count: int) -> Linearised:
         """Touches of the table with their readings."""
-        rows, reach = like_known(self.config, known, count, leaning=self.leaning)
+        rows, reach = like_known(
+            self.config, known, count, leaning=self.leaning, sharp=self.sharp_
+        )
         width = 5 if self.leaning else 3
         touches = PadTouches(rows[:, 0], rows[:, 1], np.exp(rows[:, 2]), rows[:, 3:])
         readings, slopes = response.near(touches)
@@ -340,6 +321,15 @@ class PadInversion:
         between = (share * (1 - share))[:, :, None] * apart[:, :, None] * apart[:, None]
         cov[rows] += share[:, :, None] * (other.cov - cov[rows]) + between
         mean[rows] += share * apart
+
+
+def _trusting(spread: StatedSpread, rows: int) -> StatedSpread:
+    """The same, its levels as near to one factor as few held-out rows leave them."""
+    whole = spread.factors_.mean(axis=0)
+    level = rows / len(spread.factors_)
+    own = (spread.factors_ - whole) * level / (level + TRUSTED)
+    spread.factors_ = whole + own
+    return spread
 
 
 def _rows(touches: PadTouches) -> Array:
