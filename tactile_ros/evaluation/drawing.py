@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 # variables of both schemes, and what concerns drawings
 RULES = re.compile(
-    r'^(?::root \{.*?^\}|@media[^\n]*dark\) \{.*?^\}|svg .*?\}|\.c\d .*?\}$)',
+    r'^(?::root \{.*?^\}|@media[^\n]*dark\) \{.*?^\}|svg .*?\}|\.[cs]\d .*?\}$)',
     re.DOTALL | re.MULTILINE,
 )
 
