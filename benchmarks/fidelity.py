@@ -23,12 +23,12 @@ from tactile_ros.evaluation.svg import Plot
 from tactile_ros.physics.elastomer import disc_press
 from tactile_ros.physics.fidelity import SHARE, Choice, Model, choose, region
 from tactile_ros.physics.grid_table import GridTable
-from tactile_ros.physics.scene_terms import Term, Worth, worth
-from tactile_ros.physics.temperature import REMANENCE_SLOPE
+from tactile_ros.physics.scene_terms import Worth
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer import fidelity as gradiometer
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
 from tactile_ros.sensors.magnet_pad import fidelity as pad
+from tactile_ros.sensors.magnet_pad import scene as pad_scene
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.sensors.multipole_skin import fidelity as skin
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
@@ -127,33 +127,6 @@ def touch_tables(config: MagnetPadConfig, noise: float) -> tuple[Choice, list[Mo
         name = f'cubic table {shape[0]} x {shape[1]} x {shape[2]}'
         models.append(Model(name, table.at, 64.0 * 6 * 2 + 200, table.values.size, shape))
     return choose(models, exact, states, noise, every=True), [*models, exact]
-
-
-def pad_terms(config: MagnetPadConfig, noise: float) -> tuple[Worth, ...]:
-    """What a stray field and a temperature cost and buy, in place of a touch (m)."""
-    touches = pad_region(config, 100)[8:]
-    field = pad.block_field(config, 0)
-
-    def readings(at: Array) -> Array:
-        moved, turned = pad_movement(config, at)
-        return field.readings(np.stack([moved, turned], axis=1).reshape(len(at), -1))
-
-    step = np.array([1e-6, 1e-6 / config.radius, 1e-3])
-    slopes = [
-        (readings(touches + e) - readings(touches - e)) / (2 * size)
-        for e, size in zip(np.diag(step), [1e-6, 1e-6, 1e-3], strict=True)
-    ]
-    even = np.tile(np.eye(3), (len(config.positions), 1))
-    uniform = np.broadcast_to(even, (len(touches), *even.shape))
-    still = np.zeros((1, len(config.magnet_positions), 3))
-    blocks = pad.blocks_of(config, 0)
-    level = blocks.field(config.positions, still, still).reshape(1, -1)
-    warm = REMANENCE_SLOPE * (level + readings(touches))[..., None]
-    terms = (
-        Term('uniform stray field', uniform, 0.3e-3),
-        Term('temperature of the magnets', warm, 5.0),
-    )
-    return worth(np.stack(slopes, axis=-1), noise, terms, wanted=2)
 
 
 def term_rows(scene: str, terms: tuple[Worth, ...]) -> list[Row]:
@@ -309,7 +282,7 @@ def run(extent: str, command: str) -> BenchResult:
     pressed, carpets = skin_rows(MultipoleSkinConfig(), HEADS[extent])
     terms = gradiometer.terms(GradiometerConfig(), NOISE['gradiometer'])
     rows += pressed + term_rows('gradiometer', terms)
-    rows += term_rows('magnet_pad', pad_terms(MagnetPadConfig(), NOISE['magnet_pad']))
+    rows += term_rows('magnet_pad', pad_scene.terms(MagnetPadConfig(), NOISE['magnet_pad'], 100))
     module = world()
     rows += [] if module is None else estimated(module, extent)
     notes = [

@@ -15,6 +15,7 @@ import numpy as np
 from tactile_ros.conditioning.history import History
 from tactile_ros.estimators.stated_spread import StatedSpread
 from tactile_ros.physics.fidelity import Choice, Rated
+from tactile_ros.physics.scene_terms import Worth
 from tactile_ros.regression import ESTIMATORS as REGRESSORS
 from tactile_ros.regression.recognition import VOTER
 from tactile_ros.sensors.magnet_pad.cells import SPACE
@@ -24,6 +25,7 @@ from tactile_ros.sensors.magnet_pad.nominal import NominalPad, nominal_choice
 from tactile_ros.sensors.magnet_pad.regressed import CLASSES as REGRESSED_CLASSES
 from tactile_ros.sensors.magnet_pad.regressed import FEWEST, Regressed, apart, noise_of_rest
 from tactile_ros.sensors.magnet_pad.response import PadResponse
+from tactile_ros.sensors.magnet_pad.scene import terms
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -57,6 +59,8 @@ class Localisation(Regressed):
         Targets that it answers; 'force' alone where stamps give regressors no history.
     nominal_ : bool
         Whether the nominal model speaks.
+    terms_ : tuple of Worth
+        What terms of the scene cost and buy.
     """
 
     inversion_: PadInversion | None
@@ -68,6 +72,7 @@ class Localisation(Regressed):
         self.inverted_: tuple[str, ...] = ()
         self.beaten_: dict[str, dict[str, float]] = {}
         self.nominal_ = estimator in (None, NOMINAL)
+        self.terms_: tuple[Worth, ...] = ()
 
     @property
     def estimators(self) -> dict[str, str]:
@@ -85,6 +90,8 @@ class Localisation(Regressed):
             return {**super().report, **self.beaten_}
         response = self.inversion_.response_
         found = {'pad': response.report, **response.choice_.report}
+        for term in self.terms_:
+            found |= term.report
         return {**super().report, **self.beaten_, **found}
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
@@ -106,6 +113,7 @@ class Localisation(Regressed):
             super().fit(signals, truth, groups)
         vars(self).pop('_centres', None)
         if self.inversion_ is not None:
+            self.terms_ = terms(self.config, self.inversion_.noise)
             self._choose(self.inversion_, self.cell_columns(signals, truth))
 
     def _inverted(self, signals: Signals, truth: Columns, groups: Columns) -> PadInversion | None:
@@ -255,5 +263,6 @@ def _told(column: npt.NDArray[np.generic]) -> Bools:
 
 
 CLASSES = (
-    *REGRESSED_CLASSES, Localisation, PadInversion, PadResponse, StatedSpread, Choice, Rated,
+    *REGRESSED_CLASSES, Localisation, PadInversion, PadResponse, StatedSpread,
+    Choice, Rated, Worth,
 )  # fmt: skip
