@@ -26,6 +26,7 @@ from tactile_ros.sensors.magnet_pad.regressed import CLASSES as REGRESSED_CLASSE
 from tactile_ros.sensors.magnet_pad.regressed import FEWEST, Regressed, apart, noise_of_rest
 from tactile_ros.sensors.magnet_pad.response import PadResponse
 from tactile_ros.sensors.magnet_pad.scene import terms
+from tactile_ros.sensors.magnet_pad.telling import Telling
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -181,7 +182,7 @@ class Localisation(Regressed):
         x = signals.delta.reshape(len(signals.good), self.width)
         if self.nominal_:
             assert isinstance(memory, History)
-            return self._pad.estimate(x)
+            return self._pad.estimate(x, signals.in_contact == 0)
         known = super().estimate(signals, memory)
         if self.inverted_:
             self._add_inverted(known, signals, x)
@@ -189,12 +190,28 @@ class Localisation(Regressed):
 
     def contact(self, signals: Signals) -> npt.NDArray[np.int8]:
         """What touches (s,): a uniform field that came after the tare does not."""
-        inversion, known = self.inversion_, signals.in_contact
-        if inversion is None or inversion.common is None or 'position' not in self.inverted_:
+        known, telling = signals.in_contact, self._telling
+        if telling is None or telling.part is None:
             return known
-        x = signals.delta.reshape(len(known), self.width)
-        alone = (known == 1) & ~inversion.touching(x)
-        return known - alone if np.count_nonzero(alone) else known
+        rows = known == 1
+        if not np.count_nonzero(rows):
+            return known
+        x = signals.delta.reshape(len(known), self.width)[rows]
+        x = x if self.nominal_ or self.inversion_ is None else self.inversion_.alive(x)
+        touching = telling.touching(x)
+        if np.count_nonzero(touching) == len(x):
+            return known
+        changed = known.copy()
+        changed[rows] = touching
+        return changed
+
+    @property
+    def _telling(self) -> Telling | None:
+        """What tells touches from an outside field; None where nothing can."""
+        if self.nominal_:
+            return self._pad.telling
+        answers = self.inversion_ is not None and 'position' in self.inverted_
+        return self.inversion_.telling if answers and self.inversion_ is not None else None
 
     def _add_inverted(self, known: Columns, signals: Signals, x: Array) -> None:
         """Targets by the response of the pad."""
@@ -216,7 +233,8 @@ class Localisation(Regressed):
             rest = signals.in_contact == 0
             if np.count_nonzero(rest):
                 rest = rest if every else rest[there]
-                told.stray[rest] = inversion.resting_field((x if every else x[there])[rest])
+                seen = inversion.alive(x if every else x[there])
+                told.stray[rest] = inversion.telling.resting_field(seen[rest])
             parts['stray_field'] = told.stray
         for name, column in parts.items():
             if name.split('_')[0] in self.inverted_ or name == 'stray_field':
@@ -263,6 +281,12 @@ def _told(column: npt.NDArray[np.generic]) -> Bools:
 
 
 CLASSES = (
-    *REGRESSED_CLASSES, Localisation, PadInversion, PadResponse, StatedSpread,
-    Choice, Rated, Worth,
-)  # fmt: skip
+    *REGRESSED_CLASSES,
+    Localisation,
+    PadInversion,
+    PadResponse,
+    StatedSpread,
+    Choice,
+    Rated,
+    Worth,
+)
