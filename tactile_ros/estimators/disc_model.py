@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from tactile_ros.physics.disc_table import COLUMNS, ROWS, disc_table, table_disc
+from tactile_ros.physics.disc_table import COLUMNS, ROWS, disc_table, reach_under, table_disc
 from tactile_ros.types import Array
 
 GAP, REMANENCE, REST, LEANING, COUPLING, DEEPER = 0.1, 0.1, 0.08, 0.03, 0.3, 0.5
@@ -73,9 +73,7 @@ class DiscModel:
     ) -> None:
         self.pixels, self.axes, self.disc, self.tilt = pixels, axes, disc, tilt
         gap, diameter, height, _ = disc
-        wide = float(np.hypot(*np.abs(pixels[:, :2]).max(axis=0)) + 1.2 * gap)
-        low = float(pixels[:, 2].max())
-        reach = (wide, 0.1 * gap - low + height / 2, 1.8 * gap - low + height / 2)
+        reach = reach_under(pixels, float(gap), float(height))
         self.table, self.grid = disc_table(float(diameter), float(height), reach, shape)
         self.found_ = np.zeros(GEOMETRY + axes.size)
         self.rest_: Array | None = None

@@ -17,6 +17,26 @@ from tactile_ros.types import Array
 ROWS, COLUMNS = 128, 96
 
 
+def reach_under(pixels: Array, gap: float, height: float) -> tuple[float, float, float]:
+    """Reach of a table for an inversion: 0.1 to 1.8 gaps over pixels (t, 3), 1.2 to any side.
+
+    Parameters
+    ----------
+    pixels : ndarray, shape (t, 3)
+        (m).
+    gap, height : float
+        Pixels to the near face of the disc at rest, and height of the disc (m).
+
+    Returns
+    -------
+    tuple of float
+        As `disc_table` takes it.
+    """
+    wide = float(np.hypot(*np.abs(pixels[:, :2]).max(axis=0)) + 1.2 * gap)
+    low = float(pixels[:, 2].max())
+    return wide, 0.1 * gap - low + height / 2, 1.8 * gap - low + height / 2
+
+
 def disc_table(
     diameter: float,
     height: float,

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 BOUNDED = 1e3  # spreads: what an unknown that is not told by readings is held to
 
-SOLVABLE = 1e-13
+SOLVABLE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -145,8 +145,9 @@ def _bound(slopes: Array, term: Term, noise: float, wanted: int) -> Array:
     normal = np.swapaxes(both, 1, 2) @ both
     held = np.arange(slopes.shape[2], both.shape[2])
     normal[:, held, held] += (noise / (BOUNDED * term.spread)) ** 2
-    every = np.arange(both.shape[2])  # what no reading tells stays solvable
-    normal[:, every, every] *= 1 + SOLVABLE
-    normal[:, every, every] += SOLVABLE * normal.max(axis=(1, 2))[:, None]
-    inverse = np.linalg.inv(normal)
-    return np.asarray(np.trace(inverse[:, :wanted, :wanted], axis1=1, axis2=2))
+    # in units of their own size columns stay solvable; one that no reading sees counts for nothing
+    own = np.diagonal(normal, axis1=1, axis2=2)
+    size = np.where(own > 0, 1 / np.sqrt(np.where(own > 0, own, 1.0)), 0.0)
+    normal = normal * size[:, :, None] * size[:, None] + SOLVABLE * np.eye(both.shape[2])
+    variance = size**2 * np.diagonal(np.linalg.inv(normal), axis1=1, axis2=2)
+    return np.asarray(variance[:, :wanted].sum(axis=1))

@@ -63,3 +63,12 @@ def test_only_what_is_wanted_counts() -> None:
     np.testing.assert_allclose(squares, all_of_them.within**2)
     assert first.report['term: t']['costs'] == first.cost
     assert first.report['term: t']['unknowns'] == 2
+
+
+def test_units_do_not_matter_and_what_is_not_told_stays_finite() -> None:
+    plain = worth(SLOPES, NOISE, [Term('t', COLUMNS, 0.5)])[0]
+    fine = worth(1e3 * SLOPES, NOISE, [Term('t', 1e-5 * COLUMNS, 0.5e5)])[0]
+    np.testing.assert_allclose(1e3 * fine.within, plain.within, rtol=1e-6)
+    np.testing.assert_allclose(1e3 * fine.without, plain.without, rtol=1e-9)
+    blind = np.concatenate([SLOPES, np.zeros((5, 8, 1))], axis=2)
+    assert np.isfinite(worth(blind, NOISE, [Term('t', COLUMNS, 0.5)])[0].within)

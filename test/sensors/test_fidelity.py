@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from dataclasses import replace
 from importlib import import_module
+from types import SimpleNamespace
 
 import magpylib
 import numpy as np
 import pytest
 
 from tactile_ros.physics.disc_models import exact_disc, table_disc_model
+from tactile_ros.physics.disc_table import reach_under
 from tactile_ros.physics.fidelity import SHARE, rate
 from tactile_ros.physics.magnet_blocks import EXACT
 from tactile_ros.sensors.gradiometer import fidelity as gradiometer
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
 from tactile_ros.sensors.magnet_pad import fidelity as pad
+from tactile_ros.sensors.magnet_pad import scene
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
+from tactile_ros.sensors.magnet_pad.estimation import Localisation
 from tactile_ros.sensors.multipole_skin import fidelity as skin
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
 
@@ -30,7 +34,8 @@ def test_the_table_of_an_inversion_holds_in_states_that_were_not_tried(
 ) -> None:
     choice = gradiometer.field_model(config, noise)
     assert choice.chosen.share <= SHARE
-    disc, reach = gradiometer.disc_of(config), gradiometer.table_reach(config)
+    disc = gradiometer.disc_of(config)
+    reach = reach_under(config.positions, config.gap, config.disc_height)
     model = table_disc_model(config.positions, disc, reach, (choice.size[0], choice.size[1]))
     assert model.name == choice.name
     states = gradiometer.states_of(config, 1000, seed=7)
@@ -161,3 +166,20 @@ def test_the_twin_of_the_pad_reads_as_its_blocks_do() -> None:
     )
     assert np.abs(moved).max() > 2e-4
     assert np.abs(recording.values[row] - field).max() < module.NOISE / 3
+
+
+def test_terms_of_the_pad_pay() -> None:
+    stray, warm = scene.terms(PAD, 4e-6, 30)
+    assert stray.unknowns == 3
+    assert stray.pays
+    assert stray.buys > 10
+    assert 1.0 < warm.cost < 1.5
+    assert not scene.terms(PAD, 4e-3, 30)[1].pays
+
+
+@pytest.mark.parametrize('asked', [True, False])
+def test_a_pad_may_do_without_the_stray_term(asked: bool) -> None:
+    config = replace(PAD, stray_term=asked)
+    alive = SimpleNamespace(delta=np.ones((4, 2, 3)), good=np.ones(4, bool))
+    common = Localisation(config).common(alive)  # type: ignore[arg-type]
+    assert (common is not None) == asked

@@ -17,8 +17,9 @@ from tactile_ros.physics.disc_models import (
     dipole_disc,
     exact_disc,
     table_disc_model,
+    table_reach,
 )
-from tactile_ros.physics.disc_models import table_reach as reach_over
+from tactile_ros.physics.disc_table import reach_under
 from tactile_ros.physics.fidelity import Choice, Model, choose, region
 from tactile_ros.physics.scene_terms import Term, Worth, worth
 from tactile_ros.physics.temperature import EXPANSION, REMANENCE_SLOPE
@@ -49,18 +50,9 @@ def states_of(config: GradiometerConfig, count: int = COUNT, seed: int = 0) -> A
     return region(rest + low, rest + low * np.array([-1, -1, -RISES / SINKS, -1, -1]), count, seed)
 
 
-def table_reach(config: GradiometerConfig) -> tuple[float, float, float]:
-    """Distance from the axis, least and largest depth that a table of an inversion holds (m)."""
-    gap, pixels = config.gap, config.positions
-    wide = float(np.hypot(*np.abs(pixels[:, :2]).max(axis=0)) + 1.2 * gap)
-    low = float(pixels[:, 2].max())
-    half = config.disc_height / 2
-    return wide, 0.1 * gap - low + half, 1.8 * gap - low + half
-
-
 def tables(config: GradiometerConfig, degree: int = 3) -> list[Model]:
     """Tables of growing shapes with linear or cubic interpolation."""
-    reach = table_reach(config)
+    reach = reach_under(config.positions, config.gap, config.disc_height)
     return [
         table_disc_model(config.positions, disc_of(config), reach, shape, degree)
         for shape in SHAPES
@@ -81,7 +73,7 @@ def twin_model(config: GradiometerConfig, states: Array, noise: float) -> Model:
     """The cheapest model of the disc at places and tilts (s, 5), for a twin of a noise (T)."""
     disc, pixels = disc_of(config), config.positions
     exact = exact_disc(pixels, disc)
-    reach = reach_over(pixels, states)
+    reach = table_reach(pixels, states)
     models = [dipole_disc(pixels, disc, rings) for rings in RINGS]
     models += [table_disc_model(pixels, disc, reach, shape) for shape in SHAPES]
     name = choose(models, exact, states, noise).name

@@ -12,16 +12,16 @@ from __future__ import annotations
 import numpy as np
 
 from tactile_ros.conditioning.history import SECONDS_PER_NS, History
+from tactile_ros.physics.temperature import hall_sensitivity
 from tactile_ros.signals import Signals
 from tactile_ros.types import Array, Bools
 
-CALIBRATED_AT = 35.0  # degrees Celsius [3]
 LAGS = (4.0, 12.0, 36.0, 108.0)  # s: tried, where the config leaves it open
 LONG = 2.0  # lags that a stream lasts
 WEAKEST, STRONGEST = 0.7, 1.4
 LEAST_RANGE = 3.0  # degrees
 SAME = 1.0  # degrees between two frames of one stream
-SPAN = 60.0  # degrees beyond 35 at which the polynomial of the sensitivity stands still
+FOLLOWED = (-25.0, 95.0)  # degrees Celsius, beyond which the sensitivity's polynomial stands still
 UNIT = 25.0  # degrees
 
 
@@ -65,9 +65,7 @@ def chip_temperature(signals: Signals) -> Array | None:
 
 def sensitivity(temperature_c: Array, coefficients: Array) -> Array:
     """Hall sensitivity at temperatures, of any shape; 1 where it is unknown."""
-    rise = np.clip(temperature_c - CALIBRATED_AT, -SPAN, SPAN)
-    found = coefficients[0] + coefficients[1] * rise + coefficients[2] * rise**2
-    return np.where(np.isfinite(found) & (found > 0.1), found, 1.0)
+    return hall_sensitivity(temperature_c, coefficients, FOLLOWED)
 
 
 def lagging(signals: Signals, chip: Array, usual: float, memory: ThermalMemory) -> Array:

@@ -68,6 +68,8 @@ class MagnetPadConfig:
         Of the half cylinder, whose axis is x.
     shear_modulus, remanence : float
         Of the soft body (Pa); of the magnets (T).
+    stray_term : bool
+        Whether fields from outside are unknowns; docs/fidelity.md has what that costs and buys.
     """
 
     positions: Array = array([[-10e-3, 0, 0], [10e-3, 0, 0]], 'Hall elements', 'm', (-1, 3))
@@ -86,6 +88,7 @@ class MagnetPadConfig:
     length: float = number(LENGTH, 'length of the half cylinder', 'm', 1e-4, 1.0)
     shear_modulus: float = number(SHEAR_MODULUS, 'of the soft body', 'Pa', 1e2, 1e9)
     remanence: float = number(1.4, 'of the magnets', 'T', 1e-6, 2.0)
+    stray_term: bool = switch(True, 'fields from outside are unknown; false: there are none')
 
     def __post_init__(self) -> None:
         """Check values once, at the door."""

@@ -15,14 +15,18 @@ import numpy as np
 from tactile_ros.conditioning.history import History
 from tactile_ros.estimators.stated_spread import StatedSpread
 from tactile_ros.physics.fidelity import Choice, Rated
+from tactile_ros.physics.scene_terms import Worth
 from tactile_ros.regression import ESTIMATORS as REGRESSORS
 from tactile_ros.regression.recognition import VOTER
 from tactile_ros.sensors.magnet_pad.cells import SPACE
-from tactile_ros.sensors.magnet_pad.inversion import PadInversion, Touched
+from tactile_ros.sensors.magnet_pad.inversion import PadInversion
+from tactile_ros.sensors.magnet_pad.likeness import Touched
 from tactile_ros.sensors.magnet_pad.nominal import NominalPad, nominal_choice
 from tactile_ros.sensors.magnet_pad.regressed import CLASSES as REGRESSED_CLASSES
 from tactile_ros.sensors.magnet_pad.regressed import FEWEST, Regressed, apart, noise_of_rest
 from tactile_ros.sensors.magnet_pad.response import PadResponse
+from tactile_ros.sensors.magnet_pad.scene import terms
+from tactile_ros.sensors.magnet_pad.telling import Telling
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -56,6 +60,8 @@ class Localisation(Regressed):
         Targets that it answers; 'force' alone where stamps give regressors no history.
     nominal_ : bool
         Whether the nominal model speaks.
+    terms_ : tuple of Worth
+        What terms of the scene cost and buy.
     """
 
     inversion_: PadInversion | None
@@ -67,6 +73,7 @@ class Localisation(Regressed):
         self.inverted_: tuple[str, ...] = ()
         self.beaten_: dict[str, dict[str, float]] = {}
         self.nominal_ = estimator in (None, NOMINAL)
+        self.terms_: tuple[Worth, ...] = ()
 
     @property
     def estimators(self) -> dict[str, str]:
@@ -84,6 +91,8 @@ class Localisation(Regressed):
             return {**super().report, **self.beaten_}
         response = self.inversion_.response_
         found = {'pad': response.report, **response.choice_.report}
+        for term in self.terms_:
+            found |= term.report
         return {**super().report, **self.beaten_, **found}
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
@@ -105,6 +114,7 @@ class Localisation(Regressed):
             super().fit(signals, truth, groups)
         vars(self).pop('_centres', None)
         if self.inversion_ is not None:
+            self.terms_ = terms(self.config, self.inversion_.noise)
             self._choose(self.inversion_, self.cell_columns(signals, truth))
 
     def _inverted(self, signals: Signals, truth: Columns, groups: Columns) -> PadInversion | None:
@@ -172,7 +182,7 @@ class Localisation(Regressed):
         x = signals.delta.reshape(len(signals.good), self.width)
         if self.nominal_:
             assert isinstance(memory, History)
-            return self._pad.estimate(x)
+            return self._pad.estimate(x, signals.in_contact == 0)
         known = super().estimate(signals, memory)
         if self.inverted_:
             self._add_inverted(known, signals, x)
@@ -180,12 +190,28 @@ class Localisation(Regressed):
 
     def contact(self, signals: Signals) -> npt.NDArray[np.int8]:
         """What touches (s,): a uniform field that came after the tare does not."""
-        inversion, known = self.inversion_, signals.in_contact
-        if inversion is None or inversion.common is None or 'position' not in self.inverted_:
+        known, telling = signals.in_contact, self._telling
+        if telling is None or telling.part is None:
             return known
-        x = signals.delta.reshape(len(known), self.width)
-        alone = (known == 1) & ~inversion.touching(x)
-        return known - alone if np.count_nonzero(alone) else known
+        rows = known == 1
+        if not np.count_nonzero(rows):
+            return known
+        x = signals.delta.reshape(len(known), self.width)[rows]
+        x = x if self.nominal_ or self.inversion_ is None else self.inversion_.alive(x)
+        touching = telling.touching(x)
+        if np.count_nonzero(touching) == len(x):
+            return known
+        changed = known.copy()
+        changed[rows] = touching
+        return changed
+
+    @property
+    def _telling(self) -> Telling | None:
+        """What tells touches from an outside field; None where nothing can."""
+        if self.nominal_:
+            return self._pad.telling
+        answers = self.inversion_ is not None and 'position' in self.inverted_
+        return self.inversion_.telling if answers and self.inversion_ is not None else None
 
     def _add_inverted(self, known: Columns, signals: Signals, x: Array) -> None:
         """Targets by the response of the pad."""
@@ -207,7 +233,8 @@ class Localisation(Regressed):
             rest = signals.in_contact == 0
             if np.count_nonzero(rest):
                 rest = rest if every else rest[there]
-                told.stray[rest] = inversion.resting_field((x if every else x[there])[rest])
+                seen = inversion.alive(x if every else x[there])
+                told.stray[rest] = inversion.telling.resting_field(seen[rest])
             parts['stray_field'] = told.stray
         for name, column in parts.items():
             if name.split('_')[0] in self.inverted_ or name == 'stray_field':
@@ -254,5 +281,12 @@ def _told(column: npt.NDArray[np.generic]) -> Bools:
 
 
 CLASSES = (
-    *REGRESSED_CLASSES, Localisation, PadInversion, PadResponse, StatedSpread, Choice, Rated,
-)  # fmt: skip
+    *REGRESSED_CLASSES,
+    Localisation,
+    PadInversion,
+    PadResponse,
+    StatedSpread,
+    Choice,
+    Rated,
+    Worth,
+)

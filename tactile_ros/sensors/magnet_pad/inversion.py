@@ -8,7 +8,6 @@ groups of touches that neither the response nor the table has seen.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -16,10 +15,19 @@ import numpy as np
 
 from tactile_ros.estimators.folds import group_folds
 from tactile_ros.estimators.stated_spread import StatedSpread
-from tactile_ros.estimators.touch_mixture import Linearised, Posterior, TouchMixture
+from tactile_ros.estimators.touch_mixture import Linearised, TouchMixture
 from tactile_ros.sensors.magnet_pad.lacks import Lacks
-from tactile_ros.sensors.magnet_pad.likeness import LOAD, SHEAR, like_known
+from tactile_ros.sensors.magnet_pad.likeness import LOAD, SHEAR, Touched, like_known
 from tactile_ros.sensors.magnet_pad.response import PadResponse, PadTouches
+from tactile_ros.sensors.magnet_pad.telling import (
+    ANSWERS,
+    NEIGHBOURS,
+    SIGMAS,
+    SLACK,
+    Telling,
+    Told,
+    UniformPart,
+)
 from tactile_ros.types import Array, Bools, Integers
 
 if TYPE_CHECKING:
@@ -27,66 +35,12 @@ if TYPE_CHECKING:
 
 COUNT, FEW = 30_000, 12_000
 FOLDS = 4
-NEIGHBOURS, BLIND, SLACK = 16, 48, 1.0
-STRAY = 0.3e-3  # T, of one component of stray fields that are met
-ODDS = -4.0  # logarithm, of a stray field against none
 UNLIKE = 16.0  # misfit over its scale, from which a stray field is thought of
 COMPONENTS = np.arange(6)
 FLOOR = np.diag(np.repeat([1e-6, 1e-4], 3) ** 2)  # m2, N2: what truth itself is wrong by
-SIGMAS, SHARE, LIGHTEST = 5.0, 0.4, 0.01  # as `conditioning.contact` has them
+SHARE, LIGHTEST = 0.4, 0.01  # as `conditioning.contact` has them
+TRUSTED = 200  # rows of a level, from which half of its own factor is believed
 LEANING = 0.03  # tangential over normal force, from which touches lean
-
-
-@dataclass(frozen=True)
-class Touched:
-    """Recorded touches.
-
-    Attributes
-    ----------
-    x : ndarray, shape (s, d)
-        Readings of live channels (T).
-    place, force : ndarray, shape (s, 3)
-        (m, N).
-    groups, cells : ndarray of int, shape (s,)
-        What a split keeps together; true cells, -1 unknown.
-    """
-
-    x: Array
-    place: Array
-    force: Array
-    groups: Integers
-    cells: Integers
-
-    def in_order(self) -> Touched:
-        """The same for every order of the rows."""
-        order = np.lexsort(np.column_stack([self.x, self.place, self.force]).T[::-1])
-        _, first, index = np.unique(self.groups[order], return_index=True, return_inverse=True)
-        rank = np.empty(len(first), np.int64)
-        rank[np.argsort(first)] = np.arange(len(first))
-        return Touched(
-            self.x[order], self.place[order], self.force[order],
-            np.asarray(rank[index.reshape(-1)]), self.cells[order],
-        )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Told:
-    """What readings tell.
-
-    Attributes
-    ----------
-    mean, cov : ndarray, shape (s, 6) and (s, 6, 6)
-        Place (m) and force (N).
-    shares : ndarray, shape (s, n)
-        Of the cells.
-    stray : ndarray, shape (s, 3)
-        Uniform outside field (T).
-    """
-
-    mean: Array
-    cov: Array
-    shares: Array
-    stray: Array
 
 
 class PadInversion:
@@ -117,6 +71,8 @@ class PadInversion:
         Of place and force.
     misfit_ : float
         That most touches leave, over their sigma.
+    sharp_ : bool
+        Whether touches keep to recorded places.
     contact_ : float
         Largest channel, less a uniform field, beyond which something touches (T).
     report_ : dict of str to dict
@@ -129,6 +85,7 @@ class PadInversion:
     misfit_: float
     touches_: Array
     spread_: StatedSpread
+    sharp_: bool
     contact_: float
     report_: dict[str, dict[str, float]]
 
@@ -153,11 +110,19 @@ class PadInversion:
         self._measure_scatter(ways, touches, x, fold)
         self.response_ = model.learn(np.ones(len(x), bool), lacks)
         self.touches_ = _rows(touches)
-        for name in ('_mixtures', '_levels', '_field', '_whole'):
+        for name in ('telling', '_levels', '_whole'):
             vars(self).pop(name, None)
-        lightest = float(np.quantile(self._apart(x)[1], LIGHTEST))
+        size = np.abs(x).max(axis=1) if self.common is None else UniformPart(self.common)(x)[1]
+        lightest = float(np.quantile(size, LIGHTEST))
         self.contact_ = max(SIGMAS * self.noise, SHARE * lightest)
-        self._calibrate(ways, touched, fold, centres)
+        best = np.inf
+        for sharp in (False, True):
+            kept, self.sharp_ = dict(vars(self)), sharp
+            self._calibrate(ways, touched, fold, centres)
+            error = self.report_['position']['held_out_rmse']
+            if error >= best:
+                vars(self).update(kept)
+            best = min(best, error)
         return self
 
     def _calibrate(
@@ -170,14 +135,14 @@ class PadInversion:
         for part, way in enumerate(ways):
             held = fold == part
             known = self.touches_[~held] if len(ways) > 1 else self.touches_
-            rows = self._table(way, known, FEW).of(6)
+            rows = self._table(way, known, FEW).of(ANSWERS)
             table = TouchMixture(rows, neighbours=NEIGHBOURS, slack=SLACK)
             one = table(touched.x[held])
             said[held], misfit[held] = one.mean, one.misfit
             stated[held] = np.sqrt(np.diagonal(one.cov + FLOOR, axis1=1, axis2=2))
             named[held] = table.shares(one, centres).argmax(axis=1)
         error = said - answers
-        self.spread_ = StatedSpread().fit(stated, error)
+        self.spread_ = _trusting(StatedSpread().fit(stated, error), len(error))
         self.misfit_ = max(float(np.quantile(misfit, 0.95)), 1.0)
         sigma = self.spread_(stated)
         self.report_ = {}
@@ -212,7 +177,9 @@ class PadInversion:
 
     def _table(self, response: PadResponse, known: Array, count: int) -> Linearised:
         """Touches of the table with their readings."""
-        rows, reach = like_known(self.config, known, count, leaning=self.leaning)
+        rows, reach = like_known(
+            self.config, known, count, leaning=self.leaning, sharp=self.sharp_
+        )
         width = 5 if self.leaning else 3
         touches = PadTouches(rows[:, 0], rows[:, 1], np.exp(rows[:, 2]), rows[:, 3:])
         readings, slopes = response.near(touches)
@@ -251,35 +218,24 @@ class PadInversion:
         return np.concatenate([place, force], axis=1), leads
 
     @cached_property
-    def _mixtures(self) -> tuple[TouchMixture, TouchMixture | None]:
-        """Without and with an outside field."""
+    def telling(self) -> Telling:
+        """Touches of the table."""
         known = self._table(self.response_, self.touches_, COUNT)
-        plain = TouchMixture(known.of(6), neighbours=NEIGHBOURS, slack=SLACK)
-        if self.common is None:
-            return plain, None
-        return plain, TouchMixture(known, self.common, STRAY, neighbours=BLIND, told=6)
+        limit = UNLIKE * self.misfit_
+        return Telling(known, self.common, self.noise, self.contact_, limit)
 
     def invert(self, x: Array, cells: Array) -> Told:
-        """What finite readings x (s, d) (T) tell, with centres (n, 3) of cells (m)."""
-        x = x if self._whole else x[:, self.live]
-        plain, blind = self._mixtures
-        seen = plain(x)
-        mean, cov, shares = seen.mean, seen.cov, plain.shares(seen, cells)
-        stray = np.zeros((len(x), 3))
-        unlike = seen.misfit > UNLIKE * self.misfit_
-        if blind is not None and np.count_nonzero(unlike):
-            odd = np.flatnonzero(unlike)
-            other = blind(x[odd])
-            lean = other.evidence - seen.evidence[odd] + ODDS
-            lean = 1 / (1 + np.exp(-np.clip(lean, -50, 50)))
-            self._blend(mean, cov, odd, lean, other)
-            shares[odd] += lean[:, None] * (blind.shares(other, cells) - shares[odd])
-            left = x[odd] - other.mean[:, 6:]
-            stray[odd] = lean[:, None] * np.matmul(left[:, None], self._field)[:, 0]
+        """What finite readings x (s, c) (T) tell, with centres (n, 3) of cells (m)."""
+        told = self.telling(self.alive(x), cells)
+        cov = told.cov
         cov += FLOOR
         factor = self._factors(np.sqrt(cov[:, COMPONENTS, COMPONENTS]))
         cov *= factor[:, :, None] * factor[:, None, :]
-        return Told(mean, cov, shares, stray)
+        return told
+
+    def alive(self, x: Array) -> Array:
+        """Readings (s, d) of the live channels among all (s, c)."""
+        return x if self._whole else x[:, self.live]
 
     def _factors(self, sigma: Array) -> Array:
         """What `spread_` makes of a standard deviation (s, 6), over it."""
@@ -297,49 +253,18 @@ class PadInversion:
         slopes = np.where(widths > 1e-9, rise / np.maximum(widths, 1e-9), 0.0)
         return factors[0], knots[:-1], widths, slopes
 
-    def resting_field(self, x: Array) -> Array:
-        """Uniform field (s, 3) (T) of readings (s, c) that nothing touches; 0 within noise."""
-        field, _ = self._apart(x if self._whole else x[:, self.live])
-        seen = np.abs(field).max(axis=1, keepdims=True) > SIGMAS * self.noise
-        return np.where(seen, field, 0.0)
-
-    def touching(self, x: Array) -> Bools:
-        """Whether readings (s, c) are rather those of a touch than of a uniform field alone."""
-        x = x if self._whole else x[:, self.live]
-        touching = np.asarray(self._apart(x)[1] > self.contact_)
-        if np.count_nonzero(touching) < len(x):
-            weak = np.flatnonzero(~touching)
-            plain, blind = self._mixtures
-            assert blind is not None
-            touch = np.maximum(plain(x[weak]).evidence, blind(x[weak]).evidence)
-            touching[weak] = touch > blind.of_causes(x[weak], self.noise)
-        return touching
-
-    def _apart(self, x: Array) -> tuple[Array, Array]:
-        """Uniform field (s, 3) in readings (s, d), and the largest channel of what remains."""
-        if self.common is None:
-            return np.zeros((len(x), 3)), np.abs(x).max(axis=1)
-        field = np.matmul(x[:, None], self._field)
-        left = x - np.matmul(field, self.common.T)[:, 0]
-        return field[:, 0], np.abs(left).max(axis=1)
-
     @cached_property
     def _whole(self) -> bool:
         return bool(self.live.all())
 
-    @cached_property
-    def _field(self) -> Array:
-        """From readings (s, d) to the uniform field (s, 3) in them."""
-        assert self.common is not None
-        return np.asarray(np.linalg.pinv(self.common).T)
 
-    @staticmethod
-    def _blend(mean: Array, cov: Array, rows: Integers, lean: Array, other: Posterior) -> None:
-        """Mean and covariance of a mixture, in place; `lean` (s,) is the share of the other."""
-        share, apart = lean[:, None], other.mean[:, :6] - mean[rows]
-        between = (share * (1 - share))[:, :, None] * apart[:, :, None] * apart[:, None]
-        cov[rows] += share[:, :, None] * (other.cov - cov[rows]) + between
-        mean[rows] += share * apart
+def _trusting(spread: StatedSpread, rows: int) -> StatedSpread:
+    """The same, its levels as near to one factor as few held-out rows leave them."""
+    whole = spread.factors_.mean(axis=0)
+    level = rows / len(spread.factors_)
+    own = (spread.factors_ - whole) * level / (level + TRUSTED)
+    spread.factors_ = whole + own
+    return spread
 
 
 def _rows(touches: PadTouches) -> Array:

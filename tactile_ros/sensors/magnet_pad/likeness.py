@@ -6,13 +6,14 @@ Recorded touches, blurred by their distances from each other, say where touches 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from tactile_ros.sensors.magnet_pad.response import EDGE
-from tactile_ros.types import Array
+from tactile_ros.types import Array, Integers
 
 if TYPE_CHECKING:
     from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
@@ -26,8 +27,40 @@ LEAST_BLUR, MOST_BLUR = 0.02, 0.2
 WEAKER, HARDER = 0.4, 0.3  # logarithm of loads beyond the recorded ones
 
 
+@dataclass(frozen=True)
+class Touched:
+    """Recorded touches.
+
+    Attributes
+    ----------
+    x : ndarray, shape (s, d)
+        Readings of live channels (T).
+    place, force : ndarray, shape (s, 3)
+        (m, N).
+    groups, cells : ndarray of int, shape (s,)
+        What a split keeps together; true cells, -1 unknown.
+    """
+
+    x: Array
+    place: Array
+    force: Array
+    groups: Integers
+    cells: Integers
+
+    def in_order(self) -> Touched:
+        """The same for every order of the rows."""
+        order = np.lexsort(np.column_stack([self.x, self.place, self.force]).T[::-1])
+        _, first, index = np.unique(self.groups[order], return_index=True, return_inverse=True)
+        rank = np.empty(len(first), np.int64)
+        rank[np.argsort(first)] = np.arange(len(first))
+        return Touched(
+            self.x[order], self.place[order], self.force[order],
+            np.asarray(rank[index.reshape(-1)]), self.cells[order],
+        )  # fmt: skip
+
+
 def like_known(
-    config: MagnetPadConfig, known: Array, count: int, *, leaning: bool
+    config: MagnetPadConfig, known: Array, count: int, *, leaning: bool, sharp: bool
 ) -> tuple[Array, Array]:
     """Draw touches.
 
@@ -41,6 +74,9 @@ def like_known(
         How many (n).
     leaning : bool
         Whether leanings count.
+    sharp : bool
+        Whether touches keep as near to recorded places as those lie to each other; else as near
+        as recorded touches of like loads do.
 
     Returns
     -------
@@ -54,7 +90,7 @@ def like_known(
     unit[3:] *= leaning
     free = int(ANYWHERE * count)
     drawn = np.concatenate(
-        [_blurred(known, unit, count - free, rng), _even(config, known, free, rng)]
+        [_blurred(known, unit, count - free, rng, sharp), _even(config, known, free, rng)]
     )
     least = float(np.arccos(EDGE))
     low, high = known[:, 2].min() - WEAKER, known[:, 2].max() + HARDER
@@ -67,13 +103,19 @@ def like_known(
     return drawn, np.clip(reach, LEAST_REACH, MOST_REACH)
 
 
-def _blurred(known: Array, unit: Array, count: int, rng: np.random.Generator) -> Array:
+def _blurred(
+    known: Array, unit: Array, count: int, rng: np.random.Generator, sharp: bool
+) -> Array:
     """Known touches (s, 5), each moved by half the distance to others like it."""
     spots = known * unit
+    seen = spots[:, :2] if sharp else spots
     near = min(4, len(known) - 1)
-    gap = cKDTree(spots).query(spots, k=[near + 1])[0][:, 0]
+    gap = cKDTree(seen).query(seen, k=[near + 1])[0][:, 0]
     pick = rng.integers(0, len(known), count)
-    blur = np.clip(0.5 * gap, LEAST_BLUR, MOST_BLUR)[pick, None] * rng.normal(size=(count, 5))
+    least = LEAST_REACH if sharp else LEAST_BLUR
+    blur = np.clip(0.5 * gap, least, MOST_BLUR)[pick, None] * rng.normal(size=(count, 5))
+    if sharp:
+        blur[:, 2:] = MOST_BLUR * rng.normal(size=(count, 3))
     return np.asarray(known[pick] + blur * np.where(unit > 0, 1 / np.maximum(unit, 1e-9), 0.0))
 
 

@@ -6,17 +6,18 @@ body that its base holds or not: what is not known of a touch is spread over the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from tactile_ros.estimators.touch_table import TouchTable
+from tactile_ros.estimators.touch_mixture import Linearised
 from tactile_ros.physics.dipoles import in_chip_axes
 from tactile_ros.physics.elastomer import disc_press
-from tactile_ros.sensors.magnet_pad.cells import SPACE, nearest
 from tactile_ros.sensors.magnet_pad.fidelity import block_model, blocks_of
-from tactile_ros.types import Array
+from tactile_ros.sensors.magnet_pad.telling import SIGMAS, Telling
+from tactile_ros.types import Array, Bools
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,8 +34,12 @@ UPRIGHT = 0.75  # share of touches that do not lean
 BLOCK = 2048
 MEASURED = 200  # touches by which a model of the blocks is chosen
 NOISE, LEAST_NOISE = 4e-6, 1e-7  # T, where nothing tells it; below it nothing is gained
-COUNT = 40_000
-WIDTH = 0.7
+COUNT = 8000
+STEP = 1e-2  # radii and rad, by which slopes are measured
+LOAD = 2.0  # radii that a factor e of load counts as
+NEAR = 6  # neighbour whose distance is the reach of a touch
+RIGHT = 0.06  # of a reading: what the model may be wrong by
+UNLIKE = 4.0  # misfit of a channel, from which a stray field is thought of
 UNSURE = 0.8  # the table's spread has touches that lean and bodies of all bonds
 LEAST = 1e-4  # m; N times shear modulus and radius follow
 
@@ -65,11 +70,31 @@ class Presses:
         zero = np.zeros_like(self.around)
         return np.column_stack([zero, np.cos(self.around), np.sin(self.around)])
 
+    @property
+    def size(self) -> Array:
+        """Of the force, shape (s,) (N)."""
+        return np.asarray(np.linalg.norm(self.force, axis=1))
+
+    def turned(self, angle: float) -> Presses:
+        """The same a little further around (rad), forces with their places."""
+        cosine, sine = np.cos(angle), np.sin(angle)
+        force = self.force.copy()
+        force[:, 1] = cosine * self.force[:, 1] - sine * self.force[:, 2]
+        force[:, 2] = sine * self.force[:, 1] + cosine * self.force[:, 2]
+        return replace(self, around=self.around + angle, force=force)
+
     def places(self, radius: float) -> Array:
         """Contacts on a cylinder of `radius`, shape (s, 3) (m)."""
         places = radius * self.normals
         places[:, 0] = self.along
         return places
+
+
+def uniform_response(config: MagnetPadConfig) -> Array:
+    """What a uniform field adds to the readings (3 t, 3), in sensor axes."""
+    turns = config.rotations
+    turned = np.tile(np.eye(3), (len(config.positions), 1, 1)) if turns is None else turns
+    return np.concatenate([turn.T for turn in turned])
 
 
 def spread_presses(config: MagnetPadConfig, count: int) -> Presses:
@@ -138,39 +163,66 @@ class NominalPad:
     ----------
     config : MagnetPadConfig
         Geometry and materials.
+
+    Attributes
+    ----------
+    telling : Telling
+        Of the touches.
     """
 
     def __init__(self, config: MagnetPadConfig) -> None:
+        self.cells = config.cells
+        noise = NOISE if config.noise is None else max(float(np.max(config.noise)), LEAST_NOISE)
         presses = spread_presses(config, COUNT)
-        nodes = nominal_choice(config).size[0]
-        change = change_of_field(config, presses, nodes).reshape(COUNT, -1)
-        self.least = 0.05 * float(np.sqrt((change**2).sum(axis=1).mean()))
-        self.table = TouchTable(0.02, neighbours=32, width=WIDTH).fit(self._pattern(change))
-        self.answers = np.column_stack([presses.places(config.radius), presses.force])
-        self.cells = nearest(self.answers, config.cells, SPACE)
-        self.count = len(config.cells)
+        several = len(config.positions) > 1 and config.stray_term
+        common = uniform_response(config) if several else None
+        rows = self._rows(config, presses, noise)
+        limit = UNLIKE * rows.readings.shape[1]
+        self.telling = Telling(rows, common, noise, SIGMAS * noise, limit, neighbours=32)
         force = LEAST * config.shear_modulus * config.radius
         self.floor = np.diag(np.repeat([LEAST, force], 3) ** 2)
 
-    def _pattern(self, x: Array) -> Array:
-        """Readings whose size counts by its logarithm once it is no longer small."""
-        size = np.sqrt((x * x).sum(axis=1, keepdims=True)) / self.least
-        return np.asarray(x / self.least * np.arcsinh(size) / np.maximum(size, 1e-12))
+    @staticmethod
+    def _rows(config: MagnetPadConfig, presses: Presses, noise: float) -> Linearised:
+        """Touches with their readings, and both a little further along, around and harder."""
+        nodes, radius = nominal_choice(config).size[0], config.radius
+        spots = np.column_stack(
+            [presses.along / radius, presses.around, LOAD * np.log(presses.size)]
+        )
+        reach = cKDTree(spots).query(spots, k=[NEAR + 1])[0][:, 0]
+        reach = np.clip(reach, 0.005, 0.3)[:, None]
+        steps = (
+            replace(presses, along=presses.along + STEP * radius),
+            presses.turned(STEP),
+            replace(presses, force=presses.force * (1 + STEP / LOAD)),
+        )
+        level = change_of_field(config, presses, nodes).reshape(len(reach), -1)
+        start = np.column_stack([presses.places(radius), presses.force, level])
+        rises = []
+        for step in steps:
+            change = change_of_field(config, step, nodes).reshape(len(reach), -1)
+            rises.append(np.column_stack([step.places(radius), step.force, change]) - start)
+        leads = np.stack(rises, axis=-1) / STEP * reach[:, None]
+        sigma = np.sqrt(noise**2 + RIGHT**2 * (level**2).mean(axis=1))
+        share = np.full(len(level), 1 / len(level))
+        return Linearised(level, leads[:, 6:], start, leads, sigma, share)
 
-    def estimate(self, x: Array) -> Columns:
+    def estimate(self, x: Array, rest: Bools) -> Columns:
         """Place, force and cell of changes of field x (s, d) (T); NaN and -1 where x is not."""
-        there = np.isfinite(x).all(axis=1)
+        there = np.asarray(np.isfinite(x).all(axis=1))
         mean, cov = np.full((len(x), 6), np.nan), np.full((len(x), 6, 6), np.nan)
         cell, share = np.full(len(x), -1), np.full(len(x), np.nan)
+        stray = np.full((len(x), 3), np.nan)
         if there.any():
-            blame = self.table.blame(self._pattern(x[there]))
-            mean[there] = blame.mean(self.answers)
-            spread = blame.covariance(self.answers, mean[there])
-            cov[there] = UNSURE**2 * spread + self.floor
-            shares = blame.shares(self.cells, self.count)
-            cell[there], share[there] = shares.argmax(axis=1), shares.max(axis=1)
-        return {
+            told = self.telling(x[there], self.cells)
+            mean[there], cov[there] = told.mean, UNSURE**2 * told.cov + self.floor
+            cell[there], share[there] = told.shares.argmax(axis=1), told.shares.max(axis=1)
+            stray[there] = told.stray
+            if self.telling.part is not None and (rest & there).any():
+                stray[rest & there] = self.telling.resting_field(x[rest & there])
+        known = {
             'position': mean[:, :3], 'position_cov': cov[:, :3, :3],
             'force': mean[:, 3:], 'force_cov': cov[:, 3:, 3:],
             'cell': cell, 'cell_probability': share,
         }  # fmt: skip
+        return known if self.telling.part is None else {**known, 'stray_field': stray}

@@ -27,6 +27,7 @@ from tactile_ros.sensors.magnet_pad.cells import (
     shares_of_cells,
 )
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
+from tactile_ros.sensors.magnet_pad.nominal import uniform_response
 from tactile_ros.sensors.magnet_pad.touches import KnownTouches
 
 if TYPE_CHECKING:
@@ -247,14 +248,11 @@ class Regressed(Recognition):
         return SPACE if whole.any() else PLAN if rows.any() else ()
 
     def common(self, signals: Signals) -> Array | None:
-        """What a uniform field adds to the features (d, 3); None with a single live chip."""
-        taxels = len(self.config.positions)
-        turns = self.config.rotations
-        turned = np.tile(np.eye(3), (taxels, 1, 1)) if turns is None else turns
-        common = np.concatenate([turn.T for turn in turned])
+        """What a uniform field adds to the features (d, 3); None: one live chip, or unasked."""
+        common = uniform_response(self.config)
         live = np.nan_to_num(signals.delta[signals.good]).any(axis=(0, 2))
         common[~np.repeat(live, 3)] = 0.0
-        return common if live.sum() > 1 else None
+        return common if live.sum() > 1 and self.config.stray_term else None
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Targets of every row; see `Regression`."""

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.physics.bonded_layer import Layer
 from tactile_ros.physics.dipoles import in_chip_axes
 from tactile_ros.physics.fidelity import BLOCK_COST, DIPOLE_COST, Choice, Model, choose, region
+from tactile_ros.physics.layer_response import Layer
 from tactile_ros.physics.multipole_sheet import Sheet, carried_field
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.physics.bonded_layer import Layer
 from tactile_ros.physics.elastomer import point_load
+from tactile_ros.physics.layer_response import Layer
 
 G, H = 0.1e6, 4e-3
 LAYER = Layer(H, G, 0.49)
@@ -140,3 +140,28 @@ def test_the_punch_presses_hardest_at_its_edge() -> None:
     assert (pressure[~covered] == 0).all()
     assert pressure[32, 32] < 0
     assert pressure[32, 39] < 1.5 * pressure[32, 32]
+
+
+def test_pressure_waves_are_those_of_the_plain_form() -> None:
+    # constants of growing and fading waves by a linear system of four (Johnson, sec. 5.7)
+    k, nu = np.array([50.0, 400.0, 2000.0]), 0.45
+    for z in (0.3 * H, 0.7 * H, H):
+        found = Layer(H, G, nu).response(k, 0 * k, z)[:, :, 2]
+        for number, moved in zip(k, found, strict=True):
+            kappa = 3 - 4 * nu
+            e, d = np.exp(number * H), np.exp(-number * H)
+            at = number * H
+            system = np.array([
+                [1, 0, 1, 0],
+                [1, -kappa, -1, -kappa],
+                [2 * e, (2 * at + 1 - kappa) * e, -2 * d, (1 - kappa - 2 * at) * d],
+                [2 * e, (2 * (1 - kappa + at) - 4 * nu) * e,
+                 2 * d, (4 * nu + 2 * (kappa - 1 + at)) * d],
+            ])  # fmt: skip
+            a, b, c, f = np.linalg.solve(system, [0, 0, 0, 1.0])
+            x = number * z
+            across = (a + b * x) * np.exp(x) + (c + f * x) * np.exp(-x)
+            up = (a - kappa * b + b * x) * np.exp(x) + (-c - kappa * f - f * x) * np.exp(-x)
+            np.testing.assert_allclose(
+                moved[[0, 2]], np.array([1j * across, up]) / (G * number), rtol=1e-9, atol=1e-20
+            )

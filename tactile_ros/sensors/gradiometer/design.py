@@ -1,0 +1,173 @@
+"""Trade gap, magnet and averaging for range, noise and immunity to stray fields: [3], table I.
+
+The disc moves linearly with force: full scale sinks it by 0.6 of the gap, the elastomer's other
+dimensions and hardness stay. Noise is the bound of Cramer and Rao with the disc's place and a
+uniform field unknown, so that a calibration can come close to it and not below.
+
+example:
+  tactile design gradiometer --force 3.5 --resolution 0.5
+  tactile design gradiometer --stray 5 --spread 1 --json
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.estimators.disc_model import DiscModel
+from tactile_ros.estimators.uniform_field import UniformField
+from tactile_ros.sensors.gradiometer.readings import NOISE, Readings
+from tactile_ros.types.table import Table
+
+if TYPE_CHECKING:
+    import argparse
+
+    from tactile_ros.sensors.gradiometer.config import GradiometerConfig
+    from tactile_ros.types import Array
+
+SINKS, SHEAR = 0.6, 0.2  # of the gap at full scale; stiffness aside over that in depth
+ABOVE = 0.5e-3  # m, of elastomer over the disc
+SAMPLE_MS = 0.22  # time constant of one sample [3]
+GAPS = (1.5e-3, 2.0e-3, 2.5e-3, 3.0e-3, 4.0e-3)
+DISCS = ((1.5e-3, 0.8e-3), (2e-3, 1e-3), (3e-3, 1e-3), (3e-3, 2e-3))
+AVERAGES = (1, 4, 16, 64)
+MILLI = 1e3
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What a design does.
+
+    Attributes
+    ----------
+    full_n : float
+        Force that sinks the disc by 0.6 of the gap (N).
+    rest_mn, load_mn, side_mn : float
+        Noise of one sample along z at rest and at half load, and along x at rest (mN).
+    leak_percent : float
+        Worst force from the stray field, at rest (% of full scale).
+    strongest_mt : float
+        Uniform field along z that clips no pixel up to full scale (mT); negative: it clips.
+    """
+
+    full_n: float
+    rest_mn: float
+    load_mn: float
+    side_mn: float
+    leak_percent: float
+    strongest_mt: float
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `tactile design gradiometer`."""
+    parser.add_argument('--force', type=float, help='largest force (N); full scale of the config')
+    parser.add_argument('--resolution', type=float, default=2.7, help='noise wanted (mN)')
+    parser.add_argument('--stray', type=float, default=2.0, help='uniform field to bear (mT)')
+    parser.add_argument('--spread', type=float, default=0.5, help='gains unknown by (%%)')
+
+
+def tables(config: GradiometerConfig, options: argparse.Namespace) -> list[Table]:
+    """Figures of the config, its trades, and a search."""
+    force = config.full_scale if options.force is None else options.force
+    if min(force, options.resolution, options.stray, options.spread) <= 0:
+        msg = 'force, resolution, stray and spread of design must be positive'
+        raise ValueError(msg)
+    stray = options.stray, options.spread
+
+    def of(gap: float, disc: tuple[float, float]) -> Figures:
+        return figures(config, gap, disc, stray)
+
+    own = (config.disc_diameter, config.disc_height)
+    gaps = sorted({*GAPS, config.gap})
+    discs = sorted({*DISCS, own})
+    return [
+        Table('gap', _columns('gap (mm)'), tuple(_row(f'{MILLI * g:g}', of(g, own)) for g in gaps),
+              ('A smaller gap hears more and measures less.',)),
+        Table('magnet', _columns('disc (mm)'),
+              tuple(_row(_name(d), of(config.gap, d)) for d in discs),
+              (f'Remanence {config.remanence:g} T; noise goes with its inverse.',)),
+        _averaging(of(config.gap, own)),
+        _search({(g, d): of(g, d) for g, d in product(gaps, discs)}, force, options),
+    ]  # fmt: skip
+
+
+def _columns(first: str) -> tuple[str, ...]:
+    return (
+        first, 'full scale (N)', 'Fz noise (mN)', 'at half load (mN)', 'Fx noise (mN)',
+        'leak (% of full scale)', 'field to clipping (mT)',
+    )  # fmt: skip
+
+
+def _row(name: str, found: Figures) -> tuple[str | float, ...]:
+    return (
+        name, found.full_n, found.rest_mn, found.load_mn, found.side_mn, found.leak_percent,
+        found.strongest_mt,
+    )  # fmt: skip
+
+
+def _name(disc: tuple[float, float]) -> str:
+    return f'{MILLI * disc[0]:g} x {MILLI * disc[1]:g}'
+
+
+def _averaging(found: Figures) -> Table:
+    """Noise against time constant."""
+    rows = tuple((n, SAMPLE_MS * n, found.rest_mn / np.sqrt(n)) for n in AVERAGES)
+    note = f'One sample has a time constant of {SAMPLE_MS} ms; [3] averages four: 2.7 mN.'
+    return Table('averaging', ('samples', 'time constant (ms)', 'Fz noise (mN)'), rows, (note,))
+
+
+def _search(
+    found: dict[tuple[float, tuple[float, float]], Figures],
+    force: float,
+    options: argparse.Namespace,
+) -> Table:
+    """Designs that do what is wanted, the fastest first."""
+    rows = []
+    for (gap, disc), design in found.items():
+        samples = max(1, int(np.ceil((design.rest_mn / options.resolution) ** 2)))
+        if design.full_n >= force and design.strongest_mt >= options.stray:
+            noise, delay = design.rest_mn / np.sqrt(samples), SAMPLE_MS * samples
+            rows.append((MILLI * gap, _name(disc), samples, delay, noise, design.leak_percent))
+    rows.sort(key=lambda row: (row[3], row[5], row[4]))
+    wanted = f'{force:g} N, {options.resolution:g} mN and {options.stray:g} mT'
+    none = f'Nothing here bears {wanted}: a harder elastomer, or a wider range of the pixels.'
+    columns = (
+        'gap (mm)', 'disc (mm)', 'samples', 'time constant (ms)', 'Fz noise (mN)',
+        'leak (% of full scale)',
+    )  # fmt: skip
+    notes = (f'Designs that bear {wanted}.',) if rows else (none,)
+    return Table('search', columns, tuple(rows[:6]) or ((None,) * len(columns),), notes)
+
+
+def figures(
+    config: GradiometerConfig, gap: float, disc: tuple[float, float], stray: tuple[float, float]
+) -> Figures:
+    """Figures of a gap (m) and a disc (m, m) for a stray field (mT) and a spread of gains (%)."""
+    changed = replace(config, gap=gap, disc_diameter=disc[0], disc_height=disc[1])
+    readings = Readings(changed)
+    size = np.array([gap, *disc, config.remanence])
+    model = DiscModel(config.positions, readings.axes, size)
+    differences = UniformField(readings.axes, readings.noise).differences
+    model.given(differences, readings.noise, absolute=True)
+    usual, own = (c.gap + c.disc_height + ABOVE for c in (config, changed))
+    deep = config.full_scale / (SINKS * config.gap) * usual / own  # N / m
+    stiffness = deep * np.array([SHEAR, SHEAR, 1.0])
+    place = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -SINKS / 2], [0.0, 0.0, -SINKS]])
+    field, slope = model.field(place)
+    noise = NOISE if config.noise is None else readings.noise
+    unit = np.array([_unit(s, differences) for s in slope / gap]) * stiffness
+    spoilt = 1e-3 * stray[0] * 1e-2 * stray[1] * unit[0].max()
+    full = float(deep * SINKS * gap)
+    limit = np.inf if config.saturation is None else float(np.max(config.saturation))
+    rest, load = (MILLI * noise * unit[k] for k in (0, 1))
+    clear = MILLI * (limit - float(np.abs(field).max()))
+    return Figures(full, rest[2], load[2], rest[0], 100 * float(spoilt) / full, clear)
+
+
+def _unit(slope: Array, differences: Array) -> Array:
+    """Least deviations of a place (3,) (m) for readings with one of 1 T, of slopes (n, 3)."""
+    seen = differences.T @ slope
+    return np.asarray(np.sqrt(np.diag(np.linalg.pinv(seen.T @ seen))))

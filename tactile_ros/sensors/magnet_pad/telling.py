@@ -1,0 +1,138 @@
+"""Touches that answer readings, with a uniform outside field and without.
+
+A reading that no touch explains is looked up by what the chips differ in, where the outside field
+has a share of the metric; evidence weighs both answers. What is but a field touches nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactile_ros.estimators.touch_mixture import Linearised, Posterior, TouchMixture
+from tactile_ros.types import Array, Bools, Integers
+
+NEIGHBOURS, BLIND, SLACK = 16, 48, 1.0
+STRAY = 0.3e-3  # T, of one component of stray fields that are met
+ODDS = -4.0  # logarithm, of a stray field against none
+SIGMAS = 5.0  # as `conditioning.contact` has them
+ANSWERS = 6  # place and force; the reading of the touch follows
+
+
+@dataclass(frozen=True)
+class Told:
+    """What readings tell.
+
+    Attributes
+    ----------
+    mean, cov : ndarray, shape (s, 6) and (s, 6, 6)
+        Place (m) and force (N).
+    shares : ndarray, shape (s, n)
+        Of the cells.
+    stray : ndarray, shape (s, 3)
+        Uniform outside field (T).
+    """
+
+    mean: Array
+    cov: Array
+    shares: Array
+    stray: Array
+
+
+class UniformPart:
+    """Uniform field in readings, and what remains.
+
+    Parameters
+    ----------
+    common : ndarray, shape (d, 3)
+        What a uniform field adds to the features, in sensor axes.
+    """
+
+    def __init__(self, common: Array) -> None:
+        self.common = common
+        self.solve = np.linalg.pinv(common).T
+
+    def __call__(self, x: Array) -> tuple[Array, Array]:
+        """Field (s, 3) in readings (s, d) (T), and the largest channel of what remains."""
+        # a row at a time: the same bits alone and among others
+        field = np.matmul(x[:, None], self.solve)
+        left = x - np.matmul(field, self.common.T)[:, 0]
+        return field[:, 0], np.abs(left).max(axis=1)
+
+
+class Telling:
+    """Touches of a table that answer readings.
+
+    Parameters
+    ----------
+    rows : Linearised
+        Answers are place, force and reading.
+    common : ndarray, shape (d, 3), or None
+        As `UniformPart`; None: an outside field cannot be told.
+    noise, contact : float
+        Of a channel; largest channel, less a uniform field, beyond which something touches (T).
+    limit : float
+        Misfit from which an outside field is thought of.
+    neighbours : int
+        Touches that answer.
+    """
+
+    def __init__(
+        self,
+        rows: Linearised,
+        common: Array | None,
+        noise: float,
+        contact: float,
+        limit: float,
+        neighbours: int = NEIGHBOURS,
+    ) -> None:
+        self.plain = TouchMixture(rows.of(ANSWERS), neighbours=neighbours, slack=SLACK)
+        self.noise, self.contact, self.limit = noise, contact, limit
+        self.part = self.blind = None
+        if common is not None:
+            self.part = UniformPart(common)
+            self.blind = TouchMixture(rows, common, STRAY, neighbours=BLIND, told=ANSWERS)
+
+    def __call__(self, x: Array, cells: Array) -> Told:
+        """What finite readings x (s, d) (T) tell, with centres (n, 3) of cells (m)."""
+        seen = self.plain(x)
+        told = Told(seen.mean, seen.cov, self.plain.shares(seen, cells), np.zeros((len(x), 3)))
+        unlike = seen.misfit > self.limit
+        if self.blind is not None and np.count_nonzero(unlike):
+            self._mend(told, seen, x, cells, np.flatnonzero(unlike))
+        return told
+
+    def _mend(self, told: Told, seen: Posterior, x: Array, cells: Array, rows: Integers) -> None:
+        """Weigh what readings of some rows say of touches beside a field, in place."""
+        blind, part = self.blind, self.part
+        assert blind is not None
+        assert part is not None
+        other = blind(x[rows])
+        lean = other.evidence - seen.evidence[rows] + ODDS
+        lean = 1 / (1 + np.exp(-np.clip(lean, -50, 50)))
+        share, apart = lean[:, None], other.mean[:, :ANSWERS] - told.mean[rows]
+        between = (share * (1 - share))[:, :, None] * apart[:, :, None] * apart[:, None]
+        told.cov[rows] += share[:, :, None] * (other.cov - told.cov[rows]) + between
+        told.mean[rows] += share * apart
+        told.shares[rows] += share * (blind.shares(other, cells) - told.shares[rows])
+        left = x[rows] - other.mean[:, ANSWERS:]
+        told.stray[rows] = share * part(left)[0]
+
+    def resting_field(self, x: Array) -> Array:
+        """Uniform field (s, 3) (T) of readings (s, d) that nothing touches; 0 within noise."""
+        assert self.part is not None
+        field, _ = self.part(x)
+        seen = np.abs(field).max(axis=1, keepdims=True) > SIGMAS * self.noise
+        return np.where(seen, field, 0.0)
+
+    def touching(self, x: Array) -> Bools:
+        """Whether readings (s, d) are rather those of a touch than of a uniform field alone."""
+        assert self.blind is not None
+        assert self.part is not None
+        touching = np.asarray(self.part(x)[1] > self.contact)
+        if np.count_nonzero(touching) < len(x):
+            weak = np.flatnonzero(~touching)
+            touch = np.maximum(self.plain(x[weak]).evidence, self.blind(x[weak]).evidence)
+            touching[weak] = touch > self.blind.of_causes(x[weak], self.noise)
+        return touching
