@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from tactile_ros.presses import Touches, Truth
     from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
 
-POINTS = 225  # of a taxel
+POINTS = 49  # of a taxel
 PLAY = 0.25  # of the array's reach: how far from its middle a part is placed
 LIGHTEST, HEAVIEST = 0.05, 0.6  # of a taxel's largest force, on the most loaded one
 
