@@ -29,9 +29,9 @@ def test_a_washer_and_a_tube_are_placed_and_turned() -> None:
 
 
 def test_what_was_learned_from_some_recognises_others() -> None:
-    train = thinned(SPEC.presses(CONFIG, 1, 40), 5.0)
+    train = thinned(SPEC.presses(CONFIG, 1, 30), 4.0)
     pipeline = SPEC.pipeline(CONFIG).fit(train)
-    test = thinned(SPEC.presses(CONFIG, 2, 16), 5.0)
+    test = thinned(SPEC.presses(CONFIG, 2, 12), 4.0)
     states = pipeline.process_batch(test)
     peak = test.truth['taxel_force'].astype(float).max(axis=1)
     firm = (test.truth['in_contact'] == 1) & (peak > 0.5)
