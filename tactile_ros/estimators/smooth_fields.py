@@ -108,7 +108,7 @@ class SmoothFields:
         square = (self.speed * length) ** 2
         bent = 1.0 + square / (2 * ORDER)
         smooth = bent ** -(ORDER + 1.0)
-        slope = -(2 + 2 / ORDER) * square / bent
+        slope = -(1 + 1 / ORDER) * square / bent
         total = float(smooth.sum()) + 1e-300
         slope -= float(smooth @ slope) / total
         rest = fine**2 / max(len(self.speed), 1)

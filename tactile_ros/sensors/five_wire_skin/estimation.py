@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from tactile_ros.signals import Columns, Report, Signals
     from tactile_ros.types import Array, Bools, Integers
 
-ESTIMATORS = (*REGRESSORS, 'printed')
+ESTIMATORS = (*REGRESSORS, 'printed', 'mean_curve')
 SAME_PLACE = 1e-5
 MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
 LEAST_DIVIDER = 1e-4
@@ -45,8 +45,8 @@ class FiveWireEstimation:
     config : FiveWireSkinConfig
         Of the sensor.
     estimator : str or None
-        One of `ESTIMATORS`: a regressor of the three readings, or 'printed', the formula and the
-        network of [5]; None: the best of all on held-out places.
+        One of `ESTIMATORS`: a regressor of the three readings; 'printed', the formula and the
+        network of [5]; 'mean_curve', what [5] compares it with; None: the best on held-out places.
     """
 
     def __init__(self, config: FiveWireSkinConfig, estimator: str | None = None) -> None:
