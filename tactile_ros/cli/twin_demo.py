@@ -6,6 +6,8 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from tactile_ros.cli import models
 from tactile_ros.cli.record import wait, wait_for_frames
 from tactile_ros.cli.replay import evaluate, print_result
@@ -90,12 +92,17 @@ def run_twin(key: str, output: Path, seed: int, seconds: float = PLAYED_S) -> in
 def fit(key: str, seed: int, path: Path) -> Pipeline:
     """Calibration from simulated presses, as it is read back from its file."""
     spec = load_sensor(key)
-    config = spec.config()
+    config = spec.config(**spec.demo)
     train = spec.presses(config, seed)
     most = min(MOST_ROWS, MOST_READINGS // train.values[0].size)
     every = slice(None, None, -(-len(train) // most))
     spec.pipeline(config).fit(train.select(every)).save(path)
     return spec.load(path)
+
+
+def _as_parameter(value: object) -> object:
+    """A field of a config as ROS parameters hold it."""
+    return np.ravel(value).tolist() if isinstance(value, np.ndarray) else value
 
 
 def play(key: str, seed: int, calibration: Path, bag: Path, seconds: float) -> None:
@@ -104,12 +111,14 @@ def play(key: str, seed: int, calibration: Path, bag: Path, seconds: float) -> N
     from tactile_ros.nodes.processes import Running
 
     spec = load_sensor(key)
-    fast = spec.layout(spec.config()).rate_hz > RATE_OF_PROCESSES
+    fast = spec.layout(spec.config(**spec.demo)).rate_hz > RATE_OF_PROCESSES
     setting = Setting(
         sensor=key, source='simulated', seed=seed, calibration=str(calibration), bag=str(bag),
         namespace=key, stack=fast,
     )  # fmt: skip
-    with Running(sensing(setting), {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}) as running:
+    values = {name: _as_parameter(value) for name, value in spec.demo.items()}
+    graph = sensing(setting).with_parameters('sensor_node', values) if values else sensing(setting)
+    with Running(graph, {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}) as running:
         wait_for_frames(running, bag)
         wait(running, bag, seconds)
         for name in running.lines:

@@ -19,7 +19,7 @@ JOINED = 0.1  # of a patch's largest pressure: less joins nothing
 LEAST = 1e-12  # load of a touched taxel (unit of loads)
 BLUR = 0.09  # of a taxel's area: variance of a centre that one taxel tells
 BLOCK = 200_000  # taxels of frames that are looked at in one go
-FEW = 400  # touched taxels up to which a loop is quicker than a sparse graph
+FEW = 250  # touched taxels up to which a loop is quicker than a sparse graph
 SQUARE = 8 + np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # columns of second powers
 
 
@@ -123,15 +123,18 @@ class PatchFinder:
     def __init__(self, positions: Array, areas: Array, most: int) -> None:
         self.positions, self.areas, self.most = positions, areas, most
         self.pairs = neighbours(positions)
-        self._ends = self.pairs.T.copy()
         self._near: list[list[int]] = [[] for _ in positions]
         for i, j in self.pairs.tolist():
             self._near[i].append(j)
             self._near[j].append(i)
+        ahead = np.bincount(self.pairs[:, 0], minlength=len(positions)).max(initial=1)
+        self._ahead = np.repeat(np.arange(len(positions))[:, None], ahead, axis=1)
+        for i, nodes in enumerate(self._near):
+            later = [j for j in nodes if j > i]
+            self._ahead[i, : len(later)] = later
         x, y, z = positions.T
         one = np.ones(len(positions))
         self._powers = np.stack([one, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z], axis=1)
-        self._extra = np.stack([areas, one], axis=1)
         self.blur = BLUR * float(np.median(areas))
 
     def find(self, load: Array, variance: Array, touched: Bools) -> Patches:
@@ -161,15 +164,16 @@ class PatchFinder:
 
     def _block(self, load: Array, variance: Array, touched: Bools) -> Patches:
         """Patches of as many frames as fit."""
-        row, taxel = np.nonzero(touched)
-        if not len(row):
+        node = np.flatnonzero(touched)
+        if not len(node):
             return self._nothing(load.shape)
-        if len(load) == 1 and len(taxel) <= FEW:
-            alone = self._alone(load[0], variance[0], taxel)
+        if len(load) == 1 and len(node) <= FEW:
+            alone = self._alone(load[0], variance[0], node)
             if alone is not None:
                 return alone
-        weight = np.maximum(load[row, taxel], LEAST)
-        patch = self._parted(row, taxel, weight / self.areas[taxel], touched)
+        row, taxel = np.divmod(node, load.shape[1])
+        weight = np.maximum(load.reshape(-1)[node], LEAST)
+        patch = self._parted(node, taxel, weight / self.areas[taxel], len(load))
         count = int(patch.max(initial=-1)) + 1
         total = np.bincount(patch, weight, count)
         home = np.zeros(count, np.int64)
@@ -178,7 +182,7 @@ class PatchFinder:
         rank = np.empty(count, np.int64)
         rank[order] = np.arange(count) - np.searchsorted(home[order], home[order])
         kept = rank < self.most
-        told = self._measured(patch, taxel, weight, variance[row, taxel], count)
+        told = self._measured(patch, taxel, weight, variance.reshape(-1)[node], count)
         label = np.full(load.shape, -1, np.int64)
         label[row, taxel] = np.where(kept[patch], rank[patch], -1)
         columns = []
@@ -225,11 +229,9 @@ class PatchFinder:
         self, patch: Integers, taxel: Integers, weight: Array, variance: Array, count: int
     ) -> tuple[Array, Array, Array, Array, Array]:
         """Load, variance, centre (n, 3), its covariance (n, 3, 3) and area of every patch."""
-        order = np.argsort(patch, kind='stable')
-        taxel, weight, variance = taxel[order], weight[order, None], variance[order, None]
-        powers = self._powers[taxel]
-        parts = np.hstack([weight * powers[:, :4], variance * powers, self._extra[taxel]])
-        sums = np.add.reduceat(parts, np.searchsorted(patch[order], np.arange(count)), axis=0)
+        powers = self._powers[taxel].T
+        terms = [*(weight * powers[:4]), *(variance * powers), self.areas[taxel], powers[0]]
+        sums: Array = np.array([np.bincount(patch, term, count) for term in terms]).T
         total, spread = np.maximum(sums[:, 0], 1e-100), sums[:, 4]
         centre = sums[:, 1:4] / total[:, None]
         first, second = sums[:, 5:8], sums[:, SQUARE]
@@ -239,31 +241,29 @@ class PatchFinder:
         cov[:, [0, 1], [0, 1]] += (self.blur / sums[:, -1])[:, None]
         return total, spread, centre, cov, sums[:, -2]
 
-    def _parted(self, row: Integers, taxel: Integers, pressure: Array, touched: Bools) -> Integers:
+    def _parted(self, node: Integers, taxel: Integers, pressure: Array, rows: int) -> Integers:
         """Patch of each touched taxel (n,): connected ones, cut where little joins them."""
-        whole = self._connected(touched)
+        whole = self._connected(node, taxel, rows)
         peak = np.zeros(int(whole.max()) + 1)
         np.maximum.at(peak, whole, pressure)
         core = pressure > JOINED * peak[whole]
         if core.all():
             return whole
-        firm = np.zeros(touched.shape, bool)
-        firm[row[core], taxel[core]] = True
-        patch = np.full(len(row), -1)
-        patch[core] = self._connected(firm)
+        patch = np.full(len(node), -1)
+        patch[core] = self._connected(node[core], taxel[core], rows)
         return self._with_rims(patch, whole, core, taxel)
 
-    def _connected(self, touched: Bools) -> Integers:
+    def _connected(self, node: Integers, taxel: Integers, rows: int) -> Integers:
         """Component of each touched taxel (n,), numbered by their first ones."""
-        if len(touched) == 1:
-            nodes = np.flatnonzero(touched[0])
-            if len(nodes) <= FEW:
-                label, _ = _flooded(self._near, nodes.tolist(), len(self.positions))
-                return np.array([label[node] for node in nodes.tolist()], np.int64)
-        number = np.cumsum(touched).reshape(touched.shape) - 1
-        a, b = self._ends
-        row, pair = np.nonzero(touched[:, a] & touched[:, b])
-        return connected(number[row, a[pair]], number[row, b[pair]], int(number[-1, -1]) + 1)
+        taxels = len(self.positions)
+        if rows == 1 and len(node) <= FEW:
+            label, _ = _flooded(self._near, node.tolist(), taxels)
+            return np.array([label[i] for i in node.tolist()], np.int64)
+        number = np.full(rows * taxels, -1)
+        number[node] = np.arange(len(node))
+        others = number[self._ahead[taxel] + (node - taxel)[:, None]]
+        hit = others >= 0
+        return connected(np.count_nonzero(hit, axis=1), others[hit])
 
     def _with_rims(
         self, patch: Integers, whole: Integers, core: Bools, taxel: Integers
@@ -288,21 +288,33 @@ class PatchFinder:
         return patch
 
 
-def connected(first: Integers, second: Integers, count: int) -> Integers:
-    """Component of each of `count` nodes, of links sorted by their first nodes.
+def connected(counts: Integers, others: Integers) -> Integers:
+    """Component of each of n nodes.
+
+    Parameters
+    ----------
+    counts : ndarray of int, shape (n,)
+        Links that begin at each node.
+    others : ndarray of int
+        Where they end, node after node.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        Numbered by their first nodes.
 
     Examples
     --------
-    >>> connected(np.array([0, 3]), np.array([2, 4]), 5).tolist()
+    >>> connected(np.array([1, 0, 0, 1, 0]), np.array([2, 4])).tolist()
     [0, 1, 0, 2, 2]
     """
     from scipy.sparse import csr_matrix
     from scipy.sparse.csgraph import connected_components
 
-    starts = np.zeros(count + 1, np.int32)
-    np.cumsum(np.bincount(first, minlength=count), out=starts[1:])
-    links = (np.ones(len(first)), second.astype(np.int32), starts)
-    graph = csr_matrix(links, shape=(count, count))
+    starts = np.zeros(len(counts) + 1, np.int32)
+    np.cumsum(counts, out=starts[1:])
+    links = (np.ones(len(others)), others.astype(np.int32), starts)
+    graph = csr_matrix(links, shape=(len(counts), len(counts)))
     return np.asarray(connected_components(graph, directed=False)[1], np.int64)
 
 

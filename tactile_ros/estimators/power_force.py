@@ -2,7 +2,8 @@
 
 The film's resistance is R - Rx, that of the film alone, and falls as a power of the force. So the
 logarithm of the force is linear in that of the film; what R - Rx lacks by a wrong Rx grows as the
-inverse of the film's resistance, and what an air gap takes off the force as the resistance itself.
+inverse of the film's resistance, and what an air gap takes off the force, beside what it takes
+everywhere, as the resistance itself.
 The factors of these four shapes are smooth fields over the sheet, whose sizes and smoothness are
 those that make the calibration likeliest. The divider's noise weighs the rows.
 """
@@ -12,31 +13,30 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import minimize
 
 from tactile_ros.estimators.evidence import Moments
-from tactile_ros.estimators.smooth_fields import GAP, MOST_WAVES, SmoothFields
+from tactile_ros.estimators.field_prior import EXPECTED, MEAN, SHAPES, likeliest, prior_spread
+from tactile_ros.estimators.smooth_fields import (
+    MOST_WAVES,
+    WIDEST,
+    SmoothFields,
+    as_cosines,
+    cosines_at,
+)
+from tactile_ros.estimators.spread_cells import SpreadCells, grid_places
 from tactile_ros.estimators.training import TrainingRows, fitted, predict_rows, training_rows
-from tactile_ros.estimators.trials import at_corners, caution
+from tactile_ros.estimators.trials import at_corners, caution, left_out
 from tactile_ros.types import Array, Integers
 
-SHAPES = 4  # constant, logarithm, inverse and film itself: each with a field
 WAVES = (MOST_WAVES, MOST_WAVES, 5, 7)  # at most, along an axis, of each field
-MEAN = (10.0, 2.0, 0.3, 0.3, 0.1)  # prior spreads of what is the same everywhere, and of a bend
-EXPECTED = np.log([0.15, 0.05, 0.03, 0.05, 0.25])  # sizes of the fields, length over the sheet
-SURE = np.array([1.2, 1.2, 1.5, 1.5, 0.5])  # spreads of those logarithms
-BOUNDS = ((-7.0, 1.5), (-7.0, 1.0), (-8.0, 0.0), (-8.0, 0.5), (-2.7, 0.5))
-SERIES_LENGTH = 0.4
+GAPS = (0.0, 0.3, 0.6, 0.8, 0.9)  # of the lightest force
+MOST_ROWS = 3000
 ROUGHS = (0.0, 0.5, 2.0)  # spread of a force beside the divider's noise, over the noise's
 UNKNOWN_NOISE = 0.01
 FEWEST = 12
 MORE = 0.4  # logarithm of the largest answer over the largest force told
 BEYOND = 0.15  # of the range of the logarithm, in which the curve goes on
 LEAST_FILM = 0.02  # of R
-SMOOTH = 1e-4  # directions of cosines, over the strongest, that the nominal Rx does not need
-ROUNDS = 40
-GRID = 41
-WIDEST = np.pi / GAP * np.arange(MOST_WAVES) * np.ones((2, 1))  # phases of all fields
 LEVELS = 24  # steps of the film's resistance in which a spread is told
 
 
@@ -62,8 +62,9 @@ class PowerForce:
         Least and largest film resistance that count, and the middle of its logarithm.
     fields_ : tuple of SmoothFields
         Of the four shapes.
-    prior_ : ndarray, shape (5,)
-        Logarithms of the sizes of the fields, and of their length over the sheet.
+    prior_ : ndarray, shape (6,)
+        Logarithms of the sizes of the fields, their length over the sheet, and the share of
+        their size that has no length.
     weights_ : ndarray, shape (p,)
         Of the terms: five that are the same everywhere, then those of the fields.
     root_ : ndarray, shape (p, p)
@@ -74,12 +75,16 @@ class PowerForce:
         Relative spread of a force beside what the divider's noise makes.
     steep_ : float
         Slope of the logarithm of force over that of the film, all over the sheet.
+    gap_ : float
+        Force that the air gap takes everywhere (N); the rest follows the law.
     most_ : float
         Logarithm of the largest answer.
     nominal_ : ndarray, shape (n, n)
         Factors of cosines that tell the nominal Rx.
     caution_ : float
         Factor on the spread by calibration, from groups that were left out.
+    calm_ : float
+        Factor on the spread about the curve of a place.
     doubt_ : ndarray, shape (g, 3)
         Logarithm of the variance by calibration, a square in the level, on a grid of places.
     """
@@ -92,9 +97,11 @@ class PowerForce:
     noise_: float
     rough_: float
     steep_: float
+    gap_: float
     most_: float
     doubt_: Array
     caution_: float
+    calm_: float
     nominal_: Array
 
     def __init__(
@@ -109,20 +116,25 @@ class PowerForce:
         rows = training_rows(x, y, groups)
         there = rows.y[:, 0] > 0
         rows = rows.take(there if there.any() else np.ones(len(there), bool))
-        target = np.log(np.maximum(rows.y[:, :1], 1e-6))
-        self._prepare(rows, target)
+        count = min(len(rows.x), MOST_ROWS)
+        rows = rows.take(np.linspace(0, len(rows.x) - 1, count).astype(np.int64))
+        self._prepare(rows)
         terms = self._terms(rows.x)
+        self.rough_, self.prior_ = 0.0, EXPECTED
+        self._choose_gap(rows.x, terms, rows.y[:, 0])
+        target = self._net(rows.y[:, 0])[:, None]
         self._choose(rows.x, terms, target)
         self.most_ = float(target.max()) + MORE
         moments = Moments.of(terms, target, self._weight(rows.x))
-        weights, root, noise = moments.solve(self._spread(self.prior_))
+        weights, root, noise = moments.solve(prior_spread(self.fields_, self.prior_)[0])
         left = moments.square - 2 * float((weights * moments.cross).sum())
         left += float((weights * (moments.gram @ weights)).sum())
         used = float(np.einsum('ij,ij->', root @ moments.gram, root))
         self.noise_ = max(noise, float(np.sqrt(max(left, 0) / max(len(target) - used, 1))), 1e-9)
         self.weights_, self.root_ = weights[:, 0], root * self.noise_
-        for name in ('_table', '_steps', '_spreads'):
+        for name in ('_table', '_spreads'):
             vars(self).pop(name, None)
+        self.calm_ = 1.0
         self.caution_ = self._careful(rows.x, target[:, 0], rows.groups)
         self.doubt_ = self._tell_doubt()
         return self
@@ -157,12 +169,8 @@ class PowerForce:
         power += known[:, 2] / film
         power += known[:, 3] * film
         force = np.exp(np.minimum(power, self.most_))
-        return force, force * self._spreads.take(self._cells(inside, level))
-
-    def stated(self, x: Array) -> tuple[Array, Array]:
-        """Forces (s, 1) and spreads of their errors (s, 1) (N)."""
-        force, spread = self.force(x)
-        return force[:, None], spread[:, None]
+        spread = force * self._spreads.at(inside, level)
+        return force + self.gap_, spread
 
     def held_out(self, x: Array, y: Array, groups: Integers) -> tuple[Array, Array]:
         """What a fit without the group of each row says of it, and the spread that it states.
@@ -171,14 +179,15 @@ class PowerForce:
         of the fit; answers (s, 1) in N.
         """
         force, spread = np.empty(len(x)), np.empty(len(x))
-        there = y[:, 0] > 0
+        there = y[:, 0] > self.gap_
         force[~there], spread[~there] = self.force(x[~there])
-        force[there], doubt, scatter = self._alone(x[there], np.log(y[there, 0]), groups[there])
-        spread[there] = force[there] * np.sqrt(self.caution_**2 * doubt + scatter)
+        net, doubt, scatter = self._alone(x[there], self._net(y[there, 0]), groups[there])
+        force[there] = net + self.gap_
+        spread[there] = net * np.sqrt(self.caution_**2 * doubt + scatter)
         return force[:, None], spread[:, None]
 
     def _alone(self, x: Array, target: Array, groups: Integers) -> tuple[Array, Array, Array]:
-        """Forces (s,) that a fit without each group says, and both parts of their variance.
+        """Forces (s,) over the gap that a fit without each group says, and two variances.
 
         Those of the logarithm: by calibration, without caution, and by noise.
         """
@@ -188,23 +197,18 @@ class PowerForce:
         said, doubt = np.empty(len(x)), np.empty(len(x))
         for group in np.unique(groups):
             rows = np.flatnonzero(groups == group)
-            hat = half[rows] @ half[rows].T
-            apart = np.eye(len(rows)) * (1.0 + 1e-9) - hat
-            alone = np.linalg.solve(apart, np.column_stack([error[rows], hat]))
-            said[rows] = target[rows] - alone[:, 0] / scale[rows]
-            doubt[rows] = np.diagonal(alone[:, 1:]) / scale[rows] ** 2
+            off, hat = left_out(half[rows], error[rows])
+            said[rows] = target[rows] - off / scale[rows]
+            doubt[rows] = self.noise_**2 * hat / scale[rows] ** 2
         force = np.exp(np.minimum(said, self.most_))
-        return (
-            force,
-            self.noise_**2 * np.maximum(doubt, 0.0),
-            self._scatter(x[:, 2], self._film(x)),
-        )
+        return force, doubt, self._scatter(x[:, 2], self._film(x))
+
+    def _net(self, force: Array) -> Array:
+        """Logarithm of forces (s,) over the gap."""
+        return np.log(np.maximum(force - self.gap_, 1e-6))
 
     def _careful(self, x: Array, target: Array, groups: Integers) -> float:
-        """Factor on the doubt of calibration with which held-out groups lie inside as they should.
-
-        Corners of what was touched do not count, and few groups do not tell much.
-        """
+        """Factor on the doubt of calibration with which held-out groups lie inside it."""
         judged = ~at_corners(x[:, :2], groups)
         index = np.unique(groups, return_inverse=True)[1].reshape(-1)
         force, doubt, scatter = self._alone(x, target, groups)
@@ -213,25 +217,38 @@ class PowerForce:
         weight = judged / np.bincount(index)[index]
         return caution(asked, weight, len(np.unique(index[judged])))
 
-    def _prepare(self, rows: TrainingRows, target: Array) -> None:
-        """Range, fields and slope, before any choice."""
+    def _prepare(self, rows: TrainingRows) -> None:
+        """Range and fields, before any choice."""
         count = len(np.unique(rows.groups))
         self.fields_ = tuple(
             SmoothFields.for_places(rows.x[:, :2], count, self.size, most) for most in WAVES
         )
-        self.nominal_ = self._smooth_series()
+        self.nominal_ = as_cosines(self.series)
         film = rows.x[:, 2] - self._rx(rows.x[:, :2])
         film = np.maximum(film, np.maximum(LEAST_FILM * rows.x[:, 2], 1e-6))
         level = np.log(film)
         low, high = float(level.min()), float(level.max())
         more = BEYOND * max((high - low) / 2, 1e-3)
         self.range_ = np.array([np.exp(low - more), np.exp(high + more), (low + high) / 2])
-        few = len(target) < FEWEST or high - low < 1e-6
-        self.steep_ = -1.0 if few else float(np.polyfit(level, target[:, 0], 1)[0])
+
+    def _choose_gap(self, x: Array, terms: Array, force: Array) -> None:
+        """Force that the gap takes everywhere, as likely as it makes the forces; and the slope."""
+        level, least = np.log(self._film(x)), float(force.min())
+        spread, _ = prior_spread(self.fields_, EXPECTED)
+        found = []
+        for share in GAPS if len(force) >= FEWEST else (0.0,):
+            self.gap_, self.steep_ = share * least, -1.0
+            target = self._net(force)[:, None]
+            if len(force) >= FEWEST and np.ptp(level) > 1e-6:
+                self.steep_ = float(np.polyfit(level, target[:, 0], 1)[0])
+            weight = self._weight(x)
+            likely = Moments.of(terms, target, weight).evidence(spread)
+            likely += 0.5 * float(np.log(weight).sum()) - float(target.sum())
+            found.append((likely, self.gap_, self.steep_))
+        _, self.gap_, self.steep_ = max(found)
 
     def _choose(self, x: Array, terms: Array, target: Array) -> None:
         """Sizes and length of the fields, and what spreads a force beside the divider's noise."""
-        self.rough_, self.prior_ = 0.0, EXPECTED
         if len(target) < FEWEST:
             return
         own = float(np.median(np.sqrt(self._scatter(x[:, 2], self._film(x), 1.0))))
@@ -248,37 +265,8 @@ class PowerForce:
         """Evidence and prior that make the targets likeliest."""
         weight = self._weight(x)
         moments = Moments.of(terms, target, weight)
-        bonus = 0.5 * float(np.log(weight).sum())
-
-        def cost(prior: Array) -> tuple[float, Array]:
-            level, slope = moments.slope(self._spread(prior))
-            off = (prior - EXPECTED) / SURE
-            return 0.5 * float(off @ off) - level, off / SURE - self._along(prior) @ slope
-
-        found = minimize(
-            cost, self.prior_, jac=True, method='L-BFGS-B', bounds=BOUNDS,
-            options={'maxiter': ROUNDS, 'ftol': 1e-6},
-        )  # fmt: skip
-        return bonus - float(found.fun), np.asarray(found.x)
-
-    def _spread(self, prior: Array) -> Array:
-        """Prior spread (p,) of each term."""
-        parts = [np.array(MEAN)]
-        for shape, fields in enumerate(self.fields_):
-            length = SERIES_LENGTH if shape == 2 else float(np.exp(prior[4]))
-            parts.append(np.exp(prior[shape] + fields.spread(length)[0]))
-        return np.concatenate(parts)
-
-    def _along(self, prior: Array) -> Array:
-        """Slopes (5, p) of the logarithms of the prior spreads along `prior`."""
-        starts = np.cumsum([len(MEAN)] + [len(fields.entry) for fields in self.fields_])
-        along = np.zeros((SHAPES + 1, starts[-1]))
-        for shape, fields in enumerate(self.fields_):
-            own = slice(starts[shape], starts[shape + 1])
-            along[shape, own] = 1.0
-            if shape != 2:
-                along[4, own] = fields.spread(float(np.exp(prior[4])))[1]
-        return along
+        level, prior = likeliest(moments, self.fields_, self.prior_)
+        return level + 0.5 * float(np.log(weight).sum()), prior
 
     def _film(self, x: Array) -> Array:
         """The film's resistance (s,), over the divider's, within what was seen."""
@@ -287,18 +275,7 @@ class PowerForce:
 
     def _rx(self, places: Array) -> Array:
         """Nominal Rx (s,) at places (s, 2) in units of the edges."""
-        waves = np.cos(np.fmin(np.fmax(places, 0.0), 1.0)[:, :, None] * WIDEST)
-        return np.asarray(np.einsum('si,sj,ij->s', waves[:, 0], waves[:, 1], self.nominal_))
-
-    def _smooth_series(self) -> Array:
-        """Factors (n, n) of cosines that tell the nominal Rx."""
-        # at the very border Rx falls too steeply for cosines, and nobody presses there
-        edge = 1 if min(self.series.shape) > MOST_WAVES + 2 else 0
-        factors = self.series[edge : len(self.series) - edge, edge : self.series.shape[1] - edge]
-        for angles, count in zip(WIDEST, self.series.shape, strict=True):
-            line = np.linspace(0.0, 1.0, count)[edge : count - edge]
-            factors = (np.linalg.pinv(np.cos(np.outer(line, angles)), rcond=SMOOTH) @ factors).T
-        return np.asarray(factors)
+        return cosines_at(places, self.nominal_)
 
     def _scatter(self, resistance: Array, film: Array, noise: float | None = None) -> Array:
         """Variance (s,) of the logarithm of a force about the curve of its place."""
@@ -344,33 +321,24 @@ class PowerForce:
         table[:, :, 4] = self.nominal_
         return table
 
-    def _cells(self, inside: Array, level: Array) -> Integers:
-        """Number (s,) of the cell of `_spreads` that a place and a level are in."""
-        cell = (inside * (GRID - 1) + 0.5).astype(np.int64)
-        depth = (level * self._steps[0] + self._steps[1]).astype(np.int64)
-        return np.asarray((cell[:, 0] * GRID + cell[:, 1]) * LEVELS + depth)
+    def scale_scatter(self, factor: float) -> None:
+        """Let the spread about the curve of a place be that of the fit times a factor."""
+        self.calm_ = factor
+        vars(self).pop('_spreads', None)
 
     @cached_property
-    def _steps(self) -> tuple[float, float]:
-        """Slope and offset of the number of a level's step."""
-        low, high = np.log(self.range_[:2]) - self.range_[2]
-        slope = (LEVELS - 1) / (high - low)
-        return float(slope), float(0.5 - slope * low)
-
-    @cached_property
-    def _spreads(self) -> Array:
-        """Relative spreads of a force, by calibration and noise, at the middle of each cell."""
+    def _spreads(self) -> SpreadCells:
+        """Relative spreads of a force, by calibration and noise."""
         low, high = np.log(self.range_[:2]) - self.range_[2]
         level = np.linspace(low, high, LEVELS)
-        variance = np.exp(self.doubt_ @ level ** np.arange(3)[:, None])
         film = np.exp(level + self.range_[2])
-        typical = film + float(np.median(self.series))
-        return np.sqrt(variance + self._scatter(typical, film)).ravel()
+        scatter = self._scatter(film + float(np.median(self.series)), film)
+        variance = np.exp(self.doubt_ @ level ** np.arange(3)[:, None])
+        return SpreadCells(np.sqrt(variance + self.calm_**2 * scatter).ravel(), LEVELS, low, high)
 
     def _tell_doubt(self) -> Array:
         """Logarithm of the variance by calibration on a grid of places: squares in the level."""
-        line = np.linspace(0.0, 1.0, GRID)
-        places = np.stack(np.meshgrid(line, line, indexing='ij'), axis=-1).reshape(-1, 2)
+        places = grid_places()
         low, high = np.log(self.range_[:2]) - self.range_[2]
         levels = np.array([low, 0.5 * (low + high), high])
         found = []

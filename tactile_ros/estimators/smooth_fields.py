@@ -16,8 +16,30 @@ from tactile_ros.types import Array, Integers
 GAP = 1.25  # half period of the slowest cosine over the sheet, so that its slope is free there
 FEWEST_WAVES = 4
 MOST_WAVES = 12
-ORDER = 5  # of the Matern kernel: smooth, yet doubtful of what lies between two touches
+ORDER = 7  # of the Matern kernel
 CORNER = 1.3  # products of two fast cosines are left out
+WIDEST = np.pi / GAP * np.arange(MOST_WAVES) * np.ones((2, 1))  # phases of all fields
+SMOOTH = 1e-4  # directions of cosines, over the strongest, that a known field does not need
+
+
+def as_cosines(field: Array) -> Array:
+    """Factors (n, n) of cosines that tell a field (g, g) over the sheet, its border included.
+
+    Where there are points enough, the border itself does not count: a series resistance falls too
+    steeply there, and nobody presses on it.
+    """
+    edge = 1 if min(field.shape) > MOST_WAVES + 2 else 0
+    factors = field[edge : len(field) - edge, edge : field.shape[1] - edge]
+    for angles, count in zip(WIDEST, field.shape, strict=True):
+        line = np.linspace(0.0, 1.0, count)[edge : count - edge]
+        factors = (np.linalg.pinv(np.cos(np.outer(line, angles)), rcond=SMOOTH) @ factors).T
+    return np.asarray(factors)
+
+
+def cosines_at(places: Array, factors: Array) -> Array:
+    """Field (s,) at places (s, 2) in units of the sheet's edges, by `as_cosines`."""
+    waves = np.cos(np.fmin(np.fmax(places, 0.0), 1.0)[:, :, None] * WIDEST)
+    return np.asarray(np.einsum('si,sj,ij->s', waves[:, 0], waves[:, 1], factors))
 
 
 @dataclass(frozen=True)
@@ -77,15 +99,19 @@ class SmoothFields:
         table[self.entry] = weights
         return table.reshape(count, count, -1)
 
-    def spread(self, length: float) -> tuple[Array, Array]:
-        """Logarithm of the prior spread (m,) of a field of size one, and its slope.
+    def spread(self, length: float, fine: float) -> tuple[Array, Array]:
+        """Logarithm of the prior spread (m,) of a field of size one, and its slopes (2, m).
 
-        The slope is along the logarithm of `length`, that of the kernel over the longer edge.
+        Slopes are along the logarithms of `length`, that of the kernel over the longer edge, and
+        of `fine`, the size of a part that has hardly any length.
         """
         square = (self.speed * length) ** 2
         bent = 1.0 + square / (2 * ORDER)
-        level, slope = -(ORDER + 1) * np.log(bent), -(1 + 1 / ORDER) * square / bent
-        share = np.exp(level)
-        total = float(share.sum()) + 1e-300
-        drift = float(share @ slope) / total
-        return 0.5 * (level - np.log(total)), 0.5 * (slope - drift)
+        smooth = bent ** -(ORDER + 1.0)
+        slope = -(1 + 1 / ORDER) * square / bent
+        total = float(smooth.sum()) + 1e-300
+        slope -= float(smooth @ slope) / total
+        rest = fine**2 / max(len(self.speed), 1)
+        both = smooth / total + rest
+        part = rest / both
+        return 0.5 * np.log(both), np.stack([0.5 * (1 - part) * slope, part])

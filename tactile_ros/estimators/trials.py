@@ -8,7 +8,7 @@ Classification and Regression Trees, 1984, sec. 3.4.3, with two), and by enough 
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
 FOLDS = 8
+ROUNDING = 1e-9
 ALIKE = 0.02  # of what was touched
 ONE_SIGMA = 0.6827
 FEWEST_GROUPS = 5
@@ -29,6 +30,7 @@ SURE_GROUPS = 45.0  # the model's own doubt counts as much as so many groups
 MOST_CAUTION = 4.0
 WORTH = 0.5  # of an error: touches lie nearer to what was learned than groups left out do
 SURE = 2.0  # standard errors
+WORSE, MUCH = 2.0, 0.8
 
 
 @runtime_checkable
@@ -67,12 +69,15 @@ class Trial:
     typical : ndarray, shape (g,)
         That of each group, none counted above the spread of the targets, so that a few groups
         that it cannot reach do not rule (unit of y).
+    seen : float
+        Root mean square length of its error on what it was trained on (unit of y).
     """
 
     said: Array
     spread: Array
     error: float
     typical: Array
+    seen: float = 0.0
 
 
 def trials(
@@ -112,7 +117,11 @@ def trials(
     found = {}
     for name, candidate in candidates.items():
         said, spread = _unseen(candidate, rows, fold)
-        found[name] = _judge(said[judged], spread[judged], rows.y[judged], rows.groups[judged])
+        whole = copy.deepcopy(candidate).fit(rows.x, rows.y, rows.groups)
+        off = (whole.predict(rows.x) - rows.y)[judged]
+        seen = float(np.sqrt((off * off).sum(axis=1).mean()))
+        trial = _judge(said[judged], spread[judged], rows.y[judged], rows.groups[judged])
+        found[name] = replace(trial, seen=seen)
     return found, rows.y[judged]
 
 
@@ -125,7 +134,8 @@ def chosen(found: Mapping[str, Trial], expected: str) -> str:
         Of the candidates, on the same groups.
     expected : str
         Used unless another errs less by more than two standard errors of the difference over
-        groups, and by half of it.
+        groups, and by half of it; and it must err less than twice as much on what both were
+        trained on, or by four fifths less on the groups.
 
     Returns
     -------
@@ -140,7 +150,9 @@ def chosen(found: Mapping[str, Trial], expected: str) -> str:
     for name, one in found.items():
         gain = known - one.typical
         chance = float(gain.std()) / np.sqrt(max(len(gain) - 1, 1))
-        if float(gain.mean()) > max(SURE * chance, WORTH * float(known.mean())):
+        part = float(gain.mean()) / max(float(known.mean()), 1e-300)
+        at_home = one.seen < WORSE * trust.seen or part > MUCH
+        if part > WORTH and float(gain.mean()) > SURE * chance and at_home:
             better[name] = float(one.typical.mean())
     return min(better, key=lambda name: better[name])
 
@@ -174,6 +186,38 @@ def _judge(said: Array, spread: Array, told: Array, groups: Integers) -> Trial:
     means = np.bincount(index, square.sum(axis=1)) / np.bincount(index)
     typical = np.minimum(np.sqrt(means), np.sqrt(told.var(axis=0).sum()))
     return Trial(said, spread, error, np.asarray(np.where(error < np.inf, typical, np.inf)))
+
+
+def left_out(half: Array, error: Array) -> tuple[Array, Array]:
+    """Errors of rows by a linear regression without them, and their variances.
+
+    Parameters
+    ----------
+    half : ndarray, shape (s, p)
+        Terms times the root of the weights' covariance, over the noise.
+    error : ndarray, shape (s,)
+        Errors of the regression with them.
+
+    Returns
+    -------
+    error, variance : ndarray, shape (s,)
+        Errors without the rows, and the variance that the regression without them states, over
+        the noise's.
+
+    Notes
+    -----
+    (I - H)^-1 e, by whichever of H = half half^T and half^T half is smaller.
+    """
+    rows, terms = half.shape
+    if rows <= terms:
+        hat = half @ half.T
+        apart = np.eye(rows) * (1.0 + ROUNDING) - hat
+        alone = np.linalg.solve(apart, np.column_stack([error, hat]))
+        return np.asarray(alone[:, 0]), np.maximum(np.diagonal(alone[:, 1:]), 0.0)
+    apart = np.eye(terms) * (1.0 + ROUNDING) - half.T @ half
+    alone = np.linalg.solve(apart, half.T)
+    hat = np.einsum('sp,ps->s', half, alone)
+    return np.asarray(error + half @ (alone @ error)), np.maximum(hat, 0.0)
 
 
 def caution(asked: Array, weight: Array, groups: int) -> float:

@@ -97,6 +97,44 @@ def spreading_resistance(places: Array, size: Array, touch: float, sheet: float)
     return np.asarray(np.fmax(-decay, LEAST_LOG) * (sheet / (2 * np.pi)))
 
 
+def touch_edge(film: Array, force: Array, edge: float, at_one: float, exponent: float) -> Array:
+    """Edge of a square touch whose force is known from elsewhere.
+
+    Parameters
+    ----------
+    film : ndarray, shape (s,)
+        Resistance of the film alone, R - Rx (ohm).
+    force : ndarray, shape (s,)
+        Normal force (N).
+    edge : float
+        Edge of the touches that the film was calibrated with (m).
+    at_one, exponent : float
+        Of their law: at_one force ** -exponent (ohm).
+
+    Returns
+    -------
+    ndarray, shape (s,)
+        Edge (m); NaN where the exponent is 1, with which the size does not show.
+
+    Notes
+    -----
+    The three readings alone do not tell the size: two give the place, because the mean of a
+    harmonic potential over a disc is its value in the middle ([5] Eq. (1)), and the third is of
+    force and size at once. With pressure F / A under a film of resistivity ~ pressure ** -b the
+    film has at_one F ** -b (A / A0) ** (b - 1).
+
+    Examples
+    --------
+    >>> film = 2000 * 8.0**-0.7 * (0.01 / 0.015) ** (2 * (0.7 - 1))
+    >>> touch_edge(np.array([film]), np.array([8.0]), 0.015, 2000.0, 0.7).round(6).tolist()
+    [0.01]
+    """
+    if exponent == 1.0:
+        return np.full(np.shape(film), np.nan)
+    ratio = film / (at_one * force**-exponent)
+    return np.asarray(edge * ratio ** (0.5 / (exponent - 1.0)))
+
+
 def sheet_potential(size: Array, shape: tuple[int, int], border: Array, corners: Array) -> Array:
     """Potential of the whole sheet with some corners held.
 

@@ -6,7 +6,7 @@ It lies beside this file, or in a folder that TACTILE_SENSORS names.
 from __future__ import annotations
 
 import importlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
@@ -66,6 +66,9 @@ class SensorSpec:
         What a calibration file of this sensor may hold.
     recordings : callable
         Recordings of a real one that the package carries, by name.
+    demo : mapping of str to object
+        Fields of the config with which `tactile demo` runs its twin, where they are not the
+        defaults; such as ROS parameters can hold.
     """
 
     key: str
@@ -82,6 +85,7 @@ class SensorSpec:
     presses: Callable[..., Recording]
     classes: tuple[type, ...]
     recordings: Callable[[], Mapping[str, Recording]]
+    demo: Mapping[str, object] = field(default_factory=dict)
 
     def pipeline(
         self, config: SensorConfig | None = None, estimator: str | None = None

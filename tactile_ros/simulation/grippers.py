@@ -7,34 +7,25 @@ from __future__ import annotations
 
 import numpy as np
 
+from tactile_ros.physics.parts import washer
 from tactile_ros.sensors.taxel_array.config import (
     TaxelArrayConfig,
     grid_positions,
     radial_positions,
     sectors,
 )
-from tactile_ros.types import Array, Outline
+from tactile_ros.types import Outline
 
 RINGS = ((6, 2.5e-3), (12, 7.5e-3), (24, 12.5e-3), (30, 17.5e-3))  # taxels, inner radius (m)
 PITCH = 5e-3
 WASHERS = ((16e-3, 8e-3), (14e-3, 6.5e-3), (12e-3, 5e-3), (18e-3, 9e-3), (10e-3, 4e-3))
 TUBE_RADIUS = 9e-3
 BENDS = (90.0, 135.0)  # degrees
-CORNERS = 120  # of a circle
-
-
-def circle(radius: float) -> Array:
-    """Corners (n, 2) of a circle, counter-clockwise (m)."""
-    turn = 2 * np.pi * np.arange(CORNERS) / CORNERS
-    return radius * np.column_stack([np.cos(turn), np.sin(turn)])
 
 
 def washers(radii: tuple[tuple[float, float], ...] = WASHERS) -> tuple[Outline, ...]:
     """Washers of some outer and inner radii (m)."""
-    return tuple(
-        Outline(f'washer_{i}', (circle(outer), circle(inner)[::-1]))
-        for i, (outer, inner) in enumerate(radii)
-    )
+    return tuple(washer(f'washer_{i}', *pair) for i, pair in enumerate(radii))
 
 
 def tubes(bends: tuple[float, ...] = BENDS, radius: float = TUBE_RADIUS) -> tuple[Outline, ...]:

@@ -13,43 +13,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.physics.outlines import inside
+from tactile_ros.physics.parts import part_pressure
 
 if TYPE_CHECKING:
     from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
     from tactile_ros.types import Array, Integers, Outline
 
 SIDE = 30  # points along each side of the box around a taxel
-SUNK = 0.5  # of a tube's radius: half the width of its contact
 REST_OUTPUT = 0.002  # fraction that taxels read at rest, at most
-
-
-def pressed(part: Outline, x: Array, y: Array) -> Array:
-    """Pressure of a part at points of its own frame, 1 at most.
-
-    Parameters
-    ----------
-    part : Outline
-        Flat, or an angle tube of a radius `thickness`.
-    x, y : ndarray, shape (n,)
-        Points (m).
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Even under a flat part; under a tube what a circle sinks in below its chord.
-    """
-    if part.bend is None:
-        return inside(part.loops, np.column_stack([x, y])).astype(np.float64)
-    radius = float(part.thickness or 0.0)
-    half = SUNK * radius
-    most = radius - np.sqrt(radius**2 - half**2)
-    found = np.zeros(len(x))
-    for turn in (0.0, part.bend):
-        along = np.cos(turn) * x + np.sin(turn) * y
-        across = np.cos(turn) * y - np.sin(turn) * x
-        chord = np.sqrt(np.maximum(radius**2 - across**2, 0.0)) - np.sqrt(radius**2 - half**2)
-        found = np.maximum(found, np.where(along > 0, np.maximum(chord, 0.0) / most, 0.0))
-    return found
 
 
 @dataclass(frozen=True)
@@ -125,7 +96,7 @@ class TaxelScene:
     def loads(self, part: Outline, pose: Array, force: float) -> Array:
         """Load (t,) of every taxel under a part at a pose (x, y, yaw) with a whole force (N)."""
         cos, sin = np.cos(pose[2]), np.sin(pose[2])
-        x, y = (self.points - pose[:2]).T
-        pressure = pressed(part, cos * x + sin * y, cos * y - sin * x)
+        own = (self.points - pose[:2]) @ np.array([[cos, -sin], [sin, cos]])
+        pressure = part_pressure(part, own)
         load = np.bincount(self.owner, pressure * self.part, self.taxels)
         return np.asarray(force * load / max(float(load.sum()), 1e-30))

@@ -86,3 +86,48 @@ def test_stated_spreads_hold_what_they_say() -> None:
 def test_nothing_is_predicted_before_a_fit(estimator: Estimator) -> None:
     with pytest.raises(NotCalibratedError, match='must be fitted'):
         estimator.predict(np.zeros((1, 4)))
+
+
+def test_hard_case_5_duplicated_centres_leave_weights_small_and_widths_above_zero() -> None:
+    rng = np.random.default_rng(5)
+    few = rng.uniform(size=(20, 2))
+    x = np.repeat(few, 15, axis=0) + 1e-9 * rng.normal(size=(300, 2))
+    y = np.sin(3 * x[:, :1]) + x[:, 1:]
+    found = RbfForce(target=0.0, nodes=(96,)).fit(x, y)
+    assert np.abs(found.weights_).max() < 1e3
+    assert np.abs(found.predict(x) - y).max() < 0.05
+    one = RbfForce(nodes=(1,)).fit(x, y)
+    same = RbfForce().fit(np.ones((12, 2)), y[:12])
+    for network in (one, same):
+        assert network.width_ > 0
+        assert np.isfinite(network.predict(x)).all()
+
+
+def test_the_width_is_that_of_equation_7() -> None:
+    x = np.random.default_rng(6).uniform(size=(200, 3))
+    found = RbfForce(nodes=(16,)).fit(x, x[:, :1])
+    apart = np.linalg.norm(found.centres_[:, None] - found.centres_, axis=2).max()
+    assert found.width_ == pytest.approx(apart / np.sqrt(2 * len(found.centres_)))
+
+
+def test_a_wrong_series_resistance_and_an_air_gap_are_learned() -> None:
+    rng = np.random.default_rng(7)
+    place, force = rng.uniform(0.1, 0.9, (600, 2)), rng.uniform(0.8, 15, 600)
+    film = 2 * (force - 0.3 * (1 + 0.2 * place[:, 0])) ** -0.7
+    x = np.column_stack([place, film + 0.03 * (1 + place[:, 1])])
+    found = PowerForce(1e-5, series=np.full((2, 2), 0.03)).fit(x[:400], force[:400, None])
+    error = found.predict(x[400:])[:, 0] - force[400:]
+    assert np.sqrt((error**2).mean()) < 0.05
+    assert found.gap_ > 0
+
+
+def test_spreads_of_calibration_grow_away_from_what_was_touched() -> None:
+    rng = np.random.default_rng(8)
+    line = np.linspace(0.3, 0.7, 4)
+    place = np.repeat(np.stack(np.meshgrid(line, line), -1).reshape(-1, 2), 8, axis=0)
+    force = np.tile(np.linspace(1, 15, 8), 16)
+    film = 2 * np.exp(0.3 * np.sin(6 * place[:, 0])) * force**-0.7
+    x = np.column_stack([place, film * np.exp(1e-3 * rng.normal(size=128))])
+    found = PowerForce(2.5e-4).fit(x, force[:, None], np.repeat(np.arange(16), 8))
+    near, far = found.force(np.array([[0.3, 0.3, 0.5], [0.05, 0.05, 0.5]]))[1]
+    assert far > 3 * near

@@ -10,6 +10,7 @@ from tactile_ros.physics.resistive import (
     linear_potentials,
     sheet_potential,
     spreading_resistance,
+    touch_edge,
 )
 
 SIZE = np.array([0.1, 0.08])
@@ -52,3 +53,31 @@ def test_resistance_is_largest_in_the_middle() -> None:
     found = spreading_resistance(places, np.array([0.1, 0.1]), 0.015, 100.0)
     assert (np.diff(found) < 0).all()
     assert found[0] == pytest.approx(28.8, rel=0.02)
+
+
+def test_hard_case_6_the_direct_solve_is_right_at_ratios_where_iteration_ends_in_zeros() -> None:
+    square = np.array([0.1, 0.1])
+    line = np.linspace(0, 0.1, 21)
+    places = np.stack(np.meshgrid(line, line, indexing='ij'), axis=-1)
+    ideal = linear_potentials(places, square)[..., 0]
+    for ratio in (1e4, 1e8, 1e12, 1e16):
+        found = sheet_potential(square, (21, 21), np.full((4, 8), ratio * 1e-3), FIRST)
+        assert np.abs(found - ideal).max() < 5e-3
+        assert found[10, 10] == pytest.approx(0.5, abs=1e-4)
+
+
+def test_a_disc_has_the_potential_of_its_middle_so_that_its_size_does_not_show() -> None:
+    uneven = EVEN * np.exp(0.3 * np.random.default_rng(2).normal(size=EVEN.shape))
+    square = np.array([0.1, 0.1])
+    found = sheet_potential(square, (101, 101), uneven, FIRST)
+    x, y = np.meshgrid(np.linspace(0, 0.1, 101), np.linspace(0, 0.1, 101), indexing='ij')
+    disc = (x - 0.04) ** 2 + (y - 0.06) ** 2 < 0.0105**2
+    assert abs(found[disc].mean() - found[40, 60]) < 2e-4
+    assert np.ptp(found[disc]) > 0.1
+
+
+def test_the_edge_of_a_touch_of_known_force_is_told_by_the_film() -> None:
+    force, edges = np.array([2.0, 8.0]), np.array([0.01, 0.02])
+    film = 2000 * force**-0.7 * (edges / 0.015) ** (2 * (0.7 - 1))
+    np.testing.assert_allclose(touch_edge(film, force, 0.015, 2000.0, 0.7), edges)
+    assert np.isnan(touch_edge(film, force, 0.015, 2000.0, 1.0)).all()

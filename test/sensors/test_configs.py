@@ -60,7 +60,7 @@ FIELDS = {  # of the public face, beside the common ones
     },
     'taxel_array': {
         'areas', 'taxel_outlines', 'force_range', 'objects', 'most_contacts', 'crosstalk',
-        'matrix_lines', 'area_law',
+        'matrix_lines', 'area_law', 'parts',
     },
     'five_wire_skin': {
         'size', 'touch_size', 'sheet_resistance', 'border_ratio', 'supply_voltage',

@@ -5,18 +5,28 @@ from __future__ import annotations
 import importlib.util
 from functools import lru_cache
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
+from tactile_ros.signals import Signals
 from tactile_ros.types import Recording
 
-FILE = Path(__file__).parents[1] / 'reference' / 'five_wire_world.py'
-SPEC = importlib.util.spec_from_file_location('five_wire_world', FILE)
-reference = importlib.util.module_from_spec(SPEC)
-SPEC.loader.exec_module(reference)
+FOLDER = Path(__file__).parents[1] / 'reference'
+
+
+def world_of(name: str) -> ModuleType:
+    """Module of a world."""
+    spec = importlib.util.spec_from_file_location(name, FOLDER / f'{name}.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+reference, sheets = world_of('five_wire_world'), world_of('five_wire_sheet')
 SENSOR = load_sensor('five_wire_skin')
 LAYOUT = SENSOR.layout(SENSOR.config())
 
@@ -92,3 +102,141 @@ def test_unfitted_it_tells_the_place_by_the_formula_and_no_force() -> None:
     error = (states.position - recording.truth['position'])[touched, :2]
     assert np.abs(error).max() < 1e-3
     assert np.isnan(states.force).all()
+
+
+@lru_cache
+def on_a_sheet(places: int, seed: int = 70) -> tuple[Pipeline, Recording, object]:
+    """Pipeline calibrated on the world of finite differences, fresh touches, and the world."""
+    world = sheets.SheetWorld(seed)
+    where = np.repeat(reference.grid(places), 8, axis=0)
+    load = np.tile(np.linspace(1, 15, 8), places**2)
+    pipeline = SENSOR.pipeline().fit(reference.touches(world, LAYOUT, where, load, seed + 1))
+    rng = np.random.default_rng(seed + 2)
+    fresh, load = rng.uniform(12.5e-3, 87.5e-3, (1500, 2)), rng.uniform(1, 15, 1500)
+    return pipeline, reference.touches(world, LAYOUT, fresh, load, seed + 3), world
+
+
+@pytest.mark.parametrize('places', [4, 5, 7])
+def test_the_model_is_chosen_at_16_25_and_49_places(places: int) -> None:
+    for pipeline, _, _ in (on_a_sheet(places), fitted(places, 8)):
+        assert pipeline.estimators == {'position': 'harmonic', 'force': 'power'}
+
+
+def test_on_a_sheet_with_pads_and_a_rough_film_the_aims_are_held() -> None:
+    pipeline, test, world = on_a_sheet(7)
+    states, touched = pipeline.process_batch(test), test.truth['in_contact'] == 1
+    error = (states.force - test.truth['force'])[touched, 2]
+    assert np.sqrt((error**2).mean()) < 0.28
+    states = on_a_sheet(5)[0].process_batch(test)
+    off = np.linalg.norm((states.position - test.truth['position'])[touched, :2], axis=1)
+    assert off.mean() < 1.3 * world.bound(test.truth['position'][touched, :2])
+
+
+def test_sigmas_of_place_hold_what_they_say_on_another_world() -> None:
+    for places in (5, 7):
+        pipeline, test, _ = on_a_sheet(places)
+        states, touched = pipeline.process_batch(test), test.truth['in_contact'] == 1
+        error = (states.position - test.truth['position'])[touched, :2]
+        sigma = np.sqrt(states.position_cov[touched][:, [0, 1], [0, 1]])
+        inside = np.abs(error) < sigma
+        assert 0.6 < inside.mean() < 0.78
+        order = np.argsort(sigma[:, 0])
+        for rows in np.array_split(order, 3):
+            assert 0.5 < inside[rows, 0].mean() < 0.85
+
+
+def test_sigmas_of_force_hold_what_they_say_on_another_world() -> None:
+    for pipeline, test, _ in (on_a_sheet(7), fitted(7, 8)):
+        states, touched = pipeline.process_batch(test), test.truth['in_contact'] == 1
+        error = (states.force - test.truth['force'])[touched, 2]
+        ratio = np.abs(error) / np.sqrt(states.force_cov[touched, 2, 2])
+        assert 0.5 < (ratio < 1).mean() < 0.88
+        assert (ratio < 2).mean() > 0.8
+
+
+def test_force_at_the_calibration_squares_is_the_dividers_noise() -> None:
+    _, _, world = on_a_sheet(7)
+    where = np.repeat(reference.grid(4), 60, axis=0)
+    load = np.tile(np.linspace(1, 15, 60), 16)
+    pipeline = SENSOR.pipeline().fit(reference.touches(world, LAYOUT, where, load, 75))
+    test = reference.touches(world, LAYOUT, where, load, 76)
+    touched = test.truth['in_contact'] == 1
+    error = (pipeline.process_batch(test).force - test.truth['force'])[touched, 2]
+    assert np.sqrt((error**2).mean()) < 1.15 * world.least(where, load)
+
+
+def test_frames_are_batches_bit_for_bit() -> None:
+    pipeline, test, _ = on_a_sheet(5)
+    batch, first = pipeline.process_batch(test), 300
+    pipeline.reset()
+    frames = [pipeline.process(test.frame(i)) for i in range(first)]
+    for name in ('position', 'position_cov', 'force', 'force_cov', 'in_contact'):
+        live = np.array([getattr(state, name) for state in frames])
+        np.testing.assert_array_equal(live[5:], getattr(batch, name)[5:first])
+
+
+def test_contact_is_told_by_the_divider_and_changes_nothing() -> None:
+    pipeline, test, _ = fitted(7, 8)
+    usable = test.values[5:]
+    signals = Signals(
+        usable, usable - pipeline.baseline, np.broadcast_to(pipeline.baseline, usable.shape),
+        None, None, np.zeros(len(usable), bool), np.ones(len(usable), np.int8),
+        np.ones(len(usable), bool),
+    )  # fmt: skip
+    contact = pipeline.estimation.contact(signals)
+    np.testing.assert_array_equal(contact, test.truth['in_contact'][5:])
+    assert (signals.in_contact == 1).all()
+
+
+def test_a_short_tare_adds_no_noise_of_its_own() -> None:
+    pipeline, test, _ = fitted(7, 8)
+    touched = test.truth['in_contact'] == 1
+    shifted = test.values.copy()
+    shifted[:5, 0, 2] += 2e-4  # less than the noise of a reading
+    other = Recording.from_arrays(
+        LAYOUT, shifted, stream=test.stream, tare=test.tare, truth=test.truth
+    )
+    one, two = (pipeline.process_batch(r).force[touched, 2] for r in (test, other))
+    assert np.abs(one - two).max() < 0.02
+
+
+def test_creep_is_taken_off_where_stamps_tell_the_past() -> None:
+    world, rng = sheets.SheetWorld(80), np.random.default_rng(81)
+    where = np.repeat(reference.grid(5), 3, axis=0)
+    load = np.tile([3.0, 8.0, 14.0], 25) * rng.uniform(0.9, 1.05, 75)
+    train = sheets.pressed(world, LAYOUT, where, load, 82)
+    test = sheets.pressed(world, LAYOUT, where[::2], load[::2][::-1], 83)
+    pipeline = SENSOR.pipeline().fit(train)
+    touched = test.truth['in_contact'] == 1
+
+    def rms() -> float:
+        error = pipeline.process_batch(test).force - test.truth['force']
+        return float(np.sqrt((error[touched, 2] ** 2).mean()))
+
+    with_past, pipeline.estimation.crept_ = rms(), None
+    assert with_past < 0.6 * rms()
+
+
+def test_hard_case_16_a_floating_foil_and_too_small_a_resistance_stay_finite() -> None:
+    pipeline, _, _ = fitted(7, 8)
+    values = np.array([[0.9, 0.1, 1e-7], [0.5, 0.5, 0.999], [np.inf, -3.0, 0.5], [0.4, 0.6, 1.2]])
+    wild = Recording.from_arrays(LAYOUT, values[:, None])
+    states = pipeline.process_batch(wild)
+    assert states.in_contact[0] == 0
+    assert states.force[0, 2] == 0.0
+    assert np.isnan(states.position[0]).all()
+    assert np.isfinite(states.force[1, 2])
+    assert states.force[1, 2] < 40.0
+    assert not states.valid[2]
+    assert np.isfinite(states.force_cov[1, 2, 2])
+
+
+def test_the_gaps_threshold_force_is_reported() -> None:
+    world, rng = sheets.SheetWorld(90, gap=0.6), np.random.default_rng(91)
+    where = rng.uniform(12.5e-3, 87.5e-3, (400, 2))
+    pipeline = SENSOR.pipeline().fit(
+        reference.touches(world, LAYOUT, where, rng.uniform(0.1, 6, 400), 92)
+    )
+    told = pipeline.report['contact']
+    assert 0.3 < told['threshold_force'] < 1.2
+    assert told['lightest_felt'] > 0.3

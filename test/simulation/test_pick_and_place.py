@@ -11,7 +11,7 @@ import pytest
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig, grid_positions
 from tactile_ros.simulation.pick_and_place import Gripper, even_loads, turn_between
-from tactile_ros.simulation.taxel_scene import TaxelScene, TaxelSkin, pressed
+from tactile_ros.simulation.taxel_scene import TaxelScene, TaxelSkin
 from tactile_ros.types import Outline
 
 SPEC = load_sensor('taxel_array')
@@ -45,16 +45,6 @@ def test_loads_share_the_force_and_follow_the_pose() -> None:
     np.testing.assert_allclose(load @ CONFIG.positions[:, :2] / 12, [2e-3, -1e-3], atol=5e-5)
     area = np.pi * (16e-3**2 - 8e-3**2)
     assert load.max() == pytest.approx(12 * 25e-6 / area, rel=0.02)
-
-
-def test_a_tube_sinks_in_by_what_its_circle_lies_below_its_chord() -> None:
-    tube = Outline('elbow', (), 8e-3, np.pi / 2)
-    across = np.array([0.0, 2e-3, 4e-3, 5e-3])
-    found = pressed(tube, np.full(4, 20e-3), -across)
-    depth = np.sqrt(64 - np.array([0, 4, 16, 16.0])) - np.sqrt(48)
-    np.testing.assert_allclose(found, depth / depth[0], atol=1e-12)
-    assert pressed(tube, np.zeros(1), np.array([30e-3]))[0] == 1.0
-    assert pressed(tube, np.array([-9e-3]), np.array([-9e-3]))[0] == 0.0
 
 
 @pytest.mark.parametrize('broken', [0, 5])

@@ -13,8 +13,9 @@ from tactile_ros.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.regression import ESTIMATORS as REGRESSORS
 from tactile_ros.regression import Regression
 from tactile_ros.regression.head import FEWEST_ROWS, Head
+from tactile_ros.sensors.five_wire_skin.creep import DOUBT, TIME_CONSTANTS, Creep, remember
 from tactile_ros.sensors.five_wire_skin.force import CLASSES as FORCE_CLASSES
-from tactile_ros.sensors.five_wire_skin.force import ForceHead, creep_shares, features_of
+from tactile_ros.sensors.five_wire_skin.force import ForceHead, features_of
 from tactile_ros.sensors.five_wire_skin.place import CLASSES as PLACE_CLASSES
 from tactile_ros.sensors.five_wire_skin.place import PlaceHead
 from tactile_ros.sensors.five_wire_skin.touch import Touch
@@ -26,12 +27,13 @@ if TYPE_CHECKING:
     from tactile_ros.signals import Columns, Report, Signals
     from tactile_ros.types import Array, Bools, Integers
 
-ESTIMATORS = (*REGRESSORS, 'printed')
-TIME_CONSTANTS = (0.3, 1.0, 4.0, 16.0, 64.0)
+ESTIMATORS = (*REGRESSORS, 'printed', 'mean_curve')
 SAME_PLACE = 1e-5
 MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
 LEAST_DIVIDER = 1e-4
 GRID = 33  # of the nominal series resistance
+ONE_SIGMA = 0.6827
+LEAST_SCATTER = 0.1
 USEFUL = 0.9  # of the spread of shear; a regressor that leaves more knows nothing of it
 
 
@@ -43,8 +45,8 @@ class FiveWireEstimation:
     config : FiveWireSkinConfig
         Of the sensor.
     estimator : str or None
-        One of `ESTIMATORS`: a regressor of the three readings, or 'printed', the formula and the
-        network of [5]; None: the best of all on held-out places.
+        One of `ESTIMATORS`: a regressor of the three readings; 'printed', the formula and the
+        network of [5]; 'mean_curve', what [5] compares it with; None: the best on held-out places.
     """
 
     def __init__(self, config: FiveWireSkinConfig, estimator: str | None = None) -> None:
@@ -61,9 +63,8 @@ class FiveWireEstimation:
         self.height_ = np.zeros(2)
         self.force_: ForceHead | None = None
         self.crept_: ForceHead | None = None
-        self.shares_ = np.zeros(len(TIME_CONSTANTS) + 1)
+        self.creep_: Creep | None = None
         self.shear_: Head | None = None
-        self.left_ = 0.0  # of a force, by creep that the fading means do not tell
 
     @property
     def estimators(self) -> dict[str, str]:
@@ -201,14 +202,14 @@ class FiveWireEstimation:
         """Normal forces (s,) and their spreads (N), without creep where stamps tell the past."""
         assert self.force_ is not None
         columns = self._columns(x, place)
-        if self.crept_ is None or signals.stamp_ns is None:
+        if self.crept_ is None or self.creep_ is None or signals.stamp_ns is None:
             return self.force_.at(x, *columns)
         static, spread = self.crept_.at(x, *columns)
         static = np.where(signals.in_contact == 0, 0.0, static)
         static = np.where(signals.good, static, np.nan)
-        means = _remember(static, signals, memory)
-        value = static - np.column_stack([means, static]) @ self.shares_
-        return value, np.sqrt(spread**2 + (self.left_ * value) ** 2)
+        means = remember(static, signals.stamp_ns, signals.restart, memory)
+        past = self.creep_.past(static, means)
+        return static - past, np.sqrt(spread**2 + (DOUBT * past) ** 2)
 
     def _columns(self, x: Array, place: Array) -> tuple[Array, Array]:
         """Places (s, 2) over the size of the sheet, and R over R0 (s,)."""
@@ -217,7 +218,7 @@ class FiveWireEstimation:
     def _learn_force(self, signals: Signals, x: Array, force: Array, kept: Integers) -> None:
         """Static curve, and where stamps tell the past one without creep."""
         rows = signals.good & np.isfinite(force[:, 2])
-        self.force_ = self.crept_ = None
+        self.force_ = self.crept_ = self.creep_ = None
         if rows.sum() < FEWEST_ROWS:
             return
         place = x[:, :2] if self.place_ is None else self.place_.predict(x)[0]
@@ -227,37 +228,42 @@ class FiveWireEstimation:
         self.force_ = ForceHead(noise, self.size, self.series).fit(
             features[rows], told[rows], kept[rows], wanted
         )
-        if signals.stamp_ns is None or wanted is not None:
-            return
-        static = self._static(self.force_, features, signals)
-        means = _remember(static, signals, self.start())
-        shares = creep_shares(static[rows], means[rows], told[rows], kept[rows])
-        if not shares.any():
-            return
-        # once more: a static curve of what the film would say without its past
-        self.shares_ = shares
-        terms = np.column_stack([means, static])
-        past = np.clip(terms @ shares, -0.5 * static, 0.5 * static)
-        target = (told + past)[rows]
-        head = ForceHead(noise, self.size, self.series).fit(
-            features[rows], target, kept[rows], self.force_.name
-        )
-        static = self._static(head, features, signals)
-        means = _remember(static, signals, self.start())
-        shares = creep_shares(static[rows], means[rows], told[rows], kept[rows])
-        left = static[rows] - np.column_stack([means, static])[rows] @ shares - told[rows]
-        if float(np.sqrt((left**2).mean())) < self.force_.report_['held_out_rmse']:
-            self.crept_, self.shares_ = head, shares
-            least = 0.1 * float(told[rows].max())
-            self.left_ = float(np.sqrt(((left / np.maximum(told[rows], least)) ** 2).mean()))
+        if signals.stamp_ns is not None and wanted is None:
+            self._learn_creep(signals, features, told, kept, rows)
 
-    @staticmethod
-    def _static(head: ForceHead, features: Array, signals: Signals) -> Array:
-        """Forces (s,) of a static curve, 0 where nothing touches, NaN where unusable."""
+    def _learn_creep(
+        self, signals: Signals, features: Array, told: Array, kept: Integers, rows: Bools
+    ) -> None:
+        """A static curve of what the film would say without its past, and what its past adds."""
+        assert self.force_ is not None
+        static, means = self._static(self.force_, features, signals)
+        creep = Creep().fit(static[rows], means[rows], told[rows], kept[rows])
+        if not creep.is_any:
+            return
+        target = told + creep.bounded_past(static, means)
+        head = ForceHead(self.force_.noise, self.size, self.series)
+        head.fit(features[rows], target[rows], kept[rows], self.force_.name)
+        static, means = self._static(head, features, signals)
+        creep.fit(static[rows], means[rows], told[rows], kept[rows])
+        past = creep.past(static[rows], means[rows])
+        left = np.abs(static[rows] - past - told[rows])
+        if creep.is_any and np.sqrt((left**2).mean()) < self.force_.report_['held_out_rmse']:
+            self.crept_, self.creep_ = head, creep
+            asked = np.sqrt(np.maximum(left**2 - (DOUBT * past) ** 2, 0.0))
+            factor = np.quantile(asked / head.predict(features[rows])[1], ONE_SIGMA)
+            head.tighten(max(float(factor), LEAST_SCATTER))
+
+    def _static(self, head: ForceHead, features: Array, signals: Signals) -> tuple[Array, Array]:
+        """Forces (s,) of a static curve, and their fading means (s, m).
+
+        The force is 0 where nothing touches, NaN where unusable.
+        """
+        assert signals.stamp_ns is not None
         touching = signals.in_contact != 0
         static = np.zeros(len(features))
         static[touching] = head.predict(features[touching])[0]
-        return np.where(signals.good | ~touching, static, np.nan)
+        static = np.where(signals.good | ~touching, static, np.nan)
+        return static, remember(static, signals.stamp_ns, signals.restart, self.start())
 
     def _learn_shear(
         self, signals: Signals, x: Array, force: Array, group: Integers, groups: Columns
@@ -290,16 +296,6 @@ def _own(signals: Signals, x: Array) -> Signals:
     return replace(signals, delta=wide, baseline=np.zeros_like(signals.values))
 
 
-def _remember(static: Array, signals: Signals, memory: History) -> Array:
-    """Fading means (s, m) of a static force."""
-    assert signals.stamp_ns is not None
-    if len(static) == 1:
-        if signals.restart[0]:
-            memory.reset()
-        return memory.step(static, int(signals.stamp_ns[0])).T.copy()
-    return np.asarray(memory(static[:, None], signals.stamp_ns, signals.restart)[:, :, 0])
-
-
 def _places(position: Array, there: Bools, group: Integers) -> Integers:
     """Number of the place of each row, where they repeat; else its group."""
     plane = np.round(np.nan_to_num(position[:, :2]) / SAME_PLACE)
@@ -312,6 +308,13 @@ def _places(position: Array, there: Bools, group: Integers) -> Integers:
 CLASSES = tuple(
     {
         one.__name__: one
-        for one in (FiveWireEstimation, Touch, *REGRESSION_CLASSES, *PLACE_CLASSES, *FORCE_CLASSES)
+        for one in (
+            FiveWireEstimation,
+            Touch,
+            Creep,
+            *REGRESSION_CLASSES,
+            *PLACE_CLASSES,
+            *FORCE_CLASSES,
+        )
     }.values()
 )

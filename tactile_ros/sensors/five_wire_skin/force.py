@@ -1,9 +1,4 @@
-"""Normal force of a touch from its place and the divider, with creep taken out of it.
-
-The film creeps: under a held force its conductance keeps growing. What a static curve takes for
-force is then the force and fading means of its past, whose shares are learned where stamps tell
-the past.
-"""
+"""Normal force of a touch from its place and the divider: which curve serves is chosen."""
 
 from __future__ import annotations
 
@@ -21,11 +16,8 @@ from tactile_ros.estimators.stated_spread import StatedSpread
 from tactile_ros.estimators.trials import chosen, trials
 from tactile_ros.types import Array, Estimator, Integers
 
-MOST_TRIED = 3000  # rows that candidates are compared on
-PENALTY = 1e-4
-CREEP_FOLDS = 5
+MOST_TRIED = 2000  # rows that candidates are compared on
 LEAST_RESISTANCE = 1e-4  # over R0
-WORTH = 0.97  # of the static error; creep that takes off less is none
 
 
 class ForceHead:
@@ -115,6 +107,13 @@ class ForceHead:
             return self.estimator_.at(places, resistance)
         return self.predict(features_of(x, places, resistance))
 
+    def tighten(self, factor: float) -> None:
+        """Let errors at known places be smaller by a factor, as they are without creep."""
+        if isinstance(self.estimator_, PowerForce):
+            self.estimator_.scale_scatter(factor)
+        else:
+            self.spread_.factors_ += np.log(factor)
+
     def _candidates(self, wanted: str | None) -> dict[str, Estimator]:
         """Estimators to choose from."""
         network: Estimator = ColumnView(RbfForce(), np.array([0, 1, 2]))
@@ -148,45 +147,6 @@ def features_of(x: Array, places: Array, resistance: Array) -> Array:
 def _plane(x: Array, y: Array) -> Array:
     """Places of rows, the first two features."""
     return x[:, :2]
-
-
-def creep_shares(force: Array, means: Array, told: Array, groups: Integers) -> Array:
-    """Shares of the fading means that a static force holds.
-
-    Parameters
-    ----------
-    force : ndarray, shape (s,)
-        Of the static curve (N).
-    means : ndarray, shape (s, m)
-        Its fading means (N).
-    told : ndarray, shape (s,)
-        True forces (N).
-    groups : ndarray of int, shape (s,)
-        What a split keeps together.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        Shares (1), with which force - gain - means @ shares is nearest; 0 where they do not help
-        with groups that were not learned from.
-    """
-    terms = np.column_stack([means, force])
-    error = force - told
-    fold = np.unique(groups, return_inverse=True)[1].reshape(-1) % CREEP_FOLDS
-    left = np.empty(len(error))
-    for part in range(CREEP_FOLDS):
-        held = fold == part
-        seen = ~held if (~held).any() else held
-        left[held] = error[held] - terms[held] @ _shares(terms[seen], error[seen])
-    helps = float((left**2).sum()) < WORTH**2 * float((error**2).sum())
-    return _shares(terms, error) if helps else np.zeros(terms.shape[1])
-
-
-def _shares(terms: Array, error: Array) -> Array:
-    """Ridge solution, with a penalty that knows the size of the terms."""
-    gram = terms.T @ terms
-    gram[np.diag_indices_from(gram)] += PENALTY * (np.trace(gram) / len(gram) + 1e-12)
-    return np.asarray(np.linalg.solve(gram, terms.T @ error))
 
 
 CLASSES = (

@@ -17,7 +17,7 @@ from tactile_ros.physics.resistive import linear_place
 from tactile_ros.types import Array, Estimator, Integers
 
 NOMINAL_SPREAD = 0.06  # of the sheet: an uneven border bends the linear formula that much
-MOST_TRIED = 3000  # rows that candidates are compared on
+MOST_TRIED = 2000  # rows that candidates are compared on
 REGRESSORS = ('ridge', 'grid_knn')
 
 

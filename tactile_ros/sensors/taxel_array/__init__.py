@@ -11,8 +11,10 @@ Source: [4] on pick and place with piezoresistive tactile sensor arrays.
 
 from __future__ import annotations
 
+import numpy as np
+
 from tactile_ros.sensors.registry import SensorSpec
-from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig, layout
+from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig, grid_positions, layout
 from tactile_ros.sensors.taxel_array.device import TaxelArrayConnection, open_array, simulate_array
 from tactile_ros.sensors.taxel_array.estimation import CLASSES, ESTIMATORS, TaxelRegression
 from tactile_ros.sensors.taxel_array.signal import presses
@@ -33,4 +35,10 @@ SENSOR = SensorSpec(
     presses=presses,
     classes=(TaxelArrayConfig, Outline, *CLASSES),
     recordings=dict,
+    demo={
+        'positions': grid_positions(8, 9, 5e-3),
+        'areas': np.full(72, 25e-6),
+        'force_range': np.array([0.0, 5.0]),
+        'parts': 'washer 14 6.5; tube 90 7',
+    },
 )

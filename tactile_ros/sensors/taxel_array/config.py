@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactile_ros.physics.parts import read_parts
 from tactile_ros.types import Array, Layout, Outline
 from tactile_ros.types.fields import (
     Outlines,
@@ -80,6 +81,8 @@ class TaxelArrayConfig:
         Least and largest force of a taxel (N).
     objects : tuple of Outline
         Parts that may be gripped; `label` is an index into them.
+    parts : str
+        The same as a text, for ROS parameters: see `physics.parts.read_parts`; `objects` win.
     most_contacts : int
         Patches of a frame that are reported (k), the strongest.
     crosstalk : str
@@ -103,6 +106,7 @@ class TaxelArrayConfig:
     taxel_outlines: Outlines | None = maybe_outlines('shapes of the taxels')
     force_range: Array = array((0.0, 40.0), 'least and largest force', 'N', (2,), 0.0, 1e5)
     objects: Outlines = outlines((), 'parts that may be gripped')
+    parts: str = text_of('', 'parts as a text, "washer 16 8; tube 90 9" (mm, degrees)')
     most_contacts: int = whole(8, 'patches of a frame that are reported', 1, 64)
     crosstalk: str = text_of('none', 'what the other lines of the matrix do', CROSSTALK)
     matrix_lines: Array | None = maybe_array(
@@ -128,6 +132,8 @@ class TaxelArrayConfig:
             raise ValueError(msg)
 
         self._refuse_readout()
+        if self.parts and not self.objects:
+            object.__setattr__(self, 'objects', read_parts(self.parts))
 
     def _refuse_readout(self) -> None:
         """Refuse lines that two taxels share, and an area law without a scale."""

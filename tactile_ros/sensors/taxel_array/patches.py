@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from tactile_ros.signals import Columns, Signals
     from tactile_ros.types import Array, Bools, Integers
 
+FAINT = 0.5  # of what counts as touched: enough where the frame as a whole is touched
 LIGHT = 3.0  # constant errors of a taxel: less is no load
 SIGMAS = 6.0  # of the noise: more is touched, though the baseline is of few frames
 FASTEST = 2.0  # taxels that a patch may jump from one frame to the next
@@ -96,9 +97,10 @@ class ArrayPatches:
         if 'label' in known and 'taxel_status' in known:
             bits = np.asarray(known['taxel_status'], np.uint8)
             touched &= (bits & np.uint8(TaxelStatus.STUCK)) == 0
-        lone = asked & ~touched.any(axis=1) & (load.max(axis=1) > 0)
-        if np.count_nonzero(lone):  # something touches, and no taxel much: the most loaded one
-            touched[lone, load[lone].argmax(axis=1)] = True
+        lone = np.flatnonzero(asked & ~touched.any(axis=1))
+        if len(lone):  # something touches, and no taxel much: the most loaded one
+            most = (load[lone] / self.least).argmax(axis=1)
+            touched[lone, most] = load[lone, most] > FAINT * self.least[most]
         found = self.finder.find(load, variance, touched)
         if signals.stamp_ns is None:
             number = self.ranks[found.count]

@@ -1,8 +1,9 @@
 """A simple signal of a taxel array: a Gaussian footprint, and a gain of its own for every taxel.
 
-It is no model of [4] to estimate with: drift, hysteresis, the area law and edges of objects are
-left out. The taxels share the load by the footprint; output rises and levels off with force, and
-gains differ by up to 55 % of the least, as [4] found.
+It is no model of [4] to estimate with: drift, hysteresis and the area law are left out. The taxels
+share the load by the footprint; output rises and levels off with force, and gains differ by up to
+55 % of the least, as [4] found. Where the config has objects they are placed and turned instead,
+and share their load by counted points.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 
 from tactile_ros.presses import Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.sensors.taxel_array.config import layout
+from tactile_ros.sensors.taxel_array.placed_parts import Placing
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,7 +37,7 @@ def gains(taxels: int) -> Array:
 
 
 def taxel_forces(config: TaxelArrayConfig, touches: Touches) -> Array:
-    """Load of every taxel, shape (s, t) (N)."""
+    """Load of every taxel under a Gaussian footprint, shape (s, t) (N)."""
     away = config.positions[:, :2] - np.nan_to_num(touches.position[:, None, :2])
     width = FOOTPRINT * np.sqrt(config.areas.mean())
     near = config.areas * np.exp(-0.5 * np.square(away / width).sum(axis=2))
@@ -45,22 +47,23 @@ def taxel_forces(config: TaxelArrayConfig, touches: Touches) -> Array:
 
 
 def reading(config: TaxelArrayConfig, touches: Touches) -> Array:
-    """Readings (s, t, 1), fractions of the converter's range."""
-    force = taxel_forces(config, touches)
+    """Readings (s, t, 1), fractions of the converter's range, under footprints."""
+    return outputs(config, taxel_forces(config, touches))
+
+
+def outputs(config: TaxelArrayConfig, force: Array) -> Array:
+    """Readings (s, t, 1), fractions of the converter's range, of loads (s, t) (N)."""
     half = config.force_range.mean()
     output: Array = gains(len(config.positions)) * force / (force + half)
     return output[..., None]
 
 
-def truth(config: TaxelArrayConfig, touches: Touches) -> Truth:
-    """Place, total force (only its z is seen), force of every taxel."""
+def truth(touches: Touches, load: Array, placing: Placing | None) -> Truth:
+    """Place, total force (only its z is seen), force of every taxel, and which object lies how."""
     force = touches.force.copy()
     force[:, :2] = np.nan
-    return {
-        'position': touches.position,
-        'force': force,
-        'taxel_force': taxel_forces(config, touches),
-    }
+    known: Truth = {'position': touches.position, 'force': force, 'taxel_force': load}
+    return known if placing is None else {**known, **placing.truth(touches)}
 
 
 def programme(config: TaxelArrayConfig, seed: int, count: int) -> Programme:
@@ -86,7 +89,7 @@ def presses(
     seed : int
         Of places, loads and noise.
     count : int
-        Presses (n).
+        Presses (n); of objects where the config has some.
     noise : float or None
         Of a channel (fraction); None: half a step of the converter.
 
@@ -95,11 +98,17 @@ def presses(
     Recording
         One stream that begins with a tare.
     """
+    placing = Placing.drawn(config, seed, count) if config.objects else None
+    plan = programme(config, seed, count) if placing is None else placing.programme
+
+    def loads(touches: Touches) -> Array:
+        return taxel_forces(config, touches) if placing is None else placing.loads(touches)
+
     return recorded(
         layout(config),
-        programme(config, seed, count),
-        lambda touches: reading(config, touches),
-        lambda touches: truth(config, touches),
+        plan,
+        lambda touches: outputs(config, loads(touches)),
+        lambda touches: truth(touches, loads(touches), placing),
         NOISE if noise is None else noise,
         seed,
         (0.0, 1.0),
