@@ -168,10 +168,9 @@ class Pipeline:
             If the shape, the unit or a channel differs from the layout.
         """
         truth.refuse_foreign(self.sensor, self.layout, recording)
-        if not len(recording):
-            return ContactStates.assemble(0, self.layout.shape[0], {})
         bits = taxel_faults(recording.values, recording.status, self._limit())
-        usable, bits = set_aside(without_faults(recording.values, bits), bits, self.rest_.dead)
+        usable = without_faults(recording.values, bits)
+        usable, bits = set_aside(usable, bits, self.rest_.dead)
         signals = self._conditioned_rows(recording, usable, bits)
         known = self._estimate(signals, bits, self._begin(), recording.restarts)
         return ContactStates.assemble(len(recording), bits.shape[1], known)
@@ -209,6 +208,8 @@ class Pipeline:
         begins: Bools | None = None,
     ) -> Columns:
         """State attributes of conditioned frames; the one road for live and batch."""
+        if not len(bits):
+            return {}
         signals = told(self.estimation, signals)
         contact = signals.in_contact
         known = self.estimation.estimate(signals, stream.memory)
