@@ -201,11 +201,7 @@ class Pipeline:
         return Signals(usable, delta, base, chips, stamp_ns, restart, contact, good)
 
     def _estimate(
-        self,
-        signals: Signals,
-        bits: Bytes,
-        stream: Stream,
-        begins: Bools | None = None,
+        self, signals: Signals, bits: Bytes, stream: Stream, begins: Bools | None = None
     ) -> Columns:
         """State attributes of conditioned frames; the one road for live and batch."""
         if not len(bits):
