@@ -151,7 +151,7 @@ def _row(
     """A column of one frame, shape (1, t), None where it has none."""
     if value is None:
         return None
-    row = np.asarray(value, dtype)
+    row = np.array(value, dtype)  # a copy: the state keeps it
     if row.shape != (taxels,):
         msg = f'{name} of Frame must have shape ({taxels},); received {row.shape}'
         raise ValueError(msg)

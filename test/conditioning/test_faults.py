@@ -83,6 +83,13 @@ def test_a_frame_is_a_batch_of_one() -> None:
     assert chips.shape == (1, 3)
 
 
+def test_bits_of_a_frame_do_not_follow_its_array() -> None:
+    status = np.zeros(3, np.uint8)
+    _, bits, _ = frame_readings(Frame(0, 0, np.zeros((3, 2)), status=status), LIMIT)
+    status[:] = 8
+    assert not bits.any()
+
+
 @pytest.mark.parametrize('name', ['status', 'temperature_c'])
 def test_columns_of_a_frame_are_one_per_taxel(name: str) -> None:
     frame = Frame(0, 0, np.zeros((3, 2)), **{name: np.zeros(1)})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from tactile_ros.devices.still_watch import StillWatch
 from tactile_ros.types import TaxelStatus
@@ -28,6 +29,21 @@ def test_a_taxel_that_stops_among_others_is_stuck_from_the_tenth_alike_until_it_
     stuck = follow(readings, others=0.5)
     assert np.flatnonzero(stuck[:, 2]).tolist() == list(range(69, 80))
     assert not np.delete(stuck, 2, axis=1).any()
+
+
+@pytest.mark.parametrize(
+    ('changes', 'unmarked'), [(0, 9), (1, 4), (5, 2), (14, 2), (15, 1), (499, 1), (500, 0)]
+)
+def test_so_many_repeats_pass_before_they_are_doubted(changes: int, unmarked: int) -> None:
+    watch = StillWatch(1)
+    readings = noisy(changes + 1, 1)
+    for row in readings:
+        watch.follow(row)
+    marked = []
+    for _ in range(10):
+        watch.follow(readings[-1])
+        marked.append(bool(watch.marks().any()))
+    assert marked == [False] * unmarked + [True] * (10 - unmarked)
 
 
 def test_a_board_that_is_still_as_a_whole_has_no_stuck_taxel() -> None:
