@@ -6,7 +6,6 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from tactile_ros.cli import models
 from tactile_ros.cli.record import wait
 from tactile_ros.cli.replay import evaluate, print_result
 from tactile_ros.errors import TactileError
@@ -70,11 +69,13 @@ def run_twin(key: str, output: Path, seed: int, seconds: float = PLAYED_S) -> in
     dataset = evaluate(loaded, [pipeline], summary, key)
     command = f'tactile demo --sensor {key} --seed {seed}'
     title = f'A simulated {key} through the real graph'
-    notes = (*NOTES, *models.sentences(pipeline.report))
+    from tactile_ros.cli.models import sentences
+    from tactile_ros.evaluation.report import write_report
+
+    notes = (*NOTES, *sentences(pipeline.report))
     result = Result(title, command, environment(), (dataset,), notes)
     print_result(result)
     print(f'  {key}: {NOTES[0]}')
-    from tactile_ros.evaluation.report import write_report
 
     write_report(output / 'report.html', result)
     say(began, 'done')
