@@ -6,7 +6,7 @@ has a share of the metric; evidence weighs both answers. What is but a field tou
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from tactile_ros.types import Array, Bools, Integers
 
 NEIGHBOURS, BLIND, SLACK = 16, 48, 1.0
 STRAY = 0.3e-3  # T, of one component of stray fields that are met
+ENTRY = 0.01  # of a stray field, by which gains and crossed axes of a chip falsify it
 ODDS = -4.0  # logarithm, of a stray field against none
 SIGMAS = 5.0  # as `conditioning.contact` has them
 ANSWERS = 6  # place and force; the reading of the touch follows
@@ -92,7 +93,8 @@ class Telling:
         self.part = self.blind = None
         if common is not None:
             self.part = UniformPart(common)
-            self.blind = TouchMixture(rows, common, STRAY, neighbours=BLIND, told=ANSWERS)
+            beside = replace(rows, sigma=np.hypot(rows.sigma, ENTRY * STRAY))
+            self.blind = TouchMixture(beside, common, STRAY, neighbours=BLIND, told=ANSWERS)
 
     def __call__(self, x: Array, cells: Array) -> Told:
         """What finite readings x (s, d) (T) tell, with centres (n, 3) of cells (m)."""
@@ -134,5 +136,6 @@ class Telling:
         if np.count_nonzero(touching) < len(x):
             weak = np.flatnonzero(~touching)
             touch = np.maximum(self.plain(x[weak]).evidence, self.blind(x[weak]).evidence)
-            touching[weak] = touch > self.blind.of_causes(x[weak], self.noise)
+            noise = float(np.hypot(self.noise, ENTRY * STRAY))
+            touching[weak] = touch > self.blind.of_causes(x[weak], noise)
         return touching
