@@ -71,7 +71,7 @@ def cost_map(costs: Mapping[str, tuple[float, float]], told: str) -> str:
     )  # fmt: skip
     for i, (name, (a, b)) in enumerate(costs.items()):
         plot.mark(a, b, i, f'fill c{i % 5}')
-        plot.text(a, b, f'  {name}', shift=14.0 if i % 2 else -10.0)
+        plot.text(a, b, f'  {name}', shift=(-6.0, 14.0, -10.0, 14.0, -22.0)[i % 5])
     return standalone(plot)
 
 
