@@ -158,9 +158,11 @@ def skin_rows(config: MultipoleSkinConfig, heads: int) -> tuple[list[Row], list[
         error, (single, _) = found - truth, timed(model, states[:1])
         what = f'rms {MICRO * error.std():.2g}, cosine {likeness:.3f}'
         worst = MICRO * float(np.abs(error).max())
-        rows.append(
-            Row(f'multipole_skin pressed: {model.name} ({what})', 'uT', worst, us_single=single)
-        )
+        # the finest that is tried should serve; none that is coarser does
+        serves = pitch == skin.PITCHES[-1] and law == 'bonded'
+        limit = MICRO * SHARE * NOISE['multipole_skin'] if serves else None
+        name = f'multipole_skin pressed: {model.name} ({what})'
+        rows.append(Row(name, 'uT', worst, aim=limit, us_single=single))
         spots.append((model.name, single, worst))
     return rows, spots
 

@@ -325,6 +325,36 @@ def cost(ours: Pipeline, world: ModuleType) -> list[Row]:
     return rows
 
 
+def speeds(world: ModuleType) -> tuple[str, str]:
+    """Error of Fz against the time of a frame, and against load, of estimators of 300 points."""
+    few, test = world.record(300, 1), world.record(1000, 2)
+    found, said = {}, {}
+    for name in ('inversion', 'polynomial', 'differences', 'channels', 'kernel_ridge', 'grid_knn'):
+        pipeline = SENSOR.pipeline(world.config, name).fit(few)
+        states, asked = judged(pipeline, test, world.rest)
+        error = MILLI * np.abs(states.force - test.truth['force'])[asked, 2]
+        frame = Frame(None, 0, test.values[100])
+        spent = least_us(lambda p=pipeline, f=frame: p.process(f))  # type: ignore[misc]
+        found[name] = spent, float(rms(error[:, None])[0])
+        said[name] = test.truth['force'][asked, 2], np.maximum(error, 1e-3)
+    told = 'Time of a frame through the whole pipeline against the error of Fz, 300 points each.'
+    high = 2 * max(error for _, error in found.values())
+    wide = 0.8 * min(us for us, _ in found.values()), 1.4 * max(us for us, _ in found.values())
+    speed = Plot(wide, (0.05, high), 'time of a frame (us)', 'Fz rms (mN)', (480, 320),
+                 log_x=True, told=told, log_y=True)  # fmt: skip
+    for k, (name, (us, error)) in enumerate(found.items()):
+        speed.mark(us, error, k % 4, f'fill c{k % 4}')
+        speed.text(us, error, name, 'middle', shift=-14)
+    told = 'Error of Fz against load: the chain of [3] and the inversion, 300 points each.'
+    top = float(said['inversion'][0].max())
+    load = Plot((0, top), (1e-3, high), 'Fz (N)', 'error of Fz (mN)', (480, 320), told=told,
+                log_y=True)  # fmt: skip
+    for k, name in enumerate(('polynomial', 'inversion')):
+        load.dots(said[name][0][:500], said[name][1][:500], f'c{k}')
+        load.text(0.02 * top, None, f'{name}: {found[name][1]:.3g} mN rms', row=k, kind=f'c{k}')
+    return standalone(speed), standalone(load)
+
+
 def run(extent: str, command: str) -> BenchResult:
     """Compare with the printed chain, then disturb, then time."""
     module = _module()
@@ -339,7 +369,8 @@ def run(extent: str, command: str) -> BenchResult:
         f'peer: the better of converged Huber + L1 and SVD of the chain, {MANY[extent]} points',
         f'estimators: {ours.estimators}; specimens {SPECIMENS[extent]} of the world',
     ]
-    drawings = {'noise': noise, 'temperature': drift}
+    speed, load = speeds(world)
+    drawings = {'noise': noise, 'temperature': drift, 'speed': speed, 'error': load}
     return BenchResult('gradiometer', command, [11], rows, notes, drawings)
 
 

@@ -72,11 +72,13 @@ def run_twin(key: str, output: Path, seed: int, seconds: float = PLAYED_S) -> in
     dataset = evaluate(loaded, [pipeline], summary, key)
     command = f'tactile demo --sensor {key} --seed {seed}'
     title = f'A simulated {key} through the real graph'
-    notes = (*NOTES, *models.sentences(pipeline.report))
+    from tactile_ros.cli.models import sentences
+    from tactile_ros.evaluation.report import write_report
+
+    notes = (*NOTES, *sentences(pipeline.report))
     result = Result(title, command, environment(), (dataset,), notes)
     print_result(result)
     print(f'  {key}: {NOTES[0]}')
-    from tactile_ros.evaluation.report import write_report
 
     write_report(output / 'report.html', result)
     say(began, 'done')

@@ -70,7 +70,7 @@ class DiscInversion(DiscModel):
         rows, heat = _some(change, warm)
         self.rest_ = None
         self._set(np.zeros_like(self.found_))
-        self.cost_ = self._find(rows, heat)
+        self._find(rows, heat)
         self.rest_ = self._absolute(np.zeros((1, 3)), np.zeros(1))[0]
         vars(self).pop('_offset', None)
         place, miss = self._descend(rows, heat, np.zeros((len(rows), self.unknowns)), STEPS)
@@ -79,24 +79,29 @@ class DiscInversion(DiscModel):
         return self
 
     def leaves(self, change: Array, warm: Array) -> float:
-        """Squares that the best of such models leaves over, beginning from what was found."""
-        return self._find(*_some(change, warm))
+        """How badly the best of such models explains readings, beginning from what was found.
 
-    def _find(self, rows: Array, heat: Array) -> float:
-        """Find what the config is uncertain of; squares that it leaves over."""
+        A difference of 20 between two temperatures is clear: twice the logarithm of a likelihood.
+        """
+        freedoms = min(len(change), MOST_ROWS) * (self.projection_.shape[1] - self.unknowns)
+        self._find(*_some(change, warm))
+        return float(freedoms * np.log(self.cost_))
+
+    def _find(self, rows: Array, heat: Array) -> None:
+        """Find what the config is uncertain of."""
         place = np.zeros((len(rows), self.unknowns))
         sigma = self._sigma(rows)
         best, least = self.found_, np.inf
         for turn in range(ROUNDS):
             place, _ = self._descend(rows, heat, place, STEPS if turn == 0 else 3)
             slopes, error = self._slopes(rows, heat, place)
-            cost = float(np.minimum((error / sigma) ** 2, 25.0).sum() + self.found_ @ self.found_)
+            left = float(np.minimum((error / sigma) ** 2, 25.0).sum())
+            cost = left + float(self.found_ @ self.found_)
             if cost > 0.999 * least:
                 break
-            best, least = self.found_, cost
+            best, least, self.cost_ = self.found_, cost, left
             self._set(best + self._step(slopes, error, place, heat, sigma))
         self._set(best)
-        return least
 
     def _learn_starts(self, place: Array) -> None:
         """Learn where to begin, from the model itself around places (s, 3 or 5)."""

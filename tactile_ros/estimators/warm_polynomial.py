@@ -57,10 +57,24 @@ class WarmPolynomial:
     def fit(self, x: Array, y: Array, groups: Integers | None = None) -> WarmPolynomial:
         """Learn from features x (s, d), targets y (s, k) and groups (s,) or None."""
         rows = training_rows(x, y, groups)
-        few = slice(None, None, -(-len(rows.x) // MOST_ROWS))
-        found, scale = np.zeros(2 * self.slow), np.ptp(rows.x[:, 2]) + 1e-12
-        spread = np.maximum(rows.y.std(axis=0), 1e-300)
-        part, target = rows.x[few], rows.y[few] / spread
+        self._find(rows.x, rows.y)
+        known, stiff = self._corrected(rows.x, self.rise_, self.stiff_)
+        self.rest_ = PolynomialRidge(self.degrees, self.slow).fit(
+            known, rows.y / stiff, rows.groups
+        )
+        return self
+
+    def leaves(self, x: Array, y: Array) -> float:
+        """Squares (1) that the best rise and stiffness leave of targets over their spreads."""
+        rows = training_rows(x, y)
+        return self._find(rows.x, rows.y)
+
+    def _find(self, x: Array, y: Array) -> float:
+        """Find rise and stiffness; squares that they leave."""
+        few = slice(None, None, -(-len(x) // MOST_ROWS))
+        found, scale = np.zeros(2 * self.slow), np.ptp(x[:, 2]) + 1e-12
+        spread = np.maximum(y.std(axis=0), 1e-300)
+        part, target = x[few], y[few] / spread
         heat = np.abs(part[:, -self.slow :]).max(axis=0) + 1e-12
         unit = np.concatenate([0.05 * scale / heat, 0.05 / heat])
         best, least = found, np.inf
@@ -76,11 +90,7 @@ class WarmPolynomial:
             found = found - np.linalg.solve(normal, matrix.T @ left + PRIOR * found)
             found = np.clip(found, -5, 5)
         self.rise_, self.stiff_ = np.split(best * unit, 2)
-        known, stiff = self._corrected(rows.x, self.rise_, self.stiff_)
-        self.rest_ = PolynomialRidge(self.degrees, self.slow).fit(
-            known, rows.y / stiff, rows.groups
-        )
-        return self
+        return least
 
     def predict(self, x: Array) -> Array:
         """Targets (s, k) of features (s, d); NotCalibratedError before a fit."""

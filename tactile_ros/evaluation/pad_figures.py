@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from tactile_ros.types import Array, Integers
 
-SHADES = (60.0, 75.0, 85.0, 92.0, 97.0)  # % of a cell, between six shades
+SHADES = (60.0, 75.0, 85.0, 92.0, 97.0)  # % of a cell: below the first one an alarming colour
 STEPS_MM = (0.2, 0.4, 0.6, 0.9, 1.5)
 
 
@@ -26,7 +26,7 @@ def cell_map(cells: Array, shares: Array, told: str) -> str:
     wide = _step(x)
     ends = (x.min() - wide / 2, x.max() + wide / 2), (y.min() - wide / 2, y.max() + wide / 2)
     plot = Plot.plan(*ends, '(mm)', told)
-    kinds = [f's{np.searchsorted(SHADES, share)}' for share in shares]
+    kinds = [f's{(np.searchsorted(SHADES, share) - 1) % 6}' for share in shares]
     plot.boxes(x, y, 0.55 * wide, kinds)
     for a, b, share in zip(x, y, shares, strict=True):
         words = '-' if np.isnan(share) else f'{share:.0f}'
@@ -70,8 +70,8 @@ def cost_map(costs: Mapping[str, tuple[float, float]], told: str) -> str:
         'mean error of the place (mm)', (520, 320), log_x=True, told=told,
     )  # fmt: skip
     for i, (name, (a, b)) in enumerate(costs.items()):
-        plot.mark(a, b, i, f'c{i % 5}')
-        plot.text(a, b, f'  {name}', shift=-8.0)
+        plot.mark(a, b, i, f'fill c{i % 5}')
+        plot.text(a, b, f'  {name}', shift=(-6.0, 14.0, -10.0, 14.0, -22.0)[i % 5])
     return standalone(plot)
 
 

@@ -98,7 +98,8 @@ class World:
         chip = 0.5 * scene.span * np.sin(2 * np.pi * time / (0.6 * scene.ramp_s))
         disc, step = np.zeros(count), scene.ramp_s / count
         for i in range(1, count):
-            disc[i] = disc[i - 1] + (chip[i] - disc[i - 1]) * -np.expm1(-step / self.lag_s)
+            mean = 0.5 * (chip[i] + chip[i - 1])
+            disc[i] = disc[i - 1] + (mean - disc[i - 1]) * -np.expm1(-step / self.lag_s)
         return np.stack([chip, disc])
 
     def record(self, count: int, seed: int, scene: Scene = Scene()) -> Recording:

@@ -65,6 +65,10 @@ class GradiometerEstimation:
             found['disc']['thermal_lag'] = self.features_.lag_
         if self.targets_ and self.stray_ is not None:
             found['stray_field'] = self.stray_.report_
+        untold = {'force', 'torque'} - {target.name for target in self.targets_}
+        if self.features_.readings_.fitted_ and untold:
+            names = ' and '.join(sorted(untold))
+            found['untold'] = {f'{names}: no truth told it, and the config has no stiffness': 0.0}
         return {**found, **self.features_.report}
 
     def start(self) -> StreamMemory:
@@ -90,6 +94,9 @@ class GradiometerEstimation:
         modelled = self.estimator in (None, 'history', *MODELS)
         change = features.fit(signals, stray, rest, ~rest & modelled)
         self.targets_, self.stray_, self.response_ = (), None, None
+        if 'force' in truth and signals.stamp_ns is not None:
+            force = np.asarray(truth['force'], float)[:, 2:]
+            features.refine_lag(signals, change, force, signals.good & ~rest)
         thermal = features.thermal(signals, self.start())
         x, parts = features.table(change, thermal, signals, self.start())
         self._learn_targets(x, parts, signals.good, truth, groups)
@@ -170,17 +177,8 @@ class GradiometerEstimation:
         if self.stray_ is None:
             known['stray_field'] = features.uniform_.solve(change)
         else:
-            rest, uniform = x[:, parts['rest']], x[:, parts['uniform']]
-            field, shown, size, odd = self.stray_.predict(x[:, parts['where']], uniform, rest)
-            known['stray_field'] = np.full((len(x), 3), np.nan)
-            known['stray_field'][:, features.uniform_.seen] = field
+            odd, wider = self._add_stray(known, x, parts, wider)
             status |= odd * _STRAY
-            if self.response_ is not None and np.count_nonzero(shown):
-                place, count = x[:, parts['place']], wider.shape[1]
-                answer = np.exp(self.response_.predict(place))
-                wider = answer[:, :count] * (shown / answer[:, count])[:, None]
-                leak = (features.uniform_.uncertainty * size)[:, None]
-                wider = np.hypot(wider, answer[:, count + 1 :] * leak)
         outside = beyond(signals, features.readings_.span_)
         if np.count_nonzero(outside):
             status |= (outside > 0) * _OUTSIDE
@@ -189,6 +187,23 @@ class GradiometerEstimation:
             self._add_targets(known, x, wider)
         known['status'] = status
         return known
+
+    def _add_stray(
+        self, known: Columns, x: Array, parts: dict[str, Integers], wider: Array
+    ) -> tuple[Bools, Array]:
+        """The stray field (s, 3); where it is certainly a magnet's, and what it spoils (s, k)."""
+        assert self.stray_ is not None
+        rest, uniform, axes = x[:, parts['rest']], x[:, parts['uniform']], self.features_.uniform_
+        field, shown, size, odd = self.stray_.predict(x[:, parts['where']], uniform, rest)
+        known['stray_field'] = np.full((len(x), 3), np.nan)
+        known['stray_field'][:, axes.seen] = field
+        if self.response_ is not None and np.count_nonzero(shown):
+            count = wider.shape[1]
+            answer = np.exp(self.response_.predict(x[:, parts['place']]))
+            wider = answer[:, :count] * (shown / answer[:, count])[:, None]
+            leak = (axes.uncertainty * size)[:, None]
+            wider = np.hypot(wider, answer[:, count + 1 :] * leak)
+        return odd, wider
 
     def _add_targets(self, known: Columns, x: Array, wider: Array) -> None:
         """Components of all targets (s, 3) and their covariances, NaN where never told."""

@@ -10,6 +10,7 @@ import numpy as np
 from tactile_ros.estimators.disc_inversion import DiscInversion
 from tactile_ros.estimators.polynomial_rows import times
 from tactile_ros.estimators.uniform_field import UniformField
+from tactile_ros.estimators.warm_polynomial import WarmPolynomial
 from tactile_ros.sensors.gradiometer.fidelity import LEAST_NOISE, field_model, terms
 from tactile_ros.sensors.gradiometer.memory import StreamMemory
 from tactile_ros.sensors.gradiometer.readings import Readings
@@ -26,7 +27,7 @@ TILT = 0.03  # rad, beside the tilt that comes with a shift
 FEWEST_ROWS = 20
 FEWEST_DIFFERENCES = 5
 CLEARLY = 20.0  # chi square by which a lag must explain more than none
-FINER, GOLDEN = 7, 0.618
+FINER, GOLDEN, NEARBY = 7, 0.618, 1.3
 STATES = 30  # of the scene, over which terms are weighed
 
 
@@ -131,7 +132,27 @@ class Features:
         for _ in range(FINER):  # golden section of the logarithm
             first, second = low**GOLDEN * high ** (1 - GOLDEN), low ** (1 - GOLDEN) * high**GOLDEN
             low, high = (low, second) if left(first) < left(second) else (first, high)
-        self.lag_ = min(costs, key=left)
+        near = sorted(sorted(costs, key=left)[:3])
+        best = float(_lowest(np.log(near), np.array([left(lag) for lag in near])))
+        self.lag_ = float(np.clip(np.exp(best), near[0], near[-1]))
+
+    def refine_lag(self, signals: Signals, change: Array, force: Array, rows: Bools) -> None:
+        """Take the time constant near the disc's own with which force (s, k) is told best."""
+        rows = rows & np.isfinite(force).all(axis=1) & np.isfinite(change).all(axis=1)
+        if self.lag_ in (0.0, self.config.thermal_lag) or self.place_ is None or rows.sum() < 100:
+            return
+        model, place = WarmPolynomial((3,)), self.place_
+
+        def left(lag: float) -> float:
+            warm = self.thermal(signals, StreamMemory(lag))
+            seen = place.invert(change[rows], warm[rows, 0])[0]
+            return model.leaves(np.column_stack([seen, warm[rows]]), force[rows])
+
+        low, high = self.lag_ / NEARBY, self.lag_ * NEARBY
+        for _ in range(FINER):
+            first, second = low**GOLDEN * high ** (1 - GOLDEN), low ** (1 - GOLDEN) * high**GOLDEN
+            low, high = (low, second) if left(first) < left(second) else (first, high)
+        self.lag_ = float(np.sqrt(low * high))
 
     def _disc(self, tilt: float) -> DiscInversion:
         config, noise = self.config, self.readings_.noise
@@ -189,6 +210,12 @@ class Features:
         """Leave out what these estimators do not see."""
         self.tilts_ = self.tilts_ and 'inversion_tilt' in estimators
         self.remembers_ = self.remembers_ and 'history' in estimators
+
+
+def _lowest(x: Array, y: Array) -> float:
+    """Where the parabola through three points is lowest; the lowest point, where it is not."""
+    bend, slope, _ = np.polyfit(x - x[1], y, 2)
+    return float(x[1] - slope / (2 * bend) if bend > 0 else x[np.argmin(y)])
 
 
 @lru_cache(maxsize=16)

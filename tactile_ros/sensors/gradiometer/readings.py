@@ -67,11 +67,12 @@ class Readings:
         self.warm_ = False
         self.lags_ = np.zeros(0)
         self.span_ = np.array([-np.inf, np.inf])
+        self.fitted_ = False
         self.noise_is_stated = config.noise is not None
 
     def fit(self, signals: Signals, resting: Bools) -> Readings:
         """Learn level, noise and temperatures from frames and which of them (s,) rest."""
-        rows = signals.good
+        rows, self.fitted_ = signals.good, True
         flat = signals.values.reshape(len(rows), len(self.axes))
         if rows.any():
             dead = (flat[rows] == 0).all(axis=0)

@@ -69,15 +69,14 @@ def sensitivity(temperature_c: Array, coefficients: Array) -> Array:
 
 
 def lagging(signals: Signals, chip: Array, usual: float, memory: ThermalMemory) -> Array:
-    """Temperatures over 25 degrees: of the disc from the usual one, of the chip from the disc's.
+    """Temperature of the disc from the usual one over 25 degrees, shape (s, 1).
 
-    Shape (s, 1), or (s, 2) where the disc lags. A stream begins in equilibrium.
+    A stream begins in equilibrium.
     """
     chip = np.where(np.isfinite(chip), chip, usual)
-    columns = np.zeros((len(chip), 1 if memory.history is None else 2))
-    columns[:, 0] = (chip - usual) / UNIT
+    warm = (chip - usual)[:, None] / UNIT
     if signals.stamp_ns is None or memory.history is None or not len(chip):
-        return columns
+        return np.asarray(warm)
     begins = memory.begins(signals, chip)
     start = np.maximum.accumulate(np.where(begins, np.arange(len(chip)), -1))
     earlier = chip[:1] if memory.first is None else memory.first
@@ -90,9 +89,7 @@ def lagging(signals: Signals, chip: Array, usual: float, memory: ThermalMemory) 
     else:
         means = memory.history(rise, signals.stamp_ns, begins)
     memory.first = first[-1:]
-    columns[:, 1] = (rise[:, 0] - means[:, 0, 0]) / UNIT
-    columns[:, 0] -= columns[:, 1]
-    return columns
+    return np.asarray(warm - (rise - means[:, 0]) / UNIT)
 
 
 def lags_told(signals: Signals) -> Array:

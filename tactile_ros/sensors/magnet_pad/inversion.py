@@ -22,11 +22,13 @@ from tactile_ros.sensors.magnet_pad.response import PadResponse, PadTouches
 from tactile_ros.sensors.magnet_pad.telling import (
     ANSWERS,
     NEIGHBOURS,
+    READING,
     SIGMAS,
     SLACK,
     Telling,
     Told,
     UniformPart,
+    widened,
 )
 from tactile_ros.types import Array, Bools, Integers
 
@@ -135,11 +137,11 @@ class PadInversion:
         for part, way in enumerate(ways):
             held = fold == part
             known = self.touches_[~held] if len(ways) > 1 else self.touches_
-            rows = self._table(way, known, FEW).of(ANSWERS)
-            table = TouchMixture(rows, neighbours=NEIGHBOURS, slack=SLACK)
+            rows = self._table(way, known, FEW).of(READING)
+            table = TouchMixture(rows, neighbours=NEIGHBOURS, told=ANSWERS, slack=SLACK)
             one = table(touched.x[held])
-            said[held], misfit[held] = one.mean, one.misfit
-            stated[held] = np.sqrt(np.diagonal(one.cov + FLOOR, axis1=1, axis2=2))
+            said[held], misfit[held] = one.mean[:, :ANSWERS], one.misfit
+            stated[held] = np.sqrt(np.diagonal(widened(one) + FLOOR, axis1=1, axis2=2))
             named[held] = table.shares(one, centres).argmax(axis=1)
         error = said - answers
         self.spread_ = _trusting(StatedSpread().fit(stated, error), len(error))
@@ -187,12 +189,15 @@ class PadInversion:
         unit = np.array([radius, 1.0, 1 / LOAD, 1 / SHEAR, 1 / SHEAR])[:width]
         size = reach[:, None] * unit
         answers, leads = self._answers(touches)
-        sigma = np.sqrt(self.noise**2 + self.scatter_**2 * (readings**2).mean(axis=1))
+        variance = self.noise**2 + self.scatter_**2 * (readings**2).mean(axis=1)
+        sigma = np.sqrt(variance)
+        wider = (1 + response.doubt(touches) / variance)[:, None]
         return Linearised(
             readings,
             slopes * size[:, None],
-            np.concatenate([answers, readings], axis=1),
-            np.concatenate([leads[:, :, :width], slopes], axis=1) * size[:, None],
+            np.concatenate([answers, wider, readings], axis=1),
+            np.concatenate([leads[:, :, :width], 0 * slopes[:, :1], slopes], axis=1)
+            * size[:, None],
             sigma,
             np.full(len(rows), 1 / len(rows)),
         )

@@ -85,10 +85,24 @@ class Lacks:
         """Smooth functions (s, p) of places (s, 2) (m, rad)."""
         return np.asarray(self._kernel(place, self.reach) @ self.mixing)
 
+    def doubt(self, place: Array) -> Array:
+        """Variance (3, g) (T2) of what was last solved at places (g, 2) (m, rad).
+
+        Of the parts linear and square in the load, and twice their covariance.
+        """
+        bumps = self.bumps(place)
+        count = bumps.shape[1]
+        one = bumps @ self.root[:, :count].T
+        two = SQUARE * bumps @ self.root[:, count : 2 * count].T
+        return np.stack(
+            [(one * one).sum(axis=1), (two * two).sum(axis=1), 2 * (one * two).sum(axis=1)]
+        )
+
     def solve(self, rows: Bools) -> Array:
         """Weights (l, d, p) of the bumps for each monomial, learned from some rows (s,)."""
         moments = Moments.of(self.terms[rows], self.error[rows], self.weight[rows])
-        weights, _, _ = moments.solve(np.full(self.terms.shape[1], self.amplitude))
+        weights, root, noise = moments.solve(np.full(self.terms.shape[1], self.amplitude))
+        self.root = noise * root
         split = weights.reshape(len(self.into), -1, weights.shape[1]).transpose(0, 2, 1)
         split = split.copy()
         split[1] *= SQUARE

@@ -16,7 +16,7 @@ from tactile_ros.estimators.touch_mixture import Linearised
 from tactile_ros.physics.dipoles import in_chip_axes
 from tactile_ros.physics.elastomer import disc_press
 from tactile_ros.sensors.magnet_pad.fidelity import block_model, blocks_of
-from tactile_ros.sensors.magnet_pad.telling import SIGMAS, Telling
+from tactile_ros.sensors.magnet_pad.telling import READING, SIGMAS, Telling
 from tactile_ros.types import Array, Bools
 
 if TYPE_CHECKING:
@@ -197,15 +197,17 @@ class NominalPad:
             replace(presses, force=presses.force * (1 + STEP / LOAD)),
         )
         level = change_of_field(config, presses, nodes).reshape(len(reach), -1)
-        start = np.column_stack([presses.places(radius), presses.force, level])
+        one = np.ones(len(level))
+        start = np.column_stack([presses.places(radius), presses.force, one, level])
         rises = []
         for step in steps:
             change = change_of_field(config, step, nodes).reshape(len(reach), -1)
-            rises.append(np.column_stack([step.places(radius), step.force, change]) - start)
+            moved = np.column_stack([step.places(radius), step.force, one, change])
+            rises.append(moved - start)
         leads = np.stack(rises, axis=-1) / STEP * reach[:, None]
         sigma = np.sqrt(noise**2 + RIGHT**2 * (level**2).mean(axis=1))
         share = np.full(len(level), 1 / len(level))
-        return Linearised(level, leads[:, 6:], start, leads, sigma, share)
+        return Linearised(level, leads[:, READING:], start, leads, sigma, share)
 
     def estimate(self, x: Array, rest: Bools) -> Columns:
         """Place, force and cell of changes of field x (s, d) (T); NaN and -1 where x is not."""

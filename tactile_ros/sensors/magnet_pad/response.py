@@ -108,12 +108,15 @@ class PadResponse:
         Load that counts as 1 (N).
     table_ : ndarray, shape (j, d, 41, 27)
         Coefficients over the surface (T).
+    doubt_ : ndarray, shape (3, 41, 27)
+        Their variance (T2); see `Lacks.doubt`.
     """
 
     choice_: Choice
     found_: Array
     full_: float
     table_: Array
+    doubt_: Array
 
     def __init__(self, config: MagnetPadConfig, live: Bools, *, leaning: bool) -> None:
         self.config = config
@@ -221,6 +224,7 @@ class PadResponse:
         richer.choice_ = self.choice_
         richer.found_, richer.full_ = self.found_, self.full_
         richer.table_ = self.table_.copy()
+        richer.doubt_ = lacks.doubt(grid.reshape(-1, 2)).reshape(3, *STEPS)
         for part, into in zip(added, lacks.into, strict=True):
             richer.table_[into] += part.reshape(-1, *STEPS)
         return richer
@@ -228,6 +232,17 @@ class PadResponse:
     def __call__(self, touches: PadTouches) -> Array:
         """Change of field (s, d) (T)."""
         return self.near(touches, slopes=False)[0]
+
+    def doubt(self, touches: PadTouches) -> Array:
+        """Variance (s,) (T2) of a reading, by how few touches told what the model lacks."""
+        x = np.clip(touches.along, self.along[0], self.along[-1])
+        y = np.clip(touches.around, self.around[0], self.around[-1])
+        one, two, both = (
+            RectBivariateSpline(self.along, self.around, part, kx=1, ky=1).ev(x, y)
+            for part in self.doubt_
+        )
+        load = touches.load / self.full_
+        return np.asarray(np.maximum(load**2 * (one + load * (both + load * two)), 0.0))
 
     def near(self, touches: PadTouches, *, slopes: bool = True) -> tuple[Array, Array]:
         """Change of field (s, d) (T), and how it changes.

@@ -6,7 +6,7 @@ has a share of the metric; evidence weighs both answers. What is but a field tou
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,9 +15,11 @@ from tactile_ros.types import Array, Bools, Integers
 
 NEIGHBOURS, BLIND, SLACK = 16, 48, 1.0
 STRAY = 0.3e-3  # T, of one component of stray fields that are met
+ENTRY = 0.01  # of a stray field, by which gains and crossed axes of a chip falsify it
 ODDS = -4.0  # logarithm, of a stray field against none
 SIGMAS = 5.0  # as `conditioning.contact` has them
-ANSWERS = 6  # place and force; the reading of the touch follows
+ANSWERS = 6  # place and force; how much wider their covariance is and the reading follow
+READING = 7
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,11 @@ class Told:
     cov: Array
     shares: Array
     stray: Array
+
+
+def widened(seen: Posterior) -> Array:
+    """Covariance (s, 6, 6) of place and force, as wide as the table is in doubt there."""
+    return np.asarray(seen.cov * seen.mean[:, ANSWERS, None, None])
 
 
 class UniformPart:
@@ -67,7 +74,7 @@ class Telling:
     Parameters
     ----------
     rows : Linearised
-        Answers are place, force and reading.
+        Answers are place, force, how much wider their covariance is, and reading.
     common : ndarray, shape (d, 3), or None
         As `UniformPart`; None: an outside field cannot be told.
     noise, contact : float
@@ -87,17 +94,21 @@ class Telling:
         limit: float,
         neighbours: int = NEIGHBOURS,
     ) -> None:
-        self.plain = TouchMixture(rows.of(ANSWERS), neighbours=neighbours, slack=SLACK)
+        self.plain = TouchMixture(
+            rows.of(READING), neighbours=neighbours, told=ANSWERS, slack=SLACK
+        )
         self.noise, self.contact, self.limit = noise, contact, limit
         self.part = self.blind = None
         if common is not None:
             self.part = UniformPart(common)
-            self.blind = TouchMixture(rows, common, STRAY, neighbours=BLIND, told=ANSWERS)
+            beside = replace(rows, sigma=np.hypot(rows.sigma, ENTRY * STRAY))
+            self.blind = TouchMixture(beside, common, STRAY, neighbours=BLIND, told=ANSWERS)
 
     def __call__(self, x: Array, cells: Array) -> Told:
         """What finite readings x (s, d) (T) tell, with centres (n, 3) of cells (m)."""
         seen = self.plain(x)
-        told = Told(seen.mean, seen.cov, self.plain.shares(seen, cells), np.zeros((len(x), 3)))
+        shares, stray = self.plain.shares(seen, cells), np.zeros((len(x), 3))
+        told = Told(seen.mean[:, :ANSWERS], widened(seen), shares, stray)
         unlike = seen.misfit > self.limit
         if self.blind is not None and np.count_nonzero(unlike):
             self._mend(told, seen, x, cells, np.flatnonzero(unlike))
@@ -116,7 +127,7 @@ class Telling:
         told.cov[rows] += share[:, :, None] * (other.cov - told.cov[rows]) + between
         told.mean[rows] += share * apart
         told.shares[rows] += share * (blind.shares(other, cells) - told.shares[rows])
-        left = x[rows] - other.mean[:, ANSWERS:]
+        left = x[rows] - other.mean[:, READING:]
         told.stray[rows] = share * part(left)[0]
 
     def resting_field(self, x: Array) -> Array:
@@ -134,5 +145,6 @@ class Telling:
         if np.count_nonzero(touching) < len(x):
             weak = np.flatnonzero(~touching)
             touch = np.maximum(self.plain(x[weak]).evidence, self.blind(x[weak]).evidence)
-            touching[weak] = touch > self.blind.of_causes(x[weak], self.noise)
+            noise = float(np.hypot(self.noise, ENTRY * STRAY))
+            touching[weak] = touch > self.blind.of_causes(x[weak], noise)
         return touching

@@ -1,0 +1,76 @@
+"""Hard cases of fields: what a plain way does, and what is right.
+
+Case 4 (near fields, edges, cancellation) is in test/physics (test_magnetics, test_fidelity), case
+15 (temperatures outside of a fit) in test_temperature there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_ros.estimators.uniform_field import UniformField
+from tactile_ros.physics.disc_models import exact_disc
+from tactile_ros.physics.magnetics import uniform_stray
+from tactile_ros.physics.temperature import REMANENCE_SLOPE
+from tactile_ros.sensors.gradiometer import fidelity as gradiometer
+from tactile_ros.sensors.gradiometer.config import GradiometerConfig
+from tactile_ros.sensors.magnet_pad import fidelity as pad
+from tactile_ros.sensors.magnet_pad import scene
+from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
+
+DISC, PAD = GradiometerConfig(), MagnetPadConfig()
+STATES = gradiometer.states_of(DISC, 200)[32:]
+FIELD = exact_disc(DISC.positions, gradiometer.disc_of(DISC)).readings(STATES)[..., [0, 2]]
+AXES = np.tile(np.eye(3)[[0, 2]], (4, 1))
+
+
+def centred(read: np.ndarray) -> np.ndarray:
+    return read - read.mean(axis=1, keepdims=True)
+
+
+def norms(read: np.ndarray) -> np.ndarray:
+    return np.hypot(read[..., 0], read[..., 1])
+
+
+@pytest.mark.parametrize(('strength', 'spoilt'), [(2e-3, 0.05), (0.1, 2.0)])
+def test_case_2_norms_after_removal_bear_any_common_field(strength: float, spoilt: float) -> None:
+    common = uniform_stray(DISC.positions, strength * np.array([[0.6, 0.0, 0.8]]))[..., [0, 2]]
+    plain = norms(FIELD + common) / norms(FIELD) - 1
+    assert np.abs(plain).max() > spoilt  # norms of raw readings
+    right = norms(centred(FIELD + common)) - norms(centred(FIELD))
+    assert np.abs(right).max() < 1e-14
+    # single precision is enough once means are removed, even for 100 mT
+    coarse = norms(centred((FIELD + common).astype(np.float32)).astype(np.float64))
+    assert np.abs(coarse - norms(centred(FIELD))).max() < 0.1e-6
+
+
+def test_case_2_the_leak_is_a_mismatch_of_gains() -> None:
+    common = uniform_stray(DISC.positions, np.array([[2e-3, 0.0, 0.0]]))[..., [0, 2]]
+    gains = 1 + 0.005 * np.random.default_rng(0).normal(size=(4, 2))
+    leak = np.abs(centred(gains * (FIELD + common)) - centred(gains * FIELD)).max()
+    assert 1e-6 < leak < 0.03 * 2e-3
+    # told of the gains, no combination that is left sees the field
+    response = AXES * gains.reshape(-1, 1)
+    told = UniformField(response, 3e-6)
+    moved = (gains * (FIELD + common) - gains * FIELD).reshape(len(FIELD), -1)
+    assert np.abs(moved @ told.differences).max() < 1e-15
+
+
+def test_case_17_what_warms_all_pixels_alike_goes_with_the_mean() -> None:
+    alike = np.array([0.0, 5e-5]) * 20.0  # beta dT of every Bz
+    np.testing.assert_allclose(centred(FIELD + alike), centred(FIELD), atol=1e-15)
+    # what weakens the magnet does not: it is a gain
+    weaker = (1 + 20.0 * REMANENCE_SLOPE) * FIELD
+    assert np.abs(centred(weaker) - centred(FIELD)).max() > 1e-4
+
+
+def test_case_19_a_model_is_compared_with_changes_since_rest() -> None:
+    touches = scene.touches_of(PAD, 20)[8:]
+    change = scene.readings_of(PAD, touches)
+    still = np.zeros((1, 3, 3))
+    rest = pad.blocks_of(PAD, 0).field(PAD.positions, still, still).reshape(-1)
+    # magnets that are 3 % weaker than the config says: at rest that alone is a touch
+    wrong = 0.03 * np.abs(rest).max()
+    assert wrong > np.median(np.abs(change).max(axis=1)) / 5
+    assert 0.03 * np.abs(change).max() < wrong / 2
