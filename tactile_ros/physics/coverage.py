@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.physics.outlines import grid_inside
 from tactile_ros.types import Array, Integers, Outline
 
 if TYPE_CHECKING:
@@ -22,7 +21,7 @@ ALIKE = 0.015  # of the area: what a turn may change and still be called a symme
 MOST_FOLD = 12
 FINER = 4  # points of a node's cell, each way
 SIDES = 48  # from which a round object is looked at
-FINE = 64  # points of a box for each part that a taxel is cut into
+FINE = 512  # points of a box for each part that a taxel is cut into
 
 
 def raster(loops: Sequence[Array], x: Array, y: Array) -> Array:
@@ -221,8 +220,11 @@ def taxel_points(
 def _parts(loops: Sequence[Array], centre: Array, count: int) -> Array:
     """Centroids of about `count` parts of equal area inside loops, from halves of halves."""
     corners = np.concatenate(list(loops))
-    box = float(np.prod(np.ptp(corners, axis=0)))
-    fine = grid_inside(loops, np.sqrt(box / (FINE * count)))
+    low, size = corners.min(axis=0), np.ptp(corners, axis=0)
+    pitch = float(np.sqrt(np.prod(size) / (FINE * count)))
+    x, y = (low[i] + pitch * (np.arange(np.ceil(size[i] / pitch)) + 0.5) for i in (0, 1))
+    row, column = np.nonzero(raster(loops, x, y))
+    fine = np.column_stack([x[column], y[row]])
     if len(fine) < count:
         return fine.mean(axis=0)[None] if len(fine) else centre[None]
     parts = [fine]

@@ -202,11 +202,13 @@ class TaxelRegression(Regression):
         if not known.any():
             return
         top = float(np.nanmax(force))
-        light = known & (force < 0.03 * top)
         heavy = known & (force >= 0.1 * top)
-        self.floor_ = float(1.4826 * np.median(np.abs(miss[light]))) if light.any() else 0.0
-        part = (np.square(miss[heavy]) - self.floor_**2) / np.square(force[heavy])
+        light = known & (force < 0.1 * top)
+        light = light & (force > 0) if (light & (force > 0)).any() else light
+        part = np.square(miss[heavy] / force[heavy])
         self.spread_ = float(np.sqrt(max(part.mean(), 1e-8))) if heavy.any() else UNLEARNED
+        rest = np.square(miss[light]) - np.square(self.spread_ * force[light])
+        self.floor_ = float(np.sqrt(max(rest.mean(), 0.0))) if light.any() else 0.0
         assert self.law_ is not None
         self.errors_ = {
             'fit_rmse': float(np.sqrt(np.square(miss[known]).mean())),
