@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 ESTIMATORS = (*REGRESSORS, 'printed', 'mean_curve')
 SAME_PLACE = 1e-5
-MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
+MOST_SINGLE = 0.3  # places per touch above which touches, not places, are what repeats
 LEAST_DIVIDER = 1e-4
 GRID = 33  # of the nominal series resistance
 ONE_SIGMA = 0.6827
@@ -46,7 +46,8 @@ class FiveWireEstimation:
         Of the sensor.
     estimator : str or None
         One of `ESTIMATORS`: a regressor of the three readings; 'printed', the formula and the
-        network of [5]; 'mean_curve', what [5] compares it with; None: the best on held-out places.
+        network of [5]; 'mean_curve', what [5] compares them with; None: the best on held-out
+        places.
     """
 
     def __init__(self, config: FiveWireSkinConfig, estimator: str | None = None) -> None:
@@ -118,8 +119,7 @@ class FiveWireEstimation:
         rows = signals.good & there
         if rows.sum() >= FEWEST_ROWS:
             head = PlaceHead(self.size)
-            wanted = 'printed' if self.wanted == 'printed' else None
-            self.place_ = head.fit(x[rows], position[rows, :2], kept[rows], wanted)
+            self.place_ = head.fit(x[rows], position[rows, :2], kept[rows], self.wanted)
             height = position[rows, 2]
             height = height[np.isfinite(height)]
             known = len(height) > 0
