@@ -105,11 +105,11 @@ class FiveWireEstimation:
             'group' and 'session': what a split keeps together.
         """
         x = self.touch_.fit(signals, truth).readings(signals)
-        np.copyto(signals.in_contact, self.touch_.contact(signals, x))
+        contact = self.touch_.contact(signals, x)
+        signals = replace(signals, in_contact=contact, good=signals.good & (contact != 0))
         blank = np.full((len(x), 3), np.nan)
         position = np.asarray(truth.get('position', blank), np.float64)
         force = np.asarray(truth.get('force', blank), np.float64)
-        signals = replace(signals, good=signals.good & (signals.in_contact != 0))
         if self.others_ is not None:
             self.others_.fit(_own(signals, x), truth, groups)
             return
