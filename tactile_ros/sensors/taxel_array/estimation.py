@@ -235,7 +235,8 @@ class TaxelRegression(Regression):
     def sees_enough(self, bits: Bytes) -> Bools:
         """Frames (s,) of which so many taxels (s, t) may be used that the rest tells enough."""
         faulty: Array = np.mean((bits & UNUSABLE) > 0, axis=1)
-        return np.asarray(faulty <= MOST_LOST)
+        regressed = self.only not in ('', *LAWS)  # regressors alone need every taxel
+        return np.asarray(faulty <= (0.0 if regressed else MOST_LOST))
 
     def _settle(self, signals: Signals, forces: Array, crept: Array) -> None:
         """Call frames untouched in which only the past is read; `in_contact` is changed."""
