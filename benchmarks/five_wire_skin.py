@@ -17,13 +17,12 @@ import numpy as np
 
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.estimators.harmonic_map import HarmonicMap
-from tactile_ros.estimators.kernel_ridge import KernelRidge
 from tactile_ros.estimators.thin_plate import ThinPlate
 from tactile_ros.evaluation import array_figures
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.drawing import standalone
 from tactile_ros.evaluation.svg import Plot
-from tactile_ros.physics.resistive import linear_place
+from tactile_ros.physics.resistive import linear_place, sheet_potential
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
@@ -72,7 +71,7 @@ def run(extent: str, command: str) -> BenchResult:
 
 def _accuracy(mean: dict[str, float], worst: float) -> list[Row]:
     """Rows of errors."""
-    bound, least = mean['bound'], mean['least']
+    bound, least, there = mean['bound'], mean['least'], mean['least_there']
     return [
         Row('place, 25 points, mean', 'mm', mean['place25'], paper=5.0, peer=mean['linear'],
             bound=bound, aim=1.3 * bound),
@@ -81,9 +80,9 @@ def _accuracy(mean: dict[str, float], worst: float) -> list[Row]:
         Row('place, 16 points, mean', 'mm', mean['place16'], peer=mean['linear'], bound=bound),
         Row('place, 49 points, mean', 'mm', mean['place49'], bound=bound),
         Row('force at 49 calibration squares, 8 touches each, rms', 'N', mean['square8'],
-            bound=least, aim=1.05 * least),
+            bound=there, aim=1.05 * there),
         Row('force at 49 calibration squares, 60 touches each, rms', 'N', mean['square60'],
-            bound=least, aim=1.05 * least),
+            bound=there, aim=1.05 * there),
         Row('force anywhere, 49 points, rms', 'N', mean['force49'], paper=1.0,
             peer=mean['printed'], bound=least, aim=0.28),
         Row('force anywhere, 49 points, rms of the worst world', 'N', worst, aim=0.28),
@@ -158,6 +157,9 @@ def _one(
         'at_squares': _rms(squares.force), 'fit': seconds, 'least': _least(world, places, load),
         **{f'place{count * count}': _length(told[count].place) for count in (4, 5, 7)},
         **{f'force{count * count}': _rms(told[count].force) for count in (4, 5, 7)},
+        'least_there': _least(
+            world, np.repeat(grids.grid(7), 8, axis=0), np.tile(np.linspace(1, 15, 8), 49)
+        ),
         'square8': _rms(_told(fits[7], again).force),
         'square60': _rms(_told(fits[60], again).force),
         'worst16': float(np.abs(_told(fits[4], ours).force).max()),
@@ -275,12 +277,13 @@ def _times(pipeline: Pipeline, test: Recording, count: int = 60) -> dict[str, fl
     for frame in frames:
         pipeline.process(frame)
     del estimation.estimate
-    alone = min(_seconds(lambda: [estimate(*given) for given in kept]) for _ in range(60))
+    some = kept[:4]  # few at a time: what else the machine does would count
+    alone = min(_seconds(lambda: [estimate(*given) for given in some]) for _ in range(2000))
     scale = 1e6 / count
     return {
         'single': scale * single,
         'batch': 1e6 * batch / len(test),
-        'estimators': scale * alone,
+        'estimators': 1e6 / len(some) * alone,
     }
 
 
@@ -300,20 +303,22 @@ def _draw(grids: ModuleType, world: object, seed: int) -> dict[str, str]:
     loads, before, said = _squares(
         SENSOR.pipeline().fit(_grid(grids, world, 4, seed)), grids, world
     )
-    curves = {'': ('R / R0', before), 'force': ('estimate (N)', said)}
     return {
         'linear_map': _map(linear, test, 20 * STEPS, 'Place error of the linear formula'),
         'place_map': _map(ours, test, STEPS, 'Place error of the harmonic map, 25 points'),
-        **{
-            ('before', 'after')[i]: array_figures.curves(
-                {f'square {n}' if n in (1, 16) else '': (loads, row)
-                 for n, row in ((1, told[0]), (16, told[15]))},
-                ('load (N)', label), 'Two of the 16 squares',
-            )
-            for i, (label, told) in enumerate(curves.values())
-        },
+        'before': _lines(loads, before, 'R / R0', 'Resistance at the 16 squares over the load'),
+        'after': _lines(loads, said, 'estimate (N)', 'Force at the 16 squares over the load'),
         'cost': _drawn_cost(train, test),
-    }  # fmt: skip
+    }
+
+
+def _lines(loads: Array, told: Array, label: str, words: str) -> str:
+    """One line for each square."""
+    high = 1.05 * float(told.max())
+    plot = Plot((0.0, 15.5), (0.0, high), 'load (N)', label, (360, 300), told=words)
+    for n, row in enumerate(told):
+        plot.line(loads, row, f'line c{n % 5}')
+    return standalone(plot)
 
 
 def _map(pipeline: Pipeline, test: Recording, steps: Array, told: str) -> str:
@@ -332,19 +337,34 @@ def _drawn_cost(train: Recording, test: Recording) -> str:
     """Error of a place over the time of a frame, for each way to it."""
     touched, fresh = train.truth['in_contact'] == 1, test.truth['in_contact'] == 1
     x, y = train.values[touched, 0, :2], train.truth['position'][touched, :2]
-    ways = {'harmonic map': HarmonicMap(SIZE), 'thin plate': ThinPlate(), 'kernels': KernelRidge()}
+    ways = {'harmonic map': HarmonicMap(SIZE), 'thin plate': ThinPlate()}
     told, points = test.truth['position'][fresh, :2], {}
     given = test.values[fresh, 0, :2]
 
-    def measure(predict: object) -> tuple[float, float]:
-        error = 1e3 * np.linalg.norm(predict(given) - told, axis=1).mean()
-        seconds = min(_seconds(lambda: predict(given[:1])) for _ in range(200))
+    def measure(predict: object, some: int = FRESH) -> tuple[float, float]:
+        error = 1e3 * np.linalg.norm(predict(given[:some]) - told[:some], axis=1).mean()
+        seconds = min(_seconds(lambda: predict(given[:1])) for _ in range(min(some, 200)))
         return 1e6 * seconds, float(error)
 
     for name, way in ways.items():
         points[name] = measure(way.fit(x, y).predict)
     points['linear formula'] = measure(lambda u: linear_place(u, SIZE))
+    points['a solve each frame'] = measure(_solved, 20)
     return array_figures.costs(points, ('one frame (us)', 'mean error (mm)'), 'Error against time')
+
+
+def _solved(potentials: Array) -> Array:
+    """Places by a solve of the nominal sheet for each frame: what a table spares."""
+    shape, border = (33, 33), np.full((4, 8), 24.0)
+    line = np.linspace(0, SIZE[0], 33)
+    places = np.stack(np.meshgrid(line, line, indexing='ij'), axis=-1).reshape(-1, 2)
+    found = []
+    for one in potentials:
+        held = np.array([1.0, np.nan, 0.0, np.nan])
+        both = [sheet_potential(SIZE, shape, border, np.roll(held, turn)) for turn in (0, 1)]
+        apart = np.stack([u.ravel() for u in both], axis=1) - one
+        found.append(places[(apart**2).sum(axis=1).argmin()])
+    return np.array(found)
 
 
 def _module(name: str) -> ModuleType:

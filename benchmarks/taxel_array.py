@@ -167,13 +167,16 @@ def _spreads(pipeline: Pipeline, config: object) -> tuple[float, float]:
 
 
 def _single(pipeline: Pipeline, recording: Recording) -> float:
-    """Median time of one live frame (us)."""
+    """Median over frames of the least time of one live frame (us)."""
     spent = []
     for i in range(min(len(recording), 60)):
         frame = Frame(None, i, recording.values[i])
-        began = perf_counter()
-        pipeline.process(frame)
-        spent.append(perf_counter() - began)
+        times = []
+        for _ in range(7):
+            began = perf_counter()
+            pipeline.process(frame)
+            times.append(perf_counter() - began)
+        spent.append(min(times))
     return 1e6 * float(np.median(spent))
 
 
@@ -188,7 +191,9 @@ def _sorting(extent: str) -> tuple[list[Row], dict[str, str]]:
     picks, drawings = {}, {}
     for name, kind in kinds.items():
         few = max(count // 4, 3) if name == 'jaw' else count
-        picks[name] = [p for i in range(worlds) for p in _world(kind, WORLDS + i, few)]
+        grips = [_world(kind, WORLDS + i) for i in range(worlds)]
+        rngs = [np.random.default_rng([WORLDS + i, 1]) for i in range(worlds)]
+        picks[name] = [g.pick(r) for g, r in zip(grips, rngs, strict=True) for _ in range(few)]
         drawings[name] = _draw_pick(kind[0], picks[name][0])
     turn = [
         np.rad2deg(turn_between(float(p.state.yaw), float(p.pose[2]), 1)) for p in picks['tube']
@@ -198,19 +203,28 @@ def _sorting(extent: str) -> tuple[list[Row], dict[str, str]]:
         _placed('pick and place: angle tubes of 2 bends, 16 taxels', picks['tube'], 100.0, 100.0),
         Row('picked tubes: turn, median', 'deg', float(np.nanmedian(turn))),
         _placed('pick and place: parts in a jaw of 2000, 20 bad taxels', picks['jaw'], None, 99.0),
+        Row('one frame of 2000 taxels', 'us', _jaw_time(grips[0], picks['jaw']), aim=3000.0),
     ]
     return rows, drawings
 
 
-def _world(kind: tuple, seed: int, count: int) -> list[Picked]:
-    """Parts picked by one gripper with a skin of its own."""
+def _world(kind: tuple, seed: int) -> Gripper:
+    """One gripper with a skin of its own."""
     config, half_load, top, force, play, broken = kind
     rng = np.random.default_rng(seed)
     skin = TaxelSkin.drawn(len(config.positions), half_load, rng, broken)
     taught = even_loads(SPEC.layout(config), config.areas, skin, rng, top)
     pipeline = SPEC.pipeline(config).fit(taught)
-    gripper = Gripper(config, TaxelScene(config), skin, pipeline, force, play)
-    return [gripper.pick(rng) for _ in range(count)]
+    return Gripper(config, TaxelScene(config), skin, pipeline, force, play)
+
+
+def _jaw_time(gripper: Gripper, picks: list[Picked]) -> float:
+    """Time of a frame of a jaw (us)."""
+    rng = np.random.default_rng(SEED)
+    values = gripper.skin.read(np.array([pick.loads for pick in picks]), rng)
+    recording = Recording.from_arrays(SPEC.layout(gripper.config), values)
+    gripper.pipeline.reset()
+    return _single(gripper.pipeline, recording)
 
 
 def _placed(what: str, picks: list[Picked], paper: float | None, aim: float) -> Row:

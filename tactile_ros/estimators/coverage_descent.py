@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from tactile_ros.estimators.readings import Readings
     from tactile_ros.types import Array
 
-CENTRED = 0.4  # of the reach: how far from the middle the origin of a gripped tube lies
+CENTRED = 0.3  # of the reach: how far from the middle the origin of a gripped tube lies
 
 
 class Descent:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 ACROSS = 0.866  # of a disc's radius: half a strip that is as wide, by its variance
 LEAST_WIDTH, MOST_WIDTH = 0.08, 0.99  # of a tube's contact, in radii
-EDGE = 0.1  # error of an edge across one point, in radii of its disc
+EDGE = 0.08  # error of an edge across one point, in radii of its disc
 UNKNOWN_RADIUS = 0.2  # of the reach
 
 

@@ -26,10 +26,11 @@ COARSE = 8  # times fewer points where a search begins
 FEW_TAXELS = 200  # up to which templates are kept for every place
 TEMPLATES = 24_000  # as many again for every object that is a tube
 WIDTHS = (0.25, 0.5, 0.9)  # of a tube's contact, in radii
-NEAR = 0.35  # beyond the best score: starts that are worth a closer look
+NEAR, NEAR_TUBES = 0.35, 5.0  # beyond the best score: starts that are worth a closer look
+EXACT = 0.05  # misfit that a template may have by chance
 MOST_STARTS = 4
 MOST_OF_TUBES = 12
-CLOSER = 60  # templates whose misfit is looked at taxel by taxel
+CLOSER, CLOSER_TUBES = 60, 2000  # templates whose misfit is looked at taxel by taxel
 MOST_ACTIVE = 150  # taxels that tell the turn, where there are thousands
 
 
@@ -97,7 +98,8 @@ class CoverageTemplates:
         unit = (cover / length[keep, None]).astype(np.float32)
         self._bucket = 0.1 * self.reach
         centroid = cover @ self.centres / cover.sum(axis=1, keepdims=True) - self.middle
-        self._sort(centroid)
+        if not self.tubes:
+            self._sort(centroid)
         return unit, poses
 
     def _sort(self, centroid: Array) -> None:
@@ -135,8 +137,7 @@ class CoverageTemplates:
         if self.bank is None:
             return self._aligned(y)
         unit, what = self.bank
-        middle = (y @ self.centres / y.sum() - self.middle) / self._bucket
-        close = self._near.get((round(float(middle[0])), round(float(middle[1]))))
+        close = None if self.tubes else self._bucket_of(y)
         shape = (y / np.sqrt(y @ y)).astype(np.float32)
         if close is not None and len(close):
             near = unit[close]
@@ -144,17 +145,23 @@ class CoverageTemplates:
         if close is None or not len(close) or scores.max() < 0.85:
             close, near = np.arange(len(what)), unit
             scores = unit @ shape
-        if len(close) > CLOSER:
-            first = np.argpartition(-scores, CLOSER)[:CLOSER]
+        closer = CLOSER_TUBES if self.tubes else CLOSER
+        if len(close) > closer:
+            first = np.argpartition(-scores, closer)[:closer]
             close, scores, near = close[first], scores[first], near[first]
         # bad taxels count once in sums of misfits, and squared in products
         misfit = np.abs(scores[:, None] * near - shape).sum(axis=1)
-        return self._chosen(what[close], np.asarray(-misfit / misfit.min(), np.float64))
+        return self._chosen(what[close], np.asarray(-misfit / (misfit.min() + EXACT), np.float64))
+
+    def _bucket_of(self, y: Array) -> Integers | None:
+        """Templates near the centre of the force; None: far outside."""
+        middle = (y @ self.centres / y.sum() - self.middle) / self._bucket
+        return self._near.get((round(float(middle[0])), round(float(middle[1]))))
 
     def _chosen(self, what: Array, scores: Array) -> Array:
         """The best few that differ in variant, or in turn."""
         order = np.argsort(-scores)
-        order = order[scores[order] > scores[order[0]] - (3 * NEAR if self.tubes else NEAR)]
+        order = order[scores[order] > scores[order[0]] - (NEAR_TUBES if self.tubes else NEAR)]
         turn = 0.12 if self.tubes else 0.35
         taken: list[int] = []
         kept: list[tuple[float, float]] = []

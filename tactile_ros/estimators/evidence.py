@@ -14,6 +14,7 @@ from scipy.linalg import cho_solve, cholesky, solve_triangular
 from tactile_ros.types import Array
 
 ROUNDING = 1e-15
+LEAST = 1e-24  # sum of squares left, of targets of order one
 
 
 @dataclass(frozen=True)
@@ -79,5 +80,5 @@ class Moments:
         factor = cholesky(matrix, lower=True, check_finite=False)
         half = solve_triangular(factor, self.cross * spread[:, None], lower=True)
         left = self.square - float((half * half).sum())
-        least = 1e-12 * self.square + np.finfo(np.float64).tiny
+        least = 1e-12 * self.square + LEAST
         return np.asarray(factor), max(left, least)

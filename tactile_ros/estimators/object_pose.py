@@ -25,14 +25,15 @@ if TYPE_CHECKING:
     from tactile_ros.types import Outline
 
 EARLY = {True: (6, (0.3, 0.2, 0.1, 0.06, 0.04, 0.03)), False: (2, (0.15, 0.04))}
-LATE = {True: (14, ()), False: (8, (0.1,))}
-FINALISTS = 3
+LATE, LATE_TUBES = (8, (0.1,)), (25, ())
+FINALISTS = 4
 PROFILES = (1, SPRINGS, 0)
 APART = 0.05  # turns (rad) and places (steps) at which two descents have not met
 EDGE = 0.001  # error of the model everywhere, in parts of the largest force
 ROUGH = np.array([0.02, 0.02, 0.005])  # error that straight edges share, in radii of a point
 ALIKE = 0.03  # least error of a force under an object that may be none of these
 ODD = 0.25  # of the taxels that may fit to no known object
+ROUGH_TUBES = np.array([0.04, 0.04, 0.04])
 SEEN = 10.0  # of the noise: weaker patterns are noise
 PRESENT = 0.06  # of the largest force: less is no contact
 PRIOR = 2.0  # taxels' worth of trust in the stated errors
@@ -135,7 +136,7 @@ class ObjectPose(CoverageTemplates):
         self, points: TaxelPoints, starts: Array, readings: Readings
     ) -> list[tuple[Variant, Array]]:
         """The likeliest few after a short descent, each (variant, params)."""
-        if len(starts) == 1:
+        if len(starts) == 1 and not self.tubes:
             return [(self.variants[int(starts[0, 0])], starts[0, 1:])]
         rounds, loose = EARLY[self.tubes]
         ends = []
@@ -169,10 +170,24 @@ class ObjectPose(CoverageTemplates):
         found = []
         for variant in {id(variant): variant for variant, _ in starts}.values():
             params = np.array([params for other, params in starts if other is variant])
-            rounds, loose = LATE[variant.tube]
-            for profile in PROFILES if variant.tube else PROFILES[:1]:
-                fits = self.descent.run(points, variant, params, readings, rounds, loose, profile)
+            if not variant.tube:
+                fits = self.descent.run(points, variant, params, readings, *LATE)
                 found += [self._fit(fits, i, readings) for i in range(len(params))]
+                continue
+            ends: list[tuple[float, int, Array]] = []
+            for profile in PROFILES:
+                rough = self.descent.run(
+                    self.coarse, variant, params, readings, *LATE_TUBES, profile
+                )
+                costs = zip(rough.cost.tolist(), rough.params, strict=True)
+                ends += [(cost, profile, end) for cost, end in costs]
+            # the best of each profile, since few points tell them apart badly, and others
+            ends.sort(key=lambda end: end[0])
+            first = {profile: i for i, (_, profile, _) in reversed(list(enumerate(ends)))}
+            order = sorted(range(len(ends)), key=lambda i: (i not in first.values(), i))
+            for _, profile, end in (ends[i] for i in order[: FINALISTS + 1]):
+                fits = self.descent.run(points, variant, end[None], readings, *LATE_TUBES, profile)
+                found.append(self._fit(fits, 0, readings))
         return found
 
     def _fit(self, fits: Fits, i: int, readings: Readings) -> Fit:
@@ -182,7 +197,12 @@ class ObjectPose(CoverageTemplates):
         cov = _covariance(fits, i, readings)[:free, :free] * (unit[:, None] * unit)
         if fits.variant.order:
             most = min(free, 3)
-            rough = ROUGH[:most] * self.points.radius / self.step * unit[:most]
+            rough = (
+                (ROUGH_TUBES if fits.variant.tube else ROUGH)[:most]
+                * self.points.radius
+                / self.step
+                * unit[:most]
+            )
             cov[np.arange(most), np.arange(most)] += np.square(rough)
         return Fit(
             fits.variant,

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array
 
 Matrix = list[list[float]]
+TABLE_ERROR = 0.003  # of coverage between nodes, where edges touch, in parts of a full taxel
 
 
 def descend_places(
@@ -34,7 +35,7 @@ def descend_places(
     assert variant.places is not None
     x, y = float(start[0]), float(start[1])
     step, pressure = float(variant.unit[0]), 0.0
-    edge = points.edge_error(step)
+    edge, floor = points.edge_error(step), (TABLE_ERROR * readings.top) ** 2
     for i in range(rounds):
         stack = variant.places.seen(x, y)
         if i == 0:
@@ -42,7 +43,7 @@ def descend_places(
         stack *= pressure
         miss = readings.force - stack[2]
         squared = miss * miss
-        edges = edge * (stack[0] ** 2 + stack[1] ** 2)
+        edges = edge * (stack[0] ** 2 + stack[1] ** 2) + floor
         rough = readings.excess(squared)
         if i < len(loose):
             rough = max(rough, loose[i] * readings.top)

@@ -33,6 +33,7 @@ GAPS = (0.0, 0.3, 0.6, 0.8, 0.9)  # of the lightest force
 MOST_ROWS = 3000
 ROUGHS = (0.0, 0.5, 2.0)  # spread of a force beside the divider's noise, over the noise's
 UNKNOWN_NOISE = 0.01
+FLATTEST = -0.2  # slope of the logarithm of force over that of the film
 FEWEST = 12
 MORE = 0.4  # logarithm of the largest answer over the largest force told
 BEYOND = 0.15  # of the range of the logarithm, in which the curve goes on
@@ -240,7 +241,7 @@ class PowerForce:
             self.gap_, self.steep_ = share * least, -1.0
             target = self._net(force)[:, None]
             if len(force) >= FEWEST and np.ptp(level) > 1e-6:
-                self.steep_ = float(np.polyfit(level, target[:, 0], 1)[0])
+                self.steep_ = min(float(np.polyfit(level, target[:, 0], 1)[0]), FLATTEST)
             weight = self._weight(x)
             likely = Moments.of(terms, target, weight).evidence(spread)
             likely += 0.5 * float(np.log(weight).sum()) - float(target.sum())

@@ -261,7 +261,7 @@ def at_corners(places: Array, groups: Integers) -> Bools:
     count = np.bincount(index)
     means = np.stack([np.bincount(index, column) / count for column in places.T], axis=1)
     corner = np.zeros(len(means), bool)
-    step = ALIKE * np.maximum(np.ptp(means, axis=0), 1e-300)
+    step = ALIKE * np.maximum(np.ptp(means, axis=0), 1e-12)
     try:
         # noise would make corners of places on a straight edge
         corner[ConvexHull(np.round(means / step)).vertices] = True

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.physics.outlines import grid_inside
 from tactile_ros.types import Array, Integers, Outline
 
 if TYPE_CHECKING:
@@ -20,9 +19,9 @@ NODES = 280  # of the longer side of a table
 TURNS = (0.71, 1.37, 2.29)  # no symmetry of a polygon of few corners
 ALIKE = 0.015  # of the area: what a turn may change and still be called a symmetry
 MOST_FOLD = 12
-FINER = 4  # points of a node's cell, each way
+FINER = 16  # lines across a node's cell
 SIDES = 48  # from which a round object is looked at
-FINE = 64  # points of a box for each part that a taxel is cut into
+FINE = 512  # points of a box for each part that a taxel is cut into
 
 
 def raster(loops: Sequence[Array], x: Array, y: Array) -> Array:
@@ -46,10 +45,21 @@ def raster(loops: Sequence[Array], x: Array, y: Array) -> Array:
 
 
 def _soft_raster(loops: Sequence[Array], x: Array, y: Array, pitch: float) -> Array:
-    """Part of each node's cell (y, x) that lies inside."""
-    off = pitch * ((np.arange(FINER) + 0.5) / FINER - 0.5)
-    fine = raster(loops, (x[:, None] + off).reshape(-1), (y[:, None] + off).reshape(-1))
-    return np.asarray(fine.reshape(len(y), FINER, len(x), FINER).mean(axis=(1, 3)))
+    """Part of each node's cell (y, x) that lies inside: exact along x, in lines across y."""
+    start = np.concatenate(list(loops))
+    end = np.concatenate([np.roll(loop, -1, axis=0) for loop in loops])
+    edges = np.append(x - pitch / 2, x[-1] + pitch / 2)
+    inside = np.zeros((len(y), len(x)))
+    for i, middle in enumerate(y):
+        for level in middle + pitch * ((np.arange(FINER) + 0.5) / FINER - 0.5):
+            spans = (start[:, 1] > level) != (end[:, 1] > level)
+            a, b = start[spans], end[spans]
+            rise = (level - a[:, 1]) / (b[:, 1] - a[:, 1])
+            crossings = np.sort(a[:, 0] + rise * (b[:, 0] - a[:, 0]))
+            for left, right in crossings.reshape(-1, 2):
+                length = np.minimum(np.maximum(edges - left, 0.0), right - left)
+                inside[i] += np.diff(length)
+    return inside / (pitch * FINER)
 
 
 def _blur(picture: Array, radius: float) -> Array:
@@ -221,8 +231,11 @@ def taxel_points(
 def _parts(loops: Sequence[Array], centre: Array, count: int) -> Array:
     """Centroids of about `count` parts of equal area inside loops, from halves of halves."""
     corners = np.concatenate(list(loops))
-    box = float(np.prod(np.ptp(corners, axis=0)))
-    fine = grid_inside(loops, np.sqrt(box / (FINE * count)))
+    low, size = corners.min(axis=0), np.ptp(corners, axis=0)
+    pitch = float(np.sqrt(np.prod(size) / (FINE * count)))
+    x, y = (low[i] + pitch * (np.arange(np.ceil(size[i] / pitch)) + 0.5) for i in (0, 1))
+    row, column = np.nonzero(raster(loops, x, y))
+    fine = np.column_stack([x[column], y[row]])
     if len(fine) < count:
         return fine.mean(axis=0)[None] if len(fine) else centre[None]
     parts = [fine]

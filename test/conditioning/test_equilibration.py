@@ -55,3 +55,26 @@ def test_untouched_taxels_are_not_called_silent() -> None:
     u, force = pressed(100, 5)
     u[:, 3], force[:, 3] = 0.0, 0.0
     assert not silent_taxels(u, force, np.full(4, 1e-3)).any()
+
+
+def test_a_power_of_the_load_is_found_and_goes_on_beyond_what_was_learned() -> None:
+    u, force = pressed(300, 6, power=0.7)
+    fitted = Equilibration('power').fit(u, force, np.arange(300))
+    u, force = pressed(100, 7, power=0.7)
+    firm = force > 4
+    assert np.std((fitted.forces(u) / force)[firm]) < 0.01
+    beyond = fitted.forces(np.linspace(0.9, 3.0, 50)[:, None] * fitted.top_)
+    assert np.isfinite(beyond).all()
+    assert (np.diff(beyond, axis=0) > 0).all()
+    np.testing.assert_allclose(fitted.forces(-u), -fitted.forces(u))
+
+
+def test_hard_case_9_dead_stuck_and_quadratic_at_rest() -> None:
+    u, force = pressed(150, 8)
+    u[:, 0], u[:, 1] = 0.0, 0.4 - 0.4  # dead; stuck, less its baseline
+    for law in LAWS:
+        fitted = Equilibration(law).fit(u, force, np.arange(150))
+        found = fitted.forces(u)
+        assert not np.nan_to_num(found[:, :2]).any()
+        assert np.isfinite(found[:, 2:]).all()
+        assert not fitted.forces(np.zeros((1, 4)))[0, 2:].any()

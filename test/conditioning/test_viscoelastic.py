@@ -65,3 +65,24 @@ def test_a_clock_that_stands_still_changes_nothing() -> None:
 def test_the_printed_element_begins_and_settles_as_it_should() -> None:
     response = step_response(np.array([0.0, 1e6]), 2.0, 1.0, 1e12, 0.5)
     np.testing.assert_allclose(response, [1.0, 2.0], atol=1e-5)
+
+
+def test_hard_case_12_a_gap_is_an_exact_exponential() -> None:
+    state = CREEP.start()
+    v, stamps = np.full((2, 1), 1.0 + SHARE.sum()), np.array([0, 10_000_000_000])
+    force = CREEP.undo(v, stamps, np.zeros(2, bool), state)
+    # the branch of 1.5 s has all but settled in ten, as its closed form says
+    fade = np.exp(-10 / TAU)
+    mean = (1 - fade) * TAU / 10
+    strain = (mean - fade) * force[0, 0] + (1 - mean) * force[1, 0]
+    np.testing.assert_allclose(state.strain[:, 0], strain)
+    assert force[1, 0] < force[0, 0]
+
+
+def test_hard_case_13_after_a_hold_of_two_minutes_nothing_is_left() -> None:
+    stamps = 20_000_000 * np.arange(6500)
+    force = np.where(np.arange(6500)[:, None] < 6000, 2.0, 0.0)
+    v = crept(force, stamps)
+    assert v[6050, 0] > 0.1
+    found = CREEP.undo(v, stamps, np.zeros(6500, bool), CREEP.start())
+    np.testing.assert_allclose(found[6001:], 0.0, atol=1e-9)

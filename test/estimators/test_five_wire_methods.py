@@ -131,3 +131,18 @@ def test_spreads_of_calibration_grow_away_from_what_was_touched() -> None:
     found = PowerForce(2.5e-4).fit(x, force[:, None], np.repeat(np.arange(16), 8))
     near, far = found.force(np.array([[0.3, 0.3, 0.5], [0.05, 0.05, 0.5]]))[1]
     assert far > 3 * near
+
+
+def test_touches_of_one_force_or_at_one_place_are_learned_without_a_warning() -> None:
+    rng = np.random.default_rng(9)
+    place = rng.uniform(0.1, 0.9, (60, 2))
+    equal = PowerForce(2.5e-4).fit(
+        np.column_stack([place, 0.6 + 1e-3 * rng.normal(size=60)]), np.full((60, 1), 5.0)
+    )
+    force, spread = equal.force(np.array([[0.5, 0.5, 0.6]]))
+    assert force[0] == pytest.approx(5.0, rel=0.05)
+    assert np.isfinite(spread).all()
+    load = np.linspace(1, 15, 20)
+    x = np.column_stack([np.full((20, 2), 0.5), 2 * load**-0.7])
+    alone = PowerForce(2.5e-4).fit(x, load[:, None], np.zeros(20, np.int64))
+    np.testing.assert_allclose(alone.predict(x)[:, 0], load, rtol=0.02)

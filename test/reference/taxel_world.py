@@ -142,6 +142,7 @@ class Skin:
     play: float = 0.0
     noise: float = 3e-4
     bits: int = 10
+    law: str = 'divider'
 
     def __post_init__(self) -> None:
         rng = np.random.default_rng(self.seed)
@@ -151,8 +152,12 @@ class Skin:
 
     def settled(self, load: np.ndarray) -> np.ndarray:
         """Outputs (s, t) without memory or noise."""
-        size = np.maximum(load, 0) / self.half
-        return self.gain * size**self.steep / (1 + size**self.steep)
+        size = (np.maximum(load, 0) / self.half) ** self.steep
+        if self.law == 'exponential':
+            return self.gain * -np.expm1(-0.7 * size)
+        if self.law == 'logarithm':
+            return np.minimum(0.3 * self.gain * np.log1p(3 * size), 0.999)
+        return self.gain * size / (1 + size)
 
     def crept(self, load: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Loads (s, t) as the skin feels them; linear between the times (s,)."""

@@ -36,7 +36,8 @@ def test_what_was_learned_from_some_recognises_others() -> None:
     peak = test.truth['taxel_force'].astype(float).max(axis=1)
     firm = (test.truth['in_contact'] == 1) & (peak > 0.5)
     right = states.label[firm] == test.truth['label'][firm]
-    assert right.mean() > 0.9
+    assert right.mean() > 0.8  # a tube at the rim may be none of these, but not the washer
+    assert right.all() or (states.label[firm][~right] == -1).all()
     miss = np.linalg.norm((states.position - test.truth['position'])[firm][right, :2], axis=1)
     assert np.median(miss) < 0.3e-3
 

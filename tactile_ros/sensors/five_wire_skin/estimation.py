@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 ESTIMATORS = (*REGRESSORS, 'printed', 'mean_curve')
 SAME_PLACE = 1e-5
-MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
+MOST_SINGLE = 0.3  # places per touch above which touches, not places, are what repeats
 LEAST_DIVIDER = 1e-4
 GRID = 33  # of the nominal series resistance
 ONE_SIGMA = 0.6827
@@ -46,7 +46,8 @@ class FiveWireEstimation:
         Of the sensor.
     estimator : str or None
         One of `ESTIMATORS`: a regressor of the three readings; 'printed', the formula and the
-        network of [5]; 'mean_curve', what [5] compares it with; None: the best on held-out places.
+        network of [5]; 'mean_curve', what [5] compares them with; None: the best on held-out
+        places.
     """
 
     def __init__(self, config: FiveWireSkinConfig, estimator: str | None = None) -> None:
@@ -104,11 +105,11 @@ class FiveWireEstimation:
             'group' and 'session': what a split keeps together.
         """
         x = self.touch_.fit(signals, truth).readings(signals)
-        np.copyto(signals.in_contact, self.touch_.contact(signals, x))
+        contact = self.touch_.contact(signals, x)
+        signals = replace(signals, in_contact=contact, good=signals.good & (contact != 0))
         blank = np.full((len(x), 3), np.nan)
         position = np.asarray(truth.get('position', blank), np.float64)
         force = np.asarray(truth.get('force', blank), np.float64)
-        signals = replace(signals, good=signals.good & (signals.in_contact != 0))
         if self.others_ is not None:
             self.others_.fit(_own(signals, x), truth, groups)
             return
@@ -118,8 +119,7 @@ class FiveWireEstimation:
         rows = signals.good & there
         if rows.sum() >= FEWEST_ROWS:
             head = PlaceHead(self.size)
-            wanted = 'printed' if self.wanted == 'printed' else None
-            self.place_ = head.fit(x[rows], position[rows, :2], kept[rows], wanted)
+            self.place_ = head.fit(x[rows], position[rows, :2], kept[rows], self.wanted)
             height = position[rows, 2]
             height = height[np.isfinite(height)]
             known = len(height) > 0

@@ -81,7 +81,7 @@ class PlaceHead:
         groups : ndarray of int, shape (s,)
             What a split keeps together: places, where they repeat.
         wanted : str or None
-            'printed': the linear formula; None: the best.
+            'printed' or 'mean_curve': the linear formula; None: the best.
 
         Returns
         -------

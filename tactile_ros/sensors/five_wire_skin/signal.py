@@ -2,30 +2,57 @@
 
 It is no model of [5] to estimate with: the border conducts perfectly, so that potentials are
 linear; the resistance to the border is a smooth bump, Velostat follows a power law, and creep is
-left out. The foil has a weak pull-down: untouched, all three readings are 0. A real one may float.
+left out. Some presses are drawn over the sheet like a finger. The foil has a weak pull-down:
+untouched, all three readings are 0. A real one may float.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
-from tactile_ros.presses import Programme, Touches, growing_loads, playing, recorded
+from tactile_ros.presses import REST_S, Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.sensors.five_wire_skin.config import layout
+from tactile_ros.types import Array
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from tactile_ros.presses import Truth
     from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig
-    from tactile_ros.types import Array, Recording
+    from tactile_ros.types import Recording
 
 NOISE = 5e-4  # of the supply
 AT_ONE_NEWTON, EXPONENT = 2000.0, 0.7  # Velostat (ohm, 1)
 MIDDLE = 0.3  # resistance from the sheet's middle to its border, in squares
 BORDER = 12.5e-3  # nothing is pressed nearer to the border
 PRESSES = 40
+EVERY, STROKE = 3, 25e-3  # every third press is drawn over the sheet, by about so much
+
+
+@dataclass(frozen=True)
+class Strokes(Programme):
+    """Presses that move over the sheet while they last.
+
+    Attributes
+    ----------
+    moved : ndarray, shape (n, 3)
+        From the beginning of a press to its end (m).
+    """
+
+    moved: Array = field(default_factory=lambda: np.zeros((1, 3)))
+
+    def at(self, times: npt.ArrayLike) -> Touches:
+        """Touches at times (s,) in seconds since the start."""
+        touches = super().at(times)
+        t = np.mod(np.asarray(times, np.float64), self.duration_s) - REST_S
+        share = np.clip((t % self.period_s) / (self.period_s - self.pause_s), 0.0, 1.0)
+        row = np.clip(touches.press, 0, len(self.moved) - 1)
+        position = touches.position + share[:, None] * self.moved[row]
+        return Touches(touches.press, position, touches.force, touches.share)
 
 
 def reading(config: FiveWireSkinConfig, touches: Touches) -> Array:
@@ -48,14 +75,20 @@ def truth(touches: Touches) -> Truth:
     return {'position': touches.position, 'force': force}
 
 
-def programme(config: FiveWireSkinConfig, seed: int, count: int) -> Programme:
-    """Presses of 1..15 N, as in [5], all over the sheet but for its border."""
+def programme(config: FiveWireSkinConfig, seed: int, count: int) -> Strokes:
+    """Presses of 1..15 N, as in [5], all over the sheet but for its border; some are drawn."""
     rng = np.random.default_rng(seed)
     margin = np.minimum(BORDER, config.size / 8)
     place = margin + (config.size - 2 * margin) * rng.uniform(0, 1, (count, 2))
     load = growing_loads(count, 1.0, 15.0, rng)
-    return Programme(
-        np.column_stack([place, np.zeros(count)]), load[:, None] * np.array([0.0, 0.0, 1.0])
+    turn, drawn = rng.uniform(0, 2 * np.pi, count), np.arange(count) % EVERY == EVERY - 1
+    away = STROKE * np.column_stack([np.cos(turn), np.sin(turn)]) * drawn[:, None]
+    end = np.clip(place + away, margin, config.size - margin)
+    flat = np.zeros(count)
+    return Strokes(
+        np.column_stack([place, flat]),
+        load[:, None] * np.array([0.0, 0.0, 1.0]),
+        moved=np.column_stack([end - place, flat]),
     )
 
 

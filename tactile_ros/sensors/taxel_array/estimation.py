@@ -202,11 +202,13 @@ class TaxelRegression(Regression):
         if not known.any():
             return
         top = float(np.nanmax(force))
-        light = known & (force < 0.03 * top)
         heavy = known & (force >= 0.1 * top)
-        self.floor_ = float(1.4826 * np.median(np.abs(miss[light]))) if light.any() else 0.0
-        part = (np.square(miss[heavy]) - self.floor_**2) / np.square(force[heavy])
+        light = known & (force < 0.1 * top)
+        light = light & (force > 0) if (light & (force > 0)).any() else light
+        part = np.square(miss[heavy] / force[heavy])
         self.spread_ = float(np.sqrt(max(part.mean(), 1e-8))) if heavy.any() else UNLEARNED
+        rest = np.square(miss[light]) - np.square(self.spread_ * force[light])
+        self.floor_ = float(np.sqrt(max(rest.mean(), 0.0))) if light.any() else 0.0
         assert self.law_ is not None
         self.errors_ = {
             'fit_rmse': float(np.sqrt(np.square(miss[known]).mean())),
@@ -233,7 +235,8 @@ class TaxelRegression(Regression):
     def sees_enough(self, bits: Bytes) -> Bools:
         """Frames (s,) of which so many taxels (s, t) may be used that the rest tells enough."""
         faulty: Array = np.mean((bits & UNUSABLE) > 0, axis=1)
-        return np.asarray(faulty <= MOST_LOST)
+        regressed = self.only not in ('', *LAWS)  # regressors alone need every taxel
+        return np.asarray(faulty <= (0.0 if regressed else MOST_LOST))
 
     def _settle(self, signals: Signals, forces: Array, crept: Array) -> None:
         """Call frames untouched in which only the past is read; `in_contact` is changed."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from tactile_ros.signals import Columns
     from tactile_ros.types import Array, Bools
 
-HIDDEN = 0.03  # error of what silent taxels under an object bear, in parts
+HIDDEN = 0.01  # error of what silent taxels under an object bear, in parts
 UNCORRECTED = 0.25  # error of a taxel's force before it is known how much of it is pressed
 ROUNDS = 2  # of correction
 COVERED, MUTE, LOUD = 0.7, 0.15, 0.25

@@ -1,0 +1,140 @@
+"""Objects in a world of fine cells: tubes at any angle, the jaw, washers, none of these."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from functools import lru_cache
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from tactile_ros.estimators.coverage_model import TaxelPoints, variant_of
+from tactile_ros.estimators.object_pose import ObjectPose
+from tactile_ros.estimators.place_table import PlaceTable
+from tactile_ros.types import Outline
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+PATH = Path(__file__).parents[1] / 'reference' / 'taxel_world.py'
+
+
+@lru_cache
+def world() -> ModuleType:
+    spec = importlib.util.spec_from_file_location('taxel_world', PATH)
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    sys.modules['taxel_world'] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def own_frame(
+    array: SimpleNamespace, place: Sequence[float], yaw: float
+) -> tuple[np.ndarray, np.ndarray]:
+    x, y = array.x - place[0], array.y - place[1]
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return cos * x + sin * y, cos * y - sin * x
+
+
+def turned(found: float, yaw: float) -> float:
+    return float(np.rad2deg(abs((found - yaw + np.pi) % (2 * np.pi) - np.pi)))
+
+
+@pytest.mark.parametrize('profile', ['round', 'hertz', 'flat'])
+def test_tubes_at_any_angle_on_sixteen_taxels(profile: str) -> None:
+    w = world()
+    array = w.radial((8e-3, 25e-3), (16,))
+    elbow = Outline('elbow', (), 10e-3, np.pi / 2)
+    objects = ObjectPose(array.positions, array.areas, array.outlines, (elbow,))
+    rng, errors = np.random.default_rng(31), []
+    for yaw in rng.uniform(-np.pi, np.pi, 12):
+        place, half = rng.uniform(-2e-3, 2e-3, 2), rng.uniform(5.5e-3, 8e-3)
+        pressure = w.on_tube(*own_frame(array, place, yaw), 10e-3, np.pi / 2, half, profile)
+        force = 1.5 * array.forces(pressure) / array.areas[0]
+        force = force + 1e-3 * rng.normal(size=16)
+        found = objects.locate(force, np.full(16, 1e-3), np.ones(16, bool), 0.002)
+        assert found.label == 0
+        assert found.order == 1
+        errors.append(turned(found.pose[2], yaw))
+    assert np.median(errors) < 0.25
+    assert np.sort(errors)[-2] < 2.0
+
+
+def test_the_jaw_is_near_the_bound_and_never_flips() -> None:
+    w = world()
+    corners = 1e-3 * np.array([[-8, -6], [10, -6], [10, 0], [-2, 0], [-2, 8], [-8, 8.0]])
+    array = w.matrix(40, 50, 1e-3)
+    part = Outline('part', (corners,))
+    objects = ObjectPose(array.positions, array.areas, None, (part,))
+    rng, errors, places = np.random.default_rng(7), [], []
+    for yaw in rng.uniform(-np.pi, np.pi, 12):
+        place = rng.uniform(-4e-3, 4e-3, 2)
+        force = array.forces(w.on_polygon(*own_frame(array, place, yaw), corners)) * 1e6
+        force = force * (1 + 0.003 * rng.normal(size=2000)) + 1e-3 * rng.normal(size=2000)
+        found = objects.locate(force, np.full(2000, 1e-3), np.ones(2000, bool), 0.003)
+        errors.append(turned(found.pose[2], yaw))
+        places.append(np.linalg.norm(found.pose[:2] - place))
+    assert max(errors) < 0.1
+    assert max(places) < 0.03e-3
+
+
+def test_symmetric_parts_say_their_class_and_their_turn_within_it() -> None:
+    w = world()
+    array = w.matrix(20, 20, 1e-3)
+    square = 1e-3 * np.array([[-5, -5], [5, -5], [5, 5], [-5, 5.0]])
+    objects = ObjectPose(array.positions, array.areas, None, (Outline('square', (square,)),))
+    for yaw in np.deg2rad([80.0, 89.0, 91.0, 170.0, -100.0]):
+        force = array.forces(w.on_polygon(*own_frame(array, (0, 0), yaw), square)) * 1e6
+        found = objects.locate(force, np.full(400, 1e-3), np.ones(400, bool), 0.003)
+        assert found.order == 4
+        assert abs(found.pose[2]) <= np.pi / 4 + 0.01
+        apart = (found.pose[2] - yaw + np.pi / 4) % (np.pi / 2) - np.pi / 4
+        assert abs(np.rad2deg(apart)) < 0.5
+
+
+def test_what_fits_to_no_outline_is_none_of_these() -> None:
+    w = world()
+    array = w.matrix(8, 9, 5e-3)
+    objects = ObjectPose(array.positions, array.areas, None, (w.washer('w', 14e-3, 6e-3),))
+    disc = array.forces(w.on_washer(array.x, array.y, 16e-3, -1.0)) / array.areas
+    noise = np.full(72, 1e-3)
+    assert objects.locate(disc, noise, np.ones(72, bool), 0.003).label == -1
+    assert objects.locate(np.zeros(72), noise, np.ones(72, bool), 0.003).label == -1
+    speckle = 12 * noise * np.random.default_rng(0).normal(size=72)
+    assert objects.locate(speckle, noise, np.ones(72, bool), 0.003).label == -1
+
+
+def test_two_washers_that_look_alike_share_the_probability() -> None:
+    w = world()
+    array = w.matrix(8, 9, 5e-3)
+    twins = (w.washer('a', 14e-3, 6e-3), w.washer('b', 14.02e-3, 6.02e-3))
+    objects = ObjectPose(array.positions, array.areas, None, twins)
+    force = array.forces(w.on_washer(array.x, array.y, 14.01e-3, 6.01e-3)) / array.areas
+    rng, told = np.random.default_rng(5), []
+    for _ in range(10):
+        noisy = force + 5e-3 * rng.normal(size=72)
+        told.append(objects.locate(noisy, np.full(72, 5e-3), np.ones(72, bool), 0.02))
+    assert np.mean([found.probability for found in told if found.label >= 0]) < 0.9
+    assert {found.label for found in told} >= {0, 1}
+
+
+def test_tabulated_places_are_those_of_points() -> None:
+    w = world()
+    array = w.matrix(8, 9, 5e-3)
+    points = TaxelPoints(array.positions, array.areas, None, 36)
+    variant = variant_of(0, w.washer('w', 14e-3, 6e-3), points.radius, 30e-3, 5e-3)
+    table = PlaceTable(points, variant, np.zeros(2), 30e-3, 5e-3)
+    for x, y in np.random.default_rng(0).uniform(-5e-3, 5e-3, (20, 2)):
+        slow = points.seen(variant, np.array([[x, y]]))[:, 0]
+        apart = (table.seen(x, y) - slow)[2] / array.areas[0]
+        truth = array.forces(w.on_washer(array.x - x, array.y - y, 14e-3, 6e-3))
+        wrong = (table.seen(x, y)[2] - truth) / array.areas[0]
+        assert np.sqrt(np.mean(apart**2)) < 0.008
+        assert np.sqrt(np.mean(wrong**2)) < 0.008
+        assert max(np.abs(apart).max(), np.abs(wrong).max()) < 0.05
