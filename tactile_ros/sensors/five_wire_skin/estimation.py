@@ -156,8 +156,6 @@ class FiveWireEstimation:
         """
         assert isinstance(memory, History)
         x = self.touch_.readings(signals)
-        # a pipeline that asks `contact` first finds the same here
-        np.copyto(signals.in_contact, self.touch_.contact(signals, x))
         if self.others_ is not None:
             return self.others_.estimate(_own(signals, x), memory)
         known: Columns = {}
