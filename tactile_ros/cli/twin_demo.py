@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.cli import models
 from tactile_ros.cli.record import wait, wait_for_frames
 from tactile_ros.cli.replay import evaluate, print_result
 from tactile_ros.errors import TactileError
