@@ -8,8 +8,6 @@ and save in bias.
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -17,8 +15,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.errors import MissingPackageError
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.drawing import standalone
+from tactile_ros.evaluation.sources import load_source
 from tactile_ros.evaluation.svg import Plot
 from tactile_ros.physics.elastomer import disc_press
 from tactile_ros.physics.fidelity import SHARE, Choice, Model, choose, region
@@ -169,16 +169,10 @@ def skin_rows(config: MultipoleSkinConfig, heads: int) -> tuple[list[Row], list[
 
 def world() -> ModuleType | None:
     """Specimens of a gradiometer with fields of magpylib; None without it or the sources."""
-    spec = importlib.util.spec_from_file_location('gradiometer_world', WORLD)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look themselves up
     try:
-        spec.loader.exec_module(module)
-    except (ImportError, FileNotFoundError):
+        return load_source(WORLD, 'bench fidelity')
+    except MissingPackageError:
         return None
-    return module
 
 
 def estimated(module: ModuleType, extent: str) -> list[Row]:

@@ -8,19 +8,18 @@ as printed is the linear formula and the network of [5] on its 16 squares.
 
 from __future__ import annotations
 
-import importlib.util
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from tactile_ros.errors import MissingPackageError
 from tactile_ros.estimators.harmonic_map import HarmonicMap
 from tactile_ros.estimators.thin_plate import ThinPlate
 from tactile_ros.evaluation import array_figures
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.drawing import standalone
+from tactile_ros.evaluation.sources import load_source
 from tactile_ros.evaluation.svg import Plot
 from tactile_ros.physics.resistive import linear_place, sheet_potential
 from tactile_ros.sensors import load_sensor
@@ -369,14 +368,7 @@ def _solved(potentials: Array) -> Array:
 
 def _module(name: str) -> ModuleType:
     """A world that the tests use too."""
-    path = FOLDER / f'{name}.py'
-    if not path.is_file():
-        msg = 'bench five_wire_skin needs test/reference of the sources: run it from a clone'
-        raise MissingPackageError(msg)
-    spec = importlib.util.spec_from_file_location(name, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_source(FOLDER / f'{name}.py', 'bench five_wire_skin')
 
 
 def _notes() -> list[str]:

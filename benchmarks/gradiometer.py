@@ -7,19 +7,17 @@ learns from far more points than ours. The bound is that of Cramer and Rao with 
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.errors import MissingPackageError
 from tactile_ros.estimators.polynomial_force import PolynomialForce
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.drawing import standalone
+from tactile_ros.evaluation.sources import load_source
 from tactile_ros.evaluation.svg import Plot
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame
@@ -376,17 +374,4 @@ def run(extent: str, command: str) -> BenchResult:
 
 def _module() -> ModuleType:
     """The world, which needs magpylib and the sources."""
-    if 'gradiometer_world' in sys.modules:
-        return sys.modules['gradiometer_world']
-    spec = importlib.util.spec_from_file_location('gradiometer_world', WORLD)
-    try:
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[spec.name] = module  # its dataclass looks itself up
-        spec.loader.exec_module(module)
-    except (ImportError, FileNotFoundError) as error:
-        sys.modules.pop('gradiometer_world', None)
-        msg = f'bench gradiometer needs magpylib and a source checkout ({error})'
-        raise MissingPackageError(msg) from error
-    return module
+    return load_source(WORLD, 'bench gradiometer')

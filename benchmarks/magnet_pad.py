@@ -8,7 +8,6 @@ world itself, with its own readings and slopes.
 
 from __future__ import annotations
 
-import importlib.util
 import time
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -17,12 +16,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.errors import MissingPackageError
 from tactile_ros.estimators.cell_knn import CellKnn
 from tactile_ros.estimators.touch_mixture import Linearised, TouchMixture
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.cells import accuracy, average_euclidean_error, confusion
 from tactile_ros.evaluation.pad_figures import drawings
+from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig, surface_cells
 
@@ -78,19 +77,9 @@ class Session:
         return values[REST:] - values[:REST].mean(axis=0)
 
 
-@lru_cache
 def _world() -> ModuleType:
     """The world, which needs magpylib and the sources."""
-    spec = importlib.util.spec_from_file_location('magnet_pad_world', FILE)
-    try:
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    except (ImportError, FileNotFoundError) as error:
-        msg = f'bench magnet_pad needs magpylib and a source checkout ({error})'
-        raise MissingPackageError(msg) from error
-    return module
+    return load_source(FILE, 'bench magnet_pad')
 
 
 def _config(cells: int) -> MagnetPadConfig:

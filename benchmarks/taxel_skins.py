@@ -7,15 +7,13 @@ and Rao, from differences of the world itself, for the noise of the converter.
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.errors import MissingPackageError
 from tactile_ros.evaluation.benchmark import BenchResult, Row
+from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Outline, Recording
 
@@ -46,16 +44,7 @@ def run(extent: str, command: str) -> BenchResult:
 
 def _world() -> ModuleType:
     """The world of the tests, which is not installed."""
-    if not WORLD.is_file():
-        msg = f'bench of taxel_skins needs {WORLD.name} of a checkout; there is none'
-        raise MissingPackageError(msg)
-    spec = importlib.util.spec_from_file_location('taxel_world', WORLD)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules['taxel_world'] = module
-    spec.loader.exec_module(module)
-    return module
+    return load_source(WORLD, 'bench taxel_skins')
 
 
 def _own(array: object, pose: Array) -> tuple[Array, Array]:

@@ -9,7 +9,6 @@ example:
 
 from __future__ import annotations
 
-import importlib.util
 import shlex
 import sys
 import time
@@ -21,6 +20,7 @@ from tactile_ros.cli.destination import refuse_unwritable
 from tactile_ros.cli.table import show
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.benchmark import COLUMNS
+from tactile_ros.evaluation.sources import load_source
 
 if TYPE_CHECKING:
     import argparse
@@ -59,13 +59,7 @@ def load(name: str) -> ModuleType:
     if name not in names():
         msg = f'bench must be all or one of {", ".join(names())}; received {name!r}'
         raise ValueError(msg)
-    spec = importlib.util.spec_from_file_location(f'tactile_bench_{name}', place / f'{name}.py')
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look themselves up
-    spec.loader.exec_module(module)
-    return module
+    return load_source(place / f'{name}.py', f'bench {name}')
 
 
 def run(options: argparse.Namespace) -> int:
