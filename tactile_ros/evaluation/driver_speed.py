@@ -124,7 +124,7 @@ def _stream(payload: Payload, count: int) -> tuple[bytes, int]:
     return data, framed.frame_bytes(payload)
 
 
-def _best(work: Callable[[], object], repetitions: int = 15) -> float:
+def _best(work: Callable[[], object], repetitions: int = 50) -> float:
     """Shortest of several durations (s)."""
     times = []
     for _ in range(repetitions):
