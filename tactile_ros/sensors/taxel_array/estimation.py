@@ -202,7 +202,7 @@ class TaxelRegression(Regression):
         if not known.any():
             return
         top = float(np.nanmax(force))
-        heavy = known & (force >= 0.1 * top)
+        heavy = known & (force >= 0.1 * top) & (force > 0)
         light = known & (force < 0.1 * top)
         light = light & (force > 0) if (light & (force > 0)).any() else light
         part = np.square(miss[heavy] / force[heavy])
