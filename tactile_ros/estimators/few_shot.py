@@ -17,8 +17,10 @@ if TYPE_CHECKING:
     from tactile_ros.estimators.press_window import PressVectors
     from tactile_ros.types import Array, Integers
 
-PLACE, TURN, BEND = 0.4e-3, 0.03, 0.4  # how far presses of one kind differ: m, rad, share
-REPEATS = 0.012  # error of a repeated press, as a share of what a chip sees
+PLACE, TURN, BEND = 0.2e-3, 0.02, 0.2  # how far presses of one kind differ: m, rad, share
+DEEPER = (0.1, 10.0)  # depth of a press over that of a support
+ROUNDS = 3
+REPEATS = 0.008  # error of a repeated press, as a share of what a chip sees
 CLOSEST = 24  # supports that are compared in full
 ALIKE = 0.97  # cosine of presses that are averaged
 
@@ -35,36 +37,47 @@ class Supports:
         Of `PressVectors` (T).
     frames : ndarray, shape (m,)
         Of `PressVectors`.
+    presses : ndarray, shape (m,)
+        How many presses each is the mean of.
     slopes : ndarray, shape (m, 4, d)
-        What a usual difference of place, turn and depth does (T); 0 where unknown.
+        What a usual difference of place and turn does, and what grows with the square of the
+        depth (T); 0 where unknown.
     """
 
     label: Integers
     pattern: Array
     frames: Array
+    presses: Array
     slopes: Array
 
     @classmethod
     def empty(cls, d: int) -> Supports:
         """None yet, of patterns of length d."""
-        return cls(np.zeros(0, np.int64), np.zeros((0, d)), np.zeros(0), np.zeros((0, 4, d)))
+        none = np.zeros(0)
+        return cls(np.zeros(0, np.int64), np.zeros((0, d)), none, none, np.zeros((0, 4, d)))
 
     def where(self, rows: npt.NDArray[np.intp]) -> Supports:
         """Some of them."""
-        return Supports(self.label[rows], self.pattern[rows], self.frames[rows], self.slopes[rows])
+        return Supports(
+            self.label[rows],
+            self.pattern[rows],
+            self.frames[rows],
+            self.presses[rows],
+            self.slopes[rows],
+        )
 
     def without(self, label: int) -> Supports:
         """All but those of a class; classes above it move down by one."""
         left = self.where(np.flatnonzero(self.label != label))
         lower = left.label - (left.label > label)
-        return Supports(lower, left.pattern, left.frames, left.slopes)
+        return Supports(lower, left.pattern, left.frames, left.presses, left.slopes)
 
     def joined(self, other: Supports) -> Supports:
         """These and others."""
         return Supports(
             *(
                 np.concatenate([getattr(self, name), getattr(other, name)])
-                for name in ('label', 'pattern', 'frames', 'slopes')
+                for name in ('label', 'pattern', 'frames', 'presses', 'slopes')
             )
         )
 
@@ -72,8 +85,8 @@ class Supports:
 def usual_slopes(pose_slopes: Array, pose: Array, fitted: Array) -> Array:
     """What usual differences do, from slopes (n, 4, d) at poses (n, 4) with patterns (n, d)."""
     found = pose_slopes * np.array([PLACE, PLACE, TURN, 1.0])[:, None]
-    # deeper presses are stronger, which costs nothing, and of another pattern, which is this
-    found[:, 3] = BEND * (pose_slopes[:, 3] * pose[:, 3:] - fitted)
+    # what grows with the square of the depth
+    found[:, 3] = pose_slopes[:, 3] * pose[:, 3:] - fitted
     return np.asarray(np.nan_to_num(found))
 
 
@@ -96,6 +109,7 @@ def averaged(supports: Supports) -> Supports:
                 np.array([label]),
                 (scale * supports.pattern[rows]).sum(axis=0)[None],
                 np.array([supports.frames[rows].sum()]),
+                np.array([float(len(rows))]),
                 (scale[:, :, None] * supports.slopes[rows]).sum(axis=0)[None],
             )
         )
@@ -103,7 +117,12 @@ def averaged(supports: Supports) -> Supports:
 
 
 def support_scores(
-    supports: Supports, presses: PressVectors, noise: Array, common: Array, repeats: float
+    supports: Supports,
+    presses: PressVectors,
+    noise: Array,
+    common: Array,
+    still: float,
+    repeats: float = REPEATS,
 ) -> Array:
     """Twice the negative log-likelihood of every press under every support.
 
@@ -117,6 +136,8 @@ def support_scores(
         Of a reading (T).
     common : ndarray, shape (d, 3)
         What a uniform field does.
+    still : float
+        Error of a pattern that frames do not average (T).
     repeats : float
         Error of a repeated press, as a share of what a chip sees.
 
@@ -130,14 +151,17 @@ def support_scores(
     basis = np.linalg.qr(common)[0]
     plain = supports.pattern - (supports.pattern @ basis) @ basis.T
     plain = plain / (np.linalg.norm(plain, axis=1, keepdims=True) + 1e-30)
+    quiet = presses.variance(noise, still)
     for i in range(n):
         y = presses.pattern[i]
         own = y - basis @ (basis.T @ y)
         near = np.argsort(-(plain @ own), kind='stable')[:CLOSEST]
         near = near[plain[near] @ own > 0]
         if len(near):
-            variance = noise**2 / presses.frames[i] + share_of(y, repeats)
-            found[i, near] = _scores(supports.where(near), y, variance, noise, common)
+            variance = quiet[i] + share_of(y, repeats)
+            some = supports.where(near)
+            theirs = noise**2 / some.frames[:, None] + still**2 / some.presses[:, None]
+            found[i, near] = _scores(some, y, variance, theirs, common)
     return found
 
 
@@ -147,14 +171,29 @@ def share_of(pattern: Array, share: float) -> Array:
     return np.repeat(share**2 * (here + 0.05 * here.max()), 3)
 
 
-def _scores(supports: Supports, y: Array, variance: Array, noise: Array, common: Array) -> Array:
+def _grown(supports: Supports, y: Array, common: Array) -> tuple[Array, Array]:
+    """Depth of a press over that of supports (m,), and their patterns (m, d) there, over it."""
+    basis = np.linalg.qr(common)[0]
+    free = np.stack([supports.pattern, supports.slopes[:, 3]])
+    free = free - (free @ basis) @ basis.T
+    size = (free[0] @ y) / np.square(free[0]).sum(axis=1)
+    for _ in range(ROUNDS):
+        size = np.clip(size, *DEEPER)
+        grown = free[0] + (size - 1)[:, None] * free[1]
+        size = (grown @ y) / np.maximum(np.square(grown).sum(axis=1), 1e-30)
+    size = np.clip(size, *DEEPER)
+    return size, supports.pattern + (size - 1)[:, None] * supports.slopes[:, 3]
+
+
+def _scores(supports: Supports, y: Array, variance: Array, theirs: Array, common: Array) -> Array:
     """Scores (m,) of one press (d,) with the variance of its readings."""
-    size = (supports.pattern @ y) / np.square(supports.pattern).sum(axis=1)
-    total = variance + np.square(size[:, None] * noise) / supports.frames[:, None]
+    size, pattern = _grown(supports, y, common)
+    total = variance + np.square(size[:, None]) * theirs
     weight = 1 / np.sqrt(total)
     span = np.linalg.qr(weight[:, :, None] * common)[0]
-    rows = np.concatenate([supports.pattern[:, None], supports.slopes], axis=1)
+    rows = np.concatenate([pattern[:, None], supports.slopes], axis=1)
     rows = size[:, None, None] * rows * weight[:, None]
+    rows[:, 4] *= BEND
     rows = rows - np.matmul(np.matmul(rows, span), np.swapaxes(span, 1, 2))
     wanted = y * weight
     wanted = wanted - np.matmul(span, np.matmul(wanted[:, None], span).swapaxes(1, 2))[..., 0]

@@ -67,11 +67,20 @@ class PressSearch:
         Height of the soft body (m).
     error : float
         Of the model, as a share of what a chip sees.
+    still : float
+        Error of a pattern that frames do not average (T).
     """
 
     def __init__(
-        self, bank: PressBank, noise: Array, common: Array, body: float, error: float
+        self,
+        bank: PressBank,
+        noise: Array,
+        common: Array,
+        body: float,
+        error: float,
+        still: float = 0.0,
     ) -> None:
+        self.still = still
         self.bank, self.noise, self.body, self.error = bank, noise, body, error
         self.common = common
         self.basis = np.linalg.qr(common)[0]
@@ -108,7 +117,7 @@ class PressSearch:
         here = np.square(chips).mean(axis=2, keepdims=True)
         most = 0.05 * here.max(axis=1, keepdims=True)
         share = np.square(self.error) * (here + most) * np.ones(3)
-        noise = np.square(self.noise) / np.maximum(presses.frames, 1e-9)[:, None]
+        noise = presses.variance(self.noise, self.still)
         return np.asarray(noise + share.reshape(n, -1))
 
     def _find(self, presses: PressVectors) -> Matches:

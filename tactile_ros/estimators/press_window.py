@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from tactile_ros.types import Array
 
+QUIET, QUIETS = 0.15, 0.1891  # this part of readings is nearer to 0 than so many deviations
 LATE = 0.34  # of a window: frames that tell the pattern first
 TINY = np.finfo(np.float64).tiny
 
@@ -35,6 +36,25 @@ class PressVectors:
     pattern: Array
     powers: Array
     frames: Array
+
+    def variance(self, noise: Array, still: float) -> Array:
+        """Variance of patterns (n, d) from noise (d,) of frames and errors that do not average.
+
+        Baselines have noise of their own and drift: `still` (T) is the deviation of all that.
+        """
+        frames = np.maximum(self.frames, TINY)[:, None]
+        return np.asarray(np.square(noise) / frames + still**2)
+
+    def still(self, noise: Array) -> float:
+        """Deviation that does not average (T), from the quietest readings of presses.
+
+        Readings far from a press show nothing but this and noise (d,); two deviations of a frame
+        are the most that it may be.
+        """
+        quiet = np.quantile(np.abs(self.pattern), QUIET, axis=1) / QUIETS
+        usual = np.square(noise).mean() / np.maximum(self.frames, TINY)
+        found = np.quantile(np.square(quiet) - usual, QUIET)
+        return float(np.sqrt(np.clip(found, 0.0, 4 * np.square(noise).mean())))
 
     def rows(self, rows: npt.NDArray[np.intp]) -> PressVectors:
         """Some of the presses."""

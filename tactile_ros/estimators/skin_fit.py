@@ -33,7 +33,7 @@ MISSED = 4e-3  # of the resting field: what no parameter explains
 PRESS_MISSED = 0.015  # of what a chip sees of a press
 STEP = 2e-5  # m, over which fields are differentiated
 ROUNDS = 4
-MOST_PRESSES = 48
+MOST_PRESSES = 30
 EXPLAINED = 0.85  # of the resting field, below which the drawing is of another skin
 DEPTH = 0.1  # of the body, from which the search for a depth starts
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 CELLS = 60  # of the sheet along its longer edge
 LEVELS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)  # Gauss points of the sheet's thickness
 ORDERS = (1, 2, 3)
-STILL = 0.01  # of the largest movement: dipoles that hardly move are left out
+STILL = 0.001  # of the largest movement: dipoles that hardly move are left out
 SLIVER = 1e-9  # m, narrower than which a band is none
 
 

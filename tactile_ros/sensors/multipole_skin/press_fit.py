@@ -26,6 +26,8 @@ FAINT = 0.1  # of the drawn resting field: readings that were tared before they 
 NOT_THIS = 0.3  # of a press, missed by the model: truth speaks of something else
 CAREFUL = 1.3  # errors of presses that were not fitted over those that were
 ERRORS = (0.012, 0.2)
+CHI_SQUARED_MIDDLE = 0.4549  # median of the square of a normal deviate
+LEAST_STILL = 0.3  # of the noise
 SAME = 1e-4  # m, places
 
 
@@ -127,6 +129,10 @@ def learned(
     model = None if fit is None else fit.found
     common = drawn.common if model is None else model.common
     recogniser = Recogniser(model, tuple(config.objects), noise, common, error)
+    whole = np.flatnonzero(np.isfinite(told.presses.pattern).all(axis=1))
+    if len(whole) >= FEWEST:
+        still = told.presses.rows(whole).still(noise)
+        recogniser.still_ = max(recogniser.still_, still)
     report.update(choose(recogniser, told))
     return recogniser, report
 
@@ -158,10 +164,14 @@ def choose(recogniser: Recogniser, told: Told) -> dict[str, dict[str, float]]:
     use = use[np.unique(np.linspace(0, len(use) - 1, MOST).astype(int))]
     presses, labels = told.presses.rows(use), told.label[use]
     matches = recogniser.matches(presses)
+    if matches is not None:
+        recogniser.still_ = _unaveraged(recogniser, presses, matches)
+        recogniser.refresh()
+        matches = recogniser.matches(presses)
     recogniser.known_ = recogniser.supports(presses, labels, matches)
     fold = _folds(told.groups[use])
     found = {}
-    for road in ROADS if matches is not None else ROADS[1:2]:
+    for road in _roads(recogniser, labels):
         right, misfit = trial(recogniser, presses, labels, matches, fold, road)
         found[road] = right, misfit
     # of roads that are as good, the one that needs the least to have been seen
@@ -172,6 +182,32 @@ def choose(recogniser: Recogniser, told: Told) -> dict[str, dict[str, float]]:
     if matches is not None:
         report.update(_placed(recogniser, told, use, matches, labels))
     return report
+
+
+def _unaveraged(recogniser: Recogniser, presses: PressVectors, matches: Matches) -> float:
+    """Error of patterns that frames do not average (T), at chips that see little of a press."""
+    n = np.arange(len(presses.pattern))
+    best = matches.cost.argmin(axis=1)
+    fitted = matches.fitted[n, best].reshape(len(n), -1, 3)
+    miss = presses.pattern.reshape(fitted.shape) - fitted
+    here = np.square(fitted).sum(axis=2)
+    quiet = here <= np.median(here, axis=1, keepdims=True)
+    middle = np.array(
+        [np.median(one[chips], axis=0) for one, chips in zip(miss, quiet, strict=True)]
+    )
+    square = np.square(miss - middle[:, None])
+    usual = np.array([np.median(one[chips]) for one, chips in zip(square, quiet, strict=True)])
+    usual = usual / CHI_SQUARED_MIDDLE - np.square(recogniser.noise).mean() / presses.frames
+    least = LEAST_STILL * float(recogniser.noise.mean())
+    return float(np.clip(np.sqrt(max(np.median(usual), 0.0)), least, recogniser.still_))
+
+
+def _roads(recogniser: Recogniser, labels: Integers) -> tuple[str, ...]:
+    """Roads that can name every class: heads that never pressed have templates alone."""
+    if recogniser.search is None:
+        return ROADS[1:2]
+    unseen = set(range(len(recogniser.outlines))) - set(labels.tolist())
+    return (ROADS[0], ROADS[2]) if unseen else ROADS
 
 
 def _folds(groups: Integers) -> Integers:

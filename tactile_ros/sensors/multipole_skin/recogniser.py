@@ -33,6 +33,7 @@ MODEL_ERROR = 0.03  # of what a chip sees, where no press has told it
 WEAKEST = 5.0  # sigma of the strongest reading
 WORST = 8.0  # misfit over its variance, beyond which no class fits
 WIDE = 2.5  # deviations of a turn that count as its range
+STILL = 0.5  # of the noise: what frames do not average, where no press tells it
 FREE = 4  # parameters of a press that are fitted, beside a uniform field
 
 
@@ -79,6 +80,8 @@ class Recogniser:
         Presses of classes that were fitted, and of those enrolled since.
     road_ : str
         'press_templates', 'press_neighbours' or 'press_both'.
+    still_ : float
+        Error of a pattern that frames do not average (T).
     spread_ : float
         Errors over what the covariance of a template says.
     worst_ : float
@@ -99,6 +102,7 @@ class Recogniser:
         self.enrolled_ = Supports.empty(len(noise))
         self.road_ = 'press_neighbours' if model is None else 'press_templates'
         self.spread_, self.worst_ = 1.5, WORST
+        self.still_ = STILL * float(np.mean(noise))
 
     @cached_property
     def basis(self) -> Array:
@@ -111,7 +115,13 @@ class Recogniser:
         if self.model is None or not self.outlines:
             return None
         bank = self.model.bank(self.outlines)
-        return PressSearch(bank, self.noise, self.common, self.model.body, self.error)
+        body, error = self.model.body, self.error
+        return PressSearch(bank, self.noise, self.common, body, error, self.still_)
+
+    def refresh(self) -> None:
+        """Forget what was made for another error or skin."""
+        for name in ('search', 'basis'):
+            vars(self).pop(name, None)
 
     def matches(self, presses: PressVectors) -> Matches | None:
         """The best press of every head."""
@@ -126,12 +136,12 @@ class Recogniser:
         if matches is not None:
             best = np.arange(n), matches.cost.argmin(axis=1)
             slopes = usual_slopes(matches.slopes[best], matches.pose[best], matches.fitted[best])
-        return Supports(labels, presses.pattern, presses.frames, slopes)
+        return Supports(labels, presses.pattern, presses.frames, np.ones(n), slopes)
 
     def strength(self, presses: PressVectors) -> Array:
         """Strongest reading of each press over its noise, without any uniform field."""
         own = presses.pattern - (presses.pattern @ self.basis) @ self.basis.T
-        noise = self.noise / np.sqrt(np.maximum(presses.frames, 1e-9))[:, None]
+        noise = np.sqrt(presses.variance(self.noise, self.still_))
         return np.asarray((np.abs(own) / noise).max(axis=1))
 
     def template_scores(self, presses: PressVectors, matches: Matches) -> tuple[Array, Array]:
@@ -145,6 +155,11 @@ class Recogniser:
         # a head that may turn has more templates, of which one fits noise well
         part = np.clip(np.nan_to_num(WIDE * deviation / sector, nan=1.0), 1e-3, 1.0)
         chance = np.where(turned, -2 * np.log(part), 0.0)
+        # heads may press anywhere, classes of presses that were seen where they were seen
+        reach = np.array([2 * nodes[-1] for nodes in self.search.bank.nodes])
+        with np.errstate(invalid='ignore'):
+            spots = WIDE * np.sqrt(np.maximum(matches.cov[..., (0, 1), (0, 1)], 0.0)) / reach
+        chance = chance - 2 * np.log(np.clip(np.nan_to_num(spots, nan=1.0), 1e-4, 1.0)).sum(axis=2)
         return matches.cost + level + chance, matches.cost
 
     def scores(
@@ -167,7 +182,7 @@ class Recogniser:
             seen = known.joined(seen)
         if len(seen.label):
             seen = averaged(seen)
-            score = support_scores(seen, presses, self.noise, self.common, REPEATS)
+            score = support_scores(seen, presses, self.noise, self.common, self.still_)
             level = self._level(presses)
             for label in np.unique(seen.label):
                 best = score[:, seen.label == label].min(axis=1)
@@ -192,7 +207,7 @@ class Recogniser:
         chips = presses.pattern.reshape(len(presses.pattern), -1, 3)
         here = np.square(chips).mean(axis=2)
         share = REPEATS**2 * (here + 0.05 * here.max(axis=1, keepdims=True))
-        noise = np.square(self.noise) / np.maximum(presses.frames, 1e-9)[:, None]
+        noise = presses.variance(self.noise, self.still_)
         return np.asarray(np.log(noise + np.repeat(share, 3, axis=1)).sum(axis=1))
 
     def decide(self, labels: Integers, scores: Array, misfits: Array) -> tuple[Integers, Array]:
