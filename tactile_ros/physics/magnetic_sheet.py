@@ -179,11 +179,12 @@ class Sheet:
 
 def each_dipole_field(points: Array, places: Array, moments: Array) -> Array:
     """Field of each dipole (m, 3) (A m2) at points (t, 3) (m), shape (t, m, 3) (T)."""
-    r = points[:, None] - places
-    squared = np.einsum('tmi,tmi->tm', r, r)
-    cubed = SCALE * squared**-1.5
-    along = 3 * np.einsum('tmi,mi->tm', r, moments) / squared
-    return np.asarray(cubed[..., None] * (along[..., None] * r - moments))
+    x, y, z = (points[:, i, None] - places[:, i] for i in range(3))
+    squared = x * x + y * y + z * z
+    near = SCALE / (squared * np.sqrt(squared))
+    along = 3 * (x * moments[:, 0] + y * moments[:, 1] + z * moments[:, 2]) / squared
+    each = [near * (along * r - moments[:, i]) for i, r in enumerate((x, y, z))]
+    return np.stack(each, axis=-1)
 
 
 def powers(order: int) -> list[tuple[int, int, int]]:

@@ -164,9 +164,9 @@ def choose(recogniser: Recogniser, told: Told) -> dict[str, dict[str, float]]:
     use = use[np.unique(np.linspace(0, len(use) - 1, MOST).astype(int))]
     presses, labels = told.presses.rows(use), told.label[use]
     matches = recogniser.matches(presses)
-    if matches is not None:
+    if recogniser.search is not None and matches is not None:
         recogniser.still_ = _unaveraged(recogniser, presses, matches)
-        recogniser.refresh()
+        recogniser.search.still = recogniser.still_
         matches = recogniser.matches(presses)
     recogniser.known_ = recogniser.supports(presses, labels, matches)
     fold = _folds(told.groups[use])
