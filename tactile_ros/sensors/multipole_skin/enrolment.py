@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from tactile_ros.signals import Signals
 
 FIRM = 2 * WEAKEST  # sigma: a press to learn from must be clearer than one to recognise
-MOST_LOST = 0.02  # of known presses near the new one
 
 
 def enrolled(
@@ -67,6 +66,24 @@ def _firm_part(presses: PressVectors, strength: np.ndarray, name: str) -> PressV
         )
         raise ValueError(msg)
     return presses
+
+
+def alike_by(recogniser: Recogniser, new: Supports, number: int) -> float:
+    """Share of the drawn heads that, where the new class was pressed, can pass for it.
+
+    The look-alike of a head is its template that is nearest to the first of the presses.
+    """
+    presses = PressVectors(new.pattern[:1], np.ones((1, 3)), new.frames[:1])
+    matches = recogniser.matches(presses)
+    if matches is None:
+        return 0.0
+    tried = np.isfinite(matches.cost[0])
+    heads = matches.fitted[0, tried]
+    like = PressVectors(heads, np.ones((len(heads), 3)), np.repeat(new.frames[:1], len(heads)))
+    labels, scores, _ = recogniser.scores(
+        like, recogniser.matches(like), recogniser.known_, recogniser.road_
+    )
+    return float((labels[scores.argmin(axis=1)] == number).sum() / len(tried))
 
 
 def lost_by(recogniser: Recogniser, number: int) -> float:

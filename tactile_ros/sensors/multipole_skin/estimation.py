@@ -12,7 +12,7 @@ import numpy as np
 
 from tactile_ros.estimators.press_window import press_vectors
 from tactile_ros.regression import Recognition
-from tactile_ros.sensors.multipole_skin.enrolment import enrolled, lost_by
+from tactile_ros.sensors.multipole_skin.enrolment import alike_by, enrolled, lost_by
 from tactile_ros.sensors.multipole_skin.press_fit import learned
 from tactile_ros.sensors.multipole_skin.windows import WindowMemory, find_windows
 
@@ -259,7 +259,11 @@ class MultipoleEstimation:
         before = self.recogniser_.enrolled_
         self.recogniser_.enrolled_ = before.joined(new)
         lost = lost_by(self.recogniser_, number)
-        stated = {'presses': float(len(new.label)), 'known_presses_lost': lost}
+        stated = {
+            'presses': float(len(new.label)),
+            'known_presses_lost': lost,
+            'heads_alike': alike_by(self.recogniser_, new, number),
+        }
         self.names_ = names
         self.press_report_ = {**self.press_report_, f'enrolled {label}': stated}
 

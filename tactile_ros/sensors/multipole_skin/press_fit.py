@@ -25,6 +25,7 @@ FOLDS = 5
 FAINT = 0.1  # of the drawn resting field: readings that were tared before they came
 NOT_THIS = 0.3  # of a press, missed by the model: truth speaks of something else
 CAREFUL = 1.3  # errors of presses that were not fitted over those that were
+WIDER = 1.6  # errors of place of presses that come over those that the skin was mended with
 ERRORS = (0.012, 0.2)
 CHI_SQUARED_MIDDLE = 0.4549  # median of the square of a normal deviate
 LEAST_STILL = 0.3  # of the noise
@@ -257,7 +258,7 @@ def _placed(
         sigma = np.sqrt(np.stack([cov[known, 0, 0], cov[known, 1, 1]], axis=1))
         ratio = np.abs(away / np.maximum(sigma, 1e-12))
         # the middle of the errors decides: a wrong head is another matter
-        recogniser.spread_ *= float(np.clip(np.median(ratio) / 0.6745, 0.3, 20.0))
+        recogniser.spread_ *= WIDER * float(np.clip(np.median(ratio) / 0.6745, 0.3, 20.0))
         report['position_by_press'] = {
             'rmse': float(np.sqrt(np.square(away).mean())),
             'median': float(np.median(np.linalg.norm(away, axis=1))),
