@@ -13,34 +13,25 @@ import time
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.devices import framed, packets
-from tactile_ros.devices.chip_array_twin import ChipArrayTwin
-from tactile_ros.devices.clock import VirtualClock
+from tactile_ros.cli.record import wait_for_frames
 from tactile_ros.devices.damage import DAMAGES, unseen
-from tactile_ros.devices.framed_decoder import FramedDecoder
 from tactile_ros.devices.framed_payloads import (
-    Kind,
-    Payload,
     five_wires,
     gradiometer,
     taxel_matrix,
     three_axis_chips,
 )
-from tactile_ros.devices.framing import FrameDecoder
-from tactile_ros.devices.mlx90393 import ChipSettings, Decoder
-from tactile_ros.devices.mux import ChipPlace, clusters
 from tactile_ros.evaluation.benchmark import BenchResult, Row
+from tactile_ros.evaluation.driver_speed import bus_rows, decoding_rows, memory_rows, resident_kib
 from tactile_ros.evaluation.fault_trials import STORM, STORMS, Road, Trial, suffer, ways
 from tactile_ros.evaluation.hostile_bytes import (
     PIECE,
     BoardSubject,
     FramedSubject,
     Fuzzed,
-    cut,
     suffer_bytes,
 )
 from tactile_ros.evaluation.hostile_chips import suffer_answers
@@ -48,36 +39,29 @@ from tactile_ros.evaluation.recording import load
 from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.processes import Running
 from tactile_ros.sensors import list_sensors, load_sensor
-from tactile_ros.types import Layout
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tactile_ros.devices.chip_array import Mode
 
 STRINGS = {'quick': 20_000, 'normal': 1_000_000, 'full': 1_000_000}
 DECODED = {'quick': 100_000, 'normal': 1_000_000, 'full': 1_000_000}
 NODE_S = {'quick': 10.0, 'normal': 100.0, 'full': 100.0}
-WARM_S = 5.0
+WARM_S = 10.0
+ON_ITS_WAY_S = 0.5
 UNSEEN = ('flipped', 'garbage', 'shifted')
-RESTING = ('taxel_array', 'five_wire_skin')
-CHUNK = 1000
-PAGE_KIB = os.sysconf('SC_PAGE_SIZE') / 1024
 
 
 def run(extent: str, command: str) -> BenchResult:
     """Measure all."""
     table, rows = _faults()
-    rows += [*_fuzz(extent), *_hidden(extent), *_buses(), *_decoding()]
-    rows += [*_flat(extent), *_nodes(extent)]
+    rows += [*_fuzz(extent), *_hidden(extent), *bus_rows(), *decoding_rows()]
+    rows += [*memory_rows(DECODED[extent]), *_nodes(extent)]
     notes = [
         'recovery: longest time between two frames of which every taxel may be used, the fault '
         'once and in a storm; unplug lasts 1 s of it, stall 0.5 s',
-        'counted: by the counter of the driver, or readings that were marked; bus_errors counts '
+        'counted: by the counter of the driver, or frames that were marked; bus_errors counts '
         'tries on an unplugged bus, suspected the frames that are missing by the clock',
         'reskin_board: flipped, garbage and shifted may keep length and plausibility, lost frames '
         'leave no trace; its format shows no more',
-        f'{", ".join(RESTING)}: a stuck taxel looks like one that rests, and is not marked',
+        'stuck_chip: frames with a reading marked STALE or STUCK; the only converter of '
+        'taxel_array and five_wire_skin freezes as a whole',
         f'fuzz: {STRINGS[extent]} strings for each decoder, a third each of random bytes, frames '
         'damaged in one of 7 ways, and 1 to 8 bytes overwritten; good frames before and after',
         *table,
@@ -103,7 +87,7 @@ def _faults() -> tuple[list[str], list[Row]]:
                 outcomes.setdefault((_kind(name), fault), []).extend(trials)
                 bad = sum(trial.wrong for trial in trials)
                 hidden = key == 'reskin_board' and fault in UNSEEN
-                wrong += 0 if hidden or (fault == 'stuck_chip' and key in RESTING) else bad
+                wrong += 0 if hidden else bad
                 if key != 'reskin_board' and 'i2c' not in name and fault != 'stuck_chip':
                     unequal += sum(abs(t.counted - t.injected) for t in trials)
     left = threading.active_count() - threads + _descriptors() - files
@@ -218,140 +202,7 @@ def _hidden(extent: str) -> list[Row]:
     return rows
 
 
-# --- speed ---------------------------------------------------------------------------------------
-
-
-def _buses() -> list[Row]:
-    """Twenty chips on one bus of 400 kHz, with and without a switch, on the virtual clock."""
-    wirings = {
-        'behind a switch': clusters(),
-        'on one bus without a switch': [ChipPlace(0x0C + i) for i in range(20)],
-    }
-    aims = {'single': 104.0, 'burst': 180.0}
-    rows: list[Row] = []
-    for name, places in wirings.items():
-        for mode, aim in aims.items():
-            share, rate = _bus(places, 'burst' if mode == 'burst' else 'single')
-            what = f'20 chips {name}, {mode}'
-            rows.append(
-                Row(
-                    f'{what}: share of the limit of the bus',
-                    '1',
-                    share,
-                    'high',
-                    bound=1.0,
-                    aim=0.9,
-                )
-            )
-            rows.append(Row(f'{what}: rate', 'Hz', rate, 'high', bound=rate / share,
-                            aim=None if 'behind' in name else aim))  # fmt: skip
-    return rows
-
-
-def _bus(places: list[ChipPlace], mode: Mode) -> tuple[float, float]:
-    """Share of the time that bytes are on the wire, and frames per second."""
-    clock = VirtualClock()
-    layout = Layout(np.zeros((20, 3)), ('Bx', 'By', 'Bz'), 'T')
-    twin = ChipArrayTwin(places, layout, lambda t: np.full((20, 3), 1e-3), mode=mode, clock=clock)
-    with twin, twin.device(clock.now_ns) as array:
-        begun_ns, busy_s = clock.now_ns(), twin.buses[0].busy_s
-        for _ in range(200):
-            array.read(1.0)
-        elapsed_s = (clock.now_ns() - begun_ns) * 1e-9
-        return (twin.buses[0].busy_s - busy_s) / elapsed_s, 200 / elapsed_s
-
-
-def _decoding() -> list[Row]:
-    """Time to decode one frame."""
-    settings = ChipSettings()
-    chips = Decoder(settings, np.zeros(20))
-    answers = bytearray(np.random.default_rng(0).bytes(20 * settings.answer_bytes))
-    rows = [_time_row('MLX90393 answers, 20 chips', 20.0, _best(lambda: _decode(chips, answers)))]
-    subjects: list[tuple[str, float, bytes, int, FramedDecoder | FrameDecoder]] = []
-    for name, payload, aim in (
-        ('framed, 20 chips', three_axis_chips(20), 20.0),
-        ('framed, 2000 taxels', taxel_matrix(2000), 100.0),
-    ):
-        data, size = _stream(payload, 256)
-        subjects.append((name, aim, data, size, FramedDecoder(payload)))
-    values = np.random.default_rng(0).integers(-2500, 2500, (256, 20, 3)) * 2.4e-6
-    data = packets.encode(values, np.full((256, 20), 25.0))
-    subjects.append(('ReSkin, 20 chips', 20.0, data, packets.frame_bytes(20), FrameDecoder(20)))
-    for name, aim, stream, size, decoder in subjects:
-        pieces = cut(stream, size)
-        single = _best(lambda d=decoder, p=pieces: [d.feed(x) for x in p]) / len(pieces)
-        batch = _best(lambda d=decoder, s=stream: d.feed(s)) / len(pieces)
-        rows.append(_time_row(name, aim, single, batch))
-    return rows
-
-
-def _decode(decoder: Decoder, answers: bytearray) -> None:
-    """One frame of chips."""
-    decoder.values(decoder.words(answers)[1])
-
-
-def _time_row(name: str, aim: float, single: float, batch: float | None = None) -> Row:
-    """Time of a frame that comes alone and of one among many (s)."""
-    many = None if batch is None else 1e6 * batch
-    return Row(f'decode a frame: {name}', 'us', 1e6 * single, aim=aim, us_single=1e6 * single,
-               us_batch=many)  # fmt: skip
-
-
-def _stream(payload: Payload, count: int) -> tuple[bytes, int]:
-    """Frames of random counts, and the length of one."""
-    high = 1023 if payload.kind == Kind.TAXELS else 30_000
-    counts = np.random.default_rng(0).integers(0, high, (count, payload.count, payload.channels))
-    data = framed.encode(payload, counts, 0, np.arange(count) * 1000, 25.0)
-    return data, framed.frame_bytes(payload)
-
-
-def _best(work: Callable[[], object], repetitions: int = 15) -> float:
-    """Shortest of several durations (s)."""
-    times = []
-    for _ in range(repetitions):
-        began = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - began)
-    return min(times)
-
-
-# --- memory and processor ------------------------------------------------------------------------
-
-
-def _resident_kib(pid: str | int = 'self') -> float:
-    """Resident memory of a process (KiB)."""
-    return int(Path(f'/proc/{pid}/statm').read_text().split()[1]) * PAGE_KIB
-
-
-def _flat(extent: str) -> list[Row]:
-    """Growth of memory over many frames, one in 32 of them damaged, through each decoder."""
-    count = DECODED[extent]
-    data, size = _stream(gradiometer(), CHUNK)
-    values = np.random.default_rng(0).integers(-2500, 2500, (CHUNK, 5, 3)) * 2.4e-6
-    board = packets.encode(values, np.full((CHUNK, 5), 25.0))
-    rows = []
-    for name, decoder, stream, length in (
-        ('framed', FramedDecoder(gradiometer()), data, size),
-        ('ReSkin', FrameDecoder(5), board, packets.frame_bytes(5)),
-    ):
-        hurt = bytearray(stream)
-        hurt[:: 32 * length] = bytes(b ^ 4 for b in hurt[:: 32 * length])
-        grown = _growth(decoder, bytes(hurt), count)
-        what = f'memory grown over {count} frames, {name} decoder'
-        rows.append(Row(what, 'KiB', grown, bound=0.0, aim=1024.0))
-    return rows
-
-
-def _growth(decoder: FramedDecoder | FrameDecoder, stream: bytes, count: int) -> float:
-    """Growth of resident memory after the first tenth (KiB)."""
-    passes = count // CHUNK
-    before = 0.0
-    for i in range(passes):
-        if i == passes // 10:
-            before = _resident_kib()
-        for piece in cut(stream, PIECE):
-            decoder.feed(piece)
-    return _resident_kib() - before
+# --- processor -----------------------------------------------------------------------------------
 
 
 def _nodes(extent: str) -> list[Row]:
@@ -390,28 +241,31 @@ def _node(
     connection = spec.connection(native_usb=True, **how)
     level = np.full(spec.layout(config).shape, 1e-4)
     with tempfile.TemporaryDirectory() as name:
-        bag = str(Path(name) / 'bag')
+        bag = Path(name) / 'bag'
         twin = spec.simulate(config, connection, lambda t: level * (1 + 0.1 * np.sin(t)), 0)
         with twin:
             values = {'sensor': sensor, 'port': twin.port, 'rate_hz': rate_hz, 'native_usb': True,
                       'listeners': 1, **how}  # fmt: skip
-            graph = Graph((Process('record', {'bag': bag}), Process('sensor_node', values)))
+            graph = Graph((Process('record', {'bag': str(bag)}), Process('sensor_node', values)))
             with Running(graph, {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}) as running:
-                pid = running.pid('sensor_node')
-                cores, grown = _watch(pid, seconds)
-        recording = load(bag).recordings[0].recording
-    assert recording.sequence is not None
-    span = int(recording.sequence[-1] - recording.sequence[0]) + 1
-    return cores, grown, min(len(recording) / span, len(recording) / (rate_hz * seconds))
+                wait_for_frames(running, bag)
+                time.sleep(WARM_S)
+                began_ns = time.time_ns()
+                cores, grown = _watch(running.pid('sensor_node'), seconds)
+                ended_ns = time.time_ns()
+                time.sleep(ON_ITS_WAY_S)
+        stamp_ns = load(bag).recordings[0].recording.stamp_ns
+    assert stamp_ns is not None
+    heard = np.count_nonzero((stamp_ns > began_ns) & (stamp_ns <= ended_ns))
+    return cores, grown, min(1.0, heard * 1e9 / (rate_hz * (ended_ns - began_ns)))
 
 
 def _watch(pid: int, seconds: float) -> tuple[float, float]:
-    """Cores and growth of memory (KiB) of a process after its start."""
-    time.sleep(WARM_S)
-    memory, spent, began = _resident_kib(pid), _processor_s(pid), time.monotonic()
+    """Cores and growth of memory (KiB) of a process that has warmed up."""
+    memory, spent, began = resident_kib(pid), _processor_s(pid), time.monotonic()
     time.sleep(seconds)
     cores = (_processor_s(pid) - spent) / (time.monotonic() - began)
-    return cores, _resident_kib(pid) - memory
+    return cores, resident_kib(pid) - memory
 
 
 def _processor_s(pid: int) -> float:

@@ -14,7 +14,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
-from tactile_ros.nodes.graph import PACKAGE, SIMULATED_PORT, Process, Setting, sensing
+from tactile_ros.nodes.graph import PACKAGE, Process, Setting, sensing
 from tactile_ros.sensors import list_sensors
 
 DEFAULTS = Setting()
@@ -26,7 +26,7 @@ ARGUMENTS: dict[str, tuple[str, list[str] | None]] = {
         'where frames come from: the sensor, a recording in place of a board, a simulated twin',
         ['hardware', 'recorded', 'simulated'],
     ),
-    'port': (f'serial port; {SIMULATED_PORT} where no board is used', None),
+    'port': ('serial port; where no board is used, one in a private folder', None),
     'recording': ('recording to play: a name of a shipped one, or a file (.npz)', None),
     'calibration': ('calibration file (.npz); empty: contacts say NOT_CALIBRATED', None),
     'bag': ('folder to record into; empty: nothing is recorded', None),

@@ -202,13 +202,11 @@ class Pipeline:
         return Signals(usable, delta, base, chips, stamp_ns, restart, contact, good)
 
     def _estimate(
-        self,
-        signals: Signals,
-        bits: Bytes,
-        stream: Stream,
-        begins: Bools | None = None,
+        self, signals: Signals, bits: Bytes, stream: Stream, begins: Bools | None = None
     ) -> Columns:
         """State attributes of conditioned frames; the one road for live and batch."""
+        if not len(bits):
+            return {}
         signals = told(self.estimation, signals)
         contact = signals.in_contact
         known = self.estimation.estimate(signals, stream.memory)

@@ -1,4 +1,4 @@
-"""Every test process is alone: its own ROS domain, one thread, no files at home."""
+"""Every test process is alone: its own ROS domain, one thread, no files at home, no deadlines."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import importlib.util
 import os
 import socket
 import tempfile
+
+from hypothesis import HealthCheck, settings
 
 DOMAINS = range(1, 101)
 FIRST_PORT = 21_000
@@ -38,6 +40,10 @@ _HOME = tempfile.TemporaryDirectory(prefix='tactile_ros_test_')
 os.environ['ROS_LOG_DIR'] = _HOME.name
 os.environ['MPLCONFIGDIR'] = _HOME.name
 os.environ['MPLBACKEND'] = 'Agg'
+
+# A loaded machine is slow now and then, which is no failure.
+settings.register_profile('patient', deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile('patient')
 
 # Where there is no ROS (make test-oldest) the nodes cannot be tested; the header says so.
 collect_ignore = [] if importlib.util.find_spec('rclpy') else ['nodes']

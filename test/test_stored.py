@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 SENSOR = load_sensor('reskin_board')
 HYPOTHESIS = {
-    'deadline': None,
     'suppress_health_check': [HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 }
 

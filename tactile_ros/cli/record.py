@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactile_ros.cli.destination import refuse_unwritable
-from tactile_ros.errors import TactileError
+from tactile_ros.errors import RecordingError, TactileError
+from tactile_ros.evaluation.recording import load
 from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.processes import Running
 
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     import argparse
 
 START_S = 20.0
+FIRST_FRAME_S = 60.0
+LOOK_S = 0.2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -70,3 +73,24 @@ def wait(running: Running, bag: Path, seconds: float | None) -> None:
     end = float('inf') if seconds is None else time.monotonic() + seconds
     while time.monotonic() < end and running.is_alive('record'):
         time.sleep(0.05)
+
+
+def wait_for_frames(running: Running, bag: Path) -> None:
+    """Wait until frames are in a bag: nodes take seconds to start and to find one another.
+
+    Raises
+    ------
+    TactileError
+        If none comes.
+    """
+    end = time.monotonic() + FIRST_FRAME_S
+    while all(running.is_alive(process.executable) for process in running.graph.processes):
+        time.sleep(LOOK_S)
+        try:
+            load(bag)
+        except RecordingError as err:
+            if time.monotonic() > end:
+                msg = f'no frame came within {FIRST_FRAME_S:g} s: {err}'
+                raise TactileError(msg) from err
+        else:
+            return

@@ -6,7 +6,7 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from tactile_ros.cli.record import wait
+from tactile_ros.cli.record import wait, wait_for_frames
 from tactile_ros.cli.replay import evaluate, print_result
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.benchmark import environment
@@ -50,7 +50,7 @@ def run_twin(key: str, output: Path, seed: int, seconds: float = PLAYED_S) -> in
     seed : int
         Of the twin; the calibration has the next one.
     seconds : float
-        Length of the run (s).
+        Length of the run (s), from the first frame on.
 
     Returns
     -------
@@ -108,6 +108,7 @@ def play(key: str, seed: int, calibration: Path, bag: Path, seconds: float) -> N
         namespace=key, stack=fast,
     )  # fmt: skip
     with Running(sensing(setting), {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}) as running:
+        wait_for_frames(running, bag)
         wait(running, bag, seconds)
         for name in running.lines:
             if not running.is_alive(name):

@@ -70,10 +70,14 @@ def set_aside(values: Array, bits: Bytes, dead: Bools | None) -> tuple[Array, By
 
 
 def frame_faults(bits: Bytes) -> Integers:
-    """Bits of `FrameStatus` (s,) that follow from the bits of taxels (s, t)."""
+    """Bits of `FrameStatus` (s,) that follow from the bits of taxels (s, t).
+
+    One STALE taxel makes the frame STALE, which is estimated but not valid: a taxel that gets
+    stuck is STALE before it can be known as STUCK.
+    """
     spoilt = (bits & UNUSABLE).any(axis=1) * np.int64(FrameStatus.BAD_TAXELS)
     clipped = (bits & TaxelStatus.SATURATED).any(axis=1) * np.int64(FrameStatus.SATURATED)
-    stale = (bits & TaxelStatus.STALE).all(axis=1) * np.int64(FrameStatus.STALE)
+    stale = (bits & TaxelStatus.STALE).any(axis=1) * np.int64(FrameStatus.STALE)
     return np.asarray(spoilt | clipped | stale)
 
 
@@ -121,7 +125,7 @@ def _row(
     """A column of one frame, shape (1, t), None where it has none."""
     if value is None:
         return None
-    row = np.asarray(value, dtype)
+    row = np.array(value, dtype)  # a copy: the state keeps it
     if row.shape != (taxels,):
         msg = f'{name} of Frame must have shape ({taxels},); received {row.shape}'
         raise ValueError(msg)

@@ -87,7 +87,7 @@ class History:
         if np.count_nonzero(missing):
             change = np.where(missing, self._last if self._last.size else 0.0, change)
         if self._stamp_ns is None:
-            self._last, self._lag = change, np.tile(change, (len(self.time_constants), 1))
+            self._last, self._lag = change.copy(), np.tile(change, (len(self.time_constants), 1))
             self._stamp_ns = stamp_ns
             return
         elapsed = stamp_ns - self._stamp_ns
@@ -98,7 +98,7 @@ class History:
         step = np.expm1(exponent) / exponent * (change - self._last)
         self._lag *= np.exp(exponent, out=exponent)
         self._lag += step
-        self._last, self._stamp_ns = change, stamp_ns
+        self._last, self._stamp_ns = change.copy(), stamp_ns  # a caller may use its array again
 
     def __call__(self, change: Array, stamp_ns: Integers, restart: Bools) -> Array:
         """Take many frames into the memory; the same numbers as `step` frame by frame.

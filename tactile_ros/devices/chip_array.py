@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
+from tactile_ros.devices.bus_capacity import check_bus_capacity
 from tactile_ros.devices.chip import Chip
 from tactile_ros.devices.chip_care import FIRST_RETRY_S, ChipCare
 from tactile_ros.devices.mlx90393 import ChipSettings, Decoder, Status
@@ -44,8 +45,7 @@ class ChipArray(Opened):
         single: all chips are started, then all are read, so that they measure at nearly the same
         time. burst: chips measure without end, each at its own pace; the fastest.
     rate_hz : float or None
-        Frames per second, held by waiting; None or NaN: as fast as bus and chips allow, as is a
-        rate beyond that.
+        Frames per second, held by waiting; None or NaN: as fast as bus and chips allow.
     clock_ns : callable
         Gives the stamps (ns).
     monotonic_ns, sleep : callable
@@ -54,6 +54,13 @@ class ChipArray(Opened):
         See `ReadingWatch`.
     conversion_margin : float
         Share of the nominal conversion time that is waited in addition, for slow oscillators.
+    bus_hz : float
+        Clock of the buses (Hz), by which `rate_hz` is judged; 0: unknown, not judged.
+
+    Raises
+    ------
+    ValueError
+        If buses, places, layout and mode do not fit together, or the buses cannot carry the rate.
 
     Notes
     -----
@@ -76,10 +83,13 @@ class ChipArray(Opened):
         saturation_margin: float = 0.02,
         jump: float = 0.5,
         conversion_margin: float = 0.05,
+        bus_hz: float = 0.0,
     ) -> None:
         """See the class."""
         settings = ChipSettings() if settings is None else settings
         _refuse_misfits(buses, places, layout, mode)
+        if bus_hz > 0 and rate_hz is not None:
+            check_bus_capacity(places, settings, mode == 'burst', rate_hz, bus_hz)
         self._layout = layout
         self._settings = settings
         self._burst = mode == 'burst'

@@ -105,6 +105,7 @@ class ChipArrayTwin:
         self._settings = settings
         self._mode: Mode = mode
         self._rate_hz = rate_hz
+        self._hertz = hertz
         self._step_s = signal_step_s
         self._waiting: deque[tuple[str, int, int]] = deque()
         self._held: tuple[int, Array, Array] | None = None
@@ -138,6 +139,7 @@ class ChipArrayTwin:
             self._settings,
             self._mode,
             self._rate_hz,
+            bus_hz=self._hertz,
             clock_ns=clock_ns,
             monotonic_ns=self._clock.now_ns,
             sleep=self._clock.sleep,

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Device, Layout, Twin
 
 DIRECT = 0  # in place of a switch's address
+FASTEST_HZ = 400_000
 
 
 class Noisy(Protocol):
@@ -63,6 +64,8 @@ class ChipConnection(FramedConnection):
         For each chip the channel of that switch; one number: for all chips.
     mode : str
         'single': all chips start together; 'burst': each measures without end.
+    bus_clock : int
+        Clock of the I2C buses (Hz), which the rate of frames has to fit; 0: unknown, not checked.
     gain, resolution, digital_filter, oversampling, temperature, hallconf
         Of the chips; see `ChipSettings`.
     """
@@ -77,6 +80,7 @@ class ChipConnection(FramedConnection):
     mux_channels: tuple[int, ...] = whole_numbers(
         (0,), 'channel of the switch for each chip, or for all', 0, 7
     )
+    bus_clock: int = whole(FASTEST_HZ, 'clock of the buses (Hz); 0: unknown', 0, FASTEST_HZ)
     mode: str = text_of('single', 'all at the same time, or fastest', ('single', 'burst'))
     gain: int = whole(1, 'GAIN_SEL; 0 has the largest range, 7 the finest step', 0, 7)
     resolution: tuple[int, ...] = whole_numbers((1, 1, 1), 'RES of x, y, z', 0, 3, (3,))
@@ -168,7 +172,7 @@ def open_chips(
     Raises
     ------
     ValueError
-        If the places do not fit the chips, or the port cannot carry the rate.
+        If the places do not fit the chips, or port or buses cannot carry the rate.
     """
     chips = layout.shape[0]
     if connection.transport == 'serial':
@@ -182,6 +186,7 @@ def open_chips(
         mode=connection.measuring,
         rate_hz=layout.rate_hz,
         clock_ns=clock_ns,
+        bus_hz=connection.bus_clock,
     )
 
 
@@ -225,6 +230,7 @@ def simulate_chips(
         mode=connection.measuring,
         rate_hz=layout.rate_hz,
         noise=noise,
+        hertz=connection.bus_clock or FASTEST_HZ,
         clock=clock,
         seed=seed,
     )

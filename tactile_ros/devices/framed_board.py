@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 STRANGERS = 3
 # share of pixels or chips that must change before another one that does not is suspect
 OTHERS = 0.5
+# changes after which a board of one converter is known not to rest since it was opened
+LIVELY = 10
 
 
 class FramedBoard(StreamingBoard):
@@ -61,8 +63,10 @@ class FramedBoard(StreamingBoard):
     Stamps follow the board's clock, tied to `clock` by the promptest frames (`DeviceTime`), less
     the frame's time on the wire. `Frame.sequence` starts at 0 and grows by one a frame and by
     those that the board's own counter says are lost, one at least for a reconnection or restart.
-    STUCK marks pixels and chips that repeat themselves among others that change (`StillWatch`);
-    taxels and wires repeat themselves honestly when nothing touches.
+    Pixels and chips that repeat themselves bit for bit among others that change are STALE, and
+    STUCK when it lasts (`StillWatch`). A taxel or wire may rest on one count; all of them together
+    repeat themselves only where their one converter has frozen, or where nothing touches and all
+    are at an end of its range, which is not judged.
     """
 
     def __init__(
@@ -103,8 +107,12 @@ class FramedBoard(StreamingBoard):
         self._saturated = 0
         self._stale = 0
         self._stuck = 0
-        telling = payload.kind in (Kind.GRADIOMETER, Kind.CHIPS)
-        self._still = StillWatch(payload.count, others=OTHERS) if telling else None
+        self._as_one = payload.kind in (Kind.TAXELS, Kind.WIRES)
+        self._still = (
+            StillWatch(1, changes=LIVELY)
+            if self._as_one
+            else StillWatch(payload.count, others=OTHERS)
+        )
 
     def counters(self) -> dict[str, int]:
         """Frames, losses and damage since the driver was made, by name.
@@ -132,8 +140,7 @@ class FramedBoard(StreamingBoard):
         """Forget the stream of before."""
         self._decoder.reset()
         self._time.restart()
-        if self._still is not None:
-            self._still.forget()
+        self._still.forget()
         self._interrupted += again
         self._heard = False
         self._said = False
@@ -196,13 +203,19 @@ class FramedBoard(StreamingBoard):
             self._frames.append(frame)
 
     def _still_ones(self, counts: Array) -> Bytes:
-        """STUCK of every taxel in every frame; counts have shape (s, t, c)."""
+        """STALE and STUCK of every taxel in every frame; counts have shape (s, t, c)."""
         status = np.zeros(counts.shape[:2], np.uint8)
-        if self._still is not None:
-            for row, frame in zip(status, counts, strict=True):
-                if self._still.follow(frame).any():
-                    row[self._still.stuck()] = np.uint8(TaxelStatus.STUCK)
+        for row, frame in zip(status, counts, strict=True):
+            if self._repeats(frame):
+                row[:] |= self._still.marks()
         return status
+
+    def _repeats(self, counts: Array) -> bool:
+        """Whether pixels or chips, or all taxels, of a frame (t, c) are as in the frame before."""
+        if not self._as_one:
+            return bool(self._still.follow(counts).any())
+        between = (counts > 0) & (counts < self._payload.full_count)
+        return bool(self._still.follow(counts.reshape(1, -1), telling=bool(between.any())).any())
 
     def _status(self, status: Bytes, repeated: list[bool]) -> Bytes:
         """Bits of every taxel in every frame, those of repeated samples included."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from tactile_ros.devices.framed import encode
 from tactile_ros.devices.framed_board import FramedBoard
+from tactile_ros.devices.framed_payloads import Kind
 from tactile_ros.devices.serial_twin import SERIAL_FAULTS, SerialTwin
 from tactile_ros.types import Array, Layout
 
@@ -70,6 +71,7 @@ class FramedTwin(SerialTwin):
     ) -> None:
         """See the class."""
         super().__init__(layout, signal, noise, temperature_c, seed, clock)
+        self.one_converter = payload.kind in (Kind.TAXELS, Kind.WIRES)
         self._payload = payload
         self._scale = np.broadcast_to(np.asarray(scale, np.float64), layout.shape)
         self._baud = baud

@@ -97,7 +97,7 @@ class ReadingWatch:
         status |= jumped * np.uint8(TaxelStatus.WRAPPED)
         if repeated.any():
             status |= (repeated & ~fresh) * np.uint8(TaxelStatus.STALE)
-            status |= self._still.stuck() * np.uint8(TaxelStatus.STUCK)
+            status |= self._still.marks()
         return np.where(good, status, 0).astype(np.uint8)
 
     def _jumped(self, values: Array, usable: Bools) -> Bools:

@@ -106,8 +106,8 @@ class SerialBoard(StreamingBoard):
     `sequence` grows by one a frame and by the frames known lost: bytes skipped over the length of
     a frame, at least one for a reconnection. Whole frames that a board never sent cannot be known;
     `counters()['suspected']` compares stamps with their usual spacing: a paused host or board
-    looks the same, so those are not part of `sequence`. STUCK marks chips that repeat themselves
-    among others that change (`StillWatch`).
+    looks the same, so those are not part of `sequence`. Chips that repeat themselves bit for bit
+    among others that change are STALE, and STUCK when it lasts (`StillWatch`).
     """
 
     def __init__(
@@ -214,7 +214,8 @@ class SerialBoard(StreamingBoard):
         if self._last_ns is None:
             return
         gap = (stamp_ns - self._last_ns) / (1 + skipped)
-        usual = self._usual_ns or gap
+        # frames that were kept back come at once: their spacing is not the board's
+        usual = max(self._usual_ns or gap, self._period_ns / 2)
         if gap > LONG_GAP * usual:
             self._suspected += round(gap / usual) - 1
         self._usual_ns = usual + 0.05 * (min(gap, LONG_GAP * usual) - usual)
@@ -227,7 +228,7 @@ class SerialBoard(StreamingBoard):
         status[clipped] |= np.uint8(TaxelStatus.SATURATED)
         for row, values in zip(status, decoded.values, strict=True):
             if self._still.follow(values).any():
-                row[self._still.stuck()] |= np.uint8(TaxelStatus.STUCK)
+                row[:] |= self._still.marks()
         if self._mark_repeats:
             status[self._repeats(decoded)] |= np.uint8(TaxelStatus.STALE)
         return status

@@ -68,10 +68,12 @@ class SerialTwin:
     -----
     In real time, faults wait until a program has had the port open for 0.1 s.
     stall: nothing is measured for 0.5 s. unplug: the port goes for 1 s, and the board starts anew.
-    stuck_chip: one taxel repeats its last reading. saturation: one reads its limit.
+    stuck_chip: one taxel repeats its last reading, or all do where one converter reads them
+    (`one_converter`). saturation: one reads its limit.
     """
 
     faults: tuple[str, ...] = SERIAL_FAULTS
+    one_converter = False
 
     def __init__(
         self,
@@ -257,14 +259,15 @@ class SerialTwin:
                 self._line.replug()
 
     def _sample(self, t: float, fault: str) -> Array:
-        """Values with noise, and with one taxel stuck or saturated."""
+        """Values with noise, with one taxel stuck or saturated, or all of a converter stuck."""
         values = np.asarray(self._signal(t), np.float64) + self._noise * self._rng.standard_normal(
             self.layout.shape
         )
-        if fault in ('stuck_chip', 'saturation'):
-            taxel = int(self._rng.integers(len(values))) if fault == 'saturation' else 0
-            stuck = values if self._last is None else self._last
-            values[taxel] = self._limit() if fault == 'saturation' else stuck[taxel]
+        if fault == 'saturation':
+            values[int(self._rng.integers(len(values)))] = self._limit()
+        elif fault == 'stuck_chip' and self._last is not None:
+            stuck = slice(None) if self.one_converter else slice(1)
+            values[stuck] = self._last[stuck]
         self._last = values
         return values
 

@@ -1,4 +1,4 @@
-"""Taxels that repeat their last reading for longer than their own noise explains: stuck."""
+"""Taxels that repeat their last reading, which their own noise does not explain: stuck perhaps."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.types import Bools
+from tactile_ros.types import Bools, Bytes, TaxelStatus
 
 
 class StillWatch:
@@ -21,29 +21,49 @@ class StillWatch:
         Identical readings in a row before a taxel counts as stuck.
     chance : float
         A run of repeats is believed to be the taxel's own quiet down to this probability, from
-        the share of repeats it had before the run. Runs that were judged stuck are not learnt.
+        the repeats it had before the run. Runs that were judged stuck are not learnt.
     others : float
         A repeat counts only where at least this share of all taxels changed: a board that is
         still as a whole says nothing about one taxel.
+    doubt : float
+        The same probability from which on a repeat is doubted.
+    changes : int
+        A taxel that has not changed so often yet is not judged: it may rest since the start.
+
+    Notes
+    -----
+    What counts as quiet is the larger of two shares: repeats among all readings, and repeats
+    among those that follow a repeat, since a taxel that rests between touches has few long runs.
     """
 
     def __init__(
-        self, taxels: int, stuck_after: int = 10, chance: float = 1e-6, others: float = 0.0
+        self,
+        taxels: int,
+        stuck_after: int = 10,
+        chance: float = 1e-6,
+        others: float = 0.0,
+        doubt: float = 1e-3,
+        changes: int = 0,
     ) -> None:
         """See the class."""
         self._stuck_after = stuck_after
         self._log_chance = np.log(chance)
+        self._log_doubt = np.log(doubt)
         self._others = others * taxels
+        self._changes = changes
         self._readings: npt.NDArray[Any] | None = None
         self._run = np.zeros(taxels)
-        self._repeats = np.ones(taxels)
-        self._seen = np.full(taxels, 2.0)
+        self._runs = np.zeros(taxels)
+        self._repeats = np.zeros(taxels)
+        self._changed = np.zeros(taxels)
 
     def forget(self, taxels: Bools | slice = slice(None)) -> None:
         """Begin the runs of these taxels anew."""
         self._run[taxels] = 0
 
-    def follow(self, readings: npt.NDArray[Any], good: Bools | None = None) -> Bools:
+    def follow(
+        self, readings: npt.NDArray[Any], good: Bools | None = None, telling: bool = True
+    ) -> Bools:
         """Take the next readings.
 
         Parameters
@@ -52,6 +72,8 @@ class StillWatch:
             As the taxels sent them.
         good : ndarray, shape (t,), or None
             Taxels that were read; None: all.
+        telling : bool
+            Whether a repeat of these readings says anything; False at the ends of the range.
 
         Returns
         -------
@@ -66,17 +88,37 @@ class StillWatch:
         if good is not None:
             same &= good
             changed &= good
-        learnt = self._run * ~self.stuck() if self._run.any() else self._run
-        self._repeats[changed] += learnt[changed]
-        self._seen[changed] += learnt[changed] + 1
-        self._run[changed] = 0
-        if np.count_nonzero(changed) >= self._others:
+        if self._run.any():
+            self._learn(changed)
+        self._changed += changed
+        if telling and np.count_nonzero(changed) >= self._others:
             self._run += same
         self._readings[changed] = readings[changed]
         return same
 
+    def _learn(self, ended: Bools) -> None:
+        """Remember the runs of taxels that change now, those judged stuck apart."""
+        honest = ended & ~self.stuck()
+        self._repeats[honest] += self._run[honest]
+        self._runs[honest] += self._run[honest] > 0
+        self._run[ended] = 0
+
+    def doubtful(self) -> Bools:
+        """Taxels, shape (t,), that repeat themselves now and seldom did: perhaps stuck."""
+        return self._unlikely(self._log_doubt)
+
+    def marks(self) -> Bytes:
+        """Bits of `TaxelStatus`, shape (t,): STALE where doubtful, STUCK where stuck."""
+        stale = self.doubtful() * np.uint8(TaxelStatus.STALE)
+        return np.asarray(stale | self.stuck() * np.uint8(TaxelStatus.STUCK), np.uint8)
+
     def stuck(self) -> Bools:
         """Taxels, shape (t,), whose run of repeats is longer than their own noise explains."""
-        share = self._repeats / self._seen
-        likely = self._run * np.log(share) > self._log_chance
-        return np.asarray((self._run + 1 >= self._stuck_after) & ~likely, np.bool_)
+        return self._unlikely(self._log_chance) & (self._run + 1 >= self._stuck_after)
+
+    def _unlikely(self, log_chance: float) -> Bools:
+        """Taxels whose run is less likely than that by what they did before."""
+        share = (self._repeats + 0.5) / (self._repeats + self._changed + 1)
+        again = (self._repeats - self._runs + share) / (self._repeats + 1)
+        unlikely = self._run * np.log(np.maximum(share, again)) < log_chance
+        return np.asarray(unlikely & (self._changed >= self._changes), np.bool_)

@@ -136,19 +136,16 @@ class CalibratedCovariance:
         if np.shape(drivers)[1:] != self.low_.shape:
             drivers = as_shape('drivers', drivers, (-1, len(self.low_)))
         low, high, weights = self._unscaled
-        sigma = self._sigma(_squares(drivers, low, high) @ weights)  # NaN where a driver is
+        moved = drivers - self.drivers_.mean_
+        sigma = self._sigma(_squares(moved, low, high) @ weights)  # NaN where a driver is
         return np.asarray(np.exp(sigma, out=sigma))
 
     @cached_property
     def _unscaled(self) -> tuple[Array, Array, Array]:
-        """Range and weights for drivers as they come: a frame has no time to standardise."""
-        mean, gain = self.drivers_.mean_, self.drivers_.gain_
-        ends = (self.drivers_.inverse(end) for end in (self.low_, self.high_))
-        scale = np.diag(np.concatenate([np.ones(1), gain]))
-        scale[1:, 0] = -mean * gain
-        form = self.weights_.reshape(*scale.shape, -1)
-        weights = np.einsum('ia,ijk,jb->abk', scale, form, scale)
-        return (*ends, weights.reshape(self.weights_.shape))
+        """Range and weights for drivers less their mean: a frame has no time to scale them."""
+        spread, scale = self.drivers_.spread_, np.concatenate([np.ones(1), self.drivers_.gain_])
+        weights = np.outer(scale, scale).reshape(-1, 1) * self.weights_
+        return self.low_ * spread, self.high_ * spread, weights
 
     def _regress(self, terms: Array, size: Array) -> Array:
         """Weights (p, k) of the logarithm of the mean size, by penalised Newton steps."""

@@ -31,8 +31,6 @@ START_NS = 10**12
 SIGNAL_S = 15.0
 # resting level, span of the signal and tolerance by unit; the coarsest steps are 2.5 uT and 1/1023
 SIZES = {'T': (0.3e-3, 1.6e-3, 10e-6), '1': (0.2, 0.6, 3e-3)}
-# so old may a repeated reading be before it is marked
-REPEATS_S = 10 / RATE_HZ
 BLOCK = 16
 DRAIN_S = 0.004
 LONGEST_S = 10.0
@@ -42,7 +40,7 @@ PATIENCE_S = 5.0
 MARKS = {
     'saturation': TaxelStatus.SATURATED,
     'wrap': TaxelStatus.WRAPPED,
-    'stuck_chip': TaxelStatus.STUCK,
+    'stuck_chip': TaxelStatus.STUCK | TaxelStatus.STALE,
 }
 # frames or transfers of a storm, where they are not five
 STORMS = {'stuck_chip': 30, 'unplug': 2, 'stall': 2}
@@ -68,12 +66,13 @@ class Trial:
     injected : int
         How often it happened.
     counted : int
-        What the driver's counter for it says; of saturation, wrap and stuck_chip the readings
-        that were marked.
+        What the driver's counter for it says; of saturation, wrap and stuck_chip the frames in
+        which a reading was marked.
     recovery_s : float
         Longest time between two frames of which every taxel may be used (s).
     wrong : int
-        Taxel readings that may be used and are not what was there.
+        Taxel readings that no bit marks and that are not what was there, and STALE ones that are
+        not the reading before.
     frames : int
         That the driver delivered.
     """
@@ -106,6 +105,8 @@ class Road:
         Of the sensor, at 80 Hz.
     waited_s : float
         Real time that the driver took to find its port again (s).
+    block : int
+        Frames that a serial board sends before the driver reads; 1: each is read when it comes.
     """
 
     def __init__(
@@ -120,6 +121,7 @@ class Road:
         self.layout = spec.layout(config)
         self.noise = noise
         self.waited_s = 0.0
+        self.block = BLOCK
         self.clock = VirtualClock(START_NS)
         self.signal = telling(self.layout, seed)
         self.twin = spec.simulate(
@@ -158,7 +160,7 @@ class Road:
         frames: list[Frame] = []
         while self.clock.now_ns() < end_ns:
             if isinstance(self.twin, SerialTwin):
-                self.twin.play(BLOCK)
+                self.twin.play(self.block)
                 frames += self._drain(DRAIN_S)
             else:
                 frames += self._read(0.1)
@@ -185,14 +187,31 @@ class Road:
                 return frames
         return frames
 
-    def times(self, frames: list[Frame]) -> Array:
-        """When each frame was taken, by what its usable readings tell, shape (s,) (s)."""
+    def times(self, frames: list[Frame], counted: bool = False) -> Array:
+        """When each frame was taken, shape (s,) (s).
+
+        Parameters
+        ----------
+        frames : list of Frame
+            In their order.
+        counted : bool
+            By sequence from the first on, where readings that repeat themselves tell no time.
+
+        Returns
+        -------
+        ndarray, shape (s,)
+            By what the usable readings tell; of chips on I2C by the stamps.
+        """
         found = np.empty(len(frames))
         for i, frame in enumerate(frames):
-            if isinstance(self.twin, SerialTwin):
-                found[i] = self._time_told(frame)
-            else:
+            if not isinstance(self.twin, SerialTwin):
                 found[i] = ((frame.stamp_ns or 0) - self._begun_ns) * 1e-9
+            elif counted and i:
+                found[i] = found[0] + (frame.sequence - frames[0].sequence) / RATE_HZ
+            else:
+                found[i] = self._time_told(frame)
+        if counted and len(found):
+            self._seen = float(found[-1])
         return found
 
     def _time_told(self, frame: Frame) -> float:
@@ -208,11 +227,13 @@ class Road:
         self._seen = float(periods[int(near.argmin())] / RATE_HZ)
         return self._seen
 
-    def wrong(self, frame: Frame, t: float, age_s: float = 0.0) -> int:
-        """Taxels that may be used and are not what was there at a time, or up to an age before."""
+    def wrong(self, frame: Frame, t: float, before: Frame | None = None) -> int:
+        """Taxels that no bit marks and are not what was there, or STALE and not as before."""
         tolerance = SIZES[self.layout.unit][2] + 5 * self.noise
-        slack = np.abs(self.signal(t) - self.signal(t - age_s)) + tolerance
-        near = (np.abs(frame.values - self.signal(t)) <= slack).all(axis=1)
+        near = (np.abs(frame.values - self.signal(t)) <= tolerance).all(axis=1)
+        if frame.status is not None and before is not None:
+            stale = (frame.status & TaxelStatus.STALE) > 0
+            near = np.where(stale, (frame.values == before.values).all(axis=1), near)
         return int(np.count_nonzero(usable(frame) & ~near))
 
 
@@ -268,6 +289,8 @@ def suffer(road: Road, fault: str, count: int = 1, settle_s: float = 1.0) -> Tri
     Trial
         What happened.
     """
+    # told by the time of arrival
+    road.block = 1 if fault == 'stall' else BLOCK
     frames = road.run(settle_s)
     before, counted = road.twin.injected[fault], road.counters()
     waited = road.waited_s
@@ -278,17 +301,16 @@ def suffer(road: Road, fault: str, count: int = 1, settle_s: float = 1.0) -> Tri
     while road.twin.injected[fault] < before + count and road.clock.now_ns() < deadline_ns:
         frames += road.run(settle_s)
     frames += road.run(settle_s)
-    times = road.times(frames)
+    times = road.times(frames, counted=fault == 'stuck_chip')
     good = np.array([bool(usable(frame).all()) for frame in frames], bool)
     gaps = np.diff(times[good]) if good.sum() > 1 else np.array([np.inf])
-    age_s = REPEATS_S if fault == 'stuck_chip' else 0.0
     away = (road.waited_s - waited) / (count if fault == 'unplug' else 1)
     return Trial(
         fault,
         road.twin.injected[fault] - before,
         _counted(fault, frames, counted, road.counters()),
         float(gaps.max()) + away,
-        sum(road.wrong(frame, t, age_s) for frame, t in zip(frames, times, strict=True)),
+        sum(map(road.wrong, frames, times, [None, *frames[:-1]])),
         len(frames),
     )
 
@@ -299,7 +321,7 @@ def _counted(
     """What the driver's own counter, or the marks in its frames, say of a fault."""
     if fault in MARKS:
         return sum(
-            int(np.count_nonzero(frame.status & np.uint8(MARKS[fault])))
+            bool((frame.status & MARKS[fault]).any())
             for frame in frames
             if frame.status is not None
         )

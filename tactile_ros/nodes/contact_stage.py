@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.types import Frame, FrameStatus
+from tactile_ros.types import Frame, FrameStatus, TaxelStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,8 +22,10 @@ if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Bytes, ContactState
 
-# not those of a taxel that the fit found dead: it is left out
-DAMAGED = int(FrameStatus.BAD_TAXELS | FrameStatus.STALE)
+# not that of a taxel that the fit found dead: it is left out
+DAMAGED = int(FrameStatus.BAD_TAXELS)
+STALE = int(FrameStatus.STALE)
+SAYS_NOTHING = np.uint8(TaxelStatus.STALE | TaxelStatus.DEAD)
 
 
 @dataclass
@@ -161,7 +163,7 @@ class ContactStage:
         tally.taxel_status = state.taxel_status
         tally.in_contact = int(state.in_contact)
         tally.stamp_ns = frame.stamp_ns
-        if not tally.status & DAMAGED:
+        if not _is_damaged(state):
             self._seen.append((frame, self.is_touching))
         elif self.is_touching and self._seen:
             # nothing before a contact may be a rest after it, whatever its frames look like
@@ -230,3 +232,10 @@ class ContactStage:
     def _baseline(self, frame: Frame, sequence: int) -> Frame:
         """Baseline in use as a frame."""
         return Frame(frame.stamp_ns, sequence, np.array(self.pipeline.baseline))
+
+
+def _is_damaged(state: ContactState) -> bool:
+    """No tare may take this frame: a taxel of it is bad, or none says anything new."""
+    if state.status & DAMAGED:
+        return True
+    return bool(state.status & STALE and np.all(state.taxel_status & SAYS_NOTHING))

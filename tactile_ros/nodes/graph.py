@@ -5,10 +5,15 @@ Plain data, no rclpy. `processes` starts a graph where there is no `ros2 launch`
 
 from __future__ import annotations
 
+import atexit
 import json
 import math
+import shutil
 import sys
+import tempfile
 from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
@@ -17,10 +22,18 @@ if TYPE_CHECKING:
 PACKAGE = 'tactile_ros'
 
 PORT = '/dev/ttyACM0'
-SIMULATED_PORT = '/tmp/tactile_board'
+SIMULATED_PORT = 'board'
 
 Value = bool | int | float | str | list[float]
 Source = Literal['hardware', 'recorded', 'simulated']
+
+
+@cache
+def private_folder() -> Path:
+    """Folder that only this user may enter, for this process; removed when it ends."""
+    folder = tempfile.mkdtemp(prefix='tactile_')
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
 
 
 @dataclass(frozen=True)
@@ -154,10 +167,11 @@ class Setting:
 
     @property
     def place(self) -> str:
-        """Path of the port: where a player's is not named, one for the namespace."""
+        """Path of the port: where a player's is not named, a private one for the namespace."""
         if self.source != 'recorded' or self.port != PORT:
             return self.port
-        return '_'.join([SIMULATED_PORT, *self.namespace.strip('/').split('/')]).rstrip('_')
+        name = '_'.join([SIMULATED_PORT, *self.namespace.strip('/').split('/')]).rstrip('_')
+        return str(private_folder() / name)
 
     def chosen(self, *names: str) -> dict[str, Value]:
         """What differs from the defaults; the rest is left to the parameter file."""

@@ -19,6 +19,7 @@ from tactile_ros import messages
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.archive import load_recording
 from tactile_ros.msg import TactileContact, TactileContacts, TactileFrame
+from tactile_ros.nodes.graph import SIMULATED_PORT, private_folder
 from tactile_ros.nodes.ledger import Ledger
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
 from tactile_ros.nodes.performance import Performance, Score, Stopped, Tally, truth_states
@@ -46,7 +47,8 @@ class PlayerOptions:
         metadata={'help': 'key of the sensor whose recordings are shipped', 'read_only': True},
     )
     port: str = field(
-        default='/tmp/tactile_board', metadata={'help': 'where the simulated port shall appear'}
+        default='',
+        metadata={'help': 'where the simulated port appears; empty: a private place, logged'},
     )
     autostart: bool = field(
         default=True, metadata={'help': 'configure and activate at start', 'read_only': True}
@@ -119,8 +121,10 @@ class PlayerNode(ManagedNode):
             self._heard.append(
                 self.create_subscription(TactileContacts, 'contacts', self._on_contacts, data())
             )
+        port = options.port or str(private_folder() / SIMULATED_PORT)
+        self.get_logger().info(f'the board appears at {port}')
         score = Score(
-            self._recording, options.port, options.speed_up, options.rate_hz, options.window,
+            self._recording, port, options.speed_up, options.rate_hz, options.window,
             options.patience_s,
         )  # fmt: skip
         tare = self._take_tare if options.tare else None

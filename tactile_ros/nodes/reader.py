@@ -29,6 +29,8 @@ FIRST_RETRY_S = 0.1
 LONGEST_RETRY_S = 0.5
 # the same complaint is not told again before
 REPEAT_S = 10.0
+# a quiet chip repeats itself now and then
+RARELY = 0.05
 MOST_STAMPS = 10_000
 # a frame that takes less was kept back somewhere
 AT_ONCE_S = 0.5e-3
@@ -59,6 +61,8 @@ class Reading:
         Acquisition times (ns) since they were taken last.
     marks : int
         Bits of `TaxelStatus` that came since they were taken last.
+    fresh, stale : int
+        Frames since then, and those with a STALE taxel.
     """
 
     frames: int = 0
@@ -70,24 +74,32 @@ class Reading:
     flagged: int = 0
     stamps: deque[int] = field(default_factory=lambda: deque(maxlen=MOST_STAMPS))
     marks: int = 0
+    fresh: int = 0
+    stale: int = 0
 
     def note(self, frame: Frame) -> None:
         """Count a frame."""
         self.frames += 1
+        self.fresh += 1
         self.last = frame
         self.stamps.append(frame.stamp_ns or 0)
         if frame.status is not None:
             self.flagged += int(np.count_nonzero(frame.status))
-            self.marks |= int(np.bitwise_or.reduce(frame.status))
+            marks = int(np.bitwise_or.reduce(frame.status))
+            self.marks |= marks
+            self.stale += bool(marks & TaxelStatus.STALE)
 
     def take_stamps(self) -> list[int]:
         """Acquisition times (ns) since the last call."""
         return [self.stamps.popleft() for _ in range(len(self.stamps))]
 
     def take_marks(self) -> TaxelStatus:
-        """Bits that came since the last call."""
-        marks, self.marks = self.marks, 0
-        return TaxelStatus(marks)
+        """Bits that came since the last call; STALE only if it came often."""
+        marks = TaxelStatus(self.marks)
+        if self.stale <= RARELY * self.fresh:
+            marks &= ~TaxelStatus.STALE
+        self.marks = self.fresh = self.stale = 0
+        return marks
 
     def taxels(self, bit: TaxelStatus) -> list[int]:
         """Taxels of the latest frame that carry a status bit."""

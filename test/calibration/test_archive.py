@@ -31,9 +31,7 @@ ARRAYS = {
     'empty.scalar': np.array(''),
     'swapped': np.arange(3, dtype='>i4'),
 }
-SLOW = settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+SLOW = settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def npy(array: np.ndarray, allow_pickle: bool = False) -> bytes:

@@ -120,6 +120,7 @@ def test_what_is_wrong_is_one_sentence(
     assert not printed.out
 
 
+@pytest.mark.ros
 def test_record_makes_a_bag_and_says_where(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 from pathlib import Path
@@ -30,7 +31,7 @@ from tactile_ros.devices.simulated_i2c import SimulatedI2cBus
 from tactile_ros.devices.transport import I2cBus
 from tactile_ros.errors import DeviceError
 from tactile_ros.sensors import list_sensors
-from tactile_ros.types import Frame, Layout
+from tactile_ros.types import Frame, Layout, TaxelStatus
 
 LAYOUT = Layout(np.zeros((3, 3)), ('Bx', 'By', 'Bz'), 'T', rate_hz=100.0)
 
@@ -207,6 +208,25 @@ def test_noise_is_that_of_the_readings_whatever_presses() -> None:
     slow = 1e-3 * np.sin(np.linspace(0, 6, 2000))[:, None, None]
     trial = trial_of(slow + 2e-6 * rng.standard_normal((2000, 3, 3)))
     np.testing.assert_allclose(noise_of(trial), 2e-6, rtol=0.15)
+
+
+@pytest.mark.parametrize(('stale', 'state'), [(10, None), (11, WARN), (101, BAD)])
+def test_repeats_are_told_where_they_are_more_than_a_quiet_chip_has(
+    stale: int, state: str | None
+) -> None:
+    """More than one frame of twenty; a bit that is always wrong is told from its first frame."""
+    trial = trial_of(1e-6 * np.random.default_rng(0).standard_normal((200, 3, 3)))
+    bits = np.zeros((200, 3), np.uint8)
+    bits[:stale, 1] = TaxelStatus.STALE
+    bits[0, 2] |= TaxelStatus.STUCK
+    frames = [dataclasses.replace(f, status=b) for f, b in zip(trial.frames, bits, strict=True)]
+    found = named(findings(dataclasses.replace(trial, frames=frames)))
+    assert found['stuck'].what.startswith('taxels [2]')
+    assert ('stale' in found) == (state is not None)
+    if state is not None:
+        assert found['stale'].state == state
+        assert found['stale'].what.startswith('taxels [1]')
+        assert 'lower the rate' in found['stale'].remedy
 
 
 def test_a_noisy_and_a_dead_taxel_are_named() -> None:

@@ -36,7 +36,7 @@ def test_a_twin_goes_through_the_real_graph(
     loaded = load(tmp_path / 'bags' / sensor).recordings[0]
     assert loaded.name == sensor
     truth = loaded.recording.truth
-    assert (truth['in_contact'] == 1).mean() > 0.1
+    assert np.count_nonzero(truth['in_contact'] == 1) > 10  # of 4 s in which presses fill 2.3
     assert set(np.unique(truth['session'])) <= {-1, 0}
     told = np.isfinite(truth['force'][:, 2])
     assert told.mean() > 0.9

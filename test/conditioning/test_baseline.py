@@ -98,7 +98,7 @@ def drifting(samples: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @given(st.integers(0, 80), st.integers(0, 10_000), st.lists(st.integers(0, 80), max_size=4))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_tracking_one_by_one_in_pieces_and_in_batch(
     samples: int, seed: int, cuts: list[int]
 ) -> None:
@@ -206,7 +206,7 @@ def plain_baselines(
 @given(
     st.integers(0, 60), st.integers(0, 10_000), st.sampled_from(['stamped', 'not']), st.booleans()
 )
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 def test_baselines_of_a_recording_are_those_of_the_definition(
     samples: int, seed: int, stamped: str, tracked: bool
 ) -> None:

@@ -60,7 +60,7 @@ def test_no_limit_never_clips(limit: np.ndarray) -> None:
     ('bits', 'flags'),
     [
         ([0, 0, 0], 0),
-        ([1, 0, 0], 0),
+        ([1, 0, 0], FrameStatus.STALE),
         ([1, 1, 1], FrameStatus.STALE),
         ([2, 0, 0], FrameStatus.SATURATED | FrameStatus.BAD_TAXELS),
         ([0, 4, 0], FrameStatus.BAD_TAXELS),
@@ -81,6 +81,13 @@ def test_a_frame_is_a_batch_of_one() -> None:
     assert np.isnan(values[0]).all(axis=1).tolist() == [False, True, True]
     assert chips is not None
     assert chips.shape == (1, 3)
+
+
+def test_bits_of_a_frame_do_not_follow_its_array() -> None:
+    status = np.zeros(3, np.uint8)
+    _, bits, _ = frame_readings(Frame(0, 0, np.zeros((3, 2)), status=status), LIMIT)
+    status[:] = 8
+    assert not bits.any()
 
 
 @pytest.mark.parametrize('name', ['status', 'temperature_c'])

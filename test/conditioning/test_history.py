@@ -171,3 +171,12 @@ def test_how_far_the_means_are_behind() -> None:
     for x, t in zip(change, stamp_ns, strict=True):
         means = one.step(x.copy(), int(t))
         np.testing.assert_allclose(other.behind(x.copy(), int(t)), x - means, atol=1e-12)
+
+
+def test_an_array_that_is_used_again_does_not_change_the_past() -> None:
+    change, stamp_ns, _ = stream(20, 3, 0)
+    history, other = History(TAUS), History(TAUS)
+    reused = np.empty(3)
+    for x, t in zip(change, stamp_ns, strict=True):
+        reused[:] = x
+        np.testing.assert_array_equal(history.step(reused, int(t)), other.step(x, int(t)))

@@ -28,8 +28,9 @@ def nothing_left_behind() -> Iterator[None]:
     """Fail when a thread or a descriptor survives the test."""
     threads, files = threading.active_count(), descriptors()
     yield
-    assert threading.active_count() == threads
-    assert descriptors() == files
+    # fewer: what tests before this one had left was collected
+    assert threading.active_count() <= threads
+    assert descriptors() <= files
 
 
 @pytest.fixture

@@ -206,8 +206,9 @@ def array_of(
 
 
 def good(frame: Frame) -> np.ndarray:
+    """Chips that no bit marks; a repeat that happens to be the chip's own is STALE, no fault."""
     assert frame.status is not None
-    return frame.status == 0
+    return (frame.status & ~np.uint8(TaxelStatus.STALE)) == 0
 
 
 def wrong(frame: Frame, t: float = 0.0) -> np.ndarray:
@@ -355,7 +356,8 @@ def test_a_dead_chip_is_named_and_does_not_slow_the_others(mode: Mode) -> None:
         for _ in range(100):
             frame = array.read(1.0)
             assert frame.status is not None
-            assert frame.status.tolist() == [TaxelStatus.ERROR if i == 3 else 0 for i in range(20)]
+            assert frame.status[3] == TaxelStatus.ERROR
+            assert good(frame).tolist() == [i != 3 for i in range(20)]
             assert np.isnan(frame.values[3]).all()
         assert clock.now_ns() - begun_ns < 1e9
         twin.buses[0].silent.clear()
@@ -375,9 +377,10 @@ def test_a_stuck_chip_is_told_from_a_quiet_one(mode: Mode) -> None:
         twin.inject('stuck_chip', 30, chip=2)
         statuses = np.array([array.read(1.0).status for _ in range(60)])
     assert (statuses[:, [0, 1, 3]] == 0).all()
-    stuck = statuses[:, 2] == TaxelStatus.STUCK
+    stuck = (statuses[:, 2] & TaxelStatus.STUCK) > 0
+    stale = (statuses[:, 2] & TaxelStatus.STALE) > 0
     assert np.flatnonzero(stuck).tolist() == list(range(8, 30))  # the tenth alike and on
-    assert not stuck[30:].any()
+    assert np.flatnonzero(stale).tolist() == list(range(1, 30))  # once is no wonder
 
 
 @pytest.mark.parametrize('mode', ['single', 'burst'])
@@ -561,7 +564,7 @@ def test_all_are_started_and_then_read_with_one_write_a_switch(mode: Mode, expec
             assert ' '.join(tap.seen) == expected
 
 
-@pytest.mark.parametrize('rate_hz', [None, float('nan'), 0.0, 1e6])
+@pytest.mark.parametrize('rate_hz', [None, float('nan'), 0.0])
 def test_without_a_rate_it_is_as_fast_as_it_can(rate_hz: float | None) -> None:
     clock = VirtualClock()
     twin = ChipArrayTwin(clusters(), layout_of(20), steady(20), rate_hz=rate_hz, clock=clock)  # type: ignore[arg-type]

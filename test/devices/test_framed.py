@@ -255,7 +255,7 @@ def mutated(draw: st.DataObject, payload: Payload) -> bytes:
     return bytes(data)
 
 
-@settings(max_examples=1000, deadline=None)
+@settings(max_examples=1000)
 @given(st.data(), st.sampled_from(PAYLOADS))
 def test_no_bytes_raise_and_none_are_believed_wrongly(
     draw: st.DataObject, payload: Payload

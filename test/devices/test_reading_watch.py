@@ -8,6 +8,7 @@ import pytest
 from tactile_ros.devices.reading_watch import ReadingWatch
 from tactile_ros.types import TaxelStatus
 
+STALE, STUCK = TaxelStatus.STALE, TaxelStatus.STUCK
 FULL = np.array([5e-3, 5e-3, 8e-3])
 
 
@@ -67,17 +68,28 @@ def test_repeats_are_stale_only_when_there_was_no_time() -> None:
     assert read(0.2, fresh=False) == 0
 
 
+@pytest.mark.parametrize(('readings', 'unmarked'), [(600, 1), (100, 2)])
+def test_a_repeat_of_a_chip_that_never_did_so_is_soon_stale(readings: int, unmarked: int) -> None:
+    read = Reader()
+    assert not any([read(1e-3 * (i % 7)) for i in range(readings)])
+    marks = [read(0.3) for _ in range(12)]
+    assert marks == [*[0] * unmarked, *[STALE] * (9 - unmarked), *[STALE | STUCK] * 3]
+    assert read(0.31) == 0
+
+
 @pytest.mark.parametrize(('quiet', 'after'), [(1, 10), (8, 105)])
 def test_a_chip_is_stuck_when_its_own_noise_does_not_explain_it(quiet: int, after: int) -> None:
     """`quiet` readings alike are usual for this chip; more of them are needed to condemn it."""
     read = Reader(stuck_after=10)
     for i in range(200):
-        for _ in range(quiet):
-            assert read(1e-3 * (i % 7)) == 0
+        marks = [read(1e-3 * (i % 7)) for _ in range(quiet)]
+        assert not any(marks) or i == 0  # nothing is known of a chip that has not changed yet
     statuses = [read(0.3) for _ in range(200)]
-    first = statuses.index(TaxelStatus.STUCK) + 1
+    first = statuses.index(STUCK | STALE) + 1
     assert first == pytest.approx(after, abs=2)
-    assert set(statuses[first:]) == {TaxelStatus.STUCK}
+    assert set(statuses[first:]) == {STUCK | STALE}
+    doubted = statuses.index(STALE) + 1
+    assert doubted == pytest.approx({10: 3, 105: 53}[after], abs=1)
     assert read(0.31) == 0
 
 

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tactile_ros.devices.clock import VirtualClock
 from tactile_ros.devices.packets import encode
 from tactile_ros.devices.serial_board import SerialBoard, arrival_stamps, uart_transfer_s
 from tactile_ros.devices.simulated import Fault, SimulatedSerialPort
@@ -158,6 +159,29 @@ def test_constant_temperature_is_not_a_measurement(
         for row in rows[:3]:
             port.send(encode(row))
         assert board.read(1.0).temperature_c is None
+
+
+def test_frames_that_come_at_once_are_no_measure_of_what_is_missing(
+    port: SimulatedSerialPort, layout: Layout, rows: np.ndarray
+) -> None:
+    clock = VirtualClock()
+    period_s = 1 / layout.rate_hz
+    with SerialBoard(port.port, layout, clock=clock.now_ns) as board:
+        for row in rows[:8]:
+            port.send(encode(row))
+        take(board, 8)
+        for row in rows[8:11]:
+            port.send(encode(row))
+            board.read(1.0)
+        for row in rows[11:40]:
+            clock.sleep(period_s)
+            port.send(encode(row))
+            board.read(1.0)
+        assert board.counters()['suspected'] == 0
+        clock.sleep(20 * period_s)
+        port.send(encode(rows[40]))
+        board.read(1.0)
+        assert 15 <= board.counters()['suspected'] <= 40
 
 
 def test_clipped_and_repeated_readings_are_marked(

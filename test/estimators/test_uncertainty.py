@@ -51,6 +51,23 @@ def test_drivers_beyond_what_was_seen_count_as_the_nearest_seen() -> None:
     np.testing.assert_allclose(far, near, rtol=0.05)
 
 
+@pytest.mark.parametrize('offset', [1e3, 1e7])
+def test_drivers_that_vary_little_about_a_large_mean_tell_as_much(offset: float) -> None:
+    drivers, residuals, groups = noisy(1000, 0)
+    plain = CalibratedCovariance().fit(drivers, residuals, groups).sigma(drivers)
+    far = CalibratedCovariance().fit(drivers + offset, residuals, groups)
+    np.testing.assert_allclose(far.sigma(drivers + offset), plain, rtol=1e-5)
+
+
+def test_a_driver_that_is_not_known_leaves_its_row_unknown_alone() -> None:
+    model = CalibratedCovariance().fit(*noisy(1000, 0))
+    drivers = np.array([[0.5, 0.5], [np.nan, 0.5], [np.inf, 0.5]])
+    sigma = model.sigma(drivers)
+    assert np.isnan(sigma).all(axis=1).tolist() == [False, True, False]
+    np.testing.assert_allclose(sigma[2], model.sigma(np.array([[1e9, 0.5]]))[0])
+    assert model.sigma(np.zeros((0, 2))).shape == (0, 2)
+
+
 @pytest.mark.parametrize('rows', [1, 3, 20, 70])
 def test_few_rows_give_one_definite_covariance(rows: int) -> None:
     drivers, residuals, groups = noisy(rows, 0)

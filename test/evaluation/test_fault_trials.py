@@ -40,7 +40,10 @@ def test_a_reading_of_another_time_is_wrong(road: Road) -> None:
     times = road.times(frames)
     assert np.ptp(times) == pytest.approx((len(frames) - 1) / RATE_HZ)
     assert road.wrong(frames[0], times[-1]) == 4
-    assert road.wrong(frames[0], times[-1], age_s=1.0) == 0
+    stale = np.full(4, TaxelStatus.STALE, np.uint8)
+    again = dataclasses.replace(frames[0], status=stale)
+    assert road.wrong(again, times[-1], frames[0]) == 0
+    assert road.wrong(again, times[-1], frames[-1]) == 4
 
 
 def test_a_driver_that_lies_is_found_out(road: Road, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from tactile_ros.nodes.contact_stage import ContactStage
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import ContactStates, Frame, FrameStatus, Layout
+from tactile_ros.types import ContactStates, Frame, FrameStatus, Layout, TaxelStatus
 
 LAYOUT = Layout(np.zeros((1, 3)), ('p',), '1')
 
@@ -129,6 +129,22 @@ def test_a_dead_taxel_that_was_left_out_of_the_fit_does_not_hinder_a_tare() -> N
     stage.reset()
     stage.process(Frame(9, 9, np.where(np.arange(5)[:, None] == 1, np.nan, values[0])))
     assert not stage.tare()[0]
+
+
+def test_a_stale_taxel_makes_a_frame_invalid_and_none_new_hinders_a_tare() -> None:
+    spec = load_sensor('reskin_board')
+    spatial = spec.recordings()['spatial'].select(slice(0, 200))
+    stage = ContactStage(spec.pipeline(estimator='ridge').fit(spatial), 3, False, lambda _: None)
+
+    def feed(sequence: int, stale: list[int]) -> bool:
+        bits = np.isin(np.arange(5), stale) * np.uint8(TaxelStatus.STALE)
+        return bool(stage.process(Frame(sequence, sequence, spatial.values[0], status=bits)).valid)
+
+    assert not feed(0, [0, 1, 2, 3, 4])
+    assert not stage.tare()[0]
+    assert not feed(1, [3])
+    assert stage.tare()[0]
+    assert feed(2, [])
 
 
 def test_every_stream_begins_with_its_baseline() -> None:

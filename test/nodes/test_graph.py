@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import math
 import subprocess
+from pathlib import Path
 
 import pytest
 import yaml
 
 from tactile_ros.errors import TactileError
-from tactile_ros.nodes.graph import Graph, Process, Setting, sensing, yaml_text
+from tactile_ros.nodes.graph import (
+    Graph,
+    Process,
+    Setting,
+    private_folder,
+    sensing,
+    yaml_text,
+)
 from tactile_ros.nodes.processes import Running
 
 
@@ -84,9 +92,13 @@ def test_played_boards_do_not_share_a_port() -> None:
         sensing(Setting(source='recorded', namespace=space))['player'].parameters['port']
         for space in ('', 'hand/thumb', '/hand/index/')
     ]
-    assert ports == [
-        '/tmp/tactile_board', '/tmp/tactile_board_hand_thumb', '/tmp/tactile_board_hand_index',
+    assert [Path(port).name for port in ports] == [
+        'board', 'board_hand_thumb', 'board_hand_index',
     ]  # fmt: skip
+    folders = {Path(port).parent for port in ports}
+    assert folders == {private_folder()}
+    # nobody else may put a port in its place
+    assert private_folder().stat().st_mode & 0o777 == 0o700
 
 
 @pytest.mark.parametrize('stack', [False, True])

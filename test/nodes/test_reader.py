@@ -177,6 +177,14 @@ def test_stamps_and_marks_are_taken_once() -> None:
     assert not read.reading.take_marks()
 
 
+@pytest.mark.parametrize(('often', 'told'), [(19, True), (20, False)])
+def test_a_reading_that_repeats_itself_now_and_then_is_not_told(often: int, told: bool) -> None:
+    reading = reader.Reading()
+    for sequence in range(often):
+        reading.note(frame(sequence, TaxelStatus.STALE if sequence == 3 else 0))
+    assert bool(reading.take_marks()) is told
+
+
 def test_what_was_kept_back_is_discarded_where_fresh_frames_are_wanted() -> None:
     class Buffered(Script):
         """Frames 0 to 4 were kept back; later ones come when somebody waits."""

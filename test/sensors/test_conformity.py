@@ -566,6 +566,15 @@ def test_short_recordings(toy: Toy, pipeline: Pipeline, samples: int) -> None:
             assert len(states) == samples
 
 
+def test_no_frame_asks_nothing_of_an_estimation(
+    toy: Toy, pipeline: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(type(pipeline.estimation), 'estimate', None)
+    states = pipeline.process_batch(toy.streams(1).select(slice(0, 0)))
+    states.refuse_misfit(toy.layout.shape[0])
+    assert len(states) == 0
+
+
 def test_untouched_rows(toy: Toy, pipeline: Pipeline) -> None:
     rng = np.random.default_rng(6)
     values = toy.rest + 0.3 * toy.noise * rng.normal(size=(30, *toy.layout.shape))
