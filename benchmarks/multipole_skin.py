@@ -67,8 +67,8 @@ def run(extent: str, command: str) -> BenchResult:
     notes = [
         'peer: prototypes of whole windows with 1 / 3 / 5 shots, or nearest neighbours where '
         'classes are learned',
-        'bound: the same estimator with the chips, gains and bands of the world itself; what differs '
-        'along a band it does not know, so that a skin mended by presses may do better',
+        'bound: the same estimator with the chips, gains and bands of the world itself; it does '
+        'not know what differs along a band, so that a skin mended by presses may do better',
         'paper: on its own sheet and heads, of which it gives no drawing',
     ]
     return BenchResult('multipole_skin', command, seeds, rows, notes)

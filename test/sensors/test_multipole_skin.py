@@ -208,6 +208,12 @@ def signals(contact: list[int], restart: list[int], d: int = 2) -> Signals:
     )  # fmt: skip
 
 
+def test_votes_that_know_one_head_never_speak_for_all(trial: Trial) -> None:
+    # one class alone is voted rightly always, and says nothing of the others
+    estimation = trial.pipeline.estimation
+    assert estimation._votes({'label': {'held_out_accuracy': 1.0}}) == 0.0  # type: ignore[attr-defined]
+
+
 def test_windows_begin_with_contact_and_follow_each_other() -> None:
     live = signals([0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 0, 1, 1], [0])
     found, frames = find_windows(live, 3, WindowMemory(None))

@@ -140,7 +140,7 @@ class MultipoleEstimation:
         right = by_press.get(f'accuracy_{self.recogniser_.road_}')
         if right is None:
             chosen += ['label'] if templates and 'label' not in frames else []
-        elif right >= frames.get('label', {}).get('held_out_accuracy', 0.0):
+        elif right >= self._votes(frames):
             chosen.append('label')
         for target in ('position', 'yaw'):
             own = report.get(f'{target}_by_press', {}).get('median', np.inf)
@@ -153,6 +153,15 @@ class MultipoleEstimation:
             if templates and (own < other or (not theirs and not np.isfinite(own))):
                 chosen.append(target)
         self.by_press_ = tuple(chosen)
+
+    def _votes(self, frames: Report) -> float:
+        """How often votes of frames are right; never, where they cannot name every head."""
+        assert self.recogniser_ is not None
+        seen = set(self.recogniser_.known_.label.tolist())
+        heads = range(len(self.config.objects)) if self.recogniser_.search is not None else ()
+        if not seen.issuperset(heads) or 'label' not in self.frames_.estimators:
+            return 0.0
+        return frames.get('label', {}).get('held_out_accuracy', 0.0)
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Targets of every row; label, place and turn on the last frame of a window."""
