@@ -169,19 +169,20 @@ class Pipeline:
             If the shape, the unit or a channel differs from the layout.
         """
         truth.refuse_foreign(self.sensor, self.layout, recording)
-        bits = taxel_faults(recording.values, recording.status, self._limit())
-        usable = without_faults(recording.values, bits)
-        usable, bits = set_aside(usable, bits, self.rest_.dead)
+        usable, bits = self._readings(recording)
         signals = self._conditioned_rows(recording, usable, bits)
         known = self._estimate(signals, bits, self._begin(), recording.restarts)
         return ContactStates.assemble(len(recording), bits.shape[1], known)
 
+    def _readings(self, recording: Recording) -> tuple[Array, Bytes]:
+        """Readings of a recording, NaN where unusable, and why."""
+        bits = taxel_faults(recording.values, recording.status, self._limit())
+        return set_aside(without_faults(recording.values, bits), bits, self.rest_.dead)
+
     def _conditioned_rows(self, recording: Recording, usable: Array, bits: Bytes) -> Signals:
         """Conditioned frames of a recording."""
-        rest, tracking = self.rest_, self._tracking()
-        base, restart, tare = stream_baselines(
-            recording, usable, rest.baseline, tracking, rest.dead
-        )
+        rest, follow = self.rest_, self._tracking()
+        base, restart, tare = stream_baselines(recording, usable, rest.baseline, follow, rest.dead)
         chips, stamp_ns = recording.temperature_c, recording.stamp_ns
         signals = self._signals(usable, bits, base, chips, stamp_ns, restart, tare)
         return replace(signals, begins=recording.restarts)
@@ -301,12 +302,13 @@ class Pipeline:
         return tuple(getattr(self.estimation, 'label_names', ()))
 
     def enrol(self, recording: Recording, label: str) -> None:
-        """Learn a new class from presses; only sensors that recognise objects can."""
+        """Learn a class from presses; ValueError if they are too weak, clipped or none."""
         enrol = getattr(self.estimation, 'enrol', None)
         if enrol is None:
             msg = f'{self.sensor} recognises no classes; received {label!r} to enrol'
             raise ValueError(msg)
-        enrol(recording, label)
+        truth.refuse_foreign(self.sensor, self.layout, recording)
+        enrol(self._conditioned_rows(recording, *self._readings(recording)), label)
 
     def forget(self, label: str) -> None:
         """Undo an enrolment by name."""

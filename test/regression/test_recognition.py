@@ -7,11 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tactile_ros.regression.recognition import Vote
+from tactile_ros.regression.recognition import Recognition, Vote
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Recording
 
-SPEC = load_sensor('multipole_skin')
+SPEC = dataclasses.replace(load_sensor('multipole_skin'), estimation=Recognition)
 CONFIG = dataclasses.replace(SPEC.config(), positions=np.eye(3)[:2] * 0.01, track_baseline=False)
 LAYOUT = SPEC.layout(CONFIG)
 

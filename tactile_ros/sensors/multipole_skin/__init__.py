@@ -14,9 +14,13 @@ Meta-learning Model.
 
 from __future__ import annotations
 
-from tactile_ros.regression import CLASSES, ESTIMATORS, Recognition
+from tactile_ros.estimators.few_shot import Supports
+from tactile_ros.estimators.skin_model import SkinModel
+from tactile_ros.regression import CLASSES, ESTIMATORS
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig, layout
 from tactile_ros.sensors.multipole_skin.device import SKIN, MultipoleSkinConnection
+from tactile_ros.sensors.multipole_skin.estimation import MultipoleEstimation
+from tactile_ros.sensors.multipole_skin.recogniser import Recogniser
 from tactile_ros.sensors.multipole_skin.signal import presses
 from tactile_ros.sensors.registry import SensorSpec
 from tactile_ros.types import Outline
@@ -32,11 +36,19 @@ SENSOR = SensorSpec(
     config=MultipoleSkinConfig,
     connection=MultipoleSkinConnection,
     layout=layout,
-    estimation=Recognition,
+    estimation=MultipoleEstimation,
     estimator_names=ESTIMATORS,
     open=SKIN.open,
     simulate=SKIN.simulate,
     presses=presses,
-    classes=(MultipoleSkinConfig, Outline, *CLASSES),
+    classes=(
+        MultipoleSkinConfig,
+        Outline,
+        MultipoleEstimation,
+        Recogniser,
+        Supports,
+        SkinModel,
+        *CLASSES,
+    ),
     recordings=dict,
 )

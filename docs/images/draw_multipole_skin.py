@@ -1,0 +1,92 @@
+"""Draw the images of `docs/multipole_skin.md`: python docs/images/draw_multipole_skin.py."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parents[1] / 'benchmarks'))
+
+import multipole_skin as bench  # noqa: E402
+
+STYLE = 'font-family="sans-serif" font-size="11" fill="#333"'
+DEPTH = 0.6e-3
+PLACE = np.array([19e-3, 20e-3, 0.0])
+RED, BLUE = '#b2182b', '#2166ac'
+
+
+def templates() -> str:
+    """Changes of field of nine heads at one place, chip by chip."""
+    trials = bench.Trials(bench.world_module(), 1)
+    recogniser = bench.SENSOR.pipeline(trials.config).fit(trials.one).estimation.recogniser_
+    bank = recogniser.search.bank
+    parts = bank.at(np.arange(9), np.tile(PLACE, (9, 1)))[:, 0]
+    fields = np.tensordot(DEPTH ** np.arange(1, 4), parts, axes=(0, 1)).reshape(9, -1, 3)
+    chips = recogniser.model.chips
+    most = np.abs(fields).max()
+    drawn = []
+    for i, head in enumerate(trials.heads):
+        left, top = 190 * (i % 3), 205 * (i // 3)
+        at = np.array([left + 95, top + 105])
+        outline = at + (head.loops[0] + PLACE[:2]) * [2000, -2000]
+        corners = ' '.join(f'{x:.1f},{y:.1f}' for x, y in outline)
+        drawn.append(f'<polygon points="{corners}" fill="#ddd" stroke="#888"/>')
+        drawn.append(f'<text x="{left + 8}" y="{top + 16}" {STYLE}>{head.name}</text>')
+        for (x, y), (bx, by, bz) in zip(
+            at + chips[:, :2] * [2000, -2000], fields[i] / most, strict=True
+        ):
+            size, colour = 14 * np.sqrt(abs(bz)), RED if bz > 0 else BLUE
+            drawn.append(
+                f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{size:.1f}" fill="{colour}" '
+                f'fill-opacity="0.5"/><path d="M{x:.1f} {y:.1f}l{40 * bx:.1f} {-40 * by:.1f}" '
+                'stroke="#111" stroke-width="1.5"/>'
+            )
+    return _svg(570, 620, drawn)
+
+
+def confusion() -> str:
+    """Heads named against heads that pressed, at new places after 20 presses of one head."""
+    trials = bench.Trials(bench.world_module(), 1)
+    labels = np.arange(108) % 9
+    test = trials.random(labels, trials.config)
+    states = bench.SENSOR.pipeline(trials.config).fit(trials.one).process_batch(test)
+    named = states.label[trials.ends(test)]
+    names = [head.name for head in trials.heads]
+    drawn = []
+    for i in range(9):
+        for j in range(9):
+            share = float((named[labels == i] == j).mean())
+            x, y = 110 + 42 * j, 60 + 42 * i
+            drawn.append(
+                f'<rect x="{x}" y="{y}" width="41" height="41" fill="{BLUE}" '
+                f'fill-opacity="{0.04 + 0.9 * share:.2f}"/>'
+            )
+            if share > 0:
+                ink = '#fff' if share > 0.5 else '#333'
+                drawn.append(
+                    f'<text x="{x + 20}" y="{y + 25}" text-anchor="middle" '
+                    f'font-family="sans-serif" font-size="11" fill="{ink}">'
+                    f'{100 * share:.0f}</text>'
+                )
+        drawn.append(
+            f'<text x="104" y="{85 + 42 * i}" text-anchor="end" {STYLE}>{names[i]}</text>'
+            f'<text transform="translate({134 + 42 * i} 54) rotate(-35)" {STYLE}>'
+            f'{names[i]}</text>'
+        )
+    return _svg(560, 450, drawn)
+
+
+def _svg(width: int, height: int, drawn: list[str]) -> str:
+    """A whole drawing."""
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}">'
+        f'<rect width="{width}" height="{height}" fill="#fff"/>{"".join(drawn)}</svg>\n'
+    )
+
+
+if __name__ == '__main__':
+    (HERE / 'multipole_templates.svg').write_text(templates())
+    (HERE / 'multipole_confusion.svg').write_text(confusion())

@@ -1,0 +1,265 @@
+"""A magnetised sheet on a soft layer: its field at rest, and how the field changes when dented.
+
+The sheet is a grid of dipoles on two levels, magnetised as in [1]: M1 along z; M2 along y; M3 and
+M4 along y in bands of changing sign, as folding leaves them. A body carries and turns its
+dipoles. What a movement u does to the field is a Taylor series in u, of which each term is a
+product of a tensor of the chip and dipole with a power of u: as both depend on places alone, one
+Fourier transform gives the answers to one dent at all places of the sheet.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise, product
+from math import factorial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.physics.dipoles import SCALE, dipole_field, magnet_moment
+from tactile_ros.physics.magnetics import cuboid_field
+
+if TYPE_CHECKING:
+    from tactile_ros.types import Array
+
+CELLS = 60  # of the sheet along its longer edge
+LEVELS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)  # Gauss points of the sheet's thickness
+ORDERS = (1, 2, 3)
+STILL = 0.001  # of the largest movement: dipoles that hardly move are left out
+SLIVER = 1e-9  # m, narrower than which a band is none
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A magnetised sheet above chips.
+
+    Attributes
+    ----------
+    size : ndarray, shape (2,)
+        Along x and y (m); its centre is the origin.
+    low, thickness : float
+        Height of its lower face, and its thickness (m).
+    pole_pitch : float
+        Width of a band (m).
+    magnetisation : str
+        'M1' to 'M4'.
+    strengths : ndarray, shape (b,)
+        Remanence (T) of bands from -y to +y; the last one holds for those beyond.
+    shift : float
+        Of the bands along y (m).
+    """
+
+    size: Array
+    low: float
+    thickness: float
+    pole_pitch: float
+    magnetisation: str
+    strengths: Array
+    shift: float = 0.0
+
+    @property
+    def pitch(self) -> float:
+        """Edge of a cell (m)."""
+        return float(np.max(self.size)) / CELLS
+
+    @cached_property
+    def lines(self) -> tuple[Array, Array]:
+        """Centres of cells along x and y (m), on one grid that has its middle at the origin."""
+        counts = np.maximum(np.rint(np.asarray(self.size) / self.pitch), 1).astype(int)
+        x, y = (self.pitch * (np.arange(n) - (n - 1) / 2) for n in counts)
+        return x, y
+
+    @property
+    def levels(self) -> Array:
+        """Heights of the dipoles (m), shape (2,)."""
+        return np.asarray(self.low + self.thickness * LEVELS)
+
+    @cached_property
+    def remanence(self) -> Array:
+        """Remanence along the direction of magnetisation in each row of cells (T), shape (y,)."""
+        return np.asarray(self.shares @ self.strengths)
+
+    @cached_property
+    def shares(self) -> Array:
+        """Part of each row of cells in each band, with the band's sign, shape (y, b)."""
+        found = np.zeros((len(self.lines[1]), len(self.strengths)))
+        for band, low, high, sign in self.bands:
+            top = np.minimum(self.lines[1] + self.pitch / 2, high)
+            part = (top - np.maximum(self.lines[1] - self.pitch / 2, low)) / self.pitch
+            found[:, band] += sign * np.clip(part, 0.0, 1.0)
+        return found
+
+    @property
+    def axis(self) -> int:
+        """Axis of magnetisation."""
+        return 2 if self.magnetisation == 'M1' else 1
+
+    @cached_property
+    def moments(self) -> Array:
+        """Moment of a dipole in each row of cells (A m2), shape (y,)."""
+        volume = self.pitch**2 * self.thickness / len(LEVELS)
+        return np.array([magnet_moment(r, volume) for r in self.remanence])
+
+    @cached_property
+    def dipoles(self) -> tuple[Array, Array]:
+        """Places (m) and moments (A m2), shape (x y 2, 3) each."""
+        x, y = self.lines
+        places = np.stack(np.meshgrid(x, y, self.levels, indexing='ij'), axis=-1)
+        moments = np.zeros_like(places)
+        moments[..., self.axis] = self.moments[None, :, None]
+        return places.reshape(-1, 3), moments.reshape(-1, 3)
+
+    def field(self, points: Array) -> Array:
+        """Flux density at rest (T), shape (t, 3), at points (t, 3) (m)."""
+        return np.asarray(np.tensordot(self.strengths, self.band_fields(points), axes=1))
+
+    @cached_property
+    def bands(self) -> list[tuple[int, float, float, float]]:
+        """Number, edges along y (m) and sign of each band."""
+        half = self.size[1] / 2
+        if self.magnetisation in ('M1', 'M2'):
+            return [(0, -half, half, 1.0)]
+        if self.magnetisation == 'M3':
+            return [(0, -half, self.shift, -1.0), (1, self.shift, half, 1.0)]
+        edges = np.arange(0.0, self.size[1] + 2 * self.pole_pitch, self.pole_pitch)
+        edges = np.clip(edges - half + self.shift, -half, half)
+        edges[0] = -half
+        return [
+            (min(i, len(self.strengths) - 1), low, high, 1.0 - 2.0 * (i % 2))
+            for i, (low, high) in enumerate(pairwise(edges))
+            if high - low > SLIVER
+        ]
+
+    def band_fields(self, points: Array) -> Array:
+        """Flux density at rest (1) for a remanence of one in each band, shape (b, t, 3)."""
+        found = np.zeros((len(self.strengths), len(points), 3))
+        for band, low, high, sign in self.bands:
+            centre = np.array([0.0, (low + high) / 2, self.low + self.thickness / 2])
+            edges = np.array([self.size[0], high - low, self.thickness])
+            found[band] += cuboid_field(points - centre, edges, sign * np.eye(3)[self.axis])
+        return found
+
+    def dented(self, points: Array, moved: Array, turned: Array) -> Array:
+        """Flux density (T), shape (t, 3), where a body has carried the dipoles.
+
+        Parameters
+        ----------
+        points : ndarray, shape (t, 3)
+            Where it is wanted (m).
+        moved, turned : ndarray, shape (x y 2, 3)
+            Movements (m) and small turns (rad) of the dipoles.
+        """
+        places, moments = self.dipoles
+        return dipole_field(points, places + moved, moments + np.cross(turned, moments))
+
+    def band_changes(self, points: Array, moved: Array, turned: Array) -> Array:
+        """Change of the field by a dent for a remanence of one in each band, shape (b, t, 3).
+
+        Parameters
+        ----------
+        points : ndarray, shape (t, 3)
+            Where it is wanted (m).
+        moved, turned : ndarray, shape (x y 2, 3)
+            Movements (m) and small turns (rad) of the dipoles.
+        """
+        size = np.abs(moved).max(axis=1)
+        rows = np.flatnonzero(size > STILL * size.max())
+        places = self.dipoles[0][rows]
+        unit = np.eye(3)[self.axis]
+        spun = unit + np.cross(turned[rows], unit)
+        spun = spun + 0.5 * np.cross(turned[rows], spun - unit)
+        volume = self.pitch**2 * self.thickness / len(LEVELS)
+        y = rows // len(LEVELS) % len(self.lines[1])
+        share = magnet_moment(1.0, volume) * self.shares[y]
+        after = each_dipole_field(points, places + moved[rows], spun)
+        change = after - each_dipole_field(points, places, np.broadcast_to(unit, places.shape))
+        return np.moveaxis(np.tensordot(change, share, axes=(1, 0)), -1, 0)
+
+
+def each_dipole_field(points: Array, places: Array, moments: Array) -> Array:
+    """Field of each dipole (m, 3) (A m2) at points (t, 3) (m), shape (t, m, 3) (T)."""
+    x, y, z = (points[:, i, None] - places[:, i] for i in range(3))
+    squared = x * x + y * y + z * z
+    near = SCALE / (squared * np.sqrt(squared))
+    along = 3 * (x * moments[:, 0] + y * moments[:, 1] + z * moments[:, 2]) / squared
+    each = [near * (along * r - moments[:, i]) for i, r in enumerate((x, y, z))]
+    return np.stack(each, axis=-1)
+
+
+def powers(order: int) -> list[tuple[int, int, int]]:
+    """Exponents of all products of `order` components of a movement."""
+    some = range(order + 1)
+    return [(i, j, k) for i, j, k in product(some, some, some) if i + j + k == order]
+
+
+def inverse_distance_series(r: Array, order: int) -> dict[tuple[int, int, int], Array]:
+    """Taylor coefficients of 1 / |r| by exponents, up to an order.
+
+    Parameters
+    ----------
+    r : ndarray, shape (..., 3)
+        Where the series is taken; not 0.
+    order : int
+        Highest sum of exponents.
+
+    Returns
+    -------
+    dict of tuple to ndarray, shape (...)
+        Derivatives over factorials.
+
+    Notes
+    -----
+    Recurrence of Legendre's generating function in Cartesian form: n r^2 b_k + (2 n - 1) sum_i
+    r_i b_(k - e_i) + (n - 1) sum_i b_(k - 2 e_i) = 0.
+
+    Examples
+    --------
+    >>> found = inverse_distance_series(np.array([2.0, 0.0, 0.0]), 2)
+    >>> [float(found[k]) for k in ((0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 2, 0))]
+    [0.5, -0.25, 0.125, -0.0625]
+    """
+    squared = (r * r).sum(axis=-1)
+    found = {(0, 0, 0): 1 / np.sqrt(squared)}
+    for n in range(1, order + 1):
+        for k in powers(n):
+            total = np.zeros_like(squared)
+            for i in range(3):
+                once = tuple(k[j] - (i == j) for j in range(3))
+                twice = tuple(k[j] - 2 * (i == j) for j in range(3))
+                if once in found:
+                    total = total + (2 * n - 1) * r[..., i] * found[once]  # type: ignore[index]
+                if twice in found:
+                    total = total + (n - 1) * found[twice]  # type: ignore[index]
+            found[k] = -total / (n * squared)
+    return found
+
+
+def moved_dipole_series(r: Array, moment: Array, axis: int, order: int) -> Array:
+    """Terms of a dipole's field by powers of its movement.
+
+    Parameters
+    ----------
+    r : ndarray, shape (..., 3)
+        From the dipole to the point (m).
+    moment : ndarray, broadcast over (...)
+        Along `axis` (A m2).
+    axis, order : int
+        Direction of the moment; power of the movement.
+
+    Returns
+    -------
+    ndarray, shape (len(powers(order)), 3, ...)
+        Times the products of the movement's components: flux density (T).
+    """
+    series = inverse_distance_series(r, order + 2)
+    unit = np.eye(3, dtype=int)
+    rows = []
+    for k in powers(order):
+        row = []
+        for i in range(3):
+            beta = tuple(int(b) for b in np.array(k) + unit[i] + unit[axis])
+            size = np.prod([factorial(b) / factorial(a) for a, b in zip(k, beta, strict=True)])
+            row.append((-1) ** order * size * SCALE * moment * series[beta])  # type: ignore[index]
+        rows.append(np.stack(row))
+    return np.stack(rows)

@@ -1,0 +1,102 @@
+"""Movements and turns inside a bonded layer under flat punches, on a grid of a sheet's cells."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.physics.bonded_layer import layer_waves, punch_pressure, wave_numbers
+
+if TYPE_CHECKING:
+    from tactile_ros.physics.magnetic_sheet import Sheet
+    from tactile_ros.types import Array, Outline
+
+ROOM = 1.6  # of the sheet: a periodic grid on which dents do not meet themselves
+EVEN = 6  # cells of the grid are a multiple of it
+STEP = 1e-3  # of the layer, over which movements are differentiated
+NEAR = 0.5  # shift of the grid, in cells, where the sheet has an even number of them
+
+
+class PunchDents:
+    """Dents of flat punches in one layer, for one metre of depth.
+
+    Parameters
+    ----------
+    sheet : Sheet
+        In the layer; gives cells and heights.
+    base : float
+        Height of the rigid base (m).
+    thickness : float
+        Of the whole body (m).
+    youngs, poisson : float
+        Of the body (Pa, 1).
+    """
+
+    def __init__(
+        self, sheet: Sheet, base: float, thickness: float, youngs: float, poisson: float
+    ) -> None:
+        self.pitch = sheet.pitch
+        longest = max(len(line) for line in sheet.lines)
+        self.count = EVEN * int(np.ceil(ROOM * longest / EVEN))
+        self.shift = np.array([(NEAR if len(line) % 2 == 0 else 0.0) for line in sheet.lines])
+        self.body = (thickness, youngs, poisson)
+        self.kx, self.ky = wave_numbers(self.count, self.pitch)
+        self.waves = self._waves(sheet.levels - base)
+
+    def _waves(self, heights: Array) -> Array:
+        """Spectra of ux, uy, uz and of turns about x and y, shape (5, 2, kx, ky) (m / N)."""
+        thickness = self.body[0]
+        k = np.hypot(self.kx, self.ky)
+        step = STEP * thickness
+        steps = np.concatenate([heights - step, heights, heights + step])
+        across, up = layer_waves(k, np.clip(steps, 0.0, thickness), *self.body)
+        n = len(heights)
+        moved = [np.moveaxis(wave, -1, 0) for wave in (across, up)]
+        slope = (moved[0][2 * n :] - moved[0][:n]) / (2 * step)
+        along, lift = moved[0][n : 2 * n], moved[1][n : 2 * n]
+        k = np.maximum(k, 1e-9)
+        cx, cy = self.kx / k, self.ky / k
+        # half the curl; lateral movement is a gradient, so that nothing turns about z
+        turn = 0.5 * (k * lift - slope)
+        spectra = [1j * along * cx, 1j * along * cy, lift + 0j, 1j * turn * cy, -1j * turn * cx]
+        return np.asarray(np.stack(spectra) / self.pitch**2)
+
+    def loads(self, outline: Outline) -> tuple[Array, Array]:
+        """Points (p, 2) (m) in the outline's frame and loads (p,) per depth (N / m)."""
+        return punch_pressure(outline.loops, *self.body)
+
+    def images(self, points: Array, loads: Array, pose: Array) -> Array:
+        """Movements and turns for a unit of depth.
+
+        Parameters
+        ----------
+        points, loads : ndarray, shape (p, 2) and (p,)
+            Of `loads`.
+        pose : ndarray, shape (3,)
+            Place of the outline's origin (m), and its turn (rad).
+
+        Returns
+        -------
+        ndarray, shape (5, 2, n, n)
+            ux, uy, uz (m / m), turns about x and y (rad / m), on two levels, at cells whose
+            centres are `shift` beyond multiples of the pitch.
+        """
+        c, s = np.cos(pose[2]), np.sin(pose[2])
+        x, y = np.array([[c, -s], [s, c]]) @ points.T + pose[:2, None]
+        x, y = x - self.shift[0] * self.pitch, y - self.shift[1] * self.pitch
+        first = np.exp(-1j * self.kx * x) * loads
+        spectrum = first @ np.exp(-1j * self.ky.T * y).T
+        shape = (self.count, self.count)
+        return np.asarray(np.fft.irfft2(self.waves * spectrum, shape, axes=(-2, -1)))
+
+    def on_sheet(self, sheet: Sheet, images: Array) -> Array:
+        """Movements and turns at a sheet's dipoles, shape (5, x y 2), from those at all cells."""
+        rows = [self.index(line, axis) for axis, line in enumerate(sheet.lines)]
+        cut = images[:, :, rows[0][:, None], rows[1][None]]
+        return np.moveaxis(cut, 1, -1).reshape(len(images), -1)
+
+    def index(self, line: Array, axis: int) -> Array:
+        """Number of the cells on the periodic grid of centres (n,) along an axis (m)."""
+        found = np.rint(line / self.pitch - self.shift[axis]).astype(int) % self.count
+        return np.asarray(found)

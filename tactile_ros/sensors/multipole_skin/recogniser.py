@@ -1,0 +1,264 @@
+"""What pressed, and where, from the vector of one press: templates, seen presses, or both.
+
+Templates come from the drawing of the skin, mended by its resting field and by known presses, so
+that heads are recognised at places and turns where nothing ever pressed. Presses that were seen
+are supports of their class, compared in a metric in which place, turn and depth cost little. The
+best of a class's scores counts; newly enrolled classes are known by their supports alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.estimators.few_shot import (
+    REPEATS,
+    Supports,
+    averaged,
+    support_scores,
+    usual_slopes,
+)
+from tactile_ros.estimators.press_search import PressSearch
+
+if TYPE_CHECKING:
+    from tactile_ros.estimators.press_search import Matches
+    from tactile_ros.estimators.press_window import PressVectors
+    from tactile_ros.estimators.skin_model import SkinModel
+    from tactile_ros.types import Array, Integers, Outline
+
+MODEL_ERROR = 0.03  # of what a chip sees, where no press has told it
+WEAKEST = 5.0  # sigma of the strongest reading
+WORST = 8.0  # misfit over its variance, beyond which no class fits
+WIDE = 2.5  # deviations of a turn that count as its range
+STILL = 0.5  # of the noise: what frames do not average, where no press tells it
+FREE = 4  # parameters of a press that are fitted, beside a uniform field
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What is said of n presses; see `ContactStates`.
+
+    Attributes
+    ----------
+    label, probability : ndarray, shape (n,)
+        -1 and NaN: none of the classes.
+    pose, cov : ndarray, shape (n, 4) and (n, 4, 4)
+        Place (m), turn (rad) and depth (m) of the best head; NaN without a model.
+    order : ndarray, shape (n,)
+        Of the head's symmetry; -1 unknown.
+    """
+
+    label: Integers
+    probability: Array
+    pose: Array
+    cov: Array
+    order: Integers
+
+
+class Recogniser:
+    """Classes of one skin.
+
+    Parameters
+    ----------
+    model : SkinModel or None
+        The skin as it is; None: templates are of no use.
+    outlines : tuple of Outline
+        Heads that have templates; their labels are 0, 1, 2 ...
+    noise : ndarray, shape (d,)
+        Of a reading (T).
+    common : ndarray, shape (d, 3)
+        What a uniform field does to readings.
+    error : float
+        Of the model, as a share of what a chip sees.
+
+    Attributes
+    ----------
+    known_, enrolled_ : Supports
+        Presses of classes that were fitted, and of those enrolled since.
+    road_ : str
+        'press_templates', 'press_neighbours' or 'press_both'.
+    still_ : float
+        Error of a pattern that frames do not average (T).
+    spread_ : float
+        Errors over what the covariance of a template says.
+    worst_ : float
+        Misfit beyond which no class fits.
+    """
+
+    def __init__(
+        self,
+        model: SkinModel | None,
+        outlines: tuple[Outline, ...],
+        noise: Array,
+        common: Array,
+        error: float = MODEL_ERROR,
+    ) -> None:
+        self.model, self.outlines, self.error = model, outlines, error
+        self.noise, self.common = noise, common
+        self.known_ = Supports.empty(len(noise))
+        self.enrolled_ = Supports.empty(len(noise))
+        self.road_ = 'press_neighbours' if model is None else 'press_templates'
+        self.spread_, self.worst_ = 1.5, WORST
+        self.still_ = STILL * float(np.mean(noise))
+
+    @cached_property
+    def basis(self) -> Array:
+        """Orthonormal patterns of a uniform field, shape (d, 3)."""
+        return np.asarray(np.linalg.qr(self.common)[0])
+
+    @cached_property
+    def search(self) -> PressSearch | None:
+        """Search among templates; None without a model or heads."""
+        if self.model is None or not self.outlines:
+            return None
+        bank = self.model.bank(self.outlines)
+        body, error = self.model.body, self.error
+        return PressSearch(bank, self.noise, self.common, body, error, self.still_)
+
+    def refresh(self) -> None:
+        """Forget what was made for another error or skin."""
+        for name in ('search', 'basis'):
+            vars(self).pop(name, None)
+
+    def matches(self, presses: PressVectors) -> Matches | None:
+        """The best press of every head."""
+        return None if self.search is None else self.search.find(presses)
+
+    def supports(
+        self, presses: PressVectors, labels: Integers, matches: Matches | None
+    ) -> Supports:
+        """Presses as supports of their classes."""
+        n, d = presses.pattern.shape
+        slopes = np.zeros((n, FREE, d))
+        if matches is not None:
+            best = np.arange(n), matches.cost.argmin(axis=1)
+            slopes = usual_slopes(matches.slopes[best], matches.pose[best], matches.fitted[best])
+        return Supports(labels, presses.pattern, presses.frames, np.ones(n), slopes)
+
+    def strength(self, presses: PressVectors) -> Array:
+        """Strongest reading of each press over its noise, without any uniform field."""
+        own = presses.pattern - (presses.pattern @ self.basis) @ self.basis.T
+        noise = np.sqrt(presses.variance(self.noise, self.still_))
+        return np.asarray((np.abs(own) / noise).max(axis=1))
+
+    def template_scores(self, presses: PressVectors, matches: Matches) -> tuple[Array, Array]:
+        """Twice the negative log-likelihood of every head, and misfit alone, (n, heads) each."""
+        assert self.search is not None
+        level = np.log(self.search.variance(presses)).sum(axis=1, keepdims=True)
+        sector = np.array([head.sector for head in self.search.bank.heads])
+        turned = np.array([head.order > 0 for head in self.search.bank.heads])
+        with np.errstate(invalid='ignore'):
+            deviation = np.sqrt(matches.cov[..., 2, 2])
+        # a head that may turn has more templates, of which one fits noise well
+        part = np.clip(np.nan_to_num(WIDE * deviation / sector, nan=1.0), 1e-3, 1.0)
+        chance = np.where(turned, -2 * np.log(part), 0.0)
+        # heads may press anywhere, classes of presses that were seen where they were seen
+        reach = np.array([2 * nodes[-1] for nodes in self.search.bank.nodes])
+        with np.errstate(invalid='ignore'):
+            spots = WIDE * np.sqrt(np.maximum(matches.cov[..., (0, 1), (0, 1)], 0.0)) / reach
+        chance = chance - 2 * np.log(np.clip(np.nan_to_num(spots, nan=1.0), 1e-4, 1.0)).sum(axis=2)
+        return matches.cost + level + chance, matches.cost
+
+    def scores(
+        self,
+        presses: PressVectors,
+        matches: Matches | None,
+        known: Supports,
+        road: str,
+    ) -> tuple[Integers, Array, Array]:
+        """Classes (k,), their scores (n, k) and misfits over variance (n, k)."""
+        n, d = presses.pattern.shape
+        spare = d - 3 - FREE
+        columns: dict[int, tuple[Array, Array]] = {}
+        if matches is not None and road != 'press_neighbours':
+            score, cost = self.template_scores(presses, matches)
+            for i in range(score.shape[1]):
+                columns[i] = score[:, i], cost[:, i] / spare
+        seen = self.enrolled_
+        if road != 'press_templates':
+            seen = known.joined(seen)
+        if len(seen.label):
+            seen = averaged(seen)
+            score = support_scores(seen, presses, self.noise, self.common, self.still_)
+            level = self._level(presses)
+            for label in np.unique(seen.label):
+                best = score[:, seen.label == label].min(axis=1)
+                cost = (best - level) / spare
+                old = columns.get(int(label))
+                if old is not None:
+                    better = best < old[0]
+                    best = np.where(better, best, old[0])
+                    cost = np.where(better, cost, old[1])
+                columns[int(label)] = best, cost
+        if not columns:
+            return np.zeros(0, np.int64), np.zeros((n, 0)), np.zeros((n, 0))
+        labels = np.array(sorted(columns))
+        return (
+            labels,
+            np.stack([columns[i][0] for i in labels], axis=1),
+            np.stack([columns[i][1] for i in labels], axis=1),
+        )
+
+    def _level(self, presses: PressVectors) -> Array:
+        """Logarithm of the variance of repeated presses (n,)."""
+        chips = presses.pattern.reshape(len(presses.pattern), -1, 3)
+        here = np.square(chips).mean(axis=2)
+        share = REPEATS**2 * (here + 0.05 * here.max(axis=1, keepdims=True))
+        noise = presses.variance(self.noise, self.still_)
+        return np.asarray(np.log(noise + np.repeat(share, 3, axis=1)).sum(axis=1))
+
+    def decide(self, labels: Integers, scores: Array, misfits: Array) -> tuple[Integers, Array]:
+        """Label and its probability for each press; -1 and NaN where no class fits."""
+        n = len(scores)
+        if not len(labels):
+            return np.full(n, -1), np.full(n, np.nan)
+        best = scores.argmin(axis=1)
+        low = scores[np.arange(n), best]
+        misfit = np.maximum(misfits[np.arange(n), best], 1.0)
+        with np.errstate(invalid='ignore'):
+            away = np.where(np.isfinite(low)[:, None], scores - low[:, None], np.inf)
+        # where nothing fits well, differences of misfits say less
+        likely = np.exp(-0.5 * away / misfit[:, None])
+        total = np.maximum(likely.sum(axis=1), 1e-30)
+        fits = np.isfinite(low) & (misfits[np.arange(n), best] < self.worst_)
+        label = np.where(fits, labels[best], -1)
+        return label, np.where(fits, likely[np.arange(n), best] / total, np.nan)
+
+    def answer(self, presses: PressVectors) -> Answers:
+        """What pressed, and where."""
+        n = len(presses.pattern)
+        told = np.array(np.isfinite(presses.pattern).all(axis=1))
+        told[told] = self.strength(presses.rows(np.flatnonzero(told))) >= WEAKEST
+        label, probability = np.full(n, -1), np.full(n, np.nan)
+        pose, cov = np.full((n, 4), np.nan), np.full((n, 4, 4), np.nan)
+        order = np.full(n, -1)
+        if told.any():
+            some = presses.rows(np.flatnonzero(told))
+            matches = self.matches(some)
+            label[told], probability[told] = self.decide(
+                *self.scores(some, matches, self.known_, self.road_)
+            )
+            if matches is not None:
+                pose[told], cov[told], order[told] = self.placed(matches, label[told])
+        return Answers(label, probability, pose, cov, order)
+
+    def placed(self, matches: Matches, label: Integers) -> tuple[Array, Array, Integers]:
+        """Pose, covariance and order of symmetry: of the head named, else of the best one."""
+        assert self.search is not None
+        heads = self.search.bank.heads
+        mine = (label >= 0) & (label < len(heads))
+        which = np.where(mine, label, matches.cost.argmin(axis=1))
+        rows = np.arange(len(label)), which
+        pose, cov = matches.pose[rows].copy(), self.spread_**2 * matches.cov[rows]
+        sector = np.array([head.sector for head in heads])[which]
+        order = np.array([head.order for head in heads])[which]
+        pose[:, 2] -= sector * np.round(pose[:, 2] / sector)
+        free = order == 0
+        pose[free, 2] = 0.0
+        cov[free, 2, :] = cov[free, :, 2] = 0.0
+        cov[free, 2, 2] = np.pi**2 / 3
+        pose[~mine, 2] = np.nan
+        return pose, cov, np.where(mine, order, -1)
