@@ -48,18 +48,19 @@ def _soft_raster(loops: Sequence[Array], x: Array, y: Array, pitch: float) -> Ar
     """Part of each node's cell (y, x) that lies inside: exact along x, in lines across y."""
     start = np.concatenate(list(loops))
     end = np.concatenate([np.roll(loop, -1, axis=0) for loop in loops])
-    edges = np.append(x - pitch / 2, x[-1] + pitch / 2)
-    inside = np.zeros((len(y), len(x)))
-    for i, middle in enumerate(y):
-        for level in middle + pitch * ((np.arange(FINER) + 0.5) / FINER - 0.5):
-            spans = (start[:, 1] > level) != (end[:, 1] > level)
-            a, b = start[spans], end[spans]
-            rise = (level - a[:, 1]) / (b[:, 1] - a[:, 1])
-            crossings = np.sort(a[:, 0] + rise * (b[:, 0] - a[:, 0]))
-            for left, right in crossings.reshape(-1, 2):
-                length = np.minimum(np.maximum(edges - left, 0.0), right - left)
-                inside[i] += np.diff(length)
-    return inside / (pitch * FINER)
+    levels = (y[:, None] + pitch * ((np.arange(FINER) + 0.5) / FINER - 0.5)).reshape(-1)
+    line, side = np.nonzero((start[:, 1] > levels[:, None]) != (end[:, 1] > levels[:, None]))
+    a, b = start[side], end[side]
+    crossing = a[:, 0] + (levels[line] - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
+    order = np.lexsort([crossing, line])
+    # Each line is entered and left in turn: an entry fills the rest of its cell and all after it.
+    sign = np.where(np.arange(len(order)) % 2, -1.0, 1.0)
+    cells = (crossing[order] - x[0]) / pitch + 0.5
+    cell = np.floor(cells).astype(np.int64)
+    row, inside = line[order] // FINER, np.zeros((len(y), len(x) + 1))
+    for offset, part in ((0, cell + 1 - cells), (1, cells - cell)):
+        np.add.at(inside, (row, cell + offset), sign * part)
+    return np.asarray(np.cumsum(inside, axis=1)[:, :-1] / FINER)
 
 
 def _blur(picture: Array, radius: float) -> Array:

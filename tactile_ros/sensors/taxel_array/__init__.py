@@ -35,7 +35,9 @@ SENSOR = SensorSpec(
     presses=presses,
     classes=(TaxelArrayConfig, Outline, *CLASSES),
     recordings=dict,
+    # A tube whose width is unknown takes 10 ms a frame, more on a busy machine.
     demo={
+        'rate_hz': 20.0,
         'positions': grid_positions(8, 9, 5e-3),
         'areas': np.full(72, 25e-6),
         'force_range': np.array([0.0, 5.0]),
