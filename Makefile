@@ -44,7 +44,7 @@ demo: setup
 	@.venv/bin/tactile demo $(ARGUMENTS)
 
 bench: setup-tests
-	@.venv/bin/tactile bench all $(if $(QUICK),--quick) $(ARGUMENTS)
+	@.venv/bin/tactile bench all --jobs 2 $(if $(QUICK),--quick) $(ARGUMENTS)
 
 lint: setup-tests
 	@$(ALONE) .venv/bin/ruff check .

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import json
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactile_ros.cli import demo
+from tactile_ros.cli import bench, demo
 from tactile_ros.cli.main import COMMANDS, main, parser, sentence
 from tactile_ros.cli.sources import MOST_YAML_BYTES, read_config
 from tactile_ros.evaluation.archive import load_recording, save_recording
@@ -290,3 +291,14 @@ def test_demo_removes_only_what_a_demo_left(tmp_path: Path) -> None:
         (tmp_path / name / 'file').write_text('x')
     demo.clear(tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ['mine']
+
+
+def test_benches_side_by_side_tell_the_first_failure(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    options = argparse.Namespace(jobs=2, figures=None)
+    assert bench._side_by_side(['no_such', 'none'], 'quick', tmp_path, options) == 2
+    printed = capfd.readouterr()
+    assert "received 'no_such'" in printed.err
+    assert "received 'none'" in printed.err
+    assert '2 benches ran at a time' in printed.out
