@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Array, Recording
 
-SEEDS = {'quick': 1, 'normal': 4, 'full': 10}
+SEEDS = {'quick': 1, 'normal': 3, 'full': 10}
 FIRST_SEED = 1000
 FRESH = 1500
 FOLDER = Path(__file__).resolve().parents[1] / 'test' / 'reference'
@@ -51,12 +51,14 @@ class Told(NamedTuple):
 
 def run(extent: str, command: str) -> BenchResult:
     """Measure places and forces over several worlds of both kinds."""
+    quick = extent == 'quick'
     seeds = [FIRST_SEED + seed for seed in range(SEEDS[extent])]
     known = _module('five_wire_world'), _module('five_wire_sheet')
     found, spreads = [], []
     for seed in seeds:
-        for world in (known[0].FiveWireWorld(seed), known[1].SheetWorld(seed)):
-            figures, covered = _one(known[0], world, seed)
+        kinds = (known[1].SheetWorld, known[0].FiveWireWorld)
+        for kind in kinds[: 1 if quick else 2]:
+            figures, covered = _one(known[0], kind(seed), seed, quick)
             found.append(figures)
             spreads.append(covered)
     streams = [_stream(known[1], seed) for seed in seeds]
@@ -64,8 +66,10 @@ def run(extent: str, command: str) -> BenchResult:
     mean |= {key: float(np.mean([one[key] for one in streams])) for key in streams[0]}
     worst = max(one['force49'] for one in found)
     rows = [*_accuracy(mean, worst), *_covered(spreads), *_cost(mean)]
+    rows = [row for row in rows if row.ours is None or np.isfinite(row.ours)]
     drawings = _draw(known[0], known[0].FiveWireWorld(seeds[0]), seeds[0])
-    return BenchResult('five_wire_skin', command, seeds, rows, _notes(), drawings)
+    notes = _notes(quick)
+    return BenchResult('five_wire_skin', command, seeds, rows, notes, drawings)
 
 
 def _accuracy(mean: dict[str, float], worst: float) -> list[Row]:
@@ -126,14 +130,15 @@ def _cost(mean: dict[str, float]) -> list[Row]:
 
 
 def _one(
-    grids: ModuleType, world: object, seed: int
+    grids: ModuleType, world: object, seed: int, quick: bool
 ) -> tuple[dict[str, float], dict[str, list[float]]]:
     """All figures of one world, and its coverage."""
     rng = np.random.default_rng(seed + 100)
     places, load = rng.uniform(12.5e-3, 87.5e-3, (FRESH, 2)), rng.uniform(1, 15, FRESH)
     test = grids.touches(world, LAYOUT, places, load, seed + 200)
     train = {count: _grid(grids, world, count, seed + 300) for count in (4, 5, 7)}
-    train[60] = _grid(grids, world, 7, seed + 301, 60)
+    if not quick:
+        train[60] = _grid(grids, world, 7, seed + 301, 60)
     began = time.perf_counter()
     fits = {count: SENSOR.pipeline().fit(one) for count, one in train.items()}
     seconds = (time.perf_counter() - began) / len(fits)
@@ -160,7 +165,7 @@ def _one(
             world, np.repeat(grids.grid(7), 8, axis=0), np.tile(np.linspace(1, 15, 8), 49)
         ),
         'square8': _rms(_told(fits[7], again).force),
-        'square60': _rms(_told(fits[60], again).force),
+        'square60': np.nan if quick else _rms(_told(fits[60], again).force),
         'worst16': float(np.abs(_told(fits[4], ours).force).max()),
         'curve16': float(np.abs(_told(curve.fit(train[4]), ours).force).max()),
         **_curves(fits[4], grids, world), **_times(fits[7], test),
@@ -371,7 +376,7 @@ def _module(name: str) -> ModuleType:
     return load_source(FOLDER / f'{name}.py', 'bench five_wire_skin')
 
 
-def _notes() -> list[str]:
+def _notes(quick: bool) -> list[str]:
     """What the figures stand on."""
     return [
         'peer, where not named: the formula and the network of [5], learned on 16 squares',
@@ -379,4 +384,5 @@ def _notes() -> list[str]:
         'fresh touches 12.5 mm and more inside the border, 1..15 N; untouched, the foil floats',
         'non-linearity: largest deviation of the mean curve from its least-squares line over its '
         'range; relative std: mean over loads of the std over squares over their mean',
+        *(['quick: the world of finite differences alone, without 60 touches a square'] * quick),
     ]

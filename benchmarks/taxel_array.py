@@ -8,14 +8,17 @@ through what is pressed.
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.errors import MissingPackageError
 from tactile_ros.estimators.coverage_model import TaxelPoints
 from tactile_ros.evaluation import array_figures
 from tactile_ros.evaluation.benchmark import BenchResult, Row
+from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.taxel_array.config import grid_positions
 from tactile_ros.simulation import grippers
@@ -35,8 +38,9 @@ BAD = (3, 17, 30, 44, 61)
 PITCH, TAXELS = 5e-3, 72
 SEED = 4
 WORLDS = 300  # seeds of pick and place, skins and picks
-PICKS = {'quick': (1, 12), 'normal': (3, 40), 'full': (8, 100)}  # worlds, picks of each
+PICKS = {'quick': (1, 3), 'normal': (2, 15), 'full': (8, 100)}  # worlds, picks of each
 SPEC = load_sensor('taxel_array')
+SKINS = Path(__file__).resolve().parent / 'worlds' / 'taxel_skins.py'
 
 
 def run(extent: str, command: str) -> BenchResult:
@@ -78,7 +82,24 @@ def run(extent: str, command: str) -> BenchResult:
             peer=drift['law alone'], aim=0.3)
     )  # fmt: skip
     seeds = [SEED, *(WORLDS + i for i in range(PICKS[extent][0]))]
+    more, told, drawn_from = _skins(extent)
+    rows, notes, seeds = rows + more, notes + told, seeds + drawn_from
     return BenchResult('taxel_array', command, seeds, rows, notes, drawings)
+
+
+def _skins(extent: str) -> tuple[list[Row], list[str], list[int]]:
+    """Rows, notes and seeds of the world of fine cells, where the sources are at hand."""
+    notes = ['bound: Cramer and Rao, by differences of a world of fine cells (tubes, jaw)']
+    if extent == 'quick':
+        notes.append(
+            'quick: 3 picks of each kind in one world; of the fine cells tubes of one profile '
+            'alone (10), without its jaw, washers on rings and holds'
+        )
+    try:
+        skins = load_source(SKINS, 'bench taxel_array')
+        return skins.rows(extent), notes, list(skins.SEEDS.values())
+    except MissingPackageError as error:  # installed without the tests
+        return [], [f'without the rows beside bounds: {error}'], []
 
 
 def _config() -> object:

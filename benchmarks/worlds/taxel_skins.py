@@ -1,4 +1,4 @@
-"""[4] in a world of fine cells: tubes and the jaw beside their bounds, coverage, creep.
+"""Rows of `tactile bench taxel_array` in a world of fine cells: beside bounds, coverage, creep.
 
 The world (`test/reference/taxel_world.py`) shares nothing with the package's models: pressures on
 cells of 0.1 mm, laws that are no polynomial, three branches of creep. A bound is that of Cramer
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.evaluation.benchmark import BenchResult, Row
+from tactile_ros.evaluation.benchmark import Row
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Outline, Recording
@@ -22,29 +22,29 @@ if TYPE_CHECKING:
 
     from tactile_ros.types import Array
 
-COUNTS = {'quick': 30, 'normal': 100, 'full': 400}
-WORLD = Path(__file__).resolve().parents[1] / 'test' / 'reference' / 'taxel_world.py'
+COUNTS = {'quick': 10, 'normal': 40, 'full': 400}  # of each kind
+WORLD = Path(__file__).resolve().parents[2] / 'test' / 'reference' / 'taxel_world.py'
 SPEC = load_sensor('taxel_array')
 SEEDS = {'tubes': 101, 'jaw': 102, 'washers': 103, 'hold': 104}
 RADIUS, BEND = 10e-3, np.pi / 2
 PART = 1e-3 * np.array([[-8, -6], [10, -6], [10, 0], [-2, 0], [-2, 8], [-8, 8.0]])
 RADII = ((16e-3, 8e-3), (14e-3, 6.5e-3), (12e-3, 5e-3), (18e-3, 9e-3), (10e-3, 4e-3))
-PROFILES = {'round': 'springs', 'hertz': 'half-space', 'flat': 'strip'}
+PROFILES = {'round': 'bed of springs', 'hertz': 'half-space', 'flat': 'strip'}
 TOP, NOISE = 3.0, 4.2e-4  # N; fraction: noise and rounding
 
 
-def run(extent: str, command: str) -> BenchResult:
-    """Tubes, the jaw, washers on rings, and a hold."""
+def rows(extent: str) -> list[Row]:
+    """Tubes, the jaw, washers on rings, and a hold; `quick` has tubes of one profile alone."""
     world, count = _world(), COUNTS[extent]
-    rows = [row for profile in PROFILES for row in _tubes(world, profile, count)]
-    rows += _jaw(world, count) + _washers(world, count) + _hold(world)
-    notes = ['bound: Cramer and Rao, by differences of the world; paper: one branch (hold)']
-    return BenchResult('taxel_skins', command, list(SEEDS.values()), rows, notes)
+    if extent == 'quick':
+        return _tubes(world, 'round', count)
+    tubes = [row for profile in PROFILES for row in _tubes(world, profile, count)]
+    return tubes + _jaw(world, count) + _washers(world, count) + _hold(world)
 
 
 def _world() -> ModuleType:
     """The world of the tests, which is not installed."""
-    return load_source(WORLD, 'bench taxel_skins')
+    return load_source(WORLD, 'bench taxel_array')
 
 
 def _own(array: object, pose: Array) -> tuple[Array, Array]:
