@@ -55,7 +55,7 @@ def rms(error: np.ndarray) -> np.ndarray:
 
 
 def test_covariances_hold_by_component_and_by_third_of_the_sigma() -> None:
-    error, sigma = errors(fitted(), world().record(1000, 2))
+    error, sigma = errors(fitted(), world().record(3000, 2))
     for k in range(3):
         for rows in np.array_split(np.argsort(sigma[:, k]), 3):
             within = np.abs(error[rows, k]) / sigma[rows, k]
@@ -198,3 +198,17 @@ def test_a_design_trades_range_for_noise() -> None:
     assert len(magnet.rows) == 4
     with pytest.raises(ValueError, match='positive'):
         module.tables(SENSOR.config(), parser.parse_args(['--stray', '-1']))
+
+
+@pytest.mark.parametrize('count', [5, 12])
+def test_sigmas_of_few_presses_after_a_long_rest_are_those_of_presses(count: int) -> None:
+    few = SENSOR.pipeline(world().config).fit(world().record(count, 8))
+    error, sigma = errors(few, world().record(300, 2))
+    assert (np.abs(error) < 2 * sigma).mean() > 0.7
+
+
+def test_a_fit_at_rest_tells_no_force() -> None:
+    rested = SENSOR.pipeline(world().config).fit(world().record(0, 8))
+    states = rested.process_batch(world().record(30, 2))
+    assert np.isnan(states.force[states.in_contact != 0]).all()
+    assert not states.valid.any()

@@ -206,3 +206,42 @@ def test_a_place_belongs_to_the_nearest_centre() -> None:
     middle = 0.5 * (cells[:1] + cells[1:2])
     half = shares_of_cells(middle, 1e-6 * np.eye(3)[None], cells, (0, 1))
     assert half[0, :2] == pytest.approx(0.5, abs=0.05)
+
+
+def told_of_rest(recording: Recording, rows: int) -> Recording:
+    """Its first rows, of whose rest truth says that the force is 0."""
+    truth = {name: np.array(column[:rows]) for name, column in recording.truth.items()}
+    truth['force'][:TARE], truth['in_contact'] = 0.0, (np.arange(rows) >= TARE).astype(np.int8)
+    return Recording.from_arrays(
+        SPEC.layout(SPEC.config()),
+        recording.values[:rows],
+        tare=np.arange(rows) < TARE,
+        truth=truth,
+    )
+
+
+def test_a_force_of_0_at_rest_is_no_touch_and_the_nominal_model_speaks() -> None:
+    recording = world(41, 20)
+    rested = SPEC.pipeline(SPEC.config()).fit(told_of_rest(recording, TARE))
+    assert set(rested.estimators.values()) == {'nominal'}
+    assert np.isfinite(rested.process_batch(recording).position[-20:]).all()
+
+
+def test_sigmas_of_few_touches_after_a_long_rest_are_those_of_touches() -> None:
+    few = SPEC.pipeline(SPEC.config()).fit(told_of_rest(world(42, 10), TARE + 10))
+    test = world(43, 100)
+    states = few.process_batch(test)
+    there = states.in_contact == 1
+    error = (states.force - test.truth['force'])[there][:, 1:]
+    sigma = np.sqrt(np.diagonal(states.force_cov, axis1=1, axis2=2))[there][:, 1:]
+    assert (np.abs(error) < 2 * sigma).mean() > 0.7
+
+
+def test_touches_that_change_nothing_are_no_failure() -> None:
+    recording = world(44, 40)
+    still = np.broadcast_to(recording.values[:1], recording.values.shape)
+    same = Recording.from_arrays(
+        SPEC.layout(SPEC.config()), still, tare=np.arange(len(still)) < TARE, truth=recording.truth
+    )
+    states = SPEC.pipeline(SPEC.config()).fit(same).process_batch(recording)
+    assert len(states.valid) == len(recording.values)

@@ -99,7 +99,8 @@ class GradiometerEstimation:
             features.refine_lag(signals, change, force, signals.good & ~rest)
         thermal = features.thermal(signals, self.start())
         x, parts = features.table(change, thermal, signals, self.start())
-        self._learn_targets(x, parts, signals.good, truth, groups)
+        # untouched rows are 0 in use whatever is learned; they would make light of the errors
+        self._learn_targets(x, parts, signals.good & ~rest, truth, groups)
         features.use({*self.estimators.values()})
         if features.place_ is not None and self.targets_:
             use = signals.good & ~rest & np.isfinite(x[:, parts['place']]).all(axis=1)

@@ -98,6 +98,7 @@ class Localisation(Regressed):
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component; see `Regression`."""
         self.inversion_, self.inverted_, self.beaten_ = None, (), {}
+        truth = _of_touches(truth)
         told = any(_told(truth[k])[signals.good].any() for k in TOLD if k in truth)
         self.nominal_ = self.wanted == NOMINAL or (self.wanted is None and not told)
         if self.nominal_:
@@ -272,6 +273,18 @@ def _filled(column: npt.NDArray[np.generic], there: Bools) -> npt.NDArray[np.gen
     wide = np.full((len(there), *column.shape[1:]), blank, column.dtype)
     wide[there] = column
     return wide
+
+
+def _of_touches(truth: Columns) -> Columns:
+    """Truth without the forces of untouched rows, which are 0 in use whatever is learned."""
+    free = [np.asarray(truth['in_contact']) == 0] if 'in_contact' in truth else []
+    if 'force' in truth:
+        free.append((np.nan_to_num(np.asarray(truth['force'], float)) == 0).all(axis=1))
+    if not free:
+        return truth
+    loads = {name: truth[name] for name in ('force', 'torque') if name in truth}
+    gone = np.any(free, axis=0)[:, None]
+    return {**truth, **{name: np.where(gone, np.nan, load) for name, load in loads.items()}}
 
 
 def _told(column: npt.NDArray[np.generic]) -> Bools:

@@ -108,9 +108,11 @@ class PadInversion:
         model.fit(touches, x, self.noise)
         lacks = Lacks(model, touches, x, self.noise)
         fold = group_folds(touched.groups, FOLDS, seed=0)
-        ways = [model.learn(fold != part, lacks) for part in range(int(fold.max()) + 1)]
+        every = np.ones(len(x), bool)
+        parts = [fold != part for part in range(int(fold.max()) + 1)]
+        ways = [model.learn(part if part.any() else every, lacks) for part in parts]
         self._measure_scatter(ways, touches, x, fold)
-        self.response_ = model.learn(np.ones(len(x), bool), lacks)
+        self.response_ = model.learn(every, lacks)
         self.touches_ = _rows(touches)
         for name in ('telling', '_levels', '_whole'):
             vars(self).pop(name, None)

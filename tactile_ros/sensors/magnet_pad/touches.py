@@ -116,7 +116,7 @@ class KnownTouches:
             blame = blind.blame(self.x_[held] + stray[held])
             mean[held] = blame.mean(self.answers_[seen])
             drivers[held] = self._drivers(blame, self.answers_[seen], mean[held])[1]
-        self.limit_ = MARGIN * float(np.quantile(far, UNLIKE))
+        self.limit_ = max(MARGIN * float(np.quantile(far, UNLIKE)), TINY)
         error = mean - self.answers_
         self.covariances_ = tuple(
             CalibratedCovariance().fit(drivers[:, i], error[:, 3 * i : 3 * i + 3], groups)
