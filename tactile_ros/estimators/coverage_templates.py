@@ -31,6 +31,7 @@ EXACT = 0.05  # misfit that a template may have by chance
 MOST_STARTS = 4
 MOST_OF_TUBES = 12
 CLOSER, CLOSER_TUBES = 60, 2000  # templates whose misfit is looked at taxel by taxel
+VAGUE = 32  # taxels up to which templates leave open which object it is
 MOST_ACTIVE = 150  # taxels that tell the turn, where there are thousands
 
 
@@ -64,6 +65,7 @@ class CoverageTemplates:
         away = np.hypot(self.points.x - self.middle[0], self.points.y - self.middle[1])
         self.reach = float(away.max()) + 2 * self.points.radius
         self.tubes = any(outline.bend is not None for outline in objects)
+        self.vague = len(positions) <= VAGUE and not self.tubes
         if self.tubes and count > COARSE:
             self.coarse = TaxelPoints(positions, areas, taxel_outlines, count // COARSE)
         self.variants = [
@@ -146,7 +148,7 @@ class CoverageTemplates:
             close, near = np.arange(len(what)), unit
             scores = unit @ shape
         closer = CLOSER_TUBES if self.tubes else CLOSER
-        if len(close) > closer:
+        if len(close) > closer and not self.vague:
             first = np.argpartition(-scores, closer)[:closer]
             close, scores, near = close[first], scores[first], near[first]
         # bad taxels count once in sums of misfits, and squared in products
@@ -159,9 +161,25 @@ class CoverageTemplates:
         return self._near.get((round(float(middle[0])), round(float(middle[1]))))
 
     def _chosen(self, what: Array, scores: Array) -> Array:
-        """The best few that differ in variant, or in turn."""
+        """The best few that differ in variant, or in turn; of few taxels, of every variant."""
         order = np.argsort(-scores)
+        if self.vague:
+            return what[self._every(what, order)]
         order = order[scores[order] > scores[order[0]] - (NEAR_TUBES if self.tubes else NEAR)]
+        most = MOST_OF_TUBES if self.tubes else MOST_STARTS
+        return what[self._apart(what, order, most)]
+
+    def _every(self, what: Array, order: Integers) -> Integers:
+        """Which templates (n, 5) are the best few of every variant, from those in an order."""
+        taken: list[int] = []
+        for i in range(len(self.variants)):
+            own = order[what[order, 0] == i]
+            first = np.sort(np.unique(what[own, 3], return_index=True)[1])  # of each turn
+            taken += self._apart(what, own[first], MOST_STARTS)
+        return np.asarray(taken, np.int64)
+
+    def _apart(self, what: Array, order: Integers, most: int) -> list[int]:
+        """The first of an order that differ in variant, or in turn."""
         turn = 0.12 if self.tubes else 0.35
         taken: list[int] = []
         kept: list[tuple[float, float]] = []
@@ -170,9 +188,9 @@ class CoverageTemplates:
             if all(abs(np.sin((seen - yaw) / 2)) > turn for seen in same):
                 taken.append(int(i))
                 kept.append((variant, yaw))
-            if len(taken) == (MOST_OF_TUBES if self.tubes else MOST_STARTS):
+            if len(taken) == most:
                 break
-        return what[taken]
+        return taken
 
     def _aligned(self, y: Array) -> Array:
         """Starts with the centroid of the force on that of the object, for many taxels."""

@@ -124,6 +124,27 @@ def test_two_washers_that_look_alike_share_the_probability() -> None:
     assert {found.label for found in told} >= {0, 1}
 
 
+def test_of_few_taxels_every_object_is_compared_and_the_probability_is_honest() -> None:
+    w = world()
+    array = w.radial((6e-3, 26e-3), (24,))
+    rims = ((12.0, 6.5), (13.5, 5.0), (11.0, 8.0), (10.0, 5.0))
+    washers = [w.washer(f'w{i}', 1e-3 * a, 1e-3 * b) for i, (a, b) in enumerate(rims)]
+    objects = ObjectPose(array.positions, array.areas, array.outlines, washers)
+    rng, right, said = np.random.default_rng(3), [], []
+    for i in range(60):
+        outer, inner = 1e-3 * np.array(rims[i % 4])
+        x, y = rng.uniform(-4e-3, 4e-3, 2)
+        force = array.forces(w.on_washer(array.x - x, array.y - y, outer, inner)) / array.areas[0]
+        force = force * (1 + 4e-3 * rng.normal(size=24)) + 5e-4 * rng.normal(size=24)
+        found = objects.locate(force, np.full(24, 5e-4), np.ones(24, bool), 0.004)
+        if found.label >= 0:
+            right.append(found.label == i % 4)
+            said.append(found.probability)
+    assert len(right) > 42
+    assert np.mean(right) > 0.75
+    assert np.mean(said) < np.mean(right) + 0.1
+
+
 def test_tabulated_places_are_those_of_points() -> None:
     w = world()
     array = w.matrix(8, 9, 5e-3)
