@@ -34,6 +34,7 @@ LEAST_DIVIDER = 1e-4
 GRID = 33  # of the nominal series resistance
 ONE_SIGMA = 0.6827
 LEAST_SCATTER = 0.1
+POSSIBLE = 2.0  # of the supply: no wire reads more
 USEFUL = 0.9  # of the spread of shear; a regressor that leaves more knows nothing of it
 
 
@@ -152,7 +153,7 @@ class FiveWireEstimation:
         Returns
         -------
         dict of str to ndarray, shape (s, 3) or (s, 3, 3)
-            One entry and its covariance for each target.
+            One entry and its covariance for each target; NaN where no wire can read so much.
         """
         assert isinstance(memory, History)
         x = self.touch_.readings(signals)
@@ -167,6 +168,10 @@ class FiveWireEstimation:
             known['position'], known['position_cov'] = position, self._beside(covariance)
         if self.force_ is not None:
             known['force'], known['force_cov'] = self._pressed(signals, x, place, memory)
+        if not np.abs(signals.values).max(initial=0.0) <= POSSIBLE:
+            broken = (np.abs(signals.values[:, 0]) > POSSIBLE).any(axis=1)
+            for found in known.values():
+                found[broken] = np.nan
         return known
 
     def _beside(self, covariance: Array) -> Array:
