@@ -212,3 +212,17 @@ def test_a_fit_at_rest_tells_no_force() -> None:
     states = rested.process_batch(world().record(30, 2))
     assert np.isnan(states.force[states.in_contact != 0]).all()
     assert not states.valid.any()
+
+
+def test_without_the_temperatures_of_its_fit_sigmas_are_wider() -> None:
+    warm = WORLD.Scene(span=40.0)
+    pipeline = SENSOR.pipeline(world().config).fit(world().record(400, 9, warm))
+    told = world().record(300, 10, warm)
+    blind = Recording.from_arrays(
+        SENSOR.layout(world().config), told.values, tare=told.tare, truth=told.truth
+    )
+    error, sigma = errors(pipeline, blind)
+    assert (np.abs(error) < 2 * sigma).mean() > 0.9
+    assert (sigma > 3 * errors(pipeline, told)[1].max(axis=0)).mean() > 0.9
+    status = pipeline.process_batch(blind).status
+    assert (status[world().rest :] & FrameStatus.OUT_OF_RANGE > 0).all()

@@ -245,3 +245,12 @@ def test_touches_that_change_nothing_are_no_failure() -> None:
     )
     states = SPEC.pipeline(SPEC.config()).fit(same).process_batch(recording)
     assert len(states.valid) == len(recording.values)
+
+
+def test_before_any_truth_sigmas_of_force_hold_for_a_softer_body() -> None:
+    softer = dataclasses.replace(SPEC.config(), shear_modulus=1.3 * SPEC.config().shear_modulus)
+    test = world(45, 100)
+    states = SPEC.pipeline(softer).fit(test.select(test.tare)).process_batch(test)
+    error = (states.force - test.truth['force'])[TARE:]
+    sigma = np.sqrt(np.diagonal(states.force_cov, axis1=1, axis2=2))[TARE:]
+    assert (np.abs(error) < 2 * sigma)[:, 1:].mean() > 0.8

@@ -103,10 +103,16 @@ def lags_told(signals: Signals) -> Array:
 
 
 def beyond(signals: Signals, span: Array) -> Array:
-    """Degrees (s,) by which chips are warmer or colder than in the fit, of span (2,)."""
-    if signals.temperature_c is None or not np.isfinite(span).all():
+    """Degrees (s,) by which chips are warmer or colder than in the fit, of span (2,).
+
+    A chip that tells no temperature may be as far from the usual one as those of the fit were.
+    """
+    if not np.isfinite(span).all():
         return np.zeros(len(signals.good))
+    half = 0.5 * float(span[1] - span[0])
+    unknown = half if half > LEAST_RANGE else 0.0
     chip = chip_temperature(signals)
-    assert chip is not None
+    if chip is None:
+        return np.full(len(signals.good), unknown)
     farther = np.maximum(span[0] - chip, chip - span[1]) - LEAST_RANGE
-    return np.asarray(np.maximum(np.nan_to_num(farther), 0.0))
+    return np.asarray(np.where(np.isnan(chip), unknown, np.maximum(farther, 0.0)))

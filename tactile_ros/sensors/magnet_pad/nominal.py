@@ -41,6 +41,7 @@ NEAR = 6  # neighbour whose distance is the reach of a touch
 RIGHT = 0.06  # of a reading: what the model may be wrong by
 UNLIKE = 4.0  # misfit of a channel, from which a stray field is thought of
 UNSURE = 0.8  # the table's spread has touches that lean and bodies of all bonds
+STIFF = 0.2  # share by which a modulus from a hardness, and thus a force, may be wrong
 LEAST = 1e-4  # m; N times shear modulus and radius follow
 
 
@@ -217,7 +218,10 @@ class NominalPad:
         stray = np.full((len(x), 3), np.nan)
         if there.any():
             told = self.telling(x[there], self.cells)
-            mean[there], cov[there] = told.mean, UNSURE**2 * told.cov + self.floor
+            spread = UNSURE**2 * told.cov + self.floor
+            stiffer = STIFF * told.mean[:, 3:]
+            spread[:, 3:, 3:] += stiffer[:, :, None] * stiffer[:, None, :]
+            mean[there], cov[there] = told.mean, spread
             cell[there], share[there] = told.shares.argmax(axis=1), told.shares.max(axis=1)
             stray[there] = told.stray
             if self.telling.part is not None and (rest & there).any():
