@@ -74,10 +74,11 @@ def run_twin(key: str, output: Path, seed: int, seconds: float = PLAYED_S) -> in
     from tactile_ros.cli.models import sentences
     from tactile_ros.evaluation.report import write_report
 
-    notes = (*NOTES, *sentences(pipeline.report))
+    rate = f'The twin sends {demo_rate(key):g} frames a second.'
+    notes = (*NOTES, rate, *sentences(pipeline.report))
     result = Result(title, command, environment(), (dataset,), notes)
     print_result(result)
-    print(f'  {key}: {NOTES[0]}')
+    print(f'  {key}: {NOTES[0]} {rate}')
 
     write_report(output / 'report.html', result)
     say(began, 'done')
@@ -101,6 +102,12 @@ def fit(key: str, seed: int, path: Path) -> Pipeline:
     return spec.load(path)
 
 
+def demo_rate(key: str) -> float:
+    """Frames a second (Hz) that the twin of a sensor sends in its demo."""
+    spec = load_sensor(key)
+    return spec.layout(spec.config(**spec.demo)).rate_hz
+
+
 def _as_parameter(value: object) -> object:
     """A field of a config as ROS parameters hold it."""
     return np.ravel(value).tolist() if isinstance(value, np.ndarray) else value
@@ -112,7 +119,7 @@ def play(key: str, seed: int, calibration: Path, bag: Path, seconds: float) -> N
     from tactile_ros.nodes.processes import Running
 
     spec = load_sensor(key)
-    fast = spec.layout(spec.config(**spec.demo)).rate_hz > RATE_OF_PROCESSES
+    fast = demo_rate(key) > RATE_OF_PROCESSES
     setting = Setting(
         sensor=key, source='simulated', seed=seed, calibration=str(calibration), bag=str(bag),
         namespace=key, stack=fast,

@@ -94,6 +94,7 @@ def simulate_framed(
     noise: float | Array,
     seed: int,
     clock: VirtualClock | None = None,
+    temperature_c: Callable[[float], Array] | None = None,
 ) -> FramedTwin:
     """Twin of that board on a pseudo-terminal; not entered yet.
 
@@ -109,6 +110,8 @@ def simulate_framed(
         Of noise and faults.
     clock : VirtualClock or None
         What the board runs on; None: the machine's.
+    temperature_c : callable or None
+        Time (s) -> chip temperatures (t,) (degrees Celsius); None: 25.
 
     Returns
     -------
@@ -121,6 +124,7 @@ def simulate_framed(
         scale,
         signal,
         noise=noise,
+        temperature_c=temperature_c,
         seed=seed,
         clock=clock,
         baud=connection.baud,

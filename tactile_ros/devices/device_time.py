@@ -8,6 +8,10 @@ WRAP_US = 2**32
 NS_PER_US = 1000
 # oscillators of microcontrollers agree with the host's to this share
 CREEP = 0.01
+# and quartz to this one
+QUARTZ = 2e-4
+# frames that came together over so long were kept back: their age is unknown
+KEPT_BACK_NS = 20_000_000
 CLOCK_RESET_NS = 1_000_000_000
 LONG_GAP = 3
 SHORTEST_STALL_NS = 20_000_000
@@ -57,6 +61,11 @@ class DeviceTime:
     Bytes come late, never early, so the host's time less the board's is lowest for the promptest
     frame. A stamp is the board's time plus that lowest difference, which creeps up by 1 % to
     follow oscillators that differ. So bursts and a late reader do not shift stamps.
+
+    A read of several frames over more than 20 ms comes from a reader that is behind, for all that
+    one sees as late as the port's buffer is long. It can show that others were late, not that the
+    host's clock stepped: it neither ties anew, nor creeps by more than 0.02 %. So a reader that
+    never catches up loses frames, which are counted, and stamps those it has with their time.
 
     A host clock that went back by more than 50 ms starts anew, and so do stamps. One that stepped
     ahead makes all bytes late: where the promptest of a second and 10 reads is more than 50 ms
@@ -111,7 +120,9 @@ class DeviceTime:
             self._device_ns += self._step(raw_us, gap, elapsed_ns)
             self._raw_us = raw_us
             device_ns.append(self._device_ns)
-        offset_ns = self._tie(now_ns, self._device_ns - before_ns)
+        passed_ns = self._device_ns - before_ns
+        behind = len(time_us) > 1 and self._device_ns - device_ns[0] > KEPT_BACK_NS
+        offset_ns = self._tie(now_ns, passed_ns, behind)
         self._now_ns = now_ns
         stamps = self._stamps(device_ns, offset_ns)
         # 0 would say that there is no clock
@@ -136,7 +147,7 @@ class DeviceTime:
         self._offset_ns = None
         return elapsed_ns or usual_ns
 
-    def _tie(self, now_ns: int, passed_ns: int) -> int:
+    def _tie(self, now_ns: int, passed_ns: int, behind: bool) -> int:
         """Host's time less the board's."""
         offset_ns = now_ns - self._device_ns
         went_back = now_ns < self._now_ns - TOLERANCE_NS
@@ -145,6 +156,9 @@ class DeviceTime:
         if self._offset_ns is None:
             self._prompt.begin(now_ns)
             self.clock_steps += went_back
+        elif behind and offset_ns >= self._offset_ns:
+            self._prompt.begin(now_ns)
+            offset_ns = min(offset_ns, self._offset_ns + int(QUARTZ * passed_ns))
         elif went_back or abs(offset_ns - self._offset_ns) > CLOCK_RESET_NS:
             self._prompt.begin(now_ns)
             self.clock_steps += 1

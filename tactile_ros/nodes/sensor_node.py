@@ -247,7 +247,7 @@ class SensorNode(ManagedNode):
 
     def _publish_truth(self, frame: Frame, frame_id: str) -> None:
         """What the twin's signal says at the frame's stamp."""
-        state, groups = self._truth.at(frame.stamp_ns)
+        state, groups = self._truth.at(frame.stamp_ns, frame.device_time_ns)
         message = TactileContacts()
         messages.fill_contacts(message, state, TactileContact)
         messages.fill_header(message.header, frame.stamp_ns, frame_id)

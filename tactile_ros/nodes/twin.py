@@ -62,6 +62,11 @@ class SignalTruth:
         What the twin's signal plays, with truth; evenly spaced.
     start_ns : int
         Node's time at the signal's beginning (ns).
+
+    Notes
+    -----
+    The clock of a twin's board begins with its signal, so it tells the row that a frame carries
+    however late the frame was sent and read.
     """
 
     def __init__(self, recording: Recording, start_ns: int) -> None:
@@ -71,13 +76,14 @@ class SignalTruth:
         self._states: ContactStates = truth_states(recording)
         self._count = len(recording)
 
-    def row(self, stamp_ns: int) -> int:
-        """Row that was played at a time (ns)."""
-        return round((stamp_ns - self._start_ns) * 1e-9 * self._rate_hz) % self._count
+    def row(self, stamp_ns: int, device_time_ns: int = 0) -> int:
+        """Row that was played at a time (ns), by the board's clock where it has one."""
+        since_ns = device_time_ns or stamp_ns - self._start_ns
+        return round(since_ns * 1e-9 * self._rate_hz) % self._count
 
-    def at(self, stamp_ns: int) -> tuple[ContactState, dict[str, int]]:
+    def at(self, stamp_ns: int, device_time_ns: int = 0) -> tuple[ContactState, dict[str, int]]:
         """Truth at a time (ns), and the groups that it belongs to."""
-        row = self.row(stamp_ns)
+        row = self.row(stamp_ns, device_time_ns)
         names = ('session', 'repetition')
         groups = {n: int(np.asarray(self._truth[n][row])) for n in names if n in self._truth}
         return self._states[row], groups

@@ -117,3 +117,17 @@ def test_bytes_that_are_late_for_less_than_a_second_are_no_step() -> None:
         one(clock, 1000 * i, 10**12 + i * MS + late)
     assert clock.clock_steps == 0
     assert one(clock, 5_000_000, 10**12 + 5000 * MS)[1] == 10**12 + 5000 * MS
+
+
+def test_a_reader_that_never_catches_up_does_not_shift_stamps() -> None:
+    clock = DeviceTime(MS)
+    start = 10**12
+    one(clock, 0, start)
+    for read in range(1, 200):  # 20 s, each read 300 ms late
+        first = 100 * (read - 1) + 1
+        times = list(range(1000 * first, 1000 * (first + 100), 1000))
+        moments = clock.follow(times, [0] * 100, start + (100 * read + 300) * MS)
+        assert abs(moments.stamp_ns[-1] - start - 100 * read * MS) < 5 * MS
+    assert clock.clock_steps == 0
+    # in time again, one by one
+    assert one(clock, 19_901_000, start + 19_901 * MS)[1] == start + 19_901 * MS

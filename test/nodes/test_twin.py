@@ -238,6 +238,8 @@ def test_rows_of_truth_repeat_with_the_signal() -> None:
     truth = SignalTruth(recording, start_ns=7)
     period_ns = round(1e9 / recording.layout.rate_hz)
     assert [truth.row(7 + k * period_ns) for k in (0, 1, len(recording))] == [0, 1, 0]
+    # by the board's clock where it has one, however late the frame
+    assert truth.row(10**12, 3 * period_ns) == 3
     state, groups = truth.at(7 + 200 * period_ns)
     np.testing.assert_array_equal(state.force, recording.truth['force'][200])
     assert groups['repetition'] == recording.truth['repetition'][200]

@@ -70,4 +70,6 @@ SENSOR = SensorSpec(
     presses=presses,
     classes=(GradiometerConfig, *OWN, *CLASSES),
     recordings=dict,
+    # twin, driver and estimators share a process and two cores with the recorder
+    demo={'rate_hz': 300.0},
 )

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from tactile_ros.devices.connections import FramedConnection, open_framed, simulate_framed
 from tactile_ros.devices.framed_payloads import gradiometer
 from tactile_ros.sensors.gradiometer.config import layout
-from tactile_ros.sensors.gradiometer.signal import NOISE
-from tactile_ros.sensors.gradiometer.signal import signal as own_signal
+from tactile_ros.sensors.gradiometer.signal import NOISE, scene
 from tactile_ros.types.fields import number
 
 if TYPE_CHECKING:
@@ -43,14 +42,18 @@ def simulate_gradiometer(
     seed: int = 0,
     clock: VirtualClock | None = None,
 ) -> FramedTwin:
-    """Twin of a gradiometer that plays `signal`, or a simple one of its own; not entered yet."""
+    """Twin of a gradiometer that plays `signal`, or scenes of its own; not entered yet."""
+    temperature_c: Callable[[float], Array] | None = None
+    if signal is None:
+        signal, temperature_c = scene(config, seed)
     return simulate_framed(
         layout(config),
         connection,
         gradiometer(),
         connection.tesla_per_count,
-        own_signal(config, seed) if signal is None else signal,
+        signal,
         NOISE if config.noise is None else config.noise,
         seed,
         clock,
+        temperature_c,
     )
