@@ -160,6 +160,8 @@ class Rest:
         if not self.tared:
             return np.full(len(delta), -1, np.int8)
         size = excursion(delta, self.scale)
+        if len(size) == 1 and tare is None:
+            return np.array([size[0] > 1.0 if good[0] and size[0] >= 0 else -1], np.int8)
         contact = (size > 1.0).astype(np.int8)
         if tare is not None:
             contact[tare] = 0

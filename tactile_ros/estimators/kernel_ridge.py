@@ -176,7 +176,10 @@ class KernelRidge:
     def _evaluate(self, z: Array) -> Array:
         bumps = z @ self.samples_.T
         bumps -= self._half_squares
-        bumps -= 0.5 * np.add.reduce(z * z, axis=1)[:, None]
+        if len(z) == 1:
+            bumps -= 0.5 * np.vdot(z, z)
+        else:
+            bumps -= 0.5 * np.add.reduce(z * z, axis=1)[:, None]
         np.exp(np.minimum(bumps, 0.0, out=bumps), out=bumps)
         answer = bumps @ self.bumps_
         answer += z @ self.plane_
