@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Array, ContactStates, Integers, Recording
 
-PRESSES = {'quick': 300, 'normal': 1500, 'full': 4000}
+PRESSES = {'quick': 200, 'normal': 1500, 'full': 4000}
 GRIDS = {6: (3, 2), 15: (5, 3), 25: (5, 5)}
 PAPER = {6: 99.0, 15: 99.0, 25: 92.0}
 PROBES = (2, 6, 10, 14)
@@ -249,7 +249,7 @@ def _probes(count: int, extent: str) -> list[Row]:
     learned = [(p,) for p in PROBES] + [(2, 14), PROBES]
     learned += [(2, 6), (6, 14)] if extent == 'full' else []
     rows = []
-    for known in [(2,), (6,), PROBES] if extent == 'quick' else learned:
+    for known in [(2,), PROBES] if extent == 'quick' else learned:
         ours, peer = _joined(*(each[p] for p in known))
         for p in PROBES:
             one, names = fresh[p], ' and '.join(map(str, known)) if len(known) < 4 else 'all'
