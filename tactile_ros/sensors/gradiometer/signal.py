@@ -169,6 +169,11 @@ def presses(
     )
 
 
+def signal(config: GradiometerConfig, seed: int = 0) -> Callable[[float], Array]:
+    """The readings of `presses` without noise, over time (s), again and again."""
+    return scene(config, seed)[0]
+
+
 def scene(
     config: GradiometerConfig, seed: int = 0
 ) -> tuple[Callable[[float], Array], Callable[[float], Array]]:
