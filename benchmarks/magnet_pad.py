@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Array, ContactStates, Integers, Recording
 
-PRESSES = {'quick': 200, 'normal': 1500, 'full': 4000}
+PRESSES = {'quick': 200, 'normal': 600, 'full': 4000}
 GRIDS = {6: (3, 2), 15: (5, 3), 25: (5, 5)}
 PAPER = {6: 99.0, 15: 99.0, 25: 92.0}
 PROBES = (2, 6, 10, 14)
