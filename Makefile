@@ -13,6 +13,7 @@ PYTHON ?= python3
 OLDEST ?= python3.10
 DISTRO ?= kilted
 CONFIGURE := bootstrap/configure.py
+JOBS ?= 2
 ARGUMENTS ?=
 
 # DDS stays on this machine and logs stay in this folder, unless asked otherwise.
@@ -44,7 +45,7 @@ demo: setup
 	@.venv/bin/tactile demo $(ARGUMENTS)
 
 bench: setup-tests
-	@.venv/bin/tactile bench all --jobs 2 $(if $(QUICK),--quick) $(ARGUMENTS)
+	@.venv/bin/tactile bench all --jobs $(JOBS) $(if $(QUICK),--quick) $(ARGUMENTS)
 
 lint: setup-tests
 	@$(ALONE) .venv/bin/ruff check .
@@ -52,8 +53,9 @@ lint: setup-tests
 	  $(ALONE) .venv/bin/mypy; \
 	else echo 'mypy is left out: the last NumPy for Python 3.10 describes its arrays otherwise'; fi
 
+# A file of tests stays in one process; each process has a ROS domain of its own.
 test: lint
-	@$(ALONE) .venv/bin/python -m pytest $(ARGUMENTS)
+	@$(ALONE) .venv/bin/python -m pytest -n $(JOBS) --dist loadfile $(ARGUMENTS)
 
 # The core (all but ROS and the command line) on the oldest wheels there are.
 test-oldest:

@@ -20,7 +20,6 @@ from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.drawing import standalone
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.evaluation.svg import Plot
-from tactile_ros.physics.elastomer import disc_press
 from tactile_ros.physics.fidelity import SHARE, Choice, Model, choose, region
 from tactile_ros.physics.grid_table import GridTable
 from tactile_ros.physics.scene_terms import Worth
@@ -30,6 +29,7 @@ from tactile_ros.sensors.gradiometer.config import GradiometerConfig
 from tactile_ros.sensors.magnet_pad import fidelity as pad
 from tactile_ros.sensors.magnet_pad import scene as pad_scene
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
+from tactile_ros.sensors.magnet_pad.nominal import movement
 from tactile_ros.sensors.multipole_skin import fidelity as skin
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
 
@@ -45,7 +45,7 @@ NOISE = {'gradiometer': 3e-6, 'magnet_pad': 4e-6, 'multipole_skin': 4e-6}
 MICRO = 1e6
 BATCH = {'quick': 200, 'normal': 200, 'full': 1000}
 HEADS = {'quick': 1, 'normal': 6, 'full': 20}
-LOAD, TIP, AROUND = (1.5, 10.0), 3e-3, (0.5, np.pi - 0.5)  # N, m, rad: presses of [2]
+LOAD, AROUND = (1.5, 10.0), (0.5, np.pi - 0.5)  # N, rad: presses of [2]
 GRIDS = ((9, 7, 5), (15, 11, 5), (29, 21, 9), (57, 41, 9))
 BUDGET_S = 0.2
 KINDS = ('dipole', 'linear', 'cubic', 'exact')
@@ -88,21 +88,6 @@ def rows_of(
     return rows, spots
 
 
-def pad_movement(config: MagnetPadConfig, touches: Array) -> tuple[Array, Array]:
-    """Shifts and turns of the magnets under touches (s, 3): along (m), around (rad), force (N)."""
-    along, around, force = touches.T
-    normal = np.column_stack([0 * along, np.cos(around), np.sin(around)])
-    place = config.radius * normal + along[:, None] * np.eye(3)[0]
-    tip, bond = np.full(len(along), TIP), np.full(len(along), 0.5)
-
-    def displacement(points: Array) -> Array:
-        wide = np.broadcast_to(points, (len(place), *points.shape))
-        push = -force[:, None] * normal
-        return disc_press(wide, place, normal, push, tip, config.shear_modulus, bond)
-
-    return pad.blocks_of(config, 1).carried(displacement)
-
-
 def pad_region(config: MagnetPadConfig, count: int) -> Array:
     """Touches of [2] along the normal, shape (s, 3)."""
     reach = 0.45 * config.length
@@ -115,7 +100,7 @@ def touch_tables(config: MagnetPadConfig, noise: float) -> tuple[Choice, list[Mo
     field = pad.block_field(config, 0)
 
     def readings(touches: Array) -> Array:
-        moved, turned = pad_movement(config, touches)
+        moved, turned = movement(config, pad_scene.upright(config, touches))
         return field.readings(np.stack([moved, turned], axis=1).reshape(len(touches), -1))
 
     states = pad_region(config, 200)
@@ -247,7 +232,7 @@ def scenes(extent: str) -> tuple[list[Row], dict[str, list[Spot]], list[str]]:
     """Rows, spots and choices of all scenes that have an exact model."""
     disc, magnets, sheet = GradiometerConfig(), MagnetPadConfig(), MultipoleSkinConfig()
     touches = pad_region(magnets, BATCH[extent] // 4)
-    moved, turned = pad_movement(magnets, touches)
+    moved, turned = movement(magnets, pad_scene.upright(magnets, touches))
     shifts = region(-skin.PLAY * np.ones(3), skin.PLAY * np.ones(3), 2)[-2:]
     noise = NOISE['magnet_pad']
     blocks = [pad.block_field(magnets, n) for n in (*pad.EDGES, 0)]

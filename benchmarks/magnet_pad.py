@@ -20,6 +20,8 @@ from tactile_ros.estimators.cell_knn import CellKnn
 from tactile_ros.estimators.touch_mixture import Linearised, TouchMixture
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.cells import accuracy, average_euclidean_error, confusion
+from tactile_ros.evaluation.coverage import WITHIN, coverage_by_thirds
+from tactile_ros.evaluation.metrics import AXES
 from tactile_ros.evaluation.pad_figures import drawings
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
@@ -163,7 +165,8 @@ def _truth(cells: int, spread: float) -> tuple[TouchMixture, TouchMixture]:
 
 def _bounds(cells: int, spread: float, test: Session, stray: Session) -> tuple[float, ...]:
     """Mean error of a place (mm), cells right (%) and with an outside field, by the posterior."""
-    plain, blind = _truth(cells, spread)
+    # anywhere is the same for all cells
+    plain, blind = _truth(cells if spread < 1.0 else 15, spread)
     centres = test.config.cells * np.array([1.0, 1.0, 0.0])
     seen, met = plain(test.change), blind(stray.change)
     away = 1e3 * float(np.linalg.norm(seen.mean - test.touches.place, axis=1).mean())
@@ -199,41 +202,46 @@ def _cells(cells: int, spread: float, count: int) -> list[Row]:
 
 
 def _coverage(count: int) -> list[Row]:
-    """Largest distance from 68.3 and 95.4 % over components and thirds of the stated sigma."""
+    """Distance of shares inside one and two sigma from a Gaussian's: components and thirds."""
     ours, test = _learned(15, 1.0, count)[0], session(15, 3 * count, 1.0, JUDGE)
+    return _covered(ours, test)
+
+
+def _covered(ours: Pipeline, test: Session) -> list[Row]:
+    """Of every component of place and force that varies."""
     said, rows = ours.process_batch(test.recording), []
+    groups = np.arange(len(test.touches.place))
     for name, true in (('position', test.touches.place), ('force', test.touches.force)):
         error = getattr(said, name)[REST:] - true
-        sigma = np.sqrt(np.diagonal(getattr(said, f'{name}_cov'), axis1=1, axis2=2))[REST:]
-        for sigmas, aimed in ((1, 68.27), (2, 95.45)):
-            inside = np.abs(error) <= sigmas * sigma
-            worst = allowed = 0.0
-            for k in np.flatnonzero(np.ptp(true, axis=0)):
-                third = np.array_split(np.argsort(sigma[:, k], kind='stable'), 3)
-                for part in (slice(None), *third):
-                    hits = 100 * inside[part, k].mean() - aimed
-                    room = 196 * np.sqrt(aimed * (100 - aimed) / len(inside[part]) / 1e4)
-                    if abs(hits) - max(room, 5) > worst - max(allowed, 5):
-                        worst, allowed = abs(float(hits)), float(max(room, 5))
-            rows.append(Row(f'{name}: worst coverage at {sigmas} sigma, components and thirds',
-                            'points', worst, aim=allowed))  # fmt: skip
+        variance = np.diagonal(getattr(said, f'{name}_cov'), axis1=1, axis2=2)[REST:]
+        for k in np.flatnonzero(np.ptp(true, axis=0)):
+            found = coverage_by_thirds(error[:, k], variance[:, k], groups)
+            rows += [
+                Row(f'{name} {AXES[k]}, {part}: inside {sigmas} sigma, off '
+                    f'{100 * WITHIN[sigmas]:.1f} %', 'points',
+                    100 * abs(one.share - WITHIN[sigmas]),
+                    aim=100 * max(one.high - WITHIN[sigmas], WITHIN[sigmas] - one.low))
+                for (part, sigmas), one in found.items()
+            ]  # fmt: skip
     return rows
 
 
 def _neighbours(count: int, extent: str) -> list[Row]:
     """[2]'s figures 5, 7 and 8: K, training share, cells; the pipeline on the same split."""
     rows = []
-    sweep = [(k, share) for share in (20, 50, 80) for k in (1, 5, 10)]
+    sweep = [(k, share, 2.0) for share in (20, 50, 80) for k in (1, 5, 10)]
+    sweep += [(5, 50, 1.0), (5, 50, np.inf)]
     for cells in GRIDS:
         whole = session(cells, 2 * count, 0.4, LEARN)
         order = np.random.default_rng(0).permutation(2 * count)
-        for k, share in sweep if extent == 'full' else [(1, 20), (5, 50)]:
+        for k, share, power in sweep if extent == 'full' else [(1, 20, 2.0), (5, 50, 2.0)]:
             seen, new = np.split(order, [len(order) * share // 100])
-            knn = CellKnn(k).fit(whole.change[seen], whole.touches.cell[seen])
+            knn = CellKnn(k, power).fit(whole.change[seen], whole.touches.cell[seen])
             said, true = knn.predict(whole.change[new]), whole.touches.cell[new]
             table = confusion(said, true, cells)
             error = average_euclidean_error(said, true, whole.config.cells)
             what = f'neighbours of [2], {cells} cells, K {k}, {share} % training'
+            what += '' if power == 2 else f', distance of power {power:g}'
             rows += [
                 Row(f'{what}: cells right', '%', accuracy(said, true), 'high', 92.0),
                 Row(f'{what}: average Euclidean error', 'mm', error),

@@ -17,7 +17,8 @@ import numpy as np
 from tactile_ros.devices.damage import DAMAGES, unseen
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.evaluation.benchmark import BenchResult, Row
-from tactile_ros.evaluation.metrics import ONE_SIGMA, target_errors
+from tactile_ros.evaluation.coverage import ONE_SIGMA
+from tactile_ros.evaluation.metrics import target_errors
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Array, Recording
 

@@ -14,6 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.conditioning.baseline import BaselineTracker, Tracking
+from tactile_ros.conditioning.faults import frame_readings, judged_rows
+from tactile_ros.conditioning.viscoelastic import Creep
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.estimators.coverage_model import TaxelPoints
 from tactile_ros.evaluation import array_figures
@@ -40,7 +43,10 @@ SEED = 4
 WORLDS = 300  # seeds of pick and place, skins and picks
 PICKS = {'quick': (1, 3), 'normal': (2, 15), 'full': (8, 100)}  # worlds, picks of each
 SPEC = load_sensor('taxel_array')
-SKINS = Path(__file__).resolve().parent / 'worlds' / 'taxel_skins.py'
+SKINS, TRUST = (
+    Path(__file__).resolve().parent / 'worlds' / f'{name}.py'
+    for name in ('taxel_skins', 'taxel_trust')
+)
 
 
 def run(extent: str, command: str) -> BenchResult:
@@ -89,15 +95,21 @@ def run(extent: str, command: str) -> BenchResult:
 
 def _skins(extent: str) -> tuple[list[Row], list[str], list[int]]:
     """Rows, notes and seeds of the world of fine cells, where the sources are at hand."""
-    notes = ['bound: Cramer and Rao, by differences of a world of fine cells (tubes, jaw)']
+    notes = [
+        'bound: Cramer and Rao, by differences of a world of fine cells (tubes, jaw); of washers '
+        'on 16 sectors the rule of Bayes that knows this world',
+        'trust: on layouts, skins and parts that chose no constant; aims are 5 points, or the '
+        '95 % binomial interval where that is wider',
+    ]
     if extent == 'quick':
         notes.append(
             'quick: 3 picks of each kind in one world; of the fine cells tubes of one profile '
-            'alone (10), without its jaw, washers on rings and holds'
+            'alone (10), without its jaw, washers on rings and on 16 sectors, holds and trust'
         )
     try:
-        skins = load_source(SKINS, 'bench taxel_array')
-        return skins.rows(extent), notes, list(skins.SEEDS.values())
+        skins, trust = (load_source(path, 'bench taxel_array') for path in (SKINS, TRUST))
+        rows = skins.rows(extent) + trust.rows(extent)
+        return rows, notes, [*skins.SEEDS.values(), trust.SEED]
     except MissingPackageError as error:  # installed without the tests
         return [], [f'without the rows beside bounds: {error}'], []
 
@@ -225,6 +237,12 @@ def _sorting(extent: str) -> tuple[list[Row], dict[str, str]]:
         Row('picked tubes: turn, median', 'deg', float(np.nanmedian(turn))),
         _placed('pick and place: parts in a jaw of 2000, 20 bad taxels', picks['jaw'], None, 99.0),
         Row('one frame of 2000 taxels', 'us', _jaw_time(grips[0], picks['jaw']), aim=3000.0),
+        Row(
+            'conditioning of 2000 taxels: baseline, laws, two branches of creep',
+            'us',
+            _conditioning(grips[0]),
+            aim=100.0,
+        ),
     ]
     return rows, drawings
 
@@ -246,6 +264,27 @@ def _jaw_time(gripper: Gripper, picks: list[Picked]) -> float:
     recording = Recording.from_arrays(SPEC.layout(gripper.config), values)
     gripper.pipeline.reset()
     return _single(gripper.pipeline, recording)
+
+
+def _conditioning(gripper: Gripper) -> float:
+    """Least time from readings to forces of a frame, the creep of two branches undone (us)."""
+    pipeline, law = gripper.pipeline, gripper.pipeline.estimation.law_  # type: ignore[attr-defined]
+    taxels = len(gripper.config.positions)
+    creep = Creep(np.array([0.7, 6.0]), np.full((2, taxels), 0.08))
+    state = creep.start()
+    tracker = BaselineTracker(np.nan_to_num(pipeline.baseline), Tracking(pipeline.rest_.scale))
+    values = gripper.skin.read(np.full((1, taxels), 0.01), np.random.default_rng(SEED))[0]
+    first, times = np.zeros(1, bool), []
+    for i in range(1, 200):
+        frame, stamp = Frame(i * 10_000_000, i, values), np.array([i * 10_000_000])
+        began = perf_counter()
+        usable, bits, _ = frame_readings(frame, pipeline.layout)
+        delta = usable - tracker(usable, stamp)
+        good, told = judged_rows(pipeline.estimation, bits, delta, usable)
+        pipeline.rest_.contact(told, good, None)
+        creep.undo(law.forces(delta[..., 0]), stamp, first, state)
+        times.append(perf_counter() - began)
+    return 1e6 * min(times)
 
 
 def _placed(what: str, picks: list[Picked], paper: float | None, aim: float) -> Row:

@@ -7,18 +7,18 @@ ros2 launch tactile_ros sensor.launch.py source:=simulated sensor:=gradiometer f
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import replace
 
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
-from tactile_ros.nodes.graph import PACKAGE, Process, Setting, sensing
+from tactile_ros.nodes.graph import Setting, sensing
+from tactile_ros.nodes.launching import TRUE_OR_FALSE, chosen, declared, node_of
 from tactile_ros.sensors import list_sensors
 
 DEFAULTS = Setting()
-TRUE_OR_FALSE = ['true', 'false']
 # of Setting: what it means, and what it may be
 ARGUMENTS: dict[str, tuple[str, list[str] | None]] = {
     'sensor': ('key of the sensor', list_sensors()),
@@ -53,38 +53,12 @@ POSE = {
 }
 
 
-def text_of(value: bool | float | str) -> str:
-    """A default as a launch argument."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
-
-
 def setting_of(context: LaunchContext) -> Setting:
     """What the arguments choose."""
-    values: dict[str, bool | float | str] = {}
-    for field in fields(Setting):
-        text = LaunchConfiguration(field.name).perform(context)
-        default = getattr(DEFAULTS, field.name)
-        if isinstance(default, bool):
-            values[field.name] = text == 'true'
-        else:
-            values[field.name] = type(default)(text)
+    setting = chosen(context, DEFAULTS)
     if LaunchConfiguration('simulated').perform(context) == 'true':
-        values['source'] = 'simulated'
-    return Setting(**values)
-
-
-def node_of(process: Process, log_level: str) -> Node:
-    """A process of the graph as an action."""
-    files = [process.params_file] if process.params_file else []
-    return Node(
-        package=PACKAGE,
-        executable=process.executable,
-        namespace=process.namespace,
-        parameters=[*files, dict(process.parameters)],
-        remappings=list(process.remappings.items()),
-        arguments=['--ros-args', '--log-level', log_level],
-        output='screen',
-    )
+        return replace(setting, source='simulated')
+    return setting
 
 
 def mounting(context: LaunchContext, setting: Setting) -> list[Node]:
@@ -115,20 +89,12 @@ def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
 
 def generate_launch_description() -> LaunchDescription:
     """Arguments, then the graph."""
-    declared = [
-        DeclareLaunchArgument(
-            name,
-            default_value=text_of(getattr(DEFAULTS, name)),
-            description=description,
-            **({'choices': choices} if choices else {}),
-        )
-        for name, (description, choices) in ARGUMENTS.items()
-    ]
-    declared += [
+    arguments = declared(DEFAULTS, ARGUMENTS)
+    arguments += [
         DeclareLaunchArgument(name, default_value=default, description=description)
         for name, (default, description) in POSE.items()
     ]
-    declared.append(
+    arguments.append(
         DeclareLaunchArgument(
             'simulated',
             default_value='false',
@@ -136,12 +102,4 @@ def generate_launch_description() -> LaunchDescription:
             choices=TRUE_OR_FALSE,
         )
     )
-    declared.append(
-        DeclareLaunchArgument(
-            'log_level',
-            default_value='info',
-            description='how much the nodes say',
-            choices=['debug', 'info', 'warn', 'error', 'fatal'],
-        )
-    )
-    return LaunchDescription([*declared, OpaqueFunction(function=start)])
+    return LaunchDescription([*arguments, OpaqueFunction(function=start)])

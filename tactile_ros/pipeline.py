@@ -30,6 +30,7 @@ from tactile_ros.conditioning.faults import (
 )
 from tactile_ros.conditioning.rest import Rest
 from tactile_ros.conditioning.stream import Stream
+from tactile_ros.errors import CalibrationError
 from tactile_ros.signals import Columns, Estimation, Report, SensorConfig, Signals
 from tactile_ros.states import add_dead, add_flags, add_patches, apply_contact, lacking, told
 from tactile_ros.stored import identity, parts_to_arrays, read_parts, rehearse
@@ -111,7 +112,7 @@ class Pipeline:
             raise ValueError(msg)
         for frame in frames:
             truth.refuse_other_shape(self.sensor, self.layout, np.shape(frame.values))
-        usable = np.concatenate([frame_readings(frame, self._limit())[0] for frame in frames])
+        usable = np.concatenate([frame_readings(frame, self.layout)[0] for frame in frames])
         self.rest_ = replace(self.rest_, baseline=tare_level(usable, self.rest_.dead))
         self._stream.rebase(self._tracker())
 
@@ -140,7 +141,7 @@ class Pipeline:
             If the frame's shape differs from the layout.
         """
         truth.refuse_other_shape(self.sensor, self.layout, np.shape(frame.values))
-        usable, bits, chips = frame_readings(frame, self._limit())
+        usable, bits, chips = frame_readings(frame, self.layout)
         usable, bits = set_aside(usable, bits, self.rest_.dead)
         if self._stream.is_over(frame.stamp_ns):
             self.reset()
@@ -171,12 +172,12 @@ class Pipeline:
         truth.refuse_foreign(self.sensor, self.layout, recording)
         usable, bits = self._readings(recording)
         signals = self._conditioned_rows(recording, usable, bits)
-        known = self._estimate(signals, bits, self._begin(), recording.restarts)
+        known = self._estimate(signals, bits, self._begin())
         return ContactStates.assemble(len(recording), bits.shape[1], known)
 
     def _readings(self, recording: Recording) -> tuple[Array, Bytes]:
         """Readings of a recording, NaN where unusable, and why."""
-        bits = taxel_faults(recording.values, recording.status, self._limit())
+        bits = taxel_faults(recording.values, recording.status, self.layout)
         return set_aside(without_faults(recording.values, bits), bits, self.rest_.dead)
 
     def _conditioned_rows(self, recording: Recording, usable: Array, bits: Bytes) -> Signals:
@@ -185,7 +186,7 @@ class Pipeline:
         base, restart, tare = stream_baselines(recording, usable, rest.baseline, follow, rest.dead)
         chips, stamp_ns = recording.temperature_c, recording.stamp_ns
         signals = self._signals(usable, bits, base, chips, stamp_ns, restart, tare)
-        return replace(signals, begins=recording.restarts)
+        return replace(signals, begins=recording.restarts, tare=recording.tare)
 
     def _signals(
         self,
@@ -203,9 +204,7 @@ class Pipeline:
         contact = self.rest_.contact(told, good, tare)
         return Signals(usable, delta, base, chips, stamp_ns, restart, contact, good)
 
-    def _estimate(
-        self, signals: Signals, bits: Bytes, stream: Stream, begins: Bools | None = None
-    ) -> Columns:
+    def _estimate(self, signals: Signals, bits: Bytes, stream: Stream) -> Columns:
         """State attributes of conditioned frames; the one road for live and batch."""
         if not len(bits):
             return {}
@@ -217,7 +216,7 @@ class Pipeline:
             known, signals, bits, lacking(calibrated=self.calibrated, tared=self.rest_.tared)
         )
         in_time = signals.stamp_ns is not None and self.rest_.tared
-        number = stream.ids.number(contact, signals.restart, in_time, begins)
+        number = stream.ids.number(contact, signals.restart, in_time, signals.begins)
         add_patches(known, number if in_time else np.where(signals.good, number, -1))
         if self.rest_.dead is not None:
             add_dead(known, bits, self.rest_.dead)
@@ -243,13 +242,12 @@ class Pipeline:
         """
         truth.refuse_foreign(self.sensor, self.layout, *recordings)
         joined = truth.join(recordings)
-        bits = taxel_faults(joined.values, joined.status, self._limit())
+        bits = taxel_faults(joined.values, joined.status, self.layout)
         dead = dead_throughout(bits)
         usable, bits = set_aside(without_faults(joined.values, bits), bits, dead)
         rest = Rest.unknown(self.layout.shape, self.config.noise)
-        resting, begins = truth.resting_rows(joined), joined.restarts
-        ordered = truth.are_ordered(recordings)
-        self.rest_ = rest.learn(usable, resting, joined.stamp_ns, begins, ordered)
+        resting, ordered = truth.resting_rows(joined), truth.are_ordered(recordings)
+        self.rest_ = rest.learn(usable, resting, joined.stamp_ns, joined.restarts, ordered)
         signals = self._whole_rows(joined, usable, bits)
         touched = signals.delta[signals.good & truth.touched_rows(joined)]
         firm = signals.delta[signals.good & truth.firm_rows(joined)]
@@ -262,7 +260,7 @@ class Pipeline:
         )
         gone = {} if dead is None else {'taxels faulty in every row': float(dead.sum())}
         self.left_out_ = {**gone, **counts}
-        self.reset()
+        self.warm_up()
         return self
 
     def _whole_rows(self, joined: Recording, usable: Array, bits: Bytes) -> Signals:
@@ -274,11 +272,6 @@ class Pipeline:
     def _tracking(self) -> Tracking | None:
         follows = self.config.track_baseline and self.rest_.tared
         return Tracking(self.rest_.scale) if follows else None
-
-    def _limit(self) -> Array:
-        """Magnitude at which each channel clips, shape (c,)."""
-        limit = self.layout.saturation
-        return np.full(self.layout.shape[1], np.inf) if limit is None else limit
 
     @property
     def calibrated(self) -> bool:
@@ -340,11 +333,18 @@ class Pipeline:
         pipeline.sensor = sensor
         for name, part in read_parts(path, sensor, classes).items():
             setattr(pipeline, name, part)
-        rehearse(path, pipeline.layout, pipeline.rest_, pipeline._first_use)
+        try:
+            pipeline.warm_up()
+        except Exception as error:
+            msg = f'calibration {path} does not work ({error}); calibrate again'
+            raise CalibrationError(msg) from error
         return pipeline
 
-    def _first_use(self, recording: Recording) -> ContactStates:
-        """States of a fresh pipeline, after a look at all else that it can be asked for."""
+    def warm_up(self) -> None:
+        """Use everything once, so that no frame waits for a table or a compiler.
+
+        A fit and a load end with it; the stream is forgotten as by `reset`.
+        """
         self.reset()
         flatten([self.report, self.estimators, self.label_names], 'tables')
-        return self.process_batch(recording)
+        rehearse(self.layout, self.rest_, self.process_batch)

@@ -36,6 +36,8 @@ class Signals:
         Rows that may be estimated from.
     begins : ndarray, shape (s,), or None
         Rows of `restart` at which a stream begins, and the ids of its patches; None: none does.
+    tare : ndarray, shape (s,), or None
+        Rows that a recording calls resting; None: it does not tell.
     """
 
     values: Array
@@ -47,6 +49,7 @@ class Signals:
     in_contact: npt.NDArray[np.int8]
     good: Bools
     begins: Bools | None = None
+    tare: Bools | None = None
 
 
 class SensorConfig(Protocol):

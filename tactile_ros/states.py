@@ -39,7 +39,7 @@ def apply_contact(known: Columns, contact: npt.NDArray[np.int8], good: Bools) ->
     if not (spoilt or free):
         return
     for name in known:
-        if name in ('status', 'taxel_status'):
+        if name in ('status', 'taxel_status', 'valid'):
             continue
         column, blank = known[name], STATE_FIELDS[name][2]
         if free and name in MEASURES_OF_NOTHING:
@@ -62,8 +62,8 @@ def add_flags(known: Columns, signals: Signals, bits: Bytes, lacks: int) -> None
     Parameters
     ----------
     known : dict of str to ndarray, shape (s, ...)
-        Estimates; changed in place. A `status` or `taxel_status` of the estimators' own is kept
-        beside the rest.
+        Estimates; changed in place. A `status`, `taxel_status` or `valid` of the estimators' own
+        is kept beside the rest.
     signals : Signals
         Conditioned frames.
     bits : ndarray, shape (s, t)
@@ -86,7 +86,8 @@ def add_flags(known: Columns, signals: Signals, bits: Bytes, lacks: int) -> None
     found = known.get('taxel_status')
     known['taxel_status'] = bits if found is None else bits | found.astype(np.uint8)
     known['status'] = flags
-    known['valid'] = seeing & (flags & FORBIDS_USE == 0)
+    usable = known.get('valid', True)
+    known['valid'] = seeing & (flags & FORBIDS_USE == 0) & usable
 
 
 def lacking(calibrated: bool, tared: bool) -> int:

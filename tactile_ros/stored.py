@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 PARTS = ('config', 'layout', 'rest_', 'estimation', 'left_out_')
 OWN_CLASSES = {'Layout': Layout, 'Rest': Rest}
 BASELINE = 'rest_/baseline.array'
+# As no other dimension is likely to be: an array of a wrong shape must not fit by chance.
+REHEARSED = 7
 
 
 def parts_to_arrays(sensor: str, parts: Mapping[str, object]) -> calibration.Arrays:
@@ -70,15 +72,11 @@ def read_parts(path: str | Path, sensor: str, classes: Mapping[str, type]) -> di
     return parts
 
 
-def rehearse(
-    path: str | Path, layout: Layout, rest: Rest, use: Callable[[Recording], ContactStates]
-) -> None:
-    """Use a pipeline that was read once, at rest and at a touch, so that misfits show at the door.
+def rehearse(layout: Layout, rest: Rest, use: Callable[[Recording], ContactStates]) -> None:
+    """Use a pipeline at rest and at a touch, with a tare and stamps and without.
 
     Parameters
     ----------
-    path : str or Path
-        Where it came from, for the sentence of the error.
     layout, rest : Layout, Rest
         Parts of the pipeline.
     use : callable
@@ -86,18 +84,16 @@ def rehearse(
 
     Raises
     ------
-    CalibrationError
-        If anything in it does not work.
+    Exception
+        Of any kind: whatever arrays of a wrong shape or kind run into.
     """
-    try:
-        touch = np.stack([np.zeros(layout.shape), 10 * rest.scale])
-        values = np.nan_to_num(rest.baseline + touch)
-        for stamp_ns in (None, np.arange(2)):
-            states = use(Recording.from_arrays(layout, values, stamp_ns))
+    touched = np.arange(REHEARSED) > 0
+    touch = np.where(touched[:, None, None], 10 * rest.scale, 0.0)
+    values = np.nan_to_num(rest.baseline + touch)
+    for tare in (None, ~touched):
+        for stamp_ns in (None, np.arange(REHEARSED)):
+            states = use(Recording.from_arrays(layout, values, stamp_ns, tare=tare))
             states.refuse_misfit(layout.shape[0])
-    except Exception as error:  # whatever arrays of a wrong shape or kind run into
-        msg = f'calibration {path} does not work ({error}); calibrate again'
-        raise CalibrationError(msg) from error
 
 
 def _refuse_misfit(

@@ -38,7 +38,7 @@ def test_every_interface_is_generated_and_its_packages_are_found() -> None:
 
 def test_executables_have_their_modules() -> None:
     cmake = (ROOT / 'CMakeLists.txt').read_text()
-    modules = re.search(r'^set\(modules (.*)\)$', cmake, re.M)
+    modules = re.search(r'^set\(modules ([^)]*)\)$', cmake, re.M)
     assert modules
     for module in modules[1].split():
         path = ROOT / 'tactile_ros' / (module.replace('.', '/') + '.py')
@@ -124,4 +124,5 @@ def test_sourced_workspace_has_the_package_and_the_command() -> None:
     )
     assert 'install/tactile_ros/bin/tactile' in done.stdout
     assert 'tactile_ros/__init__.py' in done.stdout
-    assert {'tactile', 'sensor_node', 'contact_node', 'stack'} <= set(done.stdout.split())
+    executables = {'tactile', 'sensor_node', 'contact_node', 'grip_node', 'mock_hand', 'stack'}
+    assert executables <= set(done.stdout.split())

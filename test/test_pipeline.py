@@ -579,21 +579,22 @@ def test_fit_leaves_out_bad_and_blind_rows() -> None:
     assert report['left_out'] == {'rows with a faulty taxel': 3.0, 'rows without a baseline': 9.0}
 
 
-def without_taxel(recording: Recording, taxel: int) -> Recording:
+def without_taxel(recording: Recording, taxel: int, reading: float) -> Recording:
     values = recording.values.copy()
-    values[:, taxel] = np.nan
+    values[:, taxel] = reading
     return replace(recording, values=values)
 
 
-def fitted_with_a_dead_taxel(config: ToyConfig | None = None) -> Pipeline:
+def fitted_with_a_dead_taxel(config: ToyConfig | None = None, reading: float = np.nan) -> Pipeline:
     recording = lessons()
     force = (recording.values - REST)[:, 0] @ TRUE_WEIGHTS[:3]
     force[0] = np.nan
-    return toy(config).fit(without_taxel(replace(recording, truth={'force': force}), 1))
+    return toy(config).fit(without_taxel(replace(recording, truth={'force': force}), 1, reading))
 
 
-def test_a_taxel_that_was_dead_throughout_is_left_out(tmp_path: Path) -> None:
-    pipeline = fitted_with_a_dead_taxel()
+@pytest.mark.parametrize('reading', [np.nan, 0.0])
+def test_a_taxel_that_was_dead_throughout_is_left_out(tmp_path: Path, reading: float) -> None:
+    pipeline = fitted_with_a_dead_taxel(reading=reading)
     assert pipeline.report == {
         'force': {'rows': 199.0},
         'left_out': {'taxels faulty in every row': 1.0},
@@ -622,6 +623,20 @@ def test_a_taxel_that_was_dead_throughout_is_left_out(tmp_path: Path) -> None:
     assert again.process(frame(lost)).in_contact == 1
     with pytest.raises(ValueError, match='usable reading'):
         again.tare([frame(np.where(np.arange(TAXELS)[:, None] == 0, np.nan, REST))])
+
+
+def test_a_chip_that_dies_in_use_reads_0_and_is_called_dead() -> None:
+    pipeline = fitted()
+    values = np.tile(REST + 1, (3, 1, 1))
+    values[1, 0] = 0.0
+    batch = pipeline.process_batch(Recording.from_arrays(LAYOUT, values))
+    for state in (batch[1], pipeline.process(frame(values[1]))):
+        assert state.taxel_status.tolist() == [TaxelStatus.DEAD, 0]
+        assert bits_of(state) == FrameStatus.BAD_TAXELS
+        assert not state.valid
+        assert np.isnan(state.force).all()
+        assert state.in_contact == -1
+    assert batch.valid.tolist() == [True, False, True]
 
 
 @pytest.mark.parametrize('tracked', [True, False])

@@ -77,6 +77,17 @@ def test_what_forbids_use() -> None:
     assert own.tolist() == [0, 0, 0, 0, FrameStatus.ABSTAINED]
 
 
+def test_an_estimation_may_say_itself_that_a_frame_is_not_to_be_used() -> None:
+    delta = np.zeros((3, 2, 3))
+    signals = signals_of(delta, np.ones(3, bool))
+    known = {'valid': np.array([True, False, True])}
+    bits = np.zeros((3, 2), np.uint8)
+    bits[2] = TaxelStatus.STALE
+    apply_contact(known, signals.in_contact, signals.good)
+    add_flags(known, signals, bits, 0)
+    assert known['valid'].tolist() == [True, False, False]
+
+
 @pytest.mark.parametrize('flag', list(FrameStatus))
 def test_each_flag(flag: FrameStatus) -> None:
     known: dict[str, np.ndarray] = {}

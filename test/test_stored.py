@@ -119,6 +119,14 @@ def test_mad_members_are_refused_or_usable(
         refused_or_usable(tmp_path / 'c.npz')
 
 
+def test_an_axis_too_many_is_refused_where_as_many_rows_would_fit_it(tmp_path: Path) -> None:
+    name = 'estimation/heads_/0/covariance_/correlation_.array'
+    arrays = stored('kernel_ridge', os.fspath(tmp_path))
+    write(tmp_path / 'c.npz', {**arrays, name: arrays[name][..., None]})
+    with pytest.raises(CalibrationError, match='does not work'):
+        SENSOR.load(tmp_path / 'c.npz')
+
+
 def test_a_file_cut_anywhere_is_refused(arrays: Arrays, tmp_path: Path) -> None:
     path = tmp_path / 'c.npz'
     write(path, arrays)

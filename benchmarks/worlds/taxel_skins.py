@@ -18,6 +18,7 @@ from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Outline, Recording
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import ModuleType
 
     from tactile_ros.types import Array
@@ -25,11 +26,12 @@ if TYPE_CHECKING:
 COUNTS = {'quick': 10, 'normal': 40, 'full': 400}  # of each kind
 WORLD = Path(__file__).resolve().parents[2] / 'test' / 'reference' / 'taxel_world.py'
 SPEC = load_sensor('taxel_array')
-SEEDS = {'tubes': 101, 'jaw': 102, 'washers': 103, 'hold': 104}
+SEEDS = {'tubes': 101, 'jaw': 102, 'washers': 103, 'hold': 104, 'cup': 120}
 RADIUS, BEND = 10e-3, np.pi / 2
 PART = 1e-3 * np.array([[-8, -6], [10, -6], [10, 0], [-2, 0], [-2, 8], [-8, 8.0]])
 RADII = ((16e-3, 8e-3), (14e-3, 6.5e-3), (12e-3, 5e-3), (18e-3, 9e-3), (10e-3, 4e-3))
 PROFILES = {'round': 'bed of springs', 'hertz': 'half-space', 'flat': 'strip'}
+SPAN, NODES, FINER = 3e-3, 13, 8.0  # m; places along a side, and how much finer the rule looks
 TOP, NOISE = 3.0, 4.2e-4  # N; fraction: noise and rounding
 
 
@@ -39,7 +41,7 @@ def rows(extent: str) -> list[Row]:
     if extent == 'quick':
         return _tubes(world, 'round', count)
     tubes = [row for profile in PROFILES for row in _tubes(world, profile, count)]
-    return tubes + _jaw(world, count) + _washers(world, count) + _hold(world)
+    return tubes + _jaw(world, count) + _washers(world, count) + _cup(world, count) + _hold(world)
 
 
 def _world() -> ModuleType:
@@ -61,9 +63,7 @@ def _bound(forces: object, pose: Array, steps: Array, skin: object, law_error: f
         away = np.zeros(len(pose))
         away[i] = step
         slopes.append((forces(pose + away) - forces(pose - away)) / 2)  # type: ignore[operator]
-    force = np.maximum(forces(pose), 1e-4)  # type: ignore[operator]
-    rise = (skin.settled(force[None] * 1.001) - skin.settled(force[None]))[0] / (1e-3 * force)  # type: ignore[attr-defined]
-    sigma = np.sqrt(np.square(NOISE / rise) + np.square(law_error * force))
+    sigma = _sigma(forces(pose), skin, law_error)  # type: ignore[operator]
     terms = np.array(slopes).T / sigma[:, None]
     inverse = np.linalg.inv(terms.T @ terms + 1e-9 * np.eye(len(steps)))
     return np.asarray(np.sqrt(np.diag(inverse)) * steps)
@@ -182,6 +182,73 @@ def _washers(world: ModuleType, count: int) -> list[Row]:
         Row('washers: total force inside one sigma', '%',
             100 * float(np.concatenate(force_in).mean()), 'high'),
     ]  # fmt: skip
+
+
+def _cup(world: ModuleType, count: int) -> list[Row]:
+    """Washers of five types on 16 sectors, beside the rule of Bayes that knows this very world."""
+    array = world.radial((8e-3, 25e-3), (16,))
+    config = world.config(array, tuple(world.washer(f'w{i}', *r) for i, r in enumerate(RADII)))
+    rng, skin = np.random.default_rng(SEEDS['cup']), world.Skin(SEEDS['cup'], 16, 1.5)
+    pipeline = SPEC.pipeline(config).fit(world.even_loads(array, config, skin, TOP, 1))
+    label, place = rng.integers(5, size=count), rng.uniform(-SPAN, SPAN, (count, 2))
+
+    def cover(i: int, at: Array) -> Array:
+        told = world.on_washer(array.x - at[0], array.y - at[1], *RADII[i])
+        return np.asarray(array.forces(told) / array.areas[0])
+
+    part = np.array([cover(i, at) for i, at in zip(label, place, strict=True)])
+    force = rng.uniform(0.8, 1.8, (count, 1)) * part
+    states = pipeline.process_batch(
+        Recording.from_arrays(SPEC.layout(config), skin.read(force, rng))
+    )
+    told, chance = states.label == label, states.label_probability
+    templates = _templates(cover)
+    bayes = np.mean([
+        _likeliest(templates, _noisy(row, skin, rng), _sigma(row, skin, 0.003)) == i
+        for i, row in zip(label, force, strict=True)
+    ])  # fmt: skip
+    return [
+        Row('washers on 16 sectors: recognised', '%', 100 * float(told.mean()), 'high',
+            bound=100 * float(bayes)),
+        Row('washers on 16 sectors: named ones that are right', '%',
+            100 * float(told[states.label >= 0].mean()), 'high'),
+        Row('washers on 16 sectors: mean probability stated for them', '%',
+            100 * float(np.nanmean(chance)), 'high'),
+    ]  # fmt: skip
+
+
+def _templates(cover: Callable[[int, Array], Array]) -> Array:
+    """Covered parts (5, n, 16) of the washers at places 0.06 mm apart, from some 0.5 mm apart."""
+    from scipy.ndimage import zoom
+
+    line = np.linspace(-SPAN, SPAN, NODES)
+    found = []
+    for i in range(len(RADII)):
+        grid = np.array([[cover(i, np.array([x, y])) for y in line] for x in line])
+        found.append(zoom(grid, (FINER, FINER, 1), order=3, grid_mode=False).reshape(-1, 16))
+    return np.array(found)
+
+
+def _sigma(force: Array, skin: object, law_error: float) -> Array:
+    """Standard deviation (t,) of what the outputs tell of forces."""
+    known = np.maximum(force, 1e-4)
+    rise = (skin.settled(known[None] * 1.001) - skin.settled(known[None]))[0] / (1e-3 * known)  # type: ignore[attr-defined]
+    return np.asarray(np.sqrt(np.square(NOISE / rise) + np.square(law_error * known)))
+
+
+def _noisy(force: Array, skin: object, rng: np.random.Generator) -> Array:
+    """Forces as the best law would tell them."""
+    return force + _sigma(force, skin, 0.003) * rng.normal(size=force.shape)
+
+
+def _likeliest(templates: Array, force: Array, sigma: Array) -> int:
+    """Washer that is likeliest over all places and pressures."""
+    scaled, y = templates / sigma, force / sigma
+    squared = np.maximum(np.square(scaled).sum(axis=2), 1e-12)
+    pressure = np.clip(scaled @ y / squared, 0.8, 1.8)
+    wrong = y @ y - 2 * pressure * (scaled @ y) + pressure**2 * squared
+    likely = np.exp(-0.5 * (wrong - wrong.min())) / np.sqrt(squared)
+    return int(np.argmax(likely.sum(axis=1)))
 
 
 def _programme(seed: int, seconds: float) -> tuple[Array, Array]:

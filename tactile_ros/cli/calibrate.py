@@ -75,7 +75,7 @@ def run(options: argparse.Namespace) -> int:
     (show_json if options.json else show)(COLUMNS, report_rows(pipeline))
     if left_out(pipeline):
         print(left_out(pipeline), file=sys.stderr)
-    for sentence in models.sentences(pipeline.report):
+    for sentence in (*slip_sentence(pipeline), *models.sentences(pipeline.report)):
         print(sentence, file=sys.stderr if options.json else sys.stdout)
     if not options.json:
         seconds = time.perf_counter() - began
@@ -89,6 +89,18 @@ def left_out(pipeline: Pipeline) -> str:
     counts = pipeline.report.get('left_out', {})
     said = '; '.join(f'{count:.0f} {what}' for what, count in counts.items())
     return said and f'left out: {said}'
+
+
+def slip_sentence(pipeline: Pipeline) -> list[str]:
+    """How slip is told on held-out sequences; empty where it is not learned."""
+    found = pipeline.report.get('slip')
+    if found is None:
+        return []
+    return [
+        f'slip: balanced accuracy {found["held_out_balanced_accuracy"]:.3f}, sequences held out; '
+        f'{found["missed"]:.0f} of {found["sequences_that_slip"]:.0f} missed, '
+        f'{found["false_alarms"]:.0f} of {found["sequences_that_hold"]:.0f} false alarms'
+    ]
 
 
 def report_rows(pipeline: Pipeline) -> list[tuple[str | float | int | None, ...]]:

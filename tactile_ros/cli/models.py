@@ -1,4 +1,4 @@
-"""Which model of its physics a calibration chose, and what terms of its scene cost and buy."""
+"""Which model a calibration chose, what terms of its scene buy, what its recordings lack."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from tactile_ros.signals import Report
 
-KINDS = ('model: ', 'term: ')
+LACK = 'not told: '
+KINDS = ('model: ', 'term: ', LACK)
 
 
 def sentences(report: Report) -> list[str]:
-    """What a report says of models and terms, a sentence for each."""
+    """What a report says of models and terms, and what it lacks, a sentence for each."""
     said = []
     for name, found in report.items():
         if name.startswith('model: '):
@@ -24,4 +25,7 @@ def sentences(report: Report) -> list[str]:
                 f'{name}; estimated it widens errors {found["costs"]:.3g} times, '
                 f'left out it would {found["buys"]:.3g} times'
             )
+        elif name.startswith(LACK):
+            figures = ', '.join(f'{what} {value:.3g}' for what, value in found.items())
+            said.append(f'{name}; {figures}' if figures else name)
     return said

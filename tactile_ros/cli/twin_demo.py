@@ -27,8 +27,8 @@ MOST_ROWS, MOST_READINGS = 5000, 200_000
 # Hz; at higher rates one process reads and estimates, by direct calls
 RATE_OF_PROCESSES = 250.0
 NOTES = (
-    'The signal is the simple one that the documentation of the sensor describes, not a model of '
-    'its physics: the figures show that the chain works, not how well the sensor does.',
+    'The signal is that of the twin, as the documentation of the sensor describes it, simpler '
+    'than a real skin: figures show that the chain works, and what it does in that world alone.',
     'Learned from presses of another seed than those that are played; truth is what the signal '
     'says at the stamp of each frame.',
     'Latency runs from the acquisition to the recorder that heard the contacts.',

@@ -152,9 +152,8 @@ class Equilibration:
         a, b, c = self.weights_.T
         if self.kind == 'power':
             size = np.abs(output)
-            inner = np.minimum(size, self._full(c))
-            base = inner / (1.0 - c * inner)
-            rise = a * base**b
+            inner = np.minimum(size, FULL / np.maximum(c, 1e-9))
+            rise = a * (inner / (1.0 - c * inner)) ** b
             if np.count_nonzero(size > inner):
                 steep = b * rise / np.maximum(inner * (1.0 - c * inner), 1e-12)
                 rise = rise + steep * (size - inner)
@@ -164,11 +163,6 @@ class Equilibration:
             if self.kind != LAWS[0]:
                 rise /= 1.0 - c * output
         return rise if self.curves_ is None else np.asarray(rise * self._factor(output))
-
-    @staticmethod
-    def _full(c: Array) -> Array:
-        """Outputs (t,) up to which a power law holds."""
-        return np.asarray(FULL / np.maximum(c, 1e-9))
 
     def _factor(self, output: Array) -> Array:
         """What a curve multiplies the law by; beyond its ends as at them."""

@@ -7,7 +7,16 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.types import Array, Bools, Bytes, Frame, FrameStatus, Integers, TaxelStatus
+from tactile_ros.types import (
+    Array,
+    Bools,
+    Bytes,
+    Frame,
+    FrameStatus,
+    Integers,
+    Layout,
+    TaxelStatus,
+)
 
 Number = TypeVar('Number', bound=np.generic)
 
@@ -20,7 +29,7 @@ UNUSABLE = np.uint8(
 )
 
 
-def taxel_faults(values: Array, status: Bytes | None, limit: Array) -> Bytes:
+def taxel_faults(values: Array, status: Bytes | None, layout: Layout) -> Bytes:
     """Status bits of the sensor, with what the readings themselves show.
 
     Parameters
@@ -29,22 +38,32 @@ def taxel_faults(values: Array, status: Bytes | None, limit: Array) -> Bytes:
         Raw readings (unit of values).
     status : ndarray, shape (s, t), or None
         Bits of `TaxelStatus` from the sensor.
-    limit : ndarray, shape (c,)
-        Magnitude at which a channel clips; inf: never.
+    layout : Layout
+        Unit of the channels, and the magnitude at which each clips.
 
     Returns
     -------
     ndarray, shape (s, t)
-        ERROR is added where a reading is not finite, SATURATED where one reached its limit.
+        ERROR is added where a reading is not finite, SATURATED where one reached its limit, DEAD
+        where a chip of several axes reads a field of exactly 0 and others do not: noise keeps a
+        chip that lives from that.
     """
     size = np.abs(values)
-    # false for NaN too, so that the common case costs one pass
-    if np.count_nonzero(size < limit) == size.size:
+    limit = np.inf if layout.saturation is None else layout.saturation
+    axes = layout.unit == 'T' and values.shape[-1] > 1
+    # false for NaN too, so that the common case costs a pass or two
+    if np.count_nonzero(size < limit) == size.size and not (
+        axes and np.count_nonzero(size) < size.size
+    ):
         clean = np.zeros(values.shape[:2], np.uint8)
         return clean if status is None else status
     clipped = (size >= limit).any(axis=-1)
     lost = ~np.isfinite(values).all(axis=-1)
     bits = clipped * np.uint8(TaxelStatus.SATURATED) | lost * np.uint8(TaxelStatus.ERROR)
+    if axes:
+        silent = (size == 0).all(axis=-1)
+        silent &= ~silent.all(axis=-1, keepdims=True)
+        bits = bits | silent * np.uint8(TaxelStatus.DEAD)
     return np.asarray(bits if status is None else bits | status, np.uint8)
 
 
@@ -114,15 +133,15 @@ def judged_rows(estimation: object, bits: Bytes, delta: Array, base: Array) -> t
     return enough(bits), np.where(np.isnan(delta) & np.isfinite(base), 0.0, delta)
 
 
-def frame_readings(frame: Frame, limit: Array) -> tuple[Array, Bytes, Array | None]:
+def frame_readings(frame: Frame, layout: Layout) -> tuple[Array, Bytes, Array | None]:
     """What a frame says, as a batch of one.
 
     Parameters
     ----------
     frame : Frame
         Of t taxels and c channels.
-    limit : ndarray, shape (c,)
-        Magnitude at which a channel clips; inf: never.
+    layout : Layout
+        As in `taxel_faults`.
 
     Returns
     -------
@@ -141,7 +160,7 @@ def frame_readings(frame: Frame, limit: Array) -> tuple[Array, Bytes, Array | No
     values = np.asarray(frame.values, np.float64)[None]
     status = _row('status', frame.status, values.shape[1], np.uint8)
     chips = _row('temperature_c', frame.temperature_c, values.shape[1], np.float64)
-    bits = taxel_faults(values, status, limit)
+    bits = taxel_faults(values, status, layout)
     return without_faults(values, bits), bits, chips
 
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from tactile_ros.conditioning.creep_rows import NS, undo_rows
+from tactile_ros.physics import compiled
 from tactile_ros.types import Array, Bools, Integers
-
-NS = 1e-9
 
 
 def step_response(time: Array, gain: float, t1: float, ti: float, td: float) -> Array:
@@ -89,7 +89,10 @@ class Creep:
         ndarray, shape (s, t)
             Forces (N); NaN where nothing was measured: there the last one is held inside.
         """
-        forces = np.empty_like(v)
+        forces = np.empty(v.shape)
+        if compiled.available():
+            state.looped(np.ascontiguousarray(v), stamp_ns, restart, self, forces)
+            return forces
         for i in range(len(v)):
             if restart[i]:
                 state.forget()
@@ -119,6 +122,16 @@ class CreepState:
     def __init__(self, strain: Array, last: Array) -> None:
         self.strain, self.last = strain, last
         self.stamp_ns: int | None = None
+
+    def looped(
+        self, v: Array, stamp_ns: Integers, restart: Bools, creep: Creep, forces: Array
+    ) -> None:
+        """As `Creep.undo`, by compiled loops; `forces` is filled."""
+        begun, newest = undo_rows(
+            v, stamp_ns, restart, creep.tau, creep.share, self.stamp_ns is not None,
+            self.stamp_ns or 0, self.strain, self.last, forces,
+        )  # fmt: skip
+        self.stamp_ns = int(newest) if begun else None
 
     def forget(self) -> None:
         """Begin anew, as never pressed."""

@@ -104,9 +104,12 @@ def taxel_matrix(count: int, full_count: int = 2**TAXEL_BITS - 1) -> Payload:
     return Payload(Kind.TAXELS, count, 1, full_count)
 
 
-def five_wires(full_count: int = 0xFFFF) -> Payload:
-    """Payload of u_AC, u_BD and the divider, uint16 counts of a converter that ends at that."""
-    return Payload(Kind.WIRES, 1, 3, full_count)
+def five_wires(full_count: int = 0xFFFF, channels: int = 3) -> Payload:
+    """Payload of u_AC, u_BD and the divider, uint16 counts of a converter that ends at that.
+
+    A fourth channel is the foil's potential under a third excitation.
+    """
+    return Payload(Kind.WIRES, 1, channels, full_count)
 
 
 def three_axis_chips(count: int, full_count: int = 0x7FFF) -> Payload:

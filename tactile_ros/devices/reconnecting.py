@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, TypeVar
 
 from tactile_ros.devices.transport import SerialPort
 from tactile_ros.errors import DeviceError, DeviceTimeout
+from tactile_ros.types import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from types import TracebackType
 
     from tactile_ros.types import Frame, Layout
 
@@ -154,30 +154,17 @@ class ReconnectingPort:
             self._retry_at = time.monotonic() + self._retry_s
 
 
-class Opened:
+class Opened(Closing):
     """A context manager that opens and closes."""
 
     def open(self) -> None:
         """Open; DeviceError in one sentence where that cannot be."""
         raise NotImplementedError
 
-    def close(self) -> None:
-        """Let go of everything."""
-        raise NotImplementedError
-
     def __enter__(self: Own) -> Own:
         """Open."""
         self.open()
         return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close."""
-        self.close()
 
 
 class StreamingBoard(Opened):

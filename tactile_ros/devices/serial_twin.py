@@ -11,11 +11,10 @@ import numpy as np
 from tactile_ros.devices.damage import Damage, damage
 from tactile_ros.devices.simulated import SimulatedSerialPort
 from tactile_ros.errors import DeviceError
-from tactile_ros.types import Array, Layout
+from tactile_ros.types import Array, Closing, Layout
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from types import TracebackType
 
     import numpy.typing as npt
 
@@ -37,7 +36,7 @@ BYTE_FAULTS: tuple[Damage, ...] = get_args(Damage)
 SERIAL_FAULTS = (*BYTE_FAULTS, 'lost', 'stall', 'unplug', 'stuck_chip', 'saturation')
 
 
-class SerialTwin:
+class SerialTwin(Closing):
     """What all simulated boards share: port, pace, noise and faults.
 
     Parameters
@@ -133,12 +132,7 @@ class SerialTwin:
             self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """Stop sending and remove the port."""
         self._stop.set()
         thread, self._thread = self._thread, None

@@ -19,18 +19,17 @@ import numpy as np
 from tactile_ros.devices.damage import DAMAGES, Damage, damage
 from tactile_ros.devices.packets import encode
 from tactile_ros.errors import DeviceError, DeviceTimeout
-from tactile_ros.types import Array
+from tactile_ros.types import Array, Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from types import TracebackType
 
 Fault = Literal[
     'dropped', 'doubled', 'flipped', 'garbage', 'inserted', 'truncated', 'shifted', 'lost', 'nan'
 ]
 
 
-class SimulatedSerialPort:
+class SimulatedSerialPort(Closing):
     """A port that programs open as they open a board's; the other end is in our hands.
 
     Parameters
@@ -62,19 +61,6 @@ class SimulatedSerialPort:
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self.replug()
-
-    def __enter__(self) -> SimulatedSerialPort:
-        """Plugged in already."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Stop, unplug and remove the path."""
-        self.close()
 
     def close(self) -> None:
         """Stop the stream, unplug and remove the path; closing twice is allowed."""

@@ -26,6 +26,8 @@ class CellKnn:
     ----------
     neighbours : int
         How many samples vote (K).
+    power : float
+        Of Minkowski's distance: 1 sums differences, 2 is Euclid's, infinity takes the largest.
 
     Attributes
     ----------
@@ -49,8 +51,12 @@ class CellKnn:
     samples_: Array
     cells_: Integers
 
-    def __init__(self, neighbours: int = 5) -> None:
+    def __init__(self, neighbours: int = 5, power: float = 2.0) -> None:
+        if not power >= 1:
+            msg = f'power of CellKnn must be 1 or more; received {power}'
+            raise ValueError(msg)
         self.neighbours = neighbours
+        self.power = power
 
     def fit(self, x: Array, cells: Integers) -> CellKnn:
         """Remember features x (n, d) of touches and their cells (n,); returns itself."""
@@ -70,7 +76,7 @@ class CellKnn:
         fitted(self, 'cells_')
         count = min(self.neighbours, len(self.samples_))
         asked = min(count + 1, len(self.samples_))
-        distance, index = self._tree().query(x, k=asked)
+        distance, index = self._tree().query(x, k=asked, p=self.power)
         shape = (len(x), asked)
         named = self.cells_.take(index).reshape(shape).tolist()
         far = distance.reshape(shape).tolist()
@@ -84,8 +90,9 @@ class CellKnn:
 
     def _among_equals(self, x: Array, reach: float, count: int) -> int:
         """Cell of a reading (d,) that has several samples at the distance of its last voter."""
-        near = np.array(self._tree().query_ball_point(x, reach * (1 + 2 * SAME)), np.int64)
-        far = np.sqrt(((self.samples_[near] - x) ** 2).sum(axis=1))
+        around = reach * (1 + 2 * SAME)
+        near = np.array(self._tree().query_ball_point(x, around, p=self.power), np.int64)
+        far = np.linalg.norm(self.samples_[near] - x, ord=self.power, axis=1)
         equal = np.where(far >= reach * (1 - SAME), reach, far)
         order = np.lexsort((self.cells_[near], equal))[:count]
         return _vote(self.cells_[near[order]].tolist(), equal[order].tolist())

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.estimators.coverage_model import TaxelPoints, Variant, variant_of
-from tactile_ros.estimators.place_table import PlaceTable
+from tactile_ros.estimators.place_table import FEW_FINENESS, FINENESS, PlaceTable
+from tactile_ros.estimators.template_rows import likeliest
+from tactile_ros.physics import compiled
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +23,8 @@ if TYPE_CHECKING:
 LEAST_POINTS = 4
 POINTS = 2048  # of all taxels together, about
 MOST_POINTS = 128  # of one taxel
-TABLE_POINTS = 32  # of one taxel, where places are tabulated
+TABLE_POINTS, FEW_TABLE_POINTS = 32, 128  # of one of many, of few taxels, to tabulate places
+FINE_POINTS = 16  # of one of thousands of taxels under an edge, in the end
 COARSE = 8  # times fewer points where a search begins
 FEW_TAXELS = 200  # up to which templates are kept for every place
 TEMPLATES = 24_000  # as many again for every object that is a tube
@@ -30,6 +33,8 @@ NEAR, NEAR_TUBES = 0.35, 5.0  # beyond the best score: starts that are worth a c
 EXACT = 0.05  # misfit that a template may have by chance
 MOST_STARTS = 4
 MOST_OF_TUBES = 12
+TURN, TURN_TUBES = 0.35, 0.12  # half angle between starts, by its sine
+ENOUGH = 0.85  # product of unit vectors: where the nearest templates are less alike, all are asked
 CLOSER, CLOSER_TUBES = 60, 2000  # templates whose misfit is looked at taxel by taxel
 VAGUE = 32  # taxels up to which templates leave open which object it is
 MOST_ACTIVE = 150  # taxels that tell the turn, where there are thousands
@@ -72,16 +77,29 @@ class CoverageTemplates:
             variant_of(label, outline, self.points.radius, self.reach, self.step)
             for label, outline in enumerate(objects)
         ]
+        self.fine: TaxelPoints | None = None
+        self.sharp: list[Variant] = []
+        if len(positions) > FEW_TAXELS and self.points.size:
+            self.fine = TaxelPoints(positions, areas, taxel_outlines, FINE_POINTS)
+            self.sharp = [
+                variant_of(label, outline, self.fine.radius, self.reach, self.step)
+                for label, outline in enumerate(objects)
+            ]
         self.bank: tuple[Array, Array] | None = None
         self._near: dict[tuple[int, int], Integers] = {}
         if len(positions) <= FEW_TAXELS and objects:
-            fine = TaxelPoints(positions, areas, taxel_outlines, TABLE_POINTS)
+            few = len(positions) <= VAGUE
+            some = FEW_TABLE_POINTS if few else TABLE_POINTS
+            fine = TaxelPoints(positions, areas, taxel_outlines, some)
+            fineness = FEW_FINENESS if few else FINENESS
             for variant in self.variants:
                 if variant.order == 0:
                     sharp = variant_of(
                         variant.label, variant.outline, fine.radius, self.reach, self.step
                     )
-                    variant.places = PlaceTable(fine, sharp, self.middle, self.reach, self.step)
+                    variant.places = PlaceTable(
+                        fine, sharp, self.middle, self.reach, self.step, fineness
+                    )
             self.bank = self._bank()
 
     def _bank(self) -> tuple[Array, Array]:
@@ -144,9 +162,13 @@ class CoverageTemplates:
         if close is not None and len(close):
             near = unit[close]
             scores = near @ shape
-        if close is None or not len(close) or scores.max() < 0.85:
+        if close is None or not len(close) or scores.max() < ENOUGH:
             close, near = np.arange(len(what)), unit
             scores = unit @ shape
+        elif compiled.available() and not self.vague:
+            taken = np.empty(MOST_STARTS, np.int64)
+            count = likeliest(unit, close, scores, what, shape, CLOSER, NEAR, EXACT, TURN, taken)
+            return what[taken[:count]]
         closer = CLOSER_TUBES if self.tubes else CLOSER
         if len(close) > closer and not self.vague:
             first = np.argpartition(-scores, closer)[:closer]
@@ -180,7 +202,7 @@ class CoverageTemplates:
 
     def _apart(self, what: Array, order: Integers, most: int) -> list[int]:
         """The first of an order that differ in variant, or in turn."""
-        turn = 0.12 if self.tubes else 0.35
+        turn = TURN_TUBES if self.tubes else TURN
         taken: list[int] = []
         kept: list[tuple[float, float]] = []
         for i, variant, yaw in zip(order, what[order, 0], what[order, 3], strict=True):

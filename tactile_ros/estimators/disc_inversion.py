@@ -19,10 +19,10 @@ from tactile_ros.estimators.disc_model import (
     DiscModel,
     heats,
 )
-from tactile_ros.estimators.disc_rows import CALMER, DAMPING, LONGEST, WILDER, find_rows
+from tactile_ros.estimators.disc_rows import CALMER, CLEARLY, DAMPING, LONGEST, WILDER, find_rows
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
 from tactile_ros.estimators.polynomial_rows import times
-from tactile_ros.physics import compiled
+from tactile_ros.physics.compiled import available
 from tactile_ros.types import Array
 
 MOST_ROWS = 300
@@ -196,7 +196,7 @@ class DiscInversion(DiscModel):
         doubtful = cost > self.doubt_
         if np.count_nonzero(doubtful):
             other, gap = self._descend(rows[doubtful], heat[doubtful], again[doubtful], STEPS)
-            better = ((gap**2).sum(axis=1) < cost[doubtful])[:, None]
+            better = ((gap**2).sum(axis=1) < CLEARLY * cost[doubtful])[:, None]
             place[doubtful] = np.where(better, other, place[doubtful])
             miss[doubtful] = np.where(better, gap, miss[doubtful])
         return place, miss
@@ -238,7 +238,7 @@ class DiscInversion(DiscModel):
     def explain(self, change: Array, warm: Array | None = None) -> tuple[Array, Array, Array]:
         """Place and rest as in `invert`, and readings (s, n) (T) less those of the disc there."""
         heat = heats(change, warm)
-        if compiled.AVAILABLE:
+        if available():
             return self._compiled(np.ascontiguousarray(change), heat)
         lost = ~np.asarray(np.isfinite(change)).all(axis=1)
         rows = np.where(lost.reshape(-1, 1), 0.0, change)

@@ -14,6 +14,8 @@ from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array
 
 CALMER, WILDER, DAMPING, LONGEST = 0.2, 8.0, 1e-3, 0.25
+# both ways often end in one minimum: rounding must not choose between them
+CLEARLY = 1 - 1e-6
 
 
 @compiled
@@ -280,7 +282,7 @@ def find_rows(
                 rows[s], warm[s], other, sigma, many, disc, pixels, axes, table, grid, rest,
                 projection, prior, least, most, miss, work,
             )  # fmt: skip
-            if again < cost:
+            if again < CLEARLY * cost:
                 places[s, :], errors[s, :] = other, miss
         disc_row(places[s], warm[s], disc, pixels, axes, table, grid, work, slope, seen, steep)
         for n in range(len(seen)):

@@ -72,6 +72,16 @@ class Moments:
         root = solve_triangular(factor, np.diag(spread), lower=True)
         return weights, np.asarray(root), float(np.sqrt(misfit / self.rows))
 
+    def left(self, weights: Array, root: Array) -> float:
+        """Spread of what weights (p, k) leave, less the freedom that they used.
+
+        `root` (p, p) is the square root of their covariance over the noise's.
+        """
+        square = self.square - 2 * float((weights * self.cross).sum())
+        square += float((weights * (self.gram @ weights)).sum())
+        used = self.cross.shape[1] * float(np.einsum('ij,ij->', root @ self.gram, root))
+        return float(np.sqrt(max(square, 0.0) / max(self.rows - used, 1.0)))
+
     def _factor(self, spread: Array) -> tuple[Array, float]:
         """Cholesky factor of the scaled posterior precision, and the sum of squares left."""
         matrix = self.gram * spread * spread[:, None]

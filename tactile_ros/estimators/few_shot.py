@@ -190,7 +190,7 @@ def _scores(supports: Supports, y: Array, variance: Array, theirs: Array, common
     size, pattern = _grown(supports, y, common)
     total = variance + np.square(size[:, None]) * theirs
     weight = 1 / np.sqrt(total)
-    span = np.linalg.qr(weight[:, :, None] * common)[0]
+    span = np.linalg.svd(weight[:, :, None] * common, full_matrices=False)[0]
     rows = np.concatenate([pattern[:, None], supports.slopes], axis=1)
     rows = size[:, None, None] * rows * weight[:, None]
     rows[:, 4] *= BEND

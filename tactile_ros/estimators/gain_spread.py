@@ -107,9 +107,6 @@ class GainSpread:
         """
         fitted(self, 'spread_')
         size = self.spread_ * mean
-        if size.shape[1] == 1:  # a component alone has no products with others
-            size *= size if share is None else size * share[:, None]
-            return size[:, :, None]
         cells = size[:, :, None] * size[:, None, :]
         return cells if share is None else cells * share[:, None, None]
 

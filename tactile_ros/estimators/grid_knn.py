@@ -61,22 +61,7 @@ class GridKnn:
         self.nearness = nearness
 
     def fit(self, x: Array, y: Array, groups: Integers | None = None) -> GridKnn:
-        """Remember the samples.
-
-        Parameters
-        ----------
-        x : ndarray, shape (s, d)
-            Features.
-        y : ndarray, shape (s, k)
-            Targets.
-        groups : ndarray of int, shape (s,), or None
-            Not used.
-
-        Returns
-        -------
-        GridKnn
-            Itself.
-        """
+        """Remember samples x (s, d) and targets y (s, k); groups are not used; see `Estimator`."""
         rows = training_rows(x, y, groups)
         self.scale_ = Standardisation().fit(rows.x)
         self.samples_, self.answers_ = self.scale_(rows.x), rows.y
@@ -84,23 +69,7 @@ class GridKnn:
         return self
 
     def predict(self, x: Array) -> Array:
-        """Average the neighbours' targets.
-
-        Parameters
-        ----------
-        x : ndarray, shape (s, d)
-            Features.
-
-        Returns
-        -------
-        ndarray, shape (s, k)
-            Targets (unit of the y of the fit).
-
-        Raises
-        ------
-        NotCalibratedError
-            Before a fit.
-        """
+        """Average the targets (s, k) of the neighbours of features (s, d); see `Estimator`."""
         fitted(self, 'answers_')
         return predict_rows(x, self.samples_.shape[1], self._answer)
 

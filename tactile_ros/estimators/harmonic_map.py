@@ -15,8 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.estimators.evidence import Moments
+from tactile_ros.estimators.repeated_places import at_places
+from tactile_ros.estimators.sheet_rows import place_rows
+from tactile_ros.estimators.spread_cells import GRID as CELLS
+from tactile_ros.estimators.spread_cells import grid_places
 from tactile_ros.estimators.training import fitted, predict_rows, training_rows
 from tactile_ros.estimators.trials import at_corners, caution
+from tactile_ros.physics import compiled
 from tactile_ros.types import Array, Integers
 
 ORDER = 9
@@ -30,7 +35,7 @@ SPREADS = tuple(10.0**power for power in np.arange(0.0, 4.1, 0.5))
 DECAYS = (0.4, 0.6, 0.8)
 EXTRA = (1e-6, 1.0, 10.0, 100.0)
 FREE = 1e5
-SAME = 1e-5
+UNLIKELY = 0.01  # share of the evidence of the likeliest prior
 LEAST_NOISE = 1e-9
 LEAST_SLOPE = 1e-3
 Complexes = npt.NDArray[np.complex128]
@@ -50,9 +55,10 @@ class HarmonicMap:
         Of the terms, for both potentials.
     root_ : ndarray, shape (p, p)
         Square root of the weights' covariance (unit of x).
-    inverse_ : ndarray, shape (m, 6)
-        Polynomials of the potentials that tell the place in radii, and the root of the
-        covariance of its error.
+    inverse_ : ndarray, shape (m, 2)
+        Polynomials of the potentials that tell the place in radii.
+    roots_ : ndarray, shape (g, g, 2, 2)
+        Roots of the covariance of the error (m) in cells over the sheet.
     range_ : ndarray, shape (2, 2)
         Middle and half width of the potentials on the sheet.
     noise_ : float
@@ -64,6 +70,7 @@ class HarmonicMap:
     weights_: Array
     root_: Array
     inverse_: Array
+    roots_: Array
     range_: Array
     noise_: float
     caution_: float
@@ -80,22 +87,35 @@ class HarmonicMap:
         rows = training_rows(x, y, groups)
         places, potentials, within, repeats = at_places(rows.y[:, :2], rows.x[:, :2])
         terms = _terms(self._plane(places))
-        moments, free = Moments.of(terms, potentials), np.abs(_orders()) < 2
-        best = max(
-            (_spread(*triple) for triple in product(SPREADS, DECAYS, EXTRA)),
-            key=moments.evidence,
-        )
-        best = np.where(free, FREE, best)
-        self.weights_, root, noise = moments.solve(best)
         vars(self).pop('_series', None)
-        left = ((potentials - terms @ self.weights_) ** 2).sum()
-        used = 2 * float(np.einsum('ij,ij->', root @ moments.gram, root))
-        noise = max(noise, float(np.sqrt(left / max(potentials.size - used, 1.0))), LEAST_NOISE)
-        self.root_ = root * noise
+        noise = self._average(Moments.of(terms, potentials))
         self.noise_ = max(within, LEAST_NOISE) if repeats else noise
-        self.caution_ = _careful(places, potentials - terms @ self.weights_, terms @ root.T, noise)
+        left, half = potentials - terms @ self.weights_, terms @ self.root_.T / noise
+        self.caution_ = _careful(places, left, half, noise)
         self._turn_round(places)
         return self
+
+    def _average(self, moments: Moments) -> float:
+        """Weights and their covariance, averaged over priors by their evidence; and the noise.
+
+        Few places do not tell one prior from another: what the likely ones disagree in is doubt.
+        """
+        free = np.abs(_orders()) < 2
+        spreads = [np.where(free, FREE, _spread(*one)) for one in product(SPREADS, DECAYS, EXTRA)]
+        level = np.array([moments.evidence(spread) for spread in spreads])
+        share = np.exp(level - level.max())
+        likely = np.flatnonzero(share > UNLIKELY)
+        share = share[likely] / share[likely].sum()
+        found = [moments.solve(spreads[i]) for i in likely]
+        noises = [max(s, moments.left(w, root), LEAST_NOISE) for w, root, s in found]
+        weights = np.array([one[0] for one in found])
+        self.weights_ = np.asarray(np.einsum('i,ipk->pk', share, weights))
+        apart = (weights - self.weights_) * np.sqrt(share / 2)[:, None, None]
+        sizes = np.sqrt(share) * noises
+        roots = [size * one[1] for size, one in zip(sizes, found, strict=True)]
+        stacked = np.concatenate([*roots, *np.moveaxis(apart, 2, 1)])
+        self.root_ = np.asarray(np.linalg.qr(stacked, mode='r'))
+        return float(np.sqrt(share @ np.square(noises)))
 
     def predict(self, x: Array) -> Array:
         """Places (s, 2) (m) for potentials (s, 2)."""
@@ -107,13 +127,20 @@ class HarmonicMap:
 
         The covariance is of noise and calibration together.
         """
+        if compiled.available():
+            place, covariance = np.empty((len(x), 2)), np.empty((len(x), 2, 2))
+            known = (self.range_, OUTSIDE, self._table, self.size, self.roots_)
+            place_rows(x, *known, place, covariance)
+            return place, covariance
         u = (x[:, :2] - self.range_[0]) / self.range_[1]
         powers = np.minimum(np.maximum(u, -OUTSIDE), OUTSIDE)[:, :, None] ** _RISING
         # no product of matrices: its sums run otherwise for one frame than for many
         known = np.einsum('si,sj,ijk->sk', powers[:, 0], powers[:, 1], self._table)
-        place = np.minimum(np.maximum(known[:, :2], 0.0), self.size)
-        root = known[:, 2:].reshape(-1, 2, 2)
-        return place, np.einsum('sij,skj->sik', root, root)
+        place = np.minimum(np.maximum(known, 0.0), self.size)
+        cell = (np.fmax(place / self.size, 0.0) * (CELLS - 1) + 0.5).astype(np.int64)
+        root = self.roots_[cell[:, 0], cell[:, 1]]
+        covariance = np.einsum('sij,skj->sik', root, root)
+        return place, covariance + 0.0 * place[:, :1, None]
 
     def stated(self, x: Array) -> tuple[Array, Array]:
         """Places (s, 2) and spreads of their errors (s, 2) (m)."""
@@ -138,11 +165,11 @@ class HarmonicMap:
 
     @cached_property
     def _table(self) -> Array:
-        """Factors (n, n, 6) of products of powers: of the place and the root of its covariance."""
-        table = np.zeros((len(_RISING) ** 2, 6))
+        """Factors (n, n, 2) of products of powers of the potentials, for the place."""
+        table = np.zeros((len(_RISING) ** 2, 2))
         table[_BELOW] = self._radius * self.inverse_
-        table[0, :2] += self.size / 2
-        return table.reshape(len(_RISING), len(_RISING), 6)
+        table[0] += self.size / 2
+        return table.reshape(len(_RISING), len(_RISING), 2)
 
     @cached_property
     def _series(self) -> Complexes:
@@ -174,58 +201,32 @@ class HarmonicMap:
         high = np.minimum(z.max(axis=0) + MARGIN, edge)
         axes = [np.linspace(a, b, GRID) for a, b in zip(low, high, strict=True)]
         grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-        u, across, along = self._potentials(grid)
+        u, _, _ = self._potentials(grid)
         least, most = u.min(axis=0), u.max(axis=0)
         half = np.maximum((most - least) / 2, 1e-9)
         self.range_ = np.stack([(least + most) / 2, half])
-        calibration = self.caution_**2 * ((_terms(grid) @ self.root_.T) ** 2).sum(axis=1)
-        sigma = np.sqrt(self.noise_**2 + calibration)
-        det = across[:, 0] * along[:, 1] - along[:, 0] * across[:, 1]
-        det = np.where(np.abs(det) > LEAST_SLOPE, det, LEAST_SLOPE)
-        turned = np.stack([along[:, 1], -along[:, 0], -across[:, 1], across[:, 0]], axis=1)
-        wanted = np.concatenate([grid, turned * (sigma / det)[:, None]], axis=1)
         terms = _powers((u - self.range_[0]) / half)
         penalty = PENALTY * np.eye(terms.shape[1])
         stacked = np.concatenate([terms, penalty])
-        wanted = np.concatenate([wanted, np.zeros((len(penalty), 6))])
+        wanted = np.concatenate([grid, np.zeros((len(penalty), 2))])
         vars(self).pop('_table', None)
         self.inverse_ = np.linalg.lstsq(stacked, wanted, rcond=None)[0]
+        cells = self._plane(grid_places() * self.size)
+        roots = self._error_roots(np.minimum(np.maximum(cells, low), high))
+        self.roots_ = roots.reshape(CELLS, CELLS, 2, 2)
 
+    def _error_roots(self, z: Array) -> Array:
+        """Roots (s, 2, 2) of the covariance of the error (m) at places in radii.
 
-def at_places(places: Array, told: Array) -> tuple[Array, Array, float, bool]:
-    """Means at places that were touched more than once.
-
-    Parameters
-    ----------
-    places : ndarray, shape (s, 2)
-        Where rows were told (m).
-    told : ndarray, shape (s, k)
-        What they told.
-
-    Returns
-    -------
-    places, means : ndarray, shape (n, 2) and (n, k)
-        One row a place.
-    within : float
-        Standard deviation of a row from its place's mean.
-    repeats : bool
-        False: places hardly repeat, and the rows are given back.
-    """
-    _, index, count = np.unique(
-        np.round(places / SAME), axis=0, return_inverse=True, return_counts=True
-    )
-    index = np.asarray(index).reshape(-1)
-    if len(count) > 0.5 * len(places):
-        return places, told, 0.0, False
-
-    def mean(values: Array) -> Array:
-        columns = [np.bincount(index, column) / count for column in values.T]
-        return np.stack(columns, axis=1)
-
-    means = mean(told)
-    free = (len(told) - len(count)) * told.shape[1]
-    within = float(np.sqrt(((told - means[index]) ** 2).sum() / free))
-    return mean(places), means, within, True
+        A polynomial would ring: the doubt of the calibration rises steeply where touches end.
+        """
+        _, across, along = self._potentials(z)
+        calibration = self.caution_**2 * ((_terms(z) @ self.root_.T) ** 2).sum(axis=1)
+        sigma = self._radius * np.sqrt(self.noise_**2 + calibration)
+        det = across[:, 0] * along[:, 1] - along[:, 0] * across[:, 1]
+        det = np.where(np.abs(det) > LEAST_SLOPE, det, LEAST_SLOPE)
+        turned = np.stack([along[:, 1], -along[:, 0], -across[:, 1], across[:, 0]], axis=1)
+        return np.asarray((turned * (sigma / det)[:, None]).reshape(-1, 2, 2))
 
 
 def _careful(places: Array, left: Array, half: Array, noise: float) -> float:

@@ -101,21 +101,9 @@ class KernelRidge:
         self.seed = seed
 
     def fit(self, x: Array, y: Array, groups: Integers | None = None) -> KernelRidge:
-        """Choose samples, width and penalty, and learn weights.
+        """Choose samples, width and penalty, and learn weights; see `Estimator`.
 
-        Parameters
-        ----------
-        x : ndarray, shape (s, d)
-            Features, all of one unit and much the same noise.
-        y : ndarray, shape (s, k)
-            Targets, all of one unit.
-        groups : ndarray of int, shape (s,), or None
-            What a split keeps together.
-
-        Returns
-        -------
-        KernelRidge
-            Itself.
+        Features x (s, d) are all of one unit and much the same noise; so are targets y (s, k).
         """
         rows = training_rows(x, y, groups)
         fold = group_folds(rows.groups, self.folds, self.seed)
@@ -146,23 +134,7 @@ class KernelRidge:
         return self
 
     def predict(self, x: Array) -> Array:
-        """Evaluate bumps and plane.
-
-        Parameters
-        ----------
-        x : ndarray, shape (s, d)
-            Features.
-
-        Returns
-        -------
-        ndarray, shape (s, k)
-            Targets (unit of the y of the fit).
-
-        Raises
-        ------
-        NotCalibratedError
-            Before a fit.
-        """
+        """Evaluate bumps and plane, shape (s, k), of features (s, d); see `Estimator`."""
         fitted(self, 'level_')
         return predict_rows(x, self.samples_.shape[1], self._answer)
 

@@ -86,38 +86,27 @@ def mixture_rows(
             for k in range(count):
                 outcome[s, k] += weight[s, m] * parts[s, m, k]
         outcome[s, count], outcome[s, count + 1] = best + math.log(whole), least
-        spread_row(s, index, table, freedoms, outcome, cov, parts, weight)
+        for m in range(index.shape[1]):
+            add_spread(table[index[s, m]], freedoms, weight[s, m], parts[s, m], outcome[s], cov[s])
 
 
 @compiled
-def spread_row(
-    s: int,
-    index: Integers,
-    table: Array,
-    freedoms: int,
-    outcome: Array,
-    cov: Array,
-    parts: Array,
-    weight: Array,
+def add_spread(
+    row: Array, freedoms: int, share: float, part: Array, mean: Array, cov: Array
 ) -> None:
-    """Covariance within the rows of the table and between them, for one row of features."""
-    told, count = cov.shape[1], parts.shape[2]
-    width = table.shape[1]
-    lead = width - 2 - count - count * freedoms
-    for m in range(index.shape[1]):
-        row = table[index[s, m]]
-        share = weight[s, m]
-        variance = 1 / row[width - 2]
-        for a in range(told):
-            for b in range(a + 1):
-                total = 0.0
-                for j in range(freedoms):
-                    total += row[lead + a * freedoms + j] * row[lead + b * freedoms + j]
-                apart = (parts[s, m, a] - outcome[s, a]) * (parts[s, m, b] - outcome[s, b])
-                cov[s, a, b] += share * (variance * total + apart)
-    for a in range(told):
-        for b in range(a):
-            cov[s, b, a] = cov[s, a, b]
+    """Add the share of a row of the table to a covariance: within the row, and off the mean."""
+    count = len(part)
+    lead = len(row) - 2 - count - count * freedoms
+    variance = 1 / row[-2]
+    for a in range(len(cov)):
+        for b in range(a + 1):
+            total = 0.0
+            for j in range(freedoms):
+                total += row[lead + a * freedoms + j] * row[lead + b * freedoms + j]
+            added = share * (variance * total + (part[a] - mean[a]) * (part[b] - mean[b]))
+            cov[a, b] += added
+            if a != b:
+                cov[b, a] += added
 
 
 @compiled

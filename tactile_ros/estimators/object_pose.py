@@ -15,7 +15,9 @@ import numpy as np
 from tactile_ros.estimators.coverage_descent import Descent
 from tactile_ros.estimators.coverage_model import TaxelPoints, Variant
 from tactile_ros.estimators.coverage_templates import FEW_TAXELS, CoverageTemplates
-from tactile_ros.estimators.readings import CUT, Fits, Readings
+from tactile_ros.estimators.place_rows import covariance_of
+from tactile_ros.estimators.readings import CUT, PRIOR, Fits, Readings, misfit
+from tactile_ros.physics import compiled
 from tactile_ros.physics.tubes import SPRINGS
 from tactile_ros.types import Array, Bools, Integers
 
@@ -26,6 +28,11 @@ if TYPE_CHECKING:
 
 EARLY = {True: (6, (0.3, 0.2, 0.1, 0.06, 0.04, 0.03)), False: (2, (0.15, 0.04))}
 LATE, LATE_TUBES = (8, (0.1,)), (25, ())
+POLISH = (4, ())
+RIM, INSIDE = (
+    0.003,
+    60,
+)  # of a taxel: the others are wholly covered; some of which tell the pressure
 FINALISTS = 4
 PROFILES = (1, SPRINGS, 0)
 APART = 0.05  # turns (rad) and places (steps) at which two descents have not met
@@ -36,7 +43,6 @@ ODD = 0.25  # of the taxels that may fit to no known object
 ROUGH_TUBES = np.array([0.04, 0.04, 0.04])
 SEEN = 10.0  # of the noise: weaker patterns are noise
 PRESENT = 0.06  # of the largest force: less is no contact
-PRIOR = 2.0  # taxels' worth of trust in the stated errors
 
 
 @dataclass(frozen=True)
@@ -76,6 +82,10 @@ class ObjectPose(CoverageTemplates):
     ) -> None:
         super().__init__(positions, areas, taxel_outlines, objects)
         self.descent = Descent(self.middle, self.reach)
+        for variant in self.variants[:1]:  # what is compiled is built now, not under a frame
+            params = np.append(self.middle, (0.0, variant.radius / 2))[None, : variant.free]
+            cover = self.points.cover(variant, params)[0]
+            self.locate(cover, 1e-3 * areas, np.ones(len(areas), bool), 0.01)
 
     def locate(self, force: Array, noise: Array, usable: Bools, spread: float) -> Found:
         """Recognise and place the object under one frame.
@@ -97,15 +107,15 @@ class ObjectPose(CoverageTemplates):
             Label -1 if there is none, or none of these.
         """
         y = np.maximum(force, 0.0) * usable
-        first = np.sort(y)[-3:].tolist()
-        top = sum(first) / len(first)
+        ranked = np.sort(y)
+        top = float(np.add.reduce(ranked[-3:])) / len(ranked[-3:])
         loud = np.count_nonzero(noise * SEEN < top)  # as if by the median, but quicker
         if 2 * loud <= len(noise) or not self.variants:
             return _nothing(y)
         starts = self.starts(y)
         if not len(starts):
             return _nothing(y)
-        firm = np.sort(y[y > PRESENT * top])
+        firm = ranked[int(ranked.searchsorted(PRESENT * top, 'right')) :]
         variance = noise * noise
         stated = variance + ((spread * y) ** 2 + (EDGE * top) ** 2)
         readings = Readings(y, stated, usable, top, len(firm))
@@ -115,11 +125,13 @@ class ObjectPose(CoverageTemplates):
             points = coarse = points.among(chosen)
             readings = Readings(y[chosen], stated[chosen], usable[chosen], top, len(firm))
         fits = self._finals(points, self._chosen_starts(coarse, starts, readings), readings)
+        fits.sort(key=_cost)
         if chosen is not None:
             for fit in fits:
                 cover = np.zeros(len(y))
                 cover[chosen] = fit.cover
                 fit.cover = cover
+            self._polish(fits[0], Readings(y, stated, usable, top, len(firm)))
         alike = max(spread, ALIKE) * float(firm[int(0.7 * (len(firm) - 1))])
         rough = usable / (variance + alike**2)
         return self._verdict(fits, y, rough, PRESENT * top)
@@ -167,6 +179,9 @@ class ObjectPose(CoverageTemplates):
         self, points: TaxelPoints, starts: list[tuple[Variant, Array]], readings: Readings
     ) -> list[Fit]:
         """Descents to the end, for tubes with every profile of contact."""
+        if len(starts) == 1 and not starts[0][0].tube:
+            fits = self.descent.run(points, starts[0][0], starts[0][1][None], readings, *LATE)
+            return [self._fit(fits, 0, readings)]
         found = []
         for variant in {id(variant): variant for variant, _ in starts}.values():
             params = np.array([params for other, params in starts if other is variant])
@@ -190,20 +205,33 @@ class ObjectPose(CoverageTemplates):
                 found.append(self._fit(fits, 0, readings))
         return found
 
-    def _fit(self, fits: Fits, i: int, readings: Readings) -> Fit:
+    def _polish(self, fit: Fit, readings: Readings) -> None:
+        """Place once more by taxels under edges, with more points of each; `fit` is changed."""
+        if self.fine is None or not self.fine.size or fit.variant.tube:
+            return
+        sharp = self.sharp[fit.variant.label]
+        part = fit.cover / self.areas
+        inside = np.flatnonzero(part > 1 - RIM)
+        edges = np.flatnonzero((part > RIM) & (part < 1 - RIM))
+        some = np.concatenate([edges, inside[:: max(len(inside) // INSIDE, 1)]])
+        seen = Readings(
+            readings.force[some], readings.variance[some], readings.usable[some], readings.top,
+            len(some),
+        )  # fmt: skip
+        fits = self.descent.run(self.fine.among(some), sharp, fit.params[None], seen, *POLISH)
+        better = self._fit(fits, 0, seen, rough=False)
+        if np.abs(better.params - fit.params)[:2].max() < APART * self.step:
+            fit.params, fit.cov = better.params, better.cov
+
+    def _fit(self, fits: Fits, i: int, readings: Readings, rough: bool = True) -> Fit:
         """One of the descents, with the covariance of its parameters."""
         free = fits.params.shape[1]
         unit = fits.variant.unit[:free]
         cov = _covariance(fits, i, readings)[:free, :free] * (unit[:, None] * unit)
-        if fits.variant.order:
-            most = min(free, 3)
-            rough = (
-                (ROUGH_TUBES if fits.variant.tube else ROUGH)[:most]
-                * self.points.radius
-                / self.step
-                * unit[:most]
-            )
-            cov[np.arange(most), np.arange(most)] += np.square(rough)
+        if fits.variant.order and rough:
+            part = self.points.radius / self.step
+            for k, shared in enumerate(ROUGH_TUBES if fits.variant.tube else ROUGH):
+                cov[k, k] += (shared * part * unit[k]) ** 2
         return Fit(
             fits.variant,
             fits.params[i],
@@ -215,16 +243,13 @@ class ObjectPose(CoverageTemplates):
 
     def _verdict(self, fits: list[Fit], y: Array, weight: Array, present: float) -> Found:
         """The best of the fits, if it is better than none of these."""
-        fits.sort(key=_cost)
         best = fits[0]
-        expected = best.pressure * best.cover
-        told = np.flatnonzero((weight > 0) & (np.maximum(y, expected) > present))
-        count = len(told)
-        wrong = (np.square(y - expected) * weight)[told]
-        worst = np.count_nonzero(wrong > (2 * CUT) ** 2) > max(3, ODD * count)
+        count, far, total = misfit(y, best.cover, best.pressure, weight, present)
         most = (CUT**2 * ODD + 1.0) * count + 2 * CUT**2
-        if worst or float(np.minimum(wrong, CUT**2).sum()) > most:
+        if far > max(3, ODD * count) or total > most:
             return _nothing(y)
+        if len(fits) == 1:
+            return self._found(best, fits, [1.0], 1.0)
         scale = max(best.cost / max(count - len(best.params), 1), 1.0)
         likely = [float(np.exp(0.5 * (best.cost - fit.cost) / scale)) for fit in fits]
         each: dict[int, float] = {}
@@ -271,6 +296,11 @@ def _cost(fit: Fit) -> float:
 
 def _covariance(fits: Fits, i: int, readings: Readings) -> Array:
     """Of parameters, half from misfits where they are, half from their common size."""
+    if compiled.available() and fits.variant.places is not None:
+        return covariance_of(
+            fits.normal[i], fits.slopes[:, i], fits.share[i], readings.force, fits.cover[i],
+            float(fits.pressure[i]),
+        )  # fmt: skip
     inverse = np.linalg.inv(fits.normal[i])
     share, j = fits.share[i], fits.slopes[:, i]
     miss = readings.force - fits.pressure[i] * fits.cover[i]

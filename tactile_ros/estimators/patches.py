@@ -1,7 +1,7 @@
 """Patches of contact on an array of any layout: touched taxels that are connected.
 
-Taxels are neighbours where no other taxel lies between them, whatever the layout. Touched ones
-that are connected are one patch; where two patches are joined by little pressure they are two.
+Touched taxels that are connected through neighbours are one patch; where little pressure joins two
+patches they are two.
 """
 
 from __future__ import annotations
@@ -10,63 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactile_ros.estimators.neighbours import connected, flooded, neighbours
+from tactile_ros.estimators.patch_rows import SECOND, lone_patch
+from tactile_ros.physics import compiled
 from tactile_ros.types import Array, Bools, Integers
 
-REACH = 3.0  # of the way to the nearest taxel: no neighbour lies farther
-BETWEEN = 0.9  # of the half way: a taxel as near to the middle of a pair lies between
-ROUND = 16  # taxels around a pair that are looked at
 JOINED = 0.1  # of a patch's largest pressure: less joins nothing
 LEAST = 1e-12  # load of a touched taxel (unit of loads)
 BLUR = 0.09  # of a taxel's area: variance of a centre that one taxel tells
 BLOCK = 200_000  # taxels of frames that are looked at in one go
 FEW = 250  # touched taxels up to which a loop is quicker than a sparse graph
-SQUARE = 8 + np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # columns of second powers
-
-
-def neighbours(positions: Array) -> Integers:
-    """Pairs of taxels that are neighbours.
-
-    Parameters
-    ----------
-    positions : ndarray, shape (t, 3)
-        Centres (m).
-
-    Returns
-    -------
-    ndarray of int, shape (n, 2)
-        Each pair once, the lower index first.
-
-    Notes
-    -----
-    Two taxels are neighbours where no third one lies in the ball on their line, less a tenth:
-    corners of a square are, every second one of a row or a ring is not. Nothing beyond three
-    times the way to the nearest taxel is a neighbour.
-
-    Examples
-    --------
-    >>> row = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0]])
-    >>> neighbours(row).tolist()
-    [[0, 1], [1, 2], [1, 3], [2, 3]]
-    """
-    from scipy.spatial import cKDTree
-
-    count = len(positions)
-    if count < 2:
-        return np.zeros((0, 2), np.int64)
-    tree = cKDTree(positions)
-    near = tree.query(positions, 2)[0][:, 1]
-    others = tree.query(positions, min(4 * ROUND, count))[1]
-    first = np.repeat(np.arange(count), others.shape[1])
-    pairs = np.column_stack([first, others.reshape(-1)])
-    pairs = np.unique(np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1), axis=0)
-    a, b = positions[pairs[:, 0]], positions[pairs[:, 1]]
-    away = np.linalg.norm(a - b, axis=1)
-    close = away <= REACH * np.maximum(near[pairs[:, 0]], near[pairs[:, 1]])
-    pairs, a, b, away = pairs[close], a[close], b[close], away[close]
-    distance, who = tree.query((a + b) / 2, min(3, count))
-    third = (who != pairs[:, :1]) & (who != pairs[:, 1:])
-    blocked = (third & (distance < BETWEEN * away[:, None] / 2)).any(axis=1)
-    return np.asarray(pairs[~blocked], np.int64)
 
 
 @dataclass(frozen=True)
@@ -129,6 +82,8 @@ class PatchFinder:
             self._near[j].append(i)
         ahead = np.bincount(self.pairs[:, 0], minlength=len(positions)).max(initial=1)
         self._ahead = np.repeat(np.arange(len(positions))[:, None], ahead, axis=1)
+        self._links = np.array([j for nodes in self._near for j in nodes], np.int64)
+        self._first = np.cumsum([0] + [len(nodes) for nodes in self._near])
         for i, nodes in enumerate(self._near):
             later = [j for j in nodes if j > i]
             self._ahead[i, : len(later)] = later
@@ -136,6 +91,8 @@ class PatchFinder:
         one = np.ones(len(positions))
         self._powers = np.stack([one, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z], axis=1)
         self.blur = BLUR * float(np.median(areas))
+        if compiled.available():  # built now, not under a frame
+            self._looped(areas, areas, np.ones(len(areas), bool))
 
     def find(self, load: Array, variance: Array, touched: Bools) -> Patches:
         """Patches of frames.
@@ -164,6 +121,10 @@ class PatchFinder:
 
     def _block(self, load: Array, variance: Array, touched: Bools) -> Patches:
         """Patches of as many frames as fit."""
+        if len(load) == 1 and compiled.available():
+            alone = self._looped(load[0], variance[0], touched[0])
+            if alone is not None:
+                return alone
         node = np.flatnonzero(touched)
         if not len(node):
             return self._nothing(load.shape)
@@ -194,12 +155,28 @@ class PatchFinder:
 
     def _nothing(self, shape: tuple[int, ...]) -> Patches:
         """No patch in any frame (s, t)."""
-        blank = np.full((16, shape[0], self.most), np.nan)
+        blank = np.empty((15, shape[0], self.most))
+        blank.fill(np.nan)
         tail = (shape[0], self.most)
         return Patches(
             np.full(shape, -1), np.zeros(shape[0], np.int64), blank[0], blank[1],
             blank[2:5].reshape(*tail, 3), blank[5:14].reshape(*tail, 3, 3), blank[14],
         )  # fmt: skip
+
+    def _looped(self, load: Array, variance: Array, touched: Bools) -> Patches | None:
+        """As `_alone`, by compiled loops, of any count of taxels."""
+        found = self._nothing((1, len(load)))
+        count, total, spread, area = lone_patch(
+            self._links, self._first, self.areas, self._powers, JOINED, LEAST,
+            load, variance, touched, found.position[0, 0], found.position_cov[0, 0],
+        )  # fmt: skip
+        if not count:
+            return None
+        found.position_cov[0, 0, [0, 1], [0, 1]] += self.blur / count
+        found.label[0, touched] = 0
+        found.count[0] = 1
+        found.load[0, 0], found.variance[0, 0], found.area[0, 0] = total, spread, area
+        return found
 
     def _alone(self, load: Array, variance: Array, taxel: Integers) -> Patches | None:
         """The one patch of one frame, quickly; None: there are several."""
@@ -207,14 +184,14 @@ class PatchFinder:
         pressure = weight / self.areas[taxel]
         core = taxel[pressure > JOINED * pressure.max()]
         for nodes in (taxel,) if len(core) == len(taxel) else (taxel, core):
-            if _flooded(self._near, nodes.tolist(), len(load))[1] > 1:
+            if flooded(self._near, nodes.tolist(), len(load))[1] > 1:
                 return None
         powers, own = self._powers[taxel], variance[taxel]
         first, sums = weight @ powers[:, :4], own @ powers
         total, spread = first[0], sums[0]
         centre = first[1:] / total
         mixed = centre[:, None] * sums[1:4]
-        cov = sums[SQUARE - 4] - mixed - mixed.T + spread * centre[:, None] * centre
+        cov = sums[SECOND] - mixed - mixed.T + spread * centre[:, None] * centre
         cov /= total * total
         cov[[0, 1], [0, 1]] += self.blur / len(taxel)
         found = self._nothing((1, len(load)))
@@ -234,7 +211,7 @@ class PatchFinder:
         sums: Array = np.array([np.bincount(patch, term, count) for term in terms]).T
         total, spread = np.maximum(sums[:, 0], 1e-100), sums[:, 4]
         centre = sums[:, 1:4] / total[:, None]
-        first, second = sums[:, 5:8], sums[:, SQUARE]
+        first, second = sums[:, 5:8], sums[:, 4 + SECOND]
         mixed = centre[:, :, None] * first[:, None]
         own = spread[:, None, None] * centre[:, :, None] * centre[:, None]
         cov = (second - mixed - mixed.transpose(0, 2, 1) + own) / total[:, None, None] ** 2
@@ -257,7 +234,7 @@ class PatchFinder:
         """Component of each touched taxel (n,), numbered by their first ones."""
         taxels = len(self.positions)
         if rows == 1 and len(node) <= FEW:
-            label, _ = _flooded(self._near, node.tolist(), taxels)
+            label, _ = flooded(self._near, node.tolist(), taxels)
             return np.array([label[i] for i in node.tolist()], np.int64)
         number = np.full(rows * taxels, -1)
         number[node] = np.arange(len(node))
@@ -286,56 +263,3 @@ class PatchFinder:
             away = np.square(place[mine, None] - place[None, there]).sum(axis=2)
             patch[mine] = patch[there[np.argmin(away, axis=1)]]
         return patch
-
-
-def connected(counts: Integers, others: Integers) -> Integers:
-    """Component of each of n nodes.
-
-    Parameters
-    ----------
-    counts : ndarray of int, shape (n,)
-        Links that begin at each node.
-    others : ndarray of int
-        Where they end, node after node.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-        Numbered by their first nodes.
-
-    Examples
-    --------
-    >>> connected(np.array([1, 0, 0, 1, 0]), np.array([2, 4])).tolist()
-    [0, 1, 0, 2, 2]
-    """
-    from scipy.sparse import csr_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    starts = np.zeros(len(counts) + 1, np.int32)
-    np.cumsum(counts, out=starts[1:])
-    links = (np.ones(len(others)), others.astype(np.int32), starts)
-    graph = csr_matrix(links, shape=(len(counts), len(counts)))
-    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
-
-
-def _flooded(near: list[list[int]], nodes: list[int], count: int) -> tuple[list[int], int]:
-    """Component of a few of `count` nodes, numbered by their first nodes, and how many there are.
-
-    It is quicker than a graph.
-    """
-    label = [-2] * count
-    for node in nodes:
-        label[node] = -1
-    number = -1
-    for node in nodes:
-        if label[node] != -1:
-            continue
-        number += 1
-        label[node] = number
-        front = [node]
-        while front:
-            for other in near[front.pop()]:
-                if label[other] == -1:
-                    label[other] = number
-                    front.append(other)
-    return label, number + 1

@@ -105,22 +105,7 @@ class Perceptron:
         self.seed = seed
 
     def fit(self, x: Array, y: Array, groups: Integers | None = None) -> Perceptron:
-        """Learn weights.
-
-        Parameters
-        ----------
-        x : ndarray, shape (s, d)
-            Features.
-        y : ndarray, shape (s, k)
-            Targets, all of one unit.
-        groups : ndarray of int, shape (s,), or None
-            Not used.
-
-        Returns
-        -------
-        Perceptron
-            Itself.
-        """
+        """Learn from x (s, d) and y (s, k) of one unit; groups are not used; see `Estimator`."""
         rows = training_rows(x, y, groups)
         # a column that never moved tells nothing, and must not drown the pattern of the others
         self.moving_ = (Standardisation().fit(rows.x).gain_ > 0).astype(np.float64)
@@ -141,23 +126,7 @@ class Perceptron:
         return fewer
 
     def predict(self, x: Array) -> Array:
-        """Mean of the members.
-
-        Parameters
-        ----------
-        x : ndarray, shape (s, d)
-            Features.
-
-        Returns
-        -------
-        ndarray, shape (s, k)
-            Targets; NaN for rows that are not finite.
-
-        Raises
-        ------
-        NotCalibratedError
-            Before a fit.
-        """
+        """Mean of the members, shape (s, k), at features (s, d); see `Estimator`."""
         fitted(self, 'last_level_')
         return predict_rows(x, self.first_.shape[1] - int(self.pattern), self._answer)
 

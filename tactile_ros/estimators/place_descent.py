@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.estimators.place_rows import descend_rows
 from tactile_ros.estimators.readings import CLOSE, CUT, WEAK, Fits, first_pressure
+from tactile_ros.physics import compiled
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,7 +21,6 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array
 
 Matrix = list[list[float]]
-TABLE_ERROR = 0.003  # of coverage between nodes, where edges touch, in parts of a full taxel
 
 
 def descend_places(
@@ -33,9 +34,11 @@ def descend_places(
 ) -> Fits:
     """Descend with one variant from (x, y); see `Descent.run`."""
     assert variant.places is not None
+    if compiled.available():
+        return _looped(points, variant, start, readings, rounds, loose, final)
     x, y = float(start[0]), float(start[1])
     step, pressure = float(variant.unit[0]), 0.0
-    edge, floor = points.edge_error(step), (TABLE_ERROR * readings.top) ** 2
+    edge, floor = points.edge_error(step), (variant.places.error * readings.top) ** 2
     for i in range(rounds):
         stack = variant.places.seen(x, y)
         if i == 0:
@@ -65,6 +68,33 @@ def descend_places(
     return Fits(
         variant, 0, np.array([[x, y]]), np.array([pressure]), np.array([cost]), cover[None],
         normal[None], stack[:, None], share[None],
+    )  # fmt: skip
+
+
+def _looped(
+    points: TaxelPoints,
+    variant: Variant,
+    start: Array,
+    readings: Readings,
+    rounds: int,
+    loose: Sequence[float],
+    final: bool,
+) -> Fits:
+    """The same by compiled loops."""
+    places, step = variant.places, float(variant.unit[0])
+    assert places is not None
+    taxels = len(readings.force)
+    stack, share, cover = np.empty((3, taxels)), np.empty(taxels), np.empty(taxels)
+    found, normal = np.array([start[0], start[1], 0.0]), np.empty((3, 3))
+    cost = descend_rows(
+        places.rows, places.side, places.low, places.pitch, places.scale, readings.force,
+        readings.variance, readings.usable, readings.top, readings.count, readings.least,
+        found, step, points.edge_error(step), (places.error * readings.top) ** 2, rounds,
+        np.array(loose), final, stack, share, cover, normal,
+    )  # fmt: skip
+    return Fits(
+        variant, 0, found[None, :2], found[2:], np.array([cost]), cover[None], normal[None],
+        stack[:, None], share[None],
     )  # fmt: skip
 
 

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from tactile_ros.estimators.coverage_model import TaxelPoints, Variant
     from tactile_ros.types import Array
 
-FINENESS = 5.0  # nodes for the width of a taxel
+FINENESS = 5.0  # nodes for the width of one of many taxels
+FEW_FINENESS = 12.0  # of one of few, of which each must tell more
+ERROR = 0.015  # of coverage, in parts of a full taxel, over the fineness
 MOST_NODES = 120  # of a side
 CUBIC = np.array([[0, -1, 2, -1], [2, 0, -5, 3], [0, 1, 4, -3], [0, 0, -1, 1]]) / 2.0
 SLOPE = np.pad(CUBIC[:, 1:] * np.array([1.0, 2.0, 3.0]), ((0, 0), (0, 1)))
@@ -34,12 +36,26 @@ class PlaceTable:
         Of the array (m).
     reach, step : float
         Of the array, and width of a taxel (m).
+    fineness : float
+        Nodes for the width of a taxel.
+
+    Attributes
+    ----------
+    error : float
+        Of coverage between nodes, where edges touch, in parts of a full taxel.
     """
 
     def __init__(
-        self, points: TaxelPoints, variant: Variant, middle: Array, reach: float, step: float
+        self,
+        points: TaxelPoints,
+        variant: Variant,
+        middle: Array,
+        reach: float,
+        step: float,
+        fineness: float = FINENESS,
     ) -> None:
-        side = min(int(np.ceil(2 * reach * FINENESS / step)) + 1, MOST_NODES)
+        side = min(int(np.ceil(2 * reach * fineness / step)) + 1, MOST_NODES)
+        self.error = ERROR / fineness
         self.side = side
         self.low = middle - reach
         self.pitch = 2 * reach / (side - 1)
@@ -50,7 +66,7 @@ class PlaceTable:
         ]
         self.rows: Array = np.concatenate(rows)
         self._offsets = (side * np.arange(-1, 3)[:, None] + np.arange(-1, 3)).reshape(-1)
-        self._scale = variant.unit[0] / self.pitch
+        self.scale = variant.unit[0] / self.pitch
 
     def seen(self, x: float, y: float) -> Array:
         """Slopes and covered area (3, t) at a place (m), as of `TaxelPoints.seen`."""
@@ -60,8 +76,8 @@ class PlaceTable:
         tables = POWERS @ np.array([_powers(fx - i), _powers(fy - j)]).T
         (along, over), (up, rise) = tables[:, :, 0], tables[:, :, 1]
         weights = np.empty((3, 4, 4))
-        np.multiply(up[:, None], over * self._scale, out=weights[0])
-        np.multiply(rise[:, None] * self._scale, along, out=weights[1])
+        np.multiply(up[:, None], over * self.scale, out=weights[0])
+        np.multiply(rise[:, None] * self.scale, along, out=weights[1])
         np.multiply(up[:, None], along, out=weights[2])
         near = self.rows[self._offsets + (j * self.side + i)]
         return np.asarray(weights.reshape(3, 16) @ near)

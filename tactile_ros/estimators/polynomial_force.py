@@ -13,9 +13,9 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from tactile_ros.estimators.polynomial_rows import summed
 from tactile_ros.estimators.training import fitted, predict_rows, training_rows
-from tactile_ros.physics import compiled
-from tactile_ros.physics.compiled import compiled as compiling
+from tactile_ros.physics.compiled import available, compiled
 from tactile_ros.types import Array, Integers, as_shape
 
 LEAST_SHARE = 1e-10
@@ -108,7 +108,7 @@ class PolynomialForce:
         """
         fitted(self, 'weights_')
         width = int(np.sqrt(2 * len(self.mean_))) // 3 * 2
-        if not compiled.AVAILABLE:
+        if not available():
             return predict_rows(x, width, self._answer)
         x = as_shape('x of predict', x, (-1, width))
         y = np.empty((len(x), len(self.level_)))
@@ -125,7 +125,7 @@ class PolynomialForce:
     def _answer(self, x: Array) -> Array:
         raw = products(gradient_field(x) / self.size_)
         weights, level = self._folded
-        return np.asarray(raw @ weights + level)
+        return summed(raw, weights, level)
 
 
 def gradient_field(x: Array) -> Array:
@@ -162,7 +162,7 @@ def _pairs(width: int) -> tuple[Integers, Integers]:
     return first, second
 
 
-@compiling
+@compiled
 def chain_rows(x: Array, size: float, weights: Array, level: Array, y: Array) -> None:
     """The chain row by row, for a compiler: targets (s, k) of fields (s, 2 t)."""
     pixels, outputs = x.shape[1] // 2, weights.shape[1]

@@ -12,11 +12,11 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from tactile_ros.estimators.folds import group_folds
-from tactile_ros.estimators.polynomial_rows import polynomial_rows
+from tactile_ros.estimators.polynomial_rows import polynomial_rows, summed
 from tactile_ros.estimators.ridge_path import held_out_each, ridge_weights
 from tactile_ros.estimators.standardisation import Standardisation
 from tactile_ros.estimators.training import fitted, predict_rows, training_rows
-from tactile_ros.physics import compiled
+from tactile_ros.physics.compiled import available
 from tactile_ros.types import Array, Integers, as_shape
 
 STRENGTHS = 10.0 ** np.arange(-12.0, -1.0)
@@ -78,22 +78,7 @@ class PolynomialRidge:
         self.seed = seed
 
     def fit(self, x: Array, y: Array, groups: Integers | None = None) -> PolynomialRidge:
-        """Choose degrees and penalties, and learn weights.
-
-        Parameters
-        ----------
-        x : ndarray, shape (s, d)
-            Features.
-        y : ndarray, shape (s, k)
-            Targets.
-        groups : ndarray of int, shape (s,), or None
-            What a split keeps together.
-
-        Returns
-        -------
-        PolynomialRidge
-            Itself.
-        """
+        """Choose degrees and penalties, and learn from x (s, d), y (s, k); see `Estimator`."""
         rows = training_rows(x, y, groups)
         vars(self).pop('_folded', None)
         self.scale_ = Standardisation().fit(rows.x)
@@ -124,15 +109,9 @@ class PolynomialRidge:
         return self
 
     def predict(self, x: Array) -> Array:
-        """Evaluate the polynomials, shape (s, k), of features (s, d).
-
-        Raises
-        ------
-        NotCalibratedError
-            Before a fit.
-        """
+        """Evaluate the polynomials, shape (s, k), of features (s, d); see `Estimator`."""
         fitted(self, 'degree_')
-        if not compiled.AVAILABLE:
+        if not available():
             return predict_rows(x, len(self.limit_), self._answer)
         x = as_shape('x of predict', x, (-1, len(self.limit_)))
         y = np.empty((len(x), len(self.level_)))
@@ -163,7 +142,7 @@ class PolynomialRidge:
             end = first + int(np.argmax(known)) if known.any() else len(lower)
             terms[:, first:end] = terms[:, lower[first:end]] * z[:, last[first:end]]
             first = end
-        return np.asarray(terms @ weights + level)
+        return summed(terms, weights, level)
 
 
 def count_terms(width: int, degree: int, slow: int = 0) -> int:

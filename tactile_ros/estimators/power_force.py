@@ -4,8 +4,8 @@ The film's resistance is R - Rx, that of the film alone, and falls as a power of
 logarithm of the force is linear in that of the film; what R - Rx lacks by a wrong Rx grows as the
 inverse of the film's resistance, and what an air gap takes off the force, beside what it takes
 everywhere, as the resistance itself.
-The factors of these four shapes are smooth fields over the sheet, whose sizes and smoothness are
-those that make the calibration likeliest. The divider's noise weighs the rows.
+The factors of these four shapes are smooth fields over the sheet, whose sizes and smoothness make
+the calibration likeliest. The divider's noise weighs the rows; that of places is averaged.
 """
 
 from __future__ import annotations
@@ -15,16 +15,20 @@ from functools import cached_property
 import numpy as np
 
 from tactile_ros.estimators.evidence import Moments
-from tactile_ros.estimators.field_prior import EXPECTED, MEAN, SHAPES, likeliest, prior_spread
-from tactile_ros.estimators.smooth_fields import (
-    MOST_WAVES,
-    WIDEST,
-    SmoothFields,
-    as_cosines,
-    cosines_at,
+from tactile_ros.estimators.field_prior import (
+    EXPECTED,
+    MEAN,
+    SERIES,
+    SHAPES,
+    likeliest,
+    prior_spread,
 )
-from tactile_ros.estimators.spread_cells import SpreadCells, grid_places
-from tactile_ros.estimators.training import TrainingRows, fitted, predict_rows, training_rows
+from tactile_ros.estimators.film_resistance import FilmResistance
+from tactile_ros.estimators.power_curve import PowerCurve
+from tactile_ros.estimators.repeated_places import by_places, steady_places
+from tactile_ros.estimators.smooth_fields import MOST_WAVES, SmoothFields
+from tactile_ros.estimators.spread_cells import LEVELS, SpreadCells, grid_places
+from tactile_ros.estimators.training import fitted, predict_rows, training_rows
 from tactile_ros.estimators.trials import at_corners, caution, left_out
 from tactile_ros.types import Array, Integers
 
@@ -36,9 +40,8 @@ UNKNOWN_NOISE = 0.01
 FLATTEST = -0.2  # slope of the logarithm of force over that of the film
 FEWEST = 12
 MORE = 0.4  # logarithm of the largest answer over the largest force told
-BEYOND = 0.15  # of the range of the logarithm, in which the curve goes on
-LEAST_FILM = 0.02  # of R
-LEVELS = 24  # steps of the film's resistance in which a spread is told
+STEPS = 8  # of Rx, at most
+LIKELIER = 1.0  # that a step has to make the forces (a factor of e)
 
 
 class PowerForce:
@@ -59,8 +62,8 @@ class PowerForce:
 
     Attributes
     ----------
-    range_ : ndarray, shape (3,)
-        Least and largest film resistance that count, and the middle of its logarithm.
+    film_ : FilmResistance
+        What Rx leaves of R.
     fields_ : tuple of SmoothFields
         Of the four shapes.
     prior_ : ndarray, shape (6,)
@@ -72,6 +75,8 @@ class PowerForce:
         Square root of their covariance.
     noise_ : float
         Spread of a weighted row about the curve of its place.
+    wobble_ : ndarray, shape (2,)
+        Noise of places, in units of the edges.
     rough_ : float
         Relative spread of a force beside what the divider's noise makes.
     steep_ : float
@@ -80,8 +85,6 @@ class PowerForce:
         Force that the air gap takes everywhere (N); the rest follows the law.
     most_ : float
         Logarithm of the largest answer.
-    nominal_ : ndarray, shape (n, n)
-        Factors of cosines that tell the nominal Rx.
     caution_ : float
         Factor on the spread by calibration, from groups that were left out.
     calm_ : float
@@ -90,12 +93,13 @@ class PowerForce:
         Logarithm of the variance by calibration, a square in the level, on a grid of places.
     """
 
-    range_: Array
+    film_: FilmResistance
     fields_: tuple[SmoothFields, ...]
     prior_: Array
     weights_: Array
     root_: Array
     noise_: float
+    wobble_: Array
     rough_: float
     steep_: float
     gap_: float
@@ -103,7 +107,6 @@ class PowerForce:
     doubt_: Array
     caution_: float
     calm_: float
-    nominal_: Array
 
     def __init__(
         self, noise: float = 0.0, size: Array | None = None, series: Array | None = None
@@ -115,30 +118,66 @@ class PowerForce:
     def fit(self, x: Array, y: Array, groups: Integers | None = None) -> PowerForce:
         """Learn from features (s, 3..) and forces (s, 1) (N); rows without force are left out."""
         rows = training_rows(x, y, groups)
-        there = rows.y[:, 0] > 0
-        rows = rows.take(there if there.any() else np.ones(len(there), bool))
-        count = min(len(rows.x), MOST_ROWS)
-        rows = rows.take(np.linspace(0, len(rows.x) - 1, count).astype(np.int64))
-        self._prepare(rows)
-        terms = self._terms(rows.x)
-        self.rough_, self.prior_ = 0.0, EXPECTED
-        self._choose_gap(rows.x, terms, rows.y[:, 0])
-        target = self._net(rows.y[:, 0])[:, None]
-        self._choose(rows.x, terms, target)
-        self.most_ = float(target.max()) + MORE
-        moments = Moments.of(terms, target, self._weight(rows.x))
-        weights, root, noise = moments.solve(prior_spread(self.fields_, self.prior_)[0])
-        left = moments.square - 2 * float((weights * moments.cross).sum())
-        left += float((weights * (moments.gram @ weights)).sum())
-        used = float(np.einsum('ij,ij->', root @ moments.gram, root))
-        self.noise_ = max(noise, float(np.sqrt(max(left, 0) / max(len(target) - used, 1))), 1e-9)
-        self.weights_, self.root_ = weights[:, 0], root * self.noise_
-        for name in ('_table', '_spreads'):
-            vars(self).pop(name, None)
-        self.calm_ = 1.0
-        self.caution_ = self._careful(rows.x, target[:, 0], rows.groups)
-        self.doubt_ = self._tell_doubt()
+        there = np.flatnonzero((rows.y[:, 0] > 0) | (rows.y[:, 0] <= 0).all())
+        some = np.linspace(0, len(there) - 1, min(len(there), MOST_ROWS)).astype(np.int64)
+        rows = rows.take(there[some])
+        # noise of places would look like a rough film
+        rows.x[:, :2], self.wobble_ = steady_places(rows.x[:, :2], rows.groups)
+        self._learn(rows.x, rows.y[:, 0], rows.groups)
         return self
+
+    def _learn(self, x: Array, force: Array, groups: Integers) -> None:
+        """Learn from features and forces (s,)."""
+        number = len(np.unique(groups))
+        self.fields_ = tuple(
+            SmoothFields.for_places(x[:, :2], number, self.size, most) for most in WAVES
+        )
+        self.film_ = FilmResistance.nominal(self.series, x)
+        self.rough_, self.prior_ = 0.0, EXPECTED
+        self._choose_gap(x, force)
+        target = self._net(force)[:, None]
+        self._choose(x, target)
+        self.most_ = float(target.max()) + MORE
+        self._settle(self._mend_series(x, target))
+        self.calm_ = 1.0
+        vars(self).pop('_curve', None)
+        self.caution_ = self._careful(x, target[:, 0], groups)
+        self.doubt_ = self._tell_doubt()
+
+    def _settle(self, moments: Moments) -> None:
+        """Weights, their covariance and the noise, by the prior."""
+        weights, root, noise = moments.solve(prior_spread(self.fields_, self.prior_)[0])
+        self.noise_ = max(noise, moments.left(weights, root), 1e-9)
+        self.weights_, self.root_ = weights[:, 0], root * self.noise_
+
+    def _mend_series(self, x: Array, target: Array) -> Moments:
+        """Take what the recording says of Rx into it, as long as that makes the forces likelier.
+
+        The logarithm of R - Rx is bent in Rx: a step of Gauss and Newton takes the film about the
+        Rx that was found, and what the prior says is still said of all that it lacked at first.
+        """
+        spread = prior_spread(self.fields_, self.prior_)[0]
+        moments, volume = self._weighed(x, target)
+        best = moments.evidence(spread) + volume
+        share = 1.0
+        for _ in range(STEPS):
+            self._settle(moments)
+            known, slope = self.film_, min(float(self.weights_[1]), FLATTEST)
+            wrong = self._shape_table(SERIES) * known.range[0]
+            self.film_ = known.mend(x, known.mended + share * (wrong - known.mended), slope)
+            more, volume = self._weighed(x, target)
+            level = more.evidence(spread) + volume
+            if level > best + LIKELIER:
+                moments, best = more, level
+            else:
+                self.film_, share = known, share / 3
+        return moments
+
+    def _weighed(self, x: Array, target: Array) -> tuple[Moments, float]:
+        """Moments of forces, and what their weights add to the evidence."""
+        weight = 1.0 / self._scatter(x[:, 2], self.film_.at(x), 1.0)
+        whole = target + self.film_.told(x)[:, None]
+        return Moments.of(self._terms(x), whole, weight), 0.5 * float(np.log(weight).sum())
 
     def predict(self, x: Array) -> Array:
         """Forces (s, 1) (N)."""
@@ -159,19 +198,7 @@ class PowerForce:
             R, in units of the divider's.
         """
         fitted(self, 'weights_')
-        low, high, middle = self.range_
-        inside = np.fmin(np.fmax(places, 0.0), 1.0)
-        waves = np.cos(inside[:, :, None] * WIDEST)
-        # no product of matrices: its sums run otherwise for one frame than for many
-        known = np.einsum('si,sj,ijk->sk', waves[:, 0], waves[:, 1], self._table)
-        film = np.fmin(np.fmax(resistance - known[:, 4], low), high)
-        level = np.log(film) - middle
-        power = known[:, 0] + level * (known[:, 1] + level * self.weights_[4])
-        power += known[:, 2] / film
-        power += known[:, 3] * film
-        force = np.exp(np.minimum(power, self.most_))
-        spread = force * self._spreads.at(inside, level)
-        return force + self.gap_, spread
+        return self._curve.at(places, resistance)
 
     def held_out(self, x: Array, y: Array, groups: Integers) -> tuple[Array, Array]:
         """What a fit without the group of each row says of it, and the spread that it states.
@@ -179,7 +206,8 @@ class PowerForce:
         The prior is that of the fit on all rows. Features (s, 3..) and forces (s, 1) must be those
         of the fit; answers (s, 1) in N.
         """
-        force, spread = np.empty(len(x)), np.empty(len(x))
+        x, force, spread = x.copy(), np.empty(len(x)), np.empty(len(x))
+        x[:, :2], _ = steady_places(x[:, :2], groups)  # as in the fit
         there = y[:, 0] > self.gap_
         force[~there], spread[~there] = self.force(x[~there])
         net, doubt, scatter = self._alone(x[there], self._net(y[there, 0]), groups[there])
@@ -192,9 +220,10 @@ class PowerForce:
 
         Those of the logarithm: by calibration, without caution, and by noise.
         """
-        terms, scale = self._terms(x), np.sqrt(self._weight(x))
+        terms, film = self._terms(x), self.film_.at(x)
+        scale = 1.0 / np.sqrt(self._scatter(x[:, 2], film, 1.0))
         half = (terms * scale[:, None]) @ self.root_.T / self.noise_
-        error = scale * (target - terms @ self.weights_)
+        error = scale * (target - self._level(x))
         said, doubt = np.empty(len(x)), np.empty(len(x))
         for group in np.unique(groups):
             rows = np.flatnonzero(groups == group)
@@ -202,7 +231,7 @@ class PowerForce:
             said[rows] = target[rows] - off / scale[rows]
             doubt[rows] = self.noise_**2 * hat / scale[rows] ** 2
         force = np.exp(np.minimum(said, self.most_))
-        return force, doubt, self._scatter(x[:, 2], self._film(x))
+        return force, doubt, self._scatter(x[:, 2], film)
 
     def _net(self, force: Array) -> Array:
         """Logarithm of forces (s,) over the gap."""
@@ -218,23 +247,9 @@ class PowerForce:
         weight = judged / np.bincount(index)[index]
         return caution(asked, weight, len(np.unique(index[judged])))
 
-    def _prepare(self, rows: TrainingRows) -> None:
-        """Range and fields, before any choice."""
-        count = len(np.unique(rows.groups))
-        self.fields_ = tuple(
-            SmoothFields.for_places(rows.x[:, :2], count, self.size, most) for most in WAVES
-        )
-        self.nominal_ = as_cosines(self.series)
-        film = rows.x[:, 2] - self._rx(rows.x[:, :2])
-        film = np.maximum(film, np.maximum(LEAST_FILM * rows.x[:, 2], 1e-6))
-        level = np.log(film)
-        low, high = float(level.min()), float(level.max())
-        more = BEYOND * max((high - low) / 2, 1e-3)
-        self.range_ = np.array([np.exp(low - more), np.exp(high + more), (low + high) / 2])
-
-    def _choose_gap(self, x: Array, terms: Array, force: Array) -> None:
+    def _choose_gap(self, x: Array, force: Array) -> None:
         """Force that the gap takes everywhere, as likely as it makes the forces; and the slope."""
-        level, least = np.log(self._film(x)), float(force.min())
+        level, least = np.log(self.film_.at(x)), float(force.min())
         spread, _ = prior_spread(self.fields_, EXPECTED)
         found = []
         for share in GAPS if len(force) >= FEWEST else (0.0,):
@@ -242,41 +257,34 @@ class PowerForce:
             target = self._net(force)[:, None]
             if len(force) >= FEWEST and np.ptp(level) > 1e-6:
                 self.steep_ = min(float(np.polyfit(level, target[:, 0], 1)[0]), FLATTEST)
-            weight = self._weight(x)
-            likely = Moments.of(terms, target, weight).evidence(spread)
-            likely += 0.5 * float(np.log(weight).sum()) - float(target.sum())
+            moments, volume = self._weighed(x, target)
+            likely = moments.evidence(spread) + volume - float(target.sum())
             found.append((likely, self.gap_, self.steep_))
         _, self.gap_, self.steep_ = max(found)
 
-    def _choose(self, x: Array, terms: Array, target: Array) -> None:
+    def _choose(self, x: Array, target: Array) -> None:
         """Sizes and length of the fields, and what spreads a force beside the divider's noise."""
         if len(target) < FEWEST:
             return
-        own = float(np.median(np.sqrt(self._scatter(x[:, 2], self._film(x), 1.0))))
-        best, self.prior_ = self._likeliest(x, terms, target)
+        own = float(np.median(np.sqrt(self._scatter(x[:, 2], self.film_.at(x), 1.0))))
+        best, self.prior_ = self._likeliest(x, target)
         for share in ROUGHS[1:] if self.noise > 0 else ():
             before, self.rough_ = self.rough_, share * own
-            level, prior = self._likeliest(x, terms, target)
+            level, prior = self._likeliest(x, target)
             if level <= best:
                 self.rough_ = before
                 break
             best, self.prior_ = level, prior
 
-    def _likeliest(self, x: Array, terms: Array, target: Array) -> tuple[float, Array]:
+    def _likeliest(self, x: Array, target: Array) -> tuple[float, Array]:
         """Evidence and prior that make the targets likeliest."""
-        weight = self._weight(x)
-        moments = Moments.of(terms, target, weight)
+        moments, volume = self._weighed(x, target)
         level, prior = likeliest(moments, self.fields_, self.prior_)
-        return level + 0.5 * float(np.log(weight).sum()), prior
+        return level + volume, prior
 
-    def _film(self, x: Array) -> Array:
-        """The film's resistance (s,), over the divider's, within what was seen."""
-        film = x[:, 2] - self._rx(x[:, :2])
-        return np.asarray(np.minimum(np.maximum(film, self.range_[0]), self.range_[1]))
-
-    def _rx(self, places: Array) -> Array:
-        """Nominal Rx (s,) at places (s, 2) in units of the edges."""
-        return cosines_at(places, self.nominal_)
+    def _level(self, x: Array) -> Array:
+        """Logarithm of forces (s,) over the gap."""
+        return np.asarray(self._terms(x) @ self.weights_ - self.film_.told(x))
 
     def _scatter(self, resistance: Array, film: Array, noise: float | None = None) -> Array:
         """Variance (s,) of the logarithm of a force about the curve of its place."""
@@ -288,63 +296,55 @@ class PowerForce:
         steep = noise * (self.noise * self.steep_) ** 2
         return np.asarray(steep * ratio * ratio + noise * self.rough_**2)
 
-    def _weight(self, x: Array) -> Array:
-        """Weights (s,) of rows: inverse variances, if the noise were all."""
-        return 1.0 / self._scatter(x[:, 2], self._film(x), 1.0)
-
-    def _shapes(self, film: Array) -> Array:
-        """The five shapes (s, 5) of film resistances; the last has no field."""
-        level = np.log(film) - self.range_[2]
-        small, large = self.range_[0] / film, film / self.range_[1]
-        return np.stack([np.ones_like(level), level, small, large, level * level], axis=1)
-
     def _terms(self, x: Array) -> Array:
         """Terms (s, p)."""
-        shapes = self._shapes(self._film(x))
-        parts = [shapes]
-        for shape, fields in enumerate(self.fields_):
-            parts.append(shapes[:, shape, None] * fields.terms(x[:, :2]))
-        return np.concatenate(parts, axis=1)
+        shapes = self.film_.shapes(x)
+        own = [known.terms(x[:, :2]) for known in self.fields_]
+        parts = [shapes[:, shape, None] * terms for shape, terms in enumerate(own)]
+        return np.concatenate([shapes, *parts], axis=1)
 
     @cached_property
+    def _curve(self) -> PowerCurve:
+        """What a frame is answered by."""
+        bend, spreads = float(self.weights_[len(MEAN) - 1]), self._spreads()
+        return PowerCurve(self._table, self.film_.range, bend, self.most_, self.gap_, spreads)
+
+    @property
     def _table(self) -> Array:
         """Factors of cosines (n, n, 5) of the four shapes, and of the nominal Rx."""
-        table = np.zeros((MOST_WAVES, MOST_WAVES, SHAPES + 1))
-        first = len(MEAN)
-        for shape, fields in enumerate(self.fields_):
-            own = self.weights_[first : first + len(fields.entry), None]
-            first += len(own)
-            part = fields.table(own)[:, :, 0]
-            table[: len(part), : len(part), shape] = part
-            table[0, 0, shape] += self.weights_[shape]
-        table[:, :, 2] *= self.range_[0]
-        table[:, :, 3] /= self.range_[1]
-        table[:, :, 4] = self.nominal_
+        shapes = [self._shape_table(shape) for shape in range(SHAPES)]
+        table = np.stack([*shapes, self.film_.series], axis=-1)
+        table[:, :, SERIES] = table[:, :, SERIES] * self.film_.range[0] - self.film_.mended
+        table[:, :, SERIES + 1] /= self.film_.range[1]
+        return table
+
+    def _shape_table(self, shape: int) -> Array:
+        """Factors of cosines (n, n) of one shape."""
+        first = len(MEAN) + sum(len(one.entry) for one in self.fields_[:shape])
+        fields, table = self.fields_[shape], np.zeros((MOST_WAVES, MOST_WAVES))
+        part = fields.table(self.weights_[first : first + len(fields.entry), None])[:, :, 0]
+        table[: len(part), : len(part)] = part
+        table[0, 0] += self.weights_[shape]
         return table
 
     def scale_scatter(self, factor: float) -> None:
-        """Let the spread about the curve of a place be that of the fit times a factor."""
-        self.calm_ = factor
-        vars(self).pop('_spreads', None)
+        """Multiply the spread about the curve of a place."""
+        self.calm_ *= factor
+        vars(self).pop('_curve', None)
 
-    @cached_property
     def _spreads(self) -> SpreadCells:
         """Relative spreads of a force, by calibration and noise."""
-        low, high = np.log(self.range_[:2]) - self.range_[2]
-        level = np.linspace(low, high, LEVELS)
-        film = np.exp(level + self.range_[2])
-        scatter = self._scatter(film + float(np.median(self.series)), film)
-        variance = np.exp(self.doubt_ @ level ** np.arange(3)[:, None])
-        return SpreadCells(np.sqrt(variance + self.calm_**2 * scatter).ravel(), LEVELS, low, high)
+        low, high = self.film_.levels
+        film = np.exp(np.linspace(low, high, LEVELS) + self.film_.range[2])
+        scatter = self._scatter(film + self.film_.middle, film)
+        return SpreadCells.of(self.doubt_, self.calm_**2 * scatter, low, high)
 
     def _tell_doubt(self) -> Array:
         """Logarithm of the variance by calibration on a grid of places: squares in the level."""
-        places = grid_places()
-        low, high = np.log(self.range_[:2]) - self.range_[2]
-        levels = np.array([low, 0.5 * (low + high), high])
-        found = []
-        for film in np.exp(levels + self.range_[2]):
-            x = np.column_stack([places, film + self._rx(places)])
+        places, found, levels = grid_places(), [], np.linspace(*self.film_.levels, 3)
+        for film in np.exp(levels + self.film_.range[2]):
+            x = np.column_stack([places, film + self.film_.series_at(places)])
             half = self._terms(x) @ self.root_.T
-            found.append(np.log(self.caution_**2 * np.einsum('sp,sp->s', half, half) + 1e-300))
+            variance = self.caution_**2 * np.einsum('sp,sp->s', half, half)
+            found.append(np.log(variance + by_places(self._level, x, self.wobble_) + 1e-300))
         return np.asarray(np.linalg.solve(levels[:, None] ** np.arange(3), np.array(found)).T)

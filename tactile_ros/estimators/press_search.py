@@ -126,7 +126,7 @@ class PressSearch:
         weight = 1 / np.sqrt(self.variance(presses))
         # what a uniform field could have added is taken out of weighted patterns
         shared = weight[:, :, None] * self.common
-        span = np.linalg.qr(shared)[0]
+        span = np.linalg.svd(shared, full_matrices=False)[0]
         wanted = presses.pattern * weight
         wanted = wanted - np.einsum('ndk,nk->nd', span, np.einsum('ndk,nd->nk', span, wanted))
         data = (weight, span, wanted, presses.powers)

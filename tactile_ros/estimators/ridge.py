@@ -71,22 +71,7 @@ class Ridge:
         self.seed = seed
 
     def fit(self, x: Array, y: Array, groups: Integers | None = None) -> Ridge:
-        """Learn weights.
-
-        Parameters
-        ----------
-        x : ndarray, shape (s, d)
-            Features.
-        y : ndarray, shape (s, k)
-            Targets.
-        groups : ndarray of int, shape (s,), or None
-            What a split keeps together.
-
-        Returns
-        -------
-        Ridge
-            Itself.
-        """
+        """Learn from features (s, d), targets (s, k) and groups (s,); see `Estimator`."""
         rows = training_rows(x, y, groups)
         self.scale_ = Standardisation().fit(rows.x)
         width = rows.x.shape[1]
@@ -104,23 +89,7 @@ class Ridge:
         return self
 
     def predict(self, x: Array) -> Array:
-        """Evaluate the polynomial.
-
-        Parameters
-        ----------
-        x : ndarray, shape (s, d)
-            Features.
-
-        Returns
-        -------
-        ndarray, shape (s, k)
-            Targets (unit of the y of the fit).
-
-        Raises
-        ------
-        NotCalibratedError
-            Before a fit.
-        """
+        """Evaluate the polynomial, shape (s, k), of features (s, d); see `Estimator`."""
         fitted(self, 'weights_')
         return predict_rows(x, len(self.scale_.mean_), self._answer)
 

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from tactile_ros.estimators.press_bank import PressBank
+from tactile_ros.physics.layer_response import Layer
 from tactile_ros.physics.magnetic_sheet import Sheet
 from tactile_ros.physics.punch_dents import PunchDents
 from tactile_ros.types import Array, Outline
@@ -71,7 +72,8 @@ class SkinModel:
     @cached_property
     def dents(self) -> PunchDents:
         """Of the body."""
-        return PunchDents(self.sheet, 0.0, self.body, self.youngs, self.poisson)
+        shear_modulus = self.youngs / (2 * (1 + self.poisson))
+        return PunchDents(self.sheet, 0.0, Layer(self.body, shear_modulus, self.poisson))
 
     @property
     def common(self) -> Array:

@@ -10,17 +10,13 @@ once. What an outside cause adds to many channels at once enters the metric as a
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from tactile_ros.estimators.mixture_rows import mixture_rows, share_rows
-from tactile_ros.physics.compiled import AVAILABLE
+from tactile_ros.physics.compiled import available
 from tactile_ros.types import Array, Integers
-
-# A tree is no array: it is grown again where a mixture was loaded.
-_TREES: WeakKeyDictionary[TouchMixture, cKDTree] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -126,7 +122,8 @@ class TouchMixture:
         typical = float(np.sqrt((touches.sigma**2).mean()))
         self.metric, self.volume = _metric(channels, common, strength / typical)
         self.turned = self.volume != 0.0
-        self.samples = touches.readings @ self.metric
+        samples = touches.readings @ self.metric
+        self.tree = cKDTree(samples)
         slopes = np.matmul(self.metric, touches.slopes)
         variance = touches.sigma**2
         inner = np.matmul(slopes.transpose(0, 2, 1), slopes)
@@ -139,10 +136,9 @@ class TouchMixture:
         own -= np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
         own -= 0.5 * (channels - slopes.shape[2]) * np.log(variance)
         self.freedoms, self.count = slopes.shape[2], touches.answers.shape[1]
-        pieces = (self.samples, turned, leads, touches.answers, 1 / variance, own)
+        pieces = (samples, turned, leads, touches.answers, 1 / variance, own)
         # a row's numbers in one piece: looked up at once
         self.table = np.concatenate([part.reshape(count, -1) for part in pieces], axis=1)
-        self.compiled = AVAILABLE
 
     def __call__(self, x: Array) -> Posterior:
         """What finite features x (s, d) say."""
@@ -151,7 +147,7 @@ class TouchMixture:
             # a row at a time: the same bits alone and among others
             z = np.matmul(x[:, None], self.metric)[:, 0]
         index = self._nearest(z)
-        return self._loops(z, index) if self.compiled else self._arrays(z, index)
+        return self._loops(z, index) if available() else self._arrays(z, index)
 
     def _loops(self, z: Array, index: Integers) -> Posterior:
         """By compiled loops over rows."""
@@ -173,9 +169,10 @@ class TouchMixture:
         away = z[:, None] - piece[:, :, :channels]
         gains = piece[:, :, ends[0] : ends[1]].reshape(rows, near, freedoms, channels)
         leads = piece[:, :, ends[1] : ends[2]].reshape(rows, near, count, freedoms)
-        inside = np.matmul(gains, away[..., None])
-        misfit = (away * away).sum(axis=2) - (inside * inside).sum(axis=(2, 3))
-        misfit *= piece[:, :, -2]
+        # in the order of the loops: what a touch explains cancels most of what is away
+        inside = np.cumsum(gains * away[:, :, None], axis=3)[..., -1:]
+        squares = np.concatenate([away * away, -inside[..., 0] * inside[..., 0]], axis=2)
+        misfit = np.cumsum(squares, axis=2)[..., -1] * piece[:, :, -2]
         likely = piece[:, :, -1] - 0.5 * misfit
         best = likely.max(axis=1)
         weight = np.exp(likely - best[:, None])
@@ -188,9 +185,7 @@ class TouchMixture:
         return Posterior(mean, cov, best + np.log(total), misfit.min(axis=1), parts, weight)
 
     def _nearest(self, z: Array) -> Integers:
-        if self not in _TREES:
-            _TREES[self] = cKDTree(self.samples)
-        index = _TREES[self].query(z, k=self.neighbours, eps=self.slack)[1]
+        index = self.tree.query(z, k=self.neighbours, eps=self.slack)[1]
         return np.asarray(index.reshape(len(z), self.neighbours))
 
     def _covariance(self, leads: Array, weight: Array, apart: Array) -> Array:
@@ -211,7 +206,7 @@ class TouchMixture:
         """Share (s, n) of the parts that are nearest to each of some centres (n, 3)."""
         rows = len(seen.parts)
         shares = np.zeros((rows, len(centres)))
-        if self.compiled:
+        if available():
             share_rows(seen.parts, seen.weight, centres, shares)
             return shares
         near = seen.parts[:, :, :3] @ centres.T - 0.5 * (centres**2).sum(axis=1)

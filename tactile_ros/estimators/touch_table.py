@@ -60,7 +60,7 @@ class Blame:
         total = np.bincount(place.ravel(), self.weight.ravel(), len(named) * (count + 1))
         share = total.reshape(len(named), count + 1)[:, :count]
         whole = share.sum(axis=1, keepdims=True)
-        return np.where(whole > 0, share / np.maximum(whole, 1e-12), 1 / count)
+        return np.where(whole > 0, share / np.maximum(whole, 1e-12), 1 / max(count, 1))
 
 
 class TouchTable:

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from tactile_ros.estimators.folds import group_folds
+from tactile_ros.estimators.stated_spread import StatedSpread
 from tactile_ros.estimators.training import TrainingRows, training_rows
 from tactile_ros.types import Array, Bools, Estimator, Integers
 
@@ -22,12 +23,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
 FOLDS = 8
+MOST_TRIED = 2000  # rows that candidates are compared on
 ROUNDING = 1e-9
 ALIKE = 0.02  # of what was touched
 ONE_SIGMA = 0.6827
 FEWEST_GROUPS = 5
-SURE_GROUPS = 45.0  # the model's own doubt counts as much as so many groups
+SURE_GROUPS = 20.0  # the model's own doubt counts as much as so many groups
 MOST_CAUTION = 4.0
+BOLD = 0.5  # trust in errors that are less than stated: far from all touches, unlike those in use
 WORTH = 0.5  # of an error: touches lie nearer to what was learned than groups left out do
 SURE = 2.0  # standard errors
 WORSE, MUCH = 2.0, 0.8
@@ -157,6 +160,59 @@ def chosen(found: Mapping[str, Trial], expected: str) -> str:
     return min(better, key=lambda name: better[name])
 
 
+def some_rows(x: Array, y: Array, most: int = MOST_TRIED) -> Integers:
+    """Rows to compare candidates on: all, or `most` of them evenly, in an order of their own."""
+    some = np.linspace(0, len(x) - 1, min(len(x), most)).astype(np.int64)
+    return np.lexsort(np.column_stack([x, y]).T)[some]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the trial of an estimator says of its errors.
+
+    Attributes
+    ----------
+    spread : StatedSpread
+        Scale of the spread that it states.
+    level : ndarray, shape (k,)
+        Root mean square error of each component (unit of y): its spread, where it states none.
+    report : dict of str to float
+        Errors on held-out groups (unit of y), also of the other candidates.
+    """
+
+    spread: StatedSpread
+    level: Array
+    report: dict[str, float]
+
+
+def verdict(found: Mapping[str, Trial], best: str, told: Array, groups: Integers) -> Verdict:
+    """Judge the candidate that is used.
+
+    Parameters
+    ----------
+    found : mapping of str to Trial
+        Of the candidates.
+    best : str
+        Name of the one in use.
+    told : ndarray, shape (s, k)
+        Targets of the rows of the trials.
+    groups : ndarray of int
+        Of all rows that it was fitted on.
+    """
+    trial = found[best]
+    residual = trial.said - told
+    spread = StatedSpread().fit(trial.spread, residual)
+    report = {
+        'held_out_mean': float(np.linalg.norm(residual, axis=1).mean()),
+        'held_out_rmse': trial.error,
+        'inside_one_sigma': float((np.abs(residual) <= spread(trial.spread)).mean()),
+        'groups': float(len(np.unique(groups))),
+        'rows': float(len(groups)),
+        **{f'rmse_{name}': one.error for name, one in found.items()},
+    }
+    return Verdict(spread, np.sqrt((residual**2).mean(axis=0)) + 1e-9, report)
+
+
 def _unseen(candidate: Estimator, rows: TrainingRows, fold: Integers) -> tuple[Array, Array]:
     """What copies of a candidate say (s, k) about folds that they were not trained on."""
     if isinstance(candidate, LeavingOut) and (fold != fold[0]).any():
@@ -239,7 +295,7 @@ def caution(asked: Array, weight: Array, groups: int) -> float:
 
     Examples
     --------
-    >>> round(caution(np.full(100, 4.0), np.ones(100), 45), 2)
+    >>> round(caution(np.full(100, 4.0), np.ones(100), 20), 2)
     2.0
     """
     if groups < FEWEST_GROUPS:
@@ -249,7 +305,8 @@ def caution(asked: Array, weight: Array, groups: int) -> float:
     row = min(int(np.searchsorted(share, ONE_SIGMA)), len(share) - 1)
     factor = float(asked[order[row]])
     bounded = min(max(factor, 1 / MOST_CAUTION), MOST_CAUTION)
-    return float(bounded ** (groups / (groups + SURE_GROUPS)))
+    trust = groups / (groups + SURE_GROUPS)
+    return float(bounded ** (trust if bounded > 1 else BOLD * trust))
 
 
 def at_corners(places: Array, groups: Integers) -> Bools:

@@ -12,16 +12,13 @@ import os
 import struct
 from pathlib import Path
 from threading import RLock
-from typing import TYPE_CHECKING
 
 from tactile_ros import __version__
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import container
 from tactile_ros.evaluation.container import Channel, ChunkEntry, Schema
 from tactile_ros.evaluation.definitions import schema_text
-
-if TYPE_CHECKING:
-    from types import TracebackType
+from tactile_ros.types import Closing
 
 CHUNK_BYTES = 1 << 16
 CHUNK_NS = 100_000_000
@@ -50,7 +47,7 @@ class _Topic:
         self.pending: list[tuple[int, int]] = []
 
 
-class BagWriter:
+class BagWriter(Closing):
     """Writes serialised messages into a new rosbag2 folder; a context manager.
 
     Parameters
@@ -92,19 +89,6 @@ class BagWriter:
         library = f'tactile_ros {__version__}'
         self._append(container.MAGIC + container.header_record(library))
         self._write_metadata()
-
-    def __enter__(self) -> BagWriter:
-        """Hold open."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close with an index."""
-        self.close()
 
     @property
     def counts(self) -> dict[str, int]:

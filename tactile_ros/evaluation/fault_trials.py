@@ -17,11 +17,10 @@ from tactile_ros.conditioning.faults import UNUSABLE
 from tactile_ros.devices.clock import VirtualClock
 from tactile_ros.devices.serial_twin import AWAY_S, STALL_S, SerialTwin
 from tactile_ros.errors import DeviceTimeout
-from tactile_ros.types import Array, Bools, Frame, Layout, TaxelStatus
+from tactile_ros.types import Array, Bools, Closing, Frame, Layout, TaxelStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-    from types import TracebackType
 
     from tactile_ros.sensors import SensorSpec
     from tactile_ros.types import Device
@@ -85,7 +84,7 @@ class Trial:
     frames: int
 
 
-class Road:
+class Road(Closing):
     """A sensor's driver over its twin on a virtual clock; a context manager.
 
     Parameters
@@ -140,12 +139,7 @@ class Road:
             self._held = stack.pop_all()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """Close the driver, end the twin."""
         self._held.close()
 

@@ -7,16 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
 
+from tactile_ros.evaluation.coverage import Coverage, coverage
 from tactile_ros.truth import groups_of
 from tactile_ros.types import Array, Bools, Integers
 
 if TYPE_CHECKING:
     from tactile_ros.types import ContactStates, Recording
 
-ONE_SIGMA = 0.6826894921370859
-TOLERANCE = 0.05
 PLACE = 1e-5
 MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
 AXES = 'xyz'
@@ -110,64 +108,6 @@ class Moments:
     def std(self) -> float:
         """Sample standard deviation; NaN below two values."""
         return float(np.sqrt(self.squares / (self.count - 1))) if self.count > 1 else float('nan')
-
-
-@dataclass(frozen=True)
-class Coverage:
-    """Share of errors inside one standard deviation of their own estimate.
-
-    Attributes
-    ----------
-    share : float
-        0..1; 0.683 where covariances tell the truth; NaN without covariances.
-    low, high : float
-        What is accepted: 0.683 to within 5 points, or the 95 % binomial interval over the groups
-        where that is wider.
-    count, groups : int
-        Errors, and the groups that they come from.
-    """
-
-    share: float
-    low: float
-    high: float
-    count: int
-    groups: int
-
-    @property
-    def honest(self) -> bool:
-        """Whether the share is one that is accepted."""
-        return self.low <= self.share <= self.high
-
-
-def coverage(error: Array, variance: Array, groups: Integers) -> Coverage:
-    """Compare errors with the variances that were stated for them.
-
-    Parameters
-    ----------
-    error, variance : ndarray, shape (n,)
-        Of one component (unit, unit squared); NaN is left out.
-    groups : ndarray, shape (n,)
-        What errors have in common: place, press cycle, recording.
-
-    Returns
-    -------
-    Coverage
-        With the interval that as many independent groups allow.
-    """
-    known = np.isfinite(error) & np.isfinite(variance)
-    count = int(known.sum())
-    if not count:
-        return Coverage(float('nan'), ONE_SIGMA - TOLERANCE, ONE_SIGMA + TOLERANCE, 0, 0)
-    inside = np.abs(error[known]) <= np.sqrt(variance[known])
-    number = len(np.unique(groups[known]))
-    low, high = stats.binom.interval(0.95, number, ONE_SIGMA)
-    return Coverage(
-        float(inside.mean()),
-        min(float(low) / number, ONE_SIGMA - TOLERANCE),
-        max(float(high) / number, ONE_SIGMA + TOLERANCE),
-        count,
-        number,
-    )
 
 
 @dataclass(frozen=True)

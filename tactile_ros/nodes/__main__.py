@@ -7,7 +7,15 @@ import signal
 import sys
 from importlib import import_module
 
-EXECUTABLES = ('sensor_node', 'contact_node', 'stack', 'record', 'player')
+EXECUTABLES = (
+    'sensor_node',
+    'contact_node',
+    'grip_node',
+    'mock_hand',
+    'stack',
+    'record',
+    'player',
+)
 
 
 def main() -> None:

@@ -110,6 +110,7 @@ class ContactNode(ManagedNode):
                 self._pipeline.reset()
             return
         self._pipeline = self._spec.pipeline(config)
+        self._pipeline.warm_up()
         self.get_logger().warning(
             'no calibration was given: contacts say NOT_CALIBRATED and estimate what the nominal '
             'model knows; set the parameter calibration'

@@ -24,7 +24,7 @@ PACKAGE = 'tactile_ros'
 PORT = '/dev/ttyACM0'
 SIMULATED_PORT = 'board'
 
-Value = bool | int | float | str | list[float]
+Value = bool | int | float | str | list[float] | list[str]
 Source = Literal['hardware', 'recorded', 'simulated']
 
 
@@ -98,6 +98,12 @@ class Graph:
             if process.executable == executable:
                 return process
         raise KeyError(executable)
+
+    def name_of(self, process: Process) -> str:
+        """Executable of a process, after its namespace where several run the same."""
+        same = [other for other in self.processes if other.executable == process.executable]
+        space = process.namespace.strip('/')
+        return process.executable if len(same) < 2 else f'{space}/{process.executable}'
 
     def with_parameters(self, node: str, values: Mapping[str, Value]) -> Graph:
         """The same graph with further parameters of one node, wherever it runs.
@@ -226,10 +232,10 @@ def sensing(setting: Setting) -> Graph:
         processes += [Process('contact_node', contact), Process('sensor_node', sensor)]
     if recorded:
         processes.append(_player(setting))
-    return Graph(tuple(_placed(process, setting) for process in processes))
+    return Graph(tuple(placed(process, setting) for process in processes))
 
 
-def _placed(process: Process, setting: Setting) -> Process:
+def placed(process: Process, setting: Setting) -> Process:
     """A process with what holds for all."""
     return replace(
         process,

@@ -26,7 +26,7 @@ MOST_LINES = 2000
 
 
 class Running:
-    """Processes of a graph; a context manager that stops them.
+    """Processes of a graph, by the names that it gives them; a context manager that stops them.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Running:
         hear: Callable[[str, str], None] | None = None,
     ) -> None:
         self.graph = graph
-        self.lines: dict[str, list[str]] = {p.executable: [] for p in graph.processes}
+        self.lines: dict[str, list[str]] = {graph.name_of(p): [] for p in graph.processes}
         own = {'PYTHONUNBUFFERED': '1', STARTED_BY: str(os.getpid())}
         self._environment = {**os.environ, **own, **(environment or {})}
         self._hear = hear
@@ -88,12 +88,11 @@ class Running:
             errors='replace',
             start_new_session=True,
         )
-        self._children[process.executable] = child
-        thread = threading.Thread(
-            target=self._listen, args=(process.executable, child), daemon=True
-        )
+        name = self.graph.name_of(process)
+        self._children[name] = child
+        thread = threading.Thread(target=self._listen, args=(name, child), daemon=True)
         thread.start()
-        self._threads[process.executable] = thread
+        self._threads[name] = thread
 
     def _listen(self, name: str, child: subprocess.Popen[str]) -> None:
         """Keep and pass on what a process prints."""

@@ -19,6 +19,11 @@ Function = TypeVar('Function', bound='Callable[..., object]')
 AVAILABLE = importlib.util.find_spec('numba') is not None
 
 
+def available() -> bool:
+    """Whether loops are compiled; asked at every call, never kept."""
+    return AVAILABLE
+
+
 def compiled(function: Function) -> Function:
     """Compile a function of arrays and numbers; itself where numba is not installed.
 
@@ -37,7 +42,7 @@ def compiled(function: Function) -> Function:
     >>> compiled(lambda x: x + 1)(1)
     2
     """
-    if not AVAILABLE:
+    if not available():
         return function
     return Lazy(function)  # type: ignore[return-value]
 

@@ -22,7 +22,7 @@ from tactile_ros.types import Array, Bools
 Waves = npt.NDArray[np.complex128]
 LEAST = 1e-4  # thickness times wave number, below which a wave is even
 STEEP = 40.0  # beyond which a wave does not reach the base
-ROUNDS = 200
+ROUNDS, CLOSE = 200, 1e-7
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,37 @@ class Layer:
             found[..., 2, i] = -1j * a * plane[..., 1, 0]
         found[..., 2, 2] = plane[..., 1, 1]
         return found
+
+    def pressed(self, numbers: Array, heights: Array) -> tuple[Array, Array]:
+        """Movement that a pressure wave of amplitude one on the surface causes.
+
+        Parameters
+        ----------
+        numbers : ndarray, shape (...)
+            Wave numbers k (rad / m).
+        heights : ndarray, shape (h,)
+            Over the base, 0 to the thickness (m).
+
+        Returns
+        -------
+        across, up : ndarray, shape (..., h)
+            Amplitudes (m / Pa): the movement along k is i times `across`, that along z is `up`.
+
+        Examples
+        --------
+        A long wave squeezes a column, a short one sees a half-space:
+
+        >>> layer = Layer(4e-3, 1e5 / 2.6, 0.3)
+        >>> up = layer.pressed(np.array([1.0, 1e5]), np.array([4e-3]))[1][:, 0]
+        >>> column = 4e-3 * (1 + 0.3) * (1 - 0.6) / (0.7 * 1e5)
+        >>> bool(np.isclose(up[0], -column, rtol=1e-4))
+        True
+        >>> bool(np.isclose(up[1], -2 * (1 - 0.3**2) / (1e5 * 1e5)))
+        True
+        """
+        k = np.maximum(np.asarray(numbers, np.float64), LEAST / self.thickness)
+        moved = np.stack([self._in_plane(k, float(z))[..., 1] for z in heights], axis=-1)
+        return -moved[..., 0, :], -moved[..., 1, :]
 
     def _even(self, z: float) -> Array:
         """The same (2, 2) for a load that is the same everywhere."""
@@ -138,27 +169,42 @@ class Layer:
         Returns
         -------
         ndarray, shape (ny, nx, 3)
-            (Pa); along z only. Conjugate gradients on the squares that are covered.
+            (Pa); along z only.
         """
         sink = self.response(*_waves(covered.shape, pitch), self.thickness)[..., 2, 2].real
-
-        def sunk(pressure: Array) -> Array:
-            waves = np.fft.rfft2(pressure) * sink
-            return np.where(covered, np.fft.irfft2(waves, s=covered.shape), 0.0)
-
-        pressure = np.zeros(covered.shape)
-        left = np.where(covered, -depth, 0.0)
-        step, size = left.copy(), float((left * left).sum())
-        goal = 1e-16 * size
-        for _ in range(ROUNDS):
-            if size <= goal:
-                break
-            answer = sunk(step)
-            length = size / float((step * answer).sum())
-            pressure, left = pressure + length * step, left - length * answer
-            former, size = size, float((left * left).sum())
-            step = left + size / former * step
+        pressure = flat_pressure(sink, covered, -depth)
         return np.stack([0 * pressure, 0 * pressure, pressure], axis=-1)
+
+
+def flat_pressure(give: Array, covered: Bools, height: float) -> Array:
+    """Pressure (m, n) on the squares of a map that are covered, so that all of them move alike.
+
+    Parameters
+    ----------
+    give : ndarray, shape (m, n // 2 + 1)
+        Movement under a pressure wave of amplitude one (m / Pa), as a real transform orders them.
+    covered : ndarray of bool, shape (m, n)
+        Squares under the punch.
+    height : float
+        By which they move (m).
+
+    Notes
+    -----
+    Conjugate gradients on the squares that are covered.
+    """
+    flat = covered.astype(np.float64)
+    pressure, left = np.zeros(covered.shape), height * flat
+    step, size = left.copy(), float((left * left).sum())
+    goal = CLOSE**2 * size
+    for _ in range(ROUNDS):
+        if size <= goal:
+            break
+        answer = np.fft.irfft2(np.fft.rfft2(step) * give, s=covered.shape) * flat
+        length = size / float((step * answer).sum())
+        pressure, left = pressure + length * step, left - length * answer
+        former, size = size, float((left * left).sum())
+        step = left + size / former * step
+    return pressure
 
 
 def _waves(shape: tuple[int, ...], pitch: float) -> tuple[Array, Array]:

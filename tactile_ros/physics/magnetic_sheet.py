@@ -111,7 +111,7 @@ class Sheet:
         return places.reshape(-1, 3), moments.reshape(-1, 3)
 
     def field(self, points: Array) -> Array:
-        """Flux density at rest (T), shape (t, 3), at points (t, 3) (m)."""
+        """Flux density at rest (T), shape (..., 3), at points (..., 3) (m)."""
         return np.asarray(np.tensordot(self.strengths, self.band_fields(points), axes=1))
 
     @cached_property
@@ -132,8 +132,8 @@ class Sheet:
         ]
 
     def band_fields(self, points: Array) -> Array:
-        """Flux density at rest (1) for a remanence of one in each band, shape (b, t, 3)."""
-        found = np.zeros((len(self.strengths), len(points), 3))
+        """Flux density at rest (1) for a remanence of one in each band, shape (b, ..., 3)."""
+        found = np.zeros((len(self.strengths), *points.shape))
         for band, low, high, sign in self.bands:
             centre = np.array([0.0, (low + high) / 2, self.low + self.thickness / 2])
             edges = np.array([self.size[0], high - low, self.thickness])

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.physics.bonded_layer import layer_waves, punch_pressure, wave_numbers
+from tactile_ros.physics.bonded_layer import punch_pressure, wave_numbers
 
 if TYPE_CHECKING:
+    from tactile_ros.physics.layer_response import Layer
     from tactile_ros.physics.magnetic_sheet import Sheet
     from tactile_ros.types import Array, Outline
 
@@ -27,30 +28,26 @@ class PunchDents:
         In the layer; gives cells and heights.
     base : float
         Height of the rigid base (m).
-    thickness : float
-        Of the whole body (m).
-    youngs, poisson : float
-        Of the body (Pa, 1).
+    body : Layer
+        The whole body.
     """
 
-    def __init__(
-        self, sheet: Sheet, base: float, thickness: float, youngs: float, poisson: float
-    ) -> None:
+    def __init__(self, sheet: Sheet, base: float, body: Layer) -> None:
         self.pitch = sheet.pitch
         longest = max(len(line) for line in sheet.lines)
         self.count = EVEN * int(np.ceil(ROOM * longest / EVEN))
         self.shift = np.array([(NEAR if len(line) % 2 == 0 else 0.0) for line in sheet.lines])
-        self.body = (thickness, youngs, poisson)
+        self.body = body
         self.kx, self.ky = wave_numbers(self.count, self.pitch)
         self.waves = self._waves(sheet.levels - base)
 
     def _waves(self, heights: Array) -> Array:
         """Spectra of ux, uy, uz and of turns about x and y, shape (5, 2, kx, ky) (m / N)."""
-        thickness = self.body[0]
+        thickness = self.body.thickness
         k = np.hypot(self.kx, self.ky)
         step = STEP * thickness
         steps = np.concatenate([heights - step, heights, heights + step])
-        across, up = layer_waves(k, np.clip(steps, 0.0, thickness), *self.body)
+        across, up = self.body.pressed(k, np.clip(steps, 0.0, thickness))
         n = len(heights)
         moved = [np.moveaxis(wave, -1, 0) for wave in (across, up)]
         slope = (moved[0][2 * n :] - moved[0][:n]) / (2 * step)
@@ -64,7 +61,7 @@ class PunchDents:
 
     def loads(self, outline: Outline) -> tuple[Array, Array]:
         """Points (p, 2) (m) in the outline's frame and loads (p,) per depth (N / m)."""
-        return punch_pressure(outline.loops, *self.body)
+        return punch_pressure(outline.loops, self.body)
 
     def images(self, points: Array, loads: Array, pose: Array) -> Array:
         """Movements and turns for a unit of depth.

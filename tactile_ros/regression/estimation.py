@@ -1,4 +1,8 @@
-"""Place, force and torque from the change of readings: regressors chosen on held-out groups."""
+"""Place, force, torque and slip from the change of readings.
+
+Regressors of places and forces are chosen on held-out groups; slip is told by the patterns of
+known pulls.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.conditioning.history import History
+from tactile_ros.estimators.matched_subspace import FEWEST, MatchedSubspace
 from tactile_ros.regression.head import CLASSES as HEAD_CLASSES
 from tactile_ros.regression.head import ESTIMATORS, Head, known_columns
 
@@ -22,6 +27,7 @@ REMEMBERING = ('force', 'torque')
 TIME_CONSTANTS = (0.5, 2.0, 8.0, 32.0)
 PAST_WEIGHT = 3.0  # relaxation is a small part of the change; its share of a distance
 PLACE = 1e-5
+EVEN_ODDS = 0.5
 BLOCK = 1024  # rows whose history stays in the cache
 MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
 
@@ -46,19 +52,22 @@ class Regression:
         self.estimator = estimator
         self.heads_: tuple[Head, ...] = ()
         self.remembering_: tuple[Head, ...] = ()
+        self.slip_: MatchedSubspace | None = None
 
     @property
     def estimators(self) -> dict[str, str]:
         """Name of the estimator in use for each target."""
         heads = self._best if self.remembering_ else self.heads_
-        return {head.target: head.name for head in heads}
+        slip = {} if self.slip_ is None else {'slip': 'matched_subspace'}
+        return {**{head.target: head.name for head in heads}, **slip}
 
     @property
     def report(self) -> Report:
         """Errors on held-out groups for each target."""
         plain = {head.title: head.report_ for head in self.heads_}
         past = {f'{head.title}_with_history': head.report_ for head in self.remembering_}
-        return {**plain, **past}
+        slip = {} if self.slip_ is None else {'slip': self.slip_.report_}
+        return {**plain, **past, **slip}
 
     def start(self) -> History:
         """Fresh memory of a stream."""
@@ -95,6 +104,7 @@ class Regression:
                     head = Head(target, columns, self.estimator, now.shape[1])
                     heads['past'] += (head.fit(past[rows], told, kept, session[rows], rest[rows]),)
         self.heads_, self.remembering_ = heads['now'], heads['past']
+        self.slip_ = _slip(now, truth, groups, signals)
         vars(self).pop('_best', None)
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
@@ -133,6 +143,12 @@ class Regression:
                 rows, columns = head.cells
                 known[head.target][block, columns] = mean
                 known[f'{head.target}_cov'][block, rows, columns] = cov
+        if self.slip_ is not None:
+            probability = self.slip_.predict(now)
+            known['slip'] = np.where(np.isnan(probability), -1, probability > EVEN_ODDS).astype(
+                np.int8
+            )
+            known['slip_probability'] = probability
         return known
 
     def _in_use(self, stamped: bool) -> tuple[Head, ...]:
@@ -172,6 +188,23 @@ def _unknown(shape: tuple[int, ...]) -> Array:
     return array
 
 
+def _slip(now: Array, truth: Columns, groups: Columns, signals: Signals) -> MatchedSubspace | None:
+    """Detector of slip; None where too few sequences tell.
+
+    A sequence is a stretch of one stream and repetition with one label.
+    """
+    told = np.asarray(truth.get('slip', np.full(len(now), -1)), np.int64)
+    keys = np.column_stack([told, np.asarray(groups['group'], np.int64)])
+    begins = np.ones(len(now), bool)
+    begins[1:] = (keys[1:] != keys[:-1]).any(axis=1)
+    sequence = np.cumsum(begins if signals.begins is None else begins | signals.begins)
+    rows = signals.good & (told >= 0)
+    counts = [len(np.unique(sequence[rows & (told == label)])) for label in (0, 1)]
+    if min(counts) < FEWEST:
+        return None
+    return MatchedSubspace().fit(now[rows], told[rows], sequence[rows])
+
+
 def places_of(plane: Array) -> Integers | None:
     """Number of the place of each row, if places were touched more than once; else None."""
     _, place = np.unique(np.round(plane / PLACE), axis=0, return_inverse=True)
@@ -179,4 +212,4 @@ def places_of(plane: Array) -> Integers | None:
     return place if place.max(initial=0) + 1 <= MOST_SINGLE * len(place) else None
 
 
-CLASSES = (Regression, *HEAD_CLASSES)
+CLASSES = (Regression, MatchedSubspace, *HEAD_CLASSES)

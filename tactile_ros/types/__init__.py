@@ -14,8 +14,9 @@ from tactile_ros.types.contact import (
     ContactStates,
     field_shape,
 )
-from tactile_ros.types.contracts import Device, Estimator, Twin
+from tactile_ros.types.contracts import Closing, CommandTopic, Device, Estimator, Hand, Twin
 from tactile_ros.types.frames import Frame, Layout, Outline
+from tactile_ros.types.grip import GripCommand, JointLimits
 from tactile_ros.types.recording import TRUTH_KEYS, Recording
 from tactile_ros.types.status import FrameStatus, TaxelStatus
 
@@ -25,6 +26,8 @@ __all__ = [
     'Array',
     'Bools',
     'Bytes',
+    'Closing',
+    'CommandTopic',
     'Contact',
     'ContactState',
     'ContactStates',
@@ -32,7 +35,10 @@ __all__ = [
     'Estimator',
     'Frame',
     'FrameStatus',
+    'GripCommand',
+    'Hand',
     'Integers',
+    'JointLimits',
     'Layout',
     'Outline',
     'Recording',

@@ -149,11 +149,22 @@ def test_record_that_cannot_begin_fails(
 def test_calibrate_refuses_truth_that_nothing_learns(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / 'c.npz'
-    assert main(['calibrate', 'reskin_board', 'slip', '-o', str(out)]) == 1
+    out, few = tmp_path / 'c.npz', tmp_path / 'few.npz'
+    pulls = load_sensor('reskin_board').recordings()['slip']
+    save_recording(pulls.select(slice(0, 600)), few)  # two pulls, both of which slip
+    assert main(['calibrate', 'reskin_board', str(few), '-o', str(out)]) == 1
     said = capsys.readouterr().err
-    assert 'nothing in slip can be learned: truth has repetition, slip' in said
+    assert f'nothing in {few} can be learned: truth has repetition, slip' in said
     assert not out.exists()
+
+
+def test_calibrate_learns_slip(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / 'c.npz'
+    assert main(['calibrate', 'reskin_board', 'slip', '-o', str(out)]) == 0
+    said = capsys.readouterr().out
+    assert 'matched_subspace' in said
+    assert 'of 68 missed' in said
+    assert 'slip' in load_sensor('reskin_board').load(out).estimators
 
 
 @pytest.mark.parametrize('place', ['', 'file/below/c.npz', 'file/c.npz'])

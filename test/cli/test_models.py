@@ -17,15 +17,19 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def test_only_models_and_terms_are_told() -> None:
+def test_models_terms_and_lacks_are_told() -> None:
     report = {
         'force_xyz': {'held_out_rmse': 1.0},
         'model: 27 dipoles': {'worst_error': 1.234e-7, 'noise': 4e-6},
         'term: tilt': {'costs': 4.567, 'buys': 33.1},
+        'not told: temperature': {},
+        'not told: loads (N)': {'least': 1.5, 'most': 9.96},
     }
     assert sentences(report) == [
         'model: 27 dipoles; it errs by 1.2e-07 at most, noise is 4e-06',
         'term: tilt; estimated it widens errors 4.57 times, left out it would 33.1 times',
+        'not told: temperature',
+        'not told: loads (N); least 1.5, most 9.96',
     ]
 
 
@@ -43,6 +47,7 @@ def test_calibrate_and_replay_name_the_model(
     said = printed.err if flags else printed.out
     assert 'model: cubic table' in said
     assert 'term: uniform stray field; estimated it widens errors 1.' in said
+    assert 'not told: force beyond' in said
     if flags:
         assert {row['target'].split('_')[0] for row in json.loads(printed.out)} >= {'force'}
         assert 'model' not in printed.out

@@ -31,7 +31,7 @@ def test_a_twin_goes_through_the_real_graph(
     )
     assert main(['demo', '--sensor', sensor, '--output', str(tmp_path)]) == 0
     said = capsys.readouterr().out
-    assert 'not a model of its physics' in said
+    assert 'what it does in that world alone' in said
     assert 'replay and live contacts differ by at most 0' in said
     loaded = load(tmp_path / 'bags' / sensor).recordings[0]
     assert loaded.name == sensor

@@ -15,9 +15,17 @@ from tactile_ros.conditioning.faults import (
     usable_rows,
     without_faults,
 )
-from tactile_ros.types import Frame, FrameStatus, TaxelStatus
+from tactile_ros.types import Frame, FrameStatus, Layout, TaxelStatus
 
 LIMIT = np.array([1.0, np.inf])
+
+
+def layout(limit: object = LIMIT, unit: str = '1', channels: int = 2) -> Layout:
+    """Three taxels."""
+    names = tuple(f'c{i}' for i in range(channels))
+    return Layout(np.zeros((3, 3)), names, unit, saturation=limit)  # type: ignore[arg-type]
+
+
 READINGS = arrays.arrays(
     np.float64,
     st.tuples(st.integers(0, 4), st.just(3), st.just(2)),
@@ -41,7 +49,7 @@ def plain_bits(values: np.ndarray, status: np.ndarray | None) -> np.ndarray:
 def test_bits_are_those_of_the_definition(values: np.ndarray, told: bool, seed: int) -> None:
     rng = np.random.default_rng(seed)
     status = rng.choice([0, 0, 1, 2, 16], values.shape[:2]).astype(np.uint8) if told else None
-    bits = taxel_faults(values, status, LIMIT)
+    bits = taxel_faults(values, status, layout())
     np.testing.assert_array_equal(bits, plain_bits(values, status))
     assert bits.dtype == np.uint8
     usable = without_faults(values, bits)
@@ -53,7 +61,24 @@ def test_bits_are_those_of_the_definition(values: np.ndarray, told: bool, seed: 
 
 @pytest.mark.parametrize('limit', [np.array([np.inf] * 2), np.array([np.nan] * 2)])
 def test_no_limit_never_clips(limit: np.ndarray) -> None:
-    assert not taxel_faults(np.full((1, 2, 2), 1e300), None, limit).any()
+    assert not taxel_faults(np.full((1, 2, 2), 1e300), None, layout(limit)).any()
+
+
+def test_a_chip_whose_field_is_exactly_0_on_all_axes_is_dead() -> None:
+    values = np.full((4, 3, 2), 1e-6)
+    values[1, 2] = values[2, :2] = 0.0
+    values[3] = 0.0  # nobody's readings, or a model at rest: of no one chip
+    values[0, 0, 0] = 0.0  # one axis may be there by chance
+    bits = taxel_faults(values, None, layout(unit='T'))
+    dead = int(TaxelStatus.DEAD)
+    assert bits.tolist() == [[0, 0, 0], [0, 0, dead], [dead, dead, 0], [0, 0, 0]]
+    stale = np.ones(bits.shape, np.uint8)
+    told = taxel_faults(values, stale, layout(unit='T'))
+    np.testing.assert_array_equal(told, bits | stale)
+    # a fraction of an ADC's range, or a chip of one axis, may well be 0
+    assert not taxel_faults(values, None, layout()).any()
+    single = taxel_faults(values[..., :1], None, layout(np.inf, 'T', 1))
+    assert not single.any()
 
 
 @pytest.mark.parametrize(
@@ -76,7 +101,7 @@ def test_bits_of_taxels_become_bits_of_the_frame(bits: list[int], flags: int) ->
 
 def test_a_frame_is_a_batch_of_one() -> None:
     frame = Frame(0, 0, np.array([[0.0, 0], [2, 0], [0, 0]]), np.zeros(3), np.array([0, 0, 8]))
-    values, bits, chips = frame_readings(frame, LIMIT)
+    values, bits, chips = frame_readings(frame, layout())
     assert bits.tolist() == [[0, TaxelStatus.SATURATED, TaxelStatus.ERROR]]
     assert np.isnan(values[0]).all(axis=1).tolist() == [False, True, True]
     assert chips is not None
@@ -85,7 +110,7 @@ def test_a_frame_is_a_batch_of_one() -> None:
 
 def test_bits_of_a_frame_do_not_follow_its_array() -> None:
     status = np.zeros(3, np.uint8)
-    _, bits, _ = frame_readings(Frame(0, 0, np.zeros((3, 2)), status=status), LIMIT)
+    _, bits, _ = frame_readings(Frame(0, 0, np.zeros((3, 2)), status=status), layout())
     status[:] = 8
     assert not bits.any()
 
@@ -94,4 +119,4 @@ def test_bits_of_a_frame_do_not_follow_its_array() -> None:
 def test_columns_of_a_frame_are_one_per_taxel(name: str) -> None:
     frame = Frame(0, 0, np.zeros((3, 2)), **{name: np.zeros(1)})
     with pytest.raises(ValueError, match=rf'{name} of Frame must have shape \(3,\)'):
-        frame_readings(frame, LIMIT)
+        frame_readings(frame, layout())

@@ -92,6 +92,19 @@ def test_contact_is_told_only_where_it_can_be() -> None:
     assert blind.contact(delta, good, None).tolist() == [-1] * 6
 
 
+@pytest.mark.parametrize('noise', [0.1, None])
+def test_a_row_alone_is_told_as_among_others(noise: float | None) -> None:
+    rng = np.random.default_rng(11)
+    delta = rng.choice([0.0, 0.3, 0.5, 0.6, -0.6, np.nan], (200, *SHAPE), p=[0.4, *[0.12] * 5])
+    good = rng.random(200) < 0.8
+    rest = Rest.unknown(SHAPE, noise)
+    many = rest.contact(delta, good, None)
+    alone = [rest.contact(delta[[i]], good[[i]], None) for i in range(200)]
+    np.testing.assert_array_equal(np.concatenate(alone), many)
+    assert {one.dtype for one in alone} == {many.dtype}
+    assert set(many.tolist()) == ({-1, 0, 1} if noise else {-1})
+
+
 def test_no_touches_leave_the_noise_to_decide() -> None:
     rest = Rest.unknown(SHAPE, 0.1)
     np.testing.assert_array_equal(rest.threshold(np.zeros((0, *SHAPE))).scale, rest.scale)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.conditioning.viscoelastic import Creep, step_response, strains, voigt_strain
+from tactile_ros.physics import compiled
 
 TAU, SHARE = np.array([1.5, 30.0]), np.array([[0.08], [0.066]])
 CREEP = Creep(TAU, SHARE)
@@ -86,3 +87,17 @@ def test_hard_case_13_after_a_hold_of_two_minutes_nothing_is_left() -> None:
     assert v[6050, 0] > 0.1
     found = CREEP.undo(v, stamps, np.zeros(6500, bool), CREEP.start())
     np.testing.assert_allclose(found[6001:], 0.0, atol=1e-9)
+
+
+@pytest.mark.skipif(not compiled.available(), reason='numba is not installed')
+def test_loops_and_arrays_undo_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(6)
+    v = rng.uniform(0, 3, (300, 1))
+    v[rng.integers(300, size=20)] = np.nan
+    stamps = np.cumsum(rng.integers(-3_000_000, 90_000_000, 300))
+    restart = rng.random(300) < 0.02
+    looped = CREEP.undo(v, stamps, restart, CREEP.start())
+    monkeypatch.setattr(compiled, 'AVAILABLE', False)
+    np.testing.assert_allclose(
+        CREEP.undo(v, stamps, restart, CREEP.start()), looped, rtol=1e-12, atol=1e-13
+    )

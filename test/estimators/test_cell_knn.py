@@ -11,9 +11,16 @@ from tactile_ros.errors import NotCalibratedError
 from tactile_ros.estimators.cell_knn import CellKnn
 
 
-def slow_vote(samples: np.ndarray, cells: np.ndarray, x: np.ndarray, count: int) -> int:
+def slow_distance(a: np.ndarray, b: np.ndarray, power: float) -> float:
+    sizes = np.abs(a - b)
+    return float(sizes.max() if np.isinf(power) else (sizes**power).sum() ** (1 / power))
+
+
+def slow_vote(
+    samples: np.ndarray, cells: np.ndarray, x: np.ndarray, count: int, power: float
+) -> int:
     """Every distance, sorted; then votes, distances and numbers, one after the other."""
-    far = [round(float(np.sqrt(((row - x) ** 2).sum())), 12) for row in samples]
+    far = [round(slow_distance(row, x, power), 12) for row in samples]
     near = sorted(zip(far, cells.tolist(), strict=True))[:count]
     votes = Counter(cell for _, cell in near)
     reach = {cell: sum(d for d, c in near if c == cell) for cell in votes}
@@ -21,16 +28,17 @@ def slow_vote(samples: np.ndarray, cells: np.ndarray, x: np.ndarray, count: int)
 
 
 @pytest.mark.parametrize('count', [1, 2, 5, 10])
-def test_it_is_the_slow_vote(count: int) -> None:
+@pytest.mark.parametrize('power', [1.0, 2.0, 3.0, np.inf])
+def test_it_is_the_slow_vote(count: int, power: float) -> None:
     rng = np.random.default_rng(count)
     samples = rng.integers(-3, 4, (300, 3)).astype(float)  # many at one distance
     cells = rng.integers(0, 5, 300)
     x = rng.integers(-3, 4, (120, 3)) + 0.5 * rng.integers(0, 2, (120, 3))
-    knn = CellKnn(count).fit(samples, cells)
+    knn = CellKnn(count, power).fit(samples, cells)
     said = knn.predict(x)
-    assert said.tolist() == [slow_vote(samples, cells, row, count) for row in x]
+    assert said.tolist() == [slow_vote(samples, cells, row, count, power) for row in x]
     order = rng.permutation(300)
-    again = CellKnn(count).fit(samples[order], cells[order])
+    again = CellKnn(count, power).fit(samples[order], cells[order])
     np.testing.assert_array_equal(again.predict(x), said)
     np.testing.assert_array_equal([knn.predict(x[i : i + 1])[0] for i in range(120)], said)
 
@@ -50,6 +58,16 @@ def test_distances_of_large_fields_do_not_cancel() -> None:
     cells = (samples[:, 0] > 40e-3).astype(int)
     said = CellKnn(1).fit(samples, cells).predict(samples + 1e-9)
     np.testing.assert_array_equal(said, cells)
+
+
+def test_distances_differ_and_one_that_is_none_is_refused() -> None:
+    samples, cells = np.array([[0.9, 0.9], [1.2, 0.0]]), np.array([1, 2])
+    said = [CellKnn(1, power).fit(samples, cells).predict(np.zeros((1, 2)))[0]
+            for power in (1.0, 2.0, np.inf)]  # fmt: skip
+    assert said == [2, 2, 1]
+    for power in (0.5, np.nan):
+        with pytest.raises(ValueError, match='power of CellKnn must be 1 or more'):
+            CellKnn(1, power)
 
 
 def test_fewer_samples_than_neighbours_and_none() -> None:

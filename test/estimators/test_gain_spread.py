@@ -66,6 +66,21 @@ def test_a_share_of_the_variance_is_a_share_of_the_covariance() -> None:
     np.testing.assert_allclose(part, share[:, None, None] * whole)
 
 
+@pytest.mark.parametrize('shared', [True, False])
+def test_a_row_or_a_component_alone_has_the_same_bits(shared: bool) -> None:
+    said, told, runs = unseen_runs(3, sigma=0.03, seed=6)
+    spread = GainSpread().fit(said, told, runs)
+    share = np.linspace(0.0, 1.0, len(said)) if shared else None
+    many = spread.covariance(said, share)
+    for i in (0, 70, 149):
+        row = spread.covariance(said[[i]], None if share is None else share[[i]])
+        np.testing.assert_array_equal(row[0], many[i])
+    for k in range(3):
+        one = spread.covariance(said[:, [k]], share)
+        assert one.shape == (len(said), 1, 1)
+        np.testing.assert_array_equal(one[:, 0, 0], many[:, k, k])
+
+
 def test_rows_that_are_not_known_are_left_out() -> None:
     said, told, runs = unseen_runs(5, sigma=0.03, seed=5)
     full = GainSpread().fit(said, told, runs)

@@ -56,6 +56,17 @@ def test_a_channel_without_signal_is_not_raised() -> None:
     assert np.abs(moved).max() < 0.05
 
 
+def test_a_row_alone_is_the_row_among_others_to_rounding() -> None:
+    x, y, groups = presses(300, seed=7)
+    model = KernelRidge().fit(x, y, groups)
+    many = model.predict(x)  # in two blocks
+    alone = np.concatenate([model.predict(row) for row in x[:, None]])
+    # products of many rows are summed in another order; weights far above 1 cancel in the answer
+    scale = np.abs(model.bumps_).sum(axis=0).max()
+    assert scale > np.abs(many).max()
+    np.testing.assert_allclose(alone, many, rtol=0, atol=1e-14 * scale)
+
+
 def test_equal_rows_need_no_more_samples() -> None:
     model = KernelRidge().fit(np.ones((30, 3)), np.arange(30.0)[:, None], np.arange(30) % 5)
     assert model.samples_.shape == (1, 3)

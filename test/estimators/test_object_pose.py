@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -15,6 +13,7 @@ import pytest
 from tactile_ros.estimators.coverage_model import TaxelPoints, variant_of
 from tactile_ros.estimators.object_pose import ObjectPose
 from tactile_ros.estimators.place_table import PlaceTable
+from tactile_ros.evaluation.sources import load_source
 from tactile_ros.types import Outline
 
 if TYPE_CHECKING:
@@ -25,13 +24,7 @@ PATH = Path(__file__).parents[1] / 'reference' / 'taxel_world.py'
 
 @lru_cache
 def world() -> ModuleType:
-    spec = importlib.util.spec_from_file_location('taxel_world', PATH)
-    assert spec
-    assert spec.loader
-    module = importlib.util.module_from_spec(spec)
-    sys.modules['taxel_world'] = module
-    spec.loader.exec_module(module)
-    return module
+    return load_source(PATH, 'a test')
 
 
 def own_frame(

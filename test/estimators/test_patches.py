@@ -7,7 +7,8 @@ from time import perf_counter_ns
 import numpy as np
 import pytest
 
-from tactile_ros.estimators.patches import PatchFinder, connected, neighbours
+from tactile_ros.estimators.neighbours import connected, neighbours
+from tactile_ros.estimators.patches import PatchFinder
 from tactile_ros.sensors.taxel_array.config import grid_positions, radial_positions
 
 RINGS = np.vstack([radial_positions(24, r, r + 5e-3) for r in (5e-3, 10e-3, 15e-3)])

@@ -14,7 +14,7 @@ def fields(rows: int, seed: int = 0) -> np.ndarray:
     return 1e-2 * np.random.default_rng(seed).normal(size=(rows, 8))
 
 
-def test_features_are_91_of_rank_61_beside_the_constant() -> None:
+def test_case_1_features_are_91_of_rank_61_beside_the_constant() -> None:
     raw = products(gradient_field(fields(600)) / 1e-2)
     assert raw.shape[1] == 91
     assert np.linalg.matrix_rank(raw[:, 1:] - raw[:, 1:].mean(axis=0), tol=1e-6) == 61
@@ -28,7 +28,7 @@ def test_a_common_field_changes_nothing(common: float) -> None:
     assert np.allclose(moved, chain.predict(x), atol=1e-9)
 
 
-def test_weights_stay_small_although_features_are_dependent() -> None:
+def test_case_1_weights_stay_small_although_features_are_dependent() -> None:
     x = fields(400)
     y = 100 * (x[:, :1] - x[:, 2:3]) + 0.01 * np.random.default_rng(1).normal(size=(400, 1))
     assert np.abs(PolynomialForce().fit(x, y).weights_).max() < 10

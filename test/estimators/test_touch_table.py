@@ -23,6 +23,7 @@ def test_equal_distances_have_equal_weights() -> None:
     blame = table.blame(np.array([[0.0]]))
     np.testing.assert_allclose(blame.weight, 0.25)
     np.testing.assert_allclose(blame.shares(np.array([0, 1, 0, 1]), 2), [[0.5, 0.5]])
+    assert blame.shares(np.full(4, -1), 0).shape == (1, 0)
 
 
 def test_it_interpolates_and_its_spread_holds_the_error() -> None:

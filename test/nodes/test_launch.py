@@ -11,8 +11,11 @@ from types import ModuleType
 import pytest
 import yaml
 
+from tactile_ros.control import GripConfig
 from tactile_ros.nodes.contact_node import ContactOptions
 from tactile_ros.nodes.graph import Setting
+from tactile_ros.nodes.grasp_graph import Grasping
+from tactile_ros.nodes.grip_node import GripOptions
 from tactile_ros.nodes.parameters import Schema
 from tactile_ros.nodes.sensor_node import SensorOptions
 from tactile_ros.sensors import list_sensors, load_sensor
@@ -190,6 +193,32 @@ def test_replay_plays_what_the_sensor_said() -> None:
     words = [part.text for word in player.cmd for part in word]
     assert words[-3:] == ['--topics', '/thumb/frame', '/thumb/layout']
     assert '--clock' in words
+
+
+def test_a_hand_is_one_argument() -> None:
+    module = module_of('grasp.launch.py')
+    found = actions(module, hand='qb_softhand', mock_hand='true', source='simulated')
+    names = [action.node_executable for action in found]
+    assert names == ['mock_hand', 'grip_node', *['contact_node', 'sensor_node'] * 3]
+    if isinstance(found[0], Record):
+        spaces = [action.named['namespace'] for action in found]
+        assert spaces == ['', '', 'thumb', 'thumb', 'index', 'index', 'middle', 'middle']
+        assert found[1].named['parameters'] == [{'hand': 'qb_softhand'}]
+
+
+def test_every_choice_of_a_hand_is_a_described_argument() -> None:
+    declared = module_of('grasp.launch.py').generate_launch_description().get_launch_arguments()
+    assert {field.name for field in fields(Grasping)} | {'log_level'} == {a.name for a in declared}
+    assert all(len(argument.description) > 5 for argument in declared)
+
+
+def test_the_parameter_file_of_a_grip_is_accepted() -> None:
+    document = yaml.safe_load((ROOT / 'config' / 'grip.yaml').read_text())
+    content = document['/**/grip_node']['ros__parameters']
+    schemas = [Schema(GripOptions()), Schema(GripConfig())]
+    for name, value in content.items():
+        next(schema for schema in schemas if name in schema.entries).build({name: value})
+    assert len(document) == 1
 
 
 @pytest.mark.parametrize('sensor', list_sensors())

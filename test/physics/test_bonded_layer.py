@@ -7,8 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tactile_ros.physics.bonded_layer import layer_waves, punch_pressure
+from tactile_ros.physics.bonded_layer import punch_pressure
 from tactile_ros.physics.dipoles import dipole_field
+from tactile_ros.physics.layer_response import Layer
 from tactile_ros.physics.magnetic_sheet import (
     Sheet,
     inverse_distance_series,
@@ -18,7 +19,12 @@ from tactile_ros.physics.magnetic_sheet import (
 from tactile_ros.physics.punch_dents import PunchDents
 from test.reference import multipole_world as world
 
-BODY = (4e-3, 69e3, 0.49)
+
+def body(poisson: float = 0.49) -> Layer:
+    return Layer(4e-3, 69e3 / (2 * (1 + poisson)), poisson)
+
+
+BODY = body()
 SQUARE = 5e-3 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
 
 
@@ -28,7 +34,7 @@ def sheet(kind: str = 'M4') -> Sheet:
 
 def test_a_layer_holds_to_its_base() -> None:
     k = np.geomspace(10, 1e5, 30)
-    across, up = layer_waves(k, np.array([0.0]), *BODY)
+    across, up = BODY.pressed(k, np.array([0.0]))
     assert np.abs(across).max() < 1e-18
     assert np.abs(up).max() < 1e-18
 
@@ -42,7 +48,7 @@ def test_waves_agree_with_finite_elements(poisson: float) -> None:
     waves = world.body_waves(4e-3, 69e3, poisson, 2e-3)
     k = 2 * np.pi * np.abs(np.fft.fftfreq(world.SIDE, world.GRID))[1:40]
     heights = 2e-3 + 2e-3 * world.LEVELS
-    across, up = layer_waves(k, np.append(heights, 4e-3), 4e-3, 69e3, poisson)
+    across, up = body(poisson).pressed(k, np.append(heights, 4e-3))
     for level in range(3):
         # along x alone: movement is i times `across`
         close(waves[level, 1:40, 0].imag, across[:, level])
@@ -52,7 +58,7 @@ def test_waves_agree_with_finite_elements(poisson: float) -> None:
 
 def test_the_squeeze_moves_more_than_the_dent() -> None:
     # half-spaces and springs have the wrong sign here; 0.75 mm for each mm at the edge
-    dents = PunchDents(sheet(), 0.0, *BODY)
+    dents = PunchDents(sheet(), 0.0, BODY)
     images = dents.images(*dents.loads(world.box('', 10e-3, 10e-3)), np.zeros(3))
     n = dents.count
     line = (np.arange(n) + 0.5 - n * (np.arange(n) >= n // 2)) * dents.pitch
@@ -64,17 +70,17 @@ def test_the_squeeze_moves_more_than_the_dent() -> None:
 
 
 def test_a_punch_is_flat_and_heavier_at_its_rim() -> None:
-    points, loads = punch_pressure((SQUARE,), *BODY)
+    points, loads = punch_pressure((SQUARE,), BODY)
     assert loads.min() > 0
     rim = np.abs(points).max(axis=1) > 4.6e-3
     assert loads[rim].mean() > loads[~rim].mean()
-    smaller = punch_pressure((0.5 * SQUARE,), *BODY)[1].sum()
+    smaller = punch_pressure((0.5 * SQUARE,), BODY)[1].sum()
     assert loads.sum() > 4 * smaller  # a bonded layer stiffens with the area
 
 
 def test_an_outline_without_area_is_refused() -> None:
     with pytest.raises(ValueError, match='must cover an area'):
-        punch_pressure((np.outer([0.0, 1e-3, 2e-3], [1.0, 0.0]),), *BODY)
+        punch_pressure((np.outer([0.0, 1e-3, 2e-3], [1.0, 0.0]),), BODY)
 
 
 def test_series_of_a_moved_dipole_converge() -> None:
@@ -104,7 +110,7 @@ def test_resting_fields_are_those_of_a_sum_of_dipoles(kind: str) -> None:
 
 def test_a_dented_sheet_changes_as_its_dipoles_say() -> None:
     one, chips = sheet(), world.SENSOR.config().positions
-    dents = PunchDents(one, 0.0, *BODY)
+    dents = PunchDents(one, 0.0, BODY)
     images = dents.images(*dents.loads(world.box('', 10e-3, 8e-3)), np.array([3e-3, 1e-3, 0.4]))
     flat = dents.on_sheet(one, images)
     moved = 0.5e-3 * flat[:3].T

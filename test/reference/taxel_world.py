@@ -15,6 +15,7 @@ from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Outline, Recording
 
 CELL = 1e-4
+ASKEW = 0.11  # turn of rings (rad): no edge of a sector runs along rows or diagonals of cells
 SPEC = load_sensor('taxel_array')
 
 
@@ -49,14 +50,14 @@ def raster(reach: float) -> tuple[np.ndarray, np.ndarray]:
 def radial(rings: tuple[float, ...], counts: tuple[int, ...]) -> Array:
     """Rings of sectors; `rings` are the radii between them."""
     x, y = raster(rings[-1] + 1e-3)
-    radius, angle = np.hypot(x, y), np.mod(np.arctan2(y, x), 2 * np.pi)
+    radius, angle = np.hypot(x, y), np.mod(np.arctan2(y, x) - ASKEW, 2 * np.pi)
     owner, first = np.full(len(x), -1), 0
     outlines, centres, areas = [], [], []
     for low, high, count in zip(rings[:-1], rings[1:], counts, strict=True):
         there = (radius >= low) & (radius < high)
         owner[there] = first + np.floor(angle[there] * count / (2 * np.pi)).astype(int)
         for i in range(count):
-            turn = 2 * np.pi * (i + np.linspace(0, 1, 17)) / count
+            turn = ASKEW + 2 * np.pi * (i + np.linspace(0, 1, 17)) / count
             arc = np.column_stack([np.cos(turn), np.sin(turn)])
             outlines.append(
                 Outline(f't{first + i}', (np.concatenate([high * arc, low * arc[::-1]]),))
@@ -99,13 +100,20 @@ def on_washer(x: np.ndarray, y: np.ndarray, outer: float, inner: float) -> np.nd
 
 
 def on_polygon(x: np.ndarray, y: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """1 where the winding number of a polygon is not 0."""
-    winding = np.zeros(len(x), int)
+    """Part of each cell inside a polygon: by the winding number, and at edges by their distance.
+
+    Cells that are in or out as a whole would move an edge by hundredths of a taxel.
+    """
+    winding, away = np.zeros(len(x), int), np.full(len(x), np.inf)
     for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         left = (x1 - x0) * (y - y0) - (x - x0) * (y1 - y0)
         winding += ((y0 <= y) & (y1 > y) & (left > 0)).astype(int)
         winding -= ((y0 > y) & (y1 <= y) & (left < 0)).astype(int)
-    return (winding != 0).astype(float)
+        squared = (x1 - x0) ** 2 + (y1 - y0) ** 2
+        along = np.clip(((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / squared, 0, 1)
+        gap = np.hypot(x - x0 - along * (x1 - x0), y - y0 - along * (y1 - y0))
+        away = np.minimum(away, gap)
+    return np.clip(0.5 + np.where(winding != 0, away, -away) / CELL, 0.0, 1.0)
 
 
 def on_tube(

@@ -1,7 +1,14 @@
 """Hard cases of fields: what a plain way does, and what is right.
 
-Case 4 (near fields, edges, cancellation) is in test/physics (test_magnetics, test_fidelity), case
-15 (temperatures outside of a fit) in test_temperature there.
+Cases of fields, of the gradiometer and of the magnet pad that are elsewhere in test/:
+
+1 (rank of the chain's features): estimators/test_polynomial_force
+3 (clipped pixels): sensors/test_gradiometer
+4 (near fields, edges, cancellation): physics/test_magnetics, physics/test_fidelity
+4, 8, 18, 19 (for the pad): sensors/test_pad_inversion
+7 (ties and distances of neighbours): estimators/test_cell_knn
+15 (temperatures outside of a fit): physics/test_temperature, sensors/test_gradiometer
+17 (the order of removing means): sensors/test_gradiometer
 """
 
 from __future__ import annotations

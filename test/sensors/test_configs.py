@@ -64,7 +64,7 @@ FIELDS = {  # of the public face, beside the common ones
     },
     'five_wire_skin': {
         'size', 'touch_size', 'sheet_resistance', 'border_ratio', 'supply_voltage',
-        'reference_resistance',
+        'reference_resistance', 'third_excitation',
     },
 }  # fmt: skip
 

@@ -545,6 +545,15 @@ def test_partial_truth(toy: Toy, known: str) -> None:
         np.testing.assert_allclose(one.baseline, toy.rest, atol=3 * toy.noise)
 
 
+def test_independent_frames_of_which_half_tell_one_quantity(toy: Toy) -> None:
+    frames = toy.independent()
+    for name, column in frames.truth.items():
+        half = column.copy()
+        half[::2] = -1 if column.dtype.kind == 'i' else np.nan
+        some = dataclasses.replace(frames, truth={name: half}, tare=None, stamp_ns=None)
+        toy.pipeline().fit(some).process_batch(some).refuse_misfit(toy.layout.shape[0])
+
+
 def test_recordings_of_many_kinds_are_learned_together(toy: Toy) -> None:
     kinds = [
         toy.streams(4, seed=20),

@@ -9,17 +9,20 @@ from types import SimpleNamespace
 import magpylib
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tactile_ros.physics.disc_models import exact_disc, table_disc_model
 from tactile_ros.physics.disc_table import reach_under
 from tactile_ros.physics.fidelity import SHARE, rate
 from tactile_ros.physics.magnet_blocks import EXACT
+from tactile_ros.presses import Touches
 from tactile_ros.sensors.gradiometer import fidelity as gradiometer
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
 from tactile_ros.sensors.magnet_pad import fidelity as pad
 from tactile_ros.sensors.magnet_pad import scene
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.sensors.magnet_pad.estimation import Localisation
+from tactile_ros.sensors.magnet_pad.nominal import NOISE, movement
 from tactile_ros.sensors.multipole_skin import fidelity as skin
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
 
@@ -155,17 +158,41 @@ def test_the_twin_of_the_pad_reads_as_its_blocks_do() -> None:
     module = import_module('tactile_ros.sensors.magnet_pad.signal')
     recording = module.presses(PAD, 3, 15, noise=0.0)
     row = int(np.linalg.norm(recording.truth['force'], axis=1).argmax())
-    away = PAD.magnet_positions - recording.truth['position'][row]
-    share = np.exp(-0.5 * (away**2).sum(axis=1) / (0.6 * PAD.radius) ** 2)[:, None]
-    moved = -share * recording.truth['force'][row] / (2.4 * PAD.shear_modulus * PAD.radius)
-    field = sum(
-        magpylib.magnet.Cuboid(
-            dimension=PAD.magnet_size, polarization=(0, 0, PAD.remanence), position=place
-        ).getB(PAD.positions)
-        for place in PAD.magnet_positions + moved
-    )
+    touch = scene.by_tip(PAD, *(recording.truth[k][[row]] for k in ('position', 'force')))
+    moved, turned = (one[0] for one in movement(PAD, touch))
+    exact = [
+        sum(
+            magpylib.magnet.Cuboid(
+                dimension=PAD.magnet_size,
+                polarization=(0, 0, PAD.remanence),
+                position=place,
+                orientation=Rotation.from_rotvec(turn),
+            ).getB(PAD.positions)
+            for place, turn in zip(PAD.magnet_positions + shift, turns, strict=True)
+        )
+        for shift, turns in ((moved, turned), (0 * moved, 0 * turned))
+    ]
     assert np.abs(moved).max() > 2e-4
-    assert np.abs(recording.values[row] - field).max() < module.NOISE / 3
+    assert np.abs(turned).max() > 0.02
+    # a model of blocks is chosen for changes since rest
+    change = recording.values[row] - recording.values[0]
+    assert np.abs(change - (exact[0] - exact[1])).max() < NOISE / 3
+
+
+def test_the_body_of_the_pads_twin_is_linear_in_the_load() -> None:
+    module = import_module('tactile_ros.sensors.magnet_pad.signal')
+    place, force = np.array([[7e-3, 0.0, 10e-3]]), np.array([[0.0, 0.0, 8.0]])
+    press = np.array([0])
+    half = Touches(press, place, 0.5 * force, np.array([0.5]))
+    moved, turned = module.carried(PAD, half)
+    whole = movement(PAD, scene.by_tip(PAD, place, force))
+    np.testing.assert_allclose(2 * moved, whole[0], rtol=1e-12)
+    np.testing.assert_allclose(2 * turned, whole[1], rtol=1e-12)
+    places, share = np.vstack([place, place, place * np.nan]), np.array([1.0, 0.1, 0.0])
+    three = Touches(np.array([0, 0, -1]), places, share[:, None] * force, share)
+    moved, _ = module.carried(PAD, three)
+    np.testing.assert_allclose(moved[1], 0.1 * moved[0], rtol=1e-12)
+    assert not moved[2].any()
 
 
 def test_terms_of_the_pad_pay() -> None:

@@ -10,9 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactile_ros.evaluation.coverage import WITHIN, Coverage, coverage_by_thirds
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import Recording
+from tactile_ros.sensors.magnet_pad.nominal_pad import NominalPad
+from tactile_ros.sensors.magnet_pad.untold import KIND, LEANS
+from tactile_ros.types import ContactStates, Recording
 
 pytest.importorskip('magpylib')
 FILE = Path(__file__).parents[1] / 'reference' / 'magnet_pad_world.py'
@@ -21,6 +24,7 @@ reference = importlib.util.module_from_spec(FOUND)
 FOUND.loader.exec_module(reference)
 SPEC = load_sensor('magnet_pad')
 CONFIG = SPEC.config()
+LAYOUT = SPEC.layout(CONFIG)
 GRID, REST = (5, 3), 60
 TABLE = 'table_gauss_newton'
 
@@ -86,16 +90,76 @@ def test_places_are_as_good_as_noise_allows() -> None:
     assert np.median(force) < 0.05 * np.median(np.linalg.norm(touches.force, axis=1))
 
 
-def test_stated_errors_are_the_errors() -> None:
-    touches, fresh = record(4, 600)
-    states = known().process_batch(fresh)
+def parts_of(states: ContactStates, touches: object) -> list[tuple[str, Coverage]]:
+    """Coverage of every component that varies, overall and within thirds of its sigma."""
+    found, groups = [], np.arange(len(touches.place))
     for name, true in (('position', touches.place), ('force', touches.force)):
-        error = np.abs(getattr(states, name)[REST:] - true)
-        cov = getattr(states, f'{name}_cov')[REST:]
-        sigma = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
-        for sigmas, aimed in ((1, 0.683), (2, 0.954)):
-            inside = (error <= sigmas * sigma)[:, np.ptp(true, axis=0) > 0]
-            np.testing.assert_allclose(inside.mean(axis=0), aimed, atol=0.07)
+        error = getattr(states, name)[REST:] - true
+        variance = np.diagonal(getattr(states, f'{name}_cov'), axis1=1, axis2=2)[REST:]
+        for k in np.flatnonzero(np.ptp(true, axis=0)):
+            parts = coverage_by_thirds(error[:, k], variance[:, k], groups)
+            found += [(f'{name} {k} {part} {n}', one) for (part, n), one in parts.items()]
+    return found
+
+
+def test_stated_errors_are_the_errors_in_every_third_of_them() -> None:
+    """Of two pads of other bodies, each judged on touches that its fit has not seen."""
+    bodies = ({}, {'poisson': 0.4, 'stiffening': 30.0, 'base': 0.4, 'gains': 0.02})
+    taught, shares = 500, []
+    for seed, body in enumerate(bodies):
+        pad = reference.PadWorld(CONFIG, seed=3 + seed, **body)
+        counts = (taught, 1500)
+        sets = [reference.Touches.in_cells(CONFIG, GRID, n, 1.0, 2 * seed + n) for n in counts]
+        train, fresh = (pad.record(t, 50 + i, layout=LAYOUT) for i, t in enumerate(sets))
+        states = SPEC.pipeline(estimator=TABLE).fit(train).process_batch(fresh)
+        shares.append(parts_of(states, sets[1]))
+    for (name, one), (_, other) in zip(*shares, strict=True):
+        aimed = WITHIN[int(name[-1])]
+        # as many groups as a fit has for a third, or for all
+        groups = taught if 'overall' in name else taught / 3
+        room = max(0.05, 1.96 * np.sqrt(aimed * (1 - aimed) / groups))
+        assert abs(0.5 * (one.share + other.share) - aimed) < room, name
+
+
+def test_forces_that_never_leaned_are_not_said_to_be_sure() -> None:
+    _, fresh = record(2, 100)
+    states = known().process_batch(fresh)
+    load = np.linalg.norm(states.force[REST:], axis=1)
+    sigma = np.sqrt(states.force_cov[REST:, 0, 0])
+    np.testing.assert_allclose(sigma / load, LEANS, rtol=0.05)
+    assert f'{KIND}forces along the surface' in known().report
+    assert (states.force_cov[:REST, 0, 0] < sigma.min() ** 2).all()
+    leaning = SPEC.pipeline(estimator=TABLE).fit(record(8, 300, cone=0.78)[1])
+    assert f'{KIND}forces along the surface' not in leaning.report
+
+
+def test_what_a_recording_leaves_open_is_told() -> None:
+    _, half = record(16, 120)
+    west = half.tare | (half.truth['position'][:, 0] < 0)
+    report = SPEC.pipeline(estimator=TABLE).fit(half.select(west)).report
+    assert report[f'{KIND}places half a radius from the next touch']['share of the pad'] > 0.3
+    loads = report[f'{KIND}loads beyond those recorded (N)']
+    assert 1.5 <= loads['least'] < 2.5
+    assert 9.0 < loads['most'] <= 10.0
+
+
+def test_untrained_sigmas_hold_over_pads_that_differ() -> None:
+    """Of specimens of the nominal body and of two others, about whom nothing is told."""
+    pad, bodies = NominalPad(CONFIG), ({'poisson': 0.5, 'base': 1e-6}, {}, {'poisson': 0.42})
+    inside = []
+    for seed in range(6):
+        touches = reference.Touches.in_cells(CONFIG, GRID, 150, 1.0, 60 + seed)
+        body = reference.PadWorld(CONFIG, seed=seed, **bodies[seed % 3])
+        readings = body.change(touches, 3e-3).reshape(150, -1)
+        known = pad.estimate(readings + 4e-6 * np.random.default_rng(seed).normal(size=(150, 6)),
+                             np.zeros(150, bool))  # fmt: skip
+        for name, true in (('position', touches.place), ('force', touches.force)):
+            sigma = np.sqrt(np.diagonal(known[f'{name}_cov'], axis1=1, axis2=2))
+            away = np.abs(known[name] - true) / sigma
+            inside.append([(away[:, 1:] < k).mean(axis=0) for k in (1, 2)])
+    one, two = np.array(inside).mean(axis=0)
+    assert (one > 0.6).all()
+    assert (two > 0.9).all()
 
 
 def test_live_is_batch_bit_for_bit() -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from tactile_ros.types import Array, Layout
 from tactile_ros.types.fields import admit, array, each_channel, maybe_array, number, switch
 
-CHANNELS = ('u_AC', 'u_BD', 'divider')
+CHANNELS = ('u_AC', 'u_BD', 'divider', 'u_third')
 SIZE = 100e-3
 
 
@@ -39,13 +39,14 @@ class FiveWireSkinConfig:
         Of the sheet (ohm per square); sheet conductance of border over sheet.
     supply_voltage, reference_resistance : float
         V; R0 of the divider (ohm).
+    third_excitation : bool
+        Whether the foil is read under a third excitation, too, of any levels at the corners,
+        such as the third phase of three: a fourth channel, whose share in the place is learned.
     """
 
     positions: Array = array([[SIZE / 2, SIZE / 2, 0]], 'middle of the sheet', 'm', (-1, 3))
     rotations: Array | None = maybe_array('axes of the sheet; empty: aligned', '1', ('t', 3, 3))
-    saturation: float | Array | None = each_channel(
-        (np.inf, np.inf, np.inf), 'largest reading', '1'
-    )
+    saturation: float | Array | None = each_channel((np.inf,), 'largest reading', '1')
     noise: float | Array | None = each_channel(None, 'noise; empty: estimated from rest', '1')
     rate_hz: float = number(100.0, 'frames per second', 'Hz', 0.1, 5000)
     track_baseline: bool = switch(True, 'follow slow drift while nothing touches')
@@ -56,19 +57,28 @@ class FiveWireSkinConfig:
     supply_voltage: float = number(5.0, 'of divider and excitation', 'V', 1e-3, 1e3)
     reference_resistance: float = number(1000.0, 'R0 of the divider', 'ohm', 1e-3, 1e9)
 
+    third_excitation: bool = switch(False, 'the foil is read under a third excitation, too')
+
     def __post_init__(self) -> None:
         """Check values once, at the door."""
-        admit(self, len(CHANNELS))
+        admit(self, len(self.channels))
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels (c)."""
+        return CHANNELS if self.third_excitation else CHANNELS[:3]
 
 
 def layout(config: FiveWireSkinConfig) -> Layout:
-    """Layout of a sheet: one taxel of three channels."""
+    """Layout of a sheet: one taxel of three channels, or four with a third excitation."""
+    limit = config.saturation
+    count = len(config.channels)
     return Layout(
         positions=config.positions,
-        channels=CHANNELS,
+        channels=config.channels,
         unit='1',
         rotations=config.rotations,
-        saturation=None if config.saturation is None else np.asarray(config.saturation, float),
+        saturation=None if limit is None else np.broadcast_to(limit, (count,)).astype(np.float64),
         rate_hz=config.rate_hz,
         sensor='five_wire_skin',
     )

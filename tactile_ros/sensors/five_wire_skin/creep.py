@@ -79,6 +79,11 @@ class Creep:
         """Whether there is creep to take off."""
         return bool(self.shares_.any())
 
+    @property
+    def most(self) -> float:
+        """Share of a static force that a hold without end adds, and a release leaves."""
+        return 0.0 if self.forgets_ else float(self.shares_[:-1].sum())
+
     def past(self, static: Array, means: Array) -> Array:
         """What of a static force (s,) is of its past (N), from its fading means (s, m)."""
         terms = _terms(static, means, self.forgets_)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FiveWireSkinConnection(FramedConnection):
-    """A microcontroller that excites both diagonals and sends three counts in frames."""
+    """A microcontroller that excites the corners in turn and sends its counts in frames."""
 
     # the converter of the PIC18F25K80 that [5] used
     full_count: int = whole(4095, 'count of the converter at the supply', 1, 0xFFFF)
@@ -33,7 +33,7 @@ def open_skin(
     config: FiveWireSkinConfig, connection: FiveWireSkinConnection, clock_ns: Callable[[], int]
 ) -> Device:
     """Skin of `config` at `connection`, with stamps from `clock_ns`; not opened yet."""
-    payload = five_wires(connection.full_count)
+    payload = five_wires(connection.full_count, len(config.channels))
     return open_framed(layout(config), connection, payload, 1 / connection.full_count, clock_ns)
 
 
@@ -48,7 +48,7 @@ def simulate_skin(
     return simulate_framed(
         layout(config),
         connection,
-        five_wires(connection.full_count),
+        five_wires(connection.full_count, len(config.channels)),
         1 / connection.full_count,
         own_signal(config, seed) if signal is None else signal,
         NOISE if config.noise is None else config.noise,

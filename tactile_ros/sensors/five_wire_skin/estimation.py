@@ -18,7 +18,9 @@ from tactile_ros.sensors.five_wire_skin.force import CLASSES as FORCE_CLASSES
 from tactile_ros.sensors.five_wire_skin.force import ForceHead, features_of
 from tactile_ros.sensors.five_wire_skin.place import CLASSES as PLACE_CLASSES
 from tactile_ros.sensors.five_wire_skin.place import PlaceHead
-from tactile_ros.sensors.five_wire_skin.touch import Touch
+from tactile_ros.sensors.five_wire_skin.touch import DIVIDER, Touch
+from tactile_ros.sensors.five_wire_skin.untold import untold
+from tactile_ros.types import FrameStatus, TaxelStatus
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -34,7 +36,6 @@ LEAST_DIVIDER = 1e-4
 GRID = 33  # of the nominal series resistance
 ONE_SIGMA = 0.6827
 LEAST_SCATTER = 0.1
-POSSIBLE = 2.0  # of the supply: no wire reads more
 USEFUL = 0.9  # of the spread of shear; a regressor that leaves more knows nothing of it
 
 
@@ -55,18 +56,20 @@ class FiveWireEstimation:
         self.size = np.asarray(config.size, np.float64)
         sheet = config.sheet_resistance / config.reference_resistance
         self.series = _nominal_series(self.size, config.touch_size, sheet)
-        noise = np.nan if config.noise is None else config.noise
-        self.touch_ = Touch(float(np.broadcast_to(np.asarray(noise, np.float64), (3,))[2]))
+        noise = np.asarray(np.nan if config.noise is None else config.noise, np.float64)
+        channels = len(config.channels)
+        self.touch_ = Touch(float(np.broadcast_to(noise, channels)[DIVIDER]), channels)
         self.wanted = estimator
         self.others_: Regression | None = None
         if estimator in REGRESSORS:
-            self.others_ = Regression(config, estimator, 3)
+            self.others_ = Regression(config, estimator, channels)
         self.place_: PlaceHead | None = PlaceHead(self.size) if estimator is None else None
         self.height_ = np.zeros(2)
         self.force_: ForceHead | None = None
         self.crept_: ForceHead | None = None
         self.creep_: Creep | None = None
         self.shear_: Head | None = None
+        self.untold_: Report = {}
 
     @property
     def estimators(self) -> dict[str, str]:
@@ -78,14 +81,15 @@ class FiveWireEstimation:
 
     @property
     def report(self) -> Report:
-        """Errors on held-out places for each target, and what contact was judged by."""
+        """Errors on held-out places, what contact was judged by, and what was not told."""
         if self.others_ is not None:
-            return self.others_.report
+            return {**self.others_.report, **self.untold_}
         heads = {'position_xy': self.place_, 'force_z': self.force_, 'force_xy': self.shear_}
         heads['force_z_without_creep'] = self.crept_
         known = {title: head.report_ for title, head in heads.items() if head is not None}
         known = {title: table for title, table in known.items() if table}
-        return {**known, **({'contact': self.touch_.report_} if self.touch_.report_ else {})}
+        contact = {'contact': self.touch_.report_} if self.touch_.report_ else {}
+        return {**known, **contact, **self.untold_}
 
     def start(self) -> History:
         """Fresh memory of a stream."""
@@ -94,20 +98,17 @@ class FiveWireEstimation:
         return History(np.array(TIME_CONSTANTS))
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
-        """Learn contact, place and force from what truth tells.
-
-        Parameters
-        ----------
-        signals : Signals
-            Conditioned frames.
-        truth : dict of str to ndarray, shape (s, ...)
-            As in a Recording.
-        groups : dict of str to ndarray, shape (s,)
-            'group' and 'session': what a split keeps together.
-        """
-        x = self.touch_.fit(signals, truth).readings(signals)
+        """Learn contact, place and force from what truth tells; see `Regression.fit`."""
+        signals = replace(signals, good=signals.good & ~self.touch_.readings(signals)[1])
+        x, _ = self.touch_.fit(signals, truth).readings(signals)
         contact = self.touch_.contact(signals, x)
         signals = replace(signals, in_contact=contact, good=signals.good & (contact != 0))
+        self._learn(signals, x, truth, groups)
+        crept = 0.0 if self.creep_ is None else self.creep_.most
+        self.untold_ = untold(self.size, signals, truth, crept)
+
+    def _learn(self, signals: Signals, x: Array, truth: Columns, groups: Columns) -> None:
+        """Place and force from settled readings (s, c) and what truth tells."""
         blank = np.full((len(x), 3), np.nan)
         position = np.asarray(truth.get('position', blank), np.float64)
         force = np.asarray(truth.get('force', blank), np.float64)
@@ -138,7 +139,11 @@ class FiveWireEstimation:
         signals : Signals
             Conditioned frames, which stay as they are.
         """
-        return self.touch_.contact(signals, self.touch_.readings(signals))
+        x, broken = self.touch_.readings(signals)
+        contact = self.touch_.contact(signals, x)
+        if np.count_nonzero(broken):
+            contact = np.where(broken & (signals.in_contact != 0), np.int8(-1), contact)
+        return contact
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Place and force of every row.
@@ -153,10 +158,20 @@ class FiveWireEstimation:
         Returns
         -------
         dict of str to ndarray, shape (s, 3) or (s, 3, 3)
-            One entry and its covariance for each target; NaN where no wire can read so much.
+            One entry and its covariance for each target; NaN where no wire can read so much,
+            which `status` and `taxel_status` then say.
         """
         assert isinstance(memory, History)
-        x = self.touch_.readings(signals)
+        x, broken = self.touch_.readings(signals)
+        if np.count_nonzero(broken):
+            x[broken] = np.nan
+            # what is remembered of the past is held
+            signals = replace(signals, good=signals.good & ~broken)
+            return _refused(self._told(signals, x, memory), broken)
+        return self._told(signals, x, memory)
+
+    def _told(self, signals: Signals, x: Array, memory: History) -> Columns:
+        """Targets of every row, from settled readings (s, c)."""
         if self.others_ is not None:
             return self.others_.estimate(_own(signals, x), memory)
         known: Columns = {}
@@ -168,18 +183,14 @@ class FiveWireEstimation:
             known['position'], known['position_cov'] = position, self._beside(covariance)
         if self.force_ is not None:
             known['force'], known['force_cov'] = self._pressed(signals, x, place, memory)
-        if not np.abs(signals.values).max(initial=0.0) <= POSSIBLE:
-            broken = (np.abs(signals.values[:, 0]) > POSSIBLE).any(axis=1)
-            for found in known.values():
-                found[broken] = np.nan
         return known
 
     def _beside(self, covariance: Array) -> Array:
         """Covariances (s, 3, 3) of places in the plane (s, 2, 2) with that of their height."""
-        told = self.height_[1] >= 0
+        height = float(self.height_[1])
         whole = np.empty((len(covariance), 3, 3))
-        whole[:] = 0.0 if told else np.nan
-        whole[:, 2, 2] = self.height_[1] if told else np.nan
+        whole.fill(0.0 if height >= 0 else np.nan)
+        whole[:, 2, 2] = height
         whole[:, :2, :2] = covariance
         return whole
 
@@ -189,7 +200,8 @@ class FiveWireEstimation:
         """Forces (s, 3) and covariances of their errors (s, 3, 3)."""
         value, spread = self._normal(signals, x, place, memory)
         force, covariance = np.empty((len(x), 3)), np.empty((len(x), 3, 3))
-        force[:], covariance[:] = np.nan, np.nan
+        force.fill(np.nan)
+        covariance.fill(np.nan)
         force[:, 2], covariance[:, 2, 2] = value, spread * spread
         untouched = signals.in_contact == 0
         if np.count_nonzero(untouched):
@@ -216,7 +228,7 @@ class FiveWireEstimation:
 
     def _columns(self, x: Array, place: Array) -> tuple[Array, Array]:
         """Places (s, 2) over the size of the sheet, and R over R0 (s,)."""
-        return place / self.size, 1.0 / np.fmax(x[:, 2], LEAST_DIVIDER) - 1.0
+        return place / self.size, 1.0 / np.fmax(x[:, DIVIDER], LEAST_DIVIDER) - 1.0
 
     def _learn_force(self, signals: Signals, x: Array, force: Array, kept: Integers) -> None:
         """Static curve, and where stamps tell the past one without creep."""
@@ -281,7 +293,7 @@ class FiveWireEstimation:
         if spread == 0.0:
             return
         session = np.asarray(groups['session'], np.int64)[rows]
-        head = Head('force', (0, 1), 'ridge', 3)
+        head = Head('force', (0, 1), 'ridge', x.shape[1])
         head.fit(x[rows], told, group[rows], session, np.zeros((len(told), 3)))
         self.shear_ = head if head.report_['held_out_rmse'] < USEFUL * spread else None
 
@@ -291,6 +303,15 @@ def _nominal_series(size: Array, touch: float, sheet: float) -> Array:
     lines = [np.linspace(0.0, edge, GRID) for edge in size]
     places = np.stack(np.meshgrid(*lines, indexing='ij'), axis=-1).reshape(-1, 2)
     return spreading_resistance(places, size, touch, sheet).reshape(GRID, GRID)
+
+
+def _refused(known: Columns, broken: Bools) -> Columns:
+    """Targets, NaN in the rows (s,) of which no wire can read so much, and why."""
+    for found in known.values():
+        found[broken] = np.nan
+    known['status'] = broken * np.int64(FrameStatus.BAD_TAXELS)
+    known['taxel_status'] = (broken * np.uint8(TaxelStatus.ERROR))[:, None]
+    return known
 
 
 def _own(signals: Signals, x: Array) -> Signals:

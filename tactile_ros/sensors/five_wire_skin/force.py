@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tactile_ros.estimators.column_view import ColumnView
+from tactile_ros.estimators.film_resistance import FilmResistance
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.kernel_ridge import KernelRidge
 from tactile_ros.estimators.mean_curve import MeanCurve
@@ -13,10 +14,9 @@ from tactile_ros.estimators.rbf_force import RbfForce
 from tactile_ros.estimators.ridge import Ridge
 from tactile_ros.estimators.smooth_fields import SmoothFields
 from tactile_ros.estimators.stated_spread import StatedSpread
-from tactile_ros.estimators.trials import chosen, trials
+from tactile_ros.estimators.trials import chosen, some_rows, trials, verdict
 from tactile_ros.types import Array, Estimator, Integers
 
-MOST_TRIED = 2000  # rows that candidates are compared on
 LEAST_RESISTANCE = 1e-4  # over R0
 
 
@@ -35,7 +35,7 @@ class ForceHead:
         Fitted on all rows.
     spread_ : StatedSpread
         Scale of its spread, measured on held-out places.
-    level_ : float
+    level_ : ndarray, shape (1,)
         Spread of an estimator that states none (N).
     report_ : dict of str to float
         Errors on held-out places (N).
@@ -43,7 +43,7 @@ class ForceHead:
 
     estimator_: Estimator
     spread_: StatedSpread
-    level_: float
+    level_: Array
     report_: dict[str, float]
 
     def __init__(self, noise: float, size: Array, series: Array) -> None:
@@ -71,26 +71,14 @@ class ForceHead:
         ForceHead
             Itself.
         """
-        some = np.linspace(0, len(x) - 1, min(len(x), MOST_TRIED)).astype(np.int64)
-        some = np.lexsort(np.column_stack([x, y]).T)[some]
+        some = some_rows(x, y)
         candidates = self._candidates(wanted)
         found, told = trials(candidates, x[some], y[some, None], groups[some], _plane)
         best = chosen(found, 'power')
         self.name = best if wanted is None else wanted
         self.estimator_ = candidates[best].fit(x, y[:, None], groups)
-        trial = found[best]
-        residual = trial.said - told
-        self.spread_ = StatedSpread().fit(trial.spread, residual)
-        self.level_ = float(np.sqrt((residual**2).mean())) + 1e-9
-        inside = np.abs(residual) <= self.spread_(trial.spread)
-        self.report_ = {
-            'held_out_mean': float(np.abs(residual).mean()),
-            'held_out_rmse': trial.error,
-            'inside_one_sigma': float(inside.mean()),
-            'groups': float(len(np.unique(groups))),
-            'rows': float(len(x)),
-            **{f'rmse_{name}': one.error for name, one in found.items()},
-        }
+        judged = verdict(found, best, told, groups)
+        self.spread_, self.level_, self.report_ = judged.spread, judged.level, judged.report
         return self
 
     def predict(self, x: Array) -> tuple[Array, Array]:
@@ -98,7 +86,7 @@ class ForceHead:
         if isinstance(self.estimator_, PowerForce):
             return self.estimator_.force(x)
         force = self.estimator_.predict(x)[:, 0]
-        spread = np.full((len(x), 1), self.level_)
+        spread = np.broadcast_to(self.level_, (len(x), 1))
         return force, self.spread_(spread)[:, 0]
 
     def at(self, x: Array, places: Array, resistance: Array) -> tuple[Array, Array]:
@@ -135,11 +123,11 @@ class ForceHead:
 
 
 def features_of(x: Array, places: Array, resistance: Array) -> Array:
-    """Features (s, 7) of `ForceHead` from readings (s, 3), places (s, 2) and R (s,)."""
+    """Features (s, 7) of `ForceHead` from readings (s, 3..), places (s, 2) and R (s,)."""
     features = np.empty((len(x), 7))
     features[:, :2] = places
     features[:, 2] = np.maximum(resistance, LEAST_RESISTANCE)
-    features[:, 3:6] = x
+    features[:, 3:6] = x[:, :3]
     features[:, 6] = np.log(features[:, 2])
     return features
 
@@ -153,6 +141,7 @@ CLASSES = (
     ForceHead,
     ColumnView,
     PowerForce,
+    FilmResistance,
     SmoothFields,
     RbfForce,
     MeanCurve,

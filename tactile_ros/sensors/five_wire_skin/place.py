@@ -12,12 +12,12 @@ from tactile_ros.estimators.ridge import Ridge
 from tactile_ros.estimators.stated_spread import StatedSpread
 from tactile_ros.estimators.thin_plate import ThinPlate
 from tactile_ros.estimators.training import predict_rows
-from tactile_ros.estimators.trials import chosen, trials
+from tactile_ros.estimators.trials import chosen, some_rows, trials, verdict
 from tactile_ros.physics.resistive import linear_place
 from tactile_ros.types import Array, Estimator, Integers
 
 NOMINAL_SPREAD = 0.06  # of the sheet: an uneven border bends the linear formula that much
-MOST_TRIED = 2000  # rows that candidates are compared on
+POTENTIALS = 2  # in front of the divider
 REGRESSORS = ('ridge', 'grid_knn')
 
 
@@ -45,8 +45,14 @@ class LinearPlace:
 class PlaceHead:
     """Map from potentials to place, with the covariance of its error.
 
+    Where there are more than two potentials, as many as tell the place are made of them: sums
+    whose slopes over the sheet are all that the slopes of the potentials say, and whose noise is
+    as large. Sums of harmonic functions are harmonic.
+
     Attributes
     ----------
+    sums_ : ndarray, shape (p, 2), or None
+        Shares of the potentials in two sums; None: there are but two, or no fit.
     name : str
         Of the map in use.
     estimator_ : Estimator
@@ -68,14 +74,15 @@ class PlaceHead:
         self.spread_: StatedSpread | None = None
         self.level_ = NOMINAL_SPREAD * self.size
         self.report_: dict[str, float] = {}
+        self.sums_: Array | None = None
 
     def fit(self, x: Array, y: Array, groups: Integers, wanted: str | None) -> PlaceHead:
         """Choose and fit.
 
         Parameters
         ----------
-        x : ndarray, shape (s, 3)
-            Potentials u_AC and u_BD, and the divider's reading.
+        x : ndarray, shape (s, 3..)
+            Potentials u_AC and u_BD, the divider's reading, and further potentials.
         y : ndarray, shape (s, 2)
             Places (m).
         groups : ndarray of int, shape (s,)
@@ -88,8 +95,10 @@ class PlaceHead:
         PlaceHead
             Itself.
         """
-        some = np.linspace(0, len(x) - 1, min(len(x), MOST_TRIED)).astype(np.int64)
-        some = np.lexsort(np.column_stack([x, y]).T)[some]
+        if x.shape[1] > POTENTIALS + 1 and wanted is None:
+            self.sums_ = _sums(_potentials(x), y)
+        x = self._seen(x)
+        some = some_rows(x, y)
         tried = (x[some], y[some], groups[some])
         candidates = self._candidates(wanted)
         found, told = trials(candidates, *tried, _told)
@@ -102,22 +111,13 @@ class PlaceHead:
             best = chosen(found, 'harmonic')
         self.name = best if wanted is None else wanted
         self.estimator_ = candidates[best].fit(x, y, groups)
-        trial = found[best]
-        self.spread_ = StatedSpread().fit(trial.spread, trial.said - told)
-        self.level_ = np.sqrt(((trial.said - told) ** 2).mean(axis=0)) + 1e-9
-        inside = np.abs(trial.said - told) <= self.spread_(trial.spread)
-        self.report_ = {
-            'held_out_mean': float(np.linalg.norm(trial.said - told, axis=1).mean()),
-            'held_out_rmse': trial.error,
-            'inside_one_sigma': float(inside.mean()),
-            'groups': float(len(np.unique(groups))),
-            'rows': float(len(x)),
-            **{f'rmse_{name}': one.error for name, one in found.items()},
-        }
+        judged = verdict(found, best, told, groups)
+        self.spread_, self.level_, self.report_ = judged.spread, judged.level, judged.report
         return self
 
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Places (s, 2) (m) and covariances of their errors (s, 2, 2) (m2)."""
+        x = self._seen(x)
         if isinstance(self.estimator_, HarmonicMap):
             return self.estimator_.place(x)
         place = self.estimator_.predict(x)
@@ -125,17 +125,44 @@ class PlaceHead:
         spread = spread if self.spread_ is None else self.spread_(spread)
         return place, spread[:, :, None] * spread[:, None, :] * np.eye(2)
 
+    def _seen(self, x: Array) -> Array:
+        """Two potentials, or two sums of them, and the divider (s, 3) of readings (s, 3..)."""
+        if self.sums_ is None:
+            return x if x.shape[1] == POTENTIALS + 1 else x[:, : POTENTIALS + 1].copy()
+        seen = np.empty((len(x), POTENTIALS + 1))
+        # no product of matrices: its sums run otherwise for one frame than for many
+        seen[:, :POTENTIALS] = np.einsum('sp,pk->sk', _potentials(x), self.sums_)
+        seen[:, POTENTIALS] = x[:, POTENTIALS]
+        return seen
+
     def _candidates(self, wanted: str | None) -> dict[str, Estimator]:
         """Maps to choose from."""
+        formula: dict[str, Estimator] = {'linear': LinearPlace(self.size)}
         if wanted is not None:
-            return {'linear': LinearPlace(self.size)}
-        return {
-            'linear': LinearPlace(self.size),
+            return formula
+        return ({} if self.sums_ is not None else formula) | {
             'harmonic': HarmonicMap(self.size),
             'thin_plate': ColumnView(ThinPlate(), np.array([0, 1])),
             'ridge': Ridge(),
             'grid_knn': GridKnn(),
         }
+
+
+def _potentials(x: Array) -> Array:
+    """Potentials (s, p) of readings (s, 3..), without the divider between them."""
+    return np.concatenate([x[:, :POTENTIALS], x[:, POTENTIALS + 1 :]], axis=1)
+
+
+def _sums(potentials: Array, y: Array) -> Array:
+    """Shares (p, 2) of potentials (s, p) in sums that tell places y (s, 2) best.
+
+    The best guess of a place from values with slopes G and equal noise is (G'G)^-1 G' u; times
+    (G'G)^1/2 its noise is that of a potential in every direction.
+    """
+    plane = np.column_stack([np.ones(len(y)), y])
+    slopes = np.linalg.lstsq(plane, potentials, rcond=None)[0][1:]
+    left, _, right = np.linalg.svd(slopes.T, full_matrices=False)
+    return np.asarray(left @ right)
 
 
 def _told(x: Array, y: Array) -> Array:

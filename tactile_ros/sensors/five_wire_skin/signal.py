@@ -56,7 +56,10 @@ class Strokes(Programme):
 
 
 def reading(config: FiveWireSkinConfig, touches: Touches) -> Array:
-    """Readings (s, 1, 3), fractions of the supply: u_AC, u_BD, R0 / (R0 + R)."""
+    """Readings (s, 1, c), fractions of the supply: u_AC, u_BD, R0 / (R0 + R).
+
+    A third excitation has A and B at the supply and C and D at 0.
+    """
     touched = touches.force[:, 2] > 0
     x, y = (np.nan_to_num(touches.position[:, :2]) / config.size).T
     u_ac, u_bd = 1 - (x + y) / 2, 0.5 + (x - y) / 2
@@ -64,8 +67,9 @@ def reading(config: FiveWireSkinConfig, touches: Touches) -> Array:
     load = np.where(touched, touches.force[:, 2], 1.0)
     resistance = sheet + AT_ONE_NEWTON * load**-EXPONENT
     divider = config.reference_resistance / (config.reference_resistance + resistance)
-    read = np.stack([u_ac, u_bd, divider], axis=-1) * touched[:, None]
-    return np.broadcast_to(read[:, None], (len(read), len(config.positions), 3))
+    known = [u_ac, u_bd, divider, 1 - y][: len(config.channels)]
+    read = np.stack(known, axis=-1) * touched[:, None]
+    return np.broadcast_to(read[:, None], (len(read), len(config.positions), len(known)))
 
 
 def truth(touches: Touches) -> Truth:

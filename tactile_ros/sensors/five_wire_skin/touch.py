@@ -7,22 +7,39 @@ read, and only the divider is less its baseline.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.conditioning.contact import contact_scale
+from tactile_ros.physics import compiled
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from tactile_ros.signals import Columns, Signals
-    from tactile_ros.types import Array
+    from tactile_ros.types import Array, Bools
 
 TOUCHED = 0.01  # divider's reading above which a skin that was never fitted is touched
 STILL = 0.01  # spread of a resting potential below which the foil does not float
 LIGHTEST = 0.01
+DIVIDER = 2  # its channel
+LEAST, POSSIBLE = -1.0, 2.0  # of the supply: no wire reads more than twice of it
+RAIL = 1.0  # of the divider: no resistance at all, so a short or a converter at its end
 TINY = 1e-300
+
+
+@compiled.compiled
+def settle_rows(x: Array, moved: Array, doubt: Array, quiet: Bools, broken: Bools) -> None:
+    """Take off readings (s, c) what their rest has moved, and mark those that none can be."""
+    for s in range(len(x)):
+        for i in range(x.shape[1]):
+            broken[s] |= abs(x[s, i]) > POSSIBLE or (i == DIVIDER and x[s, i] >= RAIL)
+            square = moved[s, i] * moved[s, i]
+            if quiet[i] and doubt[i] < square < math.inf:
+                x[s, i] -= (1.0 - doubt[i] / (square + TINY)) * moved[s, i]
+            x[s, i] = min(max(x[s, i], LEAST), POSSIBLE)
 
 
 class Touch:
@@ -32,6 +49,8 @@ class Touch:
     ----------
     noise : float
         Of the divider's reading; NaN: estimated from rest.
+    channels : int
+        Readings of a frame (c): two potentials, the divider, and more potentials.
 
     Attributes
     ----------
@@ -39,11 +58,11 @@ class Touch:
         Of the divider's reading; NaN: unknown.
     blind_ : bool
         Whether the fit had no rest to tell contact from.
-    quiet_ : ndarray, shape (3,)
+    quiet_ : ndarray, shape (c,)
         Readings that rest at a level.
-    rest_ : ndarray, shape (3,)
+    rest_ : ndarray, shape (c,)
         That level; 0 where it is none, or unknown.
-    doubt_ : ndarray, shape (3,)
+    doubt_ : ndarray, shape (c,)
         Variance of a reading at rest.
     unfelt_ : float
         Mean square of forces that do not close the air gap (N2).
@@ -51,13 +70,13 @@ class Touch:
         `threshold_divider`; `lightest_felt` and `threshold_force` of the air gap (N).
     """
 
-    def __init__(self, noise: float) -> None:
+    def __init__(self, noise: float, channels: int = 3) -> None:
         self.noise = noise
         self.threshold_ = np.nan
         self.blind_ = False
-        self.quiet_ = np.array([False, False, True])
-        self.rest_ = np.zeros(3)
-        self.doubt_ = np.zeros(3)
+        self.quiet_ = np.arange(channels) == DIVIDER
+        self.rest_ = np.zeros(channels)
+        self.doubt_ = np.zeros(channels)
         self.unfelt_ = 0.0
         self.report_: dict[str, float] = {}
 
@@ -73,12 +92,13 @@ class Touch:
         resting = (told == 0) | ((signals.in_contact == 0) & ~touched & ~loaded)
         resting &= signals.good
         values = signals.values[resting, 0]
-        still = len(values) > 1 and bool((values[:, :2].std(axis=0) < STILL).all())
-        self.quiet_ = np.array([still, still, True])
+        potentials = np.arange(len(self.rest_)) != DIVIDER
+        still = len(values) > 1 and bool((values[:, potentials].std(axis=0) < STILL).all())
+        self.quiet_ = ~potentials | still
         if len(values) > 1:
             self.rest_ = np.where(self.quiet_, values.mean(axis=0), 0.0)
             self.doubt_ = np.where(self.quiet_, values.var(axis=0), 0.0)
-        divider = self._felt(self.readings(signals))
+        divider = self._felt(self.readings(signals)[0])
         rest, felt = divider[resting], divider[touched & signals.good]
         seen = float(np.sqrt((rest**2).mean())) if len(rest) > 1 else np.nan
         self.noise = seen if np.isnan(self.noise) else self.noise
@@ -89,24 +109,30 @@ class Touch:
         self._tell(force[pressed & ~above], force[pressed & above])
         return self
 
-    def readings(self, signals: Signals) -> Array:
-        """Potentials and divider (s, 3), less what of their rest has moved since the fit.
+    def readings(self, signals: Signals) -> tuple[Array, Bools]:
+        """Potentials and divider (s, c), less what of their rest has moved since the fit.
 
         A rest that lies within its noise of the fit's has not moved: a short tare would add its
-        own noise to every frame.
+        own noise to every frame. Beside them, the rows (s,) of which no wire can read so much, or
+        whose divider is at its end.
         """
-        x, moved = signals.values[:, 0], signals.baseline[:, 0] - self.rest_
-        square = moved * moved
+        moved = signals.baseline[:, 0] - self.rest_
+        if compiled.available():
+            x, broken = signals.values[:, 0].copy(), np.zeros(len(moved), np.bool_)
+            settle_rows(x, moved, self.doubt_, self.quiet_, broken)
+            return x, broken
+        x, square = signals.values[:, 0], moved * moved
         share = np.fmax(1.0 - self.doubt_ / (square + TINY), 0.0) * self.quiet_
         known = np.where(square < np.inf, share * moved, 0.0)
-        return np.asarray(np.minimum(np.maximum(x - known, -1.0), 2.0))
+        broken = (np.abs(x) > POSSIBLE).any(axis=1) | (x[:, DIVIDER] >= RAIL)
+        return np.minimum(np.maximum(x - known, LEAST), POSSIBLE), broken
 
     def _felt(self, x: Array) -> Array:
         """Distance (s,) of the divider's reading from its rest."""
-        return np.asarray(np.abs(x[:, 2] - self.rest_[2]))
+        return np.asarray(np.abs(x[:, DIVIDER] - self.rest_[DIVIDER]))
 
     def contact(self, signals: Signals, x: Array) -> npt.NDArray[np.int8]:
-        """Contact (s,) by the divider of readings x (s, 3): 1, 0, -1 unknown.
+        """Contact (s,) by the divider of readings x (s, c): 1, 0, -1 unknown.
 
         Where a fit had no rest to judge by, and of unusable frames, it is as the pipeline says.
         """

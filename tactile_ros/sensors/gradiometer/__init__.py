@@ -31,6 +31,8 @@ from tactile_ros.sensors.gradiometer.device import (
 )
 from tactile_ros.sensors.gradiometer.estimation import GradiometerEstimation
 from tactile_ros.sensors.gradiometer.features import Features
+from tactile_ros.sensors.gradiometer.magnets import NearbyMagnets
+from tactile_ros.sensors.gradiometer.reach import Reach
 from tactile_ros.sensors.gradiometer.readings import Readings
 from tactile_ros.sensors.gradiometer.signal import presses
 from tactile_ros.sensors.gradiometer.stray import StrayField
@@ -44,6 +46,8 @@ OWN = (
     UniformField,
     DiscInversion,
     StrayField,
+    NearbyMagnets,
+    Reach,
     Target,
     ColumnView,
     PolynomialForce,

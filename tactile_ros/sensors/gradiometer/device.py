@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from tactile_ros.devices.connections import FramedConnection, open_framed, simulate_framed
 from tactile_ros.devices.framed_payloads import gradiometer
 from tactile_ros.sensors.gradiometer.config import layout
-from tactile_ros.sensors.gradiometer.signal import NOISE, scene
+from tactile_ros.sensors.gradiometer.signal import NOISE, temperature
+from tactile_ros.sensors.gradiometer.signal import signal as scenes
 from tactile_ros.types.fields import number
 
 if TYPE_CHECKING:
@@ -43,9 +44,9 @@ def simulate_gradiometer(
     clock: VirtualClock | None = None,
 ) -> FramedTwin:
     """Twin of a gradiometer that plays `signal`, or scenes of its own; not entered yet."""
-    temperature_c: Callable[[float], Array] | None = None
+    temperature_c = None
     if signal is None:
-        signal, temperature_c = scene(config, seed)
+        signal, temperature_c = scenes(config, seed), temperature(config)
     return simulate_framed(
         layout(config),
         connection,

@@ -11,24 +11,36 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
+from tactile_ros.estimators.polynomial_rows import times
 from tactile_ros.regression.head import known_columns
+from tactile_ros.sensors.gradiometer.belief import largest, unsay
 from tactile_ros.sensors.gradiometer.features import Features
+from tactile_ros.sensors.gradiometer.magnets import (
+    DIRECTIONS,
+    NearbyMagnets,
+    magnet_fields,
+    magnet_shape,
+)
 from tactile_ros.sensors.gradiometer.memory import StreamMemory
+from tactile_ros.sensors.gradiometer.reach import Reach
 from tactile_ros.sensors.gradiometer.readings import margins
-from tactile_ros.sensors.gradiometer.stray import StrayField, gradient_patterns
+from tactile_ros.sensors.gradiometer.stray import Seen, StrayField
+from tactile_ros.sensors.gradiometer.support import unsupported
 from tactile_ros.sensors.gradiometer.target import MODELS, Target, candidates
-from tactile_ros.sensors.gradiometer.thermal import beyond
+from tactile_ros.sensors.gradiometer.thermal import UNIT, beyond
 from tactile_ros.types import FrameStatus
 
 if TYPE_CHECKING:
+    from tactile_ros.estimators.selection import Selection
     from tactile_ros.sensors.gradiometer.config import GradiometerConfig
     from tactile_ros.signals import Columns, Report, Signals
     from tactile_ros.types import Array, Bools, Integers
 
 TARGETS = ('position', 'force', 'torque')
 RESPONSES = 400
-STEEP, DISTURBED = 0.02, 2e-5  # T / m, T: a small gradient, a small field in one difference
+DISTURBED, WARMER = 2e-5, 0.02  # T, unit of temperatures: a small field in one difference, a rise
+SIMULATED, DISTANCES, MOMENTS = 900, (10e-3, 20e-3), (-3.0, -1.0)  # m, decades of A m2
+LEAST = 1e-6  # of a component's spread: what noise does at least
 OUTSIDE = 0.01  # of a component's spread, for a degree beyond the temperatures of the fit
 
 
@@ -49,7 +61,9 @@ class GradiometerEstimation:
         self.targets_: tuple[Target, ...] = ()
         self.features_ = Features(config)
         self.stray_: StrayField | None = None
-        self.response_: PolynomialRidge | None = None
+        self.magnets_: NearbyMagnets | None = None
+        self.reach_: Reach | None = None
+        self.largest_: dict[str, float] = {}
 
     @property
     def estimators(self) -> dict[str, str]:
@@ -58,17 +72,15 @@ class GradiometerEstimation:
 
     @property
     def report(self) -> Report:
-        """Errors on held-out groups for each target, and what was found of the disc."""
+        """Errors on held-out groups, what was found of the disc, and what was not told."""
         found = {target.title: target.report_ for target in self.targets_}
         if self.targets_ and self.features_.place_ is not None:
             found['disc'] = self.features_.place_.report
             found['disc']['thermal_lag'] = self.features_.lag_
         if self.targets_ and self.stray_ is not None:
             found['stray_field'] = self.stray_.report_
-        untold = {'force', 'torque'} - {target.name for target in self.targets_}
-        if self.features_.readings_.fitted_ and untold:
-            names = ' and '.join(sorted(untold))
-            found['untold'] = {f'{names}: no truth told it, and the config has no stiffness': 0.0}
+        for said in unsupported(self.config, self.features_, self.targets_, self.reach_):
+            found[f'not told: {said}'] = {}
         return {**found, **self.features_.report}
 
     def start(self) -> StreamMemory:
@@ -93,50 +105,126 @@ class GradiometerEstimation:
         features = self.features_ = Features(self.config, remembers)
         modelled = self.estimator in (None, 'history', *MODELS)
         change = features.fit(signals, stray, rest, ~rest & modelled)
-        self.targets_, self.stray_, self.response_ = (), None, None
+        self.targets_, self.stray_, self.magnets_, self.reach_ = (), None, None, None
         if 'force' in truth and signals.stamp_ns is not None:
             force = np.asarray(truth['force'], float)[:, 2:]
             features.refine_lag(signals, change, force, signals.good & ~rest)
         thermal = features.thermal(signals, self.start())
         x, parts = features.table(change, thermal, signals, self.start())
         # untouched rows are 0 in use whatever is learned; they would make light of the errors
-        self._learn_targets(x, parts, signals.good & ~rest, truth, groups)
+        held = self._learn_targets(x, parts, signals.good & ~rest, truth, groups)
         features.use({*self.estimators.values()})
         if features.place_ is not None and self.targets_:
             use = signals.good & ~rest & np.isfinite(x[:, parts['place']]).all(axis=1)
-            self._learn_response(change[use], thermal[use])
-            where = x[use][:, parts['where']]
             group = np.asarray(groups['group'], np.int64)[use]
-            self.stray_ = StrayField(thermal.shape[1]).fit(
-                where,
-                x[use][:, parts['rest']],
-                x[use][:, parts['uniform']],
-                stray[use][:, features.uniform_.seen],
-                group,
-            )
+            self._learn_stray(x[use], parts, stray[use], group)
+            self._learn_magnets(change[use], thermal[use])
+            self._calibrate_magnets(change[use], thermal[use])
+            self.reach_ = self._reach(x[use], parts)
+        for (target, part), choice in zip(self._answered(), held, strict=True):
+            target.calibrate(choice, self._noise(choice.x, parts)[:, part])
+        self.largest_ = largest(self.targets_, self.config.full_scale)
 
-    def _learn_response(self, change: Array, thermal: Array) -> None:
-        """Learn how targets answer to fields that are not the disc's, from the disc's place."""
+    def _answered(self) -> list[tuple[Target, slice]]:
+        """Targets, and where their components are among those of all."""
+        found, first = [], 0
+        for target in self.targets_:
+            end = first + len(target.columns)
+            found.append((target, slice(first, end)))
+            first = end
+        return found
+
+    def _learn_stray(
+        self, x: Array, parts: dict[str, Integers], stray: Array, groups: Integers
+    ) -> None:
+        """Learn what the disc alone leaves over, from touched rows."""
+        where, rest, uniform = (x[:, parts[name]] for name in ('where', 'rest', 'uniform'))
+        known = stray[:, self.features_.uniform_.seen]
+        field = StrayField(len(parts['thermal']))
+        self.stray_ = field.fit(where, rest, uniform, known, groups)
+
+    def _reach(self, x: Array, parts: dict[str, Integers]) -> Reach:
+        """Places of the fit; every component of a target may be as steep as the steepest."""
+        told = np.concatenate([target.estimator_.predict(x) for target in self.targets_], axis=1)
+        reach = Reach().fit(x[:, parts['place']], told)
+        for target, part in self._answered():
+            steepest = (reach.slope_[part] * target.unit_).max()
+            reach.slope_[part] = steepest / target.unit_
+        return reach
+
+    def _noise(self, x: Array, parts: dict[str, Integers]) -> Array:
+        """What noise of pixels and thermometer does to answers (s, k) in their units; at least 1.
+
+        1 where no model of the disc tells it.
+        """
+        readings, width = self.features_.readings_, sum(len(t.columns) for t in self.targets_)
+        if self.magnets_ is None:
+            return np.ones((len(x), width))
+        slopes = self.magnets_.slopes(x[:, parts['place']])[:, :width]
+        count = len(self.magnets_.shape)
+        variance = (readings.noise * slopes[..., :count]) ** 2
+        variance = variance.sum(axis=2) + LEAST**2
+        if not readings.thermometer_ or slopes.shape[2] == count:
+            return np.asarray(np.sqrt(variance))
+        field = times(x[:, parts['field']], self.features_.projection)
+        chip = readings.steepness * (slopes[..., :count] @ field[..., None])[..., 0]
+        disc = slopes[..., count] * x[:, parts['doubt']] / UNIT
+        known = chip * chip + disc * disc if self.features_.lag_ else (chip + disc) ** 2
+        return np.asarray(np.sqrt(variance + readings.thermometer_**2 * known))
+
+    def _learn_magnets(self, change: Array, thermal: Array) -> None:
+        """Learn how answers follow fields that are not the disc's, from the disc's place."""
         rows = np.linspace(0, len(change) - 1, min(len(change), RESPONSES)).astype(int)
         change, thermal = change[rows], thermal[rows]
-        table, memory = self.features_.table, self.start()
-        x, parts = table(change, thermal, None, memory)
-        kinds = gradient_patterns(self.config.positions, self.features_.uniform_.response_)
-        moved, leaked = (
-            [table(change + step, thermal, None, memory)[0] for step in steps]
-            for steps in (STEEP * kinds, DISTURBED * self.features_.projection.T)
-        )
-        sizes = [target.response(x, moved, STEEP) for target in self.targets_]
-        shown = sum(((other - x)[:, parts['rest']] ** 2).sum(axis=1) for other in moved)
-        sizes.append(0.5 * np.log(np.asarray(shown)[:, None] / STEEP**2))
-        sizes += [target.response(x, leaked, DISTURBED) for target in self.targets_]
-        place = x[:, parts['place']]
-        self.response_ = PolynomialRidge((1, 2)).fit(place, np.concatenate(sizes, axis=1))
+        features, memory = self.features_, self.start()
+        x, parts = features.table(change, thermal, None, memory)
+        moved = [
+            features.table(change + DISTURBED * way, thermal, None, memory)[0]
+            for way in features.projection.T
+        ]
+        told = [self._answers(one, parts) for one in (x, *moved)]
+        slopes = [(one - told[0]) / DISTURBED for one in told[1:]]
+        if thermal.shape[1]:
+            warmer = features.table(change, thermal + np.array([WARMER, 0.0]), None, memory)[0]
+            slopes.append((self._answers(warmer, parts) - told[0]) / WARMER)
+        field = magnet_fields(self.config.positions, features.uniform_.response_)
+        seen = features.uniform_.solve(field.reshape(-1, field.shape[2]))
+        share = (field @ features.projection).std() / np.sqrt(np.nansum(seen**2) / len(seen))
+        shape = magnet_shape(field, features.projection)
+        magnets = NearbyMagnets(shape, float(share))
+        self.magnets_ = magnets.fit(x[:, parts['place']], np.stack(slopes, axis=2))
+
+    def _calibrate_magnets(self, change: Array, thermal: Array) -> None:
+        """Learn how far to trust what is said beside magnets, on presses beside simulated ones."""
+        assert self.magnets_ is not None
+        features, rng = self.features_, np.random.default_rng(0)
+        rows = rng.integers(len(change), size=SIMULATED)
+        change, thermal = change[rows], thermal[rows]
+        field, way = np.empty_like(change), rng.integers(DIRECTIONS, size=SIMULATED)
+        for i, distance in enumerate(rng.uniform(*DISTANCES, SIMULATED)):
+            pixels, response = self.config.positions, features.uniform_.response_
+            one = magnet_fields(pixels, response, distance)[way[i]]
+            field[i] = 10 ** rng.uniform(*MOMENTS) * rng.normal(size=3) @ one
+        x, parts = features.table(change, thermal, None, self.start())
+        moved, _ = features.table(change + field, thermal, None, self.start())
+        error = (self._answers(moved, parts) - self._answers(x, parts))[:, : -len(parts['rest'])]
+        uniform = features.uniform_.solve(field)[:, features.uniform_.seen]
+        error[:, -uniform.shape[1] :] -= uniform
+        seen = self._seen(moved, parts)
+        told = self._beside(moved, parts, seen, np.arange(SIMULATED))
+        self.magnets_.calibrate(error, *told, way)
+
+    def _answers(self, x: Array, parts: dict[str, Integers]) -> Array:
+        """What a field that is not the disc's falsifies, and what it leaves over, side by side."""
+        told = [target.estimator_.predict(x) for target in self.targets_]
+        return np.concatenate([*told, x[:, parts['uniform']], x[:, parts['rest']]], axis=1)
 
     def _learn_targets(
         self, x: Array, parts: dict[str, Integers], good: Bools, truth: Columns, groups: Columns
-    ) -> None:
+    ) -> list[Selection]:
+        """Choose and fit the estimators of all targets; what they said of rows left out."""
         targets: list[Target] = []
+        held: list[Selection] = []
         wanted = self.estimator
         if (wanted in MODELS and 'place' not in parts) or (
             wanted == 'history' and wanted not in parts
@@ -148,10 +236,11 @@ class GradiometerEstimation:
             y = np.asarray(truth.get(name, np.full((len(x), 3), np.nan)), np.float64)
             for columns, rows in known_columns(y, good):
                 group = np.asarray(groups['group'], np.int64)[rows]
-                target = Target(name, columns, drivers, parts['differences'])
+                targets.append(Target(name, columns, drivers, parts['differences']))
                 known = candidates(parts, wanted)
-                targets.append(target.fit(x[rows], y[rows][:, columns], group, known))
+                held.append(targets[-1].fit(x[rows], y[rows][:, columns], group, known))
         self.targets_ = tuple(targets)
+        return held
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Targets, covariances, stray field and flags of every row.
@@ -174,54 +263,75 @@ class GradiometerEstimation:
         x, parts = features.table(change, features.thermal(signals, memory), signals, memory)
         status = margins(signals, config, features.readings_.noise) * _SATURATED
         known: Columns = {}
-        wider = np.zeros((len(x), sum(len(target.columns) for target in self.targets_)))
+        width = sum(len(target.columns) for target in self.targets_)
+        shift, wider = np.zeros((len(x), width)), np.zeros((len(x), width, width))
         if self.stray_ is None:
             known['stray_field'] = features.uniform_.solve(change)
         else:
-            odd, wider = self._add_stray(known, x, parts, wider)
-            status |= odd * _STRAY
+            status |= self._add_stray(known, x, parts, (shift, wider)) * _STRAY
         outside = beyond(signals, features.readings_.span_)
         if np.count_nonzero(outside):
             status |= (outside > 0) * _OUTSIDE
-            wider = np.hypot(wider, OUTSIDE * outside[:, None])
+            wider += (OUTSIDE * outside)[:, None, None] ** 2 * np.eye(width)
+        if self.reach_ is not None:
+            away = self.reach_.beyond(x[:, parts['place']]) * (signals.in_contact != 0)
+            if np.count_nonzero(away):
+                status |= (away > 0) * _OUTSIDE
+                wider += self.reach_.doubt(away)[..., None] ** 2 * np.eye(width)
         if self.targets_:
-            self._add_targets(known, x, wider)
+            self._add_targets(known, x, self._noise(x, parts), (shift, wider))
+            status |= unsay(known, self.largest_, signals.in_contact != 0) * _ABSTAINED
         known['status'] = status
         return known
 
-    def _add_stray(
-        self, known: Columns, x: Array, parts: dict[str, Integers], wider: Array
-    ) -> tuple[Bools, Array]:
-        """The stray field (s, 3); where it is certainly a magnet's, and what it spoils (s, k)."""
+    def _seen(self, x: Array, parts: dict[str, Integers]) -> Seen:
+        """What readings tell beside the disc."""
         assert self.stray_ is not None
-        rest, uniform, axes = x[:, parts['rest']], x[:, parts['uniform']], self.features_.uniform_
-        field, shown, size, odd = self.stray_.predict(x[:, parts['where']], uniform, rest)
-        known['stray_field'] = np.full((len(x), 3), np.nan)
-        known['stray_field'][:, axes.seen] = field
-        if self.response_ is not None and np.count_nonzero(shown):
-            count = wider.shape[1]
-            answer = np.exp(self.response_.predict(x[:, parts['place']]))
-            wider = answer[:, :count] * (shown / answer[:, count])[:, None]
-            leak = (axes.uncertainty * size)[:, None]
-            wider = np.hypot(wider, answer[:, count + 1 :] * leak)
-        return odd, wider
+        rest, uniform = x[:, parts['rest']], x[:, parts['uniform']]
+        return self.stray_.predict(x[:, parts['where']], uniform, rest)
 
-    def _add_targets(self, known: Columns, x: Array, wider: Array) -> None:
+    def _beside(
+        self, x: Array, parts: dict[str, Integers], seen: Seen, rows: Integers
+    ) -> tuple[Array, Array]:
+        """Errors of answers and their covariances in rows of a field that is not the disc's."""
+        assert self.magnets_ is not None
+        told = seen.left[rows], seen.noise[rows], seen.size[rows]
+        gains = self.features_.uniform_.uncertainty
+        return self.magnets_.error(x[rows][:, parts['place']], *told, gains)
+
+    def _add_stray(
+        self, known: Columns, x: Array, parts: dict[str, Integers], spoilt: tuple[Array, Array]
+    ) -> Bools:
+        """The stray field (s, 3), what it does to answers; rows (s,) where it is a magnet's."""
+        shift, wider = spoilt
+        seen, width = self._seen(x, parts), shift.shape[1]
+        near = np.flatnonzero(seen.near)
+        if len(near):
+            mean, cov = self._beside(x, parts, seen, near)
+            shift[near], wider[near] = mean[:, :width], cov[:, :width, :width]
+            seen.field[near] -= mean[:, width:]
+        known['stray_field'] = np.full((len(x), 3), np.nan)
+        known['stray_field'][:, self.features_.uniform_.seen] = seen.field
+        return seen.odd
+
+    def _add_targets(
+        self, known: Columns, x: Array, noise: Array, spoilt: tuple[Array, Array]
+    ) -> None:
         """Components of all targets (s, 3) and their covariances, NaN where never told."""
-        first, drivers = 0, self.targets_[0].drive(x)
-        for target in self.targets_:
+        (shift, wider), drivers = spoilt, self.targets_[0].drive(x)
+        for target, part in self._answered():
             if target.name not in known:
                 known[target.name] = np.full((len(x), 3), np.nan)
                 known[f'{target.name}_cov'] = np.full((len(x), 3, 3), np.nan)
-            end = first + len(target.columns)
-            mean, cov = target.predict(x, drivers, wider[:, first:end])
-            index, first = np.array(target.columns), end
+            mean, cov = target.predict(x, drivers, noise[:, part], shift[:, part])
+            cov += wider[:, part, part] * np.outer(target.unit_, target.unit_)
+            index = np.array(target.columns)
             known[target.name][:, index] = mean
             known[f'{target.name}_cov'][:, index[:, None], index] = cov
 
 
 _SATURATED, _STRAY = np.int64(FrameStatus.SATURATED), np.int64(FrameStatus.STRAY_FIELD)
-_OUTSIDE = np.int64(FrameStatus.OUT_OF_RANGE)
+_OUTSIDE, _ABSTAINED = np.int64(FrameStatus.OUT_OF_RANGE), np.int64(FrameStatus.ABSTAINED)
 
 
 def _at_rest(signals: Signals, truth: Columns) -> Bools:

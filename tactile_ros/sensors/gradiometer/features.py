@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
@@ -90,7 +91,7 @@ class Features:
         self.choice_ = field_model(self.config, self.readings_.noise)
         self.terms_ = terms(self.config, max(self.readings_.noise, LEAST_NOISE), STATES)
         change = self.readings_.change(signals)
-        self._learn_uniform(change, stray, rest & signals.good)
+        self._learn_uniform(signals, stray, rest & signals.good)
         self.place_ = self.tilted_ = None
         self.lag_ = self.config.thermal_lag
         rows = np.flatnonzero(touched & signals.good & np.isfinite(change).all(axis=1))
@@ -104,13 +105,21 @@ class Features:
         self.remembers_ = self.remembers or signals.stamp_ns is not None
         return change
 
-    def _learn_uniform(self, change: Array, stray: Array, rows: Bools) -> None:
-        """Learn how channels respond to a uniform field."""
+    def _learn_uniform(self, signals: Signals, stray: Array, rows: Bools) -> None:
+        """Learn how channels respond to a uniform field, beside what warmth does to them."""
         self.uniform_ = UniformField(self.readings_.axes, self.readings_.noise)
         vars(self).pop('projection', None)
+        change = self.readings_.change(_since_tare(signals))
         known = rows & np.isfinite(stray).any(axis=1) & np.isfinite(change).all(axis=1)
-        if known.sum() >= 3 and np.nanmax(np.abs(stray[known])) > 0:
-            self.uniform_.fit(change[known], np.nan_to_num(stray[known]))
+        if known.sum() < 3 or np.nanmax(np.abs(stray[known])) == 0:
+            return
+        told = np.column_stack([change, np.nan_to_num(stray)])[known]
+        if self.readings_.warm_:
+            lags = (0.0, *self.readings_.lags_)
+            warm = [self.thermal(signals, StreamMemory(lag))[known, 0] for lag in lags]
+            basis, _ = np.linalg.qr(np.column_stack([np.ones(len(told)), *warm]))
+            told = told - basis @ (basis.T @ told)
+        self.uniform_.fit(told[:, :-3], told[:, -3:])
 
     def _learn_lag(self, signals: Signals, change: Array, rows: Integers) -> None:
         """Take the time constant with which the disc's model explains most."""
@@ -132,7 +141,7 @@ class Features:
         for _ in range(FINER):  # golden section of the logarithm
             first, second = low**GOLDEN * high ** (1 - GOLDEN), low ** (1 - GOLDEN) * high**GOLDEN
             low, high = (low, second) if left(first) < left(second) else (first, high)
-        near = sorted(sorted(costs, key=left)[:3])
+        near = sorted(sorted((lag for lag in costs if lag > 0), key=left)[:3])
         best = float(_lowest(np.log(near), np.array([left(lag) for lag in near])))
         self.lag_ = float(np.clip(np.exp(best), near[0], near[-1]))
 
@@ -144,9 +153,9 @@ class Features:
         model, place = WarmPolynomial((3,)), self.place_
 
         def left(lag: float) -> float:
-            warm = self.thermal(signals, StreamMemory(lag))
-            seen = place.invert(change[rows], warm[rows, 0])[0]
-            return model.leaves(np.column_stack([seen, warm[rows]]), force[rows])
+            warm = self.thermal(signals, StreamMemory(lag))[rows, :1]
+            seen = place.invert(change[rows], warm[:, 0])[0]
+            return model.leaves(np.column_stack([seen, warm]), force[rows])
 
         low, high = self.lag_ / NEARBY, self.lag_ * NEARBY
         for _ in range(FINER):
@@ -172,7 +181,7 @@ class Features:
         return differences if differences.shape[1] >= 3 and self.config.stray_term else whole
 
     def thermal(self, signals: Signals, memory: StreamMemory) -> Array:
-        """Temperatures (s, h); no column where those of the fit were all alike."""
+        """Temperature and its doubt (s, 2); no column where those of the fit were all alike."""
         rows = len(signals.good)
         if not self.readings_.warm_:
             return np.zeros((rows, 0))
@@ -195,7 +204,7 @@ class Features:
         if self.place_ is not None:
             known['place'], known['rest'], left = self.place_.explain(change, warm)
             known['uniform'] = self.uniform_.solve(left)[:, self.uniform_.seen]
-        known['thermal'] = thermal
+        known['thermal'], known['doubt'] = thermal[:, :1], thermal[:, 1:]
         if self.tilts_ and self.tilted_ is not None:
             known['tilted'] = self.tilted_.invert(change, warm)[0]
         elif self.remembers_ and self.tilted_ is not None:
@@ -210,6 +219,16 @@ class Features:
         """Leave out what these estimators do not see."""
         self.tilts_ = self.tilts_ and 'inversion_tilt' in estimators
         self.remembers_ = self.remembers_ and 'history' in estimators
+
+
+def _since_tare(signals: Signals) -> Signals:
+    """The same frames over the baselines that their streams began with.
+
+    A baseline that follows drift at rest follows outside fields too.
+    """
+    start = np.maximum.accumulate(np.where(signals.restart, np.arange(len(signals.good)), 0))
+    base = signals.baseline[start]
+    return replace(signals, delta=signals.delta + (signals.baseline - base), baseline=base)
 
 
 def _lowest(x: Array, y: Array) -> float:

@@ -13,6 +13,7 @@ from tactile_ros.sensors.gradiometer.thermal import (
     chip_temperature,
     lags_told,
     sensitivity,
+    thermometer_noise,
 )
 
 if TYPE_CHECKING:
@@ -52,6 +53,8 @@ class Readings:
         Time constants by which the disc may lag behind the chip (s).
     span_ : ndarray, shape (2,)
         Least and highest temperature of the fit (degrees Celsius); infinite: none was told.
+    thermometer_ : float
+        Noise of the chip's thermometer (degrees); 0: no stream told it.
     """
 
     def __init__(self, config: GradiometerConfig) -> None:
@@ -67,6 +70,7 @@ class Readings:
         self.warm_ = False
         self.lags_ = np.zeros(0)
         self.span_ = np.array([-np.inf, np.inf])
+        self.thermometer_ = 0.0
         self.fitted_ = False
         self.noise_is_stated = config.noise is not None
 
@@ -85,6 +89,7 @@ class Readings:
             self.span_ = np.array([seen.min(), seen.max()])
             self.warm_ = bool(seen.max() - seen.min() > LEAST_RANGE)
             self.lags_ = lags_told(signals) if self.warm_ else self.lags_
+            self.thermometer_ = thermometer_noise(signals, chip)
         self._learn_rest(signals, resting if resting.any() else rows)
         if not self.noise_is_stated and resting.sum() > 10:
             spread = signals.delta[resting].reshape(-1, len(self.axes)).std(axis=0)
@@ -108,6 +113,13 @@ class Readings:
             mean = np.where(np.isfinite(mean), mean, self.usual_)
             chip = np.where(np.isfinite(chip), chip, mean[:, None])
         return sensitivity(chip, self.sensitivity)[..., None]
+
+    @property
+    def steepness(self) -> float:
+        """Relative change of fields for a degree that the thermometer is wrong by (1 / degree)."""
+        warm = self.usual_ + np.array([-0.5, 0.5])
+        low, high = sensitivity(warm, self.sensitivity)
+        return float((low - high) / (0.5 * (low + high)))
 
     def change(self, signals: Signals) -> Array:
         """Change of field since rest, or the field, shape (s, n) (T)."""

@@ -171,14 +171,12 @@ def presses(
 
 def signal(config: GradiometerConfig, seed: int = 0) -> Callable[[float], Array]:
     """The readings of `presses` without noise, over time (s), again and again."""
-    return scene(config, seed)[0]
+    return playing(presses(config, seed, noise=0.0))
 
 
-def scene(
-    config: GradiometerConfig, seed: int = 0
-) -> tuple[Callable[[float], Array], Callable[[float], Array]]:
-    """Readings (t, 2) of `presses` without noise and temperatures (t,) over time (s), repeated."""
-    plain = presses(config, seed, noise=0.0)
-    temperature_c, rate_hz = plain.temperature_c, plain.layout.rate_hz
-    assert temperature_c is not None
-    return playing(plain), lambda t: temperature_c[round(t * rate_hz) % len(plain)]
+def temperature(config: GradiometerConfig) -> Callable[[float], Array]:
+    """Temperatures (t,) of the chips in `presses` (degrees Celsius), over time (s)."""
+    rate_hz, pixels = config.rate_hz, len(config.positions)
+    count = round(programme(config, 0, PRESSES).duration_s * rate_hz)
+    chip, _ = warm_up(config, np.arange(count) / rate_hz)
+    return lambda t: np.full(pixels, chip[round(t * rate_hz) % count])

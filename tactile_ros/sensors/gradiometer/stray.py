@@ -6,18 +6,46 @@ part of its gradient which no place of the disc explains shows it, and says how 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from tactile_ros.estimators.folds import group_folds
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
 from tactile_ros.estimators.polynomial_rows import spread
 from tactile_ros.estimators.uncertainty import CalibratedCovariance
+from tactile_ros.sensors.gradiometer.magnets import FREEDOMS
 from tactile_ros.types import Array, Bools, Integers
 
 DEGREES = (1, 2, 3, 4)
 USUAL, CERTAIN = 0.99, 0.9999  # of what clean frames leave over
 BEYOND = 1.5  # times the oddest that is certain
-FEW_FREEDOMS = 3.0  # two sigmas of Student's t of about two freedoms, over those of normal ones
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What readings tell beside the disc.
+
+    Attributes
+    ----------
+    field : ndarray, shape (s, r)
+        Stray field (T).
+    left : ndarray, shape (s, m)
+        Differences that the disc's model leaves over, less those that it always does (T).
+    noise : ndarray, shape (s,)
+        Of each freedom of them in clean frames (T).
+    size : ndarray, shape (s,)
+        Of the stray field (T); 0 where it may be none.
+    near, odd : ndarray of bool, shape (s,)
+        A field that is not the disc's is likely; the differences are certainly not the disc's.
+    """
+
+    field: Array
+    left: Array
+    noise: Array
+    size: Array
+    near: Bools
+    odd: Bools
 
 
 class StrayField:
@@ -106,13 +134,8 @@ class StrayField:
         }
         return self
 
-    def predict(
-        self, place: Array, uniform: Array, rest: Array
-    ) -> tuple[Array, Array, Array, Bools]:
+    def predict(self, place: Array, uniform: Array, rest: Array) -> Seen:
         """Stray field, what of it may disturb differences, and where it certainly does.
-
-        Of a magnet's gradient a part hides in the disc's place; the part that shows in what the
-        model leaves over tells how large the whole may be.
 
         Parameters
         ----------
@@ -124,44 +147,14 @@ class StrayField:
 
         Returns
         -------
-        field : ndarray, shape (s, r)
-            Stray field (T).
-        excess : ndarray, shape (s,)
-            What of a gradient may show in all differences together (T); 0: none is likely.
-        size : ndarray, shape (s,)
-            Of the stray field; 0 where it may be none (T).
-        odd : ndarray of bool, shape (s,)
-            The differences are certainly not the disc's.
+        Seen
+            Of every row.
         """
         usual, count = self.usual_field_.predict(place), uniform.shape[1]
-        field = uniform - usual[:, :count]
+        field, left = uniform - usual[:, :count], rest - usual[:, count:]
         sigma = spread(self.spread_, place)
-        odd = (((rest - usual[:, count:]) / sigma) ** 2).mean(axis=1)
+        odd = ((left / sigma) ** 2).mean(axis=1)
         size = np.sqrt(np.maximum((field**2).sum(axis=1) - self.blind_**2, 0.0))
         near = (odd > self.usual_) | (size > 0)
-        shown = np.where(near, np.sqrt(odd * (sigma**2).sum(axis=1)), 0.0)
-        return field, FEW_FREEDOMS * shown, size, odd > self.limit_
-
-
-def gradient_patterns(pixels: Array, response: Array) -> Array:
-    """Readings of each kind of gradient of a field without sources, of 1 T / m.
-
-    Parameters
-    ----------
-    pixels : ndarray, shape (t, 3)
-        (m).
-    response : ndarray, shape (n, 3)
-        Of the n = c t channels to a uniform field.
-
-    Returns
-    -------
-    ndarray, shape (5, n)
-        Of the symmetric tensors without trace, orthonormal (T).
-    """
-    kinds = np.zeros((5, 3, 3))
-    kinds[0, 0, 1], kinds[1, 0, 2], kinds[2, 1, 2] = np.sqrt([0.5] * 3)
-    kinds = kinds + kinds.transpose(0, 2, 1)
-    kinds[3] = np.diag([1, -1, 0]) / np.sqrt(2)
-    kinds[4] = np.diag([1, 1, -2]) / np.sqrt(6)
-    apart = np.repeat(pixels - pixels.mean(axis=0), len(response) // len(pixels), axis=0)
-    return np.asarray(np.einsum('ni,kij,nj->kn', response, kinds, apart))
+        noise = np.sqrt((sigma**2).sum(axis=1) / max(rest.shape[1] - FREEDOMS, 1))
+        return Seen(field, left, noise, size, near, odd > self.limit_)

@@ -28,6 +28,8 @@ PLAIN = (
 )  # fmt: skip
 MODELS = ('inversion', 'inversion_tilt', 'inversion_rest')
 ESTIMATORS = (*MODELS, *PLAIN)
+FOLDS = 10  # for the covariance: fits on fewer rows err more than the one in use
+SURE = 2.0  # standard errors
 TRIED = 1500  # rows on which candidates are compared
 TINY = 1e-12
 
@@ -94,6 +96,8 @@ class Target:
         Fitted on all rows, on components over `unit_`.
     unit_ : ndarray, shape (k,)
         Spread of each component.
+    span_ : ndarray, shape (2, k)
+        Least and most of each component that truth told.
     covariance_ : CalibratedCovariance
         From residuals of rows that the estimator had not seen.
     report_ : dict of str to float
@@ -109,28 +113,40 @@ class Target:
         self.strength = strength
         self.estimator_name = ''
 
-    def fit(self, x: Array, y: Array, groups: Integers, known: dict[str, Estimator]) -> Target:
-        """Choose among `known` by features (s, f), components (s, k) and groups (s,)."""
-        spread = y.std(axis=0)
+    def fit(self, x: Array, y: Array, groups: Integers, known: dict[str, Estimator]) -> Selection:
+        """Choose among `known` by features (s, f), components (s, k) and groups (s,).
+
+        What the one in use said about rows that it had not seen, over `unit_`, for `calibrate`.
+        """
+        spread, self.span_ = y.std(axis=0), np.stack([y.min(axis=0), y.max(axis=0)])
         self.unit_ = np.where(spread > 0, spread, 1.0)
         scaled = y / self.unit_
         few = _few_groups(groups)
         choice = select(known, x[few], scaled[few], groups[few])
         errors, name = choice.errors, choice.name
-        if len(few) < len(x):
-            choice = select({name: known[name]}, x, scaled, groups, folds=3)
+        usual = next(iter(known))
+        if name != usual:
+            plain = select({usual: known[usual]}, x[few], scaled[few], groups[few])
+            name = name if _clearly_better(choice, plain) else usual
+        folds = 3 if len(few) < len(x) else FOLDS
+        choice = select({name: known[name]}, x, scaled, groups, folds=folds)
         self.estimator_name = name
         self.estimator_ = known[name].fit(x, scaled, groups)
-        residuals = choice.residuals * self.unit_
-        drivers = self.drive(choice.x)
-        self.covariance_ = CalibratedCovariance().fit(drivers, residuals, choice.groups)
-        self._report(choice, residuals, drivers, errors)
-        return self
+        self.report_ = {f'share_{name}': error for name, error in errors.items()}
+        return choice
 
-    def _report(
-        self, choice: Selection, residuals: Array, drivers: Array, errors: dict[str, float]
-    ) -> None:
-        sigma = self.covariance_.sigma(drivers)
+    def calibrate(self, choice: Selection, noise: Array) -> None:
+        """Learn the covariance from rows left out, and what noise does to them (s, k).
+
+        The spread is that of the noise, carried through, times what the residuals ask for
+        (Papadopoulos, Gammerman and Vovk, Normalized nonconformity measures, 2008).
+        """
+        drivers = self.drive(choice.x)
+        self.covariance_ = CalibratedCovariance().fit(
+            drivers, choice.residuals / noise, choice.groups
+        )
+        sigma = self.covariance_.sigma(drivers) * noise * self.unit_
+        residuals = choice.residuals * self.unit_
         length = np.linalg.norm(residuals, axis=1)
         self.report_ = {
             'held_out_mean': float(length.mean()),
@@ -144,7 +160,7 @@ class Target:
                 f'rmse_{"xyz"[c]}': float(np.sqrt((residuals[:, k] ** 2).mean()))
                 for k, c in enumerate(self.columns)
             },
-            **{f'share_{name}': error for name, error in errors.items()},
+            **self.report_,
         }
 
     @property
@@ -152,28 +168,7 @@ class Target:
         """Target with the names of its components."""
         return f'{self.name}_{"".join("xyz"[i] for i in self.columns)}'
 
-    def response(self, x: Array, moved: list[Array], step: float) -> Array:
-        """How much components change with a field that is not the disc's.
-
-        Parameters
-        ----------
-        x : ndarray, shape (s, f)
-            Features.
-        moved : list of ndarray, shape (s, f)
-            Features in each kind of gradient, of `step` (T / m).
-        step : float
-            (T / m).
-
-        Returns
-        -------
-        ndarray, shape (s, k)
-            Logarithm of the change, in `unit_`, over the gradient (m / T).
-        """
-        mean = self.estimator_.predict(x)
-        turns = np.stack([self.estimator_.predict(other) - mean for other in moved]) / step
-        return np.asarray(0.5 * np.log((turns**2).sum(axis=0) + TINY))
-
-    def predict(self, x: Array, drivers: Array, wider: Array) -> tuple[Array, Array]:
+    def predict(self, x: Array, drivers: Array, noise: Array, shift: Array) -> tuple[Array, Array]:
         """Components and their covariance.
 
         Parameters
@@ -182,20 +177,17 @@ class Target:
             Features.
         drivers : ndarray, shape (s, 1 + d)
             Of `drive`, the same for all targets.
-        wider : ndarray, shape (s, k)
-            Standard deviations beside those of the calibration, in `unit_`.
+        noise, shift : ndarray, shape (s, k)
+            What noise does, as in `calibrate`, and an error that is known, in `unit_`.
 
         Returns
         -------
         mean, cov : ndarray, shape (s, k), (s, k, k)
             (Unit of the target, and squared.)
         """
-        mean = self.estimator_.predict(x) * self.unit_
-        sigma, known = spread(self.covariance_, drivers), self.covariance_.correlation_
-        cov = sigma[:, :, None] * sigma[:, None, :] * known
-        width = len(self.columns)
-        cov.reshape(len(x), width * width)[:, :: width + 1] += (wider * self.unit_) ** 2
-        return mean, cov
+        mean = (self.estimator_.predict(x) - shift) * self.unit_
+        sigma = spread(self.covariance_, drivers) * noise * self.unit_
+        return mean, sigma[:, :, None] * sigma[:, None, :] * self.covariance_.correlation_
 
     def drive(self, x: Array) -> Array:
         """Logarithm of the signal's size, and features: what errors depend on, (s, 1 + d)."""
@@ -204,6 +196,22 @@ class Target:
         np.log(size + TINY, out=drivers[:, 0])
         drivers[:, 1:] = x[:, self.drivers]
         return drivers
+
+
+def _clearly_better(choice: Selection, usual: Selection) -> bool:
+    """Whether groups left out tell a choice from the usual estimator by more than chance.
+
+    After the one-standard-error rule of Breiman et al., Classification and Regression Trees,
+    1984, sec. 3.4.3, with two.
+    """
+    index = np.unique(choice.groups, return_inverse=True)[1].reshape(-1)
+    size = [
+        np.sqrt(np.bincount(index, (one.residuals**2).sum(axis=1)) / np.bincount(index))
+        for one in (usual, choice)
+    ]
+    gain = size[0] - size[1]
+    chance = gain.std() / np.sqrt(max(len(gain) - 1, 1))
+    return bool(gain.mean() > SURE * chance or not np.isfinite(gain).all())
 
 
 def _few_groups(groups: Integers) -> Integers:

@@ -23,6 +23,8 @@ LEAST_RANGE = 3.0  # degrees
 SAME = 1.0  # degrees between two frames of one stream
 FOLLOWED = (-25.0, 95.0)  # degrees Celsius, beyond which the sensitivity's polynomial stands still
 UNIT = 25.0  # degrees
+FEWEST_SCATTERED = 50  # rows that tell the thermometer's noise
+THIRD = 20.0  # variance of third differences of noise of 1
 
 
 class ThermalMemory:
@@ -38,6 +40,7 @@ class ThermalMemory:
         self.history = History(np.array([lag])) if lag > 0 else None
         self.first: Array | None = None
         self.last: tuple[int, float] | None = None
+        self.since_ns = 0
 
     def begins(self, signals: Signals, chip: Array) -> Bools:
         """Rows (s,) before which a new stream begins; a new baseline alone changes no warmth."""
@@ -69,27 +72,68 @@ def sensitivity(temperature_c: Array, coefficients: Array) -> Array:
 
 
 def lagging(signals: Signals, chip: Array, usual: float, memory: ThermalMemory) -> Array:
-    """Temperature of the disc from the usual one over 25 degrees, shape (s, 1).
+    """Temperature of the disc and what the thermometer's noise leaves of itself in it.
 
-    A stream begins in equilibrium.
+    Parameters
+    ----------
+    signals : Signals
+        Conditioned frames.
+    chip : ndarray, shape (s,)
+        Temperature of the chip; NaN: the usual one.
+    usual : float
+        Of the fit (degrees Celsius).
+    memory : ThermalMemory
+        Of the stream, which begins in equilibrium; moves on.
+
+    Returns
+    -------
+    ndarray, shape (s, 2)
+        Temperature from the usual one over 25 degrees; standard deviation of its error over that
+        of the thermometer's noise (1).
     """
     chip = np.where(np.isfinite(chip), chip, usual)
     warm = (chip - usual)[:, None] / UNIT
     if signals.stamp_ns is None or memory.history is None or not len(chip):
-        return np.asarray(warm)
+        return np.concatenate([warm, np.ones_like(warm)], axis=1)
+    stamps, before = signals.stamp_ns, memory.last
     begins = memory.begins(signals, chip)
     start = np.maximum.accumulate(np.where(begins, np.arange(len(chip)), -1))
     earlier = chip[:1] if memory.first is None else memory.first
     first = np.where(start >= 0, chip[np.maximum(start, 0)], earlier[0])
+    since = np.where(start >= 0, stamps[np.maximum(start, 0)], memory.since_ns)
     rise = (chip - first)[:, None]
     if len(chip) == 1:
         if begins[0]:
             memory.history.reset()
-        means = memory.history.step(rise[0], int(signals.stamp_ns[0]))[None]
+        means = memory.history.step(rise[0], int(stamps[0]))[None]
     else:
-        means = memory.history(rise, signals.stamp_ns, begins)
-    memory.first = first[-1:]
-    return np.asarray(warm - (rise - means[:, 0]) / UNIT)
+        means = memory.history(rise, stamps, begins)
+    memory.first, memory.since_ns = first[-1:], int(since[-1])
+    rate = SECONDS_PER_NS / float(memory.history.time_constants[0])
+    steps = rate * np.diff(stamps, prepend=stamps[0] if before is None else before[0])
+    doubt = _remaining(np.asarray(rate * (stamps - since)), np.maximum(steps, 0.0))
+    return np.column_stack([warm[:, 0] - (rise - means[:, 0])[:, 0] / UNIT, doubt])
+
+
+def _remaining(age: Array, step: Array) -> Array:
+    """Deviation of a fading mean of noise of 1, begun at noise of 1, `age` time constants ago."""
+    steady = np.tanh(0.5 * step)
+    return np.asarray(np.sqrt(steady + (1 - steady) * np.exp(-2 * age)))
+
+
+def thermometer_noise(signals: Signals, chip: Array) -> float:
+    """Noise of the chip's thermometer (degrees), told by how it scatters in a stream; 0: unknown.
+
+    Third differences leave what changes slowly aside.
+    """
+    if signals.stamp_ns is None or len(chip) < FEWEST_SCATTERED:
+        return 0.0
+    inside = ~(signals.restart[3:] | signals.restart[2:-1] | signals.restart[1:-2])
+    third = np.diff(chip, 3)[inside]
+    third = third[np.isfinite(third)]
+    if len(third) < FEWEST_SCATTERED:
+        return 0.0
+    return float(np.sqrt((third**2).mean() / THIRD))
 
 
 def lags_told(signals: Signals) -> Array:

@@ -21,12 +21,14 @@ from tactile_ros.regression.recognition import VOTER
 from tactile_ros.sensors.magnet_pad.cells import SPACE
 from tactile_ros.sensors.magnet_pad.inversion import PadInversion
 from tactile_ros.sensors.magnet_pad.likeness import Touched
-from tactile_ros.sensors.magnet_pad.nominal import NominalPad, nominal_choice
+from tactile_ros.sensors.magnet_pad.nominal import nominal_choice
+from tactile_ros.sensors.magnet_pad.nominal_pad import NominalPad
 from tactile_ros.sensors.magnet_pad.regressed import CLASSES as REGRESSED_CLASSES
 from tactile_ros.sensors.magnet_pad.regressed import FEWEST, Regressed, apart, noise_of_rest
 from tactile_ros.sensors.magnet_pad.response import PadResponse
 from tactile_ros.sensors.magnet_pad.scene import terms
 from tactile_ros.sensors.magnet_pad.telling import Telling
+from tactile_ros.sensors.magnet_pad.untold import KIND, LEANS, untold, upright
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -60,6 +62,8 @@ class Localisation(Regressed):
         Targets that it answers; 'force' alone where stamps give regressors no history.
     nominal_ : bool
         Whether the nominal model speaks.
+    upright_ : bool
+        Whether no recorded force had a part along the axis.
     terms_ : tuple of Worth
         What terms of the scene cost and buy.
     """
@@ -73,6 +77,7 @@ class Localisation(Regressed):
         self.inverted_: tuple[str, ...] = ()
         self.beaten_: dict[str, dict[str, float]] = {}
         self.nominal_ = estimator in (None, NOMINAL)
+        self.upright_ = False
         self.terms_: tuple[Worth, ...] = ()
 
     @property
@@ -87,17 +92,22 @@ class Localisation(Regressed):
         """Errors on held-out groups for each target, and what was found of the pad."""
         if self.nominal_:
             return {**super().report, **self._nominal_choice.report}
+        found = dict(self.beaten_)
+        if self.upright_:
+            found[f'{KIND}forces along the surface'] = {'sigma over load': LEANS}
         if self.inversion_ is None:
-            return {**super().report, **self.beaten_}
+            return {**super().report, **found}
         response = self.inversion_.response_
-        found = {'pad': response.report, **response.choice_.report}
+        found |= {'pad': response.report, **response.choice_.report}
+        found |= untold(self.config, self.inversion_.touches_)
         for term in self.terms_:
             found |= term.report
-        return {**super().report, **self.beaten_, **found}
+        return {**super().report, **found}
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component; see `Regression`."""
         self.inversion_, self.inverted_, self.beaten_ = None, (), {}
+        self.upright_ = False
         truth = _of_touches(truth)
         told = any(_told(truth[k])[signals.good].any() for k in TOLD if k in truth)
         self.nominal_ = self.wanted == NOMINAL or (self.wanted is None and not told)
@@ -114,6 +124,9 @@ class Localisation(Regressed):
         else:
             super().fit(signals, truth, groups)
         vars(self).pop('_centres', None)
+        self.upright_ = 'force' in truth and upright(
+            np.asarray(truth['force'], np.float64)[signals.good]
+        )
         if self.inversion_ is not None:
             self.terms_ = terms(self.config, self.inversion_.noise)
             self._choose(self.inversion_, self.cell_columns(signals, truth))
@@ -187,6 +200,12 @@ class Localisation(Regressed):
         known = super().estimate(signals, memory)
         if self.inverted_:
             self._add_inverted(known, signals, x)
+        if self.upright_ and 'force_cov' in known:
+            # what leans was never seen: its share of forces is that of the nominal touches
+            size = np.square(np.asarray(known['force'], np.float64)).sum(axis=1)
+            cov = np.array(known['force_cov'], np.float64)
+            cov[:, 0, 0] += LEANS**2 * size
+            known['force_cov'] = cov
         return known
 
     def contact(self, signals: Signals) -> npt.NDArray[np.int8]:

@@ -35,13 +35,13 @@ from tactile_ros.types import Array, Bools, Integers
 if TYPE_CHECKING:
     from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 
-COUNT, FEW = 30_000, 12_000
+COUNT = 30_000
 FOLDS = 4
 UNLIKE = 16.0  # misfit over its scale, from which a stray field is thought of
 COMPONENTS = np.arange(6)
 FLOOR = np.diag(np.repeat([1e-6, 1e-4], 3) ** 2)  # m2, N2: what truth itself is wrong by
 SHARE, LIGHTEST = 0.4, 0.01  # as `conditioning.contact` has them
-TRUSTED = 200  # rows of a level, from which half of its own factor is believed
+QUANTILE = 0.925  # variance, times rows, of the logarithm of what 68.27 % of a Gaussian are inside
 LEANING = 0.03  # tangential over normal force, from which touches lean
 
 
@@ -139,14 +139,14 @@ class PadInversion:
         for part, way in enumerate(ways):
             held = fold == part
             known = self.touches_[~held] if len(ways) > 1 else self.touches_
-            rows = self._table(way, known, FEW).of(READING)
+            rows = self._table(way, known, COUNT).of(READING)
             table = TouchMixture(rows, neighbours=NEIGHBOURS, told=ANSWERS, slack=SLACK)
             one = table(touched.x[held])
             said[held], misfit[held] = one.mean[:, :ANSWERS], one.misfit
             stated[held] = np.sqrt(np.diagonal(widened(one) + FLOOR, axis1=1, axis2=2))
             named[held] = table.shares(one, centres).argmax(axis=1)
         error = said - answers
-        self.spread_ = _trusting(StatedSpread().fit(stated, error), len(error))
+        self.spread_ = _straight(StatedSpread().fit(stated, error), len(error))
         self.misfit_ = max(float(np.quantile(misfit, 0.95)), 1.0)
         sigma = self.spread_(stated)
         self.report_ = {}
@@ -265,12 +265,14 @@ class PadInversion:
         return bool(self.live.all())
 
 
-def _trusting(spread: StatedSpread, rows: int) -> StatedSpread:
-    """The same, its levels as near to one factor as few held-out rows leave them."""
-    whole = spread.factors_.mean(axis=0)
-    level = rows / len(spread.factors_)
-    own = (spread.factors_ - whole) * level / (level + TRUSTED)
-    spread.factors_ = whole + own
+def _straight(spread: StatedSpread, rows: int) -> StatedSpread:
+    """The same, its factors on a line over the sigma, as steep as so many rows are sure of it."""
+    whole, levels = spread.factors_.mean(axis=0), len(spread.factors_)
+    away = spread.knots_ - spread.knots_.mean(axis=0)
+    square = np.maximum((away * away).sum(axis=0), 1e-12)
+    slope = (away * (spread.factors_ - whole)).sum(axis=0) / square
+    doubt = QUANTILE * levels / rows / square
+    spread.factors_ = whole + slope**3 / (slope**2 + doubt) * away
     return spread
 
 

@@ -10,21 +10,15 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from tactile_ros.estimators.touch_mixture import Linearised
 from tactile_ros.physics.dipoles import in_chip_axes
 from tactile_ros.physics.elastomer import disc_press
 from tactile_ros.sensors.magnet_pad.fidelity import block_model, blocks_of
-from tactile_ros.sensors.magnet_pad.telling import READING, SIGMAS, Telling
-from tactile_ros.types import Array, Bools
+from tactile_ros.types import Array
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from tactile_ros.physics.fidelity import Choice
     from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-    from tactile_ros.signals import Columns
 
 SEED = 20191112
 LOADS = (0.01, 0.6)  # of shear modulus times the square of the radius
@@ -34,15 +28,6 @@ UPRIGHT = 0.75  # share of touches that do not lean
 BLOCK = 2048
 MEASURED = 200  # touches by which a model of the blocks is chosen
 NOISE, LEAST_NOISE = 4e-6, 1e-7  # T, where nothing tells it; below it nothing is gained
-COUNT = 8000
-STEP = 1e-2  # radii and rad, by which slopes are measured
-LOAD = 2.0  # radii that a factor e of load counts as
-NEAR = 6  # neighbour whose distance is the reach of a touch
-RIGHT = 0.06  # of a reading: what the model may be wrong by
-UNLIKE = 4.0  # misfit of a channel, from which a stray field is thought of
-UNSURE = 0.8  # the table's spread has touches that lean and bodies of all bonds
-STIFF = 0.2  # share by which a modulus from a hardness, and thus a force, may be wrong
-LEAST = 1e-4  # m; N times shear modulus and radius follow
 
 
 @dataclass(frozen=True)
@@ -76,6 +61,12 @@ class Presses:
         """Of the force, shape (s,) (N)."""
         return np.asarray(np.linalg.norm(self.force, axis=1))
 
+    def rows(self, part: slice) -> Presses:
+        """Some of them."""
+        return Presses(
+            self.along[part], self.around[part], self.force[part], self.tip[part], self.bond[part]
+        )
+
     def turned(self, angle: float) -> Presses:
         """The same a little further around (rad), forces with their places."""
         cosine, sine = np.cos(angle), np.sin(angle)
@@ -98,9 +89,9 @@ def uniform_response(config: MagnetPadConfig) -> Array:
     return np.concatenate([turn.T for turn in turned])
 
 
-def spread_presses(config: MagnetPadConfig, count: int) -> Presses:
-    """Touches of all kinds over the whole pad, the same for the same config."""
-    rng = np.random.default_rng(SEED)
+def spread_presses(config: MagnetPadConfig, count: int, seed: int = SEED) -> Presses:
+    """Touches of all kinds over the whole pad, the same for the same config and seed."""
+    rng = np.random.default_rng(seed)
     along = config.length * (rng.uniform(size=count) - 0.5)
     across = rng.uniform(-1, 1, count)
     around = np.arccos(0.98 * across)
@@ -125,7 +116,7 @@ def change_of_field(config: MagnetPadConfig, presses: Presses, edge_nodes: int =
     level = blocks.field(config.positions, rest, rest)
     parts = []
     for i in range(0, len(presses.along), BLOCK):
-        moved, turned = blocks.carried(_displacement(config, presses, slice(i, i + BLOCK)))
+        moved, turned = movement(config, presses.rows(slice(i, i + BLOCK)))
         parts.append(blocks.field(config.positions, moved, turned) - level)
     return in_chip_axes(np.concatenate(parts), config.rotations)
 
@@ -133,7 +124,7 @@ def change_of_field(config: MagnetPadConfig, presses: Presses, edge_nodes: int =
 def field_choice(config: MagnetPadConfig, presses: Presses, noise: float) -> Choice:
     """Model of the blocks that touches need at a noise (T), by some of them."""
     some = slice(0, None, max(len(presses.along) // MEASURED, 1))
-    moved, turned = blocks_of(config, 1).carried(_displacement(config, presses, some))
+    moved, turned = movement(config, presses.rows(some))
     return block_model(config, max(noise, LEAST_NOISE), moved, turned)
 
 
@@ -143,92 +134,14 @@ def nominal_choice(config: MagnetPadConfig) -> Choice:
     return field_choice(config, spread_presses(config, MEASURED), noise)
 
 
-def _displacement(
-    config: MagnetPadConfig, presses: Presses, rows: slice
-) -> Callable[[Array], Array]:
-    """Of points (n, 3) under some of the presses, shape (s, n, 3)."""
-    places, normals = presses.places(config.radius)[rows], presses.normals[rows]
-    force, tip, bond = -presses.force[rows], presses.tip[rows], presses.bond[rows]
+def movement(config: MagnetPadConfig, presses: Presses) -> tuple[Array, Array]:
+    """Shifts (m) and turns (rad) of the magnets under touches, shape (s, m, 3) both."""
+    places, normals = presses.places(config.radius), presses.normals
 
     def displacement(points: Array) -> Array:
         wide = np.broadcast_to(points, (len(places), *points.shape))
-        return disc_press(wide, places, normals, force, tip, config.shear_modulus, bond)
-
-    return displacement
-
-
-class NominalPad:
-    """Touches of the nominal model as a table that answers readings.
-
-    Parameters
-    ----------
-    config : MagnetPadConfig
-        Geometry and materials.
-
-    Attributes
-    ----------
-    telling : Telling
-        Of the touches.
-    """
-
-    def __init__(self, config: MagnetPadConfig) -> None:
-        self.cells = config.cells
-        noise = NOISE if config.noise is None else max(float(np.max(config.noise)), LEAST_NOISE)
-        presses = spread_presses(config, COUNT)
-        several = len(config.positions) > 1 and config.stray_term
-        common = uniform_response(config) if several else None
-        rows = self._rows(config, presses, noise)
-        limit = UNLIKE * rows.readings.shape[1]
-        self.telling = Telling(rows, common, noise, SIGMAS * noise, limit, neighbours=32)
-        force = LEAST * config.shear_modulus * config.radius
-        self.floor = np.diag(np.repeat([LEAST, force], 3) ** 2)
-
-    @staticmethod
-    def _rows(config: MagnetPadConfig, presses: Presses, noise: float) -> Linearised:
-        """Touches with their readings, and both a little further along, around and harder."""
-        nodes, radius = nominal_choice(config).size[0], config.radius
-        spots = np.column_stack(
-            [presses.along / radius, presses.around, LOAD * np.log(presses.size)]
+        return disc_press(
+            wide, places, normals, -presses.force, presses.tip, config.shear_modulus, presses.bond
         )
-        reach = cKDTree(spots).query(spots, k=[NEAR + 1])[0][:, 0]
-        reach = np.clip(reach, 0.005, 0.3)[:, None]
-        steps = (
-            replace(presses, along=presses.along + STEP * radius),
-            presses.turned(STEP),
-            replace(presses, force=presses.force * (1 + STEP / LOAD)),
-        )
-        level = change_of_field(config, presses, nodes).reshape(len(reach), -1)
-        one = np.ones(len(level))
-        start = np.column_stack([presses.places(radius), presses.force, one, level])
-        rises = []
-        for step in steps:
-            change = change_of_field(config, step, nodes).reshape(len(reach), -1)
-            moved = np.column_stack([step.places(radius), step.force, one, change])
-            rises.append(moved - start)
-        leads = np.stack(rises, axis=-1) / STEP * reach[:, None]
-        sigma = np.sqrt(noise**2 + RIGHT**2 * (level**2).mean(axis=1))
-        share = np.full(len(level), 1 / len(level))
-        return Linearised(level, leads[:, READING:], start, leads, sigma, share)
 
-    def estimate(self, x: Array, rest: Bools) -> Columns:
-        """Place, force and cell of changes of field x (s, d) (T); NaN and -1 where x is not."""
-        there = np.asarray(np.isfinite(x).all(axis=1))
-        mean, cov = np.full((len(x), 6), np.nan), np.full((len(x), 6, 6), np.nan)
-        cell, share = np.full(len(x), -1), np.full(len(x), np.nan)
-        stray = np.full((len(x), 3), np.nan)
-        if there.any():
-            told = self.telling(x[there], self.cells)
-            spread = UNSURE**2 * told.cov + self.floor
-            stiffer = STIFF * told.mean[:, 3:]
-            spread[:, 3:, 3:] += stiffer[:, :, None] * stiffer[:, None, :]
-            mean[there], cov[there] = told.mean, spread
-            cell[there], share[there] = told.shares.argmax(axis=1), told.shares.max(axis=1)
-            stray[there] = told.stray
-            if self.telling.part is not None and (rest & there).any():
-                stray[rest & there] = self.telling.resting_field(x[rest & there])
-        known = {
-            'position': mean[:, :3], 'position_cov': cov[:, :3, :3],
-            'force': mean[:, 3:], 'force_cov': cov[:, 3:, 3:],
-            'cell': cell, 'cell_probability': share,
-        }  # fmt: skip
-        return known if self.telling.part is None else {**known, 'stray_field': stray}
+    return blocks_of(config, 1).carried(displacement)

@@ -24,8 +24,9 @@ if TYPE_CHECKING:
 
 STEPS = (41, 27)  # along and around
 EDGE = 0.98  # largest |y| of a touch, in radii
-FITTED = ('height', 'along', 'remanence', 'shear_modulus', 'bond', 'tip')
-UNSURE = np.array([0.05, 0.02, 0.1, 0.5, 0.5, 0.7])  # of their logarithms, along in radii
+FITTED = ('height', 'along', 'remanence', 'shear_modulus', 'bond', 'tip', 'stiffening')
+# of their logarithms, along in radii
+UNSURE = np.array([0.05, 0.02, 0.1, 0.5, 0.5, 0.7, 0.2])
 ROWS, ROUNDS = 240, 6
 
 
@@ -102,7 +103,7 @@ class PadResponse:
     ----------
     choice_ : Choice
         Model of the blocks that the touches need.
-    found_ : ndarray, shape (6,)
+    found_ : ndarray, shape (7,)
         What was found of `FITTED`, in units of `UNSURE`.
     full_ : float
         Load that counts as 1 (N).
@@ -128,7 +129,10 @@ class PadResponse:
 
     @property
     def report(self) -> dict[str, float]:
-        """What was found beside the config: factors, the base's hold (1) and the tip (m)."""
+        """What was found beside the config: factors, the base's hold (1) and the tip (m).
+
+        Of the stiffening, the logarithm by which the largest load moves less than its share.
+        """
         value = self.found_ * UNSURE
         return {
             'height': float(np.exp(value[0])),
@@ -137,6 +141,7 @@ class PadResponse:
             'shear_modulus': float(np.exp(value[3])),
             'bond': self._bond(self.found_),
             'tip': self._tip(self.found_),
+            'stiffening': float(value[6]),
         }
 
     def _bond(self, found: Array) -> float:
@@ -156,7 +161,9 @@ class PadResponse:
             remanence=min(config.remanence * float(np.exp(value[2])), 2.0),
             shear_modulus=config.shear_modulus * float(np.exp(value[3])),
         )
-        presses = touches.presses(self._tip(found), self._bond(found))
+        # to the first order, whatever makes the body stiffer under load
+        eased = touches.load * np.exp(-value[6] * touches.load / self.full_)
+        presses = replace(touches, load=eased).presses(self._tip(found), self._bond(found))
         field = change_of_field(config, presses, self.choice_.size[0])
         return field.reshape(len(touches.load), -1)[:, self.live]
 

@@ -34,14 +34,23 @@ def touches_of(config: MagnetPadConfig, count: int = COUNT) -> Array:
     return region(low, np.array([reach, np.pi - AROUND, LOADS[1] * stiff]), count)
 
 
-def readings_of(config: MagnetPadConfig, touches: Array) -> Array:
-    """Changes (s, n) (T) of touches (s, 3)."""
+def by_tip(config: MagnetPadConfig, place: Array, force: Array) -> Presses:
+    """Touches at places (s, 3) (m) on the surface, with forces (s, 3) (N), by the scene's tip."""
+    around, same = np.arctan2(place[:, 2], place[:, 1]), np.ones(len(place))
+    return Presses(place[:, 0], around, force, TIP * config.radius * same, BOND * same)
+
+
+def upright(config: MagnetPadConfig, touches: Array) -> Presses:
+    """Touches (s, 3) of the scene."""
     along, around, force = touches.T
     normal = np.column_stack([0 * along, np.cos(around), np.sin(around)])
-    same = np.ones(len(along))
-    push = force[:, None] * normal
-    presses = Presses(along, around, push, TIP * config.radius * same, BOND * same)
-    return change_of_field(config, presses).reshape(len(touches), -1)
+    place = config.radius * normal + along[:, None] * np.eye(3)[0]
+    return by_tip(config, place, force[:, None] * normal)
+
+
+def readings_of(config: MagnetPadConfig, touches: Array) -> Array:
+    """Changes (s, n) (T) of touches (s, 3)."""
+    return change_of_field(config, upright(config, touches)).reshape(len(touches), -1)
 
 
 def terms(config: MagnetPadConfig, noise: float, count: int = COUNT) -> tuple[Worth, ...]:

@@ -1,9 +1,8 @@
-"""A simple signal of the magnet pad: magnets that give way to a press nearby.
+"""The signal of the magnet pad's twin: taps over the cells, on the nominal body of the config.
 
-It is no model of [2] to estimate with: magnets move against the force by a share that falls with
-their distance from the contact as a Gaussian; the body's mechanics and the magnets' rotation are
-left out. Fields are as exact as the noise needs. Forces are those of [2], 1.5..10 N, along the
-surface's normal or inside the cone of 45 degrees about it.
+A tip of a third of the radius presses a body that its base holds half (`nominal`), which carries
+and turns the blocks; the model of their field is the cheapest that the noise allows. Forces are
+those of [2], 1.5..10 N, along the surface's normal or inside the cone of 45 degrees about it.
 """
 
 from __future__ import annotations
@@ -14,9 +13,11 @@ import numpy as np
 
 from tactile_ros.physics.dipoles import in_chip_axes
 from tactile_ros.physics.magnet_blocks import EXACT
-from tactile_ros.presses import REST_S, Programme, Touches, growing_loads, playing, recorded
+from tactile_ros.presses import Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.sensors.magnet_pad.config import layout
-from tactile_ros.sensors.magnet_pad.fidelity import block_model, blocks_of
+from tactile_ros.sensors.magnet_pad.fidelity import blocks_of
+from tactile_ros.sensors.magnet_pad.nominal import NOISE, field_choice, movement
+from tactile_ros.sensors.magnet_pad.scene import by_tip
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,35 +27,34 @@ if TYPE_CHECKING:
     from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
     from tactile_ros.types import Array, Recording
 
-NOISE = 4e-6  # T
-WIDTH = 0.6  # of the dent, in radii
-STIFFNESS = 2.4  # of the body, in shear moduli times radius: about a flat punch of 6 mm
 PLAY = 0.3  # of a place about its cell's centre, in distances of cells
 PRESSES = 60
-MEASURED = 100
 
 
-def movement(config: MagnetPadConfig, touches: Touches) -> Array:
-    """Displacement (s, m, 3) (m) of the magnets."""
-    away = config.magnet_positions - np.nan_to_num(touches.position)[:, None]
-    share = np.exp(-0.5 * np.square(away / (WIDTH * config.radius)).sum(axis=2))
-    stiffness = STIFFNESS * config.shear_modulus * config.radius
-    return np.asarray(-share[..., None] * touches.force[:, None] / stiffness)
+def carried(config: MagnetPadConfig, touches: Touches) -> tuple[Array, Array]:
+    """Shifts (m) and turns (rad) of the magnets, shape (s, m, 3) both."""
+    count = len(config.magnet_positions)
+    moved, turned = np.zeros((2, len(touches.press), count, 3))
+    rows = np.flatnonzero(touches.press >= 0)
+    # the body is linear: a press is computed once, whatever its load
+    _, first, which = np.unique(touches.press[rows], return_index=True, return_inverse=True)
+    first, share = rows[first], touches.share[rows, None, None]
+    full = touches.force[first] / touches.share[first, None]
+    shift, turn = movement(config, by_tip(config, touches.position[first], full))
+    moved[rows], turned[rows] = share * shift[which], share * turn[which]
+    return moved, turned
 
 
 def blocks_for(config: MagnetPadConfig, programme: Programme, noise: float = NOISE) -> Blocks:
     """Magnets in the cheapest model that presses at their full load need."""
-    begin = REST_S + programme.period_s * np.arange(len(programme.positions))
-    held = begin + programme.rise_s + programme.hold_s / 2
-    moved = movement(config, programme.at(held[:MEASURED]))
-    return blocks_of(config, block_model(config, noise, moved, np.zeros_like(moved)).size[0])
+    presses = by_tip(config, programme.positions, programme.forces)
+    return blocks_of(config, field_choice(config, presses, noise).size[0])
 
 
 def reading(config: MagnetPadConfig, touches: Touches, blocks: Blocks | None = None) -> Array:
     """Readings (s, t, 3) (T) of the magnets, exact or in a model, where a press has moved them."""
-    moved = movement(config, touches)
     blocks = blocks_of(config, EXACT) if blocks is None else blocks
-    field = blocks.field(config.positions, moved, np.zeros_like(moved))
+    field = blocks.field(config.positions, *carried(config, touches))
     return in_chip_axes(field, config.rotations)
 
 

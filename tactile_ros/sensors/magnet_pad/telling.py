@@ -13,7 +13,7 @@ import numpy as np
 from tactile_ros.estimators.touch_mixture import Linearised, Posterior, TouchMixture
 from tactile_ros.types import Array, Bools, Integers
 
-NEIGHBOURS, BLIND, SLACK = 16, 48, 1.0
+NEIGHBOURS, BLIND, SLACK = 16, 96, 1.0
 STRAY = 0.3e-3  # T, of one component of stray fields that are met
 ENTRY = 0.01  # of a stray field, by which gains and crossed axes of a chip falsify it
 ODDS = -4.0  # logarithm, of a stray field against none

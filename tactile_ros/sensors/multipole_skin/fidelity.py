@@ -14,7 +14,8 @@ import numpy as np
 from tactile_ros.physics.dipoles import in_chip_axes
 from tactile_ros.physics.fidelity import BLOCK_COST, DIPOLE_COST, Choice, Model, choose, region
 from tactile_ros.physics.layer_response import Layer
-from tactile_ros.physics.multipole_sheet import Sheet, carried_field
+from tactile_ros.physics.magnetic_sheet import Sheet
+from tactile_ros.physics.multipole_sheet import carpet, carried_field, harmonics
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,26 +35,24 @@ HARMONICS = (1, 2, 4)
 
 def sheet_of(config: MultipoleSkinConfig) -> Sheet:
     """The magnetised sheet at rest."""
-    size = np.array([*config.sheet_size, config.sheet_thickness])
-    return Sheet(size, config.remanence, config.magnetisation, config.pole_pitch)
-
-
-def middle_of(config: MultipoleSkinConfig) -> Array:
-    """Centre of the sheet, shape (3,) (m)."""
     low = float(config.positions[:, 2].mean()) + config.gap
-    return np.array([0.0, 0.0, low + config.sheet_thickness / 2])
+    even = np.full(2, config.remanence)
+    return Sheet(
+        np.asarray(config.sheet_size), low, config.sheet_thickness, config.pole_pitch,
+        config.magnetisation, even,
+    )  # fmt: skip
 
 
 def rest_model(config: MultipoleSkinConfig, noise: float) -> tuple[Choice, list[Model]]:
     """Choice for the sheet at rest, which may sit off its place, and all models."""
-    chips, middle, sheet = config.positions, middle_of(config), sheet_of(config)
+    chips, sheet = config.positions, sheet_of(config)
     count = len(chips)
 
     def shifted(field: Callable[[Array], Array]) -> Callable[[Array], Array]:
-        return lambda states: field(chips - middle - states[:, None])
+        return lambda states: field(chips - states[:, None])
 
-    def carpet(pitch: float, levels: int) -> Model:
-        places, moments = sheet.dipoles(pitch, levels)
+    def dipoles(pitch: float, levels: int) -> Model:
+        places, moments = carpet(sheet, pitch, levels)
         still = np.zeros_like(places)
         return Model(
             f'{len(places)} dipoles',
@@ -62,14 +61,14 @@ def rest_model(config: MultipoleSkinConfig, noise: float) -> tuple[Choice, list[
             size=(len(places),),
         )
 
-    blocks = len(sheet.bands[1])
+    blocks = len(sheet.bands)
     exact = Model('exact bands', shifted(sheet.field), BLOCK_COST * blocks * count)
-    models = [carpet(5e-3, 1), carpet(2.5e-3, 1), carpet(2.5e-3, 2), carpet(1.25e-3, 2)]
+    models = [dipoles(5e-3, 1), dipoles(2.5e-3, 1), dipoles(2.5e-3, 2), dipoles(1.25e-3, 2)]
     if config.magnetisation == 'M4':
         models += [
             Model(
                 f'{n} harmonics',
-                shifted(lambda at, n=n: sheet.harmonics(at, n)),  # type: ignore[misc]
+                shifted(lambda at, n=n: harmonics(sheet, at, n)),  # type: ignore[misc]
                 40.0 * n * count,
                 size=(n,),
             )
@@ -99,9 +98,8 @@ class PressedSheet:
         shear = config.youngs_modulus / (2 * (1 + config.poisson_ratio))
         self.layer = Layer(deep * self.body, shear, config.poisson_ratio)
         sheet = sheet_of(config)
-        self.places, self.moments = sheet.dipoles(pitch, LEVELS)
-        self.places = self.places + middle_of(config)
-        count = 2 * int(np.ceil(MARGIN * sheet.size[:2].max() / pitch / 2)) + 1
+        self.places, self.moments = carpet(sheet, pitch, LEVELS)
+        count = 2 * int(np.ceil(MARGIN * sheet.size.max() / pitch / 2)) + 1
         line = pitch * (np.arange(count) - count // 2)
         self.line, self.levels = line, np.unique(self.places[:, 2])
         self.rest = carried_field(

@@ -3,8 +3,8 @@
 Rows and columns of conductive thread cross over piezoresistive textile; the converter reads every
 crossing in 10 bits. Sensitivities differ by 55 % from taxel to taxel: [4] equilibrates each by a
 polynomial of second order, tames drift by a Voigt model, and finds washers and tubes by their
-footprint. Here each taxel's force comes from that polynomial, forced through zero; place and total
-force are regressed from the outputs until the paper's other methods are built.
+footprint. Here each taxel has a monotone law, zero at zero, with branches of creep undone; objects
+are placed by templates of coverage and least squares, and every patch of contact is listed.
 
 Source: [4] on pick and place with piezoresistive tactile sensor arrays.
 """

@@ -28,6 +28,9 @@ MORE = 0.9  # of the error of two branches: what a third must be worth
 LIGHT = 0.1  # of the largest load: lighter ones count by their error, heavier in parts
 TOGETHER = 0.5  # trust in shares that all taxels have in common, in taxels
 RIDGE = 1e-6
+FADED = 0.002  # of the largest strain: less is none
+FEWEST_LEFT = 5  # resting rows that say how a skin is that was never pressed
+CLEAR = 3.0  # of its standard error: more is a level
 MOST_SHARE = 3.0
 
 
@@ -86,6 +89,38 @@ def fit_creep(
     crept = load + np.einsum('bt,sbt->st', share, every)
     crept = np.where(np.isfinite(force), crept, np.nan)
     return Equilibration(law.law).fit(output, crept, groups), Creep(tau, share)
+
+
+def never_pressed(
+    output: Array, load: Array, stamp_ns: Integers, restart: Bools, noise: Array
+) -> Array | None:
+    """Outputs of taxels in which no past load is left, above what rests on average.
+
+    Parameters
+    ----------
+    output, load : ndarray, shape (s, t)
+        Outputs above the baseline of the rests, and told loads (N); NaN where unknown.
+    stamp_ns, restart : ndarray, shape (s,)
+        Acquisition times; rows before which the past is forgotten.
+    noise : ndarray, shape (t,)
+        Of an output at rest.
+
+    Returns
+    -------
+    ndarray, shape (t,), or None
+        None: loads say nothing, or the rests are as if never pressed.
+    """
+    whole = np.nan_to_num(load).sum(axis=1, keepdims=True)
+    resting = np.flatnonzero(whole[:, 0] == 0)
+    if len(resting) < FEWEST_ROWS or not whole.any():
+        return None
+    left = strains(whole, TAUS, stamp_ns, restart)[..., 0].mean(axis=1)
+    faded = int(np.count_nonzero(left[resting] <= FADED * left.max()))
+    rows = resting[np.argsort(left[resting], kind='stable')[: max(faded, FEWEST_LEFT)]]
+    with np.errstate(invalid='ignore'):
+        level = np.nan_to_num(np.nanmean(output[rows], axis=0))
+    clear = np.abs(level) > CLEAR * noise / np.sqrt(len(rows))
+    return np.asarray(level) if clear.mean() > 0.5 else None
 
 
 def _unexplained(u: Array, told: Array, past: Array) -> Array:

@@ -17,13 +17,15 @@ from tactile_ros.estimators.object_pose import ObjectPose
 from tactile_ros.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.regression import ESTIMATORS as REGRESSION_ESTIMATORS
 from tactile_ros.regression import Regression
-from tactile_ros.sensors.taxel_array.creep_fit import fit_creep
+from tactile_ros.sensors.taxel_array.creep_fit import fit_creep, never_pressed
+from tactile_ros.sensors.taxel_array.force_errors import force_errors
 from tactile_ros.sensors.taxel_array.gaps import Gaps
 from tactile_ros.sensors.taxel_array.memory import Memory
 from tactile_ros.sensors.taxel_array.patches import ArrayPatches, add_sum, ids_of
 from tactile_ros.sensors.taxel_array.placing import place_objects
 from tactile_ros.sensors.taxel_array.readout import Unmixing, area_correction
 from tactile_ros.sensors.taxel_array.surface import touched_surface
+from tactile_ros.sensors.taxel_array.untold import untold
 from tactile_ros.types import TaxelStatus
 
 if TYPE_CHECKING:
@@ -36,7 +38,6 @@ FEWEST_ROWS = 5
 QUANTUM = 2.8e-4  # standard deviation of rounding to 10 bits (fraction)
 TEMPLATES, SUM, CENTRE = 'coverage templates', 'sum of taxels', 'centre of force'
 UNLEARNED = 0.25  # spread of gains that nothing equilibrates
-GUESSED = 0.5  # error of a silent taxel's force, in parts
 MOST_LOST = 0.5  # of the taxels of a frame that still says something
 UNDONE = 0.1  # error of what creep is undone, in parts of it
 NEAR_ENOUGH = 0.03  # of the total force
@@ -65,8 +66,13 @@ class TaxelRegression(Regression):
         Taxels found dead or stuck in the fit, without labels.
     noise_ : ndarray, shape (t,)
         Of outputs at rest (fraction).
-    floor_, spread_ : float
-        Error of a taxel's force: a constant part (N), and a part of the force.
+    floor_, spread_, common_ : float
+        Error of a taxel's force: a constant part (N), and parts of the force, of its own and of
+        all taxels alike.
+    idle_ : ndarray, shape (t,)
+        Error of the force of a taxel that bears nothing (N).
+    rest_ : tuple of ndarray, shape (t,), or None
+        Baseline of the fit, and how far a skin that was never pressed is above it.
     summed_ : bool
         Whether the total force is the sum of the taxels'.
     """
@@ -81,9 +87,12 @@ class TaxelRegression(Regression):
         taxels = len(config.positions)
         self.silent_: Bools = np.zeros(taxels, bool)
         self.noise_: Array = np.full(taxels, QUANTUM)
-        self.floor_, self.spread_ = 0.0, UNLEARNED
+        self.floor_, self.spread_, self.common_ = 0.0, UNLEARNED, 0.0
+        self.idle_: Array = np.zeros(taxels)
         self.summed_ = False
+        self.rest_: tuple[Array, Array] | None = None
         self.errors_: dict[str, float] = {}
+        self.untold_: Report = {}
 
     @cached_property
     def objects(self) -> ObjectPose | None:
@@ -101,7 +110,8 @@ class TaxelRegression(Regression):
     @cached_property
     def patches(self) -> ArrayPatches:
         """Finder of patches on this array."""
-        return ArrayPatches(self.config, self.noise_, self.law_, self.floor_)
+        errors = (self.floor_, self.common_)
+        return ArrayPatches(self.config, self.noise_, self.law_, errors)
 
     @property
     def estimators(self) -> dict[str, str]:
@@ -127,24 +137,30 @@ class TaxelRegression(Regression):
 
     @property
     def report(self) -> Report:
-        """Errors on held-out groups; of the taxels' forces also on the rows learned from."""
+        """Errors on held-out groups, of forces also on the rows learned from; what is open."""
         own = {} if self.law_ is None else {'taxel_force': self.errors_}
-        return {**super().report, **own}
+        return {**super().report, **own, **self.untold_}
 
     def start(self) -> Memory:
         """Fresh memory of a stream."""
-        return Memory(None if self.creep_ is None else self.creep_.start(), ids_of(self.config))
+        creep = None if self.creep_ is None else self.creep_.start()
+        return Memory(creep, ids_of(self.config), self.rest_)
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component; see `Regression`."""
+        self._learn(signals, truth, groups)
+        self.untold_ = untold(signals, truth, self.silent_, self.creep_)
+
+    def _learn(self, signals: Signals, truth: Columns, groups: Columns) -> None:
+        """Rest, bad taxels, regressors, laws."""
         self.law_, self.shape_, self.creep_, self.summed_ = None, None, None, False
+        self.rest_ = None
         signals = self._alone(signals)
         output = signals.delta[..., 0]
         self._learn_rest(output, signals)
         force = self._told(truth, 'taxel_force', signals)
         self.silent_ = silent_taxels(output[signals.good], force, self.noise_)
-        templates = self.objects  # made now, not under the first frame
-        del templates
+        _ = self.objects  # made now, not under the first frame
         for name in ('patches', '_gaps', '_rest_noise'):
             vars(self).pop(name, None)
         if self.only not in LAWS:
@@ -189,9 +205,15 @@ class TaxelRegression(Regression):
         # a row that is left out hands the beginning of a stream on to the next
         restart = np.diff(np.cumsum(signals.restart)[good], prepend=0) > 0
         stamps = signals.stamp_ns[good]
+        above = never_pressed(output, force, stamps, restart, self.noise_)
+        if above is not None:
+            self.rest_ = signals.baseline[good[0], :, 0], above
+            output = self.start().above_tare(signals)[good]
         found = fit_creep(output, force, stamps, restart, group, self.law_)
-        if found is not None:
-            self.law_, self.creep_ = found
+        if found is None:
+            self.rest_ = None
+            return
+        self.law_, self.creep_ = found
 
     def _measure(self, signals: Signals, truth: Columns) -> None:
         """Errors of the taxels' forces and of their sum on the rows learned from."""
@@ -201,18 +223,13 @@ class TaxelRegression(Regression):
         known = np.isfinite(miss)
         if not known.any():
             return
-        top = float(np.nanmax(force))
-        heavy = known & (force >= 0.1 * top) & (force > 0)
-        light = known & (force < 0.1 * top)
-        light = light & (force > 0) if (light & (force > 0)).any() else light
-        part = np.square(miss[heavy] / force[heavy])
-        self.spread_ = float(np.sqrt(max(part.mean(), 1e-8))) if heavy.any() else UNLEARNED
-        rest = np.square(miss[light]) - np.square(self.spread_ * force[light])
-        self.floor_ = float(np.sqrt(max(rest.mean(), 0.0))) if light.any() else 0.0
+        errors = force_errors(miss, force, UNLEARNED)
+        self.floor_, self.spread_, self.common_, self.idle_ = errors
         assert self.law_ is not None
         self.errors_ = {
             'fit_rmse': float(np.sqrt(np.square(miss[known]).mean())),
             'relative': self.spread_,
+            'relative of all alike': self.common_,
             'silent': float(self.silent_.sum()),
             **{f'held_out_{name}': error for name, error in self.law_.errors_.items()},
         }
@@ -267,9 +284,9 @@ class TaxelRegression(Regression):
         if self.law_ is not None:
             forces = self._forces(signals, memory)
             known['taxel_force'] = forces
-        loads = self._loads(forces)
+        loads = self._gaps.loads(forces, self.floor_, self.spread_)
         if self.summed_:
-            add_sum(known, *loads)
+            add_sum(known, *loads, self.common_)
         if self.shape_ is not None:
             known['deformation'] = self.shape_.forces(output)
         if self.silent_.any():
@@ -307,14 +324,7 @@ class TaxelRegression(Regression):
         if self.law_ is None:
             return self.noise_
         gain = self.law_.forces(np.full((1, len(self.noise_)), 0.1))[0] / 0.1
-        return np.asarray(np.nan_to_num(gain) * self.noise_)
-
-    def _loads(self, forces: Array) -> tuple[Array, Array]:
-        """Forces (s, t) without gaps, and their variance."""
-        lost, filled = np.isnan(forces), self._gaps.filled(forces)
-        load = np.where(np.isnan(filled), 0.0, filled)
-        own = self.floor_**2 + np.square(self.spread_ * load)
-        return load, np.where(lost, np.square(GUESSED * load), own)
+        return np.asarray(np.maximum(np.nan_to_num(gain) * self.noise_, self.idle_))
 
     def _add_objects(self, known: Columns, forces: Array, signals: Signals) -> None:
         """Recognised objects; `known` is changed."""
@@ -325,22 +335,15 @@ class TaxelRegression(Regression):
             forces = np.where(np.isnan(forces), signals.values[..., 0], forces)
         spread = UNLEARNED if self.law_ is None else self.spread_
         asked = signals.good & (signals.in_contact != 0)
-        errors = (self.floor_, self.spread_) if self.summed_ else None
+        errors = (self.floor_, self.spread_, self.common_) if self.summed_ else None
         corrected, area_law = None, self.config.area_law
         if self.law_ is not None and area_law is not None:
             corrected = area_correction(
                 self.law_, signals.delta[..., 0], forces, self.config.areas, area_law
             )
+        errors_of = (self._rest_noise, spread)
         place_objects(
-            known,
-            self.objects,
-            forces,
-            self._rest_noise,
-            spread,
-            asked,
-            ~self.silent_,
-            errors,
-            corrected,
+            known, self.objects, forces, *errors_of, asked, ~self.silent_, errors, corrected
         )
 
 

@@ -7,9 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.physics import compiled
+from tactile_ros.sensors.taxel_array.force_rows import filled_rows
+
 if TYPE_CHECKING:
     from tactile_ros.types import Array, Bools, Integers
 
+GUESSED = 0.5  # error of a silent taxel's force, in parts
 AROUND = 4  # taxels that stand for a lost one
 
 
@@ -34,6 +38,32 @@ class Gaps:
     def __init__(self, positions: Array, areas: Array, silent: Bools) -> None:
         self.positions, self.areas, self.silent = positions, areas, silent
 
+    def loads(self, forces: Array, floor: float, spread: float) -> tuple[Array, Array]:
+        """Forces without gaps, and their variances.
+
+        Parameters
+        ----------
+        forces : ndarray, shape (s, t)
+            Of the taxels (N); NaN: not read.
+        floor, spread : float
+            Error of a force: a constant part (N), and a part of the force.
+
+        Returns
+        -------
+        load, variance : ndarray, shape (s, t)
+            0 where no taxel of a frame was read.
+        """
+        if compiled.available():
+            load, variance = np.empty(forces.shape), np.empty(forces.shape)
+            if filled_rows(forces, *self.beside, floor, spread, GUESSED, load, variance):
+                return load, variance
+        filled = self.filled(forces)
+        unknown = np.isnan(filled)
+        load = np.where(unknown, 0.0, filled) if np.count_nonzero(unknown) else filled
+        squared = load * load
+        own = floor**2 + spread**2 * squared
+        return load, np.where(np.isnan(forces), GUESSED**2 * squared, own)
+
     def filled(self, forces: Array) -> Array:
         """Forces (s, t), those that are NaN as large as the pressure around tells."""
         lost = np.isnan(forces)
@@ -41,10 +71,10 @@ class Gaps:
             return forces
         filled = forces.copy()
         if np.count_nonzero(self.silent):
-            silent, near = self._beside
-            pressure = np.nan_to_num(forces)[:, near] / self.areas[near]
-            filled[:, silent] = pressure.mean(axis=2) * self.areas[silent]
-        for i in np.flatnonzero((lost & ~self.silent).any(axis=1)):
+            silent, near, share = self.beside
+            filled[:, silent] = (np.where(lost, 0.0, forces)[:, near] * share).sum(axis=2)
+        torn = lost & ~self.silent
+        for i in np.flatnonzero(torn.any(axis=1)) if np.count_nonzero(torn) else ():
             if not lost[i].all():
                 self._fill(filled[i], lost[i])
         return filled
@@ -55,9 +85,11 @@ class Gaps:
         row[gaps] = (row[near] / self.areas[near]).mean(axis=1) * self.areas[gaps]
 
     @cached_property
-    def _beside(self) -> tuple[Integers, Integers]:
-        """Silent taxels (n,), and those nearest to each (n, k)."""
-        return self._nearest(self.silent)
+    def beside(self) -> tuple[Integers, Integers, Array]:
+        """Silent taxels (n,), those nearest to each, and what each of them adds (n, k)."""
+        silent, near = self._nearest(self.silent)
+        share = self.areas[silent, None] / self.areas[near] / max(near.shape[1], 1)
+        return silent, near, np.asarray(share)
 
     def _nearest(self, lost: Bools) -> tuple[Integers, Integers]:
         """Lost taxels (n,), and the read ones nearest to each (n, k)."""

@@ -20,13 +20,18 @@ class Memory(History):
     """The past of regressors, strains of the skin, ids of patches, level of the last tare.
 
     A baseline that follows what rests would follow a skin that creeps back as well, and take it
-    for drift: where creep is undone, outputs are above the level at which the stream began.
+    for drift: where creep is undone, outputs are above the level at which the stream began. A
+    baseline that a fit made of rests between touches has some creep in it: `rest` is that baseline
+    (t,), and how far a skin that was never pressed is above it.
     """
 
-    def __init__(self, creep: CreepState | None, ids: PatchIds) -> None:
+    def __init__(
+        self, creep: CreepState | None, ids: PatchIds, rest: tuple[Array, Array] | None = None
+    ) -> None:
         super().__init__(np.array(TIME_CONSTANTS))
         self.creep = creep
         self.ids = ids
+        self.rest = rest
         self.level: Array | None = None
 
     def above_tare(self, signals: Signals) -> Array:
@@ -48,6 +53,10 @@ class Memory(History):
         base = signals.baseline[..., 0]
         first = np.maximum.accumulate(np.where(signals.restart, np.arange(len(base)), -1))
         held = base[np.maximum(first, 0)]
+        if self.rest is not None:
+            baseline, above = self.rest
+            untared = np.all((held == baseline) | np.isnan(baseline), axis=1)
+            held = np.where(untared[:, None], held + above, held)
         if self.level is not None:
             held[first < 0] = self.level
         self.level = held[-1]

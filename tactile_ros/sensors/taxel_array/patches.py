@@ -45,13 +45,18 @@ class ArrayPatches:
         Of outputs at rest (fraction).
     law : Equilibration or None
         Forces of outputs; None: loads are outputs.
-    floor : float
-        Constant part of the error of a taxel's force (N).
+    errors : tuple of float
+        Of a taxel's force: constant part (N), and part of the force that all taxels share.
     """
 
     def __init__(
-        self, config: TaxelArrayConfig, noise: Array, law: Equilibration | None, floor: float
+        self,
+        config: TaxelArrayConfig,
+        noise: Array,
+        law: Equilibration | None,
+        errors: tuple[float, float],
     ) -> None:
+        floor, self.common = errors
         self.finder = PatchFinder(config.positions, config.areas, config.most_contacts)
         # a few frames of rest of one taxel say little: none is quieter than most
         least = SIGMAS * np.maximum(noise, np.median(noise))
@@ -113,26 +118,30 @@ class ArrayPatches:
         known['contacts_normal'] = self.normals[found.count]
         known['contacts_position'] = found.position
         known['contacts_position_cov'] = found.position_cov
-        _share_force(known, found, measured)
+        _share_force(known, found, self.common if measured else None)
         _agree(known, found, centred)
 
 
-def add_sum(known: Columns, load: Array, variance: Array) -> None:
-    """Total force with its covariance; `known` is changed."""
+def add_sum(known: Columns, load: Array, variance: Array, common: float) -> None:
+    """Total force with its covariance, in parts common to all taxels; `known` is changed."""
     if 'force' not in known:
         known['force'] = np.full((len(load), 3), np.nan)
         known['force_cov'] = np.full((len(load), 3, 3), np.nan)
-    known['force'][:, 2] = load.sum(axis=1)
-    known['force_cov'][:, 2, 2] = variance.sum(axis=1)
+    total = load.sum(axis=1)
+    known['force'][:, 2] = total
+    known['force_cov'][:, 2, 2] = variance.sum(axis=1) + np.square(common * total)
 
 
-def _share_force(known: Columns, found: Patches, measured: bool) -> None:
+def _share_force(known: Columns, found: Patches, common: float | None) -> None:
     """Normal force of every patch: what its taxels bear, or its share of a force that is told."""
-    force = np.full((*found.load.shape, 3), np.nan)
-    cov = np.full((*force.shape, 3), np.nan)
+    blank = np.empty((12, *found.load.shape))
+    blank.fill(np.nan)
+    force = blank[:3].reshape(*found.load.shape, 3)
+    cov = blank[3:].reshape(*found.load.shape, 3, 3)
     told = np.asarray(known['force'], np.float64) if 'force' in known else None
-    if measured:
-        force[..., 2], cov[..., 2, 2] = found.load, found.variance
+    if common is not None:  # loads are forces
+        force[..., 2] = found.load
+        cov[..., 2, 2] = found.variance + np.square(common * found.load)
     elif told is not None:
         share = found.load / np.nansum(found.load, axis=1, keepdims=True).clip(1e-300)
         force[..., 2] = share * told[:, 2:]

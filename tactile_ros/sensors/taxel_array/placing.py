@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.physics import compiled
+from tactile_ros.sensors.taxel_array.force_rows import judged_row
 from tactile_ros.types import FrameStatus, TaxelStatus
 
 if TYPE_CHECKING:
@@ -13,12 +16,18 @@ if TYPE_CHECKING:
 
     from tactile_ros.estimators.object_pose import Found, ObjectPose
     from tactile_ros.signals import Columns
-    from tactile_ros.types import Array, Bools
+    from tactile_ros.types import Array, Bools, Integers
 
 HIDDEN = 0.01  # error of what silent taxels under an object bear, in parts
 UNCORRECTED = 0.25  # error of a taxel's force before it is known how much of it is pressed
 ROUNDS = 2  # of correction
 COVERED, MUTE, LOUD = 0.7, 0.15, 0.25
+SHAPES: dict[str, tuple[int, ...]] = {
+    'label_probability': (), 'yaw': (), 'yaw_std': (), 'object_pose': (4, 4),
+    'object_pose_cov': (6, 6), 'position': (3,), 'position_cov': (3, 3),
+}  # fmt: skip
+SIZES = [int(np.prod(shape)) for shape in SHAPES.values()]
+NOBODY = np.array([[-1], [-1], [0]])  # label, symmetry, status
 
 
 def place_objects(
@@ -29,7 +38,7 @@ def place_objects(
     spread: float,
     asked: Bools,
     usable: Bools,
-    summed: tuple[float, float] | None,
+    summed: tuple[float, float, float] | None,
     corrected: Callable[[int, Array], Array] | None = None,
 ) -> None:
     """Add label, pose, position and bad taxels of every asked row.
@@ -52,7 +61,7 @@ def place_objects(
         False: known to be dead.
     summed : tuple of float, or None
         Where the total force is a sum, in which the object tells what silent taxels bear: error
-        of a taxel (N), and in parts of its force.
+        of a taxel (N), in parts of its force, and in parts that all taxels share.
     corrected : callable or None
         Forces (t,) of a row once it is known how much of each taxel is covered (t,) (m2).
     """
@@ -60,9 +69,10 @@ def place_objects(
     _make_room(known, samples, taxels)
     for i in np.flatnonzero(asked):
         row = forces[i]
-        able = usable & np.isfinite(row)
+        read = np.isfinite(row)
+        able = usable & read
         first = spread if corrected is None else max(spread, UNCORRECTED)
-        found = objects.locate(np.nan_to_num(row), noise, able, first)
+        found = objects.locate(np.where(read, row, 0.0), noise, able, first)
         for _ in range(0 if corrected is None or found.label < 0 else ROUNDS):
             assert corrected is not None
             row = corrected(int(i), found.cover)
@@ -75,56 +85,82 @@ def place_objects(
             known['status'][i] = int(FrameStatus.ABSTAINED)
             continue
         _write(known, int(i), found)
-        if summed is not None and not (able.all() and corrected is None):
-            hidden = max(float(found.pressure * found.cover[~able].sum()), 0.0)
-            seen = row[np.isfinite(row)]
-            known['force'][i, 2] = seen.sum() + hidden
-            variance = float((summed[0] ** 2 + np.square(summed[1] * seen)).sum())
-            known['force_cov'][i, 2, 2] = variance + (HIDDEN * hidden) ** 2
-        _mark(known, int(i), found, row, objects.areas)
+        _weigh(known, int(i), row, found, able, objects.areas, summed, corrected is not None)
+
+
+def _weigh(
+    known: Columns,
+    i: int,
+    row: Array,
+    found: Found,
+    able: Bools,
+    areas: Array,
+    summed: tuple[float, float, float] | None,
+    changed: bool,
+) -> None:
+    """Total force of row i with what its object hides, and taxels that contradict the object."""
+    verdict = np.empty(len(row), np.int64)
+    hidden, seen, squared, count = _judged(row, found, able, areas, verdict)
+    if summed is not None and (count < len(row) or changed):
+        known['force'][i, 2] = seen + max(hidden, 0.0)
+        variance = summed[0] ** 2 * count + summed[1] ** 2 * squared
+        variance += (HIDDEN * hidden) ** 2 + (summed[2] * (seen + hidden)) ** 2
+        known['force_cov'][i, 2, 2] = variance
+    if np.count_nonzero(verdict):
+        _mark(known, i, verdict)
 
 
 def _make_room(known: Columns, samples: int, taxels: int) -> None:
     """Columns for what is to be said."""
-    shapes = {
-        'label_probability': (), 'yaw': (), 'yaw_std': (), 'object_pose': (4, 4),
-        'object_pose_cov': (6, 6), 'position': (3,), 'position_cov': (3, 3),
-    }  # fmt: skip
-    for name, shape in shapes.items():
+    blank = np.empty(sum(SIZES) * samples)
+    blank.fill(np.nan)
+    end = 0
+    for (name, shape), size in zip(SHAPES.items(), SIZES, strict=True):
+        start, end = end, end + size * samples
         if name not in known:
-            known[name] = np.full((samples, *shape), np.nan)
-    known['label'] = np.full(samples, -1, np.int64)
-    known['symmetry'] = np.full(samples, -1, np.int64)
-    known['status'] = np.zeros(samples, np.int64)
+            known[name] = blank[start:end].reshape(samples, *shape)
+    known['label'], known['symmetry'], known['status'] = NOBODY.repeat(samples, axis=1)
     if 'taxel_status' not in known:
         known['taxel_status'] = np.zeros((samples, taxels), np.uint8)
 
 
 def _write(known: Columns, i: int, found: Found) -> None:
     """What was recognised in row i."""
-    x, y, yaw = found.pose
-    cos, sin = np.cos(yaw), np.sin(yaw)
+    x, y, yaw = found.pose.tolist()
+    cos, sin = math.cos(yaw), math.sin(yaw)
     known['label'][i], known['label_probability'][i] = found.label, found.probability
     known['symmetry'][i] = found.order
-    pose = np.eye(4)
-    pose[:2, :2] = [[cos, -sin], [sin, cos]]
-    pose[:2, 3] = x, y
-    cov = np.zeros((6, 6))
-    free = np.array([0, 1, 5])
-    cov[free[:, None], free] = found.cov
-    known['object_pose'][i], known['object_pose_cov'][i] = pose, cov
-    known['position'][i], known['position_cov'][i] = pose[:3, 3], cov[:3, :3]
+    known['object_pose'][i] = (
+        (cos, -sin, 0.0, x), (sin, cos, 0.0, y), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+    )  # fmt: skip
+    known['position'][i] = x, y, 0.0
+    cov = known['object_pose_cov'][i]
+    cov[:] = 0.0
+    cov[:2, :2], cov[:2, 5], cov[5, :2] = found.cov[:2, :2], found.cov[:2, 2], found.cov[2, :2]
+    cov[5, 5] = found.cov[2, 2]
+    known['position_cov'][i] = cov[:3, :3]
     if found.order > 0:
         known['yaw'][i], known['yaw_std'][i] = yaw, np.sqrt(found.cov[2, 2])
 
 
-def _mark(known: Columns, i: int, found: Found, row: Array, areas: Array) -> None:
-    """Taxels that contradict a recognised object: mute under it, or loud beside it."""
-    expected = found.pressure * found.cover
-    mute = (found.cover > COVERED * areas) & (row < MUTE * expected)
-    loud = (found.cover < 1e-3 * areas) & (row > LOUD * found.pressure * areas)
-    if mute.any() or loud.any():
-        known['taxel_status'][i, mute] |= int(TaxelStatus.DEAD)
-        known['taxel_status'][i, loud] |= int(TaxelStatus.STUCK)
-        if 'taxel_force' in known:
-            known['taxel_force'][i, mute | loud] = np.nan
+def _judged(
+    row: Array, found: Found, able: Bools, areas: Array, verdict: Integers
+) -> tuple[float, float, float, int]:
+    """As `judged_row`: what a recognised object hides, and what is seen and agrees with it."""
+    cover, pressure = found.cover, found.pressure
+    if compiled.available():
+        return judged_row(row, cover, pressure, able, areas, COVERED, MUTE, LOUD, verdict)
+    mute = (cover > COVERED * areas) & (row < MUTE * pressure * cover)
+    verdict[:] = (cover < 1e-3 * areas) & (row > LOUD * pressure * areas)
+    verdict -= mute
+    known = row[able & (verdict == 0)]
+    hidden = float(pressure * cover[mute | ~able].sum())
+    return hidden, float(known.sum()), float(known @ known), len(known)
+
+
+def _mark(known: Columns, i: int, verdict: Integers) -> None:
+    """Say which taxels of row i contradict the recognised object, and that they tell no force."""
+    known['taxel_status'][i, verdict < 0] |= int(TaxelStatus.DEAD)
+    known['taxel_status'][i, verdict > 0] |= int(TaxelStatus.STUCK)
+    if 'taxel_force' in known:
+        known['taxel_force'][i, verdict != 0] = np.nan

@@ -1,0 +1,107 @@
+"""When a grasp is over, and how it ended: held, slipped, no object, timeout or fault."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from tactile_ros.control.grip_state import GraspOutcome, GripPhase, GripStep
+
+if TYPE_CHECKING:
+    from tactile_ros.control.grip_config import GripConfig
+
+OPENED = (GripPhase.IDLE, GripPhase.RELEASE)
+
+
+@dataclass(frozen=True)
+class GraspProgress:
+    """Where a grasp stands.
+
+    Attributes
+    ----------
+    outcome : GraspOutcome or None
+        None: it goes on.
+    message : str
+        One sentence.
+    """
+
+    outcome: GraspOutcome | None
+    message: str
+
+
+class GraspSequence:
+    """Judge the steps of one grasp.
+
+    Parameters
+    ----------
+    config : GripConfig
+        Times after which a fault or a lost object ends it.
+    timeout : float
+        Longest time until it is held (s); 0: any.
+
+    Raises
+    ------
+    ValueError
+        If the timeout is below 0 or not finite.
+    """
+
+    def __init__(self, config: GripConfig, timeout: float = 0.0) -> None:
+        if not 0.0 <= timeout < float('inf'):
+            msg = f'timeout of a grasp must be 0 or more seconds; received {timeout}'
+            raise ValueError(msg)
+        self.config = config
+        self._timeout = timeout
+        self._elapsed = self._faulty = self._empty = self._closed = 0.0
+        self._had = False
+        self.progress = GraspProgress(None, 'closing')
+
+    def step(self, made: GripStep, dt: float) -> GraspProgress:
+        """Take in a step of the law; after the end nothing changes any more.
+
+        Parameters
+        ----------
+        made : GripStep
+            Of the law, from the step after `grasp` on.
+        dt : float
+            Since the last step (s).
+
+        Returns
+        -------
+        GraspProgress
+            Outcome, or None while it goes on.
+        """
+        if self.progress.outcome is None:
+            self._count(made, max(dt, 0.0))
+            self.progress = self._judged(made)
+        return self.progress
+
+    def _count(self, made: GripStep, dt: float) -> None:
+        """Times of the conditions that end a grasp."""
+        faulty = made.phase == GripPhase.FAULT
+        touching = bool(made.touching.any())
+        self._elapsed += dt
+        self._faulty = self._faulty + dt if faulty else 0.0
+        if faulty:
+            return
+        self._had = self._had or (touching and made.phase in (GripPhase.LOAD, GripPhase.HOLD))
+        self._empty = 0.0 if touching else self._empty + dt
+        self._closed = self._closed + dt if made.shut and not touching else 0.0
+
+    def _judged(self, made: GripStep) -> GraspProgress:
+        """The first condition that holds."""
+        config, ends = self.config, GraspOutcome
+        conditions = (
+            (made.phase in OPENED, ends.FAULT, 'the grip was released'),
+            (self._faulty > config.fault_time, ends.FAULT, made.refusal),
+            (self._had and self._empty > config.lost_time, ends.SLIPPED, 'the object was lost'),
+            (self._closed > config.lost_time, ends.NO_OBJECT, 'closed without touching anything'),
+            (made.settled, ends.HELD, 'held at the asked force'),
+            (
+                0.0 < self._timeout <= self._elapsed, ends.TIMEOUT,
+                f'not held within {self._timeout:g} s',
+            ),
+        )  # fmt: skip
+        for holds, outcome, message in conditions:
+            if holds:
+                return GraspProgress(outcome, message)
+        return GraspProgress(None, made.phase.name.lower())

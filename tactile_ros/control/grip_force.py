@@ -1,0 +1,350 @@
+"""The grip-force law: close, touch, load, hold, release; safe when an input cannot be trusted.
+
+Fingers approach until they touch, wait for each other at a small force, load together and hold.
+Each drive is regulated by `DriveLaw` with the stiffness of its own contact. The approach is slow
+enough that the stiffest object in range meets at most twice the asked force in the time that the
+hand takes to react; in fact the drive turns back at the touch, and meets far less. A finger
+without a usable force holds its place while the others go on.
+
+A force is regulated once: when every touching finger has given a new one. Between, drives finish
+what the last asked for; where a finger is late all stay, until it is heard or counts as stale.
+"""
+
+from __future__ import annotations
+
+from math import isfinite, nan
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.control.drive_law import DriveLaw, bounded
+from tactile_ros.control.fingers import Fingers, mean_of
+from tactile_ros.control.grip_report import GripParts, told
+from tactile_ros.control.grip_state import GripInput, GripPhase, GripStep
+from tactile_ros.control.grip_targets import GripTargets, balanced
+from tactile_ros.control.grip_watch import GripWatch, refuse_goal, refuse_order, refuse_step
+from tactile_ros.control.stiffness import Stiffness
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from tactile_ros.control.grip_config import GripConfig
+
+IMPACT = 2.0  # asked forces that an approach may meet in the time to react
+GRASPING = (GripPhase.CLOSE, GripPhase.TOUCH, GripPhase.LOAD, GripPhase.HOLD)
+
+
+class GripForce:
+    """Close f fingers on an object by a drives, and hold it at a force.
+
+    Parameters
+    ----------
+    config : GripConfig
+        Gains and limits.
+    drives : sequence of int, length f
+        Which drive, from 0 without gaps, moves each finger.
+    sides : sequence of int, length f, or None
+        +1 and -1 for fingers that oppose each other (thumb and others), 0 for those that oppose
+        none; None: not known, and forces are not balanced.
+
+    Raises
+    ------
+    ValueError
+        If there is no finger, drives have gaps, or sides are others than -1, 0, 1.
+
+    Examples
+    --------
+    >>> from tactile_ros.control.grip_config import GripConfig
+    >>> law = GripForce(GripConfig(), drives=(0, 1), sides=(1, -1))
+    >>> blank = np.zeros(2)
+    >>> given = GripInput(blank, blank, blank == 0, blank.astype(np.int8), blank, blank, 0.0)
+    >>> law.step(given, 0.01).refusal
+    'not active'
+    >>> law.enable()
+    >>> law.grasp(2.0)
+    >>> made = law.step(given, 0.01)
+    >>> made.phase.name, made.send, bool((made.closure > 0).all())
+    ('CLOSE', True, True)
+    """
+
+    def __init__(
+        self, config: GripConfig, drives: Sequence[int], sides: Sequence[int] | None = None
+    ) -> None:
+        self.config = config
+        self._drives = [int(drive) for drive in drives]
+        self._sides = [0] * len(self._drives) if sides is None else [int(side) for side in sides]
+        refuse_order(self._drives, self._sides)
+        count = len(self._drives)
+        self._laws = [DriveLaw(config) for _ in range(max(self._drives) + 1)]
+        self._stiffness = [Stiffness(config) for _ in self._laws]
+        self._opposed = {-1, 1} <= set(self._sides)
+        self._fingers = Fingers(config, self._drives)
+        self._targets = GripTargets(config, self._sides)
+        self._watch = GripWatch(config, count)
+        self._parts = GripParts(
+            self._laws, self._stiffness, self._fingers, self._targets, self._watch
+        )
+        self._used = self._all = [True] * count
+        self._active = self._started = False
+        self._longest = config.stale_age
+        self._forget()
+
+    def _forget(self) -> None:
+        """Nothing is held: another object may come."""
+        self.phase = GripPhase.IDLE
+        self._waited = self._calm = self._unseen = 0.0
+        self._trusted = True
+        self._targets.restart()
+        self._fingers.reset()
+        for one in self._stiffness:
+            one.reset()
+
+    @property
+    def active(self) -> bool:
+        """Whether commands may be sent at all."""
+        return self._active
+
+    def enable(self) -> None:
+        """Allow commands; the first starts from the measured closure."""
+        if not self._active:
+            self._forget()
+            self._started = False
+            for law in self._laws:
+                law.command = nan
+        self._active = True
+
+    def disable(self) -> None:
+        """Forbid commands; what was sent last holds."""
+        self._active = False
+        self._forget()
+
+    def grasp(
+        self,
+        target_force: npt.ArrayLike,
+        adapt: bool = True,
+        fingers: Sequence[bool] | None = None,
+    ) -> None:
+        """Ask for a force; an object that is held already is loaded or relieved to it.
+
+        Parameters
+        ----------
+        target_force : array_like, shape () or (f,)
+            Along the normal, of each finger (N); balanced over the sides.
+        adapt : bool
+            Whether slip and load may raise it.
+        fingers : sequence of bool, length f, or None
+            Which take part; None: all.
+
+        Raises
+        ------
+        ValueError
+            If the law is not active, no finger takes part, or a force is out of its range.
+        """
+        count = len(self._drives)
+        used = [True] * count if fingers is None else [bool(use) for use in fingers]
+        targets = np.broadcast_to(np.asarray(target_force, np.float64), (count,))
+        if not self._active:
+            msg = 'grasp must follow enable; the law is not active'
+            raise ValueError(msg)
+        refuse_goal(self.config, targets.tolist(), used)
+        self._used = used
+        self._targets.ask(targets.tolist(), used, adapt)
+        held = self.phase in (GripPhase.LOAD, GripPhase.HOLD)
+        if not held:
+            self._forget()
+        self.phase = GripPhase.LOAD if held else GripPhase.CLOSE
+        self._calm = 0.0
+
+    def release(self) -> None:
+        """Open; nothing happens where the law is not active."""
+        if self._active:
+            self.phase = GripPhase.RELEASE
+
+    def step(self, given: GripInput, dt: float) -> GripStep:
+        """Decide the next command.
+
+        Parameters
+        ----------
+        given : GripInput
+            Newest of every finger and of the drives.
+        dt : float
+            Since the last step (s).
+
+        Returns
+        -------
+        GripStep
+            Command inside limits and rate, or why there is none.
+
+        Raises
+        ------
+        ValueError
+            If a shape differs from the fingers and drives.
+        """
+        given.refuse_misfit(len(self._drives), len(self._laws))
+        normal = given.normal.tolist()
+        refusal = self._refusal(given, normal, dt)
+        if not self._active or self.phase == GripPhase.IDLE:
+            return self._made(normal, False, refusal)
+        if refusal:
+            return self._safe(given, normal, refusal, dt)
+        if not self._trusted:
+            self._trust()
+        if self.phase == GripPhase.RELEASE:
+            return self._open(normal, dt)
+        self._feel(given, normal, dt)
+        if self._fingers.late:
+            for law in self._laws:
+                law.stay()
+        else:
+            self._advance(dt)
+            self._drive(given, normal, dt)
+        return self._made(normal, True, '')
+
+    def _refusal(self, given: GripInput, normal: list[float], dt: float) -> str:
+        """Why nothing can be commanded in this step; empty if something can."""
+        if not self._active:
+            return 'not active'
+        if self.phase == GripPhase.IDLE:
+            return 'no grasp was asked for'
+        if self.phase == GripPhase.RELEASE:
+            why = self._watch.drives(given)
+        else:
+            why = self._watch.judge(given, normal, self._used)
+        why = refuse_step(dt, self._longest) or why
+        return why if why or self._started else self._start(given)
+
+    def _start(self, given: GripInput) -> str:
+        """Begin from where the drives are; why that is not possible, or empty."""
+        for i, law in enumerate(self._laws):
+            if isfinite(law.command):
+                continue
+            closure = float(given.closure[i])
+            if not isfinite(closure):
+                return f'closure of drive {i} was never measured'
+            law.seat(closure)
+        self._started = True
+        return ''
+
+    def _safe(self, given: GripInput, normal: list[float], refusal: str, dt: float) -> GripStep:
+        """Hold what was sent last, or open slowly."""
+        self._trusted = False
+        opens = self.config.safe_action == 'open' and self.phase in GRASPING and self._started
+        opens = opens and not given.blocked and not refuse_step(dt, self._longest)
+        if opens:
+            for law in self._laws:
+                law.move(-self.config.safe_rate, dt)
+        return self._made(normal, opens, refusal, GripPhase.FAULT)
+
+    def _trust(self) -> None:
+        """After a fault: go on from the last command, or finish opening."""
+        self._trusted = True
+        self._unseen = 0.0
+        if self.config.safe_action == 'open' and self.phase in GRASPING:
+            self.phase = GripPhase.RELEASE
+        for law in self._laws:
+            law.seat(law.command)
+        self._fingers.blind()
+
+    def _open(self, normal: list[float], dt: float) -> GripStep:
+        """One step of a release; idle when all drives are open."""
+        for law in self._laws:
+            law.move(-self.config.opening_rate, dt)
+        made = self._made(normal, True, '')
+        if all(law.command <= self.config.closure_low for law in self._laws):
+            self._forget()
+        return made
+
+    def _feel(self, given: GripInput, normal: list[float], dt: float) -> None:
+        """Contact of every finger, and its slip."""
+        closures = given.closure.tolist()
+        across, says = given.tangential.tolist(), given.slip.tolist()
+        new = self._all if given.new is None else given.new.tolist()
+        approaching = self.phase in (GripPhase.CLOSE, GripPhase.TOUCH)
+        for drive in self._fingers.feel(normal, across, says, self._watch.good, new, dt):
+            if approaching and isfinite(closures[drive]):
+                self._laws[drive].retreat(closures[drive])
+
+    def _advance(self, dt: float) -> None:
+        """Phase and targets."""
+        if self.phase == GripPhase.CLOSE and any(self._fingers.on):
+            self.phase, self._waited = GripPhase.TOUCH, 0.0
+            self._targets.touch()
+        elif self.phase == GripPhase.TOUCH:
+            self._waited += dt
+            if self._gathered():
+                self.phase = GripPhase.LOAD
+        if self.phase in (GripPhase.LOAD, GripPhase.HOLD):
+            reached = self._targets.grow(self._fingers.slips, dt)
+            if self.phase == GripPhase.LOAD and reached:
+                self.phase = GripPhase.HOLD
+
+    def _gathered(self) -> bool:
+        """Whether all fingers that can be felt touch, or were waited for and both sides do."""
+        touches = self._fingers.touching
+        felt = [i for i, good in enumerate(self._watch.good) if good]
+        if all(touches[i] for i in felt):
+            return True
+        sides = {self._sides[i] for i in felt}
+        both = all(any(touches[i] for i in felt if self._sides[i] == side) for side in sides)
+        return self._waited > self.config.touch_time and both
+
+    def _drive(self, given: GripInput, normal: list[float], dt: float) -> None:
+        """Commands of all drives."""
+        regulates = self._fingers.complete
+        for drive, touching in enumerate(self._fingers.on):
+            if not touching:
+                self._laws[drive].move(self._approach(drive), dt)
+            elif not regulates:
+                self._laws[drive].follow(dt)
+        if regulates:
+            self._regulate(normal, given.closure.tolist(), dt)
+            self._fingers.spend()
+            self._unseen = 0.0
+        else:
+            self._unseen += dt
+
+    def _regulate(self, normal: list[float], closures: list[float], dt: float) -> None:
+        """Commands of the drives that touch, from forces that are all new."""
+        targets, most = self._targets.now, self.config.force_high
+        errors = [nan] * len(targets)
+        for touching in self._fingers.on:
+            for i in touching:
+                errors[i] = targets[i] - normal[i]
+        if self._opposed:
+            errors = balanced(errors, self._sides)
+        for drive, touching in enumerate(self._fingers.on):
+            if not touching:
+                continue
+            stiffness = self._stiffness[drive]
+            if isfinite(closures[drive]):
+                stiffness.step(closures[drive], mean_of(normal, touching))
+            error = bounded(mean_of(errors, touching), -most, most)
+            self._laws[drive].regulate(error, stiffness.cautious, dt, self._unseen)
+        self._settle(errors, dt + self._unseen)
+
+    def _approach(self, drive: int) -> float:
+        """Speed (1/s) of a drive that nothing touches; one that feels nothing stays."""
+        if not self._fingers.feeling[drive]:
+            return 0.0
+        reached = self._laws[drive].reaction * self.config.stiffness_high
+        return min(self.config.closing_rate, IMPACT * self._targets.lightest / reached)
+
+    def _settle(self, errors: list[float], dt: float) -> None:
+        """Count how long the errors of those that touch have been small."""
+        share, noise = self.config.settled_share, self.config.force_noise
+        held = self.phase == GripPhase.HOLD and any(self._fingers.on)
+        small = held
+        for error, target in zip(errors, self._targets.now, strict=True):
+            if abs(error) > share * target and abs(error) > noise:
+                small = False
+        self._calm = self._calm + dt if small else 0.0
+
+    def _made(
+        self, normal: list[float], send: bool, refusal: str, phase: GripPhase | None = None
+    ) -> GripStep:
+        """What is told of this step."""
+        calm = self._calm >= self.config.settled_time > 0 and phase is None
+        shown = self.phase if phase is None else phase
+        return told(self._parts, normal, shown, send, refusal, calm)

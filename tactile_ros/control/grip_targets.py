@@ -1,0 +1,173 @@
+"""Target force of every finger: balanced over the sides of an object, raised by slip and load.
+
+Fingers that press from two sides carry the same sum, whatever each is told. So the asked force is
+shared out until both sides agree, and only that part of the errors is regulated which leaves the
+sum balanced: otherwise two sensors that differ by a few percent would walk the object to one side.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tactile_ros.control.grip_config import GripConfig
+    from tactile_ros.control.slip_margin import SlipMargin
+
+
+def shared(targets: Sequence[float], sides: Sequence[int], used: Sequence[bool]) -> list[float]:
+    """Targets of the fingers, of which the stronger side is drawn down to the weaker.
+
+    Parameters
+    ----------
+    targets : sequence of float
+        What each finger was asked for (N).
+    sides : sequence of int
+        +1, -1, or 0 where a finger opposes none.
+    used : sequence of bool
+        Fingers that take part.
+
+    Returns
+    -------
+    list of float
+        None above what was asked; 0 for fingers that take no part.
+
+    Examples
+    --------
+    >>> shared([3.0, 3.0, 3.0, 3.0], [1, 1, 1, -1], [True] * 4)
+    [1.0, 1.0, 1.0, 3.0]
+    """
+    kept = [target if use else 0.0 for target, use in zip(targets, used, strict=True)]
+    sums = {1: 0.0, -1: 0.0, 0: 0.0}
+    for target, side in zip(kept, sides, strict=True):
+        sums[side] += target
+    least = min(sums[1], sums[-1])
+    if least <= 0.0:
+        return kept
+    return [t * least / sums[side] if side else t for t, side in zip(kept, sides, strict=True)]
+
+
+def balanced(errors: list[float], sides: Sequence[int]) -> list[float]:
+    """Errors (N) of touching fingers without the part that would move the object.
+
+    Parameters
+    ----------
+    errors : list of float
+        One for each finger; NaN: it does not touch, or its force is not known.
+    sides : sequence of int
+        +1, -1, or 0.
+
+    Returns
+    -------
+    list of float
+        As they came where only one side touches.
+
+    Examples
+    --------
+    >>> balanced([1.0, 0.5], [1, -1])
+    [0.75, 0.75]
+    """
+    net, count, seen = 0.0, 0, 0
+    for error, side in zip(errors, sides, strict=True):
+        if side and error == error:  # noqa: PLR0124 - false of NaN, at a third of isnan's price
+            net += side * error
+            count += 1
+            seen += side
+    if abs(seen) == count:
+        return errors
+    net /= count
+    return [error - side * net for error, side in zip(errors, sides, strict=True)]
+
+
+class GripTargets:
+    """Targets of f fingers in time: they grow at a rate, and with slip and load.
+
+    Parameters
+    ----------
+    config : GripConfig
+        Rates and limits.
+    sides : sequence of int
+        Of the fingers.
+
+    Attributes
+    ----------
+    now : list of float
+        Targets in force (N).
+    """
+
+    def __init__(self, config: GripConfig, sides: Sequence[int]) -> None:
+        self.config = config
+        self.sides = list(sides)
+        self._asked = [0.0] * len(self.sides)
+        self._adapt = False
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin a grasp: targets of touch."""
+        self.now = [0.0] * len(self.sides)
+        self._raise = 1.0
+        self._since = 0.0
+
+    def ask(self, targets: Sequence[float], used: Sequence[bool], adapt: bool) -> None:
+        """Say what is wanted (N), of which fingers, and whether it may be raised."""
+        self._asked = shared(targets, self.sides, used)
+        self._adapt = adapt
+        self._raise = 1.0
+
+    def touch(self) -> None:
+        """Targets of fingers that wait for the others."""
+        self.now = [min(self.config.touch_force, asked) for asked in self._asked]
+
+    @property
+    def lightest(self) -> float:
+        """Smallest force (N) that a finger is asked for."""
+        return min((asked for asked in self._asked if asked > 0), default=0.0)
+
+    def grow(self, slips: Sequence[SlipMargin], dt: float) -> bool:
+        """Move towards what is wanted; return whether it is reached.
+
+        Parameters
+        ----------
+        slips : sequence of SlipMargin
+            Of the fingers.
+        dt : float
+            Since the last step (s).
+
+        Returns
+        -------
+        bool
+            Whether every target is where it should be.
+        """
+        if self._adapt:
+            self._answer(slips, dt)
+        factor = self._raise
+        rate = self.config.raise_rate if factor > 1.0 else self.config.load_rate
+        step = rate * dt
+        reached = True
+        for i, asked in enumerate(self._asked):
+            ahead = factor * asked - self.now[i]
+            if -step <= ahead <= step:
+                self.now[i] = factor * asked
+            else:
+                self.now[i] += step if ahead > 0 else -step
+                reached = False
+        return reached
+
+    def _answer(self, slips: Sequence[SlipMargin], dt: float) -> None:
+        """Raise all fingers by one factor, so that they stay balanced."""
+        strongest = max(self._asked)
+        if strongest <= 0.0:
+            return
+        most = max(min(self.config.raise_high, self.config.force_high / strongest), 1.0)
+        self._since += dt
+        wanted = self._raise
+        for slip, asked in zip(slips, self._asked, strict=True):
+            if asked <= 0.0:
+                continue
+            if slip.slipping and self._since >= self.config.slip_pause:
+                wanted = max(wanted, self._raise * self.config.slip_raise)
+            wanted = max(wanted, slip.needed(self.config.margin) / asked)  # NaN asks nothing
+        if wanted > self._raise:
+            self._raise = min(wanted, most)
+            self._since = 0.0

@@ -1,0 +1,21 @@
+"""Hands: for each driver its topics, types, order of joints and limits; postures; kinematics.
+
+A file with a `HAND` is a driver named like it. `config/hands/<hand>.yaml` describes a hand: its
+driver, its fingers, which sensors they carry.
+"""
+
+from __future__ import annotations
+
+from tactile_ros.hands.description import HandDescription, list_hands, load_hand
+from tactile_ros.hands.driver import HandDriver, list_drivers, load_driver
+from tactile_ros.hands.finger import Finger
+
+__all__ = [
+    'Finger',
+    'HandDescription',
+    'HandDriver',
+    'list_drivers',
+    'list_hands',
+    'load_driver',
+    'load_hand',
+]

@@ -1,0 +1,231 @@
+"""A hand as `config/hands/<hand>.yaml` describes it: its driver, its fingers, their sensors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar, cast
+
+import numpy as np
+import yaml
+
+from tactile_ros.hands.driver import HandDriver, in_order, load_driver
+from tactile_ros.hands.finger import Finger
+from tactile_ros.types.names import admit_name
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from tactile_ros.types import Array, Integers, JointLimits
+
+T = TypeVar('T')
+MOST_BYTES = 200_000
+NEEDED = {'joints', 'open', 'pre_grasp', 'closing', 'sensors'}
+
+
+@dataclass(frozen=True)
+class HandDescription:
+    """A hand and its fingers.
+
+    Attributes
+    ----------
+    name : str
+        Of the hand.
+    driver : HandDriver
+        How it is commanded.
+    fingers : dict of str to Finger
+        By name, in the order of the file.
+
+    Raises
+    ------
+    ValueError
+        If a finger names a joint that the driver does not have, or a posture outside its limits.
+    """
+
+    name: str
+    driver: HandDriver
+    fingers: Mapping[str, Finger]
+
+    def __post_init__(self) -> None:
+        """Check the fingers against the driver."""
+        if not self.fingers:
+            msg = f'fingers of hand {self.name} must be one or more; received none'
+            raise ValueError(msg)
+        limits = self.driver.limits
+        for name, finger in self.fingers.items():
+            try:
+                place = in_order(self.driver.joints, finger.joints)
+            except ValueError as err:
+                msg = f'finger {name} of hand {self.name}: {err}'
+                raise ValueError(msg) from err
+            for posture in ('open', 'pre_grasp'):
+                angles = getattr(finger, posture)
+                if not ((limits.lower[place] <= angles) & (angles <= limits.upper[place])).all():
+                    msg = (
+                        f'{posture} of finger {name} of hand {self.name} must lie within the '
+                        f'limits of its joints; received {angles.tolist()}'
+                    )
+                    raise ValueError(msg)
+
+    def places(self, finger: str) -> Integers:
+        """Places of a finger's joints in the command, shape (n,)."""
+        return in_order(self.driver.joints, self.fingers[finger].joints)
+
+    def posture(self, which: str, rest: Array) -> Array:
+        """Whole hand (j,) with every finger in its `open` or `pre_grasp` posture.
+
+        Parameters
+        ----------
+        which : str
+            'open' or 'pre_grasp'.
+        rest : ndarray, shape (j,)
+            Positions of joints that belong to no finger.
+        """
+        position = np.array(rest, np.float64)
+        for name, finger in self.fingers.items():
+            position[self.places(name)] = getattr(finger, which)
+        return position
+
+    def with_limits(self, limits: JointLimits) -> HandDescription:
+        """The same hand with the limits of its `robot_description`; postures are drawn inside."""
+        effort = limits.effort if np.isfinite(limits.effort).all() else None
+        driver = replace(
+            self.driver,
+            lower=limits.lower, upper=limits.upper, velocity=limits.velocity, effort=effort,
+        )  # fmt: skip
+        drawn = {}
+        for name, finger in self.fingers.items():
+            place = self.places(name)
+            low, high = limits.lower[place], limits.upper[place]
+            drawn[name] = replace(
+                finger,
+                open=np.clip(finger.open, low, high),
+                pre_grasp=np.clip(finger.pre_grasp, low, high),
+            )
+        return HandDescription(self.name, driver, drawn)
+
+
+def folder() -> Path | None:
+    """Folder of the shipped hands: beside the sources, or in the share of an installation."""
+    package = Path(__file__).resolve().parents[1]
+    installed = [p / 'share' / 'tactile_ros' / 'config' for p in package.parents]
+    places = [place / 'hands' for place in (package.parent / 'config', *installed)]
+    return next((place for place in places if place.is_dir()), None)
+
+
+def list_hands() -> list[str]:
+    """Names of the hands that the package describes."""
+    place = folder()
+    return [] if place is None else sorted(path.stem for path in place.glob('*.yaml'))
+
+
+def load_hand(name: str) -> HandDescription:
+    """Hand of a shipped description or of a file.
+
+    Parameters
+    ----------
+    name : str
+        One of `list_hands()`, or a path that ends in .yaml.
+
+    Returns
+    -------
+    HandDescription
+        Checked.
+
+    Raises
+    ------
+    ValueError
+        With one sentence that names the file and what it must hold.
+    """
+    place = folder()
+    path = Path(name)
+    if path.suffix != '.yaml':
+        if name not in list_hands() or place is None:
+            msg = f'hand must be one of {", ".join(list_hands())}, or a .yaml; received {name!r}'
+            raise ValueError(msg)
+        path = place / f'{name}.yaml'
+    content = read(path)
+    try:
+        return parse(path.stem, content)
+    except ValueError as err:
+        msg = f'{path}: {err}'
+        raise ValueError(msg) from err
+
+
+def read(path: Path) -> object:
+    """Content of a small yaml file; ValueError where it is none."""
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            msg = f'{path} must be smaller than {MOST_BYTES} bytes to describe a hand'
+            raise ValueError(msg)
+        return yaml.safe_load(path.read_text('utf-8'))
+    except (OSError, UnicodeDecodeError) as err:
+        msg = f'{path} cannot be read: {err}'
+        raise ValueError(msg) from err
+    except (yaml.YAMLError, RecursionError) as err:
+        msg = f'{path} is no yaml: {" ".join(str(err).split())[:200]}'
+        raise ValueError(msg) from err
+
+
+def parse(name: str, content: object) -> HandDescription:
+    """Hand of a yaml document.
+
+    Parameters
+    ----------
+    name : str
+        Of the hand.
+    content : object
+        Keys `driver`, `options` (fields of the driver, may be missing) and `fingers`.
+
+    Returns
+    -------
+    HandDescription
+        Checked.
+
+    Raises
+    ------
+    ValueError
+        With one sentence.
+    """
+    admit_name('name of a hand', name)
+    document = _mapping('a description of a hand', content, {'driver', 'options', 'fingers'})
+    kind = load_driver(str(document.get('driver')))
+    options = _mapping(
+        f'options of {name}', document.get('options') or {}, {f.name for f in fields(kind)}
+    )
+    known = {f.name for f in fields(Finger)}
+    fingers = {}
+    for key, entry in _mapping(f'fingers of {name}', document.get('fingers') or {}).items():
+        values = _mapping(f'finger {key}', entry, known)
+        if not values.keys() >= NEEDED:
+            msg = f'finger {key} must tell {", ".join(sorted(NEEDED - values.keys()))}'
+            raise ValueError(msg)
+        fingers[admit_name('name of a finger', key)] = _made(Finger, values, f'finger {key}')
+    return HandDescription(name, _made(kind, options, f'options of {name}'), fingers)
+
+
+def _made(kind: type[T], values: Mapping[str, object], what: str) -> T:
+    """Dataclass of yaml values; a list is a tuple where texts are meant."""
+    try:
+        return kind(**{k: _plain(v) for k, v in values.items()})
+    except (ValueError, TypeError) as err:
+        msg = f'{what}: {err}'
+        raise ValueError(msg) from err
+
+
+def _plain(value: object) -> object:
+    """A list of texts as a tuple."""
+    texts = isinstance(value, list) and all(isinstance(item, str) for item in value)
+    return tuple(cast('list[str]', value)) if texts else value
+
+
+def _mapping(what: str, value: object, known: set[str] | None = None) -> dict[str, object]:
+    """A mapping with texts as keys, all of them known."""
+    if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
+        msg = f'{what} must be a mapping of names; received {str(value)[:80]}'
+        raise ValueError(msg)
+    unknown = sorted(value.keys() - known) if known else []
+    if unknown:
+        msg = f'{what} must have none but {", ".join(sorted(known or ()))}; received {unknown[0]}'
+        raise ValueError(msg)
+    return cast('dict[str, object]', value)

@@ -1,0 +1,43 @@
+"""Any hand or gripper behind a JointTrajectoryController: one point of a short trajectory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tactile_ros.hands.driver import TRAJECTORY, HandDriver, Topic
+from tactile_ros.hands.joint_messages import TrajectoryMessage, fill_trajectory
+from tactile_ros.types import GripCommand
+from tactile_ros.types.fields import number, texts
+
+
+@dataclass(frozen=True)
+class JointTrajectoryHand(HandDriver):
+    """A hand whose joints are named here; the trajectory carries the names, so order is free."""
+
+    fastest_hz = 250.0
+
+    names: tuple[str, ...] = texts(('finger_joint',), 'names of the joints')
+    horizon_s: float = number(0.05, 'time to reach a point', 's', 1e-3, 1.0)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """As named."""
+        return self.names
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """JointTrajectory of one point."""
+        shipped = '/joint_trajectory_controller/joint_trajectory'
+        return (Topic(self.command_topic or shipped, TRAJECTORY, self.fill),)
+
+    @property
+    def states(self) -> str:
+        """Joint states of the joint_state_broadcaster."""
+        return self.state_topic or '/joint_states'
+
+    def fill(self, message: TrajectoryMessage, command: GripCommand) -> None:
+        """Write one point for all joints."""
+        fill_trajectory(message, self.joints, self.horizon_s, command)
+
+
+HAND = JointTrajectoryHand

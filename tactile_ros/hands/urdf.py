@@ -1,0 +1,300 @@
+"""What a robot_description says of a hand: limits of its joints, and how its pads move.
+
+A small reader of URDF: revolute, continuous, prismatic and fixed joints, and `mimic`. It takes no
+document types and no entities, which a description never needs and an attack does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree as ET
+from xml.parsers import expat
+
+import numpy as np
+
+from tactile_ros.types import Array, JointLimits
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+MOST_CHARACTERS = 20_000_000
+MOST_DEPTH = 100
+MOVING = ('revolute', 'continuous', 'prismatic')
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint of a description.
+
+    Attributes
+    ----------
+    name, kind, parent, child : str
+        Its name, URDF type and links.
+    origin : ndarray, shape (4, 4)
+        Pose of its frame in that of the parent (m).
+    axis : ndarray, shape (3,)
+        Unit vector in its frame.
+    limits : tuple of float
+        lower, upper (rad, m), velocity, effort; NaN where the description is silent.
+    mimic : tuple of (str, float, float) or None
+        Joint that it follows, multiplier, offset.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: Array
+    axis: Array
+    limits: tuple[float, float, float, float]
+    mimic: tuple[str, float, float] | None
+
+
+def _root(text: str) -> ET.Element:
+    """Root element of a document without document type and entities."""
+    if len(text) > MOST_CHARACTERS:
+        msg = f'robot_description must be shorter than {MOST_CHARACTERS} characters'
+        raise ValueError(msg)
+    parser, builder = expat.ParserCreate(), ET.TreeBuilder()
+    depth = 0
+
+    def refuse(*_: object) -> None:
+        msg = 'robot_description must have no document type and no entities'
+        raise ValueError(msg)
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > MOST_DEPTH:
+            msg = f'robot_description must be nested at most {MOST_DEPTH} deep'
+            raise ValueError(msg)
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    try:
+        parser.Parse(text, True)
+    except (expat.ExpatError, UnicodeError) as err:
+        msg = f'robot_description is no XML: {err}'
+        raise ValueError(msg) from err
+    return builder.close()
+
+
+def _numbers(text: str | None, count: int, default: float, what: str) -> Array:
+    """Finite numbers of an attribute, parted by spaces."""
+    if text is None:
+        return np.full(count, default)
+    try:
+        values = np.array([float(word) for word in text.split()])
+    except ValueError:
+        values = np.array([np.nan])
+    if values.shape != (count,) or not np.isfinite(values).all():
+        msg = f'{what} of robot_description must be {count} numbers; received {text[:40]!r}'
+        raise ValueError(msg)
+    return values
+
+
+def turn(rpy: Array) -> Array:
+    """Rotation (3, 3) by roll, pitch, yaw about fixed x, y, z (rad)."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def turn_about(axis: Array, angle: float) -> Array:
+    """Rotation (3, 3) about a unit vector by an angle (rad); Rodrigues' formula."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turned: Array = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return turned
+
+
+def _attributes(element: ET.Element, tag: str) -> Mapping[str, str]:
+    """Attributes of a child; none where it is missing."""
+    child = element.find(tag)
+    return {} if child is None else child.attrib
+
+
+def _joint(element: ET.Element) -> Joint:
+    """One <joint> of a robot."""
+    name, kind = element.get('name', ''), element.get('type', '')
+    what = f'joint {name}'
+    place = _attributes(element, 'origin')
+    origin = np.eye(4)
+    origin[:3, 3] = _numbers(place.get('xyz'), 3, 0.0, f'origin of {what}')
+    origin[:3, :3] = turn(_numbers(place.get('rpy'), 3, 0.0, f'origin of {what}'))
+    axis = _numbers(_attributes(element, 'axis').get('xyz', '1 0 0'), 3, 0.0, f'axis of {what}')
+    length = float(np.linalg.norm(axis))
+    if kind in MOVING and not length > 0:
+        msg = f'axis of {what} of robot_description must not be zero'
+        raise ValueError(msg)
+    said = _attributes(element, 'limit')
+    lower, upper, velocity, effort = (
+        float(_numbers(said.get(key), 1, np.nan, f'{key} of {what}')[0])
+        for key in ('lower', 'upper', 'velocity', 'effort')
+    )
+    follows = _attributes(element, 'mimic')
+    mimic = None
+    if follows:
+        factor = _numbers(follows.get('multiplier'), 1, 1.0, f'mimic of {what}')[0]
+        offset = _numbers(follows.get('offset'), 1, 0.0, f'mimic of {what}')[0]
+        mimic = (follows.get('joint', ''), float(factor), float(offset))
+    parent, child = (_attributes(element, tag).get('link', '') for tag in ('parent', 'child'))
+    limits = (lower, upper, velocity, effort)
+    return Joint(name, kind, parent, child, origin, axis / (length or 1.0), limits, mimic)
+
+
+class RobotDescription:
+    """Joints of a URDF.
+
+    Parameters
+    ----------
+    text : str
+        The document.
+
+    Raises
+    ------
+    ValueError
+        With one sentence, where it is none, too large, or has a document type or entities.
+    """
+
+    def __init__(self, text: str) -> None:
+        root = _root(text)
+        if root.tag != 'robot':
+            msg = f'robot_description must be a <robot>; received <{root.tag[:40]}>'
+            raise ValueError(msg)
+        self.joints = {j.name: j for j in map(_joint, root.findall('joint'))}
+        self._above = {joint.child: joint for joint in self.joints.values()}
+
+    def has_link(self, name: str) -> bool:
+        """Whether a link hangs below a joint of the description."""
+        return name in self._above
+
+    def limits(self, names: tuple[str, ...], otherwise: JointLimits) -> JointLimits:
+        """Limits of joints; what the description does not say is taken from `otherwise`.
+
+        Of speeds and torques the smaller holds: descriptions have placeholders there.
+
+        Raises
+        ------
+        ValueError
+            If a joint is not in the description.
+        """
+        missing = [name for name in names if name not in self.joints]
+        if missing:
+            msg = f'robot_description must have every joint of the hand; it lacks {missing[0]}'
+            raise ValueError(msg)
+        said = np.array([self.joints[name].limits for name in names])
+        known = np.isfinite(said)
+        known[:, 2:] &= said[:, 2:] > 0  # zero stands for "not known" in many descriptions
+        other = np.stack(
+            [otherwise.lower, otherwise.upper, otherwise.velocity, otherwise.effort], axis=1
+        )
+        taken = np.where(known, said, other)
+        taken[:, 2:] = np.minimum(taken[:, 2:], other[:, 2:])
+        return JointLimits(*taken.T)
+
+    def chain(self, frame: str, joints: tuple[str, ...]) -> Chain:
+        """Joints that lie between the finger's base and a link.
+
+        Parameters
+        ----------
+        frame : str
+            Link of the pad.
+        joints : tuple of str
+            Joints of the finger, in its own order.
+
+        Returns
+        -------
+        Chain
+            From the parent of the finger's first joint to the link.
+
+        Raises
+        ------
+        ValueError
+            If the link is not there, or the finger's joints do not lie above it.
+        """
+        if frame not in self._above:
+            msg = f'frame must be a link of robot_description below a joint; received {frame!r}'
+            raise ValueError(msg)
+        path: list[Joint] = []
+        link = frame
+        while link in self._above and len(path) <= len(self._above):
+            path.insert(0, self._above[link])
+            link = path[0].parent
+        driven = [i for i, j in enumerate(path) if j.name in joints]
+        if {path[i].name for i in driven} != set(joints):
+            msg = f'the joints above link {frame} of robot_description must include {joints}'
+            raise ValueError(msg)
+        return Chain(tuple(path[driven[0] :]), joints)
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Serial chain from the base of a finger to its pad.
+
+    Attributes
+    ----------
+    path : tuple of Joint
+        From the base to the pad.
+    joints : tuple of str
+        Names of those that a position is given for.
+    """
+
+    path: tuple[Joint, ...]
+    joints: tuple[str, ...]
+
+    def pose_and_jacobian(self, position: Array) -> tuple[Array, Array]:
+        """Pose of the pad in the base, and how its origin moves.
+
+        Parameters
+        ----------
+        position : ndarray, shape (n,)
+            Of `joints` (rad, m).
+
+        Returns
+        -------
+        pose : ndarray, shape (4, 4)
+            Of the link in the frame of the finger's first parent.
+        jacobian : ndarray, shape (3, n)
+            Velocity of the link's origin per joint velocity.
+        """
+        pose = np.eye(4)
+        columns: list[tuple[int, float, Array, Array, bool]] = []
+        for joint in self.path:
+            pose = pose @ joint.origin
+            index, factor, offset = self._driver(joint)
+            if index < 0:
+                continue
+            value = factor * float(position[index]) + offset
+            axis = pose[:3, :3] @ joint.axis
+            slides = joint.kind == 'prismatic'
+            columns.append((index, factor, axis, pose[:3, 3].copy(), slides))
+            step = np.eye(4)
+            if slides:
+                step[:3, 3] = joint.axis * value
+            else:
+                step[:3, :3] = turn_about(joint.axis, value)
+            pose = pose @ step
+        jacobian = np.zeros((3, len(self.joints)))
+        for index, factor, axis, origin, slides in columns:
+            moved = axis if slides else np.cross(axis, pose[:3, 3] - origin)
+            jacobian[:, index] += factor * moved
+        return pose, jacobian
+
+    def _driver(self, joint: Joint) -> tuple[int, float, float]:
+        """Which position moves a joint, times what, plus what; -1: none does."""
+        name, factor, offset = joint.mimic or (joint.name, 1.0, 0.0)
+        moves = joint.kind in MOVING and name in self.joints
+        return (self.joints.index(name) if moves else -1, factor, offset)

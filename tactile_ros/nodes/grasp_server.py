@@ -1,0 +1,120 @@
+"""The action `~/grasp`: one goal at a time, a newer one takes its place."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.task import Future
+
+from tactile_ros.action import Grasp
+from tactile_ros.control import GraspOutcome
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.action.server import ServerGoalHandle
+    from rclpy.node import Node
+
+    from tactile_ros.nodes.grip_stage import Decision
+
+
+class GraspServer:
+    """Serve grasps; all of it runs in the thread of the executor.
+
+    Parameters
+    ----------
+    node : Node
+        Whose action it is.
+    refuse : callable
+        Takes a goal, returns why it cannot be; empty: it can.
+    begin : callable
+        Takes a goal that was accepted; a ValueError ends it at once.
+    cancel : callable
+        Called when the client cancels.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        refuse: Callable[[Grasp.Goal], str],
+        begin: Callable[[Grasp.Goal], None],
+        cancel: Callable[[], None],
+    ) -> None:
+        self._node = node
+        self._refuse, self._begin, self._cancel = refuse, begin, cancel
+        self._handle: ServerGoalHandle | None = None
+        self._done: dict[bytes, Future] = {}
+        self._force: list[float] = []
+        self._server = ActionServer(
+            node, Grasp, '~/grasp',
+            execute_callback=self._execute,
+            goal_callback=self._on_goal,
+            handle_accepted_callback=self._on_accepted,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )  # fmt: skip
+
+    @property
+    def is_busy(self) -> bool:
+        """A grasp is under way."""
+        return self._handle is not None
+
+    def close(self) -> None:
+        """End a grasp that is under way, then the action."""
+        self.finish(GraspOutcome.FAULT, 'grip_node ended')
+        self._server.destroy()
+
+    def _on_goal(self, goal: Grasp.Goal) -> GoalResponse:
+        """Accept what can be done."""
+        reason = self._refuse(goal)
+        if reason:
+            self._node.get_logger().error(f'grasp refused: {reason}')
+        return GoalResponse.REJECT if reason else GoalResponse.ACCEPT
+
+    def _on_accepted(self, handle: ServerGoalHandle) -> None:
+        """Take the place of the grasp before."""
+        self.finish(GraspOutcome.FAULT, 'a newer grasp took its place')
+        self._handle = handle
+        self._done[bytes(handle.goal_id.uuid)] = Future(executor=self._node.executor)
+        self._force = []
+        try:
+            self._begin(handle.request)
+        except ValueError as err:
+            self.finish(GraspOutcome.FAULT, str(err))
+        handle.execute()
+
+    async def _execute(self, handle: ServerGoalHandle) -> Grasp.Result:
+        """Wait for the result; the steps of the control loop decide it."""
+        key = bytes(handle.goal_id.uuid)
+        state, result = await self._done[key]
+        del self._done[key]
+        getattr(handle, state)()
+        return result
+
+    def follow(self, decision: Decision) -> None:
+        """Tell the client how it goes, and the end."""
+        if self._handle is None:
+            return
+        made = decision.made
+        self._force = made.force.tolist()
+        if decision.ended is not None:
+            self.finish(decision.ended.outcome, decision.ended.message)
+        elif self._handle.is_cancel_requested:
+            self._cancel()
+            self.finish(GraspOutcome.FAULT, 'cancelled', 'canceled')
+        else:
+            margins = [x for x in made.slip_margin.tolist() if math.isfinite(x)]
+            feedback = Grasp.Feedback(phase=int(made.phase), force=self._force)
+            feedback.slip_margin = min(margins, default=math.nan)
+            self._handle.publish_feedback(feedback)
+
+    def finish(self, outcome: GraspOutcome, message: str, state: str = '') -> None:
+        """End the grasp that is under way, if there is one."""
+        handle, self._handle = self._handle, None
+        if handle is None:
+            return
+        wanted = GraspOutcome.HELD if handle.request.target_force else GraspOutcome.NO_OBJECT
+        ending = state or ('succeed' if outcome == wanted else 'abort')
+        result = Grasp.Result(outcome=int(outcome), message=message, force=self._force)
+        self._done[bytes(handle.goal_id.uuid)].set_result((ending, result))

@@ -1,0 +1,275 @@
+"""grip_node: contacts of the fingers to commands of a hand; serves grasps."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from std_srvs.srv import SetBool
+
+from tactile_ros import messages
+from tactile_ros.control import GraspOutcome, GripConfig, GripPhase
+from tactile_ros.hands import load_hand
+from tactile_ros.messages.fields import packed, vector
+from tactile_ros.msg import GripState, TactileContacts
+from tactile_ros.nodes.grasp_server import GraspServer
+from tactile_ros.nodes.grip_stage import GripStage
+from tactile_ros.nodes.hand_link import HandLink, newest
+from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rclpy.subscription import Subscription
+    from rclpy.timer import Timer
+
+    from tactile_ros.action import Grasp
+    from tactile_ros.hands import HandDescription
+    from tactile_ros.hands.urdf import RobotDescription
+    from tactile_ros.nodes.grip_stage import Decision
+    from tactile_ros.types import Array
+
+
+@dataclass(frozen=True)
+class GripOptions:
+    """Parameters of grip_node besides those of the law and of the hand's driver."""
+
+    hand: str = field(
+        default='allegro_v5',
+        metadata={
+            'help': 'name of a hand in config/hands, or a .yaml that describes one',
+            'read_only': True,
+        },
+    )
+    autostart: bool = field(
+        default=True, metadata={'help': 'configure and activate at start', 'read_only': True}
+    )
+    fingers: tuple[str, ...] = field(
+        default=(),
+        metadata={'help': 'sensors that take part: <finger>/contacts; empty: all of the hand'},
+    )
+    enabled: bool = field(
+        default=True, metadata={'help': 'commands may be sent once active, as by ~/enable'}
+    )
+    use_robot_description: bool = field(
+        default=False,
+        metadata={
+            'help': 'take limits, and pads whose frame is a link, from robot_description; nothing '
+            'is sent before it has come'
+        },
+    )
+
+
+class GripNode(ManagedNode):
+    """Publish the hand's command and `~/state`; serve `~/grasp` and `~/enable`."""
+
+    def __init__(self) -> None:
+        super().__init__('grip_node')
+        self._link: HandLink | None = None
+        self._stage: GripStage | None = None
+        self.declare(GripOptions())
+        self._hand = load_hand(self.get_parameter('hand').value)
+        self.declare(self._hand.driver, self._hand.driver.grip())
+        self._states = self.managed_publisher(GripState, '~/state', newest(10))
+        self._enable = self.create_service(SetBool, '~/enable', self._on_enable)
+        self._grasps = GraspServer(self, self._why_not, self._begin, self._cancel)
+        self._options = GripOptions()
+        self._config = GripConfig()
+        self._described: HandDescription = self._hand
+        self._heard: list[Subscription] = []
+        self._sequences: dict[int, int] = {}
+        self._ticking: Timer | None = None
+        self._enabled = False
+        self._refusal, self._phase = '', GripPhase.IDLE
+        self._steps = self._commands = self._limited = self._previous = 0
+
+    def configure(self) -> None:
+        """Check the parameters against each other and the hand."""
+        self._options = self.options(GripOptions)
+        self._config = self.options(GripConfig)
+        driver = self.options(type(self._hand.driver))
+        self._described = replace(self._hand, driver=driver)
+        GripStage(self._described, self._config, self._options.fingers)
+
+    def activate(self) -> None:
+        """Listen to the fingers and the hand, and begin to step."""
+        self._enabled = self._options.enabled
+        self._refusal, self._phase = '', GripPhase.IDLE
+        self._steps = self._commands = self._limited = self._previous = 0
+        self._sequences = {}
+        self._begin_stage(self._described, None)
+        described = self._options.use_robot_description
+        learn = self._on_robot if described else None
+        self._link = HandLink(self, self._described, self._on_joints, learn)
+        self._heard = self._listen()
+        self._ticking = self.steady_timer(1.0 / self._config.rate_hz, self._on_tick)
+
+    def _begin_stage(self, hand: HandDescription, robot: RobotDescription | None) -> None:
+        """A stage that knows nothing yet."""
+        self._grasps.finish(GraspOutcome.FAULT, 'the grip began anew with its robot_description')
+        self._stage = GripStage(hand, self._config, self._options.fingers, robot)
+        if self._enabled:
+            self._stage.enable()
+
+    def _on_robot(self, robot: RobotDescription) -> None:
+        """Take limits and pads from the description; ValueError where it does not fit."""
+        driver = self._described.driver
+        limits = robot.limits(driver.joints, driver.limits)
+        self._begin_stage(self._described.with_limits(limits), robot)
+
+    def _listen(self) -> list[Subscription]:
+        """Subscribe to the contacts of every finger."""
+        return [
+            self.create_subscription(
+                TactileContacts, f'{name}/contacts', partial(self._on_contacts, i), newest()
+            )
+            for i, name in enumerate(self._stage.fingers)
+        ]
+
+    def deactivate(self) -> None:
+        """Send nothing more: the last command is a posture, which holds."""
+        if self._ticking is not None:
+            self.destroy_timer(self._ticking)
+            self._ticking = None
+        self._grasps.finish(GraspOutcome.FAULT, 'grip_node was deactivated')
+        for subscription in self._heard:
+            self.destroy_subscription(subscription)
+        self._heard = []
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+        self._enabled = False
+
+    def cleanup(self) -> None:
+        """Forget the hand's state."""
+        self._stage = None
+
+    def destroy_node(self) -> None:
+        """End the action before the node."""
+        self._grasps.close()
+        super().destroy_node()
+
+    @property
+    def unheard(self) -> list[str]:
+        """Inputs of which nothing has come since the node is active."""
+        return [] if self._stage is None else self._stage.unheard
+
+    def _on_contacts(self, finger: int, message: TactileContacts) -> None:
+        """A finger's force from its topic."""
+        if message.sequence == self._sequences.get(finger):
+            return  # the same frame once more is no news: it grows stale
+        self._sequences[finger] = message.sequence
+        force = vector(message.wrench.force)
+        valid = message.valid and not message.status & TactileContacts.STALE
+        self._stage.take_touch(finger, force, valid, message.slip, time.monotonic())
+
+    def _on_joints(self, position: Array) -> None:
+        """Where the hand is."""
+        if self._stage is not None:
+            self._stage.take_joints(position, time.monotonic())
+
+    def _on_tick(self) -> None:
+        """One control step."""
+        now_ns = self.now_ns()
+        decision = self._stage.step(time.monotonic(), now_ns, self._link.blocked)
+        if decision.command is not None:
+            self._link.send(decision.command)
+            self._commands += 1
+        self._steps += 1
+        self._limited += decision.limited
+        self._refusal, self._phase = decision.refusal, decision.made.phase
+        if self._states.get_subscription_count():
+            self._publish(decision, now_ns)
+        self._grasps.follow(decision)
+
+    def _publish(self, decision: Decision, now_ns: int) -> None:
+        """What was decided, as a message."""
+        made = decision.made
+        message = GripState(phase=int(made.phase), fingers=self._stage.fingers)
+        messages.fill_header(message.header, now_ns, '')
+        message.target_force, message.force = packed(made.target_force), packed(made.force)
+        message.friction, message.slip_margin = packed(made.friction), packed(made.slip_margin)
+        message.command = packed(self._stage.sent)
+        message.limited, message.refusal = decision.limited, decision.refusal
+        message.input_age = float(made.input_age)
+        self._states.publish(message)
+
+    def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        """Let commands out, or no more; the hand keeps its last posture."""
+        if self._ticking is None:
+            response.message = 'grip_node is not active: activate it first'
+            return response
+        response.success = True
+        response.message = 'enabled' if request.data else 'disabled: the last posture holds'
+        if request.data != self._enabled:
+            self._enabled = request.data
+            if request.data:
+                self._stage.enable()
+            else:
+                self._stage.disable()
+                self._grasps.finish(GraspOutcome.FAULT, 'the grip was disabled')
+        return response
+
+    def _why_not(self, goal: Grasp.Goal) -> str:
+        """Why a grasp cannot be; empty: it can."""
+        if self._ticking is None or not self._enabled:
+            return 'grip_node is not active' if self._ticking is None else 'the grip is disabled'
+        try:
+            self._stage.admit(goal.target_force, goal.fingers, goal.timeout)
+        except ValueError as err:
+            return str(err)
+        return ''
+
+    def _begin(self, goal: Grasp.Goal) -> None:
+        """Begin a grasp, or open."""
+        self._stage.grasp(goal.target_force, goal.fingers, goal.timeout, goal.adapt)
+
+    def _cancel(self) -> None:
+        """The client waits no more."""
+        self._stage.cancel()
+
+    def diagnose(self) -> DiagnosticStatus:
+        """Phase, rate, refusals."""
+        steps, self._previous = self._steps - self._previous, self._steps
+        level, sentence = DiagnosticStatus.OK, f'{self._phase.name}, {steps} steps a second'
+        if self._refusal:
+            level = DiagnosticStatus.WARN if self._enabled else DiagnosticStatus.OK
+            sentence = self._refusal
+        if self.unheard:
+            level, sentence = DiagnosticStatus.WARN, f'nothing came of {", ".join(self.unheard)}'
+        if self._phase == GripPhase.FAULT:
+            level = DiagnosticStatus.ERROR
+        status = DiagnosticStatus(level=level, name='grip', message=sentence)
+        status.hardware_id = self._hand.name
+        status.values = pairs(
+            {
+                'phase': self._phase.name,
+                'enabled': self._enabled,
+                'steps': self._steps,
+                'commands': self._commands,
+                'limited': self._limited,
+                'rate (Hz)': steps,
+                'nominal rate (Hz)': self._config.rate_hz,
+                'grasp under way': self._grasps.is_busy,
+                'refusal': self._refusal or 'none',
+                'never heard': ', '.join(self.unheard) or 'none',
+            }
+        )
+        return status
+
+
+def build() -> Sequence[ManagedNode]:
+    """The node of this executable."""
+    return [GripNode()]
+
+
+def main() -> None:
+    """Run grip_node until it is told to stop."""
+    main_of(build)
+
+
+if __name__ == '__main__':
+    main()

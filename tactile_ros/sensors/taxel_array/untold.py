@@ -1,0 +1,45 @@
+"""What recorded loads do not tell of an array: taxels, loads, holds, its rest, its give."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.regression.untold import KIND, untold_loads, untold_past
+
+if TYPE_CHECKING:
+    from tactile_ros.conditioning.viscoelastic import Creep
+    from tactile_ros.signals import Columns, Report, Signals
+    from tactile_ros.types import Bools
+
+
+def untold(signals: Signals, truth: Columns, silent: Bools, creep: Creep | None) -> Report:
+    """What frames with their truth leave open.
+
+    Parameters
+    ----------
+    signals : Signals
+        Conditioned frames (s).
+    truth : dict of str to ndarray, shape (s, ...)
+        As in a Recording.
+    silent : ndarray, shape (t,)
+        Taxels that are dead or stuck.
+    creep : Creep or None
+        What was found of the skin's past.
+
+    Returns
+    -------
+    dict of str to dict
+        Names that begin with `KIND`, each with its figures.
+    """
+    blank = np.full((len(signals.good), len(silent)), np.nan)
+    force = np.asarray(truth.get('taxel_force', blank), np.float64)[signals.good]
+    crept = 0.0 if creep is None else float(creep.share.sum(axis=0).max())
+    found = {**untold_loads(force), **untold_past(signals, crept)}
+    pressed = (np.nan_to_num(force) > 0).any(axis=0) | silent
+    if pressed.any() and not pressed.all():
+        found[f'{KIND}taxels that were never pressed'] = {'taxels': float((~pressed).sum())}
+    if not np.isfinite(np.asarray(truth.get('deformation', blank), np.float64)).any():
+        found[f'{KIND}shape factor (no truth of deformation): the array counts as rigid'] = {}
+    return found

@@ -1,0 +1,94 @@
+"""Friction, margin and slip of one finger."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_ros.control.grip_config import GripConfig
+from tactile_ros.control.slip_margin import SlipMargin
+
+CONFIG = GripConfig(friction_low=0.3)
+NOISE = CONFIG.force_noise
+
+
+def loaded(seed: int = 0, top: float = 0.8, steps: int = 100) -> SlipMargin:
+    """A finger at 2 N whose load has grown slowly, without a slip."""
+    rng, slip = np.random.default_rng(seed), SlipMargin(CONFIG)
+    for ft in np.linspace(0.0, top, steps):
+        slip.step(2.0 + NOISE * rng.normal(), ft + NOISE * rng.normal(), -1, 0.01)
+        assert not slip.slipping
+    return slip
+
+
+def test_friction_is_undefined_until_something_slips() -> None:
+    slip = loaded()
+    assert np.isnan(slip.friction)
+    assert slip.believed == pytest.approx(0.4, abs=0.03)  # it has held so much
+    assert slip.margin == pytest.approx(0.0, abs=0.05)
+
+
+def test_friction_is_undefined_below_ten_sigma() -> None:
+    slip = SlipMargin(CONFIG)
+    slip.step(9 * NOISE, 8 * NOISE, 1, 0.01)
+    assert slip.slipping
+    assert np.isnan(slip.friction)
+    assert np.isnan(slip.margin)
+    slip.step(11 * NOISE, 10.5 * NOISE, 1, 0.01)
+    assert slip.friction == pytest.approx(10.5 / 11)
+    assert slip.friction_std == pytest.approx(NOISE * np.hypot(1, 10.5 / 11) / (11 * NOISE))
+
+
+def test_a_fall_of_the_load_is_a_slip() -> None:
+    slip = loaded()
+    slip.step(2.0, 0.6, -1, 0.01)
+    assert slip.slipping
+
+
+def test_a_fall_of_both_forces_is_none() -> None:
+    slip = loaded()
+    slip.step(1.5, 0.6, -1, 0.01)
+    assert not slip.slipping
+
+
+def test_vibration_is_a_slip() -> None:
+    slip = loaded()
+    said = []
+    for i in range(10):
+        slip.step(2.0, 0.8 + 0.3 * (-1) ** i, -1, 0.01)
+        said.append(slip.slipping)
+    assert said[-1]
+
+
+def test_a_sensor_that_sees_no_slip_is_believed() -> None:
+    slip = loaded()
+    slip.step(2.0, 0.6, 0, 0.01)
+    assert not slip.slipping
+
+
+def test_false_alarms_of_noise_alone() -> None:
+    rng, slip = np.random.default_rng(5), SlipMargin(CONFIG)
+    alarms = 0
+    for _ in range(20_000):
+        slip.step(2.0 + NOISE * rng.normal(), 0.8 + NOISE * rng.normal(), -1, 0.01)
+        alarms += slip.slipping
+    assert alarms == 0
+
+
+def test_what_is_needed_leaves_the_margin() -> None:
+    slip = SlipMargin(CONFIG)
+    slip.step(2.0, 1.0, 1, 0.01)
+    needed = slip.needed(0.3)
+    slip.step(needed, 1.0, 0, 0.01)
+    assert slip.margin == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize('bad', [np.nan, np.inf, -np.inf])
+def test_unknown_forces_are_no_slip_and_no_number(bad: float) -> None:
+    slip = loaded()
+    slip.step(2.0, bad, -1, 0.01)
+    assert not slip.slipping
+    assert np.isnan(slip.margin)
+    assert np.isnan(slip.load)
+    slip.step(2.0, 0.2, -1, 0.01)  # nothing to compare with
+    assert not slip.slipping

@@ -1,0 +1,119 @@
+"""Hands from yaml: the shipped ones, and what a file must not say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from tactile_ros.hands import list_drivers, list_hands, load_hand
+from tactile_ros.hands.description import MOST_BYTES, folder, parse
+from tactile_ros.types import JointLimits
+
+GOOD = """
+driver: joint_trajectory
+options: {names: [a, b, c], lower: [0, 0, 0], upper: [1, 1, 1], velocity: [1, 1, 1]}
+fingers:
+  left: {joints: [a], open: [0.1], pre_grasp: [0.2], closing: [0.5], sensors: [l]}
+  right: {joints: [c], open: [0.3], pre_grasp: [0.4], closing: [0.5], sensors: [r, s]}
+"""
+
+
+def document(**change: object) -> dict[str, object]:
+    content = yaml.safe_load(GOOD)
+    content.update(change)
+    return content
+
+
+@pytest.mark.parametrize('name', list_hands())
+def test_every_shipped_hand_can_be_loaded_and_closed(name: str) -> None:
+    hand = load_hand(name)
+    limits = hand.driver.limits
+    for finger, entry in hand.fingers.items():
+        place = hand.places(finger)
+        assert [hand.driver.joints[i] for i in place] == list(entry.joints)
+        closed = entry.posture(1.0)
+        # a synergy that leaves the limits would command what the guard only cuts
+        assert (closed >= limits.lower[place]).all(), finger
+        assert (closed <= limits.upper[place]).all(), finger
+        assert entry.fastest(limits.velocity[place]) > hand.driver.grip().closing_rate
+
+
+def test_every_driver_has_a_hand() -> None:
+    assert {type(load_hand(name).driver).__module__.split('.')[-1] for name in list_hands()} == {
+        *list_drivers()
+    }
+    assert {'allegro_v4', 'allegro_v5', 'allegro_plexus', 'qb_softhand'} <= {*list_hands()}
+
+
+def test_a_file_is_a_hand_too(tmp_path: Path) -> None:
+    path = tmp_path / 'mine.yaml'
+    path.write_text(GOOD)
+    hand = load_hand(str(path))
+    assert (hand.name, list(hand.fingers)) == ('mine', ['left', 'right'])
+    np.testing.assert_array_equal(hand.posture('open', np.full(3, 0.7)), [0.1, 0.7, 0.3])
+    np.testing.assert_array_equal(hand.posture('pre_grasp', np.full(3, 0.7)), [0.2, 0.7, 0.4])
+
+
+def test_limits_of_a_description_draw_the_postures_inside() -> None:
+    hand = parse('mine', document())
+    narrow = JointLimits(np.full(3, 0.25), np.full(3, 0.35), np.full(3, 2.0), np.full(3, np.inf))
+    other = hand.with_limits(narrow)
+    assert other.fingers['left'].open == pytest.approx([0.25])
+    assert other.fingers['right'].pre_grasp == pytest.approx([0.35])
+    assert other.driver.limits.velocity == pytest.approx([2.0] * 3)
+    assert other.driver.effort is None
+
+
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ({'driver': 'none'}, 'driver of a hand must be one of allegro_plexus'),
+        ({'driver': ['x']}, 'driver of a hand must be one of'),
+        ({'extra': 1}, 'a description of a hand must have none but driver, fingers, options'),
+        ({'fingers': {}}, 'fingers of hand mine must be one or more'),
+        ({'fingers': [1]}, 'fingers of mine must be a mapping of names'),
+        ({'fingers': {'left': {'joints': ['a']}}}, 'finger left must tell closing, open'),
+        ({'fingers': {'<b>': {}}}, 'finger <b> must tell'),
+        ({'options': {'speed': 1}}, 'options of mine must have none but .* received speed'),
+        ({'options': {'names': ['a', 'b']}}, 'options of mine: lower of JointTrajectoryHand must'),
+        ({'options': {'names': 3}}, 'options of mine:'),
+    ],
+)
+def test_what_cannot_be_is_one_sentence(change: dict[str, object], sentence: str) -> None:
+    with pytest.raises(ValueError, match='^' + sentence):
+        parse('mine', document(**change))
+
+
+@pytest.mark.parametrize(
+    ('joints', 'posture', 'sentence'),
+    [
+        (['x'], [0.1], 'finger left of hand mine: joints must be those of the hand'),
+        (['a'], [1.5], 'open of finger left of hand mine must lie within the limits'),
+    ],
+)
+def test_fingers_fit_their_driver(joints: list, posture: list, sentence: str) -> None:
+    content = document()
+    content['fingers']['left'].update(joints=joints, open=posture)
+    with pytest.raises(ValueError, match=sentence):
+        parse('mine', content)
+
+
+@pytest.mark.parametrize(
+    'text', ['{', 'a: &x [*x, *x]', '- 1', 'x' * (MOST_BYTES + 1), '!!python/object:os.system {}']
+)
+def test_a_file_that_is_no_hand_is_one_sentence(text: str, tmp_path: Path) -> None:
+    path = tmp_path / 'bad.yaml'
+    path.write_text(text)
+    with pytest.raises(ValueError, match=r'bad\.yaml'):
+        load_hand(str(path))
+
+
+def test_an_unknown_name_lists_the_hands() -> None:
+    with pytest.raises(ValueError, match=r'hand must be one of allegro_plexus.*, or a \.yaml'):
+        load_hand('../config/hands/allegro_v4')
+    with pytest.raises(ValueError, match='cannot be read'):
+        load_hand('/nowhere/hand.yaml')
+    assert folder() is not None

@@ -1,0 +1,211 @@
+"""What each driver is sent, letter for letter: topic, type, count, order, limits."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tactile_ros.hands import list_drivers, load_driver, load_hand
+from tactile_ros.hands.driver import HandDriver, in_order
+from tactile_ros.hands.joint_messages import read_command, read_joint_states
+from tactile_ros.types import GripCommand
+
+NUMBERS = 'std_msgs/msg/Float64MultiArray'
+THUMB_FIRST = [f'ah_joint{finger}{joint}' for finger in '0123' for joint in '0123']
+INDEX_FIRST = [f'joint_{i}_0' for i in range(16)]
+# hand: command topics with their types, state topic, joints, most commands a second
+INTERFACES = {
+    'allegro_v4': (
+        [('/allegro_hand_position_controller/commands', NUMBERS)],
+        '/joint_states', THUMB_FIRST, 100.0,
+    ),
+    'allegro_plexus': (
+        [
+            ('/allegro_hand_position_effort_controller/efforts', NUMBERS),
+            ('/allegro_hand_position_effort_controller/commands', NUMBERS),
+        ],
+        '/joint_states', THUMB_FIRST, 100.0,
+    ),
+    'allegro_v5': (
+        [('/allegroHand_0/joint_cmd', 'sensor_msgs/msg/JointState')],
+        '/allegroHand_0/joint_states', INDEX_FIRST, 333.0,
+    ),
+    'allegro_v5_sense': (
+        [('/allegroHand_0/joint_cmd', 'sensor_msgs/msg/JointState')],
+        '/allegroHand_0/joint_states', INDEX_FIRST, 333.0,
+    ),
+    'qb_softhand': (
+        [('/qbhand1/qbhand1_synergy_trajectory_controller/joint_trajectory',
+          'trajectory_msgs/msg/JointTrajectory')],
+        '/qbhand1/joint_states', ['qbhand1_synergy_joint'], 25.0,
+    ),
+    'qb_softhand_2m': (
+        [('/qbhand2m1/qbhand2m1_synergies_trajectory_controller/joint_trajectory',
+          'trajectory_msgs/msg/JointTrajectory')],
+        '/qbhand2m1/joint_states',
+        ['qbhand2m1_synergy_joint', 'qbhand2m1_manipulation_joint'], 25.0,
+    ),
+    'joint_trajectory': (
+        [('/joint_trajectory_controller/joint_trajectory', 'trajectory_msgs/msg/JointTrajectory')],
+        '/joint_states', ['left_finger_joint', 'right_finger_joint'], 250.0,
+    ),
+}  # fmt: skip
+
+
+def blank() -> SimpleNamespace:
+    """Something that has the attributes of every message."""
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0), frame_id='')
+    duration = SimpleNamespace(sec=0, nanosec=0)
+    point = SimpleNamespace(positions=[], time_from_start=duration)
+    return SimpleNamespace(
+        header=header, name=[], position=[], data=[], joint_names=[], points=[point]
+    )
+
+
+def command(count: int, effort: float = np.nan) -> GripCommand:
+    return GripCommand(3_000_000_007, np.arange(count) / 100, np.full(count, effort))
+
+
+@pytest.mark.parametrize('name', INTERFACES)
+def test_topics_types_order_and_rate(name: str) -> None:
+    topics, states, joints, rate = INTERFACES[name]
+    driver = load_hand(name).driver
+    assert [(topic.name, topic.kind) for topic in driver.topics] == topics
+    assert driver.states == states
+    assert list(driver.joints) == joints
+    assert driver.fastest_hz == rate
+    assert driver.grip().rate_hz <= rate
+
+
+@pytest.mark.parametrize('name', ['allegro_v4', 'allegro_plexus'])
+def test_ros2_control_hands_get_sixteen_numbers(name: str) -> None:
+    message = blank()
+    load_hand(name).driver.fill(message, command(16))
+    np.testing.assert_array_equal(message.data, np.arange(16) / 100)
+
+
+def test_v5_gets_sixteen_names_and_positions_with_a_stamp() -> None:
+    message = blank()
+    load_hand('allegro_v5').driver.fill(message, command(16))
+    assert message.name == INDEX_FIRST
+    np.testing.assert_array_equal(message.position, np.arange(16) / 100)
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (3, 7)
+
+
+@pytest.mark.parametrize('name', ['qb_softhand', 'qb_softhand_2m', 'joint_trajectory'])
+def test_trajectories_are_one_near_point_from_now(name: str) -> None:
+    message, driver = blank(), load_hand(name).driver
+    driver.fill(message, command(len(driver.joints)))
+    assert message.joint_names == list(driver.joints)
+    assert message.header.stamp.sec == message.header.stamp.nanosec == 0
+    (point,) = message.points
+    assert len(point.positions) == len(driver.joints)
+    horizon_s = point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
+    assert horizon_s == pytest.approx(driver.horizon_s)
+    if name.startswith('qb'):
+        assert 0.08 <= horizon_s <= 0.2
+        assert message.joint_names[0].endswith('synergy_joint')
+
+
+def test_plexus_caps_are_never_above_what_its_driver_allows() -> None:
+    driver = load_hand('allegro_plexus').driver
+    for effort, sent in ((0.1, 0.1), (np.nan, 0.345), (5.0, 0.345), (-1.0, 0.0)):
+        message = blank()
+        driver.fill_caps(message, command(16, effort))
+        np.testing.assert_allclose(message.data, sent)
+
+
+def test_limits_are_those_of_the_hands() -> None:
+    v4, v5 = load_hand('allegro_v4').driver.limits, load_hand('allegro_v5').driver.limits
+    assert (v4.lower[0], v4.upper[0]) == (0.263, 1.396)
+    assert (v5.lower[0], v5.upper[0]) == (-0.47, 0.47)
+    assert (v5.lower[12], v5.upper[12]) == (0.0, 1.78)
+    sense = load_hand('allegro_v5_sense').driver.limits
+    assert (sense.lower[0], sense.upper[0]) == (-0.7, 0.262)
+    assert (sense.lower[8], sense.upper[8]) == (-0.262, 0.7)
+    two = load_hand('qb_softhand_2m').driver.limits
+    assert (two.lower.tolist(), two.upper.tolist()) == ([0, -1], [1, 1])
+
+
+@pytest.mark.parametrize('name', list_drivers())
+def test_topics_are_parameters(name: str) -> None:
+    kind = load_driver(name)
+    driver = kind(command_topic='/my/command', state_topic='/my/states')
+    assert driver.topics[-1].name == '/my/command'
+    assert driver.states == '/my/states'
+
+
+@pytest.mark.parametrize(
+    ('name', 'change', 'sentence'),
+    [
+        ('allegro_v4', {'lower': [0.0]}, r'lower of AllegroV4 must have shape \(16,\)'),
+        ('allegro_v5', {'upper': [-2.0] * 16}, 'lower of JointLimits must be below upper'),
+        ('allegro_v5', {'effort': [-0.5] * 16}, 'effort of AllegroV5 must be finite and from'),
+        (
+            'qb_softhand',
+            {'motors': 2},
+            'lower of QbSoftHand must have one number for each of its',
+        ),
+        ('qb_softhand', {'upper': [1.5]}, 'upper of QbSoftHand must be finite and from -1'),
+        (
+            'joint_trajectory',
+            {'names': ('a;b',)},
+            'a joint of JointTrajectoryHand must be',
+        ),
+    ],
+)
+def test_what_cannot_be_is_one_sentence(
+    name: str, change: dict[str, object], sentence: str
+) -> None:
+    with pytest.raises(ValueError, match='^' + sentence):
+        load_driver(name)(**change)
+
+
+def test_a_driver_must_say_what_it_is() -> None:
+    with pytest.raises(NotImplementedError):
+        HandDriver()
+
+
+def states(names: list[str], position: list[float]) -> SimpleNamespace:
+    return SimpleNamespace(name=names, position=position)
+
+
+def test_joint_states_are_read_by_name_among_others() -> None:
+    message = states(['elbow', 'b', 'a'], [9.0, 2.0, 1.0])
+    np.testing.assert_array_equal(read_joint_states(message, ('a', 'b')), [1.0, 2.0])
+    assert read_joint_states(states(['elbow'], [9.0]), ('a', 'b')) is None
+
+
+@pytest.mark.parametrize(
+    ('message', 'sentence'),
+    [
+        (states(['a'], [1.0]), 'must be of all joints of the hand; b is missing'),
+        (states(['a', 'b'], [1.0]), 'must have one position for each of 2 names'),
+        (states(['a', 'b'], [1.0, float('nan')]), 'must be finite'),
+    ],
+)
+def test_damaged_joint_states_are_refused(message: SimpleNamespace, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        read_joint_states(message, ('a', 'b'))
+
+
+@pytest.mark.parametrize('name', INTERFACES)
+def test_a_driver_takes_what_its_adapter_writes(name: str) -> None:
+    driver = load_hand(name).driver
+    wanted = command(len(driver.joints), 0.2)
+    for topic in driver.topics:
+        message = blank()
+        topic.fill(message, wanted)
+        values, _ = read_command(topic.kind, message, driver.joints)
+        effort = topic.name.endswith('efforts')
+        np.testing.assert_array_equal(values, wanted.effort if effort else wanted.position)
+
+
+def test_order_names_what_is_missing() -> None:
+    np.testing.assert_array_equal(in_order(('a', 'b', 'c'), ('c', 'a')), [2, 0])
+    with pytest.raises(ValueError, match='lack x'):
+        in_order(('a', 'b'), ('a', 'x'))
+    with pytest.raises(ValueError, match='name one twice'):
+        in_order(('a', 'b'), ('a', 'a'))

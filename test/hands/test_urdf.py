@@ -1,0 +1,127 @@
+"""robot_description: limits, chains against closed forms and differences, hostile documents."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactile_ros.hands.urdf import RobotDescription, turn
+from tactile_ros.types import JointLimits
+
+LINKS = '<link name="palm"/><link name="p"/><link name="d"/><link name="tip"/>'
+PLANAR = f"""<?xml version="1.0"?>
+<robot name="planar">{LINKS}
+  <joint name="j0" type="revolute"><parent link="palm"/><child link="p"/>
+    <axis xyz="0 0 2"/><limit lower="-1" upper="1.5" velocity="3" effort="0"/></joint>
+  <joint name="j1" type="revolute"><parent link="p"/><child link="d"/>
+    <origin xyz="0.05 0 0"/><axis xyz="0 0 1"/></joint>
+  <joint name="pad" type="fixed"><parent link="d"/><child link="tip"/>
+    <origin xyz="0.03 0 0" rpy="0 1.5707963267948966 0"/></joint>
+</robot>"""
+SPATIAL = """<robot name="spatial">
+  <joint name="base" type="fixed"><parent link="world"/><child link="palm"/>
+    <origin xyz="1 2 3" rpy="0.3 0.2 0.1"/></joint>
+  <joint name="j0" type="revolute"><parent link="palm"/><child link="a"/>
+    <origin xyz="0 0 0.1" rpy="0.1 0.2 0.3"/><axis xyz="0 1 0"/></joint>
+  <joint name="j1" type="prismatic"><parent link="a"/><child link="b"/>
+    <origin xyz="0.05 0 0"/><axis xyz="1 0 0"/></joint>
+  <joint name="j2" type="continuous"><parent link="b"/><child link="c"/>
+    <axis xyz="0 1 1"/><mimic joint="j0" multiplier="0.5" offset="0.1"/></joint>
+  <joint name="f" type="fixed"><parent link="c"/><child link="tip"/>
+    <origin xyz="0.03 0 0.01"/></joint>
+</robot>"""
+OTHERWISE = JointLimits(np.full(2, -9.0), np.full(2, 9.0), np.full(2, 8.0), np.full(2, 7.0))
+
+
+@given(st.floats(-3, 3), st.floats(-3, 3))
+def test_planar_finger_has_the_textbook_pose_and_jacobian(a: float, b: float) -> None:
+    chain = RobotDescription(PLANAR).chain('tip', ('j0', 'j1'))
+    pose, jacobian = chain.pose_and_jacobian(np.array([a, b]))
+    c1, s1, c12, s12 = np.cos(a), np.sin(a), np.cos(a + b), np.sin(a + b)
+    np.testing.assert_allclose(
+        pose[:3, 3], [0.05 * c1 + 0.03 * c12, 0.05 * s1 + 0.03 * s12, 0], atol=1e-12
+    )
+    np.testing.assert_allclose(pose[:3, 2], [c12, s12, 0], atol=1e-12)
+    wanted = [[-0.05 * s1 - 0.03 * s12, -0.03 * s12], [0.05 * c1 + 0.03 * c12, 0.03 * c12], [0, 0]]
+    np.testing.assert_allclose(jacobian, wanted, atol=1e-12)
+
+
+@given(st.floats(-0.1, 0.1), st.floats(-3, 3))
+def test_jacobian_is_the_derivative_also_of_sliding_and_following_joints(
+    slide: float, angle: float
+) -> None:
+    chain = RobotDescription(SPATIAL).chain('tip', ('j1', 'j0'))
+    at, step = np.array([slide, angle]), 1e-6
+    _, jacobian = chain.pose_and_jacobian(at)
+    for i, change in enumerate(step * np.eye(2)):
+        ahead, behind = (chain.pose_and_jacobian(at + sign * change)[0] for sign in (1, -1))
+        slope = (ahead[:3, 3] - behind[:3, 3]) / (2 * step)
+        np.testing.assert_allclose(jacobian[:, i], slope, atol=1e-8)
+
+
+def test_chain_begins_at_the_finger_not_at_the_world() -> None:
+    chain = RobotDescription(SPATIAL).chain('tip', ('j1', 'j0'))
+    assert [joint.name for joint in chain.path] == ['j0', 'j1', 'j2', 'f']
+
+
+def test_limits_that_are_silent_or_zero_come_from_elsewhere() -> None:
+    limits = RobotDescription(PLANAR).limits(('j1', 'j0'), OTHERWISE)
+    np.testing.assert_array_equal(limits.lower, [-9, -1])
+    np.testing.assert_array_equal(limits.upper, [9, 1.5])
+    np.testing.assert_array_equal(limits.velocity, [8, 3])
+    np.testing.assert_array_equal(limits.effort, [7, 7])
+    # 3 is a placeholder where the driver moves at 2
+    slow = dataclasses.replace(OTHERWISE, velocity=np.full(2, 2.0))
+    np.testing.assert_array_equal(RobotDescription(PLANAR).limits(('j1', 'j0'), slow).velocity, 2)
+
+
+def test_rpy_turns_about_fixed_axes() -> None:
+    x, y, z = np.eye(3)
+    quarter = np.pi / 2
+    np.testing.assert_allclose(turn(np.array([quarter, 0, 0])) @ y, z, atol=1e-15)
+    np.testing.assert_allclose(turn(np.array([0, quarter, 0])) @ z, x, atol=1e-15)
+    np.testing.assert_allclose(turn(np.array([0, 0, quarter])) @ x, y, atol=1e-15)
+    # roll first, yaw last
+    np.testing.assert_allclose(turn(np.array([quarter, 0, quarter])) @ y, z, atol=1e-15)
+
+
+ENTITIES = '<!DOCTYPE r [<!ENTITY a "bbbb"><!ENTITY c "&a;&a;&a;">]><robot name="&c;"/>'
+OUTSIDE = '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/hostname">]><robot>&x;</robot>'
+SENTENCES = {
+    ENTITIES: 'no document type and no entities',
+    OUTSIDE: 'no document type and no entities',
+    '<!DOCTYPE robot><robot/>': 'no document type',
+    '<model/>': 'must be a <robot>; received <model>',
+    '<robot>': 'is no XML',
+    '': 'is no XML',
+    '<robot>' + '<a>' * 200 + '</a>' * 200 + '</robot>': 'nested at most 100 deep',
+    PLANAR.replace('0 0 2', '0 0 0'): 'axis of joint j0 of robot_description must not be zero',
+    PLANAR.replace('0 0 2', '0 nan 1'): 'axis of joint j0 of robot_description must be 3 numbers',
+    PLANAR.replace('"-1"', '"low"'): "lower of joint j0 .* received 'low'",
+}
+
+
+@pytest.mark.parametrize('text', SENTENCES)
+def test_a_hostile_document_is_one_sentence(text: str) -> None:
+    with pytest.raises(ValueError, match=SENTENCES[text]):
+        RobotDescription(text)
+
+
+def test_a_loop_of_links_ends() -> None:
+    text = PLANAR.replace('<parent link="palm"/>', '<parent link="tip"/>')
+    with pytest.raises(ValueError, match='must include'):
+        RobotDescription(text).chain('tip', ('j0', 'j1', 'j7'))
+
+
+def test_what_is_missing_is_named() -> None:
+    robot = RobotDescription(PLANAR)
+    assert robot.has_link('tip')
+    assert not robot.has_link('palm')
+    with pytest.raises(ValueError, match='it lacks j9'):
+        robot.limits(('j0', 'j9'), OTHERWISE)
+    with pytest.raises(ValueError, match="received 'nose'"):
+        robot.chain('nose', ('j0',))

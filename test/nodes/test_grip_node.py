@@ -1,0 +1,332 @@
+"""grip_node over real DDS with a fake hand: grasps, faults, and silence while it is not active."""
+
+from __future__ import annotations
+
+import math
+import signal
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_msgs.msg import Float64MultiArray, String
+from std_srvs.srv import SetBool
+
+from tactile_ros.action import Grasp
+from tactile_ros.control import GripPhase
+from tactile_ros.msg import GripState, TactileContacts
+from tactile_ros.nodes import lifecycle
+from tactile_ros.nodes.graph import Graph, Process
+from tactile_ros.nodes.grip_node import GripNode
+from tactile_ros.nodes.mock_hand import MockHandNode
+from tactile_ros.nodes.processes import Running
+from tactile_ros.nodes.quality import data, latched
+
+if TYPE_CHECKING:
+    from conftest import Ros
+
+CONTACT_AT = 0.3  # closure
+STIFFNESS = 40.0  # N per closure
+# no object joins the springs, so that the balance of the sides leaves a part of each force open
+APART = 0.3
+# a fast approach, since what a grasp takes is not what these tests are about; and patience with a
+# loaded machine, on which a pause of 0.1 s is no fault
+QUICK = (
+    'stiffness_high:=41.0', 'settled_time:=0.05', 'fault_time:=0.3', 'closing_rate:=1.0',
+    'stale_after:=0.5',
+)  # fmt: skip
+
+
+class Fingers(Node):
+    """Stands in for contact_node of every finger: a spring in the way of a fake hand."""
+
+    def __init__(self, hand: MockHandNode) -> None:
+        super().__init__('fingers')
+        self.hand, self.sequence, self.frozen = hand, 0, False
+        self.states: list[GripState] = []
+        self.valid, self.silent, self.offset, self.free = True, False, 0.0, False
+        described = hand._hand
+        names = [(s, f) for f in described.fingers for s in described.fingers[f].sensors]
+        self.outputs = [
+            (self.create_publisher(TactileContacts, f'{sensor}/contacts', data()), finger)
+            for sensor, finger in names
+        ]
+        self.described = described
+        self.create_subscription(GripState, 'grip_node/state', self.states.append, 10)
+        self.enable = self.create_client(SetBool, 'grip_node/enable')
+        self.grasp = ActionClient(self, Grasp, 'grip_node/grasp')
+        self.feedback: list[Grasp.Feedback] = []
+        self.create_timer(0.01, self.feel)
+
+    def force(self, finger: str) -> float:
+        """Force of the spring (N)."""
+        position = self.hand.joints.position[self.described.places(finger)]
+        closure = self.described.fingers[finger].closure_of(position)
+        return 0.0 if self.free else STIFFNESS * max(0.0, closure - CONTACT_AT)
+
+    def feel(self) -> None:
+        """Publish what the fingers feel."""
+        self.sequence += not self.frozen
+        for publisher, finger in () if self.silent else self.outputs:
+            message = TactileContacts(valid=self.valid, slip=-1, sequence=self.sequence)
+            message.wrench.force.z = self.force(finger) + self.offset
+            publisher.publish(message)
+
+    def ask(self, ros: Ros, force: float, **goal: object) -> object:
+        """Send a goal; its handle."""
+        assert ros.until(self.grasp.server_is_ready)
+        wanted = Grasp.Goal(target_force=force, **goal)
+        future = self.grasp.send_goal_async(wanted, lambda m: self.feedback.append(m.feedback))
+        assert ros.until(future.done)
+        return future.result()
+
+
+def result(ros: Ros, handle: object) -> tuple[int, Grasp.Result]:
+    """How a grasp ended."""
+    future = handle.get_result_async()
+    assert ros.until(future.done)
+    return future.result().status, future.result().result
+
+
+def graph(ros: Ros, hand: str, *parameters: str) -> tuple[GripNode, MockHandNode, Fingers]:
+    """All three nodes, connected."""
+    ros.init(f'hand:={hand}', *QUICK, *parameters)
+    mock = ros.add(MockHandNode())
+    grip = ros.add(GripNode())
+    lifecycle.start([mock, grip])
+    fingers = ros.add(Fingers(mock))
+    assert ros.until(lambda: fingers.states and not grip.unheard)
+    return grip, mock, fingers
+
+
+def commands(mock: MockHandNode) -> int:
+    return max(mock.received.values())
+
+
+@pytest.mark.parametrize('hand', ['allegro_v4', 'allegro_v5', 'allegro_plexus', 'qb_softhand'])
+def test_a_grasp_holds_with_feedback_and_opens_again(ros: Ros, hand: str) -> None:
+    _, mock, fingers = graph(ros, hand)
+    handle = fingers.ask(ros, 2.0)
+    assert handle.accepted
+    status, ended = result(ros, handle)
+    assert (status, ended.outcome) == (GoalStatus.STATUS_SUCCEEDED, Grasp.Result.HELD), ended
+    assert max(ended.force) == pytest.approx(2.0, rel=APART)
+    phases = [state.phase for state in fingers.states if state.phase]
+    assert phases == sorted(phases)
+    assert {GripPhase.CLOSE, GripPhase.HOLD} <= {*phases}
+    assert {f.phase for f in fingers.feedback} <= {*phases}
+    assert fingers.feedback
+    limits = mock._driver.limits
+    sent = np.array([state.command for state in fingers.states if state.refusal == ''])
+    assert (sent >= limits.lower).all()
+    assert (sent <= limits.upper).all()
+    status, ended = result(ros, fingers.ask(ros, 0.0))
+    assert status == GoalStatus.STATUS_SUCCEEDED
+    assert ended.message == 'the hand is open'
+    assert mock.refused == 0
+    if hand == 'allegro_plexus':
+        assert 0 < mock.caps[4] < 0.345
+
+
+def test_nothing_is_sent_before_a_grasp_while_disabled_or_inactive(ros: Ros) -> None:
+    grip, mock, fingers = graph(ros, 'qb_softhand', 'enabled:=false')
+    assert not fingers.ask(ros, 2.0).accepted
+    assert ros.until(lambda: fingers.states[-1].refusal == 'not active')
+    assert ros.call(fingers.enable, SetBool.Request(data=True)).success
+    assert ros.until(lambda: fingers.states[-1].refusal == 'no grasp was asked for')
+    assert commands(mock) == 0
+    handle = fingers.ask(ros, 2.0)
+    assert ros.until(lambda: commands(mock) > 3)
+    assert ros.call(fingers.enable, SetBool.Request(data=False)).message.startswith('disabled')
+    status, ended = result(ros, handle)
+    assert (status, ended.message) == (GoalStatus.STATUS_ABORTED, 'the grip was disabled')
+    before = silent_for(ros, mock, fingers)
+    assert commands(mock) == before
+    grip.trigger_deactivate()
+    assert not fingers.ask(ros, 2.0).accepted
+    assert not ros.call(fingers.enable, SetBool.Request(data=True)).success
+    assert commands(mock) == before
+
+
+def silent_for(ros: Ros, mock: MockHandNode, fingers: Fingers) -> int:
+    """Commands that came in, once those under way have arrived and ten states have passed."""
+    count = len(fingers.states)
+    assert ros.until(lambda: len(fingers.states) > count + 2)
+    before = commands(mock)
+    assert ros.until(lambda: len(fingers.states) > count + 12)
+    return before
+
+
+def test_a_newer_grasp_takes_the_place_of_the_first(ros: Ros) -> None:
+    _, _, fingers = graph(ros, 'allegro_v5')
+    first, second = fingers.ask(ros, 2.0), fingers.ask(ros, 3.0)
+    status, ended = result(ros, first)
+    assert status == GoalStatus.STATUS_ABORTED
+    assert ended.message == 'a newer grasp took its place'
+    status, ended = result(ros, second)
+    assert ended.outcome == Grasp.Result.HELD
+    assert max(ended.force) == pytest.approx(3.0, rel=APART)
+
+
+def test_a_cancel_ends_the_wait_and_a_hold_goes_on(ros: Ros) -> None:
+    _, mock, fingers = graph(ros, 'allegro_v5', 'settled_time:=9.0')
+    handle = fingers.ask(ros, 2.0)
+    assert ros.until(lambda: fingers.states[-1].phase == GripPhase.HOLD)
+    cancelled = handle.cancel_goal_async()
+    assert ros.until(cancelled.done)
+    status, _ = result(ros, handle)
+    assert status == GoalStatus.STATUS_CANCELED
+    before = commands(mock)
+    assert ros.until(lambda: commands(mock) > before + 10)
+    assert fingers.states[-1].phase == GripPhase.HOLD
+
+
+def test_goals_that_cannot_be_are_refused_with_their_sentences(
+    ros: Ros, capfd: pytest.CaptureFixture[str]
+) -> None:
+    _, mock, fingers = graph(ros, 'qb_softhand')
+    for goal, said in (
+        ({'force': 99.0}, 'target_force must be'),
+        ({'force': math.nan}, 'received nan'),
+        ({'force': 1.0, 'fingers': ['nose']}, "received 'nose'"),
+        ({'force': 1.0, 'timeout': -1.0}, 'timeout must be'),
+    ):
+        assert not fingers.ask(ros, **goal).accepted
+        assert said in capfd.readouterr().err
+    assert commands(mock) == 0
+
+
+@pytest.mark.parametrize('fault', ['silent', 'nan'])
+def test_joint_states_that_fail_are_a_fault(ros: Ros, fault: str) -> None:
+    _, mock, fingers = graph(ros, 'allegro_v5')
+    handle = fingers.ask(ros, 2.0)
+    assert ros.until(lambda: commands(mock) > 3)
+    assert mock.set_parameters([Parameter('fault', value=fault)])[0].successful
+    status, ended = result(ros, handle)
+    assert (status, ended.outcome) == (GoalStatus.STATUS_ABORTED, Grasp.Result.FAULT)
+    assert 'joint states are stale' in ended.message
+
+
+@pytest.mark.parametrize('how', ['invalid', 'nan', 'silent', 'frozen'])
+def test_forces_that_fail_hold_what_is_held(ros: Ros, how: str) -> None:
+    # at rest: until an input counts as stale the law goes on with the error of the last
+    _, mock, fingers = graph(ros, 'allegro_v5', 'settled_time:=0.5', 'settled_share:=0.02')
+    assert result(ros, fingers.ask(ros, 2.0))[1].outcome == Grasp.Result.HELD
+    fingers.valid = how != 'invalid'
+    fingers.offset = math.nan if how == 'nan' else 0.0
+    fingers.silent, fingers.frozen = how == 'silent', how == 'frozen'
+    assert ros.until(lambda: fingers.states[-1].phase == GripPhase.FAULT)
+    before = silent_for(ros, mock, fingers)
+    assert commands(mock) == before
+    assert fingers.states[-1].refusal
+    held = fingers.force('index')
+    assert 0.2 < held < 1.5
+    silent_for(ros, mock, fingers)
+    assert fingers.force('index') == pytest.approx(held, rel=0.01)
+    fingers.valid, fingers.offset, fingers.silent, fingers.frozen = True, 0.0, False, False
+    assert ros.until(lambda: fingers.states[-1].phase == GripPhase.HOLD)
+
+
+def test_a_kill_leaves_the_last_posture_which_holds(ros: Ros) -> None:
+    ros.init('hand:=allegro_v5', *QUICK)
+    mock = ros.add(MockHandNode())
+    lifecycle.start([mock])
+    fingers = ros.add(Fingers(mock))
+    quick = dict(text.split(':=') for text in QUICK)
+    grip = Process('grip_node', {'hand': 'allegro_v5', **{k: float(v) for k, v in quick.items()}})
+    with Running(Graph((grip,))) as running:
+        assert ros.until(lambda: fingers.states)
+        # a fault at first: the process hears the fingers a little later than the hand
+        assert result(ros, fingers.ask(ros, 2.0))[1].outcome == Grasp.Result.HELD
+        running.signal('grip_node', signal.SIGKILL)
+        assert running.wait('grip_node', 20.0) == -signal.SIGKILL
+    count = mock.joints.steps
+    assert ros.until(lambda: mock.joints.steps > count + 20)
+    first = fingers.force('index')
+    assert 0.2 < first < 1.5
+    assert ros.until(lambda: mock.joints.steps > count + 60)
+    assert fingers.force('index') == pytest.approx(first, rel=0.01)
+
+
+def test_frozen_joint_states_bound_how_far_a_target_goes(ros: Ros) -> None:
+    _, mock, fingers = graph(ros, 'allegro_v5')
+    fingers.free = True
+    assert mock.set_parameters([Parameter('fault', value='frozen')])[0].successful
+    handle = fingers.ask(ros, 2.0)
+    assert result(ros, handle)[1].outcome == Grasp.Result.NO_OBJECT
+    sent = np.array([state.command for state in fingers.states if state.refusal == ''])
+    assert (np.abs(sent - mock.joints.position) <= mock._driver.most_offset + 1e-9).all()
+    assert np.abs(sent - mock.joints.position).max() > 0.2
+
+
+def test_limits_of_a_description_bound_every_command(ros: Ros) -> None:
+    ros.init('hand:=qb_softhand', 'use_robot_description:=true', 'fault_time:=30.0', *QUICK)
+    mock, grip = ros.add(MockHandNode()), ros.add(GripNode())
+    lifecycle.start([mock, grip])
+    fingers = ros.add(Fingers(mock))
+    fingers.free = True
+    assert ros.until(lambda: fingers.states)
+    assert fingers.states[-1].refusal == 'robot_description has not come'
+    early = fingers.ask(ros, 2.0)
+    text = (
+        '<robot name="qb"><joint name="qbhand1_synergy_joint" type="revolute"><parent link="p"/>'
+        '<child link="h"/><limit lower="0" upper="0.35" velocity="100" effort="100"/></joint>'
+        '</robot>'
+    )
+    fingers.create_publisher(String, 'robot_description', latched()).publish(String(data=text))
+    assert ros.until(lambda: fingers.states[-1].refusal == 'no grasp was asked for')
+    assert result(ros, early)[1].message == 'the grip began anew with its robot_description'
+    assert ros.until(lambda: not grip.unheard)
+    assert result(ros, fingers.ask(ros, 2.0))[1].outcome == Grasp.Result.NO_OBJECT
+    sent = np.array([state.command for state in fingers.states if state.refusal == ''])
+    assert sent.max() == 0.35
+
+
+def test_nothing_in_the_way_is_no_object(ros: Ros) -> None:
+    _, _, fingers = graph(ros, 'qb_softhand')
+    fingers.free = True
+    status, ended = result(ros, fingers.ask(ros, 2.0))
+    assert (status, ended.outcome) == (GoalStatus.STATUS_ABORTED, Grasp.Result.NO_OBJECT)
+
+
+def test_a_plexus_that_refused_a_command_is_silent_and_that_is_a_fault(ros: Ros) -> None:
+    _, mock, fingers = graph(ros, 'allegro_plexus')
+    handle = fingers.ask(ros, 2.0)
+    assert ros.until(lambda: commands(mock) > 3)
+    mock._on_command(mock._driver.topics[-1], Float64MultiArray(data=[0.1]))
+    assert result(ros, handle)[1].outcome == Grasp.Result.FAULT
+
+
+def test_it_can_be_deactivated_and_activated_again(ros: Ros) -> None:
+    grip, mock, fingers = graph(ros, 'qb_softhand')
+    handle = fingers.ask(ros, 2.0)
+    assert ros.until(lambda: commands(mock) > 3)
+    assert grip.trigger_deactivate() == lifecycle.SUCCESS
+    assert result(ros, handle)[1].message == 'grip_node was deactivated'
+    assert ros.until(lambda: not mock.count_publishers(mock._driver.topics[0].name))
+    assert grip.trigger_activate() == lifecycle.SUCCESS
+    assert result(ros, fingers.ask(ros, 2.0))[1].outcome == Grasp.Result.HELD
+    told = {pair.key: pair.value for pair in grip.diagnose().values}
+    assert told['phase'] == 'HOLD'
+    assert int(told['commands']) > 3
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'said'),
+    [
+        (('rate_hz:=50.0',), 'rate_hz must be at most 25'),
+        (('fingers:=[nose]',), "fingers must be of thumb, index, middle; received 'nose'"),
+        (('contact_off:=1.0',), 'contact_off of GripConfig must be below contact_on'),
+    ],
+)
+def test_parameters_that_cannot_be_are_refused_at_configure(
+    ros: Ros, capfd: pytest.CaptureFixture[str], parameters: tuple[str, ...], said: str
+) -> None:
+    ros.init('hand:=qb_softhand', *parameters)
+    node = ros.add(GripNode())
+    lifecycle.start([node])
+    assert said in capfd.readouterr().err
+    assert node.trigger_activate() != lifecycle.SUCCESS

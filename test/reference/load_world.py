@@ -1,0 +1,131 @@
+"""An object that hangs between two fingers by friction: it grows heavier, or slippery.
+
+One drive closes both fingers alike. Friction is Coulomb's behind a tangential spring (the skin):
+the object sticks until the spring would carry more than mu times the normal force, then slides.
+The law is told forces of one finger with noise; all else it has to find out.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactile_ros.control import GripInput, GripStep
+
+FINE = 5e-4  # s
+GRAVITY = 9.81
+FINGERS = 2
+DROPPED = 0.02  # m
+KINETIC = 0.85  # of the friction at rest, while it slides
+
+
+@dataclass(frozen=True)
+class Load:
+    """What happens to the object after it is lifted.
+
+    Attributes
+    ----------
+    friction, later_friction : float
+        Coefficient before and from `change` on.
+    mass, later_mass : float
+        Before, and after it has grown (kg).
+    change, growth : float
+        When it changes, and how long it takes to grow (s).
+    """
+
+    friction: float
+    later_friction: float
+    mass: float
+    later_mass: float
+    change: float
+    growth: float
+
+    @classmethod
+    def draw(cls, kind: str, seed: int) -> Load:
+        """A load of a kind, 'heavier' or 'slippery'."""
+        rng = np.random.default_rng(seed)
+        friction, change = rng.uniform(0.5, 1.0), rng.uniform(1.0, 2.0)
+        growth = rng.uniform(0.3, 1.5)
+        if kind == 'heavier':
+            return cls(friction, friction, 0.1, 0.5, change, growth)
+        mass = rng.uniform(0.1, 0.5)
+        return cls(friction, 0.5 * friction, mass, mass, change, growth)
+
+    @property
+    def needed(self) -> float:
+        """Normal force of a finger that holds it throughout (N)."""
+        early = self.mass / self.friction
+        return GRAVITY / FINGERS * max(early, self.later_mass / self.later_friction)
+
+
+class LoadWorld:
+    """Fingers that have just closed on the object; lifted over the first half second.
+
+    Parameters
+    ----------
+    load : Load
+        What will happen.
+    seed : int
+        Of the noise.
+    force : float
+        At which they have closed (N).
+    """
+
+    def __init__(self, load: Load, seed: int, force: float) -> None:
+        self.load = load
+        self.rng = np.random.default_rng(seed)
+        self.stiffness, self.contact = 60.0, 0.3
+        self.closure = self.command = self.contact + force / self.stiffness
+        self.queue: deque[float] = deque([self.closure] * round(0.02 / FINE))
+        self.time = self.fall = self.speed = self.stuck = 0.0
+        self.carried = 0.0
+        self.sliding = False
+        self.normal = force
+
+    @property
+    def dropped(self) -> bool:
+        """Whether it has slid out of the hand."""
+        return self.stuck > DROPPED
+
+    def given(self) -> GripInput:
+        """What the law is told now."""
+        noise = 0.01 * self.rng.normal(size=3)
+        return GripInput(
+            normal=np.array([self.normal + noise[0]]),
+            tangential=np.array([abs(self.carried / FINGERS + noise[1])]),
+            valid=np.ones(1, bool),
+            slip=np.full(1, -1, np.int8),
+            age=np.zeros(1),
+            closure=np.array([self.closure + 0.01 * noise[2]]),
+            closure_age=0.0,
+        )
+
+    def advance(self, made: GripStep, period: float) -> None:
+        """One period of the law."""
+        if made.send:
+            self.command = float(made.closure[0])
+        for _ in range(round(period / FINE)):
+            self._fine()
+
+    def _fine(self) -> None:
+        load, self.time = self.load, self.time + FINE
+        self.queue.append(self.command)
+        self.closure += FINE / 0.05 * (self.queue.popleft() - self.closure)
+        self.normal = self.stiffness * max(self.closure - self.contact, 0.0)
+        grown = min(max((self.time - load.change) / load.growth, 0.0), 1.0)
+        mass = load.mass + grown * (load.later_mass - load.mass)
+        friction = load.friction if self.time < load.change else load.later_friction
+        weight = mass * GRAVITY * min(self.time / 0.5, 1.0)
+        most = FINGERS * friction * self.normal
+        skin, damping = 4000.0, 2.0 * np.sqrt(4000.0 * mass) * 0.3
+        self.carried = skin * (self.fall - self.stuck) + damping * self.speed
+        self.sliding = abs(self.carried) > (KINETIC if self.sliding else 1.0) * most
+        if self.sliding:
+            most *= KINETIC
+            sign = 1.0 if self.carried > 0 else -1.0
+            self.carried = sign * most
+            self.stuck = self.fall - (self.carried - damping * self.speed) / skin
+        self.speed += FINE * (weight - self.carried) / mass
+        self.fall += FINE * self.speed

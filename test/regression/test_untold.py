@@ -1,0 +1,58 @@
+"""What recorded touches leave open, said of any skin."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_ros.regression.untold import longest_hold, untold_loads, untold_past
+from tactile_ros.signals import Signals
+
+SECOND = 10**9
+
+
+def signals(
+    contact: list[int], seconds: list[float] | None, tare: bool = False, restart: int = 0
+) -> Signals:
+    """Frames of one taxel; a stream begins at rows 0 and `restart`."""
+    rows = len(contact)
+    blank = np.zeros((rows, 1, 1))
+    begins = np.isin(np.arange(rows), [0, restart])
+    stamps = None if seconds is None else (SECOND * np.array(seconds)).astype(np.int64)
+    resting = np.arange(rows) == 0 if tare else None
+    return Signals(
+        blank, blank, blank, None, stamps, begins, np.array(contact, np.int8),
+        np.ones(rows, bool), begins, resting,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ('contact', 'seconds', 'restart', 'longest'),
+    [
+        ([0, 1, 1, 1, 0, 1, 1], [0, 1, 2, 4, 5, 6, 10], 0, 4.0),
+        ([1, 1, 0, 1], [0, 2, 3, 4], 0, 2.0),
+        ([0, 1, 1, 1, 1], [0, 1, 3, 5, 6], 3, 2.0),  # a new stream is another touch
+        ([0, -1, 0], [0, 1, 2], 0, 0.0),
+    ],
+)
+def test_the_longest_touch(
+    contact: list[int], seconds: list[float], restart: int, longest: float
+) -> None:
+    assert longest_hold(signals(contact, seconds, restart=restart)) == pytest.approx(longest)
+
+
+def test_the_past_is_open_without_tare_rows_and_without_stamps() -> None:
+    rest = 'not told: rest before any load (no tare rows)'
+    contact = [0, 1, 1]
+    open_ = untold_past(signals(contact, [0, 1, 2]), 0.2)
+    assert open_[rest] == {'share of a load that rests may still hold': 0.2}
+    assert untold_past(signals(contact, [0, 1, 2]), 0.0)[rest] == {}
+    tared = untold_past(signals(contact, [0, 1, 2], tare=True), 0.2)
+    assert tared == {'not told: holds beyond the longest (s)': {'longest': 1.0}}
+    assert 'not told: creep (frames without stamps)' in untold_past(signals(contact, None), 0.0)
+
+
+def test_loads_are_those_that_count() -> None:
+    told = untold_loads(np.array([[np.nan, 0.0], [4.0, 1e-9], [-1.0, 0.5]]))
+    assert told == {'not told: loads beyond those recorded (N)': {'least': 0.5, 'most': 4.0}}
+    assert untold_loads(np.full(3, np.nan)) == {'not told: force (no truth of loads)': {}}
