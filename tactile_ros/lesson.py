@@ -125,7 +125,7 @@ def recording_of(layout: Layout, presses: Sequence[Press]) -> Recording:
 def learn(
     pipeline: Pipeline,
     label: str,
-    presses: Sequence[Press],
+    presses: Recording,
     replace: bool = False,
     most_lost: float = MOST_LOST,
 ) -> str:
@@ -137,8 +137,8 @@ def learn(
         That learns.
     label : str
         Name of the class.
-    presses : sequence of Press
-        At least one.
+    presses : Recording
+        That holds them; see `Pipeline.enrol` and `recording_of`.
     replace : bool
         Forget what was enrolled under that name before; else it stays beside the new presses.
     most_lost : float
@@ -156,7 +156,7 @@ def learn(
     """
     if replace and label in pipeline.label_names:
         pipeline.forget(label)
-    pipeline.enrol(recording_of(pipeline.layout, presses), label)
+    pipeline.enrol(presses, label)
     stated = pipeline.report.get(f'enrolled {label}', {})
     lost = stated.get('known_presses_lost', 0.0)
     cost = _cost(stated)
@@ -166,8 +166,8 @@ def learn(
             'press where it looks less like the others'
         )
         raise ValueError(msg)
-    count = f'{len(presses)} press{"es" if len(presses) > 1 else ""}'
-    return f'{label!r} learned from {count}; {cost}'
+    count = int(stated.get('presses', 1))
+    return f'{label!r} learned from {count} press{"es" if count > 1 else ""}; {cost}'
 
 
 def _cost(stated: dict[str, float]) -> str:

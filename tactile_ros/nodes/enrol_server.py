@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse
 
 from tactile_ros.action import Enrol
 from tactile_ros.nodes.enrol_stage import EnrolStage, Learned, Lesson
@@ -14,9 +15,13 @@ if TYPE_CHECKING:
     from rclpy.action.server import ServerGoalHandle
     from rclpy.node import Node
 
+INACTIVE = 'needs an active node: activate it first'
+
 
 class EnrolServer:
     """Serve enrolments of a node that has a stage for them while it is active.
+
+    A goal that cannot be is accepted and aborted at once: only a result can say why.
 
     Parameters
     ----------
@@ -26,13 +31,11 @@ class EnrolServer:
 
     def __init__(self, node: Node) -> None:
         self.stage: EnrolStage | None = None
-        self._node = node
-        self._handle: ServerGoalHandle | None = None
-        self._learned = Learned(False, '')
+        self._learned: dict[bytes, Learned] = {}
+        self._taught = b''
         self._action = ActionServer(
             node, Enrol, '~/enrol',
             execute_callback=self._execute,
-            goal_callback=self._on_goal,
             handle_accepted_callback=self._on_accepted,
             cancel_callback=self._on_cancel,
         )  # fmt: skip
@@ -48,45 +51,35 @@ class EnrolServer:
         """End the action."""
         self._action.destroy()
 
-    def _on_goal(self, goal: Enrol.Goal) -> GoalResponse:
-        """Accept what can be done."""
-        reason = 'enrol needs an active node: activate it first'
-        if self.stage is not None:
-            reason = self.stage.refusal(_lesson(goal))
-        if reason:
-            self._node.get_logger().error(f'enrol refused: {reason}')
-        return GoalResponse.REJECT if reason else GoalResponse.ACCEPT
-
     def _on_accepted(self, handle: ServerGoalHandle) -> None:
-        """Begin; the goal is executed once its result is known, since awaiting it polls."""
-        self._handle = handle
-        assert self.stage is not None
-        self.stage.begin(_lesson(handle.request), self._tell, self._end)
+        """Begin; the goal is executed once its result is known, since awaiting one polls."""
+        goal = handle.request
+        lesson = Lesson(goal.label, goal.presses or 1, goal.timeout, goal.replace)
+        reason = f'enrol {INACTIVE}' if self.stage is None else self.stage.refusal(lesson)
+        if reason or self.stage is None:
+            self._end(handle, Learned(False, reason))
+            return
+        self._taught = bytes(handle.goal_id.uuid)
+        self.stage.begin(lesson, partial(_tell, handle), partial(self._end, handle))
 
-    def _on_cancel(self, _: ServerGoalHandle) -> CancelResponse:
+    def _on_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         """End the lesson."""
-        if self.stage is not None:
+        if self.stage is not None and bytes(handle.goal_id.uuid) == self._taught:
             self.stage.cancel()
         return CancelResponse.ACCEPT
 
-    def _tell(self, presses: int, message: str) -> None:
-        """Say how it goes."""
-        if self._handle is not None:
-            self._handle.publish_feedback(Enrol.Feedback(presses=presses, message=message))
-
-    def _end(self, learned: Learned) -> None:
+    def _end(self, handle: ServerGoalHandle, learned: Learned) -> None:
         """Let the executor answer."""
-        self._learned = learned
-        if self._handle is not None:
-            self._handle.execute()
+        self._learned[bytes(handle.goal_id.uuid)] = learned
+        handle.execute()
 
     def _execute(self, handle: ServerGoalHandle) -> Enrol.Result:
         """The result, which is there."""
-        learned = self._learned
-        if handle.is_cancel_requested and learned.cancelled:
-            handle.canceled()
-        elif learned.success:
+        learned = self._learned.pop(bytes(handle.goal_id.uuid))
+        if learned.success:
             handle.succeed()
+        elif learned.cancelled:
+            handle.canceled()
         else:
             handle.abort()
         return Enrol.Result(success=learned.success, message=learned.message, index=learned.index)
@@ -96,12 +89,12 @@ class EnrolServer:
     ) -> ForgetContact.Response:
         """Undo an enrolment."""
         if self.stage is None:
-            response.message = 'forget needs an active node: activate it first'
-            return response
-        response.success, response.message = self.stage.forget(request.label)
+            response.message = f'forget {INACTIVE}'
+        else:
+            response.success, response.message = self.stage.forget(request.label)
         return response
 
 
-def _lesson(goal: Enrol.Goal) -> Lesson:
-    """What a goal asks for."""
-    return Lesson(goal.label, goal.presses or 1, goal.timeout, goal.replace)
+def _tell(handle: ServerGoalHandle, presses: int, message: str) -> None:
+    """Say how it goes."""
+    handle.publish_feedback(Enrol.Feedback(presses=presses, message=message))

@@ -252,7 +252,8 @@ class EnrolStage:
         """The class into the file, then into the stream."""
         with self._turn:
             pipeline = self._read()
-            said = learn(pipeline, lesson.label, presses, lesson.replace, self.most_lost)
+            taught = recording_of(pipeline.layout, presses)
+            said = learn(pipeline, lesson.label, taught, lesson.replace, self.most_lost)
             index = pipeline.label_names.index(lesson.label)
             stamps = tuple(
                 (int(p.frames[0].stamp_ns or 0), int(p.frames[-1].stamp_ns or 0)) for p in presses

@@ -72,14 +72,14 @@ def _firm_part(presses: PressVectors, strength: np.ndarray, name: str) -> PressV
 
 
 def alike_by(recogniser: Recogniser, new: Supports, number: int) -> float:
-    """Share of the drawn heads that, where the new class was pressed, can pass for it.
+    """Share of the drawn heads that, where the new class was pressed, can pass for it; NaN: none.
 
     The look-alike of a head is its template that is nearest to the first of the presses.
     """
     presses = PressVectors(new.pattern[:1], np.ones((1, 3)), new.frames[:1])
     matches = recogniser.matches(presses)
     if matches is None:
-        return 0.0
+        return float('nan')
     tried = np.isfinite(matches.cost[0])
     heads = matches.fitted[0, tried]
     like = PressVectors(heads, np.ones((len(heads), 3)), np.repeat(new.frames[:1], len(heads)))

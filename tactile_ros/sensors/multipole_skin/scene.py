@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 NEW = Outline('bar_20x6', (1e-3 * np.array([[-10, -3], [10, -3], [10, 3], [-10, 3]], float),))
 KNOWN = 3  # heads that press
 BEFORE, TAUGHT, AFTER = 10, 5, 12  # presses of the scene
-CALIBRATING = 20  # presses of one head
+SHOTS = 3  # presses from which the new head is learned
+CALIBRATING = 12  # presses of one head
 SPAN = 18e-3  # m, of places from the middle
 DEPTH = (0.4e-3, 0.8e-3)
 RETURNS = 5e-5, 0.01  # m and rad, by which the new head comes back
@@ -41,9 +42,11 @@ class Specimen:
     ----------
     config : MultipoleSkinConfig
         Drawing of the skin and of the known heads.
+    labels : ndarray of int
+        Heads that press: of the known ones, and `NEW` after them.
     """
 
-    def __init__(self, config: MultipoleSkinConfig) -> None:
+    def __init__(self, config: MultipoleSkinConfig, labels: Integers) -> None:
         rng = np.random.default_rng(SPECIMEN)
         drawn = drawn_skin(config)
         chips, bands = len(drawn.chips), len(drawn.strengths)
@@ -54,17 +57,18 @@ class Specimen:
             strengths=drawn.strengths * (1 + UNEVEN * rng.normal(size=bands)),
         )
         self.config = config
-        self.heads = (*config.objects, NEW)
-        self.bank = self.skin.bank(self.heads)
+        heads = (*config.objects, NEW)
+        self.labels = np.unique(labels).tolist()
+        self.bank = self.skin.bank(tuple(heads[label] for label in self.labels))
         self.still = self.skin.rest()
 
     def stiffness(self, label: int) -> float:
         """Force over depth of a head (N/m)."""
-        return float(np.abs(self.bank.heads[label].loads.sum()))
+        return float(np.abs(self.bank.heads[self.labels.index(label)].loads.sum()))
 
     def change(self, label: int, pose: Array, depth: Array) -> Array:
-        """Change of readings (s, t, 3) (T) by a head at a pose (x, y, turn) and depths (s,) (m)."""
-        parts = self.bank.at(np.array([label]), pose[None])[0, 0]
+        """Change of readings (s, t, 3) (T) by a head at a pose (x, y, turn) and depths (s,)."""
+        parts = self.bank.at(np.array([self.labels.index(label)]), pose[None])[0, 0]
         powers = np.power(depth[:, None], np.arange(1, 4))
         return np.asarray((powers @ parts).reshape(len(depth), *self.still.shape))
 
@@ -72,9 +76,9 @@ class Specimen:
         self, labels: Integers, poses: Array, depths: Array, noise: float, seed: int
     ) -> Recording:
         """Presses (n) at poses (n, 3) and depths (n,), each with rest before and after."""
-        stiff = np.array([self.stiffness(label) for label in range(len(self.heads))])
+        stiff = np.array([self.stiffness(label) for label in labels.tolist()])
         place = np.column_stack([poses[:, :2], np.full(len(labels), self.skin.body)])
-        load = (stiff[labels] * depths)[:, None] * np.array([0.0, 0.0, 1.0])
+        load = (stiff * depths)[:, None] * np.array([0.0, 0.0, 1.0])
 
         def reading(touches: Touches) -> Array:
             values = np.repeat(self.still[None], len(touches.press), axis=0)
@@ -106,7 +110,8 @@ def one_head(config: MultipoleSkinConfig, seed: int = 0) -> Recording:
     """Presses of the first head alone, by which the skin is calibrated; truth is known."""
     rng = np.random.default_rng([1, seed])
     poses, depths = _anywhere(rng, CALIBRATING), rng.uniform(*DEPTH, CALIBRATING)
-    return Specimen(config).play(np.zeros(CALIBRATING, np.int64), poses, depths, NOISE, seed)
+    labels = np.zeros(CALIBRATING, np.int64)
+    return Specimen(config, labels).play(labels, poses, depths, NOISE, seed)
 
 
 def new_head(config: MultipoleSkinConfig, seed: int = 0, noise: float | None = None) -> Recording:
@@ -137,4 +142,4 @@ def new_head(config: MultipoleSkinConfig, seed: int = 0, noise: float | None = N
     poses[again] = poses[BEFORE] + apart * rng.normal(size=(int(again.sum()), 3))
     depths = rng.uniform(*DEPTH, len(labels))
     sigma = NOISE if noise is None else noise
-    return Specimen(config).play(labels, poses, depths, sigma, seed)
+    return Specimen(config, labels).play(labels, poses, depths, sigma, seed)
