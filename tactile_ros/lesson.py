@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Layout
 
+LONGEST_NAME = 64
 LONGEST = 12  # windows, after which a press that is still held counts
 MOST_LOST = 0.05  # of the presses of known classes
 
@@ -154,6 +155,7 @@ def learn(
     ValueError
         If a press is of no use, the name is taken, or known classes would lose too much.
     """
+    refuse_name(label)
     if replace and label in pipeline.label_names:
         pipeline.forget(label)
     pipeline.enrol(presses, label)
@@ -184,6 +186,16 @@ def _cost(stated: dict[str, float]) -> str:
     if np.isfinite(alike):
         said += f'; {100 * alike:.3g} % of the drawn heads could pass for it there'
     return said
+
+
+def refuse_name(label: str) -> None:
+    """Refuse what is no name of a class; ValueError says why."""
+    if not label.strip() or len(label) > LONGEST_NAME or not label.isprintable():
+        msg = (
+            f'label of enrol must be a name of 1 to {LONGEST_NAME} printable characters; '
+            f'received {label[: 2 * LONGEST_NAME]!r}'
+        )
+        raise ValueError(msg)
 
 
 def window_of(pipeline: Pipeline) -> int:

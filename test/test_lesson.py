@@ -73,7 +73,7 @@ def test_sensors_without_classes_learn_none() -> None:
 def test_a_class_that_would_cost_too_much_is_refused_and_a_cheap_one_stated() -> None:
     pipeline = enrolled_skin.five_heads()
     before = pipeline.digest
-    presses = enrolled_skin.new_head(3)
+    presses = enrolled_skin.new_head().select(slice(0, 80 + 3 * 96))
     said = learn(pipeline, 'mug', presses)
     assert "'mug' learned from 18 presses; it takes 0 % of 47 known presses" in said
     stated = pipeline.report['enrolled mug']
@@ -96,7 +96,7 @@ def test_known_classes_keep_what_was_stated() -> None:
     noisy = test.values + 4e-6 * np.random.default_rng(9).normal(size=test.values.shape)
     test.values[:] = noisy
     before = pipeline.process_batch(test).label
-    learn(pipeline, 'mug', enrolled_skin.new_head(3))
+    learn(pipeline, 'mug', enrolled_skin.new_head().select(slice(0, 80 + 3 * 96)))
     after = pipeline.process_batch(test).label
     named = before >= 0
     assert named.sum() > 30

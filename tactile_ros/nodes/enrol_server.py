@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import threading
 from functools import partial
 from typing import TYPE_CHECKING
 
 from rclpy.action import ActionServer, CancelResponse
+from rclpy.task import Future
 
 from tactile_ros.action import Enrol
 from tactile_ros.nodes.enrol_stage import EnrolStage, Learned, Lesson
@@ -31,6 +33,7 @@ class EnrolServer:
 
     def __init__(self, node: Node) -> None:
         self.stage: EnrolStage | None = None
+        self._node = node
         self._learned: dict[bytes, Learned] = {}
         self._taught = b''
         self._action = ActionServer(
@@ -84,14 +87,19 @@ class EnrolServer:
             handle.abort()
         return Enrol.Result(success=learned.success, message=learned.message, index=learned.index)
 
-    def _on_forget(
+    async def _on_forget(
         self, request: ForgetContact.Request, response: ForgetContact.Response
     ) -> ForgetContact.Response:
-        """Undo an enrolment."""
-        if self.stage is None:
+        """Undo an enrolment in a thread of its own, since reading and writing take a while."""
+        stage = self.stage
+        if stage is None:
             response.message = f'forget {INACTIVE}'
-        else:
-            response.success, response.message = self.stage.forget(request.label)
+            return response
+        done = Future(executor=self._node.executor)
+        threading.Thread(
+            target=lambda: done.set_result(stage.forget(request.label)), name='forget'
+        ).start()
+        response.success, response.message = await done
         return response
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from tactile_ros.errors import CalibrationError, TactileError
-from tactile_ros.lesson import MOST_LOST, PressWatch, learn, recording_of, window_of
+from tactile_ros.lesson import MOST_LOST, PressWatch, learn, recording_of, refuse_name, window_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 MOST_PRESSES = 100
 LONGEST_S = 86_400
-TRIED = '?'  # a name under which a press is tried
+TRIED = ' '  # under which a press is tried: no class can be named so
 
 
 @dataclass(frozen=True)
@@ -130,6 +130,7 @@ class EnrolStage:
     on_change: Callable[[Change], None]
     most_lost: float = MOST_LOST
     _thread: threading.Thread | None = None
+    _busy: bool = False
     _watch: PressWatch | None = None
     _arrived: queue.SimpleQueue[Press | str] = field(default_factory=queue.SimpleQueue)
     _turn: threading.Lock = field(default_factory=threading.Lock)
@@ -137,20 +138,19 @@ class EnrolStage:
     @property
     def is_busy(self) -> bool:
         """A lesson is under way."""
-        return self._thread is not None and self._thread.is_alive()
+        return self._busy
 
     def refusal(self, lesson: Lesson) -> str:
         """Why a lesson cannot be; empty: it can."""
         try:
             window_of(self.stage.pipeline)
+            refuse_name(lesson.label)
         except ValueError as err:
             return str(err)
-        label, presses, timeout_s = lesson.label, lesson.presses, lesson.timeout_s
+        presses, timeout_s = lesson.presses, lesson.timeout_s
         reasons = (
             (not self.path, 'enrol needs a calibration file to keep it in: set calibration'),
             (self.is_busy, 'another class is being enrolled: wait for it, or cancel it'),
-            (not label.strip() or label == TRIED,
-             f'label of enrol must be a name; received {label!r}'),
             (not 1 <= presses <= MOST_PRESSES,
              f'presses of enrol must be 1 to {MOST_PRESSES}; received {presses}'),
             (not 0 < timeout_s <= LONGEST_S,
@@ -175,6 +175,7 @@ class EnrolStage:
         on_end : callable
             Takes how it ended, in that thread.
         """
+        self._busy = True
         self._arrived = queue.SimpleQueue()
         self._watch = PressWatch(window_of(self.stage.pipeline))
         self.stage.watch = self._take
@@ -187,6 +188,7 @@ class EnrolStage:
             except Exception as err:  # whatever asked must hear the end
                 learned = Learned(False, f'{type(err).__name__}: {err}')
             self.stage.watch = None
+            self._busy = False
             on_end(learned)
 
         self._thread = threading.Thread(target=work, name='enrol', daemon=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -18,12 +19,15 @@ from tactile_ros.messages import fill_frame
 from tactile_ros.msg import TactileContacts, TactileFrame
 from tactile_ros.nodes import lifecycle, stack
 from tactile_ros.nodes.contact_node import ContactNode
+from tactile_ros.nodes.enrol_client import EnrolClient
+from tactile_ros.nodes.enrol_stage import Lesson
 from tactile_ros.nodes.quality import data, latched
 from tactile_ros.sensors import load_sensor
 from tactile_ros.srv import ForgetContact
 from test.reference import enrolled_skin
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from conftest import Ros
@@ -201,6 +205,35 @@ def test_a_lesson_that_ends_early_leaves_everything_as_it_was(
     assert calibration_file.read_bytes() == content
     inactive = result(ros, hand.ask(ros, 'mug'))
     assert 'activate it first' in inactive.result.message
+
+
+def test_the_client_of_the_command_line_hears_every_press_and_the_end(
+    ros: Ros, pair: tuple[ContactNode, Hand]
+) -> None:
+    _, hand = pair
+    client = EnrolClient()
+    told: list[tuple[int, str]] = []
+    try:
+        with ThreadPoolExecutor(1) as pool:
+
+            def answer(call: Callable[..., object], *arguments: object) -> object:
+                future = pool.submit(call, *arguments)
+                assert ros.until(future.done)
+                return future.result()
+
+            asked = pool.submit(client.enrol, Lesson('mug', 1), lambda *said: told.append(said))
+            number = iter(range(8))
+            # until one press fell wholly into the lesson
+            assert ros.until(lambda: asked.done() or hand.press(ros, next(number)))
+            assert asked.result().success
+            assert told == [(1, 'press 1 of 1 taken')]
+            assert answer(client.forget, 'mug') == (
+                True, "'mug' forgotten; classes are 0, 1, 2, 3, 4"
+            )  # fmt: skip
+            refused = answer(client.enrol, Lesson(' ', 1), print)
+            assert 'label of enrol must be a name' in refused.message
+    finally:
+        client.close()
 
 
 def test_without_a_file_nothing_is_learned(ros: Ros, mugs: Recording) -> None:
