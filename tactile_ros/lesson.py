@@ -87,8 +87,9 @@ class PressWatch:
         return self._strongest(seen)
 
     def _counts(self) -> bool:
-        """Frames that nobody can judge are a press where they are many: a clipped one."""
-        return self._touched or len(self._seen) >= self.window
+        """Half a window or more; frames that nobody can judge are a press where they are many."""
+        least = self.window // 2 if self._touched else self.window
+        return len(self._seen) >= max(least, 1)  # contact flickers where a press begins and ends
 
     def _strongest(self, seen: Sequence[tuple[Frame, Array]]) -> Press:
         """The window that is farthest from the baseline, whatever is wrong with its readings."""

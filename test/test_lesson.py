@@ -55,6 +55,12 @@ def test_frames_that_nobody_can_judge_belong_to_the_press() -> None:
     assert watched([0, -1, 0, 0], [0, nan, 0, 0]) == []
 
 
+def test_contact_that_flickers_is_no_press() -> None:
+    contact = [0, 1, 0, 1, 1, 1, 1, 1, 1, 0, 1, 0, 0]
+    found = watched(contact, [1.0] * len(contact), window=4)
+    assert [end for end, _ in found] == [9]
+
+
 def test_each_press_is_a_stream_after_its_baseline() -> None:
     presses = [press for _, press in watched([0, 1, 1, 1, 0, 1, 1, 1, 0], [0, 1, 2, 3] * 2 + [0])]
     made = recording_of(LAYOUT, presses)
