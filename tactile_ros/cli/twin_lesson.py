@@ -56,7 +56,7 @@ def outcome(loaded: LoadedRecording, number: int) -> list[str]:
     live, stamps = loaded.contacts, loaded.recording.stamp_ns
     if live is None or stamps is None or not loaded.changes:
         return []
-    label = loaded.recording.truth['label'][live.rows]
+    label = np.asarray(loaded.recording.truth['label'], np.int64)[live.rows]
     since = stamps[live.rows] > loaded.changes[0].after_ns
     # the last frame of a window is the one that says a place
     told = np.isfinite(live.states.position[:, 0]) & (live.states.in_contact == 1)
