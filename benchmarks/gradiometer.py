@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 MANY = {'quick': 1000, 'normal': 13_000, 'full': 13_000}
 SPECIMENS = {'quick': (11,), 'normal': tuple(range(11, 19)), 'full': tuple(range(11, 27))}
-MAGNETS = 6  # beside each specimen
+MAGNETS, BESIDE = 24, 40  # of each specimen, and presses beside each
 WORLD = Path(__file__).resolve().parents[1] / 'test' / 'reference' / 'gradiometer_world.py'
 SENSOR = load_sensor('gradiometer')
 MILLI, MICRO, STEP = 1e3, 1e6, 1e-7
@@ -282,7 +282,7 @@ def surroundings(module: ModuleType, extent: str) -> list[Row]:
         pipeline = SENSOR.pipeline(world.config).fit(world.record(PRESSES, draw + 1))
         clean.append(errors(pipeline, world.record(2000, draw + 2), world.rest))
         for k in range(MAGNETS):
-            near = world.record(100, draw + 100 + k, module.Scene(magnet=14e-3))
+            near = world.record(BESIDE, draw + 100 + k, module.Scene(magnet=14e-3))
             magnets.append(errors(pipeline, near, world.rest))
         strong = world.record(
             1000, draw + 7, module.Scene(stray=(0.0, 0.0, 0.3 * limit_of(world)))

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.ros
 
 
-@pytest.mark.parametrize('sensor', ['five_wire_skin', 'gradiometer'])  # two processes, and one
+# two processes, one, and two behind a bus of chips
+@pytest.mark.parametrize('sensor', ['five_wire_skin', 'gradiometer', 'magnet_pad'])
 def test_a_twin_goes_through_the_real_graph(
     sensor: str,
     tmp_path: Path,
