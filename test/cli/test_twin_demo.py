@@ -25,7 +25,7 @@ def test_a_twin_goes_through_the_real_graph(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(twin_demo, 'MOST_ROWS', 800)
+    monkeypatch.setattr(twin_demo, 'MOST_ROWS', 300)
     monkeypatch.setattr(
         'tactile_ros.cli.demo.run_twin',
         lambda key, output, seed: twin_demo.run_twin(key, output, seed, seconds=4.0),
