@@ -331,9 +331,7 @@ def _untrained(count: int, extent: str) -> list[Row]:
         test = session(15, presses, 1.0, JUDGE, stray=stray, specimen=seed, **pad)
         ours = SPEC.pipeline(test.config).fit(test.recording.select(test.recording.tare))
         away = _away(ours.process_batch(test.recording), test)
-        rows.append(
-            Row(f'rest frames only, specimen {seed}, {what}: place', 'mm', away, aim=aim)
-        )
+        rows.append(Row(f'rest frames only, specimen {seed}, {what}: place', 'mm', away, aim=aim))
     return rows
 
 
