@@ -17,14 +17,15 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.ros
 
 
-@pytest.mark.parametrize('sensor', ['five_wire_skin', 'gradiometer'])  # two processes, and one
+# two processes, one, and two behind a bus of chips
+@pytest.mark.parametrize('sensor', ['five_wire_skin', 'gradiometer', 'magnet_pad'])
 def test_a_twin_goes_through_the_real_graph(
     sensor: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(twin_demo, 'MOST_ROWS', 800)
+    monkeypatch.setattr(twin_demo, 'MOST_ROWS', 300)
     monkeypatch.setattr(
         'tactile_ros.cli.demo.run_twin',
         lambda key, output, seed: twin_demo.run_twin(key, output, seed, seconds=4.0),
