@@ -6,10 +6,12 @@ only turns are tried.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.estimators.coverage_error import FINER, model_error, tried_poses
 from tactile_ros.estimators.coverage_model import TaxelPoints, Variant, variant_of
 from tactile_ros.estimators.place_table import FEW_FINENESS, FINENESS, PlaceTable
 from tactile_ros.estimators.template_rows import likeliest
@@ -101,6 +103,25 @@ class CoverageTemplates:
                         fine, sharp, self.middle, self.reach, self.step, fineness
                     )
             self.bank = self._bank()
+        self._measure(positions, taxel_outlines)
+
+    def _measure(self, positions: Array, taxel_outlines: Sequence[Outline] | None) -> None:
+        """How far points and tables are from finer points, of every object."""
+        kinds = [(self.points, self.variants)]
+        kinds += [] if self.coarse is self.points else [(self.coarse, self.variants)]
+        kinds += [] if self.fine is None else [(self.fine, self.sharp)]
+        for points, variants in kinds:
+            count = FINER * len(points.x) // len(points.first)
+            finer = TaxelPoints(positions, self.areas, taxel_outlines, count)
+            for variant in variants:
+                sharp = variant_of(
+                    variant.label, variant.outline, finer.radius, self.reach, self.step
+                )
+                poses = tried_poses(variant, self.middle, self.reach, len(finer.x))
+                seen = partial(points.seen, variant)
+                points.errors[variant.label] = model_error(seen, finer, sharp, poses)
+                if variant.places is not None:
+                    variant.places.error = model_error(variant.places.all_seen, finer, sharp, poses)
 
     def _bank(self) -> tuple[Array, Array]:
         """Templates of unit length (n, t), and their variants and poses (n, 5)."""
