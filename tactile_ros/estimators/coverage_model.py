@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,6 +46,8 @@ class Variant:
         None: a tube.
     places : PlaceTable or None
         Coverage of every taxel over places, of what looks alike from all sides.
+    turns : ndarray, shape (n,)
+        About its centre, after which it may be mistaken for itself (rad).
     """
 
     label: int
@@ -60,6 +62,7 @@ class Variant:
     span: float
     table: CoverageTable | RadialTable | None
     places: PlaceTable | None = None
+    turns: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def tube(self) -> bool:

@@ -16,6 +16,7 @@ from tactile_ros.estimators.coverage_model import TaxelPoints, Variant, variant_
 from tactile_ros.estimators.place_table import FEW_FINENESS, FINENESS, PlaceTable
 from tactile_ros.estimators.template_rows import likeliest
 from tactile_ros.physics import compiled
+from tactile_ros.physics.coverage import mistakable_turns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -79,6 +80,8 @@ class CoverageTemplates:
             variant_of(label, outline, self.points.radius, self.reach, self.step)
             for label, outline in enumerate(objects)
         ]
+        for variant in self.variants:
+            variant.turns = mistakable_turns(variant.outline, variant.centre, variant.order)
         self.fine: TaxelPoints | None = None
         self.sharp: list[Variant] = []
         if len(positions) > FEW_TAXELS and self.points.size:
@@ -121,7 +124,8 @@ class CoverageTemplates:
                 seen = partial(points.seen, variant)
                 points.errors[variant.label] = model_error(seen, finer, sharp, poses)
                 if variant.places is not None:
-                    variant.places.error = model_error(variant.places.all_seen, finer, sharp, poses)
+                    seen = variant.places.all_seen
+                    variant.places.error = model_error(seen, finer, sharp, poses)
 
     def _bank(self) -> tuple[Array, Array]:
         """Templates of unit length (n, t), and their variants and poses (n, 5)."""

@@ -124,6 +124,8 @@ class ObjectPose(CoverageTemplates):
             readings = Readings(y[chosen], stated[chosen], usable[chosen], top, len(firm))
         fits = self._finals(points, self._chosen_starts(coarse, starts, readings), readings)
         fits.sort(key=_cost)
+        fits += self._mistaken(points, fits, readings)
+        fits.sort(key=_cost)
         if chosen is not None:
             for fit in fits:
                 cover = np.zeros(len(y))
@@ -201,6 +203,26 @@ class ObjectPose(CoverageTemplates):
             for _, profile, end in (ends[i] for i in order[: FINALISTS + 1]):
                 fits = self.descent.run(points, variant, end[None], readings, *LATE_TUBES, profile)
                 found.append(self._fit(fits, 0, readings, points))
+        return found
+
+    def _mistaken(self, points: TaxelPoints, fits: list[Fit], readings: Readings) -> list[Fit]:
+        """Descents from where the best fit may be mistaken: no start may have led there."""
+        best, variant = fits[0], fits[0].variant
+        if not len(variant.turns):
+            return []
+        x, y, yaw = best.params
+        turned = yaw + variant.turns
+        cx, cy = variant.centre
+        x += (np.cos(yaw) - np.cos(turned)) * cx - (np.sin(yaw) - np.sin(turned)) * cy
+        y += (np.sin(yaw) - np.sin(turned)) * cx + (np.cos(yaw) - np.cos(turned)) * cy
+        starts = np.column_stack([x, y, turned])
+        ends = self.descent.run(points, variant, starts, readings, *LATE)
+        seen = [fit.params for fit in fits if fit.variant is variant]
+        found = []
+        for i, params in enumerate(ends.params):
+            if all(self._differ(params, other) for other in seen):
+                found.append(self._fit(ends, i, readings, points))
+                seen.append(params)
         return found
 
     def _polish(self, fit: Fit, readings: Readings) -> None:

@@ -87,7 +87,8 @@ def _looped(
     cost = descend_rows(
         places.rows, places.side, places.low, places.pitch, places.scale, readings.force,
         readings.variance, readings.usable, readings.top, readings.count, readings.least,
-        found, step, places.error.edge, rounds, np.array(loose), final, stack, share, cover, normal,
+        found, step, places.error.edge, rounds, np.array(loose), final,
+        stack, share, cover, normal,
     )  # fmt: skip
     return Fits(
         variant, 0, found[None, :2], found[2:], np.array([cost]), cover[None], normal[None],
