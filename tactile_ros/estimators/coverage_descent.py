@@ -55,14 +55,15 @@ class Descent:
             return descend_places(variant, starts[0], readings, rounds, loose, final)
         params = starts[:, : variant.free].copy()
         pressure = np.zeros(len(params))
-        edge = points.errors[variant.label].edge
+        error = points.errors[variant.label]
+        floor = error.floor * readings.top**2
         for i in range(rounds):
             stack = points.seen(variant, params, profile)
             if i == 0:
                 pressure = np.array([first_pressure(readings, one) for one in stack[-1]])
             stack *= pressure[:, None]
             miss = readings.force - stack[-1]
-            edges = edge * np.square(stack[:2]).sum(axis=0)
+            edges = error.edge * np.square(stack[:2]).sum(axis=0) + floor
             squared = np.square(miss)
             rough = np.array([[readings.excess(one)] for one in squared])
             if i < len(loose):

@@ -24,6 +24,8 @@ SEED = 6
 FINER = 8  # times as many points
 WIDE = (0.3, 0.9)  # least and largest width of a tube's contact, in radii
 LEAST = 1e-3  # of the largest cover: what a taxel errs by at least, whatever touches it
+SLIGHT = 1e-4  # of the largest squared slope: no edge touches
+FLAT = 0.25  # of the taxels under edges: those whose cover changes least
 MIDDLE = 0.455  # median of the square of what is normal
 NEVER = 1e-9  # what no taxel tells stays where it is
 
@@ -36,12 +38,16 @@ class ModelError:
     ----------
     edge : float
         Variance of where an edge seems to lie under a taxel, in squares of a step.
+    floor : float
+        Variance of the cover of a taxel under edges that move it against one another, in squares
+        of the largest cover.
     shared : ndarray, shape (m,)
         Standard deviation of x, y, yaw and width beyond what taxels that err each by itself
         make of them, in units of the variant.
     """
 
     edge: float
+    floor: float
     shared: Array
 
 
@@ -75,15 +81,26 @@ def model_error(
         stacks.append(stack)
         misses.append(finer.cover(sharp, pose[None])[0] - stack[-1])
     rises = np.square(np.array(stacks)[:, :2]).sum(axis=1)
-    edge = float(np.square(misses).sum() / max(rises.sum(), 1e-300))
-    floor = (LEAST * max(float(stack[-1].max()) for stack in stacks)) ** 2
+    top = max(float(stack[-1].max()) for stack in stacks)
+    edge, floor = _parts(np.square(misses), rises)
     moved, own = [], []
     for stack, miss, rise in zip(stacks, misses, rises, strict=True):
-        weight = 1.0 / (edge * rise + floor)
+        weight = 1.0 / (edge * rise + floor + (LEAST * top) ** 2)
         inverse = np.linalg.inv((stack * weight) @ stack.T + NEVER * np.eye(len(stack)))
         moved.append(inverse @ ((stack * weight) @ miss))
         own.append(np.diag(inverse))
     # by medians: few poses hang over the border of the array
     beyond = np.median(np.square(moved), axis=0) / MIDDLE - np.median(own, axis=0)
     beyond[:2] = beyond[:2].mean()
-    return ModelError(edge, np.sqrt(np.maximum(beyond, 0.0))[:-1])
+    return ModelError(edge, floor / top**2, np.sqrt(np.maximum(beyond, 0.0))[:-1])
+
+
+def _parts(squared: Array, rises: Array) -> tuple[float, float]:
+    """What squared errors (n, t) are per squared slope (n, t), and where edges cancel."""
+    touched = rises > SLIGHT * rises.max()
+    squared, rises = squared[touched], rises[touched]
+    flat = rises <= np.quantile(rises, FLAT)
+    floor = float(squared[flat].mean())
+    edge = float((squared.sum() - floor * len(squared)) / rises.sum())
+    # where the flat ones err most, all err alike
+    return (edge, floor) if edge > 0 else (0.0, float(squared.mean()))

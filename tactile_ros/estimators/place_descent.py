@@ -37,7 +37,8 @@ def descend_places(
         return _looped(variant, start, readings, rounds, loose, final)
     x, y = float(start[0]), float(start[1])
     step, pressure = float(variant.unit[0]), 0.0
-    edge = variant.places.error.edge
+    error = variant.places.error
+    edge, floor = error.edge, error.floor * readings.top**2
     for i in range(rounds):
         stack = variant.places.seen(x, y)
         if i == 0:
@@ -45,7 +46,7 @@ def descend_places(
         stack *= pressure
         miss = readings.force - stack[2]
         squared = miss * miss
-        edges = edge * (stack[0] ** 2 + stack[1] ** 2)
+        edges = edge * (stack[0] ** 2 + stack[1] ** 2) + floor
         rough = readings.excess(squared)
         if i < len(loose):
             rough = max(rough, loose[i] * readings.top)
@@ -87,8 +88,8 @@ def _looped(
     cost = descend_rows(
         places.rows, places.side, places.low, places.pitch, places.scale, readings.force,
         readings.variance, readings.usable, readings.top, readings.count, readings.least,
-        found, step, places.error.edge, rounds, np.array(loose), final,
-        stack, share, cover, normal,
+        found, step, places.error.edge, places.error.floor * readings.top**2, rounds,
+        np.array(loose), final, stack, share, cover, normal,
     )  # fmt: skip
     return Fits(
         variant, 0, found[None, :2], found[2:], np.array([cost]), cover[None], normal[None],

@@ -105,12 +105,12 @@ def inverse_of(a: Array, inverse: Array) -> None:
 
 @compiled
 def weighed(
-    stack: Array, variance: Array, usable: Bools, squared: Array, edge: float,
+    stack: Array, variance: Array, usable: Bools, squared: Array, edge: float, floor: float,
     rough: float, share: Array, weight: Array,
 ) -> None:  # fmt: skip
     """Weights (t,) of squared misfits, robust ones and such without what is rough; filled."""
     for k in range(len(share)):
-        edges = edge * (stack[0, k] ** 2 + stack[1, k] ** 2)
+        edges = edge * (stack[0, k] ** 2 + stack[1, k] ** 2) + floor
         near = usable[k] / (variance[k] + edges + rough**2)
         far = max(1.0 - squared[k] * near / (2 * CUT) ** 2, 0.0)
         share[k] = near * far * far
@@ -133,7 +133,7 @@ def step_of(normal: Array, pull: Array, move: Array) -> None:
 def descend_rows(
     rows: Array, side: int, low: Array, pitch: float, scale: float,
     force: Array, variance: Array, usable: Bools, top: float, count: int, least: float,
-    found: Array, step: float, edge: float, rounds: int, loose: Array, final: bool,
+    found: Array, step: float, edge: float, floor: float, rounds: int, loose: Array, final: bool,
     stack: Array, share: Array, cover: Array, normal: Array,
 ) -> float:  # fmt: skip
     """Cost of a descent: `descend_places`; `found` (x, y, pressure) and what follows is filled."""
@@ -149,7 +149,7 @@ def descend_rows(
         rough = excess_of(squared, usable, count, least)
         if i < len(loose):
             rough = max(rough, loose[i] * top)
-        weighed(stack, variance, usable, squared, edge, rough, share, weight)
+        weighed(stack, variance, usable, squared, edge, floor, rough, share, weight)
         added(stack, share, miss, normal, pull)
         step_of(normal, pull, move)
         found[0] += move[0] * step

@@ -56,7 +56,7 @@ class PlaceTable:
         fineness: float = FINENESS,
     ) -> None:
         side = min(int(np.ceil(2 * reach * fineness / step)) + 1, MOST_NODES)
-        self.error = ModelError(0.0, np.zeros(2))
+        self.error = ModelError(0.0, 0.0, np.zeros(2))
         self.side = side
         self.low = middle - reach
         self.pitch = 2 * reach / (side - 1)
