@@ -109,14 +109,14 @@ def test_a_part_that_is_nearly_symmetric_flips_only_where_it_says_so() -> None:
     for yaw in rng.uniform(-np.pi, np.pi, 30):
         place = rng.uniform(-2e-3, 2e-3, 2)
         force = array.forces(w.on_polygon(*own_frame(array, place, yaw), corners)) / array.areas
-        force = force + 0.06 * rng.normal(size=42)
-        found = objects.locate(force, np.full(42, 0.06), np.ones(42, bool), 0.003)
+        force = force + 0.045 * rng.normal(size=42)
+        found = objects.locate(force, np.full(42, 0.045), np.ones(42, bool), 0.003)
         errors.append(turned(found.pose[2], yaw))
         sigmas.append(np.rad2deg(np.sqrt(found.cov[2, 2])))
     flipped = np.array(errors) > 90
     assert 0 < flipped.sum() < 15
     assert (np.array(errors) < 4 * np.array(sigmas))[flipped].all()
-    assert np.median(np.array(sigmas)[~flipped]) < 90
+    assert np.quantile(np.array(sigmas)[~flipped], 0.2) < 60  # and it is not always said
 
 
 def test_symmetric_parts_say_their_class_and_their_turn_within_it() -> None:
