@@ -21,7 +21,7 @@ from tactile_ros.physics.coverage import mistakable_turns
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from tactile_ros.types import Array, Integers, Outline
+    from tactile_ros.types import Array, Integers, Outline, Singles
 
 LEAST_POINTS = 4
 POINTS = 2048  # of all taxels together, about
@@ -90,7 +90,7 @@ class CoverageTemplates:
                 variant_of(label, outline, self.fine.radius, self.reach, self.step)
                 for label, outline in enumerate(objects)
             ]
-        self.bank: tuple[Array, Array] | None = None
+        self.bank: tuple[Singles, Array] | None = None
         self._near: dict[tuple[int, int], Integers] = {}
         if len(positions) <= FEW_TAXELS and objects:
             few = len(positions) <= VAGUE
@@ -127,7 +127,7 @@ class CoverageTemplates:
                     seen = variant.places.all_seen
                     variant.places.error = model_error(seen, finer, sharp, poses)
 
-    def _bank(self) -> tuple[Array, Array]:
+    def _bank(self) -> tuple[Singles, Array]:
         """Templates of unit length (n, t), and their variants and poses (n, 5)."""
         rows, what = [], []
         for i, variant in enumerate(self.variants):
