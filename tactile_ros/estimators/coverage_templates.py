@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 LEAST_POINTS = 4
 POINTS = 2048  # of all taxels together, about
 MOST_POINTS = 128  # of one taxel
-TABLE_POINTS, FEW_TABLE_POINTS = 32, 128  # of one of many, of few taxels, to tabulate places
+TABLE_POINTS, FEW_TABLE_POINTS = 32, 256  # of one of many, of few taxels, to tabulate places
 FINE_POINTS = 16  # of one of thousands of taxels under an edge, in the end
 COARSE = 8  # times fewer points where a search begins
 FEW_TAXELS = 200  # up to which templates are kept for every place

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array
 
 FINENESS = 5.0  # nodes for the width of one of many taxels
-FEW_FINENESS = 12.0  # of one of few, of which each must tell more
+FEW_FINENESS = 16.0  # of one of few, of which each must tell more
 MOST_NODES = 120  # of a side
 CUBIC = np.array([[0, -1, 2, -1], [2, 0, -5, 3], [0, 1, 4, -3], [0, 0, -1, 1]]) / 2.0
 SLOPE = np.pad(CUBIC[:, 1:] * np.array([1.0, 2.0, 3.0]), ((0, 0), (0, 1)))
