@@ -123,9 +123,9 @@ class CoverageTemplates:
                 poses = tried_poses(variant, self.middle, self.reach, len(finer.x))
                 seen = partial(points.seen, variant)
                 points.errors[variant.label] = model_error(seen, finer, sharp, poses)
-                if variant.places is not None:
-                    seen = variant.places.all_seen
-                    variant.places.error = model_error(seen, finer, sharp, poses)
+                places = variant.places
+                if places is not None:
+                    places.error = model_error(places.all_seen, finer, sharp, poses)
 
     def _bank(self) -> tuple[Singles, Array]:
         """Templates of unit length (n, t), and their variants and poses (n, 5)."""
