@@ -250,9 +250,7 @@ def test_rows_of_truth_repeat_with_the_signal() -> None:
     assert groups['repetition'] == recording.truth['repetition'][200]
 
 
-def test_a_sensor_without_a_lesson_plays_none(
-    ros: Ros, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_sensor_without_a_lesson_plays_none(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
     ros.init('sensor:=taxel_array', 'simulated:=true', 'scene:=lesson')
     node = ros.add(SensorNode())
     assert node.trigger_configure() == FAILURE
