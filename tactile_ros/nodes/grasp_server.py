@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class GraspServer:
-    """Serve grasps; all of it runs in the thread of the executor.
+    """Serve grasps; all but `note` runs in the thread of the executor.
 
     Parameters
     ----------
@@ -47,6 +47,8 @@ class GraspServer:
         self._handle: ServerGoalHandle | None = None
         self._done: dict[bytes, Future] = {}
         self._force: list[float] = []
+        self._newest: Decision | None = None
+        self._last: Decision | None = None
         self._server = ActionServer(
             node, Grasp, '~/grasp',
             execute_callback=self._execute,
@@ -92,9 +94,20 @@ class GraspServer:
         getattr(handle, state)()
         return result
 
-    def follow(self, decision: Decision) -> None:
-        """Tell the client how it goes, and the end."""
-        if self._handle is None:
+    def forget(self) -> None:
+        """What was decided before belongs to another grasp."""
+        self._newest = self._last = None
+
+    def note(self, decision: Decision) -> None:
+        """Keep what a step decided, from whatever thread; the end of a grasp stays."""
+        self._newest = decision
+        if decision.ended is not None:
+            self._last = decision
+
+    def tell(self) -> None:
+        """Tell the client how it goes, and the end; in the thread of the executor."""
+        decision, self._newest = self._last or self._newest, None
+        if self._handle is None or decision is None:
             return
         made = decision.made
         self._force = made.force.tolist()

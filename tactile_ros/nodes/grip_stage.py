@@ -7,7 +7,7 @@ hand turns them into joints, the guard has the last word.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import hypot
+from math import hypot, isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -149,20 +149,20 @@ class GripStage:
         self._touched_s = np.full(len(self.fingers), -np.inf)
         self._measured: Array | None = None
         self._measured_s = -np.inf
-        self._stepped_s: float | None = None
+        self._stepped_s = -np.inf
         self.sent = np.full(len(hand.driver.joints), np.nan)
 
     def take_touch(
-        self, finger: int, force: Sequence[float], valid: bool, slip: int, now_s: float
+        self, finger: int, force: Sequence[float], valid: bool, slip: int, measured_s: float
     ) -> None:
-        """Keep what a finger feels: force (3,) in its sensor frame (N)."""
+        """Keep what a finger felt at a time (s): force (3,) in its sensor frame (N)."""
         self._touch[finger] = force[2], hypot(force[0], force[1])
         self._valid[finger], self._slip[finger] = valid, slip
-        self._touched_s[finger], self._new[finger] = now_s, True
+        self._touched_s[finger], self._new[finger] = measured_s, True
 
-    def take_joints(self, position: Array, now_s: float) -> None:
-        """Keep measured joint positions (j,)."""
-        self._measured, self._measured_s = position, now_s
+    def take_joints(self, position: Array, measured_s: float) -> None:
+        """Keep joint positions (j,) that were measured at a time (s)."""
+        self._measured, self._measured_s = position, measured_s
 
     @property
     def unheard(self) -> list[str]:
@@ -224,7 +224,9 @@ class GripStage:
         if self._law.phase not in HOLDING:
             self._law.release()
 
-    def step(self, now_s: float, stamp_ns: int, blocked: str = '') -> Decision:
+    def step(
+        self, now_s: float, stamp_ns: int, blocked: str = '', since: float | None = None
+    ) -> Decision:
         """One control step.
 
         Parameters
@@ -235,13 +237,16 @@ class GripStage:
             Time that a command carries (ns).
         blocked : str
             Why nothing may be sent whatever the law says; empty: nothing is in the way.
+        since : float or None
+            Time since the last step (s); None: by `now_s`.
 
         Returns
         -------
         Decision
             What is to be sent and published.
         """
-        dt = self._since_last(now_s)
+        dt = self._within(now_s - self._stepped_s if since is None else since)
+        self._stepped_s = now_s
         made = self._law.step(self._given(now_s, blocked), dt)
         refusal = made.refusal
         if blocked or self._measured is None:
@@ -252,12 +257,11 @@ class GripStage:
             limited = limited or guarded
         return Decision(made, command, limited, refusal, self._progress(made, dt))
 
-    def _since_last(self, now_s: float) -> float:
-        """Time since the last step (s), between a tenth of and a few periods."""
+    def _within(self, since: float) -> float:
+        """A time since the last step (s), between a tenth of and a few periods."""
         period = 1.0 / self.config.rate_hz
-        since = period if self._stepped_s is None else now_s - self._stepped_s
-        self._stepped_s = now_s
-        return min(max(since, 0.1 * period), MOST_PERIODS * period)
+        most = MOST_PERIODS * period if isfinite(since) else period
+        return min(max(since, 0.1 * period), most)
 
     def _given(self, now_s: float, blocked: str) -> GripInput:
         """Input of the law."""

@@ -14,6 +14,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from tactile_ros.hands.driver import JOINT_STATE, NUMBERS, TRAJECTORY, in_order
 from tactile_ros.hands.joint_messages import read_joint_states
 from tactile_ros.hands.urdf import RobotDescription
+from tactile_ros.messages import stamp_ns
 from tactile_ros.nodes.quality import latched
 from tactile_ros.types import GripCommand
 
@@ -54,7 +55,7 @@ class HandLink:
     hand : HandDescription
         Which hand.
     take : callable
-        Takes every measured posture (j,).
+        Takes every measured posture (j,) and its stamp (ns).
     learn : callable or None
         Takes the `robot_description`, without which nothing is sent then; a ValueError refuses it.
     """
@@ -63,7 +64,7 @@ class HandLink:
         self,
         node: ManagedNode,
         hand: HandDescription,
-        take: Callable[[Array], None],
+        take: Callable[[Array, int], None],
         learn: Callable[[RobotDescription], None] | None = None,
     ) -> None:
         self._node, self._hand, self._take = node, hand, take
@@ -131,7 +132,7 @@ class HandLink:
             self._node.get_logger().error(str(err), throttle_duration_sec=1.0)
             return
         if position is not None:
-            self._take(position)
+            self._take(position, stamp_ns(message.header))
 
     def _on_description(self, message: String) -> None:
         """Read the description once; one that does not fit lets nothing out."""
