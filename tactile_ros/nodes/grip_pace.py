@@ -29,11 +29,13 @@ class GripPace:
     Examples
     --------
     >>> pace = GripPace(0.01, 0.015, 2)
-    >>> pace.take(0, None, 5.000), pace.take(1, None, 5.001)  # when both are there
-    (False, True)
-    >>> pace.step(5.001)
+    >>> for finger in (0, 1):
+    ...     _ = pace.take(finger, None, 5.000)
+    >>> pace.step(5.000)
     0.01
-    >>> pace.is_late(5.010), pace.is_late(5.017)
+    >>> pace.take(0, None, 5.010), pace.take(1, None, 5.011)  # when both are there
+    (False, True)
+    >>> pace.is_late(5.014), pace.is_late(5.016)
     (False, True)
     """
 

@@ -40,10 +40,18 @@ APPLIES_AFTERWARDS = hasattr(LifecycleNode, 'add_post_set_parameters_callback')
 
 
 class ManagedNode(LifecycleNode):
-    """Lifecycle node with declared, validated parameters and diagnostics at 1 Hz while active."""
+    """Lifecycle node with declared, validated parameters and diagnostics at 1 Hz while active.
 
-    def __init__(self, name: str) -> None:
-        super().__init__(name)
+    Parameters
+    ----------
+    name : str
+        Of the node.
+    arguments : sequence of str
+        ROS arguments for this node alone, which win over those of its process.
+    """
+
+    def __init__(self, name: str, arguments: Sequence[str] = ()) -> None:
+        super().__init__(name, cli_args=['--ros-args', *arguments] if arguments else None)
         self._schemas: list[Schema[object]] = []
         self._configured = False
         self._timer: Timer | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import nan
 
-AHEAD_S = 2e-3  # a stamp may be so far in the future: clocks of one machine, read one after another
+AHEAD_S = 2e-3  # a stamp may lie so far in the future: two clocks are read one after another
 OLDEST_S = 1.0  # first message that may tell that clocks agree
 STEP_S = 0.05  # change between wall and monotonic clock from one message to the next: a jump
 

@@ -11,7 +11,7 @@ from std_msgs.msg import Float64MultiArray
 
 from tactile_ros.msg import GripState
 from tactile_ros.nodes.graph import Graph
-from tactile_ros.nodes.grasp_graph import Grasping, grasping
+from tactile_ros.nodes.grasp_graph import Grasping, grasping, stack_of
 from tactile_ros.nodes.processes import Running
 
 if TYPE_CHECKING:
@@ -21,16 +21,35 @@ PATIENCE_S = 30.0
 
 
 def test_every_finger_has_its_namespace_port_and_calibration() -> None:
-    graph = grasping(Grasping('allegro_v4', calibrations='/cal', namespace='/left/', stack=True))
-    assert [graph.name_of(p) for p in graph.processes] == [
-        'grip_node', 'left/index/stack', 'left/middle/stack', 'left/ring/stack',
-        'left/thumb/stack',
+    graph = grasping(Grasping('allegro_v4', calibrations='/cal', namespace='/left/'))
+    assert [graph.name_of(p) for p in graph.processes[::2]] == [
+        'grip_node', 'left/index/sensor_node', 'left/middle/sensor_node', 'left/ring/sensor_node',
+        'left/thumb/sensor_node',
     ]  # fmt: skip
     assert graph['grip_node'].namespace == '/left/'
-    ring = graph.processes[3]
-    assert ring.parameters['port'] == '/dev/ttyACM2'
-    assert ring.parameters['calibration'] == '/cal/ring.npz'
-    assert ring.parameters['frame_id'] == 'ring_tactile_link'
+    ring = {**graph.processes[5].parameters, **graph.processes[6].parameters}
+    assert ring['port'] == '/dev/ttyACM2'
+    assert ring['calibration'] == '/cal/ring.npz'
+    assert ring['frame_id'] == 'ring_tactile_link'
+
+
+def test_a_stack_is_one_process_that_knows_the_same_of_every_finger() -> None:
+    choice = Grasping('allegro_v4', calibrations='/cal', namespace='/left/', stack=True, seed=3)
+    (stack,) = grasping(choice).processes
+    assert (stack.executable, stack.namespace) == ('stack', '/left/')
+    assert stack.nodes == ('grip_node', 'contact_node', 'sensor_node')
+    assert stack.parameters == {
+        'hand': 'allegro_v4', 'calibrations': '/cal', 'seed': 3,
+        'ports': [f'/dev/ttyACM{i}' for i in range(4)],
+    }  # fmt: skip
+    thumb = stack_of(choice)[3]
+    assert thumb.namespace == 'left/thumb'
+    assert thumb.parameters['port'] == '/dev/ttyACM3'
+    assert thumb.parameters['calibration'] == '/cal/thumb.npz'
+    played = grasping(Grasping('joint_trajectory', source='recorded', stack=True))
+    assert [p.executable for p in played.processes] == ['stack', 'player', 'player']
+    places = [p.parameters['port'] for p in played.processes[1:]]
+    assert played['stack'].parameters['ports'] == places
 
 
 def test_ports_are_those_named_or_left_to_the_parameter_file() -> None:

@@ -45,7 +45,8 @@ def wire(ros: Ros, hand: str, **options: object) -> Wiring:
     described = load_hand(hand)
     described = replace(described, driver=replace(described.driver, **options))
     postures: list = []
-    return Wiring(node, HandLink(node, described, lambda posture, _: postures.append(posture)), postures)
+    link = HandLink(node, described, lambda posture, _: postures.append(posture))
+    return Wiring(node, link, postures)
 
 
 def listen(ros: Ros, kind: type, topic: str, heard: list) -> Node:
