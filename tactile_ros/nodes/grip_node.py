@@ -103,8 +103,8 @@ class GripNode(ManagedNode):
         """Nothing has come, and nothing was done."""
         self._refusal, self._phase = '', GripPhase.IDLE
         self._steps = self._commands = self._limited = self._previous = 0
-        self._sequences: dict[int, int] = {}
-        self._ages: dict[int, StampAge] = {}
+        self._sequences: dict[str, int] = {}
+        self._ages: dict[str, StampAge] = {}
         self._joint_age = StampAge()
 
     def configure(self) -> None:
@@ -126,12 +126,13 @@ class GripNode(ManagedNode):
         names = self._stage.fingers
         period = 1.0 / self._config.rate_hz
         self._pace = GripPace(period, LATE * self._config.slowest_period, len(names))
-        self._topics = [self.topic_of(name) for name in names]
+        topics = [self.topic_of(name) for name in names]
+        self._fingers = {t: [i for i, one in enumerate(topics) if one == t] for t in topics}
         self._heard = [
             self.create_subscription(
-                TactileContacts, topic, partial(self._on_contacts, i), newest()
+                TactileContacts, topic, partial(self._on_contacts, topic), newest()
             )
-            for i, topic in enumerate(self._topics)
+            for topic in self._fingers
             if topic not in self.direct
         ]
         self._ticking = self.steady_timer(max(0.5 * period, WATCH_S), self._on_tick)
@@ -183,43 +184,36 @@ class GripNode(ManagedNode):
         """Inputs of which nothing has come since the node is active."""
         return [] if self._stage is None else self._stage.unheard
 
-    def _on_contacts(self, finger: int, message: TactileContacts) -> None:
-        """A finger's force from its topic."""
+    def _on_contacts(self, topic: str, message: TactileContacts) -> None:
+        """Contacts from a topic."""
         force = vector(message.wrench.force)
         valid = message.valid and not message.status & TactileContacts.STALE
         stamp_ns = messages.stamp_ns(message.header)
-        self._take(finger, force, valid, message.slip, message.sequence, stamp_ns)
+        self._take(topic, (force, valid, message.slip), message.sequence, stamp_ns)
 
     def take_state(self, topic: str, frame: Frame, state: ContactState) -> None:
         """Contacts of the same process, under the full name of their topic."""
-        if self._ticking is None:
-            return
         valid = bool(state.valid) and not int(state.status) & FrameStatus.STALE
-        force, slip = state.force.tolist(), int(state.slip)
-        for finger, name in enumerate(self._topics):
-            if name == topic:
-                self._take(finger, force, valid, slip, frame.sequence, frame.stamp_ns or 0)
+        felt = state.force.tolist(), valid, int(state.slip)
+        self._take(topic, felt, frame.sequence, frame.stamp_ns or 0)
 
     def _take(
-        self,
-        finger: int,
-        force: Sequence[float],
-        valid: bool,
-        slip: int,
-        sequence: int,
-        stamp_ns: int,
+        self, topic: str, felt: tuple[Sequence[float], bool, int], sequence: int, stamp_ns: int
     ) -> None:
-        """Take in a force, and step where it is the last that was waited for."""
+        """Take in what is felt, and step where it is the last that was waited for."""
         with self._lock:
             # the same frame once more is no news: it grows stale
-            if self._ticking is None or sequence == self._sequences.get(finger):
+            if self._ticking is None or sequence == self._sequences.get(topic):
                 return
-            self._sequences[finger] = sequence
+            self._sequences[topic] = sequence
             now_s = time.monotonic()
-            age = self._ages.setdefault(finger, StampAge())
+            age = self._ages.setdefault(topic, StampAge())
             measured_s = age.measured_s(stamp_ns, self.now_ns(), now_s)
-            self._stage.take_touch(finger, force, valid, slip, measured_s)
-            if self._pace.take(finger, stamp_ns if age.agrees else None, now_s):
+            due = False
+            for finger in self._fingers.get(topic, ()):
+                self._stage.take_touch(finger, *felt, measured_s)
+                due = self._pace.take(finger, stamp_ns if age.agrees else None, now_s)
+            if due:
                 self._step(now_s)
 
     def _on_joints(self, position: Array, stamp_ns: int) -> None:
@@ -241,8 +235,9 @@ class GripNode(ManagedNode):
     def _step(self, now_s: float) -> None:
         """One control step."""
         now_ns = self.now_ns()
+        answered_ns = self._pace.newest_ns or now_ns
         since = self._pace.step(now_s)
-        decision = self._stage.step(now_s, now_ns, self._link.blocked, since)
+        decision = self._stage.step(now_s, answered_ns, self._link.blocked, since)
         if decision.command is not None:
             self._link.send(decision.command)
             self._commands += 1

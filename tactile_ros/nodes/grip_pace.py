@@ -26,6 +26,11 @@ class GripPace:
     fingers : int
         Count f.
 
+    Attributes
+    ----------
+    newest_ns : int or None
+        Newest stamp of what came since the last step (ns); None: there is none.
+
     Examples
     --------
     >>> pace = GripPace(0.01, 0.015, 2)
@@ -44,7 +49,7 @@ class GripPace:
         self._period_ns = round(1e9 * period_s)
         self._came_s = [-inf] * fingers
         self._new = [False] * fingers
-        self._newest_ns: int | None = None  # of what came since the last step
+        self.newest_ns: int | None = None
         self._stepped_ns: int | None = None
         self._stepped_s = -inf
         self._due_ns = 0
@@ -67,9 +72,9 @@ class GripPace:
             Whether a step is due now.
         """
         self._came_s[finger], self._new[finger] = now_s, True
-        newest = self._newest_ns
+        newest = self.newest_ns
         if stamp_ns is not None and (newest is None or stamp_ns > newest):
-            self._newest_ns = stamp_ns
+            self.newest_ns = stamp_ns
         return self._is_complete(now_s) and self._is_due(now_s)
 
     def _is_complete(self, now_s: float) -> bool:
@@ -81,9 +86,9 @@ class GripPace:
 
     def _is_due(self, now_s: float) -> bool:
         """A period has passed since the last step, but for the jitter of frames."""
-        if self._newest_ns is None or self._stepped_ns is None:
+        if self.newest_ns is None or self._stepped_ns is None:
             return now_s - self._stepped_s >= (1.0 - EARLY) * self._period_s
-        ahead = (self._newest_ns - self._due_ns) / self._period_ns
+        ahead = (self.newest_ns - self._due_ns) / self._period_ns
         return ahead >= -EARLY or ahead < -BACK
 
     def is_late(self, now_s: float) -> bool:
@@ -92,14 +97,14 @@ class GripPace:
 
     def step(self, now_s: float) -> float:
         """Begin a step; the time since the last (s), positive where the clocks are sound."""
-        newest, last = self._newest_ns, self._stepped_ns
+        newest, last = self.newest_ns, self._stepped_ns
         by_stamp = newest is not None and last is not None and newest > last
         since = 1e-9 * (newest - last) if by_stamp else now_s - self._stepped_s
         if newest is not None:
             late = newest - self._due_ns
             self._due_ns = self._due_ns if abs(late) < self._period_ns else newest
             self._due_ns += self._period_ns
-        self._stepped_ns, self._newest_ns = newest, None
+        self._stepped_ns, self.newest_ns = newest, None
         self._stepped_s = now_s
         self._new = [False] * len(self._new)
         return since if isfinite(since) else self._period_s

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from rclpy.node import Node
 
 from tactile_ros.nodes.contact_node import ContactNode
-from tactile_ros.nodes.grasp_graph import Grasping, stack_of
+from tactile_ros.nodes.grasp_graph import Grasping, sensors_of, stack_of
 from tactile_ros.nodes.grip_node import GripNode
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of
 from tactile_ros.nodes.parameters import Schema
@@ -102,7 +102,9 @@ def build() -> Sequence[ManagedNode]:
         return [contact, SensorNode(frozen_after(contact.take), contact.is_heard)]
     grip = GripNode()
     contacts, sensors = [], []
-    for process in stack_of(chosen):
+    for name, process in zip(sensors_of(chosen), stack_of(chosen), strict=True):
+        if grip.topic_of(name) != f'/{process.namespace}/contacts':
+            continue  # remapped: it has no sensor of its own
         own = process.ros_arguments()
         contact = ContactNode(True, grip.take_state, own)
         # the collector rests once the first sensor is warm

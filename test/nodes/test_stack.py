@@ -177,7 +177,7 @@ def told(ros: Ros, user: User, grip: GripNode, posture: list[float], stamp_ns: i
 
 def has_taken(grip: GripNode, row: int) -> bool:
     """The grip has heard the finger of a row."""
-    return grip._sequences.get(0) == row
+    return grip._sequences.get('/left/contacts') == row
 
 
 def offline(press: Press) -> np.ndarray:
