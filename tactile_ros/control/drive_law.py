@@ -123,6 +123,20 @@ class DriveLaw:
             self._integral += min(dt / self._integral_time, 1.0) * (made - wanted)
         return made
 
+    def yield_to(self, closure: float, dt: float) -> None:
+        """Go on from a closure that was sent instead of the command, without winding up.
+
+        Parameters
+        ----------
+        closure : float
+            What a limit behind this law let through.
+        dt : float
+            Of the last step (s).
+        """
+        self._integral += min(dt / self._integral_time, 1.0) * (closure - self.command)
+        self.command = closure
+        self.limited = True
+
     def _admit(self, wanted: float, dt: float) -> float:
         """Nearest command inside limits and rate."""
         step = self.config.closure_rate * dt

@@ -6,7 +6,6 @@ import math
 from typing import TYPE_CHECKING
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.task import Future
 
 from tactile_ros.action import Grasp
 from tactile_ros.control import GraspOutcome
@@ -45,7 +44,7 @@ class GraspServer:
         self._node = node
         self._refuse, self._begin, self._cancel = refuse, begin, cancel
         self._handle: ServerGoalHandle | None = None
-        self._done: dict[bytes, Future] = {}
+        self._ends: dict[bytes, tuple[str, Grasp.Result]] = {}
         self._force: list[float] = []
         self._newest: Decision | None = None
         self._last: Decision | None = None
@@ -78,19 +77,15 @@ class GraspServer:
         """Take the place of the grasp before."""
         self.finish(GraspOutcome.FAULT, 'a newer grasp took its place')
         self._handle = handle
-        self._done[bytes(handle.goal_id.uuid)] = Future(executor=self._node.executor)
         self._force = []
         try:
             self._begin(handle.request)
         except ValueError as err:
             self.finish(GraspOutcome.FAULT, str(err))
-        handle.execute()
 
-    async def _execute(self, handle: ServerGoalHandle) -> Grasp.Result:
-        """Wait for the result; the steps of the control loop decide it."""
-        key = bytes(handle.goal_id.uuid)
-        state, result = await self._done[key]
-        del self._done[key]
+    def _execute(self, handle: ServerGoalHandle) -> Grasp.Result:
+        """Hand the result over."""
+        state, result = self._ends.pop(bytes(handle.goal_id.uuid))
         getattr(handle, state)()
         return result
 
@@ -130,4 +125,6 @@ class GraspServer:
         wanted = GraspOutcome.HELD if handle.request.target_force else GraspOutcome.NO_OBJECT
         ending = state or ('succeed' if outcome == wanted else 'abort')
         result = Grasp.Result(outcome=int(outcome), message=message, force=self._force)
-        self._done[bytes(handle.goal_id.uuid)].set_result((ending, result))
+        self._ends[bytes(handle.goal_id.uuid)] = ending, result
+        # only now: executors ask a coroutine that waits again and again, at the price of a core
+        handle.execute()

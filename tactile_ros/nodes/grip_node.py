@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from tactile_ros.nodes.grip_stage import Decision
     from tactile_ros.types import Array, ContactState, Frame
 
+STALE = int(FrameStatus.STALE)
 WATCH_S = 5e-3  # how often the clock is looked at, at most
 
 
@@ -187,13 +188,13 @@ class GripNode(ManagedNode):
     def _on_contacts(self, topic: str, message: TactileContacts) -> None:
         """Contacts from a topic."""
         force = vector(message.wrench.force)
-        valid = message.valid and not message.status & TactileContacts.STALE
+        valid = message.valid and not message.status & STALE
         stamp_ns = messages.stamp_ns(message.header)
         self._take(topic, (force, valid, message.slip), message.sequence, stamp_ns)
 
     def take_state(self, topic: str, frame: Frame, state: ContactState) -> None:
         """Contacts of the same process, under the full name of their topic."""
-        valid = bool(state.valid) and not int(state.status) & FrameStatus.STALE
+        valid = bool(state.valid) and not int(state.status) & STALE
         felt = state.force.tolist(), valid, int(state.slip)
         self._take(topic, felt, frame.sequence, frame.stamp_ns or 0)
 
@@ -206,15 +207,15 @@ class GripNode(ManagedNode):
             if self._ticking is None or sequence == self._sequences.get(topic):
                 return
             self._sequences[topic] = sequence
-            now_s = time.monotonic()
+            now_s, now_ns = time.monotonic(), self.now_ns()
             age = self._ages.setdefault(topic, StampAge())
-            measured_s = age.measured_s(stamp_ns, self.now_ns(), now_s)
+            measured_s = age.measured_s(stamp_ns, now_ns, now_s)
             due = False
             for finger in self._fingers.get(topic, ()):
                 self._stage.take_touch(finger, *felt, measured_s)
                 due = self._pace.take(finger, stamp_ns if age.agrees else None, now_s)
             if due:
-                self._step(now_s)
+                self._step(now_s, now_ns)
 
     def _on_joints(self, position: Array, stamp_ns: int) -> None:
         """Where the hand is."""
@@ -229,12 +230,11 @@ class GripNode(ManagedNode):
         with self._lock:
             now_s = time.monotonic()
             if self._ticking is not None and self._pace.is_late(now_s):
-                self._step(now_s)
+                self._step(now_s, self.now_ns())
         self._grasps.tell()
 
-    def _step(self, now_s: float) -> None:
+    def _step(self, now_s: float, now_ns: int) -> None:
         """One control step."""
-        now_ns = self.now_ns()
         answered_ns = self._pace.newest_ns or now_ns
         since = self._pace.step(now_s)
         decision = self._stage.step(now_s, answered_ns, self._link.blocked, since)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from rclpy.publisher import Publisher
 
     from tactile_ros.hands import HandDescription
+    from tactile_ros.hands.driver import Topic
     from tactile_ros.nodes.lifecycle import ManagedNode
     from tactile_ros.types import Array, Integers
 
@@ -73,8 +74,10 @@ class HandLink:
         self._why_no_description = '' if learn is None else 'robot_description has not come'
         self._why_no_order = f'{hand.driver.controller} does not tell the order of its joints yet'
         driver = hand.driver
-        self._publishers: list[tuple[Publisher, object]] = [
-            (node.create_publisher(MESSAGES[t.kind], t.name, newest(3)), t) for t in driver.topics
+        # one message for all commands: a fresh one costs as much as the law
+        self._publishers: list[tuple[Publisher, Topic, object]] = [
+            (node.create_publisher(MESSAGES[t.kind], t.name, newest(3)), t, blank(t.kind))
+            for t in driver.topics
         ]
         self._heard = [
             node.create_subscription(JointState, driver.states, self._on_states, newest())
@@ -104,14 +107,13 @@ class HandLink:
         ordered = GripCommand(
             command.stamp_ns, command.position[self._order], command.effort[self._order]
         )
-        for publisher, topic in self._publishers:
-            message = blank(topic.kind)
+        for publisher, topic, message in self._publishers:
             topic.fill(message, ordered)
             publisher.publish(message)
 
     def close(self) -> None:
         """Remove all; nothing can be sent any more."""
-        for publisher, _ in self._publishers:
+        for publisher, _, _ in self._publishers:
             self._node.destroy_publisher(publisher)
         for subscription in self._heard:
             self._node.destroy_subscription(subscription)

@@ -25,6 +25,7 @@ from tactile_ros.nodes.quality import overridable
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from rclpy.executors import Executor
     from rclpy.parameter import Parameter
     from rclpy.publisher import Publisher
     from rclpy.qos import QoSProfile
@@ -262,7 +263,7 @@ def run(build: Callable[[], Sequence[ManagedNode]], args: Sequence[str] | None =
         rclpy.logging.get_logger('tactile_ros').fatal(str(err))
         rclpy.try_shutdown()
         return 2
-    executor = SingleThreadedExecutor()
+    executor = serving()
     for node in nodes:
         executor.add_node(node)
     try:
@@ -277,7 +278,20 @@ def run(build: Callable[[], Sequence[ManagedNode]], args: Sequence[str] | None =
     return max(node.exit_code for node in nodes)
 
 
-def spin(executor: SingleThreadedExecutor, done: Callable[[], bool]) -> None:
+def serving() -> Executor:
+    """Executor of a process: that which wakes on events, where this ROS has it.
+
+    The other looks at every service and timer of all nodes whenever something comes; with the
+    nodes of a hand that takes milliseconds, in which their loops have to wait.
+    """
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:  # before Kilted
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
+def spin(executor: Executor, done: Callable[[], bool]) -> None:
     """Serve callbacks until done."""
     while not done():
         try:
@@ -288,7 +302,7 @@ def spin(executor: SingleThreadedExecutor, done: Callable[[], bool]) -> None:
             rclpy.logging.get_logger('tactile_ros').error(traceback.format_exc())
 
 
-def drain(executor: SingleThreadedExecutor, nodes: Sequence[ManagedNode]) -> None:
+def drain(executor: Executor, nodes: Sequence[ManagedNode]) -> None:
     """Take what waits for a node that must not lose it, for a few seconds at most."""
     deadline = time.monotonic() + DRAIN_S
     while any([node.lags() for node in nodes]) and time.monotonic() < deadline:
