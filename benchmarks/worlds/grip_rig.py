@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import struct
-import threading
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -216,13 +215,3 @@ def processor_seconds(pid: int) -> float:
     with open(f'/proc/{pid}/stat', encoding='ascii') as file:  # noqa: PTH123 - one system call
         fields = file.read().rsplit(')', 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
-
-
-def keep_busy() -> None:
-    """A second thread of Python that never rests."""
-
-    def work() -> None:
-        while True:
-            sum(range(1000))
-
-    threading.Thread(target=work, daemon=True).start()

@@ -6,7 +6,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tactile_ros.hands import load_hand
-from tactile_ros.nodes.graph import PORT, Graph, Process, Setting, Source, Value, placed, sensing
+from tactile_ros.nodes.graph import (
+    PORT,
+    Graph,
+    Process,
+    Setting,
+    Source,
+    Value,
+    placed,
+    private_folder,
+    sensing,
+)
+from tactile_ros.sensors import load_sensor
 
 
 @dataclass(frozen=True)
@@ -100,13 +111,19 @@ def grasping(choice: Grasping) -> Graph:
     ValueError
         If there is no such hand, or it carries no such sensor.
     """
-    settings = [choice.finger(i, name) for i, name in enumerate(sensors_of(choice))]
+    sensors = sensors_of(choice)
+    hand: dict[str, Value] = {'hand': choice.hand}
+    if choice.mock_hand and choice.source == 'simulated' and _has_port(choice.sensor):
+        places = [str(private_folder() / f'pressed_{name}') for name in sensors]
+        hand.update(sensor=choice.sensor, fingers=sensors, ports=places, seed=choice.seed)
+        choice = replace(choice, source='hardware', ports=','.join(places))
+    settings = [choice.finger(i, name) for i, name in enumerate(sensors)]
     grip: dict[str, Value] = {'hand': choice.hand}
     if choice.fingers.strip(', '):
-        grip['fingers'] = sensors_of(choice)
+        grip['fingers'] = sensors
     if choice.use_robot_description:
         grip['use_robot_description'] = True
-    own = [Process('mock_hand', {'hand': choice.hand})] if choice.mock_hand else []
+    own = [Process('mock_hand', hand)] if choice.mock_hand else []
     if choice.stack:
         own.append(Process('stack', {**grip, **_of_a_stack(choice, settings)}))
     else:
@@ -117,13 +134,18 @@ def grasping(choice: Grasping) -> Graph:
         use_sim_time=choice.use_sim_time,
         autostart=choice.autostart,
     )
-    sensors = [
+    reading = [
         process
         for setting in settings
         for process in sensing(setting).processes
         if process.executable != 'stack'
     ]
-    return Graph((*(placed(process, everywhere) for process in own), *sensors))
+    return Graph((*(placed(process, everywhere) for process in own), *reading))
+
+
+def _has_port(sensor: str) -> bool:
+    """Whether the sensor is on a serial port, so that its twin may be in another process."""
+    return hasattr(load_sensor(sensor).connection(), 'port')
 
 
 def _of_a_stack(choice: Grasping, settings: list[Setting]) -> dict[str, Value]:
