@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from tactile_ros.nodes.grip_stage import Decision
 
 
+LAST_TURNS = 5
+
+
 class GraspServer:
     """Serve grasps; all but `note` runs in the thread of the executor.
 
@@ -64,6 +67,10 @@ class GraspServer:
     def close(self) -> None:
         """End a grasp that is under way, then the action."""
         self.finish(GraspOutcome.FAULT, 'grip_node ended')
+        executor = self._node.executor
+        for _ in range(LAST_TURNS if executor is not None else 0):
+            if self._ends:  # a client still waits for its result
+                executor.spin_once(timeout_sec=0.0)
         self._server.destroy()
 
     def _on_goal(self, goal: Grasp.Goal) -> GoalResponse:
