@@ -102,8 +102,9 @@ class GripDrives:
             law.stay()
 
     def admit(self, closures: Sequence[float], dt: float) -> None:
-        """Go on from closures (a,) that were sent instead of the last commands."""
+        """Go on from closures (a,) that were sent, where they are not the last commands."""
         for law, closure in zip(self.laws, closures, strict=True):
+            law.stopped = closure < law.command - SAME
             if abs(closure - law.command) > SAME:
                 law.yield_to(closure, dt)
 

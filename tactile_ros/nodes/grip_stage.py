@@ -270,15 +270,20 @@ class GripStage:
                 force = made.target_force[self._drive_of == a]
                 effort[place] = closing.finger.caps(float(force.max()))
         position, limited = self._guard.step(wanted, measured, dt)
-        if limited:  # the law goes on from what is sent, and winds nothing up
-            pairs = enumerate(zip(self._places, self._driven, strict=True))
-            behind = [
-                finger.shortfall(closures[a], wanted[place], position[place])
-                for a, (place, finger) in pairs
-            ]
-            self._law.admit(made.closure - behind, dt)
+        # the law goes on from what is sent, and winds nothing up
+        self._law.admit(made.closure - self._behind(closures, wanted, position, limited), dt)
         self.sent = position
         return GripCommand(stamp_ns, position, effort), limited
+
+    def _behind(
+        self, closures: list[float], wanted: Array, sent: Array, limited: bool
+    ) -> Array | float:
+        """How much less closure each drive was sent (a,)."""
+        if not limited:
+            return 0.0
+        pairs = enumerate(zip(self._places, self._driven, strict=True))
+        short = [f.shortfall(closures[a], wanted[p], sent[p]) for a, (p, f) in pairs]
+        return np.array(short)
 
     def _progress(self, made: GripStep, dt: float) -> GraspProgress | None:
         """The end of the grasp, where this step ended it; the hand opens where nothing is held."""
