@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from conftest import Ros
 
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 BOTH = {'fewest_fingers': 2, 'fault_time': 20.0}  # patient while the graph comes up
 
 
