@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Integers, Recording
 
 RIG = load_source(Path(__file__).parent / 'worlds' / 'grip_rig.py', 'bench latency')
+ROADS = Path(__file__).parents[1] / 'test' / 'reference' / 'grip_roads.py'
 SECONDS = {'quick': 2.0, 'normal': 15.0, 'full': 60.0}
 STEPS = {'quick': 2_000, 'normal': 20_000, 'full': 50_000}
 FAST_HZ, SLOW_HZ = 1000.0, 100.0
@@ -150,7 +151,12 @@ def run(extent: str, command: str) -> BenchResult:
     for what, found in runs.items():
         rows += _rows(what, found)
         notes.append(f'{what}: {_histogram(found)}')
-    rows.append(step_row(STEPS[extent]))
+    with RIG.Helper(RIG.difference(ROADS)) as helper:
+        apart = float(helper.hear())
+    rows += [
+        Row('roads: largest difference of commands', '1', apart, bound=0.0, aim=1e-9),
+        step_row(STEPS[extent]),
+    ]
     return BenchResult('latency', command, [0], rows, notes)
 
 

@@ -13,11 +13,15 @@ import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.devices.simulated import SimulatedSerialPort
+from tactile_ros.evaluation.sources import load_source
 from tactile_ros.types import Integers
 
 if TYPE_CHECKING:
@@ -25,7 +29,7 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
 COMMANDS, STATES = '/allegroHand_0/joint_cmd', '/allegroHand_0/joint_states'
-POSTURE_S, PATIENCE_S = 0.01, 30.0
+POSTURE_S, PATIENCE_S = 0.01, 60.0
 TARGET = 1.5  # N
 STAMP = struct.Struct('<iI')  # of the header behind the four bytes that every message begins with
 FORK = get_context('fork')
@@ -210,8 +214,63 @@ def caller(service: str) -> Callable[[Connection], None]:
     return work
 
 
+class Spun:
+    """Nodes of this process, as `test/reference/grip_roads.py` asks for them."""
+
+    def init(self, *parameters: str) -> None:
+        """Start ROS with parameters."""
+        import rclpy
+
+        from tactile_ros.nodes.lifecycle import serving
+
+        chosen = [text for parameter in parameters for text in ('-p', parameter)]
+        rclpy.init(args=['--ros-args', *chosen])
+        self._executor, self._nodes = serving(), []
+
+    def add(self, node: object) -> object:
+        """Spin a node too."""
+        self._nodes.append(node)
+        self._executor.add_node(node)
+        return node
+
+    def until(self, holds: Callable[[], object]) -> bool:
+        """Spin until a condition holds; False when it did not in time."""
+        deadline = time.monotonic() + PATIENCE_S
+        while not holds() and time.monotonic() < deadline:
+            self._executor.spin_once(timeout_sec=0.01)
+        return bool(holds())
+
+    def close(self) -> None:
+        """End the nodes and ROS."""
+        import rclpy
+
+        for node in reversed(self._nodes):
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def difference(roads: Path) -> Callable[[Connection], None]:
+    """Work that plays the same press on every road; the largest difference of commands."""
+
+    def work(pipe: Connection) -> None:
+        from tactile_ros.nodes import grip_node
+
+        module = load_source(roads, 'bench latency')
+        with TemporaryDirectory() as folder:
+            press = module.learnt_press(Path(folder) / 'force.npz')
+            alone = module.offline(press)
+            found = []
+            for direct in (True, False):
+                clock, ros = module.Clock(), Spun()
+                grip_node.time = SimpleNamespace(monotonic=clock.monotonic)
+                found.append(module.lived(ros, press, clock, direct))
+                ros.close()
+        pipe.send(max(float(np.abs(live - alone).max()) for live in found))
+
+    return work
+
+
 def processor_seconds(pid: int) -> float:
     """User and system time of a process so far (s)."""
-    with open(f'/proc/{pid}/stat', encoding='ascii') as file:  # noqa: PTH123 - one system call
-        fields = file.read().rsplit(')', 1)[1].split()
+    fields = Path(f'/proc/{pid}/stat').read_text('ascii').rsplit(')', 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
