@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
 COMMANDS, STATES = '/allegroHand_0/joint_cmd', '/allegroHand_0/joint_states'
-POSTURE_S, PATIENCE_S = 0.01, 60.0
+POSTURE_S, PATIENCE_S = 0.01, 30.0
 TARGET = 1.5  # N
 STAMP = struct.Struct('<iI')  # of the header behind the four bytes that every message begins with
 FORK = get_context('fork')

@@ -17,7 +17,7 @@ from tactile_ros.nodes.graph import (
     private_folder,
     sensing,
 )
-from tactile_ros.sensors import load_sensor
+from tactile_ros.nodes.pressed_twins import has_port
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def grasping(choice: Grasping) -> Graph:
     """
     sensors = sensors_of(choice)
     hand: dict[str, Value] = {'hand': choice.hand}
-    if choice.mock_hand and choice.source == 'simulated' and _has_port(choice.sensor):
+    if choice.mock_hand and choice.source == 'simulated' and has_port(choice.sensor):
         places = [str(private_folder() / f'pressed_{name}') for name in sensors]
         hand.update(sensor=choice.sensor, fingers=sensors, ports=places, seed=choice.seed)
         choice = replace(choice, source='hardware', ports=','.join(places))
@@ -141,11 +141,6 @@ def grasping(choice: Grasping) -> Graph:
         if process.executable != 'stack'
     ]
     return Graph((*(placed(process, everywhere) for process in own), *reading))
-
-
-def _has_port(sensor: str) -> bool:
-    """Whether the sensor is on a serial port, so that its twin may be in another process."""
-    return hasattr(load_sensor(sensor).connection(), 'port')
 
 
 def _of_a_stack(choice: Grasping, settings: list[Setting]) -> dict[str, Value]:

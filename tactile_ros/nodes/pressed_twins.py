@@ -23,6 +23,11 @@ if TYPE_CHECKING:
 BINS = 24
 
 
+def has_port(sensor: str) -> bool:
+    """Whether a sensor is on a serial port, so that its twin may be in another process."""
+    return 'serial' in load_sensor(sensor).transports[0]
+
+
 class PressTable:
     """Readings of a sensor over the normal force of one press.
 
@@ -76,7 +81,7 @@ class PressedTwins(Closing):
     def __init__(self, sensor: str, ports: Sequence[str], seed: int = 0) -> None:
         spec = load_sensor(sensor)
         config, connection = spec.config(), spec.connection()
-        if not hasattr(connection, 'port'):
+        if not has_port(sensor):
             msg = f'a sensor that a fake hand presses must have a serial port; received {sensor!r}'
             raise ValueError(msg)
         self.force = [0.0] * len(ports)
