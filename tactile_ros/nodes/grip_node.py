@@ -20,7 +20,7 @@ from tactile_ros.nodes.grasp_server import GraspServer
 from tactile_ros.nodes.grip_pace import LATE, GripPace
 from tactile_ros.nodes.grip_stage import GripStage
 from tactile_ros.nodes.hand_link import HandLink, newest
-from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
+from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs, serving
 from tactile_ros.nodes.stamp_age import StampAge
 from tactile_ros.types import FrameStatus
 
@@ -333,7 +333,7 @@ def build() -> Sequence[ManagedNode]:
 
 def main() -> None:
     """Run grip_node until it is told to stop."""
-    main_of(build)
+    main_of(build, serving)
 
 
 if __name__ == '__main__':

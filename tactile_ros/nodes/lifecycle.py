@@ -234,7 +234,11 @@ def start(nodes: Sequence[ManagedNode]) -> None:
             node.trigger_activate()
 
 
-def run(build: Callable[[], Sequence[ManagedNode]], args: Sequence[str] | None = None) -> int:
+def run(
+    build: Callable[[], Sequence[ManagedNode]],
+    args: Sequence[str] | None = None,
+    serve: Callable[[], Executor] = SingleThreadedExecutor,
+) -> int:
     """Run nodes until SIGINT or SIGTERM; the body of every executable's main.
 
     Parameters
@@ -243,6 +247,8 @@ def run(build: Callable[[], Sequence[ManagedNode]], args: Sequence[str] | None =
         Makes the nodes, once rclpy is there.
     args : sequence of str or None
         Command line; None: that of the process.
+    serve : callable
+        Makes the executor.
 
     Returns
     -------
@@ -263,7 +269,7 @@ def run(build: Callable[[], Sequence[ManagedNode]], args: Sequence[str] | None =
         rclpy.logging.get_logger('tactile_ros').fatal(str(err))
         rclpy.try_shutdown()
         return 2
-    executor = serving()
+    executor = serve()
     for node in nodes:
         executor.add_node(node)
     try:
@@ -279,7 +285,7 @@ def run(build: Callable[[], Sequence[ManagedNode]], args: Sequence[str] | None =
 
 
 def serving() -> Executor:
-    """Executor of a process: that which wakes on events, where this ROS has it.
+    """Executor of a grip's process: that which wakes on events, where this ROS has it.
 
     The other looks at every service and timer of all nodes whenever something comes; with the
     nodes of a hand that takes milliseconds, in which their loops have to wait.
@@ -316,6 +322,9 @@ def end(node: ManagedNode) -> None:
     node.destroy_node()
 
 
-def main_of(build: Callable[[], Sequence[ManagedNode]]) -> None:
+def main_of(
+    build: Callable[[], Sequence[ManagedNode]],
+    serve: Callable[[], Executor] = SingleThreadedExecutor,
+) -> None:
     """Entry point of an executable."""
-    sys.exit(run(build))
+    sys.exit(run(build, serve=serve))

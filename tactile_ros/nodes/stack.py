@@ -17,7 +17,7 @@ from rclpy.node import Node
 from tactile_ros.nodes.contact_node import ContactNode
 from tactile_ros.nodes.grasp_graph import Grasping, sensors_of, stack_of
 from tactile_ros.nodes.grip_node import GripNode
-from tactile_ros.nodes.lifecycle import ManagedNode, main_of
+from tactile_ros.nodes.lifecycle import ManagedNode, main_of, serving
 from tactile_ros.nodes.parameters import Schema
 from tactile_ros.nodes.sensor_node import SensorNode
 
@@ -118,7 +118,7 @@ def build() -> Sequence[ManagedNode]:
 def main() -> None:
     """Run the stack until it is told to stop."""
     sys.setswitchinterval(SWITCH_INTERVAL_S)
-    main_of(build)
+    main_of(build, serving)
 
 
 if __name__ == '__main__':
