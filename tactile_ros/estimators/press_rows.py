@@ -11,7 +11,7 @@ from tactile_ros.physics.compiled import compiled
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from tactile_ros.types import Array, Integers
+    from tactile_ros.types import Array, Bools, Integers
 
     Singles = npt.NDArray[np.float32]
 
@@ -191,6 +191,57 @@ def moved_rows(pose: Array, move: Array, limit: Array, tried: Array) -> None:
 
 
 @compiled
+def begun_rows(
+    flat: Singles, grid: Array, about: Array, head: Integers, limit: Array, stop: Array,
+    weight: Array, span: Array, wanted: Array, powers: Array, work: Singles, parts: Singles,
+    rows: Array, pose: Array, cost: Array, normal: Array, scale: Array, plain: Array,
+    move: Array, promised: Array,
+) -> None:  # fmt: skip
+    """Descents (s) at their beginning, at depths that fit; all from `pose` on is filled."""
+    for i in range(len(head)):
+        template_rows(flat, grid, about[head[i]], pose[i], work, parts)
+        ratio = depth_rows(parts, powers, pose[i, 3], weight, span, wanted)
+        pose[i, 3] = min(max(pose[i, 3] * max(ratio, stop[2]), limit[5]), limit[6])
+        plain_rows(parts, powers, pose[i, 3], plain[i])
+        cost[i], promised[i] = misfit_rows(
+            plain[i], weight, span, wanted, stop[3], rows, normal[i], scale[i], move[i]
+        )
+
+
+@compiled
+def worth_rows(
+    cost: Array, promised: Array, head: Integers, stop: Array, own: Array, active: Bools
+) -> bool:
+    """Whether any descent may still change what is said, and which: `active` is updated."""
+    best = cost.min()
+    own[:] = np.inf
+    for i in range(len(cost)):
+        own[head[i]] = min(own[head[i]], cost[i])
+    for i in range(len(cost)):
+        lively = promised[i] > max(stop[0], stop[1] * (cost[i] - best))
+        active[i] = active[i] and lively and cost[i] - 2.0 * promised[i] <= own[head[i]]
+    return bool(active.any())
+
+
+@compiled
+def finished_rows(
+    promised: Array, move: Array, limit: Array, stop: Array, pose: Array, cost: Array, plain: Array
+) -> None:
+    """Last steps, so short that a straight line tells what they do; from `pose` on is updated."""
+    tried = np.empty(4)
+    for i in range(len(cost)):
+        if promised[i] > stop[0]:
+            continue
+        moved_rows(pose[i], move[i], limit, tried)
+        cost[i] -= promised[i]
+        for j in range(4):
+            change = tried[j] - pose[i, j]
+            for k in range(plain.shape[2]):
+                plain[i, 0, k] += change * plain[i, j + 1, k]
+        pose[i] = tried
+
+
+@compiled
 def descend_rows(
     flat: Singles, grid: Array, about: Array, head: Integers, limit: Array, stop: Array,
     rounds: int, weight: Array, span: Array, wanted: Array, powers: Array,
@@ -199,31 +250,17 @@ def descend_rows(
     """Descents (s) of one press: `press_descent.descend`; all from `pose` on is filled."""
     s, d = len(head), len(wanted)
     work, parts = np.empty((5, 3 * d), np.float32), np.empty((4, 3 * d), np.float32)
-    rows, flatter = np.empty((5, d)), np.empty((5, d))
+    rows, flatter, own = np.empty((5, d)), np.empty((5, d)), np.empty(len(about))
     move, promised, active = np.empty((s, 4)), np.empty(s), np.ones(s, np.bool_)
     steep, size, step, tried = np.empty((4, 4)), np.empty(4), np.empty(4), np.empty(4)
-    for i in range(s):
-        template_rows(flat, grid, about[head[i]], pose[i], work, parts)
-        ratio = depth_rows(parts, powers, pose[i, 3], weight, span, wanted)
-        pose[i, 3] = min(max(pose[i, 3] * max(ratio, stop[2]), limit[5]), limit[6])
-        plain_rows(parts, powers, pose[i, 3], plain[i])
-        cost[i], promised[i] = misfit_rows(
-            plain[i], weight, span, wanted, stop[3], rows, normal[i], scale[i], move[i]
-        )
-    own = np.empty(len(about))
+    begun_rows(
+        flat, grid, about, head, limit, stop, weight, span, wanted, powers, work, parts, rows,
+        pose, cost, normal, scale, plain, move, promised,
+    )  # fmt: skip
     for _ in range(rounds):
-        best = cost.min()
-        own[:] = np.inf
-        for i in range(s):
-            own[head[i]] = min(own[head[i]], cost[i])
-        for i in range(s):
-            worth = promised[i] > max(stop[0], stop[1] * (cost[i] - best))
-            active[i] = active[i] and worth and cost[i] - 2.0 * promised[i] <= own[head[i]]
-        if not active.any():
+        if not worth_rows(cost, promised, head, stop, own, active):
             break
-        for i in range(s):
-            if not active[i]:
-                continue
+        for i in np.flatnonzero(active):
             moved_rows(pose[i], move[i], limit, tried)
             template_rows(flat, grid, about[head[i]], tried, work, parts)
             plain_rows(parts, powers, tried[3], flatter)
@@ -236,12 +273,4 @@ def descend_rows(
             else:
                 move[i] *= stop[4]
                 promised[i] *= stop[4]
-    for i in range(s):
-        if promised[i] <= stop[0]:
-            moved_rows(pose[i], move[i], limit, tried)
-            cost[i] -= promised[i]
-            for j in range(4):
-                change = tried[j] - pose[i, j]
-                for k in range(d):
-                    plain[i, 0, k] += change * plain[i, j + 1, k]
-            pose[i] = tried
+    finished_rows(promised, move, limit, stop, pose, cost, plain)

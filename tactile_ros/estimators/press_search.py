@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.estimators.few_shot import orthonormal
 from tactile_ros.estimators.press_descent import Weighed, descend
 
 if TYPE_CHECKING:
@@ -183,10 +184,3 @@ def _columns(bank: PressBank) -> tuple[Integers, Array]:
     turns = np.arange(max(head.turns for head in bank.heads))
     rows = [np.where(turns < head.turns, head.first + turns, -1) for head in bank.heads]
     return np.array(rows), np.array([head.sector / head.turns for head in bank.heads])
-
-
-def orthonormal(columns: Array) -> Array:
-    """Bases (n, d, k) of what columns (n, d, k) span."""
-    rows = np.swapaxes(columns, 1, 2)
-    low = np.linalg.cholesky(np.matmul(rows, columns))
-    return np.asarray(np.swapaxes(np.linalg.solve(low, rows), 1, 2))

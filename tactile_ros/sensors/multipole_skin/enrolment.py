@@ -73,13 +73,14 @@ def alike_by(recogniser: Recogniser, new: Supports, number: int) -> float:
 
     The look-alike of a head is its template that is nearest to the first of the presses.
     """
-    presses = PressVectors(new.pattern[:1], np.ones((1, 3)), new.frames[:1])
+    presses = PressVectors(new.pattern[:1], new.powers[:1], new.frames[:1])
     matches = recogniser.matches(presses)
     if matches is None:
         return 0.0
     tried = np.isfinite(matches.cost[0])
     heads = matches.fitted[0, tried]
-    like = PressVectors(heads, np.ones((len(heads), 3)), np.repeat(new.frames[:1], len(heads)))
+    powers = np.repeat(new.powers[:1], len(heads), axis=0)
+    like = PressVectors(heads, powers, np.repeat(new.frames[:1], len(heads)))
     labels, scores, _ = recogniser.scores(
         like, recogniser.matches(like), recogniser.known_, recogniser.road_
     )
@@ -91,9 +92,7 @@ def lost_by(recogniser: Recogniser, number: int) -> float:
     known = recogniser.known_
     if not len(known.label):
         return 0.0
-    presses = PressVectors(
-        known.pattern, np.tile([1.0, 1.0, 1.0], (len(known.label), 1)), known.frames
-    )
+    presses = PressVectors(known.pattern, known.powers, known.frames)
     matches = recogniser.matches(presses)
     labels, scores, _ = recogniser.scores(presses, matches, known, recogniser.road_)
     return float((labels[scores.argmin(axis=1)] == number).mean())
