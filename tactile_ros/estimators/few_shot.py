@@ -92,12 +92,14 @@ class Supports:
     def at_depth(self, ratio: Array, powers: Array) -> Array:
         """Patterns (m, d) at depths over their own (m,), of a press with some powers (3,)."""
         bent = ratio[:, None] ** [2, 3] * powers[1:] - ratio[:, None] * self.powers[:, 1:]
-        return ratio[:, None] * self.pattern + np.einsum('mp,mpd->md', bent, self.bends)
+        return np.asarray(
+            ratio[:, None] * self.pattern + np.einsum('mp,mpd->md', bent, self.bends)
+        )
 
     def with_depth(self, ratio: Array, powers: Array) -> Array:
         """Slopes (m, d) of those patterns with the ratio (m,)."""
         bent = [2, 3] * ratio[:, None] ** [1, 2] * powers[1:] - self.powers[:, 1:]
-        return self.pattern + np.einsum('mp,mpd->md', bent, self.bends)
+        return np.asarray(self.pattern + np.einsum('mp,mpd->md', bent, self.bends))
 
     def depths(self, pattern: Array, powers: Array) -> Array:
         """Depth of a press (d,) over that of each of them, shape (m,)."""
@@ -128,10 +130,10 @@ class Supports:
         """
         theirs = noise**2 / self.frames[:, None] + still**2 / self.presses[:, None]
         share = np.array([share_of(one, error) for one in self.pattern]).reshape(theirs.shape)
-        unknown = np.isnan(self.middle).any(axis=1)
-        gain = np.where(unknown[:, None], 1.0, share / (share + theirs))
+        unknown = np.isnan(self.middle).any(axis=1, keepdims=True)
+        gain = np.where(unknown, 1.0, share / (share + theirs))
         whole = share + theirs
-        off = self.pattern - np.where(unknown[:, None], 0.0, self.middle)
+        off = self.pattern - np.where(unknown, 0.0, self.middle)
         rows = self.factors / np.sqrt(whole)[:, None]
         inner = np.eye(rows.shape[1]) + np.matmul(rows, np.swapaxes(rows, 1, 2))
         right = np.matmul(rows, (off / np.sqrt(whole))[..., None])

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from scipy import fft
 
 from tactile_ros.physics.coverage import symmetry
@@ -245,9 +246,9 @@ class PressBank:
         return found.reshape(len(index), 4, 3, -1)
 
     @cached_property
-    def flat(self) -> Array:
+    def flat(self) -> npt.NDArray[np.float32]:
         """Table with a row for each node."""
-        return self.table.reshape(-1, 3 * self.table.shape[-1])
+        return np.asarray(self.table.reshape(-1, 3 * self.table.shape[-1]), np.float32)
 
     @cached_property
     def about(self) -> Array:

@@ -50,7 +50,7 @@ class Weighed:
     def cleared(self, press: Integers, rows: Array) -> Array:
         """Rows (s, r, d) of some presses, less what a uniform field could have added."""
         span = self.span[press]
-        return rows - np.matmul(np.matmul(rows, span), np.swapaxes(span, 1, 2))
+        return np.asarray(rows - np.matmul(np.matmul(rows, span), np.swapaxes(span, 1, 2)))
 
 
 @dataclass

@@ -50,7 +50,7 @@ class Prototypes:
 
     def predict(self, features: Array) -> Integers:
         """Class (n,) of features (n, p); of equally near ones the lowest."""
-        return self.classes_[self.log_probability(features).argmax(axis=1)]
+        return np.asarray(self.classes_[self.log_probability(features).argmax(axis=1)])
 
     def loss(self, features: Array, labels: Integers) -> float:
         """Loss1 + 0.1 Loss2 of queries (n, p), eq. (4) to (6); each pair counts twice."""
