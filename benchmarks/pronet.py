@@ -70,7 +70,8 @@ def run(extent: str, command: str) -> BenchResult:
     )
     notes = [
         'peer: Pronet-L of [1], shipped as ONNX, on the skin that it was trained on',
-        'ours: presses of the task in the metric of few_shot.py, none of them learned from before',
+        'ours: presses of the task in the metric of few_shot.py; templates of the nine drawn heads '
+        'tell what shapes can do at a place, no press of them was learned from but 20 of one head',
         'all shots by one network: of one shot for shapes, of five for postures',
     ]
     return BenchResult('pronet', command, [SEED, ASKED], rows, notes)
@@ -125,7 +126,7 @@ def postures(
     somewhere = np.random.default_rng(ASKED).uniform(-trials.SPAN, trials.SPAN, (6, 2))
     rows = []
     for where, places, papers in (
-        ('25 places', world.stations()[::3], POSTURES),
+        ('9 of 25 places', world.stations()[::3], POSTURES),
         ('random places', somewhere, dict.fromkeys(POSTURES)),
     ):
         samples = trials.collection(skin, bar, places, ASKED, trials.TAKEN, turns)
