@@ -70,7 +70,7 @@ def run(extent: str, command: str) -> BenchResult:
     )
     notes = [
         'peer: Pronet-L of [1], shipped as ONNX, on the skin that it was trained on',
-        'ours: presses of the task in the metric of few_shot.py; templates of the nine drawn heads '
+        'ours: presses of the task in the metric of few_shot.py; templates of nine drawn heads '
         'tell what shapes can do at a place, no press of them was learned from but 20 of one head',
         'all shots by one network: of one shot for shapes, of five for postures',
     ]
