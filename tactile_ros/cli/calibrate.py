@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 from tactile_ros.cli import models
 from tactile_ros.cli.destination import refuse_unwritable
+from tactile_ros.cli.progress import Working
 from tactile_ros.cli.sources import find, fit_layout, read_config
 from tactile_ros.cli.table import show, show_json
 from tactile_ros.errors import RecordingError
@@ -66,7 +67,8 @@ def run(options: argparse.Namespace) -> int:
         raise RecordingError(msg)
     began = time.perf_counter()
     pipeline = spec.pipeline(fit_layout(config, loaded[0].layout), options.estimator)
-    pipeline.fit(*loaded)
+    with Working(f'fitting {spec.key}'):
+        pipeline.fit(*loaded)
     if not pipeline.estimators:
         names = sorted({name for recording in loaded for name in recording.truth})
         msg = f'nothing in {", ".join(options.recordings)} can be learned: truth has '

@@ -40,7 +40,9 @@ def say(began: float, sentence: str) -> None:
     print(f'[{time.perf_counter() - began:5.1f} s] {sentence}', file=sys.stderr, flush=True)
 
 
-def run_twin(key: str, output: Path, seed: int, seconds: float = PLAYED_S) -> int:
+def run_twin(
+    key: str, output: Path, seed: int, seconds: float = PLAYED_S, *, as_json: bool = False
+) -> int:
     """Calibrate on simulated presses, run the graph on a twin, record, replay, report.
 
     Parameters
@@ -53,6 +55,8 @@ def run_twin(key: str, output: Path, seed: int, seconds: float = PLAYED_S) -> in
         Of the twin; the calibration has the next one.
     seconds : float
         Length of the run (s), from the first frame on.
+    as_json : bool
+        Print the table as JSON, and all else to stderr.
 
     Returns
     -------
@@ -77,8 +81,9 @@ def run_twin(key: str, output: Path, seed: int, seconds: float = PLAYED_S) -> in
     rate = f'The twin sends {demo_rate(key):g} frames a second.'
     notes = (*NOTES, rate, *sentences(pipeline.report))
     result = Result(title, command, environment(), (dataset,), notes)
-    print_result(result)
-    print(f'  {key}: {NOTES[0]} {rate}')
+    said = sys.stderr if as_json else sys.stdout
+    print_result(result, as_json=as_json)
+    print(f'  {key}: {NOTES[0]} {rate}', file=said)
 
     write_report(output / 'report.html', result)
     say(began, 'done')
@@ -87,7 +92,7 @@ def run_twin(key: str, output: Path, seed: int, seconds: float = PLAYED_S) -> in
         ('calibration', path),
         ('report', output / 'report.html'),
     ):
-        print(f'{name:12} {place}')
+        print(f'{name:12} {place}', file=said)
     return 0
 
 

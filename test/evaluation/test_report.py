@@ -139,6 +139,9 @@ def test_every_drawing_is_there_and_says_its_finding() -> None:
         'Are the covariances honest?',
         'Speed against error',
         'How late a contact is',
+        'Hysteresis of shear force x',
+        'Drift of normal force',
+        'Drift of shear force x',
         'Normal force over time',
         'Shear force x over time',
     ]
