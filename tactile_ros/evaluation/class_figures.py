@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array
 
 LIMITS = (2.0, 5.0, 15.0, 40.0)  # % of a true class, between five shades
-WRITTEN = 12  # classes up to which every share is written too
+WRITTEN = 16  # classes up to which every share is written too
 SHOWN = 0.5  # % below which a share is left empty
 STRAYED = 3  # confusions that the caption names
 

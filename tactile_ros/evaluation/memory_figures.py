@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 BINS, LEAST_ROWS, LEAST_BINS = 20, 5, 6
 STILL = 0.02  # of the fastest change: below it, force neither rises nor falls
+PAUSE = 5.0  # usual distances of rows, from which a pause lies between them
 SPANS = 24
 
 
@@ -24,13 +25,14 @@ def hysteresis(dataset: Dataset, name: str) -> Figure | None:
     target = dataset.answers[0].target(name)
     if target is None or not np.isfinite(dataset.time_s[target.rows]).any():
         return None
+    time = dataset.time_s[target.rows]
     truth, error = target.truth[:, 0], target.error[:, 0]
     low, high = (float(edge) for edge in np.nanpercentile(truth, [1, 99]))
     if not high > low:
         return None
     edges = np.linspace(low, high, BINS + 1)
     centre = (edges[1:] + edges[:-1]) / 2
-    rising, falling = _directions(target)
+    rising, falling = _directions(target, time)
     up, down = (_binned(truth, error, rows, edges) for rows in (rising, falling))
     both = np.isfinite(up) & np.isfinite(down)
     if both.sum() < LEAST_BINS:
@@ -54,13 +56,13 @@ def hysteresis(dataset: Dataset, name: str) -> Figure | None:
     return Figure(f'Hysteresis of {words}', caption, str(plot), key)
 
 
-def _directions(target: TargetErrors) -> tuple[Bools, Bools]:
-    """Rows (n,) whose true force rises, and those whose force falls, inside one group."""
+def _directions(target: TargetErrors, time: Array) -> tuple[Bools, Bools]:
+    """Rows (n,) whose true force rises, and those whose force falls, without pauses."""
     step = np.zeros(len(target.truth))
     step[1:-1] = target.truth[2:, 0] - target.truth[:-2, 0]
+    apart = time[2:] - time[:-2]
     inside = np.zeros(len(step), bool)
-    inside[1:-1] = (np.diff(target.rows)[1:] == 1) & (np.diff(target.rows)[:-1] == 1)
-    inside[1:-1] &= target.groups[2:] == target.groups[:-2]
+    inside[1:-1] = (apart > 0) & (apart < PAUSE * np.nanmedian(apart))
     fast = STILL * float(np.nanmax(np.abs(step[inside]), initial=0.0))
     return inside & (step > fast), inside & (step < -fast)
 
@@ -94,7 +96,7 @@ def drift(dataset: Dataset, name: str, colour: str) -> Figure | None:
     spread = np.sqrt(np.maximum(_binned(time, error**2, everything, edges) - mean**2, 0))
     slope, start = np.polyfit(time, error, 1)
     words = title_of(target)
-    top = 1.15 * float(np.nanmax(np.abs(mean) + spread))
+    top = 1.15 * float(np.nanmax(np.abs(mean) + spread)) or 1.0
     plot = Plot((0, float(time.max())), (-top, top), 'time (s)', 'mean error (N)', (360, 250),
                 told=f'Mean error of {words} over time')  # fmt: skip
     plot.band(centre, mean - spread, mean + spread, f'band {colour}')
