@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     Show = Callable[[str, Layout, Frame, ContactState], None]
     ShowGrip = Callable[[str, GripState, int], None]
 
-WAITING = 100  # frames that wait for their contacts
+WAITING = 100  # frames that wait for their contacts, or contacts for their frame
 LOOK_S = 0.1
 
 
@@ -44,13 +44,13 @@ class WatchNode(Node):
         super().__init__('tactile_view')
         self._show, self._grip = show, grip
         self._layouts: dict[str, Layout] = {}
-        self._frames: dict[str, OrderedDict[int, TactileFrame]] = {}
+        self._waiting: dict[str, OrderedDict[int, dict[type, object]]] = {}
         for name in namespaces:
-            self._frames[name] = OrderedDict()
+            self._waiting[name] = OrderedDict()
             heard = (
                 (TactileLayout, 'layout', self._layout, latched()),
-                (TactileFrame, 'frame', self._frame, data()),
-                (TactileContacts, 'contacts', self._contacts, data()),
+                (TactileFrame, 'frame', self._half, data()),
+                (TactileContacts, 'contacts', self._half, data()),
                 (GripState, 'grip_node/state', self._state, data()),
             )
             for kind, topic, call, quality in heard:
@@ -60,18 +60,23 @@ class WatchNode(Node):
     def _layout(self, name: str, message: TactileLayout) -> None:
         self._layouts[name] = messages.read_layout(message)
 
-    def _frame(self, name: str, message: TactileFrame) -> None:
-        waiting = self._frames[name]
-        waiting[message.sequence] = message
+    def _half(self, name: str, message: TactileFrame | TactileContacts) -> None:
+        """A frame or its contacts, whichever comes first waits for the other."""
+        waiting = self._waiting[name]
+        halves = waiting.setdefault(message.sequence, {})
+        halves[type(message)] = message
+        if len(halves) == 2:
+            del waiting[message.sequence]
+            self._both(name, halves[TactileFrame], halves[TactileContacts])
         while len(waiting) > WAITING:
             waiting.popitem(last=False)
 
-    def _contacts(self, name: str, message: TactileContacts) -> None:
-        """Show the frame that the contacts name; without a layout nothing has a place yet."""
-        layout, frame = self._layouts.get(name), self._frames[name].pop(message.sequence, None)
-        if layout is None or frame is None:
+    def _both(self, name: str, frame: TactileFrame, contacts: TactileContacts) -> None:
+        """Show them; without a layout nothing has a place yet."""
+        layout = self._layouts.get(name)
+        if layout is None:
             return
-        arrays = messages.read_contacts([message], len(layout.positions))
+        arrays = messages.read_contacts([contacts], len(layout.positions))
         known = {k: v for k, v in arrays.items() if k in ContactState.__dataclass_fields__}
         state = ContactState.assemble(len(layout.positions), known)
         self._show(name, layout, messages.read_frame(frame, layout.shape), state)
