@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from tactile_ros.types import Array, ContactState
 
@@ -72,6 +72,15 @@ def grip_scalars(grip: GripMessage) -> dict[str, float | int | str | None]:
         for finger, value in zip(grip.fingers, getattr(grip, name), strict=False):
             found[f'{finger}_{name}'] = _known(value)
     return found
+
+
+def json_schema(message: Mapping[str, object]) -> dict[str, object]:
+    """What viewers must know of such messages: which entries are numbers, which are text."""
+    kinds = {
+        name: {'type': 'string' if isinstance(value, str) else 'number'}
+        for name, value in message.items()
+    }
+    return {'type': 'object', 'title': 'tactile_ros', 'properties': kinds}
 
 
 def _known(value: float | Array) -> float | None:

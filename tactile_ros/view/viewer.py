@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.errors import MissingPackageError, TactileError
-from tactile_ros.view.scalars import grip_scalars, state_scalars
+from tactile_ros.view.scalars import grip_scalars, json_schema, state_scalars
 from tactile_ros.view.scene import scene_of
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
     from types import TracebackType
 
@@ -76,7 +77,7 @@ class Viewer:
         self._foxglove, self._kinds = foxglove, channels
         self._held = ExitStack()
         self._context = foxglove.Context()
-        self._channels: dict[str, object] = {}
+        self._channels: dict[str, Callable[..., None]] = {}
         self._seen: dict[str, Seen] = {}
         try:
             if file is not None:
@@ -133,7 +134,15 @@ class Viewer:
         """One message on its channel, which is made when it is first needed."""
         topic = topic if topic.startswith('/') else f'/{topic}'
         if topic not in self._channels:
-            make = getattr(self._kinds, f'{kind}Channel') if kind else self._foxglove.Channel
-            extra = {} if kind else {'message_encoding': 'json'}
-            self._channels[topic] = make(topic, context=self._context, **extra)
-        self._channels[topic].log(message, log_time=stamp_ns or None)  # type: ignore[attr-defined]
+            self._channels[topic] = self._channel(kind, topic, message)
+        self._channels[topic](message, log_time=stamp_ns or None)
+
+    def _channel(self, kind: str, topic: str, message: object) -> Callable[..., None]:
+        """Where to log messages of one of Foxglove's kinds, or json."""
+        if kind:
+            made = getattr(self._kinds, f'{kind}Channel')(topic, context=self._context)
+        else:
+            schema = json_schema(message if isinstance(message, dict) else {})
+            made = self._foxglove.Channel(topic, schema=schema, context=self._context)
+        log: Callable[..., None] = made.log
+        return log

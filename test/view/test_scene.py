@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.types import ContactState, Frame, Layout
-from tactile_ros.view.scalars import grip_scalars, state_scalars
+from tactile_ros.view.scalars import grip_scalars, json_schema, state_scalars
 from tactile_ros.view.scene import (
     COLD,
     FORCE,
@@ -131,4 +131,5 @@ def test_a_grip_has_its_numbers_by_finger() -> None:
     found = grip_scalars(Grip())
     assert (found['phase'], found['limited'], found['refusal']) == (4, 1, '')
     fingers = [found[f'{name}_force'] for name in ('thumb', 'index')]
+    assert json_schema(found)['properties']['refusal'] == {'type': 'string'}
     assert (fingers, found['index_friction']) == ([0.9, None], 0.5)

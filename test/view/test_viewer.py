@@ -63,6 +63,8 @@ def test_a_file_has_every_frame(few: Path, tmp_path: Path) -> None:
     schemas = {channel.topic: schema.name for schema, channel, _ in found if schema}
     assert schemas['/scene'] == 'foxglove.SceneUpdate'
     assert schemas['/taxels'] == 'foxglove.PointCloud'
+    told = next(schema for schema, channel, _ in found if channel.topic == '/state')
+    assert json.loads(told.data)['properties']['force_z'] == {'type': 'number'}
     said = [json.loads(m.data) for _, channel, m in found if channel.topic == '/state']
     assert said[0]['in_contact'] == -1
     times = [m.log_time for _, channel, m in found if channel.topic == '/state']
