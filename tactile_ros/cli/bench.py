@@ -104,9 +104,7 @@ def run(options: argparse.Namespace) -> int:
 
 def tell(result: BenchResult, drawn: Sequence[Path]) -> None:
     """Print the table of a bench, its notes, and what it drew."""
-    show(
-        COLUMNS, [row.cells() for row in result.rows], title=f'{result.bench}: {result.command}'
-    )
+    show(COLUMNS, [row.cells() for row in result.rows], title=f'{result.bench}: {result.command}')
     for note in result.notes:
         print(f'  {note}')
     for path in drawn:

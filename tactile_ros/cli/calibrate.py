@@ -58,7 +58,8 @@ def run(options: argparse.Namespace) -> int:
     refuse_unwritable(options.output)
     loaded = []
     for name in options.recordings:
-        found, problems = find(name, spec, spec.layout(config), options.truth)
+        with Working(f'reading {name}'):
+            found, problems = find(name, spec, spec.layout(config), options.truth)
         loaded += [one.recording for one in found]
         for problem in problems:
             print(f'  {name}: {problem}')

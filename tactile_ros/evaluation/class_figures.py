@@ -42,9 +42,7 @@ def _confusion(found: Named) -> Figure:
             plot.text(column, row, f'{table[row, column]:.0f}', 'middle')
     bounds = ('0.5–2', '2–5', '5–15', '> 15 %')
     key = tuple((f's{i + 1}', words) for i, words in enumerate(bounds))
-    return Figure(
-        f'Which {found.name} is taken for which', _caption(found, table), str(plot), key
-    )
+    return Figure(f'Which {found.name} is taken for which', _caption(found, table), str(plot), key)
 
 
 def _caption(found: Named, table: Array) -> str:

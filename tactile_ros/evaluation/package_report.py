@@ -137,7 +137,7 @@ def _missed(files: Sequence[BenchFile]) -> str:
     lines = [
         f'<tr><th class="what" scope="row">{escape(row.what.strip())}'
         f'<br><small>{escape(title_of(file.result.bench))}</small></th>'
-        f'<td class="missed">{number(row.ours)} {escape(_unit(row))}</td>'
+        f'<td class="missed">{number(row.ours, row.aim)} {escape(_unit(row))}</td>'
         f'<td>{"≤" if row.better == "low" else "≥"} {number(row.aim)}</td></tr>'
         for file in files
         for row in file.result.rows
@@ -214,7 +214,7 @@ def table(rows: Sequence[Row]) -> str:
 
 def _cells(row: Row) -> list[str]:
     """Cells of `COLUMNS`."""
-    ours = number(row.ours)
+    ours = number(row.ours, row.aim)
     if row.spread:
         ours += f' ± {row.spread:.1g}'
     numbers = [number(row.paper), number(row.peer), ours, number(row.bound), number(row.aim)]

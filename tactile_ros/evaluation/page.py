@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 from tactile_ros.evaluation.stylesheet import STYLE
 
+MOST_DIGITS = 12
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
@@ -69,11 +71,28 @@ def facts(told: Mapping[str, str]) -> str:
     return f'<dl class="facts">{found}</dl>'
 
 
-def number(value: float | None) -> str:
-    """A figure with the digits that it deserves."""
+def number(value: float | None, beside: float | None = None) -> str:
+    """A figure with the digits that it deserves: three, or as many as tell it from another.
+
+    Examples
+    --------
+    >>> number(99.877), number(99.877, beside=99.9), number(73611.2)
+    ('99.9', '99.88', '73,611')
+    """
     if value is None:
         return '–'
-    text = f'{value:,.0f}' if abs(value) >= 1000 else f'{value:.3g}'
+    text = _rounded(value, 3)
+    for digits in range(4, MOST_DIGITS):
+        if beside is None or value == beside or text != _rounded(beside, digits - 1):
+            break
+        text = _rounded(value, digits)
+    return text
+
+
+def _rounded(value: float, digits: int) -> str:
+    """So many digits, of large numbers all before the point; a true minus."""
+    whole = abs(value) >= 10**digits
+    text = f'{value:,.0f}' if whole or abs(value) >= 1000 else f'{value:.{digits}g}'
     return text.replace('-', '−')
 
 

@@ -84,8 +84,8 @@ def pareto(contest: Contest) -> Figure:
     text = _finding(contest, best)
     if any(method.spread for method in shown):
         text += ' Bars: one standard deviation over seeds.'
-    if len(named) < len(shown):
-        text += f' {len(shown) - len(named)} marks that lie close have no name.'
+    if left := len(shown) - len(named):
+        text += f' Marks without a name, since they lie close: {left}.'
     return Figure(contest.title, text, str(plot), key)
 
 

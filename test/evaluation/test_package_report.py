@@ -41,6 +41,7 @@ def rows() -> list[Row]:
             spread=0.05, compared=COMPARED, method='ridge'),
         Row('  kNN', 'mm', 0.7, us_single=20, compared=COMPARED, method='kNN'),
         Row(f'  {HOSTILE}', 'mm', 0.9, us_single=90, compared=COMPARED, method=HOSTILE),
+        Row('frames used', '%', 99.88, 'high', aim=99.9),
         Row('cells right', '%', 91.0, 'high', paper=95.0, aim=97.0),
         Row('nothing was measured', '1', None, aim=1.0),
     ]  # fmt: skip
@@ -54,7 +55,7 @@ def results(tmp_path: Path) -> Path:
     plot.line(np.array([0.0, 1.0]), np.array([0.0, 1.0]), 'line c0')
     drawn = {'error_map': standalone(plot)}
     pad = BenchResult('magnet_pad', 'tactile bench magnet_pad', [1, 2], rows(), [HOSTILE], drawn)
-    other = BenchResult('made_up', f'tactile bench {HOSTILE}', [0], rows()[3:])
+    other = BenchResult('made_up', f'tactile bench {HOSTILE}', [0], rows()[4:])
     for result in (pad, other):
         result.write(folder)
         result.draw(folder)
@@ -123,7 +124,7 @@ def test_the_command_prints_what_is_missed(
     page = results / 'new' / 'page.html'
     assert main(['report', str(results), '-o', str(page), '--json']) == 0
     other, pad = json.loads(capsys.readouterr().out)
-    assert (pad['figures'], pad['aims'], pad['held'], pad['missed']) == (5, 2, 1, 1)
+    assert (pad['figures'], pad['aims'], pad['held'], pad['missed']) == (6, 3, 1, 2)
     assert other['what is missed'] == 'cells right'
     assert page.is_file()
 
@@ -143,12 +144,13 @@ def test_the_page_is_escaped_and_fetches_nothing(results: Path) -> None:
 def test_missed_aims_are_marked_and_held_ones_too(results: Path) -> None:
     files, _ = gather([results])
     text = render_package(files, [], 'tactile report')
-    assert text.count('✗ missed') == 2
+    assert text.count('✗ missed') == 3
+    assert '99.88 %' in text
     assert text.count('✓ held') == 1
     assert '0.4 ± 0.05' in text
     assert text.index('[2] Magnet pad') < text.index('made up')
     values = [(value, unit) for value, unit, _ in headline(files)]
-    assert values == [('1', 'of 3'), ('2', ''), ('1', 'of 3'), ('1', 'of 1')]
+    assert values == [('1', 'of 4'), ('3', ''), ('1', 'of 3'), ('1', 'of 1')]
 
 
 def test_the_front_holds_whoever_nobody_beats_in_both() -> None:
@@ -183,7 +185,7 @@ def test_names_without_room_are_left_out_and_counted() -> None:
         for i in range(20)
     ]
     figure = pareto(contests(made)[0])
-    left = int(re.search(r'(\d+) marks that lie close have no name', figure.caption)[1])
+    left = int(re.search(r'since they lie close: (\d+)', figure.caption)[1])
     assert figure.drawing.count(f'>{"m" * 20}<') == 20 - left
 
 
