@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING
 
 from tactile_ros.cli import models
 from tactile_ros.cli.destination import refuse_unwritable
-from tactile_ros.cli.progress import Working
 from tactile_ros.cli.sources import find, fit_layout, read_config
 from tactile_ros.cli.table import show, show_json
+from tactile_ros.cli.working import Working
 from tactile_ros.errors import RecordingError
 from tactile_ros.sensors import load_sensor
 

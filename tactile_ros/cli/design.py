@@ -14,9 +14,9 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactile_ros.cli.progress import Working
 from tactile_ros.cli.sources import read_config
 from tactile_ros.cli.table import as_objects, show
+from tactile_ros.cli.working import Working
 from tactile_ros.sensors import designable, load_sensor
 
 if TYPE_CHECKING:

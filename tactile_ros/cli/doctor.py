@@ -20,9 +20,9 @@ from dataclasses import asdict, fields, replace
 from typing import TYPE_CHECKING
 
 from tactile_ros.cli.machine import BAD, NOTE, Finding, buses, packages, probe, serial_ports
-from tactile_ros.cli.progress import Working
 from tactile_ros.cli.table import show
 from tactile_ros.cli.trial import findings, watch
+from tactile_ros.cli.working import Working
 from tactile_ros.devices.transport import I2cBus, list_buses, list_ports
 from tactile_ros.errors import MissingPackageError, TactileError
 from tactile_ros.sensors import load_sensor

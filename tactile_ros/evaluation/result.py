@@ -176,7 +176,7 @@ def unjudged(found: Answer, states: ContactStates) -> tuple[str, ...]:
     tuple of str
         Empty where at least one error is known.
     """
-    if found.named or any(target.spread.count for target in found.targets):
+    if any(target.spread.count for target in found.targets):
         return ()
     told = [target.name for target in found.targets]
     given = [

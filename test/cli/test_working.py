@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import threading
 
-from tactile_ros.cli.progress import Working
+from tactile_ros.cli.working import Working
 
 
 class Heard(io.StringIO):
