@@ -1,8 +1,8 @@
 """Gather what benches found into one self-contained HTML page: aims held, missed, speed, error.
 
-Reads benchmarks/results/*.json, or the files and folders that are named, with the drawings that
-lie beside them. The page needs no network and no script. `--png` writes its drawings as pictures,
-for which a Chromium or Chrome must be installed.
+Reads benchmarks/results/*.json, or the files and folders that are named (results of benches and
+saved replays), with the drawings that lie beside them. The page needs no network and no script.
+`--png` writes its drawings as pictures, for which a Chromium or Chrome must be installed.
 
 example:
   tactile report
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `tactile report`."""
     parser.add_argument(
         'results', nargs='*', type=Path, default=[RESULTS],
-        help=f'json files of benches, or folders of them ({RESULTS})',
+        help=f'json files of benches and replays, or folders of them ({RESULTS})',
     )  # fmt: skip
     parser.add_argument('-o', '--output', type=Path, help='the page (report.html beside them)')
     parser.add_argument('--png', type=Path, help='folder of the drawings as PNG, where wanted')

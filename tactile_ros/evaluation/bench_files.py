@@ -1,16 +1,17 @@
-"""Results of benches, read back from what they wrote: <bench>.json and <bench>_<name>.svg."""
+"""Results of benches and replays, read back from their json and the drawings beside it."""
 
 from __future__ import annotations
 
 import json
 import math
 import re
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from html import unescape
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.benchmark import BenchResult, Row
+from tactile_ros.evaluation.replay_rows import replay_result
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -94,19 +95,33 @@ def read_bench(path: Path) -> BenchFile:
     """
     try:
         told = json.loads(_read(path))
-        rows = [_row(row) for row in _entry(told, 'rows', list)]
-        result = BenchResult(
-            bench=_entry(told, 'bench', str),
-            command=_entry(told, 'command', str),
-            seed=[int(seed) for seed in _entry(told, 'seed', list)],
-            rows=rows,
-            notes=[str(note) for note in told.get('notes', [])],
-        )
+        if isinstance(told, dict) and 'recordings' in told:
+            result = checked(replay_result(told, path.stem))
+        else:
+            result = _bench(told)
         environment = {str(k): str(v) for k, v in _entry(told, 'environment', dict).items()}
-    except (ValueError, TypeError, RecursionError) as error:
-        msg = f'{path} is no result of a bench: {str(error).splitlines()[0]}'
+    except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+        msg = f'{path} is no result of a bench or replay: {str(error).splitlines()[0]}'
         raise TactileError(msg) from error
     return BenchFile(result, environment, pictures(path.parent, result.bench))
+
+
+def _bench(told: object) -> BenchResult:
+    """Result of a bench from its document."""
+    notes = told.get('notes', []) if isinstance(told, dict) else []
+    return BenchResult(
+        rows=[_row(row) for row in _entry(told, 'rows', list)],
+        bench=_entry(told, 'bench', str),
+        command=_entry(told, 'command', str),
+        seed=[int(seed) for seed in _entry(told, 'seed', list)],
+        notes=[str(note) for note in notes],
+    )
+
+
+def checked(result: BenchResult) -> BenchResult:
+    """The same, if all of its words and numbers are such."""
+    rows = [_row(asdict(row)) for row in result.rows]
+    return replace(result, command=str(result.command), rows=rows)
 
 
 def _read(path: Path) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import tempfile
@@ -11,10 +12,12 @@ from tactile_ros.errors import MissingPackageError, TactileError
 
 NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable', 'chrome')
 FLAGS = (
-    '--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
+    '--headless', '--disable-gpu', '--disable-quic', '--no-first-run',
     '--disable-sync', '--disable-background-networking', '--disable-component-update',
     '--hide-scrollbars',
 )  # fmt: skip
+if hasattr(os, 'geteuid') and os.geteuid() == 0:
+    FLAGS = (*FLAGS, '--no-sandbox')  # root, as in a container, has none
 PATIENCE_S = 120.0
 SCALE = 2  # pixels of a picture for each of the page
 
