@@ -8,6 +8,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
+from tactile_ros.calibration.beside import write_beside
 from tactile_ros.errors import MissingPackageError, TactileError
 
 NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable', 'chrome')
@@ -55,8 +56,7 @@ def photograph(page: str, picture: Path, size: tuple[int, int]) -> Path:
     browser = find_browser()
     picture.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
-        source = Path(folder) / 'page.html'
-        source.write_text(page, 'utf-8')
+        source = write_beside(Path(folder) / 'page.html', page.encode())
         command = [
             browser, *FLAGS, f'--user-data-dir={folder}/user', f'--screenshot={picture.resolve()}',
             f'--window-size={size[0]},{size[1]}', f'--force-device-scale-factor={SCALE}',

@@ -28,7 +28,7 @@ def hysteresis(dataset: Dataset, name: str) -> Figure | None:
     time = dataset.time_s[target.rows]
     truth, error = target.truth[:, 0], target.error[:, 0]
     low, high = (float(edge) for edge in np.nanpercentile(truth, [1, 99]))
-    if not high > low:
+    if not high > low or len(truth) < LEAST_BINS * LEAST_ROWS:
         return None
     edges = np.linspace(low, high, BINS + 1)
     centre = (edges[1:] + edges[:-1]) / 2

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.errors import MissingPackageError, TactileError
+from tactile_ros.view import drawing
 from tactile_ros.view.scalars import grip_scalars, json_schema, state_scalars
 from tactile_ros.view.scene import scene_of
 
@@ -117,8 +118,6 @@ class Viewer:
         """Show one frame of the sensor `name` ('' where there is but one)."""
         seen = self._seen.setdefault(name, Seen())
         rest, most = seen.scale(frame, state)
-        from tactile_ros.view import drawing
-
         stamp = frame.stamp_ns or 0
         cloud = drawing.cloud(layout, frame.values - rest, stamp)
         update = drawing.update(scene_of(layout, frame, rest, state, most), layout.frame_id, stamp)
