@@ -7,7 +7,7 @@ import math
 import re
 from dataclasses import asdict, dataclass, fields, replace
 from html import unescape
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import TYPE_CHECKING, Literal, TypeVar, cast
 
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.benchmark import BenchResult, Row
@@ -16,6 +16,8 @@ from tactile_ros.evaluation.replay_rows import replay_result
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
+
+    from tactile_ros.evaluation.replay_rows import ReplayJson
 
 MOST_BYTES = 20_000_000
 Kind = TypeVar('Kind')
@@ -96,7 +98,7 @@ def read_bench(path: Path) -> BenchFile:
     try:
         told = json.loads(_read(path))
         if isinstance(told, dict) and 'recordings' in told:
-            result = checked(replay_result(told, path.stem))
+            result = checked(replay_result(cast('ReplayJson', told), path.stem))
         else:
             result = _bench(told)
         environment = {str(k): str(v) for k, v in _entry(told, 'environment', dict).items()}

@@ -12,7 +12,7 @@ from tactile_ros.calibration.beside import write_beside
 from tactile_ros.errors import MissingPackageError, TactileError
 
 NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable', 'chrome')
-FLAGS = (
+FLAGS: tuple[str, ...] = (
     '--headless', '--disable-gpu', '--disable-quic', '--no-first-run',
     '--disable-sync', '--disable-background-networking', '--disable-component-update',
     '--hide-scrollbars',

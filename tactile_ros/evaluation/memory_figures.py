@@ -63,7 +63,7 @@ def _directions(target: TargetErrors, time: Array) -> tuple[Bools, Bools]:
     apart = time[2:] - time[:-2]
     inside = np.zeros(len(step), bool)
     inside[1:-1] = (apart > 0) & (apart < PAUSE * np.nanmedian(apart))
-    fast = STILL * float(np.nanmax(np.abs(step[inside]), initial=0.0))
+    fast = STILL * float(np.abs(step[inside]).max(initial=0.0))
     return inside & (step > fast), inside & (step < -fast)
 
 

@@ -45,7 +45,7 @@ class Seen:
         elif state.in_contact == 0:
             self._rest = np.where(np.isfinite(values), values, self._rest)
         change = np.linalg.norm(values - self._rest, axis=1)
-        largest = float(np.nanmax(change, initial=0.0))
+        largest = float(np.nan_to_num(change).max(initial=0.0))
         self._most = max(FADE * self._most, largest, LEAST)
         return self._rest, self._most
 
