@@ -11,7 +11,7 @@ from tactile_ros import __version__
 from tactile_ros.errors import TactileError
 
 COMMANDS = (
-    'list', 'doctor', 'demo', 'calibrate', 'record', 'replay', 'report', 'view',
+    'list', 'doctor', 'demo', 'calibrate', 'enrol', 'record', 'replay', 'report', 'view',
     'design', 'bench',
 )  # fmt: skip
 FAILED, WRONG_USE, INTERRUPTED, UNHEARD = 1, 2, 130, 141

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 TITLES = {
     'reskin': 'Real boards: ReSkin, AnySkin, eFlesh, on recordings',
     'multipole_skin': '[1] Multipole skin',
+    'multipole_graph': '[1] Multipole skin through the graph',
     'magnet_pad': '[2] Magnet pad',
     'gradiometer': '[3] Gradiometer',
     'taxel_array': '[4] Taxel arrays',
