@@ -18,7 +18,7 @@ from tactile_ros.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.regression import ESTIMATORS as REGRESSION_ESTIMATORS
 from tactile_ros.regression import Regression
 from tactile_ros.sensors.taxel_array.creep_fit import fit_creep, never_pressed
-from tactile_ros.sensors.taxel_array.force_errors import force_errors
+from tactile_ros.sensors.taxel_array.force_errors import LEVELS, force_errors, shared_part
 from tactile_ros.sensors.taxel_array.gaps import Gaps
 from tactile_ros.sensors.taxel_array.memory import Memory
 from tactile_ros.sensors.taxel_array.patches import ArrayPatches, add_sum, ids_of
@@ -66,9 +66,10 @@ class TaxelRegression(Regression):
         Taxels found dead or stuck in the fit, without labels.
     noise_ : ndarray, shape (t,)
         Of outputs at rest (fraction).
-    floor_, spread_, common_ : float
-        Error of a taxel's force: a constant part (N), and parts of the force, of its own and of
-        all taxels alike.
+    floor_, spread_ : float
+        Error of a taxel's force: a constant part (N), and a part of the force.
+    alike_ : ndarray, shape (l,)
+        Part of their force by which taxels err alike, at each of some loads.
     idle_ : ndarray, shape (t,)
         Error of the force of a taxel that bears nothing (N).
     rest_ : tuple of ndarray, shape (t,), or None
@@ -87,7 +88,8 @@ class TaxelRegression(Regression):
         taxels = len(config.positions)
         self.silent_: Bools = np.zeros(taxels, bool)
         self.noise_: Array = np.full(taxels, QUANTUM)
-        self.floor_, self.spread_, self.common_ = 0.0, UNLEARNED, 0.0
+        self.floor_, self.spread_ = 0.0, UNLEARNED
+        self.alike_: Array = np.zeros(len(LEVELS) + 1)
         self.idle_: Array = np.zeros(taxels)
         self.summed_ = False
         self.rest_: tuple[Array, Array] | None = None
@@ -110,8 +112,7 @@ class TaxelRegression(Regression):
     @cached_property
     def patches(self) -> ArrayPatches:
         """Finder of patches on this array."""
-        errors = (self.floor_, self.common_)
-        return ArrayPatches(self.config, self.noise_, self.law_, errors)
+        return ArrayPatches(self.config, self.noise_, self.law_, self.floor_)
 
     @property
     def estimators(self) -> dict[str, str]:
@@ -161,7 +162,7 @@ class TaxelRegression(Regression):
         force = self._told(truth, 'taxel_force', signals)
         self.silent_ = silent_taxels(output[signals.good], force, self.noise_)
         _ = self.objects  # made now, not under the first frame
-        for name in ('patches', '_gaps', '_rest_noise'):
+        for name in ('patches', '_gaps', '_rest_noise', '_most'):
             vars(self).pop(name, None)
         if self.only not in LAWS:
             super().fit(signals, truth, groups)
@@ -223,13 +224,13 @@ class TaxelRegression(Regression):
         known = np.isfinite(miss)
         if not known.any():
             return
-        errors = force_errors(miss, force, UNLEARNED)
-        self.floor_, self.spread_, self.common_, self.idle_ = errors
+        errors = force_errors(miss, force, self._most, UNLEARNED)
+        self.floor_, self.spread_, self.alike_, self.idle_ = errors
         assert self.law_ is not None
         self.errors_ = {
             'fit_rmse': float(np.sqrt(np.square(miss[known]).mean())),
             'relative': self.spread_,
-            'relative of all alike': self.common_,
+            'relative of all alike': float(np.median(self.alike_)),
             'silent': float(self.silent_.sum()),
             **{f'held_out_{name}': error for name, error in self.law_.errors_.items()},
         }
@@ -285,29 +286,30 @@ class TaxelRegression(Regression):
             forces = self._forces(signals, memory)
             known['taxel_force'] = forces
         loads = self._gaps.loads(forces, self.floor_, self.spread_, self._rest_noise)
+        shared = shared_part(loads[0], self._most, self.alike_)
         if self.summed_:
-            add_sum(known, *loads, self.common_)
+            add_sum(known, *loads, shared)
         if self.shape_ is not None:
             known['deformation'] = self.shape_.forces(output)
         if self.silent_.any():
             dead = self.silent_ * np.uint8(TaxelStatus.DEAD)
             known['taxel_status'] = np.repeat(dead[None].astype(np.uint8), len(output), axis=0)
         if self.objects is not None:
-            self._add_objects(known, forces, signals)
+            self._add_objects(known, forces, signals, shared)
         if self.only in ('', *LAWS):
-            self._add_patches(known, loads, signals, memory)
+            self._add_patches(known, (*loads, shared), signals, memory)
         return known
 
     def _add_patches(
-        self, known: Columns, loads: tuple[Array, Array], signals: Signals, memory: Memory
+        self, known: Columns, loads: tuple[Array, Array, Array], signals: Signals, memory: Memory
     ) -> None:
         """Contacts of every row; `known` is changed."""
-        law = self.law_ is not None
-        load, variance = loads
-        if not law:
+        load, variance, alike = loads
+        shared = None if self.law_ is None else alike
+        if shared is None:
             variance = np.square(UNLEARNED * load)
         centred = self.summed_ and not any(head.target == 'position' for head in self.heads_)
-        self.patches.add(known, load, variance, signals, memory.ids, law, centred)
+        self.patches.add(known, load, variance, signals, memory.ids, shared, centred)
 
     def surface(self, state: ContactState) -> Array:
         """Points (t, 3) of the surface under a frame (m); NaN where nothing touches."""
@@ -326,7 +328,17 @@ class TaxelRegression(Regression):
         gain = self.law_.forces(np.full((1, len(self.noise_)), 0.1))[0] / 0.1
         return np.asarray(np.maximum(np.nan_to_num(gain) * self.noise_, self.idle_))
 
-    def _add_objects(self, known: Columns, forces: Array, signals: Signals) -> None:
+    @cached_property
+    def _most(self) -> Array:
+        """Largest force of each taxel (t,) (N) that was learned from; 1 where no law is known."""
+        if self.law_ is None:
+            return np.ones(len(self.noise_))
+        most = np.nan_to_num(self.law_.forces(self.law_.top_[None])[0])
+        return np.asarray(np.where(most > 0, most, max(float(most.max()), 1e-12)))
+
+    def _add_objects(
+        self, known: Columns, forces: Array, signals: Signals, shared: Array
+    ) -> None:
         """Recognised objects; `known` is changed."""
         assert self.objects is not None
         learned = self.law_ is not None
@@ -335,7 +347,7 @@ class TaxelRegression(Regression):
             forces = np.where(np.isnan(forces), signals.values[..., 0], forces)
         spread = UNLEARNED if self.law_ is None else self.spread_
         asked = signals.good & (signals.in_contact != 0)
-        errors = (self.floor_, self.spread_, self.common_) if self.summed_ else None
+        errors = (self.floor_, self.spread_, shared) if self.summed_ else None
         corrected, area_law = None, self.config.area_law
         if self.law_ is not None and area_law is not None:
             corrected = area_correction(

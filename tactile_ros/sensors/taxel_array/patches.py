@@ -45,8 +45,8 @@ class ArrayPatches:
         Of outputs at rest (fraction).
     law : Equilibration or None
         Forces of outputs; None: loads are outputs.
-    errors : tuple of float
-        Of a taxel's force: constant part (N), and part of the force that all taxels share.
+    floor : float
+        Constant part of the error of a taxel's force (N).
     """
 
     def __init__(
@@ -54,9 +54,8 @@ class ArrayPatches:
         config: TaxelArrayConfig,
         noise: Array,
         law: Equilibration | None,
-        errors: tuple[float, float],
+        floor: float,
     ) -> None:
-        floor, self.common = errors
         self.finder = PatchFinder(config.positions, config.areas, config.most_contacts)
         # a few frames of rest of one taxel say little: none is quieter than most
         least = SIGMAS * np.maximum(noise, np.median(noise))
@@ -76,7 +75,7 @@ class ArrayPatches:
         variance: Array,
         signals: Signals,
         ids: PatchIds,
-        measured: bool,
+        shared: Array | None,
         centred: bool,
     ) -> None:
         """List the patches of every row.
@@ -91,8 +90,8 @@ class ArrayPatches:
             Conditioned frames.
         ids : PatchIds
             Of the stream; moves on.
-        measured : bool
-            Loads are forces.
+        shared : ndarray, shape (s,), or None
+            Part by which the loads of a row err alike; None: loads are no forces.
         centred : bool
             The state's position is the centre of them.
         """
@@ -118,30 +117,30 @@ class ArrayPatches:
         known['contacts_normal'] = self.normals[found.count]
         known['contacts_position'] = found.position
         known['contacts_position_cov'] = found.position_cov
-        _share_force(known, found, self.common if measured else None)
+        _share_force(known, found, shared)
         _agree(known, found, centred)
 
 
-def add_sum(known: Columns, load: Array, variance: Array, common: float) -> None:
-    """Total force with its covariance, in parts common to all taxels; `known` is changed."""
+def add_sum(known: Columns, load: Array, variance: Array, shared: Array) -> None:
+    """Total force with its covariance, of it a part that taxels share; `known` is changed."""
     if 'force' not in known:
         known['force'] = np.full((len(load), 3), np.nan)
         known['force_cov'] = np.full((len(load), 3, 3), np.nan)
     total = load.sum(axis=1)
     known['force'][:, 2] = total
-    known['force_cov'][:, 2, 2] = variance.sum(axis=1) + np.square(common * total)
+    known['force_cov'][:, 2, 2] = variance.sum(axis=1) + np.square(shared * total)
 
 
-def _share_force(known: Columns, found: Patches, common: float | None) -> None:
+def _share_force(known: Columns, found: Patches, shared: Array | None) -> None:
     """Normal force of every patch: what its taxels bear, or its share of a force that is told."""
     blank = np.empty((12, *found.load.shape))
     blank.fill(np.nan)
     force = blank[:3].reshape(*found.load.shape, 3)
     cov = blank[3:].reshape(*found.load.shape, 3, 3)
     told = np.asarray(known['force'], np.float64) if 'force' in known else None
-    if common is not None:  # loads are forces
+    if shared is not None:  # loads are forces
         force[..., 2] = found.load
-        cov[..., 2, 2] = found.variance + np.square(common * found.load)
+        cov[..., 2, 2] = found.variance + np.square(shared[:, None] * found.load)
     elif told is not None:
         share = found.load / np.nansum(found.load, axis=1, keepdims=True).clip(1e-300)
         force[..., 2] = share * told[:, 2:]

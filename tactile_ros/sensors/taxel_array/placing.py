@@ -38,7 +38,7 @@ def place_objects(
     spread: float,
     asked: Bools,
     usable: Bools,
-    summed: tuple[float, float, float] | None,
+    summed: tuple[float, float, Array] | None,
     corrected: Callable[[int, Array], Array] | None = None,
 ) -> None:
     """Add label, pose, position and bad taxels of every asked row.
@@ -59,9 +59,9 @@ def place_objects(
         Rows in which something may lie.
     usable : ndarray, shape (t,)
         False: known to be dead.
-    summed : tuple of float, or None
+    summed : tuple of float, float and ndarray, shape (s,), or None
         Where the total force is a sum, in which the object tells what silent taxels bear: error
-        of a taxel (N), in parts of its force, and in parts that all taxels share.
+        of a taxel (N), in parts of its force, and in parts that the taxels of a row share.
     corrected : callable or None
         Forces (t,) of a row once it is known how much of each taxel is covered (t,) (m2).
     """
@@ -95,7 +95,7 @@ def _weigh(
     found: Found,
     able: Bools,
     areas: Array,
-    summed: tuple[float, float, float] | None,
+    summed: tuple[float, float, Array] | None,
     changed: bool,
 ) -> None:
     """Total force of row i with what its object hides, and taxels that contradict the object."""
@@ -105,7 +105,7 @@ def _weigh(
     if summed is not None and (count < len(row) or changed):
         known['force'][i, 2] = seen + max(hidden, 0.0)
         variance = light + summed[1] ** 2 * squared
-        variance += (HIDDEN * hidden) ** 2 + (summed[2] * (seen + hidden)) ** 2
+        variance += (HIDDEN * hidden) ** 2 + (summed[2][i] * (seen + hidden)) ** 2
         known['force_cov'][i, 2, 2] = variance
     if np.count_nonzero(verdict):
         _mark(known, i, verdict)
