@@ -18,14 +18,14 @@ from tactile_ros.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.regression import ESTIMATORS as REGRESSION_ESTIMATORS
 from tactile_ros.regression import Regression
 from tactile_ros.sensors.taxel_array.creep_fit import fit_creep, never_pressed
-from tactile_ros.sensors.taxel_array.force_errors import LEVELS, force_errors, shared_part
+from tactile_ros.sensors.taxel_array.force_errors import LEVELS, force_errors, largest_forces
 from tactile_ros.sensors.taxel_array.gaps import Gaps
 from tactile_ros.sensors.taxel_array.memory import Memory
 from tactile_ros.sensors.taxel_array.patches import ArrayPatches, add_sum, ids_of
 from tactile_ros.sensors.taxel_array.placing import place_objects
 from tactile_ros.sensors.taxel_array.readout import Unmixing, area_correction
 from tactile_ros.sensors.taxel_array.surface import touched_surface
-from tactile_ros.sensors.taxel_array.untold import untold
+from tactile_ros.sensors.taxel_array.untold import told, untold
 from tactile_ros.types import TaxelStatus
 
 if TYPE_CHECKING:
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Bools, Bytes, ContactState, Integers
 
 ESTIMATORS = (*LAWS, *REGRESSION_ESTIMATORS)
-FEWEST_ROWS = 5
 QUANTUM = 2.8e-4  # standard deviation of rounding to 10 bits (fraction)
 TEMPLATES, SUM, CENTRE = 'coverage templates', 'sum of taxels', 'centre of force'
 UNLEARNED = 0.25  # spread of gains that nothing equilibrates
@@ -68,8 +67,8 @@ class TaxelRegression(Regression):
         Of outputs at rest (fraction).
     floor_, spread_ : float
         Error of a taxel's force: a constant part (N), and a part of the force.
-    alike_ : ndarray, shape (l,)
-        Part of their force by which taxels err alike, at each of some loads.
+    own_, alike_ : ndarray, shape (l,)
+        Parts of its force by which a taxel errs, and all err alike; see `ForceErrors`.
     idle_ : ndarray, shape (t,)
         Error of the force of a taxel that bears nothing (N).
     rest_ : tuple of ndarray, shape (t,), or None
@@ -89,7 +88,8 @@ class TaxelRegression(Regression):
         self.silent_: Bools = np.zeros(taxels, bool)
         self.noise_: Array = np.full(taxels, QUANTUM)
         self.floor_, self.spread_ = 0.0, UNLEARNED
-        self.alike_: Array = np.zeros(len(LEVELS) + 1)
+        self.own_: Array = np.full(len(LEVELS) + 1, UNLEARNED)
+        self.alike_: Array = 0.0 * self.own_
         self.idle_: Array = np.zeros(taxels)
         self.summed_ = False
         self.rest_: tuple[Array, Array] | None = None
@@ -159,7 +159,7 @@ class TaxelRegression(Regression):
         signals = self._alone(signals)
         output = signals.delta[..., 0]
         self._learn_rest(output, signals)
-        force = self._told(truth, 'taxel_force', signals)
+        force = told(truth, 'taxel_force', signals.good)
         self.silent_ = silent_taxels(output[signals.good], force, self.noise_)
         _ = self.objects  # made now, not under the first frame
         for name in ('patches', '_gaps', '_rest_noise', '_most'):
@@ -176,7 +176,7 @@ class TaxelRegression(Regression):
             if not self.only:
                 self._learn_creep(signals, truth, clean, group)
             self._measure(signals, truth)
-        depth = self._told(truth, 'deformation', signals)
+        depth = told(truth, 'deformation', signals.good)
         if depth is not None and not self.only:
             self.shape_ = Equilibration().fit(output[signals.good], depth, group)
 
@@ -185,14 +185,6 @@ class TaxelRegression(Regression):
         rest = output[(signals.in_contact == 0) & signals.good]
         seen = rest.std(axis=0) if len(rest) > 2 else np.zeros(output.shape[1])
         self.noise_ = np.maximum(np.nan_to_num(seen), QUANTUM)
-
-    @staticmethod
-    def _told(truth: Columns, name: str, signals: Signals) -> Array | None:
-        """Truth of the taxels in usable rows; None where it is too little."""
-        if name not in truth:
-            return None
-        told = np.asarray(truth[name], np.float64)[signals.good]
-        return told if (np.isfinite(told).sum(axis=0) >= FEWEST_ROWS).any() else None
 
     def _learn_creep(
         self, signals: Signals, truth: Columns, force: Array, group: Integers
@@ -218,15 +210,15 @@ class TaxelRegression(Regression):
 
     def _measure(self, signals: Signals, truth: Columns) -> None:
         """Errors of the taxels' forces and of their sum on the rows learned from."""
+        assert self.law_ is not None
         found = self._forces(signals, self.start())[signals.good]
         force = np.asarray(truth['taxel_force'], np.float64)[signals.good]
         miss = np.where(self.silent_, np.nan, found - force)
         known = np.isfinite(miss)
         if not known.any():
             return
-        errors = force_errors(miss, force, self._most, UNLEARNED)
-        self.floor_, self.spread_, self.alike_, self.idle_ = errors
-        assert self.law_ is not None
+        errors = force_errors(miss, force, largest_forces(self.law_), UNLEARNED)
+        self.floor_, self.spread_, self.own_, self.alike_, self.idle_ = errors
         self.errors_ = {
             'fit_rmse': float(np.sqrt(np.square(miss[known]).mean())),
             'relative': self.spread_,
@@ -272,8 +264,7 @@ class TaxelRegression(Regression):
             crept = self.law_.forces(memory.above_tare(signals))
             forces = self.creep_.undo(crept, signals.stamp_ns, signals.restart, memory.creep)
             self._settle(signals, forces, crept)
-        forces = np.where(self.silent_, np.nan, forces)
-        return np.asarray(forces)
+        return np.asarray(np.where(self.silent_, np.nan, forces))
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Targets of every row; see `Regression`."""
@@ -285,19 +276,19 @@ class TaxelRegression(Regression):
         if self.law_ is not None:
             forces = self._forces(signals, memory)
             known['taxel_force'] = forces
-        loads = self._gaps.loads(forces, self.floor_, self.spread_, self._rest_noise)
-        shared = shared_part(loads[0], self._most, self.alike_)
+        idle = self.idle_ if self.idle_.any() else self._rest_noise
+        loads = self._gaps.loads(forces, self.own_, self.alike_, self._most, idle)
         if self.summed_:
-            add_sum(known, *loads, shared)
+            add_sum(known, *loads)
         if self.shape_ is not None:
             known['deformation'] = self.shape_.forces(output)
         if self.silent_.any():
             dead = self.silent_ * np.uint8(TaxelStatus.DEAD)
             known['taxel_status'] = np.repeat(dead[None].astype(np.uint8), len(output), axis=0)
         if self.objects is not None:
-            self._add_objects(known, forces, signals, shared)
+            self._add_objects(known, forces, signals, loads[1:])
         if self.only in ('', *LAWS):
-            self._add_patches(known, (*loads, shared), signals, memory)
+            self._add_patches(known, loads, signals, memory)
         return known
 
     def _add_patches(
@@ -331,13 +322,10 @@ class TaxelRegression(Regression):
     @cached_property
     def _most(self) -> Array:
         """Largest force of each taxel (t,) (N) that was learned from; 1 where no law is known."""
-        if self.law_ is None:
-            return np.ones(len(self.noise_))
-        most = np.nan_to_num(self.law_.forces(self.law_.top_[None])[0])
-        return np.asarray(np.where(most > 0, most, max(float(most.max()), 1e-12)))
+        return np.ones(len(self.noise_)) if self.law_ is None else largest_forces(self.law_)
 
     def _add_objects(
-        self, known: Columns, forces: Array, signals: Signals, shared: Array
+        self, known: Columns, forces: Array, signals: Signals, errors: tuple[Array, Array]
     ) -> None:
         """Recognised objects; `known` is changed."""
         assert self.objects is not None
@@ -347,7 +335,7 @@ class TaxelRegression(Regression):
             forces = np.where(np.isnan(forces), signals.values[..., 0], forces)
         spread = UNLEARNED if self.law_ is None else self.spread_
         asked = signals.good & (signals.in_contact != 0)
-        errors = (self.floor_, self.spread_, shared) if self.summed_ else None
+        summed = errors if self.summed_ else None
         corrected, area_law = None, self.config.area_law
         if self.law_ is not None and area_law is not None:
             corrected = area_correction(
@@ -355,7 +343,7 @@ class TaxelRegression(Regression):
             )
         errors_of = (self._rest_noise, spread)
         place_objects(
-            known, self.objects, forces, *errors_of, asked, ~self.silent_, errors, corrected
+            known, self.objects, forces, *errors_of, asked, ~self.silent_, summed, corrected
         )
 
 

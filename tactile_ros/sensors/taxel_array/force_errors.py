@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
-    from tactile_ros.types import Array, Bools
+    from tactile_ros.conditioning.equilibration import Equilibration
+    from tactile_ros.types import Array, Bools, Integers
 
 HEAVY = 0.1  # of the largest force: heavier errors are parts of the force, lighter ones constant
 LEAST = 1e-4  # of a force: no law is better
@@ -21,14 +22,16 @@ class ForceErrors(NamedTuple):
     ----------
     floor, spread : float
         Of a taxel: a constant part (N), and a part of its force.
-    alike : ndarray, shape (l,)
-        Part of their force by which taxels that bear alike err alike, at each of `LEVELS`.
+    own, alike : ndarray, shape (l,)
+        Part of its force by which a taxel errs, and by which those that bear alike err alike, at
+        each of `LEVELS`.
     idle : ndarray, shape (t,)
         Of a taxel that bears nothing (N).
     """
 
     floor: float
     spread: float
+    own: Array
     alike: Array
     idle: Array
 
@@ -59,16 +62,18 @@ def force_errors(miss: Array, force: Array, most: Array, unlearned: float) -> Fo
     floor, spread = _parts(miss, force, heavy, light, unlearned)
     idle = known & (force == 0)
     squared = np.where(idle, np.square(miss), 0.0).sum(axis=0) / np.maximum(idle.sum(axis=0), 1)
-    return ForceErrors(floor, spread, _alike(miss, force, known, most), np.sqrt(squared))
+    own, alike = _by_level(miss, force, known & (force > 0), most)
+    # the few rows of rest of one taxel say little: half of it is what all say
+    rest = np.sqrt(0.5 * (squared + squared.mean()))
+    return ForceErrors(floor, spread, np.maximum(own, LEAST), alike, rest)
 
 
-def shared_part(load: Array, most: Array, alike: Array) -> Array:
+def shared_part(load: Array, level: Integers, alike: Array) -> Array:
     """Part (s,) by which sums of loads (s, t) err beyond what taxels err each for itself.
 
     Groups of loads err independently: along its range what a law misses changes its sign.
     """
     rows, groups = len(load), len(LEVELS) + 1
-    level = np.searchsorted(LEVELS, load / most)
     part = alike[level] * load
     first = groups * np.arange(rows)[:, None]
     sums = np.bincount((level + first).ravel(), part.ravel(), rows * groups)
@@ -76,6 +81,12 @@ def shared_part(load: Array, most: Array, alike: Array) -> Array:
     total = load.sum(axis=1)
     share = np.sqrt(np.maximum(excess, 0.0)) / np.where(total > 0, total, 1.0)
     return np.asarray(np.where(total > 0, share, 0.0))
+
+
+def largest_forces(law: Equilibration) -> Array:
+    """Of each taxel (t,) (N) that a law was learned from; the largest of all where it has none."""
+    most = np.nan_to_num(law.forces(law.top_[None])[0])
+    return np.asarray(np.where(most > 0, most, max(float(most.max()), 1e-12)))
 
 
 def _parts(
@@ -91,28 +102,30 @@ def _parts(
     return float(np.sqrt(max(small - spread * weak, 0.0))), float(np.sqrt(spread))
 
 
-def _alike(miss: Array, force: Array, known: Bools, most: Array) -> Array:
-    """Part of their force (l,) by which taxels err alike, in groups of loads; see `LEVELS`.
-
-    Of loads that were not told, that of the nearest group.
-    """
-    borne = known & (force > 0)
+def _by_level(miss: Array, force: Array, borne: Bools, most: Array) -> tuple[Array, Array]:
+    """Parts of their force (l,) by which taxels err, and err alike; see `LEVELS`."""
     level = np.searchsorted(LEVELS, np.where(borne, force, 0.0) / most)
-    groups = [borne & (level == k) for k in range(len(LEVELS) + 1)]
-    parts = np.array([_ratio(miss, force, group) for group in groups])
+    own, alike = np.full((2, len(LEVELS) + 1), np.nan)
+    for k in range(len(LEVELS) + 1):
+        wrong, load = (np.where(borne & (level == k), x, 0.0) for x in (miss, force))
+        own[k] = _ratio(np.square(wrong), np.square(load))
+        alike[k] = _ratio(_pairs(wrong), _pairs(load))
+    return _nearest(own), _nearest(alike)
+
+
+def _ratio(wrong: Array, load: Array) -> float:
+    """Root of the ratio of sums of squares; NaN: nothing bears a load."""
+    borne = float(load.sum())
+    return float(np.sqrt(max(float(wrong.sum()) / borne, 0.0))) if borne > 0 else np.nan
+
+
+def _nearest(parts: Array) -> Array:
+    """The same (l,), of loads that were not told that of the nearest that was."""
     told = np.flatnonzero(np.isfinite(parts))
     if not len(told):
-        return np.zeros(len(groups))
-    nearest = np.abs(np.arange(len(groups))[:, None] - told).argmin(axis=1)
-    return np.asarray(parts[told[nearest]])
-
-
-def _ratio(miss: Array, force: Array, group: Bools) -> float:
-    """Part of the force that errors of two taxels of a group share; NaN: no row has two."""
-    wrong, borne = (float(_pairs(np.where(group, x, 0.0)).sum()) for x in (miss, force))
-    if not (group.sum(axis=1) > 1).any():
-        return np.nan
-    return float(np.sqrt(max(wrong / borne, 0.0)))
+        return np.zeros(len(parts))
+    away = np.abs(np.arange(len(parts))[:, None] - told)
+    return np.asarray(parts[told[away.argmin(axis=1)]])
 
 
 def _pairs(values: Array) -> Array:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.physics import compiled
+from tactile_ros.sensors.taxel_array.force_errors import LEVELS, shared_part
 from tactile_ros.sensors.taxel_array.force_rows import filled_rows
 
 if TYPE_CHECKING:
@@ -39,17 +40,18 @@ class Gaps:
         self.positions, self.areas, self.silent = positions, areas, silent
 
     def loads(
-        self, forces: Array, floor: float, spread: float, idle: Array
-    ) -> tuple[Array, Array]:
-        """Forces without gaps, and their variances.
+        self, forces: Array, own: Array, alike: Array, most: Array, idle: Array
+    ) -> tuple[Array, Array, Array]:
+        """Forces without gaps, their variances, and what they share.
 
         Parameters
         ----------
         forces : ndarray, shape (s, t)
             Of the taxels (N); NaN: not read.
-        floor, spread : float
-            Error of a force: a constant part (N), which is never more than the force itself, since
-            laws are zero at zero output, and a part of the force.
+        own, alike : ndarray, shape (l,)
+            Errors in parts of the force at each of some loads; see `ForceErrors`.
+        most : ndarray, shape (t,)
+            Largest force of each taxel (N).
         idle : ndarray, shape (t,)
             Error of a taxel that bears nothing (N).
 
@@ -57,18 +59,21 @@ class Gaps:
         -------
         load, variance : ndarray, shape (s, t)
             0 where no taxel of a frame was read.
+        shared : ndarray, shape (s,)
+            Part of their sum by which all loads of a frame err alike.
         """
+        level = np.searchsorted(LEVELS, np.nan_to_num(forces) / most)
+        parts = own[level]
         if compiled.available():
             load, variance = np.empty(forces.shape), np.empty(forces.shape)
-            told = (*self.beside, floor, spread, idle, GUESSED)
-            if filled_rows(forces, *told, load, variance):
-                return load, variance
+            if filled_rows(forces, *self.beside, parts, idle, GUESSED, load, variance):
+                return load, variance, shared_part(load, level, alike)
         filled = self.filled(forces)
         unknown = np.isnan(filled)
         load = np.where(unknown, 0.0, filled) if np.count_nonzero(unknown) else filled
-        squared = load * load
-        own = np.minimum(np.abs(load), floor) ** 2 + idle**2 + spread**2 * squared
-        return load, np.where(np.isnan(forces), GUESSED**2 * squared, own)
+        known = idle**2 + (parts * load) ** 2
+        variance = np.where(np.isnan(forces), GUESSED**2 * (load * load), known)
+        return load, variance, shared_part(load, level, alike)
 
     def filled(self, forces: Array) -> Array:
         """Forces (s, t), those that are NaN as large as the pressure around tells."""

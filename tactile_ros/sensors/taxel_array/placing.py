@@ -38,7 +38,7 @@ def place_objects(
     spread: float,
     asked: Bools,
     usable: Bools,
-    summed: tuple[float, float, Array] | None,
+    summed: tuple[Array, Array] | None,
     corrected: Callable[[int, Array], Array] | None = None,
 ) -> None:
     """Add label, pose, position and bad taxels of every asked row.
@@ -59,9 +59,9 @@ def place_objects(
         Rows in which something may lie.
     usable : ndarray, shape (t,)
         False: known to be dead.
-    summed : tuple of float, float and ndarray, shape (s,), or None
-        Where the total force is a sum, in which the object tells what silent taxels bear: error
-        of a taxel (N), in parts of its force, and in parts that the taxels of a row share.
+    summed : tuple of ndarray, shape (s, t) and (s,), or None
+        Where the total force is a sum, in which the object tells what silent taxels bear:
+        variances of the forces, and the part of their sum by which those of a row err alike.
     corrected : callable or None
         Forces (t,) of a row once it is known how much of each taxel is covered (t,) (m2).
     """
@@ -95,17 +95,16 @@ def _weigh(
     found: Found,
     able: Bools,
     areas: Array,
-    summed: tuple[float, float, Array] | None,
+    summed: tuple[Array, Array] | None,
     changed: bool,
 ) -> None:
     """Total force of row i with what its object hides, and taxels that contradict the object."""
     verdict = np.empty(len(row), np.int64)
-    floor = 0.0 if summed is None else summed[0]
-    hidden, seen, squared, light, count = _judged(row, found, able, areas, floor, verdict)
+    own = row if summed is None else summed[0][i]
+    hidden, seen, variance, count = _judged(row, own, found, able, areas, verdict)
     if summed is not None and (count < len(row) or changed):
         known['force'][i, 2] = seen + max(hidden, 0.0)
-        variance = light + summed[1] ** 2 * squared
-        variance += (HIDDEN * hidden) ** 2 + (summed[2][i] * (seen + hidden)) ** 2
+        variance += (HIDDEN * hidden) ** 2 + (summed[1][i] * (seen + hidden)) ** 2
         known['force_cov'][i, 2, 2] = variance
     if np.count_nonzero(verdict):
         _mark(known, i, verdict)
@@ -145,20 +144,19 @@ def _write(known: Columns, i: int, found: Found) -> None:
 
 
 def _judged(
-    row: Array, found: Found, able: Bools, areas: Array, floor: float, verdict: Integers
-) -> tuple[float, float, float, float, int]:
+    row: Array, own: Array, found: Found, able: Bools, areas: Array, verdict: Integers
+) -> tuple[float, float, float, int]:
     """As `judged_row`: what a recognised object hides, and what is seen and agrees with it."""
     cover, pressure = found.cover, found.pressure
     if compiled.available():
         shares = (COVERED, MUTE, LOUD)
-        return judged_row(row, cover, pressure, able, areas, *shares, floor, verdict)
+        return judged_row(row, own, cover, pressure, able, areas, *shares, verdict)
     mute = (cover > COVERED * areas) & (row < MUTE * pressure * cover)
     verdict[:] = (cover < 1e-3 * areas) & (row > LOUD * pressure * areas)
     verdict -= mute
-    known = row[able & (verdict == 0)]
+    clear = able & (verdict == 0)
     hidden = float(pressure * cover[mute | ~able].sum())
-    light = np.minimum(np.abs(known), floor)
-    return hidden, float(known.sum()), float(known @ known), float(light @ light), len(known)
+    return hidden, float(row[clear].sum()), float(own[clear].sum()), int(clear.sum())
 
 
 def _mark(known: Columns, i: int, verdict: Integers) -> None:

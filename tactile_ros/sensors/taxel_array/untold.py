@@ -11,7 +11,17 @@ from tactile_ros.regression.untold import KIND, untold_loads, untold_past
 if TYPE_CHECKING:
     from tactile_ros.conditioning.viscoelastic import Creep
     from tactile_ros.signals import Columns, Report, Signals
-    from tactile_ros.types import Bools
+    from tactile_ros.types import Array, Bools
+
+FEWEST_ROWS = 5  # of a taxel
+
+
+def told(truth: Columns, name: str, good: Bools) -> Array | None:
+    """Truth of the taxels in usable rows (s,); None where it is too little."""
+    if name not in truth:
+        return None
+    known = np.asarray(truth[name], np.float64)[good]
+    return known if (np.isfinite(known).sum(axis=0) >= FEWEST_ROWS).any() else None
 
 
 def untold(signals: Signals, truth: Columns, silent: Bools, creep: Creep | None) -> Report:
