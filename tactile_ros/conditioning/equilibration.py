@@ -22,6 +22,7 @@ LAWS = ('polynomial', 'rational', 'power', 'pchip')
 FEWEST_ROWS = 5
 PENALTY = 1e-9
 KNOTS = 12
+FREEDOM = {'polynomial': 2, 'rational': 3, 'power': 3, 'pchip': KNOTS}  # numbers of each taxel
 TABLE = 65  # entries of a curve
 LIGHT = 0.1  # of the largest force: lighter loads count by their error, heavier in parts
 BENDS = np.linspace(0.0, 0.98, 15)  # of a power law, in parts of 1 over the largest output

@@ -217,7 +217,7 @@ class TaxelRegression(Regression):
         known = np.isfinite(miss)
         if not known.any():
             return
-        errors = force_errors(miss, force, largest_forces(self.law_), UNLEARNED)
+        errors = force_errors(miss, force, self.law_, UNLEARNED)
         self.floor_, self.spread_, self.own_, self.alike_, self.idle_ = errors
         self.errors_ = {
             'fit_rmse': float(np.sqrt(np.square(miss[known]).mean())),

@@ -6,12 +6,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from tactile_ros.conditioning.equilibration import FREEDOM
+
 if TYPE_CHECKING:
     from tactile_ros.conditioning.equilibration import Equilibration
     from tactile_ros.types import Array, Bools, Integers
 
 HEAVY = 0.1  # of the largest force: heavier errors are parts of the force, lighter ones constant
 LEAST = 1e-4  # of a force: no law is better
+MOST_FREE = 0.5  # numbers of a law for each row
 LEVELS = np.array([0.05, 0.1, 0.2, 0.4, 0.6, 0.8])  # of a taxel's largest force, between groups
 
 
@@ -36,15 +39,15 @@ class ForceErrors(NamedTuple):
     idle: Array
 
 
-def force_errors(miss: Array, force: Array, most: Array, unlearned: float) -> ForceErrors:
+def force_errors(miss: Array, force: Array, law: Equilibration, unlearned: float) -> ForceErrors:
     """Errors of the forces of taxels.
 
     Parameters
     ----------
     miss, force : ndarray, shape (s, t)
         Errors and told forces (N); NaN where unknown.
-    most : ndarray, shape (t,)
-        Largest force of each taxel (N).
+    law : Equilibration
+        Learned from these rows.
     unlearned : float
         Part of a force that errs where no heavy force was told.
 
@@ -62,7 +65,9 @@ def force_errors(miss: Array, force: Array, most: Array, unlearned: float) -> Fo
     floor, spread = _parts(miss, force, heavy, light, unlearned)
     idle = known & (force == 0)
     squared = np.where(idle, np.square(miss), 0.0).sum(axis=0) / np.maximum(idle.sum(axis=0), 1)
-    own, alike = _by_level(miss, force, known & (force > 0), most)
+    borne = known & (force > 0)
+    own, alike = _by_level(miss, force, borne, largest_forces(law))
+    own *= _unseen(borne, FREEDOM[law.name])
     # the few rows of rest of one taxel say little: half of it is what all say
     rest = np.sqrt(0.5 * (squared + squared.mean()))
     return ForceErrors(floor, spread, np.maximum(own, LEAST), alike, rest)
@@ -81,6 +86,13 @@ def shared_part(load: Array, level: Integers, alike: Array) -> Array:
     total = load.sum(axis=1)
     share = np.sqrt(np.maximum(excess, 0.0)) / np.where(total > 0, total, 1.0)
     return np.asarray(np.where(total > 0, share, 0.0))
+
+
+def _unseen(borne: Bools, freedom: int) -> float:
+    """How much more laws miss new rows than those (s, t) that they were learned from."""
+    taxels = max(int(np.count_nonzero(borne.any(axis=0))), 1)
+    part = min(freedom * taxels / max(int(np.count_nonzero(borne)), 1), MOST_FREE)
+    return float(np.sqrt((1 + part) / (1 - part)))
 
 
 def largest_forces(law: Equilibration) -> Array:
