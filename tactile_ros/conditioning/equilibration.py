@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 LAWS = ('polynomial', 'rational', 'power', 'pchip')
 FEWEST_ROWS = 5
 PENALTY = 1e-9
-KNOTS = 12
+BORDERS = np.append([0.0, 1 / 36], np.linspace(1 / 12, 1, 12))  # light loads bend laws most
+KNOTS = len(BORDERS) - 1
 FREEDOM = {'polynomial': 2, 'rational': 3, 'power': 3, 'pchip': KNOTS}  # numbers of each taxel
 TABLE = 65  # entries of a curve
 LIGHT = 0.1  # of the largest force: lighter loads count by their error, heavier in parts
@@ -252,7 +253,7 @@ def _factors(part: Array, load: Array, found: Array, known: Bools) -> Array:
     from scipy.interpolate import PchipInterpolator
 
     inside = known & (part > 1e-3) & np.isfinite(found)
-    edges = np.quantile(part[inside], np.linspace(0, 1, KNOTS + 1)) if inside.any() else [0.0, 1]
+    edges = np.quantile(part[inside], BORDERS) if inside.any() else [0.0, 1]
     x, y = [0.0], []
     for low, high in pairwise(edges):
         rows = inside & (part >= low) & (part <= high)
