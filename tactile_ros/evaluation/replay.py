@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from tactile_ros.evaluation.follow import gathered
 from tactile_ros.types import STATE_FIELDS, ContactState, ContactStates, Frame, Recording
 
 if TYPE_CHECKING:
@@ -43,6 +44,16 @@ class Agreement:
     frames: int
     without_contacts: int
     differences: dict[str, float]
+
+    def __add__(self, other: Agreement) -> Agreement:
+        """Of both parts together."""
+        names = dict.fromkeys([*self.differences, *other.differences])
+        worst = {
+            name: max(self.differences.get(name, 0.0), other.differences.get(name, 0.0))
+            for name in names
+        }
+        missing = self.without_contacts + other.without_contacts
+        return Agreement(self.frames + other.frames, missing, worst)
 
     @property
     def largest(self) -> float:
@@ -106,8 +117,8 @@ def replay(
     """
     recording, live = loaded.recording, loaded.contacts
     _refuse_other_shape(recording, pipeline)
-    pipeline = as_live(loaded, pipeline)
-    problems = calibration_problems(loaded, pipeline)
+    pipeline = as_live(loaded.calibrations, pipeline)
+    problems = calibration_problems(loaded.calibrations, pipeline)
     if live is None and not loaded.baselines:
         begin = clock_ns()
         states = pipeline.process_batch(recording)
@@ -115,8 +126,9 @@ def replay(
         single = single_cost(recording, pipeline, clock_ns)
         return Replayed(states, single, None, problems, batch)
     rows = np.arange(len(recording)) if live is None else np.unique(live.rows)
-    found, micro = _process(recording, rows, loaded.baselines, pipeline, clock_ns)
-    states = _assembled(found, rows, len(recording), recording.layout.shape[0])
+    singles, micro = _process(recording, rows, loaded.baselines, pipeline, clock_ns)
+    found = [_as_batch(state) for state in singles]
+    states = gathered(found, rows, len(recording), recording.layout.shape[0])
     if live is None:
         return Replayed(states, micro, None, problems)
     agreement = compare(live.states, live.rows, states, len(recording))
@@ -126,14 +138,22 @@ def replay(
     return Replayed(states, micro, agreement, problems)
 
 
-def as_live(loaded: LoadedRecording, pipeline: Pipeline) -> Pipeline:
-    """The pipeline, its baseline held still where the live run had switched tracking off."""
-    if pipeline.digest in loaded.calibrations or not pipeline.config.track_baseline:
+def as_live(calibrations: Sequence[str], pipeline: Pipeline) -> Pipeline:
+    """The pipeline, its baseline held still where the live run had switched tracking off.
+
+    Parameters
+    ----------
+    calibrations : sequence of str
+        SHA-256 of those of the live run.
+    pipeline : Pipeline
+        Stays as it is.
+    """
+    if pipeline.digest in calibrations or not pipeline.config.track_baseline:
         return pipeline
     still = copy(pipeline)
     still.config = replace(pipeline.config, track_baseline=False)  # type: ignore[type-var]
     still.reset()
-    return still if still.digest in loaded.calibrations else pipeline
+    return still if still.digest in calibrations else pipeline
 
 
 def single_cost(
@@ -150,14 +170,14 @@ def single_cost(
     return float(np.median(spent)) / 1000 if spent else float('nan')
 
 
-def calibration_problems(loaded: LoadedRecording, pipeline: Pipeline) -> tuple[str, ...]:
-    """A sentence where the bag was made with another calibration than the pipeline's."""
-    if not loaded.calibrations:
+def calibration_problems(calibrations: Sequence[str], pipeline: Pipeline) -> tuple[str, ...]:
+    """A sentence where a bag was made with other calibrations (SHA-256) than the pipeline's."""
+    if not calibrations:
         return ()
-    if len(loaded.calibrations) == 1 and pipeline.digest == loaded.calibrations[0]:
+    if len(calibrations) == 1 and pipeline.digest == calibrations[0]:
         return ()
-    named = ', '.join(digest[:12] for digest in loaded.calibrations)
-    if pipeline.digest in loaded.calibrations:
+    named = ', '.join(digest[:12] for digest in calibrations)
+    if pipeline.digest in calibrations:
         return (f'the bag was made with several calibrations: {named}',)
     return (
         f'the calibration {pipeline.digest[:12]} is not that of the bag ({named}): '
@@ -202,6 +222,11 @@ def _process(
     return found, float(np.median(spent)) / 1000 if spent else float('nan')
 
 
+def _as_batch(state: ContactState) -> ContactStates:
+    """A batch of one."""
+    return ContactStates(**{name: np.asarray(getattr(state, name))[None] for name in STATE_FIELDS})
+
+
 def _by_row(
     recording: Recording, rows: Integers, baselines: Sequence[Frame]
 ) -> dict[int, list[Frame]]:
@@ -224,26 +249,6 @@ def _by_row(
         if len(later):
             found.setdefault(int(rows[later[0]]), []).append(baseline)
     return {row: group[-1:] for row, group in found.items()}
-
-
-def _assembled(
-    found: list[ContactState], rows: Integers, samples: int, taxels: int
-) -> ContactStates:
-    """States of the processed rows among all rows."""
-    patches = max([1, *(len(state.contacts_id) for state in found)])
-    known = {}
-    for name, (shape, dtype, fill) in STATE_FIELDS.items():
-        lengths = {'t': taxels, 'k': patches}
-        tail = tuple(lengths[n] if isinstance(n, str) else n for n in shape)
-        column: npt.NDArray[np.generic] = np.full((samples, *tail), fill, dtype)
-        for row, state in zip(rows.tolist(), found, strict=True):
-            value = getattr(state, name)
-            if shape[:1] == ('k',):
-                column[row, : len(value)] = value
-            else:
-                column[row] = value
-        known[name] = column
-    return ContactStates.assemble(samples, taxels, known)
 
 
 def compare(live: ContactStates, rows: Integers, states: ContactStates, samples: int) -> Agreement:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.evaluation.metrics import Moments, Spread, spread, target_errors
+from tactile_ros.evaluation.metrics import TARGETS, Moments, Spread, spread, target_errors
 from tactile_ros.types import Array
 
 if TYPE_CHECKING:
@@ -34,12 +34,6 @@ COLUMNS = (
     'dropped',
     'us/frame',
 )
-
-# what truth can judge: the place in the plane, and vectors by components
-COMPONENTS = {
-    'position': ('position', [0, 1]),
-    **{f'{key}_{axis}': (key, [i]) for key in ('force', 'torque') for i, axis in enumerate('xyz')},
-}
 
 
 @dataclass(frozen=True)
@@ -175,7 +169,7 @@ def unjudged(found: Answer, states: ContactStates) -> tuple[str, ...]:
     told = [target.name for target in found.targets]
     given = [
         name
-        for name, (key, axes) in COMPONENTS.items()
+        for name, (_, key, axes) in TARGETS.items()
         if np.isfinite(getattr(states, key)[:, axes]).all(axis=1).any()
     ]
     if both := [name for name in told if name in given]:
@@ -186,7 +180,7 @@ def unjudged(found: Answer, states: ContactStates) -> tuple[str, ...]:
 
 
 def _listed(names: list[str]) -> str:
-    return ', '.join(names) or f'none of {", ".join(COMPONENTS)}'
+    return ', '.join(names) or f'none of {", ".join(TARGETS)}'
 
 
 def table_row(dataset: Dataset, answer: Answer) -> list[Cell]:
