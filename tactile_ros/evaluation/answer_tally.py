@@ -1,4 +1,4 @@
-"""What one pipeline's answers were worth, as statistics that merge exactly over pieces and bags."""
+"""What one pipeline's answers were worth, as statistics that merge exactly."""
 
 from __future__ import annotations
 

@@ -6,21 +6,22 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation.bag_reader import BagContent, Message, read_parts
+from tactile_ros.evaluation.bag_reader import BagContent, read_parts
 from tactile_ros.evaluation.definitions import PACKAGE, same_fields, split_name
 from tactile_ros.evaluation.sensor_pieces import SensorPieces
 from tactile_ros.evaluation.topics import FRAME, ROLES, ends_as, split_topic
 from tactile_ros.evaluation.truth_topics import DEFAULT_TRUTH, Association, is_truth_type
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
+    from tactile_ros.evaluation.bag_reader import Taker
     from tactile_ros.evaluation.sensor_pieces import Piece
     from tactile_ros.types import Layout
 
-LEAVES = {leaf for leaf, _ in ROLES}
 MOST_EARLY = 1000  # messages of truth that are kept until a frame is heard
+
 
 class BagPieces:
     """Reads a bag once; iterate over it, then ask for its problems.
@@ -33,7 +34,7 @@ class BagPieces:
         For a bag that does not tell it.
     truth_topics : sequence of str
         As of `recording.load`.
-    association : Association
+    association : Association or None
         Of truth with frames.
     """
 
@@ -42,17 +43,16 @@ class BagPieces:
         path: Path,
         layout: Layout | None = None,
         truth_topics: Sequence[str] = DEFAULT_TRUTH,
-        association: Association = Association(),
+        association: Association | None = None,
     ) -> None:
         self.path = path
         self.sensors: dict[str, SensorPieces] = {}
         self.left_out: dict[str, str] = {}
         self._layout, self._truth_topics = layout, truth_topics
-        self._association = association
+        self._association = association or Association()
         self._content = BagContent()
-        self._takers: dict[str, list[Callable[[int, bytes], None]]] = {}
-        self._early: deque[Message] = deque(maxlen=MOST_EARLY)
-        self._now_ns = 0
+        self._routes: dict[str, tuple[str, list[Taker]]] = {}
+        self._early: deque[tuple[str, int, bytes]] = deque(maxlen=MOST_EARLY)
 
     def __iter__(self) -> Iterator[tuple[str, Piece]]:
         """Namespace and piece, in the order in which pieces are complete.
@@ -62,10 +62,8 @@ class BagPieces:
         RecordingError
             If there is no bag, or no frame that could be read.
         """
-        for _ in read_parts(self.path, self._content, self._wanted):
-            self._drain()
+        for _ in read_parts(self.path, self._content, self._taker):
             yield from self._complete(final=False)
-        self._drain()
         yield from self._complete(final=True)
         if not any(sensor.count for sensor in self.sensors.values()):
             why = '; '.join(self.problems[:3]) or 'it is empty'
@@ -87,62 +85,60 @@ class BagPieces:
     def _is_truth(self, topic: str, kind: str) -> bool:
         return is_truth_type(kind) and any(ends_as(topic, name) for name in self._truth_topics)
 
-    def _drain(self) -> None:
-        """Hand the messages that were read to the sensors."""
-        for message in self._content.messages:
-            topic, kind, log_ns, data = message
-            if topic not in self._takers:
-                if kind != FRAME and self._is_truth(topic, kind) and not self._spaces():
-                    self._early.append(message)
-                    continue
-                self._takers[topic] = self._route(topic, kind)
-            for take in self._takers[topic]:
-                take(log_ns, data)
-            self._now_ns = max(self._now_ns, log_ns)
-        self._content.messages.clear()
-
-    def _hear_early(self) -> None:
-        """Ask anew who takes truth, and hand over what was heard before any frame."""
-        kept = {t: found for t, found in self._takers.items() if split_topic(t)[1] in LEAVES}
-        self._takers = kept
-        early, self._early = self._early, deque(maxlen=MOST_EARLY)
-        for topic, kind, log_ns, data in early:
-            for take in self._route(topic, kind):
-                take(log_ns, data)
-
-    def _route(self, topic: str, kind: str) -> list[Callable[[int, bytes], None]]:
-        """Who takes the messages of a topic: its namespace, and whom it tells the truth."""
+    def _taker(self, topic: str, kind: str) -> Taker | None:
+        """Who takes the messages of a topic: its namespace, or whom it tells the truth."""
+        truth = self._is_truth(topic, kind)
+        space, leaf = split_topic(topic)
+        if not truth and (leaf, kind) not in ROLES:
+            return None
         text = self._content.texts.get(kind)
         if text and split_name(kind)[0] == PACKAGE and not same_fields(kind, text):
             self._content.problems.append(f'{kind} of the bag is of another version; left out')
-            return []
-        space, leaf = split_topic(topic)
-        found: list[Callable[[int, bytes], None]] = []
-        if (leaf, kind) in ROLES:
-            found.append(_own(self._sensor(space), leaf, kind))
-        if is_frame(topic, kind):
-            self._hear_early()
-        if self._is_truth(topic, kind):
-            spaces = self._spaces()
-            for name in spaces:
-                if len(spaces) == 1 or topic.startswith(f'{name}/'):
-                    found.append(_true(self._sensor(name), topic, kind))
-        return found
+            return None
+        if not truth:
+            return self._own(space, leaf)
+        self._routes[topic] = (kind, self._hearers(topic, kind))
+        return lambda log_ns, data: self._hear(topic, log_ns, data)
+
+    def _own(self, space: str, leaf: str) -> Taker:
+        """Who takes a topic of the sensor of a namespace."""
+        if space not in self.sensors:
+            self.sensors[space] = SensorPieces(space, self._layout, self._association)
+        if leaf == 'frame':  # the first frame may tell whose the truth is
+            for topic, (kind, _) in self._routes.items():
+                self._routes[topic] = (kind, self._hearers(topic, kind))
+            early, self._early = self._early, deque(maxlen=MOST_EARLY)
+            for topic, log_ns, data in early:
+                self._hear(topic, log_ns, data)
+        return self.sensors[space].taker(leaf)
+
+    def _hearers(self, topic: str, kind: str) -> list[Taker]:
+        """Sensors that a topic tells the truth, as far as the bag has told of sensors."""
+        spaces = self._spaces()
+        return [
+            self.sensors[space].truth.taker(topic, kind)
+            for space in spaces
+            if space in self.sensors and (len(spaces) == 1 or topic.startswith(f'{space}/'))
+        ]
+
+    def _hear(self, topic: str, log_ns: int, data: bytes) -> None:
+        """Hand truth on; what comes before any frame waits."""
+        hearers = self._routes[topic][1]
+        for take in hearers:
+            take(log_ns, data)
+        if not hearers:
+            self._early.append((topic, log_ns, data))
 
     def _spaces(self) -> list[str]:
         """Namespaces with frames, as far as the bag has told."""
         topics = {**self._content.announced, **self._content.types}.items()
         return sorted({split_topic(t)[0] for t, k in topics if is_frame(t, k)})
 
-    def _sensor(self, space: str) -> SensorPieces:
-        if space not in self.sensors:
-            self.sensors[space] = SensorPieces(space, self._layout, self._association)
-        return self.sensors[space]
-
     def _complete(self, *, final: bool) -> Iterator[tuple[str, Piece]]:
         """Pieces that are complete by now."""
+        now = max((sensor.now_ns for sensor in self.sensors.values()), default=0)
         for space, sensor in self.sensors.items():
-            while sensor.ready(self._now_ns) or (final and sensor.frames.logs):
+            while sensor.ready(now) or (final and sensor.frames.logs):
                 if space in self.left_out:
                     sensor.frames.take(len(sensor.frames))
                     continue
@@ -158,13 +154,3 @@ class BagPieces:
 def is_frame(topic: str, kind: str) -> bool:
     """Whether a topic holds the frames of a sensor."""
     return split_topic(topic)[1] == 'frame' and kind == FRAME
-
-
-def _own(sensor: SensorPieces, leaf: str, kind: str) -> Callable[[int, bytes], None]:
-    if leaf == 'frame':
-        return sensor.frames.append
-    return lambda log_ns, data: sensor.take(leaf, kind, log_ns, data)
-
-
-def _true(sensor: SensorPieces, topic: str, kind: str) -> Callable[[int, bytes], None]:
-    return lambda log_ns, data: sensor.truth.take(topic, kind, log_ns, data)

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Generator, Iterator
 
+    Taker = Callable[[int, bytes], None]
+
 _LISTED = re.compile(r'^\s*-\s+"?([^"\n]+\.(?:mcap|db3)(?:\.zstd)?)"?\s*$', re.MULTILINE)
 _MOST_DAMAGES = 20
 _ROWS = 512  # of a database, read at a time
@@ -80,31 +82,40 @@ def read_bag(
         If there is no bag at `path`.
     """
     content = BagContent()
-    for _ in read_parts(path, content, wanted):
+
+    def taker(topic: str, kind: str) -> Taker | None:
+        if not wanted(topic, kind):
+            return None
+        return lambda log_ns, data: content.messages.append(Message(topic, kind, log_ns, data))
+
+    for _ in read_parts(path, content, taker):
         pass
     return content
 
 
 def read_parts(
-    path: str | os.PathLike[str], content: BagContent, wanted: Callable[[str, str], bool]
+    path: str | os.PathLike[str],
+    content: BagContent,
+    taker: Callable[[str, str], Taker | None],
 ) -> Iterator[None]:
-    """Read a bag as `read_bag` does, but part by part.
+    """Read a bag part by part: of an MCAP file a chunk at a time.
 
     Parameters
     ----------
     path : path-like
         Of the bag.
     content : BagContent
-        Grows; whoever takes its messages out after each part keeps it small.
-    wanted : callable
-        As of `read_bag`.
+        Grows by everything but messages.
+    taker : callable
+        Gives for topic and type name who takes log time (ns) and CDR of each message; None:
+        messages are counted only.
     """
     for file in _files(Path(path), content):
         try:
             if file.suffix == '.mcap':
-                yield from _McapWalk(file, content, wanted).run()
+                yield from _McapWalk(file, content, taker).run()
             elif file.suffix == '.db3':
-                yield from _read_sqlite(file, content, wanted)
+                yield from _read_sqlite(file, content, taker)
             else:
                 content.problems.append(f'{file.name} is compressed as a whole: unpack it first')
         except OSError as err:
@@ -137,12 +148,12 @@ class _McapWalk:
     """One pass over one MCAP file."""
 
     def __init__(
-        self, file: Path, content: BagContent, wanted: Callable[[str, str], bool]
+        self, file: Path, content: BagContent, taker: Callable[[str, str], Taker | None]
     ) -> None:
-        self.file, self.content, self.wanted = file, content, wanted
+        self.file, self.content, self.taker = file, content, taker
         self.schemas: dict[int, container.Schema] = {}
         self.channels: dict[int, container.Channel] = {}
-        self.topics: dict[int, tuple[str, str, bool] | None] = {}
+        self.topics: dict[int, tuple[str, Taker | None] | None] = {}
         self.lost: Counter[str] = Counter()
         self.released = 0
 
@@ -244,7 +255,7 @@ class _McapWalk:
 
     def _messages(self, records: bytes, at: int) -> int:
         """Take messages of known topics up to the first record that is none; its place."""
-        counts, kept = self.content.counts, self.content.messages
+        counts = self.content.counts
         front, size = container.MESSAGE_FRONT, len(records)
         while size - at >= front.size:
             code, length, number, _, log_ns, _ = front.unpack_from(records, at)
@@ -253,9 +264,8 @@ class _McapWalk:
             if code != container.MESSAGE or topic is None or not at + front.size <= end <= size:
                 break
             counts[topic[0]] += 1
-            if topic[2]:
-                data = records[at + front.size : end]
-                kept.append(Message(topic[0], topic[1], log_ns, data))
+            if topic[1] is not None:
+                topic[1](log_ns, records[at + front.size : end])
             at = end
         return at
 
@@ -285,13 +295,13 @@ class _McapWalk:
         if topic is None:
             self.lost['has messages whose topic or type is not told'] += 1
             return
-        name, type_name, wanted = topic
+        name, take = topic
         self.content.counts[name] += 1
-        if wanted:
-            self.content.messages.append(Message(name, type_name, log_ns, data))
+        if take is not None:
+            take(log_ns, data)
 
-    def _topic(self, number: int) -> tuple[str, str, bool] | None:
-        """Name, type and whether it is wanted, of a channel."""
+    def _topic(self, number: int) -> tuple[str, Taker | None] | None:
+        """Name of a channel's topic, and who takes its messages."""
         channel = self.channels.get(number)
         schema = self.schemas.get(channel.schema) if channel else None
         if channel is None or schema is None:
@@ -300,10 +310,10 @@ class _McapWalk:
         self.content.types[name] = type_name
         if channel.encoding != 'cdr':
             self.content.problems.append(f'{name} is encoded as {channel.encoding!r}; left out')
-            return name, type_name, False
+            return name, None
         if schema.encoding == 'ros2msg':
             self.content.texts[type_name] = schema.text
-        return name, type_name, self.wanted(name, type_name)
+        return name, self.taker(name, type_name)
 
 
 def _places(data: mmap.mmap, summary: int) -> list[int]:
@@ -318,23 +328,22 @@ def _places(data: mmap.mmap, summary: int) -> list[int]:
 
 
 def _read_sqlite(
-    file: Path, content: BagContent, wanted: Callable[[str, str], bool]
+    file: Path, content: BagContent, taker: Callable[[str, str], Taker | None]
 ) -> Iterator[None]:
     """Read a storage file of rosbag2 in sqlite3, as far as it is whole."""
     count = 0
     try:
         with closing(sqlite3.connect(f'{file.resolve().as_uri()}?mode=ro', uri=True)) as base:
-            topics = {}
-            for number, name, kind in base.execute('SELECT id, name, type FROM topics'):
-                topics[number] = (str(name), str(kind), wanted(str(name), str(kind)))
-                content.types[str(name)] = str(kind)
+            told = list(base.execute('SELECT id, name, type FROM topics'))
+            content.types.update({str(name): str(kind) for _, name, kind in told})
+            topics = {n: (str(name), taker(str(name), str(kind))) for n, name, kind in told}
             rows = base.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id')
             for number, log_ns, data in rows:
                 count += 1
-                name, kind, keep = topics.get(number, ('', '', False))
+                name, take = topics.get(number, ('', None))
                 content.counts[name] += 1
-                if keep and isinstance(data, bytes) and isinstance(log_ns, int):
-                    content.messages.append(Message(name, kind, log_ns, data))
+                if take and isinstance(data, bytes) and isinstance(log_ns, int):
+                    take(log_ns, data)
                 if count % _ROWS == 0:
                     yield
     except sqlite3.Error as err:

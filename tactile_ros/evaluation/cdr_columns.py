@@ -39,7 +39,7 @@ NUMBERS = {
 }  # fmt: skip
 
 
-class Unlike(Exception):  # noqa: N818
+class Unlike(Exception):
     """Bytes that are no message of the type, or of a form that has no columns."""
 
 

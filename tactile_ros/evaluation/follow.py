@@ -51,7 +51,9 @@ class Follower:
             if baseline is not None:
                 self.pipeline.tare([baseline])
             whole = int(rows[last - 1]) + 1 - int(rows[first]) == last - first
-            chosen = slice(int(rows[first]), int(rows[last - 1]) + 1) if whole else rows[first:last]
+            chosen = (
+                slice(int(rows[first]), int(rows[last - 1]) + 1) if whole else rows[first:last]
+            )
             parts.append(self.pipeline.process_next(recording.select(chosen)))
         if len(parts) == 1 and len(rows) == len(recording):
             return parts[0]

@@ -11,12 +11,11 @@ from tactile_ros.evaluation.cdr_columns import Columns, Group, read_columns
 from tactile_ros.types import STATE_FIELDS, field_shape
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Container, Sequence
 
     from tactile_ros.types import Array, Bools, Bytes, Integers
 
 SECOND_NS = 1_000_000_000
-SCALARS = tuple(name for name, (shape, _, _) in STATE_FIELDS.items() if not shape)
 PER_TAXEL = ('taxel_force', 'deformation', 'taxel_status')
 VECTORS = {'force': 'wrench.force', 'torque': 'wrench.torque', 'stray_field': 'stray_field'}
 BLOCKS = {'force_cov': slice(0, 3), 'torque_cov': slice(3, 6)}
@@ -106,7 +105,9 @@ class ContactRows(NamedTuple):
     misfits: int
 
 
-def read_contact_rows(messages: Sequence[bytes], taxels: int) -> ContactRows:
+def read_contact_rows(
+    messages: Sequence[bytes], taxels: int, wanted: Container[str] = STATE_FIELDS
+) -> ContactRows:
     """Arrays of serialised TactileContacts.
 
     Parameters
@@ -115,6 +116,8 @@ def read_contact_rows(messages: Sequence[bytes], taxels: int) -> ContactRows:
         CDR, s of them.
     taxels : int
         Count t; messages of another are counted as misfits.
+    wanted : container of str
+        State attributes to read.
     """
     groups, damaged = read_columns(messages, 'tactile_ros/msg/TactileContacts')
     fitting = [g for g in groups if _are_contacts(g.columns, taxels)]
@@ -125,6 +128,7 @@ def read_contact_rows(messages: Sequence[bytes], taxels: int) -> ContactRows:
     arrays: Columns = {
         name: np.full((len(rows), *field_shape(name, taxels, patches)), fill, dtype)
         for name, (_, dtype, fill) in STATE_FIELDS.items()
+        if name in wanted
     }
     for name in ('sequence', 'session', 'repetition', 'stamp_ns'):
         arrays[name] = np.zeros(len(rows), np.int64)
@@ -133,9 +137,9 @@ def read_contact_rows(messages: Sequence[bytes], taxels: int) -> ContactRows:
         last = first + len(group.rows)
         _fill({name: column[first:last] for name, column in arrays.items()}, group.columns)
         first = last
-    return ContactRows(
-        rows[order], {name: column[order] for name, column in arrays.items()}, damaged, misfits
-    )
+    if (np.diff(rows) < 0).any():
+        arrays = {name: column[order] for name, column in arrays.items()}
+    return ContactRows(rows[order], arrays, damaged, misfits)
 
 
 def _are_contacts(columns: Columns, taxels: int) -> bool:
@@ -159,17 +163,18 @@ def _most_patches(group: Group) -> int:
 
 def _fill(out: Columns, columns: Columns) -> None:
     """Write one kind of messages into its rows of all arrays."""
-    for name in (*SCALARS, 'sequence', 'session', 'repetition'):
-        out[name][:] = columns[name]
     out['stamp_ns'][:] = stamps_of(columns)
-    for name in PER_TAXEL:
-        if columns[name].shape[1]:
-            out[name][:] = columns[name]
-    for name, path in VECTORS.items():
-        out[name][:] = vectors_of(columns, path)
-    covariance = columns['wrench_covariance'].reshape(-1, 6, 6)
-    for name, block in BLOCKS.items():
-        out[name][:] = covariance[:, block, block]
+    for name, column in out.items():
+        if name in VECTORS:
+            column[:] = vectors_of(columns, VECTORS[name])
+        elif name in BLOCKS:
+            block = BLOCKS[name]
+            column[:] = columns['wrench_covariance'].reshape(-1, 6, 6)[:, block, block]
+        elif name in PER_TAXEL:
+            if columns[name].shape[1]:
+                column[:] = columns[name]
+        elif name in columns:
+            column[:] = columns[name]
     _fill_patches(out, columns)
 
 
@@ -178,7 +183,7 @@ def _fill_patches(out: Columns, columns: Columns) -> None:
     ids = _ids(columns)
     slot = np.cumsum(ids >= 0, axis=1) - 1
     last = ids.shape[1] - 1
-    for k in range(ids.shape[1]):
+    for k in range(ids.shape[1]) if 'contacts_id' in out else ():
         there = np.flatnonzero(ids[:, k] >= 0)
         place = slot[there, k]
         out['contacts_id'][there, place] = ids[there, k]
@@ -190,8 +195,10 @@ def _fill_patches(out: Columns, columns: Columns) -> None:
             out[f'contacts_{name}_cov'][there, place] = spread[there]
     for k in sorted({0, last}) if last >= 0 else ():
         rows = slice(None) if k == 0 else ids[:, k] < 0
-        out['position'][rows] = vectors_of(columns, f'contacts.{k}.position')[rows]
-        out['position_cov'][rows] = _covariance(columns, k, 'position')[rows]
+        if 'position' in out:
+            out['position'][rows] = vectors_of(columns, f'contacts.{k}.position')[rows]
+        if 'position_cov' in out:
+            out['position_cov'][rows] = _covariance(columns, k, 'position')[rows]
 
 
 def _covariance(columns: Columns, k: int, name: str) -> npt.NDArray[np.generic]:

@@ -190,7 +190,9 @@ class Judged:
     invalid: int
 
 
-def judge(name: str, truth: Mapping[str, npt.NDArray[np.generic]], states: ContactStates) -> Judged:
+def judge(
+    name: str, truth: Mapping[str, npt.NDArray[np.generic]], states: ContactStates
+) -> Judged:
     """Compare the answers to one of `TARGETS` with its truth; no row where none is told.
 
     Parameters

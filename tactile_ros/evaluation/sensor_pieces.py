@@ -17,7 +17,7 @@ from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.definitions import all_types
 from tactile_ros.evaluation.loaded import LiveContacts
 from tactile_ros.evaluation.message_columns import FrameRows, read_contact_rows, read_frames
-from tactile_ros.evaluation.topics import CONTACTS, LAYOUT, STRING, digests_in
+from tactile_ros.evaluation.topics import LAYOUT, digests_in
 from tactile_ros.evaluation.truth_pieces import TruthPieces
 from tactile_ros.evaluation.truth_topics import Association
 from tactile_ros.evaluation.waiting import Waiting
@@ -25,6 +25,7 @@ from tactile_ros.messages import read_layout
 from tactile_ros.types import STATE_FIELDS, ContactStates, Frame, Recording
 
 if TYPE_CHECKING:
+    from tactile_ros.evaluation.bag_reader import Taker
     from tactile_ros.types import Array, Bytes, Integers, Layout
 
 PIECE = 4096  # frames
@@ -86,19 +87,21 @@ class SensorPieces:
         self._tare_sequence = -1
         self._last: tuple[int, int] | None = None
 
-    def take(self, leaf: str, type_name: str, log_ns: int, data: bytes) -> None:
-        """Take in a message of one of the sensor's own topics."""
-        if leaf == 'frame':
-            self.frames.append(log_ns, data)
-        elif leaf == 'contacts':
-            self.contacts.append(log_ns, data)
-            self._spoken = True
-        elif leaf == 'baseline':
-            self.tares.append(log_ns, data)
-        elif type_name == LAYOUT:
-            self._take_layout(data)
-        elif type_name == STRING:
-            self.digests += digests_in(data)
+    def taker(self, leaf: str) -> Taker:
+        """Who takes the messages of one of the sensor's own topics."""
+        own: dict[str, Taker] = {
+            'frame': self.frames.append,
+            'contacts': self.contacts.append,
+            'baseline': self.tares.append,
+            'layout': lambda _, data: self._take_layout(data),
+            'calibration': lambda _, data: self.digests.extend(digests_in(data)),
+        }
+        return own[leaf]
+
+    @property
+    def now_ns(self) -> int:
+        """Log time up to which the bag has been heard."""
+        return max(self.frames.last_ns, self.contacts.last_ns)
 
     def _take_layout(self, data: bytes) -> None:
         try:
@@ -178,6 +181,7 @@ class SensorPieces:
         self, index: dict[tuple[int, int], int], until: int, last_ns: int
     ) -> LiveContacts | None:
         """Contacts about the frames of the piece; those about none are given up in time."""
+        self._spoken = self._spoken or len(self.contacts) > 0
         if not self._spoken:
             return None
         count = self.contacts.heard_by(until)

@@ -1,4 +1,4 @@
-"""A recording judged by its truth, in pieces and with memory that does not grow with its length."""
+"""A recording judged by its truth, in pieces: memory does not grow with its length."""
 
 from __future__ import annotations
 
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from tactile_ros.evaluation.sensor_pieces import Piece, SensorPieces
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Layout
+
+PROBED = 100  # frames that are timed one by one
 
 
 @dataclass(frozen=True)
@@ -87,9 +89,7 @@ class _Sensor:
             msg = f'{pieces.name} has {shape} taxels and channels, which no calibration is for'
             raise RecordingError(msg)
         self.followers = {n: Follower(as_live(digests, p)) for n, p in fitting.items()}
-        self.answers = {
-            name: AnswerTally(label_of(p), name) for name, p in fitting.items()
-        }
+        self.answers = {name: AnswerTally(label_of(p), name) for name, p in fitting.items()}
         self.singles: dict[str, float] = {}
         self.latency = Magnitudes()
 
@@ -99,7 +99,7 @@ class _Sensor:
         for name, follower in self.followers.items():
             if name not in self.singles:
                 probe = Follower(follower.pipeline).pipeline
-                self.singles[name] = single_cost(recording, probe, self.clock)
+                self.singles[name] = single_cost(recording, probe, self.clock, PROBED)
             begin = self.clock()
             states = follower(piece)
             spent = self.clock() - begin
@@ -130,9 +130,7 @@ class _Sensor:
         )  # fmt: skip
 
 
-def with_problems(
-    answer: AnswerTally, said: Sequence[str], us_single: float
-) -> AnswerTally:
+def with_problems(answer: AnswerTally, said: Sequence[str], us_single: float) -> AnswerTally:
     """An answer with what must be known about it."""
     found = list(said)
     missing = answer.agreement.without_contacts if answer.agreement else 0
@@ -159,7 +157,7 @@ def tally_bag(
     path: Path,
     pipelines: Mapping[str, Pipeline],
     truth_topics: Sequence[str] = DEFAULT_TRUTH,
-    association: Association = Association(),
+    association: Association | None = None,
     layout: Layout | None = None,
     clock_ns: Callable[[], int] = perf_counter_ns,
 ) -> list[SensorTally]:
@@ -173,7 +171,7 @@ def tally_bag(
         By name; each judges the sensors of its shape.
     truth_topics : sequence of str
         As of `recording.load`.
-    association : Association
+    association : Association or None
         Of truth with frames.
     layout : Layout or None
         For a bag that does not tell it.

@@ -19,13 +19,16 @@ from tactile_ros.evaluation.truth_topics import (
     unknown,
 )
 from tactile_ros.evaluation.waiting import Waiting
+from tactile_ros.types import TRUTH_KEYS
 
 if TYPE_CHECKING:
+    from tactile_ros.evaluation.bag_reader import Taker
     from tactile_ros.evaluation.truth_topics import Association
     from tactile_ros.types import Bools, Integers, Recording
 
 Columns = dict[str, npt.NDArray[np.generic]]
 Index = dict[tuple[int, int], int]
+TRUTH = frozenset(TRUTH_KEYS)
 KEPT_NS = 2_000_000_000  # of log time that truth waits for frames that are heard after it
 
 
@@ -60,11 +63,9 @@ class TruthPieces:
                 found[topic] = f'within {within * 1e-6:.3g} ms, {delay * 1e-6:.3g} ms late'
         return found
 
-    def take(self, topic: str, type_name: str, log_ns: int, data: bytes) -> None:
-        """Take one message in."""
-        queue = self._queues.setdefault(topic, Waiting())
-        queue.type_name = type_name
-        queue.append(log_ns, data)
+    def taker(self, topic: str, type_name: str) -> Taker:
+        """Who takes the messages of a topic."""
+        return self._queues.setdefault(topic, Waiting(type_name)).append
 
     def of(self, recording: Recording, index: Index, last_ns: int, until: int) -> Columns:
         """Truth beside the frames of a piece; a later topic fills what an earlier left unknown.
@@ -86,8 +87,7 @@ class TruthPieces:
                 part = self._labels(topic, queue, count, recording.stamp_ns)
             else:
                 part, used = self._nearest(topic, queue, count, recording, index)
-                for i in np.flatnonzero(used).tolist():
-                    queue.used[i] = True
+                queue.use(np.flatnonzero(used).tolist())
                 # at the end of the bag nothing waits any longer
                 late = until if until > last_ns + KEPT_NS else last_ns - KEPT_NS
                 self.lost[f'messages of {topic} belong to no frame'] += queue.forget_before(late)
@@ -103,7 +103,7 @@ class TruthPieces:
         assert recording.stamp_ns is not None
         frames = recording.stamp_ns
         if queue.type_name == CONTACTS:
-            found = read_contact_rows(queue.data[:count], recording.layout.shape[0])
+            found = read_contact_rows(queue.data[:count], recording.layout.shape[0], TRUTH)
             self._leave_out(topic, queue, found.rows, count)
             tolerance = self._tolerance(topic, frames, frames)
             return contacts_truth(found.arrays, recording, index, tolerance)
@@ -119,7 +119,7 @@ class TruthPieces:
             queue.keep(rows.tolist(), count)
 
     def _tolerance(self, topic: str, times: Integers, frames: Integers) -> int:
-        """Largest distance in time (ns): what was asked for, else half a step, of the first piece."""
+        """Largest distance in time (ns): as asked, else half a step of the first piece."""
         if self.association.tolerance_ns is not None:
             return self.association.tolerance_ns
         if topic not in self.tolerances and len(times) > 1:
