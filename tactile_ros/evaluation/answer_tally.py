@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from tactile_ros.evaluation.metrics import TARGETS, judge
+from tactile_ros.evaluation.metrics import TARGETS, given_targets, judge
 from tactile_ros.evaluation.tally import ClassTally, Magnitudes, TargetTally
 
 if TYPE_CHECKING:
@@ -33,6 +33,8 @@ class AnswerTally:
         Of the estimators; of the calibration file.
     targets, classes : dict
         Errors and hits by name, of whatever truth could judge.
+    given : tuple of str
+        Targets that were estimated somewhere.
     frames, nanoseconds : int
         Processed in batches, and the time that took.
     us_single : float
@@ -47,11 +49,20 @@ class AnswerTally:
     calibration: str
     targets: Mapping[str, TargetTally] = field(default_factory=dict)
     classes: Mapping[str, ClassTally] = field(default_factory=dict)
+    given: tuple[str, ...] = ()
     frames: int = 0
     nanoseconds: int = 0
     us_single: float = float('nan')
     agreement: Agreement | None = None
     problems: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls, truth: Mapping[str, npt.NDArray[np.generic]], states: ContactStates
+    ) -> AnswerTally:
+        """What states (s) are worth beside truth (s, ...), without a name."""
+        targets, classes = tally_targets(truth, states), tally_classes(truth, states)
+        return cls('', '', targets, classes, given_targets(states))
 
     def __add__(self, other: AnswerTally) -> AnswerTally:
         """Of both together; there is no median of medians, so the first that is known stays."""
@@ -64,6 +75,7 @@ class AnswerTally:
             self,
             targets=_merged(self.targets, other.targets),
             classes=_merged(self.classes, other.classes),
+            given=tuple(dict.fromkeys([*self.given, *other.given])),
             frames=self.frames + other.frames,
             nanoseconds=self.nanoseconds + other.nanoseconds,
             us_single=other.us_single if math.isnan(self.us_single) else self.us_single,

@@ -9,7 +9,7 @@ from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.bag_reader import BagContent, read_parts
 from tactile_ros.evaluation.definitions import PACKAGE, same_fields, split_name
 from tactile_ros.evaluation.sensor_pieces import SensorPieces
-from tactile_ros.evaluation.topics import FRAME, ROLES, ends_as, split_topic
+from tactile_ros.evaluation.topics import ROLES, ends_as, is_frame, split_topic
 from tactile_ros.evaluation.truth_topics import DEFAULT_TRUTH, Association, is_truth_type
 
 if TYPE_CHECKING:
@@ -149,8 +149,3 @@ class BagPieces:
                     continue
                 if piece is not None:
                     yield space, piece
-
-
-def is_frame(topic: str, kind: str) -> bool:
-    """Whether a topic holds the frames of a sensor."""
-    return split_topic(topic)[1] == 'frame' and kind == FRAME

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -90,9 +90,9 @@ class _Walk:
         elif kind == NAME:
             self.message(str(what), f'{path}.')
         else:
-            (inner, name), count = what  # type: ignore[misc]
-            count = self._length() if kind == SEQUENCE else count
-            self._list(path, int(inner), name, count)
+            entry, length = cast('tuple[tuple[int, object], int]', what)
+            count = self._length() if kind == SEQUENCE else length
+            self._list(path, int(entry[0]), entry[1], count)
 
     def _list(self, path: str, kind: int, what: object, count: int) -> None:
         """Entries of a list: numbers as one column, messages and texts as columns each."""

@@ -41,7 +41,14 @@ class FrameRows(NamedTuple):
 
     def select(self, kept: Bools) -> FrameRows:
         """Some of the frames."""
-        return FrameRows(*(column[kept] for column in self[:6]), self.damaged, self.misfits)
+        return self._replace(
+            rows=self.rows[kept],
+            stamp_ns=self.stamp_ns[kept],
+            sequence=self.sequence[kept],
+            values=self.values[kept],
+            temperature_c=self.temperature_c[kept],
+            status=self.status[kept],
+        )
 
 
 def read_frames(messages: Sequence[bytes], shape: tuple[int, int]) -> FrameRows:
@@ -149,7 +156,7 @@ def _are_contacts(columns: Columns, taxels: int) -> bool:
 
 def _ids(columns: Columns) -> npt.NDArray[np.int32]:
     """Ids of the patches, shape (n, k)."""
-    found = []
+    found: list[npt.NDArray[np.generic]] = []
     while f'contacts.{len(found)}.id' in columns:
         found.append(columns[f'contacts.{len(found)}.id'])
     count = len(columns['sequence'])

@@ -218,6 +218,15 @@ def judge(
     return Judged(rows, told, estimate, estimate - told, variance, missed, invalid)
 
 
+def given_targets(states: ContactStates) -> tuple[str, ...]:
+    """Those of `TARGETS` that are estimated in some row."""
+    return tuple(
+        name
+        for name, (_, key, axes) in TARGETS.items()
+        if np.isfinite(getattr(states, key)[:, axes]).all(axis=1).any()
+    )
+
+
 def target_errors(recording: Recording, states: ContactStates) -> tuple[TargetErrors, ...]:
     """Errors of everything that is both known and estimated by components.
 

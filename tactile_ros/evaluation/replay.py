@@ -132,10 +132,14 @@ def replay(
     if live is None:
         return Replayed(states, micro, None, problems)
     agreement = compare(live.states, live.rows, states, len(recording))
-    if agreement.without_contacts:
-        left_out = f'{agreement.without_contacts} frames without contacts were left out: '
-        problems += (f'{left_out}the live node did not see them',)
-    return Replayed(states, micro, agreement, problems)
+    return Replayed(states, micro, agreement, (*problems, *left_out(agreement)))
+
+
+def left_out(agreement: Agreement | None) -> tuple[str, ...]:
+    """A sentence where frames have no contacts."""
+    count = 0 if agreement is None else agreement.without_contacts
+    reason = 'the live node did not see them'
+    return (f'{count} frames without contacts were left out: {reason}',) if count else ()
 
 
 def as_live(calibrations: Sequence[str], pipeline: Pipeline) -> Pipeline:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter_ns
 from typing import TYPE_CHECKING
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation.answer_tally import AnswerTally, tally_classes, tally_targets
+from tactile_ros.evaluation.answer_tally import AnswerTally
 from tactile_ros.evaluation.bag_pieces import BagPieces
 from tactile_ros.evaluation.follow import Follower
 from tactile_ros.evaluation.metrics import frames_dropped
@@ -18,9 +18,11 @@ from tactile_ros.evaluation.replay import (
     as_live,
     calibration_problems,
     compare,
+    left_out,
     replay,
     single_cost,
 )
+from tactile_ros.evaluation.result import unjudged
 from tactile_ros.evaluation.tally import Magnitudes
 from tactile_ros.evaluation.truth_topics import DEFAULT_TRUTH, Association
 
@@ -107,10 +109,10 @@ class _Sensor:
             if live is not None:
                 agreement = compare(live.states, live.rows, states, len(recording))
             truth = as_answered(recording.truth, self.pieces.truth.names, follower.pipeline)
-            self.answers[name] += AnswerTally(
-                '', '', tally_targets(truth, states), tally_classes(truth, states),
-                len(piece.rows), spent, float('nan'), agreement,
-            )  # fmt: skip
+            found = AnswerTally.of(truth, states)
+            self.answers[name] += replace(
+                found, frames=len(piece.rows), nanoseconds=spent, agreement=agreement
+            )
         if live is not None and recording.stamp_ns is not None:
             delay = (live.log_ns - recording.stamp_ns[live.rows]) * 1e-9
             self.latency += Magnitudes.of(delay)
@@ -122,7 +124,10 @@ class _Sensor:
         answers = []
         for name, answer in self.answers.items():
             said = calibration_problems(digests, self.followers[name].pipeline)
-            answers.append(with_problems(answer, said, self.singles.get(name, float('nan'))))
+            answers.append(replace(
+                answer, us_single=self.singles.get(name, float('nan')),
+                problems=(*said, *left_out(answer.agreement), *unjudged_targets(answer)),
+            ))  # fmt: skip
         return SensorTally(
             pieces.name, source, tuple(answers), pieces.count, pieces.dropped,
             (pieces.end_ns - pieces.begin_ns) * 1e-9, self.latency, pieces.truth.sentences,
@@ -130,15 +135,10 @@ class _Sensor:
         )  # fmt: skip
 
 
-def with_problems(answer: AnswerTally, said: Sequence[str], us_single: float) -> AnswerTally:
-    """An answer with what must be known about it."""
-    found = list(said)
-    missing = answer.agreement.without_contacts if answer.agreement else 0
-    if missing:
-        found.append(
-            f'{missing} frames without contacts were left out: the live node did not see them'
-        )
-    return answer + AnswerTally('', '', us_single=us_single, problems=tuple(found))
+def unjudged_targets(answer: AnswerTally) -> tuple[str, ...]:
+    """A sentence where truth and estimates have nothing in common."""
+    counts = {name: target.errors.count for name, target in answer.targets.items()}
+    return unjudged(answer.name, counts, answer.given)
 
 
 def as_answered(
@@ -219,14 +219,16 @@ def tally_recording(
         found = replay(loaded, pipeline, clock_ns)
         truth = as_answered(recording.truth, loaded.label_names, pipeline)
         spent = found.us_batch * 1000 * len(recording)
-        answers.append(
-            AnswerTally(
-                label_of(pipeline), name, tally_targets(truth, found.states),
-                tally_classes(truth, found.states), len(recording),
-                int(spent) if np.isfinite(spent) else 0, found.us_per_frame, found.agreement,
-                found.problems,
-            )
-        )  # fmt: skip
+        judged = replace(
+            AnswerTally.of(truth, found.states),
+            name=label_of(pipeline),
+            calibration=name,
+            frames=len(recording),
+            nanoseconds=int(spent) if np.isfinite(spent) else 0,
+            us_single=found.us_per_frame,
+            agreement=found.agreement,
+        )
+        answers.append(replace(judged, problems=(*found.problems, *unjudged_targets(judged))))
     if not answers:
         shape = recording.layout.shape
         msg = f'{loaded.name} has {shape} taxels and channels, which no calibration is for'

@@ -122,8 +122,8 @@ class Magnitudes:
             return Spread(0, *[float('nan')] * 6)
         mean = as_float(self.total, self.count)
         rms = math.sqrt(as_float(self.squares, self.count))
-        quantiles = (self.quantile(share) for share in (0.50, 0.95, 0.99))
-        return Spread(self.count, mean, rms, *quantiles, self.largest)
+        p50, p95, p99 = (self.quantile(share) for share in (0.50, 0.95, 0.99))
+        return Spread(self.count, mean, rms, p50, p95, p99, self.largest)
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,11 @@ def ends_as(topic: str, name: str) -> bool:
     return topic == name or (not name.startswith('/') and topic.endswith(f'/{name}'))
 
 
+def is_frame(topic: str, kind: str) -> bool:
+    """Whether a topic holds the frames of a sensor."""
+    return split_topic(topic)[1] == 'frame' and kind == FRAME
+
+
 def digests_in(text: bytes) -> list[str]:
     """SHA-256 values (hex) that a text names."""
     return [found.decode() for found in _DIGEST.findall(text)]

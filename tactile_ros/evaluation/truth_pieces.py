@@ -60,7 +60,9 @@ class TruthPieces:
             within = self.tolerances.get(topic) if asked is None else asked
             if within is not None:
                 delay = self.association.delays.get(topic, 0)
-                found[topic] = f'within {within * 1e-6:.3g} ms, {delay * 1e-6:.3g} ms late'
+                known = self.association.known.get(topic, '')
+                late = f'{delay * 1e-6:.3g} ms late{known}'
+                found[topic] = f'within {within * 1e-6:.3g} ms, {late}'
         return found
 
     def taker(self, topic: str, type_name: str) -> Taker:

@@ -35,10 +35,13 @@ class Association:
         Largest distance in time; None: half a step of frames or truth, whichever is longer.
     delays : dict of str to int
         By how much the stamps of a topic are later than the frames that they belong to (ns).
+    known : dict of str to str
+        How well a delay is known, in a few words.
     """
 
     tolerance_ns: int | None = None
     delays: Mapping[str, int] = field(default_factory=dict)
+    known: Mapping[str, str] = field(default_factory=dict)
 
 
 def unknown(values: npt.NDArray[np.generic]) -> Bools:
@@ -180,7 +183,10 @@ def other_truth(
 
 
 def nearest_truth(
-    told: Columns, times: Integers, frames: Integers, tolerance: int | None = None
+    told: Mapping[str, npt.NDArray[np.generic]],
+    times: Integers,
+    frames: Integers,
+    tolerance: int | None = None,
 ) -> tuple[Columns, Bools]:
     """What was told nearest in time to each frame.
 
