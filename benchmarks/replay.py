@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -183,6 +184,7 @@ class Messages:
 def write_bag(path: Path, pipeline: Pipeline, recording: Recording) -> None:
     """What a recorder hears of a live run, a tare every ten seconds."""
     messages = Messages(recording)
+    pipeline = copy(pipeline)  # its tares are its own
     pipeline.reset()
     blank = pipeline.process_batch(recording.select(slice(0, 1)))[0]
     with BagWriter(path) as bag:

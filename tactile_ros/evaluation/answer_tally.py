@@ -96,11 +96,11 @@ class AnswerTally:
 
 
 def _merged(one: Mapping[str, Tally], other: Mapping[str, Tally]) -> dict[str, Tally]:
-    """Tallies of both by name."""
+    """Tallies of both by name, in the order of the names of truth."""
     merged = dict(one)
     for name, tally in other.items():
         merged[name] = merged[name] + tally if name in merged else tally
-    return merged
+    return {name: merged[name] for name in (*TARGETS, *CLASSES) if name in merged}
 
 
 def tally_targets(

@@ -19,7 +19,7 @@ from tactile_ros.evaluation.loaded import LiveContacts
 from tactile_ros.evaluation.message_columns import FrameRows, read_contact_rows, read_frames
 from tactile_ros.evaluation.topics import LAYOUT, digests_in
 from tactile_ros.evaluation.truth_pieces import TruthPieces
-from tactile_ros.evaluation.truth_topics import Association
+from tactile_ros.evaluation.truth_topics import ELSEWHERE, Association
 from tactile_ros.evaluation.waiting import Waiting
 from tactile_ros.messages import read_layout
 from tactile_ros.types import STATE_FIELDS, ContactStates, Frame, Recording
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 PIECE = 4096  # frames
 HORIZON_NS = 2_000_000_000
 MOST_WAITING = 8 * PIECE  # frames that wait for the log time to go on
+NEIGHBOURS = 256  # frames before a piece that truth may belong to instead
 FOREVER = 1 << 62
 
 
@@ -86,6 +87,7 @@ class SensorPieces:
         self._tare_stream: int | None = None
         self._tare_sequence = -1
         self._last: tuple[int, int] | None = None
+        self._before: list[tuple[int, int]] = []
 
     def taker(self, leaf: str) -> Taker:
         """Who takes the messages of one of the sensor's own topics."""
@@ -146,14 +148,25 @@ class SensorPieces:
         if not len(rows.rows):
             return None
         recording = self._recording(rows)
-        index = {key: row for row, key in enumerate(zip(rows.stamp_ns.tolist(),
-                 rows.sequence.tolist(), strict=True))}  # fmt: skip
         until = FOREVER if final and not self.frames.logs else logs[-1] + HORIZON_NS
+        index, around = self._index(rows, until)
         live = self._live(index, until, logs[-1])
-        truth = self.truth.of(recording, index, logs[-1], until)
+        truth = self.truth.of(recording, index, around, logs[-1], until)
         seen = np.arange(len(recording)) if live is None else np.unique(live.rows)
         baselines = self._tares(recording, seen, until)
         return Piece(replace(recording, truth=truth), seen, baselines, live)
+
+    def _index(self, rows: FrameRows, until: int) -> tuple[dict[tuple[int, int], int], Integers]:
+        """Row of each frame by stamp and sequence; frames around the piece, and their stamps."""
+        waiting = self.frames.data[: self.frames.heard_by(until)]
+        after = read_frames(waiting, self.layout.shape)
+        around = [*self._before, *zip(after.stamp_ns.tolist(), after.sequence.tolist(),
+                  strict=True)]  # fmt: skip
+        keys = list(zip(rows.stamp_ns.tolist(), rows.sequence.tolist(), strict=True))
+        index = dict.fromkeys(around, ELSEWHERE)
+        index.update({key: row for row, key in enumerate(keys)})
+        self._before = [*self._before, *keys][-NEIGHBOURS:]
+        return index, np.array([stamp for stamp, _ in around], np.int64)
 
     def _recording(self, rows: FrameRows) -> Recording:
         """Frames as a recording; a new stream begins where the counter or the clock went back."""

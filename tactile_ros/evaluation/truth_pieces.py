@@ -69,7 +69,9 @@ class TruthPieces:
         """Who takes the messages of a topic."""
         return self._queues.setdefault(topic, Waiting(type_name)).append
 
-    def of(self, recording: Recording, index: Index, last_ns: int, until: int) -> Columns:
+    def of(
+        self, recording: Recording, index: Index, around: Integers, last_ns: int, until: int
+    ) -> Columns:
         """Truth beside the frames of a piece; a later topic fills what an earlier left unknown.
 
         Parameters
@@ -78,6 +80,8 @@ class TruthPieces:
             Of s frames, the last of which was heard at `last_ns`.
         index : dict
             Row of a frame by stamp and sequence.
+        around : ndarray, shape (m,)
+            Stamps of frames shortly before and after the piece (ns).
         last_ns, until : int
             Log times (ns); what is heard after `until` is not looked at.
         """
@@ -88,7 +92,7 @@ class TruthPieces:
             if queue.type_name == STRING:
                 part = self._labels(topic, queue, count, recording.stamp_ns)
             else:
-                part, used = self._nearest(topic, queue, count, recording, index)
+                part, used = self._nearest(topic, queue, count, recording, index, around)
                 queue.use(np.flatnonzero(used).tolist())
                 # at the end of the bag nothing waits any longer
                 late = until if until > last_ns + KEPT_NS else last_ns - KEPT_NS
@@ -99,20 +103,27 @@ class TruthPieces:
         return merged
 
     def _nearest(
-        self, topic: str, queue: Waiting, count: int, recording: Recording, index: Index
+        self,
+        topic: str,
+        queue: Waiting,
+        count: int,
+        recording: Recording,
+        index: Index,
+        around: Integers,
     ) -> tuple[Columns, Bools]:
         """Truth by stamp and sequence, or by the nearest time; which messages were of use."""
         assert recording.stamp_ns is not None
         frames = recording.stamp_ns
+        near = np.concatenate([frames, around])
         if queue.type_name == CONTACTS:
             found = read_contact_rows(queue.data[:count], recording.layout.shape[0], TRUTH)
             self._leave_out(topic, queue, found.rows, count)
-            tolerance = self._tolerance(topic, frames, frames)
-            return contacts_truth(found.arrays, recording, index, tolerance)
+            tolerance = self._tolerance(topic, near, near)
+            return contacts_truth(found.arrays, recording, index, tolerance, around)
         told = read_told(queue.data[:count], queue.type_name)
         self._leave_out(topic, queue, told.rows, count)
         times = told.times - self.association.delays.get(topic, 0)
-        return nearest_truth(told.truth, times, frames, self._tolerance(topic, times, frames))
+        return nearest_truth(told.truth, times, frames, self._tolerance(topic, times, near))
 
     def _leave_out(self, topic: str, queue: Waiting, rows: Integers, count: int) -> None:
         """Forget messages that cannot be read or do not fit."""

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Bools, Integers, Recording
 
 DEFAULT_TRUTH = ('truth/contacts', 'truth/object_pose')
+UNFOUND, ELSEWHERE = -1, -2  # in place of a row
 Columns = dict[str, npt.NDArray[np.generic]]
 
 
@@ -54,6 +55,7 @@ def contacts_truth(
     recording: Recording,
     index: dict[tuple[int, int], int],
     tolerance: int | None = None,
+    around: Integers | None = None,
 ) -> tuple[Columns, Bools]:
     """Truth that came as TactileContacts.
 
@@ -64,9 +66,12 @@ def contacts_truth(
     recording : Recording
         Of s frames.
     index : dict
-        Row of a frame by its stamp (ns) and sequence.
+        Row of a frame by its stamp (ns) and sequence; ELSEWHERE: of one that is not in the
+        recording, but of the same stream.
     tolerance : int or None
         Largest distance in time (ns); None: half a frame.
+    around : ndarray, shape (m,), or None
+        Stamps of such frames (ns): what is nearest to one of them is not of the recording.
 
     Returns
     -------
@@ -83,15 +88,18 @@ def contacts_truth(
     stamps = arrays['stamp_ns'].astype(np.int64)
     sequence = arrays['sequence'].astype(np.int64)
     keys = zip(stamps.tolist(), sequence.tolist(), strict=True)
-    rows = np.array([index.get(key, -1) for key in keys], np.int64)
+    rows = np.array([index.get(key, UNFOUND) for key in keys], np.int64)
     by_sequence = {key[1]: row for key, row in index.items()}
-    unstamped = (rows < 0) & (stamps == 0)
-    rows[unstamped] = [by_sequence.get(k, -1) for k in sequence[unstamped].tolist()]
-    timed = (rows < 0) & (stamps != 0)
+    unstamped = (rows == UNFOUND) & (stamps == 0)
+    rows[unstamped] = [by_sequence.get(k, UNFOUND) for k in sequence[unstamped].tolist()]
+    timed = (rows == UNFOUND) & (stamps != 0)
     if timed.any() and recording.stamp_ns is not None:
         if tolerance is None:
             tolerance = half_step(recording.stamp_ns)
-        rows[timed] = nearest(recording.stamp_ns, stamps[timed], tolerance)
+        frames = recording.stamp_ns
+        frames = frames if around is None else np.concatenate([frames, around])
+        near = nearest(frames, stamps[timed], tolerance)
+        rows[timed] = np.where(near < len(recording), near, ELSEWHERE)
     kept = rows >= 0
     truth: Columns = {}
     for key in TRUTH_KEYS:
