@@ -13,6 +13,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from threading import get_ident
 from typing import TYPE_CHECKING
 
 from tactile_ros import calibration as files
@@ -72,9 +73,9 @@ def open_calibration(path: str | Path) -> Pipeline:
     return load_sensor(sensor).load(Path(path))
 
 
-@lru_cache(maxsize=16)
-def _opened(path: str, changed_ns: int) -> Pipeline:
-    """A calibration, read once by a process as long as its file stays."""
+@lru_cache(maxsize=64)
+def _opened(path: str, changed_ns: int, thread: int) -> Pipeline:
+    """A calibration, read once by a thread (of which a worker may have some) and not shared."""
     return open_calibration(path)
 
 
@@ -90,7 +91,9 @@ def tally(job: Job) -> Outcome:
 
 def _tallies(job: Job) -> list[SensorTally]:
     paths = {path: Path(path).stat().st_mtime_ns for path in job.calibrations}
-    pipelines = {Path(path).stem: _opened(path, changed) for path, changed in paths.items()}
+    pipelines = {
+        Path(path).stem: _opened(path, changed, get_ident()) for path, changed in paths.items()
+    }
     first = next(iter(pipelines.values()))
     path = Path(job.recording)
     shipped = load_sensor(first.sensor).recordings()
@@ -208,7 +211,7 @@ def _on_dask(jobs: Sequence[Job], scheduler: str, heard: Callable[[Outcome], Non
         raise RecordingError(msg) from err
     with client:
         waiting = {client.submit(tally, job, pure=False): job for job in jobs}
-        for future in distributed.as_completed(waiting):
+        for future in distributed.as_completed(waiting, loop=client.loop):
             try:
                 heard(future.result())
             except Exception as err:

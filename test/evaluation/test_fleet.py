@@ -118,6 +118,7 @@ def test_a_process_that_dies_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not found[1].failure
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_of_two_processes_finds_the_same(folder: Path) -> None:
     distributed = pytest.importorskip('distributed')
     jobs = jobs_of(folder, 'one', 'broken', 'two', 'rows.npz')
