@@ -66,7 +66,8 @@ def row_of(one: SensorTally, answer: AnswerTally) -> list[Cell]:
     place, normal = answer.targets.get('position'), answer.targets.get('force_z')
     seen = None if place is None else place.errors.spread
     forces = [t for name, t in answer.targets.items() if name.startswith('force')]
-    name = one.source if one.name in ('sensor', one.source) else f'{one.source} {one.name}'
+    alone = one.name in ('sensor', one.source, one.source.rpartition('.')[0])
+    name = one.source if alone else f'{one.source} {one.name}'
     delay = one.latency.spread
     shear = answer.shear
     return [
