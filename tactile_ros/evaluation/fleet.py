@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 from tactile_ros import calibration as files
 from tactile_ros.errors import MissingPackageError, RecordingError, TactileError
+from tactile_ros.evaluation.loaded import LoadedRecording
 from tactile_ros.evaluation.recording import load
 from tactile_ros.evaluation.sensor_tally import SensorTally, tally_bag, tally_recording
 from tactile_ros.evaluation.survey import survey
@@ -90,27 +91,25 @@ def tally(job: Job) -> Outcome:
 
 
 def _tallies(job: Job) -> list[SensorTally]:
-    paths = {path: Path(path).stat().st_mtime_ns for path in job.calibrations}
-    pipelines = {
-        Path(path).stem: _opened(path, changed, get_ident()) for path, changed in paths.items()
-    }
+    stems = [Path(path).stem for path in job.calibrations]
+    pipelines = {}
+    for path, stem in zip(job.calibrations, stems, strict=True):
+        name = stem if stems.count(stem) == 1 else path
+        pipelines[name] = _opened(path, Path(path).stat().st_mtime_ns, get_ident())
     first = next(iter(pipelines.values()))
-    path = Path(job.recording)
+    file = Path(job.recording)
     shipped = load_sensor(first.sensor).recordings()
-    if not path.exists() and job.recording in shipped:
-        from tactile_ros.evaluation.loaded import LoadedRecording
-
+    if not file.exists() and job.recording in shipped:
         loaded = LoadedRecording(job.recording, shipped[job.recording])
         return [tally_recording(loaded, pipelines, job.recording)]
-    if not path.exists():
+    if not file.exists():
         names = ', '.join(shipped) or 'none'
-        msg = f'{path} does not exist, and {first.sensor} ships only {names}'
+        msg = f'{file} does not exist, and {first.sensor} ships only {names}'
         raise RecordingError(msg)
-    if path.suffix in IN_MEMORY:
-        found = load(path, first.layout, job.truth_topics)
-        return [tally_recording(one, pipelines, path.name) for one in found.recordings]
-    association = associated(path, job)
-    return tally_bag(path, pipelines, job.truth_topics, association, first.layout)
+    if file.suffix in IN_MEMORY:
+        found = load(file, first.layout, job.truth_topics)
+        return [tally_recording(one, pipelines, file.name) for one in found.recordings]
+    return tally_bag(file, pipelines, job.truth_topics, associated(file, job), first.layout)
 
 
 def associated(path: Path, job: Job) -> Association:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +15,7 @@ import pytest
 from tactile_ros.evaluation import fleet
 from tactile_ros.evaluation.archive import save_recording
 from tactile_ros.evaluation.benchmark import environment
-from tactile_ros.evaluation.fleet import Job, Outcome, merged, tally_all
+from tactile_ros.evaluation.fleet import Job, Outcome, merged, tally, tally_all
 from tactile_ros.evaluation.fleet_table import save, table
 from tactile_ros.sensors import load_sensor
 
@@ -68,6 +70,11 @@ def test_a_failed_recording_is_an_outcome_and_the_rest_is_merged(folder: Path) -
     assert whole.frames == 40 + 28 + 200
     assert whole.dropped == 2
     assert [answer.calibration for answer in whole.answers] == ['a', 'b']
+    twice = replace(jobs[0], calibrations=(str(folder / 'a.npz'), str(folder / 'again' / 'a.npz')))
+    (folder / 'again').mkdir(exist_ok=True)
+    shutil.copy(*twice.calibrations)
+    (one,) = tally(twice).tallies
+    assert [answer.calibration for answer in one.answers] == list(twice.calibrations)
     columns, rows = table(found)
     assert len(rows) == 4 * 2
     assert {row[columns.index('calibration')] for row in rows} == {'a', 'b'}

@@ -205,6 +205,28 @@ def test_a_bag_of_another_board_is_refused(write_bag: Callable[..., Path], tmp_p
         tally_bag(path, {'c': other})
 
 
+def test_contacts_without_a_frame_are_counted_once(
+    make: SimpleNamespace,
+    pipeline: Pipeline,
+    tmp_path: Path,
+    in_pieces: Callable[[int, int], None],
+) -> None:
+    path = tmp_path / 'bag'
+    with BagWriter(path) as bag:
+        bag.write('/layout', 'tactile_ros/msg/TactileLayout', 1, make.cdr(make.layout()))
+        for k in range(40):
+            frame = make.frame(k, np.zeros(15), k * STEP_NS + 1)
+            about = make.contacts(k if k % 10 else 1000 + k, k * STEP_NS + 1)
+            bag.write('/frame', frame.__msgtype__, k * STEP_NS + 2, make.cdr(frame))
+            bag.write('/contacts', about.__msgtype__, k * STEP_NS + 3, make.cdr(about))
+    in_pieces(6, 100_000_000)
+    found = judged(path, pipeline)
+    assert '4 contacts are about frames that were not recorded' in found.problems
+    (answer,) = found.answers
+    assert answer.agreement is not None
+    assert (answer.agreement.frames, answer.agreement.without_contacts) == (36, 4)
+
+
 def test_what_is_cut_off_is_judged_as_far_as_it_goes(
     bag: Path, pipeline: Pipeline, tmp_path: Path
 ) -> None:
