@@ -20,6 +20,7 @@ STRETCH_NS = 4_000_000_000
 LEAST_STEP_NS = 1_000_000
 LEAST_CORRELATION = 0.5
 FEWEST = 3
+FINEST = 0.2  # steps: how far off a peak between two steps may be in every stretch alike
 QUIET = 0.1  # of the usual scatter: a stretch in which nothing happens
 MAD, MEDIAN = 1.4826, 1.2533  # scatter of a normal variable from its median; of a median
 
@@ -94,8 +95,7 @@ def estimate_delay(
         return None
     lag = float(np.median(good[:, 0]))
     scatter = MAD * float(np.median(np.abs(good[:, 0] - lag)))
-    # no stretch tells better than a tenth of a step
-    std = max(scatter, 0.1) * MEDIAN / np.sqrt(len(good))
+    std = max(scatter, FINEST) * MEDIAN / np.sqrt(len(good))
     return Delay((lag - reach) * step, float(std) * step, float(np.median(good[:, 1])), len(good))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import math
 from typing import TYPE_CHECKING
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.calibration.beside import write_beside
+from tactile_ros.evaluation.archive import save_arrays
 from tactile_ros.evaluation.fleet import merged
 from tactile_ros.evaluation.tally import BINS, LEAST, RATIO
 
@@ -152,14 +152,8 @@ def save(
     text = json.dumps(document, indent=1, allow_nan=False) + '\n'
     return (
         write_beside(path.with_name(f'{path.name}.json'), text.encode()),
-        write_beside(path.with_name(f'{path.name}.npz'), _npz(arrays)),
+        save_arrays(arrays, path.with_name(f'{path.name}.npz')),
     )
-
-
-def _npz(arrays: Mapping[str, npt.NDArray[np.generic]]) -> bytes:
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
-    return buffer.getvalue()
 
 
 def _sensor(one: SensorTally) -> dict[str, object]:
