@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _LISTED = re.compile(r'^\s*-\s+"?([^"\n]+\.(?:mcap|db3)(?:\.zstd)?)"?\s*$', re.MULTILINE)
 _MOST_DAMAGES = 20
 _ROWS = 512  # of a database, read at a time
-_BEHIND = 1 << 24  # bytes read, after which their memory goes back to the system
+_BEHIND = 1 << 22  # bytes read, after which their memory goes back to the system
 
 
 class Message(NamedTuple):
