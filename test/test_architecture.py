@@ -16,7 +16,7 @@ FLOORS = {
     'conditioning': 2, 'estimators': 2, 'control': 2, 'devices': 2, 'messages': 2,
     'calibration': 2, 'signals': 2, 'states': 3, 'stored': 3,
     'truth': 2, 'presses': 2,
-    'pipeline': 3, 'regression': 3, 'sensors': 4, 'hands': 4, 'simulation': 5,
+    'pipeline': 3, 'regression': 3, 'lesson': 4, 'sensors': 4, 'hands': 4, 'simulation': 5,
     'evaluation': 5, 'nodes': 6, 'cli': 6,
 }  # fmt: skip
 PLAIN = {

@@ -9,7 +9,9 @@ import sys
 from tactile_ros import __version__
 from tactile_ros.errors import TactileError
 
-COMMANDS = ('list', 'doctor', 'demo', 'calibrate', 'record', 'replay', 'design', 'bench')
+COMMANDS = (
+    'list', 'doctor', 'demo', 'calibrate', 'enrol', 'record', 'replay', 'design', 'bench',
+)  # fmt: skip
 FAILED, WRONG_USE, INTERRUPTED = 1, 2, 130
 
 

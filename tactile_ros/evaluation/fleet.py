@@ -10,6 +10,7 @@ from __future__ import annotations
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -20,6 +21,7 @@ from tactile_ros import calibration as files
 from tactile_ros.errors import MissingPackageError, RecordingError, TactileError
 from tactile_ros.evaluation.loaded import LoadedRecording
 from tactile_ros.evaluation.recording import load
+from tactile_ros.evaluation.sensor_pieces import ClassesChangedError
 from tactile_ros.evaluation.sensor_tally import SensorTally, tally_bag, tally_recording
 from tactile_ros.evaluation.survey import survey
 from tactile_ros.evaluation.truth_topics import DEFAULT_TRUTH, Association
@@ -106,10 +108,12 @@ def _tallies(job: Job) -> list[SensorTally]:
         names = ', '.join(shipped) or 'none'
         msg = f'{file} does not exist, and {first.sensor} ships only {names}'
         raise RecordingError(msg)
-    if file.suffix in IN_MEMORY:
-        found = load(file, first.layout, job.truth_topics)
-        return [tally_recording(one, pipelines, file.name) for one in found.recordings]
-    return tally_bag(file, pipelines, job.truth_topics, associated(file, job), first.layout)
+    if file.suffix not in IN_MEMORY:
+        with suppress(ClassesChangedError):
+            truth = associated(file, job)
+            return tally_bag(file, pipelines, job.truth_topics, truth, first.layout)
+    found = load(file, first.layout, job.truth_topics)
+    return [tally_recording(one, pipelines, file.name) for one in found.recordings]
 
 
 def associated(path: Path, job: Job) -> Association:

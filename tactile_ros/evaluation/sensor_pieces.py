@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.errors import RecordingError
+from tactile_ros.evaluation.class_changes import read_changes
 from tactile_ros.evaluation.definitions import all_types
 from tactile_ros.evaluation.loaded import LiveContacts
 from tactile_ros.evaluation.message_columns import FrameRows, read_contact_rows, read_frames
 from tactile_ros.evaluation.topics import LAYOUT, digests_in
+from tactile_ros.evaluation.truth_columns import read_texts
 from tactile_ros.evaluation.truth_pieces import TruthPieces
 from tactile_ros.evaluation.truth_topics import ELSEWHERE, Association
 from tactile_ros.evaluation.waiting import Waiting
@@ -33,6 +35,10 @@ HORIZON_NS = 2_000_000_000
 MOST_WAITING = 8 * PIECE  # frames that wait for the log time to go on
 NEIGHBOURS = 256  # frames before a piece that truth may belong to instead
 FOREVER = 1 << 62
+
+
+class ClassesChangedError(Exception):
+    """A live run learned or forgot a class: to repeat that takes frames of any earlier time."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +102,7 @@ class SensorPieces:
             'contacts': self.contacts.append,
             'baseline': self.tares.append,
             'layout': lambda _, data: self._take_layout(data),
-            'calibration': lambda _, data: self.digests.extend(digests_in(data)),
+            'calibration': lambda _, data: self._take_calibration(data),
         }
         return own[leaf]
 
@@ -104,6 +110,12 @@ class SensorPieces:
     def now_ns(self) -> int:
         """Log time up to which the bag has been heard."""
         return max(self.frames.last_ns, self.contacts.last_ns)
+
+    def _take_calibration(self, data: bytes) -> None:
+        self.digests += digests_in(data)
+        _, texts, _ = read_texts([data])
+        if read_changes(texts):
+            raise ClassesChangedError
 
     def _take_layout(self, data: bytes) -> None:
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter_ns
@@ -180,6 +181,8 @@ def tally_bag(
 
     Raises
     ------
+    ClassesChangedError
+        If classes came and went in the run: `tally_recording` repeats that.
     RecordingError
         If there is no bag, no frame that could be read, or no pipeline for any sensor.
     """
@@ -216,7 +219,7 @@ def tally_recording(
     for name, pipeline in pipelines.items():
         if pipeline.layout.shape != recording.layout.shape:
             continue
-        found = replay(loaded, pipeline, clock_ns)
+        found = replay(loaded, copy(pipeline), clock_ns)  # its tares are its own
         truth = as_answered(recording.truth, loaded.label_names, pipeline)
         spent = found.us_batch * 1000 * len(recording)
         judged = replace(
@@ -236,7 +239,10 @@ def tally_recording(
     stamps = recording.stamp_ns
     lasted = float('nan') if stamps is None else float(stamps[-1] - stamps[0]) * 1e-9
     dropped = frames_dropped(recording.sequence, recording.restarts)
+    live, latency = loaded.contacts, Magnitudes()
+    if live is not None and stamps is not None:
+        latency = Magnitudes.of((live.log_ns - stamps[live.rows]) * 1e-9)
     return SensorTally(
-        loaded.name, source, tuple(answers), len(recording), dropped, lasted,
+        loaded.name, source, tuple(answers), len(recording), dropped, lasted, latency,
         problems=loaded.problems,
     )  # fmt: skip

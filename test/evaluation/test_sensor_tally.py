@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from array import array
 from copy import copy
 from itertools import count
@@ -14,9 +15,11 @@ from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import sensor_pieces
 from tactile_ros.evaluation.answer_tally import AnswerTally
 from tactile_ros.evaluation.bag import BagWriter
+from tactile_ros.evaluation.fleet import Job, tally
 from tactile_ros.evaluation.metrics import frames_dropped
 from tactile_ros.evaluation.recording import load
 from tactile_ros.evaluation.replay import replay
+from tactile_ros.evaluation.sensor_pieces import ClassesChangedError
 from tactile_ros.evaluation.sensor_tally import tally_bag
 from tactile_ros.evaluation.truth_topics import Association
 from tactile_ros.messages import fill_contacts
@@ -225,6 +228,26 @@ def test_contacts_without_a_frame_are_counted_once(
     (answer,) = found.answers
     assert answer.agreement is not None
     assert (answer.agreement.frames, answer.agreement.without_contacts) == (36, 4)
+
+
+def test_a_run_that_learned_a_class_is_held_in_memory(
+    make: SimpleNamespace, pipeline: Pipeline, tmp_path: Path
+) -> None:
+    path = tmp_path / 'bag'
+    told = {'sha256': 'a' * 64, 'enrolled': 'mug', 'presses': [[1, 2]], 'after_ns': 5}
+    with BagWriter(path) as bag:
+        bag.write('/layout', 'tactile_ros/msg/TactileLayout', 1, make.cdr(make.layout()))
+        for k in range(9):
+            frame = make.frame(k, np.zeros(15), k * STEP_NS + 1)
+            bag.write('/frame', frame.__msgtype__, k * STEP_NS + 2, make.cdr(frame))
+        text = make.String(data=json.dumps(told))
+        bag.write('/calibration', text.__msgtype__, 9 * STEP_NS, make.cdr(text))
+    with pytest.raises(ClassesChangedError):
+        judged(path, pipeline)
+    pipeline.save(tmp_path / 'c.npz')
+    outcome = tally(Job(str(path), (str(tmp_path / 'c.npz'),)))
+    assert outcome.failure == ''
+    assert outcome.tallies[0].frames == 9
 
 
 def test_what_is_cut_off_is_judged_as_far_as_it_goes(

@@ -218,6 +218,7 @@ class Recogniser:
         best = scores.argmin(axis=1)
         low = scores[np.arange(n), best]
         misfit = np.maximum(misfits[np.arange(n), best], 1.0)
+        misfit[np.isinf(misfit)] = 1.0  # no class is near
         with np.errstate(invalid='ignore'):
             away = np.where(np.isfinite(low)[:, None], scores - low[:, None], np.inf)
         # where nothing fits well, differences of misfits say less
