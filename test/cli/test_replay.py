@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
@@ -13,8 +15,7 @@ from tactile_ros.cli.progress import Progress
 from tactile_ros.evaluation.archive import save_recording
 from tactile_ros.sensors import load_sensor
 
-if TYPE_CHECKING:
-    from pathlib import Path
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope='module')
@@ -54,6 +55,25 @@ def test_several_are_compared_in_one_table_and_saved(
     document = json.loads(saved.with_name('compared.json').read_text())
     assert [one['recording'] for one in document['recordings']] == ['part_0.npz', 'part_1.npz']
     assert saved.with_name('compared.npz').is_file()
+
+
+def test_the_installed_command_works_in_processes(folder: Path, tmp_path: Path) -> None:
+    script = tmp_path / 'tactile'
+    text = (ROOT / 'bootstrap' / 'executable.in').read_text()
+    text = text.replace('@Python3_EXECUTABLE@', sys.executable).replace('@module@', 'cli.main')
+    script.write_text(text)
+    names = [str(folder / f'part_{i}.npz') for i in (0, 1)]
+    done = subprocess.run(
+        ['/bin/sh', str(script), 'replay', *names, '--calibration', str(folder / 'a.npz'),
+         '--jobs', '2', '--json'],
+        capture_output=True, text=True, check=False,
+        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert [row['recording'] for row in json.loads(done.stdout)] == [
+        'part_0.npz', 'part_1.npz', 'all',
+    ]  # fmt: skip
+    assert '[2/2]' in done.stderr
 
 
 def test_a_time_that_is_none_is_wrong_use(folder: Path) -> None:
