@@ -83,6 +83,8 @@ def rows_of(
                 aim=MICRO * SHARE * choice.noise if chosen else None,
                 us_single=single,
                 us_batch=batch,
+                compared=f'worst error of models: {scene}',
+                method=rated.name,
             )
         )
         spots.append((rated.name, batch, MICRO * rated.worst))
@@ -145,7 +147,10 @@ def skin_rows(config: MultipoleSkinConfig, heads: int) -> tuple[list[Row], list[
         worst = MICRO * float(np.abs(error).max())
         limit = MICRO * SHARE * noise if model.name == choice.name else None
         name = f'multipole_skin pressed: {model.name} ({what})'
-        rows.append(Row(name, 'uT', worst, aim=limit, us_single=single))
+        rows.append(
+            Row(name, 'uT', worst, aim=limit, us_single=single,
+                compared='worst error of models: multipole_skin pressed', method=model.name)
+        )  # fmt: skip
         spots.append((model.name, single, worst))
     return rows, spots, choice.name
 

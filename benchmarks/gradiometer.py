@@ -397,7 +397,7 @@ def cost(ours: Pipeline, world: ModuleType) -> list[Row]:
     return rows
 
 
-def speeds(world: ModuleType) -> tuple[str, str]:
+def speeds(world: ModuleType) -> tuple[list[Row], str, str]:
     """Error of Fz against the time of a frame, and against load, of estimators of 300 points."""
     few, test = world.record(300, 1), world.record(1000, 2)
     found, said = {}, {}
@@ -424,7 +424,12 @@ def speeds(world: ModuleType) -> tuple[str, str]:
     for k, name in enumerate(('polynomial', 'inversion')):
         load.dots(said[name][0][:500], said[name][1][:500], f'c{k}')
         load.text(0.02 * top, None, f'{name}: {found[name][1]:.3g} mN rms', row=k, kind=f'c{k}')
-    return standalone(speed), standalone(load)
+    rows = [
+        Row(f'Fz by {name}, 300 points, rms', 'mN', error, us_single=us,
+            compared='Fz of the gradiometer, 300 points', method=name)
+        for name, (us, error) in found.items()
+    ]  # fmt: skip
+    return rows, standalone(speed), standalone(load)
 
 
 def run(extent: str, command: str) -> BenchResult:
@@ -441,7 +446,8 @@ def run(extent: str, command: str) -> BenchResult:
         f'peer: the better of converged Huber + L1 and SVD of the chain, {MANY[extent]} points',
         f'estimators: {ours.estimators}; specimens {SPECIMENS[extent]} of the world',
     ]
-    speed, load = speeds(world)
+    methods, speed, load = speeds(world)
+    rows += methods
     drawings = {'noise': noise, 'temperature': drift, 'speed': speed, 'error': load}
     return BenchResult('gradiometer', command, [11], rows, notes, drawings)
 

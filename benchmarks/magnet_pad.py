@@ -341,7 +341,10 @@ def _speed(count: int) -> list[Row]:
         single, batch = _times(one, fresh.recording)
         said = _away(one.process_batch(fresh.recording), fresh)
         title = 'table Gauss-Newton' if name is None else name.replace('_', ' ')
-        rows.append(Row(f'place by {title}', 'mm', said, us_single=single, us_batch=batch))
+        rows.append(
+            Row(f'place by {title}', 'mm', said, us_single=single, us_batch=batch,
+                compared='place on the pad, 15 cells', method=title)
+        )  # fmt: skip
     rows += [
         Row('five neighbours among 10 000, one frame', 'us', _least(knn.predict, alone), aim=20.0),
         Row('inversion, one frame', 'us',

@@ -17,7 +17,7 @@ FLOORS = {
     'calibration': 2, 'signals': 2, 'states': 3, 'stored': 3,
     'truth': 2, 'presses': 2,
     'pipeline': 3, 'regression': 3, 'lesson': 4, 'sensors': 4, 'hands': 4, 'simulation': 5,
-    'evaluation': 5, 'nodes': 6, 'cli': 6,
+    'evaluation': 5, 'view': 5, 'nodes': 6, 'cli': 6,
 }  # fmt: skip
 PLAIN = {
     'signals',
@@ -34,6 +34,7 @@ ONLY_IN = {
     'smbus2': ('devices/transport.py',),
     'onnxruntime': ('estimators/embedding.py',),
     'mujoco': ('simulation/',),
+    'foxglove': ('view/',),
     'torch': (),
 }
 BAD_NAMES = {'utils', 'helpers', 'helper', 'common', 'base', 'manager', 'misc'}

@@ -13,6 +13,7 @@ import math
 import os
 import shlex
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,7 @@ from tactile_ros.cli.destination import refuse_unwritable
 from tactile_ros.cli.progress import Progress
 from tactile_ros.cli.sources import find
 from tactile_ros.cli.table import show, show_json
+from tactile_ros.cli.working import Working
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import fleet, fleet_table
 from tactile_ros.evaluation.benchmark import environment
@@ -78,7 +80,8 @@ def run(options: argparse.Namespace) -> int:
         refuse_unwritable(path)
     command = shlex.join(['tactile', 'replay', *map(str, sys.argv[2:])])
     recordings = list(dict.fromkeys(options.recordings))
-    with Progress(len(recordings)) as progress:
+    alone = Working('replaying') if len(recordings) == 1 else nullcontext()
+    with alone, Progress(len(recordings)) as progress:
         outcomes = fleet.tally_all(
             [_job(name, options) for name in recordings],
             options.jobs,

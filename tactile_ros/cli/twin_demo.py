@@ -42,7 +42,9 @@ def say(began: float, sentence: str) -> None:
     print(f'[{time.perf_counter() - began:5.1f} s] {sentence}', file=sys.stderr, flush=True)
 
 
-def run_twin(key: str, output: Path, seed: int, seconds: float = PLAYED_S) -> int:
+def run_twin(
+    key: str, output: Path, seed: int, seconds: float = PLAYED_S, *, as_json: bool = False
+) -> int:
     """Calibrate on simulated presses, run the graph on a twin, record, replay, report.
 
     Parameters
@@ -55,6 +57,8 @@ def run_twin(key: str, output: Path, seed: int, seconds: float = PLAYED_S) -> in
         Of the twin; the calibration has the next one.
     seconds : float
         Length of the run (s), from the first frame on; longer where something is to be learned.
+    as_json : bool
+        Print the table as JSON, and all else to stderr.
 
     Returns
     -------
@@ -80,10 +84,11 @@ def run_twin(key: str, output: Path, seed: int, seconds: float = PLAYED_S) -> in
     learned = outcome(loaded, _new_class(key))
     notes = (*NOTES, rate, *learned, *sentences(pipeline.report))
     result = Result(title, command, environment(), (dataset,), notes)
-    print_result(result)
-    print(f'  {key}: {NOTES[0]} {rate}')
+    said = sys.stderr if as_json else sys.stdout
+    print_result(result, as_json=as_json)
+    print(f'  {key}: {NOTES[0]} {rate}', file=said)
     for sentence in learned:
-        print(f'  {key}: {sentence}')
+        print(f'  {key}: {sentence}', file=said)
 
     write_report(output / 'report.html', result)
     say(began, 'done')
@@ -92,7 +97,7 @@ def run_twin(key: str, output: Path, seed: int, seconds: float = PLAYED_S) -> in
         ('calibration', path),
         ('report', output / 'report.html'),
     ):
-        print(f'{name:12} {place}')
+        print(f'{name:12} {place}', file=said)
     return 0
 
 

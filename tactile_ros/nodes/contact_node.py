@@ -23,7 +23,7 @@ from tactile_ros.sensors import load_sensor
 from tactile_ros.types import FrameStatus
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from rclpy.subscription import Subscription
     from rclpy.timer import Timer
@@ -44,10 +44,19 @@ class ContactNode(ManagedNode):
     ----------
     direct : bool
         Frames come by `take` from the same process instead of the topic `frame`.
+    downstream : callable or None
+        Takes the full name of `contacts`, every frame and its state, before they are published.
+    arguments : sequence of str
+        ROS arguments for this node alone.
     """
 
-    def __init__(self, direct: bool = False) -> None:
-        super().__init__('contact_node')
+    def __init__(
+        self,
+        direct: bool = False,
+        downstream: Callable[[str, Frame, ContactState], None] | None = None,
+        arguments: Sequence[str] = (),
+    ) -> None:
+        super().__init__('contact_node', arguments)
         self._stage: ContactStage | None = None
         self.declare(ContactOptions())
         self._spec = load_sensor(self.get_parameter('sensor').value)
@@ -56,7 +65,8 @@ class ContactNode(ManagedNode):
         self._standard = StandardTopics(self, self._spec)
         self._baseline = self.managed_publisher(TactileFrame, 'baseline', baselines())
         self._calibration = self.managed_publisher(String, 'calibration', latched())
-        self._direct = direct
+        self._direct, self._downstream = direct, downstream
+        self.topic = self.resolve_topic_name('contacts')
         self._active = False
         self._options = ContactOptions()
         self._pipeline: Pipeline | None = None
@@ -230,6 +240,8 @@ class ContactNode(ManagedNode):
             return
         self._frame_id = frame_id
         state = self._stage.process(frame)
+        if self._downstream is not None:
+            self._downstream(self.topic, frame, state)
         self._publish(frame, state, frame_id)
 
     def _publish(self, frame: Frame, state: ContactState, frame_id: str) -> None:

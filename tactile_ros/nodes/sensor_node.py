@@ -113,14 +113,17 @@ class SensorNode(ManagedNode):
         published: the one-process road, which has no queue.
     waits_for : callable or None
         Further condition for the first frame.
+    arguments : sequence of str
+        ROS arguments for this node alone.
     """
 
     def __init__(
         self,
         downstream: Callable[[Frame, str], None] | None = None,
         waits_for: Callable[[], bool] | None = None,
+        arguments: Sequence[str] = (),
     ) -> None:
-        super().__init__('sensor_node')
+        super().__init__('sensor_node', arguments)
         self._twin: Twin | None = None
         self._reader: Reader | None = None
         self.declare(SensorOptions())

@@ -76,13 +76,14 @@ def alike_by(recogniser: Recogniser, new: Supports, number: int) -> float:
 
     The look-alike of a head is its template that is nearest to the first of the presses.
     """
-    presses = PressVectors(new.pattern[:1], np.ones((1, 3)), new.frames[:1])
+    presses = PressVectors(new.pattern[:1], new.powers[:1], new.frames[:1])
     matches = recogniser.matches(presses)
     if matches is None:
         return float('nan')
     tried = np.isfinite(matches.cost[0])
     heads = matches.fitted[0, tried]
-    like = PressVectors(heads, np.ones((len(heads), 3)), np.repeat(new.frames[:1], len(heads)))
+    powers = np.repeat(new.powers[:1], len(heads), axis=0)
+    like = PressVectors(heads, powers, np.repeat(new.frames[:1], len(heads)))
     labels, scores, _ = recogniser.scores(
         like, recogniser.matches(like), recogniser.known_, recogniser.road_
     )
@@ -108,7 +109,7 @@ def lost_by(recogniser: Recogniser, number: int) -> dict[str, float]:
         if not len(rows):
             continue
         some = known.where(rows)
-        presses = PressVectors(some.pattern, np.ones((len(rows), 3)), some.frames)
+        presses = PressVectors(some.pattern, some.powers, some.frames)
         labels, scores, _ = recogniser.scores(
             presses,
             recogniser.matches(presses),
