@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 WORLD = Path(__file__).parents[1] / 'test' / 'reference' / 'grip_world.py'
 FAULTS = Path(__file__).parent / 'worlds' / 'grip_faults.py'
 LOAD_WORLD = WORLD.with_name('load_world.py')
-SEEDS = {'quick': 2, 'normal': 10, 'full': 40}
-LOADS = {'quick': 5, 'normal': 100, 'full': 200}  # of either kind
+SEEDS = {'quick': 1, 'normal': 10, 'full': 40}
+LOADS = {'quick': 2, 'normal': 100, 'full': 200}  # of either kind
 FOLDS, LENGTH, TARE = 5, 300, 10
 SIGMAS = 5.0  # of rest, beyond which a pull has begun
 TARGET = 2.0  # N
