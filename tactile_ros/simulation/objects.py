@@ -1,0 +1,71 @@
+"""Things to grasp, as MJCF: a cube, a sphere, a mouse, a balloon; sizes and masses are arguments."""
+
+from __future__ import annotations
+
+CUBE, SPHERE = 0.057, 0.06  # m: edge of a Rubik's cube, diameter of a printed sphere
+MOUSE = (0.1, 0.06, 0.038)  # m: length, width and height of a wireless mouse
+BALLOON = 0.07  # m
+COLOURS = {'cube': '0.2 0.45 0.75 1', 'sphere': '0.85 0.75 0.3 1', 'mouse': '0.3 0.6 0.45 1'}
+
+
+def solid(kind: str, mass: float, scale: float = 1.0) -> str:
+    """MJCF of a stiff object named `object`, free to move.
+
+    Parameters
+    ----------
+    kind : str
+        'cube', 'sphere' or 'mouse', an ellipsoid that lies on its side.
+    mass : float
+        (kg).
+    scale : float
+        Of all lengths.
+
+    Raises
+    ------
+    ValueError
+        If there is no such object.
+    """
+    shapes = {
+        'cube': ('box', (CUBE,) * 3),
+        'sphere': ('sphere', (SPHERE,)),
+        'mouse': ('ellipsoid', MOUSE),
+    }
+    if kind not in shapes:
+        msg = f'kind of a solid must be one of {", ".join(shapes)}; received {kind!r}'
+        raise ValueError(msg)
+    shape, lengths = shapes[kind]
+    size = ' '.join(f'{0.5 * scale * length:.6f}' for length in lengths)
+    return f"""
+    <body name="object">
+      <freejoint name="object"/>
+      <geom name="object" type="{shape}" size="{size}" mass="{mass}" rgba="{COLOURS[kind]}"/>
+    </body>"""
+
+
+def balloon(stiffness: float, damping: float, mass: float = 0.005) -> str:
+    """MJCF of a balloon named `object`, held where it is, whose two sides give way.
+
+    Parameters
+    ----------
+    stiffness, damping : float
+        Of each side (N/m, N s/m).
+    mass : float
+        (kg).
+    """
+    radius = BALLOON / 2
+    sides = ''.join(
+        f"""
+      <body name="{name}_side" pos="{sign * 0.5 * radius} 0 0">
+        <joint name="{name}_side" type="slide" axis="{-sign} 0 0" stiffness="{stiffness}"
+          damping="{damping}"/>
+        <geom name="{name}_side" type="ellipsoid" size="{0.5 * radius} {radius} {radius}"
+          mass="{0.4 * mass}" rgba="0.9 0.3 0.35 0.8"/>
+      </body>"""
+        for name, sign in (('left', -1), ('right', 1))
+    )
+    return f"""
+    <body name="object" gravcomp="1">
+      <joint name="object" type="slide" axis="1 0 0" damping="0.05"/>
+      <geom name="object" type="sphere" size="{0.8 * radius}" mass="{0.2 * mass}"
+        rgba="0.9 0.3 0.35 0.8" contype="0" conaffinity="0"/>{sides}
+    </body>"""

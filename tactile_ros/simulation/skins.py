@@ -1,0 +1,122 @@
+"""Fingertip skins of scenes: gradiometers and magnet pads, and presses that calibrate them.
+
+Signals are those of the sensors' own twins: the disc on springs, the pad's nominal body, with the
+model of the magnets' field that `physics.fidelity` picks. Each press of a calibration goes through
+the same model, with places, loads and noise of its own seed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactile_ros.physics.dipoles import in_chip_axes
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.presses import Programme, Touches, growing_loads, recorded, thinned
+from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors.gradiometer import signal as disc
+from tactile_ros.sensors.gradiometer.config import GradiometerConfig
+from tactile_ros.sensors.gradiometer.device import GradiometerConnection
+from tactile_ros.sensors.magnet_pad import signal as pad
+from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
+from tactile_ros.sensors.magnet_pad.device import MagnetPadConnection
+from tactile_ros.simulation.fingertip import Skin
+from tactile_ros.types import Array, Recording
+
+RATE_HZ = 100.0
+PRESSED = 0.95  # of full scale, by a calibration
+DISC_PRESSES = 60
+
+
+def gradiometer_skin(full_scale: float, rate_hz: float = RATE_HZ) -> Skin:
+    """A gradiometer [3] whose elastomer is stiff enough for a full scale (N).
+
+    Shear of a fifth of full scale moves its disc as far as [3] calibrated.
+    """
+    config = GradiometerConfig(full_scale=full_scale, rate_hz=rate_hz)
+    model = disc.disc_model(config)
+
+    def signal(place: Array, force: Array, field: Array) -> Array:
+        at = _touch(place, force)
+        around = in_chip_axes(field, config.rotations)[..., disc.AXES]
+        return np.asarray(disc.reading(config, at, model)[0] + around)
+
+    spec = load_sensor('gradiometer')
+    return Skin(spec, config, GradiometerConnection(), signal, model.name)
+
+
+def gradiometer_presses(config: GradiometerConfig, seed: int) -> Recording:
+    """Presses to full scale with shear in all directions, up to the fifth of it that is sensed."""
+    rng = np.random.default_rng(seed)
+    count, most = DISC_PRESSES, PRESSED * config.full_scale
+    load = growing_loads(count, 0.02 * most, most, rng)[rng.permutation(count)]
+    angle = rng.uniform(0, 2 * np.pi, count)
+    shear = disc.SHEAR_SHARE * most * np.sqrt(rng.uniform(0, 1, count))
+    force = np.column_stack([shear * np.cos(angle), shear * np.sin(angle), load])
+    model = disc.disc_model(config)
+    return recorded(
+        disc.layout(config),
+        Programme(np.zeros((count, 3)), force),
+        lambda touches: disc.reading(config, touches, model),
+        lambda touches: disc.truth(config, touches),
+        disc.NOISE,
+        seed,
+    )
+
+
+def magnet_pad_skin(largest: float, rate_hz: float = RATE_HZ) -> Skin:
+    """A magnet pad [2] of 15 cells behind a microcontroller, for presses up to a force (N)."""
+    config = MagnetPadConfig(rate_hz=rate_hz)
+    places = config.cells
+    normals = places * np.array([0.0, 1.0, 1.0]) / config.radius
+    blocks = pad.blocks_for(config, Programme(places, largest * normals))
+
+    def signal(place: Array, force: Array, field: Array) -> Array:
+        seen = pad.reading(config, _touch(place, force), blocks)[0]
+        return np.asarray(seen + in_chip_axes(field, config.rotations))
+
+    nodes = blocks.edge_nodes
+    model = f'blocks of {nodes**3} dipoles' if nodes else 'blocks in closed form'
+    spec = load_sensor('magnet_pad')
+    return Skin(spec, config, MagnetPadConnection(transport='serial'), signal, model)
+
+
+def magnet_pad_presses(config: MagnetPadConfig, seed: int, largest: float, count: int) -> Recording:
+    """Presses anywhere on the half cylinder, leaning as far as friction lets them."""
+    rng = np.random.default_rng(seed)
+    x = 0.5 * config.length * rng.uniform(-1, 1, count)
+    angle = np.arccos(rng.uniform(-1, 1, count) * 0.98)
+    normal = np.column_stack([np.zeros(count), np.cos(angle), np.sin(angle)])
+    across = np.cross(normal, rng.normal(size=(count, 3)))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    lean = 0.6 * rng.uniform(0, 1, (count, 1))
+    load = growing_loads(count, 0.1 * largest, largest, rng)[rng.permutation(count), None]
+    programme = Programme(
+        np.column_stack([x, config.radius * normal[:, 1:]]), load * (normal + lean * across)
+    )
+    blocks = pad.blocks_for(config, programme)
+    return recorded(
+        pad.layout(config),
+        programme,
+        lambda touches: pad.reading(config, touches, blocks),
+        lambda touches: pad.truth(config, touches),
+        pad.NOISE,
+        seed,
+    )
+
+
+def calibrated(skin: Skin, presses: Recording, estimator: str | None = None) -> Pipeline:
+    """Pipeline of a skin, fitted to presses of which some frames a second are enough."""
+    pipeline = skin.spec.pipeline(skin.config, estimator)
+    return pipeline.fit(thinned(presses))
+
+
+def _touch(place: Array, force: Array) -> Touches:
+    """One instant, as the twins' signals take it."""
+    pressed = bool(np.any(force))
+    return Touches(
+        np.array([0 if pressed else -1]),
+        place[None] if pressed else np.full((1, 3), np.nan),
+        force[None],
+        np.array([float(pressed)]),
+    )
+
