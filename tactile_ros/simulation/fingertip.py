@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
@@ -15,14 +14,13 @@ from tactile_ros.types import Closing
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tactile_ros.devices.serial_twin import SerialTwin
+    from tactile_ros.devices.framed_twin import FramedTwin
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.sensors.registry import SensorSpec
     from tactile_ros.signals import SensorConfig
-    from tactile_ros.types import Array, ContactState, Device, Frame
+    from tactile_ros.types import Array, ContactState, Frame
 
 RESTING = 50  # frames of a tare
-PATIENCE_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -52,7 +50,10 @@ class Skin:
 
 
 class Fingertip(Closing):
-    """One fingertip's board on a pseudo-terminal, its driver and its pipeline.
+    """One fingertip's board, its driver and its pipeline.
+
+    Bytes go from the board's twin to the driver without a port in between, which would cost more
+    than all the rest of a scene.
 
     Parameters
     ----------
@@ -76,12 +77,10 @@ class Fingertip(Closing):
         self.pipeline = deepcopy(pipeline)
         self._values = np.zeros(skin.spec.layout(skin.config).shape)
         self._still = np.zeros_like(skin.config.positions)
-        self._opened = ExitStack()
         clock = VirtualClock(1_000_000_000)
         twin = skin.spec.simulate(skin.config, skin.connection, self._now, seed, clock)
-        self._opened.enter_context(twin)
-        self._twin = cast('SerialTwin', twin)
-        self._device: Device = self._opened.enter_context(twin.device(clock.now_ns))
+        self._twin = cast('FramedTwin', twin)
+        self._board = self._twin.device(clock.now_ns)
 
     @property
     def frame_rate(self) -> float:
@@ -89,8 +88,9 @@ class Fingertip(Closing):
         return self._twin.layout.rate_hz
 
     def close(self) -> None:
-        """Unplug the board."""
-        self._opened.close()
+        """Let the board go."""
+        self._board.close()
+        self._twin.close()
 
     def _now(self, _: float) -> Array:
         """What the board measures now."""
@@ -99,8 +99,8 @@ class Fingertip(Closing):
     def _read(self, place: Array, force: Array, field: Array) -> Frame:
         """The next frame."""
         self._values = self.skin.signal(place, force, field)
-        self._twin.play(1)
-        self.frame = self._device.read(PATIENCE_S)
+        self._board.feed(self._twin.period())
+        self.frame = self._board.read(0.0)
         return self.frame
 
     def tare(self) -> None:

@@ -52,6 +52,20 @@ class Stage(Protocol):
         ...
 
 
+class GraspStage(Stage, Protocol):
+    """A stage that can be asked to grasp."""
+
+    def enable(self) -> None:
+        """Commands may be sent."""
+        ...
+
+    def grasp(
+        self, target_force: float, fingers: Sequence[str], timeout: float, adapt: bool
+    ) -> None:
+        """Close until something is held; a target of 0 N opens."""
+        ...
+
+
 @dataclass(frozen=True)
 class Felt:
     """A pad at one instant.
@@ -80,7 +94,7 @@ class HandWorld:
         MJCF of what is grasped.
     tips : mapping of str to Fingertip
         By sensor, tared; the order is that of the stage's fingers.
-    stage : Stage
+    stage : GraspStage
         That controls, of the same hand.
     rate_hz : float
         Of the controller (Hz).
@@ -99,6 +113,11 @@ class HandWorld:
         Newest of every pad.
     steps : int
         Of physics since the start.
+    read_force : callable
+        Force (3,) (N) and whether it may be used, of a sensor's name, tip and state; as the
+        pipeline says unless a scene reads the sensor otherwise.
+    before_step : callable
+        What happens to the object, before every step of physics.
     """
 
     def __init__(
@@ -106,7 +125,7 @@ class HandWorld:
         hand: HandModel,
         objects: str,
         tips: Mapping[str, Fingertip],
-        stage: Stage,
+        stage: GraspStage,
         rate_hz: float,
         rest: str = '',
         place: Callable[[Array, Array], Array] | None = None,
@@ -121,6 +140,7 @@ class HandWorld:
         self.felt: dict[str, Felt] = {}
         self.steps = 0
         self.read_force: Callable[[str, Fingertip, ContactState], tuple[Array, bool]] = _as_told
+        self.before_step: Callable[[], None] = _nothing
         self._place, self._field = place, field
         self._driver = hand.description.driver
         joints = [self.model.joint(name) for name in self._driver.joints]
@@ -160,6 +180,7 @@ class HandWorld:
                 decided = self._control()
                 ended = watch is not None and watch(self, decided) is True
             self._follow()
+            self.before_step()
             self.engine.mj_step(self.model, self.data)
             self.steps += 1
             if ended:
@@ -235,6 +256,10 @@ class HandWorld:
             begins, start, target, horizon = self._line
             share = min((self.time - begins) / horizon, 1.0) if horizon > 0 else 1.0
             self.data.ctrl[self._ctrl] = start + share * (target - start)
+
+
+def _nothing() -> None:
+    """Nothing happens to the object."""
 
 
 def _as_told(_: str, __: Fingertip, state: ContactState) -> tuple[Array, bool]:
