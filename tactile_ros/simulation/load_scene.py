@@ -32,7 +32,7 @@ HANDED_OVER = 0.5  # s
 CLOSES, CARRIES = 1.5, 3.5  # s
 NEAR = 2e-3  # m, of the pads from the cube at the start
 LOST = 0.45 * CUBE
-HELD_STILL = '<equality><weld name="still" body1="object" solref="0.02 1"/></equality>'
+HELD_STILL = '<equality><weld name="still" body1="world" body2="object" solref="0.02 1"/></equality>'
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
 CUBE, SPHERE = 0.057, 0.06  # m: edge of a Rubik's cube, diameter of a printed sphere
 MOUSE = (0.1, 0.06, 0.038)  # m: length, width and height of a wireless mouse
 BALLOON = 0.07  # m
 COLOURS = {'cube': '0.2 0.45 0.75 1', 'sphere': '0.85 0.75 0.3 1', 'mouse': '0.3 0.6 0.45 1'}
 
 
-def solid(kind: str, mass: float, scale: float = 1.0) -> str:
+def solid(
+    kind: str,
+    mass: float,
+    place: tuple[float, ...] = (0.0, 0.0, 0.0),
+    turn: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0),
+) -> str:
     """MJCF of a stiff object named `object`, free to move.
 
     Parameters
@@ -17,8 +27,8 @@ def solid(kind: str, mass: float, scale: float = 1.0) -> str:
         'cube', 'sphere' or 'mouse', an ellipsoid that lies on its side.
     mass : float
         (kg).
-    scale : float
-        Of all lengths.
+    place, turn : tuple of float
+        Where it begins (m), and its quaternion (w, x, y, z).
 
     Raises
     ------
@@ -34,9 +44,9 @@ def solid(kind: str, mass: float, scale: float = 1.0) -> str:
         msg = f'kind of a solid must be one of {", ".join(shapes)}; received {kind!r}'
         raise ValueError(msg)
     shape, lengths = shapes[kind]
-    size = ' '.join(f'{0.5 * scale * length:.6f}' for length in lengths)
+    size = _words([0.5 * length for length in lengths])
     return f"""
-    <body name="object">
+    <body name="object" pos="{_words(place)}" quat="{_words(turn)}">
       <freejoint name="object"/>
       <geom name="object" type="{shape}" size="{size}" mass="{mass}" rgba="{COLOURS[kind]}"/>
     </body>"""
@@ -69,3 +79,7 @@ def balloon(stiffness: float, damping: float, mass: float = 0.005) -> str:
       <geom name="object" type="sphere" size="{0.8 * radius}" mass="{0.2 * mass}"
         rgba="0.9 0.3 0.35 0.8" contype="0" conaffinity="0"/>{sides}
     </body>"""
+
+
+def _words(numbers: Iterable[float]) -> str:
+    return ' '.join(f'{number:.9f}' for number in numbers)

@@ -8,6 +8,7 @@ the same model, with places, loads and noise of its own seed.
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from tactile_ros.physics.dipoles import in_chip_axes
 from tactile_ros.pipeline import Pipeline
@@ -25,6 +26,8 @@ from tactile_ros.types import Array, Recording
 RATE_HZ = 100.0
 PRESSED = 0.95  # of full scale, by a calibration
 DISC_PRESSES = 60
+AROUND, LEAN = 0.9, 0.45  # rad from the top; tangential over normal force
+RESTING = 60  # rows of rest before a pad's presses
 
 
 def gradiometer_skin(full_scale: float, rate_hz: float = RATE_HZ) -> Skin:
@@ -81,33 +84,42 @@ def magnet_pad_skin(largest: float, rate_hz: float = RATE_HZ) -> Skin:
 
 
 def magnet_pad_presses(config: MagnetPadConfig, seed: int, largest: float, count: int) -> Recording:
-    """Presses anywhere on the half cylinder, leaning as far as friction lets them."""
+    """One frame of each press where grasps touch, leaning as forces in grasps do."""
     rng = np.random.default_rng(seed)
     x = 0.5 * config.length * rng.uniform(-1, 1, count)
-    angle = np.arccos(rng.uniform(-1, 1, count) * 0.98)
+    angle = np.pi / 2 + AROUND * rng.uniform(-1, 1, count)
     normal = np.column_stack([np.zeros(count), np.cos(angle), np.sin(angle)])
     across = np.cross(normal, rng.normal(size=(count, 3)))
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    lean = 0.6 * rng.uniform(0, 1, (count, 1))
-    load = growing_loads(count, 0.1 * largest, largest, rng)[rng.permutation(count), None]
-    programme = Programme(
-        np.column_stack([x, config.radius * normal[:, 1:]]), load * (normal + lean * across)
-    )
-    blocks = pad.blocks_for(config, programme)
-    return recorded(
+    lean = LEAN * rng.uniform(0, 1, (count, 1))
+    load = largest * rng.uniform(0.03, 1.0, (count, 1))
+    place = np.column_stack([x, config.radius * normal[:, 1:]])
+    at = Touches(np.arange(count), place, load * (normal + lean * across), np.ones(count))
+    blocks = pad.blocks_for(config, Programme(at.position, at.force))
+    rest = pad.reading(config, _touch(np.zeros(3), np.zeros(3)), blocks)
+    values = np.concatenate([np.repeat(rest, RESTING, axis=0), pad.reading(config, at, blocks)])
+    truth = {
+        **{name: _after_rest(column) for name, column in pad.truth(config, at).items()},
+        'in_contact': _after_rest(np.ones(count, np.int8)),
+    }
+    return Recording.from_arrays(
         pad.layout(config),
-        programme,
-        lambda touches: pad.reading(config, touches, blocks),
-        lambda touches: pad.truth(config, touches),
-        pad.NOISE,
-        seed,
+        values + pad.NOISE * rng.normal(size=values.shape),
+        tare=np.arange(len(values)) < RESTING,
+        truth=truth,
     )
+
+
+def _after_rest(column: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    """A column of truth after rows of rest: force and contact 0, what is a place unknown."""
+    blank = column[:1] * 0 if column.dtype != np.int64 else np.full_like(column[:1], -1)
+    return np.concatenate([np.repeat(blank, RESTING, axis=0), column])
 
 
 def calibrated(skin: Skin, presses: Recording, estimator: str | None = None) -> Pipeline:
-    """Pipeline of a skin, fitted to presses of which some frames a second are enough."""
+    """Pipeline of a skin, fitted to presses; some frames a second are enough."""
     pipeline = skin.spec.pipeline(skin.config, estimator)
-    return pipeline.fit(thinned(presses))
+    return pipeline.fit(presses if presses.stamp_ns is None else thinned(presses))
 
 
 def _touch(place: Array, force: Array) -> Touches:
