@@ -23,7 +23,7 @@ from tactile_ros.nodes.processes import Running
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Recording
 
-SECONDS = {'quick': 5, 'normal': 20, 'full': 60}
+SECONDS = {'quick': 3, 'normal': 20, 'full': 60}
 RATE_HZ = 100
 SENSOR = 'reskin_board'
 SAME = 1e-9

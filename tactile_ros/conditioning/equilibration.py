@@ -217,7 +217,7 @@ def _powers(u: Array, load: Array, known: Bools, seen: Bools, top: Array) -> Arr
     told = known & (load > 0) & (u > 2e-3 * top)
     most = load.max(axis=0, initial=0.0) + 1e-12
     log_load = np.log(np.where(told, load, 1.0))
-    share = told * np.square(load / (load + LIGHT * most))
+    share = np.where(told, np.square(load / (load + LIGHT * most)), 0.0)
     best = np.full(u.shape[1], np.inf)
     found = np.full((u.shape[1], 3), np.nan)
     bends, step = np.zeros(u.shape[1]) + BENDS[:, None], BENDS[1]

@@ -18,7 +18,7 @@ from tactile_ros.physics import compiled
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from tactile_ros.types import Array, Integers, Outline
+    from tactile_ros.types import Array, Integers, Outline, Singles
 
 LEAST_POINTS = 4
 POINTS = 2048  # of all taxels together, about
@@ -85,7 +85,7 @@ class CoverageTemplates:
                 variant_of(label, outline, self.fine.radius, self.reach, self.step)
                 for label, outline in enumerate(objects)
             ]
-        self.bank: tuple[Array, Array] | None = None
+        self.bank: tuple[Singles, Array] | None = None
         self._near: dict[tuple[int, int], Integers] = {}
         if len(positions) <= FEW_TAXELS and objects:
             few = len(positions) <= VAGUE
@@ -102,7 +102,7 @@ class CoverageTemplates:
                     )
             self.bank = self._bank()
 
-    def _bank(self) -> tuple[Array, Array]:
+    def _bank(self) -> tuple[Singles, Array]:
         """Templates of unit length (n, t), and their variants and poses (n, 5)."""
         rows, what = [], []
         for i, variant in enumerate(self.variants):

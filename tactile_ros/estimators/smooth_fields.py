@@ -71,7 +71,7 @@ class SmoothFields:
         apart = float(np.sqrt(np.prod(extent) / max(count, 1)))
         wanted = np.round(GAP * size / apart).astype(np.int64) + 1
         number = np.clip(wanted, min(FEWEST_WAVES, most), most)
-        wave = np.arange(number.max())
+        wave = np.arange(number.max(), dtype=np.float64)
         angles = np.pi / GAP * wave * (wave < number[:, None])
         share = wave / number[:, None]
         used = (share[0][:, None] ** 2 + share[1] ** 2 < CORNER) & (share.max(axis=0) >= 0)

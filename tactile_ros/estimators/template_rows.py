@@ -9,15 +9,13 @@ import numpy as np
 from tactile_ros.physics.compiled import compiled
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from tactile_ros.types import Array, Integers
+    from tactile_ros.types import Array, Integers, Singles
 
 
 @compiled
 def misfits(
-    unit: Array, close: Integers, shape: npt.NDArray[np.float32],
-    score: Array, least: float, misfit: Array,
+    unit: Singles, close: Integers, shape: Singles,
+    score: Singles, least: np.float32, misfit: Array,
 ) -> None:  # fmt: skip
     """Sums (n,) of misfits of templates that score so much at least, inf of others; filled."""
     for i in range(len(close)):
@@ -53,8 +51,8 @@ def first_apart(
 
 @compiled
 def likeliest(
-    unit: Array, close: Integers, score: Array,
-    what: Array, shape: npt.NDArray[np.float32], closer: int, near: float, exact: float,
+    unit: Singles, close: Integers, score: Singles,
+    what: Array, shape: Singles, closer: int, near: float, exact: float,
     turn: float, taken: Integers,
 ) -> int:  # fmt: skip
     """How many of the chosen templates are worth a closer look; `taken` is filled."""

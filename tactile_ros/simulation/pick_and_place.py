@@ -59,8 +59,10 @@ def even_loads(
     share = np.sqrt(rng.uniform(0, 1, (150, 1)))
     share[:20] = 0
     force = top * share * areas / areas.mean()
-    truth = {'taxel_force': force, 'in_contact': (share[:, 0] > 0).astype(np.int8)}
-    return Recording.from_arrays(layout, skin.read(force, rng), truth=truth)
+    pressed = (share[:, 0] > 0).astype(np.int8)
+    return Recording.from_arrays(
+        layout, skin.read(force, rng), truth={'taxel_force': force, 'in_contact': pressed}
+    )
 
 
 def turn_between(found: float, true: float, order: int) -> float:

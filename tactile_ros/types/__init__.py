@@ -6,7 +6,7 @@ not measured or not estimated, never zero.
 
 from __future__ import annotations
 
-from tactile_ros.types.arrays import Array, Bools, Bytes, Integers, as_shape
+from tactile_ros.types.arrays import Array, Bools, Bytes, Integers, Singles, as_shape
 from tactile_ros.types.contact import (
     STATE_FIELDS,
     Contact,
@@ -42,6 +42,7 @@ __all__ = [
     'Layout',
     'Outline',
     'Recording',
+    'Singles',
     'TaxelStatus',
     'Twin',
     'as_shape',

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
+Singles = npt.NDArray[np.float32]  # in large tables alone
 Bools = npt.NDArray[np.bool_]
 Bytes = npt.NDArray[np.uint8]
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from tactile_ros.types import Recording
 
-PATIENCE_S = 20.0
+PATIENCE_S = 120.0
 TOUCHES = 60
 
 

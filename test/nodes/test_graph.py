@@ -43,12 +43,12 @@ def test_hardware_is_two_processes_or_one() -> None:
 
 
 def test_everybody_who_listens_is_waited_for() -> None:
-    graph = sensing(Setting(source='recorded', bag='/tmp/bag'))
+    graph = sensing(Setting(source='recorded', bag='bag'))
     assert names(graph) == ['record', 'contact_node', 'sensor_node', 'player']
     assert graph['contact_node'].parameters['listeners'] == 2
     assert graph['sensor_node'].parameters['listeners'] == 3
     assert graph['player'].parameters['listeners'] == 1
-    stack = sensing(Setting(source='recorded', bag='/tmp/bag', stack=True))
+    stack = sensing(Setting(source='recorded', bag='bag', stack=True))
     assert stack['stack'].parameters['listeners'] == 2
 
 
@@ -73,7 +73,7 @@ def test_command_line() -> None:
 def test_a_process_that_fails_is_named_with_its_words() -> None:
     graph = Graph((Process('record', {'nothing': 1}), Process('sensor_node', {'sensor': 'none'})))
     with Running(graph) as running, pytest.raises(TactileError, match='sensor_node ended with'):
-        running.wait('record', 20.0)
+        running.wait('record', 120.0)
     assert 'sensor must be one of' in ' '.join(running.lines['sensor_node'])
 
 
@@ -123,7 +123,7 @@ def test_simulated_is_the_twin_and_no_player(stack: bool) -> None:
 )
 def test_a_start_that_cannot_be_is_one_sentence(arguments: list[str], sentence: str) -> None:
     command = [*Process('sensor_node').command(), '--ros-args', *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode in (1, 2)
     assert sentence in done.stderr
     assert 'Traceback' not in done.stderr

@@ -17,7 +17,7 @@ from tactile_ros.nodes.processes import Running
 if TYPE_CHECKING:
     from conftest import Ros
 
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 
 
 def test_every_finger_has_its_namespace_port_and_calibration() -> None:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 CONTACT_AT = 0.3  # closure
 STIFFNESS = 40.0  # N per closure
+PATIENCE_S = 120.0
 # no object joins the springs, so that the balance of the sides leaves a part of each force open
 APART = 0.3
 # a fast approach, since what a grasp takes is not what these tests are about; and patience with a
@@ -242,7 +243,7 @@ def test_a_kill_leaves_the_last_posture_which_holds(ros: Ros) -> None:
         # a fault at first: the process hears the fingers a little later than the hand
         assert result(ros, fingers.ask(ros, 2.0))[1].outcome == Grasp.Result.HELD
         running.signal('grip_node', signal.SIGKILL)
-        assert running.wait('grip_node', 20.0) == -signal.SIGKILL
+        assert running.wait('grip_node', PATIENCE_S) == -signal.SIGKILL
     count = mock.joints.steps
     assert ros.until(lambda: mock.joints.steps > count + 20)
     first = fingers.force('index')

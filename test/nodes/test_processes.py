@@ -17,7 +17,7 @@ from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.processes import STARTED_BY, Running
 
 ROOT = Path(__file__).resolve().parents[2]
-PATIENCE_S = 20.0
+PATIENCE_S = 120.0
 
 pytestmark = pytest.mark.skipif(sys.platform != 'linux', reason='only Linux tells of a death')
 
@@ -27,7 +27,7 @@ NODES = """
     with Running(Graph((Process('sensor_node', {'port': '/nowhere'}),))) as running:
         running.wait_for_line('sensor_node', '/nowhere', 20.0)
         print(running.pid('sensor_node'), flush=True)
-        running.wait('sensor_node', 60.0)
+        running.wait('sensor_node', PATIENCE_S)
 """
 WORKERS = """
     import os, time

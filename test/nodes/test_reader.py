@@ -17,7 +17,7 @@ from tactile_ros.types import Frame, TaxelStatus
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-PATIENCE_S = 10.0
+PATIENCE_S = 120.0
 
 
 class Script:

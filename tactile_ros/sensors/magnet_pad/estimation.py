@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from tactile_ros.signals import Columns, Report, SensorConfig, Signals
-    from tactile_ros.types import Array, Bools
+    from tactile_ros.types import Array, Bools, Integers
 
 NOMINAL = 'nominal'
 TABLE = 'table_gauss_newton'
@@ -240,14 +240,14 @@ class Localisation(Regressed):
         there = np.asarray(np.isfinite(x).all(axis=1))
         every = np.count_nonzero(there) == len(there)
         told = inversion.invert(x if every else x[there], self._centres)
-        parts = {
+        parts: dict[str, Array | Integers] = {
             'position': told.mean[:, :3], 'position_cov': told.cov[:, :3, :3],
             'force': told.mean[:, 3:], 'force_cov': told.cov[:, 3:, 3:],
         }  # fmt: skip
         if self._remembers(signals):
             del parts['force'], parts['force_cov']
         if 'cell' in self.inverted_:
-            parts['cell'] = told.shares.argmax(axis=1)
+            parts['cell'] = np.asarray(told.shares.argmax(axis=1), dtype=np.int64)
             parts['cell_probability'] = told.shares.max(axis=1)
         if 'position' in self.inverted_ and inversion.common is not None:
             rest = signals.in_contact == 0
