@@ -1,4 +1,4 @@
-"""A hand of 16 joints with the published dimensions of the Allegro Hand, magnet pads on three tips.
+"""A hand of 16 joints with the published dimensions of the Allegro Hand, pads on three tips.
 
 Places of joints (m) are those of the hand's description by its maker: fingers of 54, 38.4 and 26.7
 mm, 45 mm apart, those at the sides turned by 5 degrees; a thumb of 51.4 and 42.3 mm that turns
@@ -14,8 +14,8 @@ from tactile_ros.hands.description import parse
 from tactile_ros.simulation.hand_model import HandModel, pad_friction, servo
 from tactile_ros.types import Array
 
-GAIN, MOST, LAG, DEAD_TIME = 3.0, 0.7, 0.02, 0.02
-DAMPING, ARMATURE = 0.1, 2e-3
+GAIN, MOST, LAG, DEAD_TIME = 3.0, 0.7, 0.01, 0.02
+DAMPING, ARMATURE = 0.2, 2e-3
 LENGTHS = (0.0164, 0.054, 0.0384)
 FINGERS = {
     'index': ((0.0, 0.0435, -0.001542), -5.0),
@@ -24,8 +24,8 @@ FINGERS = {
 }  # base (m), and how far it leans sideways (degrees)
 PAD = (0.025, 0.01, 0.01)  # semi-axes (m)
 PAD_AT, THUMB_PAD_AT, PAD_OUT = 0.024, 0.037, 0.004  # along the last link, and before it (m)
-# Joints (rad) at which both fingers oppose the thumb across 58 mm, and how they move while pads come
-# closer along their normals: as the transposed Jacobian says, so that even gains press straight.
+# Joints (rad) at which both fingers oppose the thumb across 58 mm, and how they move while pads
+# close along their normals: as the transposed Jacobian says, so that even gains press straight.
 OPPOSED = {
     'index': ((0.321, 1.504, 0.078, -0.167), (0.0, 0.116, 0.062, 0.024)),
     'middle': ((0.47, 1.59, 0.025, -0.167), (0.0, 0.115, 0.062, 0.024)),
@@ -84,8 +84,8 @@ def _finger(name: str, first: int, friction: float) -> str:
 def _thumb(friction: float) -> str:
     """Four joints: across the palm, about itself, and two that flex."""
     return f"""
-    <body name="thumb_0" pos="-0.0182 0.019333 -0.045987" quat="0.477714 -0.521334 -0.521334 -0.477714"
-      gravcomp="1">
+    <body name="thumb_0" pos="-0.0182 0.019333 -0.045987"
+      quat="0.477714 -0.521334 -0.521334 -0.477714" gravcomp="1">
       {_joint(12, '-1 0 0', 0.0, 1.78)}{_link(0.02, 0.02)}
       <body name="thumb_1" pos="-0.027 0.005 0.0399" gravcomp="1">
         {_joint(13, '0 0 1', -0.26, 1.78)}{_link(0.0177, 0.02)}
@@ -131,6 +131,9 @@ def allegro_hand(friction: float = 1.0) -> HandModel:
         f'<actuator>{drives}</actuator>',
         {name: f'{name}_pad' for name in OPPOSED},
         DEAD_TIME,
+        centre=tuple(turned(np.array(CENTRE))),
+        across=tuple(turned(np.array(ACROSS))),
+        stiffness=max(force_per_closure(name) for name in OPPOSED),
     )
 
 

@@ -1,4 +1,4 @@
-"""A sensor on a finger's pad: contact force -> sensor model -> bytes -> driver -> contact state."""
+"""A sensor on a pad: contact force -> sensor model -> bytes -> driver -> contact state."""
 
 from __future__ import annotations
 

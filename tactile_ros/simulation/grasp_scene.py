@@ -1,21 +1,24 @@
-"""Grasps of things that lie in the hand in random poses, as [2] made with its pad on an Allegro Hand.
+"""Grasps of things in random poses, as [2] made with its pad on an Allegro Hand.
 
-An object is held where it is until the hand has it; then it is let go, and a force pulls it in a
-random direction. What is judged: which cell of a pad is touched, how the force settles, and
-whether the object stays.
+An object is held where it is until all fingers touch, and its weight is borne until the force has
+settled; then it is handed over, and a force pulls it in a random direction. What is judged: which
+cell of a pad is touched, how the force settles, and whether the object stays.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import erfc, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tactile_ros.control import GripPhase
-from tactile_ros.simulation.allegro_hand import ACROSS, CENTRE, on_half_cylinder, turned
+from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
+from tactile_ros.simulation.allegro_hand import on_half_cylinder
 from tactile_ros.simulation.hand_world import HandWorld
-from tactile_ros.simulation.objects import solid
+from tactile_ros.simulation.objects import STILL, solid
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -23,16 +26,18 @@ if TYPE_CHECKING:
     from tactile_ros.simulation.fingertip import Fingertip
     from tactile_ros.simulation.hand_model import HandModel
     from tactile_ros.simulation.hand_world import Decided, GraspStage
-    from tactile_ros.types import Array, Integers
+    from tactile_ros.types import Array
 
 KINDS = ('cube', 'sphere', 'mouse')
 MASS = 0.1  # kg
-PULL, PULLED, RISE = 2.0, 0.6, 0.1  # N; s
+GRAVITY = 9.81
+PULL, RISE = 2.0, 0.2  # N; s
 TILT, ASIDE = np.deg2rad(12.0), 6e-3  # of the grasp's axis; m, across it
-CLOSES, SETTLES, AFTER = 2.5, 2.0, 0.5  # s
+CLOSES, SETTLES, AFTER, PULLED = 8.0, 2.0, 0.5, 1.2  # s; the first at most
 AWAY = 0.015  # m, beyond which an object has left its place
+PRESSING = 0.1  # N
 SETTLED = 0.05  # of the target
-STILL = '<equality><weld name="still" body1="world" body2="object" solref="0.02 1"/></equality>'
+HELD_FRAMES = 25  # whose median place is told
 
 
 @dataclass(frozen=True)
@@ -45,37 +50,81 @@ class Grasped:
         Whether all fingers touched and the hand came to hold.
     held : bool
         Whether the object stayed through the pull.
-    true_cell, told_cell : ndarray of int, shape (f,)
-        Cells that are touched, nearest to the contact, and what the pads say.
-    place_error : ndarray, shape (f,)
-        Distance of the told place from the true one (m).
-    edge : ndarray, shape (f,)
-        How much nearer the second cell would have been (m): small at a border.
+    contacts : list of Touched
+        Of every pad, while the object was held still.
     overshoot, steady : float
-        Worst of all fingers, shares of the target.
+        True force of all fingers together, shares of the target.
     settled : float
-        Time from load until all forces stay within 5 % (s).
+        Time from load until it stays within 5 % (s).
     trace : ndarray, shape (s, 1 + 2 f)
         Time (s), true normal forces and targets of all fingers (N).
+    seconds : float
+        Simulated (s).
     """
 
     touched: bool
     held: bool
-    true_cell: Integers
-    told_cell: Integers
-    place_error: Array
-    edge: Array
+    contacts: list[Touched]
     overshoot: float
     steady: float
     settled: float
     trace: Array
+    seconds: float
 
 
-def random_pose(kind: str, rng: np.random.Generator) -> tuple[Array, Array]:
+@dataclass(frozen=True)
+class Touched:
+    """A contact that lasts.
+
+    Attributes
+    ----------
+    place, told : ndarray, shape (3,)
+        The true one, and the median of what 25 frames say (m); NaN untouched.
+    cov : ndarray, shape (3, 3)
+        Of the mean of as many frames, by what one says of itself (m2).
+    """
+
+    place: Array
+    told: Array
+    cov: Array
+
+
+@dataclass(frozen=True)
+class Named:
+    """Which cell of a pad is touched.
+
+    Attributes
+    ----------
+    true, told : int
+        The nearest one, and the pad's answer; -1 untouched.
+    error : float
+        Of the place (m).
+    chance : float
+        That noise alone carries the place into another cell.
+    """
+
+    true: int
+    told: int
+    error: float
+    chance: float
+
+
+def named(touched: Touched, cells: Array) -> Named:
+    """Judge a contact by cells (n, 3) (m)."""
+    true, told = (
+        int(((cells - at) ** 2).sum(axis=1).argmin()) if np.isfinite(at).all() else -1
+        for at in (touched.place, touched.told)
+    )
+    error = float(np.linalg.norm(touched.told - touched.place))
+    known = true >= 0 and np.isfinite(touched.cov).all()
+    return Named(true, told, error, mistaken(cells, touched.place, touched.cov) if known else 1.0)
+
+
+def random_pose(hand: HandModel, kind: str, rng: np.random.Generator) -> tuple[Array, Array]:
     """Place (3,) (m) and turn (4,) (w, x, y, z) of an object between thumb and fingers."""
-    axis = turned(np.array(ACROSS)) / np.linalg.norm(ACROSS)
+    axis = np.array(hand.across) / np.linalg.norm(hand.across)
     level = np.linalg.svd(axis[None])[2][1:]
-    place = turned(np.array(CENTRE)) + level.T @ rng.uniform(-ASIDE, ASIDE, 2)
+    place = np.array(hand.centre) + level.T @ rng.uniform(-ASIDE, ASIDE, 2)
     if kind == 'sphere':
         return place, np.array([1.0, 0.0, 0.0, 0.0])
     tilt = rng.uniform(-TILT, TILT, 2)
@@ -88,21 +137,49 @@ def random_pose(kind: str, rng: np.random.Generator) -> tuple[Array, Array]:
 
 def _quaternion(turn: Array) -> Array:
     """Of a rotation matrix (3, 3)."""
-    from scipy.spatial.transform import Rotation
-
     x, y, z, w = Rotation.from_matrix(turn).as_quat()
     return np.array([w, x, y, z])
 
 
+def mistaken(cells: Array, place: Array, cov: Array) -> float:
+    """Chance that a place with errors of a covariance is taken for another cell.
+
+    Parameters
+    ----------
+    cells : ndarray, shape (n, 3)
+        Centres (m).
+    place : ndarray, shape (3,)
+        The true one (m).
+    cov : ndarray, shape (3, 3)
+        Of the error (m2).
+
+    Returns
+    -------
+    float
+        Across the nearest border alone, as one normal error tells.
+
+    Examples
+    --------
+    >>> pair = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    >>> mistaken(pair, np.array([0.0, 0.3, 0.0]), np.eye(3))
+    0.5
+    """
+    near = cells[np.argsort(((cells - place) ** 2).sum(axis=1))[:2]]
+    across = (near[1] - near[0]) / np.linalg.norm(near[1] - near[0])
+    border = float(across @ (near.mean(axis=0) - place))
+    sigma = float(np.sqrt(across @ cov @ across))
+    return 0.5 * erfc(border / sigma / sqrt(2.0)) if sigma > 0 else float(border < 0)
+
+
 class GraspScene:
-    """One object in a hand with magnet pads.
+    """One object in the hand.
 
     Parameters
     ----------
     hand : HandModel
-        The Allegro-like one.
+        Any.
     tips : mapping of str to Fingertip
-        Magnet pads, tared.
+        Tared.
     stage : GraspStage
         Of the same hand.
     rate_hz : float
@@ -123,16 +200,23 @@ class GraspScene:
         seed: int,
     ) -> None:
         self._rng = np.random.default_rng([seed, KINDS.index(kind)])
-        self.config = next(iter(tips.values())).skin.config
-        place, turn = random_pose(kind, self._rng)
+        self._config = next(iter(tips.values())).skin.config
+        place, turn = random_pose(hand, kind, self._rng)
         thing = solid(kind, MASS, tuple(place), tuple(turn))
-        self.world = HandWorld(hand, thing, tips, stage, rate_hz, STILL, place=self._on_pad)
-        self._start = place
+        self.world = HandWorld(hand, thing, tips, stage, rate_hz, STILL, self._on_pad)
+        direction = self._rng.normal(size=3)
+        self._pulls = PULL * direction / np.linalg.norm(direction)
+        self._object = self.world.data.body('object').id
+        self._handed_over = np.inf
         self._rows: list[list[float]] = []
         self._phases: list[GripPhase] = []
+        self._places: list[list[Array]] = []
 
     def _on_pad(self, place: Array, _: Array) -> Array:
-        return on_half_cylinder(place, self.config.radius, self.config.length)
+        """Where a crowned pad's contact lies on the half cylinder, if it is one."""
+        if isinstance(self._config, MagnetPadConfig):
+            return on_half_cylinder(place, self._config.radius, self._config.length)
+        return place
 
     def grasp(self, force: float) -> Grasped:
         """Grasp at a force (N), of the thumb, and pull."""
@@ -140,68 +224,69 @@ class GraspScene:
         stage.enable()
         world.run(0.05)
         stage.grasp(force, [], 0.0, False)
+        world.run(CLOSES, self._until_engaged)
+        world.before_step = self._outside
+        world.data.eq_active[0] = 0
         world.run(CLOSES, self._until_hold)
         touched = bool(self._phases[-1] == GripPhase.HOLD)
         world.run(SETTLES, self._watch)
-        judged = self._cells()
-        world.data.eq_active[0] = 0
-        world.run(AFTER)
-        self._start = world.data.body('object').xpos.copy()
-        self._pull()
-        away = float(np.linalg.norm(world.data.body('object').xpos - self._start))
+        contacts = self._contacts()
+        start = world.data.body('object').xpos.copy()
+        self._handed_over = world.time
+        world.run(PULLED)
+        away = float(np.linalg.norm(world.data.body('object').xpos - start))
         trace = np.array(self._rows)
-        return Grasped(touched, away < AWAY, *judged, *self._settling(trace), trace)
+        stayed = away < AWAY
+        settling = self._settling(trace)
+        return Grasped(touched, stayed, contacts, *settling, trace, world.time)
 
     def _watch(self, world: HandWorld, decided: Decided) -> None:
         """Keep a row."""
         forces = [float(felt.force[2]) for felt in world.felt.values()]
         self._rows.append([world.time, *forces, *decided.made.target_force.tolist()])
         self._phases.append(decided.made.phase)
+        self._places.append([felt.state.position for felt in world.felt.values()])
+
+    def _until_engaged(self, world: HandWorld, decided: Decided) -> bool:
+        """Watch until all pads press, or the hand holds what it has."""
+        pressing = all(felt.force[2] > PRESSING for felt in world.felt.values())
+        loads = decided.made.phase >= GripPhase.LOAD and pressing
+        return self._until_hold(world, decided) or loads
 
     def _until_hold(self, world: HandWorld, decided: Decided) -> bool:
+        """Watch until the hand holds."""
         self._watch(world, decided)
-        return decided.made.phase == GripPhase.HOLD
+        return decided.made.phase >= GripPhase.HOLD
 
-    def _pull(self) -> None:
-        """A force on the object that rises, in a random direction."""
-        world = self.world
-        direction = self._rng.normal(size=3)
-        pull = PULL * direction / np.linalg.norm(direction)
-        body, begins = world.data.body('object').id, world.time
+    def _outside(self) -> None:
+        """What bears the object's weight until it is handed over, and what pulls it then."""
+        since = self.world.time - self._handed_over
+        given = min(max(since / RISE, 0.0), 1.0)
+        pulled = min(max(since - AFTER, 0.0) / RISE, 1.0)
+        force = self.world.data.xfrc_applied[self._object]
+        force[:3] = pulled * self._pulls
+        force[2] += (1.0 - given) * MASS * GRAVITY
 
-        def before_step() -> None:
-            share = min((world.time - begins) / RISE, 1.0)
-            world.data.xfrc_applied[body, :3] = share * pull
-
-        world.before_step = before_step
-        world.run(PULLED)
-
-    def _cells(self) -> tuple[Integers, Integers, Array, Array]:
-        """Cells that are touched and told, errors of the places, and how near borders are."""
-        felt = list(self.world.felt.values())
-        count = len(felt)
-        true, told = np.full(count, -1), np.full(count, -1)
-        error, edge = np.full((2, count), np.nan)
-        for i, one in enumerate(felt):
-            told[i] = int(one.state.cell)
-            if not np.isfinite(one.place).all():
-                continue
-            far = np.sort(np.linalg.norm(self.config.cells - one.place, axis=1))
-            true[i] = np.linalg.norm(self.config.cells - one.place, axis=1).argmin()
-            error[i] = np.linalg.norm(one.state.position - one.place)
-            edge[i] = far[1] - far[0]
-        return true, told, error, edge
+    def _contacts(self) -> list[Touched]:
+        """Contacts of all pads in the last frames."""
+        found = []
+        places = np.array(self._places[-HELD_FRAMES:])
+        for i, one in enumerate(self.world.felt.values()):
+            seen = np.isfinite(places[:, i]).all(axis=1)
+            told = np.median(places[seen, i], axis=0) if seen.any() else np.full(3, np.nan)
+            found.append(Touched(one.place, told, one.state.position_cov / HELD_FRAMES))
+        return found
 
     def _settling(self, trace: Array) -> tuple[float, float, float]:
-        """Overshoot, steady error and settling time, each the worst of all fingers."""
+        """Overshoot, steady error and settling time of the sum of all forces."""
         count = (trace.shape[1] - 1) // 2
         phases = np.array(self._phases)
-        if not (phases == GripPhase.HOLD).any():
+        begins = int(np.argmax(phases >= GripPhase.LOAD))
+        final = trace[-1, 1 + count :].sum()
+        if not final > 0:
             return np.nan, np.nan, np.nan
-        begins = int(np.argmax(phases == GripPhase.LOAD))
-        final = trace[-1, 1 + count :]
-        share = trace[:, 1 : 1 + count] / final - 1.0
-        steady = np.abs(share[-len(share) // 5 :].mean(axis=0)).max()
-        off = np.flatnonzero((np.abs(share) > SETTLED).any(axis=1))
+        share = trace[:, 1 : 1 + count].sum(axis=1) / final - 1.0
+        steady = abs(float(share[-len(share) // 5 :].mean()))
+        off = np.flatnonzero(np.abs(share) > SETTLED)
         settled = trace[min(off[-1] + 1, len(trace) - 1), 0] - trace[begins, 0]
-        return float(share[begins:].max()), float(steady), float(settled)
+        return float(share[begins:].max()), steady, float(settled)

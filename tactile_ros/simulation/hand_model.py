@@ -27,6 +27,10 @@ class HandModel:
         skin.
     dead_time : float
         From a command's arrival until the drives follow it (s).
+    centre, across : tuple of float
+        Where things are grasped (m), and along which direction.
+    stiffness : float
+        Largest force over closure of a finger on a stiff object (N).
     """
 
     description: HandDescription
@@ -34,6 +38,9 @@ class HandModel:
     rest: str
     pads: Mapping[str, str]
     dead_time: float
+    centre: tuple[float, ...]
+    across: tuple[float, ...]
+    stiffness: float
 
 
 def pad_friction(friction: float) -> str:

@@ -116,6 +116,8 @@ class HandWorld:
     read_force : callable
         Force (3,) (N) and whether it may be used, of a sensor's name, tip and state; as the
         pipeline says unless a scene reads the sensor otherwise.
+    watchers : list of callable
+        Called at every control step.
     before_step : callable
         What happens to the object, before every step of physics.
     """
@@ -141,6 +143,7 @@ class HandWorld:
         self.steps = 0
         self.read_force: Callable[[str, Fingertip, ContactState], tuple[Array, bool]] = _as_told
         self.before_step: Callable[[], None] = _nothing
+        self.watchers: list[Callable[[HandWorld], None]] = []
         self._place, self._field = place, field
         self._driver = hand.description.driver
         joints = [self.model.joint(name) for name in self._driver.joints]
@@ -178,6 +181,8 @@ class HandWorld:
             ended = False
             if self.steps % self._ticks == 0:
                 decided = self._control()
+                for watcher in self.watchers:
+                    watcher(self)
                 ended = watch is not None and watch(self, decided) is True
             self._follow()
             self.before_step()
@@ -216,17 +221,17 @@ class HandWorld:
     def _sense(self) -> None:
         """One frame of every pad, through bytes and pipeline, to the controller."""
         for i, (name, (force, place)) in enumerate(self.pad_forces().items()):
-            tip = self.tips[name]
+            tip, touched = self.tips[name], place
             if self._place is not None and np.any(force):
-                place = self._place(place, force)
+                touched = self._place(place, force)
             field = None
             if self._field is not None:
                 site = self._sites[name]
                 axes = self.data.site_xmat[site].reshape(3, 3)
                 elements = self.data.site_xpos[site] + tip.skin.config.positions @ axes.T
                 field = self._field(self.time, elements, axes)
-            state = tip.feel(place, force, field)
-            self.felt[name] = Felt(force, place, state)
+            state = tip.feel(touched, force, field)
+            self.felt[name] = Felt(force, touched, state)
             told, valid = self.read_force(name, tip, state)
             self.stage.take_touch(i, told.tolist(), valid, int(state.slip), self.time)
 

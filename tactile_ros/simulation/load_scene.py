@@ -1,8 +1,8 @@
 """An object in the hand grows heavier, or its surface slippery: who holds it, and how hard.
 
-Two fingers with gradiometers hold a cube by friction. It is handed over within half a second; then
-its mass grows from 0.1 to 0.5 kg, or the friction of both pads is halved at once. A pad that slides
-has 15 % less friction than one that sticks.
+Two fingers with gradiometers hold a cube by friction. It is handed over within half a second;
+then its mass grows from 0.1 to 0.5 kg, or the friction of both pads is halved at once. A pad that
+slides has 15 % less friction than one that sticks.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.simulation.hand_world import HandWorld
-from tactile_ros.simulation.objects import CUBE, solid
-from tactile_ros.simulation.parallel_hand import OPEN, TRAVEL
+from tactile_ros.simulation.objects import CUBE, STILL, solid
+from tactile_ros.simulation.parallel_hand import OPEN
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -32,7 +32,6 @@ HANDED_OVER = 0.5  # s
 CLOSES, CARRIES = 1.5, 3.5  # s
 NEAR = 2e-3  # m, of the pads from the cube at the start
 LOST = 0.45 * CUBE
-HELD_STILL = '<equality><weld name="still" body1="world" body2="object" solref="0.02 1"/></equality>'
 
 
 @dataclass(frozen=True)
@@ -88,12 +87,15 @@ class Carried:
         How far the object came down (m).
     trace : ndarray, shape (s, 5)
         Time (s), true normal and tangential force and target of the left finger (N), way down (m).
+    seconds : float
+        Simulated (s).
     """
 
     held: bool
     mean_force: float
     slid: float
     trace: Array
+    seconds: float
 
 
 class LoadScene:
@@ -123,7 +125,7 @@ class LoadScene:
     ) -> None:
         self.handling = handling
         self.world = HandWorld(
-            hand, solid('cube', handling.mass), tips, stage, rate_hz, HELD_STILL
+            hand, solid('cube', handling.mass), tips, stage, rate_hz, STILL
         )
         self.world.before_step = self._load
         self._object = self.world.data.body('object').id
@@ -145,7 +147,7 @@ class LoadScene:
         world.run(CARRIES, self._watch)
         trace = np.array(self._rows)
         slid = float(trace[-1, 4])
-        return Carried(slid < LOST, float(trace[:, 1].mean()), slid, trace)
+        return Carried(slid < LOST, float(trace[:, 1].mean()), slid, trace, world.time)
 
     def _load(self) -> None:
         """Mass, support and friction of this instant."""
@@ -169,8 +171,3 @@ class LoadScene:
         across = float(np.hypot(felt[0], felt[1]))
         self._rows.append([world.time - self._begins, float(felt[2]), across, target, fallen])
         return fallen > LOST
-
-
-def parallel_stiffness(gain: float) -> float:
-    """Force over closure (N) of drives of a gain (N/m) on a stiff object."""
-    return gain * TRAVEL

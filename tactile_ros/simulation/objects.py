@@ -1,4 +1,4 @@
-"""Things to grasp, as MJCF: a cube, a sphere, a mouse, a balloon; sizes and masses are arguments."""
+"""Things to grasp, as MJCF: a cube, a sphere, a mouse, a balloon."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ if TYPE_CHECKING:
 CUBE, SPHERE = 0.057, 0.06  # m: edge of a Rubik's cube, diameter of a printed sphere
 MOUSE = (0.1, 0.06, 0.038)  # m: length, width and height of a wireless mouse
 BALLOON = 0.07  # m
+# holds an object named `object` where it is, until it is switched off
+STILL = '<equality><weld body1="world" body2="object" solref="0.02 1"/></equality>'
 COLOURS = {'cube': '0.2 0.45 0.75 1', 'sphere': '0.85 0.75 0.3 1', 'mouse': '0.3 0.6 0.45 1'}
 
 
@@ -52,13 +54,20 @@ def solid(
     </body>"""
 
 
-def balloon(stiffness: float, damping: float, mass: float = 0.005) -> str:
+def balloon(
+    stiffness: float,
+    damping: float,
+    place: tuple[float, ...] = (0.0, 0.0, 0.0),
+    mass: float = 0.005,
+) -> str:
     """MJCF of a balloon named `object`, held where it is, whose two sides give way.
 
     Parameters
     ----------
     stiffness, damping : float
         Of each side (N/m, N s/m).
+    place : tuple of float
+        Of its middle (m); its sides give way along x.
     mass : float
         (kg).
     """
@@ -74,7 +83,7 @@ def balloon(stiffness: float, damping: float, mass: float = 0.005) -> str:
         for name, sign in (('left', -1), ('right', 1))
     )
     return f"""
-    <body name="object" gravcomp="1">
+    <body name="object" pos="{_words(place)}" gravcomp="1">
       <joint name="object" type="slide" axis="1 0 0" damping="0.05"/>
       <geom name="object" type="sphere" size="{0.8 * radius}" mass="{0.2 * mass}"
         rgba="0.9 0.3 0.35 0.8" contype="0" conaffinity="0"/>{sides}

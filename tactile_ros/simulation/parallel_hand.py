@@ -1,7 +1,7 @@
 """Two fingers that close towards each other, each on its own drive: the simplest hand.
 
-Behind a JointTrajectoryController, as `config/hands/joint_trajectory.yaml` describes one. Drives are
-as stiff as they are slow: 1500 N/m behind a lag, so that a closure of the whole way would be 45 N.
+Behind a JointTrajectoryController, as `config/hands/joint_trajectory.yaml` describes one. Drives
+have 1500 N/m behind a lag, so that a closure of the whole way would be 45 N.
 """
 
 from __future__ import annotations
@@ -44,6 +44,9 @@ def parallel_hand(friction: float = 0.8) -> HandModel:
         f'<actuator>{drives}</actuator>',
         {side: f'{side}_pad' for side in SIDES},
         DEAD_TIME,
+        centre=(0.0, 0.0, 0.0),
+        across=(1.0, 0.0, 0.0),
+        stiffness=GAIN * TRAVEL,
     )
 
 

@@ -16,10 +16,13 @@ from tactile_ros.presses import Programme, Touches, growing_loads, recorded, thi
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer import signal as disc
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
+from tactile_ros.sensors.gradiometer.config import layout as disc_layout
 from tactile_ros.sensors.gradiometer.device import GradiometerConnection
 from tactile_ros.sensors.magnet_pad import signal as pad
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
+from tactile_ros.sensors.magnet_pad.config import layout as pad_layout
 from tactile_ros.sensors.magnet_pad.device import MagnetPadConnection
+from tactile_ros.sensors.magnet_pad.nominal import NOISE
 from tactile_ros.simulation.fingertip import Skin
 from tactile_ros.types import Array, Recording
 
@@ -30,12 +33,8 @@ AROUND, LEAN = 0.9, 0.45  # rad from the top; tangential over normal force
 RESTING = 60  # rows of rest before a pad's presses
 
 
-def gradiometer_skin(full_scale: float, rate_hz: float = RATE_HZ) -> Skin:
-    """A gradiometer [3] whose elastomer is stiff enough for a full scale (N).
-
-    Shear of a fifth of full scale moves its disc as far as [3] calibrated.
-    """
-    config = GradiometerConfig(full_scale=full_scale, rate_hz=rate_hz)
+def gradiometer_skin(config: GradiometerConfig) -> Skin:
+    """A gradiometer [3], whose disc a fifth of full scale shears as far as [3] calibrated."""
     model = disc.disc_model(config)
 
     def signal(place: Array, force: Array, field: Array) -> Array:
@@ -57,7 +56,7 @@ def gradiometer_presses(config: GradiometerConfig, seed: int) -> Recording:
     force = np.column_stack([shear * np.cos(angle), shear * np.sin(angle), load])
     model = disc.disc_model(config)
     return recorded(
-        disc.layout(config),
+        disc_layout(config),
         Programme(np.zeros((count, 3)), force),
         lambda touches: disc.reading(config, touches, model),
         lambda touches: disc.truth(config, touches),
@@ -66,9 +65,8 @@ def gradiometer_presses(config: GradiometerConfig, seed: int) -> Recording:
     )
 
 
-def magnet_pad_skin(largest: float, rate_hz: float = RATE_HZ) -> Skin:
-    """A magnet pad [2] of 15 cells behind a microcontroller, for presses up to a force (N)."""
-    config = MagnetPadConfig(rate_hz=rate_hz)
+def magnet_pad_skin(config: MagnetPadConfig, largest: float) -> Skin:
+    """A magnet pad [2] behind a microcontroller, for presses up to a force (N)."""
     places = config.cells
     normals = places * np.array([0.0, 1.0, 1.0]) / config.radius
     blocks = pad.blocks_for(config, Programme(places, largest * normals))
@@ -83,7 +81,9 @@ def magnet_pad_skin(largest: float, rate_hz: float = RATE_HZ) -> Skin:
     return Skin(spec, config, MagnetPadConnection(transport='serial'), signal, model)
 
 
-def magnet_pad_presses(config: MagnetPadConfig, seed: int, largest: float, count: int) -> Recording:
+def magnet_pad_presses(
+    config: MagnetPadConfig, seed: int, largest: float, count: int
+) -> Recording:
     """One frame of each press where grasps touch, leaning as forces in grasps do."""
     rng = np.random.default_rng(seed)
     x = 0.5 * config.length * rng.uniform(-1, 1, count)
@@ -103,8 +103,8 @@ def magnet_pad_presses(config: MagnetPadConfig, seed: int, largest: float, count
         'in_contact': _after_rest(np.ones(count, np.int8)),
     }
     return Recording.from_arrays(
-        pad.layout(config),
-        values + pad.NOISE * rng.normal(size=values.shape),
+        pad_layout(config),
+        values + NOISE * rng.normal(size=values.shape),
         tare=np.arange(len(values)) < RESTING,
         truth=truth,
     )
@@ -131,4 +131,3 @@ def _touch(place: Array, force: Array) -> Touches:
         force[None],
         np.array([float(pressed)]),
     )
-
