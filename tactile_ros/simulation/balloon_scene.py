@@ -2,7 +2,7 @@
 
 A soft hand holds a balloon at a force that one gradiometer, on the thumb, tells. A magnet comes
 from 100 to 14 mm; its field is 3 mT at 50 mm. The same sensor is read in two ways: by its
-pipeline, and as if it had one pixel of one axis, whose reading is taken for force.
+pipeline, and as if it had one pixel of one axis under its magnet.
 """
 
 from __future__ import annotations
@@ -41,19 +41,21 @@ MAGNET = """
 
 
 class SinglePixel:
-    """Force from Bz of one pixel, by a polynomial: what [3] compares with.
+    """Force from Bz of one pixel under the disc's middle, by a polynomial: [3] compares with such.
 
     Parameters
     ----------
     presses : Recording
         Of a calibration, which begins with its tare.
-    pixel : int
-        Which one.
+
+    Notes
+    -----
+    The sensor has no pixel there; the mean of its four is what one there would read, and the shear
+    of the disc cancels in it to first order.
     """
 
-    def __init__(self, presses: Recording, pixel: int = 0) -> None:
-        self._pixel = pixel
-        told = presses.values[:, pixel, 1]
+    def __init__(self, presses: Recording) -> None:
+        told = presses.values[:, :, 1].mean(axis=1)
         change = told - told[presses.tare].mean()
         self._scale = float(np.abs(change).max())
         force = np.asarray(presses.truth['force'], np.float64)[:, 2]
@@ -65,11 +67,11 @@ class SinglePixel:
 
     def tare(self, frame: Frame) -> None:
         """Take a resting frame."""
-        self._rest = float(frame.values[self._pixel, 1])
+        self._rest = float(frame.values[:, 1].mean())
 
     def __call__(self, frame: Frame) -> Array:
         """Force (3,) (N) along z; across it nothing is told."""
-        change = np.asarray(frame.values[self._pixel, 1] - self._rest)
+        change = np.asarray(frame.values[:, 1].mean() - self._rest)
         return np.array([0.0, 0.0, float(self._rows(change) @ self._weights)])
 
 

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from tactile_ros.simulation.hand_model import HandModel
     from tactile_ros.simulation.hand_world import GraspStage, HandWorld
     from tactile_ros.simulation.load_scene import Carried, Handling
-    from tactile_ros.types import Recording
 
     Watcher = Callable[[HandWorld], None]
 
@@ -68,7 +67,6 @@ class Calibrated:
 
     skin: Skin
     pipeline: Pipeline
-    presses: Recording
 
 
 class Trials:
@@ -93,7 +91,7 @@ class Trials:
         config = MagnetPadConfig(rate_hz=skins.RATE_HZ)
         presses = skins.magnet_pad_presses(config, self._seed, PRESSED, self._presses)
         skin = skins.magnet_pad_skin(config, PRESSED)
-        return Calibrated(skin, skins.calibrated(skin, presses, 'table_gauss_newton'), presses)
+        return Calibrated(skin, skins.calibrated(skin, presses, 'table_gauss_newton'))
 
     @cached_property
     def strong(self) -> Calibrated:
@@ -110,7 +108,12 @@ class Trials:
         config = GradiometerConfig(full_scale=full_scale, rate_hz=skins.RATE_HZ)
         presses = skins.gradiometer_presses(config, self._seed)
         skin = skins.gradiometer_skin(config)
-        return Calibrated(skin, skins.calibrated(skin, presses, 'inversion'), presses)
+        return Calibrated(skin, skins.calibrated(skin, presses, 'inversion'))
+
+    def _single_pixel(self) -> SinglePixel:
+        """One pixel in place of the gentle gradiometer's four, calibrated on the same presses."""
+        config = GradiometerConfig(full_scale=GENTLE, rate_hz=skins.RATE_HZ)
+        return SinglePixel(skins.gradiometer_presses(config, self._seed))
 
     def balloon(self, single: bool, film: Watcher = unseen) -> Held:
         """A balloon while a magnet comes: the thumb told by its pipeline, or by one pixel."""
@@ -118,7 +121,7 @@ class Trials:
         config = soft_config(hand)
         with Tips(self.gentle, ['thumb'], 0) as tips:
             stage = self._make_stage(hand.description, config, ['thumb'])
-            pixel = SinglePixel(self.gentle.presses) if single else None
+            pixel = self._single_pixel() if single else None
             scene = BalloonScene(hand, tips, stage, config.rate_hz, pixel)
             scene.world.watchers.append(film)
             return scene.hold()
