@@ -16,16 +16,17 @@ from tactile_ros.nodes.grip_stage import GripStage
 from tactile_ros.simulation.grasp_scene import KINDS as THINGS
 from tactile_ros.simulation.grasp_scene import named
 from tactile_ros.simulation.load_scene import KINDS, Handling
-from tactile_ros.simulation.trials import GENTLE, Trials, grips
+from tactile_ros.simulation.trials import GENTLE, Trials, grips, unseen
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from tactile_ros.control import GripConfig
     from tactile_ros.hands import HandDescription
     from tactile_ros.simulation.balloon_scene import Held
     from tactile_ros.simulation.grasp_scene import Grasped
     from tactile_ros.simulation.load_scene import Carried
+    from tactile_ros.simulation.trials import Watcher
 
 GRASPS = {'quick': 1, 'normal': 3, 'full': 50}  # of each object
 FORCES = {'quick': 1, 'normal': 2, 'full': 10}  # of each object and hand
@@ -51,14 +52,14 @@ def stage(hand: HandDescription, config: GripConfig, fingers: Iterable[str]) -> 
     return GripStage(hand, config, list(fingers))
 
 
-def run(extent: str) -> Found:
-    """All scenes."""
-    trials, found = Trials(stage), Found()
-    balloon(trials, found)
-    cells(trials, found, range(FRESH, FRESH + GRASPS[extent]))
+def run(extent: str, seed: int = FRESH, films: Mapping[str, Watcher] | None = None) -> Found:
+    """All scenes, from a seed on; films, by scene, see one run of each."""
+    trials, found, films = Trials(stage), Found(), films or {}
+    balloon(trials, found, films.get('balloon', unseen))
+    cells(trials, found, range(seed, seed + GRASPS[extent]), films.get('allegro', unseen))
     for hand in SETTLED:
-        forces(trials, found, hand, range(FRESH, FRESH + FORCES[extent]))
-    loads(trials, found, range(FRESH, FRESH + LOADS[extent]))
+        forces(trials, found, hand, range(seed, seed + FORCES[extent]))
+    loads(trials, found, range(seed, seed + LOADS[extent]), films.get('loads', unseen))
     found.notes += [
         'Scenes of MuJoCo (docs/simulation.md): contact forces go through the model of the sensor '
         'into the bytes of its board, the driver, the pipeline and the loop of grip_node; joints '
@@ -70,10 +71,10 @@ def run(extent: str) -> Found:
     return found
 
 
-def balloon(trials: Trials, found: Found) -> None:
+def balloon(trials: Trials, found: Found, film: Watcher) -> None:
     """Scene 1: errors until 50 mm, and from where nothing is valid."""
     began = time.perf_counter()
-    held, single = trials.balloon(single=False), trials.balloon(single=True)
+    held, single = trials.balloon(single=False, film=film), trials.balloon(single=True)
     per_cent = 100.0 / GENTLE
     found.rows += [
         Row('balloon, magnet to 50 mm: largest error of force', '% of full scale',
@@ -102,11 +103,14 @@ def drawn_balloon(held: Held, single: Held) -> str:
     return standalone(plot)
 
 
-def cells(trials: Trials, found: Found, seeds: range) -> None:
+def cells(trials: Trials, found: Found, seeds: range, film: Watcher) -> None:
     """Scene 2: cells of [2] on the Allegro-like hand, and whether things stay."""
     for kind in THINGS:
         began = time.perf_counter()
-        grasps = [trials.pads(kind, seed) for seed in seeds]
+        grasps = [
+            trials.pads(kind, seed, film if (kind, seed) == (THINGS[0], seeds[0]) else unseen)
+            for seed in seeds
+        ]
         centres = trials.pad.skin.config.cells
         judged = [named(touched, centres) for g in grasps for touched in g.contacts]
         judged = [one for one in judged if one.true >= 0]
@@ -160,14 +164,15 @@ def drawn_grasp(grasp: Grasped) -> str:
     return standalone(plot)
 
 
-def loads(trials: Trials, found: Found, seeds: range) -> None:
+def loads(trials: Trials, found: Found, seeds: range, film: Watcher) -> None:
     """Scene 3: drop rate against mean force of three grips."""
     drawn = [(Handling.draw(kind, seed), seed) for kind in KINDS for seed in seeds]
     fixed = float(np.quantile([handling.needed for handling, _ in drawn], HELD))
     points = {}
     for name, grip in grips(fixed).items():
         began = time.perf_counter()
-        carried = [trials.carry(handling, seed, grip) for handling, seed in drawn]
+        seen = drawn[-1] if name == 'adaptive' else None
+        carried = [trials.carry(*load, grip, film if load is seen else unseen) for load in drawn]
         points[name] = shares(carried)
         aims = (HELD, SPARED * fixed) if name == 'adaptive' else (None, None)
         what = f'{len(drawn)} loads in MuJoCo, {name}'

@@ -59,7 +59,8 @@ class SinglePixel:
         change = told - told[presses.tare].mean()
         self._scale = float(np.abs(change).max())
         force = np.asarray(presses.truth['force'], np.float64)[:, 2]
-        self._weights: Array = np.linalg.lstsq(self._rows(change), force, rcond=None)[0]
+        found = np.linalg.lstsq(self._rows(change), force, rcond=None)[0]
+        self._weights = np.asarray(found, np.float64)
         self._rest = np.nan
 
     def _rows(self, change: Array) -> Array:

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 SIZE = (240, 320)  # rows, columns
 COLOURS = 64
+EMPTY = '<mujoco><worldbody/></mujoco>'
+NO_SCREEN = 'pictures of scenes need OpenGL without a screen: EGL or OSMesa of Mesa'
 
 
 def prefer_no_screen() -> None:
@@ -23,6 +25,19 @@ def prefer_no_screen() -> None:
     for name, library in (('egl', 'EGL'), ('osmesa', 'OSMesa')):
         if find_library(library):
             os.environ.setdefault('MUJOCO_GL', name)
+
+
+def why_not() -> str:
+    """Why nothing can be drawn here, in a sentence; empty: it can."""
+    engine = load_engine()
+    try:
+        _pillow()
+        engine.Renderer(engine.MjModel.from_xml_string(EMPTY), 8, 8).close()
+    except MissingPackageError as error:
+        return str(error)
+    except Exception:
+        return NO_SCREEN
+    return ''
 
 
 class Film:
@@ -99,8 +114,7 @@ def _renderer(engine: object, world: HandWorld) -> object:
     try:
         return engine.Renderer(world.model, *SIZE)  # type: ignore[attr-defined]
     except Exception as error:  # each library of OpenGL has errors of its own
-        msg = 'pictures of scenes need OpenGL without a screen: EGL or OSMesa of Mesa'
-        raise MissingPackageError(msg) from error
+        raise MissingPackageError(NO_SCREEN) from error
 
 
 def _pillow() -> object:

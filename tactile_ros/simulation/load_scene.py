@@ -124,9 +124,7 @@ class LoadScene:
         handling: Handling,
     ) -> None:
         self.handling = handling
-        self.world = HandWorld(
-            hand, solid('cube', handling.mass), tips, stage, rate_hz, STILL
-        )
+        self.world = HandWorld(hand, solid('cube', handling.mass), tips, stage, rate_hz, STILL)
         self.world.before_step = self._load
         self._object = self.world.data.body('object').id
         self._inertia = self.world.model.body_inertia[self._object] / handling.mass
