@@ -21,8 +21,8 @@ def films() -> dict[str, Film]:
     """What is filmed, and from where."""
     return {
         'balloon': Film(4.0, (0.0, 0.06, 0.0), 0.32, azimuth=60.0, elevation=-40.0, speed_up=3.0),
-        'allegro': Film(10.0, (0.1, 0.02, 0.06), 0.42, azimuth=200.0, elevation=-25.0),
-        'loads': Film(12.0, (0.0, 0.0, 0.0), 0.24, azimuth=110.0, elevation=-10.0),
+        'allegro': Film(10.0, (0.07, 0.02, 0.05), 0.36, azimuth=310.0, elevation=-25.0),
+        'loads': Film(12.0, (0.0, 0.0, 0.01), 0.22, azimuth=115.0, elevation=-15.0),
     }
 
 

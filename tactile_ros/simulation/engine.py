@@ -29,7 +29,7 @@ def load_engine() -> ModuleType:
 
 
 def scene_text(bodies: str, rest: str) -> str:
-    """MJCF of a scene: a floor and a light, bodies, and what moves them.
+    """MJCF of a scene: a light, bodies, and what moves them.
 
     Parameters
     ----------
@@ -48,10 +48,16 @@ def scene_text(bodies: str, rest: str) -> str:
   <compiler angle="radian" autolimits="true"/>
   <option timestep="{TIME_STEP}" integrator="implicitfast" cone="elliptic" impratio="20"
     noslip_iterations="3"/>
-  <visual><global offwidth="640" offheight="480"/></visual>
+  <visual>
+    <global offwidth="640" offheight="480"/>
+    <headlight ambient="0.45 0.45 0.45" diffuse="0.5 0.5 0.5" specular="0.1 0.1 0.1"/>
+  </visual>
+  <asset>
+    <texture type="skybox" builtin="flat" rgb1="0.93 0.94 0.96" rgb2="0.93 0.94 0.96"
+      width="8" height="8"/>
+  </asset>
   <worldbody>
-    <light pos="0.3 -0.4 1" dir="-0.3 0.4 -1" diffuse="0.9 0.9 0.9"/>
-    <geom name="floor" type="plane" size="1 1 0.1" pos="0 0 -0.5" rgba="0.85 0.85 0.82 1"/>
+    <light pos="0.3 -0.4 1" dir="-0.3 0.4 -1" diffuse="0.4 0.4 0.4" castshadow="false"/>
     {bodies}
   </worldbody>
   {rest}

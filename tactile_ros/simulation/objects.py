@@ -85,8 +85,8 @@ def balloon(
     return f"""
     <body name="object" pos="{_words(place)}" gravcomp="1">
       <joint name="object" type="slide" axis="1 0 0" damping="0.05"/>
-      <geom name="object" type="sphere" size="{0.8 * radius}" mass="{0.2 * mass}"
-        rgba="0.9 0.3 0.35 0.8" contype="0" conaffinity="0"/>{sides}
+      <geom name="object" type="ellipsoid" size="{0.72 * radius} {radius} {radius}"
+        mass="{0.2 * mass}" rgba="0.9 0.3 0.35 0.8" contype="0" conaffinity="0"/>{sides}
     </body>"""
 
 
