@@ -35,7 +35,7 @@ PAPER = {'cube': 94.0, 'sphere': 96.0, 'mouse': 94.0}  # [2], % of 50 grasps eac
 SETTLED = {'allegro': 0.5, 'soft': 1.5}  # s
 HELD, SPARED = 0.98, 0.8
 UNTIL = 0.05  # m
-FRESH = 1000  # seeds from here on: none that a gain or a hand was looked at with
+FRESH = 3000  # seeds from here on: none that a gain, a hand or a calibration was looked at with
 
 
 @dataclass

@@ -24,7 +24,7 @@ def load_engine() -> ModuleType:
     try:
         return importlib.import_module('mujoco')
     except ImportError as error:
-        msg = 'simulated hands need MuJoCo: pip install tactile_ros[sim]'
+        msg = 'simulated hands need MuJoCo: pip install mujoco'
         raise MissingPackageError(msg) from error
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, ContactState, Frame
 
 RESTING = 50  # frames of a tare
+AVERAGED = 25  # frames of a contact that lasts
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,8 @@ class Fingertip(Closing):
         Calibrated; a copy is used, so that fingertips share a calibration and no state.
     seed : int
         Of the noise.
+    steady : Pipeline or None
+        Calibrated on means of 25 frames, for contacts that last.
 
     Attributes
     ----------
@@ -72,9 +76,13 @@ class Fingertip(Closing):
 
     frame: Frame
 
-    def __init__(self, skin: Skin, pipeline: Pipeline, seed: int) -> None:
+    def __init__(
+        self, skin: Skin, pipeline: Pipeline, seed: int, steady: Pipeline | None = None
+    ) -> None:
         self.skin = skin
         self.pipeline = deepcopy(pipeline)
+        self.steady = deepcopy(steady)
+        self._last: deque[Frame] = deque(maxlen=AVERAGED)
         self._values = np.zeros(skin.spec.layout(skin.config).shape)
         self._still = np.zeros_like(skin.config.positions)
         clock = VirtualClock(1_000_000_000)
@@ -101,14 +109,17 @@ class Fingertip(Closing):
         self._values = self.skin.signal(place, force, field)
         self._board.feed(self._twin.period())
         self.frame = self._board.read(0.0)
+        self._last.append(self.frame)
         return self.frame
 
     def tare(self) -> None:
         """Take the baseline with nothing on the pad and no field around."""
         none = np.zeros(3)
         frames = [self._read(none, none, self._still) for _ in range(RESTING)]
-        self.pipeline.reset()
-        self.pipeline.tare(frames)
+        for pipeline in (self.pipeline, self.steady):
+            if pipeline is not None:
+                pipeline.reset()
+                pipeline.tare(frames)
 
     def feel(self, place: Array, force: Array, field: Array | None = None) -> ContactState:
         """What the pipeline makes of a contact.
@@ -129,3 +140,10 @@ class Fingertip(Closing):
         return self.pipeline.process(
             self._read(place, force, self._still if field is None else field)
         )
+
+    def lasting(self) -> ContactState | None:
+        """What the mean of the last 25 frames tells; None without a pipeline for that."""
+        if self.steady is None:
+            return None
+        mean = np.mean([frame.values for frame in self._last], axis=0)
+        return self.steady.process(replace(self.frame, values=mean))

@@ -37,7 +37,6 @@ CLOSES, SETTLES, AFTER, PULLED = 8.0, 2.0, 0.5, 1.2  # s; the first at most
 AWAY = 0.015  # m, beyond which an object has left its place
 PRESSING = 0.1  # N
 SETTLED = 0.05  # of the target
-HELD_FRAMES = 25  # whose median place is told
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ class Grasped:
     held : bool
         Whether the object stayed through the pull.
     contacts : list of Touched
-        Of every pad, while the object was held still.
+        Of every pad that tells places, while the object was held.
     overshoot, steady : float
         True force of all fingers together, shares of the target.
     settled : float
@@ -79,9 +78,9 @@ class Touched:
     Attributes
     ----------
     place, told : ndarray, shape (3,)
-        The true one, and the median of what 25 frames say (m); NaN untouched.
+        The true one, and what the mean of 25 frames tells (m); NaN untouched.
     cov : ndarray, shape (3, 3)
-        Of the mean of as many frames, by what one says of itself (m2).
+        Of the latter, as it says of itself (m2).
     """
 
     place: Array
@@ -210,7 +209,6 @@ class GraspScene:
         self._handed_over = np.inf
         self._rows: list[list[float]] = []
         self._phases: list[GripPhase] = []
-        self._places: list[list[Array]] = []
 
     def _on_pad(self, place: Array, _: Array) -> Array:
         """Where a crowned pad's contact lies on the half cylinder, if it is one."""
@@ -245,7 +243,6 @@ class GraspScene:
         forces = [float(felt.force[2]) for felt in world.felt.values()]
         self._rows.append([world.time, *forces, *decided.made.target_force.tolist()])
         self._phases.append(decided.made.phase)
-        self._places.append([felt.state.position for felt in world.felt.values()])
 
     def _until_engaged(self, world: HandWorld, decided: Decided) -> bool:
         """Watch until all pads press, or the hand holds what it has."""
@@ -268,13 +265,12 @@ class GraspScene:
         force[2] += (1.0 - given) * MASS * GRAVITY
 
     def _contacts(self) -> list[Touched]:
-        """Contacts of all pads in the last frames."""
+        """Contacts of all pads, as they last."""
         found = []
-        places = np.array(self._places[-HELD_FRAMES:])
-        for i, one in enumerate(self.world.felt.values()):
-            seen = np.isfinite(places[:, i]).all(axis=1)
-            told = np.median(places[seen, i], axis=0) if seen.any() else np.full(3, np.nan)
-            found.append(Touched(one.place, told, one.state.position_cov / HELD_FRAMES))
+        for name, felt in self.world.felt.items():
+            state = self.world.tips[name].lasting()
+            if state is not None:
+                found.append(Touched(felt.place, state.position, state.position_cov))
         return found
 
     def _settling(self, trace: Array) -> tuple[float, float, float]:

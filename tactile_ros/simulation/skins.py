@@ -82,9 +82,9 @@ def magnet_pad_skin(config: MagnetPadConfig, largest: float) -> Skin:
 
 
 def magnet_pad_presses(
-    config: MagnetPadConfig, seed: int, largest: float, count: int
+    config: MagnetPadConfig, seed: int, largest: float, count: int, frames: int = 1
 ) -> Recording:
-    """One frame of each press where grasps touch, leaning as forces in grasps do."""
+    """The mean of some frames of each press, where grasps touch, leaning as forces there do."""
     rng = np.random.default_rng(seed)
     x = 0.5 * config.length * rng.uniform(-1, 1, count)
     angle = np.pi / 2 + AROUND * rng.uniform(-1, 1, count)
@@ -104,7 +104,7 @@ def magnet_pad_presses(
     }
     return Recording.from_arrays(
         pad_layout(config),
-        values + NOISE * rng.normal(size=values.shape),
+        values + NOISE / np.sqrt(frames) * rng.normal(size=values.shape),
         tare=np.arange(len(values)) < RESTING,
         truth=truth,
     )

@@ -16,7 +16,7 @@ from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.simulation import skins
 from tactile_ros.simulation.allegro_hand import allegro_hand
 from tactile_ros.simulation.balloon_scene import BalloonScene, SinglePixel
-from tactile_ros.simulation.fingertip import Fingertip
+from tactile_ros.simulation.fingertip import AVERAGED, Fingertip
 from tactile_ros.simulation.grasp_scene import GraspScene
 from tactile_ros.simulation.load_scene import LoadScene
 from tactile_ros.simulation.parallel_hand import parallel_hand
@@ -41,6 +41,7 @@ PRESSES, PRESSED = 800, 8.0  # of a pad's calibration, and their largest force (
 HELD_BY_PADS = 5.0  # N, of the thumb
 SOFT_FORCE, THUMB_FORCE = 1.5, 4.0  # N, mean of a soft hand's digits; of a thumb
 BEGIN = 2.5  # N, of grips that adapt
+LEAST_FRICTION = 0.5  # of the loads' surfaces, before it is halved
 UNHEEDED = 5.0  # friction that is assumed where loads are not to count
 SOFTEST, SOFTEST_SHARE = 1.0, 0.4  # N for a whole closure; of the stiffest
 SLOWLY = 0.05  # closure per second
@@ -63,10 +64,11 @@ class MakesStage(Protocol):
 
 @dataclass(frozen=True)
 class Calibrated:
-    """A skin and its pipeline, fitted to presses."""
+    """A skin, and its pipelines for single frames and for the mean of 25."""
 
     skin: Skin
     pipeline: Pipeline
+    steady: Pipeline | None = None
 
 
 class Trials:
@@ -89,9 +91,16 @@ class Trials:
     def pad(self) -> Calibrated:
         """Magnet pads."""
         config = MagnetPadConfig(rate_hz=skins.RATE_HZ)
-        presses = skins.magnet_pad_presses(config, self._seed, PRESSED, self._presses)
         skin = skins.magnet_pad_skin(config, PRESSED)
-        return Calibrated(skin, skins.calibrated(skin, presses, 'table_gauss_newton'))
+        single, steady = (
+            skins.calibrated(
+                skin,
+                skins.magnet_pad_presses(config, self._seed, PRESSED, self._presses, frames),
+                'table_gauss_newton',
+            )
+            for frames in (1, AVERAGED)
+        )
+        return Calibrated(skin, single, steady)
 
     @cached_property
     def strong(self) -> Calibrated:
@@ -187,7 +196,7 @@ class Grip:
 
 def grips(fixed: float) -> dict[str, Grip]:
     """Grips to compare: a fixed force (N), one that doubles at slips alone, the adaptive one."""
-    config = fitted(GripConfig(), parallel_hand())
+    config = replace(fitted(GripConfig(), parallel_hand()), friction_low=LEAST_FRICTION)
     blind = replace(config, friction_low=UNHEEDED, margin=0.0)
     return {
         'fixed': Grip(config, fixed, False),
@@ -209,7 +218,8 @@ class Tips:
 
     def _each(self) -> Iterator[tuple[str, Fingertip]]:
         for i, name in enumerate(self._names):
-            tip = Fingertip(self._made_of.skin, self._made_of.pipeline, 100 * self._seed + i)
+            made_of = self._made_of
+            tip = Fingertip(made_of.skin, made_of.pipeline, 100 * self._seed + i, made_of.steady)
             self._opened.enter_context(tip)
             tip.tare()
             yield name, tip

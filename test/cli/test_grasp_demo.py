@@ -20,7 +20,7 @@ def test_without_mujoco_it_says_so_and_ends(
     monkeypatch.setitem(sys.modules, 'mujoco', None)
     assert main(['demo', 'grasp', '--output', str(tmp_path / 'out')]) == 1
     said = capsys.readouterr().err
-    assert 'simulated hands need MuJoCo: pip install tactile_ros[sim]' in said
+    assert 'simulated hands need MuJoCo: pip install mujoco' in said
     assert not (tmp_path / 'out').exists()
 
 

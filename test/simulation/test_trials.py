@@ -46,7 +46,7 @@ def trials() -> Trials:
 
 def test_without_mujoco_one_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'mujoco', None)
-    with pytest.raises(MissingPackageError, match=r'need MuJoCo: pip install tactile_ros\[sim\]$'):
+    with pytest.raises(MissingPackageError, match=r'need MuJoCo: pip install mujoco$'):
         load_engine()
 
 
