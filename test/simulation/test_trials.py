@@ -16,6 +16,7 @@ from tactile_ros.simulation import balloon_scene, load_scene
 from tactile_ros.simulation.allegro_hand import allegro_hand, on_half_cylinder
 from tactile_ros.simulation.engine import load_engine, scene_text
 from tactile_ros.simulation.film import Film
+from tactile_ros.simulation.fingertip import AVERAGED, Fingertip
 from tactile_ros.simulation.grasp_scene import Touched, mistaken, named
 from tactile_ros.simulation.hand_world import HandWorld, message
 from tactile_ros.simulation.load_scene import Handling
@@ -242,3 +243,19 @@ def test_a_film_says_in_one_sentence_that_nothing_can_draw(
         )
         with pytest.raises(MissingPackageError, match='need OpenGL without a screen'):
             film(world)
+
+
+def test_a_contact_that_lasts_is_told_by_the_mean_of_its_frames(trials: Trials) -> None:
+    made_of = trials.gentle
+    force, errors = np.array([0.1, 0.0, 1.0]), []
+    for seed in range(8):
+        with Fingertip(made_of.skin, made_of.pipeline, seed, made_of.pipeline) as tip:
+            tip.tare()
+            single = [tip.feel(np.zeros(3), force).force for _ in range(AVERAGED)]
+            lasting = tip.lasting()
+        assert lasting is not None
+        errors.append((np.std(single, axis=0), np.abs(lasting.force - np.mean(single, axis=0))))
+    spread, apart = np.mean(errors, axis=0)
+    assert (apart < 0.2 * spread + 1e-4).all()
+    with Fingertip(made_of.skin, made_of.pipeline, 0) as tip:
+        assert tip.lasting() is None
