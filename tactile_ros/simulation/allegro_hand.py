@@ -131,6 +131,7 @@ def allegro_hand(friction: float = 1.0) -> HandModel:
         f'<actuator>{drives}</actuator>',
         {name: f'{name}_pad' for name in OPPOSED},
         DEAD_TIME,
+        LAG + DAMPING / GAIN,
         centre=tuple(turned(np.array(CENTRE))),
         across=tuple(turned(np.array(ACROSS))),
         stiffness=max(force_per_closure(name) for name in OPPOSED),

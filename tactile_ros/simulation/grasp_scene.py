@@ -12,6 +12,7 @@ from math import erfc, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.signal import medfilt
 from scipy.spatial.transform import Rotation
 
 from tactile_ros.control import GripPhase
@@ -36,6 +37,7 @@ TILT, ASIDE = np.deg2rad(12.0), 6e-3  # of the grasp's axis; m, across it
 CLOSES, SETTLES, AFTER, PULLED = 8.0, 2.0, 0.5, 1.2  # s; the first at most
 AWAY = 0.015  # m, beyond which an object has left its place
 PRESSING = 0.1  # N
+SMOOTHED = 3  # control steps, by whose median a force is judged
 SETTLED = 0.05  # of the target
 
 
@@ -281,7 +283,9 @@ class GraspScene:
         final = trace[-1, 1 + count :].sum()
         if not final > 0:
             return np.nan, np.nan, np.nan
-        share = trace[:, 1 : 1 + count].sum(axis=1) / final - 1.0
+        total = trace[:, 1 : 1 + count].sum(axis=1)
+        # the engine loses the contact of two ellipsoids for single steps
+        share = medfilt(total, SMOOTHED) / final - 1.0
         steady = abs(float(share[-len(share) // 5 :].mean()))
         off = np.flatnonzero(np.abs(share) > SETTLED)
         settled = trace[min(off[-1] + 1, len(trace) - 1), 0] - trace[begins, 0]

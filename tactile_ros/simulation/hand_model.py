@@ -27,6 +27,8 @@ class HandModel:
         skin.
     dead_time : float
         From a command's arrival until the drives follow it (s).
+    lag : float
+        Time constant of the drives (s).
     centre, across : tuple of float
         Where things are grasped (m), and along which direction.
     stiffness : float
@@ -38,6 +40,7 @@ class HandModel:
     rest: str
     pads: Mapping[str, str]
     dead_time: float
+    lag: float
     centre: tuple[float, ...]
     across: tuple[float, ...]
     stiffness: float

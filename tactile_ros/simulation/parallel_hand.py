@@ -44,6 +44,7 @@ def parallel_hand(friction: float = 0.8) -> HandModel:
         f'<actuator>{drives}</actuator>',
         {side: f'{side}_pad' for side in SIDES},
         DEAD_TIME,
+        LAG,
         centre=(0.0, 0.0, 0.0),
         across=(1.0, 0.0, 0.0),
         stiffness=GAIN * TRAVEL,

@@ -57,6 +57,7 @@ def soft_hand(friction: float = 0.8) -> HandModel:
         f'<tendon>{tendons}</tendon><actuator>{servo(JOINT, GAIN, LAG, MOST)}</actuator>',
         {name: f'{name}_pad' for name in DIGITS},
         DEAD_TIME,
+        LAG + MOTOR_DAMPING / GAIN,
         centre=(0.0, REACH, 0.0),
         across=(1.0, 0.0, 0.0),
         stiffness=STIFFNESS,

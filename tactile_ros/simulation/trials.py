@@ -230,8 +230,14 @@ class Tips:
 
 
 def fitted(config: GripConfig, hand: HandModel) -> GripConfig:
-    """Gains of a hand: how stiff it is on stiff things, and how noisy gradiometers are."""
-    return replace(config, stiffness_low=SOFTEST, stiffness_high=hand.stiffness, force_noise=NOISE)
+    """Gains of a hand: its lag, how stiff it is on stiff things, how noisy gradiometers are."""
+    return replace(
+        config,
+        stiffness_low=SOFTEST,
+        stiffness_high=hand.stiffness,
+        force_noise=NOISE,
+        lag=hand.lag,
+    )
 
 
 def soft_config(hand: HandModel) -> GripConfig:
