@@ -1,4 +1,4 @@
-# make demo    set everything up and run the main job        make bench    compare and time; QUICK=1 for less
+# make demo    set everything up and run the main job        make bench    compare, time, report; QUICK=1 for less
 # make test    set everything up and pass the tests          make lint     ruff and mypy alone
 # make setup   set up alone                                  make clean    remove all that make made
 #
@@ -14,6 +14,7 @@ OLDEST ?= python3.10
 DISTRO ?= kilted
 CONFIGURE := bootstrap/configure.py
 JOBS ?= 2
+RESULTS := benchmarks/results
 ARGUMENTS ?=
 
 # DDS stays on this machine and logs stay in this folder, unless asked otherwise.
@@ -45,7 +46,8 @@ demo: setup
 	@.venv/bin/tactile demo $(ARGUMENTS)
 
 bench: setup-tests
-	@.venv/bin/tactile bench all --jobs $(JOBS) $(if $(QUICK),--quick) $(ARGUMENTS)
+	@.venv/bin/tactile bench all --jobs $(JOBS) $(if $(QUICK),--quick) --figures $(RESULTS) $(ARGUMENTS); \
+	  code=$$?; .venv/bin/tactile report $(RESULTS) && exit $$code
 
 lint: setup-tests
 	@$(ALONE) .venv/bin/ruff check .

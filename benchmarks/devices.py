@@ -25,7 +25,13 @@ from tactile_ros.devices.framed_payloads import (
     three_axis_chips,
 )
 from tactile_ros.evaluation.benchmark import BenchResult, Row
-from tactile_ros.evaluation.driver_speed import bus_rows, decoding_rows, memory_rows, resident_kib
+from tactile_ros.evaluation.driver_speed import (
+    bus_rows,
+    decoding_rows,
+    memory_rows,
+    processor_s,
+    resident_kib,
+)
 from tactile_ros.evaluation.fault_trials import STORM, STORMS, Road, Trial, suffer, ways
 from tactile_ros.evaluation.hostile_bytes import (
     PIECE,
@@ -262,13 +268,7 @@ def _node(
 
 def _watch(pid: int, seconds: float) -> tuple[float, float]:
     """Cores and growth of memory (KiB) of a process that has warmed up."""
-    memory, spent, began = resident_kib(pid), _processor_s(pid), time.monotonic()
+    memory, spent, began = resident_kib(pid), processor_s(pid), time.monotonic()
     time.sleep(seconds)
-    cores = (_processor_s(pid) - spent) / (time.monotonic() - began)
+    cores = (processor_s(pid) - spent) / (time.monotonic() - began)
     return cores, resident_kib(pid) - memory
-
-
-def _processor_s(pid: int) -> float:
-    """User and system time of a process so far (s)."""
-    fields = Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')

@@ -8,14 +8,13 @@ close on `test/reference/grip_world.py`, whose physics runs ten times finer than
 from __future__ import annotations
 
 import dataclasses
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.control import GripConfig, GripForce, GripInput, GripPhase, qb_softhand
+from tactile_ros.control import GripConfig, GripForce, GripPhase, qb_softhand
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.sources import load_source
@@ -31,11 +30,11 @@ if TYPE_CHECKING:
     from tactile_ros.types import Recording
 
 WORLD = Path(__file__).parents[1] / 'test' / 'reference' / 'grip_world.py'
+FAULTS = Path(__file__).parent / 'worlds' / 'grip_faults.py'
 LOAD_WORLD = WORLD.with_name('load_world.py')
 SCENES = Path(__file__).parent / 'worlds' / 'grasp_scenes.py'
 SEEDS = {'quick': 2, 'normal': 10, 'full': 40}
 LOADS = {'quick': 5, 'normal': 100, 'full': 200}  # of either kind
-STEPS = {'quick': 2_000, 'normal': 20_000, 'full': 50_000}
 FOLDS, LENGTH, TARE = 5, 300, 10
 SIGMAS = 5.0  # of rest, beyond which a pull has begun
 TARGET = 2.0  # N
@@ -67,9 +66,10 @@ class Judged:
 def run(extent: str, command: str) -> BenchResult:
     """Measure everything."""
     seeds = list(range(SEEDS[extent]))
+    suffered, reactions = load_source(FAULTS, 'bench grasp').fault_rows(extent)
     rows = [
         *_slip_rows(seeds), *_loop_rows(seeds), *_load_rows(LOADS[extent]),
-        _step_row(STEPS[extent]),
+        *suffered,
     ]  # fmt: skip
     notes = [
         'Slip: five folds by sequence, contiguous in the order of recording; the rows of shuffled '
@@ -83,7 +83,7 @@ def run(extent: str, command: str) -> BenchResult:
         '15 % less while it slides): half of the objects grow from 0.1 to 0.5 kg, for the others '
         'friction is halved; a slide of 20 mm is a drop. Fixed: the force that would hold 98 % '
         'without dynamics. Doubled: from the same start as the adaptive grip, at slips alone.',
-        'The time of a step is the median; a finger and a drive each feel, learn and regulate.',
+        *reactions,
     ]
     scenes = _scenes(extent)
     return BenchResult(
@@ -278,23 +278,3 @@ def _carry(
         if world.dropped:
             break
     return float(world.dropped), float(np.mean(forces))
-
-
-def _step_row(steps: int) -> Row:
-    """Time of one step of the law for four fingers that hold."""
-    law = GripForce(GripConfig(), (0, 1, 2, 3), (1, 1, 1, -1))
-    law.enable()
-    law.grasp(3.0)
-    rng = np.random.default_rng(0)
-    force, across = 1.0 + 0.02 * rng.normal(size=(2, steps, 4))
-    took = []
-    for i in range(steps):
-        given = GripInput(
-            force[i] if i > TARE else np.zeros(4), 0.2 * across[i], np.ones(4, bool),
-            np.full(4, -1, np.int8), np.zeros(4), np.full(4, 0.3) + 1e-3 * force[i], 0.0,
-        )  # fmt: skip
-        began = time.perf_counter()
-        law.step(given, 0.01)
-        took.append(time.perf_counter() - began)
-    micro = 1e6 * float(np.median(took[steps // 2 :]))
-    return Row('law step, 4 fingers', 'us', micro, aim=50.0, us_single=micro)

@@ -16,7 +16,7 @@ import numpy as np
 
 from tactile_ros.devices.damage import DAMAGES, unseen
 from tactile_ros.errors import MissingPackageError
-from tactile_ros.evaluation.benchmark import BenchResult, Row
+from tactile_ros.evaluation.benchmark import BenchResult, Row, over_seeds
 from tactile_ros.evaluation.coverage import ONE_SIGMA
 from tactile_ros.evaluation.metrics import target_errors
 from tactile_ros.sensors import load_sensor
@@ -203,19 +203,22 @@ def _rows(
     """The chosen estimator, the other choosable ones, and the peers of one kind of split."""
     split, unit = splits[0], 'mm' if splits[0].target == 'position' else 'N'
     kind = split.name.split()[0].rstrip(',')
-    figure = float(np.mean([_figure(e, split.target) for e, _ in ours]))
+    figures = [_figure(e, split.target) for e, _ in ours]
     single, batch = _times(fits[0], split.test)
     name = fits[0].estimators[split.target]
     rows = [
         Row(
             f'{split.name}: {name}',
             unit,
-            figure,
+            float(np.mean(figures)),
             paper=PUBLISHED.get(kind),
             peer=min(peers.values(), default=None),
             aim=split.aim,
             us_single=single,
             us_batch=batch,
+            spread=over_seeds(figures),
+            compared=split.name,
+            method=name,
         )
     ]
     sensor = load_sensor('reskin_board')
@@ -224,8 +227,9 @@ def _rows(
         found = [_figure(_errors(p, s)[0], s.target) for p, s in zip(pipes, splits, strict=True)]
         single, batch = _times(pipes[0], split.test)
         rows.append(
-            Row(f'  {other}', unit, float(np.mean(found)), us_single=single, us_batch=batch)
-        )
+            Row(f'  {other}', unit, float(np.mean(found)), us_single=single, us_batch=batch,
+                spread=over_seeds(found), compared=split.name, method=other)
+        )  # fmt: skip
     return rows + [Row(f'  peer: {name}', unit, value) for name, value in peers.items()]
 
 

@@ -6,7 +6,6 @@ the recorder that heard its contacts; cost is the processor time of the nodes be
 
 from __future__ import annotations
 
-import os
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 
 from tactile_ros.evaluation.archive import save_recording
 from tactile_ros.evaluation.benchmark import BenchResult, Row
+from tactile_ros.evaluation.driver_speed import processor_s
 from tactile_ros.evaluation.metrics import Spread, latency
 from tactile_ros.evaluation.recording import load
 from tactile_ros.evaluation.replay import replay
@@ -85,7 +85,7 @@ def _live(folder: Path, *, stack: bool) -> Road:
     nodes = [p.executable for p in graph.processes if p.executable not in ('player', 'record')]
     with Running(graph, {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}) as running:
         running.wait_for_line('player', 'played', timeout=120.0)
-        spent = sum(_processor_seconds(running.pid(node)) for node in nodes)
+        spent = sum(processor_s(running.pid(node)) for node in nodes)
     loaded = load(folder / name).recordings[0]
     replayed = replay(loaded, load_sensor(SENSOR).load(folder / 'calibration.npz'))
     recording, live = loaded.recording, loaded.contacts
@@ -97,12 +97,6 @@ def _live(folder: Path, *, stack: bool) -> Road:
         latency(live.log_ns, recording.stamp_ns[live.rows]), spent / lasted,
         replayed.agreement.without_contacts, replayed.agreement.largest, replayed.us_per_frame,
     )  # fmt: skip
-
-
-def _processor_seconds(pid: int) -> float:
-    """User and system time of a process so far (s), start-up included."""
-    fields = Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
 def _offline(folder: Path) -> tuple[float, float]:

@@ -29,7 +29,7 @@ ARGUMENTS: dict[str, tuple[str, list[str] | None]] = {
     ),
     'ports': ('serial ports in the order of the fingers; empty: /dev/ttyACM0 and on', None),
     'calibrations': ('folder with <finger>.npz; empty: contacts say NOT_CALIBRATED', None),
-    'stack': ('sensor and contact of a finger in one process by direct calls', TRUE_OR_FALSE),
+    'stack': ('sensors, contacts and grip in one process by direct calls', TRUE_OR_FALSE),
     'use_robot_description': (
         'take limits, and pads whose frame is a link, from robot_description',
         TRUE_OR_FALSE,

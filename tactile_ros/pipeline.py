@@ -24,9 +24,8 @@ from tactile_ros.conditioning.faults import (
     frame_readings,
     judged_rows,
     set_aside,
-    taxel_faults,
+    usable_readings,
     usable_rows,
-    without_faults,
 )
 from tactile_ros.conditioning.rest import Rest
 from tactile_ros.conditioning.stream import Stream
@@ -112,7 +111,8 @@ class Pipeline:
             raise ValueError(msg)
         for frame in frames:
             truth.refuse_other_shape(self.sensor, self.layout, np.shape(frame.values))
-        usable = np.concatenate([frame_readings(frame, self.layout)[0] for frame in frames])
+        rows = [frame_readings(frame, self.layout, self.estimation)[0] for frame in frames]
+        usable = np.concatenate(rows)
         self.rest_ = replace(self.rest_, baseline=tare_level(usable, self.rest_.dead))
         self._stream.rebase(self._tracker())
 
@@ -141,7 +141,7 @@ class Pipeline:
             If the frame's shape differs from the layout.
         """
         truth.refuse_other_shape(self.sensor, self.layout, np.shape(frame.values))
-        usable, bits, chips = frame_readings(frame, self.layout)
+        usable, bits, chips = frame_readings(frame, self.layout, self.estimation)
         usable, bits = set_aside(usable, bits, self.rest_.dead)
         if self._stream.is_over(frame.stamp_ns):
             self.reset()
@@ -177,8 +177,8 @@ class Pipeline:
 
     def _readings(self, recording: Recording) -> tuple[Array, Bytes]:
         """Readings of a recording, NaN where unusable, and why."""
-        bits = taxel_faults(recording.values, recording.status, self.layout)
-        return set_aside(without_faults(recording.values, bits), bits, self.rest_.dead)
+        usable, bits = usable_readings(self.estimation, recording, self.layout)
+        return set_aside(usable, bits, self.rest_.dead)
 
     def _conditioned_rows(self, recording: Recording, usable: Array, bits: Bytes) -> Signals:
         """Conditioned frames of a recording."""
@@ -242,9 +242,9 @@ class Pipeline:
         """
         truth.refuse_foreign(self.sensor, self.layout, *recordings)
         joined = truth.join(recordings)
-        bits = taxel_faults(joined.values, joined.status, self.layout)
+        usable, bits = usable_readings(self.estimation, joined, self.layout)
         dead = dead_throughout(bits)
-        usable, bits = set_aside(without_faults(joined.values, bits), bits, dead)
+        usable, bits = set_aside(usable, bits, dead)
         rest = Rest.unknown(self.layout.shape, self.config.noise)
         resting, ordered = truth.resting_rows(joined), truth.are_ordered(recordings)
         self.rest_ = rest.learn(usable, resting, joined.stamp_ns, joined.restarts, ordered)

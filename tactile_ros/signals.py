@@ -76,7 +76,9 @@ class Estimation(Protocol):
 
     An estimation may also have `contact(signals)`, which gives `in_contact` (s,) anew before
     `estimate`, for sensors on which contact does not show in every channel: 1, 0, and -1 in rows
-    that are not good. A `fit` sees contact as the pipeline judged it.
+    that are not good. A `fit` sees contact as the pipeline judged it. With `impossible(values)` it
+    names taxels (s, t) of readings (s, t, c) that no sensor can give: they count as not read,
+    also in baselines.
     """
 
     @property

@@ -5,10 +5,12 @@ example:
   tactile bench devices --quick
   tactile bench fidelity --figures docs/images
   tactile bench all --jobs 2
+  tactile bench roads --quick --json
 """
 
 from __future__ import annotations
 
+import json
 import shlex
 import subprocess
 import sys
@@ -26,7 +28,10 @@ from tactile_ros.evaluation.sources import load_source
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Sequence
     from types import ModuleType
+
+    from tactile_ros.evaluation.benchmark import BenchResult
 
 LONGEST = ('devices', 'grasp', 'magnet_pad', 'reskin')  # of all benches, which begin
 ALONE = 'import sys; from tactile_ros.cli.main import main; sys.exit(main(sys.argv[1:]))'
@@ -54,6 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--jobs', type=int, default=1, help='benches of `all` at a time')
     parser.add_argument('--results', type=Path, help='folder of the json files')
     parser.add_argument('--figures', type=Path, help='folder of the plots (SVG), where wanted')
+    parser.add_argument('--json', action='store_true', help='print the tables as JSON')
 
 
 def load(name: str) -> ModuleType:
@@ -78,20 +84,31 @@ def run(options: argparse.Namespace) -> int:
         refuse_unwritable(results / f'{name}.json')
         if options.figures:
             refuse_unwritable(options.figures / f'{name}.svg')
-    if options.jobs > 1 and len(benches) > 1:
+    if options.jobs > 1 and len(benches) > 1 and not options.json:
         return _side_by_side([*benches], extent, results, options)
+    told = []
     for name, bench in benches.items():
         began = time.perf_counter()
         print(f'bench {name} ({extent}) ...', file=sys.stderr, flush=True)
         result = bench.run(extent, shlex.join(['tactile', *_words(name, extent)]))
-        show(COLUMNS, [row.cells() for row in result.rows], title=f'{name}: {result.command}')
-        for note in result.notes:
-            print(f'  {note}')
-        for path in result.draw(options.figures) if options.figures else ():
-            print(f'  drawn: {path}')
-        seconds = time.perf_counter() - began
-        print(f'  seeds {result.seed}; {seconds:.0f} s; written to {result.write(results)}')
+        drawn = result.draw(options.figures) if options.figures else []
+        path, seconds = result.write(results), time.perf_counter() - began
+        told.append(json.loads(path.read_bytes()))
+        if not options.json:
+            tell(result, drawn)
+            print(f'  seeds {result.seed}; {seconds:.0f} s; written to {path}')
+    if options.json:
+        print(json.dumps(told, indent=2))
     return 0
+
+
+def tell(result: BenchResult, drawn: Sequence[Path]) -> None:
+    """Print the table of a bench, its notes, and what it drew."""
+    show(COLUMNS, [row.cells() for row in result.rows], title=f'{result.bench}: {result.command}')
+    for note in result.notes:
+        print(f'  {note}')
+    for path in drawn:
+        print(f'  drawn: {path}')
 
 
 def _words(name: str, extent: str) -> list[str]:

@@ -9,6 +9,7 @@ example:
   tactile demo
   tactile demo --output out/other --seed 1
   tactile demo --sensor gradiometer
+  tactile demo --sensor taxel_array --json
   tactile demo grasp
 """
 
@@ -82,6 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--output', type=Path, default=Path('out') / 'demo', help='folder')
     parser.add_argument('--seed', type=int, default=0, help='which places are held out')
+    parser.add_argument('--json', action='store_true', help='print the table as JSON')
     parser.add_argument(
         '--sensor', default=SENSOR, help=f'{SENSOR} plays recordings, any other one its twin'
     )
@@ -144,7 +146,7 @@ def run(options: argparse.Namespace) -> int:
     output = options.output.resolve()
     clear(output)
     if spec.key != SENSOR:
-        return run_twin(spec.key, output, options.seed)
+        return run_twin(spec.key, output, options.seed, as_json=options.json)
     began = time.perf_counter()
     chosen = parts(options.seed)
     _say(began, 'calibrating on parts of real recordings (places, a run, cycles)')
@@ -160,13 +162,13 @@ def run(options: argparse.Namespace) -> int:
     result = Result(
         'A real recording through the real graph', command, environment(), tuple(datasets), NOTES
     )
-    print_result(result)
+    print_result(result, as_json=options.json)
     from tactile_ros.evaluation.report import write_report
 
     write_report(output / 'report.html', result)
     _say(began, 'done')
     for name, path in _outcome(output, chosen):
-        print(f'{name:12} {path}')
+        print(f'{name:12} {path}', file=sys.stderr if options.json else sys.stdout)
     return 0
 
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from tactile_ros.cli.sources import read_config
 from tactile_ros.cli.table import as_objects, show
+from tactile_ros.cli.working import Working
 from tactile_ros.sensors import designable, load_sensor
 
 if TYPE_CHECKING:
@@ -53,7 +54,9 @@ def run(options: argparse.Namespace) -> int:
     spec = load_sensor(options.sensor)
     design = spec.design()
     own = sensor_parser(spec, design).parse_args(options.rest)
-    tables = design.tables(read_config(spec, own.config), own)
+    config = read_config(spec, own.config)
+    with Working(f'working out {spec.key}'):
+        tables = design.tables(config, own)
     (print_json if own.json else print_text)(tables)
     return 0
 

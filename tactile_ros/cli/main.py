@@ -4,20 +4,27 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import sys
 
 from tactile_ros import __version__
 from tactile_ros.errors import TactileError
 
-COMMANDS = ('list', 'doctor', 'demo', 'calibrate', 'record', 'replay', 'design', 'bench')
-FAILED, WRONG_USE, INTERRUPTED = 1, 2, 130
+COMMANDS = (
+    'list', 'doctor', 'demo', 'calibrate', 'enrol', 'record', 'replay', 'report', 'view',
+    'design', 'bench',
+)  # fmt: skip
+FAILED, WRONG_USE, INTERRUPTED, UNHEARD = 1, 2, 130, 141
 
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of all commands."""
     top = argparse.ArgumentParser(
         prog='tactile',
-        description='Tactile sensors for robot hands: calibrate, run, replay and measure.',
+        description='Tactile sensors for robot hands: calibrate, run, replay, show and measure.',
+        epilog='exit codes: 0 done; 1 failed, or something is wrong or left out; 2 wrong use; '
+        '130 interrupted; 141 nobody reads the output any more. Tables go to stdout, with --json '
+        'as JSON; progress and failures go to stderr.',
     )
     top.add_argument('--version', action='version', version=f'tactile_ros {__version__}')
     commands = top.add_subparsers(dest='command', required=True, metavar='COMMAND')
@@ -48,11 +55,16 @@ def main(arguments: list[str] | None = None) -> int:
     Returns
     -------
     int
-        0 done, 1 failed, 2 wrong use, 130 interrupted.
+        0 done, 1 failed, 2 wrong use, 130 interrupted, 141 nobody reads what it prints.
     """
     options = parser().parse_args(arguments)
     try:
-        return int(options.run(options) or 0)
+        code = int(options.run(options) or 0)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # or Python tries again at its end, and complains
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return UNHEARD
     except (TactileError, OSError) as error:
         print(f'tactile {options.command}: {sentence(error)}', file=sys.stderr)
         return FAILED
@@ -62,3 +74,4 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f'tactile {options.command}: interrupted', file=sys.stderr)
         return INTERRUPTED
+    return code

@@ -15,6 +15,7 @@ from tactile_ros.types import (
     FrameStatus,
     Integers,
     Layout,
+    Recording,
     TaxelStatus,
 )
 
@@ -65,6 +66,27 @@ def taxel_faults(values: Array, status: Bytes | None, layout: Layout) -> Bytes:
         silent &= ~silent.all(axis=-1, keepdims=True)
         bits = bits | silent * np.uint8(TaxelStatus.DEAD)
     return np.asarray(bits if status is None else bits | status, np.uint8)
+
+
+def refused_readings(estimation: object, values: Array, bits: Bytes) -> tuple[Array, Bytes]:
+    """Readings (s, t, c), NaN with ERROR where the sensor says that they cannot be.
+
+    Its `impossible(values)`, where it has one, says so of every taxel (s, t).
+    """
+    asked = getattr(estimation, 'impossible', None)
+    wrong = None if asked is None else asked(values)
+    if wrong is None or not np.count_nonzero(wrong):
+        return values, bits
+    bits = np.asarray(bits | wrong * np.uint8(TaxelStatus.ERROR), np.uint8)
+    return np.where(wrong[..., None], np.nan, values), bits
+
+
+def usable_readings(
+    estimation: object, recording: Recording, layout: Layout
+) -> tuple[Array, Bytes]:
+    """Readings (s, t, c) of a recording, NaN where they must not be used, and why (s, t)."""
+    bits = taxel_faults(recording.values, recording.status, layout)
+    return refused_readings(estimation, without_faults(recording.values, bits), bits)
 
 
 def without_faults(values: Array, bits: Bytes) -> Array:
@@ -133,7 +155,9 @@ def judged_rows(estimation: object, bits: Bytes, delta: Array, base: Array) -> t
     return enough(bits), np.where(np.isnan(delta) & np.isfinite(base), 0.0, delta)
 
 
-def frame_readings(frame: Frame, layout: Layout) -> tuple[Array, Bytes, Array | None]:
+def frame_readings(
+    frame: Frame, layout: Layout, estimation: object = None
+) -> tuple[Array, Bytes, Array | None]:
     """What a frame says, as a batch of one.
 
     Parameters
@@ -142,6 +166,8 @@ def frame_readings(frame: Frame, layout: Layout) -> tuple[Array, Bytes, Array | 
         Of t taxels and c channels.
     layout : Layout
         As in `taxel_faults`.
+    estimation : object
+        As in `refused_readings`.
 
     Returns
     -------
@@ -161,7 +187,7 @@ def frame_readings(frame: Frame, layout: Layout) -> tuple[Array, Bytes, Array | 
     status = _row('status', frame.status, values.shape[1], np.uint8)
     chips = _row('temperature_c', frame.temperature_c, values.shape[1], np.float64)
     bits = taxel_faults(values, status, layout)
-    return without_faults(values, bits), bits, chips
+    return *refused_readings(estimation, without_faults(values, bits), bits), chips
 
 
 def _row(

@@ -40,6 +40,8 @@ class DriveLaw:
         Last closure; NaN before `seat`.
     limited : bool
         Whether the last step was clamped or rate limited.
+    stopped : bool
+        Whether the hand was sent less than the last command: it can close no further now.
 
     Examples
     --------
@@ -57,7 +59,7 @@ class DriveLaw:
         self._integral_time = min(config.lag, 4.0 * self._closed_loop)
         self.reaction = delay + config.lag
         self.command = nan
-        self.limited = False
+        self.limited = self.stopped = False
         self._integral = nan
         self._gain = nan
         self._from = nan
@@ -67,7 +69,7 @@ class DriveLaw:
         """Begin from a closure: the next command starts there, whatever the error is."""
         self.command = min(max(closure, self.config.closure_low), self.config.closure_high)
         self._integral = self._from = self._wanted = nan
-        self.limited = False
+        self.limited = self.stopped = False
 
     def retreat(self, closure: float) -> None:
         """Let the next regulated command start from a measured closure, as fast as it may."""
@@ -122,6 +124,20 @@ class DriveLaw:
         if made != wanted:
             self._integral += min(dt / self._integral_time, 1.0) * (made - wanted)
         return made
+
+    def yield_to(self, closure: float, dt: float) -> None:
+        """Go on from a closure that was sent instead of the command, without winding up.
+
+        Parameters
+        ----------
+        closure : float
+            What a limit behind this law let through.
+        dt : float
+            Of the last step (s).
+        """
+        self._integral += min(dt / self._integral_time, 1.0) * (closure - self.command)
+        self.command = closure
+        self.limited = True
 
     def _admit(self, wanted: float, dt: float) -> float:
         """Nearest command inside limits and rate."""

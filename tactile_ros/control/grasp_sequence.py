@@ -11,6 +11,14 @@ if TYPE_CHECKING:
     from tactile_ros.control.grip_config import GripConfig
 
 OPENED = (GripPhase.IDLE, GripPhase.RELEASE)
+ENDS = (
+    (GraspOutcome.FAULT, 'the grip was released'),
+    (GraspOutcome.FAULT, ''),  # the refusal says it
+    (GraspOutcome.SLIPPED, 'the object was lost'),
+    (GraspOutcome.NO_OBJECT, 'closed without touching anything'),
+    (GraspOutcome.HELD, 'held at the asked force'),
+    (GraspOutcome.TIMEOUT, 'not held within {:g} s'),
+)
 
 
 @dataclass(frozen=True)
@@ -89,19 +97,45 @@ class GraspSequence:
 
     def _judged(self, made: GripStep) -> GraspProgress:
         """The first condition that holds."""
-        config, ends = self.config, GraspOutcome
+        config = self.config
         conditions = (
-            (made.phase in OPENED, ends.FAULT, 'the grip was released'),
-            (self._faulty > config.fault_time, ends.FAULT, made.refusal),
-            (self._had and self._empty > config.lost_time, ends.SLIPPED, 'the object was lost'),
-            (self._closed > config.lost_time, ends.NO_OBJECT, 'closed without touching anything'),
-            (made.settled, ends.HELD, 'held at the asked force'),
-            (
-                0.0 < self._timeout <= self._elapsed, ends.TIMEOUT,
-                f'not held within {self._timeout:g} s',
-            ),
-        )  # fmt: skip
-        for holds, outcome, message in conditions:
-            if holds:
-                return GraspProgress(outcome, message)
-        return GraspProgress(None, made.phase.name.lower())
+            made.phase in OPENED,
+            self._faulty > config.fault_time,
+            self._had and self._empty > config.lost_time,
+            self._closed > config.lost_time,
+            made.settled,
+            0.0 < self._timeout <= self._elapsed,
+        )
+        if True not in conditions:
+            return GraspProgress(None, made.phase.name.lower())
+        first = conditions.index(True)
+        outcome, sentence = ENDS[first]
+        return GraspProgress(outcome, sentence.format(self._timeout) or made.refusal)
+
+
+class Opening:
+    """Judge the steps of an opening as `GraspSequence` does those of a grasp.
+
+    Parameters
+    ----------
+    config : GripConfig
+        Time after which a fault ends it.
+    timeout : float
+        Longest time (s); 0: any.
+    """
+
+    def __init__(self, config: GripConfig, timeout: float) -> None:
+        self._config, self._timeout = config, timeout
+        self._elapsed = self._faulty = 0.0
+
+    def step(self, made: GripStep, dt: float) -> GraspProgress:
+        """Take in a step of the law."""
+        self._elapsed += dt
+        self._faulty = self._faulty + dt if made.phase == GripPhase.FAULT else 0.0
+        if made.phase == GripPhase.IDLE:
+            return GraspProgress(GraspOutcome.NO_OBJECT, 'the hand is open')
+        if self._faulty > self._config.fault_time:
+            return GraspProgress(GraspOutcome.FAULT, made.refusal)
+        if 0.0 < self._timeout <= self._elapsed:
+            return GraspProgress(GraspOutcome.TIMEOUT, f'not open within {self._timeout:g} s')
+        return GraspProgress(None, 'opening')

@@ -12,18 +12,17 @@ what the last asked for; where a finger is late all stay, until it is heard or c
 
 from __future__ import annotations
 
-from math import isfinite, nan
+from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.control.drive_law import DriveLaw, bounded
-from tactile_ros.control.fingers import Fingers, mean_of
+from tactile_ros.control.fingers import Fingers
+from tactile_ros.control.grip_drives import GripDrives
 from tactile_ros.control.grip_report import GripParts, told
 from tactile_ros.control.grip_state import GripInput, GripPhase, GripStep
-from tactile_ros.control.grip_targets import GripTargets, balanced
+from tactile_ros.control.grip_targets import GripTargets
 from tactile_ros.control.grip_watch import GripWatch, refuse_goal, refuse_order, refuse_step
-from tactile_ros.control.stiffness import Stiffness
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
 
     from tactile_ros.control.grip_config import GripConfig
 
-IMPACT = 2.0  # asked forces that an approach may meet in the time to react
 GRASPING = (GripPhase.CLOSE, GripPhase.TOUCH, GripPhase.LOAD, GripPhase.HOLD)
 
 
@@ -77,14 +75,15 @@ class GripForce:
         self._sides = [0] * len(self._drives) if sides is None else [int(side) for side in sides]
         refuse_order(self._drives, self._sides)
         count = len(self._drives)
-        self._laws = [DriveLaw(config) for _ in range(max(self._drives) + 1)]
-        self._stiffness = [Stiffness(config) for _ in self._laws]
-        self._opposed = {-1, 1} <= set(self._sides)
         self._fingers = Fingers(config, self._drives)
         self._targets = GripTargets(config, self._sides)
         self._watch = GripWatch(config, count)
+        self._moved = GripDrives(
+            config, max(self._drives) + 1, self._sides, self._fingers, self._targets
+        )
+        self._laws = self._moved.laws
         self._parts = GripParts(
-            self._laws, self._stiffness, self._fingers, self._targets, self._watch
+            self._laws, self._moved.stiffness, self._fingers, self._targets, self._watch
         )
         self._used = self._all = [True] * count
         self._active = self._started = False
@@ -94,12 +93,11 @@ class GripForce:
     def _forget(self) -> None:
         """Nothing is held: another object may come."""
         self.phase = GripPhase.IDLE
-        self._waited = self._calm = self._unseen = 0.0
+        self._waited = 0.0
         self._trusted = True
         self._targets.restart()
         self._fingers.reset()
-        for one in self._stiffness:
-            one.reset()
+        self._moved.restart()
 
     @property
     def active(self) -> bool:
@@ -111,8 +109,7 @@ class GripForce:
         if not self._active:
             self._forget()
             self._started = False
-            for law in self._laws:
-                law.command = nan
+            self._moved.release()
         self._active = True
 
     def disable(self) -> None:
@@ -155,7 +152,7 @@ class GripForce:
         if not held:
             self._forget()
         self.phase = GripPhase.LOAD if held else GripPhase.CLOSE
-        self._calm = 0.0
+        self._moved.calm = 0.0
 
     def release(self) -> None:
         """Open; nothing happens where the law is not active."""
@@ -195,12 +192,24 @@ class GripForce:
             return self._open(normal, dt)
         self._feel(given, normal, dt)
         if self._fingers.late:
-            for law in self._laws:
-                law.stay()
+            self._moved.stay()
         else:
             self._advance(dt)
-            self._drive(given, normal, dt)
+            holding = self.phase == GripPhase.HOLD
+            self._moved.drive(normal, given.closure.tolist(), dt, holding)
         return self._made(normal, True, '')
+
+    def admit(self, closure: npt.ArrayLike, dt: float) -> None:
+        """Go on from what was sent where it is not the last command.
+
+        Parameters
+        ----------
+        closure : array_like, shape (a,)
+            That was sent.
+        dt : float
+            Of the last step (s).
+        """
+        self._moved.admit(np.asarray(closure, np.float64).tolist(), dt)
 
     def _refusal(self, given: GripInput, normal: list[float], dt: float) -> str:
         """Why nothing can be commanded in this step; empty if something can."""
@@ -213,19 +222,10 @@ class GripForce:
         else:
             why = self._watch.judge(given, normal, self._used)
         why = refuse_step(dt, self._longest) or why
-        return why if why or self._started else self._start(given)
-
-    def _start(self, given: GripInput) -> str:
-        """Begin from where the drives are; why that is not possible, or empty."""
-        for i, law in enumerate(self._laws):
-            if isfinite(law.command):
-                continue
-            closure = float(given.closure[i])
-            if not isfinite(closure):
-                return f'closure of drive {i} was never measured'
-            law.seat(closure)
-        self._started = True
-        return ''
+        if not why and not self._started:
+            why = self._moved.start(given.closure.tolist())
+            self._started = not why
+        return why
 
     def _safe(self, given: GripInput, normal: list[float], refusal: str, dt: float) -> GripStep:
         """Hold what was sent last, or open slowly."""
@@ -233,24 +233,20 @@ class GripForce:
         opens = self.config.safe_action == 'open' and self.phase in GRASPING and self._started
         opens = opens and not given.blocked and not refuse_step(dt, self._longest)
         if opens:
-            for law in self._laws:
-                law.move(-self.config.safe_rate, dt)
+            self._moved.move(-self.config.safe_rate, dt)
         return self._made(normal, opens, refusal, GripPhase.FAULT)
 
     def _trust(self) -> None:
         """After a fault: go on from the last command, or finish opening."""
         self._trusted = True
-        self._unseen = 0.0
         if self.config.safe_action == 'open' and self.phase in GRASPING:
             self.phase = GripPhase.RELEASE
-        for law in self._laws:
-            law.seat(law.command)
+        self._moved.settle()
         self._fingers.blind()
 
     def _open(self, normal: list[float], dt: float) -> GripStep:
         """One step of a release; idle when all drives are open."""
-        for law in self._laws:
-            law.move(-self.config.opening_rate, dt)
+        self._moved.move(-self.config.opening_rate, dt)
         made = self._made(normal, True, '')
         if all(law.command <= self.config.closure_low for law in self._laws):
             self._forget()
@@ -276,6 +272,7 @@ class GripForce:
             if self._gathered():
                 self.phase = GripPhase.LOAD
         if self.phase in (GripPhase.LOAD, GripPhase.HOLD):
+            self._targets.share(self._fingers.touching)
             reached = self._targets.grow(self._fingers.slips, dt)
             if self.phase == GripPhase.LOAD and reached:
                 self.phase = GripPhase.HOLD
@@ -290,61 +287,10 @@ class GripForce:
         both = all(any(touches[i] for i in felt if self._sides[i] == side) for side in sides)
         return self._waited > self.config.touch_time and both
 
-    def _drive(self, given: GripInput, normal: list[float], dt: float) -> None:
-        """Commands of all drives."""
-        regulates = self._fingers.complete
-        for drive, touching in enumerate(self._fingers.on):
-            if not touching:
-                self._laws[drive].move(self._approach(drive), dt)
-            elif not regulates:
-                self._laws[drive].follow(dt)
-        if regulates:
-            self._regulate(normal, given.closure.tolist(), dt)
-            self._fingers.spend()
-            self._unseen = 0.0
-        else:
-            self._unseen += dt
-
-    def _regulate(self, normal: list[float], closures: list[float], dt: float) -> None:
-        """Commands of the drives that touch, from forces that are all new."""
-        targets, most = self._targets.now, self.config.force_high
-        errors = [nan] * len(targets)
-        for touching in self._fingers.on:
-            for i in touching:
-                errors[i] = targets[i] - normal[i]
-        if self._opposed:
-            errors = balanced(errors, self._sides)
-        for drive, touching in enumerate(self._fingers.on):
-            if not touching:
-                continue
-            stiffness = self._stiffness[drive]
-            if isfinite(closures[drive]):
-                stiffness.step(closures[drive], mean_of(normal, touching))
-            error = bounded(mean_of(errors, touching), -most, most)
-            self._laws[drive].regulate(error, stiffness.cautious, dt, self._unseen)
-        self._settle(errors, dt + self._unseen)
-
-    def _approach(self, drive: int) -> float:
-        """Speed (1/s) of a drive that nothing touches; one that feels nothing stays."""
-        if not self._fingers.feeling[drive]:
-            return 0.0
-        reached = self._laws[drive].reaction * self.config.stiffness_high
-        return min(self.config.closing_rate, IMPACT * self._targets.lightest / reached)
-
-    def _settle(self, errors: list[float], dt: float) -> None:
-        """Count how long the errors of those that touch have been small."""
-        share, noise = self.config.settled_share, self.config.force_noise
-        held = self.phase == GripPhase.HOLD and any(self._fingers.on)
-        small = held
-        for error, target in zip(errors, self._targets.now, strict=True):
-            if abs(error) > share * target and abs(error) > noise:
-                small = False
-        self._calm = self._calm + dt if small else 0.0
-
     def _made(
         self, normal: list[float], send: bool, refusal: str, phase: GripPhase | None = None
     ) -> GripStep:
         """What is told of this step."""
-        calm = self._calm >= self.config.settled_time > 0 and phase is None
+        calm = self._moved.calm >= self.config.settled_time > 0 and phase is None
         shown = self.phase if phase is None else phase
         return told(self._parts, normal, shown, send, refusal, calm)

@@ -86,7 +86,7 @@ def _shut(parts: GripParts) -> bool:
     """Whether every drive that feels, and one at least, can close no further."""
     feeling = parts.fingers.feeling
     for law, feels in zip(parts.laws, feeling, strict=True):
-        if feels and law.command < law.config.closure_high:
+        if feels and law.command < law.config.closure_high and not law.stopped:
             return False
     return any(feeling)
 

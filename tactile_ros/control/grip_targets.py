@@ -99,7 +99,10 @@ class GripTargets:
     def __init__(self, config: GripConfig, sides: Sequence[int]) -> None:
         self.config = config
         self.sides = list(sides)
+        self._each = [0.0] * len(self.sides)
+        self._used = [False] * len(self.sides)
         self._asked = [0.0] * len(self.sides)
+        self._shared: list[bool] = []
         self._adapt = False
         self.restart()
 
@@ -111,9 +114,26 @@ class GripTargets:
 
     def ask(self, targets: Sequence[float], used: Sequence[bool], adapt: bool) -> None:
         """Say what is wanted (N), of which fingers, and whether it may be raised."""
+        self._each, self._used, self._shared = list(targets), list(used), []
         self._asked = shared(targets, self.sides, used)
         self._adapt = adapt
         self._raise = 1.0
+
+    def share(self, touching: Sequence[bool]) -> None:
+        """Share what was asked among the fingers that press, where both sides still do.
+
+        Parameters
+        ----------
+        touching : sequence of bool
+            Fingers on the object; one whose force is lost holds its place, and presses on.
+        """
+        if self._shared == touching:
+            return
+        self._shared = list(touching)
+        press = [use and touch for use, touch in zip(self._used, touching, strict=True)]
+        wanted = {side for side, use in zip(self.sides, self._used, strict=True) if use}
+        if {side for side, one in zip(self.sides, press, strict=True) if one} == wanted:
+            self._asked = shared(self._each, self.sides, press)
 
     def touch(self) -> None:
         """Targets of fingers that wait for the others."""

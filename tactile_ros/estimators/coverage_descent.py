@@ -52,16 +52,18 @@ class Descent:
         `final`, costs stay as loose as the last one was.
         """
         if variant.places is not None:
-            return descend_places(points, variant, starts[0], readings, rounds, loose, final)
+            return descend_places(variant, starts[0], readings, rounds, loose, final)
         params = starts[:, : variant.free].copy()
         pressure = np.zeros(len(params))
+        error = points.errors[variant.label]
+        floor = error.floor * readings.top**2
         for i in range(rounds):
             stack = points.seen(variant, params, profile)
             if i == 0:
                 pressure = np.array([first_pressure(readings, one) for one in stack[-1]])
             stack *= pressure[:, None]
             miss = readings.force - stack[-1]
-            edges = points.edge_error(variant.unit[0]) * np.square(stack[:2]).sum(axis=0)
+            edges = error.edge * np.square(stack[:2]).sum(axis=0) + floor
             squared = np.square(miss)
             rough = np.array([[readings.excess(one)] for one in squared])
             if i < len(loose):

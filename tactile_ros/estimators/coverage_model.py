@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,12 +13,12 @@ from tactile_ros.physics.tubes import HALF_SPACE, contact_profile, nearest_axis
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from tactile_ros.estimators.coverage_error import ModelError
     from tactile_ros.estimators.place_table import PlaceTable
     from tactile_ros.types import Array, Integers, Outline
 
 ACROSS = 0.866  # of a disc's radius: half a strip that is as wide, by its variance
 LEAST_WIDTH, MOST_WIDTH = 0.08, 0.99  # of a tube's contact, in radii
-EDGE = 0.08  # error of an edge across one point, in radii of its disc
 UNKNOWN_RADIUS = 0.2  # of the reach
 
 
@@ -46,6 +46,8 @@ class Variant:
         None: a tube.
     places : PlaceTable or None
         Coverage of every taxel over places, of what looks alike from all sides.
+    turns : ndarray, shape (n,)
+        About its centre, after which it may be mistaken for itself (rad).
     """
 
     label: int
@@ -60,6 +62,7 @@ class Variant:
     span: float
     table: CoverageTable | RadialTable | None
     places: PlaceTable | None = None
+    turns: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def tube(self) -> bool:
@@ -129,6 +132,8 @@ class TaxelPoints:
         Of a disc as large (m).
     size : int
         Points of each taxel; 0: they differ.
+    errors : dict of int to ModelError
+        How far they are from finer points, by the label of the object; see `measure`.
     """
 
     def __init__(
@@ -139,6 +144,7 @@ class TaxelPoints:
         sizes = np.diff(np.append(self.first, len(points)))
         self.part = areas / sizes
         self.size = int(sizes[0]) if np.all(sizes == sizes[0]) else 0
+        self.errors: dict[int, ModelError] = {}
 
     def among(self, chosen: Integers) -> TaxelPoints:
         """The same, of chosen taxels only, where all have as many points."""
@@ -146,12 +152,8 @@ class TaxelPoints:
         rows = (chosen[:, None] * self.size + np.arange(self.size)).reshape(-1)
         some.x, some.y, some.part = self.x[rows], self.y[rows], self.part[chosen]
         some.first, some.radius, some.size = self.first[: len(chosen)], self.radius, self.size
+        some.errors = self.errors
         return some
-
-    def edge_error(self, step: float) -> float:
-        """Variance of where an edge seems to lie, in squares of a step (m)."""
-        along = max(len(self.x) / len(self.first), 1.0) ** 0.25
-        return float(EDGE * self.radius / (along * step)) ** 2
 
     def seen(self, variant: Variant, params: Array, profile: int = HALF_SPACE) -> Array:
         """Covered area of each taxel, last, and before it its slopes.

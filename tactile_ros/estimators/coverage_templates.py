@@ -6,14 +6,17 @@ only turns are tried.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.estimators.coverage_error import FINER, model_error, tried_poses
 from tactile_ros.estimators.coverage_model import TaxelPoints, Variant, variant_of
 from tactile_ros.estimators.place_table import FEW_FINENESS, FINENESS, PlaceTable
 from tactile_ros.estimators.template_rows import likeliest
 from tactile_ros.physics import compiled
+from tactile_ros.physics.coverage import mistakable_turns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,7 +26,7 @@ if TYPE_CHECKING:
 LEAST_POINTS = 4
 POINTS = 2048  # of all taxels together, about
 MOST_POINTS = 128  # of one taxel
-TABLE_POINTS, FEW_TABLE_POINTS = 32, 128  # of one of many, of few taxels, to tabulate places
+TABLE_POINTS, FEW_TABLE_POINTS = 32, 256  # of one of many, of few taxels, to tabulate places
 FINE_POINTS = 16  # of one of thousands of taxels under an edge, in the end
 COARSE = 8  # times fewer points where a search begins
 FEW_TAXELS = 200  # up to which templates are kept for every place
@@ -77,6 +80,8 @@ class CoverageTemplates:
             variant_of(label, outline, self.points.radius, self.reach, self.step)
             for label, outline in enumerate(objects)
         ]
+        for variant in self.variants:
+            variant.turns = mistakable_turns(variant.outline, variant.centre, variant.order)
         self.fine: TaxelPoints | None = None
         self.sharp: list[Variant] = []
         if len(positions) > FEW_TAXELS and self.points.size:
@@ -101,6 +106,26 @@ class CoverageTemplates:
                         fine, sharp, self.middle, self.reach, self.step, fineness
                     )
             self.bank = self._bank()
+        self._measure(positions, taxel_outlines)
+
+    def _measure(self, positions: Array, taxel_outlines: Sequence[Outline] | None) -> None:
+        """How far points and tables are from finer points, of every object."""
+        kinds = [(self.points, self.variants)]
+        kinds += [] if self.coarse is self.points else [(self.coarse, self.variants)]
+        kinds += [] if self.fine is None else [(self.fine, self.sharp)]
+        for points, variants in kinds:
+            count = FINER * len(points.x) // len(points.first)
+            finer = TaxelPoints(positions, self.areas, taxel_outlines, count)
+            for variant in variants:
+                sharp = variant_of(
+                    variant.label, variant.outline, finer.radius, self.reach, self.step
+                )
+                poses = tried_poses(variant, self.middle, self.reach, len(finer.x))
+                seen = partial(points.seen, variant)
+                points.errors[variant.label] = model_error(seen, finer, sharp, poses)
+                places = variant.places
+                if places is not None:
+                    places.error = model_error(places.all_seen, finer, sharp, poses)
 
     def _bank(self) -> tuple[Singles, Array]:
         """Templates of unit length (n, t), and their variants and poses (n, 5)."""

@@ -1,13 +1,14 @@
 """Presses that were seen, as classes: distances that discount what may differ.
 
 Two presses of one head at about one place differ by depth, a little by place and turn, and by
-any uniform field. What these do to the pattern is known, from a model, as slopes; a distance in
-which movements along slopes cost little leaves what the shape does.
+any uniform field. What these do to the pattern is known, from a model: the terms that grow with
+the square and the cube of the depth, and the slopes with place and turn. A distance in which
+movements along them cost little leaves what the shape does.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,11 +18,14 @@ if TYPE_CHECKING:
     from tactile_ros.estimators.press_window import PressVectors
     from tactile_ros.types import Array, Integers
 
-PLACE, TURN, BEND = 0.2e-3, 0.02, 0.2  # how far presses of one kind differ: m, rad, share
+USUAL = np.array([0.2e-3, 0.2e-3, 0.02])  # how far presses of one kind differ: m, m, rad
+BEND = 0.2  # of what the square and the cube of the depth do, that may be wrong
 DEEPER = (0.1, 10.0)  # depth of a press over that of a support
-ROUNDS = 3
+ANY_DEPTH = 2.0  # one over the deviation of that ratio's change in a fit
+ROUNDS = 4
 REPEATS = 0.008  # error of a repeated press, as a share of what a chip sees
 CLOSEST = 24  # supports that are compared in full
+RANK = 12  # patterns by which shapes differ at one place
 ALIKE = 0.97  # cosine of presses that are averaged
 
 
@@ -33,91 +37,192 @@ class Supports:
     ----------
     label : ndarray, shape (m,)
         Class of each.
-    pattern : ndarray, shape (m, d)
-        Of `PressVectors` (T).
-    frames : ndarray, shape (m,)
-        Of `PressVectors`.
+    pattern, powers, frames : ndarray, shape (m, d), (m, 3) and (m,)
+        As in `PressVectors`.
     presses : ndarray, shape (m,)
         How many presses each is the mean of.
-    slopes : ndarray, shape (m, 4, d)
-        What a usual difference of place and turn does, and what grows with the square of the
-        depth (T); 0 where unknown.
+    slopes : ndarray, shape (m, 3, d)
+        What a usual difference of place and turn does (T); 0 where unknown.
+    bends : ndarray, shape (m, 2, d)
+        What the square and the cube of the depth do at full depth (T); 0 where unknown.
+    middle, factors : ndarray, shape (m, d) and (m, r, d)
+        What such a press is like (T) before it is seen: its mean, and factors of a covariance
+        of what shapes can do there; NaN and 0 where unknown.
     """
 
     label: Integers
     pattern: Array
+    powers: Array
     frames: Array
     presses: Array
     slopes: Array
+    bends: Array
+    middle: Array
+    factors: Array
 
     @classmethod
     def empty(cls, d: int) -> Supports:
         """None yet, of patterns of length d."""
         none = np.zeros(0)
-        return cls(np.zeros(0, np.int64), np.zeros((0, d)), none, none, np.zeros((0, 4, d)))
+        return cls(
+            np.zeros(0, np.int64), np.zeros((0, d)), np.zeros((0, 3)), none, none,
+            np.zeros((0, 3, d)), np.zeros((0, 2, d)), np.zeros((0, d)), np.zeros((0, RANK, d)),
+        )  # fmt: skip
 
     def where(self, rows: npt.NDArray[np.intp]) -> Supports:
         """Some of them."""
-        return Supports(
-            self.label[rows],
-            self.pattern[rows],
-            self.frames[rows],
-            self.presses[rows],
-            self.slopes[rows],
-        )
+        return Supports(*(getattr(self, one.name)[rows] for one in fields(self)))
 
     def without(self, label: int) -> Supports:
         """All but those of a class; classes above it move down by one."""
         left = self.where(np.flatnonzero(self.label != label))
         lower = left.label - (left.label > label)
-        return Supports(lower, left.pattern, left.frames, left.presses, left.slopes)
+        rest = (getattr(left, one.name) for one in fields(self)[1:])
+        return Supports(lower, *rest)
 
     def joined(self, other: Supports) -> Supports:
         """These and others."""
         return Supports(
             *(
-                np.concatenate([getattr(self, name), getattr(other, name)])
-                for name in ('label', 'pattern', 'frames', 'presses', 'slopes')
+                np.concatenate([getattr(self, one.name), getattr(other, one.name)])
+                for one in fields(self)
             )
         )
 
+    def at_depth(self, ratio: Array, powers: Array) -> Array:
+        """Patterns (m, d) at depths over their own (m,), of a press with some powers (3,)."""
+        bent = ratio[:, None] ** [2, 3] * powers[1:] - ratio[:, None] * self.powers[:, 1:]
+        return np.asarray(
+            ratio[:, None] * self.pattern + np.einsum('mp,mpd->md', bent, self.bends)
+        )
 
-def usual_slopes(pose_slopes: Array, pose: Array, fitted: Array) -> Array:
-    """What usual differences do, from slopes (n, 4, d) at poses (n, 4) with patterns (n, d)."""
-    found = pose_slopes * np.array([PLACE, PLACE, TURN, 1.0])[:, None]
-    # what grows with the square of the depth
-    found[:, 3] = pose_slopes[:, 3] * pose[:, 3:] - fitted
-    return np.asarray(np.nan_to_num(found))
+    def with_depth(self, ratio: Array, powers: Array) -> Array:
+        """Slopes (m, d) of those patterns with the ratio (m,)."""
+        bent = [2, 3] * ratio[:, None] ** [1, 2] * powers[1:] - self.powers[:, 1:]
+        return np.asarray(self.pattern + np.einsum('mp,mpd->md', bent, self.bends))
+
+    def depths(self, pattern: Array, powers: Array) -> Array:
+        """Depth of a press (d,) over that of each of them, shape (m,)."""
+        ratio = (self.pattern @ pattern) / np.maximum(np.square(self.pattern).sum(axis=1), 1e-30)
+        ratio = np.clip(ratio, *DEEPER)
+        for _ in range(ROUNDS):
+            slope = self.with_depth(ratio, powers)
+            miss = pattern - self.at_depth(ratio, powers)
+            step = (slope * miss).sum(axis=1) / np.maximum(np.square(slope).sum(axis=1), 1e-30)
+            ratio = np.clip(ratio + np.clip(step, -0.5 * ratio, ratio), *DEEPER)
+        return np.asarray(ratio)
+
+    def cleared(self, basis: Array) -> Supports:
+        """These without what a uniform field (d, 3) can add."""
+
+        def own(rows: Array) -> Array:
+            return np.asarray(rows - (rows @ basis) @ basis.T)
+
+        return Supports(
+            self.label, own(self.pattern), self.powers, self.frames, self.presses,
+            own(self.slopes), own(self.bends), own(self.middle), own(self.factors),
+        )  # fmt: skip
+
+    def told(self, noise: Array, still: float, error: float) -> tuple[Supports, Array]:
+        """These with the patterns that are likeliest, and factors and variance (m, d) of them.
+
+        Noise (d,) hides what a press is like; where shapes do nothing, nothing is to be seen.
+        """
+        theirs = noise**2 / self.frames[:, None] + still**2 / self.presses[:, None]
+        share = np.array([share_of(one, error) for one in self.pattern]).reshape(theirs.shape)
+        unknown = np.isnan(self.middle).any(axis=1, keepdims=True)
+        gain = np.where(unknown, 1.0, share / (share + theirs))
+        whole = share + theirs
+        off = self.pattern - np.where(unknown, 0.0, self.middle)
+        rows = self.factors / np.sqrt(whole)[:, None]
+        inner = np.eye(rows.shape[1]) + np.matmul(rows, np.swapaxes(rows, 1, 2))
+        right = np.matmul(rows, (off / np.sqrt(whole))[..., None])
+        found = np.linalg.solve(inner, right)[..., 0]
+        drawn = self.pattern - off + np.einsum('mr,mrd->md', found, self.factors)
+        pattern = drawn + gain * (self.pattern - drawn)
+        low = np.linalg.cholesky(np.linalg.inv(inner))
+        left = np.matmul(np.swapaxes(low, 1, 2), self.factors) * (1 - gain)[:, None]
+        return replace(self, pattern=pattern, factors=left), gain * theirs
 
 
-def averaged(supports: Supports) -> Supports:
-    """Means of presses of one class that are alike, beside the presses themselves."""
-    found = supports
+@dataclass(frozen=True)
+class SeenClasses:
+    """Supports (m) as presses are compared with them.
+
+    Attributes
+    ----------
+    supports : Supports
+        Without a uniform field; patterns that are likeliest, and factors of what they leave open.
+    variance, unit : ndarray, shape (m, d)
+        Of the patterns beside these factors (T2); patterns of unit length.
+    """
+
+    supports: Supports
+    variance: Array
+    unit: Array
+
+
+def seen_classes(
+    supports: Supports, noise: Array, still: float, error: float, basis: Array
+) -> SeenClasses:
+    """Classes as their presses tell them, alike ones together.
+
+    Parameters
+    ----------
+    supports : Supports
+        Presses.
+    noise : ndarray, shape (d,)
+        Of a reading (T).
+    still : float
+        Error of a pattern that frames do not average (T).
+    error : float
+        Of what a press is expected to be like, as a share of what a chip sees.
+    basis : ndarray, shape (d, 3)
+        Orthonormal patterns of a uniform field.
+    """
+    found, variance = averaged(supports, basis).cleared(basis).told(noise, still, error)
+    size = np.linalg.norm(found.pattern, axis=1, keepdims=True)
+    return SeenClasses(found, variance, found.pattern / (size + 1e-30))
+
+
+def averaged(supports: Supports, basis: Array) -> Supports:
+    """Means of presses of one class that are alike, and the presses that are not.
+
+    All are first brought to the depth of the strongest one; a uniform field is left out (d, 3).
+    """
+    found, plain = Supports.empty(supports.pattern.shape[1]), supports.cleared(basis)
     for label in np.unique(supports.label):
-        rows = np.flatnonzero(supports.label == label)
-        size = np.linalg.norm(supports.pattern[rows], axis=1)
-        unit = supports.pattern[rows] / size[:, None]
-        alike = unit @ unit[size.argmax()] > ALIKE
-        if alike.sum() < 2:
-            continue
-        rows, size = rows[alike], size[alike]
-        weight = size**2 * supports.frames[rows]
-        weight = weight / weight.sum()
-        scale = (weight / size * size.max())[:, None]
-        found = found.joined(
-            Supports(
-                np.array([label]),
-                (scale * supports.pattern[rows]).sum(axis=0)[None],
-                np.array([supports.frames[rows].sum()]),
-                np.array([float(len(rows))]),
-                (scale[:, :, None] * supports.slopes[rows]).sum(axis=0)[None],
-            )
-        )
+        left = np.flatnonzero(supports.label == label)
+        while len(left):
+            size = np.linalg.norm(plain.pattern[left], axis=1)
+            first = left[size.argmax()]
+            cosine = (plain.pattern[left] @ plain.pattern[first]) / (size * size.max())
+            alike = (cosine > ALIKE) | (left == first)
+            ratio = plain.where(left[alike]).depths(plain.pattern[first], plain.powers[first])
+            one = supports.where(np.array([first]))
+            found = found.joined(_mean(supports.where(left[alike]), one, ratio))
+            left = left[~alike]
     return found
 
 
+def _mean(some: Supports, first: Supports, ratio: Array) -> Supports:
+    """Mean of supports (m) at the depth of the first, over which theirs are 1 / ratio (m,)."""
+    weight = some.frames / np.square(ratio)
+    share = weight / weight.sum()
+    bends = (share * ratio ** [[2], [3]]).T[..., None] * some.bends
+    slopes = (share * ratio)[:, None, None] * some.slopes
+    return replace(
+        first,
+        pattern=(share @ some.at_depth(ratio, first.powers[0]))[None],
+        frames=np.array([weight.sum()]),
+        presses=np.array([1 / np.square(share * ratio).sum()]),
+        slopes=slopes.sum(axis=0)[None],
+        bends=bends.sum(axis=0)[None],
+    )
+
+
 def support_scores(
-    supports: Supports,
+    seen: SeenClasses,
     presses: PressVectors,
     noise: Array,
     common: Array,
@@ -128,8 +233,8 @@ def support_scores(
 
     Parameters
     ----------
-    supports : Supports
-        m of them.
+    seen : SeenClasses
+        m supports.
     presses : PressVectors
         n presses.
     noise : ndarray, shape (d,)
@@ -146,22 +251,20 @@ def support_scores(
     ndarray, shape (n, m)
         Infinite for supports that are far away.
     """
-    n, m = len(presses.pattern), len(supports.label)
+    n, m = len(presses.pattern), len(seen.unit)
     found = np.full((n, m), np.inf)
     basis = np.linalg.qr(common)[0]
-    plain = supports.pattern - (supports.pattern @ basis) @ basis.T
-    plain = plain / (np.linalg.norm(plain, axis=1, keepdims=True) + 1e-30)
     quiet = presses.variance(noise, still)
     for i in range(n):
         y = presses.pattern[i]
         own = y - basis @ (basis.T @ y)
-        near = np.argsort(-(plain @ own), kind='stable')[:CLOSEST]
-        near = near[plain[near] @ own > 0]
+        near = np.argsort(-(seen.unit @ own), kind='stable')[:CLOSEST]
+        near = near[seen.unit[near] @ own > 0]
         if len(near):
-            variance = quiet[i] + share_of(y, repeats)
-            some = supports.where(near)
-            theirs = noise**2 / some.frames[:, None] + still**2 / some.presses[:, None]
-            found[i, near] = _scores(some, y, variance, theirs, common)
+            some, theirs = seen.supports.where(near), seen.variance[near]
+            ratio = some.depths(own, presses.powers[i])
+            variance = quiet[i] + share_of(y, repeats) + np.square(ratio)[:, None] * theirs
+            found[i, near] = _scores(some, ratio, own, presses.powers[i], variance, common)
     return found
 
 
@@ -171,39 +274,32 @@ def share_of(pattern: Array, share: float) -> Array:
     return np.repeat(share**2 * (here + 0.05 * here.max()), 3)
 
 
-def _grown(supports: Supports, y: Array, common: Array) -> tuple[Array, Array]:
-    """Depth of a press over that of supports (m,), and their patterns (m, d) there, over it."""
-    basis = np.linalg.qr(common)[0]
-    free = np.stack([supports.pattern, supports.slopes[:, 3]])
-    free = free - (free @ basis) @ basis.T
-    size = (free[0] @ y) / np.square(free[0]).sum(axis=1)
-    for _ in range(ROUNDS):
-        size = np.clip(size, *DEEPER)
-        grown = free[0] + (size - 1)[:, None] * free[1]
-        size = (grown @ y) / np.maximum(np.square(grown).sum(axis=1), 1e-30)
-    size = np.clip(size, *DEEPER)
-    return size, supports.pattern + (size - 1)[:, None] * supports.slopes[:, 3]
+def orthonormal(columns: Array) -> Array:
+    """Bases (n, d, k) of what columns (n, d, k) span."""
+    rows = np.swapaxes(columns, 1, 2)
+    low = np.linalg.cholesky(np.matmul(rows, columns))
+    return np.asarray(np.swapaxes(np.linalg.solve(low, rows), 1, 2))
 
 
-def _scores(supports: Supports, y: Array, variance: Array, theirs: Array, common: Array) -> Array:
-    """Scores (m,) of one press (d,) with the variance of its readings."""
-    size, pattern = _grown(supports, y, common)
-    total = variance + np.square(size[:, None]) * theirs
-    weight = 1 / np.sqrt(total)
-    span = np.linalg.svd(weight[:, :, None] * common, full_matrices=False)[0]
-    rows = np.concatenate([pattern[:, None], supports.slopes], axis=1)
-    rows = size[:, None, None] * rows * weight[:, None]
-    rows[:, 4] *= BEND
+def _scores(
+    supports: Supports, ratio: Array, y: Array, powers: Array, variance: Array, common: Array
+) -> Array:
+    """Scores (m,) of one press (d,) with variances (m, d) of its readings."""
+    pattern, scale = supports.at_depth(ratio, powers), ratio[:, None]
+    deeper, bent = scale * supports.with_depth(ratio, powers), pattern - scale * supports.pattern
+    free = np.concatenate([supports.slopes, supports.factors], axis=1)
+    rows = np.stack([y - pattern, deeper, BEND * bent], axis=1)
+    rows = np.concatenate([rows, scale[:, None] * free], axis=1)
+    rows = rows / np.sqrt(variance)[:, None]
+    span = orthonormal(common / np.sqrt(variance)[..., None])
     rows = rows - np.matmul(np.matmul(rows, span), np.swapaxes(span, 1, 2))
-    wanted = y * weight
-    wanted = wanted - np.matmul(span, np.matmul(wanted[:, None], span).swapaxes(1, 2))[..., 0]
-    # depth is free within a factor; slopes have their usual size
-    prior = np.diag([4.0, 1.0, 1.0, 1.0, 1.0])
+    miss, rows = rows[:, 0], rows[:, 1:]
+    # depth is free within a factor; the rest has its usual size
+    prior = np.eye(rows.shape[1])
+    prior[0, 0] = ANY_DEPTH**2
     normal = np.matmul(rows, np.swapaxes(rows, 1, 2)) + prior
-    right = np.matmul(rows, wanted[..., None])[..., 0]
-    right[:, 0] += prior[0, 0]
-    best = np.linalg.solve(normal, right[..., None])[..., 0]
-    miss = wanted - np.einsum('mk,mkd->md', best, rows)
-    cost = np.square(miss).sum(axis=1) + np.square(best[:, 1:]).sum(axis=1)
-    level = -2 * np.log(weight).sum(axis=1) + np.linalg.slogdet(normal[:, 1:, 1:])[1]
+    right = np.matmul(rows, miss[..., None])
+    best = np.linalg.solve(normal, right)
+    cost = np.square(miss).sum(axis=1) - (best * right).sum(axis=(1, 2))
+    level = np.log(variance).sum(axis=1) + np.linalg.slogdet(normal[:, 1:, 1:])[1]
     return np.asarray(cost + level)

@@ -37,10 +37,8 @@ FINALISTS = 4
 PROFILES = (1, SPRINGS, 0)
 APART = 0.05  # turns (rad) and places (steps) at which two descents have not met
 EDGE = 0.001  # error of the model everywhere, in parts of the largest force
-ROUGH = np.array([0.02, 0.02, 0.005])  # error that straight edges share, in radii of a point
 ALIKE = 0.03  # least error of a force under an object that may be none of these
 ODD = 0.25  # of the taxels that may fit to no known object
-ROUGH_TUBES = np.array([0.04, 0.04, 0.04])
 SEEN = 10.0  # of the noise: weaker patterns are noise
 PRESENT = 0.06  # of the largest force: less is no contact
 
@@ -126,6 +124,8 @@ class ObjectPose(CoverageTemplates):
             readings = Readings(y[chosen], stated[chosen], usable[chosen], top, len(firm))
         fits = self._finals(points, self._chosen_starts(coarse, starts, readings), readings)
         fits.sort(key=_cost)
+        fits += self._mistaken(points, fits, readings)
+        fits.sort(key=_cost)
         if chosen is not None:
             for fit in fits:
                 cover = np.zeros(len(y))
@@ -181,13 +181,13 @@ class ObjectPose(CoverageTemplates):
         """Descents to the end, for tubes with every profile of contact."""
         if len(starts) == 1 and not starts[0][0].tube:
             fits = self.descent.run(points, starts[0][0], starts[0][1][None], readings, *LATE)
-            return [self._fit(fits, 0, readings)]
+            return [self._fit(fits, 0, readings, points)]
         found = []
         for variant in {id(variant): variant for variant, _ in starts}.values():
             params = np.array([params for other, params in starts if other is variant])
             if not variant.tube:
                 fits = self.descent.run(points, variant, params, readings, *LATE)
-                found += [self._fit(fits, i, readings) for i in range(len(params))]
+                found += [self._fit(fits, i, readings, points) for i in range(len(params))]
                 continue
             ends: list[tuple[float, int, Array]] = []
             for profile in PROFILES:
@@ -202,7 +202,27 @@ class ObjectPose(CoverageTemplates):
             order = sorted(range(len(ends)), key=lambda i: (i not in first.values(), i))
             for _, profile, end in (ends[i] for i in order[: FINALISTS + 1]):
                 fits = self.descent.run(points, variant, end[None], readings, *LATE_TUBES, profile)
-                found.append(self._fit(fits, 0, readings))
+                found.append(self._fit(fits, 0, readings, points))
+        return found
+
+    def _mistaken(self, points: TaxelPoints, fits: list[Fit], readings: Readings) -> list[Fit]:
+        """Descents from where the best fit may be mistaken: no start may have led there."""
+        best, variant = fits[0], fits[0].variant
+        if not len(variant.turns):
+            return []
+        x, y, yaw = best.params
+        turned = yaw + variant.turns
+        cx, cy = variant.centre
+        x += (np.cos(yaw) - np.cos(turned)) * cx - (np.sin(yaw) - np.sin(turned)) * cy
+        y += (np.sin(yaw) - np.sin(turned)) * cx + (np.cos(yaw) - np.cos(turned)) * cy
+        starts = np.column_stack([x, y, turned])
+        ends = self.descent.run(points, variant, starts, readings, *LATE)
+        seen = [fit.params for fit in fits if fit.variant is variant]
+        found = []
+        for i, params in enumerate(ends.params):
+            if all(self._differ(params, other) for other in seen):
+                found.append(self._fit(ends, i, readings, points))
+                seen.append(params)
         return found
 
     def _polish(self, fit: Fit, readings: Readings) -> None:
@@ -219,19 +239,17 @@ class ObjectPose(CoverageTemplates):
             len(some),
         )  # fmt: skip
         fits = self.descent.run(self.fine.among(some), sharp, fit.params[None], seen, *POLISH)
-        better = self._fit(fits, 0, seen, rough=False)
+        better = self._fit(fits, 0, seen, self.fine)
         if np.abs(better.params - fit.params)[:2].max() < APART * self.step:
             fit.params, fit.cov = better.params, better.cov
 
-    def _fit(self, fits: Fits, i: int, readings: Readings, rough: bool = True) -> Fit:
+    def _fit(self, fits: Fits, i: int, readings: Readings, points: TaxelPoints) -> Fit:
         """One of the descents, with the covariance of its parameters."""
-        free = fits.params.shape[1]
+        free, places = fits.params.shape[1], fits.variant.places
         unit = fits.variant.unit[:free]
+        error = points.errors[fits.variant.label] if places is None else places.error
         cov = _covariance(fits, i, readings)[:free, :free] * (unit[:, None] * unit)
-        if fits.variant.order and rough:
-            part = self.points.radius / self.step
-            for k, shared in enumerate(ROUGH_TUBES if fits.variant.tube else ROUGH):
-                cov[k, k] += (shared * part * unit[k]) ** 2
+        cov.reshape(-1)[:: free + 1] += np.square(error.shared * unit)
         return Fit(
             fits.variant,
             fits.params[i],

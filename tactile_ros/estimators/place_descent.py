@@ -16,7 +16,7 @@ from tactile_ros.physics import compiled
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from tactile_ros.estimators.coverage_model import TaxelPoints, Variant
+    from tactile_ros.estimators.coverage_model import Variant
     from tactile_ros.estimators.readings import Readings
     from tactile_ros.types import Array
 
@@ -24,7 +24,6 @@ Matrix = list[list[float]]
 
 
 def descend_places(
-    points: TaxelPoints,
     variant: Variant,
     start: Array,
     readings: Readings,
@@ -35,10 +34,11 @@ def descend_places(
     """Descend with one variant from (x, y); see `Descent.run`."""
     assert variant.places is not None
     if compiled.available():
-        return _looped(points, variant, start, readings, rounds, loose, final)
+        return _looped(variant, start, readings, rounds, loose, final)
     x, y = float(start[0]), float(start[1])
     step, pressure = float(variant.unit[0]), 0.0
-    edge, floor = points.edge_error(step), (variant.places.error * readings.top) ** 2
+    error = variant.places.error
+    edge, floor = error.edge, error.floor * readings.top**2
     for i in range(rounds):
         stack = variant.places.seen(x, y)
         if i == 0:
@@ -72,7 +72,6 @@ def descend_places(
 
 
 def _looped(
-    points: TaxelPoints,
     variant: Variant,
     start: Array,
     readings: Readings,
@@ -89,7 +88,7 @@ def _looped(
     cost = descend_rows(
         places.rows, places.side, places.low, places.pitch, places.scale, readings.force,
         readings.variance, readings.usable, readings.top, readings.count, readings.least,
-        found, step, points.edge_error(step), (places.error * readings.top) ** 2, rounds,
+        found, step, places.error.edge, places.error.floor * readings.top**2, rounds,
         np.array(loose), final, stack, share, cover, normal,
     )  # fmt: skip
     return Fits(

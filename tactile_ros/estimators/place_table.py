@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.estimators.coverage_error import ModelError
+
 if TYPE_CHECKING:
     from tactile_ros.estimators.coverage_model import TaxelPoints, Variant
     from tactile_ros.types import Array
 
 FINENESS = 5.0  # nodes for the width of one of many taxels
-FEW_FINENESS = 12.0  # of one of few, of which each must tell more
-ERROR = 0.015  # of coverage, in parts of a full taxel, over the fineness
+FEW_FINENESS = 16.0  # of one of few, of which each must tell more
 MOST_NODES = 120  # of a side
 CUBIC = np.array([[0, -1, 2, -1], [2, 0, -5, 3], [0, 1, 4, -3], [0, 0, -1, 1]]) / 2.0
 SLOPE = np.pad(CUBIC[:, 1:] * np.array([1.0, 2.0, 3.0]), ((0, 0), (0, 1)))
@@ -41,8 +42,8 @@ class PlaceTable:
 
     Attributes
     ----------
-    error : float
-        Of coverage between nodes, where edges touch, in parts of a full taxel.
+    error : ModelError
+        How far it is from finer points; see `coverage_error`.
     """
 
     def __init__(
@@ -55,7 +56,7 @@ class PlaceTable:
         fineness: float = FINENESS,
     ) -> None:
         side = min(int(np.ceil(2 * reach * fineness / step)) + 1, MOST_NODES)
-        self.error = ERROR / fineness
+        self.error = ModelError(0.0, 0.0, np.zeros(2))
         self.side = side
         self.low = middle - reach
         self.pitch = 2 * reach / (side - 1)
@@ -81,6 +82,10 @@ class PlaceTable:
         np.multiply(up[:, None], along, out=weights[2])
         near = self.rows[self._offsets + (j * self.side + i)]
         return np.asarray(weights.reshape(3, 16) @ near)
+
+    def all_seen(self, places: Array) -> Array:
+        """The same of places (k, 2), shape (3, k, t)."""
+        return np.stack([self.seen(float(x), float(y)) for x, y in places], axis=1)
 
 
 def _powers(t: float) -> tuple[float, float, float, float]:

@@ -52,7 +52,7 @@ def spread_rows(
     x: Array, mean: Array, gain: Array, low: Array, high: Array, weights: Array, knots: Array,
     factors: Array, sigma: Array,
 ) -> None:  # fmt: skip
-    """Sigmas (s, k): exponentials of squares of features (s, d), scaled at each level."""
+    """Multiply sigmas (s, k) by exponentials of squares of features (s, d), scaled by level."""
     width, outputs = x.shape[1], weights.shape[1]
     z = np.ones(1 + width)
     for s in range(len(x)):
@@ -64,6 +64,7 @@ def spread_rows(
             for i in range(1 + width):
                 for j in range(1 + width):
                     total += z[i] * z[j] * weights[i * (1 + width) + j, k]
+            total += math.log(sigma[s, k])
             at = 0
             while at + 1 < len(knots) and total >= knots[at + 1, k]:
                 at += 1
@@ -113,11 +114,16 @@ def times(x: Array, matrix: Array) -> Array:
     return y
 
 
-def spread(covariance: CalibratedCovariance, drivers: Array) -> Array:
-    """Standard deviations (s, k) that a fitted covariance states for drivers (s, f)."""
+def spread(covariance: CalibratedCovariance, drivers: Array, stated: Array | None = None) -> Array:
+    """Standard deviations (s, k) that a fitted covariance states for drivers (s, f).
+
+    With what was stated beforehand (s, k), where its fit had such.
+    """
     if not available():
-        return covariance.sigma(drivers)
-    sigma, scale = np.empty((len(drivers), covariance.weights_.shape[1])), covariance.drivers_
+        return covariance.sigma(drivers, stated)
+    sigma, scale = np.ones((len(drivers), covariance.weights_.shape[1])), covariance.drivers_
+    if stated is not None:
+        sigma[:] = stated
     spread_rows(
         drivers, scale.mean_, scale.gain_, covariance.low_, covariance.high_,
         covariance.weights_, covariance.knots_, covariance.factors_, sigma,

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from scipy import fft
 
 from tactile_ros.physics.coverage import symmetry
@@ -211,40 +212,58 @@ class PressBank:
             beyond the places it stays as at their edge.
         """
         sides = 2 * self.half + 1
-        first, turns, sector = (self._about[head, i] for i in range(3))
-        per_turn = turns / sector
+        first, per_turn, turns = (self.about[head, i] for i in range(3))
         at = np.empty((len(head), 3))
         at[:, 0] = poses[:, 2] * per_turn
         at[:, 1:] = np.clip(poses[:, :2] / self.step + self.half, 1.0, sides - 2.0 - 1e-9)
         low = np.floor(at)
         weight, slope = _spline(at - low)
+        slope[:, 0] *= per_turn[:, None].astype(np.float32)
+        slope[:, 1:] *= (1 / self.step)[:, None].astype(np.float32)
         rows = low.astype(np.int64)[:, :, None] + np.arange(-1, 3)
-        count = turns.astype(np.int64)[:, None]
-        turn = first.astype(np.int64)[:, None] + rows[:, 0] % count
+        turn = first.astype(np.int64)[:, None] + rows[:, 0] % turns.astype(np.int64)[:, None]
         index = (turn[:, :, None, None] * sides[0] + rows[:, 1, None, :, None]) * sides[1]
-        index = (index + rows[:, 2, None, None, :]).reshape(len(head), 64)
-        (wt, wx, wy), (st, sx, sy) = (np.moveaxis(w, 1, 0) for w in (weight, slope))
-        sx, sy, st = sx / self.step[0], sy / self.step[1], st * per_turn[:, None]
-        mix = [(wt, wx, wy), (wt, sx, wy), (wt, wx, sy), (st, wx, wy)]
-        weights = np.stack(
-            [
-                (a[:, :, None, None] * b[:, None, :, None] * c[:, None, None, :]).reshape(-1, 64)
-                for a, b, c in mix
-            ],
-            axis=1,
-        )
-        found = weights.astype(np.float32) @ self._flat[index]
-        return np.asarray(found.reshape(len(head), 4, 3, -1), np.float64)
+        return self._mixed(weight, slope, index + rows[:, 2, None, None, :])
+
+    def _mixed(self, weight: Array, slope: Array, index: Integers) -> Array:
+        """Rows at an index (n, 4, 4, 4) with weights and slopes (n, 3, 4); see `at`.
+
+        Sums are written out, so that compiled loops have the same bits.
+        """
+        (wt, wx, wy), (st, sx, sy) = (np.moveaxis(w, 1, 0)[..., None] for w in (weight, slope))
+        found = np.zeros((len(index), 4, 3 * self.table.shape[-1]), np.float32)
+        for i in range(4):
+            plane = np.zeros((3, *found[:, 0].shape), np.float32)
+            for j in range(4):
+                row = self.flat[index[:, i, j]]
+                value = sum(wy[:, k] * row[:, k] for k in range(4))
+                plane[0] += wx[:, j] * value
+                plane[1] += sx[:, j] * value
+                plane[2] += wx[:, j] * sum(sy[:, k] * row[:, k] for k in range(4))
+            for k in range(3):
+                found[:, k] += wt[:, i] * plane[k]
+            found[:, 3] += st[:, i] * plane[0]
+        return found.reshape(len(index), 4, 3, -1)
 
     @cached_property
-    def _flat(self) -> Array:
+    def flat(self) -> npt.NDArray[np.float32]:
         """Table with a row for each node."""
-        return self.table.reshape(-1, 3 * self.table.shape[-1])
+        return np.asarray(self.table.reshape(-1, 3 * self.table.shape[-1]), np.float32)
 
     @cached_property
-    def _about(self) -> Array:
-        """First row, turns and sector (rad) of each head, shape (heads, 3)."""
-        return np.array([[head.first, head.turns, head.sector] for head in self.heads], float)
+    def about(self) -> Array:
+        """First row, rows per radian, and rows of each head, shape (heads, 3)."""
+        return np.array(
+            [
+                [head.first, head.turns / head.sector if head.order else 0.0, head.turns]
+                for head in self.heads
+            ]
+        )
+
+    @cached_property
+    def grid(self) -> Array:
+        """Steps (m) along x and y, and places from the middle to the edge."""
+        return np.array([*self.step, *self.half], float)
 
     def at_nodes(self) -> Array:
         """Templates at all nodes, shape (turns, x, y, 3, t 3)."""
@@ -284,7 +303,12 @@ def _gain(wave: Array, like: Array, axis: int) -> Array:
 
 def _spline(part: Array) -> tuple[Array, Array]:
     """Weights (..., 4) of a cubic spline's coefficients, and their slopes, for parts of a step."""
-    t, u = part[..., None], 1 - part[..., None]
-    weight = [u**3, 3 * t**3 - 6 * t**2 + 4, 3 * u**3 - 6 * u**2 + 4, t**3]
-    slope = [-3 * u**2, 9 * t**2 - 12 * t, 12 * u - 9 * u**2, 3 * t**2]
-    return np.concatenate(weight, axis=-1) / 6, np.concatenate(slope, axis=-1) / 6
+    t, u = part, 1.0 - part
+    weight = [
+        u * u * u, 3.0 * t * t * t - 6.0 * t * t + 4.0, 3.0 * u * u * u - 6.0 * u * u + 4.0,
+        t * t * t,
+    ]  # fmt: skip
+    slope = [-3.0 * u * u, 9.0 * t * t - 12.0 * t, 12.0 * u - 9.0 * u * u, 3.0 * t * t]
+    found = (np.stack(one, axis=-1) / 6.0 for one in (weight, slope))
+    first, second = (np.asarray(one, np.float32) for one in found)
+    return first, second  # type: ignore[return-value]

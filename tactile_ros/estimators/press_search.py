@@ -12,8 +12,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.estimators.few_shot import orthonormal
+from tactile_ros.estimators.press_descent import Weighed, descend
+
 if TYPE_CHECKING:
     from tactile_ros.estimators.press_bank import PressBank
+    from tactile_ros.estimators.press_descent import Descents
     from tactile_ros.estimators.press_window import PressVectors
     from tactile_ros.types import Array, Integers
 
@@ -21,8 +25,6 @@ USUAL = 0.12  # of the body: depth of the templates that are searched
 RANK = 6  # patterns that heads have in common at a place
 PLACES = 10  # looked at closely
 STARTS = 2  # of each head
-ROUNDS = 4
-KEPT = 2.0  # starts for each head after the first round, all together no more than this share
 DEEPEST, SHALLOWEST = 0.5, 0.005  # of the body
 TOGETHER = 64  # presses
 
@@ -94,11 +96,11 @@ class PressSearch:
         gram = np.matmul(np.swapaxes(self.units, 1, 2), self.units)
         rank = min(RANK, turns, d)
         spans = np.linalg.eigh(gram)[1][:, :, -rank:]
-        self.spans = np.ascontiguousarray(np.swapaxes(spans, 1, 2)).reshape(-1, d)
+        self.spans = np.ascontiguousarray(np.moveaxis(spans, 2, 0)).reshape(-1, d)
         self.rank = rank
         x, y = bank.nodes
         self.places = np.stack(np.meshgrid(x, y, indexing='ij'), axis=-1).reshape(-1, 2)
-        self.rows = [(head.first, head.first + head.turns) for head in bank.heads]
+        self.rows, self.turn = _columns(bank)
 
     def find(self, presses: PressVectors) -> Matches:
         """The best press of every head."""
@@ -125,123 +127,60 @@ class PressSearch:
         press, head, pose = self._starts(presses)
         weight = 1 / np.sqrt(self.variance(presses))
         # what a uniform field could have added is taken out of weighted patterns
-        shared = weight[:, :, None] * self.common
-        span = np.linalg.svd(shared, full_matrices=False)[0]
+        span = orthonormal(weight[:, :, None] * self.common)
         wanted = presses.pattern * weight
         wanted = wanted - np.einsum('ndk,nk->nd', span, np.einsum('ndk,nd->nk', span, wanted))
-        data = (weight, span, wanted, presses.powers)
-        depth = np.full((len(pose), 1), USUAL * self.body)
-        pose = np.concatenate([pose, depth], axis=1)
-        cost, step, _, _, _ = self._misfit(press, head, pose, data, first=True)
-        for i in range(ROUNDS):
-            tried = self._moved(pose, step)
-            new, new_step, _, _, _ = self._misfit(press, head, tried, data)
-            better = new < cost
-            pose = np.where(better[:, None], tried, pose)
-            step = np.where(better[:, None], new_step, 0.3 * step)
-            cost = np.minimum(cost, new)
-            if i == 0:
-                keep = self._promising(press, cost)
-                press, head, cost = press[keep], head[keep], cost[keep]
-                pose, step = pose[keep], step[keep]
-        return self._best(press, head, pose, data, len(wanted))
-
-    def _promising(self, press: Integers, cost: Array) -> Integers:
-        """The better part of the starts of every press."""
-        order = np.lexsort([cost, press])
-        rank = np.arange(len(press)) - np.searchsorted(press[order], press[order])
-        most = max(6, int(KEPT * len(self.rows) / 2) + 2)
-        return np.sort(order[rank < most])
-
-    def _moved(self, pose: Array, step: Array) -> Array:
-        """Poses after steps, each no longer than a template reaches."""
-        limit = np.array([2e-3, 2e-3, 0.35, np.inf])
-        moved = pose + np.clip(step, -limit, limit)
-        ratio = np.clip(1 + step[:, 3] / pose[:, 3], 0.4, 2.5)
-        moved[:, 3] = np.clip(pose[:, 3] * ratio, SHALLOWEST * self.body, DEEPEST * self.body)
-        return np.asarray(moved)
-
-    def _misfit(
-        self, press: Integers, head: Integers, pose: Array, data: tuple[Array, ...],
-        first: bool = False,
-    ) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
-        """Cost, Newton step, normal matrix, slopes and pattern of each start."""
-        weight, span, wanted, powers = data
-        parts = self.bank.at(head, pose[:, :3])
-        a = pose[:, 3:]
-        p = powers[press]
-        if first:
-            a = self._first_depth(parts, press, data, a)
-            pose[:, 3:] = a
-        raised = p * np.concatenate([a, a**2, a**3], axis=1)
-        slope = p * np.concatenate([np.ones_like(a), 2 * a, 3 * a**2], axis=1)
-        values = np.matmul(raised[:, None, None], parts)[:, :, 0]
-        by_depth = np.matmul(slope[:, None], parts[:, 0])
-        slopes = np.concatenate([values[:, 1:], by_depth], axis=1)
-        rows = np.concatenate([values[:, :1], slopes], axis=1) * weight[press][:, None]
-        rows = rows - np.matmul(np.matmul(rows, span[press]), np.swapaxes(span[press], 1, 2))
-        miss = wanted[press] - rows[:, 0]
-        j = rows[:, 1:]
-        normal = np.matmul(j, np.swapaxes(j, 1, 2))
-        scale = np.sqrt(np.einsum('nii->ni', normal)) + 1e-30
-        normal = normal / scale[:, :, None] / scale[:, None] + 1e-4 * np.eye(4)
-        gradient = np.matmul(j, miss[..., None]) / scale[..., None]
-        step = np.linalg.solve(normal, gradient)[..., 0] / scale
-        return np.einsum('nd,nd->n', miss, miss), step, normal, slopes, values[:, 0]
-
-    def _first_depth(
-        self, parts: Array, press: Integers, data: tuple[Array, ...], usual: Array
-    ) -> Array:
-        """Depth (n, 1) at which a template is as strong as the press."""
-        weight, span, wanted, powers = data
-        p = powers[press] * np.concatenate([usual, usual**2, usual**3], axis=1)
-        row = np.matmul(p[:, None], parts[:, 0])[:, 0] * weight[press]
-        row = row - np.einsum('ndk,nk->nd', span[press], np.einsum('ndk,nd->nk', span[press], row))
-        share = np.einsum('nd,nd->n', row, wanted[press]) / np.einsum('nd,nd->n', row, row)
-        low, high = SHALLOWEST * self.body, DEEPEST * self.body
-        return np.asarray(np.clip(usual * np.clip(share, 0.02, None)[:, None], low, high))
+        weighed = Weighed(weight, wanted, span, presses.powers)
+        depths = SHALLOWEST * self.body, DEEPEST * self.body
+        found = descend(self.bank, weighed, press, head, pose, depths)
+        return self._best(press, head, found, len(wanted))
 
     def _starts(self, presses: PressVectors) -> tuple[Integers, Integers, Array]:
-        """Press, head and pose of each start."""
+        """Press, head and pose of each start, press by press."""
         own = presses.pattern - (presses.pattern @ self.basis) @ self.basis.T
         own = (own / (np.linalg.norm(own, axis=1, keepdims=True) + 1e-30)).astype(np.float32)
-        spread = np.square(self.spans @ own.T).reshape(-1, self.rank, len(own)).sum(axis=1)
-        places = np.argpartition(-spread, PLACES, axis=0)[:PLACES].T  # n, places
-        score = np.matmul(self.units[places], own[:, None, :, None])[..., 0]  # n, places, turns
-        press, head, pose = [], [], []
-        for label, (low, high) in enumerate(self.rows):
-            part = score[:, :, low:high].reshape(len(own), -1)
-            count = min(STARTS, part.shape[1])
-            best = np.argpartition(-part, count - 1, axis=1)[:, :count]
-            where, turn = np.divmod(best, high - low)
-            about = self.bank.heads[label]
-            at = self.places[np.take_along_axis(places, where, axis=1)]
-            yaw = turn * about.sector / about.turns
-            press.append(np.repeat(np.arange(len(own)), count))
-            head.append(np.full(best.size, label))
-            pose.append(np.concatenate([at, yaw[..., None]], axis=2).reshape(-1, 3))
-        return np.concatenate(press), np.concatenate(head), np.concatenate(pose)
+        # one by one, so that a press has the same starts alone and among others
+        found = [self._starts_of(one) for one in own]
+        press = np.repeat(np.arange(len(own)), [len(head) for head, _ in found])
+        head = np.concatenate([head for head, _ in found])
+        return press, head, np.concatenate([pose for _, pose in found])
 
-    def _best(
-        self, press: Integers, head: Integers, pose: Array, data: tuple[Array, ...], count: int
-    ) -> Matches:
-        """The best start of every head for every press."""
-        cost, _, normal, slopes, fitted = self._misfit(press, head, pose, data)
-        heads, d = len(self.rows), fitted.shape[1]
-        found = Matches(
+    def _starts_of(self, own: Array) -> tuple[Integers, Array]:
+        """Head and pose of each start of one press of unit length (d,)."""
+        spread = np.square(self.spans @ own).reshape(self.rank, -1).sum(axis=0)
+        places = np.argpartition(-spread, PLACES)[:PLACES]
+        score = np.full((PLACES, self.units.shape[1] + 1), -np.inf, np.float32)
+        score[:, :-1] = self.units[places] @ own
+        score = score[:, self.rows].swapaxes(0, 1).reshape(len(self.rows), -1)  # head, place turn
+        best = np.argpartition(-score, STARTS - 1, axis=1)[:, :STARTS]
+        where, turn = np.divmod(best.ravel(), self.rows.shape[1])
+        head = np.repeat(np.arange(len(self.rows)), STARTS)
+        pose = np.full((len(head), 4), USUAL * self.body)
+        pose[:, :2], pose[:, 2] = self.places[places[where]], turn * self.turn[head]
+        return head, pose
+
+    def _best(self, press: Integers, head: Integers, found: Descents, count: int) -> Matches:
+        """The best descent of every head for every press."""
+        heads, d = len(self.rows), found.plain.shape[2]
+        best = Matches(
             np.full((count, heads), np.inf), np.full((count, heads, 4), np.nan),
             np.full((count, heads, 4, 4), np.nan), np.zeros((count, heads, 4, d)),
             np.zeros((count, heads, d)),
         )  # fmt: skip
-        order = np.argsort(-cost, kind='stable')  # the best is written last
-        at = press[order], head[order]
-        j = slopes * data[0][press][:, None]
-        j = j - np.matmul(np.matmul(j, data[1][press]), np.swapaxes(data[1][press], 1, 2))
-        scale = np.sqrt(np.einsum('nij,nij->ni', j, j)) + 1e-30
-        cov = np.linalg.inv(normal) / scale[:, :, None] / scale[:, None]
-        for name, value in zip(
-            ('cost', 'pose', 'cov', 'slopes', 'fitted'), (cost, pose, cov, slopes, fitted),
-            strict=True,
-        ):  # fmt: skip
-            getattr(found, name)[at] = value[order]
-        return found
+        order = np.argsort(-found.cost, kind='stable')  # the best is written last
+        last = np.full((count, heads), -1)
+        last[press[order], head[order]] = order
+        at = last >= 0
+        rows = last[at]
+        scale = found.scale[rows]
+        best.cost[at], best.pose[at] = found.cost[rows], found.pose[rows]
+        best.cov[at] = np.linalg.inv(found.normal[rows]) / scale[:, :, None] / scale[:, None]
+        best.fitted[at], best.slopes[at] = found.plain[rows, 0], found.plain[rows, 1:]
+        return best
+
+
+def _columns(bank: PressBank) -> tuple[Integers, Array]:
+    """Turns (heads, most turns) of every head, and their steps (rad); -1 where it has no more."""
+    turns = np.arange(max(head.turns for head in bank.heads))
+    rows = [np.where(turns < head.turns, head.first + turns, -1) for head in bank.heads]
+    return np.array(rows), np.array([head.sector / head.turns for head in bank.heads])

@@ -29,8 +29,9 @@ class CalibratedCovariance:
 
     Parameters
     ----------
-    strength : float
-        Penalty of the regression, in rows.
+    strength : float or tuple of float
+        Penalty of the regression, in rows; of several the one with the least deviance on groups
+        that were held out.
     levels : int
         Largest number of levels of the stated sigma that are scaled on their own.
     folds : int
@@ -61,7 +62,11 @@ class CalibratedCovariance:
     correlation_: Array
 
     def __init__(
-        self, strength: float = 5.0, levels: int = 5, folds: int = 5, seed: int = 0
+        self,
+        strength: float | tuple[float, ...] = 5.0,
+        levels: int = 5,
+        folds: int = 5,
+        seed: int = 0,
     ) -> None:
         self.strength = strength
         self.levels = levels
@@ -69,7 +74,11 @@ class CalibratedCovariance:
         self.seed = seed
 
     def fit(
-        self, drivers: Array, residuals: Array, groups: Integers | None = None
+        self,
+        drivers: Array,
+        residuals: Array,
+        groups: Integers | None = None,
+        stated: Array | None = None,
     ) -> CalibratedCovariance:
         """Learn from residuals of rows that the estimator had not seen.
 
@@ -81,30 +90,36 @@ class CalibratedCovariance:
             Out-of-fold predictions minus targets.
         groups : ndarray of int, shape (s,), or None
             What a split keeps together.
+        stated : ndarray, shape (s, k), or None
+            Spread that a model tells beforehand (unit of the residuals), to be given to `sigma`
+            again; what is learned multiplies it. None: none does.
 
         Returns
         -------
         CalibratedCovariance
             Itself.
         """
-        rows = training_rows(drivers, residuals, groups)
+        count = np.shape(residuals)[-1]
+        both = residuals if stated is None else np.hstack([residuals, np.log(stated)])
+        rows = training_rows(drivers, both, groups)
+        error, told = rows.y[:, :count], rows.y[:, count:] if stated is not None else 0.0
         self.drivers_ = Standardisation().fit(rows.x)
         z = self.drivers_(rows.x)
         self.low_, self.high_ = np.percentile(z, [0.5, 99.5], axis=0)
         terms = _squares(z, self.low_, self.high_)
-        size = np.abs(rows.y)
+        size = np.abs(error) * np.exp(-told)
         size = np.maximum(size, 1e-3 * size.mean(axis=0) + np.finfo(float).tiny)
         fold = group_folds(rows.groups, self.folds, self.seed)
-        spread = np.empty_like(size)
-        for part in np.unique(fold):
-            out = fold == part
-            seen = ~out if (~out).any() else out
-            spread[out] = terms[out] @ self._regress(terms[seen], size[seen])
-        self.weights_ = self._regress(terms, size)
+        tried = self.strength if isinstance(self.strength, tuple) else (self.strength,)
+        found = [_held_out(terms, size, fold, strength) for strength in tried]
+        best = int(np.argmin([_deviance(size, spread) for spread in found]))
+        spread = found[best]
+        self.weights_ = _regress(terms, size, tried[best])
         vars(self).pop('_unscaled', None)
-        self._scale(spread, size)
+        spread += told
+        self._scale(spread, np.log(size) + told)
         sigma = np.exp(self._sigma(spread))
-        self.correlation_ = _correlation(np.clip(rows.y / sigma, -3, 3))
+        self.correlation_ = _correlation(np.clip(error / sigma, -3, 3))
         return self
 
     def predict(self, drivers: Array) -> Array:
@@ -130,14 +145,23 @@ class CalibratedCovariance:
             return np.asarray((sigma * sigma)[:, :, None])
         return sigma[:, :, None] * sigma[:, None, :] * self.correlation_
 
-    def sigma(self, drivers: Array) -> Array:
-        """Standard deviation of each component, shape (s, k) (unit of the residuals)."""
+    def sigma(self, drivers: Array, stated: Array | None = None) -> Array:
+        """Standard deviation of each component, shape (s, k) (unit of the residuals).
+
+        Parameters
+        ----------
+        drivers : ndarray, shape (s, f)
+            As in the fit.
+        stated : ndarray, shape (s, k), or None
+            As in the fit.
+        """
         fitted(self, 'correlation_')
         if np.shape(drivers)[1:] != self.low_.shape:
             drivers = as_shape('drivers', drivers, (-1, len(self.low_)))
         low, high, weights = self._unscaled
         moved = drivers - self.drivers_.mean_
-        sigma = self._sigma(_squares(moved, low, high) @ weights)  # NaN where a driver is
+        spread = _squares(moved, low, high) @ weights  # NaN where a driver is
+        sigma = self._sigma(spread if stated is None else spread + np.log(stated))
         return np.asarray(np.exp(sigma, out=sigma))
 
     @cached_property
@@ -147,31 +171,14 @@ class CalibratedCovariance:
         weights = np.outer(scale, scale).reshape(-1, 1) * self.weights_
         return self.low_ * spread, self.high_ * spread, weights
 
-    def _regress(self, terms: Array, size: Array) -> Array:
-        """Weights (p, k) of the logarithm of the mean size, by penalised Newton steps."""
-        weights = np.zeros((terms.shape[1], size.shape[1]))
-        weights[0] = np.log(size.mean(axis=0))
-        if len(terms) < FEW_ROWS:
-            return weights
-        penalty = self.strength * np.eye(terms.shape[1])
-        penalty[0, 0] = 0.0
-        for k in range(size.shape[1]):
-            start = weights[:, k].copy()
-            for _ in range(NEWTON_STEPS):
-                # Fisher scoring: the expected curvature of the gamma deviance is constant.
-                excess = np.minimum(size[:, k] * np.exp(-(terms @ weights[:, k])) - 1, 20.0)
-                slope = terms.T @ excess - penalty @ (weights[:, k] - start)
-                step = np.linalg.solve(terms.T @ terms + penalty, slope)
-                weights[:, k] += step
-                if np.abs(step).max() < 1e-12:
-                    break
-        return weights
-
     def _scale(self, spread: Array, size: Array) -> None:
-        """Measure, at each level of the spread, the scale that holds 68.27 % of the sizes."""
+        """Measure, at each level of the spread, the scale that holds 68.27 % of the sizes.
+
+        Both are logarithms (s, k).
+        """
         count = int(np.clip(len(spread) // ROWS_PER_LEVEL, 1, self.levels))
         order = np.argsort(spread, axis=0, kind='stable')
-        ratio = np.log(size) - spread
+        ratio = size - spread
         self.knots_ = np.empty((count, size.shape[1]))
         self.factors_ = np.empty_like(self.knots_)
         for level, rows in enumerate(np.array_split(order, count)):
@@ -195,6 +202,42 @@ class CalibratedCovariance:
         """Knots and factors of each component, each in one piece."""
         pairs = zip(self.knots_.T, self.factors_.T, strict=True)
         return [(knots.copy(), factors.copy()) for knots, factors in pairs]
+
+
+def _held_out(terms: Array, size: Array, fold: Integers, strength: float) -> Array:
+    """Logarithm of the mean size (s, k) as the other folds tell it."""
+    spread = np.empty_like(size)
+    for part in np.unique(fold):
+        out = fold == part
+        seen = ~out if (~out).any() else out
+        spread[out] = terms[out] @ _regress(terms[seen], size[seen], strength)
+    return spread
+
+
+def _deviance(size: Array, spread: Array) -> float:
+    """Of a gamma distribution with logarithms of its mean, both (s, k)."""
+    return float((size * np.exp(-spread) + spread).sum())
+
+
+def _regress(terms: Array, size: Array, strength: float) -> Array:
+    """Weights (p, k) of the logarithm of the mean size, by penalised Newton steps."""
+    weights = np.zeros((terms.shape[1], size.shape[1]))
+    weights[0] = np.log(size.mean(axis=0))
+    if len(terms) < FEW_ROWS:
+        return weights
+    penalty = strength * np.eye(terms.shape[1])
+    penalty[0, 0] = 0.0
+    for k in range(size.shape[1]):
+        start = weights[:, k].copy()
+        for _ in range(NEWTON_STEPS):
+            # Fisher scoring: the expected curvature of the gamma deviance is constant.
+            excess = np.minimum(size[:, k] * np.exp(-(terms @ weights[:, k])) - 1, 20.0)
+            slope = terms.T @ excess - penalty @ (weights[:, k] - start)
+            step = np.linalg.solve(terms.T @ terms + penalty, slope)
+            weights[:, k] += step
+            if np.abs(step).max() < 1e-12:
+                break
+    return weights
 
 
 def _squares(drivers: Array, low: Array, high: Array) -> Array:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.bag_messages import Heard, decode
 from tactile_ros.evaluation.bag_reader import read_bag
+from tactile_ros.evaluation.class_changes import read_changes
 from tactile_ros.evaluation.loaded import LiveContacts, Loaded, LoadedRecording
 from tactile_ros.evaluation.truth_topics import contacts_truth, is_truth_type, other_truth
 from tactile_ros.messages import read_contacts, read_frame, read_layout
@@ -98,13 +99,15 @@ def _sensor(
         index,
         problems,
     )
-    digests = [d for m in heard.get(f'{space}/calibration', []) for d in _digests(m)]
+    told = heard.get(f'{space}/calibration', [])
+    digests = [d for m in told for d in _digests(m)]
     return LoadedRecording(
         space.strip('/') or 'sensor',
         replace(recording, truth=truth),
         _live(heard.get(f'{space}/contacts', []), place, index, problems),
         tuple(_frames(heard.get(f'{space}/baseline', []), place, problems, 'baselines')),
         tuple(dict.fromkeys(digests)),
+        read_changes(m.message.data for m in told),  # type: ignore[attr-defined]
         names,
         tuple(problems),
     )

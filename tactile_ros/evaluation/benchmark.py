@@ -15,6 +15,7 @@ import numpy as np
 from tactile_ros.calibration.beside import write_beside
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
 COLUMNS = (
@@ -39,6 +40,11 @@ class Row:
         Published; of another method in the same run; what no method can beat; what is aimed at.
     us_single, us_batch : float or None
         Time per frame, one at a time and in a batch (microseconds).
+    spread : float or None
+        Standard deviation of `ours` over the seeds.
+    compared, method : str
+        Rows with the same `compared` are methods, so named, on the same data: a report draws
+        their errors against their times.
     """
 
     what: str
@@ -51,6 +57,9 @@ class Row:
     aim: float | None = None
     us_single: float | None = None
     us_batch: float | None = None
+    spread: float | None = None
+    compared: str = ''
+    method: str = ''
 
     @property
     def held(self) -> bool | None:
@@ -112,6 +121,11 @@ class BenchResult:
         }
         text = json.dumps(document, indent=1, allow_nan=False) + '\n'
         return write_beside(folder / f'{self.bench}.json', text.encode())
+
+
+def over_seeds(values: Sequence[float]) -> float | None:
+    """Standard deviation of a figure over seeds; None of a single one."""
+    return float(np.std(values, ddof=1)) if len(values) > 1 else None
 
 
 def _plain(value: object) -> object:

@@ -134,6 +134,12 @@ def _best(work: Callable[[], object], repetitions: int = 50) -> float:
     return min(times)
 
 
+def processor_s(pid: int) -> float:
+    """User and system time of a process so far (s)."""
+    fields = Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
 def resident_kib(pid: str | int = 'self') -> float:
     """Resident memory of a process (KiB)."""
     return int(Path(f'/proc/{pid}/statm').read_text().split()[1]) * PAGE_KIB

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
+from tactile_ros.evaluation.class_figures import confusions
 from tactile_ros.evaluation.figure import MM, Colours, Figure, accepted, shown, title_of
 from tactile_ros.evaluation.force_figures import force_scatter, force_trace
+from tactile_ros.evaluation.memory_figures import drift, hysteresis
 from tactile_ros.evaluation.place_figures import error_map, histogram
 from tactile_ros.evaluation.svg import Plot
 
@@ -124,6 +126,9 @@ def figures_of(dataset: Dataset, colours: Colours) -> list[Figure]:
         honesty(dataset),
         speed(dataset, colours),
         delays(dataset),
+        *confusions(dataset),
+        *(hysteresis(dataset, name) for name in forces),
+        *(drift(dataset, name, first) for name in forces),
         *(force_trace(dataset, name, first) for name in forces),
     ]
     return [figure for figure in drawn if figure is not None]

@@ -121,6 +121,7 @@ def _trace(
     frame = (0.0, end - begin)
     upper = Plot(frame, _span(np.concatenate([truth, guess])), '', 'force (N)', size,
                  told='Estimated and measured force over time')  # fmt: skip
+    upper.band(along, guess - sigma, guess + sigma, f'band {colour}')
     upper.line(along, truth, 'line ink')
     upper.line(along, guess, f'line {colour}')
     top = 1.15 * float(np.nanpercentile(np.abs(error), 99.5)) or 1.0

@@ -32,6 +32,29 @@ class LiveContacts:
 
 
 @dataclass(frozen=True)
+class ClassChange:
+    """A class that was enrolled or forgotten during a live run.
+
+    Attributes
+    ----------
+    label, digest : str
+        Its name; SHA-256 of the calibration since.
+    after_ns : int
+        Stamp of the last frame before it (ns).
+    presses : tuple of tuple of int
+        Stamps of the first and last frame of each press (ns); empty: it was forgotten.
+    replace : bool
+        What was known under the name was forgotten first.
+    """
+
+    label: str
+    digest: str
+    after_ns: int
+    presses: tuple[tuple[int, int], ...] = ()
+    replace: bool = False
+
+
+@dataclass(frozen=True)
 class LoadedRecording:
     """One sensor of a bag, or a file.
 
@@ -47,6 +70,8 @@ class LoadedRecording:
         Baselines of the live run; `sequence` is the first frame that each holds for.
     calibrations : tuple of str
         SHA-256 of the calibrations of the live run, in their order.
+    changes : tuple of ClassChange
+        Classes that came and went in the live run, in their order.
     label_names : tuple of str
         Names of truth labels that came as text.
     problems : tuple of str
@@ -58,6 +83,7 @@ class LoadedRecording:
     contacts: LiveContacts | None = None
     baselines: tuple[Frame, ...] = ()
     calibrations: tuple[str, ...] = ()
+    changes: tuple[ClassChange, ...] = ()
     label_names: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()
 

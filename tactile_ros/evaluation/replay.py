@@ -1,7 +1,8 @@
 """Any pipeline over the frames of a recording, compared with what was said live and with truth.
 
 A replay repeats what the live node did: the frames that its contacts name, the baselines that it
-published each from its first frame on, memory forgotten where a stream began.
+published each from its first frame on, classes learned and forgotten where it did so, memory
+forgotten where a stream began.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from tactile_ros.evaluation.class_changes import Repetition, as_it_began
+from tactile_ros.evaluation.live_baselines import baselines_by_row
 from tactile_ros.types import STATE_FIELDS, ContactState, ContactStates, Frame, Recording
 
 if TYPE_CHECKING:
@@ -106,8 +109,9 @@ def replay(
     """
     recording, live = loaded.recording, loaded.contacts
     _refuse_other_shape(recording, pipeline)
-    pipeline = as_live(loaded, pipeline)
+    pipeline = as_it_began(loaded, as_live(loaded, pipeline))
     problems = calibration_problems(loaded, pipeline)
+    changes = Repetition(recording, loaded.changes)
     if live is None and not loaded.baselines:
         begin = clock_ns()
         states = pipeline.process_batch(recording)
@@ -115,7 +119,8 @@ def replay(
         single = single_cost(recording, pipeline, clock_ns)
         return Replayed(states, single, None, problems, batch)
     rows = np.arange(len(recording)) if live is None else np.unique(live.rows)
-    found, micro = _process(recording, rows, loaded.baselines, pipeline, clock_ns)
+    found, micro = _process(recording, rows, loaded.baselines, pipeline, changes, clock_ns)
+    problems += tuple(changes.problems)
     states = _assembled(found, rows, len(recording), recording.layout.shape[0])
     if live is None:
         return Replayed(states, micro, None, problems)
@@ -154,7 +159,8 @@ def calibration_problems(loaded: LoadedRecording, pipeline: Pipeline) -> tuple[s
     """A sentence where the bag was made with another calibration than the pipeline's."""
     if not loaded.calibrations:
         return ()
-    if len(loaded.calibrations) == 1 and pipeline.digest == loaded.calibrations[0]:
+    told = {loaded.calibrations[0], *(change.digest for change in loaded.changes)}
+    if told.issuperset(loaded.calibrations) and pipeline.digest == loaded.calibrations[0]:
         return ()
     named = ', '.join(digest[:12] for digest in loaded.calibrations)
     if pipeline.digest in loaded.calibrations:
@@ -180,6 +186,7 @@ def _process(
     rows: Integers,
     baselines: Sequence[Frame],
     pipeline: Pipeline,
+    changes: Repetition,
     clock_ns: Callable[[], int],
 ) -> tuple[list[ContactState], float]:
     """States of the rows, one by one, and the median time of one (microseconds).
@@ -187,7 +194,7 @@ def _process(
     Baselines come in before their first frame.
     """
     streams = np.cumsum(recording.restarts)
-    waiting = _by_row(recording, rows, baselines)
+    waiting = baselines_by_row(recording, rows, baselines)
     found, spent, last = [], [], -1
     for row in rows.tolist():
         frame = recording.frame(row)
@@ -195,35 +202,13 @@ def _process(
             pipeline.reset()
         for baseline in waiting.get(row, []):
             pipeline.tare([baseline])  # also an equal one: a tare restarts memory
+        changes.before(frame, pipeline)
         begin = clock_ns()
         found.append(pipeline.process(frame))
         spent.append(clock_ns() - begin)
+        changes.after(frame, pipeline)
         last = row
     return found, float(np.median(spent)) / 1000 if spent else float('nan')
-
-
-def _by_row(
-    recording: Recording, rows: Integers, baselines: Sequence[Frame]
-) -> dict[int, list[Frame]]:
-    """Baselines by the processed row before which each comes in.
-
-    A counter that starts again makes its sequence ambiguous: a baseline goes to the first stream
-    that has it and is not older than the baseline before it.
-    """
-    if recording.sequence is None or not len(rows):
-        return {}
-    sequence = recording.sequence[rows]
-    streams = np.cumsum(recording.restarts)[rows]
-    found: dict[int, list[Frame]] = {}
-    stream, previous = int(streams[0]), -1
-    for baseline in baselines:
-        if baseline.sequence < previous:
-            stream += 1
-        previous = baseline.sequence
-        later = np.flatnonzero((streams == stream) & (sequence >= baseline.sequence))
-        if len(later):
-            found.setdefault(int(rows[later[0]]), []).append(baseline)
-    return {row: group[-1:] for row, group in found.items()}
 
 
 def _assembled(

@@ -9,15 +9,14 @@ import numpy as np
 
 from tactile_ros.calibration.beside import write_beside
 from tactile_ros.evaluation.figures import colours_of, figures_of, headline
+from tactile_ros.evaluation.page import document, drawn, facts, listed, tiles
 from tactile_ros.evaluation.result import table
-from tactile_ros.evaluation.stylesheet import STYLE
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Sequence
     from pathlib import Path
 
-    from tactile_ros.evaluation.figure import Colours, Figure
+    from tactile_ros.evaluation.figure import Colours
     from tactile_ros.evaluation.result import Cell, Dataset, Result
 
 LOW_IS_BETTER = ('mean', 'p50', 'p95', 'RMSE', 'us/frame')
@@ -55,20 +54,15 @@ def write_report(path: str | os.PathLike[str], result: Result) -> Path:
 
 def render(result: Result) -> str:
     """The whole document."""
-    title = escape(result.title)
     body = [
-        f'<header><h1>{title}</h1><p class="lead">{escape(_lead(result))}</p></header>',
-        _tiles(result),
+        f'<header><h1>{escape(result.title)}</h1>'
+        f'<p class="lead">{escape(_lead(result))}</p></header>',
+        tiles(headline(result)),
         _table(result),
         *(_section(dataset, colours_of(result)) for dataset in result.datasets),
         _repeat(result),
     ]
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<meta name="color-scheme" content="light dark"><title>{title}</title>'
-        f'<style>{STYLE}</style></head><body><main>{"".join(body)}</main></body></html>\n'
-    )
+    return document(result.title, body)
 
 
 def _lead(result: Result) -> str:
@@ -80,16 +74,6 @@ def _lead(result: Result) -> str:
     recordings = 'one recording' if count == 1 else f'{count} recordings'
     distinct = ', '.join(dict.fromkeys(names))
     return f'{frames:,} frames of {recordings}; estimators: {distinct or "none"}.'
-
-
-def _tiles(result: Result) -> str:
-    """Key figures."""
-    tiles = ''.join(
-        f'<div><dd>{escape(value)} <small>{escape(unit)}</small></dd>'
-        f'<dt>{escape(words)}</dt></div>'
-        for value, unit, words in headline(result)
-    )
-    return f'<dl class="figures">{tiles}</dl>'
 
 
 def figure_text(value: Cell, column: str) -> str:
@@ -151,8 +135,8 @@ def _section(dataset: Dataset, colours: Colours) -> str:
     return (
         f'<section><h2>{escape(dataset.name)}</h2>'
         f'<p class="lead">{escape(dataset.summary)}</p>{_agreement(dataset)}'
-        f'{_list([*dataset.problems, *_left_out(dataset)], "problems")}'
-        f'<div class="grid">{"".join(map(_figure, figures))}</div></section>'
+        f'{listed([*dataset.problems, *_left_out(dataset)], "problems")}'
+        f'<div class="grid">{"".join(map(drawn, figures))}</div></section>'
     )
 
 
@@ -185,38 +169,10 @@ def _agreement(dataset: Dataset) -> str:
     return f'<p class="agreement {"good" if same else ""}">{escape(verdict)}.</p>'
 
 
-def _list(sentences: Sequence[str], kind: str) -> str:
-    """Sentences one under the other."""
-    if not sentences:
-        return ''
-    items = ''.join(f'<li>{escape(sentence)}</li>' for sentence in sentences)
-    return f'<ul class="{kind}">{items}</ul>'
-
-
-def _figure(figure: Figure) -> str:
-    """One drawing with its headline, key and finding."""
-    key = ''.join(f'<li><i class="{kind}"></i>{escape(words)}</li>' for kind, words in figure.key)
-    drawing = figure.drawing
-    if figure.narrow:
-        drawing = (
-            f'<div class="only-wide">{drawing}</div><div class="only-narrow">{figure.narrow}</div>'
-        )
-    wide = ' class="wide"' if figure.narrow else ''
-    return (
-        f'<figure{wide}><h3>{escape(figure.title)}</h3>'
-        f'{f"<ul class=key>{key}</ul>" if key else ""}{drawing}'
-        f'<figcaption>{escape(figure.caption)}</figcaption></figure>'
-    )
-
-
 def _repeat(result: Result) -> str:
     """How to repeat it, where it ran, and how to read it."""
-    facts = ''.join(
-        f'<dt>{escape(name)}</dt><dd>{escape(value)}</dd>'
-        for name, value in result.environment.items()
-    )
     return (
         f'<section><h2>Repeat it</h2><pre>{escape(result.command)}</pre>'
-        f'<dl class="facts">{facts}</dl></section>'
-        f'<section><h2>How to read this</h2>{_list([*READING, *result.notes], "notes")}</section>'
+        f'{facts(result.environment)}</section>'
+        f'<section><h2>How to read this</h2>{listed([*READING, *result.notes], "notes")}</section>'
     )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.evaluation.metrics import Moments, Spread, spread, target_errors
+from tactile_ros.evaluation.named import Named, named
 from tactile_ros.types import Array
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ COLUMNS = (
     'shear RMSE (N)',
     'place in 1 sigma (%)',
     'force in 1 sigma (%)',
+    'named rightly (%)',
     'groups',
     'latency p50 (ms)',
     'p99 (ms)',
@@ -56,6 +58,8 @@ class Answer:
         Time per frame (microseconds), one by one and in a batch; NaN: not measured.
     note : str
         What is special about it, in a few words.
+    named : tuple of Named
+        Cells and labels, where truth knows them.
     """
 
     name: str
@@ -63,6 +67,7 @@ class Answer:
     us_single: float = float('nan')
     us_batch: float = float('nan')
     note: str = ''
+    named: tuple[Named, ...] = ()
 
     def target(self, name: str) -> TargetErrors | None:
         """Errors of one target; None where there are none."""
@@ -152,7 +157,8 @@ class Result:
 def answer(name: str, loaded: LoadedRecording, replayed: Replayed, note: str = '') -> Answer:
     """Judge one replay by the truth of its recording."""
     targets = target_errors(loaded.recording, replayed.states)
-    return Answer(name, targets, replayed.us_per_frame, replayed.us_batch, note)
+    classes = named(loaded.recording, replayed.states)
+    return Answer(name, targets, replayed.us_per_frame, replayed.us_batch, note, classes)
 
 
 def unjudged(found: Answer, states: ContactStates) -> tuple[str, ...]:
@@ -204,6 +210,7 @@ def table_row(dataset: Dataset, answer: Answer) -> list[Cell]:
         answer.shear.rms if answer.shear.count else None,
         None if place is None else 100 * place.coverage.share,
         _pooled_share(forces),
+        answer.named[0].right if answer.named else None,
         max((t.coverage.groups for t in answer.targets), default=None),
         1e3 * delay.p50 if live else None,
         1e3 * delay.p99 if live else None,

@@ -48,6 +48,17 @@ tbody tr + tr th, tbody tr + tr td { border-top: 1px solid var(--hair); }
 th.words, td.words { text-align: left; }
 tbody th { font-weight: 600; position: sticky; left: 0; background: var(--card); }
 td.best { font-weight: 700; color: var(--c0); }
+th.what { text-align: left; white-space: normal; min-width: 12em; max-width: 30em;
+  font-weight: 500; }
+th.under { padding-left: 28px; font-weight: 400; }
+th small { color: var(--soft); font-weight: 400; }
+td.ours { font-weight: 700; } td.held { color: var(--c2); }
+td.missed { color: var(--warn); font-weight: 700; }
+nav { display: flex; flex-wrap: wrap; gap: 6px 18px; margin: 18px 0 0; font-size: 15px; }
+a { color: var(--c0); } code { font: 0.88em ui-monospace, Menlo, Consolas, "DejaVu Sans Mono",
+  monospace; overflow-wrap: anywhere; }
+details { margin: 14px 0 0; } summary { cursor: pointer; color: var(--c0); font-size: 15px; }
+figure img { display: block; width: 100%; height: auto; margin-top: 8px; }
 .grid { display: grid; gap: 20px; margin: 22px 0 0;
   grid-template-columns: repeat(auto-fill, minmax(min(100%, 350px), 1fr)); align-items: stretch; }
 figure { margin: 0; padding: 16px 16px 14px; background: var(--card); min-width: 0;
@@ -100,6 +111,7 @@ dl.facts dt { color: var(--soft); } dl.facts dd { margin: 0; overflow-wrap: anyw
   .figures dd { font-size: 26px; }
   .figures div:last-child:nth-child(odd) { grid-column: span 2; }
   figure { padding: 14px 12px 12px; }
+  th.what { min-width: 9.5em; max-width: 11em; } th, td { padding: 8px 9px; }
   .only-wide { display: none; } .only-narrow { display: block; }
   dl.facts { grid-template-columns: 1fr; gap: 0; } dl.facts dd { margin-bottom: 8px; }
 }

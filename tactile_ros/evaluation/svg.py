@@ -61,6 +61,12 @@ class Scale:
         start, end = self.pixels
         return np.asarray(start + (part - low) / (high - low) * (end - start))
 
+    def value(self, pixel: float) -> float:
+        """The value at a pixel."""
+        (low, high), (start, end) = self.values, self.pixels
+        part = (pixel - start) / (end - start)
+        return low * (high / low) ** part if self.log else low + part * (high - low)
+
     def ticks(self, count: int) -> list[float]:
         """Where to put labels."""
         return log_ticks(*self.values) if self.log else nice_ticks(*self.values, count)
@@ -81,6 +87,8 @@ class Plot:
         Logarithmic axes.
     told : str
         What the drawing shows, for those who cannot see it.
+    whole : bool
+        Labels stand at whole numbers alone.
     """
 
     def __init__(
@@ -93,8 +101,9 @@ class Plot:
         log_x: bool = False,
         told: str = '',
         log_y: bool = False,
+        whole: bool = False,
     ) -> None:
-        self.size, self.told = size, told
+        self.size, self.told, self.whole = size, told, whole
         self.labels = x_label, y_label
         self.x = Scale(x, (LEFT, size[0] - RIGHT), log_x)
         self.y = Scale(y, (size[1] - BOTTOM, TOP), log_y)
@@ -214,15 +223,19 @@ class Plot:
             f'{"".join(self._over)}</svg>'
         )
 
+    def _ticks(self, scale: Scale, count: int) -> list[float]:
+        """Where labels of an axis stand."""
+        return [t for t in scale.ticks(count) if not self.whole or t == round(t)]
+
     def _axes(self) -> Iterable[str]:
         """Grid, labels of the ticks and names of the axes."""
         left, right = self.x.pixels
         bottom, top = self.y.pixels
-        for tick in self.y.ticks(max(3, int((bottom - top) / 45))):
+        for tick in self._ticks(self.y, max(3, int((bottom - top) / 45))):
             py = float(self.y(tick))
             yield f'<path class="grid" d="M{left} {py:.1f}H{right}"/>'
             yield f'<text x="{left - 7}" y="{py + 4:.1f}" text-anchor="end">{number(tick)}</text>'
-        for tick in self.x.ticks(max(2, int((right - left) / 65))):
+        for tick in self._ticks(self.x, max(2, int((right - left) / 65))):
             px = float(self.x(tick))
             yield f'<path class="tick" d="M{px:.1f} {bottom}v4"/>'
             at = f'x="{px:.1f}" y="{bottom + 17}"'

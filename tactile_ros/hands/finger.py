@@ -89,6 +89,16 @@ class Finger:
         beyond: float = before if far < near else after
         return self.corner + beyond
 
+    def shortfall(self, closure: float, wanted: Array, sent: Array) -> float:
+        """How much less closure joints (n,) have that were sent instead of those of a closure.
+
+        That of the joint which comes closest: where one follows, the finger still closes.
+        """
+        slope = self.opening if closure < self.corner else self.slope
+        moving = slope != 0
+        behind = (wanted - sent)[moving] / slope[moving]
+        return float(behind[np.abs(behind).argmin()])
+
     @cached_property
     def _lines(self) -> tuple[Array, list[float]]:
         """Both directions of the path (n, 2), and their squared lengths."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -12,7 +12,10 @@ from std_srvs.srv import Trigger
 
 from tactile_ros import messages
 from tactile_ros.msg import TactileContact, TactileContacts, TactileFrame, TactileLayout
+from tactile_ros.nodes.contact_options import ContactOptions
 from tactile_ros.nodes.contact_stage import ContactStage
+from tactile_ros.nodes.enrol_server import EnrolServer
+from tactile_ros.nodes.enrol_stage import EnrolStage
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
 from tactile_ros.nodes.quality import baselines, data, latched, overridable
 from tactile_ros.nodes.standard_topics import StandardTopics
@@ -20,66 +23,40 @@ from tactile_ros.sensors import load_sensor
 from tactile_ros.types import FrameStatus
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from rclpy.subscription import Subscription
     from rclpy.timer import Timer
 
+    from tactile_ros.nodes.enrol_stage import Change
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import ContactState, Frame
 
 LISTENERS_PERIOD_S = 0.02
 
 
-@dataclass(frozen=True)
-class ContactOptions:
-    """Parameters of contact_node besides those of the sensor's config."""
-
-    sensor: str = field(
-        default='reskin_board', metadata={'help': 'key of the sensor', 'read_only': True}
-    )
-    autostart: bool = field(
-        default=True, metadata={'help': 'configure and activate at start', 'read_only': True}
-    )
-    calibration: str = field(
-        default='', metadata={'help': 'calibration file (.npz); empty: not calibrated'}
-    )
-    tare_frames: int = field(
-        default=10,
-        metadata={'help': 'frames that a tare averages', 'range': (1, 10_000), 'live': True},
-    )
-    allow_tare_in_contact: bool = field(
-        default=False,
-        metadata={'help': 'take a tare also while something seems to touch', 'live': True},
-    )
-    unknown_as: str = field(
-        default='zero',
-        metadata={
-            'help': 'what wrench says for components that are not estimated',
-            'choices': ('zero', 'nan'),
-            'live': True,
-        },
-    )
-    listeners: int = field(
-        default=0,
-        metadata={
-            'help': 'process nothing before so many subscriptions to contacts are there',
-            'range': (0, 100),
-        },
-    )
-
-
 class ContactNode(ManagedNode):
     """Publish `contacts`, `baseline`, `calibration`, standard topics; serve `~/tare`.
+
+    Where classes are learned, also `~/enrol` and `~/forget`.
 
     Parameters
     ----------
     direct : bool
         Frames come by `take` from the same process instead of the topic `frame`.
+    downstream : callable or None
+        Takes the full name of `contacts`, every frame and its state, before they are published.
+    arguments : sequence of str
+        ROS arguments for this node alone.
     """
 
-    def __init__(self, direct: bool = False) -> None:
-        super().__init__('contact_node')
+    def __init__(
+        self,
+        direct: bool = False,
+        downstream: Callable[[str, Frame, ContactState], None] | None = None,
+        arguments: Sequence[str] = (),
+    ) -> None:
+        super().__init__('contact_node', arguments)
         self._stage: ContactStage | None = None
         self.declare(ContactOptions())
         self._spec = load_sensor(self.get_parameter('sensor').value)
@@ -88,7 +65,8 @@ class ContactNode(ManagedNode):
         self._standard = StandardTopics(self, self._spec)
         self._baseline = self.managed_publisher(TactileFrame, 'baseline', baselines())
         self._calibration = self.managed_publisher(String, 'calibration', latched())
-        self._direct = direct
+        self._direct, self._downstream = direct, downstream
+        self.topic = self.resolve_topic_name('contacts')
         self._active = False
         self._options = ContactOptions()
         self._pipeline: Pipeline | None = None
@@ -98,6 +76,9 @@ class ContactNode(ManagedNode):
         self._previous = 0
         self._frame_id = ''
         self._tare = self.create_service(Trigger, '~/tare', self._on_tare)
+        learns = hasattr(self._spec.estimation, 'enrol')
+        self._enrol = EnrolServer(self) if learns else None
+        self._digest = ''
 
     def configure(self) -> None:
         """Read the calibration; CalibrationError names what does not fit."""
@@ -105,6 +86,7 @@ class ContactNode(ManagedNode):
         config = self.options(type(self._spec.config()))
         if self._options.calibration:
             self._pipeline = self._spec.load(self._options.calibration)
+            self._digest = self._pipeline.digest
             if not config.track_baseline:
                 self._pipeline.config = replace(self._pipeline.config, track_baseline=False)
                 self._pipeline.reset()
@@ -128,15 +110,32 @@ class ContactNode(ManagedNode):
         self._stage.reset()
         self._refusal = self._complaint = ''
         self._previous = 0
+        if self._enrol is not None:
+            self._enrol.stage = EnrolStage(
+                self._stage,
+                self._options.calibration,
+                self._spec.load,
+                self._digest,
+                self._announce,
+                self._options.most_lost,
+            )
+        self._announce()
+        self._active = True
+        self._listen()
+
+    def _announce(self, change: Change | None = None) -> None:
+        """Say which calibration is in use, and how it changed."""
+        pipeline = self._pipeline
+        if change is not None:
+            self._digest = change.digest
         told = {
             'sha256': pipeline.digest,
             'sensor': pipeline.sensor,
             'estimators': dict(pipeline.estimators),
             'file': self._options.calibration,
+            **({} if change is None else change.told()),
         }
         self._calibration.publish(String(data=json.dumps(told, sort_keys=True)))
-        self._active = True
-        self._listen()
 
     def _listen(self) -> None:
         """Subscribe to the sensor: to its frames once everybody hears what comes of them."""
@@ -173,10 +172,18 @@ class ContactNode(ManagedNode):
     def deactivate(self) -> None:
         """Listen no more."""
         self._active = False
+        if self._enrol is not None:
+            self._enrol.close()
         self._end_waiting()
         for subscription in self._heard:
             self.destroy_subscription(subscription)
         self._heard = []
+
+    def destroy_node(self) -> None:
+        """End the action with the node."""
+        if self._enrol is not None:
+            self._enrol.destroy()
+        super().destroy_node()
 
     def cleanup(self) -> None:
         """Let the calibration go."""
@@ -233,6 +240,8 @@ class ContactNode(ManagedNode):
             return
         self._frame_id = frame_id
         state = self._stage.process(frame)
+        if self._downstream is not None:
+            self._downstream(self.topic, frame, state)
         self._publish(frame, state, frame_id)
 
     def _publish(self, frame: Frame, state: ContactState, frame_id: str) -> None:

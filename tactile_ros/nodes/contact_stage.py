@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from tactile_ros.pipeline import Pipeline
+    from tactile_ros.signals import Estimation
     from tactile_ros.types import Bytes, ContactState
 
 # not that of a taxel that the fit found dead: it is left out
@@ -89,6 +90,11 @@ class ContactStage:
     on_baseline : callable
         Takes the baseline as a frame whose sequence is the first that it holds for: at the first
         frame of a stream and after every tare.
+
+    Attributes
+    ----------
+    watch : callable or None
+        Takes every frame with its state before the next one is processed.
     """
 
     def __init__(
@@ -101,6 +107,7 @@ class ContactStage:
         self.pipeline = pipeline
         self.tare_in_contact = tare_in_contact
         self.tally = Tally()
+        self.watch: Callable[[Frame, ContactState], None] | None = None
         self._on_baseline = on_baseline
         # of each whether something touched
         self._seen: deque[tuple[Frame, bool]] = deque(maxlen=tare_frames)
@@ -145,7 +152,21 @@ class ContactStage:
                 self._on_baseline(self._baseline(frame, frame.sequence))
             state = self.pipeline.process(frame)
             self._remember(frame, state)
+            if self.watch is not None:
+                self.watch(frame, state)
             return state
+
+    def adopt(self, estimation: Estimation) -> int | None:
+        """Estimate by other estimators of the same sensor from the next frame on.
+
+        Returns
+        -------
+        int or None
+            Stamp of the last frame that was processed before (ns); None: there was none.
+        """
+        with self._lock:
+            self.pipeline.estimation = estimation
+            return self.tally.stamp_ns
 
     @property
     def _has_baseline(self) -> bool:

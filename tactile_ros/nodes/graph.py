@@ -63,9 +63,10 @@ class Process:
     @property
     def nodes(self) -> tuple[str, ...]:
         """Names of its nodes."""
-        return (
-            ('contact_node', 'sensor_node') if self.executable == 'stack' else (self.executable,)
-        )
+        if self.executable != 'stack':
+            return (self.executable,)
+        grip = ('grip_node',) if self.parameters.get('hand') else ()
+        return (*grip, 'contact_node', 'sensor_node')
 
     def ros_arguments(self) -> list[str]:
         """Command line after --ros-args."""

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tactile_ros.hands import load_hand
-from tactile_ros.nodes.graph import PORT, Graph, Process, Setting, Source, Value, placed, sensing
+from tactile_ros.nodes.graph import (
+    PORT,
+    Graph,
+    Process,
+    Setting,
+    Source,
+    Value,
+    placed,
+    private_folder,
+    sensing,
+)
+from tactile_ros.nodes.pressed_twins import has_port
 
 
 @dataclass(frozen=True)
@@ -28,7 +39,7 @@ class Grasping:
     calibrations : str
         Folder with a file <finger>.npz for each; empty: not calibrated.
     stack : bool
-        Sensor and contact of a finger in one process.
+        Sensors, contacts and grip in one process by direct calls.
     use_robot_description : bool
         Limits and pads come from the topic `robot_description`.
     """
@@ -52,7 +63,7 @@ class Grasping:
         """What holds for the sensor of one finger."""
         ports = [port.strip() for port in self.ports.split(',') if port.strip()]
         own = ports[index] if index < len(ports) else PORT[:-1] + str(index)
-        real = self.source == 'hardware' and (ports or not self.params_file)
+        real = ports or (self.source == 'hardware' and not self.params_file)
         file = Path(self.calibrations) / f'{name}.npz' if self.calibrations else ''
         return Setting(
             sensor=self.sensor,
@@ -69,8 +80,8 @@ class Grasping:
         )
 
 
-def grasping(choice: Grasping) -> Graph:
-    """The sensors of every finger, grip_node, and a fake hand where asked.
+def sensors_of(choice: Grasping) -> list[str]:
+    """Names of the sensors that take part.
 
     Raises
     ------
@@ -83,20 +94,64 @@ def grasping(choice: Grasping) -> Graph:
     if not set(wanted) <= set(carried):
         msg = f'fingers must be of {", ".join(carried)}; received {choice.fingers!r}'
         raise ValueError(msg)
-    grip: dict[str, Value] = {'hand': choice.hand, **({'fingers': wanted} if wanted else {})}
+    return wanted or carried
+
+
+def stack_of(choice: Grasping) -> list[Process]:
+    """For each finger the process that would run its sensor alone by direct calls."""
+    settings = [replace(choice, stack=True).finger(i, n) for i, n in enumerate(sensors_of(choice))]
+    return [sensing(setting)['stack'] for setting in settings]
+
+
+def grasping(choice: Grasping) -> Graph:
+    """The sensors of every finger, grip_node, and a fake hand where asked.
+
+    Raises
+    ------
+    ValueError
+        If there is no such hand, or it carries no such sensor.
+    """
+    sensors = sensors_of(choice)
+    hand: dict[str, Value] = {'hand': choice.hand}
+    if choice.mock_hand and choice.source == 'simulated' and has_port(choice.sensor):
+        places = [str(private_folder() / f'pressed_{name}') for name in sensors]
+        hand.update(sensor=choice.sensor, fingers=sensors, ports=places, seed=choice.seed)
+        choice = replace(choice, source='hardware', ports=','.join(places))
+    settings = [choice.finger(i, name) for i, name in enumerate(sensors)]
+    grip: dict[str, Value] = {'hand': choice.hand}
+    if choice.fingers.strip(', '):
+        grip['fingers'] = sensors
     if choice.use_robot_description:
         grip['use_robot_description'] = True
-    own = [Process('mock_hand', {'hand': choice.hand})] if choice.mock_hand else []
-    own.append(Process('grip_node', grip))
+    own = [Process('mock_hand', hand)] if choice.mock_hand else []
+    if choice.stack:
+        own.append(Process('stack', {**grip, **_of_a_stack(choice, settings)}))
+    else:
+        own.append(Process('grip_node', grip))
     everywhere = Setting(
         namespace=choice.namespace,
         params_file=choice.params_file,
         use_sim_time=choice.use_sim_time,
         autostart=choice.autostart,
     )
-    sensors = [
+    reading = [
         process
-        for i, name in enumerate(wanted or carried)
-        for process in sensing(choice.finger(i, name)).processes
+        for setting in settings
+        for process in sensing(setting).processes
+        if process.executable != 'stack'
     ]
-    return Graph((*(placed(process, everywhere) for process in own), *sensors))
+    return Graph((*(placed(process, everywhere) for process in own), *reading))
+
+
+def _of_a_stack(choice: Grasping, settings: list[Setting]) -> dict[str, Value]:
+    """Parameters of a stack: what differs from its defaults."""
+    defaults = Grasping()
+    values: dict[str, Value] = {
+        name: getattr(choice, name)
+        for name in ('sensor', 'source', 'calibrations', 'seed')
+        if getattr(choice, name) != getattr(defaults, name)
+    }
+    places = [setting.place for setting in settings]
+    if choice.source != 'simulated' and set(places) != {PORT}:
+        values['ports'] = places
+    return values

@@ -6,7 +6,6 @@ import math
 from typing import TYPE_CHECKING
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.task import Future
 
 from tactile_ros.action import Grasp
 from tactile_ros.control import GraspOutcome
@@ -20,8 +19,11 @@ if TYPE_CHECKING:
     from tactile_ros.nodes.grip_stage import Decision
 
 
+LAST_TURNS = 5
+
+
 class GraspServer:
-    """Serve grasps; all of it runs in the thread of the executor.
+    """Serve grasps; all but `note` runs in the thread of the executor.
 
     Parameters
     ----------
@@ -45,8 +47,10 @@ class GraspServer:
         self._node = node
         self._refuse, self._begin, self._cancel = refuse, begin, cancel
         self._handle: ServerGoalHandle | None = None
-        self._done: dict[bytes, Future] = {}
+        self._ends: dict[bytes, tuple[str, Grasp.Result]] = {}
         self._force: list[float] = []
+        self._newest: Decision | None = None
+        self._last: Decision | None = None
         self._server = ActionServer(
             node, Grasp, '~/grasp',
             execute_callback=self._execute,
@@ -63,6 +67,10 @@ class GraspServer:
     def close(self) -> None:
         """End a grasp that is under way, then the action."""
         self.finish(GraspOutcome.FAULT, 'grip_node ended')
+        executor = self._node.executor
+        for _ in range(LAST_TURNS if executor is not None else 0):
+            if self._ends:  # a client still waits for its result
+                executor.spin_once(timeout_sec=0.0)
         self._server.destroy()
 
     def _on_goal(self, goal: Grasp.Goal) -> GoalResponse:
@@ -76,25 +84,32 @@ class GraspServer:
         """Take the place of the grasp before."""
         self.finish(GraspOutcome.FAULT, 'a newer grasp took its place')
         self._handle = handle
-        self._done[bytes(handle.goal_id.uuid)] = Future(executor=self._node.executor)
         self._force = []
         try:
             self._begin(handle.request)
         except ValueError as err:
             self.finish(GraspOutcome.FAULT, str(err))
-        handle.execute()
 
-    async def _execute(self, handle: ServerGoalHandle) -> Grasp.Result:
-        """Wait for the result; the steps of the control loop decide it."""
-        key = bytes(handle.goal_id.uuid)
-        state, result = await self._done[key]
-        del self._done[key]
+    def _execute(self, handle: ServerGoalHandle) -> Grasp.Result:
+        """Hand the result over."""
+        state, result = self._ends.pop(bytes(handle.goal_id.uuid))
         getattr(handle, state)()
         return result
 
-    def follow(self, decision: Decision) -> None:
-        """Tell the client how it goes, and the end."""
-        if self._handle is None:
+    def forget(self) -> None:
+        """What was decided before belongs to another grasp."""
+        self._newest = self._last = None
+
+    def note(self, decision: Decision) -> None:
+        """Keep what a step decided, from whatever thread; the end of a grasp stays."""
+        self._newest = decision
+        if decision.ended is not None:
+            self._last = decision
+
+    def tell(self) -> None:
+        """Tell the client how it goes, and the end; in the thread of the executor."""
+        decision, self._newest = self._last or self._newest, None
+        if self._handle is None or decision is None:
             return
         made = decision.made
         self._force = made.force.tolist()
@@ -117,4 +132,6 @@ class GraspServer:
         wanted = GraspOutcome.HELD if handle.request.target_force else GraspOutcome.NO_OBJECT
         ending = state or ('succeed' if outcome == wanted else 'abort')
         result = Grasp.Result(outcome=int(outcome), message=message, force=self._force)
-        self._done[bytes(handle.goal_id.uuid)].set_result((ending, result))
+        self._ends[bytes(handle.goal_id.uuid)] = ending, result
+        # only now: executors ask a coroutine that waits again and again, at the price of a core
+        handle.execute()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -16,9 +17,12 @@ from tactile_ros.hands import load_hand
 from tactile_ros.messages.fields import packed, vector
 from tactile_ros.msg import GripState, TactileContacts
 from tactile_ros.nodes.grasp_server import GraspServer
+from tactile_ros.nodes.grip_pace import LATE, GripPace
 from tactile_ros.nodes.grip_stage import GripStage
 from tactile_ros.nodes.hand_link import HandLink, newest
-from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
+from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs, serving
+from tactile_ros.nodes.stamp_age import StampAge
+from tactile_ros.types import FrameStatus
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,7 +34,10 @@ if TYPE_CHECKING:
     from tactile_ros.hands import HandDescription
     from tactile_ros.hands.urdf import RobotDescription
     from tactile_ros.nodes.grip_stage import Decision
-    from tactile_ros.types import Array
+    from tactile_ros.types import Array, ContactState, Frame
+
+STALE = int(FrameStatus.STALE)
+WATCH_S = 5e-3  # how often the clock is looked at, at most
 
 
 @dataclass(frozen=True)
@@ -64,10 +71,17 @@ class GripOptions:
 
 
 class GripNode(ManagedNode):
-    """Publish the hand's command and `~/state`; serve `~/grasp` and `~/enable`."""
+    """Publish the hand's command and `~/state`; serve `~/grasp` and `~/enable`.
+
+    Attributes
+    ----------
+    direct : set of str
+        Topics, by their full names, whose contacts come by `take_state` from the same process.
+    """
 
     def __init__(self) -> None:
         super().__init__('grip_node')
+        self.direct: set[str] = set()
         self._link: HandLink | None = None
         self._stage: GripStage | None = None
         self.declare(GripOptions())
@@ -80,11 +94,19 @@ class GripNode(ManagedNode):
         self._config = GripConfig()
         self._described: HandDescription = self._hand
         self._heard: list[Subscription] = []
-        self._sequences: dict[int, int] = {}
         self._ticking: Timer | None = None
         self._enabled = False
+        # Contacts of the same process come in the threads that read the sensors.
+        self._lock = threading.RLock()
+        self._forget()
+
+    def _forget(self) -> None:
+        """Nothing has come, and nothing was done."""
         self._refusal, self._phase = '', GripPhase.IDLE
         self._steps = self._commands = self._limited = self._previous = 0
+        self._sequences: dict[str, int] = {}
+        self._ages: dict[str, StampAge] = {}
+        self._joint_age = StampAge()
 
     def configure(self) -> None:
         """Check the parameters against each other and the hand."""
@@ -97,22 +119,36 @@ class GripNode(ManagedNode):
     def activate(self) -> None:
         """Listen to the fingers and the hand, and begin to step."""
         self._enabled = self._options.enabled
-        self._refusal, self._phase = '', GripPhase.IDLE
-        self._steps = self._commands = self._limited = self._previous = 0
-        self._sequences = {}
+        self._forget()
         self._begin_stage(self._described, None)
         described = self._options.use_robot_description
         learn = self._on_robot if described else None
         self._link = HandLink(self, self._described, self._on_joints, learn)
-        self._heard = self._listen()
-        self._ticking = self.steady_timer(1.0 / self._config.rate_hz, self._on_tick)
+        names = self._stage.fingers
+        period = 1.0 / self._config.rate_hz
+        self._pace = GripPace(period, LATE * self._config.slowest_period, len(names))
+        topics = [self.topic_of(name) for name in names]
+        self._fingers = {t: [i for i, one in enumerate(topics) if one == t] for t in topics}
+        self._heard = [
+            self.create_subscription(
+                TactileContacts, topic, partial(self._on_contacts, topic), newest()
+            )
+            for topic in self._fingers
+            if topic not in self.direct
+        ]
+        self._ticking = self.steady_timer(max(0.5 * period, WATCH_S), self._on_tick)
+
+    def topic_of(self, finger: str) -> str:
+        """Full name of the topic of a finger's contacts, after remapping."""
+        return self.resolve_topic_name(f'{finger}/contacts')
 
     def _begin_stage(self, hand: HandDescription, robot: RobotDescription | None) -> None:
         """A stage that knows nothing yet."""
         self._grasps.finish(GraspOutcome.FAULT, 'the grip began anew with its robot_description')
-        self._stage = GripStage(hand, self._config, self._options.fingers, robot)
-        if self._enabled:
-            self._stage.enable()
+        with self._lock:
+            self._stage = GripStage(hand, self._config, self._options.fingers, robot)
+            if self._enabled:
+                self._stage.enable()
 
     def _on_robot(self, robot: RobotDescription) -> None:
         """Take limits and pads from the description; ValueError where it does not fit."""
@@ -120,28 +156,20 @@ class GripNode(ManagedNode):
         limits = robot.limits(driver.joints, driver.limits)
         self._begin_stage(self._described.with_limits(limits), robot)
 
-    def _listen(self) -> list[Subscription]:
-        """Subscribe to the contacts of every finger."""
-        return [
-            self.create_subscription(
-                TactileContacts, f'{name}/contacts', partial(self._on_contacts, i), newest()
-            )
-            for i, name in enumerate(self._stage.fingers)
-        ]
-
     def deactivate(self) -> None:
         """Send nothing more: the last command is a posture, which holds."""
-        if self._ticking is not None:
-            self.destroy_timer(self._ticking)
-            self._ticking = None
+        with self._lock:
+            if self._ticking is not None:
+                self.destroy_timer(self._ticking)
+                self._ticking = None
+            if self._link is not None:
+                self._link.close()
+                self._link = None
+            self._enabled = False
         self._grasps.finish(GraspOutcome.FAULT, 'grip_node was deactivated')
         for subscription in self._heard:
             self.destroy_subscription(subscription)
         self._heard = []
-        if self._link is not None:
-            self._link.close()
-            self._link = None
-        self._enabled = False
 
     def cleanup(self) -> None:
         """Forget the hand's state."""
@@ -157,24 +185,59 @@ class GripNode(ManagedNode):
         """Inputs of which nothing has come since the node is active."""
         return [] if self._stage is None else self._stage.unheard
 
-    def _on_contacts(self, finger: int, message: TactileContacts) -> None:
-        """A finger's force from its topic."""
-        if message.sequence == self._sequences.get(finger):
-            return  # the same frame once more is no news: it grows stale
-        self._sequences[finger] = message.sequence
+    def _on_contacts(self, topic: str, message: TactileContacts) -> None:
+        """Contacts from a topic."""
         force = vector(message.wrench.force)
-        valid = message.valid and not message.status & TactileContacts.STALE
-        self._stage.take_touch(finger, force, valid, message.slip, time.monotonic())
+        valid = message.valid and not message.status & STALE
+        stamp_ns = messages.stamp_ns(message.header)
+        self._take(topic, (force, valid, message.slip), message.sequence, stamp_ns)
 
-    def _on_joints(self, position: Array) -> None:
+    def take_state(self, topic: str, frame: Frame, state: ContactState) -> None:
+        """Contacts of the same process, under the full name of their topic."""
+        valid = bool(state.valid) and not int(state.status) & STALE
+        felt = state.force.tolist(), valid, int(state.slip)
+        self._take(topic, felt, frame.sequence, frame.stamp_ns or 0)
+
+    def _take(
+        self, topic: str, felt: tuple[Sequence[float], bool, int], sequence: int, stamp_ns: int
+    ) -> None:
+        """Take in what is felt, and step where it is the last that was waited for."""
+        with self._lock:
+            # the same frame once more is no news: it grows stale
+            if self._ticking is None or sequence == self._sequences.get(topic):
+                return
+            self._sequences[topic] = sequence
+            now_s, now_ns = time.monotonic(), self.now_ns()
+            age = self._ages.setdefault(topic, StampAge())
+            measured_s = age.measured_s(stamp_ns, now_ns, now_s)
+            due = False
+            for finger in self._fingers.get(topic, ()):
+                self._stage.take_touch(finger, *felt, measured_s)
+                due = self._pace.take(finger, stamp_ns if age.agrees else None, now_s)
+            if due:
+                self._step(now_s, now_ns)
+
+    def _on_joints(self, position: Array, stamp_ns: int) -> None:
         """Where the hand is."""
-        if self._stage is not None:
-            self._stage.take_joints(position, time.monotonic())
+        with self._lock:
+            if self._stage is not None:
+                now_s = time.monotonic()
+                measured_s = self._joint_age.measured_s(stamp_ns, self.now_ns(), now_s)
+                self._stage.take_joints(position, measured_s)
 
     def _on_tick(self) -> None:
+        """Step where forces fail to, and tell clients how their grasp goes."""
+        with self._lock:
+            now_s = time.monotonic()
+            if self._ticking is not None and self._pace.is_late(now_s):
+                self._step(now_s, self.now_ns())
+        self._grasps.tell()
+
+    def _step(self, now_s: float, now_ns: int) -> None:
         """One control step."""
-        now_ns = self.now_ns()
-        decision = self._stage.step(time.monotonic(), now_ns, self._link.blocked)
+        answered_ns = self._pace.newest_ns or now_ns
+        since = self._pace.step(now_s)
+        decision = self._stage.step(now_s, answered_ns, self._link.blocked, since)
         if decision.command is not None:
             self._link.send(decision.command)
             self._commands += 1
@@ -183,7 +246,7 @@ class GripNode(ManagedNode):
         self._refusal, self._phase = decision.refusal, decision.made.phase
         if self._states.get_subscription_count():
             self._publish(decision, now_ns)
-        self._grasps.follow(decision)
+        self._grasps.note(decision)
 
     def _publish(self, decision: Decision, now_ns: int) -> None:
         """What was decided, as a message."""
@@ -205,11 +268,10 @@ class GripNode(ManagedNode):
         response.success = True
         response.message = 'enabled' if request.data else 'disabled: the last posture holds'
         if request.data != self._enabled:
-            self._enabled = request.data
-            if request.data:
-                self._stage.enable()
-            else:
-                self._stage.disable()
+            with self._lock:
+                self._enabled = request.data
+                (self._stage.enable if request.data else self._stage.disable)()
+            if not request.data:
                 self._grasps.finish(GraspOutcome.FAULT, 'the grip was disabled')
         return response
 
@@ -225,11 +287,14 @@ class GripNode(ManagedNode):
 
     def _begin(self, goal: Grasp.Goal) -> None:
         """Begin a grasp, or open."""
-        self._stage.grasp(goal.target_force, goal.fingers, goal.timeout, goal.adapt)
+        with self._lock:
+            self._grasps.forget()
+            self._stage.grasp(goal.target_force, goal.fingers, goal.timeout, goal.adapt)
 
     def _cancel(self) -> None:
         """The client waits no more."""
-        self._stage.cancel()
+        with self._lock:
+            self._stage.cancel()
 
     def diagnose(self) -> DiagnosticStatus:
         """Phase, rate, refusals."""
@@ -268,7 +333,7 @@ def build() -> Sequence[ManagedNode]:
 
 def main() -> None:
     """Run grip_node until it is told to stop."""
-    main_of(build)
+    main_of(build, serving)
 
 
 if __name__ == '__main__':

@@ -7,7 +7,7 @@ hand turns them into joints, the guard has the last word.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import hypot
+from math import hypot, inf, isfinite, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +19,7 @@ from tactile_ros.control import (
     GripForce,
     GripInput,
     GripPhase,
+    Opening,
 )
 from tactile_ros.hands.closing import PadNormal, Synergy
 from tactile_ros.hands.joint_guard import JointGuard
@@ -60,34 +61,6 @@ class Decision:
     limited: bool
     refusal: str
     ended: GraspProgress | None
-
-
-class Opening:
-    """Judge the steps of an opening as `GraspSequence` does those of a grasp.
-
-    Parameters
-    ----------
-    config : GripConfig
-        Time after which a fault ends it.
-    timeout : float
-        Longest time (s); 0: any.
-    """
-
-    def __init__(self, config: GripConfig, timeout: float) -> None:
-        self._config, self._timeout = config, timeout
-        self._elapsed = self._faulty = 0.0
-
-    def step(self, made: GripStep, dt: float) -> GraspProgress:
-        """Take in a step of the law."""
-        self._elapsed += dt
-        self._faulty = self._faulty + dt if made.phase == GripPhase.FAULT else 0.0
-        if made.phase == GripPhase.IDLE:
-            return GraspProgress(GraspOutcome.NO_OBJECT, 'the hand is open')
-        if self._faulty > self._config.fault_time:
-            return GraspProgress(GraspOutcome.FAULT, made.refusal)
-        if 0.0 < self._timeout <= self._elapsed:
-            return GraspProgress(GraspOutcome.TIMEOUT, f'not open within {self._timeout:g} s')
-        return GraspProgress(None, 'opening')
 
 
 class GripStage:
@@ -142,34 +115,37 @@ class GripStage:
         self._law = GripForce(self.config, self._drive_of.tolist(), told)
         self._guard = JointGuard(limits, hand.driver.most_offset)
         self._sequence: GraspSequence | Opening | None = None
-        self._touch = np.full((len(self.fingers), 2), np.nan)
-        self._valid = np.zeros(len(self.fingers), bool)
-        self._slip = np.full(len(self.fingers), -1, np.int8)
-        self._new = np.zeros(len(self.fingers), bool)
-        self._touched_s = np.full(len(self.fingers), -np.inf)
+        count = len(self.fingers)
+        # lists: one entry of an array costs more than all else that a force brings
+        self._normal, self._across = [nan] * count, [nan] * count
+        self._valid, self._new, self._slip = [False] * count, [False] * count, [-1] * count
+        self._touched_s = [-inf] * count
+        self._closure = np.full(len(self._drives), np.nan)
         self._measured: Array | None = None
         self._measured_s = -np.inf
-        self._stepped_s: float | None = None
+        self._stepped_s = -np.inf
         self.sent = np.full(len(hand.driver.joints), np.nan)
 
     def take_touch(
-        self, finger: int, force: Sequence[float], valid: bool, slip: int, now_s: float
+        self, finger: int, force: Sequence[float], valid: bool, slip: int, measured_s: float
     ) -> None:
-        """Keep what a finger feels: force (3,) in its sensor frame (N)."""
-        self._touch[finger] = force[2], hypot(force[0], force[1])
+        """Keep what a finger felt at a time (s): force (3,) in its sensor frame (N)."""
+        self._normal[finger], self._across[finger] = force[2], hypot(force[0], force[1])
         self._valid[finger], self._slip[finger] = valid, slip
-        self._touched_s[finger], self._new[finger] = now_s, True
+        self._touched_s[finger], self._new[finger] = measured_s, True
 
-    def take_joints(self, position: Array, now_s: float) -> None:
-        """Keep measured joint positions (j,)."""
-        self._measured, self._measured_s = position, now_s
+    def take_joints(self, position: Array, measured_s: float) -> None:
+        """Keep joint positions (j,) that were measured at a time (s)."""
+        self._measured, self._measured_s = position, measured_s
+        pairs = zip(self._places, self._driven, strict=True)
+        self._closure = np.array([finger.closure_of(position[place]) for place, finger in pairs])
 
     @property
     def unheard(self) -> list[str]:
         """Fingers, and joint states, of which nothing has come yet."""
         missing = ['joint states'] if self._measured is None else []
-        silent = np.isneginf(self._touched_s)
-        return missing + [f for f, one in zip(self.fingers, silent, strict=True) if one]
+        pairs = zip(self.fingers, self._touched_s, strict=True)
+        return missing + [finger for finger, touched_s in pairs if touched_s == -inf]
 
     def enable(self) -> None:
         """Commands may be sent; the first is where the joints are."""
@@ -224,7 +200,9 @@ class GripStage:
         if self._law.phase not in HOLDING:
             self._law.release()
 
-    def step(self, now_s: float, stamp_ns: int, blocked: str = '') -> Decision:
+    def step(
+        self, now_s: float, stamp_ns: int, blocked: str = '', since: float | None = None
+    ) -> Decision:
         """One control step.
 
         Parameters
@@ -235,13 +213,16 @@ class GripStage:
             Time that a command carries (ns).
         blocked : str
             Why nothing may be sent whatever the law says; empty: nothing is in the way.
+        since : float or None
+            Time since the last step (s); None: by `now_s`.
 
         Returns
         -------
         Decision
             What is to be sent and published.
         """
-        dt = self._since_last(now_s)
+        dt = self._within(now_s - self._stepped_s if since is None else since)
+        self._stepped_s = now_s
         made = self._law.step(self._given(now_s, blocked), dt)
         refusal = made.refusal
         if blocked or self._measured is None:
@@ -252,29 +233,24 @@ class GripStage:
             limited = limited or guarded
         return Decision(made, command, limited, refusal, self._progress(made, dt))
 
-    def _since_last(self, now_s: float) -> float:
-        """Time since the last step (s), between a tenth of and a few periods."""
+    def _within(self, since: float) -> float:
+        """A time since the last step (s), between a tenth of and a few periods."""
         period = 1.0 / self.config.rate_hz
-        since = period if self._stepped_s is None else now_s - self._stepped_s
-        self._stepped_s = now_s
-        return min(max(since, 0.1 * period), MOST_PERIODS * period)
+        most = MOST_PERIODS * period if isfinite(since) else period
+        return min(max(since, 0.1 * period), most)
 
     def _given(self, now_s: float, blocked: str) -> GripInput:
         """Input of the law."""
-        closure = np.full(len(self._drives), np.nan)
-        if self._measured is not None:
-            for a, (place, finger) in enumerate(zip(self._places, self._driven, strict=True)):
-                closure[a] = finger.closure_of(self._measured[place])
-        new, self._new = self._new, np.zeros_like(self._new)
+        new, self._new = self._new, [False] * len(self._new)
         return GripInput(
-            normal=self._touch[:, 0].copy(),
-            tangential=self._touch[:, 1].copy(),
-            valid=self._valid.copy(),
-            slip=self._slip.copy(),
-            age=now_s - self._touched_s,
-            closure=closure,
+            normal=np.array(self._normal),
+            tangential=np.array(self._across),
+            valid=np.array(self._valid),
+            slip=np.array(self._slip, np.int8),
+            age=now_s - np.array(self._touched_s),
+            closure=self._closure,
             closure_age=now_s - self._measured_s,
-            new=new,
+            new=np.array(new),
             blocked=blocked,
         )
 
@@ -294,8 +270,20 @@ class GripStage:
                 force = made.target_force[self._drive_of == a]
                 effort[place] = closing.finger.caps(float(force.max()))
         position, limited = self._guard.step(wanted, measured, dt)
+        # the law goes on from what is sent, and winds nothing up
+        self._law.admit(made.closure - self._behind(closures, wanted, position, limited), dt)
         self.sent = position
         return GripCommand(stamp_ns, position, effort), limited
+
+    def _behind(
+        self, closures: list[float], wanted: Array, sent: Array, limited: bool
+    ) -> Array | float:
+        """How much less closure each drive was sent (a,)."""
+        if not limited:
+            return 0.0
+        pairs = enumerate(zip(self._places, self._driven, strict=True))
+        short = [f.shortfall(closures[a], wanted[p], sent[p]) for a, (p, f) in pairs]
+        return np.array(short)
 
     def _progress(self, made: GripStep, dt: float) -> GraspProgress | None:
         """The end of the grasp, where this step ended it; the hand opens where nothing is held."""

@@ -14,6 +14,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from tactile_ros.hands.driver import JOINT_STATE, NUMBERS, TRAJECTORY, in_order
 from tactile_ros.hands.joint_messages import read_joint_states
 from tactile_ros.hands.urdf import RobotDescription
+from tactile_ros.messages import stamp_ns
 from tactile_ros.nodes.quality import latched
 from tactile_ros.types import GripCommand
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from rclpy.publisher import Publisher
 
     from tactile_ros.hands import HandDescription
+    from tactile_ros.hands.driver import Topic
     from tactile_ros.nodes.lifecycle import ManagedNode
     from tactile_ros.types import Array, Integers
 
@@ -54,7 +56,7 @@ class HandLink:
     hand : HandDescription
         Which hand.
     take : callable
-        Takes every measured posture (j,).
+        Takes every measured posture (j,) and its stamp (ns).
     learn : callable or None
         Takes the `robot_description`, without which nothing is sent then; a ValueError refuses it.
     """
@@ -63,7 +65,7 @@ class HandLink:
         self,
         node: ManagedNode,
         hand: HandDescription,
-        take: Callable[[Array], None],
+        take: Callable[[Array, int], None],
         learn: Callable[[RobotDescription], None] | None = None,
     ) -> None:
         self._node, self._hand, self._take = node, hand, take
@@ -72,8 +74,10 @@ class HandLink:
         self._why_no_description = '' if learn is None else 'robot_description has not come'
         self._why_no_order = f'{hand.driver.controller} does not tell the order of its joints yet'
         driver = hand.driver
-        self._publishers: list[tuple[Publisher, object]] = [
-            (node.create_publisher(MESSAGES[t.kind], t.name, newest(3)), t) for t in driver.topics
+        # one message for all commands: a fresh one costs as much as the law
+        self._publishers: list[tuple[Publisher, Topic, object]] = [
+            (node.create_publisher(MESSAGES[t.kind], t.name, newest(3)), t, blank(t.kind))
+            for t in driver.topics
         ]
         self._heard = [
             node.create_subscription(JointState, driver.states, self._on_states, newest())
@@ -103,14 +107,13 @@ class HandLink:
         ordered = GripCommand(
             command.stamp_ns, command.position[self._order], command.effort[self._order]
         )
-        for publisher, topic in self._publishers:
-            message = blank(topic.kind)
+        for publisher, topic, message in self._publishers:
             topic.fill(message, ordered)
             publisher.publish(message)
 
     def close(self) -> None:
         """Remove all; nothing can be sent any more."""
-        for publisher, _ in self._publishers:
+        for publisher, _, _ in self._publishers:
             self._node.destroy_publisher(publisher)
         for subscription in self._heard:
             self._node.destroy_subscription(subscription)
@@ -131,7 +134,7 @@ class HandLink:
             self._node.get_logger().error(str(err), throttle_duration_sec=1.0)
             return
         if position is not None:
-            self._take(position)
+            self._take(position, stamp_ns(message.header))
 
     def _on_description(self, message: String) -> None:
         """Read the description once; one that does not fit lets nothing out."""

@@ -25,6 +25,7 @@ from tactile_ros.nodes.quality import overridable
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from rclpy.executors import Executor
     from rclpy.parameter import Parameter
     from rclpy.publisher import Publisher
     from rclpy.qos import QoSProfile
@@ -40,10 +41,18 @@ APPLIES_AFTERWARDS = hasattr(LifecycleNode, 'add_post_set_parameters_callback')
 
 
 class ManagedNode(LifecycleNode):
-    """Lifecycle node with declared, validated parameters and diagnostics at 1 Hz while active."""
+    """Lifecycle node with declared, validated parameters and diagnostics at 1 Hz while active.
 
-    def __init__(self, name: str) -> None:
-        super().__init__(name)
+    Parameters
+    ----------
+    name : str
+        Of the node.
+    arguments : sequence of str
+        ROS arguments for this node alone, which win over those of its process.
+    """
+
+    def __init__(self, name: str, arguments: Sequence[str] = ()) -> None:
+        super().__init__(name, cli_args=['--ros-args', *arguments] if arguments else None)
         self._schemas: list[Schema[object]] = []
         self._configured = False
         self._timer: Timer | None = None
@@ -225,7 +234,11 @@ def start(nodes: Sequence[ManagedNode]) -> None:
             node.trigger_activate()
 
 
-def run(build: Callable[[], Sequence[ManagedNode]], args: Sequence[str] | None = None) -> int:
+def run(
+    build: Callable[[], Sequence[ManagedNode]],
+    args: Sequence[str] | None = None,
+    serve: Callable[[], Executor] = SingleThreadedExecutor,
+) -> int:
     """Run nodes until SIGINT or SIGTERM; the body of every executable's main.
 
     Parameters
@@ -234,6 +247,8 @@ def run(build: Callable[[], Sequence[ManagedNode]], args: Sequence[str] | None =
         Makes the nodes, once rclpy is there.
     args : sequence of str or None
         Command line; None: that of the process.
+    serve : callable
+        Makes the executor.
 
     Returns
     -------
@@ -254,7 +269,7 @@ def run(build: Callable[[], Sequence[ManagedNode]], args: Sequence[str] | None =
         rclpy.logging.get_logger('tactile_ros').fatal(str(err))
         rclpy.try_shutdown()
         return 2
-    executor = SingleThreadedExecutor()
+    executor = serve()
     for node in nodes:
         executor.add_node(node)
     try:
@@ -269,7 +284,20 @@ def run(build: Callable[[], Sequence[ManagedNode]], args: Sequence[str] | None =
     return max(node.exit_code for node in nodes)
 
 
-def spin(executor: SingleThreadedExecutor, done: Callable[[], bool]) -> None:
+def serving() -> Executor:
+    """Executor of a grip's process: that which wakes on events, where this ROS has it.
+
+    The other looks at every service and timer of all nodes whenever something comes; with the
+    nodes of a hand that takes milliseconds, in which their loops have to wait.
+    """
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:  # before Kilted
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
+def spin(executor: Executor, done: Callable[[], bool]) -> None:
     """Serve callbacks until done."""
     while not done():
         try:
@@ -280,7 +308,7 @@ def spin(executor: SingleThreadedExecutor, done: Callable[[], bool]) -> None:
             rclpy.logging.get_logger('tactile_ros').error(traceback.format_exc())
 
 
-def drain(executor: SingleThreadedExecutor, nodes: Sequence[ManagedNode]) -> None:
+def drain(executor: Executor, nodes: Sequence[ManagedNode]) -> None:
     """Take what waits for a node that must not lose it, for a few seconds at most."""
     deadline = time.monotonic() + DRAIN_S
     while any([node.lags() for node in nodes]) and time.monotonic() < deadline:
@@ -294,6 +322,9 @@ def end(node: ManagedNode) -> None:
     node.destroy_node()
 
 
-def main_of(build: Callable[[], Sequence[ManagedNode]]) -> None:
+def main_of(
+    build: Callable[[], Sequence[ManagedNode]],
+    serve: Callable[[], Executor] = SingleThreadedExecutor,
+) -> None:
     """Entry point of an executable."""
-    sys.exit(run(build))
+    sys.exit(run(build, serve=serve))

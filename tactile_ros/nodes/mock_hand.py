@@ -20,8 +20,10 @@ from tactile_ros.hands import load_hand
 from tactile_ros.hands.driver import in_order
 from tactile_ros.hands.joint_messages import read_command
 from tactile_ros.hands.mock_hand import FAULTS, MockHand
+from tactile_ros.nodes.grip_stage import taking_part
 from tactile_ros.nodes.hand_link import MESSAGES, newest
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
+from tactile_ros.nodes.pressed_twins import PressedTwins
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
     from rclpy.timer import Timer
 
     from tactile_ros.hands.driver import Topic
+    from tactile_ros.hands.finger import Finger
+    from tactile_ros.types import Integers
 
 NONE = 'none'
 
@@ -56,6 +60,34 @@ class MockOptions:
         default=0.02,
         metadata={'help': 'time constant of the position loop', 'unit': 's', 'range': (1e-3, 2.0)},
     )
+    sensor: str = field(
+        default='',
+        metadata={'help': 'key of the sensors that its closing presses; empty: none'},
+    )
+    fingers: tuple[str, ...] = field(
+        default=(), metadata={'help': 'sensors that are pressed; empty: all of the hand'}
+    )
+    ports: tuple[str, ...] = field(
+        default=(), metadata={'help': 'paths where their serial ports appear, in their order'}
+    )
+    seed: int = field(default=0, metadata={'help': 'of the sensors, counted up'})
+    contact_at: float = field(
+        default=0.4,
+        metadata={
+            'help': 'closure at which each finger touches',
+            'range': (0.0, 1.0),
+            'live': True,
+        },
+    )
+    stiffness: float = field(
+        default=40.0,
+        metadata={
+            'help': 'of what a finger touches',
+            'unit': 'N per closure',
+            'range': (0.0, 1e4),
+            'live': True,
+        },
+    )
     fault: str = field(
         default=NONE,
         metadata={
@@ -82,6 +114,8 @@ class MockHandNode(ManagedNode):
         self.refused = 0
         self.joints: MockHand | None = None
         self.caps = np.zeros(0)
+        self.pressed: PressedTwins | None = None
+        self._pressing: list[tuple[Finger, Integers]] = []
 
     def configure(self) -> None:
         """Put the hand into its open posture, and answer on the driver's topics."""
@@ -92,6 +126,11 @@ class MockHandNode(ManagedNode):
         self._back = in_order(order, driver.joints)
         rest = self._hand.posture('open', np.clip(0.0, driver.lower, driver.upper))
         self.joints = MockHand(driver.limits, rest, options.dead_time_s, options.lag_s)
+        if options.sensor:
+            _, names = taking_part(self._hand, options.fingers)
+            found = [(self._hand.fingers[name], self._hand.places(name)) for name in names]
+            self._pressing = found
+            self.pressed = PressedTwins(options.sensor, options.ports, options.seed)
         self._period_s = 1.0 / min(driver.fastest_hz, 100.0)
         self._driver, self._names = driver, tuple(order)
         self.received, self.refused, self._silenced = {}, 0, False
@@ -123,6 +162,9 @@ class MockHandNode(ManagedNode):
         for end, thing in self._ended:
             end(thing)
         self._ended = []
+        if self.pressed is not None:
+            self.pressed.close()
+            self.pressed = None
 
     def _on_command(self, topic: Topic, message: object) -> None:
         """Take a command, or fail on it as the driver does."""
@@ -155,6 +197,7 @@ class MockHandNode(ManagedNode):
         fault = self.get_parameter('fault').value
         before = self.joints.position
         position = self.joints.step(self._period_s)
+        self._press()
         if fault == 'silent' or self._silenced:
             return
         message = JointState(name=list(self._driver.joints))
@@ -170,6 +213,15 @@ class MockHandNode(ManagedNode):
         if fault == 'partial':
             message.name, message.position = message.name[1:], message.position[1:]
         self._states.publish(message)
+
+    def _press(self) -> None:
+        """Let every finger press its sensor as far as it has closed."""
+        if self.pressed is None:
+            return
+        at, stiffness = (self.get_parameter(n).value for n in ('contact_at', 'stiffness'))
+        for i, (finger, place) in enumerate(self._pressing):
+            closure = finger.closure_of(self.joints.position[place])
+            self.pressed.force[i] = stiffness * max(0.0, closure - at)
 
     def diagnose(self) -> DiagnosticStatus:
         """What came in."""

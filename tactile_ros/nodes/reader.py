@@ -32,8 +32,6 @@ REPEAT_S = 10.0
 # a quiet chip repeats itself now and then
 RARELY = 0.05
 MOST_STAMPS = 10_000
-# a frame that takes less was kept back somewhere
-AT_ONCE_S = 0.5e-3
 MOST_DISCARDING_S = 0.5
 
 
@@ -124,8 +122,9 @@ class Reader:
     queue : int
         Frames that may wait for `deliver`, which runs in a thread of its own then; 0: it runs in
         the reader's thread, and the port's own buffer is the queue.
-    fresh : bool
-        Discard what the port has kept back before reading begins: its age is unknown.
+    kept_back_s : float
+        Before reading begins, discard what the port hands over faster than this: it was kept
+        back, and its age is unknown. 0: nothing is discarded.
     """
 
     def __init__(
@@ -135,7 +134,7 @@ class Reader:
         complain: Callable[[str], None],
         ready: Callable[[], bool] | None = None,
         queue: int = 0,
-        fresh: bool = False,
+        kept_back_s: float = 0.0,
     ) -> None:
         self.reading = Reading()
         self._device = device
@@ -147,7 +146,7 @@ class Reader:
         self._is_open = False
         self._told: dict[str, float] = {}
         self._limit = queue
-        self._fresh = fresh
+        self._kept_back_s = kept_back_s
         self._queue: SimpleQueue[Frame | None] = SimpleQueue()
         self._thread = threading.Thread(target=self._run, name='reader', daemon=True)
         self._handing = threading.Thread(target=self._hand_on, name='reader_queue', daemon=True)
@@ -198,8 +197,7 @@ class Reader:
             if self._stop.wait(0.01):
                 return
         self.reading.waiting = False
-        if self._fresh:
-            self._discard()
+        self._discard()
         while not self._stop.is_set():
             self._step()
 
@@ -208,7 +206,7 @@ class Reader:
         end = time.monotonic() + MOST_DISCARDING_S
         took = 0.0
         with suppress(Exception):  # a failure is told by the reading that follows
-            while took < AT_ONCE_S and time.monotonic() < end and not self._stop.is_set():
+            while took < self._kept_back_s and time.monotonic() < end and not self._stop.is_set():
                 began = time.monotonic()
                 self._device.read(0.0)
                 took = time.monotonic() - began

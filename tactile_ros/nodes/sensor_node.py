@@ -17,6 +17,7 @@ from tactile_ros.nodes.quality import data, latched
 from tactile_ros.nodes.reader import Reader
 from tactile_ros.nodes.twin import RELIEF, SignalTruth, parse_fault
 from tactile_ros.nodes.views import Views
+from tactile_ros.presses import playing
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
@@ -24,7 +25,9 @@ if TYPE_CHECKING:
 
     from rclpy.publisher import Publisher
 
-    from tactile_ros.types import Device, Frame, Layout, Twin
+    from tactile_ros.types import Array, Device, Frame, Layout, Recording, Twin
+
+AT_ONCE = 0.5  # of a frame's period: what takes less to read was not waited for
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,13 @@ class SensorOptions:
         default=0,
         metadata={'help': 'of the twin: its signal, noise and faults', 'range': (0, 2**31 - 1)},
     )
+    scene: str = field(
+        default='presses',
+        metadata={
+            'help': 'what a twin plays: presses, or a lesson with something new in it',
+            'choices': ('presses', 'lesson'),
+        },
+    )
     fault: str = field(
         default='',
         metadata={
@@ -103,14 +113,17 @@ class SensorNode(ManagedNode):
         published: the one-process road, which has no queue.
     waits_for : callable or None
         Further condition for the first frame.
+    arguments : sequence of str
+        ROS arguments for this node alone.
     """
 
     def __init__(
         self,
         downstream: Callable[[Frame, str], None] | None = None,
         waits_for: Callable[[], bool] | None = None,
+        arguments: Sequence[str] = (),
     ) -> None:
-        super().__init__('sensor_node')
+        super().__init__('sensor_node', arguments)
         self._twin: Twin | None = None
         self._reader: Reader | None = None
         self.declare(SensorOptions())
@@ -147,12 +160,23 @@ class SensorNode(ManagedNode):
         """Let the twin answer from now until cleanup."""
         connection = self.options(type(self._spec.connection()))
         seed = self._options.seed
-        twin = self._spec.simulate(config, connection, None, seed)
-        recording = self._spec.presses(config, seed)
+        signal, recording = self._scene(config)
+        twin = self._spec.simulate(config, connection, signal, seed)
         self._twin = self._held.enter_context(twin)
         self._truth = SignalTruth(recording, self.now_ns())
         self._truths = self.create_publisher(TactileContacts, 'truth/contacts', data())
         self._held.callback(self.destroy_publisher, self._truths)
+
+    def _scene(self, config: object) -> tuple[Callable[[float], Array] | None, Recording]:
+        """Signal of the twin, None: its own, and the truth of it."""
+        seed, lesson = self._options.seed, self._spec.lesson
+        if self._options.scene == 'presses':
+            return None, self._spec.presses(config, seed)
+        if lesson is None:
+            msg = f'scene of {self._spec.key} must be presses; it has no lesson'
+            raise ValueError(msg)
+        recording = lesson.scene(config, seed, 0.0)
+        return playing(recording), recording
 
     def _make_reader(self) -> Reader:
         """Reader of a fresh device: its frames count from 0."""
@@ -170,8 +194,16 @@ class SensorNode(ManagedNode):
             self.get_logger().error,
             self._is_awaited,
             queue,
-            self._options.discard_stale,
+            self._kept_back_s(),
         )
+
+    def _kept_back_s(self) -> float:
+        """Frames that come so much faster than they are taken have waited in the port (s)."""
+        rate_hz = self._layout.rate_hz
+        if not self._options.discard_stale:
+            return 0.0
+        # not a fixed time: on a busy machine it takes milliseconds to decode what waits
+        return AT_ONCE / rate_hz if rate_hz > 0 else 1.0
 
     def activate(self) -> None:
         """Publish the layout and begin to read."""

@@ -6,6 +6,7 @@ look-up with its slope replaces many points inside the disc.
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +20,8 @@ NODES = 280  # of the longer side of a table
 TURNS = (0.71, 1.37, 2.29)  # no symmetry of a polygon of few corners
 ALIKE = 0.015  # of the area: what a turn may change and still be called a symmetry
 MOST_FOLD = 12
+BESIDE = 0.1  # of a whole turn
+NEARLY = 0.35  # of the area: what a turn may change and still be taken for another
 FINER = 16  # lines across a node's cell
 SIDES = 48  # from which a round object is looked at
 FINE = 512  # points of a box for each part that a taxel is cut into
@@ -167,15 +170,47 @@ def symmetry(outline: Outline) -> int:
     if outline.bend is not None:
         straight = abs(np.cos(outline.bend) + 1) < 1e-9
         return 2 if straight else 1
-    corners = np.concatenate(list(outline.loops))
-    span = float(np.linalg.norm(corners, axis=1).max())
-    grid = np.linspace(-span, span, 241)
-    picture = raster(outline.loops, grid + 1e-7 * span, grid + 1e-7 * span)
-    smooth = _blur(picture, 2.0)
+    smooth = _picture(outline.loops, np.zeros(2))
     if all(_change(smooth, turn) < ALIKE for turn in TURNS):
         return 0
     found = [n for n in range(2, MOST_FOLD + 1) if _change(smooth, 2 * np.pi / n) < ALIKE]
     return max(found, default=1)
+
+
+def mistakable_turns(outline: Outline, centre: Array, order: int) -> Array:
+    """Turns (n,) about its centre (m) after which a part looks much as before (rad).
+
+    Those of its symmetry, of an order about its origin, are left out.
+
+    Examples
+    --------
+    >>> bar = Outline('bar', (np.array([[-2, -1], [2, -1], [2.2, 1], [-2, 1.0]]),))
+    >>> mistakable_turns(bar, np.zeros(2), 1).round(2).tolist()
+    [3.14]
+    """
+    if outline.bend is not None or order == 0:
+        return np.zeros(0)
+    smooth = _picture(outline.loops, centre)
+    kinds = [Fraction(k, n) for n in range(2, MOST_FOLD + 1) for k in range(1, n)]
+    turns = sorted({kind for kind in kinds if (kind * order).denominator > 1})
+    found = {turn: _change(smooth, 2 * np.pi * float(turn)) for turn in turns}
+    near = [turn for turn, change in found.items() if change < NEARLY]
+    # of neighbours that shade into one another the likest
+    best = [t for t in near if all(found[t] <= found[o] for o in near if _apart(t, o) < BESIDE)]
+    return 2 * np.pi * np.array([float(turn) for turn in best])
+
+
+def _apart(turn: Fraction, other: Fraction) -> float:
+    """Between two turns, in whole ones."""
+    return abs(float(turn - other + Fraction(1, 2)) % 1 - 0.5)
+
+
+def _picture(loops: Sequence[Array], centre: Array) -> Array:
+    """Square picture of what loops enclose about a centre, with soft edges."""
+    about = [loop - centre for loop in loops]
+    span = float(np.linalg.norm(np.concatenate(about), axis=1).max())
+    grid = np.linspace(-span, span, 241)
+    return _blur(raster(about, grid + 1e-7 * span, grid + 1e-7 * span), 2.0)
 
 
 def _change(picture: Array, turn: float) -> float:

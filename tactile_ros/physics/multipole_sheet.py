@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 ROUNDING = 1e-9
 
 
-def carpet(sheet: Sheet, pitch: float, levels: int = 1) -> tuple[Array, Array]:
+def carpet(sheet: Sheet, pitch: float, levels: int = 1, points: int = 1) -> tuple[Array, Array]:
     """Places (m) and moments (A m2), (g, 3) each, of a carpet of dipoles.
 
     Parameters
@@ -33,15 +33,16 @@ def carpet(sheet: Sheet, pitch: float, levels: int = 1) -> tuple[Array, Array]:
         Of the carpet, about: no dipole stands for parts of two bands (m).
     levels : int
         Of dipoles over the thickness, at Gauss points.
+    points : int
+        Gauss points along each side of a part of the pitch.
     """
     bands, low, high, signs = (np.array(part) for part in zip(*sheet.bands, strict=True))
-    x = _middles(-0.5 * sheet.size[:1], 0.5 * sheet.size[:1], pitch)[0]
-    y, owner = _middles(low, high, pitch)
+    x, wide, _ = _nodes(-0.5 * sheet.size[:1], 0.5 * sheet.size[:1], pitch, points)
+    y, width, owner = _nodes(low, high, pitch, points)
     z, share = np.polynomial.legendre.leggauss(levels)
     heights = sheet.low + sheet.thickness * (1 + z) / 2
     places = np.stack(np.meshgrid(x, y, heights, indexing='ij'), axis=-1)
-    width = (high - low)[owner] / np.bincount(owner)[owner]
-    volume = (sheet.size[0] / len(x) * sheet.thickness) * width[:, None] * share / 2
+    volume = (wide[:, None, None] * sheet.thickness) * width[:, None] * share / 2
     remanence = sheet.strengths[bands] * signs
     moment = magnet_moment(1.0, 1.0) * remanence[owner][:, None] * volume
     moments = np.broadcast_to(moment[..., None] * np.eye(3)[sheet.axis], places.shape)
@@ -80,6 +81,17 @@ def _middles(low: Array, high: Array, pitch: float) -> tuple[Array, npt.NDArray[
     owner = np.repeat(np.arange(len(counts)), counts)
     part = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
     return low[owner] + (part + 0.5) * ((high - low) / counts)[owner], owner
+
+
+def _nodes(
+    low: Array, high: Array, pitch: float, points: int
+) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+    """Gauss points (n,) of the parts of `_middles`, how wide each counts, and whose it is."""
+    middle, owner = _middles(low, high, pitch)
+    wide = (high - low)[owner] / np.bincount(owner)[owner]
+    node, share = np.polynomial.legendre.leggauss(points)
+    at = (middle[:, None] + 0.5 * wide[:, None] * node).reshape(-1)
+    return at, (0.5 * wide[:, None] * share).reshape(-1), np.repeat(owner, points)
 
 
 def carried_field(points: Array, places: Array, moments: Array, moved: Array) -> Array:

@@ -34,6 +34,28 @@ class Design(Protocol):
 
 
 @dataclass(frozen=True)
+class TwinLesson:
+    """A scene of a twin with something in it that its calibration does not know.
+
+    Attributes
+    ----------
+    label : str
+        Name of the new class; in truth its number follows those of `config.objects`.
+    presses : int
+        From which it is learned.
+    calibration : callable
+        Recording with truth to calibrate on, for a config and a seed.
+    scene : callable
+        Recording with truth that the twin plays, for a config, a seed and the noise of a channel.
+    """
+
+    label: str
+    presses: int
+    calibration: Callable[..., Recording]
+    scene: Callable[..., Recording]
+
+
+@dataclass(frozen=True)
 class SensorSpec:
     """Everything that the house knows about one kind of sensor.
 
@@ -69,6 +91,8 @@ class SensorSpec:
     demo : mapping of str to object
         Fields of the config with which `tactile demo` runs its twin, where they are not the
         defaults; such as ROS parameters can hold.
+    lesson : TwinLesson or None
+        What its twin can play instead of `presses`, to be taught by it.
     """
 
     key: str
@@ -86,6 +110,7 @@ class SensorSpec:
     classes: tuple[type, ...]
     recordings: Callable[[], Mapping[str, Recording]]
     demo: Mapping[str, object] = field(default_factory=dict)
+    lesson: TwinLesson | None = None
 
     def pipeline(
         self, config: SensorConfig | None = None, estimator: str | None = None

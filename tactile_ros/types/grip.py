@@ -16,7 +16,7 @@ class GripCommand:
     Attributes
     ----------
     stamp_ns : int
-        When it was decided (ns).
+        Stamp of the newest force that it answers (ns); when it was decided, where there is none.
     position : ndarray, shape (j,)
         Joint positions (rad; 0 open to 1 closed for a synergy). They hold where nothing follows.
     effort : ndarray, shape (j,)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ from tactile_ros.cli import bench, demo
 from tactile_ros.cli.main import COMMANDS, main, parser, sentence
 from tactile_ros.cli.sources import MOST_YAML_BYTES, read_config
 from tactile_ros.evaluation.archive import load_recording, save_recording
+from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.sensors import list_sensors, load_sensor
 
 BENCHES = ', '.join(
@@ -313,3 +316,29 @@ def test_benches_side_by_side_tell_the_first_failure(
     assert "received 'no_such'" in printed.err
     assert "received 'none'" in printed.err
     assert '2 benches ran at a time' in printed.out
+
+
+def test_benches_as_json_are_alone_on_stdout(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Made:
+        @staticmethod
+        def run(extent: str, command: str) -> BenchResult:
+            return BenchResult('roads', command, [1], [Row(f'of {extent}', 'mm', 1.0, aim=0.5)])
+
+    monkeypatch.setattr(bench, 'load', lambda _: Made)
+    words = ['bench', 'roads', '--quick', '--json', '--results', str(tmp_path)]
+    assert main(words) == 0
+    (told,) = json.loads(capsys.readouterr().out)
+    assert told == json.loads((tmp_path / 'roads.json').read_text())
+    assert told['rows'][0]['what'] == 'of quick'
+
+
+def test_nobody_reads_what_is_printed() -> None:
+    code = 'import sys; from tactile_ros.cli.main import main; sys.exit(main(["list"]))'
+    with subprocess.Popen(
+        [sys.executable, '-c', code], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        process.stdout.close()
+        assert process.stderr.read() == b''
+        assert process.wait() == 141

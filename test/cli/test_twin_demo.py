@@ -17,14 +17,15 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.ros
 
 
-@pytest.mark.parametrize('sensor', ['five_wire_skin', 'gradiometer'])  # two processes, and one
+# two processes, one, two behind a bus of chips, and objects that are recognised
+@pytest.mark.parametrize('sensor', ['five_wire_skin', 'gradiometer', 'magnet_pad', 'taxel_array'])
 def test_a_twin_goes_through_the_real_graph(
     sensor: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(twin_demo, 'MOST_ROWS', 800)
+    monkeypatch.setattr(twin_demo, 'MOST_ROWS', 300)
     monkeypatch.setattr(
         'tactile_ros.cli.demo.run_twin',
         lambda key, output, seed: twin_demo.run_twin(key, output, seed, seconds=4.0),
@@ -40,6 +41,12 @@ def test_a_twin_goes_through_the_real_graph(
     assert set(np.unique(truth['session'])) <= {-1, 0}
     told = np.isfinite(truth['force'][:, 2])
     assert told.mean() > 0.9
+    if sensor == 'taxel_array':
+        said_of = loaded.contacts.states
+        assert set(np.unique(truth['label'])) == {-1, 0, 1}
+        held = (truth['label'] >= 0)[loaded.contacts.rows]
+        right = said_of.label == truth['label'][loaded.contacts.rows]
+        assert right[held].mean() > 0.9
     assert '<svg' in (tmp_path / 'report.html').read_text()
 
 

@@ -77,6 +77,48 @@ def test_the_jaw_is_near_the_bound_and_never_flips() -> None:
     assert max(places) < 0.03e-3
 
 
+@pytest.mark.parametrize('layout', ['matrix', 'rings'])
+def test_errors_are_as_large_as_they_are_said_to_be(layout: str) -> None:
+    w = world()
+    rings = (4e-3, 9e-3, 15e-3, 21e-3), (12, 18, 26)
+    array = w.matrix(9, 10, 4e-3) if layout == 'matrix' else w.radial(*rings)
+    corners = 1e-3 * np.array([[-9, -7], [8, -7], [8, -1], [-3, -1], [-3, 9], [-9, 9.0]])
+    ring, part = w.washer('ring', 13e-3, 6e-3), Outline('part', (corners,))
+    objects = ObjectPose(array.positions, array.areas, array.outlines, (ring, part))
+    rng, taxels, ratios = np.random.default_rng(17), len(array.positions), {0: [], 1: []}
+    for i in range(60):
+        pose = rng.uniform(-1, 1, 3) * np.array([3e-3, 3e-3, np.pi])
+        x, y = own_frame(array, pose[:2], pose[2])
+        pressed = w.on_polygon(x, y, corners) if i % 2 else w.on_washer(x, y, 13e-3, 6e-3)
+        force = array.forces(pressed) / array.areas.mean()
+        force = force * (1 + 0.0025 * rng.normal(size=taxels)) + 1e-3 * rng.normal(size=taxels)
+        found = objects.locate(force, np.full(taxels, 1e-3), np.ones(taxels, bool), 0.0025)
+        assert found.label == i % 2
+        ratios[i % 2] += list((found.pose - pose)[:2] / np.sqrt(np.diag(found.cov)[:2]))
+    for told in ratios.values():
+        assert 0.6 < np.sqrt(np.mean(np.square(told))) < 1.4
+
+
+def test_a_part_that_is_nearly_symmetric_flips_only_where_it_says_so() -> None:
+    w = world()
+    array = w.matrix(6, 7, 5e-3)
+    corners = 1e-3 * np.array([[-8, -5], [8, -5], [8, 3], [6, 5], [-8, 5.0]])
+    objects = ObjectPose(array.positions, array.areas, None, (Outline('plate', (corners,)),))
+    assert objects.variants[0].order == 1
+    rng, errors, sigmas = np.random.default_rng(23), [], []
+    for yaw in rng.uniform(-np.pi, np.pi, 30):
+        place = rng.uniform(-2e-3, 2e-3, 2)
+        force = array.forces(w.on_polygon(*own_frame(array, place, yaw), corners)) / array.areas
+        force = force + 0.045 * rng.normal(size=42)
+        found = objects.locate(force, np.full(42, 0.045), np.ones(42, bool), 0.003)
+        errors.append(turned(found.pose[2], yaw))
+        sigmas.append(np.rad2deg(np.sqrt(found.cov[2, 2])))
+    flipped, said = np.array(errors) > 90, np.square(np.array(sigmas) / 180)
+    assert 0 < flipped.sum() < 15
+    assert (said[flipped] > 0.005).all()  # none was thought impossible
+    assert 0.4 * flipped.sum() < said.sum() < 2.5 * flipped.sum()
+
+
 def test_symmetric_parts_say_their_class_and_their_turn_within_it() -> None:
     w = world()
     array = w.matrix(20, 20, 1e-3)

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from tactile_ros.errors import NotCalibratedError
+from tactile_ros.estimators.polynomial_rows import spread
 from tactile_ros.estimators.uncertainty import CalibratedCovariance
+from tactile_ros.physics import compiled
 
 
 def noisy(rows: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -33,6 +35,38 @@ def test_68_percent_lie_inside_one_sigma_at_every_level(seed: int) -> None:
         shares = [inside(residuals[rows], sigma[rows])[k] for rows in thirds]
         np.testing.assert_allclose(shares, 0.6827, atol=0.05)
     assert np.percentile(sigma, 95) > 4 * np.percentile(sigma, 5)
+
+
+@pytest.mark.parametrize('compiler', [True, False])
+def test_what_a_model_states_is_scaled_at_every_level_of_the_sigma(
+    compiler: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compiled, 'AVAILABLE', compiler and compiled.AVAILABLE)
+    drawn = [np.random.default_rng(seed) for seed in (5, 6)]
+    # what is stated is right but for an error that it does not know of
+    stated = [np.exp(rng.normal(size=(3000, 2))) for rng in drawn]
+    error = [
+        np.hypot(s, 1.0) * rng.normal(size=s.shape) for s, rng in zip(stated, drawn, strict=True)
+    ]
+    drivers = [rng.uniform(size=(3000, 1)) for rng in drawn]
+    model = CalibratedCovariance((5.0, 320.0)).fit(drivers[0], error[0], stated=stated[0])
+    sigma = spread(model, drivers[1], stated[1])
+    for k in range(2):
+        thirds = np.array_split(np.argsort(sigma[:, k]), 3)
+        shares = [inside(error[1][rows], sigma[rows])[k] for rows in thirds]
+        np.testing.assert_allclose(shares, 0.6827, atol=0.05)
+    np.testing.assert_allclose(model.sigma(drivers[1], stated[1]), sigma, rtol=1e-12)
+
+
+def test_the_penalty_is_what_held_out_groups_prefer() -> None:
+    drivers, residuals, groups = noisy(200, 0)
+    few, strong = (CalibratedCovariance(strength).fit(drivers, residuals, groups)
+                   for strength in (1.0, 1e6))  # fmt: skip
+    chosen = CalibratedCovariance((1.0, 1e6)).fit(drivers, residuals, groups)
+    np.testing.assert_array_equal(chosen.weights_, few.weights_)  # the spread does follow
+    alike = CalibratedCovariance((1.0, 1e6)).fit(drivers, residuals * np.exp(drivers[:, :1]))
+    assert np.abs(alike.weights_[1:]).max() < 1e-3 < np.abs(few.weights_[1:]).max()
+    assert np.abs(strong.weights_[1:]).max() < 1e-3
 
 
 def test_covariances_are_definite_and_correlated() -> None:

@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from tactile_ros.evaluation.class_figures import confusions
 from tactile_ros.evaluation.figures import figures_of
+from tactile_ros.evaluation.memory_figures import drift, hysteresis
 from tactile_ros.evaluation.metrics import target_errors
+from tactile_ros.evaluation.named import named
 from tactile_ros.evaluation.replay import Agreement
 from tactile_ros.evaluation.report import figure_text, render, write_report
 from tactile_ros.evaluation.result import Answer, Dataset, Result, table
@@ -139,6 +142,9 @@ def test_every_drawing_is_there_and_says_its_finding() -> None:
         'Are the covariances honest?',
         'Speed against error',
         'How late a contact is',
+        'Hysteresis of shear force x',
+        'Drift of normal force',
+        'Drift of shear force x',
         'Normal force over time',
         'Shear force x over time',
     ]
@@ -266,6 +272,45 @@ def test_a_browser_shows_it_without_a_complaint_and_without_scrolling_sideways(
     assert wide <= window
     assert plots >= 9
     assert 'CONSOLE' not in found.stderr
+
+
+def remembering(gap: float, slope: float) -> Dataset:
+    """Four presses of 10 N whose error is `gap` larger while they fall, and grows by `slope`."""
+    time = np.arange(800) * 0.05
+    force = 5 - 5 * np.cos(2 * np.pi * time / 10)
+    error = np.where(np.gradient(force) < 0, gap, 0.0) + slope * time
+    truth = {'force': np.column_stack([np.full((800, 2), np.nan), force]), 'cell': time // 10}
+    recording = Recording.from_arrays(LAYOUT, np.zeros((800, 5, 3)), truth=truth)
+    told = np.column_stack([np.full((800, 2), np.nan), force + error])
+    cell = np.where(time < 5, 1, time // 10).astype(int)  # half of cell 0 is taken for 1
+    cell[-200:] = -1
+    states = ContactStates.assemble(
+        800, 5, {'force': told, 'valid': np.ones(800, bool), 'cell': cell}
+    )
+    answer = Answer('ridge', target_errors(recording, states), named=named(recording, states))
+    return Dataset('made', '', (answer,), 800, 0, time, LAYOUT.positions)
+
+
+def test_hysteresis_and_drift_are_measured() -> None:
+    figure = hysteresis(remembering(gap=0.3, slope=0.0), 'force_z')
+    assert '0.30 N apart on average, at worst 0.30 N: 3.0 % of the range' in figure.caption
+    moved = drift(remembering(gap=0.0, slope=0.02), 'force_z', 'c0')
+    assert 'Over 40 s the mean error moves by +0.80 N' in moved.caption
+    assert 'nan' not in str(moved)
+    assert hysteresis(remembering(0.3, 0.0), 'force_x') is None
+    still = drift(remembering(gap=0.0, slope=0.0), 'force_z', 'c0')
+    assert 'nan' not in str(still)
+
+
+def test_confusions_are_counted_and_named() -> None:
+    dataset = remembering(0.0, 0.0)
+    (figure,) = confusions(dataset)
+    assert figure.title == 'Which cell is taken for which'
+    assert '62.5 % of 800 rows are named rightly, 25.0 % are not named' in figure.caption
+    assert 'taken most often: 0 for 1 (50 %)' in figure.caption
+    assert 'nan' not in str(figure)
+    columns, (row,) = table(result_of(datasets=(dataset,)))
+    assert row[columns.index('named rightly (%)')] == 62.5
 
 
 def test_answers_of_one_name_are_drawn_once_the_first_first() -> None:

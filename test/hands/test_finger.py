@@ -73,3 +73,16 @@ def test_what_cannot_be_is_one_sentence(change: dict[str, object], sentence: str
     }  # fmt: skip
     with pytest.raises(ValueError, match='^' + sentence):
         Finger(**{**good, **change})
+
+
+def test_a_shortfall_is_that_of_the_joint_that_comes_closest() -> None:
+    finger = Finger(
+        joints=('a', 'b', 'c'), open=np.zeros(3), pre_grasp=np.zeros(3),
+        closing=np.array([1.0, -0.5, 0.0]),
+    )  # fmt: skip
+    wanted = finger.posture(0.8)
+    assert finger.shortfall(0.8, wanted, wanted) == 0.0
+    assert finger.shortfall(0.8, wanted, finger.posture(0.6)) == pytest.approx(0.2)
+    sent = np.array([0.3, wanted[1], 0.0])
+    assert finger.shortfall(0.8, wanted, sent) == 0.0
+    assert finger.shortfall(0.8, wanted, finger.posture(0.9)) == pytest.approx(-0.1)

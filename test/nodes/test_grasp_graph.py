@@ -6,31 +6,58 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from rclpy.action import ActionClient
 from rclpy.node import Node
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from tactile_ros.msg import GripState
+from tactile_ros.action import Grasp
+from tactile_ros.msg import GripState, TactileContacts
 from tactile_ros.nodes.graph import Graph
-from tactile_ros.nodes.grasp_graph import Grasping, grasping
+from tactile_ros.nodes.grasp_graph import Grasping, grasping, stack_of
 from tactile_ros.nodes.processes import Running
+from tactile_ros.nodes.quality import data
+from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from conftest import Ros
 
 PATIENCE_S = 120.0
+BOTH = {'fewest_fingers': 2, 'fault_time': 20.0}  # patient while the graph comes up
 
 
 def test_every_finger_has_its_namespace_port_and_calibration() -> None:
-    graph = grasping(Grasping('allegro_v4', calibrations='/cal', namespace='/left/', stack=True))
-    assert [graph.name_of(p) for p in graph.processes] == [
-        'grip_node', 'left/index/stack', 'left/middle/stack', 'left/ring/stack',
-        'left/thumb/stack',
+    graph = grasping(Grasping('allegro_v4', calibrations='/cal', namespace='/left/'))
+    assert [graph.name_of(p) for p in graph.processes[::2]] == [
+        'grip_node', 'left/index/sensor_node', 'left/middle/sensor_node', 'left/ring/sensor_node',
+        'left/thumb/sensor_node',
     ]  # fmt: skip
     assert graph['grip_node'].namespace == '/left/'
-    ring = graph.processes[3]
-    assert ring.parameters['port'] == '/dev/ttyACM2'
-    assert ring.parameters['calibration'] == '/cal/ring.npz'
-    assert ring.parameters['frame_id'] == 'ring_tactile_link'
+    ring = {**graph.processes[5].parameters, **graph.processes[6].parameters}
+    assert ring['port'] == '/dev/ttyACM2'
+    assert ring['calibration'] == '/cal/ring.npz'
+    assert ring['frame_id'] == 'ring_tactile_link'
+
+
+def test_a_stack_is_one_process_that_knows_the_same_of_every_finger() -> None:
+    choice = Grasping('allegro_v4', calibrations='/cal', namespace='/left/', stack=True, seed=3)
+    (stack,) = grasping(choice).processes
+    assert (stack.executable, stack.namespace) == ('stack', '/left/')
+    assert stack.nodes == ('grip_node', 'contact_node', 'sensor_node')
+    assert stack.parameters == {
+        'hand': 'allegro_v4', 'calibrations': '/cal', 'seed': 3,
+        'ports': [f'/dev/ttyACM{i}' for i in range(4)],
+    }  # fmt: skip
+    thumb = stack_of(choice)[3]
+    assert thumb.namespace == 'left/thumb'
+    assert thumb.parameters['port'] == '/dev/ttyACM3'
+    assert thumb.parameters['calibration'] == '/cal/thumb.npz'
+    played = grasping(Grasping('joint_trajectory', source='recorded', stack=True))
+    assert [p.executable for p in played.processes] == ['stack', 'player', 'player']
+    places = [p.parameters['port'] for p in played.processes[1:]]
+    assert played['stack'].parameters['ports'] == places
 
 
 def test_ports_are_those_named_or_left_to_the_parameter_file() -> None:
@@ -80,3 +107,68 @@ def test_the_grip_of_a_fake_hand_starts_says_why_it_waits_and_ends(ros: Ros) -> 
         assert running.stop() == {'mock_hand': 0, 'grip_node': 0}
     assert not watcher.commands
     assert np.isnan(watcher.states[-1].command).all()
+
+
+@pytest.fixture(scope='module')
+def calibrations(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of both fingers of a gripper, on presses of another seed than those of the twins."""
+    folder = tmp_path_factory.mktemp('calibrations')
+    spec = load_sensor('reskin_board')
+    pipeline = spec.pipeline(estimator='ridge').fit(spec.presses(spec.config(), 7))
+    for finger in ('left', 'right'):
+        pipeline.save(folder / f'{finger}.npz')
+    return folder
+
+
+class User(Node):
+    """Asks for grasps."""
+
+    def __init__(self) -> None:
+        super().__init__('user')
+        self.states: list[GripState] = []
+        self.joints: list[JointState] = []
+        self.felt: set[str] = set()
+        for name in ('left', 'right'):
+            self.create_subscription(
+                TactileContacts, f'{name}/contacts', lambda _, n=name: self.felt.add(n), data()
+            )
+        self.grasp = ActionClient(self, Grasp, 'grip_node/grasp')
+        self.create_subscription(GripState, 'grip_node/state', self.states.append, 10)
+        self.create_subscription(JointState, '/joint_states', self.joints.append, 10)
+
+    def held(self, ros: Ros, force: float) -> Grasp.Result:
+        """Result of a grasp."""
+        sent = self.grasp.send_goal_async(Grasp.Goal(target_force=force, timeout=30.0))
+        assert ros.until(sent.done, PATIENCE_S)
+        assert sent.result().accepted
+        ended = sent.result().get_result_async()
+        assert ros.until(ended.done, PATIENCE_S)
+        return ended.result().result
+
+
+@pytest.mark.parametrize('stack', [False, True])
+def test_a_grasp_is_held_through_the_whole_graph(
+    ros: Ros, calibrations: Path, stack: bool
+) -> None:
+    """Twins that the closing presses, their drivers, contacts, grip and fake hand, to `held`."""
+    choice = Grasping(
+        'joint_trajectory', mock_hand=True, source='simulated', stack=stack,
+        calibrations=str(calibrations), seed=3,
+    )  # fmt: skip
+    graph = grasping(choice).with_parameters(
+        'grip_node', {'closing_rate': 1.0, 'stiffness_high': 60.0, 'stale_after': 0.5, **BOTH}
+    )
+    ros.init()
+    user = ros.add(User())
+    with Running(graph) as running:
+        assert ros.until(lambda: user.states, PATIENCE_S), running.lines
+        assert ros.until(lambda: len(user.felt) == 2, PATIENCE_S), running.lines
+        assert ros.until(user.grasp.server_is_ready, PATIENCE_S)
+        ended = user.held(ros, 2.0)
+        assert ended.outcome == Grasp.Result.HELD, (ended, running.lines)
+        # no object joins the springs: the balance leaves open how the sum is shared
+        assert np.mean(ended.force) == pytest.approx(2.0, rel=0.15)
+        pressed = 40.0 * (np.array(user.joints[-1].position) / 0.8 - 0.4)
+        assert (np.abs(pressed - 2.0) < 1.0).all()
+        assert user.held(ros, 0.0).message == 'the hand is open'
+        assert set(running.stop().values()) == {0}

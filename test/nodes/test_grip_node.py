@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import signal
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ from std_srvs.srv import SetBool
 
 from tactile_ros.action import Grasp
 from tactile_ros.control import GripPhase
+from tactile_ros.messages import fill_header, stamp_ns
 from tactile_ros.msg import GripState, TactileContacts
 from tactile_ros.nodes import lifecycle
 from tactile_ros.nodes.graph import Graph, Process
@@ -49,6 +51,7 @@ class Fingers(Node):
         self.hand, self.sequence, self.frozen = hand, 0, False
         self.states: list[GripState] = []
         self.valid, self.silent, self.offset, self.free = True, False, 0.0, False
+        self.stamped, self.stamp_ns = False, 0
         described = hand._hand
         names = [(s, f) for f in described.fingers for s in described.fingers[f].sensors]
         self.outputs = [
@@ -74,6 +77,9 @@ class Fingers(Node):
         for publisher, finger in () if self.silent else self.outputs:
             message = TactileContacts(valid=self.valid, slip=-1, sequence=self.sequence)
             message.wrench.force.z = self.force(finger) + self.offset
+            if self.stamped:
+                self.stamp_ns = self.get_clock().now().nanoseconds
+                fill_header(message.header, self.stamp_ns, '')
             publisher.publish(message)
 
     def ask(self, ros: Ros, force: float, **goal: object) -> object:
@@ -229,6 +235,31 @@ def test_forces_that_fail_hold_what_is_held(ros: Ros, how: str) -> None:
     assert fingers.force('index') == pytest.approx(held, rel=0.01)
     fingers.valid, fingers.offset, fingers.silent, fingers.frozen = True, 0.0, False, False
     assert ros.until(lambda: fingers.states[-1].phase == GripPhase.HOLD)
+
+
+@pytest.mark.parametrize('stamped', [True, False])
+def test_nothing_is_commanded_once_forces_are_a_tenth_of_a_second_old(
+    ros: Ros, stamped: bool
+) -> None:
+    """On the machine's own clock, by stamps and by arrival; however busy the machine is."""
+    _, mock, fingers = graph(ros, 'allegro_v5', 'stale_after:=0.1', 'fault_time:=30.0')
+    fingers.stamped = stamped
+    handle = fingers.ask(ros, 2.0)
+    assert handle.accepted
+    assert ros.until(lambda: fingers.states[-1].phase in (GripPhase.LOAD, GripPhase.HOLD))
+    fingers.silent = True
+    silent_ns = fingers.stamp_ns or fingers.get_clock().now().nanoseconds
+    assert ros.until(lambda: fingers.states[-1].phase == GripPhase.FAULT)
+    silent_for(ros, mock, fingers)
+    slack_ns = 2_000_000 if stamped else 50_000_000  # messages under way arrive a little later
+    late = [s for s in fingers.states if stamp_ns(s.header) - silent_ns > 100_000_000 + slack_ns]
+    assert late
+    assert {state.phase for state in late} == {GripPhase.FAULT}
+    found = re.fullmatch(r'finger \d is stale \((.*) s\)', late[-1].refusal)
+    assert float(found[1]) > 0.1
+    before = commands(mock)
+    silent_for(ros, mock, fingers)
+    assert commands(mock) == before
 
 
 def test_a_kill_leaves_the_last_posture_which_holds(ros: Ros) -> None:

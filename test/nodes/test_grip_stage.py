@@ -205,6 +205,50 @@ def test_an_input_lost_in_mid_transient_neither_squeezes_nor_drops(
     assert world.decisions[-1].made.phase == GripPhase.FAULT
 
 
+def test_the_law_does_not_wind_up_behind_the_guard() -> None:
+    """A hand that is held fast: the command waits at most_offset, and turns back at once."""
+    world = World('joint_trajectory', stiffness=40.0, at=5.0)
+    world.run(0.2)
+    world.stage.grasp(2.0, (), 0.0, adapt=False)
+    world.run(0.2)
+    still = world.joints.position
+    hand = world.hand
+    for _ in range(300):
+        world.time_s += 0.01
+        world.stage.take_joints(still, world.time_s)
+        for i in range(2):
+            world.stage.take_touch(i, (0.0, 0.0, 0.5), True, -1, world.time_s)
+        made = world.stage.step(world.time_s, 0)
+    reached = [
+        finger.closure_of(made.command.position[hand.places(name)])
+        for name, finger in hand.fingers.items()
+    ]
+    np.testing.assert_allclose(made.command.position - still, hand.driver.most_offset, atol=1e-9)
+    wound = world.config.closure_rate * 0.01
+    assert (made.made.closure <= np.array(reached) + wound + 1e-9).all()
+    for _ in range(15):  # now far more force than was asked: the command opens
+        world.time_s += 0.01
+        world.stage.take_joints(still, world.time_s)
+        for i in range(2):
+            world.stage.take_touch(i, (0.0, 0.0, 6.0), True, -1, world.time_s)
+        back = world.stage.step(world.time_s, 0)
+    assert (back.command.position < made.command.position - 0.02).all()
+
+
+def test_a_finger_lost_before_it_touches_is_not_counted_on() -> None:
+    """The other two of its side carry what the thumb presses: the grasp is held all the same."""
+    world = World('allegro_v5')
+    world.run(0.2)
+    world.silent = {2}
+    world.stage.grasp(2.0, (), 0.0, adapt=False)
+    made = world.until_end()
+    assert made.ended.outcome == GraspOutcome.HELD
+    np.testing.assert_allclose(made.made.target_force, [1.0, 1.0, 0.0, 2.0])
+    forces = np.array(world.forces())
+    assert forces[2] == 0.0
+    np.testing.assert_allclose(forces[[0, 1, 3]], [1.0, 1.0, 2.0], atol=0.1)
+
+
 @pytest.mark.parametrize('silent', [0, 3])
 def test_a_finger_lost_in_mid_transient_stays_and_the_others_go_on(silent: int) -> None:
     world = World('allegro_v5')

@@ -45,7 +45,8 @@ def wire(ros: Ros, hand: str, **options: object) -> Wiring:
     described = load_hand(hand)
     described = replace(described, driver=replace(described.driver, **options))
     postures: list = []
-    return Wiring(node, HandLink(node, described, postures.append), postures)
+    link = HandLink(node, described, lambda posture, _: postures.append(posture))
+    return Wiring(node, link, postures)
 
 
 def listen(ros: Ros, kind: type, topic: str, heard: list) -> Node:
@@ -210,7 +211,7 @@ def test_a_description_is_waited_for_and_a_bad_one_lets_nothing_out(ros: Ros) ->
     ros.init()
     node = ros.add(ManagedNode('wired'))
     learnt: list[RobotDescription] = []
-    link = HandLink(node, load_hand('qb_softhand'), lambda _: None, learnt.append)
+    link = HandLink(node, load_hand('qb_softhand'), lambda *_: None, learnt.append)
     assert link.blocked == 'robot_description has not come'
     publisher = ros.add(Node('robot_state_publisher')).create_publisher(
         String, 'robot_description',

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import queue
 import threading
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -185,7 +187,12 @@ def test_a_reading_that_repeats_itself_now_and_then_is_not_told(often: int, told
     assert bool(reading.take_marks()) is told
 
 
-def test_what_was_kept_back_is_discarded_where_fresh_frames_are_wanted() -> None:
+def test_what_was_kept_back_is_discarded_however_long_it_takes_to_decode(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = itertools.count(0.0, 4e-3)  # 4 ms from one look at the clock to the next
+    monkeypatch.setattr(reader, 'time', SimpleNamespace(monotonic=lambda: next(now)))
+
     class Buffered(Script):
         """Frames 0 to 4 were kept back; later ones come when somebody waits."""
 
@@ -202,7 +209,8 @@ def test_what_was_kept_back_is_discarded_where_fresh_frames_are_wanted() -> None
         if len(got) == 2:
             enough.set()
 
-    read = Reader(Buffered(*(frame(k) for k in range(7))), deliver, lambda _: None, fresh=True)
+    device = Buffered(*(frame(k) for k in range(7)))
+    read = Reader(device, deliver, lambda _: None, kept_back_s=25e-3)
     read.open()
     read.start()
     assert enough.wait(PATIENCE_S)

@@ -1,8 +1,13 @@
-"""One process: the collector is frozen once warm; contacts come without a frame on the wire."""
+"""One process: the collector is frozen once warm; contacts come without a frame on the wire.
+
+With a hand the grip is part of it, and decides the same numbers as over DDS and without ROS.
+"""
 
 from __future__ import annotations
 
 import gc
+from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,14 +15,15 @@ import pytest
 from rclpy.node import Node
 
 from tactile_ros.devices.packets import encode
+from tactile_ros.evaluation.sources import load_source
 from tactile_ros.msg import TactileContacts
-from tactile_ros.nodes import lifecycle, stack
+from tactile_ros.nodes import grip_node, lifecycle, stack
 from tactile_ros.nodes.quality import data
 from tactile_ros.types import Frame
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
+    from types import ModuleType
 
     from conftest import Ros
 
@@ -61,3 +67,46 @@ def test_contacts_without_a_frame_on_the_wire(
     sequence = [message.sequence for message in heard]
     assert sequence == list(range(sequence[0], sequence[0] + len(heard)))
     assert listener.count_subscribers('frame') == 0
+
+
+@pytest.fixture(scope='module')
+def roads() -> ModuleType:
+    return load_source(Path(__file__).parents[1] / 'reference' / 'grip_roads.py', 'a test')
+
+
+@pytest.fixture(scope='module')
+def press(roads: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> object:
+    return roads.learnt_press(tmp_path_factory.mktemp('force') / 'force.npz')
+
+
+@pytest.mark.parametrize('direct', [True, False])
+def test_every_road_commands_the_same(
+    ros: Ros,
+    roads: ModuleType,
+    press: object,
+    monkeypatch: pytest.MonkeyPatch,
+    direct: bool,
+) -> None:
+    clock = roads.Clock()
+    monkeypatch.setattr(grip_node, 'time', SimpleNamespace(monotonic=clock.monotonic))
+    live = roads.lived(ros, press, clock, direct)
+    alone = roads.offline(press)
+    assert len(live) == len(alone) == roads.ROWS
+    assert np.ptp(live, axis=0)[0] > 0.02
+    np.testing.assert_allclose(live, alone, rtol=0, atol=1e-9)
+
+
+def test_the_nodes_of_a_hand_have_the_names_of_the_processes(ros: Ros) -> None:
+    ros.init('hand:=joint_trajectory', 'seed:=3', 'sensor:=gradiometer', 'source:=simulated')
+    nodes = [ros.add(node) for node in stack.build()]
+    names = [node.get_fully_qualified_name() for node in nodes]
+    assert names == [
+        '/grip_node', '/left/contact_node', '/right/contact_node',
+        '/left/sensor_node', '/right/sensor_node',
+    ]  # fmt: skip
+    assert [node.get_parameter('seed').value for node in nodes[3:]] == [3, 4]
+    assert nodes[0].direct == {'/left/contacts', '/right/contacts'}
+    lifecycle.start(nodes)
+    listener = ros.add(Node('listener'))
+    assert ros.until(lambda: not nodes[0].unheard or nodes[0].unheard == ['joint states'])
+    assert listener.count_subscribers('/left/contacts') == 0

@@ -248,3 +248,10 @@ def test_rows_of_truth_repeat_with_the_signal() -> None:
     state, groups = truth.at(7 + 200 * period_ns)
     np.testing.assert_array_equal(state.force, recording.truth['force'][200])
     assert groups['repetition'] == recording.truth['repetition'][200]
+
+
+def test_a_sensor_without_a_lesson_plays_none(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
+    ros.init('sensor:=taxel_array', 'simulated:=true', 'scene:=lesson')
+    node = ros.add(SensorNode())
+    assert node.trigger_configure() == FAILURE
+    assert 'scene of taxel_array must be presses; it has no lesson' in capfd.readouterr().err

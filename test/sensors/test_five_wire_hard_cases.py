@@ -160,6 +160,27 @@ def test_touched_rows_that_cannot_be_are_not_learned_from() -> None:
     np.testing.assert_array_equal(spoilt_states.force, states.force)
 
 
+def test_resting_rows_at_the_rail_are_no_rest() -> None:
+    recording = SENSOR.presses(SENSOR.config(), 0, 12)
+    spoilt = np.random.default_rng(2).uniform(size=len(recording)) < 0.05
+    spoilt &= recording.truth['in_contact'] == 0
+    values = recording.values.copy()
+    values[spoilt, 0, 2] = 1.0
+    shorted, lost = (
+        SENSOR.pipeline().fit(dataclasses.replace(recording, values=one))
+        for one in (values, np.where(spoilt[:, None, None], np.nan, values))
+    )
+    assert spoilt.sum() > 10
+    np.testing.assert_array_equal(shorted.baseline, lost.baseline)
+    np.testing.assert_array_equal(shorted.rest_.noise, lost.rest_.noise)
+    frames = [recording.frame(i) for i in np.flatnonzero(recording.truth['in_contact'] == 0)[:6]]
+    shorted.tare(frames)
+    clean, short = shorted.baseline, frames[0].values.copy()
+    short[0, 2] = 1.0
+    shorted.tare([*frames, dataclasses.replace(frames[0], values=short)])
+    np.testing.assert_array_equal(shorted.baseline, clean)
+
+
 def states_of(lesson: Recording, asked: Recording) -> ContactStates:
     """What a pipeline says of a recording after a lesson."""
     return SENSOR.pipeline().fit(lesson).process_batch(asked)

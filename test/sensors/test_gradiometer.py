@@ -37,7 +37,7 @@ sys.modules[SPEC.name] = WORLD  # its dataclass looks itself up
 SPEC.loader.exec_module(WORLD)
 SENSOR = load_sensor('gradiometer')
 SEED = 31
-SEEDS = (SEED, 41, 52)
+SEEDS = (SEED, 41, 52, 63)
 
 
 @lru_cache
@@ -47,7 +47,8 @@ def world(seed: int = SEED) -> WORLD.World:  # type: ignore[name-defined]
 
 @lru_cache
 def fitted(seed: int = SEED) -> Pipeline:
-    return SENSOR.pipeline(world(seed).config).fit(world(seed).record(300, 1))
+    # presses and noise of its own: shares of specimens with the same draws are off together
+    return SENSOR.pipeline(world(seed).config).fit(world(seed).record(300, seed))
 
 
 def errors(
@@ -77,14 +78,14 @@ def rms(error: np.ndarray) -> np.ndarray:
 def test_covariances_hold_by_component_and_by_third_of_the_sigma(name: str, count: int) -> None:
     found = np.zeros((2, count, 4))
     for seed in SEEDS:
-        error, sigma = errors(fitted(seed), world(seed).record(2000, 2), name)
+        error, sigma = errors(fitted(seed), world(seed).record(2000, 100 + seed), name)
         for k in range(count):
             order = np.argsort(sigma[:, k])
             for part, rows in enumerate((order, *np.array_split(order, 3))):
                 within = np.abs(error[rows, k]) / sigma[rows, k]
                 found[:, k, part] += [(within < 1).mean(), (within < 2).mean()]
     share = found / len(SEEDS)
-    # 5 points, and as many as 300 presses of three specimens leave to chance
+    # 5 points, and as many as 300 presses of four specimens leave to chance
     assert (np.abs(share[0] - 0.683) < 0.07).all()
     assert (np.abs(share[1] - 0.954) < 0.05).all()
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.estimators.press_window import press_vector
+from tactile_ros.estimators.press_window import PressVectors, press_vector, press_vectors
+from tactile_ros.physics import compiled
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin.windows import WindowMemory, find_windows
 from tactile_ros.signals import Signals
@@ -133,6 +134,32 @@ def test_depth_changes_the_pattern_not_only_its_size(trial: Trial) -> None:
     shallow, deep = (a ** np.arange(1, 4) @ parts for a in (1e-4, 1e-3))
     cosine = shallow @ deep / np.linalg.norm(shallow) / np.linalg.norm(deep)
     assert 0.9 < cosine < 0.998
+
+
+@pytest.mark.skipif(not compiled.available(), reason='numba is not installed')
+def test_compiled_descents_say_what_arrays_say(
+    trial: Trial, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recogniser = trial.pipeline.estimation.recogniser_  # type: ignore[attr-defined]
+    values = trial.test.values.reshape(-1, ROWS, 60)
+    tared = values[:, world.TARE :] - values[:, : world.TARE].mean(axis=1, keepdims=True)
+    presses = press_vectors(list(tared), recogniser.basis)
+    fast = recogniser.search.find(presses)
+    monkeypatch.setattr(compiled, 'AVAILABLE', False)
+    slow = recogniser.search.find(presses)
+    np.testing.assert_allclose(fast.cost, slow.cost, rtol=1e-12)
+    scale = np.array([1e-2, 1e-2, 1.0, 1e-3])
+    np.testing.assert_allclose(fast.pose / scale, slow.pose / scale, atol=1e-11)
+    np.testing.assert_allclose(1e3 * fast.fitted, 1e3 * slow.fitted, atol=1e-12)
+
+
+def test_a_press_has_the_same_starts_alone_and_among_others(trial: Trial) -> None:
+    search = trial.pipeline.estimation.recogniser_.search  # type: ignore[attr-defined]
+    rng = np.random.default_rng(2)
+    pattern = 1e-4 * rng.normal(size=(3, 60))
+    presses = PressVectors(pattern, np.ones((3, 3)), np.full(3, 5.0))
+    whole, alone = search.find(presses), search.find(presses.rows(np.array([1])))
+    np.testing.assert_array_equal(alone.pose[0], whole.pose[1])
 
 
 def test_rest_is_taken_away_before_any_model(trial: Trial) -> None:

@@ -18,9 +18,8 @@ from tactile_ros.sensors.five_wire_skin.force import CLASSES as FORCE_CLASSES
 from tactile_ros.sensors.five_wire_skin.force import ForceHead, features_of
 from tactile_ros.sensors.five_wire_skin.place import CLASSES as PLACE_CLASSES
 from tactile_ros.sensors.five_wire_skin.place import PlaceHead
-from tactile_ros.sensors.five_wire_skin.touch import DIVIDER, Touch
+from tactile_ros.sensors.five_wire_skin.touch import DIVIDER, Touch, impossible
 from tactile_ros.sensors.five_wire_skin.untold import untold
-from tactile_ros.types import FrameStatus, TaxelStatus
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -99,8 +98,7 @@ class FiveWireEstimation:
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn contact, place and force from what truth tells; see `Regression.fit`."""
-        signals = replace(signals, good=signals.good & ~self.touch_.readings(signals)[1])
-        x, _ = self.touch_.fit(signals, truth).readings(signals)
+        x = self.touch_.fit(signals, truth).readings(signals)
         contact = self.touch_.contact(signals, x)
         signals = replace(signals, in_contact=contact, good=signals.good & (contact != 0))
         self._learn(signals, x, truth, groups)
@@ -131,6 +129,10 @@ class FiveWireEstimation:
         self._learn_force(signals, x, force, kept)
         self._learn_shear(signals, x, force, group, groups)
 
+    def impossible(self, values: Array) -> Bools:
+        """Taxels (s, t) of readings (s, t, c) that no wire can read: a short, a loose wire."""
+        return impossible(values)
+
     def contact(self, signals: Signals) -> npt.NDArray[np.int8]:
         """Whether anything touches (s,): 1, 0, -1 unknown; the divider alone tells.
 
@@ -139,11 +141,7 @@ class FiveWireEstimation:
         signals : Signals
             Conditioned frames, which stay as they are.
         """
-        x, broken = self.touch_.readings(signals)
-        contact = self.touch_.contact(signals, x)
-        if np.count_nonzero(broken):
-            contact = np.where(broken & (signals.in_contact != 0), np.int8(-1), contact)
-        return contact
+        return self.touch_.contact(signals, self.touch_.readings(signals))
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Place and force of every row.
@@ -158,20 +156,10 @@ class FiveWireEstimation:
         Returns
         -------
         dict of str to ndarray, shape (s, 3) or (s, 3, 3)
-            One entry and its covariance for each target; NaN where no wire can read so much,
-            which `status` and `taxel_status` then say.
+            One entry and its covariance for each target.
         """
         assert isinstance(memory, History)
-        x, broken = self.touch_.readings(signals)
-        if np.count_nonzero(broken):
-            x[broken] = np.nan
-            # what is remembered of the past is held
-            signals = replace(signals, good=signals.good & ~broken)
-            return _refused(self._told(signals, x, memory), broken)
-        return self._told(signals, x, memory)
-
-    def _told(self, signals: Signals, x: Array, memory: History) -> Columns:
-        """Targets of every row, from settled readings (s, c)."""
+        x = self.touch_.readings(signals)
         if self.others_ is not None:
             return self.others_.estimate(_own(signals, x), memory)
         known: Columns = {}
@@ -303,15 +291,6 @@ def _nominal_series(size: Array, touch: float, sheet: float) -> Array:
     lines = [np.linspace(0.0, edge, GRID) for edge in size]
     places = np.stack(np.meshgrid(*lines, indexing='ij'), axis=-1).reshape(-1, 2)
     return spreading_resistance(places, size, touch, sheet).reshape(GRID, GRID)
-
-
-def _refused(known: Columns, broken: Bools) -> Columns:
-    """Targets, NaN in the rows (s,) of which no wire can read so much, and why."""
-    for found in known.values():
-        found[broken] = np.nan
-    known['status'] = broken * np.int64(FrameStatus.BAD_TAXELS)
-    known['taxel_status'] = (broken * np.uint8(TaxelStatus.ERROR))[:, None]
-    return known
 
 
 def _own(signals: Signals, x: Array) -> Signals:

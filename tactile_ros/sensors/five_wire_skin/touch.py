@@ -31,15 +31,25 @@ TINY = 1e-300
 
 
 @compiled.compiled
-def settle_rows(x: Array, moved: Array, doubt: Array, quiet: Bools, broken: Bools) -> None:
-    """Take off readings (s, c) what their rest has moved, and mark those that none can be."""
+def settle_rows(x: Array, moved: Array, doubt: Array, quiet: Bools) -> None:
+    """Take off readings (s, c) what their rest has moved."""
     for s in range(len(x)):
         for i in range(x.shape[1]):
-            broken[s] |= abs(x[s, i]) > POSSIBLE or (i == DIVIDER and x[s, i] >= RAIL)
             square = moved[s, i] * moved[s, i]
             if quiet[i] and doubt[i] < square < math.inf:
                 x[s, i] -= (1.0 - doubt[i] / (square + TINY)) * moved[s, i]
             x[s, i] = min(max(x[s, i], LEAST), POSSIBLE)
+
+
+def impossible(values: Array) -> Bools:
+    """Readings (..., c) of which no wire can read so much, or whose divider is at its end.
+
+    Examples
+    --------
+    >>> impossible(np.array([[0.5, 0.5, 0.9], [0.5, 0.5, 1.0], [3.0, 0.5, 0.2]])).tolist()
+    [False, True, True]
+    """
+    return np.asarray((np.abs(values) > POSSIBLE).any(axis=-1) | (values[..., DIVIDER] >= RAIL))
 
 
 class Touch:
@@ -98,7 +108,7 @@ class Touch:
         if len(values) > 1:
             self.rest_ = np.where(self.quiet_, values.mean(axis=0), 0.0)
             self.doubt_ = np.where(self.quiet_, values.var(axis=0), 0.0)
-        divider = self._felt(self.readings(signals)[0])
+        divider = self._felt(self.readings(signals))
         rest, felt = divider[resting], divider[touched & signals.good]
         seen = float(np.sqrt((rest**2).mean())) if len(rest) > 1 else np.nan
         self.noise = seen if np.isnan(self.noise) else self.noise
@@ -109,23 +119,21 @@ class Touch:
         self._tell(force[pressed & ~above], force[pressed & above])
         return self
 
-    def readings(self, signals: Signals) -> tuple[Array, Bools]:
+    def readings(self, signals: Signals) -> Array:
         """Potentials and divider (s, c), less what of their rest has moved since the fit.
 
         A rest that lies within its noise of the fit's has not moved: a short tare would add its
-        own noise to every frame. Beside them, the rows (s,) of which no wire can read so much, or
-        whose divider is at its end.
+        own noise to every frame.
         """
         moved = signals.baseline[:, 0] - self.rest_
         if compiled.available():
-            x, broken = signals.values[:, 0].copy(), np.zeros(len(moved), np.bool_)
-            settle_rows(x, moved, self.doubt_, self.quiet_, broken)
-            return x, broken
+            x = signals.values[:, 0].copy()
+            settle_rows(x, moved, self.doubt_, self.quiet_)
+            return x
         x, square = signals.values[:, 0], moved * moved
         share = np.fmax(1.0 - self.doubt_ / (square + TINY), 0.0) * self.quiet_
         known = np.where(square < np.inf, share * moved, 0.0)
-        broken = (np.abs(x) > POSSIBLE).any(axis=1) | (x[:, DIVIDER] >= RAIL)
-        return np.minimum(np.maximum(x - known, LEAST), POSSIBLE), broken
+        return np.asarray(np.minimum(np.maximum(x - known, LEAST), POSSIBLE))
 
     def _felt(self, x: Array) -> Array:
         """Distance (s,) of the divider's reading from its rest."""

@@ -31,6 +31,7 @@ ESTIMATORS = (*MODELS, *PLAIN)
 FOLDS = 10  # for the covariance: fits on fewer rows err more than the one in use
 SURE = 2.0  # standard errors
 TRIED = 1500  # rows on which candidates are compared
+STRENGTHS = (5.0, 20.0, 80.0, 320.0)  # rows, for the noise that is carried through as it is
 TINY = 1e-12
 
 
@@ -142,10 +143,10 @@ class Target:
         (Papadopoulos, Gammerman and Vovk, Normalized nonconformity measures, 2008).
         """
         drivers = self.drive(choice.x)
-        self.covariance_ = CalibratedCovariance().fit(
-            drivers, choice.residuals / noise, choice.groups
+        self.covariance_ = CalibratedCovariance(STRENGTHS).fit(
+            drivers, choice.residuals, choice.groups, noise
         )
-        sigma = self.covariance_.sigma(drivers) * noise * self.unit_
+        sigma = self.covariance_.sigma(drivers, noise) * self.unit_
         residuals = choice.residuals * self.unit_
         length = np.linalg.norm(residuals, axis=1)
         self.report_ = {
@@ -186,7 +187,7 @@ class Target:
             (Unit of the target, and squared.)
         """
         mean = (self.estimator_.predict(x) - shift) * self.unit_
-        sigma = spread(self.covariance_, drivers) * noise * self.unit_
+        sigma = spread(self.covariance_, drivers, noise) * self.unit_
         return mean, sigma[:, :, None] * sigma[:, None, :] * self.covariance_.correlation_
 
     def drive(self, x: Array) -> Array:

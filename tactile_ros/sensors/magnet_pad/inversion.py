@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.estimators.folds import group_folds
-from tactile_ros.estimators.stated_spread import StatedSpread
+from tactile_ros.estimators.stated_spread import Pieces, StatedSpread, pieces, widen
 from tactile_ros.estimators.touch_mixture import Linearised, TouchMixture
 from tactile_ros.sensors.magnet_pad.lacks import Lacks
 from tactile_ros.sensors.magnet_pad.likeness import LOAD, SHEAR, Touched, like_known
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 COUNT = 30_000
 FOLDS = 4
 UNLIKE = 16.0  # misfit over its scale, from which a stray field is thought of
-COMPONENTS = np.arange(6)
 FLOOR = np.diag(np.repeat([1e-6, 1e-4], 3) ** 2)  # m2, N2: what truth itself is wrong by
 SHARE, LIGHTEST = 0.4, 0.01  # as `conditioning.contact` has them
 QUANTILE = 0.925  # variance, times rows, of the logarithm of what 68.27 % of a Gaussian are inside
@@ -234,31 +233,17 @@ class PadInversion:
     def invert(self, x: Array, cells: Array) -> Told:
         """What finite readings x (s, c) (T) tell, with centres (n, 3) of cells (m)."""
         told = self.telling(self.alive(x), cells)
-        cov = told.cov
-        cov += FLOOR
-        factor = self._factors(np.sqrt(cov[:, COMPONENTS, COMPONENTS]))
-        cov *= factor[:, :, None] * factor[:, None, :]
+        widen(told.cov, FLOOR, self._levels)
         return told
 
     def alive(self, x: Array) -> Array:
         """Readings (s, d) of the live channels among all (s, c)."""
         return x if self._whole else x[:, self.live]
 
-    def _factors(self, sigma: Array) -> Array:
-        """What `spread_` makes of a standard deviation (s, 6), over it."""
-        first, knots, widths, slopes = self._levels
-        beyond = np.log(sigma)[:, None] - knots
-        np.minimum(np.maximum(beyond, 0.0, out=beyond), widths, out=beyond)
-        return np.asarray(np.exp(first + np.add.reduce(beyond * slopes, axis=1)))
-
     @cached_property
-    def _levels(self) -> tuple[Array, Array, Array, Array]:
-        """First factor, knots, their distances and the slopes between them, as logarithms."""
-        knots, factors = self.spread_.knots_, self.spread_.factors_
-        widths = np.maximum(np.diff(knots, axis=0), 0.0)
-        rise = np.diff(factors, axis=0)
-        slopes = np.where(widths > 1e-9, rise / np.maximum(widths, 1e-9), 0.0)
-        return factors[0], knots[:-1], widths, slopes
+    def _levels(self) -> Pieces:
+        """Of the spread."""
+        return pieces(self.spread_.knots_, self.spread_.factors_)
 
     @cached_property
     def _whole(self) -> bool:

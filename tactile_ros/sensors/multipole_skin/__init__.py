@@ -21,8 +21,9 @@ from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig, layou
 from tactile_ros.sensors.multipole_skin.device import SKIN, MultipoleSkinConnection
 from tactile_ros.sensors.multipole_skin.estimation import MultipoleEstimation
 from tactile_ros.sensors.multipole_skin.recogniser import Recogniser
+from tactile_ros.sensors.multipole_skin.scene import NEW, SHOTS, new_head, one_head
 from tactile_ros.sensors.multipole_skin.signal import presses
-from tactile_ros.sensors.registry import SensorSpec
+from tactile_ros.sensors.registry import SensorSpec, TwinLesson
 from tactile_ros.types import Outline
 
 SENSOR = SensorSpec(
@@ -51,4 +52,5 @@ SENSOR = SensorSpec(
         *CLASSES,
     ),
     recordings=dict,
+    lesson=TwinLesson(NEW.name, SHOTS, one_head, new_head),
 )

@@ -267,10 +267,9 @@ class MultipoleEstimation:
         new = enrolled(self.recogniser_, signals, self.config.window, number, label)
         before = self.recogniser_.enrolled_
         self.recogniser_.enrolled_ = before.joined(new)
-        lost = lost_by(self.recogniser_, number)
         stated = {
             'presses': float(len(new.label)),
-            'known_presses_lost': lost,
+            **lost_by(self.recogniser_, number),
             'heads_alike': alike_by(self.recogniser_, new, number),
         }
         self.names_ = names

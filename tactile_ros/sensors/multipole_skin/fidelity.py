@@ -1,18 +1,20 @@
 """Which model of the sheet this skin needs: how fine a carpet of dipoles, and whose mechanics.
 
 At rest a sheet has a closed form. Pressed, it is a carpet of dipoles that a layer carries: bonded
-to its base, a half-space, or springs side by side. The scene is a round flat head of 12 mm that
-sinks by 0.6 mm at most, anywhere around the middle.
+to its base (exactly, `flat_punch`), a half-space, or springs side by side. The scene is a round
+flat head of 12 mm that sinks by 0.6 mm at most, anywhere around the middle.
 """
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.physics.dipoles import in_chip_axes
 from tactile_ros.physics.fidelity import BLOCK_COST, DIPOLE_COST, Choice, Model, choose, region
+from tactile_ros.physics.flat_punch import FlatPunch
 from tactile_ros.physics.layer_response import Layer
 from tactile_ros.physics.magnetic_sheet import Sheet
 from tactile_ros.physics.multipole_sheet import carpet, carried_field, harmonics
@@ -20,17 +22,24 @@ from tactile_ros.physics.multipole_sheet import carpet, carried_field, harmonics
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from scipy.interpolate import CubicSpline
+
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
     from tactile_ros.types import Array, Bools
 
 RADIUS, DEEPEST, FARTHEST = 6e-3, 0.6e-3, 10e-3
 PLAY = 0.5e-3  # m, of the sheet at rest, to any side
 LEVELS = 2
-FINEST = 0.625e-3
-PITCHES = (5e-3, 3.75e-3, 2.5e-3, 1.875e-3, 1.25e-3)
+# pitch (m) and Gauss points along each side of a part
+CARPETS = (
+    (5e-3, 1), (2.5e-3, 1), (1.25e-3, 1), (0.625e-3, 1), (5e-3, 2), (2.5e-3, 2), (1.875e-3, 2),
+    (1.25e-3, 2),
+)  # fmt: skip
+FINEST = (1.25e-3, 3)  # on twice as many levels
 MARGIN = 1.5  # of the sheet, that a map of the layer is wide
 DEEP = 10.0  # thicknesses of a layer that stands for a half-space
 HARMONICS = (1, 2, 4)
+ROUNDING = 1e-12  # m
 
 
 def sheet_of(config: MultipoleSkinConfig) -> Sheet:
@@ -89,16 +98,21 @@ class PressedSheet:
         Of the carpet and of the map of the layer (m).
     law : str
         'bonded', 'half-space', 'springs', or 'even' for a bonded layer under even pressure.
+    points, levels : int
+        Gauss points along each side of a square, and over the thickness.
     """
 
-    def __init__(self, config: MultipoleSkinConfig, pitch: float, law: str = 'bonded') -> None:
+    def __init__(
+        self, config: MultipoleSkinConfig, pitch: float, law: str = 'bonded', points: int = 1,
+        levels: int = LEVELS,
+    ) -> None:  # fmt: skip
         self.config, self.law, self.pitch = config, law, pitch
         self.body = config.layer_thickness + config.sheet_thickness
         deep = DEEP if law == 'half-space' else 1.0
         shear = config.youngs_modulus / (2 * (1 + config.poisson_ratio))
         self.layer = Layer(deep * self.body, shear, config.poisson_ratio)
         sheet = sheet_of(config)
-        self.places, self.moments = carpet(sheet, pitch, LEVELS)
+        self.places, self.moments = carpet(sheet, pitch, levels, points)
         count = 2 * int(np.ceil(MARGIN * sheet.size.max() / pitch / 2)) + 1
         line = pitch * (np.arange(count) - count // 2)
         self.line, self.levels = line, np.unique(self.places[:, 2])
@@ -118,20 +132,39 @@ class PressedSheet:
 
     def movement(self, x: float, y: float, depth: float) -> Array:
         """Displacement (g, 3) (m) of the dipoles."""
+        if self.law == 'bonded':
+            return self._exact(x, y, depth)
         # the map is centred on the head, so that its squares cover it alike everywhere
         covered = np.hypot(*np.meshgrid(self.line, self.line)) <= RADIUS
         tractions = self._tractions(covered, depth)
-        top = float(self.levels.mean()) + self.config.sheet_thickness / 2
         moved = np.zeros_like(self.places)
         for level in self.levels:
             here = np.isclose(self.places[:, 2], level)
-            shift = self._map(tractions, self.layer.thickness - (top - float(level)))
+            shift = self._map(tractions, self.layer.thickness - self._below(float(level)))
             moved[here] = self._between(shift, self.places[here, :2] - np.array([x, y]))
+        return moved
+
+    def _below(self, level: float) -> float:
+        """Depth of a level of dipoles below the surface (m)."""
+        top = float(self.levels.mean()) + self.config.sheet_thickness / 2
+        return round(top - level, 12)
+
+    def _exact(self, x: float, y: float, depth: float) -> Array:
+        """The same under a rigid head on the bonded layer."""
+        apart = self.places[:, :2] - np.array([x, y])
+        distance = np.hypot(*apart.T)
+        farthest = float(np.hypot(*self.config.sheet_size) / 2 + np.sqrt(2) * FARTHEST)
+        moved = np.empty_like(self.places)
+        for level in self.levels:
+            here = np.isclose(self.places[:, 2], level)
+            away, up = _punched(self.layer, farthest, self._below(float(level)))(distance[here]).T
+            side = apart[here] / np.maximum(distance[here], ROUNDING)[:, None]
+            moved[here] = depth * np.column_stack([side * away[:, None], up])
         return moved
 
     def _tractions(self, covered: Bools, depth: float) -> Array:
         """What a head exerts on squares (ny, nx, 3) (Pa); for springs how deep they sink (m)."""
-        if self.law in ('bonded', 'half-space'):
+        if self.law == 'half-space':
             return self.layer.punch(covered, self.pitch, depth)
         even: Array = -depth * covered[..., None] * np.array([0.0, 0.0, 1.0])
         if self.law == 'springs':
@@ -159,13 +192,34 @@ class PressedSheet:
         return found
 
 
-def pressed_model(config: MultipoleSkinConfig, pitch: float, law: str = 'bonded') -> Model:
+@lru_cache
+def _punched(layer: Layer, farthest: float, below: float) -> CubicSpline:
+    """Movement at a depth (m) under the head, over the distance from its axis."""
+    return FlatPunch(layer, RADIUS, farthest).movement(below)
+
+
+def pressed_model(
+    config: MultipoleSkinConfig, pitch: float, law: str = 'bonded', points: int = 1,
+    levels: int = LEVELS,
+) -> Model:  # fmt: skip
     """Model of the pressed sheet, its cost counted without the layer's."""
-    pressed = PressedSheet(config, pitch, law)
+    pressed = PressedSheet(config, pitch, law, points, levels)
     count = len(pressed.places)
     named = {'bonded': 'bonded layer', 'even': 'even pressure'}.get(law, law)
+    several = f' with {points} x {points} points' if points > 1 else ''
     cost = DIPOLE_COST * count * len(config.positions)
-    return Model(f'{1e3 * pitch:g} mm, {named}', pressed.readings, cost, size=(count,))
+    name = f'{1e3 * pitch:g} mm{several}, {named}'
+    return Model(name, pressed.readings, cost, size=(count,))
+
+
+def pressed_choice(
+    config: MultipoleSkinConfig, noise: float, states: Array
+) -> tuple[Choice, list[Model], Model]:
+    """Choice among carpets that a bonded layer carries, all of them, and the finest."""
+    models = [pressed_model(config, pitch, points=points) for pitch, points in CARPETS]
+    pitch, points = FINEST
+    finest = pressed_model(config, pitch, points=points, levels=2 * LEVELS)
+    return choose(models, finest, states, noise, every=True), models, finest
 
 
 def pressed_states(count: int, seed: int = 0) -> Array:

@@ -14,16 +14,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.few_shot import (
-    REPEATS,
-    Supports,
-    averaged,
-    support_scores,
-    usual_slopes,
-)
+from tactile_ros.estimators.few_shot import REPEATS, Supports, seen_classes, support_scores
 from tactile_ros.estimators.press_search import PressSearch
+from tactile_ros.estimators.press_supports import modelled_supports, plain_supports
 
 if TYPE_CHECKING:
+    from tactile_ros.estimators.few_shot import SeenClasses
     from tactile_ros.estimators.press_search import Matches
     from tactile_ros.estimators.press_window import PressVectors
     from tactile_ros.estimators.skin_model import SkinModel
@@ -34,6 +30,7 @@ WEAKEST = 5.0  # sigma of the strongest reading
 WORST = 8.0  # misfit over its variance, beyond which no class fits
 WIDE = 2.5  # deviations of a turn that count as its range
 STILL = 0.5  # of the noise: what frames do not average, where no press tells it
+AROUND = 5e-3  # m, within which heads may press beside those that were seen
 FREE = 4  # parameters of a press that are fitted, beside a uniform field
 
 
@@ -120,7 +117,7 @@ class Recogniser:
 
     def refresh(self) -> None:
         """Forget what was made for another error or skin."""
-        for name in ('search', 'basis'):
+        for name in ('search', 'basis', '_last'):
             vars(self).pop(name, None)
 
     def matches(self, presses: PressVectors) -> Matches | None:
@@ -131,12 +128,10 @@ class Recogniser:
         self, presses: PressVectors, labels: Integers, matches: Matches | None
     ) -> Supports:
         """Presses as supports of their classes."""
-        n, d = presses.pattern.shape
-        slopes = np.zeros((n, FREE, d))
-        if matches is not None:
-            best = np.arange(n), matches.cost.argmin(axis=1)
-            slopes = usual_slopes(matches.slopes[best], matches.pose[best], matches.fitted[best])
-        return Supports(labels, presses.pattern, presses.frames, np.ones(n), slopes)
+        if matches is None:
+            return plain_supports(presses, labels)
+        assert self.search is not None
+        return modelled_supports(presses, labels, matches, self.search.bank, self.basis)
 
     def strength(self, presses: PressVectors) -> Array:
         """Strongest reading of each press over its noise, without any uniform field."""
@@ -155,10 +150,9 @@ class Recogniser:
         # a head that may turn has more templates, of which one fits noise well
         part = np.clip(np.nan_to_num(WIDE * deviation / sector, nan=1.0), 1e-3, 1.0)
         chance = np.where(turned, -2 * np.log(part), 0.0)
-        # heads may press anywhere, classes of presses that were seen where they were seen
-        reach = np.array([2 * nodes[-1] for nodes in self.search.bank.nodes])
+        # classes of presses that were seen press where they were seen, heads around there
         with np.errstate(invalid='ignore'):
-            spots = WIDE * np.sqrt(np.maximum(matches.cov[..., (0, 1), (0, 1)], 0.0)) / reach
+            spots = WIDE * np.sqrt(np.maximum(matches.cov[..., (0, 1), (0, 1)], 0.0)) / AROUND
         chance = chance - 2 * np.log(np.clip(np.nan_to_num(spots, nan=1.0), 1e-4, 1.0)).sum(axis=2)
         return matches.cost + level + chance, matches.cost
 
@@ -177,15 +171,12 @@ class Recogniser:
             score, cost = self.template_scores(presses, matches)
             for i in range(score.shape[1]):
                 columns[i] = score[:, i], cost[:, i] / spare
-        seen = self.enrolled_
-        if road != 'press_templates':
-            seen = known.joined(seen)
-        if len(seen.label):
-            seen = averaged(seen)
+        seen = self._seen(None if road == 'press_templates' else known)
+        if seen is not None:
             score = support_scores(seen, presses, self.noise, self.common, self.still_)
             level = self._level(presses)
-            for label in np.unique(seen.label):
-                best = score[:, seen.label == label].min(axis=1)
+            for label in np.unique(seen.supports.label):
+                best = score[:, seen.supports.label == label].min(axis=1)
                 cost = (best - level) / spare
                 old = columns.get(int(label))
                 if old is not None:
@@ -201,6 +192,22 @@ class Recogniser:
             np.stack([columns[i][0] for i in labels], axis=1),
             np.stack([columns[i][1] for i in labels], axis=1),
         )
+
+    def _seen(self, known: Supports | None) -> SeenClasses | None:
+        """Enrolled classes, and known ones; made anew when they differ from the last time."""
+        what = known, self.enrolled_, self.still_, self.error
+        if not self._last or not _same(self._last[0][0], what):
+            supports = self.enrolled_ if known is None else known.joined(self.enrolled_)
+            made = None
+            if len(supports.label):
+                made = seen_classes(supports, self.noise, self.still_, self.error, self.basis)
+            self._last[:] = [(what, made)]
+        return self._last[0][1]
+
+    @cached_property
+    def _last(self) -> list[tuple[tuple[object, ...], SeenClasses | None]]:
+        """What classes were made from the last time, and they."""
+        return []
 
     def _level(self, presses: PressVectors) -> Array:
         """Logarithm of the variance of repeated presses (n,)."""
@@ -218,6 +225,7 @@ class Recogniser:
         best = scores.argmin(axis=1)
         low = scores[np.arange(n), best]
         misfit = np.maximum(misfits[np.arange(n), best], 1.0)
+        misfit[np.isinf(misfit)] = 1.0  # no class is near
         with np.errstate(invalid='ignore'):
             away = np.where(np.isfinite(low)[:, None], scores - low[:, None], np.inf)
         # where nothing fits well, differences of misfits say less
@@ -262,3 +270,8 @@ class Recogniser:
         cov[free, 2, 2] = np.pi**2 / 3
         pose[~mine, 2] = np.nan
         return pose, cov, np.where(mine, order, -1)
+
+
+def _same(first: tuple[object, ...], second: tuple[object, ...]) -> bool:
+    """Whether two tuples hold the very same things."""
+    return all(a is b for a, b in zip(first, second, strict=True))

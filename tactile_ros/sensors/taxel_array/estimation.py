@@ -284,7 +284,7 @@ class TaxelRegression(Regression):
         if self.law_ is not None:
             forces = self._forces(signals, memory)
             known['taxel_force'] = forces
-        loads = self._gaps.loads(forces, self.floor_, self.spread_)
+        loads = self._gaps.loads(forces, self.floor_, self.spread_, self._rest_noise)
         if self.summed_:
             add_sum(known, *loads, self.common_)
         if self.shape_ is not None:

@@ -51,15 +51,23 @@ def force_errors(miss: Array, force: Array, unlearned: float) -> ForceErrors:
     heavy = known & (force >= HEAVY * top) & (force > 0)
     light = known & (force < HEAVY * top)
     light = light & (force > 0) if (light & (force > 0)).any() else light
-    spread, floor = unlearned, 0.0
-    if heavy.any():
-        spread = float(np.sqrt(max(np.square(miss[heavy] / force[heavy]).mean(), LEAST**2)))
-    if light.any():
-        rest = np.square(miss[light]) - np.square(spread * force[light])
-        floor = float(np.sqrt(max(rest.mean(), 0.0)))
+    floor, spread = _parts(miss, force, heavy, light, unlearned)
     idle = known & (force == 0)
     squared = np.where(idle, np.square(miss), 0.0).sum(axis=0) / np.maximum(idle.sum(axis=0), 1)
     return ForceErrors(floor, spread, _common(miss, force, known, floor, spread), np.sqrt(squared))
+
+
+def _parts(
+    miss: Array, force: Array, heavy: Bools, light: Bools, unlearned: float
+) -> tuple[float, float]:
+    """Constant part (N) and part of the force, such that both groups err as they do."""
+    spread = unlearned**2
+    small = float(np.square(miss[light]).mean()) if light.any() else 0.0
+    weak = float(np.square(force[light]).mean()) if light.any() else 0.0
+    if heavy.any():
+        large, strong = (float(np.square(x[heavy]).mean()) for x in (miss, force))
+        spread = max((large - small) / (strong - weak), LEAST**2)
+    return float(np.sqrt(max(small - spread * weak, 0.0))), float(np.sqrt(spread))
 
 
 def _common(miss: Array, force: Array, known: Bools, floor: float, spread: float) -> float:

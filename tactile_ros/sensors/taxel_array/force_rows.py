@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 @compiled
 def filled_rows(
     forces: Array, silent: Integers, near: Integers, share: Array, floor: float, spread: float,
-    guessed: float, load: Array, variance: Array,
+    idle: Array, guessed: float, load: Array, variance: Array,
 ) -> bool:  # fmt: skip
     """Loads (s, t) without gaps and their variances; False: taxels are lost that are not silent.
 
@@ -27,7 +27,8 @@ def filled_rows(
             lost = math.isnan(forces[i, k])
             unread += lost
             load[i, k] = 0.0 if lost else forces[i, k]
-            variance[i, k] = floor**2 + spread**2 * load[i, k] ** 2
+            light = min(abs(load[i, k]), floor)
+            variance[i, k] = light**2 + idle[k] ** 2 + spread**2 * load[i, k] ** 2
         for n in range(len(silent)):
             total = 0.0
             for k in range(near.shape[1]):
@@ -42,13 +43,15 @@ def filled_rows(
 @compiled
 def judged_row(
     row: Array, cover: Array, pressure: float, able: Bools, areas: Array, covered: float,
-    mute: float, loud: float, verdict: Integers,
-) -> tuple[float, float, float, int]:  # fmt: skip
-    """Forces that an object hides and that are seen, sum of their squares, and their count.
+    mute: float, loud: float, floor: float, verdict: Integers,
+) -> tuple[float, float, float, float, int]:  # fmt: skip
+    """Forces that an object hides and that are seen, sums of squares, and the count of the seen.
+
+    Squares are those of seen forces, and of such that are none above the floor.
 
     `verdict` (t,) becomes -1 at taxels that are mute under the object, 1 at loud ones beside it.
     """
-    hidden, seen, squared, count = 0.0, 0.0, 0.0, 0
+    hidden, seen, squared, light, count = 0.0, 0.0, 0.0, 0.0, 0
     for k in range(len(row)):
         verdict[k] = 0
         if cover[k] > covered * areas[k] and row[k] < mute * pressure * cover[k]:
@@ -60,5 +63,6 @@ def judged_row(
         elif verdict[k] == 0:
             seen += row[k]
             squared += row[k] ** 2
+            light += min(abs(row[k]), floor) ** 2
             count += 1
-    return hidden, seen, squared, count
+    return hidden, seen, squared, light, count

@@ -38,7 +38,9 @@ class Gaps:
     def __init__(self, positions: Array, areas: Array, silent: Bools) -> None:
         self.positions, self.areas, self.silent = positions, areas, silent
 
-    def loads(self, forces: Array, floor: float, spread: float) -> tuple[Array, Array]:
+    def loads(
+        self, forces: Array, floor: float, spread: float, idle: Array
+    ) -> tuple[Array, Array]:
         """Forces without gaps, and their variances.
 
         Parameters
@@ -46,7 +48,10 @@ class Gaps:
         forces : ndarray, shape (s, t)
             Of the taxels (N); NaN: not read.
         floor, spread : float
-            Error of a force: a constant part (N), and a part of the force.
+            Error of a force: a constant part (N), which is never more than the force itself, since
+            laws are zero at zero output, and a part of the force.
+        idle : ndarray, shape (t,)
+            Error of a taxel that bears nothing (N).
 
         Returns
         -------
@@ -55,13 +60,14 @@ class Gaps:
         """
         if compiled.available():
             load, variance = np.empty(forces.shape), np.empty(forces.shape)
-            if filled_rows(forces, *self.beside, floor, spread, GUESSED, load, variance):
+            told = (*self.beside, floor, spread, idle, GUESSED)
+            if filled_rows(forces, *told, load, variance):
                 return load, variance
         filled = self.filled(forces)
         unknown = np.isnan(filled)
         load = np.where(unknown, 0.0, filled) if np.count_nonzero(unknown) else filled
         squared = load * load
-        own = floor**2 + spread**2 * squared
+        own = np.minimum(np.abs(load), floor) ** 2 + idle**2 + spread**2 * squared
         return load, np.where(np.isnan(forces), GUESSED**2 * squared, own)
 
     def filled(self, forces: Array) -> Array:

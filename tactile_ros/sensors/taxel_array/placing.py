@@ -100,10 +100,11 @@ def _weigh(
 ) -> None:
     """Total force of row i with what its object hides, and taxels that contradict the object."""
     verdict = np.empty(len(row), np.int64)
-    hidden, seen, squared, count = _judged(row, found, able, areas, verdict)
+    floor = 0.0 if summed is None else summed[0]
+    hidden, seen, squared, light, count = _judged(row, found, able, areas, floor, verdict)
     if summed is not None and (count < len(row) or changed):
         known['force'][i, 2] = seen + max(hidden, 0.0)
-        variance = summed[0] ** 2 * count + summed[1] ** 2 * squared
+        variance = light + summed[1] ** 2 * squared
         variance += (HIDDEN * hidden) ** 2 + (summed[2] * (seen + hidden)) ** 2
         known['force_cov'][i, 2, 2] = variance
     if np.count_nonzero(verdict):
@@ -144,18 +145,20 @@ def _write(known: Columns, i: int, found: Found) -> None:
 
 
 def _judged(
-    row: Array, found: Found, able: Bools, areas: Array, verdict: Integers
-) -> tuple[float, float, float, int]:
+    row: Array, found: Found, able: Bools, areas: Array, floor: float, verdict: Integers
+) -> tuple[float, float, float, float, int]:
     """As `judged_row`: what a recognised object hides, and what is seen and agrees with it."""
     cover, pressure = found.cover, found.pressure
     if compiled.available():
-        return judged_row(row, cover, pressure, able, areas, COVERED, MUTE, LOUD, verdict)
+        shares = (COVERED, MUTE, LOUD)
+        return judged_row(row, cover, pressure, able, areas, *shares, floor, verdict)
     mute = (cover > COVERED * areas) & (row < MUTE * pressure * cover)
     verdict[:] = (cover < 1e-3 * areas) & (row > LOUD * pressure * areas)
     verdict -= mute
     known = row[able & (verdict == 0)]
     hidden = float(pressure * cover[mute | ~able].sum())
-    return hidden, float(known.sum()), float(known @ known), len(known)
+    light = np.minimum(np.abs(known), floor)
+    return hidden, float(known.sum()), float(known @ known), float(light @ light), len(known)
 
 
 def _mark(known: Columns, i: int, verdict: Integers) -> None:

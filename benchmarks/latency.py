@@ -1,0 +1,346 @@
+"""Delay of a grip from a sensor's bytes to the hand's command, and what it costs a processor.
+
+A board in a process of its own writes frames into a pseudo-terminal; a hand in another hears the
+commands. Between them runs the stack (sensor, contacts and grip in one process), or the three
+nodes of the graph. Delay runs from the write of the frame whose force a command answers, which the
+command's stamp tells, to the time at which the nodes' middleware sent it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import tempfile
+import time
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.control import GripConfig, GripForce, GripInput
+from tactile_ros.devices.framed import encode as framed
+from tactile_ros.devices.framed_payloads import gradiometer
+from tactile_ros.devices.packets import encode as packet
+from tactile_ros.evaluation.benchmark import BenchResult, Row
+from tactile_ros.evaluation.metrics import Spread, spread
+from tactile_ros.evaluation.sources import load_source
+from tactile_ros.nodes.graph import Graph, Process, Value
+from tactile_ros.nodes.processes import Running
+from tactile_ros.sensors import load_sensor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tactile_ros.types import Array, Integers, Recording
+
+RIG = load_source(Path(__file__).parent / 'worlds' / 'grip_rig.py', 'bench latency')
+ROADS = Path(__file__).parents[1] / 'test' / 'reference' / 'grip_roads.py'
+SECONDS = {'quick': 2.0, 'normal': 15.0, 'full': 60.0}
+STEPS = {'quick': 2_000, 'normal': 20_000, 'full': 50_000}
+FAST_HZ, SLOW_HZ = 1000.0, 100.0
+WARM_S = 1.5
+PLAIN = "stack, polynomial of the disc's place"
+FINGERS = ('index', 'middle', 'ring', 'thumb')
+CHIPS = 20
+PITCH = 5e-3  # m
+FORCE = 1.5  # N, of the press that the boards play
+KEPT = 512  # noisy frames of it that are played again and again
+REST = 200
+BINS_MS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0, np.inf)
+TOLERANCE_NS = 300_000  # between a frame's stamp and its write
+# The hand takes 333 commands a second; here each frame of 1 kHz shall be answered.
+ENTRY = (
+    'import sys; from tactile_ros.hands.allegro_v5 import AllegroV5; '
+    'AllegroV5.fastest_hz = 1000.0; {busy}'
+    'from tactile_ros.nodes.__main__ import main; main()'
+)
+BUSY = (
+    'import threading\n'
+    'def work():\n'
+    '    while True: sum(range(1000))\n'
+    'threading.Thread(target=work, daemon=True).start()\n'
+)
+
+
+@dataclass(frozen=True)
+class Measured(Process):
+    """A process of the bench: a hand that takes every command, a second thread where asked."""
+
+    busy: bool = False
+
+    def command(self) -> list[str]:
+        """Command line."""
+        entry = ENTRY.format(busy='' if not self.busy else f'exec({BUSY!r}); ')
+        return [sys.executable, '-c', entry, self.executable, '--ros-args', *self.ros_arguments()]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is played into which nodes, at a rate of frames and commands alike."""
+
+    sensor: str
+    rate_hz: float
+    fingers: tuple[str, ...]  # with a sensor of their own; the others of the hand hear the first
+    encode: Callable[[int, int, int], bytes]  # of board, frame, time (us)
+    values: dict[str, Value]  # parameters of the sensors
+
+    @property
+    def heard(self) -> dict[str, str]:
+        """Topics of fingers without a sensor."""
+        others = [name for name in FINGERS if name not in self.fingers]
+        return {f'/{name}/contacts': f'/{self.fingers[0]}/contacts' for name in others}
+
+
+@dataclass(frozen=True)
+class Run:
+    """What one run showed."""
+
+    delay: Array
+    received: Array
+    cores: float
+    answered: float
+    calls: int = 0
+
+    @property
+    def spread(self) -> Spread:
+        """Of the delays (s)."""
+        return spread(self.delay)
+
+
+def run(extent: str, command: str) -> BenchResult:
+    """Measure everything."""
+    seconds = SECONDS[extent]
+    rows: list[Row] = []
+    notes = [
+        'Delay: from the write of a frame to the write of the command that answers it, by the '
+        "middleware's source time stamp; a hand of 16 joints, a law of four fingers that hear "
+        'one gradiometer. Processor: of the nodes alone, once they run.',
+        'The busy thread shares the lock of the measured process; the service is called back to '
+        'back from another.',
+        f'Commands 1000 times a second, one for each frame; {seconds:g} s a run. Where a frame '
+        'costs more than its period, frames wait in the port until their forces count as stale '
+        '(100 ms), and nothing is sent: that is what delays of 100 ms and few answers say.',
+    ]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        runs = _runs(folder, seconds, extent == 'quick')
+    for what, found in runs.items():
+        rows += _rows(what, found)
+        notes.append(f'{what}: {_histogram(found)}')
+    with RIG.Helper(RIG.difference(ROADS)) as helper:
+        apart = float(helper.hear())
+    rows += [
+        Row('roads: largest difference of commands', '1', apart, bound=0.0, aim=1e-9),
+        step_row(STEPS[extent]),
+    ]
+    return BenchResult('latency', command, [0], rows, notes)
+
+
+def _runs(folder: Path, seconds: float, quick: bool) -> dict[str, Run]:
+    """Every run by its name; where it shall be quick the first alone."""
+    plain = gradiometer_scene(folder / 'plain', estimator='polynomial')
+    first = {PLAIN: measure(folder / 'plain', plain, seconds)}
+    if quick:
+        return first
+    fast, slow = gradiometer_scene(folder), skin_scene(folder)
+    return {
+        **first,
+        'stack': measure(folder, fast, seconds),
+        'stack, a second busy thread': measure(folder, fast, seconds, busy=True),
+        'stack, a service is called': measure(folder, fast, seconds, called=True),
+        'three nodes over DDS': measure(folder, fast, seconds, stack=False),
+        f'stack, 4 fingers x {CHIPS} chips at 100 Hz': measure(folder, slow, seconds),
+    }
+
+
+def _rows(what: str, run: Run) -> list[Row]:
+    """Figures of one run."""
+    found = run.spread
+    fast = 'chips' not in what
+    own = 'three' not in what
+    quiet = 'busy' not in what and 'called' not in what
+    cores = (50.0 if fast else 35.0) if own and quiet else None
+    rows = [
+        Row(f'{what}: delay p50', 'ms', 1e3 * found.p50),
+        Row(f'{what}: delay p99', 'ms', 1e3 * found.p99, aim=1.0 if fast and own else None),
+        Row(f'{what}: delay, largest', 'ms', 1e3 * found.largest),
+        Row(f'{what}: delay p99 to the listener', 'ms', 1e3 * spread(run.received).p99),
+        Row(f'{what}: frames answered', '%', 100 * run.answered, 'high'),
+        Row(f'{what}: processor', '% of a core', 100 * run.cores, aim=cores),
+    ]
+    if run.calls:
+        rows.append(Row(f'{what}: services answered', '1', float(run.calls)))
+    return rows
+
+
+def _histogram(run: Run) -> str:
+    """Shares of delays up to each of the bins."""
+    edges = np.array([0.0, *BINS_MS]) * 1e-3
+    counts = np.histogram(run.delay[np.isfinite(run.delay)], edges)[0]
+    told = [
+        f'<= {high:g} ms {100 * count / max(len(run.delay), 1):.2f} %'
+        for high, count in zip(BINS_MS, counts, strict=True)
+        if count
+    ]
+    return ', '.join(told) or 'no command came'
+
+
+def gradiometer_scene(folder: Path, estimator: str | None = None) -> Scene:
+    """One gradiometer at 1 kHz that four fingers hear: a rest, then a press that stays."""
+    spec = load_sensor('gradiometer')
+    config = dataclasses.replace(spec.config(), rate_hz=FAST_HZ)
+    values = _calibrated(folder, 'gradiometer', config, estimator)
+    scale = spec.connection().tesla_per_count
+    counts = np.rint(values / scale).astype(np.int64)
+    payload = gradiometer()
+
+    def encode(_: int, frame: int, time_us: int) -> bytes:
+        return framed(payload, counts[_row(frame)], frame, time_us, 35.0)
+
+    return Scene(
+        'gradiometer', FAST_HZ, FINGERS[:1], encode, {'rate_hz': FAST_HZ, 'native_usb': True}
+    )
+
+
+def skin_scene(folder: Path) -> Scene:
+    """Four skins of 20 chips at 100 Hz, one for each finger."""
+    spec = load_sensor('reskin_board')
+    rows, columns = np.divmod(np.arange(CHIPS), 5)
+    places = PITCH * np.stack([columns - 2.0, rows - 1.5, np.zeros(CHIPS)], axis=1)
+    config = dataclasses.replace(spec.config(), positions=places, rate_hz=SLOW_HZ)
+    values = _calibrated(folder, 'reskin_board', config)
+    frames = [packet(row) for row in values]
+
+    def encode(_: int, frame: int, __: int) -> bytes:
+        return frames[_row(frame)]
+
+    parameters: dict[str, Value] = {'rate_hz': SLOW_HZ, 'positions': places.ravel().tolist()}
+    return Scene('reskin_board', SLOW_HZ, FINGERS, encode, parameters)
+
+
+def _row(frame: int) -> int:
+    """Row that is played: rest, then the press again and again."""
+    return frame if frame < REST else REST + (frame - REST) % KEPT
+
+
+def _calibrated(folder: Path, key: str, config: object, estimator: str | None = None) -> Array:
+    """Calibrate on presses of another seed; rows to play, shape (s, t, c)."""
+    spec = load_sensor(key)
+    learnt = spec.presses(config, 1)
+    some = slice(None, None, -(-len(learnt) // 3000))
+    pipeline = spec.pipeline(config, estimator=estimator).fit(learnt.select(some))
+    (folder / key).mkdir(parents=True, exist_ok=True)
+    for finger in FINGERS:
+        pipeline.save(folder / key / f'{finger}.npz')
+    return _held(spec.presses(config, 0))
+
+
+def _held(presses: Recording) -> Array:
+    """Resting rows, then rows of the press whose force is nearest to the wanted one."""
+    normal = np.nan_to_num(presses.truth['force'][:, 2])
+    rests = presses.values[normal == 0][:REST]
+    near = np.argsort(np.abs(normal - FORCE))[:KEPT]
+    return np.concatenate([np.resize(rests, (REST, *rests.shape[1:])), presses.values[near]])
+
+
+def measure(
+    folder: Path,
+    scene: Scene,
+    seconds: float,
+    *,
+    stack: bool = True,
+    busy: bool = False,
+    called: bool = False,
+) -> Run:
+    """One run of the nodes between boards and hand."""
+    calls = 0
+    with ExitStack() as held:
+        board = held.enter_context(
+            RIG.Helper(RIG.boards(scene.encode, len(scene.fingers), scene.rate_hz))
+        )
+        hand = held.enter_context(RIG.Helper(RIG.listener))
+        asking = (
+            held.enter_context(RIG.Helper(RIG.caller('/grip_node/get_parameters')))
+            if called
+            else None
+        )
+        ports = board.hear()
+        graph = _stack(folder, scene, ports, busy) if stack else _nodes(folder, scene, ports)
+        quiet = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'OMP_NUM_THREADS': '1'}
+        with Running(graph, quiet) as running:
+            with suppress(TimeoutError):  # too slow for any command: said by the rows
+                hand.hear()
+            time.sleep(WARM_S)
+            pids = [running.pid(graph.name_of(process)) for process in graph.processes]
+            begin, spent = time.time_ns(), -sum(map(RIG.processor_seconds, pids))
+            time.sleep(seconds)
+            end, spent = time.time_ns(), spent + sum(map(RIG.processor_seconds, pids))
+            written, heard = board.end(), hand.end()
+            if asking is not None:
+                calls = asking.end()
+    delay, received, answered = _delays(written, heard, begin, end)
+    return Run(delay, received, spent * RIG.NS / (end - begin), answered, calls)
+
+
+def _delays(written: Integers, heard: object, begin: int, end: int) -> tuple[Array, Array, float]:
+    """Delays to sending and to receiving (s), and the share of frames that were answered."""
+    inside = (heard.sent_ns >= begin) & (heard.sent_ns < end)
+    if not inside.any():
+        return np.full(1, np.nan), np.full(1, np.nan), 0.0
+    row = np.searchsorted(written, heard.stamp_ns[inside] + TOLERANCE_NS) - 1
+    first = np.unique(row, return_index=True)[1]  # a late clock step answers the same frame again
+    at = written[row[first]]
+    frames = int(((written >= begin) & (written < end)).sum())
+    return (
+        1e-9 * (heard.sent_ns[inside][first] - at),
+        1e-9 * (heard.received_ns[inside][first] - at),
+        len(first) / max(frames, 1),
+    )
+
+
+def _stack(folder: Path, scene: Scene, ports: list[str], busy: bool) -> Graph:
+    """Everything in one process."""
+    values: dict[str, Value] = {
+        'hand': 'allegro_v5', 'sensor': scene.sensor, 'ports': ports,
+        'calibrations': str(folder / scene.sensor), 'input_rate_hz': scene.rate_hz, **scene.values,
+    }  # fmt: skip
+    return Graph((Measured('stack', values, '', scene.heard, busy=busy),))
+
+
+def _nodes(folder: Path, scene: Scene, ports: list[str]) -> Graph:
+    """Three processes, of the first finger."""
+    finger = scene.fingers[0]
+    file = str(folder / scene.sensor / f'{finger}.npz')
+    sensor = {'sensor': scene.sensor, **scene.values}
+    grip: dict[str, Value] = {
+        'hand': 'allegro_v5', 'rate_hz': scene.rate_hz, 'input_rate_hz': scene.rate_hz,
+    }  # fmt: skip
+    return Graph(
+        (
+            Measured('grip_node', grip, '', scene.heard),
+            Measured('contact_node', {**sensor, 'calibration': file}, finger),
+            Measured('sensor_node', {**sensor, 'port': ports[0]}, finger),
+        )
+    )
+
+
+def step_row(steps: int) -> Row:
+    """Time of one step of the law for four fingers that hold."""
+    law = GripForce(GripConfig(), (0, 1, 2, 3), (1, 1, 1, -1))
+    law.enable()
+    law.grasp(3.0)
+    rng = np.random.default_rng(0)
+    force, across = 1.0 + 0.02 * rng.normal(size=(2, steps, 4))
+    took = []
+    for i in range(steps):
+        given = GripInput(
+            force[i] if i > 10 else np.zeros(4), 0.2 * across[i], np.ones(4, bool),
+            np.full(4, -1, np.int8), np.zeros(4), np.full(4, 0.3) + 1e-3 * force[i], 0.0,
+        )  # fmt: skip
+        began = time.perf_counter()
+        law.step(given, 0.01)
+        took.append(time.perf_counter() - began)
+    micro = 1e6 * float(np.median(took[steps // 2 :]))
+    return Row('law step, 4 fingers', 'us', micro, aim=50.0, us_single=micro)

@@ -1,0 +1,123 @@
+"""Learn a class from a few presses, live or from a recording, or forget one by name.
+
+Live, contact_node collects the presses: press, hold a moment, release, as often as was asked for.
+From a recording, every press of a bag is one, and of other files every window. The class is kept
+in the calibration file, which is written beside itself and renamed.
+
+example:
+  tactile enrol mug --presses 3
+  tactile enrol mug --namespace thumb --replace
+  tactile enrol mug --from out/my_bag --calibration skin.npz
+  tactile enrol mug --forget
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tactile_ros.cli.destination import refuse_unwritable
+from tactile_ros.cli.replay import open_calibration
+from tactile_ros.cli.sources import find
+from tactile_ros.errors import RecordingError, TactileError
+from tactile_ros.evaluation.class_changes import presses_in
+from tactile_ros.lesson import MOST_LOST, learn, recording_of, window_of
+from tactile_ros.sensors import load_sensor
+
+if TYPE_CHECKING:
+    import argparse
+
+    from tactile_ros.evaluation.loaded import LoadedRecording
+    from tactile_ros.pipeline import Pipeline
+    from tactile_ros.types import Recording
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `tactile enrol`."""
+    parser.add_argument('label', help='name of the class')
+    parser.add_argument('--presses', type=int, help='how many (default: 3 live, all of a bag)')
+    parser.add_argument('--replace', action='store_true', help='forget its presses of before')
+    parser.add_argument('--forget', action='store_true', help='undo the enrolment of that name')
+    parser.add_argument('--timeout', type=float, default=60.0, help='live: longest wait (s)')
+    parser.add_argument('--namespace', default='', help='live: namespace of the sensor')
+    parser.add_argument('--from', dest='recording', help='bag, .npz or .csv instead of live')
+    parser.add_argument('--calibration', type=Path, help='file to change, where not live')
+    parser.add_argument(
+        '--most-lost', type=float, default=MOST_LOST,
+        help='not live: share of the presses of known classes that it may take',
+    )  # fmt: skip
+
+
+def run(options: argparse.Namespace) -> int:
+    """Learn or forget, and say what it costs."""
+    if options.calibration is None:
+        if options.recording:
+            msg = '--from needs --calibration, the file that learns'
+            raise ValueError(msg)
+        return _live(options)
+    if bool(options.recording) == options.forget:
+        msg = '--calibration needs --from, a recording to learn from, or --forget'
+        raise ValueError(msg)
+    refuse_unwritable(options.calibration)
+    pipeline = open_calibration(options.calibration)
+    said = _forgotten(options, pipeline) if options.forget else _learned(options, pipeline)
+    pipeline.save(options.calibration)
+    print(f'{said}; written to {options.calibration}')
+    print(f'SHA-256 {pipeline.digest}')
+    return 0
+
+
+def _forgotten(options: argparse.Namespace, pipeline: Pipeline) -> str:
+    """Undo an enrolment; what was done."""
+    pipeline.forget(options.label)
+    return f'{options.label!r} forgotten; classes are {", ".join(pipeline.label_names)}'
+
+
+def _learned(options: argparse.Namespace, pipeline: Pipeline) -> str:
+    """Learn from a recording; what was done."""
+    window_of(pipeline)
+    spec = load_sensor(pipeline.sensor)
+    found, problems = find(options.recording, spec, pipeline.layout)
+    for problem in problems:
+        print(f'  {options.recording}: {problem}', file=sys.stderr)
+    if len(found) != 1:
+        names = ', '.join(one.name for one in found)
+        msg = f'{options.recording} must hold one sensor; it holds {names}'
+        raise RecordingError(msg)
+    presses = _presses(options, found[0], pipeline.layout.shape)
+    return learn(pipeline, options.label, presses, options.replace, options.most_lost)
+
+
+def _presses(
+    options: argparse.Namespace, loaded: LoadedRecording, shape: tuple[int, int]
+) -> Recording:
+    """What is learned from: of a bag its presses, of other files all of it."""
+    recording = loaded.recording
+    if not loaded.baselines or recording.layout.shape != shape:
+        return recording
+    presses = presses_in(loaded, open_calibration(options.calibration))
+    if not presses:
+        msg = f'{options.recording} holds no press that begins and ends'
+        raise RecordingError(msg)
+    return recording_of(recording.layout, presses[: options.presses or None])
+
+
+def _live(options: argparse.Namespace) -> int:
+    """Ask contact_node."""
+    from tactile_ros.nodes.enrol_client import enrolling
+    from tactile_ros.nodes.enrol_stage import Lesson
+
+    with enrolling(options.namespace) as client:
+        if options.forget:
+            done, said = client.forget(options.label)
+        else:
+            presses = 3 if options.presses is None else options.presses
+            print(f'press, hold a moment, release: {presses} times', file=sys.stderr)
+            lesson = Lesson(options.label, presses, options.timeout, options.replace)
+            learned = client.enrol(lesson, lambda _, told: print(told, file=sys.stderr))
+            done, said = learned.success, learned.message
+    if not done:
+        raise TactileError(said)
+    print(said)
+    return 0

@@ -1,0 +1,76 @@
+"""Gather what benches found into one self-contained HTML page: aims held, missed, speed, error.
+
+Reads benchmarks/results/*.json, or the files and folders that are named (results of benches and
+saved replays), with the drawings that lie beside them. The page needs no network and no script.
+`--png` writes its drawings as pictures, for which a Chromium or Chrome must be installed.
+
+example:
+  tactile report
+  tactile report benchmarks/results -o out/report.html --json
+  tactile report benchmarks/results/reskin.json -o out/reskin.html --png out/pictures
+"""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tactile_ros.cli.destination import refuse_unwritable
+from tactile_ros.cli.table import show, show_json
+from tactile_ros.errors import TactileError
+from tactile_ros.evaluation.bench_files import gather
+from tactile_ros.evaluation.package_report import title_of, write_package_report
+from tactile_ros.evaluation.pictures import write_pictures
+
+if TYPE_CHECKING:
+    import argparse
+
+    from tactile_ros.evaluation.bench_files import BenchFile
+
+RESULTS = Path('benchmarks') / 'results'
+COLUMNS = ('bench', 'figures', 'aims', 'held', 'missed', 'what is missed')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `tactile report`."""
+    parser.add_argument(
+        'results', nargs='*', type=Path, default=[RESULTS],
+        help=f'json files of benches and replays, or folders of them ({RESULTS})',
+    )  # fmt: skip
+    parser.add_argument('-o', '--output', type=Path, help='the page (report.html beside them)')
+    parser.add_argument('--png', type=Path, help='folder of the drawings as PNG, where wanted')
+    parser.add_argument('--json', action='store_true', help='print the table as JSON')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Gather, write the page, print one row for each bench; 1 where a file could not be read."""
+    first = options.results[0]
+    output = options.output or (first if first.is_dir() else first.parent) / 'report.html'
+    refuse_unwritable(output)
+    files, problems = gather(options.results)
+    if not files:
+        msg = f'{"; ".join(problems)}; `tactile bench all` makes results'
+        raise TactileError(msg)
+    command = shlex.join(['tactile', 'report', *map(str, options.results), '-o', str(output)])
+    write_package_report(output, files, problems, command)
+    (show_json if options.json else show)(COLUMNS, [row_of(file) for file in files])
+    for problem in problems:
+        print(f'  left out: {problem}', file=sys.stderr)
+    print(f'report: {output}', file=sys.stderr)
+    if options.png:
+        for picture in write_pictures(options.png, files):
+            print(f'picture: {picture}', file=sys.stderr, flush=True)
+    return int(bool(problems))
+
+
+def row_of(file: BenchFile) -> tuple[str | int, ...]:
+    """A bench in a row of the table."""
+    rows = file.result.rows
+    aims = [row for row in rows if row.held is not None]
+    missed = [row.what.strip() for row in aims if not row.held]
+    return (
+        title_of(file.result.bench), len(rows), len(aims), len(aims) - len(missed), len(missed),
+        '; '.join(missed[:2]) + ('; ...' if len(missed) > 2 else ''),
+    )  # fmt: skip

@@ -1,0 +1,165 @@
+"""The drives of a grip: each approaches until it touches, then it is regulated on force.
+
+Fingers that press from two sides are regulated together: only errors that leave their sum alone.
+"""
+
+from __future__ import annotations
+
+from math import isfinite, nan
+from typing import TYPE_CHECKING
+
+from tactile_ros.control.drive_law import DriveLaw, bounded
+from tactile_ros.control.fingers import mean_of
+from tactile_ros.control.grip_targets import balanced
+from tactile_ros.control.stiffness import Stiffness
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tactile_ros.control.fingers import Fingers
+    from tactile_ros.control.grip_config import GripConfig
+    from tactile_ros.control.grip_targets import GripTargets
+
+IMPACT = 2.0  # asked forces that an approach may meet in the time to react
+SAME = 1e-9  # closure within which a command was admitted as it was
+
+
+class GripDrives:
+    """Commands of a drives.
+
+    Parameters
+    ----------
+    config : GripConfig
+        Gains and limits.
+    count : int
+        How many drives (a).
+    sides : sequence of int
+        Of the fingers: +1, -1, 0.
+    fingers : Fingers
+        What they feel.
+    targets : GripTargets
+        What they shall hold.
+
+    Attributes
+    ----------
+    laws, stiffness : list
+        `DriveLaw` and `Stiffness` of each drive.
+    calm : float
+        How long the errors of all that touch have been small (s).
+    """
+
+    def __init__(
+        self,
+        config: GripConfig,
+        count: int,
+        sides: Sequence[int],
+        fingers: Fingers,
+        targets: GripTargets,
+    ) -> None:
+        self.config = config
+        self.laws = [DriveLaw(config) for _ in range(count)]
+        self.stiffness = [Stiffness(config) for _ in range(count)]
+        self._sides = sides
+        self._opposed = {-1, 1} <= set(sides)
+        self._fingers, self._targets = fingers, targets
+        self.calm = self._unseen = 0.0
+
+    def restart(self) -> None:
+        """Nothing is held: another object may come."""
+        self.calm = self._unseen = 0.0
+        for one in self.stiffness:
+            one.reset()
+
+    def release(self) -> None:
+        """Where the drives are has to be measured before the next command."""
+        for law in self.laws:
+            law.command = nan
+
+    def start(self, closures: Sequence[float]) -> str:
+        """Begin from where the drives are; why that is not possible, or empty."""
+        for i, (law, closure) in enumerate(zip(self.laws, closures, strict=True)):
+            if isfinite(law.command):
+                continue
+            if not isfinite(closure):
+                return f'closure of drive {i} was never measured'
+            law.seat(closure)
+        return ''
+
+    def settle(self) -> None:
+        """After a fault: go on from the last command."""
+        self._unseen = 0.0
+        for law in self.laws:
+            law.seat(law.command)
+
+    def move(self, speed: float, dt: float) -> None:
+        """Move all drives at a speed (1/s), positive closes."""
+        for law in self.laws:
+            law.move(speed, dt)
+
+    def stay(self) -> None:
+        """Leave all drives where they are."""
+        for law in self.laws:
+            law.stay()
+
+    def admit(self, closures: Sequence[float], dt: float) -> None:
+        """Go on from closures (a,) that were sent, where they are not the last commands."""
+        for law, closure in zip(self.laws, closures, strict=True):
+            law.stopped = closure < law.command - SAME
+            if abs(closure - law.command) > SAME:
+                law.yield_to(closure, dt)
+
+    def drive(
+        self, normal: list[float], closures: list[float], dt: float, holding: bool
+    ) -> None:
+        """Decide the commands of a step of `dt` (s) from forces (f,) and closures (a,)."""
+        regulates = self._fingers.complete
+        for drive, touching in enumerate(self._fingers.on):
+            if not touching:
+                self.laws[drive].move(self._approach(drive), dt)
+            elif not regulates:
+                self.laws[drive].follow(dt)
+        if regulates:
+            self._regulate(normal, closures, dt, holding)
+            self._fingers.spend()
+            self._unseen = 0.0
+        else:
+            self._unseen += dt
+
+    def _regulate(
+        self, normal: list[float], closures: list[float], dt: float, holding: bool
+    ) -> None:
+        """Commands of the drives that touch, from forces that are all new."""
+        targets, most = self._targets.now, self.config.force_high
+        errors = [nan] * len(targets)
+        for touching in self._fingers.on:
+            for i in touching:
+                errors[i] = targets[i] - normal[i]
+        if self._opposed:
+            errors = balanced(errors, self._sides)
+        for drive, touching in enumerate(self._fingers.on):
+            if not touching:
+                continue
+            stiffness = self.stiffness[drive]
+            if isfinite(closures[drive]):
+                stiffness.step(closures[drive], mean_of(normal, touching))
+            error = bounded(mean_of(errors, touching), -most, most)
+            self.laws[drive].regulate(error, stiffness.cautious, dt, self._unseen)
+        small = holding and self._are_small(errors)
+        self.calm = self.calm + dt + self._unseen if small else 0.0
+
+    def _are_small(self, errors: list[float]) -> bool:
+        """Whether something touches, and no error (N) is more than settled."""
+        share, noise = self.config.settled_share, self.config.force_noise
+        if not any(self._fingers.on):
+            return False
+        for error, target in zip(errors, self._targets.now, strict=True):
+            if abs(error) > share * target and abs(error) > noise:
+                return False
+        return True
+
+    def _approach(self, drive: int) -> float:
+        """Speed (1/s) of a drive that nothing touches; one that feels nothing stays."""
+        if not self._fingers.feeling[drive]:
+            return 0.0
+        reached = self.laws[drive].reaction * self.config.stiffness_high
+        return min(self.config.closing_rate, IMPACT * self._targets.lightest / reached)

@@ -1,0 +1,43 @@
+"""Features of windows by a network in ONNX, as that of [1] (Table I)."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tactile_ros.types import Array
+
+
+class Embedding:
+    """A network that turns a window into a vector of features.
+
+    Parameters
+    ----------
+    path : Path
+        Of the network: windows (n, 1, d, w) float32 -> features (n, p).
+
+    Raises
+    ------
+    ImportError
+        If onnxruntime is not installed.
+    """
+
+    def __init__(self, path: Path) -> None:
+        runtime = importlib.import_module('onnxruntime')
+        options = runtime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 3
+        self.session = runtime.InferenceSession(
+            str(path), options, providers=['CPUExecutionProvider']
+        )
+        self.name = self.session.get_inputs()[0].name
+
+    def features(self, windows: Array) -> Array:
+        """Features (n, p) of windows (n, w, d) of changes of field (T)."""
+        turned = np.ascontiguousarray(np.swapaxes(windows, 1, 2)[:, None], np.float32)
+        return np.asarray(self.session.run(None, {self.name: turned})[0], np.float64)

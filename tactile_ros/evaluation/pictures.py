@@ -1,0 +1,73 @@
+"""Drawings of reports as PNG files, for slides and papers: light, each with its headline."""
+
+from __future__ import annotations
+
+import re
+from html import escape
+from typing import TYPE_CHECKING
+
+from tactile_ros.evaluation.browser import photograph
+from tactile_ros.evaluation.page import image_of, key_of
+from tactile_ros.evaluation.pareto import contests, pareto
+from tactile_ros.evaluation.stylesheet import STYLE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+
+    from tactile_ros.evaluation.bench_files import BenchFile
+    from tactile_ros.evaluation.figure import Figure
+
+VIEW = re.compile(r'<svg class="plot" viewBox="0 0 ([\d.]+) ([\d.]+)"')
+MARGIN, HEADLINE, KEY = 16, 30, 26  # pixels
+OTHER = re.compile(r'[^a-z0-9]+')
+
+
+def file_name(title: str) -> str:
+    """A headline as the name of a file.
+
+    Examples
+    --------
+    >>> file_name('Place, unseen points: (mm)')
+    'place_unseen_points_mm'
+    """
+    return OTHER.sub('_', title.lower()).strip('_')
+
+
+def figure_page(figure: Figure) -> tuple[str, tuple[int, int]]:
+    """A page with one drawing alone, and the size of a window that it fills."""
+    sizes = [(float(a), float(b)) for a, b in VIEW.findall(figure.drawing)]
+    wide = max(a for a, _ in sizes)
+    high = sum(b * wide / a + 10 for a, b in sizes)
+    key = KEY if figure.key else 0
+    body = f'<h3>{escape(figure.title)}</h3>{key_of(figure)}{figure.drawing}'
+    return _page(body), (round(wide) + 2 * MARGIN, round(high) + HEADLINE + key + 2 * MARGIN)
+
+
+def _page(body: str) -> str:
+    """A page in light colours, whatever the reader prefers."""
+    light = STYLE.replace('prefers-color-scheme: dark', 'not all').replace('light dark', 'light')
+    return (
+        f'<!DOCTYPE html><html lang="en"><meta charset="utf-8"><style>{light}'
+        f'body {{ padding: {MARGIN}px; background: var(--card); }}</style>{body}</html>'
+    )
+
+
+def write_figures(folder: Path, figures: Iterable[Figure]) -> Iterable[Path]:
+    """Write every drawing as PNG; yield each path when it is there."""
+    for figure in figures:
+        page, size = figure_page(figure)
+        yield photograph(page, folder / f'{file_name(figure.title)}.png', size)
+
+
+def write_pictures(folder: Path, files: Sequence[BenchFile]) -> Iterable[Path]:
+    """Write the drawings of all benches as PNG; yield each path when it is there."""
+    rows = [row for file in files for row in file.result.rows]
+    yield from write_figures(folder, map(pareto, contests(rows)))
+    for file in files:
+        for picture in file.pictures:
+            name = f'{file.result.bench}_{file_name(picture.name)}.png'
+            size = round(picture.size[0]), round(picture.size[1])
+            image = image_of(picture).replace('<img', '<img style="margin:0"')
+            page = _page(image).replace(f'padding: {MARGIN}px', 'padding: 0')
+            yield photograph(page, folder / name, size)

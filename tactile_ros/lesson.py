@@ -1,0 +1,214 @@
+"""Presses found in a stream, from which a pipeline learns a class by name.
+
+A press begins with contact after rest and ends with release, or when it has been held long
+enough. What is learned of it is its strongest window, beside the baseline in use there: the same
+frames give the same class, live and from a bag.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.types import Array, Frame, Recording
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tactile_ros.pipeline import Pipeline
+    from tactile_ros.types import Layout
+
+LONGEST_NAME = 64
+LONGEST = 12  # windows, after which a press that is still held counts
+MOST_LOST = 0.05  # of the presses of known classes
+
+
+@dataclass(frozen=True)
+class Press:
+    """One press.
+
+    Attributes
+    ----------
+    frames : tuple of Frame
+        Its strongest frames, one after the other; fewer than a window where it was shorter.
+    baseline : ndarray, shape (t, c)
+        In use at the first of them (unit of values).
+    """
+
+    frames: tuple[Frame, ...]
+    baseline: Array
+
+
+@dataclass
+class PressWatch:
+    """Find presses in a stream, frame by frame.
+
+    Attributes
+    ----------
+    window : int
+        Frames that are kept of a press.
+    """
+
+    window: int
+    _seen: list[tuple[Frame, Array]] = field(default_factory=list)
+    _rested: bool = False
+    _touched: bool = False
+
+    def __call__(self, frame: Frame, in_contact: int, baseline: Array) -> Press | None:
+        """Take the next frame.
+
+        Parameters
+        ----------
+        frame : Frame
+            Of the stream.
+        in_contact : int
+            1, 0, -1 unknown.
+        baseline : ndarray, shape (t, c)
+            In use (unit of values).
+
+        Returns
+        -------
+        Press or None
+            The press that ends here; None: none does.
+        """
+        if in_contact == 0:
+            seen, counts = self._seen, self._rested and self._counts()
+            self._seen, self._rested, self._touched = [], True, False
+            return self._strongest(seen) if counts else None
+        if not self._rested:  # it began before anybody watched
+            return None
+        self._touched = self._touched or in_contact == 1
+        self._seen.append((frame, baseline))
+        if len(self._seen) < LONGEST * self.window:
+            return None
+        seen, self._seen, self._rested = self._seen, [], False
+        return self._strongest(seen)
+
+    def _counts(self) -> bool:
+        """Half a window or more; frames that nobody can judge are a press where they are many."""
+        least = self.window // 2 if self._touched else self.window
+        return len(self._seen) >= max(least, 1)  # contact flickers where a press begins and ends
+
+    def _strongest(self, seen: Sequence[tuple[Frame, Array]]) -> Press:
+        """The window that is farthest from the baseline, whatever is wrong with its readings."""
+        change = np.array([np.nan_to_num(frame.values - base) for frame, base in seen])
+        size = np.square(change).sum(axis=(1, 2))
+        first = 0
+        if len(seen) > self.window:
+            first = int(np.convolve(size, np.ones(self.window), 'valid').argmax())
+        some = seen[first : first + self.window]
+        return Press(tuple(frame for frame, _ in some), some[0][1])
+
+
+def recording_of(layout: Layout, presses: Sequence[Press]) -> Recording:
+    """Presses as streams of their own, each after its baseline as a tare."""
+    taxels = layout.shape[0]
+    rows: list[Frame] = []
+    for press in presses:
+        stamp_ns = press.frames[0].stamp_ns
+        rest = Frame(None if stamp_ns is None else stamp_ns - 1, 0, press.baseline)
+        rows += [rest, *press.frames]
+    lengths = [1 + len(press.frames) for press in presses]
+    begins = np.cumsum([0, *lengths[:-1]])
+    stamps = [frame.stamp_ns for frame in rows]
+    good = np.zeros(taxels, np.uint8)
+    return Recording.from_arrays(
+        layout,
+        np.stack([frame.values for frame in rows]),
+        stamp_ns=None if None in stamps else np.array(stamps, np.int64),
+        status=np.stack([good if frame.status is None else frame.status for frame in rows]),
+        stream=np.repeat(np.arange(len(presses)), lengths),
+        tare=np.isin(np.arange(len(rows)), begins),
+    )
+
+
+def learn(
+    pipeline: Pipeline,
+    label: str,
+    presses: Recording,
+    replace: bool = False,
+    most_lost: float = MOST_LOST,
+) -> str:
+    """Enrol a class; the pipeline is of no use after a refusal by what it would cost.
+
+    Parameters
+    ----------
+    pipeline : Pipeline
+        That learns.
+    label : str
+        Name of the class.
+    presses : Recording
+        That holds them; see `Pipeline.enrol` and `recording_of`.
+    replace : bool
+        Forget what was enrolled under that name before; else it stays beside the new presses.
+    most_lost : float
+        Share of the presses of known classes that the class may take at most.
+
+    Returns
+    -------
+    str
+        What was learned and what it costs, as a sentence.
+
+    Raises
+    ------
+    ValueError
+        If a press is of no use, the name is taken, or known classes would lose too much.
+    """
+    refuse_name(label)
+    if replace and label in pipeline.label_names:
+        pipeline.forget(label)
+    pipeline.enrol(presses, label)
+    stated = pipeline.report.get(f'enrolled {label}', {})
+    lost = stated.get('known_presses_lost', 0.0)
+    cost = _cost(stated)
+    if lost > most_lost:
+        msg = (
+            f'{label!r} must take at most {100 * most_lost:.3g} % of the known presses; {cost}: '
+            'press where it looks less like the others'
+        )
+        raise ValueError(msg)
+    count = int(stated.get('presses', 1))
+    return f'{label!r} learned from {count} press{"es" if count > 1 else ""}; {cost}'
+
+
+def _cost(stated: dict[str, float]) -> str:
+    """What a class takes from those known before, in words."""
+    judged = stated.get('known_presses_judged', 0.0)
+    alike = stated.get('heads_alike', float('nan'))
+    said = 'no known press was there to judge what it costs'
+    if judged:
+        lost, bound = stated['known_presses_lost'], stated['known_presses_lost_at_most']
+        said = (
+            f'it takes {100 * lost:.3g} % of {judged:.0f} known presses, '
+            f'{100 * bound:.3g} % at most (95 % bound)'
+        )
+    if np.isfinite(alike):
+        said += f'; {100 * alike:.3g} % of the drawn heads could pass for it there'
+    return said
+
+
+def refuse_name(label: str) -> None:
+    """Refuse what is no name of a class; ValueError says why."""
+    if not label.strip() or len(label) > LONGEST_NAME or not label.isprintable():
+        msg = (
+            f'label of enrol must be a name of 1 to {LONGEST_NAME} printable characters; '
+            f'received {label[: 2 * LONGEST_NAME]!r}'
+        )
+        raise ValueError(msg)
+
+
+def window_of(pipeline: Pipeline) -> int:
+    """Frames of a press, as the config says.
+
+    Raises
+    ------
+    ValueError
+        If the sensor recognises no presses.
+    """
+    window = getattr(pipeline.config, 'window', None)
+    if window is None or not hasattr(pipeline.estimation, 'enrol'):
+        msg = f'{pipeline.sensor} learns no classes from presses'
+        raise ValueError(msg)
+    return int(window)

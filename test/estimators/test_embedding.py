@@ -1,0 +1,49 @@
+"""The shipped networks of [1]: hard case 14, and what they know."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactile_ros.evaluation.sources import load_source
+
+pytest.importorskip('onnxruntime')
+pronet = pytest.importorskip('tactile_ros.sensors.multipole_skin.pronet')
+ROOT = Path(__file__).resolve().parents[2]
+trials = load_source(ROOT / 'benchmarks' / 'worlds' / 'multipole_trials.py', 'this test')
+
+
+@pytest.mark.parametrize('what', pronet.TRAINED)
+def test_a_window_says_the_same_alone_and_among_others(what: str) -> None:
+    # batch norm in training mode would let queries into the features of others
+    rng = np.random.default_rng(0)
+    windows = 1e-4 * rng.normal(size=(7, 10, 60))
+    net = pronet.pronet(what)
+    together = net.features(windows)
+    assert together.shape == (7, 320)
+    alone = np.concatenate([net.features(one[None]) for one in windows])
+    np.testing.assert_allclose(alone, together, rtol=1e-4, atol=1e-5)
+
+
+def test_what_is_not_trained_is_refused() -> None:
+    with pytest.raises(ValueError, match='shapes, postures'):
+        pronet.pronet('mugs')
+
+
+def test_files_are_small() -> None:
+    folder = ROOT / 'tactile_ros' / 'sensors' / 'multipole_skin'
+    assert sum(path.stat().st_size for path in folder.glob('*.onnx')) < 1_000_000
+
+
+def test_heads_at_a_held_out_place_are_told_from_five_presses() -> None:
+    world = trials.world_module()
+    _, held = trials.split_places(1)
+    some = trials.collection(
+        world.World(trials.SKIN), world.nine_heads()[1::2], world.stations()[held[:1]], 7,
+        trials.TAKEN,
+    )  # fmt: skip
+    features = pronet.pronet('shapes').features(some.windows)
+    right = trials.few_shot(features, some, 5, 4, 40, 0)
+    assert right > 0.7

@@ -1,0 +1,35 @@
+"""Prototypes of [1] and their loss: hard case 14."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactile_ros.estimators.prototypes import APART, Prototypes
+
+
+def test_the_nearest_mean_wins_not_the_farthest() -> None:
+    # eq. (3) as printed is a softmax of +d
+    features = np.array([[0.0, 0.0], [2.0, 0.0], [10.0, 10.0]])
+    found = Prototypes().fit(features, np.array([0, 0, 1]))
+    np.testing.assert_array_equal(found.means_, [[1.0, 0.0], [10.0, 10.0]])
+    assert found.predict(np.array([[2.0, 1.0], [8.0, 8.0]])).tolist() == [0, 1]
+
+
+def test_sums_of_hundreds_of_squares_do_not_underflow() -> None:
+    rng = np.random.default_rng(0)
+    means = 30 * rng.normal(size=(5, 320))
+    assert np.exp(-np.square(means[0] - means[1]).sum()) == 0.0
+    found = Prototypes().fit(means, np.arange(5))
+    asked = means + 5 * rng.normal(size=means.shape)
+    logarithm = found.log_probability(asked)
+    assert np.isfinite(logarithm).all()
+    np.testing.assert_allclose(np.exp(logarithm).sum(axis=1), 1.0)
+    assert found.predict(asked).tolist() == list(range(5))
+    # a query of the wrong class costs what it should, not infinity
+    assert 1e4 < found.loss(asked[:1], np.array([1])) < 1e7
+
+
+def test_prototypes_that_coincide_have_a_finite_loss() -> None:
+    found = Prototypes().fit(np.ones((2, 4)), np.array([0, 1]))
+    expected = np.log(2) + APART * 2  # each pair counts twice
+    np.testing.assert_allclose(found.loss(np.ones((1, 4)), np.array([0])), expected)

@@ -1,0 +1,293 @@
+"""The whole package on one page: aims, escaped labels, drawings, a real browser."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+from html import escape
+from html.parser import HTMLParser
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from tactile_ros.cli.main import main
+from tactile_ros.errors import MissingPackageError
+from tactile_ros.evaluation import browser
+from tactile_ros.evaluation.bench_files import gather, read_bench
+from tactile_ros.evaluation.benchmark import BenchResult, Row, over_seeds
+from tactile_ros.evaluation.drawing import standalone
+from tactile_ros.evaluation.package_report import headline, render_package
+from tactile_ros.evaluation.pareto import Method, contests, front, pareto
+from tactile_ros.evaluation.pictures import figure_page, write_figures
+from tactile_ros.evaluation.svg import Plot
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+HOSTILE = '<script>alert(1)</script> & "quotes" \'too\''
+try:
+    BROWSER = browser.find_browser()
+except MissingPackageError:
+    BROWSER = ''
+COMPARED = 'place, unseen points'
+
+
+def rows() -> list[Row]:
+    """Held and missed aims, three methods of one contest, figures without an aim."""
+    return [
+        Row('place: ridge', 'mm', 0.4, paper=0.5, peer=0.6, aim=0.5, us_single=60, us_batch=3,
+            spread=0.05, compared=COMPARED, method='ridge'),
+        Row('  kNN', 'mm', 0.7, us_single=20, compared=COMPARED, method='kNN'),
+        Row(f'  {HOSTILE}', 'mm', 0.9, us_single=90, compared=COMPARED, method=HOSTILE),
+        Row('frames used', '%', 99.88, 'high', aim=99.9),
+        Row('cells right', '%', 91.0, 'high', paper=95.0, aim=97.0),
+        Row('nothing was measured', '1', None, aim=1.0),
+    ]  # fmt: skip
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    """A folder with two results and a drawing."""
+    folder = tmp_path / 'results'
+    plot = Plot((0, 1), (0, 1), 'x', 'y', told=f'A map {HOSTILE}')
+    plot.line(np.array([0.0, 1.0]), np.array([0.0, 1.0]), 'line c0')
+    drawn = {'error_map': standalone(plot)}
+    pad = BenchResult('magnet_pad', 'tactile bench magnet_pad', [1, 2], rows(), [HOSTILE], drawn)
+    other = BenchResult('made_up', f'tactile bench {HOSTILE}', [0], rows()[4:])
+    for result in (pad, other):
+        result.write(folder)
+        result.draw(folder)
+    return folder
+
+
+class Checker(HTMLParser):
+    """Tags that were opened, and what they could fetch."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: set[str] = set()
+        self.fetched: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        self.fetched += [str(v) for k, v in attrs if k in ('src', 'href') or k.startswith('on')]
+
+
+def test_a_result_is_read_back_as_it_was_written(results: Path) -> None:
+    found = read_bench(results / 'magnet_pad.json')
+    assert found.result.rows == rows()
+    assert found.result.seed == [1, 2]
+    (picture,) = found.pictures
+    assert picture.name == 'error map'
+    assert picture.told == f'A map {HOSTILE}'
+    assert picture.size == (360, 270)
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        ('{"rows": [', 'is no result of a bench'),
+        ('[]', 'rows must be list; received NoneType'),
+        ('{"rows": [{"better": "low", "ours": "3"}]}', 'ours must be a number or null'),
+        ('{"rows": [{"better": "low", "ours": NaN}]}', 'ours must be a number or null'),
+        ('{"rows": [], "bench": 3}', 'bench must be str; received int'),
+        ('[' * 100_000, 'is no result of a bench'),
+    ],
+)
+def test_what_is_no_result_is_named_and_left_out(
+    text: str, words: str, results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (results / 'bad.json').write_text(text)
+    found, (problem,) = gather([results])
+    assert len(found) == 2
+    assert words in problem
+    assert main(['report', str(results)]) == 1
+    assert 'left out: ' in capsys.readouterr().err
+    assert escape(words) in (results / 'report.html').read_text()
+
+
+REPLAYED = {
+    'schema': 1,
+    'command': 'tactile replay a.mcap',
+    'environment': {'python': '3.11'},
+    'recordings': [
+        {
+            'recording': 'a.mcap',
+            'sensor': 'thumb',
+            'answers': [
+                {
+                    'estimator': 'ridge',
+                    'calibration': f'{name}.npz',
+                    'us_single': 50.0,
+                    'us_batch': None,
+                    'targets': {
+                        'position': {'unit': 'm', 'mean': 4e-4, 'rms': 5e-4},
+                        'force_z': {'unit': 'N', 'mean': 0.1, 'rms': error},
+                    },
+                }
+                for name, error in (('one', 0.2), ('two', 0.3))
+            ],
+        }
+    ],
+    'all': None,
+    'failed': {'b.mcap': f'b.mcap is no bag {HOSTILE}'},
+}
+
+
+def test_a_saved_replay_stands_beside_the_benches(results: Path) -> None:
+    (results / 'mine.json').write_text(json.dumps(REPLAYED))
+    found = read_bench(results / 'mine.json')
+    assert [row.what for row in found.result.rows][:2] == [
+        'a.mcap: position, ridge, one.npz',
+        'a.mcap: force z, ridge, one.npz',
+    ]
+    assert [row.ours for row in found.result.rows] == [0.4, 0.2, 0.4, 0.3]
+    assert [contest.title for contest in contests(found.result.rows)] == [
+        'a.mcap: position',
+        'a.mcap: force z',
+    ]
+    text = render_package(gather([results])[0], [], 'tactile report')
+    assert '<h2>replay mine</h2>' in text
+    assert f'left out: {escape(str(REPLAYED["failed"]["b.mcap"]))}' in text
+    assert '<script' not in text
+
+
+@pytest.mark.parametrize(
+    'broken', [{'recordings': 3}, {'recordings': [{'answers': 1}]}, {'failed': []}, {'command': 4}]
+)
+def test_a_broken_replay_is_named(broken: dict[str, object], results: Path) -> None:
+    (results / 'mine.json').write_text(json.dumps({**REPLAYED, **broken}))
+    found, problems = gather([results])
+    assert len(found) + len(problems) == 3
+    assert render_package(found, problems, 'tactile report')
+
+
+def test_without_results_there_is_one_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['report', str(tmp_path / 'none')]) == 1
+    (said,) = capsys.readouterr().err.splitlines()
+    assert 'none does not exist; `tactile bench all` makes results' in said
+    assert main(['report', str(tmp_path)]) == 1
+    assert f'{tmp_path} holds no result of a bench' in capsys.readouterr().err
+
+
+def test_the_command_prints_what_is_missed(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = results / 'new' / 'page.html'
+    assert main(['report', str(results), '-o', str(page), '--json']) == 0
+    other, pad = json.loads(capsys.readouterr().out)
+    assert (pad['figures'], pad['aims'], pad['held'], pad['missed']) == (6, 3, 1, 2)
+    assert other['what is missed'] == 'cells right'
+    assert page.is_file()
+
+
+def test_the_page_is_escaped_and_fetches_nothing(results: Path) -> None:
+    files, _ = gather([results])
+    text = render_package(files, [HOSTILE], f'tactile report {HOSTILE}')
+    checker = Checker()
+    checker.feed(text)
+    assert not {'script', 'link', 'iframe', 'object'} & checker.tags
+    assert '<script' not in text
+    assert all(v.startswith(('#bench-', 'data:image/svg+xml;base64,')) for v in checker.fetched)
+    assert len(checker.fetched) == 3
+    assert 'nan' not in re.sub(r'base64,[^"]*', '', text)
+
+
+def test_missed_aims_are_marked_and_held_ones_too(results: Path) -> None:
+    files, _ = gather([results])
+    text = render_package(files, [], 'tactile report')
+    assert text.count('✗ missed') == 3
+    assert '99.88 %' in text
+    assert text.count('✓ held') == 1
+    assert '0.4 ± 0.05' in text
+    assert text.index('[2] Magnet pad') < text.index('made up')
+    values = [(value, unit) for value, unit, _ in headline(files)]
+    assert values == [('1', 'of 4'), ('3', ''), ('1', 'of 3'), ('1', 'of 1')]
+
+
+def test_the_front_holds_whoever_nobody_beats_in_both() -> None:
+    methods = [Method('slow', 9, 1, 0), Method('bad', 10, 2, 0), Method('fast', 1, 3, 0)]
+    assert [m.name for m in front(methods)] == ['fast', 'slow']
+    (contest,) = contests(rows())
+    assert [m.name for m in contest.methods] == ['ridge', 'kNN', HOSTILE]
+    figure = pareto(contest)
+    assert figure.title == COMPARED
+    assert 'ridge errs least (0.4 mm) at 60 µs; kNN is fastest (20 µs)' in figure.caption
+    assert 'deviation over seeds' in figure.caption
+    assert 'nan' not in str(figure)
+    assert contests([*rows()[:1], *rows()[3:]]) == []
+
+
+def test_an_exact_method_stands_beside_a_logarithmic_axis() -> None:
+    made = [
+        Row(f'm{i}', 'uT', 1000.0**-i if i < 3 else 0.0, us_single=10.0**i, compared='c',
+            method=f'm{i}')
+        for i in range(4)
+    ]  # fmt: skip
+    (contest,) = contests(made)
+    figure = pareto(contest)
+    assert 'm3 errs least (0 uT)' in figure.caption
+    assert 'class="rule"' in figure.drawing
+    assert 'inf' not in figure.drawing
+
+
+def test_names_without_room_are_left_out_and_counted() -> None:
+    made = [
+        Row('x', 'mm', 1.0 + 1e-4 * i, us_single=10.0 + 1e-3 * i, compared='c', method='m' * 20)
+        for i in range(20)
+    ]
+    figure = pareto(contests(made)[0])
+    left = int(re.search(r'since they lie close: (\d+)', figure.caption)[1])
+    assert figure.drawing.count(f'>{"m" * 20}<') == 20 - left
+
+
+def test_deviation_over_seeds() -> None:
+    assert over_seeds([1.0]) is None
+    assert over_seeds([1.0, 3.0]) == pytest.approx(np.sqrt(2))
+
+
+def test_a_drawing_alone_fills_its_window() -> None:
+    page, (wide, high) = figure_page(pareto(contests(rows())[0]))
+    assert (wide, high) == (512, 428)
+    assert '<script' not in page
+    assert 'prefers-color-scheme: dark' not in page
+
+
+def test_without_a_browser_pictures_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('PATH', str(tmp_path))
+    with pytest.raises(MissingPackageError, match='install chromium'):
+        list(write_figures(tmp_path, [pareto(contests(rows())[0])]))
+
+
+@pytest.mark.skipif(not BROWSER, reason='chromium is not installed')
+def test_a_browser_shows_the_page_and_makes_pictures(results: Path, tmp_path: Path) -> None:
+    files, _ = gather([results])
+    probe = (
+        '<script>addEventListener("load",()=>{document.documentElement.dataset.seen='
+        '[document.documentElement.scrollWidth,innerWidth,'
+        '[...document.images].filter(i=>i.naturalWidth>0).length].join(" ")})</script>'
+    )
+    page = tmp_path / 'page.html'
+    page.write_text(
+        render_package(files, [], 'tactile report').replace('</body>', f'{probe}</body>'), 'utf-8'
+    )
+    command = [
+        BROWSER, *browser.FLAGS, '--enable-logging=stderr', f'--user-data-dir={tmp_path}/user',
+        '--window-size=390,900', '--dump-dom', page.as_uri(),
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    seen = re.search(r'data-seen="(\d+) (\d+) (\d+)"', done.stdout)
+    wide, window, images = map(int, seen.groups())
+    assert wide <= window
+    assert images == 1
+    assert 'CONSOLE' not in done.stderr
+    (picture,) = write_figures(tmp_path / 'png', [pareto(contests(rows())[0])])
+    head = picture.read_bytes()[:24]
+    assert head[:8] == b'\x89PNG\r\n\x1a\n'
+    assert (int.from_bytes(head[16:20], 'big'), int.from_bytes(head[20:], 'big')) == (1024, 856)

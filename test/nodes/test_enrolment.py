@@ -1,0 +1,267 @@
+"""Classes from presses over real DDS: learned, recognised, kept, refused, forgotten."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from tactile_ros.action import Enrol
+from tactile_ros.messages import fill_frame
+from tactile_ros.msg import TactileContacts, TactileFrame
+from tactile_ros.nodes import lifecycle, stack
+from tactile_ros.nodes.contact_node import ContactNode
+from tactile_ros.nodes.enrol_client import EnrolClient
+from tactile_ros.nodes.enrol_stage import Lesson
+from tactile_ros.nodes.quality import data, latched
+from tactile_ros.sensors import load_sensor
+from tactile_ros.srv import ForgetContact
+from test.reference import enrolled_skin
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from conftest import Ros
+
+    from tactile_ros.types import Recording
+
+SPEC = load_sensor('multipole_skin')
+WINDOW = SPEC.config().window  # type: ignore[attr-defined]
+
+
+class Hand(Node):
+    """Presses the skin: sends frames, asks for classes, and hears contacts."""
+
+    def __init__(self, presses: Recording) -> None:
+        super().__init__('hand')
+        self.contacts: list[TactileContacts] = []
+        self.calibrations: list[dict[str, object]] = []
+        self.told: list[Enrol.Feedback] = []
+        self.presses = presses
+        self.count = 0
+        self.frame = self.create_publisher(TactileFrame, 'frame', data())
+        self.create_subscription(TactileContacts, 'contacts', self.contacts.append, data())
+        self.create_subscription(
+            String, 'calibration', lambda m: self.calibrations.append(json.loads(m.data)),
+            latched(),
+        )  # fmt: skip
+        self.enrol = ActionClient(self, Enrol, 'contact_node/enrol')
+        self.forget = self.create_client(ForgetContact, 'contact_node/forget')
+
+    def send(self, values: np.ndarray) -> None:
+        """Publish rows as frames at 80 Hz."""
+        for row in values:
+            message = TactileFrame()
+            fill_frame(message, enrolled_skin.frame_of(self.count, row), 'palm')
+            self.frame.publish(message)
+            self.count += 1
+
+    def press(self, ros: Ros, number: int, scale: float = 1.0) -> None:
+        """One of the presses from rest to rest, heard to its end."""
+        self.send(enrolled_skin.press_of(self.presses, number, scale))
+        assert ros.until(lambda: len(self.contacts) == self.count)
+
+    def ask(self, ros: Ros, label: str, presses: int = 1, **more: object) -> object:
+        """Ask for a class; the goal is under way."""
+        assert ros.until(self.enrol.server_is_ready)
+        goal = Enrol.Goal(label=label, presses=presses, **{'timeout': 60.0, **more})
+        sent = self.enrol.send_goal_async(goal, lambda m: self.told.append(m.feedback))
+        assert ros.until(sent.done)
+        return sent.result()
+
+    def labels(self) -> list[int]:
+        """Answers so far."""
+        return [message.label for message in self.contacts if message.label >= 0]
+
+
+def result(ros: Ros, handle: object) -> object:
+    """Status and result of a goal."""
+    future = handle.get_result_async()
+    assert ros.until(future.done)
+    return future.result()
+
+
+@pytest.fixture(scope='session')
+def mugs() -> Recording:
+    """Presses of one head at one place."""
+    return enrolled_skin.new_head()
+
+
+@pytest.fixture(scope='session')
+def skin(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Calibration of a skin that knows five heads."""
+    path = tmp_path_factory.mktemp('skin') / 'skin.npz'
+    enrolled_skin.five_heads().save(path)
+    return path
+
+
+@pytest.fixture
+def calibration_file(skin: Path, tmp_path: Path) -> Path:
+    """A copy that may be written."""
+    path = tmp_path / 'own.npz'
+    path.write_bytes(skin.read_bytes())
+    return path
+
+
+@pytest.fixture
+def pair(ros: Ros, calibration_file: Path, mugs: Recording) -> tuple[ContactNode, Hand]:
+    """A calibrated contact_node that is heard, and the hand."""
+    ros.init('sensor:=multipole_skin', f'calibration:={calibration_file}', 'listeners:=1')
+    return connected(ros, mugs)
+
+
+def connected(ros: Ros, mugs: Recording) -> tuple[ContactNode, Hand]:
+    contact, hand = ros.add(ContactNode()), ros.add(Hand(mugs))
+    lifecycle.start([contact])
+    assert ros.until(lambda: hand.frame.get_subscription_count() and contact.is_heard())
+    return contact, hand
+
+
+def test_a_class_is_learned_recognised_kept_and_forgotten(
+    ros: Ros, pair: tuple[ContactNode, Hand], calibration_file: Path
+) -> None:
+    _, hand = pair
+    before = SPEC.load(calibration_file).digest
+    hand.press(ros, 0)
+    assert 5 not in hand.labels()
+    handle = hand.ask(ros, 'mug', 3)
+    for number in (1, 2, 3):
+        hand.press(ros, number)
+        assert ros.until(lambda n=number: len(hand.told) == n)
+    assert [feedback.presses for feedback in hand.told] == [1, 2, 3]
+    assert hand.told[0].message == 'press 1 of 3 taken'
+    ended = result(ros, handle)
+    assert ended.status == GoalStatus.STATUS_SUCCEEDED
+    assert (ended.result.success, ended.result.index) == (True, 5)
+    assert "'mug' learned from 3 presses; it takes 0 % of 47 known presses" in ended.result.message
+    hand.contacts.clear()
+    hand.count = 0  # a stream that begins anew
+    hand.press(ros, 4)
+    assert set(hand.labels()) == {5}
+    assert {m.label_name for m in hand.contacts if m.label == 5} == {'mug'}
+    # the file is what the stream goes on with, and a node that starts again knows the class
+    kept = SPEC.load(calibration_file)
+    assert kept.label_names[-1] == 'mug'
+    assert ros.until(lambda: len(hand.calibrations) == 2)
+    assert hand.calibrations[-1]['sha256'] == kept.digest
+    assert hand.calibrations[-1]['enrolled'] == 'mug'
+    assert len(hand.calibrations[-1]['presses']) == 3
+    answer = ros.call(hand.forget, ForgetContact.Request(label='mug'))
+    assert answer.success
+    assert SPEC.load(calibration_file).digest == before
+    hand.press(ros, 5)
+    assert ros.until(lambda: len(hand.calibrations) == 3)
+    assert hand.calibrations[-1]['sha256'] == before
+    assert 5 not in [m.label for m in hand.contacts[-60:]]
+    assert not ros.call(hand.forget, ForgetContact.Request(label='mug')).success
+
+
+def test_weak_and_clipped_presses_are_refused_and_say_so(
+    ros: Ros, pair: tuple[ContactNode, Hand]
+) -> None:
+    _, hand = pair
+    handle = hand.ask(ros, 'mug')
+    hand.press(ros, 1, scale=0.024)
+    hand.press(ros, 1, scale=40.0)
+    hand.press(ros, 2)
+    ended = result(ros, handle)
+    assert ended.result.success
+    assert ros.until(lambda: len(hand.told) == 3)
+    weak, clipped, good = hand.told
+    assert (weak.presses, clipped.presses, good.presses) == (0, 0, 1)
+    assert 'press harder' in weak.message
+    assert 'clipped or faulty: press less' in clipped.message
+
+
+def test_a_lesson_that_ends_early_leaves_everything_as_it_was(
+    ros: Ros, pair: tuple[ContactNode, Hand], calibration_file: Path
+) -> None:
+    contact, hand = pair
+    content = calibration_file.read_bytes()
+    handle = hand.ask(ros, 'mug', 3)
+    hand.press(ros, 0)
+    assert ros.until(lambda: len(hand.told) == 1)
+    busy = result(ros, hand.ask(ros, 'cup'))
+    assert busy.status == GoalStatus.STATUS_ABORTED
+    assert 'another class is being enrolled' in busy.result.message
+    cancelled = handle.cancel_goal_async()
+    assert ros.until(cancelled.done)
+    assert result(ros, handle).status == GoalStatus.STATUS_CANCELED
+    late = result(ros, hand.ask(ros, 'mug', 3, timeout=0.05))
+    assert "0 of 3 presses of 'mug' came within 0.05 s" in late.result.message
+    handle = hand.ask(ros, 'mug')
+    contact.trigger_deactivate()
+    ended = result(ros, handle)
+    assert ended.result.message == 'contact_node was deactivated'
+    assert calibration_file.read_bytes() == content
+    inactive = result(ros, hand.ask(ros, 'mug'))
+    assert 'activate it first' in inactive.result.message
+
+
+def test_the_client_of_the_command_line_hears_every_press_and_the_end(
+    ros: Ros, pair: tuple[ContactNode, Hand]
+) -> None:
+    _, hand = pair
+    client = EnrolClient()
+    told: list[tuple[int, str]] = []
+    try:
+        with ThreadPoolExecutor(1) as pool:
+
+            def answer(call: Callable[..., object], *arguments: object) -> object:
+                future = pool.submit(call, *arguments)
+                assert ros.until(future.done)
+                return future.result()
+
+            asked = pool.submit(client.enrol, Lesson('mug', 1), lambda *said: told.append(said))
+            number = iter(range(8))
+            # until one press fell wholly into the lesson
+            assert ros.until(lambda: asked.done() or hand.press(ros, next(number)))
+            assert asked.result().success
+            assert told == [(1, 'press 1 of 1 taken')]
+            assert answer(client.forget, 'mug') == (
+                True, "'mug' forgotten; classes are 0, 1, 2, 3, 4"
+            )  # fmt: skip
+            refused = answer(client.enrol, Lesson(' ', 1), print)
+            assert 'label of enrol must be a name' in refused.message
+    finally:
+        client.close()
+
+
+def test_without_a_file_nothing_is_learned(ros: Ros, mugs: Recording) -> None:
+    ros.init('sensor:=multipole_skin', 'listeners:=1')
+    _, hand = connected(ros, mugs)
+    ended = result(ros, hand.ask(ros, 'mug'))
+    assert 'needs a calibration file' in ended.result.message
+    assert not ros.call(hand.forget, ForgetContact.Request(label='mug')).success
+
+
+def test_one_answer_stands_on_the_last_frame_of_each_window_of_a_twin(
+    ros: Ros, skin: Path
+) -> None:
+    ros.init(
+        'sensor:=multipole_skin', f'calibration:={skin}', 'simulated:=true', 'transport:=serial',
+        'seed:=1', 'contact_node:listeners:=1',
+    )  # fmt: skip
+    contact, sensor = (ros.add(node) for node in stack.build())
+    listener = ros.add(Node('listener'))
+    heard: list[TactileContacts] = []
+    listener.create_subscription(TactileContacts, 'contacts', heard.append, data())
+    lifecycle.start([contact, sensor])
+    assert ros.until(lambda: sum(m.label >= 0 for m in heard) >= 8)
+    held = 0
+    for message in heard:
+        held = held + 1 if message.in_contact == 1 else 0
+        answered = message.label >= 0
+        assert not answered or held % WINDOW == 0, message.sequence
+        assert message.label_probability > 0 if answered else np.isnan(message.label_probability)
+    onsets = [m for m, n in pairwise(heard) if m.in_contact < n.in_contact]
+    assert onsets

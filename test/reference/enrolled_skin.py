@@ -1,0 +1,56 @@
+"""A multipole skin that knows five heads by a few presses of the twin, and a new head to learn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.presses import recorded
+from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors.multipole_skin.scene import NEW
+from tactile_ros.sensors.multipole_skin.signal import NOISE, Scene, layout
+from tactile_ros.types import Frame, Recording
+
+if TYPE_CHECKING:
+    from tactile_ros.pipeline import Pipeline
+
+SPEC = load_sensor('multipole_skin')
+RESTING = 12  # frames before and after a press
+PERIOD_NS = 12_500_000
+
+
+def five_heads() -> Pipeline:
+    """Pipeline that saw eight presses of the twin of seed 1, and has no drawing of the heads."""
+    config = replace(SPEC.config(), objects=())  # type: ignore[type-var]
+    train = SPEC.presses(config, 1).select(slice(0, 80 + 8 * 96))  # a rest first
+    known = {name: train.truth[name] for name in ('label', 'in_contact', 'repetition')}
+    return SPEC.pipeline(config).fit(replace(train, truth=known))
+
+
+def new_head(count: int = 8) -> Recording:
+    """Presses of one more head at one place."""
+    scene = Scene(replace(SPEC.config(), objects=(NEW,)), 5, count)  # type: ignore[type-var]
+    scene.yaws[:] = 0.3
+    place = np.tile(scene.programme.positions[:1], (count, 1))
+    scene.programme = replace(scene.programme, positions=place)
+    scene._rest, scene._changes = scene._pictures()
+    return recorded(
+        layout(scene.config), scene.programme, scene.reading, scene.truth, NOISE, seed=5
+    )
+
+
+def press_of(recording: Recording, number: int, scale: float = 1.0) -> np.ndarray:
+    """Readings of a press from rest to rest, so many times as strong."""
+    touched = recording.truth['in_contact'] == 1
+    mine = np.flatnonzero(touched & (recording.truth['repetition'] == number))
+    rows = np.arange(mine[0] - RESTING, mine[-1] + RESTING)
+    rest = recording.values[:20].mean(axis=0)
+    deep = np.where(touched[rows], scale, 1.0)[:, None, None]
+    return rest + deep * (recording.values[rows] - rest)
+
+
+def frame_of(count: int, values: np.ndarray) -> Frame:
+    """A frame of a stream at 80 Hz."""
+    return Frame(1_000_000_000 + PERIOD_NS * count, count, values)

@@ -1,0 +1,163 @@
+"""Commands and code of the pages: parsed by the commands' own parsers, the quick ones executed."""
+
+from __future__ import annotations
+
+import ast
+import doctest
+import importlib
+import json
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactile_ros.cli.design import sensor_parser
+from tactile_ros.cli.main import COMMANDS, main, parser
+from tactile_ros.sensors import designable, load_sensor
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted([ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *(ROOT / 'docs').glob('*.md')])
+FENCE = re.compile(r'^```(\w*)\n(.*?)^```$', re.DOTALL | re.MULTILINE)
+INLINE = re.compile(r'`(?:\.venv/bin/)?tactile ([a-z]+)([^`]*)`')
+FLAG = re.compile(r'(?<!\S)--[a-z][a-z-]*')
+LINK = re.compile(r'\]\(([^)#:\s]+)(?:#[^)]*)?\)')
+# of other programs, and of pages that describe another machine
+FOREIGN = ('export', 'sudo', 'rosdep', 'colcon', 'rviz2', 'git', 'pip', 'source', 'arduino-cli')
+LAUNCHERS = ('graph', 'grasp_graph', 'launching')
+QUICK = (
+    'tactile list --json',
+    'tactile doctor --sensor gradiometer --simulated --seconds 0.2 --json',
+    'tactile design gradiometer --json',
+)
+
+
+def blocks(page: Path) -> list[tuple[str, str]]:
+    """Fenced blocks of a page: language and text."""
+    return FENCE.findall(page.read_text())
+
+
+def lines(page: Path) -> list[str]:
+    """Commands of a page's blocks, continued lines joined, comments left out."""
+    found = []
+    for language, text in blocks(page):
+        if language in ('', 'bash', 'sh', 'console'):
+            joined = re.sub(r'\\\n\s*', '', text)
+            found += [line.split(' # ')[0].strip() for line in joined.splitlines()]
+    commands = [line.removeprefix('$ ').removeprefix('.venv/bin/') for line in found]
+    return [line for line in commands if re.match(r'(tactile|ros2|make) ', line)]
+
+
+COMMAND_LINES = [(page.name, line) for page in PAGES for line in lines(page)]
+
+
+def examples() -> list[str]:
+    """Examples of every command's --help."""
+    found = []
+    for name in COMMANDS:
+        text = importlib.import_module(f'tactile_ros.cli.{name}').__doc__ or ''
+        _, _, below = text.partition('example:\n')
+        assert below.strip(), f'tactile {name} --help has no example'
+        found += [line.strip() for line in below.splitlines() if line.strip()]
+    return found
+
+
+def parse(line: str) -> None:
+    """Let the command's own parser take a line; it ends the test where it does not."""
+    words = shlex.split(line.split(' | ', maxsplit=1)[0])[1:]
+    try:
+        options = parser().parse_args(words)
+        if options.command == 'design' and options.sensor in designable():
+            spec = load_sensor(options.sensor)
+            sensor_parser(spec, spec.design()).parse_args(options.rest)
+    except SystemExit as stop:
+        if stop.code:
+            pytest.fail(f'{line} is refused')
+
+
+def test_there_are_commands_to_look_at() -> None:
+    names = {line.split()[1] for _, line in COMMAND_LINES if line.startswith('tactile')}
+    assert names >= {'list', 'doctor', 'calibrate', 'replay', 'report', 'view', 'bench', 'demo'}
+
+
+@pytest.mark.parametrize(('page', 'line'), COMMAND_LINES, ids=lambda text: text.replace('/', '|'))
+def test_commands_of_the_pages_are_taken(page: str, line: str) -> None:
+    first, second, *rest = line.split()
+    if first == 'tactile':
+        parse(line)
+    elif first == 'make':
+        targets = re.findall(r'^([a-z-]+):', (ROOT / 'Makefile').read_text(), re.MULTILINE)
+        assert second in targets, page
+    elif second == 'launch' and rest[0] == 'tactile_ros':
+        launched(rest[1], rest[2:])
+    elif second == 'run' and rest[0] == 'tactile_ros':
+        executables = re.search(r'set\(executables (.*?)\)', (ROOT / 'CMakeLists.txt').read_text())
+        assert rest[1] in executables[1].split(), page
+
+
+def launched(name: str, arguments: list[str]) -> None:
+    """A launch file is there and knows its arguments."""
+    places = [ROOT / 'launch' / name]
+    places += [ROOT / 'tactile_ros' / 'nodes' / f'{stem}.py' for stem in LAUNCHERS]
+    text = '\n'.join(path.read_text() for path in places)
+    for argument in arguments:
+        if ':=' in argument:
+            word = argument.split(':=')[0]
+            assert re.search(rf'\b{word}\b', text), f'{name} does not know {word}'
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda path: path.name)
+def test_commands_in_the_text_have_these_options(page: Path) -> None:
+    for name, rest in INLINE.findall(page.read_text()):
+        assert name in COMMANDS, f'{page.name}: tactile {name}'
+        known = parser()._subparsers._group_actions[0].choices[name]._option_string_actions
+        if name != 'design':
+            assert set(FLAG.findall(rest)) <= set(known), f'{page.name}: tactile {name}{rest}'
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda path: path.name)
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in LINK.findall(page.read_text()):
+        assert (page.parent / target).exists(), f'{page.name} links to {target}'
+
+
+@pytest.mark.parametrize('line', examples())
+def test_examples_of_help_are_taken(line: str) -> None:
+    assert line.startswith('tactile ')
+    parse(line)
+
+
+@pytest.mark.parametrize('line', QUICK)
+def test_quick_commands_run(line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(shlex.split(line)[1:]) == 0
+    assert json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda path: path.name)
+def test_python_of_the_pages_compiles_and_imports(page: Path) -> None:
+    for language, text in blocks(page):
+        if language != 'python':
+            continue
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.ImportFrom) and (node.module or '').startswith('tactile_ros'):
+                if 'pinch_pad' in node.module:  # made on that page
+                    continue
+                module = importlib.import_module(node.module)
+                assert all(hasattr(module, alias.name) for alias in node.names), page.name
+
+
+def test_the_method_of_the_page_is_one() -> None:
+    ((_, text),) = [b for b in blocks(ROOT / 'docs' / 'adding_a_method.md') if b[0] == 'python']
+    made: dict[str, object] = {'__name__': 'mean_of_all'}
+    exec(compile(text, 'mean_of_all.py', 'exec'), made)
+    method = made['MeanOfAll']
+    tests = doctest.DocTestFinder().find(method, 'MeanOfAll', globs=made)
+    flags = doctest.NORMALIZE_WHITESPACE
+    assert sum(doctest.DocTestRunner(optionflags=flags).run(t).failed for t in tests) == 0
+    x = np.arange(8.0)[:, None]
+    y = np.column_stack([x, 2 * x])
+    x[3] = np.nan
+    said = method().fit(x, y).predict(x)
+    assert np.isnan(said[3]).all()
+    assert np.allclose(said[0], np.delete(y, 3, axis=0).mean(axis=0))

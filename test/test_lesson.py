@@ -1,0 +1,110 @@
+"""Presses in a stream: where they begin and end, what is kept of them, what a class may cost."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from tactile_ros.lesson import LONGEST, PressWatch, learn, recording_of, window_of
+from tactile_ros.sensors import load_sensor
+from tactile_ros.types import Frame, Layout
+from test.reference import enrolled_skin
+
+if TYPE_CHECKING:
+    from tactile_ros.lesson import Press
+
+LAYOUT = Layout(np.zeros((2, 3)), ('Bx', 'By', 'Bz'), 'T')
+BASE = np.full((2, 3), 5.0)
+
+
+def watched(contact: list[int], size: list[float], window: int = 3) -> list[tuple[int, Press]]:
+    """Presses with the frame at which each ended."""
+    watch = PressWatch(window)
+    found = []
+    for i, (touch, far) in enumerate(zip(contact, size, strict=True)):
+        press = watch(Frame(10 * i, i, BASE + far), touch, BASE)
+        found += [(i, press)] if press is not None else []
+    return found
+
+
+def test_a_press_ends_with_its_release_and_keeps_its_strongest_window() -> None:
+    found = watched([0, 1, 1, 1, 1, 1, 1, 0, 0], [0, 1, 2, 4, 9, 5, 1, 0, 0])
+    assert [end for end, _ in found] == [7]
+    assert [frame.sequence for frame in found[0][1].frames] == [3, 4, 5]
+
+
+def test_what_began_before_anybody_watched_is_no_press() -> None:
+    assert watched([1, 1, 1, 1, 0, 0], [1] * 6) == []
+    assert len(watched([1, 1, 0, 1, 1, 1, 0], [1] * 7)) == 1
+
+
+def test_a_press_that_is_held_counts_after_a_while_and_once() -> None:
+    frames = 2 * LONGEST * 3
+    found = watched([0] + [1] * frames + [0], [1.0] * (frames + 2))
+    assert [end for end, _ in found] == [LONGEST * 3]
+
+
+def test_frames_that_nobody_can_judge_belong_to_the_press() -> None:
+    nan = float('nan')
+    clipped = watched([0, 1, -1, -1, -1, 1, 0], [0, 1, 9, 9, 9, 1, 0])
+    assert [frame.sequence for frame in clipped[0][1].frames] == [2, 3, 4]
+    # all of it clipped is a press too, a single bad reading at rest is none
+    assert len(watched([0, -1, -1, -1, 0], [0, nan, nan, nan, 0])) == 1
+    assert watched([0, -1, 0, 0], [0, nan, 0, 0]) == []
+
+
+def test_contact_that_flickers_is_no_press() -> None:
+    contact = [0, 1, 0, 1, 1, 1, 1, 1, 1, 0, 1, 0, 0]
+    found = watched(contact, [1.0] * len(contact), window=4)
+    assert [end for end, _ in found] == [9]
+
+
+def test_each_press_is_a_stream_after_its_baseline() -> None:
+    presses = [press for _, press in watched([0, 1, 1, 1, 0, 1, 1, 1, 0], [0, 1, 2, 3] * 2 + [0])]
+    made = recording_of(LAYOUT, presses)
+    assert made.tare is not None
+    assert made.tare.tolist() == [True, False, False, False] * 2
+    assert made.stream is not None
+    assert made.stream.tolist() == [0] * 4 + [1] * 4
+    np.testing.assert_array_equal(made.values[made.tare], [BASE, BASE])
+
+
+def test_sensors_without_classes_learn_none() -> None:
+    with pytest.raises(ValueError, match='learns no classes'):
+        window_of(load_sensor('gradiometer').pipeline())
+
+
+def test_a_class_that_would_cost_too_much_is_refused_and_a_cheap_one_stated() -> None:
+    pipeline = enrolled_skin.five_heads()
+    before = pipeline.digest
+    presses = enrolled_skin.new_head().select(slice(0, 80 + 3 * 96))
+    said = learn(pipeline, 'mug', presses)
+    assert "'mug' learned from 18 presses; it takes 0 % of 47 known presses" in said
+    stated = pipeline.report['enrolled mug']
+    assert 0 < stated['known_presses_lost_at_most'] < 0.1
+    assert np.isnan(stated['heads_alike'])  # none is drawn
+    pipeline.forget('mug')
+    assert pipeline.digest == before
+    # presses of heads that are known already, under another name
+    known = enrolled_skin.SPEC.presses(pipeline.config, 1).select(slice(0, 80 + 8 * 96))
+    with pytest.raises(ValueError, match='must take at most 5 % of the known presses; it takes'):
+        learn(pipeline, 'again', known)
+
+
+def test_known_classes_keep_what_was_stated() -> None:
+    # other presses of the known heads at their places, in other noise, before and after
+    pipeline = enrolled_skin.five_heads()
+    rows = slice(0, 80 + 8 * 96)
+    config = pipeline.config
+    test = enrolled_skin.SPEC.presses(config, 1, noise=0.0).select(rows)
+    noisy = test.values + 4e-6 * np.random.default_rng(9).normal(size=test.values.shape)
+    test.values[:] = noisy
+    before = pipeline.process_batch(test).label
+    learn(pipeline, 'mug', enrolled_skin.new_head().select(slice(0, 80 + 3 * 96)))
+    after = pipeline.process_batch(test).label
+    named = before >= 0
+    assert named.sum() > 30
+    lost = float((after[named] == len(pipeline.label_names) - 1).mean())
+    assert lost <= pipeline.report['enrolled mug']['known_presses_lost_at_most']
