@@ -141,7 +141,7 @@ def split_cycles(recording: Recording, first: int) -> tuple[Recording, Recording
 def run(options: argparse.Namespace) -> int:
     """Calibrate, play, record, replay, report."""
     if options.what == 'grasp':
-        return run_grasps(options.output.resolve(), options.seed)
+        return run_grasps(options.output.resolve(), options.seed, options.json)
     spec = load_sensor(options.sensor)
     output = options.output.resolve()
     clear(output)

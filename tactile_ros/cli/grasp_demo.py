@@ -7,7 +7,7 @@ import time
 from typing import TYPE_CHECKING
 
 from tactile_ros.cli import bench
-from tactile_ros.cli.table import show
+from tactile_ros.cli.table import show, show_json
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.benchmark import COLUMNS, BenchResult
 from tactile_ros.evaluation.sources import load_source
@@ -26,7 +26,7 @@ def films() -> dict[str, Film]:
     }
 
 
-def run_grasps(output: Path, seed: int) -> int:
+def run_grasps(output: Path, seed: int, as_json: bool = False) -> int:
     """Run the scenes, print their figures, write plots and films.
 
     Parameters
@@ -35,6 +35,8 @@ def run_grasps(output: Path, seed: int) -> int:
         Folder of the plots and films.
     seed : int
         Of poses, loads and noise.
+    as_json : bool
+        Print the table as JSON; all else goes to standard error.
 
     Returns
     -------
@@ -59,15 +61,20 @@ def run_grasps(output: Path, seed: int) -> int:
     found = scenes.run('quick', seed, made)
     command = f'tactile demo grasp --seed {seed}'
     result = BenchResult('grasp', command, [seed], found.rows, found.notes, found.drawings)
-    show(COLUMNS, [row.cells() for row in result.rows], title=f'grasp: {command}')
+    cells, aside = [row.cells() for row in result.rows], sys.stdout
+    if as_json:
+        show_json(COLUMNS, cells)
+        aside = sys.stderr
+    else:
+        show(COLUMNS, cells, title=f'grasp: {command}')
     for note in result.notes:
-        print(f'  {note}')
+        print(f'  {note}', file=aside)
     output.mkdir(parents=True, exist_ok=True)
     for path in result.draw(output):
-        print(f'  drawn: {path}')
+        print(f'  drawn: {path}', file=aside)
     for name, film in made.items():
-        print(f'  filmed: {film.save(output / f"grasp_{name}.gif")}')
+        print(f'  filmed: {film.save(output / f"grasp_{name}.gif")}', file=aside)
     if sentence:
-        print(f'  no films: {sentence}')
-    print(f'  {time.perf_counter() - began:.0f} s')
+        print(f'  no films: {sentence}', file=aside)
+    print(f'  {time.perf_counter() - began:.0f} s', file=aside)
     return 0
