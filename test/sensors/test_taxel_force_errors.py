@@ -1,0 +1,45 @@
+"""Errors of forces and of their sum, measured where they were put in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_ros.conditioning.equilibration import Equilibration
+from tactile_ros.sensors.taxel_array.force_errors import (
+    LEVELS,
+    force_errors,
+    largest_forces,
+    shared_part,
+)
+
+ROWS, TAXELS, LOUD = 4000, 40, 0.6
+
+
+def test_what_taxels_share_is_found_at_the_loads_where_they_do() -> None:
+    rng = np.random.default_rng(5)
+    force = np.repeat(rng.uniform(0.02, 3.0, (ROWS, 1)), TAXELS, axis=1)
+    law = Equilibration('polynomial').fit(force / 4, force, np.arange(ROWS))
+    most = largest_forces(law)
+    assert most == pytest.approx(3.0, rel=1e-2)
+    own = 3e-3 * force * rng.normal(size=force.shape)
+    alike = np.where(force > LOUD * 3.0, 2e-3, 0.0) * force * rng.normal(size=(ROWS, 1))
+    found = force_errors(own + alike, force, law, 0.25)
+    loud = LEVELS >= LOUD
+    assert found.own[:-1][~loud] == pytest.approx(3e-3, rel=0.03)
+    assert found.alike[1:][loud] == pytest.approx(2e-3, rel=0.15)
+    assert (found.alike[:-1][~loud] < 3e-4).all()
+    level = np.searchsorted(LEVELS, force / most)
+    variance = np.square(found.own[level] * force).sum(axis=1)
+    variance += np.square(shared_part(force, level, found.alike) * force.sum(axis=1))
+    inside = np.square((own + alike).sum(axis=1)) < variance
+    for part in (force[:, 0] < LOUD * 3.0, force[:, 0] > LOUD * 3.0):
+        assert inside[part].mean() == pytest.approx(0.683, abs=0.04)
+
+
+def test_rows_of_one_taxel_tell_nothing_that_taxels_share() -> None:
+    force = np.where(np.eye(6, dtype=bool)[np.arange(60) % 6], 1.0, 0.0)
+    law = Equilibration('polynomial').fit(force / 4, force, np.arange(60))
+    found = force_errors(0.01 * force, force, law, 0.25)
+    assert (found.alike == 0).all()
+    assert found.own == pytest.approx(0.01 * np.sqrt((1 + 0.2) / (1 - 0.2)))
