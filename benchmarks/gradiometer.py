@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 MANY = {'quick': 1000, 'normal': 13_000, 'full': 13_000}
 SPECIMENS = {'quick': (11,), 'normal': tuple(range(11, 19)), 'full': tuple(range(11, 27))}
+WARM = {'quick': 300, 'normal': 1000, 'full': 1000}
 MAGNETS, BESIDE = 24, 40  # of each specimen, and presses beside each
 WORLD = Path(__file__).resolve().parents[1] / 'test' / 'reference' / 'gradiometer_world.py'
 SENSOR = load_sensor('gradiometer')
@@ -230,26 +231,27 @@ def magnetometers(
     return rows
 
 
-def warmth(module: ModuleType) -> tuple[list[Row], str]:
+def warmth(module: ModuleType, extent: str) -> tuple[list[Row], str]:
     """0 to 50 C against one temperature, and figure 9 of [3]."""
-    world = module.World(11)
-    cold = rms(errors(SENSOR.pipeline(world.config).fit(world.record(1000, 4)),
-                      world.record(1000, 5), world.rest)[0])  # fmt: skip
-    rows = []
+    world, count = module.World(11), WARM[extent]
     scenes = {
         'disc as warm as the chip': module.Scene(span=50.0),
         'disc lags behind': module.Scene(span=50.0, ramp_s=600.0),
     }
+    blind = SENSOR.pipeline(world.config).fit(world.record(count, 4))
+    cold = rms(errors(blind, world.record(1000, 5), world.rest)[0])
+    fits = {
+        name: SENSOR.pipeline(world.config).fit(world.record(count, 4, scene))
+        for name, scene in scenes.items()
+    }
+    rows = []
     for name, scene in scenes.items():
-        warm = SENSOR.pipeline(world.config).fit(world.record(1000, 4, scene))
-        hot = rms(errors(warm, world.record(1000, 5, scene), world.rest)[0])
+        hot = rms(errors(fits[name], world.record(1000, 5, scene), world.rest)[0])
         ratio = float((hot / cold).max())
         rows.append(Row(f'0..50 C over isothermal, {name}', '1', ratio, aim=1.5))
-    scene = scenes['disc as warm as the chip']
-    many, test = world.record(3000, 4, scene), world.record(1000, 5, scene)
-    blind = SENSOR.pipeline(world.config).fit(world.record(1000, 4))
+    good, scene = next(iter(fits.values())), next(iter(scenes.values()))
+    many, test = world.record(3 * count, 4, scene), world.record(1000, 5, scene)
     chain = SENSOR.pipeline(world.config, 'polynomial').fit(many)
-    good = SENSOR.pipeline(world.config).fit(world.record(1000, 4, scene))
     found = {'not compensated': blind, 'alpha and beta of [3], fitted': chain, 'ours': good}
     said = {}
     for name, pipeline in found.items():
@@ -439,7 +441,7 @@ def run(extent: str, command: str) -> BenchResult:
     ours = SENSOR.pipeline(world.config).fit(world.record(300, 1))
     rows = accuracy(world, ours, extent)
     ranges, noise = table_one(module)
-    thermal, drift = warmth(module)
+    thermal, drift = warmth(module, extent)
     rows += [*ranges, *leaks(world, module, ours), *thermal]
     rows += [*surroundings(module, extent), *cost(ours, world)]
     notes = [

@@ -15,21 +15,26 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.control import GripConfig, GripForce, GripPhase, qb_softhand
+from tactile_ros.errors import MissingPackageError
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
+from tactile_ros.simulation.engine import load_engine
 from tactile_ros.types import Array, Bools, Integers
 
 if TYPE_CHECKING:
     from types import ModuleType
+
+    from worlds.grasp_scenes import Found
 
     from tactile_ros.types import Recording
 
 WORLD = Path(__file__).parents[1] / 'test' / 'reference' / 'grip_world.py'
 FAULTS = Path(__file__).parent / 'worlds' / 'grip_faults.py'
 LOAD_WORLD = WORLD.with_name('load_world.py')
-SEEDS = {'quick': 2, 'normal': 10, 'full': 40}
-LOADS = {'quick': 5, 'normal': 100, 'full': 200}  # of either kind
+SCENES = Path(__file__).parent / 'worlds' / 'grasp_scenes.py'
+SEEDS = {'quick': 1, 'normal': 10, 'full': 40}
+LOADS = {'quick': 2, 'normal': 100, 'full': 200}  # of either kind
 FOLDS, LENGTH, TARE = 5, 300, 10
 SIGMAS = 5.0  # of rest, beyond which a pull has begun
 TARGET = 2.0  # N
@@ -80,7 +85,22 @@ def run(extent: str, command: str) -> BenchResult:
         'without dynamics. Doubled: from the same start as the adaptive grip, at slips alone.',
         *reactions,
     ]
-    return BenchResult('grasp', command, seeds, rows, notes)
+    scenes = _scenes(extent)
+    return BenchResult(
+        'grasp', command, seeds, rows + scenes.rows, notes + scenes.notes, scenes.drawings
+    )
+
+
+def _scenes(extent: str) -> Found:
+    """Scenes of MuJoCo, where it is installed."""
+    module = load_source(SCENES, 'bench grasp')
+    if extent == 'quick':
+        return module.Found(notes=['quick: scenes of MuJoCo are left out'])
+    try:
+        load_engine()
+    except MissingPackageError as error:
+        return module.Found(notes=[f'Scenes are left out: {error}.'])
+    return module.run(extent)
 
 
 def _slip_rows(seeds: list[int]) -> list[Row]:

@@ -26,7 +26,7 @@ from tactile_ros.nodes.processes import Running
 from tactile_ros.presses import playing
 from tactile_ros.sensors import load_sensor
 
-SECONDS = {'quick': 10.0, 'normal': 35.0, 'full': 120.0}
+SECONDS = {'quick': 3.0, 'normal': 35.0, 'full': 120.0}
 RATE_HZ = 100.0
 SPEC = load_sensor('multipole_skin')
 CORE_AIM = 25.0

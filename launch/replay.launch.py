@@ -8,64 +8,39 @@ the tares of the bag are not repeated: call contact_node/tare where the bag is a
 
 from __future__ import annotations
 
-from launch.actions import (
-    DeclareLaunchArgument,
-    ExecuteProcess,
-    OpaqueFunction,
-    RegisterEventHandler,
-    Shutdown,
-)
+from launch.actions import ExecuteProcess, OpaqueFunction, RegisterEventHandler, Shutdown
 from launch.event_handlers import OnProcessExit
 from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
-from tactile_ros.nodes.graph import PACKAGE
+from tactile_ros.nodes.launching import TRUE_OR_FALSE, chosen, declared, node_of
+from tactile_ros.nodes.replay_graph import Playing, replaying
 from tactile_ros.sensors import list_sensors
 
-ARGUMENTS: dict[str, tuple[str | None, str]] = {
-    'bag': (None, 'folder of the bag'),
-    'calibration': ('', 'calibration file (.npz); empty: contacts say NOT_CALIBRATED'),
-    'namespace': ('', 'namespace of the sensor in the bag'),
-    'rate': ('1.0', 'played time: recorded time divided by this'),
-    'params_file': ('', 'YAML file of parameters; empty: none'),
+DEFAULTS = Playing()
+# of Playing: what it means, and what it may be
+ARGUMENTS: dict[str, tuple[str, list[str] | None]] = {
+    'bag': ('folder of the bag', None),
+    'calibration': ('calibration file (.npz); empty: contacts say NOT_CALIBRATED', None),
+    'sensor': ('key of the sensor', list_sensors()),
+    'namespace': ('namespace of the sensor in the bag', None),
+    'rate': ('recorded time over played time', None),
+    'delay': ('time before the first message (s), in which the node gets ready', None),
+    'params_file': ('YAML file of parameters; empty: none', None),
+    'autostart': ('configure and activate the node at start', TRUE_OR_FALSE),
 }
 
 
 def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     """contact_node and the player of the bag, which ends everything when it ends."""
-    value = {name: LaunchConfiguration(name).perform(context) for name in (*ARGUMENTS, 'sensor')}
-    space = value['namespace'].strip('/')
-    topics = [f'/{space}/{name}'.replace('//', '/') for name in ('frame', 'layout')]
-    files = [value['params_file']] if value['params_file'] else []
-    chosen = {name: value[name] for name in ('sensor', 'calibration')}
-    contact = Node(
-        package=PACKAGE,
-        executable='contact_node',
-        namespace=space,
-        parameters=[*files, {**chosen, 'use_sim_time': True}],
-        output='screen',
-    )
-    bag = ['ros2', 'bag', 'play', value['bag'], '--clock', '--rate', value['rate']]
-    player = ExecuteProcess(cmd=[*bag, '--topics', *topics], output='screen')
+    choice = chosen(context, DEFAULTS)
+    level = LaunchConfiguration('log_level').perform(context)
+    (contact,) = [node_of(process, level) for process in replaying(choice).processes]
+    player = ExecuteProcess(cmd=choice.command(), output='screen')
     ended = OnProcessExit(target_action=player, on_exit=[Shutdown(reason='the bag is over')])
     return [contact, player, RegisterEventHandler(ended)]
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Arguments, then the nodes."""
-    declared = [
-        DeclareLaunchArgument(
-            name,
-            description=description,
-            **({} if default is None else {'default_value': default}),
-        )
-        for name, (default, description) in ARGUMENTS.items()
-    ]
-    keys = list_sensors()
-    declared.append(
-        DeclareLaunchArgument(
-            'sensor', default_value=keys[0], description='key of the sensor', choices=keys
-        )
-    )
-    return LaunchDescription([*declared, OpaqueFunction(function=start)])
+    """Arguments, then the graph."""
+    return LaunchDescription([*declared(DEFAULTS, ARGUMENTS), OpaqueFunction(function=start)])

@@ -78,27 +78,19 @@ class Pipeline:
 
     def reset(self) -> None:
         """Forget the stream's state; the baseline of the last tare or fit stays."""
-        self._stream = self._begin()
-
-    def _begin(self) -> Stream:
-        return Stream(self._tracker(), self.estimation.start())
+        self._stream = Stream(self._tracker(), self.estimation.start())
 
     def _tracker(self) -> BaselineTracker:
         return BaselineTracker(self.rest_.baseline, self._tracking())
 
     def tare(self, frames: Sequence[Frame]) -> None:
-        """Replace the baseline by the mean of resting frames.
+        """Replace the baseline by the mean of resting frames; a ValueError leaves it as it was.
 
         Parameters
         ----------
         frames : sequence of Frame
-            At least one, of this sensor's shape; NaN and unusable taxels are left out.
-
-        Raises
-        ------
-        ValueError
-            If there is no frame, a shape differs, no taxel was read, or the pipeline was fitted
-            without a baseline; the baseline in use stays.
+            At least one, of this sensor's shape, with a taxel that was read; NaN and unusable
+            taxels are left out. A pipeline fitted without a baseline takes none.
         """
         if not self.rest_.tared:
             msg = (
@@ -134,22 +126,42 @@ class Pipeline:
         -------
         ContactState
             The same numbers as `process_batch` gives for the stream.
-
-        Raises
-        ------
-        ValueError
-            If the frame's shape differs from the layout.
         """
         truth.refuse_other_shape(self.sensor, self.layout, np.shape(frame.values))
         usable, bits, chips = frame_readings(frame, self.layout, self.estimation)
         usable, bits = set_aside(usable, bits, self.rest_.dead)
-        if self._stream.is_over(frame.stamp_ns):
+        stamp_ns = None if frame.stamp_ns is None else np.array([frame.stamp_ns], np.int64)
+        known = self._follow(usable, bits, chips, stamp_ns)
+        return ContactState.assemble(bits.shape[1], known)
+
+    def process_next(self, recording: Recording) -> ContactStates:
+        """Estimate from the next frames of the stream, many at once.
+
+        Parameters
+        ----------
+        recording : Recording
+            One frame or more of one stream; what it tells of streams and tares is not heeded.
+
+        Returns
+        -------
+        ContactStates
+            The same numbers as `process` gives for them one by one.
+        """
+        truth.refuse_foreign(self.sensor, self.layout, recording)
+        usable, bits = self._readings(recording)
+        known = self._follow(usable, bits, recording.temperature_c, recording.stamp_ns)
+        return ContactStates.assemble(len(recording), bits.shape[1], known)
+
+    def _follow(
+        self, usable: Array, bits: Bytes, chips: Array | None, stamp_ns: Integers | None
+    ) -> Columns:
+        """State attributes of the next frames of the stream, a new one if time went back."""
+        if self._stream.is_over(stamp_ns):
             self.reset()
-        stamp_ns, restart = self._stream.admit(frame.stamp_ns)
+        restart = self._stream.admit(stamp_ns, len(bits))
         base = self._stream.tracker(usable, stamp_ns)
         signals = self._signals(usable, bits, base, chips, stamp_ns, restart)
-        known = self._estimate(signals, bits, self._stream)
-        return ContactState.assemble(bits.shape[1], known)
+        return self._estimate(signals, bits, self._stream)
 
     def process_batch(self, recording: Recording) -> ContactStates:
         """Estimate from every frame of a recording, starting from `reset()`.
@@ -163,16 +175,12 @@ class Pipeline:
         -------
         ContactStates
             One row per row of the recording.
-
-        Raises
-        ------
-        ValueError
-            If the shape, the unit or a channel differs from the layout.
         """
         truth.refuse_foreign(self.sensor, self.layout, recording)
         usable, bits = self._readings(recording)
         signals = self._conditioned_rows(recording, usable, bits)
-        known = self._estimate(signals, bits, self._begin())
+        stream = Stream(self._tracker(), self.estimation.start())
+        known = self._estimate(signals, bits, stream)
         return ContactStates.assemble(len(recording), bits.shape[1], known)
 
     def _readings(self, recording: Recording) -> tuple[Array, Bytes]:
@@ -234,11 +242,6 @@ class Pipeline:
         -------
         Pipeline
             Itself.
-
-        Raises
-        ------
-        ValueError
-            If there is no recording, or a shape, a unit or a channel differs.
         """
         truth.refuse_foreign(self.sensor, self.layout, *recordings)
         joined = truth.join(recordings)
@@ -264,7 +267,7 @@ class Pipeline:
         return self
 
     def _whole_rows(self, joined: Recording, usable: Array, bits: Bytes) -> Signals:
-        """Conditioned frames, of which those without a baseline are not to be learned from."""
+        """Conditioned frames; those without a baseline are not to be learned from."""
         signals = self._conditioned_rows(joined, usable, bits)
         whole = ~np.isnan(signals.delta).any(axis=(1, 2))
         return replace(signals, good=signals.good & whole)
@@ -324,10 +327,7 @@ class Pipeline:
     def load(cls, path: str | Path, sensor: str, classes: Mapping[str, type]) -> Pipeline:
         """Read a calibration of `sensor`, building only objects of `classes`.
 
-        Raises
-        ------
-        CalibrationError
-            If the file is damaged, hostile, of another sensor, version or shape.
+        Raises CalibrationError if it is damaged, hostile, of another sensor, version or shape.
         """
         pipeline = cls.__new__(cls)
         pipeline.sensor = sensor

@@ -2,13 +2,15 @@
 
 Three parts of real recordings, never seen by their calibrations, go as a board's own bytes through
 a pseudo-terminal, the driver, sensor_node and contact_node into a bag; the bag is evaluated
-without ROS. `--sensor` of another sensor runs its simulated twin instead, on a simple signal.
+without ROS. `--sensor` of another sensor runs its simulated twin instead, on a simple signal;
+`grasp` runs simulated hands (needs MuJoCo).
 
 example:
   tactile demo
   tactile demo --output out/other --seed 1
   tactile demo --sensor gradiometer
   tactile demo --sensor taxel_array --json
+  tactile demo grasp
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.cli.grasp_demo import run_grasps
 from tactile_ros.cli.replay import evaluate, print_result
 from tactile_ros.cli.twin_demo import run_twin
 from tactile_ros.evaluation.archive import save_recording
@@ -75,6 +78,9 @@ class Part:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `tactile demo`."""
+    parser.add_argument(
+        'what', nargs='?', default='sensor', choices=('sensor', 'grasp'), help='what is shown'
+    )
     parser.add_argument('--output', type=Path, default=Path('out') / 'demo', help='folder')
     parser.add_argument('--seed', type=int, default=0, help='which places are held out')
     parser.add_argument('--json', action='store_true', help='print the table as JSON')
@@ -134,6 +140,8 @@ def split_cycles(recording: Recording, first: int) -> tuple[Recording, Recording
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate, play, record, replay, report."""
+    if options.what == 'grasp':
+        return run_grasps(options.output.resolve(), options.seed, options.json)
     spec = load_sensor(options.sensor)
     output = options.output.resolve()
     clear(output)

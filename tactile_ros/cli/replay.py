@@ -2,36 +2,54 @@
 
 example:
   tactile replay out/demo/place --calibration out/demo/place.npz
+  tactile replay bags/* --calibration a.npz --calibration b.npz --save out/compared
+  tactile replay bags/* --calibration a.npz --scheduler tcp://10.0.0.1:8786
   tactile replay out/demo/place --calibration out/demo/place.npz --report out/place.html --json
 """
 
 from __future__ import annotations
 
+import math
+import os
 import shlex
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros import calibration as files
 from tactile_ros.cli import models
 from tactile_ros.cli.destination import refuse_unwritable
+from tactile_ros.cli.progress import Progress
 from tactile_ros.cli.sources import find
 from tactile_ros.cli.table import show, show_json
+from tactile_ros.cli.working import Working
 from tactile_ros.errors import RecordingError
+from tactile_ros.evaluation import fleet, fleet_table
 from tactile_ros.evaluation.benchmark import environment
-from tactile_ros.evaluation.metrics import frames_dropped
+from tactile_ros.evaluation.fleet import Job, open_calibration
+from tactile_ros.evaluation.metrics import frames_dropped, given_targets
 from tactile_ros.evaluation.replay import replay
 from tactile_ros.evaluation.result import Answer, Dataset, Result, answer, table, unjudged
+from tactile_ros.evaluation.truth_topics import DEFAULT_TRUTH
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
     import argparse
 
+    from tactile_ros.evaluation.fleet import Outcome
     from tactile_ros.evaluation.loaded import LoadedRecording
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Array
+
+
+def seconds(text: str) -> float:
+    """A time of the command line (s)."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return value
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,50 +60,91 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='calibration file; several are compared in one table',
     )  # fmt: skip
     parser.add_argument('--truth', action='append', default=[], help='topic that tells the truth')
+    parser.add_argument(
+        '--tolerance', type=seconds, help='of truth by time (s); default: half a step'
+    )
+    parser.add_argument(
+        '--delay', type=seconds, help='of truth on topics of its own (s); default: estimated'
+    )
+    parser.add_argument('--save', type=Path, help='write PATH.json and PATH.npz')
+    parser.add_argument('--jobs', type=int, default=os.cpu_count() or 1, help='processes')
+    parser.add_argument('--scheduler', default='', help='address of a Dask scheduler')
     parser.add_argument('--report', type=Path, help='write a self-contained HTML report')
     parser.add_argument('--json', action='store_true', help='print the table as JSON')
 
 
 def run(options: argparse.Namespace) -> int:
-    """Replay every recording through every calibration, print the table, write the report."""
+    """Replay every recording through every calibration, print the table, write what is asked."""
     pipelines = [open_calibration(path) for path in options.calibration]
-    spec, layout = load_sensor(pipelines[0].sensor), pipelines[0].layout
-    if options.report:
-        refuse_unwritable(options.report)
-    datasets, failed = [], []
-    for name in options.recordings:
-        try:
-            found, problems = find(name, spec, layout, options.truth)
-        except RecordingError as error:
-            failed.append(str(error))
-            continue
-        for problem in problems:
-            print(f'  {name}: {problem}', file=sys.stderr)
-        for one in found:
-            try:
-                datasets.append(evaluate(one, pipelines))
-            except RecordingError as error:
-                failed.append(str(error))
-    if not datasets:
-        raise RecordingError('; '.join(failed))
+    for path in filter(None, (options.report, options.save)):
+        refuse_unwritable(path)
     command = shlex.join(['tactile', 'replay', *map(str, sys.argv[2:])])
-    notes = dict.fromkeys(said for p in pipelines for said in models.sentences(p.report))
-    result = Result('Replay', command, environment(), tuple(datasets), tuple(notes))
-    print_result(result, as_json=options.json)
+    recordings = list(dict.fromkeys(options.recordings))
+    alone = Working('replaying') if len(recordings) == 1 else nullcontext()
+    with alone, Progress(len(recordings)) as progress:
+        outcomes = fleet.tally_all(
+            [_job(name, options) for name in recordings],
+            options.jobs,
+            options.scheduler,
+            lambda outcome: progress.step(outcome.job.recording, outcome.failure),
+        )
+    failed = [outcome.failure for outcome in outcomes if outcome.failure]
+    if len(failed) == len(outcomes):
+        raise RecordingError('; '.join(failed))
+    print_outcomes(outcomes, as_json=options.json)
+    if options.save:
+        files = fleet_table.save(options.save, outcomes, command, environment())
+        print(f'saved: {files[0]}, {files[1]}', file=sys.stderr)
     if options.report:
-        from tactile_ros.evaluation.report import write_report
-
-        write_report(options.report, result)
-        print(f'report: {options.report}', file=sys.stderr)
+        _report(options, pipelines, command)
     for sentence in failed:
         print(f'  left out: {sentence}', file=sys.stderr)
     return 1 if failed else 0
 
 
-def open_calibration(path: Path) -> Pipeline:
-    """Pipeline of whatever sensor the file is of."""
-    sensor = str(files.read(path).get('sensor.scalar', ''))
-    return load_sensor(sensor).load(path)
+def _job(name: str, options: argparse.Namespace) -> Job:
+    """One recording as the options want it judged."""
+    return Job(
+        name,
+        tuple(str(path) for path in options.calibration),
+        tuple(options.truth) or DEFAULT_TRUTH,
+        None if options.tolerance is None else round(options.tolerance * 1e9),
+        None if options.delay is None else round(options.delay * 1e9),
+    )
+
+
+def print_outcomes(outcomes: list[Outcome], *, as_json: bool) -> None:
+    """Print the table of all recordings, and what must be known about each."""
+    columns, rows = fleet_table.table(outcomes)
+    said = sys.stderr if as_json else sys.stdout
+    (show_json if as_json else show)(columns, rows)
+    for one in (one for outcome in outcomes for one in outcome.tallies):
+        sentences = [f'{topic}: {how}' for topic, how in one.association.items()]
+        for found in one.answers:
+            if found.agreement is not None:
+                worst = found.agreement.largest
+                sentences.append(f'replay and live contacts differ by at most {worst:.1g}')
+            sentences += found.problems
+        for sentence in dict.fromkeys([*sentences, *one.problems]):
+            print(f'  {one.source or one.name}: {sentence}', file=said)
+
+
+def _report(options: argparse.Namespace, pipelines: list[Pipeline], command: str) -> None:
+    """Write the report, which draws every row: recordings are held in memory for it."""
+    from tactile_ros.evaluation.report import write_report
+
+    spec, layout = load_sensor(pipelines[0].sensor), pipelines[0].layout
+    datasets = []
+    for name in options.recordings:
+        try:
+            found, _ = find(name, spec, layout, options.truth)
+            datasets += [evaluate(one, pipelines) for one in found]
+        except RecordingError:
+            continue  # the table has said so
+    notes = dict.fromkeys(said for p in pipelines for said in models.sentences(p.report))
+    result = Result('Replay', command, environment(), tuple(datasets), tuple(notes))
+    write_report(options.report, result)
+    print(f'report: {options.report}', file=sys.stderr)
 
 
 def evaluate(
@@ -99,8 +158,10 @@ def evaluate(
             continue
         replayed = replay(loaded, pipeline)
         label = ', '.join(dict.fromkeys(pipeline.estimators.values())) or 'not calibrated'
-        answers.append(answer(label, loaded, replayed))
-        problems += unjudged(answers[-1], replayed.states)
+        found = answer(label, loaded, replayed)
+        answers.append(found)
+        counts = {target.name: target.spread.count for target in found.targets}
+        problems += unjudged(label, counts, given_targets(replayed.states))
         if len(answers) == 1:
             agreement = replayed.agreement
             problems += replayed.problems

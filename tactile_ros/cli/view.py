@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.cli.destination import refuse_unwritable
-from tactile_ros.cli.replay import open_calibration
 from tactile_ros.cli.working import Working
 from tactile_ros.errors import DeviceTimeout, MissingPackageError
+from tactile_ros.evaluation.fleet import open_calibration
 from tactile_ros.evaluation.recording import load
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import ContactStates

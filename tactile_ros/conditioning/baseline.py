@@ -100,7 +100,11 @@ class BaselineTracker:
             near = np.abs(block - self.baseline) <= scale
             self._quiet = np.count_nonzero(near) == near.size
         if self._quiet:
-            self._total += np.add.reduce(block, axis=0)
+            # row by row onto the total, so that pieces of a stream sum as the whole does
+            self._total = self._total + block[0]
+            if len(block) > 1:
+                onto = np.concatenate([self._total[None], block[1:]])
+                self._total = np.add.reduce(onto, axis=0)
 
     def _close(self, stamp_ns: int, tracking: Tracking) -> None:
         """End the running block: follow if it was at rest, and begin the next."""

@@ -36,27 +36,31 @@ class Stream:
         self.tracker = tracker
         self._fresh = True
 
-    def is_over(self, stamp_ns: int | None) -> bool:
-        """Whether a frame cannot belong to the stream, since time does not increase."""
-        return None not in (stamp_ns, self._newest_ns) and stamp_ns <= self._newest_ns  # type: ignore[operator]
+    def is_over(self, stamp_ns: Integers | None) -> bool:
+        """Whether frames (s,) cannot belong to the stream, since time does not increase."""
+        if stamp_ns is None or self._newest_ns is None or not len(stamp_ns):
+            return False
+        return bool(stamp_ns[0] <= self._newest_ns)
 
-    def admit(self, stamp_ns: int | None) -> tuple[Integers | None, Bools]:
-        """Take in the stamp of the next frame.
+    def admit(self, stamp_ns: Integers | None, count: int) -> Bools:
+        """Take in the stamps of the next frames.
 
         Parameters
         ----------
-        stamp_ns : int or None
-            Acquisition time; None: an independent frame, which memory passes over.
+        stamp_ns : ndarray, shape (s,), or None
+            Acquisition times, which increase; None: independent frames, which memory passes over.
+        count : int
+            Frames s.
 
         Returns
         -------
-        stamp_ns : ndarray, shape (1,), or None
-            The same, as a batch of one.
-        restart : ndarray, shape (1,)
-            Whether memory is forgotten before the frame.
+        ndarray, shape (s,)
+            Rows before which memory is forgotten.
         """
         if stamp_ns is None:
-            return None, np.ones(1, bool)
-        restart = np.array([self._fresh])
-        self._newest_ns, self._fresh = stamp_ns, False
-        return np.array([stamp_ns], np.int64), restart
+            return np.ones(count, bool)
+        restart = np.zeros(count, bool)
+        if count:
+            restart[0], self._fresh = self._fresh, False
+            self._newest_ns = int(stamp_ns[-1])
+        return restart

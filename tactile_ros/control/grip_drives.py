@@ -108,9 +108,7 @@ class GripDrives:
             if abs(closure - law.command) > SAME:
                 law.yield_to(closure, dt)
 
-    def drive(
-        self, normal: list[float], closures: list[float], dt: float, holding: bool
-    ) -> None:
+    def drive(self, normal: list[float], closures: list[float], dt: float, holding: bool) -> None:
         """Decide the commands of a step of `dt` (s) from forces (f,) and closures (a,)."""
         regulates = self._fingers.complete
         for drive, touching in enumerate(self._fingers.on):

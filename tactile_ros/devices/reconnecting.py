@@ -244,6 +244,10 @@ class StreamingBoard(Opened):
                 raise DeviceTimeout(msg)
         return self._frames.popleft()
 
+    def feed(self, data: bytes) -> None:
+        """Take bytes that came by another way than the port, as in a simulation; then `read`."""
+        self._receive(data)
+
     def _restart(self, again: bool) -> None:
         """Forget the stream of before; `again`: the port came back."""
         raise NotImplementedError

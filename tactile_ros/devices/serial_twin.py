@@ -187,11 +187,16 @@ class SerialTwin(Closing):
             If nobody reads the port.
         """
         for _ in range(count):
-            data = self._next()
-            if self._clock is not None:
-                self._clock.sleep(1.0 / self.layout.rate_hz)
+            data = self.period()
             if data:
                 self._line.send(data)
+
+    def period(self) -> bytes:
+        """Bytes of the next period of the virtual clock, for whoever carries them to a reader."""
+        data = self._next()
+        if self._clock is not None:
+            self._clock.sleep(1.0 / self.layout.rate_hz)
+        return data
 
     def _run(self) -> None:
         """Send on schedule while somebody reads."""

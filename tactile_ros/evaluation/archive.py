@@ -52,9 +52,14 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
         if getattr(recording, name) is not None:
             arrays[name] = np.asarray(getattr(recording, name))
     arrays.update({f'truth_{key}': value for key, value in recording.truth.items()})
+    save_arrays(arrays, path)
+
+
+def save_arrays(arrays: Arrays, path: str | os.PathLike[str]) -> Path:
+    """Write plain arrays into one .npz, whole or not at all."""
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
-    write_beside(path, buffer.getvalue())
+    return write_beside(path, buffer.getvalue())
 
 
 def load_recording(path: str | os.PathLike[str]) -> Recording:

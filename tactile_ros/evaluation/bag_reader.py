@@ -7,7 +7,6 @@ row. Reading never raises for what a file holds, only for what is no bag at all.
 
 from __future__ import annotations
 
-import io
 import mmap
 import re
 import sqlite3
@@ -20,15 +19,19 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from tactile_ros.errors import MissingPackageError, RecordingError
 from tactile_ros.evaluation import container
+from tactile_ros.evaluation.compression import unpack
 from tactile_ros.evaluation.container import Cursor
-from tactile_ros.evaluation.definitions import missing
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable
+    from collections.abc import Callable, Generator, Iterator
+
+    Taker = Callable[[int, bytes], None]
 
 _LISTED = re.compile(r'^\s*-\s+"?([^"\n]+\.(?:mcap|db3)(?:\.zstd)?)"?\s*$', re.MULTILINE)
 _MOST_DAMAGES = 20
+_ROWS = 512  # of a database, read at a time
+_BEHIND = 1 << 22  # bytes read, after which their memory goes back to the system
 
 
 class Message(NamedTuple):
@@ -44,12 +47,14 @@ class Message(NamedTuple):
 class BagContent:
     """What was read: wanted messages in order, messages per topic, types and their text.
 
-    `problems` are sentences about everything that was damaged, cut off or left out.
+    `types` are of topics with messages, `announced` of all that were told. `problems` are
+    sentences about everything that was damaged, cut off or left out.
     """
 
     messages: list[Message] = field(default_factory=list)
     counts: Counter[str] = field(default_factory=Counter)
     types: dict[str, str] = field(default_factory=dict)
+    announced: dict[str, str] = field(default_factory=dict)
     texts: dict[str, str] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
 
@@ -77,17 +82,44 @@ def read_bag(
         If there is no bag at `path`.
     """
     content = BagContent()
+
+    def taker(topic: str, kind: str) -> Taker | None:
+        if not wanted(topic, kind):
+            return None
+        return lambda log_ns, data: content.messages.append(Message(topic, kind, log_ns, data))
+
+    for _ in read_parts(path, content, taker):
+        pass
+    return content
+
+
+def read_parts(
+    path: str | os.PathLike[str],
+    content: BagContent,
+    taker: Callable[[str, str], Taker | None],
+) -> Iterator[None]:
+    """Read a bag part by part: of an MCAP file a chunk at a time.
+
+    Parameters
+    ----------
+    path : path-like
+        Of the bag.
+    content : BagContent
+        Grows by everything but messages.
+    taker : callable
+        Gives for topic and type name who takes log time (ns) and CDR of each message; None:
+        messages are counted only.
+    """
     for file in _files(Path(path), content):
         try:
             if file.suffix == '.mcap':
-                _McapWalk(file, content, wanted).run()
+                yield from _McapWalk(file, content, taker).run()
             elif file.suffix == '.db3':
-                _read_sqlite(file, content, wanted)
+                yield from _read_sqlite(file, content, taker)
             else:
                 content.problems.append(f'{file.name} is compressed as a whole: unpack it first')
         except OSError as err:
             content.problems.append(f'{file.name} cannot be read: {err.strerror}')
-    return content
 
 
 def _files(path: Path, content: BagContent) -> list[Path]:
@@ -116,16 +148,17 @@ class _McapWalk:
     """One pass over one MCAP file."""
 
     def __init__(
-        self, file: Path, content: BagContent, wanted: Callable[[str, str], bool]
+        self, file: Path, content: BagContent, taker: Callable[[str, str], Taker | None]
     ) -> None:
-        self.file, self.content, self.wanted = file, content, wanted
+        self.file, self.content, self.taker = file, content, taker
         self.schemas: dict[int, container.Schema] = {}
         self.channels: dict[int, container.Channel] = {}
-        self.topics: dict[int, tuple[str, str, bool] | None] = {}
+        self.topics: dict[int, tuple[str, Taker | None] | None] = {}
         self.lost: Counter[str] = Counter()
+        self.released = 0
 
-    def run(self) -> None:
-        """Read the file; damage ends up in the problems of the content."""
+    def run(self) -> Iterator[None]:
+        """Read the file, a chunk at a time; damage ends up in the problems of the content."""
         if self.file.stat().st_size == 0:
             self._say('is empty')
             return
@@ -135,8 +168,7 @@ class _McapWalk:
         ):
             if data[: len(container.MAGIC)] != container.MAGIC:
                 self._say('does not begin like an MCAP file')
-            chunks = self._summary(data)
-            self._sections(data, chunks)
+            yield from self._sections(data, self._summary(data))
         for what, count in self.lost.items():
             self._say(f'{what} ({count} records left out)')
 
@@ -146,40 +178,37 @@ class _McapWalk:
         if said < _MOST_DAMAGES:
             self.content.problems.append(f'{self.file.name} {sentence}')
 
-    def _summary(self, data: mmap.mmap) -> list[int]:
-        """Places of the chunks by the index at the end; types and topics are taken from it too."""
+    def _summary(self, data: mmap.mmap) -> int:
+        """Take types and topics from the summary at the end; where it starts, 0: there is none."""
         size = len(container.TAIL) - len(container.DATA_END_RECORD)
         ending = data[-size:] if len(data) > size else b''
         if ending[-len(container.MAGIC) :] != container.MAGIC or ending[:1] != b'\x02':
-            return []
+            return 0
         (start,) = Cursor(ending[9:]).numbers('<Q')
         if start == 0:
             self._say('was not closed: it has no index, and the last moments may be missing')
-        places = []
         for _, code, body, whole in container.walk(data, start) if start else ():
             if not whole:
                 break
-            if code == container.CHUNK_INDEX and len(body) >= 24:
-                places.append(Cursor(body).numbers('<QQQ')[2])
-            elif code in (container.SCHEMA, container.CHANNEL):
+            if code in (container.SCHEMA, container.CHANNEL):
                 self._take(code, body)
-        return sorted(places)
+        return start
 
-    def _sections(self, data: mmap.mmap, chunks: list[int]) -> None:
+    def _sections(self, data: mmap.mmap, summary: int) -> Iterator[None]:
         """Walk from the start; after damage go on at the next chunk that the index names."""
         at: int | None = len(container.MAGIC)
         while at is not None:
-            damaged = self._walk(data, at)
+            damaged = yield from self._walk(data, at)
             if damaged is None:
                 if data[-len(container.MAGIC) :] != container.MAGIC:
                     self._say('has lost its index; every message of it was read')
                 return
-            at = next((place for place in chunks if place > damaged), None)
+            at = next((place for place in _places(data, summary) if place > damaged), None)
             after = 'what follows was left out' if at is None else f'going on at byte {at}'
             cut = 'is cut off or damaged at byte' if at is None else 'is damaged at byte'
             self._say(f'{cut} {damaged}; {after}')
 
-    def _walk(self, data: mmap.mmap, start: int) -> int | None:
+    def _walk(self, data: mmap.mmap, start: int) -> Generator[None, None, int | None]:
         """Take records up to the end of the data; the place of damage, or None."""
         at = start
         for at, code, body, whole in container.walk(data, start):
@@ -187,11 +216,20 @@ class _McapWalk:
                 return None
             if code == container.CHUNK:
                 self._chunk(at, body, whole)
+                self._release(data, at)
+                yield
             elif code and whole:
                 self._take(code, body)
             if not code or not whole:
                 return at
         return max(at, len(data))
+
+    def _release(self, data: mmap.mmap, at: int) -> None:
+        """Give the memory of what was read back to the system, where it takes it."""
+        behind = at - at % mmap.PAGESIZE
+        if behind - self.released > _BEHIND and hasattr(data, 'madvise'):
+            data.madvise(mmap.MADV_DONTNEED, self.released, behind - self.released)
+            self.released = behind
 
     def _chunk(self, at: int, body: bytes, whole: bool) -> None:
         """Take the records of one chunk; of a cut one those that are whole."""
@@ -205,9 +243,31 @@ class _McapWalk:
         if whole and (len(records) != size or (checksum and zlib.crc32(records) != checksum)):
             self._say(f'chunk at byte {at} is damaged (checksum); its messages were left out')
             return
-        for _, code, content, complete in container.walk(records):
-            if complete and code:
+        place = 0
+        while place < len(records):
+            place = self._messages(records, place)
+            for _, code, content, complete in container.walk(records, place):
+                if not (complete and code):
+                    return
                 self._take(code, content)
+                place += container.FRONT_BYTES + len(content)
+                break
+
+    def _messages(self, records: bytes, at: int) -> int:
+        """Take messages of known topics up to the first record that is none; its place."""
+        counts = self.content.counts
+        front, size = container.MESSAGE_FRONT, len(records)
+        while size - at >= front.size:
+            code, length, number, _, log_ns, _ = front.unpack_from(records, at)
+            topic = self.topics.get(number)
+            end = at + container.FRONT_BYTES + length
+            if code != container.MESSAGE or topic is None or not at + front.size <= end <= size:
+                break
+            counts[topic[0]] += 1
+            if topic[1] is not None:
+                topic[1](log_ns, records[at + front.size : end])
+            at = end
+        return at
 
     def _take(self, code: int, body: bytes) -> None:
         """Take one whole record in."""
@@ -219,6 +279,9 @@ class _McapWalk:
                 channel = container.read_channel(body)
                 self.channels[channel.number] = channel
                 self.topics.pop(channel.number, None)
+                if channel.schema in self.schemas:
+                    name = self.schemas[channel.schema].name
+                    self.content.announced[channel.topic] = name
             elif code == container.MESSAGE:
                 self._message(*container.read_message(body))
         except RecordingError as err:
@@ -232,13 +295,13 @@ class _McapWalk:
         if topic is None:
             self.lost['has messages whose topic or type is not told'] += 1
             return
-        name, type_name, wanted = topic
+        name, take = topic
         self.content.counts[name] += 1
-        if wanted:
-            self.content.messages.append(Message(name, type_name, log_ns, data))
+        if take is not None:
+            take(log_ns, data)
 
-    def _topic(self, number: int) -> tuple[str, str, bool] | None:
-        """Name, type and whether it is wanted, of a channel."""
+    def _topic(self, number: int) -> tuple[str, Taker | None] | None:
+        """Name of a channel's topic, and who takes its messages."""
         channel = self.channels.get(number)
         schema = self.schemas.get(channel.schema) if channel else None
         if channel is None or schema is None:
@@ -247,78 +310,41 @@ class _McapWalk:
         self.content.types[name] = type_name
         if channel.encoding != 'cdr':
             self.content.problems.append(f'{name} is encoded as {channel.encoding!r}; left out')
-            return name, type_name, False
+            return name, None
         if schema.encoding == 'ros2msg':
             self.content.texts[type_name] = schema.text
-        return name, type_name, self.wanted(name, type_name)
+        return name, self.taker(name, type_name)
 
 
-def unpack(compression: str, data: bytes, size: int) -> bytes:
-    """Records of a chunk, at most as long as it says.
-
-    Raises
-    ------
-    RecordingError
-        If the length is absurd or the compression unknown or damaged.
-    MissingPackageError
-        If the package for its compression is not installed.
-    """
-    if size > container.LARGEST_CHUNK:
-        msg = f'it claims {size} bytes'
-        raise RecordingError(msg)
-    try:
-        if compression == '':
-            return data[:size]
-        if compression == 'zstd':
-            return _unzstd(data, size)
-        if compression == 'lz4':
-            return _unlz4(data, size)
-    except (MissingPackageError, MemoryError):
-        raise
-    except Exception as err:
-        msg = f'its {compression} data are damaged'
-        raise RecordingError(msg) from err
-    msg = f'its compression {compression[:20]!r} is not known'
-    raise RecordingError(msg)
+def _places(data: mmap.mmap, summary: int) -> list[int]:
+    """Places of the chunks by the index in the summary."""
+    places = []
+    for _, code, body, whole in container.walk(data, summary) if summary else ():
+        if not whole:
+            break
+        if code == container.CHUNK_INDEX and len(body) >= 24:
+            places.append(Cursor(body).numbers('<QQQ')[2])
+    return sorted(places)
 
 
-def _unzstd(data: bytes, size: int) -> bytes:
-    """Unpack Zstandard data up to `size`, also of a cut frame."""
-    try:
-        import zstandard
-    except ImportError as err:
-        msg = 'zstandard'
-        raise missing(msg, 'reading a bag compressed with zstd') from err
-    unpacked: bytes = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(data)).read(size)
-    return unpacked
-
-
-def _unlz4(data: bytes, size: int) -> bytes:
-    """Unpack LZ4 data up to `size`, also of a cut frame."""
-    try:
-        from lz4.frame import LZ4FrameDecompressor
-    except ImportError as err:
-        msg = 'lz4'
-        raise missing(msg, 'reading a bag compressed with lz4') from err
-    unpacked: bytes = LZ4FrameDecompressor().decompress(data, max_length=size)
-    return unpacked
-
-
-def _read_sqlite(file: Path, content: BagContent, wanted: Callable[[str, str], bool]) -> None:
+def _read_sqlite(
+    file: Path, content: BagContent, taker: Callable[[str, str], Taker | None]
+) -> Iterator[None]:
     """Read a storage file of rosbag2 in sqlite3, as far as it is whole."""
     count = 0
     try:
         with closing(sqlite3.connect(f'{file.resolve().as_uri()}?mode=ro', uri=True)) as base:
-            topics = {}
-            for number, name, kind in base.execute('SELECT id, name, type FROM topics'):
-                topics[number] = (str(name), str(kind), wanted(str(name), str(kind)))
-                content.types[str(name)] = str(kind)
+            told = list(base.execute('SELECT id, name, type FROM topics'))
+            content.types.update({str(name): str(kind) for _, name, kind in told})
+            topics = {n: (str(name), taker(str(name), str(kind))) for n, name, kind in told}
             rows = base.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id')
             for number, log_ns, data in rows:
                 count += 1
-                name, kind, keep = topics.get(number, ('', '', False))
+                name, take = topics.get(number, ('', None))
                 content.counts[name] += 1
-                if keep and isinstance(data, bytes) and isinstance(log_ns, int):
-                    content.messages.append(Message(name, kind, log_ns, data))
+                if take and isinstance(data, bytes) and isinstance(log_ns, int):
+                    take(log_ns, data)
+                if count % _ROWS == 0:
+                    yield
     except sqlite3.Error as err:
         content.problems.append(f'{file.name} is damaged after {count} messages: {err}')

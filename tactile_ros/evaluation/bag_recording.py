@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,20 @@ from tactile_ros.evaluation.bag_messages import Heard, decode
 from tactile_ros.evaluation.bag_reader import read_bag
 from tactile_ros.evaluation.class_changes import read_changes
 from tactile_ros.evaluation.loaded import LiveContacts, Loaded, LoadedRecording
-from tactile_ros.evaluation.truth_topics import contacts_truth, is_truth_type, other_truth
+from tactile_ros.evaluation.topics import (
+    CONTACTS,
+    FRAME,
+    ROLES,
+    digests_in,
+    ends_as,
+    split_topic,
+)
+from tactile_ros.evaluation.truth_topics import (
+    contacts_truth,
+    is_truth_type,
+    other_truth,
+    unknown,
+)
 from tactile_ros.messages import read_contacts, read_frame, read_layout
 from tactile_ros.types import STATE_FIELDS, ContactStates, Recording
 
@@ -22,22 +34,14 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from tactile_ros.types import Bools, Frame, Integers, Layout
-
-FRAME = 'tactile_ros/msg/TactileFrame'
-LAYOUT = 'tactile_ros/msg/TactileLayout'
-CONTACTS = 'tactile_ros/msg/TactileContacts'
-STRING = 'std_msgs/msg/String'
-ROLES = {('frame', FRAME), ('baseline', FRAME), ('layout', LAYOUT), ('contacts', CONTACTS)}
-ROLES |= {('calibration', STRING)}
-_DIGEST = re.compile(r'\b[0-9a-f]{64}\b')
+    from tactile_ros.types import Frame, Integers, Layout
 
 
 def load_bag(path: Path, layout: Layout | None, truth_topics: Sequence[str]) -> Loaded:
     """Recordings of every namespace of a bag that holds frames."""
 
     def wanted(topic: str, kind: str) -> bool:
-        truth = is_truth_type(kind) and any(_ends_as(topic, name) for name in truth_topics)
+        truth = is_truth_type(kind) and any(ends_as(topic, name) for name in truth_topics)
         return truth or (split_topic(topic)[1], kind) in ROLES
 
     content = read_bag(path, wanted)
@@ -63,17 +67,6 @@ def load_bag(path: Path, layout: Layout | None, truth_topics: Sequence[str]) -> 
     return Loaded(tuple(found), tuple(problems))
 
 
-def split_topic(topic: str) -> tuple[str, str]:
-    """Namespace and last part of a topic."""
-    space, _, leaf = topic.rpartition('/')
-    return space, leaf
-
-
-def _ends_as(topic: str, name: str) -> bool:
-    """Whether a topic is the named one, absolute or relative to some namespace."""
-    return topic == name or (not name.startswith('/') and topic.endswith(f'/{name}'))
-
-
 def _sensor(
     topic: str,
     heard: dict[str, list[Heard]],
@@ -92,7 +85,7 @@ def _sensor(
         [
             (name, messages)
             for name, messages in heard.items()
-            if any(_ends_as(name, wanted) for wanted in truth_topics)
+            if any(ends_as(name, wanted) for wanted in truth_topics)
             and (alone or name.startswith(f'{space}/'))
         ],
         recording,
@@ -115,7 +108,7 @@ def _sensor(
 
 def _digests(heard: Heard) -> list[str]:
     """SHA-256 values that a message of text names."""
-    return _DIGEST.findall(heard.message.data)  # type: ignore[attr-defined]
+    return digests_in(str(heard.message.data).encode())  # type: ignore[attr-defined]
 
 
 def _layout(heard: list[Heard], fallback: Layout | None, problems: list[str]) -> Layout:
@@ -230,17 +223,13 @@ def _truth(
     for topic, messages in topics:
         if messages and messages[0].type_name == CONTACTS:
             arrays, _ = read_contact_arrays(messages, recording.layout.shape[0], problems)
-            part, lost = contacts_truth(arrays, recording, index)
+            part, found = contacts_truth(arrays, recording, index)
+            lost = int((~found).sum())
         else:
             part, names, lost = other_truth(messages, recording, names)
         if lost:
             problems.append(f'{lost} messages of {topic} belong to no frame')
         for key, value in part.items():
             known = merged.get(key, value)
-            merged[key] = np.where(_unknown(known), value, known)
+            merged[key] = np.where(unknown(known), value, known)
     return merged, names
-
-
-def _unknown(values: npt.NDArray[np.generic]) -> Bools:
-    """Where truth is NaN or -1."""
-    return np.isnan(values) if values.dtype.kind == 'f' else np.asarray(values == -1)

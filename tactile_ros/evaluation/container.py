@@ -26,6 +26,8 @@ SUMMARY_OFFSET, DATA_END = 14, 15
 LARGEST_CHUNK = 1 << 28  # bytes; a longer length is damage, not data
 _FRONT = struct.Struct('<BQ')
 _MESSAGE = struct.Struct('<HIQQ')
+FRONT_BYTES = _FRONT.size
+MESSAGE_FRONT = struct.Struct('<BQHIQQ')  # code and length of a record, then what _MESSAGE holds
 _CHUNK = struct.Struct('<QQQI')
 
 

@@ -13,11 +13,22 @@ from tactile_ros.truth import groups_of
 from tactile_ros.types import Array, Bools, Integers
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from tactile_ros.types import ContactStates, Recording
 
 PLACE = 1e-5
 MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
 AXES = 'xyz'
+# what truth can judge: unit, state attribute and components; the place counts in the plane
+TARGETS = {
+    'position': ('m', 'position', [0, 1]),
+    **{
+        f'{key}_{axis}': (unit, key, [i])
+        for key, unit in (('force', 'N'), ('torque', 'N m'))
+        for i, axis in enumerate(AXES)
+    },
+}
 
 
 @dataclass(frozen=True)
@@ -156,6 +167,66 @@ class TargetErrors:
         return Moments.of(self.size)
 
 
+@dataclass(frozen=True)
+class Judged:
+    """Answers beside the truth that is known of one target.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (n,)
+        Where the truth is known.
+    truth, estimate, error, variance : ndarray, shape (n, d)
+        NaN: not estimated, or not to be used.
+    missed, invalid : int
+        Rows without an estimate; rows not to be used for control.
+    """
+
+    rows: Integers
+    truth: Array
+    estimate: Array
+    error: Array
+    variance: Array
+    missed: int
+    invalid: int
+
+
+def judge(
+    name: str, truth: Mapping[str, npt.NDArray[np.generic]], states: ContactStates
+) -> Judged:
+    """Compare the answers to one of `TARGETS` with its truth; no row where none is told.
+
+    Parameters
+    ----------
+    name : str
+        Of the target.
+    truth : mapping
+        Of a recording of s frames.
+    states : ContactStates
+        For the same s frames.
+    """
+    _, key, axes = TARGETS[name]
+    count = len(states.valid)
+    told = np.asarray(truth.get(key, np.full((count, 3), np.nan)), np.float64)[:, axes]
+    rows = np.flatnonzero(np.isfinite(told).all(axis=1))
+    estimate = getattr(states, key)[rows][:, axes]
+    variance = np.diagonal(getattr(states, f'{key}_cov')[rows], axis1=1, axis2=2)[:, axes]
+    usable = states.valid[rows]
+    there = np.isfinite(estimate).all(axis=1)
+    estimate = np.where((usable & there)[:, None], estimate, np.nan)
+    missed, invalid = int((usable & ~there).sum()), int((~usable).sum())
+    told = told[rows]
+    return Judged(rows, told, estimate, estimate - told, variance, missed, invalid)
+
+
+def given_targets(states: ContactStates) -> tuple[str, ...]:
+    """Those of `TARGETS` that are estimated in some row."""
+    return tuple(
+        name
+        for name, (_, key, axes) in TARGETS.items()
+        if np.isfinite(getattr(states, key)[:, axes]).all(axis=1).any()
+    )
+
+
 def target_errors(recording: Recording, states: ContactStates) -> tuple[TargetErrors, ...]:
     """Errors of everything that is both known and estimated by components.
 
@@ -173,15 +244,14 @@ def target_errors(recording: Recording, states: ContactStates) -> tuple[TargetEr
     """
     found = []
     groups = np.asarray(groups_of(recording)['group'], np.int64)
-    if 'position' in recording.truth:
-        plane = np.asarray(recording.truth['position'][:, :2], np.float64)
-        found += _errors('position', 'm', plane, [0, 1], states, place_groups(plane, groups))
-    for name, unit in (('force', 'N'), ('torque', 'N m')):
-        for axis in range(3):
-            if name in recording.truth:
-                told = np.asarray(recording.truth[name][:, axis : axis + 1], np.float64)
-                title = f'{name}_{AXES[axis]}'
-                found += _errors(title, unit, told, [axis], states, groups)
+    for name, (unit, key, axes) in TARGETS.items():
+        seen = judge(name, recording.truth, states)
+        if not len(seen.rows):
+            continue
+        own = groups
+        if name == 'position':
+            own = place_groups(np.asarray(recording.truth[key], np.float64)[:, axes], groups)
+        found.append(_errors(name, unit, seen, own[seen.rows]))
     return tuple(found)
 
 
@@ -199,41 +269,23 @@ def place_groups(plane: Array, otherwise: Integers) -> Integers:
     return groups
 
 
-def _errors(
-    name: str,
-    unit: str,
-    told: Array,
-    axes: list[int],
-    states: ContactStates,
-    groups: Integers,
-) -> list[TargetErrors]:
-    """Errors of one target, none where no truth is known."""
-    rows = np.flatnonzero(np.isfinite(told).all(axis=1))
-    if not len(rows):
-        return []
-    key = name.split('_', maxsplit=1)[0]
-    estimate = getattr(states, key)[rows][:, axes]
-    variance = np.diagonal(getattr(states, f'{key}_cov')[rows], axis1=1, axis2=2)[:, axes]
-    usable = states.valid[rows]
-    there = np.isfinite(estimate).all(axis=1)
-    estimate = np.where((usable & there)[:, None], estimate, np.nan)
-    error = estimate - told[rows]
-    return [
-        TargetErrors(
-            name,
-            unit,
-            told[rows],
-            estimate,
-            error,
-            variance,
-            rows,
-            groups[rows],
-            missed=int((usable & ~there).sum()),
-            invalid=int((~usable).sum()),
-            spread=spread(np.sqrt((error**2).sum(axis=1))),
-            coverage=coverage(error.ravel(), variance.ravel(), np.repeat(groups[rows], len(axes))),
-        )
-    ]
+def _errors(name: str, unit: str, seen: Judged, groups: Integers) -> TargetErrors:
+    """Errors of one target with their summary."""
+    width = seen.error.shape[1]
+    return TargetErrors(
+        name,
+        unit,
+        seen.truth,
+        seen.estimate,
+        seen.error,
+        seen.variance,
+        seen.rows,
+        groups,
+        missed=seen.missed,
+        invalid=seen.invalid,
+        spread=spread(np.sqrt((seen.error**2).sum(axis=1))),
+        coverage=coverage(seen.error.ravel(), seen.variance.ravel(), np.repeat(groups, width)),
+    )
 
 
 def frames_dropped(sequence: Integers | None, restarts: Bools) -> int:

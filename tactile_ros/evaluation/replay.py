@@ -16,13 +16,14 @@ import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.evaluation.class_changes import Repetition, as_it_began
+from tactile_ros.evaluation.follow import gathered
 from tactile_ros.evaluation.live_baselines import baselines_by_row
 from tactile_ros.types import STATE_FIELDS, ContactState, ContactStates, Frame, Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from tactile_ros.evaluation.loaded import LoadedRecording
+    from tactile_ros.evaluation.loaded import ClassChange, LoadedRecording
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Integers
 
@@ -46,6 +47,16 @@ class Agreement:
     frames: int
     without_contacts: int
     differences: dict[str, float]
+
+    def __add__(self, other: Agreement) -> Agreement:
+        """Of both parts together."""
+        names = dict.fromkeys([*self.differences, *other.differences])
+        worst = {
+            name: max(self.differences.get(name, 0.0), other.differences.get(name, 0.0))
+            for name in names
+        }
+        missing = self.without_contacts + other.without_contacts
+        return Agreement(self.frames + other.frames, missing, worst)
 
     @property
     def largest(self) -> float:
@@ -109,8 +120,8 @@ def replay(
     """
     recording, live = loaded.recording, loaded.contacts
     _refuse_other_shape(recording, pipeline)
-    pipeline = as_it_began(loaded, as_live(loaded, pipeline))
-    problems = calibration_problems(loaded, pipeline)
+    pipeline = as_it_began(loaded, as_live(loaded.calibrations, pipeline))
+    problems = calibration_problems(loaded.calibrations, pipeline, loaded.changes)
     changes = Repetition(recording, loaded.changes)
     if live is None and not loaded.baselines:
         begin = clock_ns()
@@ -119,26 +130,39 @@ def replay(
         single = single_cost(recording, pipeline, clock_ns)
         return Replayed(states, single, None, problems, batch)
     rows = np.arange(len(recording)) if live is None else np.unique(live.rows)
-    found, micro = _process(recording, rows, loaded.baselines, pipeline, changes, clock_ns)
+    singles, micro = _process(recording, rows, loaded.baselines, pipeline, changes, clock_ns)
     problems += tuple(changes.problems)
-    states = _assembled(found, rows, len(recording), recording.layout.shape[0])
+    found = [_as_batch(state) for state in singles]
+    states = gathered(found, rows, len(recording), recording.layout.shape[0])
     if live is None:
         return Replayed(states, micro, None, problems)
     agreement = compare(live.states, live.rows, states, len(recording))
-    if agreement.without_contacts:
-        left_out = f'{agreement.without_contacts} frames without contacts were left out: '
-        problems += (f'{left_out}the live node did not see them',)
-    return Replayed(states, micro, agreement, problems)
+    return Replayed(states, micro, agreement, (*problems, *left_out(agreement)))
 
 
-def as_live(loaded: LoadedRecording, pipeline: Pipeline) -> Pipeline:
-    """The pipeline, its baseline held still where the live run had switched tracking off."""
-    if pipeline.digest in loaded.calibrations or not pipeline.config.track_baseline:
+def left_out(agreement: Agreement | None) -> tuple[str, ...]:
+    """A sentence where frames have no contacts."""
+    count = 0 if agreement is None else agreement.without_contacts
+    reason = 'the live node did not see them'
+    return (f'{count} frames without contacts were left out: {reason}',) if count else ()
+
+
+def as_live(calibrations: Sequence[str], pipeline: Pipeline) -> Pipeline:
+    """The pipeline, its baseline held still where the live run had switched tracking off.
+
+    Parameters
+    ----------
+    calibrations : sequence of str
+        SHA-256 of those of the live run.
+    pipeline : Pipeline
+        Stays as it is.
+    """
+    if pipeline.digest in calibrations or not pipeline.config.track_baseline:
         return pipeline
     still = copy(pipeline)
     still.config = replace(pipeline.config, track_baseline=False)  # type: ignore[type-var]
     still.reset()
-    return still if still.digest in loaded.calibrations else pipeline
+    return still if still.digest in calibrations else pipeline
 
 
 def single_cost(
@@ -155,15 +179,20 @@ def single_cost(
     return float(np.median(spent)) / 1000 if spent else float('nan')
 
 
-def calibration_problems(loaded: LoadedRecording, pipeline: Pipeline) -> tuple[str, ...]:
-    """A sentence where the bag was made with another calibration than the pipeline's."""
-    if not loaded.calibrations:
+def calibration_problems(
+    calibrations: Sequence[str], pipeline: Pipeline, changes: Sequence[ClassChange] = ()
+) -> tuple[str, ...]:
+    """A sentence where a bag was made with other calibrations (SHA-256) than the pipeline's.
+
+    Those that follow from the first by classes that came and went in the run are no others.
+    """
+    if not calibrations:
         return ()
-    told = {loaded.calibrations[0], *(change.digest for change in loaded.changes)}
-    if told.issuperset(loaded.calibrations) and pipeline.digest == loaded.calibrations[0]:
+    told = {calibrations[0], *(change.digest for change in changes)}
+    if told.issuperset(calibrations) and pipeline.digest == calibrations[0]:
         return ()
-    named = ', '.join(digest[:12] for digest in loaded.calibrations)
-    if pipeline.digest in loaded.calibrations:
+    named = ', '.join(digest[:12] for digest in calibrations)
+    if pipeline.digest in calibrations:
         return (f'the bag was made with several calibrations: {named}',)
     return (
         f'the calibration {pipeline.digest[:12]} is not that of the bag ({named}): '
@@ -211,24 +240,9 @@ def _process(
     return found, float(np.median(spent)) / 1000 if spent else float('nan')
 
 
-def _assembled(
-    found: list[ContactState], rows: Integers, samples: int, taxels: int
-) -> ContactStates:
-    """States of the processed rows among all rows."""
-    patches = max([1, *(len(state.contacts_id) for state in found)])
-    known = {}
-    for name, (shape, dtype, fill) in STATE_FIELDS.items():
-        lengths = {'t': taxels, 'k': patches}
-        tail = tuple(lengths[n] if isinstance(n, str) else n for n in shape)
-        column: npt.NDArray[np.generic] = np.full((samples, *tail), fill, dtype)
-        for row, state in zip(rows.tolist(), found, strict=True):
-            value = getattr(state, name)
-            if shape[:1] == ('k',):
-                column[row, : len(value)] = value
-            else:
-                column[row] = value
-        known[name] = column
-    return ContactStates.assemble(samples, taxels, known)
+def _as_batch(state: ContactState) -> ContactStates:
+    """A batch of one."""
+    return ContactStates(**{name: np.asarray(getattr(state, name))[None] for name in STATE_FIELDS})
 
 
 def compare(live: ContactStates, rows: Integers, states: ContactStates, samples: int) -> Agreement:

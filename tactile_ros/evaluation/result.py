@@ -7,15 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.evaluation.metrics import Moments, Spread, spread, target_errors
+from tactile_ros.evaluation.metrics import TARGETS, Moments, Spread, spread, target_errors
 from tactile_ros.evaluation.named import Named, named
 from tactile_ros.types import Array
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from tactile_ros.evaluation.loaded import LoadedRecording
     from tactile_ros.evaluation.metrics import TargetErrors
     from tactile_ros.evaluation.replay import Agreement, Replayed
-    from tactile_ros.types import ContactStates
 
 Cell = str | float | int | None
 
@@ -36,12 +37,6 @@ COLUMNS = (
     'dropped',
     'us/frame',
 )
-
-# what truth can judge: the place in the plane, and vectors by components
-COMPONENTS = {
-    'position': ('position', [0, 1]),
-    **{f'{key}_{axis}': (key, [i]) for key in ('force', 'torque') for i, axis in enumerate('xyz')},
-}
 
 
 @dataclass(frozen=True)
@@ -161,38 +156,33 @@ def answer(name: str, loaded: LoadedRecording, replayed: Replayed, note: str = '
     return Answer(name, targets, replayed.us_per_frame, replayed.us_batch, note, classes)
 
 
-def unjudged(found: Answer, states: ContactStates) -> tuple[str, ...]:
+def unjudged(name: str, counts: Mapping[str, int], given: Sequence[str]) -> tuple[str, ...]:
     """A sentence where truth and estimates have nothing in common, so that no error is known.
 
     Parameters
     ----------
-    found : Answer
-        With one entry in `targets` for everything that truth tells.
-    states : ContactStates
-        What was estimated.
+    name : str
+        Of the estimators.
+    counts : mapping of str to int
+        Known errors of everything that truth tells.
+    given : sequence of str
+        What was estimated, as `metrics.given_targets` says.
 
     Returns
     -------
     tuple of str
         Empty where at least one error is known.
     """
-    if any(target.spread.count for target in found.targets):
+    if any(counts.values()):
         return ()
-    told = [target.name for target in found.targets]
-    given = [
-        name
-        for name, (key, axes) in COMPONENTS.items()
-        if np.isfinite(getattr(states, key)[:, axes]).all(axis=1).any()
-    ]
-    if both := [name for name in told if name in given]:
-        return (f'{found.name} has no error: no row with true {_listed(both)} has an estimate',)
-    return (
-        f'{found.name} has no error: it estimates {_listed(given)}, truth has {_listed(told)}',
-    )
+    if both := [target for target in counts if target in given]:
+        return (f'{name} has no error: no row with true {_listed(both)} has an estimate',)
+    told = _listed(list(counts))
+    return (f'{name} has no error: it estimates {_listed(given)}, truth has {told}',)
 
 
-def _listed(names: list[str]) -> str:
-    return ', '.join(names) or f'none of {", ".join(COMPONENTS)}'
+def _listed(names: Sequence[str]) -> str:
+    return ', '.join(names) or f'none of {", ".join(TARGETS)}'
 
 
 def table_row(dataset: Dataset, answer: Answer) -> list[Cell]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -14,19 +15,48 @@ from tactile_ros.types import TRUTH_KEYS
 from tactile_ros.types.names import admit_name
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from tactile_ros.evaluation.bag_messages import Heard
     from tactile_ros.messages.fields import HeaderMessage
-    from tactile_ros.types import Array, Integers, Recording
+    from tactile_ros.types import Array, Bools, Integers, Recording
 
 DEFAULT_TRUTH = ('truth/contacts', 'truth/object_pose')
+UNFOUND, ELSEWHERE = -1, -2  # in place of a row
 Columns = dict[str, npt.NDArray[np.generic]]
 
 
+@dataclass(frozen=True)
+class Association:
+    """How truth is brought together with frames.
+
+    Attributes
+    ----------
+    tolerance_ns : int or None
+        Largest distance in time; None: half a step of frames or truth, whichever is longer.
+    delays : dict of str to int
+        By how much the stamps of a topic are later than the frames that they belong to (ns).
+    known : dict of str to str
+        How well a delay is known, in a few words.
+    """
+
+    tolerance_ns: int | None = None
+    delays: Mapping[str, int] = field(default_factory=dict)
+    known: Mapping[str, str] = field(default_factory=dict)
+
+
+def unknown(values: npt.NDArray[np.generic]) -> Bools:
+    """Where truth is NaN or -1."""
+    return np.isnan(values) if values.dtype.kind == 'f' else np.asarray(values == -1)
+
+
 def contacts_truth(
-    arrays: Columns, recording: Recording, index: dict[tuple[int, int], int]
-) -> tuple[Columns, int]:
+    arrays: Columns,
+    recording: Recording,
+    index: dict[tuple[int, int], int],
+    tolerance: int | None = None,
+    around: Integers | None = None,
+) -> tuple[Columns, Bools]:
     """Truth that came as TactileContacts.
 
     Parameters
@@ -36,37 +66,47 @@ def contacts_truth(
     recording : Recording
         Of s frames.
     index : dict
-        Row of a frame by its stamp (ns) and sequence.
+        Row of a frame by its stamp (ns) and sequence; ELSEWHERE: of one that is not in the
+        recording, but of the same stream.
+    tolerance : int or None
+        Largest distance in time (ns); None: half a frame.
+    around : ndarray, shape (m,), or None
+        Stamps of such frames (ns): what is nearest to one of them is not of the recording.
 
     Returns
     -------
     truth : dict of str to ndarray, shape (s, ...)
         Keys of which something is known; NaN or -1 elsewhere.
-    lost : int
-        Messages that belong to no frame.
+    found : ndarray, shape (n,)
+        Messages that belong to a frame.
 
     Notes
     -----
     A message belongs to the frame of its stamp and sequence; without a stamp to that of its
-    sequence; else to the frame nearest in time, within half a frame.
+    sequence; else to the frame nearest in time.
     """
     stamps = arrays['stamp_ns'].astype(np.int64)
     sequence = arrays['sequence'].astype(np.int64)
     keys = zip(stamps.tolist(), sequence.tolist(), strict=True)
-    rows = np.array([index.get(key, -1) for key in keys], np.int64)
+    rows = np.array([index.get(key, UNFOUND) for key in keys], np.int64)
     by_sequence = {key[1]: row for key, row in index.items()}
-    unstamped = (rows < 0) & (stamps == 0)
-    rows[unstamped] = [by_sequence.get(k, -1) for k in sequence[unstamped].tolist()]
-    timed = (rows < 0) & (stamps != 0)
+    unstamped = (rows == UNFOUND) & (stamps == 0)
+    rows[unstamped] = [by_sequence.get(k, UNFOUND) for k in sequence[unstamped].tolist()]
+    timed = (rows == UNFOUND) & (stamps != 0)
     if timed.any() and recording.stamp_ns is not None:
-        rows[timed] = nearest(recording.stamp_ns, stamps[timed], half_step(recording.stamp_ns))
+        if tolerance is None:
+            tolerance = half_step(recording.stamp_ns)
+        frames = recording.stamp_ns
+        frames = frames if around is None else np.concatenate([frames, around])
+        near = nearest(frames, stamps[timed], tolerance)
+        rows[timed] = np.where(near < len(recording), near, ELSEWHERE)
     kept = rows >= 0
     truth: Columns = {}
     for key in TRUTH_KEYS:
         if key in arrays and _known(arrays[key][kept]):
             truth[key] = _blank(arrays[key], len(recording))
             truth[key][rows[kept]] = arrays[key][kept]
-    return truth, int((~kept).sum())
+    return truth, kept
 
 
 def _known(values: npt.NDArray[np.generic]) -> bool:
@@ -144,16 +184,46 @@ def other_truth(
         return truth, names, 0
     read = READERS[heard[0].type_name]
     times = np.array([stamp_ns(_header(h)) for h in heard], np.int64)
-    tolerance = max(half_step(times), half_step(recording.stamp_ns))
-    rows = nearest(times, recording.stamp_ns, tolerance)
     parts = [read(h.message) for h in heard]
+    told = {key: np.stack([part[key] for part in parts]) for key in parts[0]}
+    columns, found = nearest_truth(told, times, recording.stamp_ns)
+    return columns, names, int((~found).sum())
+
+
+def nearest_truth(
+    told: Mapping[str, npt.NDArray[np.generic]],
+    times: Integers,
+    frames: Integers,
+    tolerance: int | None = None,
+) -> tuple[Columns, Bools]:
+    """What was told nearest in time to each frame.
+
+    Parameters
+    ----------
+    told : dict of str to ndarray, shape (n, ...)
+        Truth by key.
+    times : ndarray, shape (n,)
+        When it was true (ns, of the frames' clock).
+    frames : ndarray, shape (s,)
+        Acquisition times (ns).
+    tolerance : int or None
+        Largest distance (ns); None: half a step of frames or truth, whichever is longer.
+
+    Returns
+    -------
+    truth : dict of str to ndarray, shape (s, ...)
+        NaN where nothing is near.
+    found : ndarray, shape (n,)
+        What is near some frame.
+    """
+    if tolerance is None:
+        tolerance = max(half_step(times), half_step(frames))
+    rows = nearest(times, frames, tolerance)
     columns: Columns = {}
-    for key in parts[0]:
-        told = np.stack([part[key] for part in parts])
-        near = rows.reshape(-1, *[1] * (told.ndim - 1)) >= 0
-        columns[key] = np.where(near, told[rows], np.nan)
-    lost = int((nearest(recording.stamp_ns, times, tolerance) < 0).sum())
-    return columns, names, lost
+    for key, values in told.items():
+        near = rows.reshape(-1, *[1] * (values.ndim - 1)) >= 0
+        columns[key] = np.where(near, values[rows], np.nan)
+    return columns, nearest(frames, times, tolerance) >= 0
 
 
 def _header(heard: Heard) -> HeaderMessage:
@@ -164,10 +234,18 @@ def _labels(
     heard: list[Heard], frames: Integers, names: tuple[str, ...]
 ) -> tuple[Columns, tuple[str, ...]]:
     """Names that hold from when they were heard until the next; an empty one is unknown."""
-    told = [_label(str(h.message.data)) for h in heard]  # type: ignore[attr-defined]
+    told = [str(h.message.data) for h in heard]  # type: ignore[attr-defined]
+    times = np.array([h.log_ns for h in heard], np.int64)
+    return held_labels(told, times, frames, names)
+
+
+def held_labels(
+    told: list[str], times: Integers, frames: Integers, names: tuple[str, ...]
+) -> tuple[Columns, tuple[str, ...]]:
+    """Labels of frames (s,) from n names and when each was heard (ns), as `other_truth`."""
+    told = [_label(name) for name in told]
     names = tuple(dict.fromkeys([*names, *filter(None, told)]))
     index = np.array([names.index(name) if name else -1 for name in told], np.int64)
-    times = np.array([h.log_ns for h in heard], np.int64)
     order = np.argsort(times, kind='stable')
     last = np.searchsorted(times[order], frames, side='right') - 1
     return {'label': np.where(last >= 0, index[order][last], -1)}, names

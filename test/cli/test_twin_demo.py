@@ -28,7 +28,9 @@ def test_a_twin_goes_through_the_real_graph(
     monkeypatch.setattr(twin_demo, 'MOST_ROWS', 300)
     monkeypatch.setattr(
         'tactile_ros.cli.demo.run_twin',
-        lambda key, output, seed: twin_demo.run_twin(key, output, seed, seconds=4.0),
+        lambda key, output, seed, as_json: twin_demo.run_twin(
+            key, output, seed, 4.0, as_json=as_json
+        ),
     )
     assert main(['demo', '--sensor', sensor, '--output', str(tmp_path)]) == 0
     said = capsys.readouterr().out

@@ -179,3 +179,25 @@ def test_a_sensor_may_bring_its_own_driver(layout: Layout) -> None:
             twin.play(3)
             assert board.read(5.0).temperature_c is None
         assert made == [twin.port]
+
+
+def test_bytes_that_are_handed_over_give_the_frames_of_a_port() -> None:
+    found = []
+    for handed in (True, False):
+        clock = VirtualClock(1_000_000_000)
+        twin = FramedTwin(
+            MATRIX, taxel_matrix(16), 1 / 1023, pressure, noise=1e-3, seed=4, clock=clock
+        )
+        with twin, twin.device(clock.now_ns) as board:
+            frames = []
+            for _ in range(5):
+                if handed:
+                    board.feed(twin.period())
+                else:
+                    twin.play(1)
+                frames.append(board.read(1.0))
+        found.append(frames)
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one.values, other.values)
+        assert one.sequence == other.sequence
+        assert one.stamp_ns == other.stamp_ns

@@ -223,14 +223,14 @@ def test_a_live_run_without_tracking_is_replayed_without(
 ) -> None:
     digest = fitted.digest
     loaded = LoadedRecording('x', spatial, calibrations=(digest,))
-    assert as_live(loaded, fitted) is fitted
+    assert as_live(loaded.calibrations, fitted) is fitted
     fitted.config = replace(fitted.config, track_baseline=False)
     still = LoadedRecording('x', spatial, calibrations=(fitted.digest,))
     fitted.config = replace(fitted.config, track_baseline=True)
-    found = as_live(still, fitted)
+    found = as_live(still.calibrations, fitted)
     assert not found.config.track_baseline
     assert found.digest == still.calibrations[0]
     assert fitted.digest == digest
     assert not replay(still, fitted).problems
     foreign = LoadedRecording('x', spatial, calibrations=('0' * 64,))
-    assert as_live(foreign, fitted) is fitted
+    assert as_live(foreign.calibrations, fitted) is fitted

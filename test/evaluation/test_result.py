@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.metrics import target_errors
-from tactile_ros.evaluation.result import Answer, unjudged
+from tactile_ros.evaluation.metrics import given_targets, target_errors
+from tactile_ros.evaluation.result import unjudged
 from tactile_ros.types import ContactStates, Layout, Recording
 
 BOARD = Layout(np.arange(6.0).reshape(2, 3), channels=('x', 'y', 'z'), unit='T')
@@ -17,7 +17,8 @@ def found(truth: dict[str, np.ndarray], **estimates: np.ndarray) -> tuple[str, .
     """Sentences about four frames with some truth and some estimates."""
     recording = Recording.from_arrays(BOARD, np.zeros((4, 2, 3)), truth=truth)
     states = ContactStates.assemble(4, 2, {'valid': np.ones(4, bool), **estimates})
-    return unjudged(Answer('ridge', target_errors(recording, states)), states)
+    counts = {target.name: target.spread.count for target in target_errors(recording, states)}
+    return unjudged('ridge', counts, given_targets(states))
 
 
 def axis(number: int, rows: slice = slice(None)) -> np.ndarray:

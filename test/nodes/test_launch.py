@@ -17,6 +17,7 @@ from tactile_ros.nodes.graph import Setting
 from tactile_ros.nodes.grasp_graph import Grasping
 from tactile_ros.nodes.grip_node import GripOptions
 from tactile_ros.nodes.parameters import Schema
+from tactile_ros.nodes.replay_graph import Playing, replaying
 from tactile_ros.nodes.sensor_node import SensorOptions
 from tactile_ros.sensors import list_sensors, load_sensor
 
@@ -191,8 +192,29 @@ def test_replay_plays_what_the_sensor_said() -> None:
     contact, player, _ = actions(module_of('replay.launch.py'), bag='bag', namespace='thumb')
     assert contact.node_executable == 'contact_node'
     words = [part.text for word in player.cmd for part in word]
+    assert words == Playing('bag', namespace='thumb').command()
     assert words[-3:] == ['--topics', '/thumb/frame', '/thumb/layout']
-    assert '--clock' in words
+    assert words[:5] == ['ros2', 'bag', 'play', 'bag', '--clock']
+    if isinstance(contact, Record):
+        assert contact.named['namespace'] == 'thumb'
+        assert contact.named['parameters'] == [{'use_sim_time': True}]
+
+
+def test_every_choice_of_a_replay_is_a_described_argument() -> None:
+    declared = module_of('replay.launch.py').generate_launch_description().get_launch_arguments()
+    assert {field.name for field in fields(Playing)} | {'log_level'} == {a.name for a in declared}
+    assert all(len(argument.description) > 5 for argument in declared)
+
+
+def test_a_replay_needs_a_bag() -> None:
+    with pytest.raises(ValueError, match='bag must be the folder of a bag'):
+        Playing().command()
+
+
+def test_a_replay_runs_the_node_on_the_clock_of_the_bag() -> None:
+    (contact,) = replaying(Playing('b', calibration='c.npz', params_file='p.yaml')).processes
+    assert contact.parameters == {'use_sim_time': True, 'calibration': 'c.npz'}
+    assert contact.params_file == 'p.yaml'
 
 
 def test_a_hand_is_one_argument() -> None:

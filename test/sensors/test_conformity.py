@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import lru_cache
+from itertools import pairwise
 from time import perf_counter_ns
 from typing import TYPE_CHECKING
 
@@ -341,6 +342,20 @@ def test_live_is_batch(toy: Toy, track: bool, seed: int) -> None:
         assert differences(state, batch[row], 1e-9, ALL) == [], row
     # and something happened
     assert set(batch.in_contact.tolist()) == {-1, 0, 1}
+
+
+@pytest.mark.parametrize('track', [True, False])
+def test_pieces_of_a_stream_are_the_whole(toy: Toy, track: bool) -> None:
+    one = toy.pipeline(track_baseline=track).fit(toy.streams())
+    recording = eventful(toy, 7)
+    stream = dataclasses.replace(recording, tare=None, stream=None)
+    whole = one.process_batch(stream)
+    for edges in ([0, 1, 2, 40, 41, len(stream)], [0, 17, 34, 51, 68, len(stream)]):
+        one.reset()
+        for a, b in pairwise(edges):
+            piece = one.process_next(stream.select(slice(a, b)))
+            for i in range(b - a):
+                assert differences(piece[i], whole[a + i], 1e-12, ALL) == [], (a, i)
 
 
 def test_streams_do_not_know_of_each_other(toy: Toy, pipeline: Pipeline) -> None:

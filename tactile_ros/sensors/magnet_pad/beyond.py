@@ -11,10 +11,13 @@ from tactile_ros.types import FrameStatus
 
 if TYPE_CHECKING:
     from tactile_ros.signals import Columns
-    from tactile_ros.types import Array, Bools, Integers
+    from tactile_ros.types import Array, Bools
 
-LOADS = 0.1  # logarithm of loads beyond those recorded that may be chance
+MARGIN = 1.1  # times the recorded forces: beyond them by chance
 FIELDS = 3.0  # times the usual, of a component of a stray field
+OUT_OF_RANGE, STRAY_FIELD = (
+    np.int64(bit) for bit in (FrameStatus.OUT_OF_RANGE, FrameStatus.STRAY_FIELD)
+)
 
 
 def span_of(touches: Array) -> tuple[float, float]:
@@ -23,13 +26,13 @@ def span_of(touches: Array) -> tuple[float, float]:
     return float(size.min()), float(size.max())
 
 
-def flags(known: Columns, touched: Bools, span: tuple[float, float] | None) -> Integers:
-    """Bits of `FrameStatus` (s,) of answers that go beyond what can be believed.
+def flag(known: Columns, touched: Bools, span: tuple[float, float] | None) -> None:
+    """Add `status`, bits of `FrameStatus`, where an answer goes beyond what can be believed.
 
     Parameters
     ----------
     known : dict of str to ndarray, shape (s, ...)
-        Answers.
+        Answers; changed in place.
     touched : ndarray of bool, shape (s,)
         Rows that may be touched.
     span : tuple of float, or None
@@ -37,11 +40,11 @@ def flags(known: Columns, touched: Bools, span: tuple[float, float] | None) -> I
     """
     status = np.zeros(len(touched), np.int64)
     if span is not None and 'force' in known:
-        size = np.linalg.norm(np.asarray(known['force'], np.float64), axis=1)
-        margin = np.exp(LOADS)
-        beyond = touched & ((size < span[0] / margin) | (size > span[1] * margin))
-        status |= beyond * np.int64(FrameStatus.OUT_OF_RANGE)
+        square = np.add.reduce(known['force'] * known['force'], axis=1)
+        least, most = (span[0] / MARGIN) ** 2, (span[1] * MARGIN) ** 2
+        status += (touched & ((square < least) | (square > most))) * OUT_OF_RANGE
     if 'stray_field' in known:
-        field = np.abs(np.asarray(known['stray_field'], np.float64)).max(axis=1)
-        status |= (field > FIELDS * STRAY) * np.int64(FrameStatus.STRAY_FIELD)
-    return status
+        field = np.maximum.reduce(np.abs(known['stray_field']), axis=1)
+        status += (field > FIELDS * STRAY) * STRAY_FIELD
+    if np.count_nonzero(status):
+        known['status'] = status

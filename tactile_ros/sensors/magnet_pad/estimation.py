@@ -18,7 +18,7 @@ from tactile_ros.physics.fidelity import Choice, Rated
 from tactile_ros.physics.scene_terms import Worth
 from tactile_ros.regression import ESTIMATORS as REGRESSORS
 from tactile_ros.regression.recognition import VOTER
-from tactile_ros.sensors.magnet_pad.beyond import flags, span_of
+from tactile_ros.sensors.magnet_pad.beyond import flag, span_of
 from tactile_ros.sensors.magnet_pad.cells import SPACE
 from tactile_ros.sensors.magnet_pad.inversion import PadInversion
 from tactile_ros.sensors.magnet_pad.likeness import Touched
@@ -199,7 +199,8 @@ class Localisation(Regressed):
         if self.nominal_:
             assert isinstance(memory, History)
             known = self._pad.estimate(x, signals.in_contact == 0)
-            return {**known, 'status': flags(known, signals.in_contact != 0, None)}
+            flag(known, signals.in_contact != 0, None)
+            return known
         known = super().estimate(signals, memory)
         if self.inverted_:
             self._add_inverted(known, signals, x)
@@ -209,7 +210,7 @@ class Localisation(Regressed):
             cov = np.array(known['force_cov'], np.float64)
             cov[:, 0, 0] += LEANS**2 * size
             known['force_cov'] = cov
-        known['status'] = flags(known, signals.in_contact != 0, self._span)
+        flag(known, signals.in_contact != 0, self._span)
         return known
 
     def contact(self, signals: Signals) -> npt.NDArray[np.int8]:

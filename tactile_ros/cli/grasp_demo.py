@@ -1,0 +1,80 @@
+"""Scenes of grasps in MuJoCo, one seed each, with plots and films."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from tactile_ros.cli import bench
+from tactile_ros.cli.table import show, show_json
+from tactile_ros.errors import TactileError
+from tactile_ros.evaluation.benchmark import COLUMNS, BenchResult
+from tactile_ros.evaluation.sources import load_source
+from tactile_ros.simulation.film import Film, prefer_no_screen, why_not
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def films() -> dict[str, Film]:
+    """What is filmed, and from where."""
+    return {
+        'balloon': Film(4.0, (0.0, 0.06, 0.0), 0.32, azimuth=60.0, elevation=-40.0, speed_up=3.0),
+        'allegro': Film(10.0, (0.07, 0.02, 0.05), 0.36, azimuth=310.0, elevation=-25.0),
+        'loads': Film(12.0, (0.0, 0.0, 0.01), 0.22, azimuth=115.0, elevation=-15.0),
+    }
+
+
+def run_grasps(output: Path, seed: int, as_json: bool = False) -> int:
+    """Run the scenes, print their figures, write plots and films.
+
+    Parameters
+    ----------
+    output : Path
+        Folder of the plots and films.
+    seed : int
+        Of poses, loads and noise.
+    as_json : bool
+        Print the table as JSON; all else goes to standard error.
+
+    Returns
+    -------
+    int
+        0.
+
+    Raises
+    ------
+    TactileError
+        If MuJoCo is missing, or the scenes are not installed.
+    """
+    began = time.perf_counter()
+    place = bench.folder()
+    if place is None:
+        msg = 'the scenes are not installed; run `tactile demo grasp` from a clone of the sources'
+        raise TactileError(msg)
+    prefer_no_screen()
+    sentence = why_not()
+    made = {} if sentence else films()
+    scenes = load_source(place / 'worlds' / 'grasp_scenes.py', 'demo grasp')
+    print('calibrating fingertips, then a minute or two of scenes', file=sys.stderr, flush=True)
+    found = scenes.run('quick', seed, made)
+    command = f'tactile demo grasp --seed {seed}'
+    result = BenchResult('grasp', command, [seed], found.rows, found.notes, found.drawings)
+    cells, aside = [row.cells() for row in result.rows], sys.stdout
+    if as_json:
+        show_json(COLUMNS, cells)
+        aside = sys.stderr
+    else:
+        show(COLUMNS, cells, title=f'grasp: {command}')
+    for note in result.notes:
+        print(f'  {note}', file=aside)
+    output.mkdir(parents=True, exist_ok=True)
+    for path in result.draw(output):
+        print(f'  drawn: {path}', file=aside)
+    for name, film in made.items():
+        print(f'  filmed: {film.save(output / f"grasp_{name}.gif")}', file=aside)
+    if sentence:
+        print(f'  no films: {sentence}', file=aside)
+    print(f'  {time.perf_counter() - began:.0f} s', file=aside)
+    return 0

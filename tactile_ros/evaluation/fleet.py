@@ -1,0 +1,240 @@
+"""Many recordings judged by many pipelines: in turn, in processes, or on a Dask cluster.
+
+A recording is one job. What a job finds does not depend on where it runs, and results are put in
+the order of the jobs, so that one process, several and a cluster give the same numbers. A job that
+fails, or whose process dies, is an outcome like any other.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from threading import get_ident
+from typing import TYPE_CHECKING
+
+from tactile_ros import calibration as files
+from tactile_ros.errors import MissingPackageError, RecordingError, TactileError
+from tactile_ros.evaluation.loaded import LoadedRecording
+from tactile_ros.evaluation.recording import load
+from tactile_ros.evaluation.sensor_pieces import ClassesChangedError
+from tactile_ros.evaluation.sensor_tally import SensorTally, tally_bag, tally_recording
+from tactile_ros.evaluation.survey import survey
+from tactile_ros.evaluation.truth_topics import DEFAULT_TRUTH, Association
+from tactile_ros.sensors import load_sensor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from tactile_ros.evaluation.answer_tally import AnswerTally
+    from tactile_ros.pipeline import Pipeline
+
+IN_MEMORY = ('.npz', '.csv')
+
+
+@dataclass(frozen=True)
+class Job:
+    """One recording to be judged.
+
+    Attributes
+    ----------
+    recording : str
+        Path, or name of a shipped recording of the first calibration's sensor.
+    calibrations : tuple of str
+        Paths of calibration files.
+    truth_topics : tuple of str
+        As of `recording.load`.
+    tolerance_ns : int or None
+        As of `Association`.
+    delay_ns : int or None
+        By how much truth on topics of its own is late (ns); None: estimated.
+    """
+
+    recording: str
+    calibrations: tuple[str, ...]
+    truth_topics: tuple[str, ...] = DEFAULT_TRUTH
+    tolerance_ns: int | None = None
+    delay_ns: int | None = None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one job came to: tallies by sensor, or why there are none."""
+
+    job: Job
+    tallies: tuple[SensorTally, ...] = ()
+    failure: str = ''
+
+
+def open_calibration(path: str | Path) -> Pipeline:
+    """Pipeline of whatever sensor the file is of."""
+    sensor = str(files.read(Path(path)).get('sensor.scalar', ''))
+    return load_sensor(sensor).load(Path(path))
+
+
+@lru_cache(maxsize=64)
+def _opened(path: str, changed_ns: int, thread: int) -> Pipeline:
+    """A calibration, read once by a thread (of which a worker may have some) and not shared."""
+    return open_calibration(path)
+
+
+def tally(job: Job) -> Outcome:
+    """Do one job; a failure is told, not raised."""
+    try:
+        return Outcome(job, tuple(_tallies(job)))
+    except (TactileError, ValueError, OSError) as err:
+        return Outcome(job, failure=str(err))
+    except Exception as err:
+        return Outcome(job, failure=f'{job.recording}: {type(err).__name__}: {err}')
+
+
+def _tallies(job: Job) -> list[SensorTally]:
+    stems = [Path(path).stem for path in job.calibrations]
+    pipelines = {}
+    for path, stem in zip(job.calibrations, stems, strict=True):
+        name = stem if stems.count(stem) == 1 else path
+        pipelines[name] = _opened(path, Path(path).stat().st_mtime_ns, get_ident())
+    first = next(iter(pipelines.values()))
+    file = Path(job.recording)
+    shipped = load_sensor(first.sensor).recordings()
+    if not file.exists() and job.recording in shipped:
+        loaded = LoadedRecording(job.recording, shipped[job.recording])
+        return [tally_recording(loaded, pipelines, job.recording)]
+    if not file.exists():
+        names = ', '.join(shipped) or 'none'
+        msg = f'{file} does not exist, and {first.sensor} ships only {names}'
+        raise RecordingError(msg)
+    if file.suffix not in IN_MEMORY:
+        with suppress(ClassesChangedError):
+            truth = associated(file, job)
+            return tally_bag(file, pipelines, job.truth_topics, truth, first.layout)
+    found = load(file, first.layout, job.truth_topics)
+    return [tally_recording(one, pipelines, file.name) for one in found.recordings]
+
+
+def associated(path: Path, job: Job) -> Association:
+    """How truth goes with frames: as the job says, with delays that the signals tell."""
+    found = survey(path, job.truth_topics)
+    delays, known = {}, {}
+    for topic, delay in found.items():
+        if job.delay_ns is not None:
+            delays[topic], known[topic] = job.delay_ns, ' as was said'
+        elif delay is None:
+            known[topic] = ' (assumed: the signals do not tell)'
+        else:
+            delays[topic] = round(delay.delay_ns) if delay.told else 0
+            known[topic] = (
+                f' (estimated: {delay.delay_ns * 1e-6:.3g} +- {delay.std_ns * 1e-6:.2g} ms from '
+                f'{delay.stretches} stretches, correlation {delay.correlation:.2f})'
+            )
+    return Association(job.tolerance_ns, delays, known)
+
+
+def tally_all(
+    jobs: Sequence[Job],
+    workers: int = 1,
+    scheduler: str = '',
+    done: Callable[[Outcome], None] = lambda outcome: None,
+) -> list[Outcome]:
+    """Do many jobs.
+
+    Parameters
+    ----------
+    jobs : sequence of Job
+        Different from one another.
+    workers : int
+        Processes on this machine.
+    scheduler : str
+        Address of a running Dask scheduler, whose workers see the same files; empty: none.
+    done : callable
+        Hears of every outcome as soon as it is there.
+
+    Returns
+    -------
+    list of Outcome
+        In the order of the jobs.
+    """
+    found: dict[Job, Outcome] = {}
+
+    def heard(outcome: Outcome) -> None:
+        found[outcome.job] = outcome
+        done(outcome)
+
+    if scheduler:
+        _on_dask(jobs, scheduler, heard)
+    elif workers > 1 and len(jobs) > 1:
+        _in_processes(jobs, min(workers, len(jobs)), heard)
+    else:
+        for job in jobs:
+            heard(tally(job))
+    return [found[job] for job in jobs]
+
+
+def _in_processes(jobs: Sequence[Job], workers: int, heard: Callable[[Outcome], None]) -> None:
+    """Do jobs in a pool; where a process died, each job that was lost with it gets its own."""
+    for job in _pool(jobs, workers, heard):
+        if _pool([job], 1, heard):
+            heard(Outcome(job, failure=f'{job.recording}: the process that read it died'))
+
+
+def _pool(
+    jobs: Sequence[Job],
+    workers: int,
+    heard: Callable[[Outcome], None],
+    work: Callable[[Job], Outcome] = tally,
+) -> list[Job]:
+    """Do jobs in a pool of processes; those that no process finished."""
+    lost = []
+    fresh = multiprocessing.get_context('spawn')
+    with ProcessPoolExecutor(workers, mp_context=fresh) as pool:
+        waiting = {pool.submit(work, job): job for job in jobs}
+        for future in as_completed(waiting):
+            try:
+                heard(future.result())
+            except BrokenProcessPool:
+                lost.append(waiting[future])
+    return [job for job in jobs if job in lost]
+
+
+def _on_dask(jobs: Sequence[Job], scheduler: str, heard: Callable[[Outcome], None]) -> None:
+    """Do jobs on a cluster: Dask gives those of a lost worker to another, a few times."""
+    try:
+        import distributed
+    except ImportError as err:
+        msg = 'a Dask cluster needs distributed: pip install distributed'
+        raise MissingPackageError(msg) from err
+    try:
+        client = distributed.Client(scheduler, timeout=10, set_as_default=False)
+    except (OSError, ValueError) as err:
+        msg = f'no Dask scheduler answers at {scheduler}: {err}'
+        raise RecordingError(msg) from err
+    with client:
+        waiting = {client.submit(tally, job, pure=False): job for job in jobs}
+        for future in distributed.as_completed(waiting, loop=client.loop):
+            try:
+                heard(future.result())
+            except Exception as err:
+                why = f'{waiting[future].recording}: {type(err).__name__}: {err}'
+                heard(Outcome(waiting[future], failure=why))
+
+
+def merged(outcomes: Sequence[Outcome]) -> SensorTally | None:
+    """All sensors of all outcomes together, by calibration; None for fewer than two."""
+    tallies = [one for outcome in outcomes for one in outcome.tallies]
+    if len(tallies) < 2:
+        return None
+    answers: dict[str, AnswerTally] = {}
+    for answer in (a for one in tallies for a in one.answers):
+        name = answer.calibration
+        answers[name] = answers[name] + answer if name in answers else answer
+    whole = tallies[0].latency
+    for one in tallies[1:]:
+        whole = whole + one.latency
+    return SensorTally(
+        'all', '', tuple(answers.values()), sum(one.frames for one in tallies),
+        sum(one.dropped for one in tallies), sum(one.seconds for one in tallies), whole,
+    )  # fmt: skip

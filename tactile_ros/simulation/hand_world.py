@@ -1,0 +1,284 @@
+"""A hand in MuJoCo with its sensors' bytes and its driver's messages in one loop.
+
+Physics, sensors and the controller each have a rate of their own on one virtual clock. What the
+controller sends is the message of the hand's adapter, filled and read back as the driver reads it;
+DDS alone is left out.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from tactile_ros.hands.driver import JOINT_STATE, TRAJECTORY
+from tactile_ros.hands.joint_messages import read_command, read_joint_states
+from tactile_ros.simulation.engine import load_engine, scene_text
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from tactile_ros.control import GripStep
+    from tactile_ros.simulation.fingertip import Fingertip
+    from tactile_ros.simulation.hand_model import HandModel
+    from tactile_ros.types import Array, ContactState, GripCommand
+
+
+class Decided(Protocol):
+    """What one step of a `Stage` came to."""
+
+    made: GripStep
+    command: GripCommand | None
+
+
+class Stage(Protocol):
+    """The loop of grip_node without ROS (`nodes.grip_stage`)."""
+
+    def take_touch(
+        self, finger: int, force: Sequence[float], valid: bool, slip: int, now_s: float
+    ) -> None:
+        """Keep what a finger feels."""
+        ...
+
+    def take_joints(self, position: Array, now_s: float) -> None:
+        """Keep measured joint positions."""
+        ...
+
+    def step(self, now_s: float, stamp_ns: int) -> Decided:
+        """One control step."""
+        ...
+
+
+class GraspStage(Stage, Protocol):
+    """A stage that can be asked to grasp."""
+
+    def enable(self) -> None:
+        """Commands may be sent."""
+        ...
+
+    def grasp(
+        self, target_force: float, fingers: Sequence[str], timeout: float, adapt: bool
+    ) -> None:
+        """Close until something is held; a target of 0 N opens."""
+        ...
+
+
+@dataclass(frozen=True)
+class Felt:
+    """A pad at one instant.
+
+    Attributes
+    ----------
+    force, place : ndarray, shape (3,)
+        True contact force and its centre in the sensor frame (N, m); 0 and NaN untouched.
+    state : ContactState
+        What sensor and pipeline made of it.
+    """
+
+    force: Array
+    place: Array
+    state: ContactState
+
+
+class HandWorld:
+    """A hand, an object and the loop.
+
+    Parameters
+    ----------
+    hand : HandModel
+        The hand.
+    objects : str
+        MJCF of what is grasped.
+    tips : mapping of str to Fingertip
+        By sensor, tared; the order is that of the stage's fingers.
+    stage : GraspStage
+        That controls, of the same hand.
+    rate_hz : float
+        Of the controller (Hz).
+    rest : str
+        MJCF beside `worldbody` of the objects.
+    place : callable or None
+        From the contact in the sensor frame, its centre and mean force, to the place on the
+        sensor's skin; None: the centre.
+    field : callable or None
+        Field (t, 3) (T) in the sensor frame of what is around: of the time (s), elements (t, 3)
+        (m) in the world, and the sensor's axes (3, 3).
+
+    Attributes
+    ----------
+    felt : dict of str to Felt
+        Newest of every pad.
+    steps : int
+        Of physics since the start.
+    read_force : callable
+        Force (3,) (N) and whether it may be used, of a sensor's name, tip and state; as the
+        pipeline says unless a scene reads the sensor otherwise.
+    watchers : list of callable
+        Called at every control step.
+    before_step : callable
+        What happens to the object, before every step of physics.
+    """
+
+    def __init__(
+        self,
+        hand: HandModel,
+        objects: str,
+        tips: Mapping[str, Fingertip],
+        stage: GraspStage,
+        rate_hz: float,
+        rest: str = '',
+        place: Callable[[Array, Array], Array] | None = None,
+        field: Callable[[float, Array, Array], Array] | None = None,
+    ) -> None:
+        self.engine = load_engine()
+        text = scene_text(hand.bodies + objects, hand.rest + rest)
+        self.model = self.engine.MjModel.from_xml_string(text)
+        self.data = self.engine.MjData(self.model)
+        self.hand, self.tips, self.stage = hand, tips, stage
+        self.rate_hz = rate_hz
+        self.felt: dict[str, Felt] = {}
+        self.steps = 0
+        self.read_force: Callable[[str, Fingertip, ContactState], tuple[Array, bool]] = _as_told
+        self.before_step: Callable[[], None] = _nothing
+        self.watchers: list[Callable[[HandWorld], None]] = []
+        self._place, self._field = place, field
+        self._driver = hand.description.driver
+        joints = [self.model.joint(name) for name in self._driver.joints]
+        self._qpos = np.array([joint.qposadr[0] for joint in joints])
+        self._ctrl = np.array([self.model.actuator(name).id for name in self._driver.joints])
+        self._pads = {self.model.geom(hand.pads[name]).id: name for name in tips}
+        self._sites = {name: self.model.site(hand.pads[name]).id for name in tips}
+        self._waiting: deque[tuple[float, Array, float]] = deque()
+        self._line: tuple[float, Array, Array, float] | None = None
+        self._ticks = round(1.0 / rate_hz / self.model.opt.timestep)
+        rates = {round(1.0 / tip.frame_rate / self.model.opt.timestep) for tip in tips.values()}
+        (self._sensor_ticks,) = rates
+        self.put(hand.description.posture('open', np.zeros(len(joints))))
+
+    @property
+    def time(self) -> float:
+        """Virtual time (s)."""
+        return float(self.steps * self.model.opt.timestep)
+
+    def put(self, position: Array) -> None:
+        """Place joints (j,) and their drives."""
+        self.data.qpos[self._qpos] = position
+        self.data.ctrl[self._ctrl] = position
+        for i, actuator in enumerate(self._ctrl):
+            self.data.act[self.model.actuator_actadr[actuator]] = position[i]
+        self.engine.mj_forward(self.model, self.data)
+
+    def run(
+        self, seconds: float, watch: Callable[[HandWorld, Decided], bool | None] | None = None
+    ) -> None:
+        """Let time pass; `watch` sees every control step, and True from it ends the run."""
+        for _ in range(round(seconds / self.model.opt.timestep)):
+            if self.steps % self._sensor_ticks == 0:
+                self._sense()
+            ended = False
+            if self.steps % self._ticks == 0:
+                decided = self._control()
+                for watcher in self.watchers:
+                    watcher(self)
+                ended = watch is not None and watch(self, decided) is True
+            self._follow()
+            self.before_step()
+            self.engine.mj_step(self.model, self.data)
+            self.steps += 1
+            if ended:
+                return
+
+    def pad_forces(self) -> dict[str, tuple[Array, Array]]:
+        """For each pad, force on what it touches and its centre, in the sensor frame (N, m)."""
+        force = {name: np.zeros(3) for name in self.tips}
+        moment = {name: np.zeros(3) for name in self.tips}
+        weight = dict.fromkeys(self.tips, 0.0)
+        six = np.zeros(6)
+        for i in range(self.data.ncon):
+            contact = self.data.contact[i]
+            for which in (0, 1):
+                name = self._pads.get(int(contact.geom[which]))
+                if name is None:
+                    continue
+                self.engine.mj_contactForce(self.model, self.data, i, six)
+                acts = contact.frame.reshape(3, 3).T @ six[:3]
+                force[name] += acts if which == 0 else -acts
+                moment[name] += six[0] * contact.pos
+                weight[name] += six[0]
+        found = {}
+        for name, site in self._sites.items():
+            axes = self.data.site_xmat[site].reshape(3, 3)
+            if weight[name] <= 0:
+                found[name] = np.zeros(3), np.full(3, np.nan)
+                continue
+            centre = moment[name] / weight[name] - self.data.site_xpos[site]
+            found[name] = axes.T @ force[name], axes.T @ centre
+        return found
+
+    def _sense(self) -> None:
+        """One frame of every pad, through bytes and pipeline, to the controller."""
+        for i, (name, (force, place)) in enumerate(self.pad_forces().items()):
+            tip, touched = self.tips[name], place
+            if self._place is not None and np.any(force):
+                touched = self._place(place, force)
+            field = None
+            if self._field is not None:
+                site = self._sites[name]
+                axes = self.data.site_xmat[site].reshape(3, 3)
+                elements = self.data.site_xpos[site] + tip.skin.config.positions @ axes.T
+                field = self._field(self.time, elements, axes)
+            state = tip.feel(touched, force, field)
+            self.felt[name] = Felt(force, touched, state)
+            told, valid = self.read_force(name, tip, state)
+            self.stage.take_touch(i, told.tolist(), valid, int(state.slip), self.time)
+
+    def _control(self) -> Decided:
+        """Joint states to the controller, and its command through the adapter's messages."""
+        states = message(JOINT_STATE)
+        states.name = list(self._driver.joints)
+        states.position = self.data.qpos[self._qpos].tolist()
+        position = read_joint_states(states, self._driver.joints)
+        assert position is not None
+        self.stage.take_joints(position, self.time)
+        decided = self.stage.step(self.time, round(1e9 * self.time))
+        if decided.command is not None:
+            topic = self._driver.topics[-1]
+            sent = message(topic.kind)
+            topic.fill(sent, decided.command)
+            target, horizon = read_command(topic.kind, sent, self._driver.joints)
+            self._waiting.append((self.time + self.hand.dead_time, target, horizon))
+        return decided
+
+    def _follow(self) -> None:
+        """Move the drives' targets: at once, or along a line to a trajectory's point."""
+        while self._waiting and self._waiting[0][0] <= self.time:
+            begins, target, horizon = self._waiting.popleft()
+            self._line = begins, self.data.ctrl[self._ctrl].copy(), target, horizon
+        if self._line is not None:
+            begins, start, target, horizon = self._line
+            share = min((self.time - begins) / horizon, 1.0) if horizon > 0 else 1.0
+            self.data.ctrl[self._ctrl] = start + share * (target - start)
+
+
+def _nothing() -> None:
+    """Nothing happens to the object."""
+
+
+def _as_told(_: str, __: Fingertip, state: ContactState) -> tuple[Array, bool]:
+    """Force and validity as the pipeline says."""
+    return state.force, bool(state.valid)
+
+
+def message(kind: str) -> SimpleNamespace:
+    """A blank message with the fields that adapters fill."""
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0), frame_id='')
+    if kind == TRAJECTORY:
+        duration = SimpleNamespace(sec=0, nanosec=0)
+        point = SimpleNamespace(positions=[], time_from_start=duration)
+        return SimpleNamespace(header=header, joint_names=[], points=[point])
+    if kind == JOINT_STATE:
+        return SimpleNamespace(header=header, name=[], position=[], velocity=[], effort=[])
+    return SimpleNamespace(data=[])

@@ -1,0 +1,94 @@
+"""Things to grasp, as MJCF: a cube, a sphere, a mouse, a balloon."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+CUBE, SPHERE = 0.057, 0.06  # m: edge of a Rubik's cube, diameter of a printed sphere
+MOUSE = (0.1, 0.06, 0.038)  # m: length, width and height of a wireless mouse
+BALLOON = 0.07  # m
+# holds an object named `object` where it is, until it is switched off
+STILL = '<equality><weld body1="world" body2="object" solref="0.02 1"/></equality>'
+COLOURS = {'cube': '0.2 0.45 0.75 1', 'sphere': '0.85 0.75 0.3 1', 'mouse': '0.3 0.6 0.45 1'}
+
+
+def solid(
+    kind: str,
+    mass: float,
+    place: tuple[float, ...] = (0.0, 0.0, 0.0),
+    turn: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0),
+) -> str:
+    """MJCF of a stiff object named `object`, free to move.
+
+    Parameters
+    ----------
+    kind : str
+        'cube', 'sphere' or 'mouse', an ellipsoid that lies on its side.
+    mass : float
+        (kg).
+    place, turn : tuple of float
+        Where it begins (m), and its quaternion (w, x, y, z).
+
+    Raises
+    ------
+    ValueError
+        If there is no such object.
+    """
+    shapes = {
+        'cube': ('box', (CUBE,) * 3),
+        'sphere': ('sphere', (SPHERE,)),
+        'mouse': ('ellipsoid', MOUSE),
+    }
+    if kind not in shapes:
+        msg = f'kind of a solid must be one of {", ".join(shapes)}; received {kind!r}'
+        raise ValueError(msg)
+    shape, lengths = shapes[kind]
+    size = _words([0.5 * length for length in lengths])
+    return f"""
+    <body name="object" pos="{_words(place)}" quat="{_words(turn)}">
+      <freejoint name="object"/>
+      <geom name="object" type="{shape}" size="{size}" mass="{mass}" rgba="{COLOURS[kind]}"/>
+    </body>"""
+
+
+def balloon(
+    stiffness: float,
+    damping: float,
+    place: tuple[float, ...] = (0.0, 0.0, 0.0),
+    mass: float = 0.005,
+) -> str:
+    """MJCF of a balloon named `object`, held where it is, whose two sides give way.
+
+    Parameters
+    ----------
+    stiffness, damping : float
+        Of each side (N/m, N s/m).
+    place : tuple of float
+        Of its middle (m); its sides give way along x.
+    mass : float
+        (kg).
+    """
+    radius = BALLOON / 2
+    sides = ''.join(
+        f"""
+      <body name="{name}_side" pos="{sign * 0.5 * radius} 0 0">
+        <joint name="{name}_side" type="slide" axis="{-sign} 0 0" stiffness="{stiffness}"
+          damping="{damping}"/>
+        <geom name="{name}_side" type="ellipsoid" size="{0.5 * radius} {radius} {radius}"
+          mass="{0.4 * mass}" rgba="0.9 0.3 0.35 0.8"/>
+      </body>"""
+        for name, sign in (('left', -1), ('right', 1))
+    )
+    return f"""
+    <body name="object" pos="{_words(place)}" gravcomp="1">
+      <joint name="object" type="slide" axis="1 0 0" damping="0.05"/>
+      <geom name="object" type="ellipsoid" size="{0.72 * radius} {radius} {radius}"
+        mass="{0.2 * mass}" rgba="0.9 0.3 0.35 0.8" contype="0" conaffinity="0"/>{sides}
+    </body>"""
+
+
+def _words(numbers: Iterable[float]) -> str:
+    return ' '.join(f'{number:.9f}' for number in numbers)

@@ -1,0 +1,133 @@
+"""Fingertip skins of scenes: gradiometers and magnet pads, and presses that calibrate them.
+
+Signals are those of the sensors' own twins: the disc on springs, the pad's nominal body, with the
+model of the magnets' field that `physics.fidelity` picks. Each press of a calibration goes through
+the same model, with places, loads and noise of its own seed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from tactile_ros.physics.dipoles import in_chip_axes
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.presses import Programme, Touches, growing_loads, recorded, thinned
+from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors.gradiometer import signal as disc
+from tactile_ros.sensors.gradiometer.config import GradiometerConfig
+from tactile_ros.sensors.gradiometer.config import layout as disc_layout
+from tactile_ros.sensors.gradiometer.device import GradiometerConnection
+from tactile_ros.sensors.magnet_pad import signal as pad
+from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
+from tactile_ros.sensors.magnet_pad.config import layout as pad_layout
+from tactile_ros.sensors.magnet_pad.device import MagnetPadConnection
+from tactile_ros.sensors.magnet_pad.nominal import NOISE
+from tactile_ros.simulation.fingertip import Skin
+from tactile_ros.types import Array, Recording
+
+RATE_HZ = 100.0
+PRESSED = 0.95  # of full scale, by a calibration
+DISC_PRESSES = 60
+AROUND, LEAN = 0.9, 0.45  # rad from the top; tangential over normal force
+RESTING = 60  # rows of rest before a pad's presses
+
+
+def gradiometer_skin(config: GradiometerConfig) -> Skin:
+    """A gradiometer [3], whose disc a fifth of full scale shears as far as [3] calibrated."""
+    model = disc.disc_model(config)
+
+    def signal(place: Array, force: Array, field: Array) -> Array:
+        at = _touch(place, force)
+        around = in_chip_axes(field, config.rotations)[..., disc.AXES]
+        return np.asarray(disc.reading(config, at, model)[0] + around)
+
+    spec = load_sensor('gradiometer')
+    return Skin(spec, config, GradiometerConnection(), signal, model.name)
+
+
+def gradiometer_presses(config: GradiometerConfig, seed: int) -> Recording:
+    """Presses to full scale with shear in all directions, up to the fifth of it that is sensed."""
+    rng = np.random.default_rng(seed)
+    count, most = DISC_PRESSES, PRESSED * config.full_scale
+    load = growing_loads(count, 0.02 * most, most, rng)[rng.permutation(count)]
+    angle = rng.uniform(0, 2 * np.pi, count)
+    shear = disc.SHEAR_SHARE * most * np.sqrt(rng.uniform(0, 1, count))
+    force = np.column_stack([shear * np.cos(angle), shear * np.sin(angle), load])
+    model = disc.disc_model(config)
+    return recorded(
+        disc_layout(config),
+        Programme(np.zeros((count, 3)), force),
+        lambda touches: disc.reading(config, touches, model),
+        lambda touches: disc.truth(config, touches),
+        disc.NOISE,
+        seed,
+    )
+
+
+def magnet_pad_skin(config: MagnetPadConfig, largest: float) -> Skin:
+    """A magnet pad [2] behind a microcontroller, for presses up to a force (N)."""
+    places = config.cells
+    normals = places * np.array([0.0, 1.0, 1.0]) / config.radius
+    blocks = pad.blocks_for(config, Programme(places, largest * normals))
+
+    def signal(place: Array, force: Array, field: Array) -> Array:
+        seen = pad.reading(config, _touch(place, force), blocks)[0]
+        return np.asarray(seen + in_chip_axes(field, config.rotations))
+
+    nodes = blocks.edge_nodes
+    model = f'blocks of {nodes**3} dipoles' if nodes else 'blocks in closed form'
+    spec = load_sensor('magnet_pad')
+    return Skin(spec, config, MagnetPadConnection(transport='serial'), signal, model)
+
+
+def magnet_pad_presses(
+    config: MagnetPadConfig, seed: int, largest: float, count: int, frames: int = 1
+) -> Recording:
+    """The mean of some frames of each press, where grasps touch, leaning as forces there do."""
+    rng = np.random.default_rng(seed)
+    x = 0.5 * config.length * rng.uniform(-1, 1, count)
+    angle = np.pi / 2 + AROUND * rng.uniform(-1, 1, count)
+    normal = np.column_stack([np.zeros(count), np.cos(angle), np.sin(angle)])
+    across = np.cross(normal, rng.normal(size=(count, 3)))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    lean = LEAN * rng.uniform(0, 1, (count, 1))
+    load = largest * rng.uniform(0.03, 1.0, (count, 1))
+    place = np.column_stack([x, config.radius * normal[:, 1:]])
+    at = Touches(np.arange(count), place, load * (normal + lean * across), np.ones(count))
+    blocks = pad.blocks_for(config, Programme(at.position, at.force))
+    rest = pad.reading(config, _touch(np.zeros(3), np.zeros(3)), blocks)
+    values = np.concatenate([np.repeat(rest, RESTING, axis=0), pad.reading(config, at, blocks)])
+    truth = {
+        **{name: _after_rest(column) for name, column in pad.truth(config, at).items()},
+        'in_contact': _after_rest(np.ones(count, np.int8)),
+    }
+    return Recording.from_arrays(
+        pad_layout(config),
+        values + NOISE / np.sqrt(frames) * rng.normal(size=values.shape),
+        tare=np.arange(len(values)) < RESTING,
+        truth=truth,
+    )
+
+
+def _after_rest(column: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    """A column of truth after rows of rest: force and contact 0, what is a place unknown."""
+    blank = column[:1] * 0 if column.dtype != np.int64 else np.full_like(column[:1], -1)
+    return np.concatenate([np.repeat(blank, RESTING, axis=0), column])
+
+
+def calibrated(skin: Skin, presses: Recording, estimator: str | None = None) -> Pipeline:
+    """Pipeline of a skin, fitted to presses; some frames a second are enough."""
+    pipeline = skin.spec.pipeline(skin.config, estimator)
+    return pipeline.fit(presses if presses.stamp_ns is None else thinned(presses))
+
+
+def _touch(place: Array, force: Array) -> Touches:
+    """One instant, as the twins' signals take it."""
+    pressed = bool(np.any(force))
+    return Touches(
+        np.array([0 if pressed else -1]),
+        place[None] if pressed else np.full((1, 3), np.nan),
+        force[None],
+        np.array([float(pressed)]),
+    )

@@ -1,0 +1,128 @@
+"""Columns of serialised messages beside what rosbags reads from them one by one."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from tactile_ros.evaluation.cdr_columns import Unlike, places_of, read_columns, text_at
+from tactile_ros.evaluation.message_columns import read_contact_rows, read_frames
+from tactile_ros.evaluation.truth_columns import read_told
+from tactile_ros.messages import read_contacts, read_frame
+
+if TYPE_CHECKING:
+    from types import SimpleNamespace
+
+TAXELS = 5
+CONTACTS = 'tactile_ros/msg/TactileContacts'
+FRAME = 'tactile_ros/msg/TactileFrame'
+
+
+def contacts(make: SimpleNamespace, seed: int) -> object:
+    """Contacts with any number of patches, per-taxel lists present or not, and any numbers."""
+    rng = np.random.default_rng(seed)
+    message = make.contacts(seed, 1_000_000_000 + 7 * seed, rng.normal(size=3), rng.normal(size=3))
+    message.contacts = [
+        make.contacts(0, 0, rng.normal(size=3)).contacts[0] for _ in range(seed % 4)
+    ]
+    for i, patch in enumerate(message.contacts):
+        patch.id = -1 if i and i == len(message.contacts) - 1 and seed % 3 else 10 + i
+        patch.position_covariance, patch.force_covariance = rng.normal(size=(2, 9))
+    message.wrench_covariance = rng.normal(size=36)
+    message.label_name = 'x' * (seed % 6)
+    message.taxel_force = rng.normal(size=TAXELS if seed % 2 else 0)
+    message.taxel_status = rng.integers(0, 9, TAXELS if seed % 5 else 0).astype(np.uint8)
+    message.cell, message.slip, message.yaw = int(rng.integers(9)), -1, float(rng.normal())
+    return message
+
+
+def test_contacts_are_those_of_rosbags(make: SimpleNamespace) -> None:
+    messages = [contacts(make, seed) for seed in range(60)]
+    found = read_contact_rows([make.cdr(m) for m in messages], TAXELS)
+    slow = read_contacts(messages, TAXELS)
+    assert found.rows.tolist() == list(range(60))
+    assert (found.damaged, found.misfits) == (0, 0)
+    for name, column in found.arrays.items():
+        np.testing.assert_array_equal(column, slow[name], name)
+
+
+def frames(make: SimpleNamespace, count: int) -> list[object]:
+    rng = np.random.default_rng(2)
+    found = []
+    for k in range(count):
+        frame = make.frame(k, rng.normal(size=15), 10**9 + k)
+        frame.temperature_c = rng.normal(size=TAXELS if k % 3 else 0)
+        frame.status = rng.integers(0, 9, TAXELS if k % 4 else 0).astype(np.uint8)
+        frame.header.frame_id = 'p' * (k % 9)
+        found.append(frame)
+    return found
+
+
+def test_frames_are_those_of_rosbags(make: SimpleNamespace) -> None:
+    messages = frames(make, 70)
+    found = read_frames([make.cdr(m) for m in messages], (TAXELS, 3))
+    for k, message in enumerate(messages):
+        slow = read_frame(message, (TAXELS, 3))
+        assert (found.stamp_ns[k], found.sequence[k]) == (slow.stamp_ns, slow.sequence)
+        np.testing.assert_array_equal(found.values[k], slow.values)
+        chips = np.full(TAXELS, np.nan) if slow.temperature_c is None else slow.temperature_c
+        np.testing.assert_array_equal(found.temperature_c[k], chips)
+        bits = np.zeros(TAXELS) if slow.status is None else slow.status
+        np.testing.assert_array_equal(found.status[k], bits)
+
+
+def test_what_is_cut_or_of_another_board_is_counted(make: SimpleNamespace) -> None:
+    whole = [make.cdr(m) for m in frames(make, 8)]
+    other = make.cdr(make.frame(9, np.zeros(6), 5))
+    found = read_frames([whole[0], whole[1][:-30], b'', other, *whole[2:]], (TAXELS, 3))
+    assert found.rows.tolist() == [0, 4, 5, 6, 7, 8, 9]
+    assert found.sequence.tolist() == [0, 2, 3, 4, 5, 6, 7]
+    assert (found.damaged, found.misfits) == (2, 1)
+
+
+def test_big_endian_messages_go_through_rosbags(make: SimpleNamespace) -> None:
+    (message,) = frames(make, 1)
+    data = bytes(make.store.serialize_cdr(message, FRAME, little_endian=False))
+    with pytest.raises(Unlike):
+        places_of(data, FRAME)
+    found = read_frames([data], (TAXELS, 3))
+    np.testing.assert_array_equal(found.values[0].ravel(), message.values)
+
+
+def test_a_length_that_cannot_be_is_refused_and_not_believed(make: SimpleNamespace) -> None:
+    data = bytearray(make.cdr(contacts(make, 0)))
+    at = places_of(bytes(data), CONTACTS).lengths[2]  # of the list of patches
+    data[at : at + 4] = b'\xff\xff\xff\x7f'
+    with pytest.raises(Unlike):
+        places_of(bytes(data), CONTACTS)
+    assert read_columns([bytes(data)], CONTACTS) == ([], 1)
+
+
+def test_load_cells_probes_and_texts(make: SimpleNamespace) -> None:
+    push = make.Vector3(x=1.0, y=2.0, z=3.0)
+    turn = make.Vector3(x=4.0, y=5.0, z=6.0)
+    wrench = make.WrenchStamped(
+        header=make.header(123456789012), wrench=make.Wrench(force=push, torque=turn)
+    )
+    told = read_told([make.cdr(wrench)] * 2, 'geometry_msgs/msg/WrenchStamped')
+    assert told.times.tolist() == [123456789012] * 2
+    assert told.truth['force'].tolist() == [[1.0, 2.0, 3.0]] * 2
+    pose = make.Pose(
+        position=make.Point(x=1.0, y=2.0, z=3.0),
+        orientation=make.Quaternion(x=0.0, y=0.0, z=1.0, w=0.0),
+    )
+    probe = make.PoseStamped(header=make.header(5), pose=pose)
+    nowhere = make.PoseStamped(
+        header=make.header(6),
+        pose=make.Pose(
+            position=make.Point(x=0.0, y=0.0, z=0.0),
+            orientation=make.Quaternion(x=0.0, y=0.0, z=0.0, w=0.0),
+        ),
+    )
+    told = read_told([make.cdr(probe), make.cdr(nowhere)], 'geometry_msgs/msg/PoseStamped')
+    np.testing.assert_allclose(np.diag(told.truth['object_pose'][0]), [-1, -1, 1, 1])
+    assert np.isnan(told.truth['object_pose'][1, :3, :3]).all()
+    (group,), _ = read_columns([make.cdr(make.String(data='mug'))], 'std_msgs/msg/String')
+    assert text_at(group.columns['data'], 0) == 'mug'
