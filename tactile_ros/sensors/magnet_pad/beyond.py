@@ -40,7 +40,8 @@ def flag(known: Columns, touched: Bools, span: tuple[float, float] | None) -> No
     """
     status = np.zeros(len(touched), np.int64)
     if span is not None and 'force' in known:
-        square = np.add.reduce(known['force'] * known['force'], axis=1)
+        force = np.asarray(known['force'], np.float64)
+        square = np.add.reduce(force * force, axis=1)
         least, most = (span[0] / MARGIN) ** 2, (span[1] * MARGIN) ** 2
         status += (touched & ((square < least) | (square > most))) * OUT_OF_RANGE
     if 'stray_field' in known:
