@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from tactile_ros.evaluation.benchmark import BenchResult
 
-LONGEST = ('devices', 'grasp', 'magnet_pad', 'reskin')  # of all benches, which begin
+LONGEST = ('devices', 'grasp', 'gradiometer', 'taxel_array', 'magnet_pad', 'reskin')  # which begin
 ALONE = 'import sys; from tactile_ros.cli.main import main; sys.exit(main(sys.argv[1:]))'
 
 

@@ -260,9 +260,10 @@ def run(
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as err:  # of several private classes: a file or an argument that cannot be
         sys.exit(f'the ROS arguments cannot be read: {err}')
-    stop = threading.Event()
+    # No Event: its lock would wait for itself where a second signal interrupts the first.
+    stopped: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+        signal.signal(number, lambda number, _: stopped.append(number))
     try:
         nodes = list(build())
     except (TactileError, ValueError, ParameterException, InvalidParameterValueException) as err:
@@ -274,7 +275,7 @@ def run(
         executor.add_node(node)
     try:
         start(nodes)
-        spin(executor, lambda: stop.is_set() or any(node.finished.is_set() for node in nodes))
+        spin(executor, lambda: bool(stopped) or any(node.finished.is_set() for node in nodes))
         drain(executor, nodes)
     finally:
         for node in reversed(nodes):

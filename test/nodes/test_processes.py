@@ -27,7 +27,7 @@ NODES = """
     with Running(Graph((Process('sensor_node', {'port': '/nowhere'}),))) as running:
         running.wait_for_line('sensor_node', '/nowhere', 20.0)
         print(running.pid('sensor_node'), flush=True)
-        running.wait('sensor_node', PATIENCE_S)
+        running.wait('sensor_node', 120.0)
 """
 WORKERS = """
     import os, time
@@ -86,3 +86,12 @@ def test_a_stop_while_a_node_starts_is_no_traceback() -> None:
     with Running(Graph((Process('sensor_node'),))) as running:
         running.stop()
     assert running.lines['sensor_node'] == []
+
+
+def test_many_signals_at_once_end_a_node_as_one_does() -> None:
+    with Running(Graph((Process('sensor_node', {'port': '/nowhere'}),))) as running:
+        running.wait_for_line('sensor_node', '/nowhere', PATIENCE_S)
+        for _ in range(500):
+            running.signal('sensor_node', signal.SIGINT)
+            running.signal('sensor_node', signal.SIGTERM)
+        assert running.wait('sensor_node', PATIENCE_S) == 0, running.lines
