@@ -47,7 +47,7 @@ settings.load_profile('patient')
 
 # What cannot be tested without a package (make test-oldest has neither); the header says so.
 NEEDS = {
-    'rclpy': ['nodes'],
+    'rclpy': ['nodes', 'reference/grip_roads.py'],
     'magpylib': [
         'physics/test_fidelity.py', 'physics/test_magnet_blocks.py', 'physics/test_magnetics.py',
         'physics/test_multipole_sheet.py', 'reference/gradiometer_world.py',

@@ -15,7 +15,7 @@ from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.magnet_pad.nominal_pad import NominalPad
 from tactile_ros.sensors.magnet_pad.untold import KIND, LEANS
-from tactile_ros.types import ContactStates, Recording
+from tactile_ros.types import ContactStates, FrameStatus, Recording
 
 pytest.importorskip('magpylib')
 FILE = Path(__file__).parents[1] / 'reference' / 'magnet_pad_world.py'
@@ -280,3 +280,31 @@ def test_the_level_at_rest_is_subtracted_first() -> None:
     moved = dataclasses.replace(fresh, values=fresh.values + np.array([2e-3, -1e-3, 3e-3]))
     one, other = (known().process_batch(each) for each in (fresh, moved))
     np.testing.assert_allclose(one.position[REST:], other.position[REST:], atol=1e-9)
+
+
+def test_loads_beyond_those_recorded_are_flagged() -> None:
+    pad, flagged = reference.PadWorld(CONFIG, seed=3), []
+    for loads in ((2.0, 9.0), (13.0, 20.0)):
+        touches = reference.Touches.in_cells(CONFIG, GRID, 100, 1.0, 8, loads=loads)
+        states = known().process_batch(pad.record(touches, 9, layout=LAYOUT))
+        flagged.append((states.status[REST:] & FrameStatus.OUT_OF_RANGE > 0).mean())
+        assert not (states.status[:REST] & FrameStatus.OUT_OF_RANGE).any()
+    assert flagged[0] < 0.05
+    assert flagged[1] > 0.9
+
+
+def test_a_field_far_beyond_the_usual_is_flagged_and_not_answered_with_confidence() -> None:
+    errors, sigmas, status = [], [], []
+    for field in (0.0, 0.5e-3, 5e-3):
+        touches, seen = record(6, 150, stray=field)
+        states = known().process_batch(seen)
+        errors.append(np.abs(states.position[REST:] - touches.place)[:, :2])
+        variance = np.diagonal(states.position_cov[REST:], axis1=1, axis2=2)[:, :2]
+        sigmas.append(np.sqrt(variance))
+        status.append((states.status[REST:] & FrameStatus.STRAY_FIELD > 0).mean())
+    assert status[0] == 0
+    assert status[2] > 0.9
+    inside = [(e < 2 * s).mean() for e, s in zip(errors, sigmas, strict=True)]
+    assert min(inside[:2]) > 0.88
+    assert inside[2] > 0.75  # places on both sides of the pad explain such a reading
+    assert np.median(sigmas[2]) > 3 * np.median(sigmas[1])

@@ -120,7 +120,7 @@ class GradiometerEstimation:
             self._learn_stray(x[use], parts, stray[use], group)
             self._learn_magnets(change[use], thermal[use])
             self._calibrate_magnets(change[use], thermal[use])
-            self.reach_ = self._reach(x[use], parts)
+            self.reach_ = self._reach(x[use], parts, x[signals.good & rest][:, parts['place']])
         for (target, part), choice in zip(self._answered(), held, strict=True):
             target.calibrate(choice, self._noise(choice.x, parts)[:, part])
         self.largest_ = largest(self.targets_, self.config.full_scale)
@@ -143,10 +143,10 @@ class GradiometerEstimation:
         field = StrayField(len(parts['thermal']))
         self.stray_ = field.fit(where, rest, uniform, known, groups)
 
-    def _reach(self, x: Array, parts: dict[str, Integers]) -> Reach:
+    def _reach(self, x: Array, parts: dict[str, Integers], rest: Array) -> Reach:
         """Places of the fit; every component of a target may be as steep as the steepest."""
         told = np.concatenate([target.estimator_.predict(x) for target in self.targets_], axis=1)
-        reach = Reach().fit(x[:, parts['place']], told)
+        reach = Reach().fit(x[:, parts['place']], told, rest)
         for target, part in self._answered():
             steepest = (reach.slope_[part] * target.unit_).max()
             reach.slope_[part] = steepest / target.unit_
@@ -274,9 +274,13 @@ class GradiometerEstimation:
             status |= (outside > 0) * _OUTSIDE
             wider += (OUTSIDE * outside)[:, None, None] ** 2 * np.eye(width)
         if self.reach_ is not None:
-            away = self.reach_.beyond(x[:, parts['place']]) * (signals.in_contact != 0)
+            place, rest = x[:, parts['place']], signals.in_contact == 0
+            away = self.reach_.beyond(place) * ~rest
             if np.count_nonzero(away):
                 status |= (away > 0) * _OUTSIDE
+            if np.count_nonzero(rest):
+                away = np.where(rest, self.reach_.unfelt(place), away)
+            if np.count_nonzero(away):
                 wider += self.reach_.doubt(away)[..., None] ** 2 * np.eye(width)
         if self.targets_:
             self._add_targets(known, x, self._noise(x, parts), (shift, wider))

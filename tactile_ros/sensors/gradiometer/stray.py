@@ -20,6 +20,7 @@ from tactile_ros.types import Array, Bools, Integers
 DEGREES = (1, 2, 3, 4)
 USUAL, CERTAIN = 0.99, 0.9999  # of what clean frames leave over
 BEYOND = 1.5  # times the oddest that is certain
+LEAST = 1e-12  # T, of what is left over where a fit saw but one reading
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,7 @@ class StrayField:
         count = uniform.shape[1]
         error, left = said[:, :count] - both[:, :count], rest - said[:, count:]
         self.spread_ = CalibratedCovariance().fit(place, left, groups)
-        odd = ((left / self.spread_.sigma(place)) ** 2).mean(axis=1)
+        odd = ((left / np.maximum(self.spread_.sigma(place), LEAST)) ** 2).mean(axis=1)
         self.usual_ = float(np.quantile(odd, USUAL))
         self.limit_ = BEYOND * float(np.quantile(odd, CERTAIN))
         self.blind_ = float(np.quantile(np.sqrt((error**2).sum(axis=1)), USUAL))
@@ -152,7 +153,7 @@ class StrayField:
         """
         usual, count = self.usual_field_.predict(place), uniform.shape[1]
         field, left = uniform - usual[:, :count], rest - usual[:, count:]
-        sigma = spread(self.spread_, place)
+        sigma = np.maximum(spread(self.spread_, place), LEAST)
         odd = ((left / sigma) ** 2).mean(axis=1)
         size = np.sqrt(np.maximum((field**2).sum(axis=1) - self.blind_**2, 0.0))
         near = (odd > self.usual_) | (size > 0)

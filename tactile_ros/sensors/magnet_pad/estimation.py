@@ -18,6 +18,7 @@ from tactile_ros.physics.fidelity import Choice, Rated
 from tactile_ros.physics.scene_terms import Worth
 from tactile_ros.regression import ESTIMATORS as REGRESSORS
 from tactile_ros.regression.recognition import VOTER
+from tactile_ros.sensors.magnet_pad.beyond import flag, span_of
 from tactile_ros.sensors.magnet_pad.cells import SPACE
 from tactile_ros.sensors.magnet_pad.inversion import PadInversion
 from tactile_ros.sensors.magnet_pad.likeness import Touched
@@ -123,7 +124,8 @@ class Localisation(Regressed):
             self.forget_all()
         else:
             super().fit(signals, truth, groups)
-        vars(self).pop('_centres', None)
+        for name in ('_centres', '_span'):
+            vars(self).pop(name, None)
         self.upright_ = 'force' in truth and upright(
             np.asarray(truth['force'], np.float64)[signals.good]
         )
@@ -196,7 +198,9 @@ class Localisation(Regressed):
         x = signals.delta.reshape(len(signals.good), self.width)
         if self.nominal_:
             assert isinstance(memory, History)
-            return self._pad.estimate(x, signals.in_contact == 0)
+            known = self._pad.estimate(x, signals.in_contact == 0)
+            flag(known, signals.in_contact != 0, None)
+            return known
         known = super().estimate(signals, memory)
         if self.inverted_:
             self._add_inverted(known, signals, x)
@@ -206,6 +210,7 @@ class Localisation(Regressed):
             cov = np.array(known['force_cov'], np.float64)
             cov[:, 0, 0] += LEANS**2 * size
             known['force_cov'] = cov
+        flag(known, signals.in_contact != 0, self._span)
         return known
 
     def contact(self, signals: Signals) -> npt.NDArray[np.int8]:
@@ -264,6 +269,12 @@ class Localisation(Regressed):
         """Whether a history, which stamps give, tells the force better."""
         past = [head for head in self.remembering_ if head.target == 'force']
         return signals.stamp_ns is not None and bool(past)
+
+    @cached_property
+    def _span(self) -> tuple[float, float] | None:
+        """Least and largest recorded force (N), where the response of the pad tells forces."""
+        known = self.inversion_ if 'force' in self.inverted_ else None
+        return None if known is None else span_of(known.touches_)
 
     @cached_property
     def _centres(self) -> Array:

@@ -124,7 +124,9 @@ class Telling:
         lean = 1 / (1 + np.exp(-np.clip(lean, -50, 50)))
         share, apart = lean[:, None], other.mean[:, :ANSWERS] - told.mean[rows]
         between = (share * (1 - share))[:, :, None] * apart[:, :, None] * apart[:, None]
-        told.cov[rows] += share[:, :, None] * (other.cov - told.cov[rows]) + between
+        # what neither a touch nor fields of the usual size explain (Birge, Phys. Rev. 40, 1932)
+        cov = np.maximum(other.misfit / x.shape[1], 1.0)[:, None, None] * other.cov
+        told.cov[rows] += share[:, :, None] * (cov - told.cov[rows]) + between
         told.mean[rows] += share * apart
         told.shares[rows] += share * (blind.shares(other, cells) - told.shares[rows])
         left = x[rows] - other.mean[:, READING:]
