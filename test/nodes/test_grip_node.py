@@ -121,8 +121,10 @@ def test_a_grasp_holds_with_feedback_and_opens_again(ros: Ros, hand: str) -> Non
     status, ended = result(ros, handle)
     assert (status, ended.outcome) == (GoalStatus.STATUS_SUCCEEDED, Grasp.Result.HELD), ended
     assert max(ended.force) == pytest.approx(2.0, rel=APART)
-    phases = [state.phase for state in fingers.states if state.phase]
-    assert phases == sorted(phases)
+    # a machine that pauses for longer than forces may age is no fault of the grasp
+    timely = [state for state in fingers.states if 'stale' not in state.refusal]
+    phases = [state.phase for state in timely if state.phase]
+    assert phases == sorted(phases), {state.refusal for state in timely}
     assert {GripPhase.CLOSE, GripPhase.HOLD} <= {*phases}
     assert {f.phase for f in fingers.feedback} <= {*phases}
     assert fingers.feedback
