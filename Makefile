@@ -46,7 +46,7 @@ demo: setup
 	@.venv/bin/tactile demo $(ARGUMENTS)
 
 bench: setup-tests
-	@.venv/bin/tactile bench all --jobs $(JOBS) $(if $(QUICK),--quick) --figures $(RESULTS) $(ARGUMENTS); \
+	@.venv/bin/tactile bench all $(if $(QUICK),--quick --jobs 3,--jobs $(JOBS)) --figures $(RESULTS) $(ARGUMENTS); \
 	  code=$$?; .venv/bin/tactile report $(RESULTS) && exit $$code
 
 lint: setup-tests
