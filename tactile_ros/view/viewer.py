@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.errors import MissingPackageError, TactileError
+from tactile_ros.types import Closing
 from tactile_ros.view import drawing
 from tactile_ros.view.scalars import grip_scalars, json_schema, state_scalars
 from tactile_ros.view.scene import scene_of
@@ -18,7 +19,6 @@ from tactile_ros.view.scene import scene_of
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
-    from types import TracebackType
 
     from foxglove.websocket import WebSocketServer
 
@@ -50,7 +50,7 @@ class Seen:
         return self._rest, self._most
 
 
-class Viewer:
+class Viewer(Closing):
     """Show what one or more sensors say.
 
     Parameters
@@ -96,16 +96,7 @@ class Viewer:
         self._held.callback(server.stop)
         return server
 
-    def __enter__(self) -> Viewer:
-        """The viewer itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """Close the server and the file."""
         self._held.close()
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tactile_ros.evaluation.sources import load_source
+from tactile_ros.sensors.multipole_skin import pronet
 
 pytest.importorskip('onnxruntime')
-pronet = pytest.importorskip('tactile_ros.sensors.multipole_skin.pronet')
 ROOT = Path(__file__).resolve().parents[2]
 trials = load_source(ROOT / 'benchmarks' / 'worlds' / 'multipole_trials.py', 'this test')
 

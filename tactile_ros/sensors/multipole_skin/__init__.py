@@ -4,9 +4,9 @@ A sheet of silicone with magnetic particles, magnetised in bands of alternating 
 on a soft layer over five clusters of four MLX90393. A press dents the sheet and squeezes it
 sideways; the change of field at the chips is a picture of the contact's shape and turn. [1] cuts
 windows of ten frames from it and recognises measuring heads from few presses by a network with
-prototypes. Here place, force and turn are regressed from the change of field, and the shape is
-voted by nearest neighbours, until those methods are built; regressors are chosen in `fit` by
-grouped cross-validation.
+prototypes. Here shape, turn and place are told by templates of the sheet's model and by classes
+from few presses, or regressed and voted where those do not fit; each is chosen in `fit` by grouped
+cross-validation. The network of [1] is in `pronet`.
 
 Source: [1] Contact Shape and Pose Recognition: Utilizing Multipole Magnetic Tactile Sensor with
 Meta-learning Model.
