@@ -163,6 +163,7 @@ def test_a_grasp_is_held_through_the_whole_graph(
     with Running(graph) as running:
         assert ros.until(lambda: user.states, PATIENCE_S), running.lines
         assert ros.until(lambda: len(user.felt) == 2, PATIENCE_S), running.lines
+        assert ros.until(lambda: user.joints, PATIENCE_S), running.lines
         assert ros.until(user.grasp.server_is_ready, PATIENCE_S)
         ended = user.held(ros, 2.0)
         assert ended.outcome == Grasp.Result.HELD, (ended, running.lines)
