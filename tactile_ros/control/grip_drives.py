@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from tactile_ros.control.grip_targets import GripTargets
 
 IMPACT = 2.0  # asked forces that an approach may meet in the time to react
+BOTH = 3  # bits of two sides
 SAME = 1e-9  # closure within which a command was admitted as it was
 
 
@@ -154,13 +155,17 @@ class GripDrives:
 
     def _disagreement(self, normal: list[float]) -> float:
         """By which share the forces (N) of the weaker side are less; NaN: one side is alone."""
-        sums = {1: nan, -1: nan, 0: nan}
+        first = second = 0.0
+        sides = 0
         for touching in self._fingers.on:
             for i in touching:
-                side, before = self._sides[i], sums[self._sides[i]]
-                sums[side] = normal[i] if isnan(before) else before + normal[i]
-        most = max(sums[1], sums[-1])
-        return abs(sums[1] - sums[-1]) / most if most > 0.0 else nan
+                side = self._sides[i]
+                if side > 0:
+                    first, sides = first + normal[i], sides | 1
+                elif side < 0:
+                    second, sides = second + normal[i], sides | 2
+        most = first if first > second else second
+        return abs(first - second) / most if sides == BOTH and most > 0.0 else nan
 
     def _are_small(self, errors: list[float]) -> bool:
         """Whether something touches, and no error (N) is more than settled."""

@@ -83,23 +83,28 @@ def balanced(
     [-0.6, -0.6]
     """
     net, count = 0.0, 0
-    sums = {1: 0.0, -1: 0.0}
+    first = second = 0.0
     for error, side, target in zip(errors, sides, targets, strict=True):
         if side and error == error:  # noqa: PLR0124 - false of NaN, at a third of isnan's price
             net += side * error
             count += 1
-            sums[side] += target
-    if not (sums[1] > 0.0 and sums[-1] > 0.0):
+            if side > 0:
+                first += target
+            else:
+                second += target
+    if not (first > 0.0 and second > 0.0):
         return errors
     net /= count
     ease = 0.0
     for error, side, target in zip(errors, sides, targets, strict=True):
-        if side and error == error and target > 0.0:  # noqa: PLR0124
-            ease = max(ease, (-side * net / target - most) * sums[side])
-    return [
-        error - side * net - ease * target / sums[side] if side else error
-        for error, side, target in zip(errors, sides, targets, strict=True)
-    ]
+        beyond = -side * net - most * target
+        if beyond > 0.0 and error == error and target > 0.0:  # noqa: PLR0124
+            ease = max(ease, beyond / target * (first if side > 0 else second))
+    made = [error - side * net for error, side in zip(errors, sides, strict=True)]
+    if ease == 0.0:
+        return made
+    shares = {1: ease / first, -1: ease / second, 0: 0.0}
+    return [e - shares[s] * t for e, s, t in zip(made, sides, targets, strict=True)]
 
 
 class GripTargets:
@@ -210,7 +215,8 @@ class GripTargets:
             if asked > 0.0:
                 slipping = slipping or slip.slipping
                 needed = max(needed, slip.needed(self.config.margin) / asked)  # NaN asks nothing
-        self._slips += slipping and not self._slipping
+        if slipping and not self._slipping:
+            self._slips += 1
         self._slipping = slipping
         wanted = needed
         if slipping and self._since >= self.config.slip_pause:
@@ -218,6 +224,6 @@ class GripTargets:
         if wanted > self._raise:
             self._raise = min(wanted, most)
             self._since = 0.0
-        elif not slipping:
+        elif self._raise > 1.0 and not slipping:
             spare = self._raise - min(needed, self._raise)
             self._raise -= spare * faded(dt, self.config.relax_time, self._slips)

@@ -111,8 +111,10 @@ class SlipMargin:
         self.load = tangential
         shown = felt and said != 0 and normal > floor and tangential > floor
         before, self.slipping = self.slipping, said == 1 or shown
-        self._slips += self.slipping and not before
-        self._faith -= self._faith * faded(dt, self._relax_time, self._slips)
+        if self.slipping and not before:
+            self._slips += 1
+        if self._faith > 0.0:
+            self._faith -= self._faith * faded(dt, self._relax_time, self._slips)
         self.margin = nan
         if normal > floor:
             ratio = tangential / normal
