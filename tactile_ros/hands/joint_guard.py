@@ -83,6 +83,11 @@ class JointGuard:
             f'{self._most_offset:g} may lie between them'
         )
 
+    def reachable(self, wanted: Array, measured: Array) -> Array:
+        """Nearest targets (j,) that time alone will let through: speed is no stop."""
+        low = np.maximum(measured - self._most_offset, self._limits.lower)
+        return _between(wanted, low, np.minimum(measured + self._most_offset, self._limits.upper))
+
     def step(self, wanted: Array, measured: Array, dt: float) -> tuple[Array, bool]:
         """Admit a command.
 

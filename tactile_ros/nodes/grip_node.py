@@ -15,6 +15,7 @@ from std_srvs.srv import SetBool
 from tactile_ros import messages
 from tactile_ros.control import GraspOutcome, GripConfig, GripPhase
 from tactile_ros.hands import load_hand
+from tactile_ros.hands.description import narrowed
 from tactile_ros.messages.fields import packed, vector
 from tactile_ros.msg import GripState, TactileContacts
 from tactile_ros.nodes.grasp_server import GraspServer
@@ -122,7 +123,9 @@ class GripNode(ManagedNode):
         if not any(name in robot.joints for name in driver.joints):
             self.get_logger().warning('robot_description names no joint of the hand: not used')
             return False
-        hand = self._described.with_limits(robot.limits(driver.joints, driver.limits))
+        limits = robot.limits(driver.joints, driver.limits)
+        limits = narrowed(limits, driver.limits, self._hand.driver.limits)
+        hand = self._described.with_limits(limits)
         self._next = GripStage(hand, self._config, self._options.fingers, robot)
         self._renew()
         return True

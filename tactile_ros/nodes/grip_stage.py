@@ -280,7 +280,7 @@ class GripStage:
             forces[drive] = max(forces[drive], force)
         sent = self._joints.command(made.closure.tolist(), forces, self._measured, dt, elapsed)
         # the law goes on from what is sent, and winds nothing up
-        self._law.admit(sent.closure, dt)
+        self._law.admit(sent.closure, dt, sent.reach)
         self._watch.send(sent.position, now_s)
         self.sent, self._sent_s = sent.position, now_s
         return GripCommand(stamp_ns, sent.position, sent.effort), sent.limited

@@ -511,6 +511,21 @@ def test_a_finger_that_was_never_heard_is_named_in_the_result() -> None:
     assert made.ended.message == 'held at the asked force; nothing was ever heard of ring'
 
 
+def test_a_queue_that_is_caught_up_with_is_no_hand_that_is_shut() -> None:
+    """Frames of a second in a twentieth of it: the guard lets little of the way through."""
+    world = World('allegro_v5', at=5.0)
+    world.run(0.2)
+    world.stage.grasp(2.0, (), 20.0, adapt=False)
+    for k in range(100):
+        now_s = world.time_s + 5e-4 * (k + 1)
+        world.stage.take_joints(world.joints.position + 1e-9 * k, now_s)
+        for i in range(4):
+            world.stage.take_touch(i, (0.0, 0.0, 0.0), True, -1, now_s)
+        made = world.stage.step(now_s, 0, '', 0.01)
+        assert made.ended is None
+        assert not made.made.shut
+
+
 def test_sides_that_disagree_are_named_in_the_result() -> None:
     world = World('joint_trajectory')
     world.run(0.2)
