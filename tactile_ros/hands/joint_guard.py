@@ -33,7 +33,7 @@ class JointGuard:
 
     def __init__(self, joints: Sequence[str], limits: JointLimits, most_offset: float) -> None:
         self._joints, self._limits, self._most_offset = list(joints), limits, most_offset
-        self.slack = SLACK * (limits.upper - limits.lower)
+        self.slack = np.minimum(SLACK * (limits.upper - limits.lower), most_offset)
         self.last: Array | None = None
 
     def start(self, measured: Array) -> None:

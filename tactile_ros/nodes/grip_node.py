@@ -244,7 +244,9 @@ class GripNode(ManagedNode):
         if not told or 'stale' not in decision.refusal:
             return decision
         refusal = f'{decision.refusal}: the clock stepped back of {", ".join(told)}'
-        ended = decision.ended and replace(decision.ended, message=refusal)
+        ended = decision.ended
+        if ended is not None and ended.outcome == GraspOutcome.FAULT:
+            ended = replace(ended, message=refusal)
         return replace(decision, refusal=refusal, ended=ended)
 
     def _publish(self, decision: Decision, now_ns: int) -> None:

@@ -190,7 +190,7 @@ class GripStage:
     def cancel(self) -> None:
         """Wait for no end any more: what is held stays held, otherwise the hand opens."""
         self._sequence = None
-        if self._law.phase not in HOLDING:
+        if self._law.phase not in (*HOLDING, GripPhase.IDLE):
             self._law.release()
 
     def step(
@@ -315,7 +315,7 @@ class GripStage:
         self._sequence = None
         self._keeping.restart()
         kept = self._law.phase in HOLDING and progress.outcome not in EMPTY
-        if not kept and made.phase != GripPhase.IDLE:
+        if not kept and self._law.phase != GripPhase.IDLE:
             lost = progress.outcome == GraspOutcome.SLIPPED
             self._law.release(progress.message if lost else '')
         if progress.outcome != GraspOutcome.HELD:

@@ -438,6 +438,19 @@ def test_an_outage_during_a_grasp_ends_it_as_a_fault() -> None:
     assert (made.command, made.made.phase) == (None, GripPhase.IDLE)
 
 
+def test_a_cancel_that_comes_after_the_end_opens_nothing() -> None:
+    world = World('allegro_v5', fault_time=0.3)
+    world.run(0.2)
+    world.stage.grasp(2.0, (), 20.0, adapt=False)
+    world.run(0.2)
+    world.told = False
+    world.until_end()
+    world.told = True
+    world.stage.cancel()
+    made = world.run(0.5)
+    assert (made.command, made.made.phase) == (None, GripPhase.IDLE)
+
+
 def test_frozen_joint_states_are_a_fault_while_commands_move() -> None:
     world = World('allegro_v5', at=5.0, fault_time=0.3)
     world.run(0.2)
