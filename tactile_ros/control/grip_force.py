@@ -249,10 +249,10 @@ class GripForce:
         return why
 
     def _safe(self, given: GripInput, normal: list[float], refusal: str, dt: float) -> GripStep:
-        """Hold what was sent last, or open slowly."""
+        """Hold what was sent last, or open a hand that can be trusted slowly."""
         self._trusted = False
         opens = self.config.safe_action == 'open' and self.phase in GRASPING and self._started
-        opens = opens and not given.blocked and not refuse_step(dt, self._longest)
+        opens = opens and not (self._watch.drives(given) or refuse_step(dt, self._longest))
         if opens:
             self._moved.move(-self.config.safe_rate, dt)
         return self._made(normal, opens, refusal, GripPhase.FAULT)
