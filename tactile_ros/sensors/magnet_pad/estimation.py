@@ -22,6 +22,7 @@ from tactile_ros.sensors.magnet_pad.beyond import flag, span_of
 from tactile_ros.sensors.magnet_pad.cells import SPACE
 from tactile_ros.sensors.magnet_pad.inversion import PadInversion
 from tactile_ros.sensors.magnet_pad.likeness import Touched
+from tactile_ros.sensors.magnet_pad.loads import LoadReach
 from tactile_ros.sensors.magnet_pad.nominal import nominal_choice
 from tactile_ros.sensors.magnet_pad.nominal_pad import NominalPad
 from tactile_ros.sensors.magnet_pad.regressed import CLASSES as REGRESSED_CLASSES
@@ -29,6 +30,7 @@ from tactile_ros.sensors.magnet_pad.regressed import FEWEST, Regressed, apart, n
 from tactile_ros.sensors.magnet_pad.response import PadResponse
 from tactile_ros.sensors.magnet_pad.scene import terms
 from tactile_ros.sensors.magnet_pad.telling import Telling
+from tactile_ros.sensors.magnet_pad.unfelt import Unfelt
 from tactile_ros.sensors.magnet_pad.untold import KIND, LEANS, untold, upright
 
 if TYPE_CHECKING:
@@ -67,6 +69,8 @@ class Localisation(Regressed):
         Whether no recorded force had a part along the axis.
     terms_ : tuple of Worth
         What terms of the scene cost and buy.
+    unfelt_ : Unfelt or None
+        What regressors of force hide at rest, by recorded touches.
     """
 
     inversion_: PadInversion | None
@@ -80,6 +84,7 @@ class Localisation(Regressed):
         self.nominal_ = estimator in (None, NOMINAL)
         self.upright_ = False
         self.terms_: tuple[Worth, ...] = ()
+        self.unfelt_: Unfelt | None = None
 
     @property
     def estimators(self) -> dict[str, str]:
@@ -126,12 +131,22 @@ class Localisation(Regressed):
             super().fit(signals, truth, groups)
         for name in ('_centres', '_span'):
             vars(self).pop(name, None)
-        self.upright_ = 'force' in truth and upright(
-            np.asarray(truth['force'], np.float64)[signals.good]
-        )
+        self._learn_forces(signals, truth)
         if self.inversion_ is not None:
             self.terms_ = terms(self.config, self.inversion_.noise)
             self._choose(self.inversion_, self.cell_columns(signals, truth))
+
+    def _learn_forces(self, signals: Signals, truth: Columns) -> None:
+        """Whether forces leaned, and what they read."""
+        self.upright_, self.unfelt_ = False, None
+        if 'force' not in truth:
+            return
+        force = np.asarray(truth['force'], np.float64)
+        self.upright_ = upright(force[signals.good])
+        x = signals.delta.reshape(len(force), self.width)
+        known = signals.good & np.isfinite(x).all(axis=1) & np.isfinite(force).any(axis=1)
+        if known.any():
+            self.unfelt_ = Unfelt(x[known], np.nan_to_num(force[known]), noise_of_rest(signals))
 
     def _inverted(self, signals: Signals, truth: Columns, groups: Columns) -> PadInversion | None:
         """By the response of the pad, where truth tells places and forces on its surface."""
@@ -199,19 +214,35 @@ class Localisation(Regressed):
         if self.nominal_:
             assert isinstance(memory, History)
             known = self._pad.estimate(x, signals.in_contact == 0)
-            flag(known, signals.in_contact != 0, None)
+            flag(known, signals.in_contact != 0, None, self.config.length)
             return known
         known = super().estimate(signals, memory)
         if self.inverted_:
             self._add_inverted(known, signals, x)
-        if self.upright_ and 'force_cov' in known:
-            # what leans was never seen: its share of forces is that of the nominal touches
-            size = np.square(np.asarray(known['force'], np.float64)).sum(axis=1)
-            cov = np.array(known['force_cov'], np.float64)
-            cov[:, 0, 0] += LEANS**2 * size
-            known['force_cov'] = cov
-        flag(known, signals.in_contact != 0, self._span)
+        if 'force_cov' in known:
+            self._doubt_forces(known, signals.in_contact == 0, x)
+        flag(known, signals.in_contact != 0, self._span, self.config.length)
         return known
+
+    def _doubt_forces(self, known: Columns, rest: Bools, x: Array) -> None:
+        """Widen covariances of forces by what was never seen, and by what rest (s,) may hide."""
+        cov = np.array(known['force_cov'], np.float64)
+        size = np.square(np.asarray(known['force'], np.float64)).sum(axis=1)
+        if np.count_nonzero(rest):
+            rows = np.flatnonzero(rest & np.isfinite(x).all(axis=1))
+            cov[rows] = self._hidden(x[rows])
+            size[rows] = np.trace(cov[rows], axis1=1, axis2=2)
+        if self.upright_:
+            # what leans was never seen: its share of forces is that of the nominal touches
+            cov[:, 0, 0] += LEANS**2 * size
+        known['force_cov'] = cov
+
+    def _hidden(self, x: Array) -> Array:
+        """Covariance (s, 3, 3) (N2) of saying that nothing touches, of readings (s, c)."""
+        if 'force' in self.inverted_ and self.inversion_ is not None:
+            return self.inversion_.telling.hidden(self.inversion_.alive(x))
+        assert self.unfelt_ is not None
+        return self.unfelt_(x)
 
     def contact(self, signals: Signals) -> npt.NDArray[np.int8]:
         """What touches (s,): a uniform field that came after the tare does not."""
@@ -251,6 +282,8 @@ class Localisation(Regressed):
         }  # fmt: skip
         if self._remembers(signals):
             del parts['force'], parts['force_cov']
+        if 'position' in self.inverted_:
+            parts['odd'] = told.odd.astype(np.int8)
         if 'cell' in self.inverted_:
             parts['cell'] = np.asarray(told.shares.argmax(axis=1), dtype=np.int64)
             parts['cell_probability'] = told.shares.max(axis=1)
@@ -262,7 +295,7 @@ class Localisation(Regressed):
                 told.stray[rest] = inversion.telling.resting_field(seen[rest])
             parts['stray_field'] = told.stray
         for name, column in parts.items():
-            if name.split('_')[0] in self.inverted_ or name == 'stray_field':
+            if name.split('_')[0] in self.inverted_ or name in ('stray_field', 'odd'):
                 known[name] = column if every else _filled(column, there)
 
     def _remembers(self, signals: Signals) -> bool:
@@ -328,6 +361,8 @@ CLASSES = (
     Localisation,
     PadInversion,
     PadResponse,
+    LoadReach,
+    Unfelt,
     StatedSpread,
     Choice,
     Rated,
