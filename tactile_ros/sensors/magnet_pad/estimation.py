@@ -20,6 +20,7 @@ from tactile_ros.regression import ESTIMATORS as REGRESSORS
 from tactile_ros.regression.recognition import VOTER
 from tactile_ros.sensors.magnet_pad.beyond import flag, span_of
 from tactile_ros.sensors.magnet_pad.cells import SPACE
+from tactile_ros.sensors.magnet_pad.doubts import Doubts
 from tactile_ros.sensors.magnet_pad.inversion import PadInversion
 from tactile_ros.sensors.magnet_pad.likeness import Touched
 from tactile_ros.sensors.magnet_pad.loads import LoadReach
@@ -31,7 +32,8 @@ from tactile_ros.sensors.magnet_pad.response import PadResponse
 from tactile_ros.sensors.magnet_pad.scene import terms
 from tactile_ros.sensors.magnet_pad.telling import Telling
 from tactile_ros.sensors.magnet_pad.unfelt import Unfelt
-from tactile_ros.sensors.magnet_pad.untold import KIND, LEANS, untold, upright
+from tactile_ros.sensors.magnet_pad.untold import untold
+from tactile_ros.sensors.magnet_pad.variety import Variety
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -65,12 +67,10 @@ class Localisation(Regressed):
         Targets that it answers; 'force' alone where stamps give regressors no history.
     nominal_ : bool
         Whether the nominal model speaks.
-    upright_ : bool
-        Whether no recorded force had a part along the axis.
+    doubts_ : Doubts
+        What recorded touches leave open.
     terms_ : tuple of Worth
         What terms of the scene cost and buy.
-    unfelt_ : Unfelt or None
-        What regressors of force hide at rest, by recorded touches.
     """
 
     inversion_: PadInversion | None
@@ -82,9 +82,8 @@ class Localisation(Regressed):
         self.inverted_: tuple[str, ...] = ()
         self.beaten_: dict[str, dict[str, float]] = {}
         self.nominal_ = estimator in (None, NOMINAL)
-        self.upright_ = False
+        self.doubts_ = Doubts(self.config)
         self.terms_: tuple[Worth, ...] = ()
-        self.unfelt_: Unfelt | None = None
 
     @property
     def estimators(self) -> dict[str, str]:
@@ -98,9 +97,7 @@ class Localisation(Regressed):
         """Errors on held-out groups for each target, and what was found of the pad."""
         if self.nominal_:
             return {**super().report, **self._nominal_choice.report}
-        found = dict(self.beaten_)
-        if self.upright_:
-            found[f'{KIND}forces along the surface'] = {'sigma over load': LEANS}
+        found = {**self.beaten_, **self.doubts_.report}
         if self.inversion_ is None:
             return {**super().report, **found}
         response = self.inversion_.response_
@@ -113,8 +110,9 @@ class Localisation(Regressed):
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component; see `Regression`."""
         self.inversion_, self.inverted_, self.beaten_ = None, (), {}
-        self.upright_ = False
         truth = _of_touches(truth)
+        x = signals.delta.reshape(len(signals.good), self.width)
+        self.doubts_ = Doubts(self.config).fit(x, truth, signals.good, noise_of_rest(signals))
         told = any(_told(truth[k])[signals.good].any() for k in TOLD if k in truth)
         self.nominal_ = self.wanted == NOMINAL or (self.wanted is None and not told)
         if self.nominal_:
@@ -131,22 +129,9 @@ class Localisation(Regressed):
             super().fit(signals, truth, groups)
         for name in ('_centres', '_span'):
             vars(self).pop(name, None)
-        self._learn_forces(signals, truth)
         if self.inversion_ is not None:
             self.terms_ = terms(self.config, self.inversion_.noise)
             self._choose(self.inversion_, self.cell_columns(signals, truth))
-
-    def _learn_forces(self, signals: Signals, truth: Columns) -> None:
-        """Whether forces leaned, and what they read."""
-        self.upright_, self.unfelt_ = False, None
-        if 'force' not in truth:
-            return
-        force = np.asarray(truth['force'], np.float64)
-        self.upright_ = upright(force[signals.good])
-        x = signals.delta.reshape(len(force), self.width)
-        known = signals.good & np.isfinite(x).all(axis=1) & np.isfinite(force).any(axis=1)
-        if known.any():
-            self.unfelt_ = Unfelt(x[known], np.nan_to_num(force[known]), noise_of_rest(signals))
 
     def _inverted(self, signals: Signals, truth: Columns, groups: Columns) -> PadInversion | None:
         """By the response of the pad, where truth tells places and forces on its surface."""
@@ -182,7 +167,7 @@ class Localisation(Regressed):
             rivals = tuple(head for head in self.heads_ if head.target == target)
             least = min((h.report_['held_out_rmse'] for h in rivals), default=np.inf)
             own = held[target]['held_out_rmse']
-            if self.wanted != TABLE and own > least:
+            if self.wanted != TABLE and own > least and self.doubts_.variety_.enough:
                 continue
             self.inverted_ += (target,)
             for head in rivals:
@@ -219,30 +204,16 @@ class Localisation(Regressed):
         known = super().estimate(signals, memory)
         if self.inverted_:
             self._add_inverted(known, signals, x)
-        if 'force_cov' in known:
-            self._doubt_forces(known, signals.in_contact == 0, x)
+        self.doubts_.widen(known, signals.in_contact == 0, x, self.inverted_, self._hidden)
         flag(known, signals.in_contact != 0, self._span, self.config.length)
         return known
-
-    def _doubt_forces(self, known: Columns, rest: Bools, x: Array) -> None:
-        """Widen covariances of forces by what was never seen, and by what rest (s,) may hide."""
-        cov = np.array(known['force_cov'], np.float64)
-        size = np.square(np.asarray(known['force'], np.float64)).sum(axis=1)
-        if np.count_nonzero(rest):
-            rows = np.flatnonzero(rest & np.isfinite(x).all(axis=1))
-            cov[rows] = self._hidden(x[rows])
-            size[rows] = np.trace(cov[rows], axis1=1, axis2=2)
-        if self.upright_:
-            # what leans was never seen: its share of forces is that of the nominal touches
-            cov[:, 0, 0] += LEANS**2 * size
-        known['force_cov'] = cov
 
     def _hidden(self, x: Array) -> Array:
         """Covariance (s, 3, 3) (N2) of saying that nothing touches, of readings (s, c)."""
         if 'force' in self.inverted_ and self.inversion_ is not None:
             return self.inversion_.telling.hidden(self.inversion_.alive(x))
-        assert self.unfelt_ is not None
-        return self.unfelt_(x)
+        assert self.doubts_.unfelt_ is not None
+        return self.doubts_.unfelt_(x)
 
     def contact(self, signals: Signals) -> npt.NDArray[np.int8]:
         """What touches (s,): a uniform field that came after the tare does not."""
@@ -362,7 +333,9 @@ CLASSES = (
     PadInversion,
     PadResponse,
     LoadReach,
+    Doubts,
     Unfelt,
+    Variety,
     StatedSpread,
     Choice,
     Rated,

@@ -17,8 +17,8 @@ from tactile_ros.estimators.folds import group_folds
 from tactile_ros.estimators.stated_spread import Pieces, StatedSpread, pieces, widen
 from tactile_ros.estimators.touch_mixture import Linearised, Posterior, TouchMixture
 from tactile_ros.sensors.magnet_pad.lacks import Lacks
-from tactile_ros.sensors.magnet_pad.likeness import LOAD, SHEAR, Touched, like_known
-from tactile_ros.sensors.magnet_pad.loads import LoadReach, growth, split
+from tactile_ros.sensors.magnet_pad.likeness import LOAD, SHEAR, Touched, far_from, like_known
+from tactile_ros.sensors.magnet_pad.loads import LoadReach, growth, split, untold
 from tactile_ros.sensors.magnet_pad.response import PadResponse, PadTouches
 from tactile_ros.sensors.magnet_pad.telling import (
     ANSWERS,
@@ -135,9 +135,10 @@ class PadInversion:
 
     def _load_reach(self, touched: Touched, touches: PadTouches) -> LoadReach:
         """How errors grow beyond the recorded loads, as the heavier of them tell."""
-        parts = split(touches.load)
+        parts, load = split(touches.load), touches.load
+        span = float(load.min()), float(load.max()), self.config.radius
         if parts is None:
-            return LoadReach.untold(touches.load, self.config.radius)
+            return LoadReach(*span)
         light, heavy = parts
         known = touches.take(light)
         model = PadResponse(self.config, self.live, leaning=self.leaning)
@@ -153,10 +154,8 @@ class PadInversion:
         true = np.column_stack([touched.place, touched.force])[heavy]
         error = (seen.mean[:, :ANSWERS] - true) / sigma
         away = touches.load[heavy] / known.load.max() - 1
-        least, most = float(touches.load.min()), float(touches.load.max())
-        return LoadReach(
-            least, most, growth(away, error[:, :2]), growth(away, error[:, 4:])
-        )
+        wider = growth(away, error[:, :2]), growth(away, error[:, 4:])
+        return LoadReach(*span, *wider, told=True)
 
     def _calibrate(
         self, ways: list[PadResponse], touched: Touched, fold: Integers, centres: Array
@@ -227,13 +226,15 @@ class PadInversion:
         answers, leads = self._answers(touches)
         variance = self.noise**2 + self.scatter_**2 * (readings**2).mean(axis=1)
         sigma = np.sqrt(variance)
-        wider = (1 + response.doubt(touches) / variance)[:, None]
+        wider = 1 + response.doubt(touches) / variance
+        far = far_from(known[:, :2], rows[:, :2], self.config.radius)
+        beside = np.column_stack([wider, far, self.noise**2 / variance])
+        still = np.zeros((len(rows), beside.shape[1], width))
         return Linearised(
             readings,
             slopes * size[:, None],
-            np.concatenate([answers, wider, readings], axis=1),
-            np.concatenate([leads[:, :, :width], 0 * slopes[:, :1], slopes], axis=1)
-            * size[:, None],
+            np.concatenate([answers, beside, readings], axis=1),
+            np.concatenate([leads[:, :, :width], still, slopes], axis=1) * size[:, None],
             sigma,
             np.full(len(rows), 1 / len(rows)),
         )
@@ -270,6 +271,8 @@ class PadInversion:
         told = self.telling(self.alive(x), cells)
         widen(told.cov, FLOOR, self._levels)
         self.loads_.widen(told.mean, told.cov)
+        if np.count_nonzero(told.far):
+            told.cov[:] += untold(told.mean, told.far, self.config.radius)
         return told
 
     def alive(self, x: Array) -> Array:

@@ -24,6 +24,7 @@ LOAD, SHEAR = 2.0, 1.0  # radii that a factor e of load, and a leaning of 1, cou
 NEAR = 6  # neighbour whose distance is the reach
 LEAST_REACH, MOST_REACH = 0.005, 0.3  # radii
 LEAST_BLUR, MOST_BLUR = 0.02, 0.2
+USUAL = 0.99  # share of known places that have another as near
 WEAKER, HARDER = 1.6, 0.8  # logarithm of loads beyond the recorded ones
 DECADE = 2.3  # of loads that are thought of at least, in logarithms
 
@@ -109,6 +110,17 @@ def thought_of(load: Array) -> tuple[float, float]:
     low, high = float(load.min()), float(load.max())
     room = 0.5 * max(DECADE - (high - low), 0.0)
     return low - WEAKER - room, high + HARDER + room
+
+
+def far_from(known: Array, places: Array, radius: float) -> Array:
+    """Distance (s,) (radii, at most 1) of places (s, 2) from known ones (n, 2), beyond the usual.
+
+    Both along (m) and around (rad); usual are the distances of known places from each other.
+    """
+    unit = np.array([1 / radius, 1.0])
+    tree = cKDTree(known * unit)
+    usual = np.quantile(tree.query(known * unit, k=[min(2, len(known))])[0], USUAL)
+    return np.asarray(np.clip(tree.query(places * unit)[0] - usual, 0.0, 1.0))
 
 
 def _blurred(

@@ -28,22 +28,18 @@ class LoadReach:
         Of the recording (N).
     times_place, times_force : float
         Of what is stated: standard deviations that are added.
-    place, force : float
-        Standard deviation of a place (m), and of a force over its size, that is added.
+    told : bool
+        Whether the loads told it; else `untold` does.
+    radius : float
+        Of the pad (m).
     """
 
     least: float
     most: float
+    radius: float
     times_place: float = 0.0
     times_force: float = 0.0
-    place: float = 0.0
-    force: float = 0.0
-
-    @classmethod
-    def untold(cls, load: Array, radius: float) -> LoadReach:
-        """Of loads (s,) (N) that tell nothing of others, on a pad of a radius (m)."""
-        place, share = UNTOLD
-        return cls(float(load.min()), float(load.max()), place=place * radius, force=share)
+    told: bool = False
 
     def beyond(self, load: Array) -> Array:
         """Distance (s,) of loads (N) from those recorded, over the largest of them."""
@@ -57,12 +53,24 @@ class LoadReach:
         rows = np.flatnonzero(away)
         if not len(rows):
             return
-        far, share = away[rows], self.force * away[rows, None] * force[rows]
+        far = away[rows]
         wider = np.repeat([self.times_place, self.times_force], 3) * far[:, None]
         wider = np.sqrt(1 + wider * wider)
         cov[rows] *= wider[:, :, None] * wider[:, None, :]
-        cov[rows, :3, :3] += (self.place * far)[:, None, None] ** 2 * np.eye(3)
-        cov[rows, 3:, 3:] += share[:, :, None] * share[:, None, :]
+        if not self.told:
+            cov[rows] += untold(mean[rows], far, self.radius)
+
+
+def untold(mean: Array, far: Array, radius: float) -> Array:
+    """Covariance (s, 6, 6) of places and forces (s, 6) at distances of which nothing is known.
+
+    Distances are over the largest load, or over the radius (m) of the pad.
+    """
+    place, share = UNTOLD
+    cov, force = np.zeros((len(mean), 6, 6)), share * far[:, None] * mean[:, 3:]
+    cov[:, :3, :3] = (place * radius * far)[:, None, None] ** 2 * np.eye(3)
+    cov[:, 3:, 3:] = force[:, :, None] * force[:, None, :]
+    return cov
 
 
 def split(load: Array) -> tuple[Integers, Integers] | None:

@@ -101,15 +101,15 @@ class NominalPad:
             replace(presses, force=presses.force * (1 + STEP / LOAD)),
         )
         level = change_of_field(config, presses, nodes).reshape(len(reach), -1)
-        one = np.ones(len(level))
-        start = np.column_stack([presses.places(radius), presses.force, one, level])
+        sigma = np.sqrt(noise**2 + RIGHT**2 * (level**2).mean(axis=1))
+        beside = np.column_stack([np.ones(len(level)), np.zeros(len(level)), (noise / sigma) ** 2])
+        start = np.column_stack([presses.places(radius), presses.force, beside, level])
         rises = []
         for step in steps:
             change = change_of_field(config, step, nodes).reshape(len(reach), -1)
-            moved = np.column_stack([step.places(radius), step.force, one, change])
+            moved = np.column_stack([step.places(radius), step.force, beside, change])
             rises.append(moved - start)
         leads = np.stack(rises, axis=-1) / STEP * reach[:, None]
-        sigma = np.sqrt(noise**2 + RIGHT**2 * (level**2).mean(axis=1))
         share = np.full(len(level), 1 / len(level))
         return Linearised(level, leads[:, READING:], start, leads, sigma, share)
 

@@ -19,8 +19,10 @@ STRAY = 0.3e-3  # T, of one component of stray fields that are met
 ENTRY = 0.01  # of a stray field, by which gains and crossed axes of a chip falsify it
 ODDS = -4.0  # logarithm, of a stray field against none
 SIGMAS = 5.0  # as `conditioning.contact` has them
-ANSWERS = 6  # place and force; how much wider their covariance is and the reading follow
-READING = 7
+# place and force; then how much wider their covariance is, how far known touches are, the share
+# of the noise in what readings may be wrong by, and the reading
+ANSWERS = 6
+FAR, NOISY, READING = 7, 8, 9
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,9 @@ class Told:
         Uniform outside field (T).
     odd : ndarray of bool, shape (s,)
         Readings that neither a touch nor a field of the usual size explains.
+    far, noisy : ndarray, shape (s,)
+        Distance from known touches (radii, at most 1); share of the noise of a channel in the
+        variance of what readings may be wrong by.
     """
 
     mean: Array
@@ -44,6 +49,8 @@ class Told:
     shares: Array
     stray: Array
     odd: Bools
+    far: Array
+    noisy: Array
 
 
 def widened(seen: Posterior, usual: float) -> Array:
@@ -90,7 +97,7 @@ class Telling:
     Parameters
     ----------
     rows : Linearised
-        Answers are place, force, how much wider their covariance is, and reading.
+        Answers are place, force, and what follows them (`ANSWERS`).
     common : ndarray, shape (d, 3), or None
         As `UniformPart`; None: an outside field cannot be told.
     noise, contact : float
@@ -132,7 +139,8 @@ class Telling:
         shares, stray = self.plain.shares(seen, cells), np.zeros((len(x), 3))
         unlike = seen.misfit > self.limit
         cov = widened(seen, self.usual)
-        told = Told(seen.mean[:, :ANSWERS], cov, shares, stray, unlike)
+        far, noisy = seen.mean[:, FAR], seen.mean[:, NOISY]
+        told = Told(seen.mean[:, :ANSWERS], cov, shares, stray, unlike, far, noisy)
         if np.count_nonzero(unlike):
             rows = np.flatnonzero(unlike)
             if self.blind is None:
