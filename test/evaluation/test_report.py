@@ -50,7 +50,8 @@ def answer_of(name: str, scale: float, seed: int, us: float = 50.0) -> Answer:
     )
     position = np.column_stack([place, np.full(240, np.nan)])
     truth = {'position': position, 'force': force}
-    recording = Recording.from_arrays(LAYOUT, np.zeros((240, 5, 3)), truth=truth)
+    stamps = np.arange(240) * 100_000_000
+    recording = Recording.from_arrays(LAYOUT, np.zeros((240, 5, 3)), stamp_ns=stamps, truth=truth)
     known = {
         'position': position
         + np.append(rng.normal(0, 1e-3 * scale, (240, 2)), np.zeros((240, 1)), 1),
@@ -71,7 +72,6 @@ def result_of(**changes: object) -> Result:
         answers=(answer_of('kernel_ridge', 0.4, 1, 60), answer_of(HOSTILE, 1.0, 2, 20)),
         frames=240,
         dropped=3,
-        time_s=np.arange(240) * 0.1,
         chips=LAYOUT.positions,
         latency_s=1e-3 * rng.gamma(3, 0.5, 240),
         agreement=Agreement(240, 7, {'force': 2e-13}),
@@ -157,7 +157,7 @@ def test_every_drawing_is_there_and_says_its_finding() -> None:
 
 def test_a_recording_without_truth_or_answers_still_has_its_report() -> None:
     (full,) = result_of().datasets
-    fields = {'frames': 1, 'dropped': 0, 'time_s': np.full(1, np.nan), 'chips': full.chips}
+    fields = {'frames': 1, 'dropped': 0, 'chips': full.chips}
     bare = Dataset('bare', '', (), **fields)
     blind = Dataset('blind', '', (Answer('ridge', ()),), **fields)
     text = render(result_of(datasets=(bare, blind)))
@@ -175,7 +175,7 @@ def test_answers_that_are_all_nan_draw_nothing_wrong() -> None:
     )
     states = ContactStates.assemble(3, 5, {'valid': np.ones(3, bool)})
     lost = Answer('ridge', target_errors(recording, states), 1.0)
-    dataset = Dataset('lost', '', (lost,), 3, 0, np.arange(3.0), full.chips)
+    dataset = Dataset('lost', '', (lost,), 3, 0, full.chips)
     assert '3 frames without an estimate' in render(result_of(datasets=(dataset,)))
 
 
@@ -199,7 +199,7 @@ def test_the_table_has_one_row_per_estimator_in_millimetres_and_newton() -> None
 def test_columns_that_nobody_fills_are_left_out() -> None:
     (full,) = result_of().datasets
     answer = Answer('ridge', (full.answers[0].target('force_z'),))
-    dataset = Dataset('normal', '', (answer,), 3, 0, full.time_s, full.chips)
+    dataset = Dataset('normal', '', (answer,), 3, 0, full.chips)
     columns, _ = table(result_of(datasets=(dataset,)))
     assert columns == [
         'recording',
@@ -280,7 +280,8 @@ def remembering(gap: float, slope: float) -> Dataset:
     force = 5 - 5 * np.cos(2 * np.pi * time / 10)
     error = np.where(np.gradient(force) < 0, gap, 0.0) + slope * time
     truth = {'force': np.column_stack([np.full((800, 2), np.nan), force]), 'cell': time // 10}
-    recording = Recording.from_arrays(LAYOUT, np.zeros((800, 5, 3)), truth=truth)
+    stamps = np.arange(800) * 50_000_000
+    recording = Recording.from_arrays(LAYOUT, np.zeros((800, 5, 3)), stamp_ns=stamps, truth=truth)
     told = np.column_stack([np.full((800, 2), np.nan), force + error])
     cell = np.where(time < 5, 1, time // 10).astype(int)  # half of cell 0 is taken for 1
     cell[-200:] = -1
@@ -288,7 +289,7 @@ def remembering(gap: float, slope: float) -> Dataset:
         800, 5, {'force': told, 'valid': np.ones(800, bool), 'cell': cell}
     )
     answer = Answer('ridge', target_errors(recording, states), named=named(recording, states))
-    return Dataset('made', '', (answer,), 800, 0, time, LAYOUT.positions)
+    return Dataset('made', '', (answer,), 800, 0, LAYOUT.positions)
 
 
 def test_hysteresis_and_drift_are_measured() -> None:
@@ -316,6 +317,6 @@ def test_confusions_are_counted_and_named() -> None:
 def test_answers_of_one_name_are_drawn_once_the_first_first() -> None:
     (full,) = result_of().datasets
     first, other = full.answers
-    dataset = Dataset('x', '', (first, other, first), 3, 0, full.time_s, full.chips)
+    dataset = Dataset('x', '', (first, other, first), 3, 0, full.chips)
     assert [a.name for a in dataset.competitors] == [first.name, other.name]
     assert len(table(result_of(datasets=(dataset,)))[1]) == 3
