@@ -16,7 +16,7 @@ def cells(line: str) -> list[str]:
 
 def test_rows_are_found_by_their_beginnings_and_misses_are_marked() -> None:
     rows = [
-        Row('place, held-out grid points, last pass: ridge', 'mm', 0.5, spread=0.02),
+        Row('place, held-out grid points, last pass: ridge', 'mm', 0.5, by_seed=(0.48, 0.5, 0.52)),
         Row('place, held-out grid points: ridge', 'mm', 0.37, paper=0.5, peer=0.6, aim=0.36),
     ]
     found = BenchFile(BenchResult('reskin', 'tactile bench reskin', [0], rows), {}, ())
