@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.cli import models
-from tactile_ros.cli.destination import refuse_unwritable
+from tactile_ros.cli.destination import refuse_no_pictures, refuse_unwritable
 from tactile_ros.cli.progress import Progress
 from tactile_ros.cli.table import show, show_json
 from tactile_ros.cli.working import Working
@@ -78,6 +78,8 @@ def run(options: argparse.Namespace) -> int:
     pipelines = [open_calibration(path) for path in options.calibration]
     for path in filter(None, (options.report, options.save)):
         refuse_unwritable(path)
+    if options.png:
+        refuse_no_pictures(options.png)
     command = shlex.join(['tactile', 'replay', *map(str, sys.argv[2:])])
     recordings = list(dict.fromkeys(options.recordings))
     alone = Working('replaying') if len(recordings) == 1 else nullcontext()

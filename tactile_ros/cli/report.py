@@ -19,7 +19,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactile_ros.cli.destination import refuse_unwritable
+from tactile_ros.cli.destination import refuse_no_pictures, refuse_unwritable
 from tactile_ros.cli.table import show, show_json
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.bench_files import gather
@@ -54,6 +54,8 @@ def run(options: argparse.Namespace) -> int:
     first = options.results[0]
     output = options.output or (first if first.is_dir() else first.parent) / 'report.html'
     refuse_unwritable(output)
+    if options.png:
+        refuse_no_pictures(options.png)
     files, problems = gather(options.results)
     if not files:
         msg = f'{"; ".join(problems)}; `tactile bench all` makes results'
