@@ -146,7 +146,12 @@ def _report(
     datasets = [dataset_of(one) for outcome in outcomes for one in outcome.tallies]
     failed = [f'Left out: {outcome.failure}' for outcome in outcomes if outcome.failure]
     notes = dict.fromkeys(said for p in pipelines for said in models.sentences(p.report))
-    result = Result('Replay', command, environment(), tuple(datasets), (*failed, *notes))
+    digests = {
+        f'calibration {path.name}': pipeline.digest
+        for path, pipeline in zip(options.calibration, pipelines, strict=True)
+    }
+    told = {**environment(), **digests}
+    result = Result('Replay', command, told, tuple(datasets), (*failed, *notes))
     if options.report:
         write_report(options.report, result)
         print(f'report: {options.report}', file=sys.stderr)

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     Shown = list[tuple[object, object, object]]  # schema, channel, message
 
 
-
-
 @pytest.fixture
 def few(tmp_path: Path) -> Path:
     """Eight frames of a real board."""
