@@ -90,11 +90,6 @@ class ContactStage:
     on_baseline : callable
         Takes the baseline as a frame whose sequence is the first that it holds for: at the first
         frame of a stream and after every tare.
-
-    Attributes
-    ----------
-    watch : callable or None
-        Takes every frame with its state before the next one is processed.
     """
 
     def __init__(
@@ -107,7 +102,7 @@ class ContactStage:
         self.pipeline = pipeline
         self.tare_in_contact = tare_in_contact
         self.tally = Tally()
-        self.watch: Callable[[Frame, ContactState], None] | None = None
+        self._watch: Callable[[Frame, ContactState], None] | None = None
         self._on_baseline = on_baseline
         # of each whether something touched
         self._seen: deque[tuple[Frame, bool]] = deque(maxlen=tare_frames)
@@ -152,9 +147,20 @@ class ContactStage:
                 self._on_baseline(self._baseline(frame, frame.sequence))
             state = self.pipeline.process(frame)
             self._remember(frame, state)
-            if self.watch is not None:
-                self.watch(frame, state)
+            if self._watch is not None:
+                self._watch(frame, state)
             return state
+
+    @property
+    def watch(self) -> Callable[[Frame, ContactState], None] | None:
+        """What takes every frame with its state before the next one is processed; or nothing."""
+        return self._watch
+
+    @watch.setter
+    def watch(self, watch: Callable[[Frame, ContactState], None] | None) -> None:
+        """Once this returns, the one before takes no frame."""
+        with self._lock:
+            self._watch = watch
 
     def adopt(self, estimation: Estimation) -> int | None:
         """Estimate by other estimators of the same sensor from the next frame on.
