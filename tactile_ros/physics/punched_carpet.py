@@ -64,9 +64,18 @@ class PunchedCarpet:
         """
         c, s = np.cos(pose[2]), np.sin(pose[2])
         x, y = np.array([[c, -s], [s, c]]) @ points.T + pose[:2, None]
-        spectrum = (np.exp(-1j * self.kx * x) * loads) @ np.exp(-1j * self.ky.T * y).T
+        # waves of a row are powers of the longest one; x has those of both signs
+        rows = self._powers(x)
+        rows = np.concatenate([rows[:-1], rows[:0:-1].conj()]) * loads
+        spectrum = rows @ self._powers(y).T
         waves = np.matmul(self.waves * spectrum, self.along_y)
         found = np.matmul(self.along_x.T, waves).real
         flat = np.moveaxis(found, 1, -1).reshape(len(found), -1)
         turned = np.column_stack([flat[3], flat[4], np.zeros(flat.shape[1])])
         return np.ascontiguousarray(flat[:3].T), turned
+
+    def _powers(self, at: Array) -> Array:
+        """Waves of rising number (PITCHES / 2 + 1, p) at points (p,) along an axis (m)."""
+        longest = np.exp(-1j * self.ky[0, 1] * at)
+        waves = np.broadcast_to(longest, (PITCHES // 2, len(at)))
+        return np.asarray(np.cumprod(np.concatenate([np.ones((1, len(at))), waves]), axis=0))

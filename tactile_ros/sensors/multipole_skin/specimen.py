@@ -201,3 +201,21 @@ def _sheet(config: MultipoleSkinConfig, flaws: Flaws, rng: np.random.Generator) 
         size, config.layer_thickness, config.sheet_thickness, config.pole_pitch,
         config.magnetisation, strengths, flaws.aside * rng.normal(),
     )  # fmt: skip
+
+
+def snr(change: Array, noise: float) -> Array:
+    """Signal over noise (dB), [1] Eq. (1).
+
+    Parameters
+    ----------
+    change : ndarray, shape (...)
+        Reading in contact less that without it (T).
+    noise : float
+        Standard deviation of a reading without load (T).
+
+    Examples
+    --------
+    >>> snr(np.array([-4e-5]), 4e-6).round(9).tolist()
+    [20.0]
+    """
+    return np.asarray(20 * np.log10(np.abs(change) / noise))
