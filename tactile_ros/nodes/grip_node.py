@@ -49,7 +49,7 @@ class GripNode(ManagedNode):
     Attributes
     ----------
     direct : set of str
-        Topics, by their full names, whose contacts come by `take_state` from the same process.
+        Topics, by their full names, whose contacts come by `take_states` from the same process.
     """
 
     def __init__(self) -> None:
@@ -177,10 +177,17 @@ class GripNode(ManagedNode):
         stamp_ns = messages.stamp_ns(message.header)
         self._take(topic, (force, valid, message.slip), message.sequence, stamp_ns)
 
-    def take_state(self, topic: str, frame: Frame, state: ContactState) -> None:
-        """Contacts of the same process, under the full name of their topic."""
+    def take_states(
+        self, topic: str, frames: Sequence[Frame], states: Sequence[ContactState]
+    ) -> None:
+        """Contacts of the same process, under the full name of their topic.
+
+        Of several that waited the newest is answered; a slip in any of them counts.
+        """
+        frame, state = frames[-1], states[-1]
         valid = bool(state.valid) and not int(state.status) & STALE
-        felt = state.force.tolist(), valid, int(state.slip)
+        slip = 1 if any(one.slip == 1 for one in states) else int(state.slip)
+        felt = state.force.tolist(), valid, slip
         self._take(topic, felt, frame.sequence, frame.stamp_ns or 0)
 
     def _take(
