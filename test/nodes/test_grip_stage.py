@@ -478,6 +478,31 @@ def test_a_posture_beyond_the_limits_is_refused_and_named() -> None:
     assert made.refusal == 'joint_3_0 was measured at 3.100, beyond its limits -0.227 and 1.618'
 
 
+@pytest.mark.parametrize(('push', 'goes_on'), [(0.05, True), (0.3, False)])
+def test_a_joint_that_is_pushed_back_at_the_offset_is_yielded_to_or_refused(
+    push: float, goes_on: bool
+) -> None:
+    world = World('allegro_v5', at=5.0)
+    world.run(0.2)
+    world.stage.grasp(2.0, (), 20.0, adapt=False)
+    still = world.joints.position
+    driver, said = world.hand.driver, []
+    for k in range(200):
+        world.time_s += 0.01
+        pushed = (still - (push if k > 150 else 0.0)).clip(driver.lower, driver.upper)
+        world.stage.take_joints(pushed + 1e-9 * (k % 2), world.time_s)
+        for i in range(4):
+            world.stage.take_touch(i, (0.0, 0.0, 0.0), True, -1, world.time_s)
+        made = world.stage.step(world.time_s, 0)
+        said.append(made.refusal)
+        if made.command is not None:
+            assert (np.abs(made.command.position - pushed) <= driver.most_offset + 1e-8).all()
+    assert (made.command is not None) == goes_on
+    first = next((one for one in said[100:] if one), '')
+    assert 'may lie between them' in first
+    assert goes_on or said[-1].endswith('it was moved by others; a new grasp is needed')
+
+
 def test_what_is_held_is_judged_after_the_grasp_and_its_loss_is_told() -> None:
     world = World('allegro_v5')
     world.holding()
