@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactile_ros.cli import demo
 from tactile_ros.cli.design import sensor_parser
 from tactile_ros.cli.main import COMMANDS, main, parser
 from tactile_ros.sensors import designable, load_sensor
@@ -74,6 +75,15 @@ def parse(line: str) -> None:
     except SystemExit as stop:
         if stop.code:
             pytest.fail(f'{line} is refused')
+
+
+def test_files_of_the_demo_are_named_as_it_names_them() -> None:
+    parts = '|'.join(part.name for part in demo.parts(0))
+    made = re.compile(rf'(bags/({parts})|calibrations/({parts})\.npz|report\.html)?$')
+    for line in [*examples(), *(line for _, line in COMMAND_LINES)]:
+        if ' demo' not in line:
+            for word in re.findall(r'out/demo/(\S*)', line):
+                assert made.match(word), line
 
 
 def test_there_are_commands_to_look_at() -> None:
