@@ -31,6 +31,7 @@ QUICK = (
     'tactile list --json',
     'tactile doctor --sensor gradiometer --simulated --seconds 0.2 --json',
     'tactile design gradiometer --json',
+    'tactile calibrate reskin_board normal_1 normal_2 -o out/force.npz --estimator ridge --json',
 )
 
 
@@ -139,7 +140,10 @@ def test_examples_of_help_are_taken(line: str) -> None:
 
 
 @pytest.mark.parametrize('line', QUICK)
-def test_quick_commands_run(line: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_quick_commands_run(
+    line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
     assert main(shlex.split(line)[1:]) == 0
     assert json.loads(capsys.readouterr().out)
 
@@ -155,6 +159,13 @@ def test_python_of_the_pages_compiles_and_imports(page: Path) -> None:
                     continue
                 module = importlib.import_module(node.module)
                 assert all(hasattr(module, alias.name) for alias in node.names), page.name
+
+
+def test_quick_commands_are_those_of_help_and_pages() -> None:
+    known = {*examples(), *(line for _, line in COMMAND_LINES)}
+    for line in QUICK:
+        plain = re.sub(r' --(json|seconds \S+)', '', line)
+        assert {line, plain, f'{plain} --json'} & known, line
 
 
 def test_the_method_of_the_page_is_one() -> None:
