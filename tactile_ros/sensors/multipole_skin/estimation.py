@@ -12,9 +12,13 @@ import numpy as np
 
 from tactile_ros.estimators.press_window import press_vectors
 from tactile_ros.regression import Recognition
-from tactile_ros.sensors.multipole_skin.enrolment import alike_by, enrolled, lost_by
-from tactile_ros.sensors.multipole_skin.press_fit import learned
-from tactile_ros.sensors.multipole_skin.windows import WindowMemory, find_windows
+from tactile_ros.sensors.multipole_skin.enrolment import costs, enrolled
+from tactile_ros.sensors.multipole_skin.press_fit import Told, learned
+from tactile_ros.sensors.multipole_skin.windows import (
+    WindowMemory,
+    find_windows,
+    press_numbers,
+)
 
 if TYPE_CHECKING:
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
@@ -104,12 +108,18 @@ class MultipoleEstimation:
             rows, windows = rows[chosen], [windows[i] for i in chosen]
         label = np.asarray(truth.get('label', np.full(len(signals.good), -1)), np.int64)[rows]
         self.first_new_ = max(self.first_new_, int(label.max(initial=-1)) + 1)
-        rest = self._rest(signals)
-        self.recogniser_, self.press_report_ = learned(
-            self.config, rest, self._noise(signals), windows, label,
-            _column(truth, 'position', rows, 3), _column(truth, 'yaw', rows, 1)[:, 0],
-            np.asarray(groups['group'], np.int64)[rows],
+        group = np.asarray(groups['group'], np.int64)
+        timed = signals.stamp_ns is not None
+        number = press_numbers(signals, self.config.window) if timed else group
+        told = Told(
+            label, _column(truth, 'position', rows, 3), _column(truth, 'yaw', rows, 1)[:, 0],
+            group[rows], number[rows],
         )  # fmt: skip
+        # a chip that was dead throughout reads 0
+        dead = (signals.values[signals.good] == 0).all(axis=(0, 2)) & bool(signals.good.any())
+        self.recogniser_, self.press_report_ = learned(
+            self.config, self._rest(signals), self._noise(signals), windows, told, dead
+        )
         self._choose()
 
     def _rest(self, signals: Signals) -> Array:
@@ -264,15 +274,12 @@ class MultipoleEstimation:
             raise ValueError(msg)
         names = self.names_ if label in self.names_ else (*self.names_, label)
         number = self.first_new_ + names.index(label)
-        new = enrolled(self.recogniser_, signals, self.config.window, number, label)
-        before = self.recogniser_.enrolled_
-        self.recogniser_.enrolled_ = before.joined(new)
-        stated = {
-            'presses': float(len(new.label)),
-            **lost_by(self.recogniser_, number),
-            'heads_alike': alike_by(self.recogniser_, new, number),
-        }
-        self.names_ = names
+        old = self.recogniser_
+        new = enrolled(old, signals, self.config.window, number, label)
+        tried = old.with_enrolled(old.enrolled_.joined(new))
+        stated = costs(tried, new, number)
+        # all of it, or nothing where judging fails
+        self.recogniser_, self.names_ = tried, names
         self.press_report_ = {**self.press_report_, f'enrolled {label}': stated}
 
     def forget(self, label: str) -> None:
