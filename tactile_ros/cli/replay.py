@@ -24,7 +24,7 @@ from tactile_ros.cli import models
 from tactile_ros.cli.destination import refuse_no_pictures, refuse_unwritable
 from tactile_ros.cli.progress import Progress
 from tactile_ros.cli.table import show, show_json
-from tactile_ros.cli.working import Working
+from tactile_ros.cli.working import working
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import fleet, fleet_table
 from tactile_ros.evaluation.benchmark import environment
@@ -82,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
         refuse_no_pictures(options.png)
     command = shlex.join(['tactile', 'replay', *map(str, sys.argv[2:])])
     recordings = list(dict.fromkeys(options.recordings))
-    alone = Working('replaying') if len(recordings) == 1 else nullcontext()
+    alone = working('replaying') if len(recordings) == 1 else nullcontext()
     with alone, Progress(len(recordings)) as progress:
         outcomes = fleet.tally_all(
             [_job(name, options) for name in recordings],
