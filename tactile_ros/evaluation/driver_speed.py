@@ -76,7 +76,8 @@ def decoding_rows() -> list[Row]:
     settings = ChipSettings()
     chips = Decoder(settings, np.zeros(20))
     answers = bytearray(np.random.default_rng(0).bytes(20 * settings.answer_bytes))
-    rows = [_time_row('MLX90393 answers, 20 chips', 20.0, shortest(lambda: _decode(chips, answers), REPEATED))]
+    alone = shortest(lambda: _decode(chips, answers), REPEATED)
+    rows = [_time_row('MLX90393 answers, 20 chips', 20.0, alone)]
     subjects: list[tuple[str, float, bytes, int, FramedDecoder | FrameDecoder]] = []
     for name, payload, aim in (
         ('framed, 20 chips', three_axis_chips(20), 20.0),
