@@ -93,7 +93,8 @@ def feed(viewer: Viewer, options: argparse.Namespace) -> None:
             viewer.show('', layout, frame, state)
     elif options.recording:
         calibration = open_calibration(options.calibration) if options.calibration else None
-        found = load(Path(options.recording)).recordings
+        with working(f'reading {options.recording}'):
+            found = load(Path(options.recording)).recordings
         for one in found:
             name = one.name if len(found) > 1 else ''
             for layout, frame, state in paced(played(one, calibration), options):
