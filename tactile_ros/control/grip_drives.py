@@ -106,10 +106,10 @@ class GripDrives:
         for law in self.laws:
             law.stay()
 
-    def admit(self, closures: Sequence[float], dt: float) -> None:
+    def admit(self, closures: Sequence[float], reached: Sequence[float], dt: float) -> None:
         """Go on from closures (a,) that were sent, where they are not the last commands."""
-        for law, closure in zip(self.laws, closures, strict=True):
-            law.stopped = closure < law.command - SAME
+        for law, closure, reach in zip(self.laws, closures, reached, strict=True):
+            law.stopped = reach < law.command - SAME
             if abs(closure - law.command) > SAME:
                 law.yield_to(closure, dt)
 
