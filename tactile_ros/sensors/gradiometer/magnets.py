@@ -87,7 +87,7 @@ class NearbyMagnets:
         return self.slopes_.predict(place).reshape(len(place), -1, self.width_)
 
     def shaken(self, place: Array, variance: Array, count: int) -> Array:
-        """Covariance (s, k, k) of the first answers at places (s, 3), by noise of channels (T2)."""
+        """Covariance (s, k, k) of k answers at places (s, 3) by noise of variances (s,) (T2)."""
         slopes = self.slopes(place)[:, :count, : len(self.shape)]
         cov = np.matmul(slopes, slopes.transpose(0, 2, 1))
         return np.asarray(variance[:, None, None] * cov)

@@ -33,7 +33,7 @@ from tactile_ros.sensors.magnet_pad.scene import terms
 from tactile_ros.sensors.magnet_pad.tares import noise_of_rest
 from tactile_ros.sensors.magnet_pad.telling import Telling
 from tactile_ros.sensors.magnet_pad.unfelt import Unfelt
-from tactile_ros.sensors.magnet_pad.untold import untold
+from tactile_ros.sensors.magnet_pad.untold import lonely, untold
 from tactile_ros.sensors.magnet_pad.variety import Variety
 
 if TYPE_CHECKING:
@@ -97,8 +97,8 @@ class Localisation(Regressed):
     def report(self) -> Report:
         """Errors on held-out groups for each target, and what was found of the pad."""
         if self.nominal_:
-            return {**super().report, **self._nominal_choice.report}
-        found = {**self.beaten_, **self.doubts_.report}
+            return {**super().report, **self._nominal_choice.report, **lonely(self.config)}
+        found = {**self.beaten_, **self.doubts_.report, **lonely(self.config)}
         if self.inversion_ is None:
             return {**super().report, **found}
         response = self.inversion_.response_
