@@ -27,9 +27,7 @@ def span_of(touches: Array) -> tuple[float, float]:
     return float(size.min()), float(size.max())
 
 
-def flag(
-    known: Columns, touched: Bools, span: tuple[float, float] | None, length: float
-) -> None:
+def flag(known: Columns, touched: Bools, span: tuple[float, float] | None, length: float) -> None:
     """Add `status`, bits of `FrameStatus`, where an answer goes beyond what can be believed.
 
     Frames that neither a touch nor a field of the usual size explains, and whose place is all

@@ -259,7 +259,7 @@ class Localisation(Regressed):
         if self._remembers(signals):
             del parts['force'], parts['force_cov']
         if 'position' in self.inverted_:
-            parts['odd'] = told.odd.astype(np.int8)
+            parts['odd'] = told.odd.astype(np.int64)
         if 'cell' in self.inverted_:
             parts['cell'] = np.asarray(told.shares.argmax(axis=1), dtype=np.int64)
             parts['cell_probability'] = told.shares.max(axis=1)
