@@ -58,9 +58,11 @@ class TareNoise:
             moved = np.stack([head.predict(x + step, rest)[0] - level for step in steps], axis=2)
             moved *= np.sqrt(doubt[rows])[:, None, None]
             first, second = head.cells
-            cov = known[f'{head.target}_cov'][rows]
-            cov[:, first, second] += np.matmul(moved, moved.transpose(0, 2, 1))
-            known[f'{head.target}_cov'][rows] = cov
+            cov = np.array(known[f'{head.target}_cov'], np.float64)
+            added = np.zeros((len(rows), *cov.shape[1:]))
+            added[:, first, second] = np.matmul(moved, moved.transpose(0, 2, 1))
+            cov[rows] += added
+            known[f'{head.target}_cov'] = cov
 
 
 def noise_of_rest(signals: Signals) -> float:
