@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Frame, Recording
 
 
-
 def read_changes(texts: Iterable[str]) -> tuple[ClassChange, ...]:
     """Changes that announcements of a calibration tell; those that make no sense tell none."""
     found = (_read(text) for text in texts)

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.types import Frame, FrameStatus, TaxelStatus
+from tactile_ros.types import Frame, FrameStatus, Recording, TaxelStatus
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.signals import Estimation
-    from tactile_ros.types import Bytes, ContactState
+    from tactile_ros.types import Bytes, ContactState, Layout
 
 # not that of a taxel that the fit found dead: it is left out
 DAMAGED = int(FrameStatus.BAD_TAXELS)
@@ -151,6 +151,29 @@ class ContactStage:
                 self._watch(frame, state)
             return state
 
+    def process_all(self, frames: Sequence[Frame]) -> list[ContactState]:
+        """Estimate from the next frames: the same numbers as one by one, and cheaper."""
+        with self._lock:
+            if len(frames) > 1 and self._is_one_stretch(frames):
+                states = list(self.pipeline.process_next(joined(frames, self.pipeline.layout)))
+                for frame, state in zip(frames, states, strict=True):
+                    self._remember(frame, state)
+                return states
+        return [self.process(frame) for frame in frames]
+
+    def _is_one_stretch(self, frames: Sequence[Frame]) -> bool:
+        """Nothing begins with any of these frames, and nobody watches them one by one."""
+        if self._watch is not None or not self.tally.frames or self.tally.stamp_ns is None:
+            return False
+        before, stamp_ns = self.tally.sequence, self.tally.stamp_ns
+        warm = frames[0].temperature_c is None
+        for frame in frames:
+            later = frame.stamp_ns is not None and frame.stamp_ns > stamp_ns
+            if frame.sequence <= before or not later or (frame.temperature_c is None) != warm:
+                return False
+            before, stamp_ns = frame.sequence, frame.stamp_ns
+        return True
+
     @property
     def watch(self) -> Callable[[Frame, ContactState], None] | None:
         """What takes every frame with its state before the next one is processed; or nothing."""
@@ -259,6 +282,22 @@ class ContactStage:
     def _baseline(self, frame: Frame, sequence: int) -> Frame:
         """Baseline in use as a frame."""
         return Frame(frame.stamp_ns, sequence, np.array(self.pipeline.baseline))
+
+
+def joined(frames: Sequence[Frame], layout: Layout) -> Recording:
+    """Frames of one stretch as a recording; chips tell temperatures in all of them or in none."""
+    clean = np.zeros(layout.shape[0], np.uint8)
+    marked = any(frame.status is not None for frame in frames)
+    warm = frames[0].temperature_c is not None
+    return Recording.from_arrays(
+        layout,
+        np.stack([frame.values for frame in frames]),
+        [frame.stamp_ns for frame in frames],
+        temperature_c=np.stack([frame.temperature_c for frame in frames]) if warm else None,
+        status=np.stack([clean if f.status is None else f.status for f in frames])
+        if marked
+        else None,
+    )
 
 
 def _is_damaged(state: ContactState) -> bool:

@@ -198,7 +198,9 @@ def _edge_weights(edge: float, order: int) -> Array:
     slope = m * left ** np.maximum(m - 1, 0)
     third = m * (m - 1) * (m - 2) * left ** np.maximum(m - 3, 0)
     wanted = whole + slope / 24 - 7 * third / 5760
-    return np.linalg.solve(np.vander(m.astype(float), order, increasing=True).T, wanted)
+    return np.asarray(
+        np.linalg.solve(np.vander(m.astype(float), order, increasing=True).T, wanted)
+    )
 
 
 def each_dipole_field(points: Array, places: Array, moments: Array) -> Array:
