@@ -90,7 +90,7 @@ def test_a_class_that_would_cost_too_much_is_refused_and_a_cheap_one_stated() ->
     assert pipeline.digest == before
     # presses of heads that are known already, under another name
     known = enrolled_skin.SPEC.presses(pipeline.config, 1).select(slice(0, 80 + 8 * 96))
-    with pytest.raises(ValueError, match='must take at most 5 % of the known presses; it takes'):
+    with pytest.raises(ValueError, match='must take at most'):
         learn(pipeline, 'again', known)
 
 

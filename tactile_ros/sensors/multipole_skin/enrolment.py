@@ -18,10 +18,8 @@ from tactile_ros.sensors.multipole_skin.windows import (
 )
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
     from tactile_ros.signals import Signals
-    from tactile_ros.types import Array
+    from tactile_ros.types import Array, Integers
 
 FOLDS = 5
 DRAWN = 40  # presses of a class that are made up
@@ -103,9 +101,10 @@ def costs(recogniser: Recogniser, new: Supports, number: int) -> dict[str, float
 
 
 def lost_by(recogniser: Recogniser, number: int) -> dict[str, float]:
-    """What a class now takes from presses of the known ones, each without its own neighbours.
+    """What a class now takes from presses of the known ones, each as if it had not been seen.
 
-    A press is lost with the first of its windows: they are no evidence of their own.
+    Lost is what would be named rightly without the class. A press is lost with the first of its
+    windows: they are no evidence of their own.
 
     Returns
     -------
@@ -120,8 +119,9 @@ def lost_by(recogniser: Recogniser, number: int) -> dict[str, float]:
     lost = np.zeros(count, bool)
     for fold in np.unique(part):
         rows = np.flatnonzero(part == fold)
-        others = known.where(np.flatnonzero(part != fold))
-        lost[press[rows]] |= _taken(recogniser, _presses(known.where(rows)), others, number)
+        presses, seen = _presses(known.where(rows)), known.where(np.flatnonzero(part != fold))
+        now, before = _named(recogniser, presses, seen, number)
+        lost[press[rows[(now == number) & (before == known.label[rows])]]] = True
     share = float(lost.mean()) if count else float('nan')
     return {
         'known_presses_judged': float(count),
@@ -181,7 +181,8 @@ def _noise_takes(recogniser: Recogniser, new: Supports, number: int) -> dict[int
     if recogniser.search is not None:
         variance = recogniser.search.variance(presses)
     noisy = presses.pattern + np.sqrt(variance) * rng.normal(size=presses.pattern.shape)
-    lost = _taken(recogniser, replace(presses, pattern=noisy), recogniser.known_, number)
+    named, _ = _named(recogniser, replace(presses, pattern=noisy), recogniser.known_, number)
+    lost = named == number
     each = (lost.reshape(-1, DRAWN).sum(axis=1) + 0.5) / (DRAWN + 1)
     return dict(zip(labels, each.tolist(), strict=True))
 
@@ -223,13 +224,18 @@ def _presses(supports: Supports) -> PressVectors:
     return PressVectors(supports.pattern, supports.powers, supports.frames)
 
 
-def _taken(
+def _named(
     recogniser: Recogniser, presses: PressVectors, known: Supports, number: int
-) -> npt.NDArray[np.bool_]:
-    """Which presses are called a class (n,)."""
+) -> tuple[Integers, Integers]:
+    """What presses (n,) are called, and what they would be without a class; -1: nothing."""
     matches = recogniser.matches(presses)
     labels, scores, _ = recogniser.scores(presses, matches, known, recogniser.road_)
-    return np.asarray(labels[scores.argmin(axis=1)] == number)
+    without = np.where(labels == number, np.inf, scores)
+    now, before = (
+        np.where(np.isfinite(some.min(axis=1)), labels[some.argmin(axis=1)], -1)
+        for some in (scores, without)
+    )
+    return now, before
 
 
 def _bound(count: int, of: int) -> float:
