@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         '--most-lost-there', type=float, default=Allowed.lost_there,
-        help='not live: the same of presses that look like it where it was pressed, a 95 %% bound',
+        help='not live: share of the other classes that it may take where it was pressed',
     )  # fmt: skip
 
 
