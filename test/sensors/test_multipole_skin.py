@@ -143,7 +143,7 @@ def test_depths_stay_where_a_template_holds(trial: Trial) -> None:
     pattern = 1e-2 * rng.normal(size=(2, 60))
     found = search.find(PressVectors(pattern, np.ones((2, 3)), np.full(2, 5.0)))
     depth = found.pose[np.isfinite(found.cost)][:, 3] / search.body
-    assert 0.0 < depth.min()
+    assert depth.min() > 0.0
     assert depth.max() <= 0.5 + 1e-9
     assert found.cost.min() > 1e3  # and it is no press of any head
 
