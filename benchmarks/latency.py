@@ -49,6 +49,8 @@ FORCE = 1.5  # N, of the press that the boards play
 KEPT = 512  # noisy frames of it that are played again and again
 REST = 200
 BINS_MS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0, np.inf)
+NOTHING = np.full(1, np.nan)
+LAST = 5  # lines of nodes that ended
 TOLERANCE_NS = 300_000  # between a frame's stamp and its write
 # The hand takes 333 commands a second; here each frame of 1 kHz shall be answered.
 ENTRY = (
@@ -102,6 +104,7 @@ class Run:
     cores: float
     answered: float
     calls: int = 0
+    why: str = ''  # of what was not answered
 
     @property
     def spread(self) -> Spread:
@@ -119,9 +122,9 @@ def run(extent: str, command: str) -> BenchResult:
         'one gradiometer. Processor: of the nodes alone, once they run.',
         'The busy thread shares the lock of the measured process; the service is called back to '
         'back from another.',
-        f'Commands 1000 times a second, one for each frame; {seconds:g} s a run. Where a frame '
-        'costs more than its period, frames wait in the port until their forces count as stale '
-        '(100 ms), and nothing is sent: that is what delays of 100 ms and few answers say.',
+        f'Up to 1000 commands a second; {seconds:g} s a run. Frames that waited in the port, '
+        'because the one before cost more than its period, are estimated together and the newest '
+        'is answered: their delay runs until that command.',
     ]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -157,26 +160,32 @@ def _runs(folder: Path, seconds: float, quick: bool) -> dict[str, Run]:
 
 def _rows(what: str, run: Run) -> list[Row]:
     """Figures of one run."""
-    found = run.spread
+    found, heard = run.spread, spread(run.received)
     fast = 'chips' not in what
     own = 'three' not in what
     quiet = 'busy' not in what and 'called' not in what
     cores = (50.0 if fast else 35.0) if own and quiet else None
+    tail = 1.0 if fast and own else None
     rows = [
-        Row(f'{what}: delay p50', 'ms', 1e3 * found.p50),
-        Row(f'{what}: delay p99', 'ms', 1e3 * found.p99, aim=1.0 if fast and own else None),
-        Row(f'{what}: delay, largest', 'ms', 1e3 * found.largest),
-        Row(f'{what}: delay p99 to the listener', 'ms', 1e3 * spread(run.received).p99),
-        Row(f'{what}: frames answered', '%', 100 * run.answered, 'high'),
-        Row(f'{what}: processor', '% of a core', 100 * run.cores, aim=cores),
+        Row(f'{what}: delay p50', 'ms', _known(1e3 * found.p50)),
+        Row(f'{what}: delay p99', 'ms', _known(1e3 * found.p99), aim=tail),
+        Row(f'{what}: delay, largest', 'ms', _known(1e3 * found.largest)),
+        Row(f'{what}: delay p99 to the listener', 'ms', _known(1e3 * heard.p99)),
+        Row(f'{what}: frames with a command of their own', '%', 100 * run.answered, 'high'),
+        Row(f'{what}: processor', '% of a core', _known(100 * run.cores), aim=cores),
     ]
     if run.calls:
         rows.append(Row(f'{what}: services answered', '1', float(run.calls)))
     return rows
 
 
+def _known(figure: float) -> float | None:
+    """A figure, None where there is none; the notes say why."""
+    return figure if np.isfinite(figure) else None
+
+
 def _histogram(run: Run) -> str:
-    """Shares of delays up to each of the bins."""
+    """Shares of delays up to each of the bins, and what the grip said where it was silent."""
     edges = np.array([0.0, *BINS_MS]) * 1e-3
     counts = np.histogram(run.delay[np.isfinite(run.delay)], edges)[0]
     told = [
@@ -184,20 +193,22 @@ def _histogram(run: Run) -> str:
         for high, count in zip(BINS_MS, counts, strict=True)
         if count
     ]
-    return ', '.join(told) or 'no command came'
+    said = f'; the nodes said: {run.why}' if run.why else ''
+    return (', '.join(told) or 'NO COMMAND CAME') + said
 
 
 def gradiometer_scene(folder: Path, estimator: str | None = None) -> Scene:
     """One gradiometer at 1 kHz that four fingers hear: a rest, then a press that stays."""
     spec = load_sensor('gradiometer')
     config = dataclasses.replace(spec.config(), rate_hz=FAST_HZ)
-    values = _calibrated(folder, 'gradiometer', config, estimator)
+    values, warmth = _calibrated(folder, 'gradiometer', config, estimator)
     scale = spec.connection().tesla_per_count
     counts = np.rint(values / scale).astype(np.int64)
     payload = gradiometer()
 
     def encode(_: int, frame: int, time_us: int) -> bytes:
-        return framed(payload, counts[_row(frame)], frame, time_us, 35.0)
+        row = _row(frame)
+        return framed(payload, counts[row], frame, time_us, warmth[row])
 
     return Scene(
         'gradiometer', FAST_HZ, FINGERS[:1], encode, {'rate_hz': FAST_HZ, 'native_usb': True}
@@ -210,7 +221,7 @@ def skin_scene(folder: Path) -> Scene:
     rows, columns = np.divmod(np.arange(CHIPS), 5)
     places = PITCH * np.stack([columns - 2.0, rows - 1.5, np.zeros(CHIPS)], axis=1)
     config = dataclasses.replace(spec.config(), positions=places, rate_hz=SLOW_HZ)
-    values = _calibrated(folder, 'reskin_board', config)
+    values, _ = _calibrated(folder, 'reskin_board', config)
     frames = [packet(row) for row in values]
 
     def encode(_: int, frame: int, __: int) -> bytes:
@@ -225,8 +236,10 @@ def _row(frame: int) -> int:
     return frame if frame < REST else REST + (frame - REST) % KEPT
 
 
-def _calibrated(folder: Path, key: str, config: object, estimator: str | None = None) -> Array:
-    """Calibrate on presses of another seed; rows to play, shape (s, t, c)."""
+def _calibrated(
+    folder: Path, key: str, config: object, estimator: str | None = None
+) -> tuple[Array, Array]:
+    """Calibrate on presses of another seed; what to play, as of `_held`."""
     spec = load_sensor(key)
     learnt = spec.presses(config, 1)
     some = slice(None, None, -(-len(learnt) // 3000))
@@ -234,15 +247,20 @@ def _calibrated(folder: Path, key: str, config: object, estimator: str | None = 
     (folder / key).mkdir(parents=True, exist_ok=True)
     for finger in FINGERS:
         pipeline.save(folder / key / f'{finger}.npz')
-    return _held(spec.presses(config, 0))
+    return _held(spec.presses(config, 0), pipeline.rest_.noise)
 
 
-def _held(presses: Recording) -> Array:
-    """Resting rows, then rows of the press whose force is nearest to the wanted one."""
-    normal = np.nan_to_num(presses.truth['force'][:, 2])
-    rests = presses.values[normal == 0][:REST]
-    near = np.argsort(np.abs(normal - FORCE))[:KEPT]
-    return np.concatenate([np.resize(rests, (REST, *rests.shape[1:])), presses.values[near]])
+def _held(presses: Recording, noise: Array) -> tuple[Array, Array]:
+    """A rest, then a straight press that stays: rows (s, t, c), temperatures (s,) of the chip."""
+    force = np.nan_to_num(presses.truth['force'])
+    rests = np.flatnonzero(force[:, 2] == 0)
+    off = np.linalg.norm(force - [0.0, 0.0, FORCE], axis=1)
+    rows = np.append(np.resize(rests, REST), np.full(KEPT, off.argmin()))
+    values = presses.values[rows].copy()
+    values[REST:] += noise * np.random.default_rng(0).normal(size=values[REST:].shape)
+    chips = presses.temperature_c
+    warmth = np.full(len(rows), np.nan) if chips is None else chips[rows].mean(axis=1)
+    return values, warmth
 
 
 def measure(
@@ -277,26 +295,41 @@ def measure(
             begin, spent = time.time_ns(), -sum(map(RIG.processor_seconds, pids))
             time.sleep(seconds)
             end, spent = time.time_ns(), spent + sum(map(RIG.processor_seconds, pids))
+            ended = _ended(running)
+            if ended:
+                return Run(NOTHING, NOTHING, np.nan, 0.0, why=ended)
             written, heard = board.end(), hand.end()
             if asking is not None:
                 calls = asking.end()
     delay, received, answered = _delays(written, heard, begin, end)
-    return Run(delay, received, spent * RIG.NS / (end - begin), answered, calls)
+    return Run(delay, received, spent * RIG.NS / (end - begin), answered, calls, heard.refusal)
+
+
+def _ended(running: Running) -> str:
+    """Last words of nodes that ended; empty: all run."""
+    gone = [name for name in running.lines if not running.is_alive(name)]
+    return '; '.join(f'{name} ended: {" ".join(running.lines[name][-LAST:])}' for name in gone)
 
 
 def _delays(written: Integers, heard: object, begin: int, end: int) -> tuple[Array, Array, float]:
-    """Delays to sending and to receiving (s), and the share of frames that were answered."""
-    inside = (heard.sent_ns >= begin) & (heard.sent_ns < end)
-    if not inside.any():
+    """Delays to sending and to receiving (s), and the share of frames with a command of their own.
+
+    Of every frame: until the first command that answers it or a later one, since what waited is
+    answered together; of one that nothing answers, at least until the last command.
+    """
+    row = np.searchsorted(written, heard.stamp_ns + TOLERANCE_NS) - 1
+    order = np.argsort(heard.sent_ns, kind='stable')
+    row = np.maximum.accumulate(row[order])
+    frames = np.flatnonzero((written >= begin) & (written < end))
+    own = np.unique(row[(heard.sent_ns[order] >= begin) & (heard.sent_ns[order] < end)])
+    if not len(own) or not len(frames):
         return np.full(1, np.nan), np.full(1, np.nan), 0.0
-    row = np.searchsorted(written, heard.stamp_ns[inside] + TOLERANCE_NS) - 1
-    first = np.unique(row, return_index=True)[1]  # a late clock step answers the same frame again
-    at = written[row[first]]
-    frames = int(((written >= begin) & (written < end)).sum())
+    first = np.minimum(np.searchsorted(row, frames), len(row) - 1)
+    at = written[frames]
     return (
-        1e-9 * (heard.sent_ns[inside][first] - at),
-        1e-9 * (heard.received_ns[inside][first] - at),
-        len(first) / max(frames, 1),
+        1e-9 * np.maximum(heard.sent_ns[order][first] - at, 0),
+        1e-9 * np.maximum(heard.received_ns[order][first] - at, 0),
+        len(own) / len(frames),
     )
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.estimators.press_window import press_vectors
-from tactile_ros.evaluation.benchmark import BenchResult, Row, over_seeds
+from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.physics import compiled
 from tactile_ros.sensors import load_sensor
@@ -64,9 +64,11 @@ def run(extent: str, command: str) -> BenchResult:
     found = [one.all(tables=size.whole and i == 0) for i, one in enumerate(trials)]
     names = {name for one in found for name in one}
 
+    def known(name: str) -> tuple[float, ...]:
+        return tuple(one[name] for one in found if name in one)
+
     def mean(name: str) -> float | None:
-        known = [one[name] for one in found if name in one]
-        return float(np.mean(known)) if known else None
+        return float(np.mean(known(name))) if known(name) else None
 
     rows = []
     for what, unit, name, better, paper, aim in FIGURES:
@@ -74,8 +76,7 @@ def run(extent: str, command: str) -> BenchResult:
             rows.append(
                 Row(
                     what, unit, mean(name), better, paper=paper, peer=mean(f'{name} peer'),
-                    bound=mean(f'{name} bound'), aim=aim,
-                    spread=over_seeds([one[name] for one in found if name in one]),
+                    bound=mean(f'{name} bound'), aim=aim, by_seed=known(name),
                 )
             )  # fmt: skip
     rows += cost(trials[0], world)

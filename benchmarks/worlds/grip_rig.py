@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 COMMANDS, STATES = '/allegroHand_0/joint_cmd', '/allegroHand_0/joint_states'
 POSTURE_S, PATIENCE_S = 0.01, 30.0
 TARGET = 1.5  # N
+SILENT_S = 2.0  # without commands, after which a grasp is asked for again
 STAMP = struct.Struct('<iI')  # of the header behind the four bytes that every message begins with
 FORK = get_context('fork')
 NS = 1_000_000_000
@@ -46,11 +47,14 @@ class Heard:
         Of the forces that they answer.
     sent_ns, received_ns : ndarray, shape (n,)
         When the middleware sent and received them.
+    refusal : str
+        What grip_node said in its diagnostics when it sent nothing last; empty: it always did.
     """
 
     stamp_ns: Integers
     sent_ns: Integers
     received_ns: Integers
+    refusal: str = ''
 
 
 @dataclass
@@ -138,7 +142,7 @@ def listener(pipe: Connection) -> None:
         rclpy.spin_once(node, timeout_sec=0.05)
         if hand.news():
             pipe.send('commands come')
-    pipe.send(Heard(*np.array(hand.heard, np.int64).reshape(-1, 3).T))
+    pipe.send(Heard(*np.array(hand.heard, np.int64).reshape(-1, 3).T, hand.refusal))
     node.destroy_node()
     rclpy.try_shutdown()
 
@@ -147,6 +151,7 @@ class Hand:
     """A hand that stands still."""
 
     def __init__(self, node: object) -> None:
+        from diagnostic_msgs.msg import DiagnosticArray
         from rclpy.action import ActionClient
         from rclpy.qos import QoSProfile
         from sensor_msgs.msg import JointState
@@ -155,6 +160,8 @@ class Hand:
         from tactile_ros.hands import load_hand
 
         self.heard: list[tuple[int, int, int]] = []
+        self.refusal = ''
+        self._counted, self._silent_s = 0, time.monotonic()
         self._told = False
         self._asked_s = 0.0
         self._node, self._kind, self._goal = node, JointState, Grasp.Goal(target_force=TARGET)
@@ -164,6 +171,7 @@ class Hand:
         self._states = node.create_publisher(JointState, STATES, 10)
         deep = QoSProfile(depth=1000)
         node.create_subscription(JointState, COMMANDS, self._on_command, deep, raw=True)
+        node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, deep)
         self._grasp = ActionClient(node, Grasp, 'grip_node/grasp')
         node.create_timer(POSTURE_S, self._tell)
 
@@ -174,15 +182,26 @@ class Hand:
             (sec * NS + nanosec, info['source_timestamp'], info['received_timestamp'])
         )
 
+    def _on_diagnostics(self, message: object) -> None:
+        """Keep why the grip sends nothing, once it has sent something."""
+        for status in message.status:
+            told = {pair.key: pair.value for pair in status.values}
+            refusal = told.get('refusal', 'none')
+            if self.heard and refusal != 'none':
+                self.refusal = refusal
+
     def _tell(self) -> None:
-        """Say where the joints are, and ask for a grasp until there is one."""
+        """Say where the joints are, and ask for a grasp where no commands come."""
         message = self._kind(name=self._names, position=self._posture)
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._states.publish(message)
-        if not self.heard and time.monotonic() - self._asked_s > 2.0:
-            if self._asked_s and self._grasp.server_is_ready():
+        now_s = time.monotonic()
+        if len(self.heard) > self._counted:
+            self._counted, self._silent_s = len(self.heard), now_s
+        if now_s - max(self._silent_s, self._asked_s) > SILENT_S:
+            if self._grasp.server_is_ready():
                 self._grasp.send_goal_async(self._goal)
-            self._asked_s = time.monotonic()
+            self._asked_s = now_s
 
     def news(self) -> bool:
         """Whether the first commands have just come."""

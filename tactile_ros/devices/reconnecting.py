@@ -244,6 +244,12 @@ class StreamingBoard(Opened):
                 raise DeviceTimeout(msg)
         return self._frames.popleft()
 
+    def waiting(self) -> list[Frame]:
+        """Take the frames that came together with the last and were not read yet."""
+        frames = list(self._frames)
+        self._frames.clear()
+        return frames
+
     def feed(self, data: bytes) -> None:
         """Take bytes that came by another way than the port, as in a simulation; then `read`."""
         self._receive(data)

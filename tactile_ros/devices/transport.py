@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import os
 import select
+import termios
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     I2cMessage = i2c_msg
 
 READ_BYTES = 4096
+WAITS_S = 0.1  # the least that terminals wait for
 I2C_TIMEOUT = 0x0702  # linux/i2c-dev.h, in units of 10 ms
 
 
@@ -58,6 +61,18 @@ def _refusal(port: str, err: OSError) -> str:
             f'add the user to the group dialout and log in again; {_choice()}'
         )
     return f'port {port} cannot be opened ({err}); {_choice()}'
+
+
+def _wait_in_read(terminal: int) -> None:
+    """Let reads of a port wait for the first byte themselves, for `WAITS_S` at most.
+
+    Each call that may wait lets go of Python's lock, which a busy thread gives back late: one call
+    in place of poll and read, and of the select and read of pyserial.
+    """
+    attributes = termios.tcgetattr(terminal)
+    attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 0, round(10 * WAITS_S)
+    termios.tcsetattr(terminal, termios.TCSANOW, attributes)
+    os.set_blocking(terminal, True)
 
 
 class SerialPort:
@@ -101,6 +116,7 @@ class SerialPort:
         except (OSError, ValueError) as err:
             failure = err if isinstance(err, OSError) else OSError(str(err))
             raise DeviceError(_refusal(self.port, failure)) from err
+        _wait_in_read(device.fileno())
         self._serial = device
         self._poll = select.poll()
         self._poll.register(device.fileno(), select.POLLIN)
@@ -122,7 +138,7 @@ class SerialPort:
         Returns
         -------
         bytes
-            At most 4096; none when nothing came in time.
+            At most 4096; none when nothing came in time, or within 0.1 s.
 
         Raises
         ------
@@ -133,13 +149,25 @@ class SerialPort:
             msg = f'port {self.port} is not open'
             raise DeviceError(msg)
         try:
-            if not self._poll.poll(max(0.0, timeout) * 1e3):
+            if timeout < WAITS_S and not self._poll.poll(max(0.0, timeout) * 1e3):
                 return b''
-            return bytes(self._serial.read(READ_BYTES))
+            data = os.read(self._serial.fileno(), READ_BYTES)
+            gone = not data and bool(self._poll.poll(0))
+            if gone:  # unless bytes have come between the two
+                data = os.read(self._serial.fileno(), READ_BYTES)
+                gone = not data
         except OSError as err:
-            self.close()
-            msg = f'port {self.port} was unplugged or taken by another program; {_choice()}'
-            raise DeviceError(msg) from err
+            raise self._lost() from err
+        if gone:
+            raise self._lost()
+        return data
+
+    def _lost(self) -> DeviceError:
+        """Close, and say why."""
+        self.close()
+        return DeviceError(
+            f'port {self.port} was unplugged or taken by another program; {_choice()}'
+        )
 
     def write(self, data: bytes) -> None:
         """Send bytes to the device.

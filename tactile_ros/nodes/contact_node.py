@@ -11,12 +11,14 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from tactile_ros import messages
+from tactile_ros.lesson import Allowed
 from tactile_ros.msg import TactileContact, TactileContacts, TactileFrame, TactileLayout
+from tactile_ros.nodes.backlog import backlog
 from tactile_ros.nodes.contact_options import ContactOptions
 from tactile_ros.nodes.contact_stage import ContactStage
 from tactile_ros.nodes.enrol_server import EnrolServer
 from tactile_ros.nodes.enrol_stage import EnrolStage
-from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
+from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs, serving
 from tactile_ros.nodes.quality import baselines, data, latched, overridable
 from tactile_ros.nodes.standard_topics import StandardTopics
 from tactile_ros.sensors import load_sensor
@@ -45,7 +47,8 @@ class ContactNode(ManagedNode):
     direct : bool
         Frames come by `take` from the same process instead of the topic `frame`.
     downstream : callable or None
-        Takes the full name of `contacts`, every frame and its state, before they are published.
+        Takes the full name of `contacts`, every frame and its state, those that came together at
+        once, before they are published.
     arguments : sequence of str
         ROS arguments for this node alone.
     """
@@ -53,11 +56,12 @@ class ContactNode(ManagedNode):
     def __init__(
         self,
         direct: bool = False,
-        downstream: Callable[[str, Frame, ContactState], None] | None = None,
+        downstream: Callable[[str, Sequence[Frame], Sequence[ContactState]], None] | None = None,
         arguments: Sequence[str] = (),
     ) -> None:
         super().__init__('contact_node', arguments)
         self._stage: ContactStage | None = None
+        self._unknown_as = ContactOptions().unknown_as
         self.declare(ContactOptions())
         self._spec = load_sensor(self.get_parameter('sensor').value)
         self.declare(self._spec.config())
@@ -110,6 +114,7 @@ class ContactNode(ManagedNode):
         self._stage.reset()
         self._refusal = self._complaint = ''
         self._previous = 0
+        self._unknown_as = self.get_parameter('unknown_as').value
         if self._enrol is not None:
             self._enrol.stage = EnrolStage(
                 self._stage,
@@ -117,7 +122,7 @@ class ContactNode(ManagedNode):
                 self._spec.load,
                 self._digest,
                 self._announce,
-                self._options.most_lost,
+                Allowed(self._options.most_lost, self._options.most_lost_there),
             )
         self._announce()
         self._active = True
@@ -151,11 +156,10 @@ class ContactNode(ManagedNode):
     def _listen_to_frames(self) -> None:
         """Subscribe to `frame`."""
         options = overridable()
-        self._heard.append(
-            self.create_subscription(
-                TactileFrame, 'frame', self._on_frame, data(), qos_overriding_options=options
-            )
+        self._incoming = self.create_subscription(
+            TactileFrame, 'frame', self._on_frame, data(), qos_overriding_options=options
         )
+        self._heard.append(self._incoming)
 
     def _on_waiting(self) -> None:
         """Look whether everybody is there."""
@@ -218,31 +222,35 @@ class ContactNode(ManagedNode):
             self.get_logger().error(sentence)
 
     def _on_frame(self, message: TactileFrame) -> None:
-        """A frame from the topic."""
-        try:
-            frame = messages.read_frame(message, self._stage.shape)
-        except ValueError as err:
-            self._stage.tally.refused += 1
-            self._complain(f'{err}; the calibration is of {self._pipeline.sensor}')
+        """Frames from the topic: one, and those that wait behind it."""
+        frames = []
+        for one in (message, *backlog(self._incoming, TactileFrame)):
+            try:
+                frames.append(messages.read_frame(one, self._stage.shape))
+            except ValueError as err:
+                self._stage.tally.refused += 1
+                self._complain(f'{err}; the calibration is of {self._pipeline.sensor}')
+        if not frames:
             return
         try:
-            self.take(frame, message.header.frame_id)
-        except Exception as err:  # one frame that cannot be estimated ends nothing
-            self._stage.tally.refused += 1
-            self._complain(f'frame {frame.sequence} failed: {type(err).__name__}: {err}')
+            self.take(frames, message.header.frame_id)
+        except Exception as err:  # frames that cannot be estimated end nothing
+            self._stage.tally.refused += len(frames)
+            self._complain(f'frame {frames[0].sequence} failed: {type(err).__name__}: {err}')
 
-    def take(self, frame: Frame, frame_id: str) -> None:
-        """Process one frame and publish for whoever listens."""
+    def take(self, frames: Sequence[Frame], frame_id: str) -> None:
+        """Process the next frames and publish for whoever listens."""
         if not self._active:
             return
         if self._refusal:
-            self._stage.tally.refused += 1
+            self._stage.tally.refused += len(frames)
             return
         self._frame_id = frame_id
-        state = self._stage.process(frame)
+        states = self._stage.process_all(frames)
         if self._downstream is not None:
-            self._downstream(self.topic, frame, state)
-        self._publish(frame, state, frame_id)
+            self._downstream(self.topic, frames, states)
+        for frame, state in zip(frames, states, strict=True):
+            self._publish(frame, state, frame_id)
 
     def _publish(self, frame: Frame, state: ContactState, frame_id: str) -> None:
         """Contacts and standard messages, each where somebody listens."""
@@ -253,8 +261,7 @@ class ContactNode(ManagedNode):
             message.sequence = frame.sequence
             message.label_name = self._label_name(int(state.label))
             self._contacts.publish(message)
-        unknown_as = self.get_parameter('unknown_as').value
-        self._standard.publish(frame, state, frame_id, self._pipeline, unknown_as)
+        self._standard.publish(frame, state, frame_id, self._pipeline, self._unknown_as)
 
     def _label_name(self, label: int) -> str:
         """Name of a class, where the sensor has classes."""
@@ -276,7 +283,8 @@ class ContactNode(ManagedNode):
         return response
 
     def apply(self, changes: dict[str, object]) -> None:
-        """Let the rules of the tare change while it runs."""
+        """Let the rules of the tare, and what is told of the unknown, change while it runs."""
+        self._unknown_as = changes.get('unknown_as', self._unknown_as)
         if self._stage is None:
             return
         if 'tare_frames' in changes:
@@ -332,7 +340,7 @@ def build() -> Sequence[ManagedNode]:
 
 def main() -> None:
     """Run contact_node until it is told to stop."""
-    main_of(build)
+    main_of(build, serving)
 
 
 if __name__ == '__main__':

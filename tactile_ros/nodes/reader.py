@@ -1,7 +1,8 @@
 """One thread that reads a device and hands its frames on, through whatever the port does.
 
 With a queue a second thread hands on, so that a slow listener never delays the reading: a frame
-that finds the queue full pushes the oldest one out, which is counted.
+that finds the queue full pushes the oldest one out, which is counted. Without one, frames that
+have waited in the port are handed on together, so that whoever is late catches up.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from tactile_ros.errors import DeviceError, DeviceTimeout, TactileError
 from tactile_ros.types import TaxelStatus
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from tactile_ros.types import Device, Frame
 
@@ -114,7 +115,7 @@ class Reader:
     device : Device
         Not yet entered; opened again with growing pauses where its port is missing.
     deliver : callable
-        Takes every frame, one after the other.
+        Takes every frame once and in order: those that came together, one at a time from a queue.
     complain : callable
         Takes a sentence whenever the reason why nothing comes changes.
     ready : callable or None
@@ -130,7 +131,7 @@ class Reader:
     def __init__(
         self,
         device: Device,
-        deliver: Callable[[Frame], None],
+        deliver: Callable[[Sequence[Frame]], None],
         complain: Callable[[str], None],
         ready: Callable[[], bool] | None = None,
         queue: int = 0,
@@ -139,6 +140,7 @@ class Reader:
         self.reading = Reading()
         self._device = device
         self._deliver = deliver
+        self._waiting: Callable[[], list[Frame]] = getattr(device, 'waiting', list)
         self._complain = complain
         self._ready = ready
         self._stop = threading.Event()
@@ -219,9 +221,9 @@ class Reader:
             self._note(f'{err}; trying again')
 
     def _step(self) -> None:
-        """One frame, or the reason why there is none."""
+        """What has come, or the reason why nothing has."""
         try:
-            frame = self._device.read(READ_TIMEOUT_S)
+            frames = [self._device.read(READ_TIMEOUT_S), *self._waiting()]
         except DeviceTimeout as err:
             self._note(str(err))
         except (TactileError, OSError) as err:
@@ -229,7 +231,7 @@ class Reader:
         except Exception as err:  # also what no driver may do: the node goes on
             self._fail(f'{type(err).__name__}: {err}')
         else:
-            self._take(frame)
+            self._take(frames)
 
     def _fail(self, sentence: str) -> None:
         """Count a failure, tell it, and pause."""
@@ -237,16 +239,18 @@ class Reader:
         self._note(sentence)
         self._stop.wait(FIRST_RETRY_S)
 
-    def _take(self, frame: Frame) -> None:
-        """Hand a frame on, or let it wait in the queue."""
-        self.reading.note(frame)
+    def _take(self, frames: list[Frame]) -> None:
+        """Hand frames on, or let them wait in the queue."""
+        for frame in frames:
+            self.reading.note(frame)
         self.reading.sentence = ''
         if not self._limit:
-            self._pass_on(frame)
+            self._pass_on(frames)
             return
-        if self._queue.qsize() >= self._limit:
-            self._push_out()
-        self._queue.put(frame)
+        for frame in frames:
+            if self._queue.qsize() >= self._limit:
+                self._push_out()
+            self._queue.put(frame)
 
     def _push_out(self) -> None:
         """Drop the oldest frame, unless it has just been taken."""
@@ -258,12 +262,12 @@ class Reader:
         """Empty the queue until there is nothing more to come."""
         while (frame := self._queue.get()) is not None:
             lost = self.reading.overruns
-            self._pass_on(replace(frame, dropped=frame.dropped + lost) if lost else frame)
+            self._pass_on([replace(frame, dropped=frame.dropped + lost) if lost else frame])
 
-    def _pass_on(self, frame: Frame) -> None:
-        """Hand a frame on; a failure there is told and costs that frame alone."""
+    def _pass_on(self, frames: list[Frame]) -> None:
+        """Hand frames on; a failure there is told and costs them alone."""
         try:
-            self._deliver(frame)
+            self._deliver(frames)
         except Exception as err:  # whatever listens must not end the sensor
             self.reading.failures += 1
             self._note(f'{type(err).__name__}: {err}')

@@ -109,8 +109,8 @@ class SensorNode(ManagedNode):
     Parameters
     ----------
     downstream : callable or None
-        Takes every frame and the name of its tf frame in the reader's thread, before it is
-        published: the one-process road, which has no queue.
+        Takes every frame, those that came together at once, and the name of their tf frame in the
+        reader's thread, before they are published: the one-process road, which has no queue.
     waits_for : callable or None
         Further condition for the first frame.
     arguments : sequence of str
@@ -119,7 +119,7 @@ class SensorNode(ManagedNode):
 
     def __init__(
         self,
-        downstream: Callable[[Frame, str], None] | None = None,
+        downstream: Callable[[Sequence[Frame], str], None] | None = None,
         waits_for: Callable[[], bool] | None = None,
         arguments: Sequence[str] = (),
     ) -> None:
@@ -264,11 +264,16 @@ class SensorNode(ManagedNode):
         heard = self._frames.get_subscription_count() >= self._options.listeners
         return heard and (self._waits_for is None or self._waits_for())
 
-    def _deliver(self, frame: Frame) -> None:
-        """Hand a frame on and publish it."""
+    def _deliver(self, frames: Sequence[Frame]) -> None:
+        """Hand frames on and publish them."""
         frame_id = self._options.frame_id
         if self._downstream is not None:
-            self._downstream(frame, frame_id)
+            self._downstream(frames, frame_id)
+        for frame in frames:
+            self._publish(frame, frame_id)
+
+    def _publish(self, frame: Frame, frame_id: str) -> None:
+        """Publish a frame and its views, each where somebody listens."""
         if self._frames.get_subscription_count():
             message = TactileFrame()
             messages.fill_frame(message, frame, frame_id)

@@ -8,8 +8,10 @@ steps the grip. Names of nodes, topics, services and parameters are those of the
 from __future__ import annotations
 
 import gc
+import os
 import sys
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rclpy.node import Node
@@ -55,6 +57,14 @@ class StackOptions:
     )
     calibrations: str = field(default='', metadata={'help': 'folder with <finger>.npz'})
     seed: int = field(default=0, metadata={'help': 'of the twins, counted up by finger'})
+    priority: int = field(
+        default=0,
+        metadata={
+            'help': 'real-time priority of the process (SCHED_FIFO), where the system grants it; '
+            '0: none',
+            'range': (0, 99),
+        },
+    )
 
 
 def choice() -> Grasping:
@@ -63,6 +73,9 @@ def choice() -> Grasping:
     schema = Schema(StackOptions())
     schema.declare(node)
     options, space = schema.read(node), node.get_namespace()
+    refusal = raised(options.priority)
+    if refusal:
+        node.get_logger().warning(refusal)
     node.destroy_node()
     return Grasping(
         hand=options.hand,
@@ -77,19 +90,39 @@ def choice() -> Grasping:
     )
 
 
-def frozen_after(
-    take: Callable[[Frame, str], None], frames: int = WARM_FRAMES
-) -> Callable[[Frame, str], None]:
-    """Hand frames on and, once warm, keep the garbage collector off all that stays."""
-    count = 0
+def raised(priority: int) -> str:
+    """Give the process a real-time priority; why not, empty: it has it, or none was asked for.
 
-    def step(frame: Frame, frame_id: str) -> None:
-        nonlocal count
-        take(frame, frame_id)
-        count += 1
-        if count == frames:
-            gc.collect()
-            gc.freeze()
+    All threads get it, and those that they start: one without it that holds Python's lock, and is
+    kept from a processor by another program, would stop them all.
+    """
+    if priority == 0:
+        return ''
+    try:
+        for thread in Path('/proc/self/task').iterdir():
+            os.sched_setscheduler(int(thread.name), os.SCHED_FIFO, os.sched_param(priority))
+    except PermissionError:
+        return (
+            f'the system grants no real-time priority {priority}: allow it with `ulimit -r`, '
+            'rtprio in /etc/security/limits.conf, or CAP_SYS_NICE; going on without'
+        )
+    return ''
+
+
+def frozen_after(
+    take: Callable[[Sequence[Frame], str], None], frames: int = WARM_FRAMES
+) -> Callable[[Sequence[Frame], str], None]:
+    """Hand frames on and, once warm, keep the garbage collector off all that stays."""
+    left = frames
+
+    def step(some: Sequence[Frame], frame_id: str) -> None:
+        nonlocal left
+        take(some, frame_id)
+        if left > 0:
+            left -= len(some)
+            if left <= 0:
+                gc.collect()
+                gc.freeze()
 
     return step
 
@@ -106,7 +139,7 @@ def build() -> Sequence[ManagedNode]:
         if grip.topic_of(name) != f'/{process.namespace}/contacts':
             continue  # remapped: it has no sensor of its own
         own = process.ros_arguments()
-        contact = ContactNode(True, grip.take_state, own)
+        contact = ContactNode(True, grip.take_states, own)
         # the collector rests once the first sensor is warm
         take = contact.take if contacts else frozen_after(contact.take)
         contacts.append(contact)

@@ -10,7 +10,14 @@ import pytest
 
 from tactile_ros.nodes.contact_stage import ContactStage
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import ContactStates, Frame, FrameStatus, Layout, TaxelStatus
+from tactile_ros.types import (
+    STATE_FIELDS,
+    ContactStates,
+    Frame,
+    FrameStatus,
+    Layout,
+    TaxelStatus,
+)
 
 LAYOUT = Layout(np.zeros((1, 3)), ('p',), '1')
 
@@ -252,3 +259,32 @@ def test_a_doubled_or_older_message_does_not_lift_the_guard() -> None:
     made.stage.reset()
     made.stage.process(Frame(9, 9, np.full((1, 1), 5.0)))
     assert made.stage.tare()[0]
+
+
+def test_frames_that_waited_are_estimated_together_with_the_same_numbers() -> None:
+    spec = load_sensor('gradiometer')
+    recording = spec.presses(spec.config(), 0).select(slice(0, 400, 8))
+    frames = [recording.frame(k) for k in range(len(recording))]
+    frames = [replace(f, sequence=k, stamp_ns=k * 10_000_000) for k, f in enumerate(frames)]
+    frames[7] = replace(frames[7], status=np.full(4, TaxelStatus.STALE, np.uint8))
+    stages = [
+        ContactStage(spec.pipeline(), 3, tare_in_contact=False, on_baseline=lambda _: None)
+        for _ in range(2)
+    ]
+    one_by_one = [stages[0].process(frame) for frame in frames]
+    pieces = [frames[:1], frames[1:20], frames[20:21], frames[21:]]
+    together = [state for piece in pieces for state in stages[1].process_all(piece)]
+    for alone, among in zip(one_by_one, together, strict=True):
+        for name in STATE_FIELDS:
+            told = getattr(among, name)
+            np.testing.assert_allclose(told, getattr(alone, name), rtol=1e-9, atol=1e-12)
+    assert stages[0].tally.frames == stages[1].tally.frames == len(frames)
+    assert stages[0].tare() == stages[1].tare()
+
+
+def test_frames_that_begin_anew_are_not_estimated_together() -> None:
+    made = stage_of()
+    frames = [Frame(k, k, np.zeros((1, 1))) for k in (4, 5, 0, 1)]
+    assert len(made.stage.process_all(frames)) == 4
+    assert made.stage.tally.sequence == 1
+    assert made.stage.tally.frames == 2

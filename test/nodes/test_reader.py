@@ -17,7 +17,7 @@ from tactile_ros.nodes.reader import Reader
 from tactile_ros.types import Frame, TaxelStatus
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
 PATIENCE_S = 120.0
 
@@ -70,11 +70,11 @@ def run(device: Script, frames: int, **options: object) -> tuple[Reader, list[Fr
     """Read until so many frames came, then close."""
     got, said, enough = [], [], threading.Event()
 
-    def deliver(item: Frame) -> None:
-        got.append(item)
+    def deliver(items: Sequence[Frame]) -> None:
+        got.extend(items)
         if len(got) >= frames:
             enough.set()
-        if item.sequence in options.get('fails_at', ()):
+        if items[0].sequence in options.get('fails_at', ()):
             msg = 'a listener failed'
             raise RuntimeError(msg)
 
@@ -112,6 +112,28 @@ def test_a_listener_that_fails_costs_one_frame() -> None:
     assert read.reading.failures == 1
 
 
+def test_frames_that_came_together_are_handed_on_together() -> None:
+    class Bundled(Script):
+        """A port that has kept two more frames back."""
+
+        def waiting(self) -> list[Frame]:
+            return [frame(k) for k in (1, 2)] if self.acts.empty() else []
+
+    got, enough = [], threading.Event()
+
+    def deliver(items: Sequence[Frame]) -> None:
+        got.append([item.sequence for item in items])
+        enough.set()
+
+    read = Reader(Bundled(frame(0)), deliver, lambda _: None)
+    read.open()
+    read.start()
+    assert enough.wait(PATIENCE_S)
+    read.close()
+    assert got == [[0, 1, 2]]
+    assert read.reading.frames == 3
+
+
 def test_nothing_is_read_before_everybody_is_there() -> None:
     device = Script(frame(0))
     asked = []
@@ -137,8 +159,8 @@ def test_a_full_queue_drops_the_oldest_and_counts() -> None:
     device = Script(frame(0))
     got, gate, taken = [], threading.Event(), threading.Event()
 
-    def deliver(item: Frame) -> None:
-        got.append((item.sequence, item.dropped))
+    def deliver(items: Sequence[Frame]) -> None:
+        got.extend((item.sequence, item.dropped) for item in items)
         taken.set()
         assert gate.wait(PATIENCE_S)
 
@@ -204,8 +226,8 @@ def test_what_was_kept_back_is_discarded_however_long_it_takes_to_decode(
 
     got, enough = [], threading.Event()
 
-    def deliver(item: Frame) -> None:
-        got.append(item.sequence)
+    def deliver(items: Sequence[Frame]) -> None:
+        got.extend(item.sequence for item in items)
         if len(got) == 2:
             enough.set()
 

@@ -40,13 +40,14 @@ def collector() -> Iterator[None]:
 @pytest.mark.usefixtures('collector')
 def test_the_collector_is_frozen_once_warm() -> None:
     taken = []
-    step = stack.frozen_after(lambda frame, name: taken.append((frame.sequence, name)), frames=3)
-    for k in range(2):
-        step(Frame(k, k, np.zeros((1, 1))), 'thumb')
+    step = stack.frozen_after(lambda some, name: taken.append((len(some), name)), frames=3)
+    frames = [Frame(k, k, np.zeros((1, 1))) for k in range(4)]
+    step(frames[:1], 'thumb')
+    step(frames[1:2], 'thumb')
     assert gc.get_freeze_count() == 0
-    step(Frame(2, 2, np.zeros((1, 1))), 'thumb')
+    step(frames[2:], 'thumb')
     assert gc.get_freeze_count() > 0
-    assert taken == [(0, 'thumb'), (1, 'thumb'), (2, 'thumb')]
+    assert taken == [(1, 'thumb'), (1, 'thumb'), (2, 'thumb')]
 
 
 @pytest.mark.usefixtures('collector')
@@ -94,6 +95,22 @@ def test_every_road_commands_the_same(
     assert len(live) == len(alone) == roads.ROWS
     assert np.ptp(live, axis=0)[0] > 0.02
     np.testing.assert_allclose(live, alone, rtol=0, atol=1e-9)
+
+
+def test_of_frames_that_waited_the_newest_is_answered_and_a_slip_in_any_counts(ros: Ros) -> None:
+    ros.init('hand:=joint_trajectory')
+    grip = ros.add(grip_node.GripNode())
+    taken = []
+    grip._take = lambda topic, felt, sequence, _: taken.append((topic, *felt, sequence))
+    frames = [Frame(k, k, np.zeros((1, 1))) for k in (1, 2, 3)]
+    states = [
+        SimpleNamespace(valid=True, status=0, force=np.full(3, float(k)), slip=slip)
+        for k, slip in enumerate((-1, 1, -1))
+    ]
+    grip.take_states('/left/contacts', frames, states)
+    grip.take_states('/left/contacts', frames[2:], states[2:])
+    two = [2.0, 2.0, 2.0]
+    assert taken == [('/left/contacts', two, True, 1, 3), ('/left/contacts', two, True, -1, 3)]
 
 
 def test_the_nodes_of_a_hand_have_the_names_of_the_processes(ros: Ros) -> None:

@@ -103,7 +103,7 @@ def lived(ros: Ros, press: Press, clock: Clock, direct: bool) -> np.ndarray:
     )  # fmt: skip
     grip, user = ros.add(GripNode()), ros.add(User())
     own = ['-r', '__ns:=/left']
-    contact = ros.add(ContactNode(direct, grip.take_state if direct else None, own))
+    contact = ros.add(ContactNode(direct, grip.take_states if direct else None, own))
     grip.direct = {contact.topic} if direct else set()
     grip.now_ns = lambda: clock.ns
     lifecycle.start([grip, contact])
@@ -118,7 +118,7 @@ def lived(ros: Ros, press: Press, clock: Clock, direct: bool) -> np.ndarray:
         told(ros, user, grip, press.posture(row), clock.ns)
         frame = press.frame(row)
         if direct:
-            contact.take(frame, 'left')
+            contact.take([frame], 'left')
         else:
             message = TactileFrame()
             fill_frame(message, frame, 'left')

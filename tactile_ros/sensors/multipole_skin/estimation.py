@@ -13,16 +13,19 @@ import numpy as np
 from tactile_ros.estimators.press_window import press_vectors
 from tactile_ros.regression import Recognition
 from tactile_ros.sensors.multipole_skin.answers import column, only, write
-from tactile_ros.sensors.multipole_skin.enrolment import alike_by, enrolled, lost_by
+from tactile_ros.sensors.multipole_skin.enrolment import costs, enrolled
 from tactile_ros.sensors.multipole_skin.network_classes import (
     NETWORKS,
     NetworkClasses,
     best_network,
-    groups_of,
 )
-from tactile_ros.sensors.multipole_skin.press_fit import learned
+from tactile_ros.sensors.multipole_skin.press_fit import Told, learned
 from tactile_ros.sensors.multipole_skin.recogniser import WEAKEST
-from tactile_ros.sensors.multipole_skin.windows import WindowMemory, find_windows
+from tactile_ros.sensors.multipole_skin.windows import (
+    WindowMemory,
+    find_windows,
+    press_numbers,
+)
 
 if TYPE_CHECKING:
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
@@ -116,15 +119,20 @@ class MultipoleEstimation:
             rows, windows = rows[chosen], [windows[i] for i in chosen]
         label = np.asarray(truth.get('label', np.full(len(signals.good), -1)), np.int64)[rows]
         self.first_new_ = max(self.first_new_, int(label.max(initial=-1)) + 1)
-        rest = self._rest(signals)
-        self.recogniser_, self.press_report_ = learned(
-            self.config, rest, self._noise(signals), windows, label,
-            column(truth, 'position', rows, 3), column(truth, 'yaw', rows, 1)[:, 0],
-            np.asarray(groups['group'], np.int64)[rows],
+        group = np.asarray(groups['group'], np.int64)
+        timed = signals.stamp_ns is not None
+        number = press_numbers(signals, self.config.window) if timed else group
+        told = Told(
+            label, column(truth, 'position', rows, 3), column(truth, 'yaw', rows, 1)[:, 0],
+            group[rows], number[rows],
         )  # fmt: skip
-        group = groups_of(column(truth, 'position', rows, 3), np.asarray(groups['group'])[rows])
+        # a chip that was dead throughout reads 0
+        dead = (signals.values[signals.good] == 0).all(axis=(0, 2)) & bool(signals.good.any())
+        self.recogniser_, self.press_report_ = learned(
+            self.config, self._rest(signals), self._noise(signals), windows, told, dead
+        )
         asked = NETWORKS if self.wanted is None else (self.wanted,)
-        self.network_ = best_network(asked, windows, label, group)
+        self.network_ = best_network(asked, windows, label, told.groups)
         if self.wanted is None:
             self._choose()
 
@@ -305,15 +313,12 @@ class MultipoleEstimation:
             raise ValueError(msg)
         names = self.names_ if label in self.names_ else (*self.names_, label)
         number = self.first_new_ + names.index(label)
-        new = enrolled(self.recogniser_, signals, self.config.window, number, label)
-        before = self.recogniser_.enrolled_
-        self.recogniser_.enrolled_ = before.joined(new)
-        stated = {
-            'presses': float(len(new.label)),
-            **lost_by(self.recogniser_, number),
-            'heads_alike': alike_by(self.recogniser_, new, number),
-        }
-        self.names_ = names
+        old = self.recogniser_
+        new = enrolled(old, signals, self.config.window, number, label)
+        tried = old.with_enrolled(old.enrolled_.joined(new))
+        stated = costs(tried, new, number)
+        # all of it, or nothing where judging fails
+        self.recogniser_, self.names_ = tried, names
         self.press_report_ = {**self.press_report_, f'enrolled {label}': stated}
 
     def forget(self, label: str) -> None:

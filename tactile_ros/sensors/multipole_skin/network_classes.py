@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 NETWORKS = tuple(f'pronet_{what}' for what in TRAINED)
 FOLDS = 5
 FEWEST = 3  # presses
-SAME = 1e-4  # m, places
 FARTHEST = 2.0  # over the distance that nineteen of twenty held-out presses keep
 ENOUGH = 0.95
 
@@ -120,15 +119,6 @@ def usable(windows: list[Array]) -> Bools:
     """Windows that are such as the networks were trained on, and whole."""
     shape = FRAMES, CHANNELS
     return np.array([one.shape == shape and np.isfinite(one).all() for one in windows], bool)
-
-
-def groups_of(place: Array, group: Integers) -> Integers:
-    """Places (n,) by number where they are known and several, else what must not be split."""
-    if len(place) and np.isfinite(place[:, :2]).all():
-        found = np.unique(np.round(place[:, :2] / SAME), axis=0, return_inverse=True)[1]
-        if found.max(initial=0) > 1:
-            return np.asarray(found).reshape(-1)
-    return group
 
 
 def best_network(

@@ -19,6 +19,8 @@ from tactile_ros.types import Outline, Recording
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import numpy.typing as npt
+
     from tactile_ros.types import Array
 
 SIZES = (10e-3, 15e-3, 20e-3)  # m
@@ -136,7 +138,7 @@ def _recording(
     force = np.zeros((count, rows, 3))
     force[:, pressed, 2] = stiffness[what[:, 0].astype(int), None] * depths
     place = np.column_stack([what[:, 1:3], np.full(count, specimen.top)])
-    truth = {
+    truth: dict[str, npt.ArrayLike] = {
         'label': every(what[:, 0], -1).astype(np.int64),
         'position': every(place, np.nan),
         'yaw': every(what[:, 3], np.nan),
