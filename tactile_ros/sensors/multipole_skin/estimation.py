@@ -165,7 +165,8 @@ class MultipoleEstimation:
         theirs = 0.0
         if self.network_ is not None:
             report['label_by_network'] = {f'accuracy_{self.network_.name}': self.network_.right}
-            theirs = self.network_.right * self._names_all()
+            told = self.network_.useful and self._names_all()
+            theirs = self.network_.right if told else 0.0
         if theirs <= max(right or 0.0, self._votes(frames)):
             self.network_ = None
         if self.network_ is None and (
