@@ -14,7 +14,12 @@ from tactile_ros.hands.description import parse
 from tactile_ros.simulation.hand_model import HandModel, pad_friction, servo
 from tactile_ros.types import Array
 
-GAIN, MOST, LAG, DEAD_TIME = 3.0, 0.7, 0.01, 0.02
+GAIN, LAG, DEAD_TIME = 3.0, 0.01, 0.02
+# N m, where the makers' nodes clip: V4 by a table of joints, V5 at 240 mA for each of them
+TORQUE = {
+    'v4': 3 * (0.312, 0.562, 0.375, 0.237) + (0.438, 0.338, 0.225, 0.225),
+    'v5': 16 * (0.168,),
+}
 DAMPING, ARMATURE = 0.2, 2e-3
 LENGTHS = (0.0164, 0.054, 0.0384)
 FINGERS = {
@@ -114,16 +119,19 @@ def force_per_closure(finger: str) -> float:
     return float(GAIN * CLOSING / np.dot(closing, closing))
 
 
-def allegro_hand(friction: float = 1.0) -> HandModel:
+def allegro_hand(friction: float = 1.0, torque: str = 'v4') -> HandModel:
     """The hand behind the driver of V5; the grasp axis lies level, so that friction holds.
 
     Index, middle and thumb carry pads of a friction coefficient; the ring finger stays open.
+    Motors are as strong as those of a version, a key of `TORQUE`.
     """
     document = {
         'driver': 'allegro_v5',
         'fingers': {name: _posture(name) for name in OPPOSED},
     }
-    drives = ''.join(servo(f'joint_{i}_0', GAIN, LAG, MOST) for i in range(16))
+    drives = ''.join(
+        servo(f'joint_{i}_0', GAIN, LAG, most) for i, most in enumerate(TORQUE[torque])
+    )
     return HandModel(
         parse('allegro_like', document),
         f'<body name="hand" quat="0.7071068 0.7071068 0 0" gravcomp="1">'
@@ -131,7 +139,7 @@ def allegro_hand(friction: float = 1.0) -> HandModel:
         f'<actuator>{drives}</actuator>',
         {name: f'{name}_pad' for name in OPPOSED},
         DEAD_TIME,
-        LAG + DAMPING / GAIN,
+        LAG,
         centre=tuple(turned(np.array(CENTRE))),
         across=tuple(turned(np.array(ACROSS))),
         stiffness=max(force_per_closure(name) for name in OPPOSED),
