@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from tactile_ros.control.drive_law import DriveLaw, bounded
 from tactile_ros.control.fingers import mean_of
-from tactile_ros.control.grip_targets import balanced
 from tactile_ros.control.free_drive import FreeDrive
+from tactile_ros.control.grip_targets import balanced
 from tactile_ros.control.stiffness import Stiffness
 
 if TYPE_CHECKING:

@@ -135,9 +135,7 @@ class Trials:
             scene.world.watchers.append(film)
             return scene.hold()
 
-    def pads(
-        self, kind: str, seed: int, film: Watcher = unseen, version: str = 'v4'
-    ) -> Grasped:
+    def pads(self, kind: str, seed: int, film: Watcher = unseen, version: str = 'v4') -> Grasped:
         """The Allegro-like hand, with motors of a version, grasps with magnet pads."""
         hand = allegro_hand(torque=version)
         config = noisy(fitted(GripConfig(), hand))
