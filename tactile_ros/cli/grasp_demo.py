@@ -63,8 +63,9 @@ def run_grasps(output: Path, seed: int, as_json: bool = False) -> int:
     print('calibrating fingertips, then a minute or two of scenes', file=sys.stderr, flush=True)
     found = scenes.run('quick', seed, made)
     rows, told = _faults(place)
+    rows, told = found.rows + rows, found.notes + told
     command = f'tactile demo grasp --seed {seed}'
-    result = BenchResult('grasp', command, [seed], found.rows + rows, found.notes + told, found.drawings)
+    result = BenchResult('grasp', command, [seed], rows, told, found.drawings)
     cells, aside = [row.cells() for row in result.rows], sys.stdout
     if as_json:
         show_json(COLUMNS, cells)

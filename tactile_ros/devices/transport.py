@@ -152,7 +152,7 @@ class SerialPort:
             if timeout < WAITS_S and not self._poll.poll(max(0.0, timeout) * 1e3):
                 return b''
             data = os.read(self._serial.fileno(), READ_BYTES)
-            gone = not data and self._poll.poll(0)
+            gone = not data and bool(self._poll.poll(0))
             if gone:  # unless bytes have come between the two
                 data = os.read(self._serial.fileno(), READ_BYTES)
                 gone = not data
