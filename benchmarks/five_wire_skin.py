@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
 SEEDS = {'quick': 1, 'normal': 3, 'full': 10}
 FIRST_SEED = 1000
-FRESH = 1500
+FRESH, FEW = 1500, 500
+METHODS = (None, 'printed', 'mean_curve', 'ridge', 'grid_knn', 'kernel_ridge', 'perceptron')
 FOLDER = Path(__file__).resolve().parents[1] / 'test' / 'reference'
 SENSOR = load_sensor('five_wire_skin')
 LAYOUT = SENSOR.layout(SENSOR.config())
@@ -66,23 +67,64 @@ def run(extent: str, command: str) -> BenchResult:
     mean = {key: float(np.mean([one[key] for one in found])) for key in found[0]}
     mean |= {key: float(np.mean([one[key] for one in streams])) for key in streams[0]}
     worst = max(one['force49'] for one in found)
-    rows = [*_accuracy(mean, worst), *_covered(spreads), *_cost(mean)]
+    each = {key: tuple(one[key] for one in found) for key in found[0]}
+    rows = [*_accuracy(mean, each, worst), *_covered(spreads), *_cost(mean)]
+    rows += _methods(known[1], seeds)
     rows = [row for row in rows if row.ours is None or np.isfinite(row.ours)]
     drawings = _draw(known[0], known[0].FiveWireWorld(seeds[0]), seeds[0])
     notes = _notes(quick)
     return BenchResult('five_wire_skin', command, seeds, rows, notes, drawings)
 
 
-def _accuracy(mean: dict[str, float], worst: float) -> list[Row]:
+def _methods(module: ModuleType, seeds: list[int]) -> list[Row]:
+    """Every estimator of place and force, learned from 49 places, on the same touches."""
+    grids, places, forces = _module('five_wire_world'), [], []
+    for name in METHODS:
+        away, off, spent = [], [], []
+        for seed in seeds:
+            world, rng = module.SheetWorld(seed), np.random.default_rng(seed + 100)
+            where, load = rng.uniform(12.5e-3, 87.5e-3, (FEW, 2)), rng.uniform(1, 15, FEW)
+            test = grids.touches(world, LAYOUT, where, load, seed + 200)
+            fit = SENSOR.pipeline(estimator=name).fit(_grid(grids, world, 7, seed + 300))
+            told = _told(fit, test)
+            away.append(_length(told.place))
+            off.append(_rms(told.force))
+            spent.append(_single(fit, test))
+        title = (name or 'chosen').replace('_', ' ')
+        places.append(_method('place', 'mm', title, away, spent))
+        forces.append(_method('force', 'N', title, off, spent))
+    return places + forces
+
+
+def _single(pipeline: Pipeline, test: Recording) -> float:
+    """Microseconds of a frame alone."""
+    frames = [test.frame(row) for row in range(60)]
+    least = min(_seconds(lambda: [pipeline.process(f) for f in frames]) for _ in range(5))
+    return 1e6 * least / len(frames)
+
+
+def _method(what: str, unit: str, title: str, found: list[float], spent: list[float]) -> Row:
+    """Row of an estimator among others."""
+    return Row(
+        f'{what} by {title}, 49 points', unit, float(np.mean(found)), us_single=min(spent),
+        by_seed=tuple(found), compared=f'{what} on the five-wire skin, 49 points', method=title,
+    )  # fmt: skip
+
+
+def _accuracy(
+    mean: dict[str, float], each: dict[str, tuple[float, ...]], worst: float
+) -> list[Row]:
     """Rows of errors."""
     bound, least, there = mean['bound'], mean['least'], mean['least_there']
     return [
         Row('place, 25 points, mean', 'mm', mean['place25'], paper=5.0, peer=mean['linear'],
-            bound=bound, aim=1.3 * bound),
+            bound=bound, aim=1.3 * bound, by_seed=each['place25']),
         Row('place, 25 points, mean (peer: thin plate)', 'mm', mean['place25'],
             peer=mean['plate'], bound=bound),
-        Row('place, 16 points, mean', 'mm', mean['place16'], peer=mean['linear'], bound=bound),
-        Row('place, 49 points, mean', 'mm', mean['place49'], bound=bound),
+        Row('place, 16 points, mean', 'mm', mean['place16'], peer=mean['linear'], bound=bound,
+            by_seed=each['place16']),
+        Row('place, 49 points, mean', 'mm', mean['place49'], bound=bound,
+            by_seed=each['place49']),
         Row('force at 49 calibration squares, 8 touches each, rms', 'N', mean['square8'],
             bound=there, aim=1.05 * there),
         Row('force at 49 calibration squares, 60 touches each, rms', 'N', mean['square60'],
@@ -92,9 +134,10 @@ def _accuracy(mean: dict[str, float], worst: float) -> list[Row]:
         Row('the same, 60 touches (bound: noise of all three readings)', 'N', mean['square60'],
             bound=mean['least_three'], aim=1.05 * mean['least_three']),
         Row('force anywhere, 49 points, rms', 'N', mean['force49'], paper=1.0,
-            peer=mean['printed'], bound=least, aim=0.28),
+            peer=mean['printed'], bound=least, aim=0.28, by_seed=each['force49']),
         Row('force anywhere, 49 points, rms of the worst world', 'N', worst, aim=0.28),
-        Row('force anywhere, 25 points, rms', 'N', mean['force25'], bound=least),
+        Row('force anywhere, 25 points, rms', 'N', mean['force25'], bound=least,
+            by_seed=each['force25']),
         Row('force anywhere, 16 points, rms', 'N', mean['force16'], peer=mean['printed'],
             bound=least),
         Row('network as printed: at its 16 squares (peer: between them)', 'N', mean['at_squares'],

@@ -128,7 +128,13 @@ def _slip_rows(seeds: list[int]) -> list[Row]:
         folds = np.random.default_rng(seed).permutation(count) % FOLDS
         shuffled.append(_balanced(_folded(recording, told, folds).said, told))
     rows += [
-        Row(f'slip, {len(seeds)} shuffled folds: mean', '1', float(np.mean(shuffled)), 'high'),
+        Row(
+            f'slip, {len(seeds)} shuffled folds: mean',
+            '1',
+            float(np.mean(shuffled)),
+            'high',
+            by_seed=tuple(shuffled),
+        ),
         Row(f'slip, {len(seeds)} shuffled folds: worst', '1', float(np.min(shuffled)), 'high'),
     ]
     return rows

@@ -47,9 +47,11 @@ def run(extent: str, command: str) -> BenchResult:
     found = [Trials(world, seed).all(tables=i == 0) for i, seed in enumerate(seeds)]
     names = {name for one in found for name in one}
 
+    def known(name: str) -> tuple[float, ...]:
+        return tuple(one[name] for one in found if name in one)
+
     def mean(name: str) -> float | None:
-        known = [one[name] for one in found if name in one]
-        return float(np.mean(known)) if known else None
+        return float(np.mean(known(name))) if known(name) else None
 
     if not seeds:
         notes = ['the field by method alone; shapes take minutes a seed: --full']
@@ -60,7 +62,7 @@ def run(extent: str, command: str) -> BenchResult:
             rows.append(
                 Row(
                     what, unit, mean(name), better, paper=paper, peer=mean(f'{name} peer'),
-                    bound=mean(f'{name} bound'), aim=aim,
+                    bound=mean(f'{name} bound'), aim=aim, by_seed=known(name),
                 )
             )  # fmt: skip
     rows.append(Row('one window through the pipeline', 'us', single, aim=None, us_single=single))

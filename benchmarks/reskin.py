@@ -16,7 +16,7 @@ import numpy as np
 
 from tactile_ros.devices.damage import DAMAGES, unseen
 from tactile_ros.errors import MissingPackageError
-from tactile_ros.evaluation.benchmark import BenchResult, Row, over_seeds
+from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.coverage import ONE_SIGMA
 from tactile_ros.evaluation.metrics import target_errors
 from tactile_ros.sensors import load_sensor
@@ -216,7 +216,7 @@ def _rows(
             aim=split.aim,
             us_single=single,
             us_batch=batch,
-            spread=over_seeds(figures),
+            by_seed=tuple(figures),
             compared=split.name,
             method=name,
         )
@@ -228,7 +228,7 @@ def _rows(
         single, batch = _times(pipes[0], split.test)
         rows.append(
             Row(f'  {other}', unit, float(np.mean(found)), us_single=single, us_batch=batch,
-                spread=over_seeds(found), compared=split.name, method=other)
+                by_seed=tuple(found), compared=split.name, method=other)
         )  # fmt: skip
     return rows + [Row(f'  peer: {name}', unit, value) for name, value in peers.items()]
 

@@ -31,9 +31,10 @@ ARGUMENTS: dict[str, tuple[str, list[str] | None]] = {
     'calibrations': ('folder with <finger>.npz; empty: contacts say NOT_CALIBRATED', None),
     'stack': ('sensors, contacts and grip in one process by direct calls', TRUE_OR_FALSE),
     'use_robot_description': (
-        'take limits, and pads whose frame is a link, from robot_description',
+        'take limits, and pads whose frame is a link, from robot_description where it comes',
         TRUE_OR_FALSE,
     ),
+    'wait_for_robot_description': ('send nothing before it has come', TRUE_OR_FALSE),
     'seed': ('of the simulated twins, counted up from finger to finger', None),
     'namespace': ('namespace of the hand; its fingers lie below it', None),
     'params_file': ('YAML file of parameters, as config/grip.yaml; empty: none', None),

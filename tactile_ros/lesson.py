@@ -22,7 +22,26 @@ if TYPE_CHECKING:
 
 LONGEST_NAME = 64
 LONGEST = 12  # windows, after which a press that is still held counts
-MOST_LOST = 0.05  # of the presses of known classes
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """What a new class may cost at most.
+
+    Attributes
+    ----------
+    lost : float
+        Share of the presses of known classes that it takes.
+    lost_there : float
+        95 % bound of what it takes from heads that press where it was pressed, as like it as
+        they can be.
+    """
+
+    lost: float = 0.05
+    lost_there: float = 0.35
+
+
+EVERYTHING = Allowed(1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -129,7 +148,7 @@ def learn(
     label: str,
     presses: Recording,
     replace: bool = False,
-    most_lost: float = MOST_LOST,
+    allowed: Allowed = Allowed(),
 ) -> str:
     """Enrol a class; the pipeline is of no use after a refusal by what it would cost.
 
@@ -143,8 +162,8 @@ def learn(
         That holds them; see `Pipeline.enrol` and `recording_of`.
     replace : bool
         Forget what was enrolled under that name before; else it stays beside the new presses.
-    most_lost : float
-        Share of the presses of known classes that the class may take at most.
+    allowed : Allowed
+        What it may cost.
 
     Returns
     -------
@@ -161,14 +180,18 @@ def learn(
         pipeline.forget(label)
     pipeline.enrol(presses, label)
     stated = pipeline.report.get(f'enrolled {label}', {})
-    lost = stated.get('known_presses_lost', 0.0)
     cost = _cost(stated)
-    if lost > most_lost:
-        msg = (
-            f'{label!r} must take at most {100 * most_lost:.3g} % of the known presses; {cost}: '
-            'press where it looks less like the others'
-        )
-        raise ValueError(msg)
+    limits = (
+        (stated.get('known_presses_lost', 0.0), allowed.lost, 'of the known presses'),
+        (stated.get('lost_there_at_most', 0.0), allowed.lost_there, 'of what looks like it there'),
+    )
+    for lost, most, of in limits:
+        if lost > most:
+            msg = (
+                f'{label!r} must take at most {100 * most:.3g} % {of}; {cost}: '
+                'press where it looks less like the others'
+            )
+            raise ValueError(msg)
     count = int(stated.get('presses', 1))
     return f'{label!r} learned from {count} press{"es" if count > 1 else ""}; {cost}'
 
@@ -176,7 +199,7 @@ def learn(
 def _cost(stated: dict[str, float]) -> str:
     """What a class takes from those known before, in words."""
     judged = stated.get('known_presses_judged', 0.0)
-    alike = stated.get('heads_alike', float('nan'))
+    there = stated.get('lost_there', float('nan'))
     said = 'no known press was there to judge what it costs'
     if judged:
         lost, bound = stated['known_presses_lost'], stated['known_presses_lost_at_most']
@@ -184,8 +207,11 @@ def _cost(stated: dict[str, float]) -> str:
             f'it takes {100 * lost:.3g} % of {judged:.0f} known presses, '
             f'{100 * bound:.3g} % at most (95 % bound)'
         )
-    if np.isfinite(alike):
-        said += f'; {100 * alike:.3g} % of the drawn heads could pass for it there'
+    if np.isfinite(there):
+        said += (
+            f'; {100 * there:.3g} % of presses that look like it there, '
+            f'{100 * stated["lost_there_at_most"]:.3g} % at most'
+        )
     return said
 
 

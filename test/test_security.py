@@ -147,7 +147,7 @@ def test_a_report_shows_markup_as_text_wherever_it_gets_in() -> None:
     """Even where a name came past the pattern."""
     dataset = Dataset(
         name=SCRIPT, summary=f'serial {SCRIPT}, frame {SCRIPT}', answers=(), frames=1, dropped=0,
-        time_s=np.zeros(1), chips=np.zeros((1, 3)), problems=(f'label {SCRIPT} was left out',),
+        chips=np.zeros((1, 3)), problems=(f'label {SCRIPT} was left out',),
     )  # fmt: skip
     text = render(Result(SCRIPT, SCRIPT, {SCRIPT: SCRIPT}, (dataset,)))
     assert SCRIPT not in text

@@ -6,6 +6,7 @@ import tempfile
 from typing import TYPE_CHECKING
 
 from tactile_ros.errors import TactileError
+from tactile_ros.evaluation.browser import find_browser
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,3 +30,15 @@ def refuse_unwritable(path: Path) -> None:
     except OSError as error:
         msg = f'{path} cannot be written: {error.strerror}; name another place'
         raise TactileError(msg) from error
+
+
+def refuse_no_pictures(folder: Path) -> None:
+    """Refuse a folder of pictures that could not be made or written, before the work.
+
+    Raises
+    ------
+    TactileError
+        With the system's reason, or where there is no browser.
+    """
+    find_browser()
+    refuse_unwritable(folder / 'picture.png')

@@ -22,7 +22,7 @@ from tactile_ros.cli.sources import find
 from tactile_ros.errors import RecordingError, TactileError
 from tactile_ros.evaluation.class_changes import presses_in
 from tactile_ros.evaluation.fleet import open_calibration
-from tactile_ros.lesson import MOST_LOST, learn, recording_of, window_of
+from tactile_ros.lesson import Allowed, learn, recording_of, window_of
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
@@ -44,8 +44,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--from', dest='recording', help='bag, .npz or .csv instead of live')
     parser.add_argument('--calibration', type=Path, help='file to change, where not live')
     parser.add_argument(
-        '--most-lost', type=float, default=MOST_LOST,
+        '--most-lost', type=float, default=Allowed.lost,
         help='not live: share of the presses of known classes that it may take',
+    )  # fmt: skip
+    parser.add_argument(
+        '--most-lost-there', type=float, default=Allowed.lost_there,
+        help='not live: the same of presses that look like it where it was pressed, a 95 %% bound',
     )  # fmt: skip
 
 
@@ -86,7 +90,8 @@ def _learned(options: argparse.Namespace, pipeline: Pipeline) -> str:
         msg = f'{options.recording} must hold one sensor; it holds {names}'
         raise RecordingError(msg)
     presses = _presses(options, found[0], pipeline.layout.shape)
-    return learn(pipeline, options.label, presses, options.replace, options.most_lost)
+    allowed = Allowed(options.most_lost, options.most_lost_there)
+    return learn(pipeline, options.label, presses, options.replace, allowed)
 
 
 def _presses(

@@ -5,6 +5,7 @@ example:
   tactile replay bags/* --calibration a.npz --calibration b.npz --save out/compared
   tactile replay bags/* --calibration a.npz --scheduler tcp://10.0.0.1:8786
   tactile replay out/demo/place --calibration out/demo/place.npz --report out/place.html --json
+  tactile replay out/demo/place --calibration out/demo/place.npz --png out/pictures
 """
 
 from __future__ import annotations
@@ -20,9 +21,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.cli import models
-from tactile_ros.cli.destination import refuse_unwritable
+from tactile_ros.cli.destination import refuse_no_pictures, refuse_unwritable
 from tactile_ros.cli.progress import Progress
-from tactile_ros.cli.sources import find
 from tactile_ros.cli.table import show, show_json
 from tactile_ros.cli.working import Working
 from tactile_ros.errors import RecordingError
@@ -33,7 +33,6 @@ from tactile_ros.evaluation.metrics import frames_dropped, given_targets
 from tactile_ros.evaluation.replay import replay
 from tactile_ros.evaluation.result import Answer, Dataset, Result, answer, table, unjudged
 from tactile_ros.evaluation.truth_topics import DEFAULT_TRUTH
-from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
     import argparse
@@ -70,6 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--jobs', type=int, default=os.cpu_count() or 1, help='processes')
     parser.add_argument('--scheduler', default='', help='address of a Dask scheduler')
     parser.add_argument('--report', type=Path, help='write a self-contained HTML report')
+    parser.add_argument('--png', type=Path, help='folder of its drawings as PNG, where wanted')
     parser.add_argument('--json', action='store_true', help='print the table as JSON')
 
 
@@ -78,6 +78,8 @@ def run(options: argparse.Namespace) -> int:
     pipelines = [open_calibration(path) for path in options.calibration]
     for path in filter(None, (options.report, options.save)):
         refuse_unwritable(path)
+    if options.png:
+        refuse_no_pictures(options.png)
     command = shlex.join(['tactile', 'replay', *map(str, sys.argv[2:])])
     recordings = list(dict.fromkeys(options.recordings))
     alone = Working('replaying') if len(recordings) == 1 else nullcontext()
@@ -95,8 +97,8 @@ def run(options: argparse.Namespace) -> int:
     if options.save:
         files = fleet_table.save(options.save, outcomes, command, environment())
         print(f'saved: {files[0]}, {files[1]}', file=sys.stderr)
-    if options.report:
-        _report(options, pipelines, command)
+    if options.report or options.png:
+        _report(options, pipelines, outcomes, command)
     for sentence in failed:
         print(f'  left out: {sentence}', file=sys.stderr)
     return 1 if failed else 0
@@ -110,6 +112,7 @@ def _job(name: str, options: argparse.Namespace) -> Job:
         tuple(options.truth) or DEFAULT_TRUTH,
         None if options.tolerance is None else round(options.tolerance * 1e9),
         None if options.delay is None else round(options.delay * 1e9),
+        drawn=bool(options.report or options.png),
     )
 
 
@@ -129,22 +132,32 @@ def print_outcomes(outcomes: list[Outcome], *, as_json: bool) -> None:
             print(f'  {one.source or one.name}: {sentence}', file=said)
 
 
-def _report(options: argparse.Namespace, pipelines: list[Pipeline], command: str) -> None:
-    """Write the report, which draws every row: recordings are held in memory for it."""
+def _report(
+    options: argparse.Namespace,
+    pipelines: list[Pipeline],
+    outcomes: list[Outcome],
+    command: str,
+) -> None:
+    """Write the report and its pictures, as far as they are asked for."""
+    from tactile_ros.evaluation.pictures import write_drawings
     from tactile_ros.evaluation.report import write_report
+    from tactile_ros.evaluation.tallied import dataset_of
 
-    spec, layout = load_sensor(pipelines[0].sensor), pipelines[0].layout
-    datasets = []
-    for name in options.recordings:
-        try:
-            found, _ = find(name, spec, layout, options.truth)
-            datasets += [evaluate(one, pipelines) for one in found]
-        except RecordingError:
-            continue  # the table has said so
+    datasets = [dataset_of(one) for outcome in outcomes for one in outcome.tallies]
+    failed = [f'Left out: {outcome.failure}' for outcome in outcomes if outcome.failure]
     notes = dict.fromkeys(said for p in pipelines for said in models.sentences(p.report))
-    result = Result('Replay', command, environment(), tuple(datasets), tuple(notes))
-    write_report(options.report, result)
-    print(f'report: {options.report}', file=sys.stderr)
+    digests = {
+        f'calibration {path.name}': pipeline.digest
+        for path, pipeline in zip(options.calibration, pipelines, strict=True)
+    }
+    told = {**environment(), **digests}
+    result = Result('Replay', command, told, tuple(datasets), (*failed, *notes))
+    if options.report:
+        write_report(options.report, result)
+        print(f'report: {options.report}', file=sys.stderr)
+    if options.png:
+        for picture in write_drawings(options.png, result):
+            print(f'picture: {picture}', file=sys.stderr, flush=True)
 
 
 def evaluate(
@@ -175,14 +188,12 @@ def evaluate(
     delay: Array = np.zeros(0)
     if live is not None and stamps is not None:
         delay = np.asarray((live.log_ns - stamps[live.rows]) * 1e-9, np.float64)
-    time_s = np.full(len(recording), np.nan) if stamps is None else (stamps - stamps[0]) * 1e-9
     return Dataset(
         name=name or loaded.name,
         summary=summary,
         answers=tuple(answers),
         frames=len(recording),
         dropped=frames_dropped(recording.sequence, recording.restarts),
-        time_s=time_s,
         chips=recording.layout.positions,
         latency_s=delay,
         agreement=agreement,

@@ -2,11 +2,13 @@
 
 Reads benchmarks/results/*.json, or the files and folders that are named (results of benches and
 saved replays), with the drawings that lie beside them. The page needs no network and no script.
-`--png` writes its drawings as pictures, for which a Chromium or Chrome must be installed.
+`--png` writes its drawings as pictures, for which a Chromium or Chrome must be installed;
+`--markdown` prints the table of the README instead of that of the benches.
 
 example:
   tactile report
   tactile report benchmarks/results -o out/report.html --json
+  tactile report --markdown
   tactile report benchmarks/results/reskin.json -o out/reskin.html --png out/pictures
 """
 
@@ -17,12 +19,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactile_ros.cli.destination import refuse_unwritable
+from tactile_ros.cli.destination import refuse_no_pictures, refuse_unwritable
 from tactile_ros.cli.table import show, show_json
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.bench_files import gather
 from tactile_ros.evaluation.package_report import title_of, write_package_report
 from tactile_ros.evaluation.pictures import write_pictures
+from tactile_ros.evaluation.summary_table import markdown
 
 if TYPE_CHECKING:
     import argparse
@@ -41,7 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument('-o', '--output', type=Path, help='the page (report.html beside them)')
     parser.add_argument('--png', type=Path, help='folder of the drawings as PNG, where wanted')
-    parser.add_argument('--json', action='store_true', help='print the table as JSON')
+    told = parser.add_mutually_exclusive_group()
+    told.add_argument('--json', action='store_true', help='print the table as JSON')
+    told.add_argument('--markdown', action='store_true', help='print the table of the README')
 
 
 def run(options: argparse.Namespace) -> int:
@@ -49,13 +54,18 @@ def run(options: argparse.Namespace) -> int:
     first = options.results[0]
     output = options.output or (first if first.is_dir() else first.parent) / 'report.html'
     refuse_unwritable(output)
+    if options.png:
+        refuse_no_pictures(options.png)
     files, problems = gather(options.results)
     if not files:
         msg = f'{"; ".join(problems)}; `tactile bench all` makes results'
         raise TactileError(msg)
     command = shlex.join(['tactile', 'report', *map(str, options.results), '-o', str(output)])
     write_package_report(output, files, problems, command)
-    (show_json if options.json else show)(COLUMNS, [row_of(file) for file in files])
+    if options.markdown:
+        _print_markdown(files)
+    else:
+        (show_json if options.json else show)(COLUMNS, [row_of(file) for file in files])
     for problem in problems:
         print(f'  left out: {problem}', file=sys.stderr)
     print(f'report: {output}', file=sys.stderr)
@@ -63,6 +73,14 @@ def run(options: argparse.Namespace) -> int:
         for picture in write_pictures(options.png, files):
             print(f'picture: {picture}', file=sys.stderr, flush=True)
     return int(bool(problems))
+
+
+def _print_markdown(files: list[BenchFile]) -> None:
+    """The figures that stand for the package."""
+    lines, missing = markdown(files)
+    print('\n'.join(lines))
+    for row in missing:
+        print(f'  not among the results: {row}', file=sys.stderr)
 
 
 def row_of(file: BenchFile) -> tuple[str | int, ...]:

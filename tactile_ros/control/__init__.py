@@ -6,7 +6,7 @@ object is lost, `GraspSequence` says when a grasp is over and how it ended.
 
 from __future__ import annotations
 
-from tactile_ros.control.grasp_sequence import GraspProgress, GraspSequence, Opening
+from tactile_ros.control.grasp_sequence import GraspProgress, GraspSequence, Keeping, Opening
 from tactile_ros.control.grip_config import GripConfig, qb_softhand
 from tactile_ros.control.grip_force import GripForce
 from tactile_ros.control.grip_state import GraspOutcome, GripInput, GripPhase, GripStep
@@ -20,6 +20,7 @@ __all__ = [
     'GripInput',
     'GripPhase',
     'GripStep',
+    'Keeping',
     'Opening',
     'qb_softhand',
 ]

@@ -11,10 +11,11 @@ if TYPE_CHECKING:
     from tactile_ros.control.grip_config import GripConfig
 
 OPENED = (GripPhase.IDLE, GripPhase.RELEASE)
+LOST = 'the object was lost'
 ENDS = (
     (GraspOutcome.FAULT, 'the grip was released'),
     (GraspOutcome.FAULT, ''),  # the refusal says it
-    (GraspOutcome.SLIPPED, 'the object was lost'),
+    (GraspOutcome.SLIPPED, LOST),
     (GraspOutcome.NO_OBJECT, 'closed without touching anything'),
     (GraspOutcome.HELD, 'held at the asked force'),
     (GraspOutcome.TIMEOUT, 'not held within {:g} s'),
@@ -45,7 +46,7 @@ class GraspSequence:
     config : GripConfig
         Times after which a fault or a lost object ends it.
     timeout : float
-        Longest time until it is held (s); 0: any.
+        Longest time until it is held (s); 0: `grasp_time` of the config.
 
     Raises
     ------
@@ -58,7 +59,7 @@ class GraspSequence:
             msg = f'timeout of a grasp must be 0 or more seconds; received {timeout}'
             raise ValueError(msg)
         self.config = config
-        self._timeout = timeout
+        self._timeout = timeout or config.grasp_time
         self._elapsed = self._faulty = self._empty = self._closed = 0.0
         self._had = False
         self.progress = GraspProgress(None, 'closing')
@@ -104,7 +105,7 @@ class GraspSequence:
             self._had and self._empty > config.lost_time,
             self._closed > config.lost_time,
             made.settled,
-            0.0 < self._timeout <= self._elapsed,
+            self._elapsed >= self._timeout,
         )
         if True not in conditions:
             return GraspProgress(None, made.phase.name.lower())
@@ -121,11 +122,11 @@ class Opening:
     config : GripConfig
         Time after which a fault ends it.
     timeout : float
-        Longest time (s); 0: any.
+        Longest time (s); 0: `grasp_time` of the config.
     """
 
     def __init__(self, config: GripConfig, timeout: float) -> None:
-        self._config, self._timeout = config, timeout
+        self._config, self._timeout = config, timeout or config.grasp_time
         self._elapsed = self._faulty = 0.0
 
     def step(self, made: GripStep, dt: float) -> GraspProgress:
@@ -136,6 +137,33 @@ class Opening:
             return GraspProgress(GraspOutcome.NO_OBJECT, 'the hand is open')
         if self._faulty > self._config.fault_time:
             return GraspProgress(GraspOutcome.FAULT, made.refusal)
-        if 0.0 < self._timeout <= self._elapsed:
+        if self._elapsed >= self._timeout:
             return GraspProgress(GraspOutcome.TIMEOUT, f'not open within {self._timeout:g} s')
         return GraspProgress(None, 'opening')
+
+
+class Keeping:
+    """Judge what is held after its grasp has ended, as long as the grip holds.
+
+    Parameters
+    ----------
+    config : GripConfig
+        Time untouched after which an object is lost.
+    """
+
+    def __init__(self, config: GripConfig) -> None:
+        self._config = config
+        self._empty = 0.0
+
+    def restart(self) -> None:
+        """Something else is held."""
+        self._empty = 0.0
+
+    def step(self, made: GripStep, dt: float) -> str:
+        """Take in a step of the law; why nothing is held any more, or empty.
+
+        What fingers felt last counts while their forces are not known: the law says so itself.
+        """
+        if made.phase != GripPhase.FAULT:
+            self._empty = 0.0 if made.touching.any() else self._empty + dt
+        return LOST if self._empty > self._config.lost_time else ''

@@ -52,6 +52,9 @@ class GripConfig:
     touch_time: float = number(1.0, 'longest wait for the other fingers', 's', 0, 60)
     load_rate: float = number(20.0, 'growth of the target from touch to load', 'N/s', 1e-3, 1e4)
     force_high: float = number(10.0, 'largest target of a finger', 'N', 1e-3, 1000)
+    balance_high: float = number(
+        0.2, 'most that balance adds to a finger, of its target', '1', 0, 10
+    )
     settled_share: float = number(0.05, 'error that counts as settled, of the target', '1', 0, 1)
     settled_time: float = number(0.1, 'how long it must be that small', 's', 0, 10)
     fewest_fingers: int = whole(1, 'fingers whose force must be known to go on', 1, 64)
@@ -61,15 +64,22 @@ class GripConfig:
     closure_required: bool = switch(True, 'a hand whose joint states are silent is a fault')
     safe_action: str = text_of('hold', 'what is done without a usable input', SAFE_ACTIONS)
     safe_rate: float = number(0.1, 'opening as the safe action', '1/s', 1e-4, 1)
-    fault_time: float = number(1.0, 'fault that ends a grasp', 's', 0, 60)
+    fault_time: float = number(1.0, 'fault that ends a grasp, or gives the hand up', 's', 0, 60)
+    grasp_time: float = number(
+        60.0, 'longest grasp or opening whose goal names no timeout', 's', 0.1, 3600
+    )
     lost_time: float = number(0.2, 'time untouched after which an object is lost', 's', 0, 10)
     friction_low: float = number(0.6, 'friction assumed until a slip tells', '1', 0.01, 5)
+    friction_floor: float = number(0.1, 'smallest friction that is believed', '1', 1e-3, 5)
     margin: float = number(0.5, 'least slip margin; half survives a halved friction', '1', 0, 0.95)
     slip_raise: float = number(2.0, 'factor on the target at a slip', '1', 1, 3)
     raise_rate: float = number(
         100.0, 'growth of a target that slip or load raise', 'N/s', 1e-3, 1e4
     )
     raise_high: float = number(5.0, 'largest raised target, in asked targets', '1', 1, 20)
+    relax_time: float = number(
+        10.0, 'in which a raise for one slip fades; each further slip doubles it', 's', 0.1, 1e4
+    )
     slip_pause: float = number(0.08, 'time from one raise to the next', 's', 0, 5)
     vibration: float = number(
         6.0, 'tangential vibration that is a slip, in its noise at rest', '1', 2, 100

@@ -5,7 +5,7 @@ Fingers that press from two sides are regulated together: only errors that leave
 
 from __future__ import annotations
 
-from math import isfinite, nan
+from math import isfinite, isnan, nan
 from typing import TYPE_CHECKING
 
 from tactile_ros.control.drive_law import DriveLaw, bounded
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 IMPACT = 2.0  # asked forces that an approach may meet in the time to react
 KNOWN = 0.5  # error of a stiffness that is known, of its value
+BOTH = 3  # bits of two sides
 SAME = 1e-9  # closure within which a command was admitted as it was
 
 
@@ -48,6 +49,8 @@ class GripDrives:
         `DriveLaw` and `Stiffness` of each drive.
     calm : float
         How long the errors of all that touch have been small (s).
+    disagreement : float
+        By which share the weaker of two sides feels less; NaN where no two sides touch.
     """
 
     def __init__(
@@ -68,10 +71,12 @@ class GripDrives:
         self._opposed = {-1, 1} <= set(sides)
         self._fingers, self._targets = fingers, targets
         self.calm = self._unseen = 0.0
+        self.disagreement = nan
 
     def restart(self) -> None:
         """Nothing is held: another object may come."""
         self.calm = self._unseen = 0.0
+        self.disagreement = nan
         for one in (*self.stiffness, *self._driven):
             one.reset()
 
@@ -143,26 +148,52 @@ class GripDrives:
             for i in touching:
                 errors[i] = targets[i] - normal[i]
         if self._opposed:
-            errors = balanced(errors, self._sides)
+            errors = balanced(errors, self._sides, targets, self.config.balance_high)
+            self.disagreement = self._disagreement(normal)
+        # an object that one side pushes away feels soft: that is not its stiffness
+        gripped = not self._opposed or not isnan(self.disagreement)
         for drive, touching in enumerate(self._fingers.on):
             if not touching:
                 continue
-            stiffness = self.stiffness[drive]
-            force = mean_of(normal, touching)
-            if isfinite(closures[drive]):
-                stiffness.step(closures[drive], force)
-            # an approach that has not come to rest yet tells no stiffness
-            if self._touched[drive] > self.laws[drive].reaction:
-                self._driven[drive].step(self._free[drive].closure, force)
-            # measured closures of a soft drive tell nothing at a hard object; those that its
-            # model tells come early where it is slower than it was said to be
-            gain, driven = stiffness.cautious, self._driven[drive]
-            if driven.std < KNOWN * driven.value:
-                gain = max(gain, driven.cautious)
+            if gripped:
+                self._learn(drive, closures[drive], mean_of(normal, touching))
             error = bounded(mean_of(errors, touching), -most, most)
-            self.laws[drive].regulate(error, gain, dt, self._unseen)
+            self.laws[drive].regulate(error, self._stiff(drive), dt, self._unseen)
         small = holding and self._are_small(errors)
         self.calm = self.calm + dt + self._unseen if small else 0.0
+
+    def _learn(self, drive: int, closure: float, force: float) -> None:
+        """Learn from a force (N) at a measured closure how stiff a drive's contact is."""
+        if isfinite(closure):
+            self.stiffness[drive].step(closure, force)
+        # an approach that has not come to rest yet tells no stiffness
+        if self._touched[drive] > self.laws[drive].reaction:
+            self._driven[drive].step(self._free[drive].closure, force)
+
+    def _stiff(self, drive: int) -> float:
+        """Stiffness (N per closure) to schedule the gain by.
+
+        Measured closures of a soft drive tell nothing at a hard object; those of its model come
+        early where it is slower than it was said to be. The larger is the calmer.
+        """
+        measured, driven = self.stiffness[drive], self._driven[drive]
+        if driven.std < KNOWN * driven.value:
+            return max(measured.cautious, driven.cautious)
+        return measured.cautious
+
+    def _disagreement(self, normal: list[float]) -> float:
+        """By which share the forces (N) of the weaker side are less; NaN: one side is alone."""
+        first = second = 0.0
+        sides = 0
+        for touching in self._fingers.on:
+            for i in touching:
+                side = self._sides[i]
+                if side > 0:
+                    first, sides = first + normal[i], sides | 1
+                elif side < 0:
+                    second, sides = second + normal[i], sides | 2
+        most = first if first > second else second
+        return abs(first - second) / most if sides == BOTH and most > 0.0 else nan
 
     def _are_small(self, errors: list[float]) -> bool:
         """Whether something touches, and no error (N) is more than settled."""

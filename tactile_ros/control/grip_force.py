@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from tactile_ros.control.grip_config import GripConfig
 
+NOT_ASKED = 'no grasp was asked for'
 GRASPING = (GripPhase.CLOSE, GripPhase.TOUCH, GripPhase.LOAD, GripPhase.HOLD)
 
 
@@ -82,9 +83,7 @@ class GripForce:
             config, max(self._drives) + 1, self._sides, self._fingers, self._targets
         )
         self._laws = self._moved.laws
-        self._parts = GripParts(
-            self._laws, self._moved.stiffness, self._fingers, self._targets, self._watch
-        )
+        self._parts = GripParts(self._moved, self._fingers, self._targets, self._watch)
         self._used = self._all = [True] * count
         self._active = self._started = False
         self._longest = config.stale_age
@@ -95,6 +94,7 @@ class GripForce:
         self.phase = GripPhase.IDLE
         self._waited = 0.0
         self._trusted = True
+        self._idle, self._opens = NOT_ASKED, ''
         self._targets.restart()
         self._fingers.reset()
         self._moved.restart()
@@ -108,9 +108,13 @@ class GripForce:
         """Allow commands; the first starts from the measured closure."""
         if not self._active:
             self._forget()
+        self._active = True
+
+    def _unseat(self) -> None:
+        """A hand that was left alone may be anywhere: it starts from the measured closure."""
+        if self.phase == GripPhase.IDLE:
             self._started = False
             self._moved.release()
-        self._active = True
 
     def disable(self) -> None:
         """Forbid commands; what was sent last holds."""
@@ -146,6 +150,7 @@ class GripForce:
             msg = 'grasp must follow enable; the law is not active'
             raise ValueError(msg)
         refuse_goal(self.config, targets.tolist(), used)
+        self._unseat()
         self._used = used
         self._targets.ask(targets.tolist(), used, adapt)
         held = self.phase in (GripPhase.LOAD, GripPhase.HOLD)
@@ -154,10 +159,22 @@ class GripForce:
         self.phase = GripPhase.LOAD if held else GripPhase.CLOSE
         self._moved.calm = 0.0
 
-    def release(self) -> None:
-        """Open; nothing happens where the law is not active."""
+    def release(self, why: str = '') -> None:
+        """Open; nothing happens where the law is not active.
+
+        Parameters
+        ----------
+        why : str
+            What went wrong, which `refusal` says from now until the next grasp; empty: nothing.
+        """
         if self._active:
-            self.phase = GripPhase.RELEASE
+            self._unseat()
+            self.phase, self._opens = GripPhase.RELEASE, why
+
+    def abandon(self, why: str) -> None:
+        """Send nothing more until the next grasp, and say why: the hand cannot be trusted."""
+        self._forget()
+        self._idle = f'{why}; a new grasp is needed'
 
     def step(self, given: GripInput, dt: float) -> GripStep:
         """Decide the next command.
@@ -216,7 +233,7 @@ class GripForce:
         if not self._active:
             return 'not active'
         if self.phase == GripPhase.IDLE:
-            return 'no grasp was asked for'
+            return self._idle
         if self.phase == GripPhase.RELEASE:
             why = self._watch.drives(given)
         else:
@@ -247,9 +264,12 @@ class GripForce:
     def _open(self, normal: list[float], dt: float) -> GripStep:
         """One step of a release; idle when all drives are open."""
         self._moved.move(-self.config.opening_rate, dt)
-        made = self._made(normal, True, '')
+        made = self._made(normal, True, self._opens)
         if all(law.command <= self.config.closure_low for law in self._laws):
-            self._forget()
+            if self._opens:
+                self.abandon(self._opens)
+            else:
+                self._forget()
         return made
 
     def _feel(self, given: GripInput, normal: list[float], dt: float) -> None:

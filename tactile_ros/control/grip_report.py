@@ -14,19 +14,17 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from tactile_ros.control.drive_law import DriveLaw
     from tactile_ros.control.fingers import Fingers
+    from tactile_ros.control.grip_drives import GripDrives
     from tactile_ros.control.grip_targets import GripTargets
     from tactile_ros.control.grip_watch import GripWatch
-    from tactile_ros.control.stiffness import Stiffness
     from tactile_ros.types import Array
 
 
 class GripParts(NamedTuple):
     """What a law consists of."""
 
-    laws: Sequence[DriveLaw]
-    stiffness: Sequence[Stiffness]
+    moved: GripDrives
     fingers: Fingers
     targets: GripTargets
     watch: GripWatch
@@ -64,7 +62,7 @@ def told(
         phase=phase,
         closure=by_drive[0],
         send=send,
-        limited=send and any([law.limited for law in parts.laws]),
+        limited=send and any([law.limited for law in parts.moved.laws]),
         refusal=refusal,
         target_force=by_finger[0],
         force=by_finger[1],
@@ -78,6 +76,7 @@ def told(
         settled=settled,
         input_age=age if age < inf else nan,
         shut=_shut(parts),
+        disagreement=parts.moved.disagreement,
     )
     return step
 
@@ -85,7 +84,7 @@ def told(
 def _shut(parts: GripParts) -> bool:
     """Whether every drive that feels, and one at least, can close no further."""
     feeling = parts.fingers.feeling
-    for law, feels in zip(parts.laws, feeling, strict=True):
+    for law, feels in zip(parts.moved.laws, feeling, strict=True):
         if feels and law.command < law.config.closure_high and not law.stopped:
             return False
     return any(feeling)
@@ -105,9 +104,9 @@ def _tables(
     by_finger += [slip.friction for slip in slips]
     by_finger += [slip.margin for slip in slips]
     by_finger += [slip.load for slip in slips]
-    by_drive = [law.command for law in parts.laws]
-    by_drive += [one.value for one in parts.stiffness]
-    by_drive += [one.std for one in parts.stiffness]
+    by_drive = [law.command for law in parts.moved.laws]
+    by_drive += [one.value for one in parts.moved.stiffness]
+    by_drive += [one.std for one in parts.moved.stiffness]
     bits = [slip.slipping for slip in slips] + touches
     return (
         np.array(by_finger).reshape(5, -1),

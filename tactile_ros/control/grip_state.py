@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from math import nan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -158,7 +159,7 @@ class GripStep:
     limited : bool
         Clamped or rate limited in this step.
     refusal : str
-        Why the law's own command is not sent: nothing is, or the safe action opens; empty: sent.
+        Why the law's own command is not sent: nothing is, or the hand opens; empty: sent.
     target_force, force : ndarray, shape (f,)
         Along the normal (N); a force that cannot be used is NaN.
     friction, slip_margin : ndarray, shape (f,)
@@ -175,6 +176,9 @@ class GripStep:
         Of the oldest input in use (s), NaN if none is.
     shut : bool
         Every drive that feels is as closed as it may be, and one at least feels.
+    disagreement : float
+        How much less the weaker of two opposed sides feels than the stronger, as a share; NaN
+        where no two sides touch.
     """
 
     phase: GripPhase
@@ -194,3 +198,4 @@ class GripStep:
     settled: bool
     input_age: float
     shut: bool
+    disagreement: float = nan

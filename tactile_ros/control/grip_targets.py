@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from tactile_ros.control.slip_margin import faded
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -48,8 +50,14 @@ def shared(targets: Sequence[float], sides: Sequence[int], used: Sequence[bool])
     return [t * least / sums[side] if side else t for t, side in zip(kept, sides, strict=True)]
 
 
-def balanced(errors: list[float], sides: Sequence[int]) -> list[float]:
+def balanced(
+    errors: list[float], sides: Sequence[int], targets: Sequence[float], most: float
+) -> list[float]:
     """Errors (N) of touching fingers without the part that would move the object.
+
+    What that adds to a finger is bounded: a sensor that reads a tenth of the truth would let the
+    others press as hard as it wants. Beyond the bound both sides are eased by the same sum, which
+    leaves the balance as it is, and the strongest reading rules.
 
     Parameters
     ----------
@@ -57,6 +65,10 @@ def balanced(errors: list[float], sides: Sequence[int]) -> list[float]:
         One for each finger; NaN: it does not touch, or its force is not known.
     sides : sequence of int
         +1, -1, or 0.
+    targets : sequence of float
+        Of the fingers (N).
+    most : float
+        That may be added to a finger, of its target.
 
     Returns
     -------
@@ -65,19 +77,34 @@ def balanced(errors: list[float], sides: Sequence[int]) -> list[float]:
 
     Examples
     --------
-    >>> balanced([1.0, 0.5], [1, -1])
+    >>> balanced([1.0, 0.5], [1, -1], [2.0, 2.0], 0.2)
     [0.75, 0.75]
+    >>> balanced([-1.0, 1.0], [1, -1], [2.0, 2.0], 0.2)
+    [-0.6, -0.6]
     """
-    net, count, seen = 0.0, 0, 0
-    for error, side in zip(errors, sides, strict=True):
+    net, count = 0.0, 0
+    first = second = 0.0
+    for error, side, target in zip(errors, sides, targets, strict=True):
         if side and error == error:  # noqa: PLR0124 - false of NaN, at a third of isnan's price
             net += side * error
             count += 1
-            seen += side
-    if abs(seen) == count:
+            if side > 0:
+                first += target
+            else:
+                second += target
+    if not (first > 0.0 and second > 0.0):
         return errors
     net /= count
-    return [error - side * net for error, side in zip(errors, sides, strict=True)]
+    ease = 0.0
+    for error, side, target in zip(errors, sides, targets, strict=True):
+        beyond = -side * net - most * target
+        if beyond > 0.0 and error == error and target > 0.0:  # noqa: PLR0124
+            ease = max(ease, beyond / target * (first if side > 0 else second))
+    made = [error - side * net for error, side in zip(errors, sides, strict=True)]
+    if ease == 0.0:
+        return made
+    shares = {1: ease / first, -1: ease / second, 0: 0.0}
+    return [e - shares[s] * t for e, s, t in zip(made, sides, targets, strict=True)]
 
 
 class GripTargets:
@@ -111,6 +138,8 @@ class GripTargets:
         self.now = [0.0] * len(self.sides)
         self._raise = 1.0
         self._since = 0.0
+        self._slips = 0
+        self._slipping = False
 
     def ask(self, targets: Sequence[float], used: Sequence[bool], adapt: bool) -> None:
         """Say what is wanted (N), of which fingers, and whether it may be raised."""
@@ -175,19 +204,26 @@ class GripTargets:
         return reached
 
     def _answer(self, slips: Sequence[SlipMargin], dt: float) -> None:
-        """Raise all fingers by one factor, so that they stay balanced."""
+        """Raise all fingers by one factor, so that they stay balanced; what is spare fades."""
         strongest = max(self._asked)
         if strongest <= 0.0:
             return
         most = max(min(self.config.raise_high, self.config.force_high / strongest), 1.0)
         self._since += dt
-        wanted = self._raise
+        needed, slipping = 1.0, False
         for slip, asked in zip(slips, self._asked, strict=True):
-            if asked <= 0.0:
-                continue
-            if slip.slipping and self._since >= self.config.slip_pause:
-                wanted = max(wanted, self._raise * self.config.slip_raise)
-            wanted = max(wanted, slip.needed(self.config.margin) / asked)  # NaN asks nothing
+            if asked > 0.0:
+                slipping = slipping or slip.slipping
+                needed = max(needed, slip.needed(self.config.margin) / asked)  # NaN asks nothing
+        if slipping and not self._slipping:
+            self._slips += 1
+        self._slipping = slipping
+        wanted = needed
+        if slipping and self._since >= self.config.slip_pause:
+            wanted = max(needed, self._raise * self.config.slip_raise)
         if wanted > self._raise:
             self._raise = min(wanted, most)
             self._since = 0.0
+        elif self._raise > 1.0 and not slipping:
+            spare = self._raise - min(needed, self._raise)
+            self._raise -= spare * faded(dt, self.config.relax_time, self._slips)

@@ -23,6 +23,7 @@ PLAY = 0.2  # of the reach: how far from the middle objects are tried
 SEED = 6
 FINER = 8  # times as many points
 WIDE = (0.3, 0.9)  # least and largest width of a tube's contact, in radii
+TOLERANCE = 1e-3  # of its area: what a taxel's outline is known by
 LEAST = 1e-3  # of the largest cover: what a taxel errs by at least, whatever touches it
 SLIGHT = 1e-4  # of the largest squared slope: no edge touches
 FLAT = 0.25  # of the taxels under edges: those whose cover changes least
@@ -83,6 +84,7 @@ def model_error(
     rises = np.square(np.array(stacks)[:, :2]).sum(axis=1)
     top = max(float(stack[-1].max()) for stack in stacks)
     edge, floor = _parts(np.square(misses), rises)
+    floor += float(np.square(TOLERANCE * finer.areas).mean())
     moved, own = [], []
     for stack, miss, rise in zip(stacks, misses, rises, strict=True):
         weight = 1.0 / (edge * rise + floor + (LEAST * top) ** 2)

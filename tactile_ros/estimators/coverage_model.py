@@ -126,8 +126,8 @@ class TaxelPoints:
         Points, one taxel after the other (m).
     first : ndarray, shape (t,)
         Index of the first point of each taxel.
-    part : ndarray, shape (t,)
-        Area that one of its points stands for (m2).
+    areas, part : ndarray, shape (t,)
+        Of each taxel, and what one of its points stands for (m2).
     radius : float
         Of a disc as large (m).
     size : int
@@ -142,7 +142,7 @@ class TaxelPoints:
         points, self.first, self.radius = taxel_points(positions, areas, outlines, count)
         self.x, self.y = points.T.copy()
         sizes = np.diff(np.append(self.first, len(points)))
-        self.part = areas / sizes
+        self.areas, self.part = areas, areas / sizes
         self.size = int(sizes[0]) if np.all(sizes == sizes[0]) else 0
         self.errors: dict[int, ModelError] = {}
 
@@ -151,6 +151,7 @@ class TaxelPoints:
         some = TaxelPoints.__new__(TaxelPoints)
         rows = (chosen[:, None] * self.size + np.arange(self.size)).reshape(-1)
         some.x, some.y, some.part = self.x[rows], self.y[rows], self.part[chosen]
+        some.areas = self.areas[chosen]
         some.first, some.radius, some.size = self.first[: len(chosen)], self.radius, self.size
         some.errors = self.errors
         return some

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.errors import MissingPackageError
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -23,12 +25,16 @@ class Embedding:
 
     Raises
     ------
-    ImportError
+    MissingPackageError
         If onnxruntime is not installed.
     """
 
     def __init__(self, path: Path) -> None:
-        runtime = importlib.import_module('onnxruntime')
+        try:
+            runtime = importlib.import_module('onnxruntime')
+        except ImportError as error:
+            msg = 'a network needs onnxruntime: pip install onnxruntime'
+            raise MissingPackageError(msg) from error
         options = runtime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 3

@@ -48,6 +48,8 @@ class Supports:
     middle, factors : ndarray, shape (m, d) and (m, r, d)
         What such a press is like (T) before it is seen: its mean, and factors of a covariance
         of what shapes can do there; NaN and 0 where unknown.
+    number : ndarray, shape (m,)
+        Of the press that each is a window of: windows of one press are no evidence of their own.
     """
 
     label: Integers
@@ -59,6 +61,7 @@ class Supports:
     bends: Array
     middle: Array
     factors: Array
+    number: Integers
 
     @classmethod
     def empty(cls, d: int) -> Supports:
@@ -67,6 +70,7 @@ class Supports:
         return cls(
             np.zeros(0, np.int64), np.zeros((0, d)), np.zeros((0, 3)), none, none,
             np.zeros((0, 3, d)), np.zeros((0, 2, d)), np.zeros((0, d)), np.zeros((0, RANK, d)),
+            np.zeros(0, np.int64),
         )  # fmt: skip
 
     def where(self, rows: npt.NDArray[np.intp]) -> Supports:
@@ -120,7 +124,7 @@ class Supports:
 
         return Supports(
             self.label, own(self.pattern), self.powers, self.frames, self.presses,
-            own(self.slopes), own(self.bends), own(self.middle), own(self.factors),
+            own(self.slopes), own(self.bends), own(self.middle), own(self.factors), self.number,
         )  # fmt: skip
 
     def told(self, noise: Array, still: float, error: float) -> tuple[Supports, Array]:

@@ -15,9 +15,9 @@ import numpy as np
 from tactile_ros.estimators.coverage_descent import Descent
 from tactile_ros.estimators.coverage_model import TaxelPoints, Variant
 from tactile_ros.estimators.coverage_templates import FEW_TAXELS, CoverageTemplates
-from tactile_ros.estimators.place_rows import covariance_of
-from tactile_ros.estimators.readings import CUT, PRIOR, Fits, Readings, misfit
-from tactile_ros.physics import compiled
+from tactile_ros.estimators.pose_evidence import common_scale, log_evidence
+from tactile_ros.estimators.pose_fit import Fit, fit_of
+from tactile_ros.estimators.readings import CUT, Readings, misfit
 from tactile_ros.physics.tubes import SPRINGS
 from tactile_ros.types import Array, Bools, Integers
 
@@ -36,7 +36,6 @@ RIM, INSIDE = (
 FINALISTS = 4
 PROFILES = (1, SPRINGS, 0)
 APART = 0.05  # turns (rad) and places (steps) at which two descents have not met
-EDGE = 0.001  # error of the model everywhere, in parts of the largest force
 ALIKE = 0.03  # least error of a force under an object that may be none of these
 ODD = 0.25  # of the taxels that may fit to no known object
 SEEN = 10.0  # of the noise: weaker patterns are noise
@@ -56,18 +55,6 @@ class Found:
     pressure: float
 
 
-@dataclass
-class Fit:
-    """One end of a descent: parameters, covariance (m, m), cost."""
-
-    variant: Variant
-    params: Array
-    pressure: float
-    cov: Array
-    cost: float
-    cover: Array
-
-
 class ObjectPose(CoverageTemplates):
     """Objects on one array; parameters as of `CoverageTemplates`."""
 
@@ -85,7 +72,7 @@ class ObjectPose(CoverageTemplates):
             cover = self.points.cover(variant, params)[0]
             self.locate(cover, 1e-3 * areas, np.ones(len(areas), bool), 0.01)
 
-    def locate(self, force: Array, noise: Array, usable: Bools, spread: float) -> Found:
+    def locate(self, force: Array, noise: Array, usable: Bools, spread: float | Array) -> Found:
         """Recognise and place the object under one frame.
 
         Parameters
@@ -96,7 +83,7 @@ class ObjectPose(CoverageTemplates):
             Its standard deviation.
         usable : ndarray, shape (t,)
             False: dead or unknown.
-        spread : float
+        spread : float or ndarray, shape (t,)
             Error of laws, in parts of the force of a taxel.
 
         Returns
@@ -115,7 +102,7 @@ class ObjectPose(CoverageTemplates):
             return _nothing(y)
         firm = ranked[int(ranked.searchsorted(PRESENT * top, 'right')) :]
         variance = noise * noise
-        stated = variance + ((spread * y) ** 2 + (EDGE * top) ** 2)
+        stated = variance + (spread * y) ** 2
         readings = Readings(y, stated, usable, top, len(firm))
         points, coarse, chosen = self.points, self.coarse, None
         if len(y) > FEW_TAXELS and points.size:
@@ -125,14 +112,15 @@ class ObjectPose(CoverageTemplates):
         fits = self._finals(points, self._chosen_starts(coarse, starts, readings), readings)
         fits.sort(key=_cost)
         fits += self._mistaken(points, fits, readings)
-        fits.sort(key=_cost)
+        if len(fits) > 1:
+            fits = self._ranked(fits, readings)
         if chosen is not None:
             for fit in fits:
                 cover = np.zeros(len(y))
                 cover[chosen] = fit.cover
                 fit.cover = cover
             self._polish(fits[0], Readings(y, stated, usable, top, len(firm)))
-        alike = max(spread, ALIKE) * float(firm[int(0.7 * (len(firm) - 1))])
+        alike = max(float(np.min(spread)), ALIKE) * float(firm[int(0.7 * (len(firm) - 1))])
         rough = usable / (variance + alike**2)
         return self._verdict(fits, y, rough, PRESENT * top)
 
@@ -181,13 +169,13 @@ class ObjectPose(CoverageTemplates):
         """Descents to the end, for tubes with every profile of contact."""
         if len(starts) == 1 and not starts[0][0].tube:
             fits = self.descent.run(points, starts[0][0], starts[0][1][None], readings, *LATE)
-            return [self._fit(fits, 0, readings, points)]
+            return [fit_of(fits, 0, readings, points)]
         found = []
         for variant in {id(variant): variant for variant, _ in starts}.values():
             params = np.array([params for other, params in starts if other is variant])
             if not variant.tube:
                 fits = self.descent.run(points, variant, params, readings, *LATE)
-                found += [self._fit(fits, i, readings, points) for i in range(len(params))]
+                found += [fit_of(fits, i, readings, points) for i in range(len(params))]
                 continue
             ends: list[tuple[float, int, Array]] = []
             for profile in PROFILES:
@@ -202,7 +190,7 @@ class ObjectPose(CoverageTemplates):
             order = sorted(range(len(ends)), key=lambda i: (i not in first.values(), i))
             for _, profile, end in (ends[i] for i in order[: FINALISTS + 1]):
                 fits = self.descent.run(points, variant, end[None], readings, *LATE_TUBES, profile)
-                found.append(self._fit(fits, 0, readings, points))
+                found.append(fit_of(fits, 0, readings, points))
         return found
 
     def _mistaken(self, points: TaxelPoints, fits: list[Fit], readings: Readings) -> list[Fit]:
@@ -221,9 +209,34 @@ class ObjectPose(CoverageTemplates):
         found = []
         for i, params in enumerate(ends.params):
             if all(self._differ(params, other) for other in seen):
-                found.append(self._fit(ends, i, readings, points))
+                found.append(fit_of(ends, i, readings, points))
                 seen.append(params)
         return found
+
+    def _ranked(self, fits: list[Fit], readings: Readings) -> list[Fit]:
+        """Different ones, those of the likeliest object first, each with its chance."""
+        kept: list[Fit] = []
+        for fit in fits:
+            if not any(self._alike(fit, other) for other in kept):
+                kept.append(fit)
+        best = min(kept, key=_cost)
+        scale = common_scale(best.cost, readings, len(best.params) + 1)
+        told = [
+            log_evidence(fit.fits, fit.index, readings, fit.error, self.reach, scale)
+            for fit in kept
+        ]
+        parts = np.exp(np.array(told) - max(told))
+        of_label = dict.fromkeys((fit.variant.label for fit in kept), 0.0)
+        for fit, part in zip(kept, parts / parts.sum(), strict=True):
+            fit.chance = float(part)
+            of_label[fit.variant.label] += fit.chance
+        kept.sort(key=lambda fit: (-of_label[fit.variant.label], -fit.chance))
+        return kept
+
+    def _alike(self, fit: Fit, other: Fit) -> bool:
+        """Whether two descents have come to the same."""
+        same = fit.variant is other.variant and fit.fits.profile == other.fits.profile
+        return same and not self._differ(fit.params, other.params)
 
     def _polish(self, fit: Fit, readings: Readings) -> None:
         """Place once more by taxels under edges, with more points of each; `fit` is changed."""
@@ -239,25 +252,9 @@ class ObjectPose(CoverageTemplates):
             len(some),
         )  # fmt: skip
         fits = self.descent.run(self.fine.among(some), sharp, fit.params[None], seen, *POLISH)
-        better = self._fit(fits, 0, seen, self.fine)
+        better = fit_of(fits, 0, seen, self.fine)
         if np.abs(better.params - fit.params)[:2].max() < APART * self.step:
             fit.params, fit.cov = better.params, better.cov
-
-    def _fit(self, fits: Fits, i: int, readings: Readings, points: TaxelPoints) -> Fit:
-        """One of the descents, with the covariance of its parameters."""
-        free, places = fits.params.shape[1], fits.variant.places
-        unit = fits.variant.unit[:free]
-        error = points.errors[fits.variant.label] if places is None else places.error
-        cov = _covariance(fits, i, readings)[:free, :free] * (unit[:, None] * unit)
-        cov.reshape(-1)[:: free + 1] += np.square(error.shared * unit)
-        return Fit(
-            fits.variant,
-            fits.params[i],
-            float(fits.pressure[i]),
-            cov,
-            float(fits.cost[i]),
-            fits.cover[i],
-        )
 
     def _verdict(self, fits: list[Fit], y: Array, weight: Array, present: float) -> Found:
         """The best of the fits, if it is better than none of these."""
@@ -267,34 +264,25 @@ class ObjectPose(CoverageTemplates):
         if far > max(3, ODD * count) or total > most:
             return _nothing(y)
         if len(fits) == 1:
-            return self._found(best, fits, [1.0], 1.0)
-        scale = max(best.cost / max(count - len(best.params), 1), 1.0)
-        likely = [float(np.exp(0.5 * (best.cost - fit.cost) / scale)) for fit in fits]
-        each: dict[int, float] = {}
-        for fit, part in zip(fits, likely, strict=True):
-            each[fit.variant.label] = max(part, each.get(fit.variant.label, 0.0))
-        chance = 1.0 / sum(each.values())
+            return self._found(best, fits, 1.0)
+        chance = sum(fit.chance for fit in fits if fit.variant is best.variant)
         if chance < 0.5:
             return _nothing(y)
-        return self._found(best, fits, likely, chance)
+        return self._found(best, fits, chance)
 
     @staticmethod
-    def _found(best: Fit, fits: list[Fit], likely: list[float], chance: float) -> Found:
+    def _found(best: Fit, fits: list[Fit], chance: float) -> Found:
         """What the best fit says, and how far others that are about as likely lie from it."""
         variant, free = best.variant, min(len(best.params), 3)
         cov, pose = np.zeros((3, 3)), np.zeros(3)
         pose[:free] = best.params[:free]
         cov[:free, :free] = best.cov[:free, :free]
         sector = 2 * np.pi / max(variant.order, 1)
-        same = [
-            (fit, part) for fit, part in zip(fits, likely, strict=True) if fit.variant is variant
-        ]
-        total = sum(part for _, part in same)
-        for fit, part in same[1:]:
+        for fit in (fit for fit in fits[1:] if fit.variant is variant):
             away = fit.params[:free] - best.params[:free]
             if free == 3:
                 away[2] -= sector * np.round(away[2] / sector)
-            cov[:free, :free] += part / total * np.outer(away, away)
+            cov[:free, :free] += fit.chance / chance * np.outer(away, away)
         if free == 2:
             cov[2, 2] = np.pi**2 / 3
         else:
@@ -310,24 +298,3 @@ def _nothing(force: Array) -> Found:
 def _cost(fit: Fit) -> float:
     """Of a fit."""
     return fit.cost
-
-
-def _covariance(fits: Fits, i: int, readings: Readings) -> Array:
-    """Of parameters, half from misfits where they are, half from their common size."""
-    if compiled.available() and fits.variant.places is not None:
-        return covariance_of(
-            fits.normal[i], fits.slopes[:, i], fits.share[i], readings.force, fits.cover[i],
-            float(fits.pressure[i]),
-        )  # fmt: skip
-    inverse = np.linalg.inv(fits.normal[i])
-    share, j = fits.share[i], fits.slopes[:, i]
-    miss = readings.force - fits.pressure[i] * fits.cover[i]
-    excess = share * np.square(miss)
-    size = np.abs(j).max(axis=0)
-    told = int(np.count_nonzero((size > 1e-3 * size.max()) & (share > 0)))
-    spare = max(told - len(inverse), 0)
-    common = min(max((float(excess.sum()) + PRIOR) / (spare + PRIOR), 0.1), 9.0)
-    if spare < 12:
-        return np.asarray(inverse * common)
-    part = (j * (share * excess)) @ j.T * (told / spare)
-    return np.asarray(0.5 * inverse * common + 0.5 * inverse @ part @ inverse)

@@ -171,12 +171,26 @@ def _misfit(
 
 
 def _finish(found: Descents, step: Array, promised: Array, limit: Array) -> None:
-    """Last steps, so short that a straight line tells what they do."""
+    """Last steps, so short that a straight line tells what they do, clipped or whole."""
     rows = np.flatnonzero(promised <= CLOSE)
     tried = moved(found.pose[rows], step[rows], limit)
     change = tried - found.pose[rows]
     found.plain[rows, 0] += np.einsum('si,sid->sd', change, found.plain[rows, 1:])
-    found.pose[rows], found.cost[rows] = tried, found.cost[rows] - promised[rows]
+    gain = _kept(found.normal[rows], found.scale[rows], step[rows], change, promised[rows])
+    found.pose[rows], found.cost[rows] = tried, found.cost[rows] - gain
+
+
+def _kept(normal: Array, scale: Array, step: Array, change: Array, promised: Array) -> Array:
+    """What changes (s, 4) of a pose keep of what whole steps promise.
+
+    Along a parabola whose top is the whole step, for each direction: 2 u N w - u N u.
+    """
+    whole, part = step * scale, change * scale
+    pull = np.matmul(normal, whole[..., None])[..., 0]
+    back = np.matmul(normal, part[..., None])[..., 0]
+    gain = (part * (2 * pull - back)).sum(axis=1)
+    top = (whole * pull).sum(axis=1)
+    return np.asarray(promised * gain / np.maximum(top, 1e-300))
 
 
 def _looped(

@@ -224,16 +224,31 @@ def worth_rows(
 
 
 @compiled
+def kept_rows(normal: Array, scale: Array, whole: Array, change: Array) -> float:
+    """Share of what a whole step promises that a change of the pose keeps."""
+    gain, top = 0.0, 0.0
+    for i in range(4):
+        pull, back = 0.0, 0.0
+        for j in range(4):
+            pull += normal[i, j] * whole[j] * scale[j]
+            back += normal[i, j] * change[j] * scale[j]
+        gain += change[i] * scale[i] * (2 * pull - back)
+        top += whole[i] * scale[i] * pull
+    return gain / max(top, 1e-300)
+
+
+@compiled
 def finished_rows(
-    promised: Array, move: Array, limit: Array, stop: Array, pose: Array, cost: Array, plain: Array
-) -> None:
+    promised: Array, move: Array, limit: Array, stop: Array, normal: Array, scale: Array,
+    pose: Array, cost: Array, plain: Array,
+) -> None:  # fmt: skip
     """Last steps, so short that a straight line tells what they do; from `pose` on is updated."""
     tried = np.empty(4)
     for i in range(len(cost)):
         if promised[i] > stop[0]:
             continue
         moved_rows(pose[i], move[i], limit, tried)
-        cost[i] -= promised[i]
+        cost[i] -= promised[i] * kept_rows(normal[i], scale[i], move[i], tried - pose[i])
         for j in range(4):
             change = tried[j] - pose[i, j]
             for k in range(plain.shape[2]):
@@ -273,4 +288,4 @@ def descend_rows(
             else:
                 move[i] *= stop[4]
                 promised[i] *= stop[4]
-    finished_rows(promised, move, limit, stop, pose, cost, plain)
+    finished_rows(promised, move, limit, stop, normal, scale, pose, cost, plain)

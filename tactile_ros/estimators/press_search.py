@@ -27,6 +27,7 @@ PLACES = 10  # looked at closely
 STARTS = 2  # of each head
 DEEPEST, SHALLOWEST = 0.5, 0.005  # of the body
 TOGETHER = 64  # presses
+TURNS, APART = 8, 1e-6  # of a search for patterns; of its matrices, added to their diagonal
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ class PressSearch:
         self.units = np.ascontiguousarray(np.moveaxis(found, 0, 2).reshape(nx * ny, turns, d))
         gram = np.matmul(np.swapaxes(self.units, 1, 2), self.units)
         rank = min(RANK, turns, d)
-        spans = np.linalg.eigh(gram)[1][:, :, -rank:]
+        spans = _leading(gram, rank).astype(np.float32)
         self.spans = np.ascontiguousarray(np.moveaxis(spans, 2, 0)).reshape(-1, d)
         self.rank = rank
         x, y = bank.nodes
@@ -177,6 +178,17 @@ class PressSearch:
         best.cov[at] = np.linalg.inv(found.normal[rows]) / scale[:, :, None] / scale[:, None]
         best.fitted[at], best.slopes[at] = found.plain[rows, 0], found.plain[rows, 1:]
         return best
+
+
+def _leading(gram: Array, rank: int) -> Array:
+    """Bases (n, d, rank) of what matrices (n, d, d) enlarge most, closely enough for a search."""
+    d = gram.shape[1]
+    rows = gram + APART * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(d)
+    start = np.random.default_rng(0).normal(size=(d, rank))
+    span = orthonormal(np.matmul(rows, start))
+    for _ in range(TURNS):
+        span = orthonormal(np.matmul(rows, span))
+    return span
 
 
 def _columns(bank: PressBank) -> tuple[Integers, Array]:

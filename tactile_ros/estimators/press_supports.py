@@ -17,26 +17,27 @@ if TYPE_CHECKING:
 FREER = 5.0  # times the usual: how far the origin of an unknown shape may be aside
 
 
-def plain_supports(presses: PressVectors, labels: Integers) -> Supports:
-    """Supports (n) of which no model tells anything."""
+def plain_supports(presses: PressVectors, labels: Integers, number: Integers) -> Supports:
+    """Supports (n), windows of presses by number, of which no model tells anything."""
     n, d = presses.pattern.shape
     return Supports(
         labels, presses.pattern, presses.powers, presses.frames, np.ones(n), np.zeros((n, 3, d)),
-        np.zeros((n, 2, d)), np.full((n, d), np.nan), np.zeros((n, RANK, d)),
+        np.zeros((n, 2, d)), np.full((n, d), np.nan), np.zeros((n, RANK, d)), number,
     )  # fmt: skip
 
 
 def modelled_supports(
-    presses: PressVectors, labels: Integers, matches: Matches, bank: PressBank, basis: Array
-) -> Supports:
+    presses: PressVectors, labels: Integers, number: Integers, matches: Matches, bank: PressBank,
+    basis: Array,
+) -> Supports:  # fmt: skip
     """Supports (n) with what the best template of each tells.
 
     Parameters
     ----------
     presses : PressVectors
         n presses.
-    labels : ndarray, shape (n,)
-        Their classes.
+    labels, number : ndarray, shape (n,)
+        Their classes, and which press each is a window of.
     matches : Matches
         Of the presses.
     bank : PressBank
@@ -56,6 +57,7 @@ def modelled_supports(
     return Supports(
         labels, presses.pattern, presses.powers, presses.frames, np.ones(len(labels)), slopes,
         terms * grown[:, 1:, None], middle, np.array(factors).reshape(-1, RANK, middle.shape[1]),
+        number,
     )  # fmt: skip
 
 

@@ -8,16 +8,19 @@ most; a few presses of one known head tell the rest.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.estimators.known_press import PRESS_MISSED, PressMisfit
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from tactile_ros.estimators.known_press import KnownPress
     from tactile_ros.estimators.skin_model import SkinModel
-    from tactile_ros.types import Array, Outline
+    from tactile_ros.types import Array, Integers
 
 USUAL = {
     'place': 0.2e-3,  # m, of a chip
@@ -29,33 +32,12 @@ USUAL = {
     'gap': 0.2e-3,  # m, of all chips
     'stray': 5e-5,  # T, field of the Earth and offsets
 }
+MANY = ('place', 'tilt', 'gain', 'band')  # kinds that tell how far they usually are
+WORKSHOP = 10.0  # members, as which what is usual counts then
 MISSED = 4e-3  # of the resting field: what no parameter explains
-PRESS_MISSED = 0.015  # of what a chip sees of a press
 STEP = 2e-5  # m, over which fields are differentiated
 ROUNDS = 4
-MOST_PRESSES = 30
 EXPLAINED = 0.85  # of the resting field, below which the drawing is of another skin
-DEPTH = 0.1  # of the body, from which the search for a depth starts
-
-
-@dataclass(frozen=True)
-class KnownPress:
-    """A press of a known head at a known place.
-
-    Attributes
-    ----------
-    outline : Outline
-        Of the head.
-    pose : ndarray, shape (3,)
-        Place (m) and turn (rad).
-    pattern, powers : ndarray, shape (t 3,) and (3,)
-        As in `PressVectors`.
-    """
-
-    outline: Outline
-    pose: Array
-    pattern: Array
-    powers: Array
 
 
 class SkinFit:
@@ -72,8 +54,6 @@ class SkinFit:
     ----------
     found : SkinModel
         With the parameters of the last fit.
-    missed : float
-        Share of known presses that is not explained, as a chip sees it; NaN without presses.
     """
 
     def __init__(self, drawn: SkinModel, noise: float) -> None:
@@ -85,17 +65,20 @@ class SkinFit:
         ]  # fmt: skip
         ends = np.cumsum([0] + [n for _, n in sizes])
         self.parts = {name: slice(ends[i], ends[i + 1]) for i, (name, _) in enumerate(sizes)}
-        self.prior = np.concatenate([np.full(n, USUAL[name]) for name, n in sizes])
+        self.usual = np.concatenate([np.full(n, USUAL[name]) for name, n in sizes])
+        self.prior = self.usual.copy()
         self.theta = np.zeros(len(self.prior))
-        self.found, self.missed = drawn, float('nan')
-        self._loads: dict[int, tuple[Array, Array]] = {}
+        self.found = drawn
+        self._before = self.theta
+        self._system: tuple[Array, Array, list[tuple[Array, Array]]]
+        self.press = PressMisfit(noise)
 
     def fit_rest(self, rest: Array) -> bool:
         """Fit resting readings (t, 3); False and nothing found if they are of another skin."""
         self._iterate(rest, [])
         missed = self._readings(self.found, rest)
         explained = 1 - float(np.square(missed).sum() / np.square(rest).sum())
-        usual = self.theta / self.prior
+        usual = self.theta / self.usual
         if explained < EXPLAINED or np.abs(usual).max() > 6:
             self.theta, self.found = np.zeros(len(self.prior)), self.drawn
             return False
@@ -103,18 +86,47 @@ class SkinFit:
 
     def fit_presses(self, rest: Array | None, presses: Sequence[KnownPress]) -> None:
         """Fit known presses together with resting readings (t, 3), or without."""
-        rows = np.unique(np.linspace(0, len(presses) - 1, MOST_PRESSES).astype(int))
-        chosen = [presses[i] for i in rows]
         costs = {}
         for turning in (0.0, 1.0):
             self.found = replace(self.found, turning=turning)
-            costs[turning] = sum(self._miss(one)[1] for one in chosen[:: len(chosen) // 12 + 1])
+            some = presses[:: len(presses) // 12 + 1]
+            costs[turning] = sum(self.press.miss(self.found, one)[1] for one in some)
         best = min(costs, key=lambda turning: costs[turning])
         self.drawn = replace(self.drawn, turning=best)
         self.found = replace(self.found, turning=best)
-        self._iterate(rest, chosen, rounds=2)
-        shares = [self._miss(one)[2] for one in chosen]
-        self.missed = float(np.sqrt(np.mean(np.square(shares))))
+        self._iterate(rest, presses, rounds=2)
+
+    def left_out(self, presses: Sequence[KnownPress], fold: Integers) -> tuple[Array, Array]:
+        """What fitted presses are like to skins that were fitted without them.
+
+        Parameters
+        ----------
+        presses : sequence of KnownPress
+            Those of the last `fit_presses` (n).
+        fold : ndarray, shape (n,)
+            Presses of one fold are left out together: the last round is made again without.
+
+        Returns
+        -------
+        patterns : ndarray, shape (n, d)
+            Presses that differ from templates of this skin by what theirs differ by from those of
+            the other one (T).
+        missed : ndarray, shape (n,)
+            Share of each that the other skin does not explain, as a chip sees it.
+        """
+        patterns, missed = np.empty((len(presses), self.found.chips.size)), np.empty(len(presses))
+        found = self.found
+        own = [self.press.miss(self.found, one)[0] for one in presses]
+        *system, parts = self._system
+        for one in np.unique(fold):
+            rows = np.flatnonzero(fold == one).tolist()
+            left = (whole - sum(parts[i][k] for i in rows) for k, whole in enumerate(system))
+            self.found = self._model(self._before + _solved(*left))
+            for i in rows:
+                miss, _, missed[i] = self.press.miss(self.found, presses[i])
+                patterns[i] = presses[i].pattern + miss - own[i]
+        self.found = found
+        return patterns, missed
 
     def _iterate(
         self, rest: Array | None, presses: Sequence[KnownPress], rounds: int = ROUNDS
@@ -123,20 +135,46 @@ class SkinFit:
         for _ in range(rounds):
             normal = np.diag(1 / self.prior**2)
             gradient = -self.theta / self.prior**2
-            blocks = [self._rest_block(rest)] if rest is not None else []
-            blocks += [self._press_block(one) for one in presses]
-            for miss, slopes, sigma in blocks:
-                j = slopes / sigma
-                normal += j @ j.T
-                gradient += j @ (miss / sigma)
-            scale = np.sqrt(np.diag(normal))
-            step = np.linalg.solve(normal / np.outer(scale, scale), gradient / scale) / scale
-            self.theta = self.theta + step
-            self.found = self._model()
+            known = [] if rest is None else [_normal(*self._rest_block(rest))]
+            parts = [_normal(*self._press_block(one)) for one in presses]
+            for more, pull in known + parts:
+                normal += more
+                gradient += pull
+            self._before, self._system = self.theta, (normal, gradient, parts)
+            self.theta = self.theta + _solved(normal, gradient)
+            self.found = self._model(self.theta)
+            self._scale_priors(np.diag(self._covariance()))
 
-    def _model(self) -> SkinModel:
-        """Skin with the parameters of now."""
-        drawn, theta, parts = self.drawn, self.theta, self.parts
+    def _covariance(self) -> Array:
+        """Of the parameters, as the last round knew them."""
+        normal = self._system[0]
+        scale = np.sqrt(np.diag(normal))
+        return np.asarray(np.linalg.inv(normal / np.outer(scale, scale)) / np.outer(scale, scale))
+
+    def _scale_priors(self, variance: Array) -> None:
+        """Let kinds of parameters (p,) with many members tell how far these usually are.
+
+        One step of expectation and maximisation; what workshops usually do counts as some members.
+        """
+        for name in MANY:
+            part, usual = self.parts[name], USUAL[name] ** 2
+            square = (np.square(self.theta[part]) + variance[part]).sum()
+            found = (square + WORKSHOP * usual) / (part.stop - part.start + WORKSHOP)
+            self.prior[part] = np.sqrt(found)
+
+    def expected(self, presses: Sequence[KnownPress]) -> float:
+        """Usual share of presses that errors of the parameters leave unexplained."""
+        covariance, shares = self._covariance(), []
+        for press in presses:
+            slopes, sigma = self._press_block(press)[1], self.press.sigma(press)
+            variance = np.einsum('pd,pq,qd->d', slopes, covariance, slopes) * np.square(sigma)
+            size = (np.square(sigma) - self.noise**2).mean() / PRESS_MISSED**2
+            shares.append(variance.mean() / size)
+        return float(np.sqrt(np.median(shares) + PRESS_MISSED**2))
+
+    def _model(self, theta: Array) -> SkinModel:
+        """Skin with some parameters."""
+        drawn, parts = self.drawn, self.parts
         chips = drawn.chips + theta[parts['place']].reshape(-1, 3)
         chips[:, 2] += theta[parts['gap']]
         tilt = theta[parts['tilt']].reshape(-1, 3)
@@ -195,68 +233,11 @@ class SkinFit:
         slopes[self.parts['shift']] = np.einsum('tij,tj->ti', read, shift)
         return slopes.reshape(len(self.prior), -1)
 
-    def _dent(self, press: KnownPress) -> tuple[Array, Array]:
-        """Movements and turns of the sheet's dipoles (g, 3) per depth."""
-        model = self.found
-        key = id(press.outline)
-        if key not in self._loads:
-            self._loads[key] = model.dents.loads(press.outline)
-        images = model.dents.images(*self._loads[key], press.pose)
-        flat = model.dents.on_sheet(model.sheet, images).T
-        turned = np.zeros((len(flat), 3))
-        turned[:, :2] = model.turning * flat[:, 3:]
-        return flat[:, :3], turned
-
-    def _series(self, press: KnownPress, dent: tuple[Array, Array]) -> Array:
-        """Changes of field by bands for powers 1 to 3 of the depth, shape (3, b, t, 3)."""
-        model = self.found
-        depths = 0.2 * model.body * np.array([1 / 3, 2 / 3, 1.0])
-        found = [model.sheet.band_changes(model.chips, a * dent[0], a * dent[1]) for a in depths]
-        inverse = np.linalg.inv(depths[:, None] ** np.arange(1, 4))
-        return np.tensordot(inverse, np.stack(found), axes=1)
-
-    def _depth(self, press: KnownPress, series: Array) -> tuple[float, Array]:
-        """Depth (m) and modelled pattern by bands (b, t, 3) of a press."""
-        model = self.found
-        whole = np.tensordot(model.strengths, np.moveaxis(series, 1, 0), axes=1)
-        read = np.einsum('tij,ptj->pti', model.responses, whole).reshape(3, -1)
-        basis = np.linalg.qr(model.common)[0]
-        read = read - (read @ basis) @ basis.T
-        wanted = press.pattern - (press.pattern @ basis) @ basis.T
-        a = DEPTH * model.body
-        for _ in range(8):
-            raised = press.powers * a ** np.arange(1, 4)
-            slope = (press.powers * np.arange(1, 4) * a ** np.arange(3)) @ read
-            step = slope @ (wanted - raised @ read) / (slope @ slope)
-            a = float(np.clip(a + step, 0.3 * a, 3 * a))
-            a = min(a, model.body)
-        raised = press.powers * a ** np.arange(1, 4)
-        return a, np.tensordot(raised, series, axes=1)
-
-    def _miss(self, press: KnownPress) -> tuple[Array, float, float]:
-        """Misfit of a press (t 3,), weighted cost, and share that is missed."""
-        _, bands = self._depth(press, self._series(press, self._dent(press)))
-        model = self.found
-        field = np.tensordot(model.strengths, bands, axes=1)
-        miss = press.pattern - np.einsum('tij,tj->ti', model.responses, field).ravel()
-        basis = np.linalg.qr(model.common)[0]
-        own = miss - basis @ (basis.T @ miss)
-        sigma = self._sigma(press)
-        size = np.square(sigma) - self.noise**2
-        share = float(np.sqrt(max(np.square(own).mean() - self.noise**2, 0.0) / size.mean()))
-        return miss, float(np.square(own / sigma).sum()), PRESS_MISSED * share
-
-    def _sigma(self, press: KnownPress) -> Array:
-        """Deviation of a press's pattern."""
-        chips = press.pattern.reshape(-1, 3)
-        here = np.square(chips).mean(axis=1)
-        share = PRESS_MISSED**2 * (here + 0.05 * here.max())
-        return np.repeat(np.sqrt(self.noise**2 + share), 3)
-
     def _press_block(self, press: KnownPress) -> tuple[Array, Array, Array]:
         """Misfit, slopes and deviation of a press; depth and uniform field are free."""
-        model, dent = self.found, self._dent(press)
-        depth, bands = self._depth(press, self._series(press, dent))
+        model, own = self.found, self.press
+        dent = own.dent(model, press)
+        depth, bands = own.depth(model, press, own.series(model, dent))
         field = np.tensordot(model.strengths, bands, axes=1)
         moved, turned = depth * dent[0], depth * dent[1]
 
@@ -269,7 +250,7 @@ class SkinFit:
         shift = (change(replace(model, shift=model.shift + STEP), model.chips) - now) / STEP
         slopes = self._slopes(model, field, bands, along, shift)
         read = np.einsum('tij,tj->ti', model.responses, field).ravel()
-        sigma = self._sigma(press)
+        sigma = own.sigma(press)
         # depth and a uniform field are not known: what they do is taken out
         free = np.column_stack([read, model.common]) / sigma[:, None]
         basis = np.linalg.qr(free)[0]
@@ -277,3 +258,15 @@ class SkinFit:
         slopes = slopes / sigma
         slopes = slopes - (slopes @ basis) @ basis.T
         return miss - basis @ (basis.T @ miss), slopes, np.ones(len(sigma))
+
+
+def _normal(miss: Array, slopes: Array, sigma: Array) -> tuple[Array, Array]:
+    """What misfits (d,) with slopes (parameters, d) and deviations add to normal equations."""
+    j = slopes / sigma
+    return j @ j.T, j @ (miss / sigma)
+
+
+def _solved(normal: Array, gradient: Array) -> Array:
+    """Solution of normal equations whose parameters have unlike units."""
+    scale = np.sqrt(np.diag(normal))
+    return np.asarray(np.linalg.solve(normal / np.outer(scale, scale), gradient / scale) / scale)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,6 +16,7 @@ from tactile_ros.types import Array, Outline
 
 MOST_KEPT = 2  # banks, which cost seconds each and tens of megabytes
 _KEPT: dict[bytes, PressBank] = {}
+_KEPT_LOCK = threading.Lock()  # a class is learned beside the stream
 
 
 @dataclass(frozen=True)
@@ -87,14 +89,15 @@ class SkinModel:
     def bank(self, outlines: tuple[Outline, ...]) -> PressBank:
         """Templates of heads; the last ones made are kept."""
         key = self._key(outlines)
-        if key not in _KEPT:
-            made = PressBank(
-                self.sheet, self.dents, self.chips, self.responses, self.turning, outlines
-            )
-            while len(_KEPT) >= MOST_KEPT:
-                _KEPT.pop(next(iter(_KEPT)), None)
-            _KEPT[key] = made
-        return _KEPT[key]
+        with _KEPT_LOCK:
+            if key not in _KEPT:
+                made = PressBank(
+                    self.sheet, self.dents, self.chips, self.responses, self.turning, outlines
+                )
+                while len(_KEPT) >= MOST_KEPT:
+                    _KEPT.pop(next(iter(_KEPT)))
+                _KEPT[key] = made
+            return _KEPT[key]
 
     def _key(self, outlines: tuple[Outline, ...]) -> bytes:
         """What a bank is made from."""

@@ -18,6 +18,9 @@ from tactile_ros.estimators.mixture_rows import mixture_rows, share_rows
 from tactile_ros.physics.compiled import available
 from tactile_ros.types import Array, Integers
 
+SOME = 1024  # rows of the table that answer readings which are like none of it
+BLOCK = 512
+
 
 @dataclass(frozen=True)
 class Linearised:
@@ -196,6 +199,38 @@ class TouchMixture:
         wide[:, :, :split] = leads[:, :, :told].transpose(0, 2, 1, 3).reshape(rows, told, split)
         wide[:, :, split:] = (apart[:, :, :told] * np.sqrt(weight)[..., None]).transpose(0, 2, 1)
         return np.asarray(np.matmul(wide, wide.transpose(0, 2, 1)))
+
+    def at_large(self, x: Array, centres: Array) -> tuple[Array, Array, Array]:
+        """Answers of features (s, d) that are wrong by an amount which nobody knows.
+
+        With all sizes of the error as likely a priori (Jeffreys), a touch is as likely as its
+        distance to the power -d (Student's t of no degrees of freedom).
+
+        Returns
+        -------
+        mean, cov : ndarray, shape (s, c) and (s, c, c)
+            Over some rows of the whole table.
+        shares : ndarray, shape (s, n)
+            Of the touches that are nearest to each of the centres (n, 3).
+        """
+        channels, rows = x.shape[1], self.table[:: -(-len(self.table) // SOME)]
+        samples, answers = rows[:, :channels], rows[:, -2 - self.count : -2][:, : self.told]
+        least = channels / rows[:, -2]
+        near = answers[:, :3] @ centres.T - 0.5 * (centres**2).sum(axis=1)
+        named = np.eye(len(centres))[near.argmax(axis=1)]
+        mean, cov = np.empty((len(x), self.told)), np.empty((len(x), self.told, self.told))
+        shares = np.empty((len(x), len(centres)))
+        for i in range(0, len(x), BLOCK):
+            block = slice(i, i + BLOCK)
+            # a row at a time: the same bits alone and among others
+            away = np.matmul(x[block, None], self.metric) - samples
+            likely = ((away * away).sum(axis=2) + least) ** (-0.5 * channels)
+            likely /= likely.sum(axis=1, keepdims=True)
+            mean[block] = np.matmul(likely[:, None], answers)[:, 0]
+            shares[block] = np.matmul(likely[:, None], named)[:, 0]
+            apart = (answers - mean[block, None]) * np.sqrt(likely)[:, :, None]
+            cov[block] = np.matmul(apart.transpose(0, 2, 1), apart)
+        return mean, cov, shares
 
     def of_causes(self, x: Array, sigma: float) -> Array:
         """Logarithm of the likelihood (s,) that outside causes alone made features x (s, d)."""

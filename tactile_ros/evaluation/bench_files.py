@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 MOST_BYTES = 20_000_000
 Kind = TypeVar('Kind')
 WORDS = ('what', 'unit', 'compared', 'method')
-NUMBERS = tuple(f.name for f in fields(Row) if f.name not in (*WORDS, 'better'))
+NUMBERS = tuple(f.name for f in fields(Row) if f.name not in (*WORDS, 'better', 'by_seed'))
 TOLD = re.compile(r'aria-label="([^"]*)"')
 SIZE = re.compile(r'viewBox="0 0 ([\d.]+) ([\d.]+)"')
 
@@ -156,8 +156,19 @@ def _row(told: object) -> Row:
     return Row(
         words['what'], words['unit'], number['ours'], better, number['paper'], number['peer'],
         number['bound'], number['aim'], number['us_single'], number['us_batch'],
-        number['spread'], words['compared'], words['method'],
+        _by_seed(told.get('by_seed')), words['compared'], words['method'],
     )  # fmt: skip
+
+
+def _by_seed(told: object) -> tuple[float, ...]:
+    """Values of a figure by seed; seeds without one are left out."""
+    if told is None:
+        return ()
+    if not isinstance(told, (list, tuple)):
+        msg = f'by_seed must be a list; received {type(told).__name__}'
+        raise TypeError(msg)
+    found = [_number('by_seed', value) for value in told]
+    return tuple(value for value in found if value is not None)
 
 
 def _number(name: str, told: object) -> float | None:

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from tactile_ros import __version__
 from tactile_ros.calibration.beside import write_beside
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
 
 COLUMNS = (
@@ -40,8 +40,8 @@ class Row:
         Published; of another method in the same run; what no method can beat; what is aimed at.
     us_single, us_batch : float or None
         Time per frame, one at a time and in a batch (microseconds).
-    spread : float or None
-        Standard deviation of `ours` over the seeds.
+    by_seed : tuple of float
+        Values of `ours` by seed, world or held-out run, where there are several.
     compared, method : str
         Rows with the same `compared` are methods, so named, on the same data: a report draws
         their errors against their times.
@@ -57,9 +57,14 @@ class Row:
     aim: float | None = None
     us_single: float | None = None
     us_batch: float | None = None
-    spread: float | None = None
+    by_seed: tuple[float, ...] = ()
     compared: str = ''
     method: str = ''
+
+    @property
+    def spread(self) -> float | None:
+        """Standard deviation of `ours` over the seeds; None of a single one."""
+        return float(np.std(self.by_seed, ddof=1)) if len(self.by_seed) > 1 else None
 
     @property
     def held(self) -> bool | None:
@@ -116,28 +121,29 @@ class BenchResult:
             'environment': environment(),
             'seed': self.seed,
             'command': self.command,
-            'rows': [{k: _plain(v) for k, v in asdict(row).items()} for row in self.rows],
+            'rows': [
+                {k: _plain(v) for k, v in {**asdict(row), 'spread': row.spread}.items()}
+                for row in self.rows
+            ],
             'notes': self.notes,
         }
         text = json.dumps(document, indent=1, allow_nan=False) + '\n'
         return write_beside(folder / f'{self.bench}.json', text.encode())
 
 
-def over_seeds(values: Sequence[float]) -> float | None:
-    """Standard deviation of a figure over seeds; None of a single one."""
-    return float(np.std(values, ddof=1)) if len(values) > 1 else None
-
-
 def _plain(value: object) -> object:
     """A value as json has it: numbers of numpy as numbers, what is not finite as null."""
     if isinstance(value, (float, np.floating)):
         return float(value) if np.isfinite(value) else None
+    if isinstance(value, tuple):
+        return [_plain(one) for one in value]
     return value.item() if isinstance(value, np.generic) else value
 
 
 def environment() -> dict[str, str]:
     """Machine and versions that the figures belong to."""
     found = {
+        'tactile_ros': __version__,
         'python': sys.version.split()[0],
         'machine': platform.machine(),
         'cores': str(os.cpu_count()),

@@ -12,7 +12,7 @@ import numpy as np
 
 from tactile_ros.evaluation.live_baselines import baselines_by_row
 from tactile_ros.evaluation.loaded import ClassChange
-from tactile_ros.lesson import Press, PressWatch, learn, recording_of, window_of
+from tactile_ros.lesson import EVERYTHING, Press, PressWatch, learn, recording_of, window_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from tactile_ros.evaluation.loaded import LoadedRecording
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Array, Frame, Recording
-
-NEVER_TOO_MUCH = 1.0  # what the live run allowed is not asked again
 
 
 def read_changes(texts: Iterable[str]) -> tuple[ClassChange, ...]:
@@ -138,7 +136,8 @@ class Repetition:
             return
         presses = [self._press(first, last) for first, last in change.presses]
         taught = recording_of(pipeline.layout, presses)
-        learn(pipeline, change.label, taught, change.replace, NEVER_TOO_MUCH)
+        # what the live run allowed is not asked again
+        learn(pipeline, change.label, taught, change.replace, EVERYTHING)
 
     def _press(self, first: int, last: int) -> Press:
         """A press from its frames; LookupError where they are not in the recording."""

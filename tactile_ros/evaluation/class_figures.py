@@ -47,7 +47,7 @@ def _confusion(found: Named) -> Figure:
 
 def _caption(found: Named, table: Array) -> str:
     """Accuracy, and what is confused most."""
-    text = f'{found.right:.1f} % of {len(found.true)} rows are named rightly'
+    text = f'{found.right:.1f} % of {found.count} rows are named rightly'
     if found.abstained:
         text += f', {found.abstained:.1f} % are not named'
     wrong = table - np.diag(np.diag(table))

@@ -101,7 +101,7 @@ def delays(dataset: Dataset) -> Figure | None:
         return None
     top = 1.3 * delay.p99 * MM
     edges = np.linspace(0, top, 46)
-    share = 100 * np.histogram(dataset.latency_s * MM, edges)[0] / delay.count
+    share = 100 * np.histogram(dataset.latency_s * MM, edges)[0] / len(dataset.latency_s)
     plot = Plot((0, top), (0, 1.15 * float(share.max())), 'from acquisition to contact (ms)',
                 'share of frames (%)', told='Distribution of the latency')  # fmt: skip
     plot.bars(edges, share, 'fill c2')

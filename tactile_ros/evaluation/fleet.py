@@ -52,6 +52,8 @@ class Job:
         As of `Association`.
     delay_ns : int or None
         By how much truth on topics of its own is late (ns); None: estimated.
+    drawn : bool
+        Keep the rows that a report draws.
     """
 
     recording: str
@@ -59,6 +61,7 @@ class Job:
     truth_topics: tuple[str, ...] = DEFAULT_TRUTH
     tolerance_ns: int | None = None
     delay_ns: int | None = None
+    drawn: bool = False
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,7 @@ def _tallies(job: Job) -> list[SensorTally]:
     shipped = load_sensor(first.sensor).recordings()
     if not file.exists() and job.recording in shipped:
         loaded = LoadedRecording(job.recording, shipped[job.recording])
-        return [tally_recording(loaded, pipelines, job.recording)]
+        return [tally_recording(loaded, pipelines, job.recording, drawn=job.drawn)]
     if not file.exists():
         names = ', '.join(shipped) or 'none'
         msg = f'{file} does not exist, and {first.sensor} ships only {names}'
@@ -111,9 +114,13 @@ def _tallies(job: Job) -> list[SensorTally]:
     if file.suffix not in IN_MEMORY:
         with suppress(ClassesChangedError):
             truth = associated(file, job)
-            return tally_bag(file, pipelines, job.truth_topics, truth, first.layout)
+            return tally_bag(
+                file, pipelines, job.truth_topics, truth, first.layout, drawn=job.drawn
+            )
     found = load(file, first.layout, job.truth_topics)
-    return [tally_recording(one, pipelines, file.name) for one in found.recordings]
+    return [
+        tally_recording(one, pipelines, file.name, drawn=job.drawn) for one in found.recordings
+    ]
 
 
 def associated(path: Path, job: Job) -> Association:

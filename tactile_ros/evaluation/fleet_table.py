@@ -66,12 +66,10 @@ def row_of(one: SensorTally, answer: AnswerTally) -> list[Cell]:
     place, normal = answer.targets.get('position'), answer.targets.get('force_z')
     seen = None if place is None else place.errors.spread
     forces = [t for name, t in answer.targets.items() if name.startswith('force')]
-    alone = one.name in ('sensor', one.source, one.source.rpartition('.')[0])
-    name = one.source if alone else f'{one.source} {one.name}'
     delay = one.latency.spread
     shear = answer.shear
     return [
-        name.strip() or one.name,
+        one.title,
         answer.name,
         answer.calibration,
         *((None, None, None) if seen is None else [1e3 * x for x in _place(seen)]),

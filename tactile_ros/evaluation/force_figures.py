@@ -93,13 +93,13 @@ def force_trace(dataset: Dataset, name: str, colour: str) -> Figure | None:
     target = dataset.answers[0].target(name)
     if target is None or not target.spread.count:
         return None
-    time = dataset.time_s[target.rows]
+    time = target.time_s
     if not np.isfinite(time).any():
         return None
     words = title_of(target)
     wide = _trace(target, time, (1080, 220), 1.0, colour)
     narrow = _trace(target, time, (360, 200), 0.3, colour)
-    worst = float(np.nanmax(target.size))
+    worst = target.spread.largest
     caption = (
         f'At worst {worst:.2f} N off. The band is the stated sigma about zero: honest errors '
         'leave it a third of the time.'

@@ -23,9 +23,9 @@ SPANS = 24
 def hysteresis(dataset: Dataset, name: str) -> Figure | None:
     """Mean error along the force, while it rises and while it falls."""
     target = dataset.answers[0].target(name)
-    if target is None or not np.isfinite(dataset.time_s[target.rows]).any():
+    if target is None or not np.isfinite(target.time_s).any():
         return None
-    time = dataset.time_s[target.rows]
+    time = target.time_s
     truth, error = target.truth[:, 0], target.error[:, 0]
     low, high = (float(edge) for edge in np.nanpercentile(truth, [1, 99]))
     if not high > low or len(truth) < LEAST_BINS * LEAST_ROWS:
@@ -81,7 +81,7 @@ def drift(dataset: Dataset, name: str, colour: str) -> Figure | None:
     target = dataset.answers[0].target(name)
     if target is None:
         return None
-    time = dataset.time_s[target.rows]
+    time = target.time_s
     error = target.error[:, 0]
     known = np.isfinite(time) & np.isfinite(error)
     if known.sum() < SPANS * LEAST_ROWS:

@@ -75,53 +75,6 @@ def spread(values: npt.ArrayLike) -> Spread:
 
 
 @dataclass(frozen=True)
-class Moments:
-    """Count, mean and sum of squared deviations of a quantity; parts add up to the whole.
-
-    Notes
-    -----
-    Chan, Golub, LeVeque: Updating formulae and a pairwise algorithm for computing sample
-    variances (1979).
-    """
-
-    count: int = 0
-    mean: float = 0.0
-    squares: float = 0.0
-
-    @classmethod
-    def of(cls, values: npt.ArrayLike) -> Moments:
-        """Moments of values, NaN left out."""
-        known = np.asarray(values, np.float64).ravel()
-        known = known[np.isfinite(known)]
-        if not len(known):
-            return cls()
-        mean = float(known.mean())
-        return cls(len(known), mean, float(((known - mean) ** 2).sum()))
-
-    def __add__(self, other: Moments) -> Moments:
-        """Moments of both parts together."""
-        count = self.count + other.count
-        if count == 0:
-            return Moments()
-        step = other.mean - self.mean
-        mean = self.mean + step * other.count / count
-        cross = step**2 * self.count * other.count / count
-        return Moments(count, mean, self.squares + other.squares + cross)
-
-    @property
-    def rms(self) -> float:
-        """Root mean square; NaN without values."""
-        if not self.count:
-            return float('nan')
-        return float(np.sqrt(self.mean**2 + self.squares / self.count))
-
-    @property
-    def std(self) -> float:
-        """Sample standard deviation; NaN below two values."""
-        return float(np.sqrt(self.squares / (self.count - 1))) if self.count > 1 else float('nan')
-
-
-@dataclass(frozen=True)
 class TargetErrors:
     """Errors of one target: the place in the plane, or one component of force or torque.
 
@@ -133,6 +86,8 @@ class TargetErrors:
         Rows where the truth is known; d is 2 for position, else 1. NaN: not estimated.
     rows : ndarray, shape (n,)
         Rows of the recording.
+    time_s : ndarray, shape (n,)
+        Of each row, from the first of the recording (s); NaN: independent frames.
     groups : ndarray, shape (n,)
         What errors have in common.
     missed, invalid : int
@@ -150,6 +105,7 @@ class TargetErrors:
     error: Array
     variance: Array
     rows: Integers
+    time_s: Array
     groups: Integers
     missed: int
     invalid: int
@@ -162,9 +118,9 @@ class TargetErrors:
         return np.asarray(np.sqrt((self.error**2).sum(axis=1)))
 
     @property
-    def moments(self) -> Moments:
-        """Of the norm of the error, to be added up over recordings."""
-        return Moments.of(self.size)
+    def known(self) -> int:
+        """Rows with known truth."""
+        return self.spread.count + self.missed + self.invalid
 
 
 @dataclass(frozen=True)
@@ -244,15 +200,24 @@ def target_errors(recording: Recording, states: ContactStates) -> tuple[TargetEr
     """
     found = []
     groups = np.asarray(groups_of(recording)['group'], np.int64)
-    for name, (unit, key, axes) in TARGETS.items():
+    time_s = times_of(recording)
+    for name, (_, key, axes) in TARGETS.items():
         seen = judge(name, recording.truth, states)
         if not len(seen.rows):
             continue
         own = groups
         if name == 'position':
             own = place_groups(np.asarray(recording.truth[key], np.float64)[:, axes], groups)
-        found.append(_errors(name, unit, seen, own[seen.rows]))
+        found.append(summarised(name, seen, own[seen.rows], time_s[seen.rows]))
     return tuple(found)
+
+
+def times_of(recording: Recording) -> Array:
+    """Time of each row since the first (s), shape (s,); NaN: independent frames."""
+    stamps = recording.stamp_ns
+    if stamps is None:
+        return np.full(len(recording), np.nan)
+    return np.asarray((stamps - stamps[:1]) * 1e-9, np.float64)
 
 
 def place_groups(plane: Array, otherwise: Integers) -> Integers:
@@ -269,17 +234,18 @@ def place_groups(plane: Array, otherwise: Integers) -> Integers:
     return groups
 
 
-def _errors(name: str, unit: str, seen: Judged, groups: Integers) -> TargetErrors:
-    """Errors of one target with their summary."""
+def summarised(name: str, seen: Judged, groups: Integers, time_s: Array) -> TargetErrors:
+    """Errors of one target (rows n) with their summary; groups and times (s) of its rows."""
     width = seen.error.shape[1]
     return TargetErrors(
         name,
-        unit,
+        TARGETS[name][0],
         seen.truth,
         seen.estimate,
         seen.error,
         seen.variance,
         seen.rows,
+        time_s,
         groups,
         missed=seen.missed,
         invalid=seen.invalid,

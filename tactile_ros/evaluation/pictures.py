@@ -7,6 +7,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from tactile_ros.evaluation.browser import photograph
+from tactile_ros.evaluation.figures import colours_of, figures_of
 from tactile_ros.evaluation.page import image_of, key_of
 from tactile_ros.evaluation.pareto import contests, pareto
 from tactile_ros.evaluation.stylesheet import STYLE
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
     from tactile_ros.evaluation.bench_files import BenchFile
     from tactile_ros.evaluation.figure import Figure
+    from tactile_ros.evaluation.result import Result
 
 VIEW = re.compile(r'<svg class="plot" viewBox="0 0 ([\d.]+) ([\d.]+)"')
 MARGIN, HEADLINE, KEY = 16, 30, 26  # pixels
@@ -53,11 +55,19 @@ def _page(body: str) -> str:
     )
 
 
-def write_figures(folder: Path, figures: Iterable[Figure]) -> Iterable[Path]:
+def write_figures(folder: Path, figures: Iterable[Figure], prefix: str = '') -> Iterable[Path]:
     """Write every drawing as PNG; yield each path when it is there."""
     for figure in figures:
         page, size = figure_page(figure)
-        yield photograph(page, folder / f'{file_name(figure.title)}.png', size)
+        name = file_name(f'{prefix} {figure.title}')
+        yield photograph(page, folder / f'{name}.png', size)
+
+
+def write_drawings(folder: Path, result: Result) -> Iterable[Path]:
+    """Write the drawings of an evaluation as PNG, named after their recordings."""
+    colours = colours_of(result)
+    for dataset in result.datasets:
+        yield from write_figures(folder, figures_of(dataset, colours), dataset.name)
 
 
 def write_pictures(folder: Path, files: Sequence[BenchFile]) -> Iterable[Path]:

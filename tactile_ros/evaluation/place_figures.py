@@ -92,35 +92,34 @@ def _rim_sentence(x: Array, y: Array, mean: Array) -> str:
 
 def histogram(dataset: Dataset, colours: Colours) -> Figure | None:
     """Distribution of the place error, the other estimators as outlines."""
-    found = [(a.name, a.target('position')) for a in dataset.competitors]
-    sizes = [(name, t.size[np.isfinite(t.size)] * MM) for name, t in found if t is not None]
-    sizes = [(name, size) for name, size in sizes if len(size)]
-    if not sizes:
+    told = [(a.name, a.target('position')) for a in dataset.competitors]
+    found = [(name, target) for name, target in told if target is not None and target.spread.count]
+    if not found:
         return None
-    first = sizes[0][1]
-    top = max(float(np.percentile(size, 98)) for _, size in sizes[:4])
+    sizes = [t.size[np.isfinite(t.size)] * MM for _, t in found[:4]]
+    top = max(float(np.percentile(size, 98)) for size in sizes)
     edges = np.linspace(0, top, 36)
-    shares = [100 * np.histogram(size, edges)[0] / len(size) for _, size in sizes[:4]]
+    shares = [100 * np.histogram(size, edges)[0] / len(size) for size in sizes]
     plot = Plot(
         (0, top), (0, 1.12 * max(float(s.max()) for s in shares)), 'error in the plane (mm)',
         'share of frames (%)', told='Distribution of the place error',
     )  # fmt: skip
-    kinds = [colours[name] for name, _ in sizes[:4]]
+    kinds = [colours[name] for name, _ in found[:4]]
     plot.bars(edges, shares[0], f'fill {kinds[0]}')
     for kind, share in zip(kinds[1:], shares[1:], strict=True):
         plot.steps(edges, share, f'line {kind}')
-    p50, p95 = (float(p) for p in np.percentile(first, [50, 95]))
+    p50, p95 = MM * found[0][1].spread.p50, MM * found[0][1].spread.p95
     plot.rule(p50, f'half below {p50:.2f}')
     plot.rule(p95, f'95 % below {p95:.2f}', row=1)
-    key = tuple((colours[name], name) for name, _ in sizes[:4])
-    return Figure('How far off the place is', _histogram_caption(sizes), str(plot), key)
+    key = tuple((colours[name], name) for name, _ in found[:4])
+    return Figure('How far off the place is', _histogram_caption(found), str(plot), key)
 
 
-def _histogram_caption(sizes: list[tuple[str, Array]]) -> str:
+def _histogram_caption(found: list[tuple[str, TargetErrors]]) -> str:
     """The finding of the histogram."""
-    name, first = sizes[0]
-    text = f'{name}: {first.mean():.2f} mm on average, worst {first.max():.1f} mm.'
-    if len(sizes) > 1:
-        other, size = min(sizes[1:], key=lambda item: float(item[1].mean()))
-        text += f' {other}: {size.mean():.2f} mm.'
+    name, first = found[0][0], found[0][1].spread
+    text = f'{name}: {MM * first.mean:.2f} mm on average, worst {MM * first.largest:.1f} mm.'
+    if len(found) > 1:
+        other, target = min(found[1:], key=lambda item: item[1].spread.mean)
+        text += f' {other}: {MM * target.spread.mean:.2f} mm.'
     return text

@@ -144,7 +144,7 @@ def _left_out(dataset: Dataset) -> list[str]:
     """Sentences on frames that are in no error."""
     return [
         f'{answer.name}, {target.name.replace("_", " ")}: {target.missed} frames without an '
-        f'estimate, {target.invalid} invalid, of {len(target.rows)}'
+        f'estimate, {target.invalid} invalid, of {target.known}'
         for answer in dataset.answers[:1]
         for target in answer.targets
         if target.missed or target.invalid

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.evaluation.metrics import TARGETS, Moments, Spread, spread, target_errors
+from tactile_ros.evaluation.metrics import TARGETS, Spread, spread, target_errors
 from tactile_ros.evaluation.named import Named, named
 from tactile_ros.types import Array
 
@@ -69,10 +70,12 @@ class Answer:
         return next((t for t in self.targets if t.name == name), None)
 
     @property
-    def shear(self) -> Moments:
-        """Errors of force along x and y, components pooled."""
-        parts = [self.target('force_x'), self.target('force_y')]
-        return sum((t.moments for t in parts if t is not None), Moments())
+    def shear_rms(self) -> float | None:
+        """Of the errors of force along x and y, components pooled (N); None: not judged."""
+        parts = [t.spread for name in ('force_x', 'force_y') if (t := self.target(name))]
+        count = sum(part.count for part in parts)
+        squares = sum(part.count * part.rms**2 for part in parts if part.count)
+        return math.sqrt(squares / count) if count else None
 
 
 @dataclass(frozen=True)
@@ -87,12 +90,12 @@ class Dataset:
         The one to be shown first, then those that it is compared with.
     frames, dropped : int
         Recorded; lost on the way.
-    time_s : ndarray, shape (s,)
-        Of every row, from the first; NaN: independent frames.
     chips : ndarray, shape (t, 3)
         Taxel positions (m).
     latency_s : ndarray, shape (n,)
-        From acquisition to contact; empty: not a live recording.
+        From acquisition to contact (s); empty: not a live recording.
+    late : Spread or None
+        Of all contacts, where `latency_s` holds some of them.
     agreement : Agreement or None
         Of the replay with the live run.
     problems : tuple of str
@@ -104,9 +107,9 @@ class Dataset:
     answers: tuple[Answer, ...]
     frames: int
     dropped: int
-    time_s: Array
     chips: Array
     latency_s: Array = field(default_factory=lambda: np.zeros(0))
+    late: Spread | None = None
     agreement: Agreement | None = None
     problems: tuple[str, ...] = ()
 
@@ -121,7 +124,7 @@ class Dataset:
     @property
     def latency(self) -> Spread:
         """Summary of the latency (s)."""
-        return spread(self.latency_s)
+        return self.late or spread(self.latency_s)
 
 
 @dataclass(frozen=True)
@@ -197,7 +200,7 @@ def table_row(dataset: Dataset, answer: Answer) -> list[Cell]:
         answer.name,
         *millimetres,
         None if normal is None else normal.spread.rms,
-        answer.shear.rms if answer.shear.count else None,
+        answer.shear_rms,
         None if place is None else 100 * place.coverage.share,
         _pooled_share(forces),
         answer.named[0].right if answer.named else None,

@@ -14,6 +14,7 @@ from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.answer_tally import AnswerTally
 from tactile_ros.evaluation.bag_pieces import BagPieces
 from tactile_ros.evaluation.follow import Follower
+from tactile_ros.evaluation.kept_rows import AnswerRows, SensorRows
 from tactile_ros.evaluation.metrics import frames_dropped
 from tactile_ros.evaluation.replay import (
     as_live,
@@ -60,6 +61,8 @@ class SensorTally:
         How truth was brought together with frames: a sentence for each topic.
     problems : tuple of str
         Sentences.
+    rows : SensorRows or None
+        What a report draws; None: not kept.
     """
 
     name: str
@@ -71,6 +74,13 @@ class SensorTally:
     latency: Magnitudes = field(default_factory=Magnitudes)
     association: Mapping[str, str] = field(default_factory=dict)
     problems: tuple[str, ...] = ()
+    rows: SensorRows | None = None
+
+    @property
+    def title(self) -> str:
+        """Recording, and the sensor where the recording does not tell it."""
+        alone = self.name in ('sensor', self.source, self.source.rpartition('.')[0])
+        return (self.source if alone else f'{self.source} {self.name}').strip() or self.name
 
 
 def label_of(pipeline: Pipeline) -> str:
@@ -82,7 +92,11 @@ class _Sensor:
     """Tallies of one sensor of a bag while it is read."""
 
     def __init__(
-        self, pieces: SensorPieces, pipelines: Mapping[str, Pipeline], clock: Callable[[], int]
+        self,
+        pieces: SensorPieces,
+        pipelines: Mapping[str, Pipeline],
+        clock: Callable[[], int],
+        drawn: bool,
     ) -> None:
         self.pieces, self.clock = pieces, clock
         digests = tuple(dict.fromkeys(pieces.digests))
@@ -95,10 +109,15 @@ class _Sensor:
         self.answers = {name: AnswerTally(label_of(p), name) for name, p in fitting.items()}
         self.singles: dict[str, float] = {}
         self.latency = Magnitudes()
+        self.rows: SensorRows | None = None
+        if drawn:
+            self.rows = SensorRows(pieces.layout.positions)
+            self.rows.answers = {name: AnswerRows() for name in fitting}
 
     def add(self, piece: Piece) -> None:
         """Judge one more piece."""
         recording, live = piece.recording, piece.live
+        about = self.rows.about(recording) if self.rows else {}
         for name, follower in self.followers.items():
             if name not in self.singles:
                 probe = Follower(follower.pipeline).pipeline
@@ -110,6 +129,8 @@ class _Sensor:
             if live is not None:
                 agreement = compare(live.states, live.rows, states, len(recording))
             truth = as_answered(recording.truth, self.pieces.truth.names, follower.pipeline)
+            if self.rows:
+                self.rows.answers[name].add(truth, states, about)
             found = AnswerTally.of(truth, states)
             self.answers[name] += replace(
                 found, frames=len(piece.rows), nanoseconds=spent, agreement=agreement
@@ -117,6 +138,8 @@ class _Sensor:
         if live is not None and recording.stamp_ns is not None:
             delay = (live.log_ns - recording.stamp_ns[live.rows]) * 1e-9
             self.latency += Magnitudes.of(delay)
+            if self.rows:
+                self.rows.latency.add({'latency_s': delay})
 
     def finish(self, source: str, problems: Sequence[str]) -> SensorTally:
         """Tallies of the whole bag."""
@@ -132,7 +155,7 @@ class _Sensor:
         return SensorTally(
             pieces.name, source, tuple(answers), pieces.count, pieces.dropped,
             (pieces.end_ns - pieces.begin_ns) * 1e-9, self.latency, pieces.truth.sentences,
-            (*problems, *pieces.problems),
+            (*problems, *pieces.problems), self.rows,
         )  # fmt: skip
 
 
@@ -161,6 +184,8 @@ def tally_bag(
     association: Association | None = None,
     layout: Layout | None = None,
     clock_ns: Callable[[], int] = perf_counter_ns,
+    *,
+    drawn: bool = False,
 ) -> list[SensorTally]:
     """Judge every sensor of a bag, piece by piece.
 
@@ -178,6 +203,8 @@ def tally_bag(
         For a bag that does not tell it.
     clock_ns : callable
         For the time per frame (ns).
+    drawn : bool
+        Keep the rows that a report draws.
 
     Raises
     ------
@@ -193,7 +220,7 @@ def tally_bag(
             continue
         try:
             if space not in sensors:
-                sensors[space] = _Sensor(bag.sensors[space], pipelines, clock_ns)
+                sensors[space] = _Sensor(bag.sensors[space], pipelines, clock_ns, drawn)
         except RecordingError as err:
             bag.left_out[space] = str(err)
             continue
@@ -212,16 +239,23 @@ def tally_recording(
     pipelines: Mapping[str, Pipeline],
     source: str,
     clock_ns: Callable[[], int] = perf_counter_ns,
+    *,
+    drawn: bool = False,
 ) -> SensorTally:
     """Judge a recording that is in memory as a whole; parameters as of `tally_bag`."""
     recording = loaded.recording
     answers = []
+    rows = SensorRows(recording.layout.positions) if drawn else None
+    about = rows.about(recording, whole=True) if rows else {}
     for name, pipeline in pipelines.items():
         if pipeline.layout.shape != recording.layout.shape:
             continue
         found = replay(loaded, copy(pipeline), clock_ns)  # its tares are its own
         truth = as_answered(recording.truth, loaded.label_names, pipeline)
         spent = found.us_batch * 1000 * len(recording)
+        if rows:
+            rows.answers[name] = AnswerRows()
+            rows.answers[name].add(truth, found.states, about)
         judged = replace(
             AnswerTally.of(truth, found.states),
             name=label_of(pipeline),
@@ -241,8 +275,11 @@ def tally_recording(
     dropped = frames_dropped(recording.sequence, recording.restarts)
     live, latency = loaded.contacts, Magnitudes()
     if live is not None and stamps is not None:
-        latency = Magnitudes.of((live.log_ns - stamps[live.rows]) * 1e-9)
+        delay = (live.log_ns - stamps[live.rows]) * 1e-9
+        latency = Magnitudes.of(delay)
+        if rows:
+            rows.latency.add({'latency_s': delay})
     return SensorTally(
         loaded.name, source, tuple(answers), len(recording), dropped, lasted, latency,
-        problems=loaded.problems,
+        problems=loaded.problems, rows=rows,
     )  # fmt: skip

@@ -41,11 +41,13 @@ p { margin: 0; max-width: 72ch; }
   background: var(--card); }
 table { border-collapse: collapse; width: 100%; font-size: 14px;
   font-variant-numeric: tabular-nums; }
-th, td { padding: 9px 12px; text-align: right; white-space: nowrap; }
+th, td { padding: 9px; text-align: right; white-space: nowrap; }
+th:first-child { padding-left: 12px; } tr > :last-child { padding-right: 12px; }
 thead th { font-weight: 500; color: var(--soft); white-space: normal; vertical-align: bottom;
-  line-height: 1.3; border-bottom: 1px solid var(--hair); min-width: 64px; }
+  line-height: 1.3; border-bottom: 1px solid var(--hair); min-width: 58px; }
 tbody tr + tr th, tbody tr + tr td { border-top: 1px solid var(--hair); }
 th.words, td.words { text-align: left; }
+td.words { white-space: normal; min-width: 10em; }
 tbody th { font-weight: 600; position: sticky; left: 0; background: var(--card); }
 td.best { font-weight: 700; color: var(--c0); }
 th.what { text-align: left; white-space: normal; min-width: 12em; max-width: 30em;

@@ -86,8 +86,32 @@ class HandDescription:
             position[self.places(name)] = getattr(finger, which)
         return position
 
+    def driven_by(self, driver: HandDriver) -> HandDescription:
+        """The same hand by another driver; where it names joints anew, they follow by place.
+
+        Raises
+        ------
+        ValueError
+            If the new driver does not have the joints of the fingers.
+        """
+        before, now = self.driver.joints, driver.joints
+        fingers = self.fingers
+        if set(now).isdisjoint(before) and len(now) == len(before):
+            new = dict(zip(before, now, strict=True))
+            fingers = {
+                name: replace(finger, joints=tuple(new[joint] for joint in finger.joints))
+                for name, finger in fingers.items()
+            }
+        return HandDescription(self.name, driver, fingers)
+
     def with_limits(self, limits: JointLimits) -> HandDescription:
-        """The same hand with the limits of its `robot_description`; postures are drawn inside."""
+        """The same hand with the limits of its `robot_description`; postures are drawn inside.
+
+        Raises
+        ------
+        ValueError
+            If that leaves a finger no way to close.
+        """
         effort = limits.effort if np.isfinite(limits.effort).all() else None
         driver = replace(
             self.driver,
@@ -97,11 +121,13 @@ class HandDescription:
         for name, finger in self.fingers.items():
             place = self.places(name)
             low, high = limits.lower[place], limits.upper[place]
-            drawn[name] = replace(
-                finger,
-                open=np.clip(finger.open, low, high),
-                pre_grasp=np.clip(finger.pre_grasp, low, high),
-            )
+            pre_grasp = np.clip(finger.pre_grasp, low, high)
+            closing = np.clip(finger.pre_grasp + finger.closing, low, high) - pre_grasp
+            if not closing.any():
+                msg = f'finger {name} of hand {self.name} cannot close within {low} and {high}'
+                raise ValueError(msg)
+            opened = np.clip(finger.open, low, high)
+            drawn[name] = replace(finger, open=opened, pre_grasp=pre_grasp, closing=closing)
         return HandDescription(self.name, driver, drawn)
 
 

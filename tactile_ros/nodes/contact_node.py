@@ -11,6 +11,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from tactile_ros import messages
+from tactile_ros.lesson import Allowed
 from tactile_ros.msg import TactileContact, TactileContacts, TactileFrame, TactileLayout
 from tactile_ros.nodes.backlog import backlog
 from tactile_ros.nodes.contact_options import ContactOptions
@@ -121,7 +122,7 @@ class ContactNode(ManagedNode):
                 self._spec.load,
                 self._digest,
                 self._announce,
-                self._options.most_lost,
+                Allowed(self._options.most_lost, self._options.most_lost_there),
             )
         self._announce()
         self._active = True

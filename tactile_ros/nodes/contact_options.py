@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from tactile_ros.lesson import MOST_LOST
+from tactile_ros.lesson import Allowed
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,17 @@ class ContactOptions:
         },
     )
     most_lost: float = field(
-        default=MOST_LOST,
+        default=Allowed.lost,
         metadata={
             'help': 'share of the presses of known classes that a new one may take at most',
+            'range': (0.0, 1.0),
+        },
+    )
+    most_lost_there: float = field(
+        default=Allowed.lost_there,
+        metadata={
+            'help': 'share of presses that look like a new class where it was pressed that it '
+            'may take at most, a 95 % bound',
             'range': (0.0, 1.0),
         },
     )

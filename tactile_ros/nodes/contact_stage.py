@@ -90,11 +90,6 @@ class ContactStage:
     on_baseline : callable
         Takes the baseline as a frame whose sequence is the first that it holds for: at the first
         frame of a stream and after every tare.
-
-    Attributes
-    ----------
-    watch : callable or None
-        Takes every frame with its state before the next one is processed.
     """
 
     def __init__(
@@ -107,7 +102,7 @@ class ContactStage:
         self.pipeline = pipeline
         self.tare_in_contact = tare_in_contact
         self.tally = Tally()
-        self.watch: Callable[[Frame, ContactState], None] | None = None
+        self._watch: Callable[[Frame, ContactState], None] | None = None
         self._on_baseline = on_baseline
         # of each whether something touched
         self._seen: deque[tuple[Frame, bool]] = deque(maxlen=tare_frames)
@@ -152,23 +147,23 @@ class ContactStage:
                 self._on_baseline(self._baseline(frame, frame.sequence))
             state = self.pipeline.process(frame)
             self._remember(frame, state)
-            if self.watch is not None:
-                self.watch(frame, state)
+            if self._watch is not None:
+                self._watch(frame, state)
             return state
 
     def process_all(self, frames: Sequence[Frame]) -> list[ContactState]:
         """Estimate from the next frames: the same numbers as one by one, and cheaper."""
-        if len(frames) == 1 or not self._is_one_stretch(frames):
-            return [self.process(frame) for frame in frames]
         with self._lock:
-            states = list(self.pipeline.process_next(joined(frames, self.pipeline.layout)))
-            for frame, state in zip(frames, states, strict=True):
-                self._remember(frame, state)
-            return states
+            if len(frames) > 1 and self._is_one_stretch(frames):
+                states = list(self.pipeline.process_next(joined(frames, self.pipeline.layout)))
+                for frame, state in zip(frames, states, strict=True):
+                    self._remember(frame, state)
+                return states
+        return [self.process(frame) for frame in frames]
 
     def _is_one_stretch(self, frames: Sequence[Frame]) -> bool:
         """Nothing begins with any of these frames, and nobody watches them one by one."""
-        if self.watch is not None or not self.tally.frames or self.tally.stamp_ns is None:
+        if self._watch is not None or not self.tally.frames or self.tally.stamp_ns is None:
             return False
         before, stamp_ns = self.tally.sequence, self.tally.stamp_ns
         warm = frames[0].temperature_c is None
@@ -178,6 +173,17 @@ class ContactStage:
                 return False
             before, stamp_ns = frame.sequence, frame.stamp_ns
         return True
+
+    @property
+    def watch(self) -> Callable[[Frame, ContactState], None] | None:
+        """What takes every frame with its state before the next one is processed; or nothing."""
+        return self._watch
+
+    @watch.setter
+    def watch(self, watch: Callable[[Frame, ContactState], None] | None) -> None:
+        """Once this returns, the one before takes no frame."""
+        with self._lock:
+            self._watch = watch
 
     def adopt(self, estimation: Estimation) -> int | None:
         """Estimate by other estimators of the same sensor from the next frame on.

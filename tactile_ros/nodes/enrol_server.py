@@ -66,10 +66,10 @@ class EnrolServer:
         self.stage.begin(lesson, partial(_tell, handle), partial(self._end, handle))
 
     def _on_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
-        """End the lesson."""
-        if self.stage is not None and bytes(handle.goal_id.uuid) == self._taught:
-            self.stage.cancel()
-        return CancelResponse.ACCEPT
+        """End the lesson, unless its class is being written or is known."""
+        mine = self.stage is not None and bytes(handle.goal_id.uuid) == self._taught
+        ended = mine and self.stage.cancel()
+        return CancelResponse.ACCEPT if ended else CancelResponse.REJECT
 
     def _end(self, handle: ServerGoalHandle, learned: Learned) -> None:
         """Let the executor answer."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from tactile_ros.errors import CalibrationError, TactileError
-from tactile_ros.lesson import MOST_LOST, PressWatch, learn, recording_of, refuse_name, window_of
+from tactile_ros.lesson import Allowed, PressWatch, learn, recording_of, refuse_name, window_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 MOST_PRESSES = 100
 LONGEST_S = 86_400
+CLOSED = 'contact_node was deactivated'
 TRIED = ' '  # under which a press is tried: no class can be named so
 
 
@@ -119,8 +120,8 @@ class EnrolStage:
         Of the file's pipeline.
     on_change : callable
         Takes a class that came or went, once it holds.
-    most_lost : float
-        Share of the presses of known classes that a new one may take.
+    allowed : Allowed
+        What a new class may cost.
     """
 
     stage: ContactStage
@@ -128,12 +129,16 @@ class EnrolStage:
     load: Callable[[str], Pipeline]
     digest: str
     on_change: Callable[[Change], None]
-    most_lost: float = MOST_LOST
+    allowed: Allowed = field(default_factory=Allowed)
     _thread: threading.Thread | None = None
     _busy: bool = False
     _watch: PressWatch | None = None
-    _arrived: queue.SimpleQueue[Press | str] = field(default_factory=queue.SimpleQueue)
+    _arrived: queue.SimpleQueue[Press | None] = field(default_factory=queue.SimpleQueue)
+    _withdrawn: str | None = None
+    _kept: bool = False  # too late to withdraw
+    _closed: bool = False
     _turn: threading.Lock = field(default_factory=threading.Lock)
+    _fate: threading.Lock = field(default_factory=threading.Lock)
 
     @property
     def is_busy(self) -> bool:
@@ -175,7 +180,7 @@ class EnrolStage:
         on_end : callable
             Takes how it ended, in that thread.
         """
-        self._busy = True
+        self._busy, self._withdrawn, self._kept = True, None, False
         self._arrived = queue.SimpleQueue()
         self._watch = PressWatch(window_of(self.stage.pipeline))
         self.stage.watch = self._take
@@ -183,12 +188,11 @@ class EnrolStage:
         def work() -> None:
             try:
                 learned = self._collect(lesson, on_press)
-            except (TactileError, ValueError, OSError) as err:
-                learned = Learned(False, str(err))
-            except Exception as err:  # whatever asked must hear the end
-                learned = Learned(False, f'{type(err).__name__}: {err}')
+            except Exception as err:  # whoever asked must hear the end
+                learned = Learned(False, _sentence(err))
             self.stage.watch = None
-            self._busy = False
+            with self._fate:
+                self._busy = False
             on_end(learned)
 
         self._thread = threading.Thread(target=work, name='enrol', daemon=True)
@@ -201,15 +205,26 @@ class EnrolStage:
         if press is not None:
             self._arrived.put(press)
 
-    def cancel(self, reason: str = '') -> None:
-        """End the lesson; a reason says that nobody asked for it."""
-        self._arrived.put(reason)
+    def cancel(self, reason: str = '') -> bool:
+        """End the lesson, and whether it could be: not while its class is written, nor after.
+
+        A reason says that nobody asked for it.
+        """
+        with self._fate:
+            if not self._busy or self._kept:
+                return False
+            if self._withdrawn is None:
+                self._withdrawn = reason
+        self._arrived.put(None)
+        return True
 
     def close(self) -> None:
-        """End the lesson and its thread."""
+        """End the lesson and its thread, and let a change that is under way come to its end."""
         if self._thread is not None:
-            self.cancel('contact_node was deactivated')
+            self.cancel(CLOSED)
             self._thread.join()
+        with self._turn:
+            self._closed = True
 
     def _collect(self, lesson: Lesson, on_press: Callable[[int, str], None]) -> Learned:
         """Presses, one after the other, and the class once there are enough."""
@@ -222,14 +237,18 @@ class EnrolStage:
                 press = self._arrived.get(timeout=max(0.0, end - time.monotonic()))
             except queue.Empty:
                 return Learned(False, self._too_late(lesson, presses, refused))
-            if isinstance(press, str):
-                return Learned(False, press or 'cancelled', cancelled=not press)
+            if press is None:
+                return self._given_up()
             refused = self._fault(trial, press)
             if not refused:
                 presses.append(press)
             said = refused or f'press {len(presses)} of {lesson.presses} taken'
             on_press(len(presses), said)
         return self._learn(lesson, presses)
+
+    def _given_up(self) -> Learned:
+        """Withdrawn by whoever asked, or for a reason."""
+        return Learned(False, self._withdrawn or 'cancelled', cancelled=not self._withdrawn)
 
     @staticmethod
     def _too_late(lesson: Lesson, presses: list[Press], refused: str) -> str:
@@ -255,7 +274,11 @@ class EnrolStage:
         with self._turn:
             pipeline = self._read()
             taught = recording_of(pipeline.layout, presses)
-            said = learn(pipeline, lesson.label, taught, lesson.replace, self.most_lost)
+            said = learn(pipeline, lesson.label, taught, lesson.replace, self.allowed)
+            with self._fate:
+                self._kept = self._withdrawn is None
+            if not self._kept:
+                return self._given_up()
             index = pipeline.label_names.index(lesson.label)
             stamps = tuple(
                 (int(p.frames[0].stamp_ns or 0), int(p.frames[-1].stamp_ns or 0)) for p in presses
@@ -277,11 +300,13 @@ class EnrolStage:
             return False, 'forget needs a calibration file: set calibration'
         try:
             with self._turn:
+                if self._closed:
+                    return False, CLOSED
                 pipeline = self._read()
                 pipeline.forget(label)
                 self._adopt(pipeline, label)
-        except (TactileError, ValueError, OSError) as err:
-            return False, str(err)
+        except Exception as err:  # whoever asked must hear the end
+            return False, _sentence(err)
         return True, f'{label!r} forgotten; classes are {", ".join(pipeline.label_names)}'
 
     def _read(self) -> Pipeline:
@@ -310,3 +335,9 @@ class EnrolStage:
         self.digest = pipeline.digest
         after_ns = self.stage.adopt(pipeline.estimation)
         self.on_change(Change(label, self.digest, after_ns, stamps, replace))
+
+
+def _sentence(err: Exception) -> str:
+    """Why something failed; what nobody foresaw also by its kind."""
+    foreseen = isinstance(err, (TactileError, ValueError, OSError))
+    return str(err) if foreseen else f'{type(err).__name__}: {err}'

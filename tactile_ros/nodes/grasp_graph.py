@@ -41,7 +41,9 @@ class Grasping:
     stack : bool
         Sensors, contacts and grip in one process by direct calls.
     use_robot_description : bool
-        Limits and pads come from the topic `robot_description`.
+        Limits and pads come from the topic `robot_description`, where there is one.
+    wait_for_robot_description : bool
+        Nothing is sent before it has come.
     """
 
     hand: str = 'allegro_v5'
@@ -52,7 +54,8 @@ class Grasping:
     ports: str = ''
     calibrations: str = ''
     stack: bool = False
-    use_robot_description: bool = False
+    use_robot_description: bool = True
+    wait_for_robot_description: bool = False
     seed: int = 0
     namespace: str = ''
     params_file: str = ''
@@ -121,8 +124,9 @@ def grasping(choice: Grasping) -> Graph:
     grip: dict[str, Value] = {'hand': choice.hand}
     if choice.fingers.strip(', '):
         grip['fingers'] = sensors
-    if choice.use_robot_description:
-        grip['use_robot_description'] = True
+    for name in ('use_robot_description', 'wait_for_robot_description'):
+        if getattr(choice, name) != getattr(Grasping, name):
+            grip[name] = getattr(choice, name)
     own = [Process('mock_hand', hand)] if choice.mock_hand else []
     if choice.stack:
         own.append(Process('stack', {**grip, **_of_a_stack(choice, settings)}))

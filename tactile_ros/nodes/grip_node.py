@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ from tactile_ros.hands import load_hand
 from tactile_ros.messages.fields import packed, vector
 from tactile_ros.msg import GripState, TactileContacts
 from tactile_ros.nodes.grasp_server import GraspServer
+from tactile_ros.nodes.grip_options import GripOptions
 from tactile_ros.nodes.grip_pace import LATE, GripPace
 from tactile_ros.nodes.grip_stage import GripStage
 from tactile_ros.nodes.hand_link import HandLink, newest
@@ -33,41 +35,11 @@ if TYPE_CHECKING:
     from tactile_ros.action import Grasp
     from tactile_ros.hands import HandDescription
     from tactile_ros.hands.urdf import RobotDescription
-    from tactile_ros.nodes.grip_stage import Decision
+    from tactile_ros.nodes.grip_decision import Decision
     from tactile_ros.types import Array, ContactState, Frame
 
 STALE = int(FrameStatus.STALE)
 WATCH_S = 5e-3  # how often the clock is looked at, at most
-
-
-@dataclass(frozen=True)
-class GripOptions:
-    """Parameters of grip_node besides those of the law and of the hand's driver."""
-
-    hand: str = field(
-        default='allegro_v5',
-        metadata={
-            'help': 'name of a hand in config/hands, or a .yaml that describes one',
-            'read_only': True,
-        },
-    )
-    autostart: bool = field(
-        default=True, metadata={'help': 'configure and activate at start', 'read_only': True}
-    )
-    fingers: tuple[str, ...] = field(
-        default=(),
-        metadata={'help': 'sensors that take part: <finger>/contacts; empty: all of the hand'},
-    )
-    enabled: bool = field(
-        default=True, metadata={'help': 'commands may be sent once active, as by ~/enable'}
-    )
-    use_robot_description: bool = field(
-        default=False,
-        metadata={
-            'help': 'take limits, and pads whose frame is a link, from robot_description; nothing '
-            'is sent before it has come'
-        },
-    )
 
 
 class GripNode(ManagedNode):
@@ -84,6 +56,7 @@ class GripNode(ManagedNode):
         self.direct: set[str] = set()
         self._link: HandLink | None = None
         self._stage: GripStage | None = None
+        self._next: GripStage | None = None
         self.declare(GripOptions())
         self._hand = load_hand(self.get_parameter('hand').value)
         self.declare(self._hand.driver, self._hand.driver.grip())
@@ -102,7 +75,7 @@ class GripNode(ManagedNode):
 
     def _forget(self) -> None:
         """Nothing has come, and nothing was done."""
-        self._refusal, self._phase = '', GripPhase.IDLE
+        self._refusal, self._phase, self._disagreement = '', GripPhase.IDLE, math.nan
         self._steps = self._commands = self._limited = self._previous = 0
         self._sequences: dict[str, int] = {}
         self._ages: dict[str, StampAge] = {}
@@ -112,18 +85,19 @@ class GripNode(ManagedNode):
         """Check the parameters against each other and the hand."""
         self._options = self.options(GripOptions)
         self._config = self.options(GripConfig)
-        driver = self.options(type(self._hand.driver))
-        self._described = replace(self._hand, driver=driver)
+        self._described = self._hand.driven_by(self.options(type(self._hand.driver)))
         GripStage(self._described, self._config, self._options.fingers)
 
     def activate(self) -> None:
         """Listen to the fingers and the hand, and begin to step."""
         self._enabled = self._options.enabled
         self._forget()
-        self._begin_stage(self._described, None)
-        described = self._options.use_robot_description
-        learn = self._on_robot if described else None
-        self._link = HandLink(self, self._described, self._on_joints, learn)
+        self._next = GripStage(self._described, self._config, self._options.fingers)
+        self._stage = None
+        self._renew()
+        wait = self._options.wait_for_robot_description
+        learn = self._on_robot if wait or self._options.use_robot_description else None
+        self._link = HandLink(self, self._described, self._on_joints, learn, wait)
         names = self._stage.fingers
         period = 1.0 / self._config.rate_hz
         self._pace = GripPace(period, LATE * self._config.slowest_period, len(names))
@@ -142,19 +116,27 @@ class GripNode(ManagedNode):
         """Full name of the topic of a finger's contacts, after remapping."""
         return self.resolve_topic_name(f'{finger}/contacts')
 
-    def _begin_stage(self, hand: HandDescription, robot: RobotDescription | None) -> None:
-        """A stage that knows nothing yet."""
-        self._grasps.finish(GraspOutcome.FAULT, 'the grip began anew with its robot_description')
+    def _on_robot(self, robot: RobotDescription) -> bool:
+        """Take limits and pads from a description of this hand; ValueError where it misfits."""
+        driver = self._described.driver
+        if not any(name in robot.joints for name in driver.joints):
+            self.get_logger().warning('robot_description names no joint of the hand: not used')
+            return False
+        hand = self._described.with_limits(robot.limits(driver.joints, driver.limits))
+        self._next = GripStage(hand, self._config, self._options.fingers, robot)
+        self._renew()
+        return True
+
+    def _renew(self) -> None:
+        """Take what a description said once nothing is gripped: limits change under no grip."""
         with self._lock:
-            self._stage = GripStage(hand, self._config, self._options.fingers, robot)
+            if self._next is None or not (self._stage is None or self._stage.is_free):
+                return
+            self._stage, self._next = self._next, None
             if self._enabled:
                 self._stage.enable()
-
-    def _on_robot(self, robot: RobotDescription) -> None:
-        """Take limits and pads from the description; ValueError where it does not fit."""
-        driver = self._described.driver
-        limits = robot.limits(driver.joints, driver.limits)
-        self._begin_stage(self._described.with_limits(limits), robot)
+        self._grasps.tell()  # how it ended, where that is not told yet
+        self._grasps.finish(GraspOutcome.FAULT, 'the grip began anew with its robot_description')
 
     def deactivate(self) -> None:
         """Send nothing more: the last command is a posture, which holds."""
@@ -238,22 +220,36 @@ class GripNode(ManagedNode):
             now_s = time.monotonic()
             if self._ticking is not None and self._pace.is_late(now_s):
                 self._step(now_s, self.now_ns())
+        self._renew()
         self._grasps.tell()
 
     def _step(self, now_s: float, now_ns: int) -> None:
         """One control step."""
         answered_ns = self._pace.newest_ns or now_ns
         since = self._pace.step(now_s)
-        decision = self._stage.step(now_s, answered_ns, self._link.blocked, since)
+        decision = self._dated(self._stage.step(now_s, answered_ns, self._link.blocked, since))
         if decision.command is not None:
             self._link.send(decision.command)
             self._commands += 1
         self._steps += 1
         self._limited += decision.limited
         self._refusal, self._phase = decision.refusal, decision.made.phase
+        self._disagreement = decision.made.disagreement
+        if decision.lost:
+            self.get_logger().error(decision.lost)
         if self._states.get_subscription_count():
             self._publish(decision, now_ns)
         self._grasps.note(decision)
+
+    def _dated(self, decision: Decision) -> Decision:
+        """The same, where an input is stale since its clock stepped back: naming that."""
+        ages = {**self._ages, 'the joint states': self._joint_age}
+        told = [f'{who} by {a.back_s:.3f} s' for who, a in ages.items() if a.back_s > 0]
+        if not told or 'stale' not in decision.refusal:
+            return decision
+        refusal = f'{decision.refusal}: the clock stepped back of {", ".join(told)}'
+        ended = decision.ended and replace(decision.ended, message=refusal)
+        return replace(decision, refusal=refusal, ended=ended)
 
     def _publish(self, decision: Decision, now_ns: int) -> None:
         """What was decided, as a message."""
@@ -312,6 +308,9 @@ class GripNode(ManagedNode):
             sentence = self._refusal
         if self.unheard:
             level, sentence = DiagnosticStatus.WARN, f'nothing came of {", ".join(self.unheard)}'
+        if self._disagreement > self._config.balance_high:
+            level = DiagnosticStatus.WARN
+            sentence += f'; the two sides disagree by {self._disagreement:.0%}'
         if self._phase == GripPhase.FAULT:
             level = DiagnosticStatus.ERROR
         status = DiagnosticStatus(level=level, name='grip', message=sentence)
@@ -327,6 +326,7 @@ class GripNode(ManagedNode):
                 'nominal rate (Hz)': self._config.rate_hz,
                 'grasp under way': self._grasps.is_busy,
                 'refusal': self._refusal or 'none',
+                'disagreement of sides': self._disagreement,
                 'never heard': ', '.join(self.unheard) or 'none',
             }
         )

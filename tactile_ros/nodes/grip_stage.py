@@ -6,7 +6,7 @@ hand turns them into joints, the guard has the last word.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import hypot, inf, isfinite, nan
 from typing import TYPE_CHECKING
 
@@ -19,10 +19,12 @@ from tactile_ros.control import (
     GripForce,
     GripInput,
     GripPhase,
+    Keeping,
     Opening,
 )
-from tactile_ros.hands.closing import PadNormal, Synergy
-from tactile_ros.hands.joint_guard import JointGuard
+from tactile_ros.hands.hand_joints import HandJoints, taking_part
+from tactile_ros.hands.hand_watch import HandWatch
+from tactile_ros.nodes.grip_decision import Decision, doubts
 from tactile_ros.types import GripCommand
 
 if TYPE_CHECKING:
@@ -31,36 +33,12 @@ if TYPE_CHECKING:
     from tactile_ros.control import GripConfig, GripStep
     from tactile_ros.hands import HandDescription
     from tactile_ros.hands.urdf import RobotDescription
-    from tactile_ros.types import Array, Integers
+    from tactile_ros.types import Array
 
 HOLDING = (GripPhase.LOAD, GripPhase.HOLD)
 EMPTY = (GraspOutcome.SLIPPED, GraspOutcome.NO_OBJECT)
 MOST_PERIODS = 3.0  # a process that slept does not catch up by one large step
-
-
-@dataclass(frozen=True)
-class Decision:
-    """What one step came to.
-
-    Attributes
-    ----------
-    made : GripStep
-        Of the law.
-    command : GripCommand or None
-        What is to be sent; None: nothing.
-    limited : bool
-        The law or the guard changed what was wanted.
-    refusal : str
-        Why the law's own command was not sent; empty: it was.
-    ended : GraspProgress or None
-        The grasp that ended in this step.
-    """
-
-    made: GripStep
-    command: GripCommand | None
-    limited: bool
-    refusal: str
-    ended: GraspProgress | None
+LEAST_SPACE = 0.5  # of the shortest time between two commands that a hand takes; frames jitter
 
 
 class GripStage:
@@ -98,32 +76,32 @@ class GripStage:
             raise ValueError(msg)
         self.hand = hand
         self.fingers, names = taking_part(hand, fingers)
-        self._drives = list(dict.fromkeys(names))
-        self._drive_of = np.array([self._drives.index(name) for name in names])
-        self._places = [_run_of(hand.places(name)) for name in self._drives]
-        self._driven = [hand.fingers[name] for name in self._drives]
-        limits = hand.driver.limits
-        fastest = min(
-            finger.fastest(limits.velocity[place])
-            for finger, place in zip(self._driven, self._places, strict=True)
-        )
+        drives = list(dict.fromkeys(names))
+        self._drive_of = [drives.index(name) for name in names]
+        self._joints = HandJoints(hand, drives, robot)
         # so that the law knows what the guard would cut
+        fastest = self._joints.fastest
         self.config = replace(config, closure_rate=min(config.closure_rate, fastest))
-        self._closings = [_closing(hand, name, robot) for name in self._drives]
         sides = [hand.fingers[name].side for name in names]
         told = sides if {1, -1} <= set(sides) else None
-        self._law = GripForce(self.config, self._drive_of.tolist(), told)
-        self._guard = JointGuard(limits, hand.driver.most_offset)
+        self._law = GripForce(self.config, self._drive_of, told)
+        self._guard = self._joints.guard
+        reaction = self.config.stale_age + config.dead_time + config.lag
+        self._watch = HandWatch(hand.driver.joints, self._guard.slack, reaction)
         self._sequence: GraspSequence | Opening | None = None
+        self._keeping = Keeping(self.config)
+        self._chosen = [True] * len(self.fingers)
         count = len(self.fingers)
         # lists: one entry of an array costs more than all else that a force brings
         self._normal, self._across = [nan] * count, [nan] * count
         self._valid, self._new, self._slip = [False] * count, [False] * count, [-1] * count
         self._touched_s = [-inf] * count
-        self._closure = np.full(len(self._drives), np.nan)
+        self._closure = np.full(len(drives), np.nan)
         self._measured: Array | None = None
-        self._measured_s = -np.inf
-        self._stepped_s = -np.inf
+        self._measured_s = self._stepped_s = self._sent_s = -inf
+        self._least_s = LEAST_SPACE / hand.driver.fastest_hz
+        self._lost_s = 0.0
+        self._paused = False
         self.sent = np.full(len(hand.driver.joints), np.nan)
 
     def take_touch(
@@ -137,8 +115,8 @@ class GripStage:
     def take_joints(self, position: Array, measured_s: float) -> None:
         """Keep joint positions (j,) that were measured at a time (s)."""
         self._measured, self._measured_s = position, measured_s
-        pairs = zip(self._places, self._driven, strict=True)
-        self._closure = np.array([finger.closure_of(position[place]) for place, finger in pairs])
+        self._closure = self._joints.closures_of(position)
+        self._watch.hear(position)
 
     @property
     def unheard(self) -> list[str]:
@@ -147,16 +125,28 @@ class GripStage:
         pairs = zip(self.fingers, self._touched_s, strict=True)
         return missing + [finger for finger, touched_s in pairs if touched_s == -inf]
 
+    @property
+    def is_free(self) -> bool:
+        """Nothing is gripped, or nothing was sent yet."""
+        over = self._law.phase == GripPhase.IDLE and self._sequence is None
+        return over or bool(np.isnan(self.sent).all())
+
     def enable(self) -> None:
         """Commands may be sent; the first is where the joints are."""
-        self._guard.stop()
+        self._forget_hand()
         self._law.enable()
 
     def disable(self) -> None:
         """Nothing is sent from now on."""
         self._law.disable()
-        self._guard.stop()
+        self._forget_hand()
         self._sequence = None
+
+    def _forget_hand(self) -> None:
+        """The next command begins at the measured posture."""
+        self._joints.stop()
+        self._watch.forget()
+        self._lost_s, self._paused = 0.0, False
 
     def grasp(
         self, target_force: float, fingers: Sequence[str], timeout: float, adapt: bool
@@ -169,12 +159,15 @@ class GripStage:
             If the force, the time or a finger cannot be.
         """
         self.admit(target_force, fingers, timeout)
+        if self._law.phase == GripPhase.IDLE:
+            self._forget_hand()
         if target_force == 0:
             self._law.release()
             self._sequence = Opening(self.config, timeout)
             return
         chosen = [not fingers or name in fingers for name in self.fingers]
         self._law.grasp(target_force, adapt, chosen)
+        self._chosen = chosen
         self._sequence = GraspSequence(self.config, timeout)
 
     def admit(self, target_force: float, fingers: Sequence[str], timeout: float) -> None:
@@ -187,7 +180,7 @@ class GripStage:
             )
             raise ValueError(msg)
         if not 0 <= timeout < np.inf:
-            msg = f'timeout must be 0, for none, or positive; received {timeout:g}'
+            msg = f'timeout must be 0, for grasp_time, or positive; received {timeout:g}'
             raise ValueError(msg)
         unknown = [name for name in fingers if name not in self.fingers]
         if unknown:
@@ -222,16 +215,23 @@ class GripStage:
             What is to be sent and published.
         """
         dt = self._within(now_s - self._stepped_s if since is None else since)
+        # of the frames that a queue kept back many are stepped through at once: joints are not
+        elapsed = max(min(dt, now_s - self._sent_s), 0.0)
         self._stepped_s = now_s
-        made = self._law.step(self._given(now_s, blocked), dt)
-        refusal = made.refusal
-        if blocked or self._measured is None:
-            refusal = blocked or 'no joint states of the hand have come'
-        command, limited = None, made.limited
-        if made.send and not blocked and self._measured is not None:
-            command, guarded = self._command(made, dt, stamp_ns)
-            limited = limited or guarded
-        return Decision(made, command, limited, refusal, self._progress(made, dt))
+        hindered = blocked or self._hindered(now_s, elapsed)
+        made = self._law.step(self._given(now_s, hindered), dt)
+        command, limited, refusal = None, made.limited, blocked or made.refusal
+        if self._measured is None:
+            refusal = refusal if blocked else 'no joint states of the hand have come'
+        elif made.send and not hindered:
+            if now_s - self._sent_s < self._least_s:
+                refusal = f'the hand takes {self.hand.driver.fastest_hz:g} commands a second'
+            else:
+                command, guarded = self._command(made, dt, elapsed, now_s, stamp_ns)
+                limited = limited or guarded
+        self._paused = command is None and self._law.phase != GripPhase.IDLE
+        ended, lost = self._end(made, dt, self._gone(made, hindered, now_s, dt))
+        return Decision(made, command, limited, refusal, ended, lost)
 
     def _within(self, since: float) -> float:
         """A time since the last step (s), between a tenth of and a few periods."""
@@ -254,79 +254,77 @@ class GripStage:
             blocked=blocked,
         )
 
-    def _command(self, made: GripStep, dt: float, stamp_ns: int) -> tuple[GripCommand, bool]:
-        """Joints of the law's closures, and whether the guard changed them."""
-        measured = self._measured
-        if self._guard.last is None:
-            self._guard.start(measured)
-            for place, closing in zip(self._places, self._closings, strict=True):
-                closing.start(measured[place])
-        wanted = self._guard.last.copy()
-        effort = np.full(len(wanted), np.nan)
-        closures = made.closure.tolist()
-        for a, (place, closing) in enumerate(zip(self._places, self._closings, strict=True)):
-            wanted[place] = closing.joints(closures[a], dt)
-            if closing.finger.is_capped:
-                force = made.target_force[self._drive_of == a]
-                effort[place] = closing.finger.caps(float(force.max()))
-        position, limited = self._guard.step(wanted, measured, dt)
-        # the law goes on from what is sent, and winds nothing up
-        self._law.admit(made.closure - self._behind(closures, wanted, position, limited), dt)
-        self.sent = position
-        return GripCommand(stamp_ns, position, effort), limited
+    def _hindered(self, now_s: float, elapsed: float) -> str:
+        """What keeps commands from the hand, by its joint states; empty: nothing does."""
+        if self._measured is None or self._law.phase == GripPhase.IDLE:
+            return ''
+        strayed = self._watch.strayed() if self._paused else ''
+        if strayed:
+            self._lost_s = inf
+            return strayed
+        silent = self._is_silent(now_s) or not self.config.closure_required
+        frozen = '' if silent else self._watch.frozen(now_s)
+        return frozen or self._guard.refusal(self._measured, elapsed)
 
-    def _behind(
-        self, closures: list[float], wanted: Array, sent: Array, limited: bool
-    ) -> Array | float:
-        """How much less closure each drive was sent (a,)."""
-        if not limited:
-            return 0.0
-        pairs = enumerate(zip(self._places, self._driven, strict=True))
-        short = [f.shortfall(closures[a], wanted[p], sent[p]) for a, (p, f) in pairs]
-        return np.array(short)
+    def _is_silent(self, now_s: float) -> bool:
+        """Whether joint states are missed: the law says so."""
+        aged = now_s - self._measured_s > self.config.stale_age
+        return aged and self.config.closure_required
+
+    def _command(
+        self, made: GripStep, dt: float, elapsed: float, now_s: float, stamp_ns: int
+    ) -> tuple[GripCommand, bool]:
+        """Joints of the law's closures, and whether the guard changed them."""
+        forces = [0.0] * len(self._closure)
+        for drive, force in zip(self._drive_of, made.target_force.tolist(), strict=True):
+            forces[drive] = max(forces[drive], force)
+        sent = self._joints.command(made.closure.tolist(), forces, self._measured, dt, elapsed)
+        # the law goes on from what is sent, and winds nothing up
+        self._law.admit(sent.closure, dt)
+        self._watch.send(sent.position, now_s)
+        self.sent, self._sent_s = sent.position, now_s
+        return GripCommand(stamp_ns, sent.position, sent.effort), sent.limited
+
+    def _gone(self, made: GripStep, hindered: str, now_s: float, dt: float) -> str:
+        """Why the hand is given up: it has failed for long, or others moved it; else empty."""
+        if made.phase != GripPhase.FAULT or not (hindered or self._is_silent(now_s)):
+            self._lost_s = 0.0
+            return ''
+        self._lost_s += dt
+        return made.refusal if self._lost_s > self.config.fault_time else ''
+
+    def _end(self, made: GripStep, dt: float, gone: str) -> tuple[GraspProgress | None, str]:
+        """The grasp that this step ended, and why what was held after one is held no more."""
+        grasping = self._sequence is not None
+        if gone:
+            self._law.abandon(gone)
+            self._sequence = None
+            return (GraspProgress(GraspOutcome.FAULT, gone), '') if grasping else (None, gone)
+        if grasping:
+            return self._progress(made, dt), ''
+        lost = self._keeping.step(made, dt) if self._law.phase in HOLDING else ''
+        if lost:
+            self._law.release(lost)
+        return None, lost
 
     def _progress(self, made: GripStep, dt: float) -> GraspProgress | None:
         """The end of the grasp, where this step ended it; the hand opens where nothing is held."""
-        if self._sequence is None:
-            return None
         progress = self._sequence.step(made, dt)
         if progress.outcome is None:
             return None
         self._sequence = None
+        self._keeping.restart()
         kept = self._law.phase in HOLDING and progress.outcome not in EMPTY
         if not kept and made.phase != GripPhase.IDLE:
-            self._law.release()
-        return progress
+            lost = progress.outcome == GraspOutcome.SLIPPED
+            self._law.release(progress.message if lost else '')
+        if progress.outcome != GraspOutcome.HELD:
+            return progress
+        told = doubts(made, self._dark(made), self.config.balance_high)
+        return replace(progress, message=progress.message + told)
 
-
-def taking_part(hand: HandDescription, wanted: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Sensors that take part, and for each the finger that carries it.
-
-    Raises
-    ------
-    ValueError
-        If the hand does not carry one of them.
-    """
-    carried = {s: name for name, finger in hand.fingers.items() for s in finger.sensors}
-    unknown = [name for name in wanted if name not in carried]
-    if unknown:
-        msg = f'fingers must be of {", ".join(carried)}; received {unknown[0]!r}'
-        raise ValueError(msg)
-    sensors = list(wanted) or list(carried)
-    return sensors, [carried[sensor] for sensor in sensors]
-
-
-def _run_of(places: Integers) -> Integers | slice:
-    """The same places, as a slice where they follow each other: it costs a fifth."""
-    first = int(places[0])
-    run = slice(first, first + len(places))
-    return run if (places == np.arange(run.start, run.stop)).all() else places
-
-
-def _closing(hand: HandDescription, name: str, robot: RobotDescription | None) -> Synergy:
-    """How a finger's closure becomes joints."""
-    finger, limits, place = hand.fingers[name], hand.driver.limits, hand.places(name)
-    if robot is None or not robot.has_link(finger.frame):
-        return Synergy(finger)
-    chain = robot.chain(finger.frame, finger.joints)
-    return PadNormal(finger, chain, limits.lower[place], limits.upper[place])
+    def _dark(self, made: GripStep) -> dict[str, bool]:
+        """Fingers that take part without a force that can be used, and whether any ever came."""
+        forces = zip(self.fingers, self._chosen, made.force.tolist(), strict=True)
+        dark = [i for i, (_, used, force) in enumerate(forces) if used and not isfinite(force)]
+        return {self.fingers[i]: self._touched_s[i] > -inf for i in dark}

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Integers
 
 ASK_PERIOD_S = 0.5
+STATES = 10  # joint states that may wait
 MESSAGES = {JOINT_STATE: JointState, NUMBERS: Float64MultiArray, TRAJECTORY: JointTrajectory}
 
 
@@ -36,6 +37,13 @@ def newest(depth: int = 1) -> QoSProfile:
     """Commands and states: reliable, and nothing old behind the newest."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.RELIABLE
+    )
+
+
+def sensed() -> QoSProfile:
+    """Joint states of whatever driver: also of one that publishes as sensors do."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST, depth=STATES, reliability=ReliabilityPolicy.BEST_EFFORT
     )
 
 
@@ -58,7 +66,10 @@ class HandLink:
     take : callable
         Takes every measured posture (j,) and its stamp (ns).
     learn : callable or None
-        Takes the `robot_description`, without which nothing is sent then; a ValueError refuses it.
+        Takes the `robot_description` where one comes, and says whether it is of this hand; after
+        a ValueError nothing is sent.
+    wait : bool
+        Nothing is sent before the description has come.
     """
 
     def __init__(
@@ -66,12 +77,14 @@ class HandLink:
         node: ManagedNode,
         hand: HandDescription,
         take: Callable[[Array, int], None],
-        learn: Callable[[RobotDescription], None] | None = None,
+        learn: Callable[[RobotDescription], bool] | None = None,
+        wait: bool = False,
     ) -> None:
         self._node, self._hand, self._take = node, hand, take
         self._learn = learn
         self._order: Integers | None = None
-        self._why_no_description = '' if learn is None else 'robot_description has not come'
+        self._described = learn is None
+        self._why_no_description = 'robot_description has not come' if wait else ''
         self._why_no_order = f'{hand.driver.controller} does not tell the order of its joints yet'
         driver = hand.driver
         # one message for all commands: a fresh one costs as much as the law
@@ -80,7 +93,7 @@ class HandLink:
             for t in driver.topics
         ]
         self._heard = [
-            node.create_subscription(JointState, driver.states, self._on_states, newest())
+            node.create_subscription(JointState, driver.states, self._on_states, sensed())
         ]
         if learn is not None:
             self._heard.append(
@@ -88,7 +101,7 @@ class HandLink:
                     String, 'robot_description', self._on_description, latched()
                 )
             )
-        self._client = self._timer = None
+        self._client = self._timer = self._asked = None
         if driver.controller:
             name = f'{driver.controller}/get_parameters'
             self._client = node.create_client(GetParameters, name)
@@ -124,7 +137,7 @@ class HandLink:
         if self._timer is not None:
             self._node.destroy_timer(self._timer)
             self._node.destroy_client(self._client)
-            self._timer = self._client = None
+            self._timer = self._client = self._asked = None
 
     def _on_states(self, message: JointState) -> None:
         """Hand a posture on; what is damaged is told and counts as silence."""
@@ -137,27 +150,32 @@ class HandLink:
             self._take(position, stamp_ns(message.header))
 
     def _on_description(self, message: String) -> None:
-        """Read the description once; one that does not fit lets nothing out."""
-        if not self._why_no_description:
+        """Read the hand's description once; one that does not fit lets nothing out."""
+        if self._described:
             return
         try:
-            self._learn(RobotDescription(message.data))
+            self._described = self._learn(RobotDescription(message.data))
         except ValueError as err:
             self._why_no_description = str(err)
             self._node.get_logger().error(str(err))
-        else:
+        if self._described:
             self._why_no_description = ''
 
     def _ask(self) -> None:
         """Ask the controller for the order of its joints."""
-        if self._client is not None and self._client.service_is_ready():
-            future = self._client.call_async(GetParameters.Request(names=['joints']))
-            future.add_done_callback(self._on_order)
+        if self._client is None or not self._client.service_is_ready():
+            return
+        if self._asked is not None:  # a controller that hangs is asked once at a time
+            self._client.remove_pending_request(self._asked)
+        self._asked = self._client.call_async(GetParameters.Request(names=['joints']))
+        self._asked.add_done_callback(self._on_order)
 
     def _on_order(self, future: object) -> None:
         """Take the order, or say why it cannot be."""
-        answer = future.result()
-        if self._client is None or answer is None or not answer.values:
+        if future is not self._asked or self._client is None:
+            return
+        answer, self._asked = future.result(), None
+        if answer is None or not answer.values:
             return
         told = tuple(answer.values[0].string_array_value)
         joints = self._hand.driver.joints

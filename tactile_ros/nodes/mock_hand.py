@@ -18,9 +18,9 @@ from sensor_msgs.msg import JointState
 
 from tactile_ros.hands import load_hand
 from tactile_ros.hands.driver import in_order
+from tactile_ros.hands.hand_joints import taking_part
 from tactile_ros.hands.joint_messages import read_command
 from tactile_ros.hands.mock_hand import FAULTS, MockHand
-from tactile_ros.nodes.grip_stage import taking_part
 from tactile_ros.nodes.hand_link import MESSAGES, newest
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
 from tactile_ros.nodes.pressed_twins import PressedTwins
@@ -121,6 +121,7 @@ class MockHandNode(ManagedNode):
         """Put the hand into its open posture, and answer on the driver's topics."""
         options = self.options(MockOptions)
         driver = self.options(type(self._hand.driver))
+        self._hand = self._hand.driven_by(driver)
         order = options.order or driver.joints
         self._order = in_order(driver.joints, order)
         self._back = in_order(order, driver.joints)

@@ -14,12 +14,14 @@ class StampAge:
 
     Clocks agree once a message comes with a stamp of the last second. From then on its stamps are
     believed, however old they say that it is: a queue that keeps messages back makes them stale. A
-    stamp in the future, or a wall clock that jumps, asks anew.
+    stamp in the future or before the last one, or a wall clock that jumps, asks anew.
 
     Attributes
     ----------
     agrees : bool
         Whether the last message was dated by its stamp.
+    back_s : float
+        By how much its clock stepped back, while that makes its messages old (s); else 0.
 
     Examples
     --------
@@ -34,7 +36,9 @@ class StampAge:
 
     def __init__(self) -> None:
         self.agrees = False
+        self.back_s = 0.0
         self._ahead_s = nan
+        self._last_ns = 0
 
     def measured_s(self, stamp_ns: int, now_ns: int, now_s: float) -> float:
         """When it was measured (s).
@@ -57,6 +61,12 @@ class StampAge:
         ahead = 1e-9 * now_ns - now_s
         jumped = abs(ahead - self._ahead_s) > STEP_S
         self._ahead_s = ahead
-        if jumped or not self.agrees or delay < -AHEAD_S:
+        back_s = 1e-9 * (self._last_ns - stamp_ns)
+        self._last_ns = stamp_ns
+        if min(back_s, delay) > STEP_S:
+            self.back_s = back_s
+        elif delay < self.back_s - STEP_S:
+            self.back_s = 0.0
+        if jumped or not self.agrees or delay < -AHEAD_S or back_s > STEP_S:
             self.agrees = -AHEAD_S <= delay <= OLDEST_S
         return now_s - max(delay, 0.0) if self.agrees else now_s

@@ -30,7 +30,7 @@ def wave_numbers(count: int, pitch: float) -> tuple[Array, Array]:
     return kx[:, None], ky[None]
 
 
-def punch_pressure(loops: Sequence[Array], layer: Layer) -> tuple[Array, Array]:
+def punch_pressure(loops: Sequence[Array], layer: Layer, finer: int = 1) -> tuple[Array, Array]:
     """Loads under a flat punch without friction, for one metre of depth.
 
     Parameters
@@ -39,6 +39,8 @@ def punch_pressure(loops: Sequence[Array], layer: Layer) -> tuple[Array, Array]:
         Its outline (m).
     layer : Layer
         Under it.
+    finer : int
+        So many times as many cells along a side as are usual.
 
     Returns
     -------
@@ -55,7 +57,7 @@ def punch_pressure(loops: Sequence[Array], layer: Layer) -> tuple[Array, Array]:
     corners = np.concatenate(list(loops))
     low, high = corners.min(axis=0), corners.max(axis=0)
     length = float((high - low).max())
-    pitch = max(min(length / ALONG[0], layer.thickness / FINE), length / ALONG[1])
+    pitch = max(min(length / ALONG[0], layer.thickness / FINE), length / ALONG[1]) / finer
     count = int(2 ** np.ceil(np.log2((length + WIDE * layer.thickness) / pitch)))
     line = (np.arange(count) - (count - 1) / 2) * pitch
     places = np.stack(np.meshgrid(line, line, indexing='ij'), axis=-1) + (low + high) / 2

@@ -27,6 +27,7 @@ CELLS = 60  # of the sheet along its longer edge
 LEVELS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)  # Gauss points of the sheet's thickness
 ORDERS = (1, 2, 3)
 STILL = 0.001  # of the largest movement: dipoles that hardly move are left out
+NEAR_EDGE = 4  # rows of cells that have a weight of their own around an edge of a band
 SLIVER = 1e-9  # m, narrower than which a band is none
 
 
@@ -82,13 +83,25 @@ class Sheet:
 
     @cached_property
     def shares(self) -> Array:
-        """Part of each row of cells in each band, with the band's sign, shape (y, b)."""
+        """Weight of each row of cells in an integral over each band, with its sign (y, b)."""
         found = np.zeros((len(self.lines[1]), len(self.strengths)))
         for band, low, high, sign in self.bands:
-            top = np.minimum(self.lines[1] + self.pitch / 2, high)
-            part = (top - np.maximum(self.lines[1] - self.pitch / 2, low)) / self.pitch
-            found[:, band] += sign * np.clip(part, 0.0, 1.0)
+            found[:, band] += sign * (self._up_to(high) - self._up_to(low))
         return found
+
+    def _up_to(self, edge: float) -> Array:
+        """Weight of each row of cells in an integral from the sheet's end to an edge (m).
+
+        Midpoints, but around the edge as integrates cubics: there what midpoints leave out does
+        not cancel (Euler and Maclaurin).
+        """
+        line = self.lines[1]
+        order = min(NEAR_EDGE, len(line))
+        away = (edge - line[0]) / self.pitch
+        first = int(np.clip(np.floor(away) - 1, 0, len(line) - order))
+        weight = np.where(np.arange(len(line)) < first, 1.0, 0.0)
+        weight[first : first + order] = _edge_weights(away - first, order)
+        return weight
 
     @property
     def axis(self) -> int:
@@ -175,6 +188,19 @@ class Sheet:
         after = each_dipole_field(points, places + moved[rows], spun)
         change = after - each_dipole_field(points, places, np.broadcast_to(unit, places.shape))
         return np.moveaxis(np.tensordot(change, share, axes=(1, 0)), -1, 0)
+
+
+def _edge_weights(edge: float, order: int) -> Array:
+    """Weights (n,) of nodes 0, 1 ... of an integral to an edge, where midpoints count before."""
+    m = np.arange(order)
+    left = -0.5  # where the first node begins
+    whole = (edge ** (m + 1) - left ** (m + 1)) / (m + 1)
+    slope = m * left ** np.maximum(m - 1, 0)
+    third = m * (m - 1) * (m - 2) * left ** np.maximum(m - 3, 0)
+    wanted = whole + slope / 24 - 7 * third / 5760
+    return np.asarray(
+        np.linalg.solve(np.vander(m.astype(float), order, increasing=True).T, wanted)
+    )
 
 
 def each_dipole_field(points: Array, places: Array, moments: Array) -> Array:

@@ -19,6 +19,38 @@ STEP = 1e-3  # of the layer, over which movements are differentiated
 NEAR = 0.5  # shift of the grid, in cells, where the sheet has an even number of them
 
 
+def punched_waves(body: Layer, heights: Array, kx: Array, ky: Array) -> Array:
+    """What a wave of pressure does in a layer, whose wave vectors are a grid.
+
+    Parameters
+    ----------
+    body : Layer
+        The whole body.
+    heights : ndarray, shape (h,)
+        Over the base (m).
+    kx, ky : ndarray, shape (m, 1) and (1, n)
+        Wave vectors (rad / m).
+
+    Returns
+    -------
+    ndarray, shape (5, h, m, n)
+        ux, uy, uz (m / Pa), and turns about x and y (rad / Pa).
+    """
+    k = np.hypot(kx, ky)
+    step = STEP * body.thickness
+    steps = np.concatenate([heights - step, heights, heights + step])
+    across, up = body.pressed(k, np.clip(steps, 0.0, body.thickness))
+    n = len(heights)
+    moved = [np.moveaxis(wave, -1, 0) for wave in (across, up)]
+    slope = (moved[0][2 * n :] - moved[0][:n]) / (2 * step)
+    along, lift = moved[0][n : 2 * n], moved[1][n : 2 * n]
+    k = np.maximum(k, 1e-9)
+    cx, cy = kx / k, ky / k
+    # half the curl; lateral movement is a gradient, so that nothing turns about z
+    turn = 0.5 * (k * lift - slope)
+    return np.stack([1j * along * cx, 1j * along * cy, lift + 0j, 1j * turn * cy, -1j * turn * cx])
+
+
 class PunchDents:
     """Dents of flat punches in one layer, for one metre of depth.
 
@@ -39,25 +71,7 @@ class PunchDents:
         self.shift = np.array([(NEAR if len(line) % 2 == 0 else 0.0) for line in sheet.lines])
         self.body = body
         self.kx, self.ky = wave_numbers(self.count, self.pitch)
-        self.waves = self._waves(sheet.levels - base)
-
-    def _waves(self, heights: Array) -> Array:
-        """Spectra of ux, uy, uz and of turns about x and y, shape (5, 2, kx, ky) (m / N)."""
-        thickness = self.body.thickness
-        k = np.hypot(self.kx, self.ky)
-        step = STEP * thickness
-        steps = np.concatenate([heights - step, heights, heights + step])
-        across, up = self.body.pressed(k, np.clip(steps, 0.0, thickness))
-        n = len(heights)
-        moved = [np.moveaxis(wave, -1, 0) for wave in (across, up)]
-        slope = (moved[0][2 * n :] - moved[0][:n]) / (2 * step)
-        along, lift = moved[0][n : 2 * n], moved[1][n : 2 * n]
-        k = np.maximum(k, 1e-9)
-        cx, cy = self.kx / k, self.ky / k
-        # half the curl; lateral movement is a gradient, so that nothing turns about z
-        turn = 0.5 * (k * lift - slope)
-        spectra = [1j * along * cx, 1j * along * cy, lift + 0j, 1j * turn * cy, -1j * turn * cx]
-        return np.asarray(np.stack(spectra) / self.pitch**2)
+        self.waves = punched_waves(body, sheet.levels - base, self.kx, self.ky) / self.pitch**2
 
     def loads(self, outline: Outline) -> tuple[Array, Array]:
         """Points (p, 2) (m) in the outline's frame and loads (p,) per depth (N / m)."""

@@ -29,10 +29,14 @@ def stamp(stamp_ns: int) -> messages.Timestamp:
 
 
 def cloud(layout: Layout, change: Array, stamp_ns: int) -> messages.PointCloud:
-    """Taxels at their places with the change of every channel (t, c) since they were untouched."""
+    """Taxels at their places with the change of every channel (t, c) since they were untouched.
+
+    `change` is its size, by which layouts colour taxels of any sensor.
+    """
     from foxglove import messages
 
-    names = ['x', 'y', 'z', *(f'change_{channel}' for channel in layout.channels)]
+    names = ['x', 'y', 'z', *(f'change_{channel}' for channel in layout.channels), 'change']
+    size = np.linalg.norm(change, axis=1, keepdims=True)
     kind = messages.PackedElementFieldNumericType.Float64
     return messages.PointCloud(
         timestamp=stamp(stamp_ns),
@@ -42,7 +46,7 @@ def cloud(layout: Layout, change: Array, stamp_ns: int) -> messages.PointCloud:
             messages.PackedElementField(name=name, offset=BYTES * i, type=kind)
             for i, name in enumerate(names)
         ],
-        data=np.ascontiguousarray(np.hstack([layout.positions, change]), '<f8').tobytes(),
+        data=np.ascontiguousarray(np.hstack([layout.positions, change, size]), '<f8').tobytes(),
     )
 
 

@@ -176,6 +176,7 @@ def test_calibrate_learns_slip(tmp_path: Path, capsys: pytest.CaptureFixture[str
     [
         ['calibrate', 'reskin_board', 'spatial', '-o'],
         ['replay', 'spatial', '--calibration', 'CALIBRATION', '--report'],
+        ['replay', 'spatial', '--calibration', 'CALIBRATION', '--save'],
         ['bench', 'roads', '--results'],
     ],
     ids=lambda command: command[0],
@@ -191,7 +192,7 @@ def test_what_cannot_be_written_is_refused_before_the_work(
     def work(*_: object) -> None:
         pytest.fail('work was begun')
 
-    for name in ('calibrate.find', 'replay.find', 'bench.show'):
+    for name in ('calibrate.find', 'replay.fleet.tally_all', 'bench.show'):
         monkeypatch.setattr(f'tactile_ros.cli.{name}', work)
     (tmp_path / 'file').touch()
     (tmp_path / 'roads.json').mkdir()

@@ -7,13 +7,19 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
+from tactile_ros.cli import destination
 from tactile_ros.cli.main import main
 from tactile_ros.cli.progress import Progress
+from tactile_ros.evaluation import fleet, pictures
 from tactile_ros.evaluation.archive import save_recording
 from tactile_ros.sensors import load_sensor
+
+if TYPE_CHECKING:
+    from tactile_ros.evaluation.fleet import Job
 
 ROOT = Path(__file__).parents[2]
 
@@ -55,6 +61,37 @@ def test_several_are_compared_in_one_table_and_saved(
     document = json.loads(saved.with_name('compared.json').read_text())
     assert [one['recording'] for one in document['recordings']] == ['part_0.npz', 'part_1.npz']
     assert saved.with_name('compared.npz').is_file()
+
+
+def test_the_report_and_its_pictures_come_from_the_same_run(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    taken: list[str] = []
+    monkeypatch.setattr(
+        pictures, 'photograph', lambda _, path, size: taken.append(path.name) or path
+    )
+    monkeypatch.setattr(destination, 'find_browser', lambda: 'chromium')
+    heard: list[Job] = []
+    one_by_one = fleet.tally
+    monkeypatch.setattr(fleet, 'tally', lambda job: heard.append(job) or one_by_one(job))
+    calibrations = ['--calibration', str(folder / 'a.npz'), '--calibration', str(folder / 'b.npz')]
+    page = tmp_path / 'page.html'
+    code = main(
+        ['replay', str(folder / 'part_0.npz'), 'missing', *calibrations, '--jobs', '1', '--json',
+         '--report', str(page), '--png', str(tmp_path / 'png')]
+    )  # fmt: skip
+    assert code == 1
+    assert len(heard) == 2
+    first, *_ = json.loads(capsys.readouterr().out)
+    text = page.read_text('utf-8')
+    assert 'ridge, a' in text
+    assert 'ridge, b' in text
+    assert f'>{first["place mean (mm)"]:.2f}<' in text
+    assert 'Left out: missing does not exist' in text
+    assert taken[:2] == [
+        'part_0_npz_where_on_the_pad_it_errs.png', 'part_0_npz_how_far_off_the_place_is.png'
+    ]  # fmt: skip
 
 
 def test_the_installed_command_works_in_processes(folder: Path, tmp_path: Path) -> None:

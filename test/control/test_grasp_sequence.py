@@ -7,7 +7,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tactile_ros.control import GraspOutcome, GraspSequence, GripConfig, GripPhase, GripStep
+from tactile_ros.control import (
+    GraspOutcome,
+    GraspSequence,
+    GripConfig,
+    GripPhase,
+    GripStep,
+    Keeping,
+    Opening,
+)
 
 CONFIG = GripConfig()
 MADE = GripStep(
@@ -63,3 +71,36 @@ def test_a_fault_says_why() -> None:
 def test_a_timeout_that_cannot_be(timeout: float) -> None:
     with pytest.raises(ValueError, match='timeout of a grasp must be 0 or more seconds'):
         GraspSequence(CONFIG, timeout)
+
+
+@pytest.mark.parametrize(('kind', 'change'), [(GraspSequence, CLOSING), (Opening, OPENS)])
+def test_a_goal_without_a_timeout_ends_all_the_same(
+    kind: type[GraspSequence | Opening], change: dict[str, object]
+) -> None:
+    sequence = kind(dataclasses.replace(CONFIG, grasp_time=2.0), 0.0)
+    for _ in range(201):
+        progress = sequence.step(dataclasses.replace(MADE, **change), 0.01)  # type: ignore[arg-type]
+    assert progress.outcome == GraspOutcome.TIMEOUT
+    assert progress.message.endswith('within 2 s')
+
+
+@pytest.mark.parametrize(
+    ('steps', 'lost'),
+    [
+        ([(HELD, 500)], False),
+        ([(HELD, 5), (LOST, 15), (HELD, 1), (LOST, 15)], False),
+        ([(HELD, 5), (LOST, 25)], True),
+        ([(HELD, 5), (FAULT, 500)], False),
+        ([(HELD, 5), (LOST, 15), (FAULT, 50), (LOST, 10)], True),
+    ],
+)
+def test_what_is_held_is_judged_as_long_as_it_is(
+    steps: list[tuple[dict[str, object], int]], lost: bool
+) -> None:
+    keeping = Keeping(CONFIG)
+    for change, count in steps:
+        for _ in range(count):
+            why = keeping.step(dataclasses.replace(MADE, **change), 0.01)  # type: ignore[arg-type]
+    assert why == ('the object was lost' if lost else '')
+    keeping.restart()
+    assert not keeping.step(dataclasses.replace(MADE, **LOST), 0.01)  # type: ignore[arg-type]

@@ -77,12 +77,13 @@ def test_no_input_makes_a_command_outside_limits_or_rate(
     config = GripConfig(safe_action=action, closure_low=0.05, closure_high=0.8)
     law, last = closing(config), None
     for given_, dt, event in events:
+        idle = law.phase == GripPhase.IDLE
         if event == 'grasp':
             law.enable()
             law.grasp(1.0)
         elif event:
             getattr(law, event)()
-        last = None if event in ('enable', 'disable') else last
+        last = None if event in ('enable', 'disable') or (event and idle) else last
         made = law.step(given_, dt)
         assert not made.send or law.active
         assert made.send or made.refusal
@@ -101,6 +102,39 @@ def test_the_first_command_starts_from_the_measured_closure() -> None:
     made = law.step(start, 0.01)
     assert (made.closure >= start.closure).all()
     assert (made.closure - start.closure <= 0.25 * 0.01 + NEAR).all()
+
+
+@pytest.mark.parametrize('begin', ['grasp', 'release'])
+def test_a_hand_that_was_left_alone_starts_from_the_measured_closure_again(begin: str) -> None:
+    law = closing()
+    for _ in range(50):
+        law.step(quiet(), 0.01)
+    law.release()
+    while law.step(quiet(), 0.01).phase != GripPhase.IDLE:
+        pass
+    law.grasp(TARGET) if begin == 'grasp' else law.release()
+    moved = dataclasses.replace(quiet(), closure=np.array([0.31, 0.97]))
+    made = law.step(moved, 0.01)
+    assert made.send
+    np.testing.assert_allclose(made.closure, moved.closure, atol=0.5 * 0.01 + NEAR)
+
+
+def test_a_hand_that_was_given_up_waits_for_a_new_grasp_and_says_why() -> None:
+    law = closing()
+    law.step(quiet(), 0.01)
+    law.abandon('joint states are stale (1.200 s)')
+    for _ in range(20):
+        made = law.step(quiet(force=1.0), 0.01)
+        assert (made.send, made.phase) == (False, GripPhase.IDLE)
+    assert made.refusal == 'joint states are stale (1.200 s); a new grasp is needed'
+    law.grasp(TARGET)
+    assert law.step(quiet(), 0.01).send
+    law.release('the object was lost')
+    opening = law.step(quiet(), 0.01)
+    assert (opening.send, opening.refusal) == (True, 'the object was lost')
+    while law.step(quiet(), 0.01).phase != GripPhase.IDLE:
+        pass
+    assert law.step(quiet(), 0.01).refusal == 'the object was lost; a new grasp is needed'
 
 
 def test_never_a_command_when_not_active_or_not_asked() -> None:
@@ -228,6 +262,16 @@ def test_sensors_that_disagree_do_not_walk_the_object(worlds: ModuleType) -> Non
     forces, _, _ = grip(world, sides=(1, -1), seconds=8.0)
     assert forces[-1] == pytest.approx(TARGET / 1.05, rel=0.01)
     assert abs(world.place - place) < 2e-3
+
+
+def test_a_sensor_that_fails_does_not_let_the_others_crush(worlds: ModuleType) -> None:
+    """One finger reads a tenth of the truth: the other rules, and the step says they disagree."""
+    world = worlds.GripWorld(gains=(1.0, 0.1), free=True)
+    forces, phases, made = grip(world, sides=(1, -1))
+    assert forces[-1] == pytest.approx(1.2 * TARGET, rel=0.02)
+    assert forces.max() <= 1.5 * TARGET  # without a bound 2.2
+    assert phases[-1] == GripPhase.HOLD
+    assert made.disagreement == pytest.approx(0.9, abs=0.03)
 
 
 def test_without_sides_they_would(worlds: ModuleType) -> None:

@@ -33,13 +33,27 @@ def test_shares_balance_and_never_exceed_what_was_asked(
 @given(st.lists(st.tuples(st.floats(-10, 10), st.sampled_from([-1, 0, 1])), min_size=1))
 def test_regulated_errors_leave_no_net_force(fingers: list[tuple[float, int]]) -> None:
     errors, sides = (list(column) for column in zip(*fingers, strict=True))
-    made = balanced(errors, sides)
+    made = balanced(errors, sides, [1.0] * len(sides), np.inf)
     if 1 in sides and -1 in sides:
         assert np.dot(made, sides) == pytest.approx(0.0, abs=1e-9)
     else:
         assert made == errors
     for before, after, side in zip(errors, made, sides, strict=True):
         assert side != 0 or before == after
+
+
+@given(st.lists(st.tuples(st.floats(-10, 10), st.sampled_from([-1, 1])), min_size=2))
+def test_balance_adds_to_a_finger_no_more_than_its_share(fingers: list[tuple[float, int]]) -> None:
+    errors, sides = (list(column) for column in zip(*fingers, strict=True))
+    targets = shared([2.0] * len(sides), sides, [True] * len(sides))
+    made = balanced(errors, sides, targets, 0.2)
+    for before, after, target in zip(errors, made, targets, strict=True):
+        assert after - before <= 0.2 * target + 1e-9 or len(set(sides)) == 1
+    if len(set(sides)) == 2:
+        free = balanced(errors, sides, targets, np.inf)
+        eased = np.subtract(free, made)
+        assert (eased >= -1e-9).all()
+        assert np.dot(eased, sides) == pytest.approx(0.0, abs=1e-6)
 
 
 def slips(count: int = 1, slipping: bool = False) -> list[SlipMargin]:
@@ -81,3 +95,32 @@ def test_load_asks_for_its_margin_before_anything_slips() -> None:
     felt.step(2.0, 0.55, 0, 0.01)  # margin 0.08 with the assumed friction
     wanted = 0.55 / (0.3 * 0.7)
     assert run(targets, [felt], 100) == pytest.approx(wanted)
+
+
+def test_one_false_word_of_slip_fades_and_the_asked_force_comes_back() -> None:
+    targets = GripTargets(CONFIG, [0])
+    targets.ask([2.0], [True], adapt=True)
+    felt = SlipMargin(CONFIG)
+    for _ in range(100):
+        felt.step(2.0, 0.25, 0, 0.01)
+    run(targets, [felt], 20)
+    felt.step(2.0, 0.25, 1, 0.01)
+    assert run(targets, [felt], 1) > 2.0
+    felt.step(2.0, 0.25, 0, 0.01)
+    raised = run(targets, [felt], 20)
+    assert raised >= 1.9 * 2.0
+    for seconds, left in ((10.0, 0.4), (60.0, 0.01)):
+        for _ in range(round(100 * seconds)):
+            felt.step(2.0, 0.25, 0, 0.01)
+            targets.grow([felt], 0.01)
+        assert targets.now[0] - 2.0 <= left * (raised - 2.0)
+
+
+def test_slips_that_come_again_fade_ever_slower() -> None:
+    targets = GripTargets(CONFIG, [0])
+    targets.ask([2.0], [True], adapt=True)
+    for _ in range(5):
+        run(targets, slips(slipping=True), 2)
+        run(targets, slips(), 10)
+    raised = run(targets, slips(), 10)
+    assert run(targets, slips(), 1000) - 2.0 >= 0.9 * (raised - 2.0)

@@ -35,8 +35,20 @@ def test_friction_is_undefined_below_ten_sigma() -> None:
     assert np.isnan(slip.friction)
     assert np.isnan(slip.margin)
     slip.step(11 * NOISE, 10.5 * NOISE, 1, 0.01)
-    assert slip.friction == pytest.approx(10.5 / 11)
-    assert slip.friction_std == pytest.approx(NOISE * np.hypot(1, 10.5 / 11) / (11 * NOISE))
+    noise = NOISE * np.hypot(1, 10.5 / 11) / (11 * NOISE)
+    share = 0.15**2 / (0.15**2 + noise**2)  # what is assumed is known to a half
+    assert slip.friction == pytest.approx(0.3 + share * (10.5 / 11 - 0.3))
+    assert slip.friction_std == pytest.approx(np.sqrt(share) * noise)
+
+
+def test_friction_has_a_floor_and_is_believed_less_as_nothing_slips_any_more() -> None:
+    slip = SlipMargin(CONFIG)
+    slip.step(8.0, 0.3, 1, 0.01)
+    assert slip.friction == slip.believed == CONFIG.friction_floor
+    for _ in range(6000):
+        slip.step(8.0, 0.3, 0, 0.01)
+    assert slip.friction == CONFIG.friction_floor
+    assert slip.believed == pytest.approx(CONFIG.friction_low, rel=0.01)
 
 
 def test_a_fall_of_the_load_is_a_slip() -> None:

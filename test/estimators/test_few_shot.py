@@ -26,7 +26,7 @@ def supports(
     return Supports(
         np.array(labels), patterns, np.tile(powers, (n, 1)), np.full(n, 5.0), np.ones(n),
         np.zeros((n, 3, D)), np.tile(bends, (n, 1, 1)), np.full((n, D), np.nan),
-        np.zeros((n, RANK, D)),
+        np.zeros((n, RANK, D)), np.arange(n),
     )  # fmt: skip
 
 
@@ -49,7 +49,7 @@ def test_noise_where_shapes_do_nothing_is_not_learned() -> None:
     known = supports(seen[None], [0], 0 * parts[1:], one)
     known = Supports(
         *(getattr(known, name) for name in ('label', 'pattern', 'powers', 'frames', 'presses')),
-        known.slopes, known.bends, parts[:1], factors,
+        known.slopes, known.bends, parts[:1], factors, known.number,
     )  # fmt: skip
     told, variance = known.told(NOISE, 0.0, 1e-3)
     assert np.linalg.norm(told.pattern - true) < 0.5 * np.linalg.norm(seen - true)
@@ -58,6 +58,7 @@ def test_noise_where_shapes_do_nothing_is_not_learned() -> None:
     plain, kept = Supports(
         *(getattr(known, name) for name in ('label', 'pattern', 'powers', 'frames', 'presses')),
         known.slopes, known.bends, np.where(blank, np.nan, 0.0), 0 * factors,
+        known.number,
     ).told(NOISE, 0.0, 1e-3)  # fmt: skip
     np.testing.assert_allclose(plain.pattern, known.pattern)
     np.testing.assert_allclose(kept, np.square(NOISE)[None] / known.frames[0])

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from tactile_ros.evaluation.metrics import (
-    Moments,
     frames_dropped,
     latency,
     place_groups,
@@ -41,23 +40,6 @@ def test_spread_against_plain_sums() -> None:
     assert found.largest == max(known)
     assert spread([math.nan]).count == 0
     assert math.isnan(spread([]).mean)
-
-
-def test_moments_of_parts_add_up_to_those_of_the_whole() -> None:
-    rng = np.random.default_rng(1)
-    values = 5.0 + rng.normal(size=57)
-    values[3] = np.nan
-    whole, parts = Moments.of(values), Moments()
-    for part in np.split(values, [0, 1, 20]):
-        parts += Moments.of(part)
-    known = values[np.isfinite(values)]
-    for found in (whole, parts):
-        assert found.count == 56
-        assert found.mean == pytest.approx(known.mean(), rel=1e-13)
-        assert found.std == pytest.approx(known.std(ddof=1), rel=1e-12)
-        assert found.rms == pytest.approx(math.sqrt((known**2).mean()), rel=1e-13)
-    assert math.isnan(Moments().rms)
-    assert math.isnan(Moments.of([1.0]).std)
 
 
 def states_of(**known: np.ndarray) -> ContactStates:

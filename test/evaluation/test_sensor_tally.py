@@ -5,22 +5,26 @@ from __future__ import annotations
 import json
 from array import array
 from copy import copy
+from dataclasses import astuple, replace
 from itertools import count
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from tactile_ros.cli.replay import evaluate
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import sensor_pieces
 from tactile_ros.evaluation.answer_tally import AnswerTally
 from tactile_ros.evaluation.bag import BagWriter
+from tactile_ros.evaluation.figures import figures_of
 from tactile_ros.evaluation.fleet import Job, tally
 from tactile_ros.evaluation.metrics import frames_dropped
 from tactile_ros.evaluation.recording import load
 from tactile_ros.evaluation.replay import replay
 from tactile_ros.evaluation.sensor_pieces import ClassesChangedError
 from tactile_ros.evaluation.sensor_tally import tally_bag
+from tactile_ros.evaluation.tallied import dataset_of
 from tactile_ros.evaluation.truth_topics import Association
 from tactile_ros.messages import fill_contacts
 from tactile_ros.sensors import load_sensor
@@ -31,6 +35,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import SimpleNamespace
 
+    from tactile_ros.evaluation.result import Dataset
     from tactile_ros.evaluation.sensor_tally import SensorTally
     from tactile_ros.pipeline import Pipeline
 
@@ -180,6 +185,40 @@ def test_the_whole_is_what_the_road_through_memory_finds(bag: Path, pipeline: Pi
             assert fast.errors.spread.rms == pytest.approx(reference.errors.spread.rms, rel=1e-9)
     assert answer.classes['in_contact'] == expected.classes['in_contact']
     assert answer.classes['in_contact'].right > 100
+
+
+@pytest.mark.parametrize('frames', [7, 4096])
+def test_the_report_of_pieces_is_that_of_the_bag_in_memory(
+    bag: Path, pipeline: Pipeline, in_pieces: Callable[[int, int], None], frames: int
+) -> None:
+    (loaded,) = load(bag, None, TRUTH).recordings
+    whole = evaluate(loaded, [copy(pipeline)])
+    in_pieces(frames, 300_000_000)
+    pieces = dataset_of(judged(bag, pipeline, drawn=True))
+    assert (pieces.frames, pieces.dropped) == (whole.frames, whole.dropped)
+    assert np.array_equal(pieces.latency_s, whole.latency_s)
+    assert np.array_equal(pieces.chips, whole.chips)
+    (mine,), (theirs,) = pieces.answers, whole.answers
+    assert [target.name for target in mine.targets] == [target.name for target in theirs.targets]
+    for one, other in zip(mine.targets, theirs.targets, strict=True):
+        for name in ('truth', 'estimate', 'error', 'variance'):
+            found, expected = getattr(one, name), getattr(other, name)
+            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-15)
+        for name in ('rows', 'time_s', 'groups'):
+            assert np.array_equal(getattr(one, name), getattr(other, name)), name
+        assert (one.missed, one.invalid) == (other.missed, other.invalid)
+        assert astuple(one.coverage) == pytest.approx(astuple(other.coverage), nan_ok=True)
+        assert astuple(one.spread) == pytest.approx(astuple(other.spread), rel=1e-9, nan_ok=True)
+    drawn, expected = (captions(one) for one in (pieces, whole))
+    assert drawn == expected
+    assert len(drawn) > 3
+
+
+def captions(dataset: Dataset) -> list[tuple[str, str]]:
+    """Headlines and findings, but for times."""
+    untimed = (replace(answer, us_single=1.0) for answer in dataset.answers)
+    figures = figures_of(replace(dataset, answers=tuple(untimed)), {'ridge': 'c0'})
+    return [(figure.title, figure.caption) for figure in figures]
 
 
 def test_a_tolerance_is_kept_and_told(bag: Path, pipeline: Pipeline) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -59,12 +60,44 @@ def test_a_file_is_a_hand_too(tmp_path: Path) -> None:
 
 def test_limits_of_a_description_draw_the_postures_inside() -> None:
     hand = parse('mine', document())
-    narrow = JointLimits(np.full(3, 0.25), np.full(3, 0.35), np.full(3, 2.0), np.full(3, np.inf))
+    narrow = JointLimits(np.full(3, 0.25), np.full(3, 0.45), np.full(3, 2.0), np.full(3, np.inf))
     other = hand.with_limits(narrow)
     assert other.fingers['left'].open == pytest.approx([0.25])
-    assert other.fingers['right'].pre_grasp == pytest.approx([0.35])
+    assert other.fingers['left'].pre_grasp == pytest.approx([0.25])
+    for finger in other.fingers.values():
+        assert finger.posture(1.0) == pytest.approx([0.45])
     assert other.driver.limits.velocity == pytest.approx([2.0] * 3)
     assert other.driver.effort is None
+    closed = JointLimits(np.full(3, 0.2), np.full(3, 0.3), np.full(3, 2.0), np.full(3, np.inf))
+    with pytest.raises(ValueError, match=r'finger right of hand mine cannot close within \[0.2\]'):
+        hand.with_limits(closed)
+
+
+@pytest.mark.parametrize(
+    ('name', 'change', 'joint'),
+    [
+        ('qb_softhand', {'device_id': 7}, 'qbhand7_synergy_joint'),
+        ('allegro_v4', {'prefix': 'ahl_'}, 'ahl_joint10'),
+        ('joint_trajectory', {'names': ('jaw_a', 'jaw_b')}, 'jaw_a'),
+    ],
+)
+def test_joints_that_a_driver_names_anew_are_those_of_the_fingers_by_place(
+    name: str, change: dict[str, object], joint: str
+) -> None:
+    hand = load_hand(name)
+    other = hand.driven_by(replace(hand.driver, **change))
+    first = next(iter(hand.fingers))
+    assert other.fingers[first].joints[0] == joint
+    for finger in hand.fingers:
+        np.testing.assert_array_equal(other.places(finger), hand.places(finger))
+    same = hand.driven_by(hand.driver)
+    assert same.fingers == hand.fingers
+
+
+def test_a_driver_of_other_joints_in_part_is_refused() -> None:
+    hand = load_hand('joint_trajectory')
+    with pytest.raises(ValueError, match='lack right_finger_joint'):
+        hand.driven_by(replace(hand.driver, names=('left_finger_joint', 'x')))
 
 
 @pytest.mark.parametrize(

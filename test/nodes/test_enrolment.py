@@ -142,7 +142,7 @@ def test_a_class_is_learned_recognised_kept_and_forgotten(
     ended = result(ros, handle)
     assert ended.status == GoalStatus.STATUS_SUCCEEDED
     assert (ended.result.success, ended.result.index) == (True, 5)
-    assert "'mug' learned from 3 presses; it takes 0 % of 47 known presses" in ended.result.message
+    assert "'mug' learned from 3 presses; it takes 0 % of 8 known presses" in ended.result.message
     hand.contacts.clear()
     hand.count = 0  # a stream that begins anew
     hand.press(ros, 4)
@@ -163,6 +163,31 @@ def test_a_class_is_learned_recognised_kept_and_forgotten(
     assert hand.calibrations[-1]['sha256'] == before
     assert 5 not in [m.label for m in hand.contacts[-60:]]
     assert not ros.call(hand.forget, ForgetContact.Request(label='mug')).success
+
+
+def test_a_node_that_starts_anew_knows_what_was_learned(
+    ros: Ros, pair: tuple[ContactNode, Hand]
+) -> None:
+    contact, hand = pair
+    handle = hand.ask(ros, 'mug', 2)
+    for number in (1, 2):
+        hand.press(ros, number)
+    assert result(ros, handle).result.success
+    digest = hand.calibrations[-1]['sha256']
+    contact.trigger_shutdown()
+    ros.executor.remove_node(contact)
+    ros.nodes.remove(contact)
+    contact.destroy_node()
+    assert ros.until(lambda: not hand.frame.get_subscription_count())
+    again = ros.add(ContactNode())
+    lifecycle.start([again])
+    assert ros.until(lambda: hand.frame.get_subscription_count() and again.is_heard())
+    hand.contacts.clear()
+    hand.count = 0
+    hand.press(ros, 4)
+    assert {m.label_name for m in hand.contacts if m.label >= 0} == {'mug'}
+    assert ros.until(lambda: hand.calibrations[-1].get('enrolled') is None)
+    assert hand.calibrations[-1]['sha256'] == digest
 
 
 def test_weak_and_clipped_presses_are_refused_and_say_so(

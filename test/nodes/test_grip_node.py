@@ -285,19 +285,80 @@ def test_a_kill_leaves_the_last_posture_which_holds(ros: Ros) -> None:
     assert fingers.force('index') == pytest.approx(first, rel=0.01)
 
 
-def test_frozen_joint_states_bound_how_far_a_target_goes(ros: Ros) -> None:
+def test_frozen_joint_states_are_a_fault_and_bound_how_far_a_target_goes(ros: Ros) -> None:
     _, mock, fingers = graph(ros, 'allegro_v5')
     fingers.free = True
     assert mock.set_parameters([Parameter('fault', value='frozen')])[0].successful
-    handle = fingers.ask(ros, 2.0)
-    assert result(ros, handle)[1].outcome == Grasp.Result.NO_OBJECT
+    ended = result(ros, fingers.ask(ros, 2.0))[1]
+    assert ended.outcome == Grasp.Result.FAULT
+    assert 'joint states are frozen' in ended.message
     sent = np.array([state.command for state in fingers.states if state.refusal == ''])
     assert (np.abs(sent - mock.joints.position) <= mock._driver.most_offset + 1e-9).all()
     assert np.abs(sent - mock.joints.position).max() > 0.2
 
 
+def test_a_hand_that_comes_back_from_an_outage_waits_for_a_new_grasp(ros: Ros) -> None:
+    _, mock, fingers = graph(ros, 'allegro_v5')
+    assert result(ros, fingers.ask(ros, 2.0))[1].outcome == Grasp.Result.HELD
+    assert mock.set_parameters([Parameter('fault', value='silent')])[0].successful
+    assert ros.until(lambda: 'a new grasp is needed' in fingers.states[-1].refusal)
+    before = commands(mock)
+    mock.configure()
+    position = mock.joints.position
+    assert mock.set_parameters([Parameter('fault', value='none')])[0].successful
+    silent_for(ros, mock, fingers)
+    assert fingers.states[-1].phase == GripPhase.IDLE
+    assert commands(mock) <= before
+    np.testing.assert_array_equal(mock.joints.position, position)
+
+
+def test_the_loss_of_what_was_held_is_published(
+    ros: Ros, capfd: pytest.CaptureFixture[str]
+) -> None:
+    grip, _, fingers = graph(ros, 'allegro_v5')
+    assert result(ros, fingers.ask(ros, 2.0))[1].outcome == Grasp.Result.HELD
+    fingers.free = True
+    wanted = 'the object was lost; a new grasp is needed'
+    assert ros.until(lambda: fingers.states[-1].refusal == wanted)
+    assert 'the object was lost' in capfd.readouterr().err
+    assert grip.diagnose().message == wanted
+
+
+def test_a_driver_whose_clock_steps_back_is_named(ros: Ros) -> None:
+    grip, _, fingers = graph(ros, 'allegro_v5', 'fault_time:=30.0', 'stale_after:=0.3')
+    handle = fingers.ask(ros, 2.0)
+    assert handle.accepted
+    fingers.stamped = True
+    assert ros.until(lambda: fingers.states[-1].phase == GripPhase.HOLD)
+    behind = grip._on_joints
+
+    def late(position: np.ndarray, stamp_ns: int) -> None:
+        behind(position, stamp_ns - 500_000_000)
+
+    grip._link._take = late
+    said = re.compile(
+        r'joint states are stale \(0\.\d+ s\).*: the clock stepped back of the joint states by 0\.'
+    )
+    assert ros.until(lambda: said.match(fingers.states[-1].refusal)), fingers.states[-1].refusal
+
+
+@pytest.mark.parametrize('hand', ['qb_softhand', 'allegro_v4'])
+def test_a_hand_of_another_number_or_prefix_is_driven(ros: Ros, hand: str) -> None:
+    change = {'qb_softhand': 'device_id:=7', 'allegro_v4': 'prefix:=ahl_'}[hand]
+    _, mock, fingers = graph(ros, hand, change)
+    assert result(ros, fingers.ask(ros, 2.0))[1].outcome == Grasp.Result.HELD
+    first = {'qb_softhand': 'qbhand7_synergy_joint', 'allegro_v4': 'ahl_joint00'}[hand]
+    assert mock._driver.joints[0] == first
+
+
+URDF = (
+    '<robot name="qb"><joint name="qbhand1_synergy_joint" type="revolute"><parent link="p"/>'
+    '<child link="h"/><limit lower="0" upper="0.35" velocity="100" effort="100"/></joint></robot>'
+)
+
+
 def test_limits_of_a_description_bound_every_command(ros: Ros) -> None:
-    ros.init('hand:=qb_softhand', 'use_robot_description:=true', 'fault_time:=30.0', *QUICK)
+    ros.init('hand:=qb_softhand', 'wait_for_robot_description:=true', 'fault_time:=30.0', *QUICK)
     mock, grip = ros.add(MockHandNode()), ros.add(GripNode())
     lifecycle.start([mock, grip])
     fingers = ros.add(Fingers(mock))
@@ -305,18 +366,30 @@ def test_limits_of_a_description_bound_every_command(ros: Ros) -> None:
     assert ros.until(lambda: fingers.states)
     assert fingers.states[-1].refusal == 'robot_description has not come'
     early = fingers.ask(ros, 2.0)
-    text = (
-        '<robot name="qb"><joint name="qbhand1_synergy_joint" type="revolute"><parent link="p"/>'
-        '<child link="h"/><limit lower="0" upper="0.35" velocity="100" effort="100"/></joint>'
-        '</robot>'
-    )
-    fingers.create_publisher(String, 'robot_description', latched()).publish(String(data=text))
+    fingers.create_publisher(String, 'robot_description', latched()).publish(String(data=URDF))
     assert ros.until(lambda: fingers.states[-1].refusal == 'no grasp was asked for')
     assert result(ros, early)[1].message == 'the grip began anew with its robot_description'
     assert ros.until(lambda: not grip.unheard)
     assert result(ros, fingers.ask(ros, 2.0))[1].outcome == Grasp.Result.NO_OBJECT
     sent = np.array([state.command for state in fingers.states if state.refusal == ''])
     assert sent.max() == 0.35
+
+
+def test_a_description_that_comes_later_bounds_the_next_grasp_without_being_asked_for(
+    ros: Ros,
+) -> None:
+    grip, _, fingers = graph(ros, 'qb_softhand')
+    assert result(ros, fingers.ask(ros, 2.0))[1].outcome == Grasp.Result.HELD
+    fingers.create_publisher(String, 'robot_description', latched()).publish(String(data=URDF))
+    assert ros.until(lambda: grip._next is not None)
+    count = len(fingers.states)
+    assert ros.until(lambda: len(fingers.states) > count + 10)
+    assert {state.phase for state in fingers.states[count:]} == {GripPhase.HOLD}
+    assert result(ros, fingers.ask(ros, 0.0))[1].message == 'the hand is open'
+    assert ros.until(lambda: grip._next is None and not grip.unheard)
+    fingers.free, count = True, len(fingers.states)
+    assert result(ros, fingers.ask(ros, 2.0))[1].outcome == Grasp.Result.NO_OBJECT
+    assert np.nanmax([state.command[0] for state in fingers.states[count:]]) == 0.35
 
 
 def test_nothing_in_the_way_is_no_object(ros: Ros) -> None:

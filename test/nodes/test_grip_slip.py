@@ -1,7 +1,9 @@
-"""A real recording of a slip through contact_node and grip_node raises the grip; a hold does not.
+"""A real recording of a slip through the whole graph raises the grip; that of a hold does not.
 
-The recordings tell slip and no force, so that the normal force beside it is that of a spring in
-the way of the fake hand. What is real is the field that says slip.
+The board's bytes come through a pseudo-terminal to the driver in sensor_node, contact_node tells
+slip, grip_node raises the command, and the fake hand moves. The recordings tell slip and no force,
+so that the normal force beside it is that of a spring in the way of the fake hand. What is real is
+the field that says slip.
 """
 
 from __future__ import annotations
@@ -17,26 +19,27 @@ from std_srvs.srv import Trigger
 
 from tactile_ros.action import Grasp
 from tactile_ros.control import GripPhase
-from tactile_ros.messages import fill_frame
-from tactile_ros.msg import GripState, TactileContacts, TactileFrame
+from tactile_ros.devices.packets import encode
+from tactile_ros.msg import GripState, TactileContacts
 from tactile_ros.nodes import lifecycle
 from tactile_ros.nodes.contact_node import ContactNode
 from tactile_ros.nodes.grip_node import GripNode
 from tactile_ros.nodes.mock_hand import MockHandNode
 from tactile_ros.nodes.quality import data
+from tactile_ros.nodes.sensor_node import SensorNode
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import Frame
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from conftest import Ros
 
+    from tactile_ros.devices.simulated import SimulatedSerialPort
     from tactile_ros.types import Recording
 
 STIFFNESS, CONTACT_AT = 40.0, 0.3  # N per closure; closure
 LEARNT = 72  # pulls that are fitted; the others are unseen
-PERIOD_S = 0.005
+PERIOD_S = 0.01  # as recorded
 TARE_ROWS = 10
 
 
@@ -65,29 +68,24 @@ def pull_of(pulls: Recording, slips: bool) -> np.ndarray:
 
 
 class Finger(Node):
-    """Plays a pull into contact_node, and hands its contacts on with the force of a spring."""
+    """A board that sends a pull, and contacts that go on with the force of a spring."""
 
-    def __init__(self, rows: np.ndarray, hand: MockHandNode) -> None:
+    def __init__(self, rows: np.ndarray, hand: MockHandNode, port: SimulatedSerialPort) -> None:
         super().__init__('finger')
         self.rows, self.row, self.runs = rows, 0, True
-        self.hand, self.sequence = hand, 0
+        self.hand, self.port = hand, port
         self.contacts: list[TactileContacts] = []
         self.states: list[GripState] = []
-        self.frames = self.create_publisher(TactileFrame, 'frame', data())
         self.felt = self.create_publisher(TactileContacts, 'left/contacts', data())
         self.create_subscription(TactileContacts, 'contacts', self.hand_on, data())
         self.create_subscription(GripState, 'grip_node/state', self.states.append, 10)
         self.tare = self.create_client(Trigger, 'contact_node/tare')
         self.grasp = ActionClient(self, Grasp, 'grip_node/grasp')
-        self.create_timer(PERIOD_S, self.play)
+        self.create_timer(PERIOD_S, self.send)
 
-    def play(self) -> None:
-        """Next row; the last of the tare again and again until the pull may begin."""
-        message = TactileFrame()
-        stamp_ns = 1_000_000_000 + 10_000_000 * self.sequence
-        fill_frame(message, Frame(stamp_ns, self.sequence, self.rows[self.row]), 'left')
-        self.frames.publish(message)
-        self.sequence += 1
+    def send(self) -> None:
+        """Bytes of the next row; the last of the tare again until the pull may begin."""
+        self.port.send(encode(self.rows[self.row]))
         last = len(self.rows) if self.runs else TARE_ROWS
         self.row = min(self.row + 1, last - 1)
 
@@ -103,16 +101,22 @@ class Finger(Node):
 
 @pytest.mark.parametrize('slips', [True, False])
 def test_a_real_slip_raises_the_grip(
-    ros: Ros, pulls: Recording, slip_calibration: Path, slips: bool
+    ros: Ros, pulls: Recording, port: SimulatedSerialPort, slip_calibration: Path, slips: bool
 ) -> None:
+    places = ', '.join(f'{place:.6f}' for place in pulls.layout.positions.ravel())
     ros.init(
         'hand:=joint_trajectory', 'fingers:=[left]', f'calibration:={slip_calibration}',
+        f'port:={port.port}', f'positions:=[{places}]', 'discard_stale:=false', 'rate_hz:=100.0',
         'tare_frames:=10', 'allow_tare_in_contact:=true', 'stiffness_high:=41.0',
         'stale_after:=0.5',
     )  # fmt: skip
-    mock, contact, grip = ros.add(MockHandNode()), ros.add(ContactNode()), ros.add(GripNode())
-    lifecycle.start([mock, contact, grip])
-    finger = ros.add(Finger(pull_of(pulls, slips), mock))
+    nodes = MockHandNode(), SensorNode(), ContactNode(), GripNode()
+    for node in nodes:
+        ros.add(node)
+    mock, grip = nodes[0], nodes[-1]
+    lifecycle.start(list(nodes))
+    port.wait_for_reader()
+    finger = ros.add(Finger(pull_of(pulls, slips), mock, port))
     finger.runs = False
     assert ros.until(lambda: finger.row == TARE_ROWS - 1 and not grip.unheard)
     assert ros.call(finger.tare, Trigger.Request()).success
@@ -123,14 +127,17 @@ def test_a_real_slip_raises_the_grip(
     assert ros.until(ended.done)
     assert ended.result().result.outcome == Grasp.Result.HELD
     before = finger.states[-1]
+    held = mock.joints.position[0]
     finger.contacts.clear()
     finger.runs = True
     assert ros.until(lambda: finger.row == len(finger.rows) - 1)
+    assert ros.until(lambda: len(finger.contacts) >= 0.95 * len(finger.rows))
     assert any(message.slip == 1 for message in finger.contacts) == slips
     after = finger.states[-1]
     assert after.phase == GripPhase.HOLD
     raised = after.target_force[0] / before.target_force[0]
     assert (raised > 1.2) == slips
     assert (after.command[0] > before.command[0] + 0.003) == slips
+    assert (mock.joints.position[0] > held + 0.003) == slips
     if not slips:
         assert raised == pytest.approx(1.0)

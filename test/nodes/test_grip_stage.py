@@ -15,8 +15,10 @@ from hypothesis import strategies as st
 
 from tactile_ros.control import GraspOutcome, GripConfig, GripPhase
 from tactile_ros.hands import load_hand
+from tactile_ros.hands.hand_joints import taking_part
 from tactile_ros.hands.mock_hand import MockHand
-from tactile_ros.nodes.grip_stage import Decision, GripStage, taking_part
+from tactile_ros.nodes.grip_decision import Decision
+from tactile_ros.nodes.grip_stage import GripStage
 
 HANDS = ['allegro_v4', 'allegro_v5', 'allegro_plexus', 'qb_softhand', 'qb_softhand_2m']
 
@@ -39,6 +41,7 @@ class World:
         self.stiffness, self.at = stiffness, at
         self.time_s = 0.0
         self.felt = self.told = True
+        self.deaf = False  # takes no command
         self.silent: set[int] = set()
         self.decisions: list[Decision] = []
         self.stage.enable()
@@ -68,7 +71,7 @@ class World:
                     continue
                 self.stage.take_touch(i, (0.0, 0.0, force), True, -1, self.time_s)
         made = self.stage.step(self.time_s, int(self.time_s * 1e9))
-        if made.command is not None:
+        if made.command is not None and not self.deaf:
             self.joints.command(made.command.position)
         self.decisions.append(made)
         return made
@@ -79,6 +82,18 @@ class World:
             if made.ended is not None:
                 return made
         raise AssertionError(made)
+
+    def put(self, position: np.ndarray) -> None:
+        """Others move the hand, which stays there."""
+        self.joints = MockHand(self.hand.driver.limits, position, lag_s=0.02)
+
+    def holding(self) -> Decision:
+        """Until a grasp of 2 N is held."""
+        self.run(0.2)
+        self.stage.grasp(2.0, (), 20.0, adapt=False)
+        made = self.until_end()
+        assert made.ended.outcome == GraspOutcome.HELD
+        return made
 
     def run(self, seconds: float) -> Decision:
         for _ in range(round(seconds * self.config.rate_hz)):
@@ -213,9 +228,9 @@ def test_the_law_does_not_wind_up_behind_the_guard() -> None:
     world.run(0.2)
     still = world.joints.position
     hand = world.hand
-    for _ in range(300):
+    for k in range(300):
         world.time_s += 0.01
-        world.stage.take_joints(still, world.time_s)
+        world.stage.take_joints(still + 1e-9 * (k % 2), world.time_s)  # frozen it is not
         for i in range(2):
             world.stage.take_touch(i, (0.0, 0.0, 0.5), True, -1, world.time_s)
         made = world.stage.step(world.time_s, 0)
@@ -223,7 +238,7 @@ def test_the_law_does_not_wind_up_behind_the_guard() -> None:
         finger.closure_of(made.command.position[hand.places(name)])
         for name, finger in hand.fingers.items()
     ]
-    np.testing.assert_allclose(made.command.position - still, hand.driver.most_offset, atol=1e-9)
+    np.testing.assert_allclose(made.command.position - still, hand.driver.most_offset, atol=1e-8)
     wound = world.config.closure_rate * 0.01
     assert (made.made.closure <= np.array(reached) + wound + 1e-9).all()
     for _ in range(15):  # now far more force than was asked: the command opens
@@ -243,6 +258,7 @@ def test_a_finger_lost_before_it_touches_is_not_counted_on() -> None:
     world.stage.grasp(2.0, (), 0.0, adapt=False)
     made = world.until_end()
     assert made.ended.outcome == GraspOutcome.HELD
+    assert made.ended.message.endswith('; the force of ring is not known')
     np.testing.assert_allclose(made.made.target_force, [1.0, 1.0, 0.0, 2.0])
     forces = np.array(world.forces())
     assert forces[2] == 0.0
@@ -264,9 +280,12 @@ def test_a_finger_lost_in_mid_transient_stays_and_the_others_go_on(silent: int) 
     assert np.ptp([c[silent] for c in closures]) == 0.0
     assert closures[0][silent] == pytest.approx(at, abs=0.01)
     assert np.nanmax([d.made.force for d in world.decisions[-200:]]) <= 2.0 * 1.2
-    # without a side's third finger the springs, which do not give way, leave the balance open
+    # without a side's third finger the springs, which do not give way, leave the balance open:
+    # it adds a fifth of its target to a finger at most
     others = [i for i in range(4) if i != silent]
-    np.testing.assert_allclose(np.array(world.forces())[others], targets[others], atol=0.25)
+    forces = np.array(world.forces())[others]
+    assert (forces <= 1.2 * targets[others] + 0.02).all()
+    np.testing.assert_allclose(forces, targets[others], atol=0.45)
 
 
 def test_a_grasp_with_two_fingers_that_meet_nothing_is_no_object() -> None:
@@ -352,6 +371,158 @@ def test_no_input_leads_out_of_the_limits_or_faster(
         if before is not None:
             assert (np.abs(position - before) <= limits.velocity * 0.01 + 1e-9).all()
         before = position
+
+
+def test_a_second_grasp_starts_where_the_hand_is_by_then() -> None:
+    world = World('allegro_v5')
+    world.holding()
+    world.stage.grasp(0.0, (), 20.0, adapt=False)
+    world.until_end()
+    world.run(0.1)
+    elsewhere = world.joints.position + 0.7
+    limits = world.hand.driver.limits
+    world.put(np.clip(elsewhere, limits.lower, limits.upper))
+    world.run(0.1)
+    start = world.joints.position
+    for target in (2.0, 0.0):
+        world.stage.grasp(target, (), 20.0, adapt=False)
+        first = world.step().command.position
+        assert (np.abs(first - start) <= limits.velocity * 0.01 + 1e-9).all()
+        world.stage.disable()
+        world.stage.enable()
+
+
+@pytest.mark.parametrize('silent_s', [0.5, 1.5])
+def test_a_hand_that_comes_back_elsewhere_waits_for_a_new_grasp(silent_s: float) -> None:
+    world = World('allegro_v5', fault_time=1.0)
+    world.holding()
+    world.told = False
+    world.run(silent_s)
+    world.put(world.hand.posture('open', world.joints.position))
+    before = world.joints.position
+    world.told = True
+    count = len(world.decisions)
+    world.run(1.0)
+    assert not any(made.command for made in world.decisions[count:])
+    assert world.decisions[-1].made.phase == GripPhase.IDLE
+    assert world.decisions[-1].refusal.endswith('; a new grasp is needed')
+    assert any(made.lost for made in world.decisions)
+    np.testing.assert_array_equal(world.joints.position, before)
+    world.stage.grasp(2.0, (), 20.0, adapt=False)
+    first = world.step().command.position
+    assert (np.abs(first - before) <= world.hand.driver.velocity * 0.01 + 1e-9).all()
+
+
+def test_a_short_silence_of_the_hand_is_forgiven_where_it_stayed() -> None:
+    world = World('allegro_v5', fault_time=1.0)
+    world.holding()
+    world.told = False
+    assert 'joint states are stale' in world.run(0.5).refusal
+    world.told = True
+    made = world.run(0.5)
+    assert (made.made.phase, made.refusal) == (GripPhase.HOLD, '')
+    assert world.force == pytest.approx(2.0, rel=0.1)
+
+
+def test_an_outage_during_a_grasp_ends_it_as_a_fault() -> None:
+    world = World('allegro_v5', fault_time=0.3)
+    world.run(0.2)
+    world.stage.grasp(2.0, (), 20.0, adapt=False)
+    world.run(0.2)
+    world.told = False
+    made = world.until_end()
+    assert made.ended.outcome == GraspOutcome.FAULT
+    assert 'joint states are stale' in made.ended.message
+    world.told = True
+    made = world.run(1.0)
+    assert (made.command, made.made.phase) == (None, GripPhase.IDLE)
+
+
+def test_frozen_joint_states_are_a_fault_while_commands_move() -> None:
+    world = World('allegro_v5', at=5.0, fault_time=0.3)
+    world.run(0.2)
+    world.stage.grasp(2.0, (), 20.0, adapt=False)
+    world.deaf = True
+    made = world.until_end()
+    assert made.ended.outcome == GraspOutcome.FAULT
+    assert 'joint states are frozen' in made.ended.message
+    sent = np.array([d.command.position for d in world.decisions if d.command])
+    assert np.abs(sent - world.joints.position).max() <= world.hand.driver.most_offset + 1e-9
+
+
+def test_a_posture_beyond_the_limits_is_refused_and_named() -> None:
+    world = World('allegro_v5')
+    world.run(0.1)
+    beyond = world.joints.position + np.eye(16)[3] * 3.1
+    world.stage.grasp(2.0, (), 20.0, adapt=False)
+    for k in range(10):
+        now_s = world.time_s + 0.01 * (k + 1)
+        world.stage.take_joints(beyond, now_s)
+        for i in range(4):
+            world.stage.take_touch(i, (0.0, 0.0, 0.0), True, -1, now_s)
+        made = world.stage.step(now_s, 0)
+        assert made.command is None
+    assert made.refusal == 'joint_3_0 was measured at 3.100, beyond its limits -0.227 and 1.618'
+
+
+def test_what_is_held_is_judged_after_the_grasp_and_its_loss_is_told() -> None:
+    world = World('allegro_v5')
+    world.holding()
+    world.at = 5.0  # the object is gone
+    count = len(world.decisions)
+    world.run(1.0)
+    lost = [made.lost for made in world.decisions[count:] if made.lost]
+    assert lost == ['the object was lost']
+    opens = world.decisions[-1]
+    assert (opens.made.phase, opens.refusal) == (GripPhase.RELEASE, 'the object was lost')
+    idle = world.run(3.0)
+    assert (idle.made.phase, idle.command) == (GripPhase.IDLE, None)
+    assert idle.refusal == 'the object was lost; a new grasp is needed'
+
+
+@pytest.mark.parametrize('name', ['allegro_v5', 'qb_softhand'])
+def test_frames_that_a_queue_kept_back_move_the_hand_no_faster_than_it_may(name: str) -> None:
+    """Nine at once, a period apart by their stamps: joints have had no time to move."""
+    world = World(name)
+    world.run(0.2)
+    world.stage.grasp(2.0, (), 20.0, adapt=False)
+    before = world.run(0.2).command.position
+    period, sent = 1.0 / world.config.rate_hz, []
+    begin_s = world.time_s + period
+    for k in range(9):
+        now_s = begin_s + 1e-4 * k
+        world.stage.take_joints(world.joints.position, now_s)
+        for i in range(len(world.stage.fingers)):
+            world.stage.take_touch(i, (0.0, 0.0, 0.0), True, -1, now_s)
+        made = world.stage.step(now_s, 0, '', period)
+        assert (made.command is None) == bool(made.refusal)
+        if made.command is not None:
+            sent.append((now_s, made.command.position))
+    spacing = np.diff([at for at, _ in sent])
+    assert (spacing >= 0.5 / world.hand.driver.fastest_hz - 1e-9).all()
+    moved = np.abs(sent[-1][1] - before)
+    assert (moved <= world.hand.driver.velocity * (period + 9e-4) + 1e-9).all()
+
+
+def test_a_finger_that_was_never_heard_is_named_in_the_result() -> None:
+    world = World('allegro_v5')
+    world.silent = {2}
+    made = world.holding()
+    assert made.ended.message == 'held at the asked force; nothing was ever heard of ring'
+
+
+def test_sides_that_disagree_are_named_in_the_result() -> None:
+    world = World('joint_trajectory')
+    world.run(0.2)
+    take = world.stage.take_touch
+    world.stage.take_touch = lambda i, force, *rest: take(
+        i, (0.0, 0.0, force[2] * (0.1 if i else 1.0)), *rest
+    )
+    world.stage.grasp(2.0, (), 20.0, adapt=False)
+    made = world.until_end()
+    assert made.ended.outcome == GraspOutcome.HELD
+    assert 'the two sides disagree by' in made.ended.message
+    assert np.nanmax(made.made.force) <= 1.25 * 2.0
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
@@ -207,18 +207,66 @@ URDF = '<robot name="qb"><joint name="qbhand1_synergy_joint" type="revolute">' \
     'effort="100"/></joint></robot>'  # fmt: skip
 
 
-def test_a_description_is_waited_for_and_a_bad_one_lets_nothing_out(ros: Ros) -> None:
+OTHER = '<robot name="arm"><joint name="elbow" type="revolute"><parent link="a"/>' \
+    '<child link="b"/></joint></robot>'  # fmt: skip
+
+
+class Learner:
+    """Takes descriptions of a qb SoftHand."""
+
+    def __init__(self) -> None:
+        self.learnt: list[list[str]] = []
+
+    def __call__(self, robot: RobotDescription) -> bool:
+        self.learnt.append(list(robot.joints))
+        return 'qbhand1_synergy_joint' in robot.joints
+
+
+@pytest.mark.parametrize('wait', [True, False])
+def test_a_description_is_taken_where_it_comes_and_waited_for_where_asked(
+    ros: Ros, wait: bool
+) -> None:
     ros.init()
-    node = ros.add(ManagedNode('wired'))
-    learnt: list[RobotDescription] = []
-    link = HandLink(node, load_hand('qb_softhand'), lambda *_: None, learnt.append)
-    assert link.blocked == 'robot_description has not come'
+    node, learner = ros.add(ManagedNode('wired')), Learner()
+    link = HandLink(node, load_hand('qb_softhand'), lambda *_: None, learner, wait)
+    assert link.blocked == ('robot_description has not come' if wait else '')
     publisher = ros.add(Node('robot_state_publisher')).create_publisher(
         String, 'robot_description',
         QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
     )  # fmt: skip
+    publisher.publish(String(data=OTHER))
+    assert ros.until(lambda: learner.learnt)
+    assert link.blocked == ('robot_description has not come' if wait else '')
     publisher.publish(String(data='<!DOCTYPE robot><robot/>'))
     assert ros.until(lambda: 'no document type' in link.blocked)
     publisher.publish(String(data=URDF))
     assert ros.until(lambda: not link.blocked)
-    assert [list(robot.joints) for robot in learnt] == [['qbhand1_synergy_joint']]
+    assert learner.learnt == [['elbow'], ['qbhand1_synergy_joint']]
+
+
+@pytest.mark.parametrize(
+    'reliability', [ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT]
+)
+def test_joint_states_come_from_a_driver_of_either_reliability(
+    ros: Ros, reliability: ReliabilityPolicy
+) -> None:
+    wired = wire(ros, 'qb_softhand')
+    states = ros.add(Node('driver')).create_publisher(
+        JointState, '/qbhand1/joint_states', QoSProfile(depth=5, reliability=reliability)
+    )
+    message = JointState(name=['qbhand1_synergy_joint'], position=[0.25])
+    assert ros.until(lambda: wired.postures or states.publish(message))
+
+
+def test_a_controller_that_never_answers_is_asked_once_at_a_time(ros: Ros) -> None:
+    wired = wire(ros, 'allegro_v4')
+    name = f'{POSITION_CONTROLLER}/get_parameters'
+    silent = Node('hangs')  # nobody spins it
+    ros.nodes.append(silent)
+    silent.create_service(GetParameters, name, lambda _, response: response)
+    client = wired.link._client
+    assert ros.until(client.service_is_ready)
+    for _ in range(5):
+        wired.link._ask()
+    assert len(client._pending_requests) == 1
+    assert 'does not tell the order' in wired.link.blocked

@@ -48,3 +48,22 @@ def test_a_stamp_a_little_ahead_is_of_now() -> None:
     ages = StampAge()
     assert age(ages, WALL_NS + 1_000_000, 0.0) == 0.0
     assert ages.agrees
+
+
+@pytest.mark.parametrize('back', [0.5, 0.9])
+def test_a_clock_that_steps_back_a_little_makes_messages_old_and_is_named(back: float) -> None:
+    ages = StampAge()
+    age(ages, WALL_NS - 5_000_000, 0.0)
+    for k in range(1, 4):
+        late = age(ages, WALL_NS + k * 10_000_000 - round(back * SECOND), 0.01 * k)
+        assert late == pytest.approx(back, abs=1e-6)
+        assert ages.back_s == pytest.approx(back, abs=0.05)
+    age(ages, WALL_NS + 35_000_000, 0.04)
+    assert ages.back_s == 0.0
+
+
+def test_a_clock_that_steps_far_back_counts_from_arrival_again() -> None:
+    ages = StampAge()
+    age(ages, WALL_NS - 5_000_000, 0.0)
+    assert age(ages, WALL_NS - 3600 * SECOND, 0.01) == 0.0
+    assert ages.back_s == pytest.approx(3600, abs=1)

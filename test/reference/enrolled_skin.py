@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.presses import recorded
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin.scene import NEW
-from tactile_ros.sensors.multipole_skin.signal import NOISE, Scene, layout
+from tactile_ros.sensors.multipole_skin.signal import DEPTH, NOISE, SPECIMEN, Pressing, played
+from tactile_ros.sensors.multipole_skin.specimen import Specimen
 from tactile_ros.types import Frame, Recording
 
 if TYPE_CHECKING:
@@ -31,14 +31,11 @@ def five_heads() -> Pipeline:
 
 def new_head(count: int = 8) -> Recording:
     """Presses of one more head at one place."""
-    scene = Scene(replace(SPEC.config(), objects=(NEW,)), 5, count)  # type: ignore[type-var]
-    scene.yaws[:] = 0.3
-    place = np.tile(scene.programme.positions[:1], (count, 1))
-    scene.programme = replace(scene.programme, positions=place)
-    scene._rest, scene._changes = scene._pictures()
-    return recorded(
-        layout(scene.config), scene.programme, scene.reading, scene.truth, NOISE, seed=5
-    )
+    config = SPEC.config()
+    rng = np.random.default_rng(5)
+    poses = np.tile([6e-3, -4e-3, 0.3], (count, 1))
+    pressing = Pressing((NEW,), np.zeros(count, np.int64), poses, rng.uniform(*DEPTH, count))
+    return played(Specimen(config, seed=SPECIMEN), pressing, NOISE, 5)  # type: ignore[arg-type]
 
 
 def press_of(recording: Recording, number: int, scale: float = 1.0) -> np.ndarray:

@@ -11,7 +11,7 @@ import pytest
 from tactile_ros.estimators.press_window import PressVectors, press_vector, press_vectors
 from tactile_ros.physics import compiled
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.multipole_skin.windows import WindowMemory, find_windows
+from tactile_ros.sensors.multipole_skin.windows import WindowMemory, find_windows, press_numbers
 from tactile_ros.signals import Signals
 from tactile_ros.types import Frame, Recording
 from test.reference import multipole_world as world
@@ -262,6 +262,15 @@ def test_windows_are_the_same_in_pieces() -> None:
         part = signals([contact[i]], [0] if i == 0 else [])
         found += [i for _ in find_windows(part, 3, memory)[0]]
     assert found == whole
+
+
+def test_windows_of_one_press_share_its_number() -> None:
+    contact = [0, 1, 1, 1, 0, 1, 1, 1, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1]
+    number = press_numbers(signals(contact, [0, 15]), 3)
+    # contact flickers, rest of more than a window, another stream
+    assert np.diff(number[[3, 7, 12, 14, 15]]).tolist() == [0, 1, 0, 1]
+    unstamped = replace(signals([1, 1], [0]), stamp_ns=None)
+    assert press_numbers(unstamped, 3).tolist() == [0, 1]
 
 
 def test_speed_of_a_press_does_not_change_its_vector() -> None:

@@ -144,42 +144,6 @@ def test_a_press_inside_the_cone_leans_at_most_so_far() -> None:
     assert force.max() <= 10 + 1e-9
 
 
-@pytest.mark.parametrize('kind', ['M1', 'M2', 'M3', 'M4'])
-def test_the_sheet_is_magnetised_as_its_name_says(kind: str) -> None:
-    config = dataclasses.replace(load_sensor('multipole_skin').config(), magnetisation=kind)  # type: ignore[type-var]
-    module = import_module('tactile_ros.sensors.multipole_skin.signal')
-    places, moments = module.sheet_dipoles(config)
-    direction = np.sign(moments)
-    assert (places[:, 2] > config.layer_thickness).all()  # type: ignore[attr-defined]
-    if kind == 'M1':
-        np.testing.assert_array_equal(direction, np.tile([0, 0, 1.0], (len(places), 1)))
-        return
-    bottom = direction[places[:, 1].argmin()]
-    top = direction[places[:, 1].argmax()]
-    signs = {'M2': (1, 1), 'M3': (-1, 1), 'M4': (1, -1)}[kind]
-    assert (bottom[1], top[1]) == signs
-    turns = {'M2': 0, 'M3': 1, 'M4': 7}[kind]
-    along = np.unique(places[:, 1])
-    column = [direction[places[:, 1] == y, 1][0] for y in along]
-    assert np.count_nonzero(np.diff(column)) == turns
-    # the total moment is remanence times volume
-    total = np.abs(moments).sum()
-    assert total == pytest.approx(0.1 * 75e-3**2 * 2e-3 / (4e-7 * np.pi))
-
-
-def test_a_head_dents_the_sheet_by_its_depth_and_squeezes_it_outward() -> None:
-    config = load_sensor('multipole_skin').config()
-    module = import_module('tactile_ros.sensors.multipole_skin.signal')
-    grid = np.stack(np.meshgrid(*[np.arange(-14.5, 15) * 1e-3] * 2), axis=-1).reshape(-1, 2)
-    head = grid[np.abs(grid).max(axis=1) < 10e-3]
-    places = np.array([[0, 0, 0], [10e-3, 0, 0], [-10e-3, 0, 0], [30e-3, 0, 0]])
-    moved = module.dent(config, places, head)
-    np.testing.assert_allclose(moved[0], [0, 0, -1], atol=0.01)
-    np.testing.assert_allclose(moved[1], [0.75, 0, -0.5], atol=0.02)
-    np.testing.assert_allclose(moved[2], [-0.75, 0, -0.5], atol=0.02)
-    np.testing.assert_allclose(moved[3], 0, atol=1e-6)
-
-
 def test_taxels_carry_the_whole_load_and_rise_with_it() -> None:
     config = load_sensor('taxel_array').config()
     module = import_module('tactile_ros.sensors.taxel_array.signal')

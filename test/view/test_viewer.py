@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import json
 import socket
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-import yaml
 
 from tactile_ros.cli.main import main
 from tactile_ros.evaluation.archive import save_recording
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import ContactState
-from tactile_ros.view.scalars import state_scalars
 from tactile_ros.view.viewer import HOST, Seen
 
-CONFIG = Path(__file__).parents[2] / 'config'
-OWN = {'/scene', '/taxels', '/state', '/grip'}
-NODES = {'/markers', '/surface', '/object_pose', '/wrench', '/contacts', '/grip_node/state'}
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    Shown = list[tuple[object, object, object]]  # schema, channel, message
 
 
 @pytest.fixture
@@ -48,14 +47,56 @@ def test_the_scale_of_colours_follows_the_largest_change() -> None:
     assert 1.9 < most < 2.0
 
 
-def test_a_file_has_every_frame(few: Path, tmp_path: Path) -> None:
+@pytest.fixture
+def found(few: Path, tmp_path: Path) -> Shown:
+    """The file that is written of them, read back."""
     pytest.importorskip('foxglove', reason='foxglove-sdk is not installed')
     from mcap.reader import make_reader
 
     out = tmp_path / 'new' / 'shown.mcap'
     assert main(['view', str(few), '--speed', '0', '--mcap', str(out)]) == 0
     with out.open('rb') as stream:
-        found = list(make_reader(stream).iter_messages())
+        return list(make_reader(stream).iter_messages())
+
+
+def decoded(found: Shown, topic: str) -> list[object]:
+    """Messages of a topic by the schema that lies in the file."""
+    descriptor_pb2 = pytest.importorskip('google.protobuf.descriptor_pb2')
+    from google.protobuf import descriptor_pool, message_factory
+
+    schema = next(schema for schema, channel, _ in found if channel.topic == topic)
+    pool = descriptor_pool.DescriptorPool()
+    for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
+        pool.Add(file)
+    kind = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
+    return [kind.FromString(m.data) for _, channel, m in found if channel.topic == topic]
+
+
+def test_scenes_and_clouds_of_a_file_are_whole(found: Shown) -> None:
+    recording = load_sensor('reskin_board').recordings()['normal_1']
+    clouds = decoded(found, '/taxels')
+    for cloud in clouds:
+        names = [field.name for field in cloud.fields]
+        assert names == ['x', 'y', 'z', 'change_Bx', 'change_By', 'change_Bz', 'change']
+        assert [field.offset for field in cloud.fields] == [8 * i for i in range(7)]
+        table = np.frombuffer(cloud.data, '<f8').reshape(-1, 7)
+        assert cloud.point_stride == table.strides[0]
+        assert np.array_equal(table[:, :3], recording.layout.positions)
+        assert np.allclose(np.linalg.norm(table[:, 3:6], axis=1), table[:, 6])
+    assert any(np.frombuffer(cloud.data, '<f8').reshape(-1, 7)[:, 6].any() for cloud in clouds)
+    for scene in decoded(found, '/scene'):
+        (entity,) = scene.entities
+        assert entity.frame_id == recording.layout.frame_id
+        assert len(entity.spheres) == len(recording.layout.positions)
+        sizes = [(ball.size.x, ball.size.y, ball.size.z) for ball in entity.spheres]
+        assert np.all(np.array(sizes) > 0)
+        for arrow in entity.arrows:
+            turn = arrow.pose.orientation
+            assert np.isclose(turn.x**2 + turn.y**2 + turn.z**2 + turn.w**2, 1.0)
+            assert arrow.shaft_length > 0
+
+
+def test_a_file_has_every_frame(found: Shown) -> None:
     topics = [channel.topic for _, channel, _ in found]
     assert {name: topics.count(name) for name in set(topics)} == dict.fromkeys(
         ('/scene', '/taxels', '/state'), 8
@@ -112,33 +153,3 @@ def test_wrong_use_is_refused(
 ) -> None:
     assert main(['view', *words]) == 2
     assert said in capsys.readouterr().err
-
-
-def paths_of(layout: object) -> list[str]:
-    """Every path of a message that the panels of a layout show."""
-    panels = layout['configById'].values()
-    topics = [topic for panel in panels for topic in panel.get('topics', {})]
-    shown = [path['value'] for panel in panels for path in panel.get('paths', [])]
-    return [*topics, *shown]
-
-
-@pytest.mark.parametrize(('name', 'topics'), [('view', OWN), ('ros', NODES)])
-def test_layouts_show_topics_that_there_are(name: str, topics: set[str]) -> None:
-    layout = json.loads((CONFIG / f'foxglove_{name}.json').read_text())
-    paths = paths_of(layout)
-    assert {path.partition('.')[0] for path in paths} == topics
-    fields = state_scalars(ContactState.assemble(1, {}))
-    own = [path.partition('.')[2] for path in paths if path.startswith('/state.')]
-    assert set(own) <= set(fields)
-
-    def panels(tree: object) -> set[str]:
-        return {tree} if isinstance(tree, str) else panels(tree['first']) | panels(tree['second'])
-
-    assert panels(layout['layout']) == set(layout['configById'])
-
-
-def test_the_rviz_config_shows_topics_that_there_are() -> None:
-    found = yaml.safe_load((CONFIG / 'tactile.rviz').read_text())['Visualization Manager']
-    topics = {d['Topic']['Value'] for d in found['Displays'] if 'Topic' in d}
-    assert topics == {'/markers', '/wrench', '/surface', '/object_pose'}
-    assert found['Global Options']['Fixed Frame'] == 'tactile_sensor'

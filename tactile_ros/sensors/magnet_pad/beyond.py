@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 MARGIN = 1.1  # times the recorded forces: beyond them by chance
 FIELDS = 3.0  # times the usual, of a component of a stray field
+NOTHING = 0.5  # of how places spread over the pad: as unsure a place tells nothing
 OUT_OF_RANGE, STRAY_FIELD = (
     np.int64(bit) for bit in (FrameStatus.OUT_OF_RANGE, FrameStatus.STRAY_FIELD)
 )
@@ -26,19 +27,29 @@ def span_of(touches: Array) -> tuple[float, float]:
     return float(size.min()), float(size.max())
 
 
-def flag(known: Columns, touched: Bools, span: tuple[float, float] | None) -> None:
+def flag(known: Columns, touched: Bools, span: tuple[float, float] | None, length: float) -> None:
     """Add `status`, bits of `FrameStatus`, where an answer goes beyond what can be believed.
+
+    Frames that neither a touch nor a field of the usual size explains, and whose place is all
+    but unknown, are not `valid`.
 
     Parameters
     ----------
     known : dict of str to ndarray, shape (s, ...)
-        Answers; changed in place.
+        Answers; changed in place. `odd` (s,), 1 where nothing explains a reading, is taken out.
     touched : ndarray of bool, shape (s,)
         Rows that may be touched.
     span : tuple of float, or None
         Least and largest force that was recorded (N); None: there is none.
+    length : float
+        Of the pad (m).
     """
     status = np.zeros(len(touched), np.int64)
+    odd = touched & (np.asarray(known.pop('odd', status)) == 1)
+    if np.count_nonzero(odd):
+        status += odd * STRAY_FIELD
+        along = np.asarray(known['position_cov'], np.float64)[:, 0, 0]
+        known['valid'] = ~(odd & (along > (NOTHING * length) ** 2 / 12))
     if span is not None and 'force' in known:
         force = np.asarray(known['force'], np.float64)
         square = np.add.reduce(force * force, axis=1)
@@ -46,6 +57,6 @@ def flag(known: Columns, touched: Bools, span: tuple[float, float] | None) -> No
         status += (touched & ((square < least) | (square > most))) * OUT_OF_RANGE
     if 'stray_field' in known:
         field = np.maximum.reduce(np.abs(known['stray_field']), axis=1)
-        status += (field > FIELDS * STRAY) * STRAY_FIELD
+        status |= (field > FIELDS * STRAY) * STRAY_FIELD
     if np.count_nonzero(status):
         known['status'] = status

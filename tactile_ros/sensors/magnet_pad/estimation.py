@@ -20,8 +20,10 @@ from tactile_ros.regression import ESTIMATORS as REGRESSORS
 from tactile_ros.regression.recognition import VOTER
 from tactile_ros.sensors.magnet_pad.beyond import flag, span_of
 from tactile_ros.sensors.magnet_pad.cells import SPACE
+from tactile_ros.sensors.magnet_pad.doubts import Doubts
 from tactile_ros.sensors.magnet_pad.inversion import PadInversion
 from tactile_ros.sensors.magnet_pad.likeness import Touched
+from tactile_ros.sensors.magnet_pad.loads import LoadReach
 from tactile_ros.sensors.magnet_pad.nominal import nominal_choice
 from tactile_ros.sensors.magnet_pad.nominal_pad import NominalPad
 from tactile_ros.sensors.magnet_pad.regressed import CLASSES as REGRESSED_CLASSES
@@ -29,7 +31,9 @@ from tactile_ros.sensors.magnet_pad.regressed import FEWEST, Regressed, apart, n
 from tactile_ros.sensors.magnet_pad.response import PadResponse
 from tactile_ros.sensors.magnet_pad.scene import terms
 from tactile_ros.sensors.magnet_pad.telling import Telling
-from tactile_ros.sensors.magnet_pad.untold import KIND, LEANS, untold, upright
+from tactile_ros.sensors.magnet_pad.unfelt import Unfelt
+from tactile_ros.sensors.magnet_pad.untold import untold
+from tactile_ros.sensors.magnet_pad.variety import Variety
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -63,8 +67,8 @@ class Localisation(Regressed):
         Targets that it answers; 'force' alone where stamps give regressors no history.
     nominal_ : bool
         Whether the nominal model speaks.
-    upright_ : bool
-        Whether no recorded force had a part along the axis.
+    doubts_ : Doubts
+        What recorded touches leave open.
     terms_ : tuple of Worth
         What terms of the scene cost and buy.
     """
@@ -78,7 +82,7 @@ class Localisation(Regressed):
         self.inverted_: tuple[str, ...] = ()
         self.beaten_: dict[str, dict[str, float]] = {}
         self.nominal_ = estimator in (None, NOMINAL)
-        self.upright_ = False
+        self.doubts_ = Doubts(self.config)
         self.terms_: tuple[Worth, ...] = ()
 
     @property
@@ -93,9 +97,7 @@ class Localisation(Regressed):
         """Errors on held-out groups for each target, and what was found of the pad."""
         if self.nominal_:
             return {**super().report, **self._nominal_choice.report}
-        found = dict(self.beaten_)
-        if self.upright_:
-            found[f'{KIND}forces along the surface'] = {'sigma over load': LEANS}
+        found = {**self.beaten_, **self.doubts_.report}
         if self.inversion_ is None:
             return {**super().report, **found}
         response = self.inversion_.response_
@@ -108,8 +110,9 @@ class Localisation(Regressed):
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component; see `Regression`."""
         self.inversion_, self.inverted_, self.beaten_ = None, (), {}
-        self.upright_ = False
         truth = _of_touches(truth)
+        x = signals.delta.reshape(len(signals.good), self.width)
+        self.doubts_ = Doubts(self.config).fit(x, truth, signals.good, noise_of_rest(signals))
         told = any(_told(truth[k])[signals.good].any() for k in TOLD if k in truth)
         self.nominal_ = self.wanted == NOMINAL or (self.wanted is None and not told)
         if self.nominal_:
@@ -126,9 +129,6 @@ class Localisation(Regressed):
             super().fit(signals, truth, groups)
         for name in ('_centres', '_span'):
             vars(self).pop(name, None)
-        self.upright_ = 'force' in truth and upright(
-            np.asarray(truth['force'], np.float64)[signals.good]
-        )
         if self.inversion_ is not None:
             self.terms_ = terms(self.config, self.inversion_.noise)
             self._choose(self.inversion_, self.cell_columns(signals, truth))
@@ -167,7 +167,7 @@ class Localisation(Regressed):
             rivals = tuple(head for head in self.heads_ if head.target == target)
             least = min((h.report_['held_out_rmse'] for h in rivals), default=np.inf)
             own = held[target]['held_out_rmse']
-            if self.wanted != TABLE and own > least:
+            if self.wanted != TABLE and own > least and self.doubts_.variety_.enough:
                 continue
             self.inverted_ += (target,)
             for head in rivals:
@@ -199,19 +199,21 @@ class Localisation(Regressed):
         if self.nominal_:
             assert isinstance(memory, History)
             known = self._pad.estimate(x, signals.in_contact == 0)
-            flag(known, signals.in_contact != 0, None)
+            flag(known, signals.in_contact != 0, None, self.config.length)
             return known
         known = super().estimate(signals, memory)
         if self.inverted_:
             self._add_inverted(known, signals, x)
-        if self.upright_ and 'force_cov' in known:
-            # what leans was never seen: its share of forces is that of the nominal touches
-            size = np.square(np.asarray(known['force'], np.float64)).sum(axis=1)
-            cov = np.array(known['force_cov'], np.float64)
-            cov[:, 0, 0] += LEANS**2 * size
-            known['force_cov'] = cov
-        flag(known, signals.in_contact != 0, self._span)
+        self.doubts_.widen(known, signals.in_contact == 0, x, self.inverted_, self._hidden)
+        flag(known, signals.in_contact != 0, self._span, self.config.length)
         return known
+
+    def _hidden(self, x: Array) -> Array:
+        """Covariance (s, 3, 3) (N2) of saying that nothing touches, of readings (s, c)."""
+        if 'force' in self.inverted_ and self.inversion_ is not None:
+            return self.inversion_.telling.hidden(self.inversion_.alive(x))
+        assert self.doubts_.unfelt_ is not None
+        return self.doubts_.unfelt_(x)
 
     def contact(self, signals: Signals) -> npt.NDArray[np.int8]:
         """What touches (s,): a uniform field that came after the tare does not."""
@@ -251,6 +253,8 @@ class Localisation(Regressed):
         }  # fmt: skip
         if self._remembers(signals):
             del parts['force'], parts['force_cov']
+        if 'position' in self.inverted_:
+            parts['odd'] = told.odd.astype(np.int64)
         if 'cell' in self.inverted_:
             parts['cell'] = np.asarray(told.shares.argmax(axis=1), dtype=np.int64)
             parts['cell_probability'] = told.shares.max(axis=1)
@@ -262,7 +266,7 @@ class Localisation(Regressed):
                 told.stray[rest] = inversion.telling.resting_field(seen[rest])
             parts['stray_field'] = told.stray
         for name, column in parts.items():
-            if name.split('_')[0] in self.inverted_ or name == 'stray_field':
+            if name.split('_')[0] in self.inverted_ or name in ('stray_field', 'odd'):
                 known[name] = column if every else _filled(column, there)
 
     def _remembers(self, signals: Signals) -> bool:
@@ -328,6 +332,10 @@ CLASSES = (
     Localisation,
     PadInversion,
     PadResponse,
+    LoadReach,
+    Doubts,
+    Unfelt,
+    Variety,
     StatedSpread,
     Choice,
     Rated,

@@ -15,9 +15,10 @@ import numpy as np
 
 from tactile_ros.estimators.folds import group_folds
 from tactile_ros.estimators.stated_spread import Pieces, StatedSpread, pieces, widen
-from tactile_ros.estimators.touch_mixture import Linearised, TouchMixture
+from tactile_ros.estimators.touch_mixture import Linearised, Posterior, TouchMixture
 from tactile_ros.sensors.magnet_pad.lacks import Lacks
-from tactile_ros.sensors.magnet_pad.likeness import LOAD, SHEAR, Touched, like_known
+from tactile_ros.sensors.magnet_pad.likeness import LOAD, SHEAR, Touched, far_from, like_known
+from tactile_ros.sensors.magnet_pad.loads import LoadReach, growth, split, untold
 from tactile_ros.sensors.magnet_pad.response import PadResponse, PadTouches
 from tactile_ros.sensors.magnet_pad.telling import (
     ANSWERS,
@@ -35,7 +36,7 @@ from tactile_ros.types import Array, Bools, Integers
 if TYPE_CHECKING:
     from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 
-COUNT = 30_000
+COUNT, FEW = 30_000, 10_000
 FOLDS = 4
 UNLIKE = 16.0  # misfit over its scale, from which a stray field is thought of
 FLOOR = np.diag(np.repeat([1e-6, 1e-4], 3) ** 2)  # m2, N2: what truth itself is wrong by
@@ -76,6 +77,8 @@ class PadInversion:
         Whether touches keep to recorded places.
     contact_ : float
         Largest channel, less a uniform field, beyond which something touches (T).
+    loads_ : LoadReach
+        How errors grow beyond the recorded loads.
     report_ : dict of str to dict
         Errors on held-out groups.
     """
@@ -88,6 +91,7 @@ class PadInversion:
     spread_: StatedSpread
     sharp_: bool
     contact_: float
+    loads_: LoadReach
     report_: dict[str, dict[str, float]]
 
     def __init__(
@@ -126,27 +130,57 @@ class PadInversion:
             if error >= best:
                 vars(self).update(kept)
             best = min(best, error)
+        self.loads_ = self._load_reach(touched, touches)
         return self
+
+    def _load_reach(self, touched: Touched, touches: PadTouches) -> LoadReach:
+        """How errors grow beyond the recorded loads, as the heavier of them tell."""
+        parts, load = split(touches.load), touches.load
+        span = float(load.min()), float(load.max()), self.config.radius
+        if parts is None:
+            return LoadReach(*span)
+        light, heavy = parts
+        known = touches.take(light)
+        model = PadResponse(self.config, self.live, leaning=self.leaning)
+        model.fit(known, touched.x[light], self.noise)
+        lacks = Lacks(model, known, touched.x[light], self.noise)
+        way = model.learn(np.ones(len(light), bool), lacks)
+        rows = self._table(way, _rows(known), FEW).of(READING)
+        seen = TouchMixture(rows, neighbours=NEIGHBOURS, told=ANSWERS, slack=SLACK)(
+            touched.x[heavy]
+        )
+        cov = widened(seen, self.misfit_) + FLOOR
+        sigma = self.spread_(np.sqrt(np.diagonal(cov, axis1=1, axis2=2)))
+        true = np.column_stack([touched.place, touched.force])[heavy]
+        error = (seen.mean[:, :ANSWERS] - true) / sigma
+        away = touches.load[heavy] / known.load.max() - 1
+        wider = growth(away, error[:, :2]), growth(away, error[:, 4:])
+        return LoadReach(*span, *wider, told=True)
 
     def _calibrate(
         self, ways: list[PadResponse], touched: Touched, fold: Integers, centres: Array
     ) -> None:
         """What touches of groups that were not learned from are said to be."""
         answers = np.column_stack([touched.place, touched.force])
-        said, stated = np.empty_like(answers), np.empty_like(answers)
-        misfit, named = np.empty(len(said)), np.empty(len(said), np.int64)
+        said, named = np.empty_like(answers), np.empty(len(answers), np.int64)
+        parts: list[tuple[Bools, Posterior]] = []
         for part, way in enumerate(ways):
             held = fold == part
             known = self.touches_[~held] if len(ways) > 1 else self.touches_
             rows = self._table(way, known, COUNT).of(READING)
             table = TouchMixture(rows, neighbours=NEIGHBOURS, told=ANSWERS, slack=SLACK)
             one = table(touched.x[held])
-            said[held], misfit[held] = one.mean[:, :ANSWERS], one.misfit
-            stated[held] = np.sqrt(np.diagonal(widened(one) + FLOOR, axis1=1, axis2=2))
+            said[held] = one.mean[:, :ANSWERS]
+            parts.append((held, one))
             named[held] = table.shares(one, centres).argmax(axis=1)
         error = said - answers
-        self.spread_ = _straight(StatedSpread().fit(stated, error), len(error))
+        misfit = np.concatenate([one.misfit for _, one in parts])
         self.misfit_ = max(float(np.quantile(misfit, 0.95)), 1.0)
+        stated = np.empty_like(answers)
+        for held, one in parts:
+            cov = widened(one, self.misfit_) + FLOOR
+            stated[held] = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
+        self.spread_ = _straight(StatedSpread().fit(stated, error), len(error))
         sigma = self.spread_(stated)
         self.report_ = {}
         for target, columns in (('position', slice(0, 3)), ('force', slice(3, 6))):
@@ -192,13 +226,15 @@ class PadInversion:
         answers, leads = self._answers(touches)
         variance = self.noise**2 + self.scatter_**2 * (readings**2).mean(axis=1)
         sigma = np.sqrt(variance)
-        wider = (1 + response.doubt(touches) / variance)[:, None]
+        wider = 1 + response.doubt(touches) / variance
+        far = far_from(known[:, :2], rows[:, :2], self.config.radius)
+        beside = np.column_stack([wider, far, self.noise**2 / variance])
+        still = np.zeros((len(rows), beside.shape[1], width))
         return Linearised(
             readings,
             slopes * size[:, None],
-            np.concatenate([answers, wider, readings], axis=1),
-            np.concatenate([leads[:, :, :width], 0 * slopes[:, :1], slopes], axis=1)
-            * size[:, None],
+            np.concatenate([answers, beside, readings], axis=1),
+            np.concatenate([leads[:, :, :width], still, slopes], axis=1) * size[:, None],
             sigma,
             np.full(len(rows), 1 / len(rows)),
         )
@@ -228,12 +264,15 @@ class PadInversion:
         """Touches of the table."""
         known = self._table(self.response_, self.touches_, COUNT)
         limit = UNLIKE * self.misfit_
-        return Telling(known, self.common, self.noise, self.contact_, limit)
+        return Telling(known, self.common, self.noise, self.contact_, self.misfit_, limit)
 
     def invert(self, x: Array, cells: Array) -> Told:
         """What finite readings x (s, c) (T) tell, with centres (n, 3) of cells (m)."""
         told = self.telling(self.alive(x), cells)
         widen(told.cov, FLOOR, self._levels)
+        self.loads_.widen(told.mean, told.cov)
+        if np.count_nonzero(told.far):
+            told.cov[:] += untold(told.mean, told.far, self.config.radius)
         return told
 
     def alive(self, x: Array) -> Array:

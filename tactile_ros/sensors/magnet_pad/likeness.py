@@ -24,7 +24,9 @@ LOAD, SHEAR = 2.0, 1.0  # radii that a factor e of load, and a leaning of 1, cou
 NEAR = 6  # neighbour whose distance is the reach
 LEAST_REACH, MOST_REACH = 0.005, 0.3  # radii
 LEAST_BLUR, MOST_BLUR = 0.02, 0.2
-WEAKER, HARDER = 0.4, 0.3  # logarithm of loads beyond the recorded ones
+USUAL = 0.99  # share of known places that have another as near
+WEAKER, HARDER = 1.6, 0.8  # logarithm of loads beyond the recorded ones
+DECADE = 2.3  # of loads that are thought of at least, in logarithms
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,7 @@ def like_known(
         [_blurred(known, unit, count - free, rng, sharp), _even(config, known, free, rng)]
     )
     least = float(np.arccos(EDGE))
-    low, high = known[:, 2].min() - WEAKER, known[:, 2].max() + HARDER
+    low, high = thought_of(known[:, 2])
     drawn[:, 0] = np.clip(drawn[:, 0], -config.length / 2, config.length / 2)
     drawn[:, 1] = np.clip(drawn[:, 1], least, np.pi - least)
     drawn[:, 2] = np.clip(drawn[:, 2], low, high)
@@ -101,6 +103,24 @@ def like_known(
     near = min(NEAR + 1, count)
     reach = cKDTree(spots).query(spots, k=[near])[0][:, 0]
     return drawn, np.clip(reach, LEAST_REACH, MOST_REACH)
+
+
+def thought_of(load: Array) -> tuple[float, float]:
+    """Least and largest logarithm of loads of a table, by those of recorded touches (s,)."""
+    low, high = float(load.min()), float(load.max())
+    room = 0.5 * max(DECADE - (high - low), 0.0)
+    return low - WEAKER - room, high + HARDER + room
+
+
+def far_from(known: Array, places: Array, radius: float) -> Array:
+    """Distance (s,) (radii, at most 1) of places (s, 2) from known ones (n, 2), beyond the usual.
+
+    Both along (m) and around (rad); usual are the distances of known places from each other.
+    """
+    unit = np.array([1 / radius, 1.0])
+    tree = cKDTree(known * unit)
+    usual = np.quantile(tree.query(known * unit, k=[min(2, len(known))])[0], USUAL)
+    return np.asarray(np.clip(tree.query(places * unit)[0] - usual, 0.0, 1.0))
 
 
 def _blurred(
@@ -124,6 +144,6 @@ def _even(config: MagnetPadConfig, known: Array, count: int, rng: np.random.Gene
     even = np.empty((count, 5))
     even[:, 0] = config.length * (rng.uniform(size=count) - 0.5)
     even[:, 1] = np.arccos(rng.uniform(-EDGE, EDGE, count))
-    even[:, 2] = rng.uniform(known[:, 2].min() - WEAKER, known[:, 2].max() + HARDER, count)
+    even[:, 2] = rng.uniform(*thought_of(known[:, 2]), count)
     even[:, 3:] = known[rng.integers(0, len(known), count), 3:]
     return even

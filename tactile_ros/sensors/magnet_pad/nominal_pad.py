@@ -63,8 +63,10 @@ class NominalPad:
         several = len(config.positions) > 1 and config.stray_term
         common = uniform_response(config) if several else None
         rows = self._rows(config, presses, noise)
-        limit = UNLIKE * rows.readings.shape[1]
-        self.telling = Telling(rows, common, noise, SIGMAS * noise, limit, neighbours=32)
+        usual = float(rows.readings.shape[1])
+        self.telling = Telling(
+            rows, common, noise, SIGMAS * noise, usual, UNLIKE * usual, neighbours=32
+        )
         force = LEAST * config.shear_modulus * config.radius
         self.floor = np.diag(np.repeat([LEAST, force], 3) ** 2)
         self.spread = self._measured(config, noise)
@@ -99,36 +101,42 @@ class NominalPad:
             replace(presses, force=presses.force * (1 + STEP / LOAD)),
         )
         level = change_of_field(config, presses, nodes).reshape(len(reach), -1)
-        one = np.ones(len(level))
-        start = np.column_stack([presses.places(radius), presses.force, one, level])
+        sigma = np.sqrt(noise**2 + RIGHT**2 * (level**2).mean(axis=1))
+        beside = np.column_stack([np.ones(len(level)), np.zeros(len(level)), (noise / sigma) ** 2])
+        start = np.column_stack([presses.places(radius), presses.force, beside, level])
         rises = []
         for step in steps:
             change = change_of_field(config, step, nodes).reshape(len(reach), -1)
-            moved = np.column_stack([step.places(radius), step.force, one, change])
+            moved = np.column_stack([step.places(radius), step.force, beside, change])
             rises.append(moved - start)
         leads = np.stack(rises, axis=-1) / STEP * reach[:, None]
-        sigma = np.sqrt(noise**2 + RIGHT**2 * (level**2).mean(axis=1))
         share = np.full(len(level), 1 / len(level))
         return Linearised(level, leads[:, READING:], start, leads, sigma, share)
+
+    def _hidden(self, x: Array) -> Array:
+        """Covariance (s, 3, 3) (N2) of saying that nothing touches, of readings (s, d)."""
+        return (1 + STIFF) ** 2 * self.telling.hidden(x)
 
     def estimate(self, x: Array, rest: Bools) -> Columns:
         """Place, force and cell of changes of field x (s, d) (T); NaN and -1 where x is not."""
         there = np.asarray(np.isfinite(x).all(axis=1))
         mean, cov = np.full((len(x), 6), np.nan), np.full((len(x), 6, 6), np.nan)
         cell, share = np.full(len(x), -1), np.full(len(x), np.nan)
-        stray = np.full((len(x), 3), np.nan)
+        stray, odd = np.full((len(x), 3), np.nan), np.zeros(len(x), np.int8)
         if there.any():
             mean[there], wide, told = self._told(x[there])
             sigma = np.sqrt(np.diagonal(wide, axis1=1, axis2=2))
             factor = self.spread(sigma) / sigma
             cov[there] = wide * factor[:, :, None] * factor[:, None, :]
             cell[there], share[there] = told.shares.argmax(axis=1), told.shares.max(axis=1)
-            stray[there] = told.stray
+            stray[there], odd[there] = told.stray, told.odd
+            if (rest & there).any():
+                cov[rest & there, 3:, 3:] = self._hidden(x[rest & there])
             if self.telling.part is not None and (rest & there).any():
                 stray[rest & there] = self.telling.resting_field(x[rest & there])
         known = {
             'position': mean[:, :3], 'position_cov': cov[:, :3, :3],
             'force': mean[:, 3:], 'force_cov': cov[:, 3:, 3:],
-            'cell': cell, 'cell_probability': share,
+            'cell': cell, 'cell_probability': share, 'odd': odd,
         }  # fmt: skip
         return known if self.telling.part is None else {**known, 'stray_field': stray}

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactile_ros.estimators.touch_mixture import Linearised, Posterior, TouchMixture
+from tactile_ros.sensors.magnet_pad.unfelt import Unfelt
 from tactile_ros.types import Array, Bools, Integers
 
 NEIGHBOURS, BLIND, SLACK = 16, 96, 1.0
@@ -18,8 +19,10 @@ STRAY = 0.3e-3  # T, of one component of stray fields that are met
 ENTRY = 0.01  # of a stray field, by which gains and crossed axes of a chip falsify it
 ODDS = -4.0  # logarithm, of a stray field against none
 SIGMAS = 5.0  # as `conditioning.contact` has them
-ANSWERS = 6  # place and force; how much wider their covariance is and the reading follow
-READING = 7
+# place and force; then how much wider their covariance is, how far known touches are, the share
+# of the noise in what readings may be wrong by, and the reading
+ANSWERS = 6
+FAR, NOISY, READING = 7, 8, 9
 
 
 @dataclass(frozen=True)
@@ -34,17 +37,30 @@ class Told:
         Of the cells.
     stray : ndarray, shape (s, 3)
         Uniform outside field (T).
+    odd : ndarray of bool, shape (s,)
+        Readings that neither a touch nor a field of the usual size explains.
+    far, noisy : ndarray, shape (s,)
+        Distance from known touches (radii, at most 1); share of the noise of a channel in the
+        variance of what readings may be wrong by.
     """
 
     mean: Array
     cov: Array
     shares: Array
     stray: Array
+    odd: Bools
+    far: Array
+    noisy: Array
 
 
-def widened(seen: Posterior) -> Array:
-    """Covariance (s, 6, 6) of place and force, as wide as the table is in doubt there."""
-    return np.asarray(seen.cov * seen.mean[:, ANSWERS, None, None])
+def widened(seen: Posterior, usual: float) -> Array:
+    """Covariance (s, 6, 6) of place and force, as wide as the table is in doubt there.
+
+    Wider yet where a touch leaves more of the reading unexplained than the usual misfit (Birge,
+    Phys. Rev. 40, 1932).
+    """
+    factor = seen.mean[:, ANSWERS] * np.maximum(seen.misfit / usual, 1.0)
+    return np.asarray(seen.cov * factor[:, None, None])
 
 
 class UniformPart:
@@ -62,10 +78,17 @@ class UniformPart:
 
     def __call__(self, x: Array) -> tuple[Array, Array]:
         """Field (s, 3) in readings (s, d) (T), and the largest channel of what remains."""
+        field = self.field(x)
+        return field, np.abs(self.left(x, field)).max(axis=1)
+
+    def field(self, x: Array) -> Array:
+        """Field (s, 3) in readings (s, d) (T)."""
         # a row at a time: the same bits alone and among others
-        field = np.matmul(x[:, None], self.solve)
-        left = x - np.matmul(field, self.common.T)[:, 0]
-        return field[:, 0], np.abs(left).max(axis=1)
+        return np.asarray(np.matmul(x[:, None], self.solve)[:, 0])
+
+    def left(self, x: Array, field: Array) -> Array:
+        """What remains (s, d) of readings less a field (s, 3) (T)."""
+        return np.asarray(x - np.matmul(field[:, None], self.common.T)[:, 0])
 
 
 class Telling:
@@ -74,13 +97,13 @@ class Telling:
     Parameters
     ----------
     rows : Linearised
-        Answers are place, force, how much wider their covariance is, and reading.
+        Answers are place, force, and what follows them (`ANSWERS`).
     common : ndarray, shape (d, 3), or None
         As `UniformPart`; None: an outside field cannot be told.
     noise, contact : float
         Of a channel; largest channel, less a uniform field, beyond which something touches (T).
-    limit : float
-        Misfit from which an outside field is thought of.
+    usual, limit : float
+        Misfit that most touches leave; from which an outside field is thought of.
     neighbours : int
         Touches that answer.
     """
@@ -91,16 +114,22 @@ class Telling:
         common: Array | None,
         noise: float,
         contact: float,
+        usual: float,
         limit: float,
         neighbours: int = NEIGHBOURS,
     ) -> None:
         self.plain = TouchMixture(
             rows.of(READING), neighbours=neighbours, told=ANSWERS, slack=SLACK
         )
-        self.noise, self.contact, self.limit = noise, contact, limit
+        self.noise, self.contact = noise, contact
+        self.usual, self.limit = usual, limit
+        light = rows.readings, rows.answers[:, 3:ANSWERS]
+        self.unfelt = Unfelt(*light, noise)
         self.part = self.blind = None
         if common is not None:
-            self.part = UniformPart(common)
+            part = self.part = UniformPart(common)
+            left = part.left(light[0], part.field(light[0]))
+            self.unfelt_beside = Unfelt(left, light[1], noise)
             beside = replace(rows, sigma=np.hypot(rows.sigma, ENTRY * STRAY))
             self.blind = TouchMixture(beside, common, STRAY, neighbours=BLIND, told=ANSWERS)
 
@@ -108,10 +137,16 @@ class Telling:
         """What finite readings x (s, d) (T) tell, with centres (n, 3) of cells (m)."""
         seen = self.plain(x)
         shares, stray = self.plain.shares(seen, cells), np.zeros((len(x), 3))
-        told = Told(seen.mean[:, :ANSWERS], widened(seen), shares, stray)
         unlike = seen.misfit > self.limit
-        if self.blind is not None and np.count_nonzero(unlike):
-            self._mend(told, seen, x, cells, np.flatnonzero(unlike))
+        cov = widened(seen, self.usual)
+        far, noisy = seen.mean[:, FAR], seen.mean[:, NOISY]
+        told = Told(seen.mean[:, :ANSWERS], cov, shares, stray, unlike, far, noisy)
+        if np.count_nonzero(unlike):
+            rows = np.flatnonzero(unlike)
+            if self.blind is None:
+                told.mean[rows], told.cov[rows], shares[rows] = self.plain.at_large(x[rows], cells)
+            else:
+                self._mend(told, seen, x, cells, rows)
         return told
 
     def _mend(self, told: Told, seen: Posterior, x: Array, cells: Array, rows: Integers) -> None:
@@ -120,15 +155,20 @@ class Telling:
         assert blind is not None
         assert part is not None
         other = blind(x[rows])
+        mean, cov = other.mean[:, :ANSWERS].copy(), other.cov.copy()
+        named, odd = blind.shares(other, cells), np.asarray(other.misfit > self.limit)
+        told.odd[rows] = odd
+        if np.count_nonzero(odd):
+            mean[odd], cov[odd], named[odd] = blind.at_large(x[rows[odd]], cells)
         lean = other.evidence - seen.evidence[rows] + ODDS
         lean = 1 / (1 + np.exp(-np.clip(lean, -50, 50)))
-        share, apart = lean[:, None], other.mean[:, :ANSWERS] - told.mean[rows]
+        lean[odd] = 1.0
+        share, apart = lean[:, None], mean - told.mean[rows]
         between = (share * (1 - share))[:, :, None] * apart[:, :, None] * apart[:, None]
-        # what neither a touch nor fields of the usual size explain (Birge, Phys. Rev. 40, 1932)
-        cov = np.maximum(other.misfit / x.shape[1], 1.0)[:, None, None] * other.cov
+        cov[~odd] *= np.maximum(other.misfit / x.shape[1], 1.0)[~odd, None, None]
         told.cov[rows] += share[:, :, None] * (cov - told.cov[rows]) + between
         told.mean[rows] += share * apart
-        told.shares[rows] += share * (blind.shares(other, cells) - told.shares[rows])
+        told.shares[rows] += share * (named - told.shares[rows])
         left = x[rows] - other.mean[:, READING:]
         told.stray[rows] = share * part(left)[0]
 
@@ -138,6 +178,16 @@ class Telling:
         field, _ = self.part(x)
         seen = np.abs(field).max(axis=1, keepdims=True) > SIGMAS * self.noise
         return np.where(seen, field, 0.0)
+
+    def hidden(self, x: Array) -> Array:
+        """Covariance (s, 3, 3) (N2) of saying that nothing touches, of readings (s, d)."""
+        cov = self.unfelt(x)
+        if self.part is not None:
+            field = self.resting_field(x)
+            rows = np.flatnonzero(field.any(axis=1))
+            if len(rows):
+                cov[rows] = self.unfelt_beside(self.part.left(x[rows], field[rows]))
+        return cov
 
     def touching(self, x: Array) -> Bools:
         """Whether readings (s, d) are rather those of a touch than of a uniform field alone."""

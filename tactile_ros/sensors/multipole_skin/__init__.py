@@ -6,7 +6,7 @@ sideways; the change of field at the chips is a picture of the contact's shape a
 windows of ten frames from it and recognises measuring heads from few presses by a network with
 prototypes. Here shape, turn and place are told by templates of the sheet's model and by classes
 from few presses, or regressed and voted where those do not fit; each is chosen in `fit` by grouped
-cross-validation. The network of [1] is in `pronet`.
+cross-validation. The network of [1] (`pronet`) is one of the candidates that name heads.
 
 Source: [1] Contact Shape and Pose Recognition: Utilizing Multipole Magnetic Tactile Sensor with
 Meta-learning Model.
@@ -15,11 +15,13 @@ Meta-learning Model.
 from __future__ import annotations
 
 from tactile_ros.estimators.few_shot import Supports
+from tactile_ros.estimators.prototypes import Prototypes
 from tactile_ros.estimators.skin_model import SkinModel
 from tactile_ros.regression import CLASSES, ESTIMATORS
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig, layout
 from tactile_ros.sensors.multipole_skin.device import SKIN, MultipoleSkinConnection
 from tactile_ros.sensors.multipole_skin.estimation import MultipoleEstimation
+from tactile_ros.sensors.multipole_skin.network_classes import NETWORKS, NetworkClasses
 from tactile_ros.sensors.multipole_skin.recogniser import Recogniser
 from tactile_ros.sensors.multipole_skin.scene import NEW, SHOTS, new_head, one_head
 from tactile_ros.sensors.multipole_skin.signal import presses
@@ -38,7 +40,7 @@ SENSOR = SensorSpec(
     connection=MultipoleSkinConnection,
     layout=layout,
     estimation=MultipoleEstimation,
-    estimator_names=ESTIMATORS,
+    estimator_names=(*ESTIMATORS, *NETWORKS),
     open=SKIN.open,
     simulate=SKIN.simulate,
     presses=presses,
@@ -47,6 +49,8 @@ SENSOR = SensorSpec(
         Outline,
         MultipoleEstimation,
         Recogniser,
+        NetworkClasses,
+        Prototypes,
         Supports,
         SkinModel,
         *CLASSES,

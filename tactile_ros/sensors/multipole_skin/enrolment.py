@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,13 +11,22 @@ from scipy.special import betaincinv
 from tactile_ros.estimators.few_shot import Supports
 from tactile_ros.estimators.press_window import PressVectors, press_vectors
 from tactile_ros.sensors.multipole_skin.recogniser import WEAKEST, Recogniser
-from tactile_ros.sensors.multipole_skin.windows import WindowMemory, find_windows
+from tactile_ros.sensors.multipole_skin.windows import (
+    WindowMemory,
+    find_windows,
+    press_numbers,
+)
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from tactile_ros.signals import Signals
+    from tactile_ros.types import Array
 
 FOLDS = 5
-MOST_JUDGED = 300  # known presses
+DRAWN = 40  # presses of a class that are made up
+AROUND = np.array([2e-4, 2e-4, 0.02])  # m, m, rad: how well a head returns to a place
+DEEPER = (0.6, 1.6)  # depths of those presses over that of the class's
 FIRM = 2 * WEAKEST  # sigma: a press to learn from must be clearer than one to recognise
 
 
@@ -41,7 +51,7 @@ def enrolled(
     ValueError
         If no press is found, one is clipped or faulty, or one is too weak.
     """
-    _, windows = find_windows(signals, size, WindowMemory(None))
+    ends, windows = find_windows(signals, size, WindowMemory(None))
     spoilt = int((~signals.good).sum())
     if spoilt:
         msg = (
@@ -56,7 +66,9 @@ def enrolled(
     strength = recogniser.strength(presses)
     presses = _firm_part(presses, strength, name)
     labels = np.full(len(presses.pattern), number)
-    return recogniser.supports(presses, labels, recogniser.matches(presses))
+    press = press_numbers(signals, size)[np.array(ends)]
+    press += recogniser.enrolled_.number.max(initial=-1) + 1
+    return recogniser.supports(presses, labels, recogniser.matches(presses), press)
 
 
 def _firm_part(presses: PressVectors, strength: np.ndarray, name: str) -> PressVectors:
@@ -71,27 +83,29 @@ def _firm_part(presses: PressVectors, strength: np.ndarray, name: str) -> PressV
     return presses
 
 
-def alike_by(recogniser: Recogniser, new: Supports, number: int) -> float:
-    """Share of the drawn heads that, where the new class was pressed, can pass for it; NaN: none.
+def costs(recogniser: Recogniser, new: Supports, number: int) -> dict[str, float]:
+    """What a class takes from those known before, and from how many presses it was learned.
 
-    The look-alike of a head is its template that is nearest to the first of the presses.
+    Parameters
+    ----------
+    recogniser : Recogniser
+        That knows it already.
+    new : Supports
+        Windows of its presses.
+    number : int
+        Of the class.
     """
-    presses = PressVectors(new.pattern[:1], new.powers[:1], new.frames[:1])
-    matches = recogniser.matches(presses)
-    if matches is None:
-        return float('nan')
-    tried = np.isfinite(matches.cost[0])
-    heads = matches.fitted[0, tried]
-    powers = np.repeat(new.powers[:1], len(heads), axis=0)
-    like = PressVectors(heads, powers, np.repeat(new.frames[:1], len(heads)))
-    labels, scores, _ = recogniser.scores(
-        like, recogniser.matches(like), recogniser.known_, recogniser.road_
-    )
-    return float((labels[scores.argmin(axis=1)] == number).sum() / len(tried))
+    return {
+        'presses': float(len(np.unique(new.number))),
+        **lost_by(recogniser, number),
+        **lost_there(recogniser, new, number),
+    }
 
 
 def lost_by(recogniser: Recogniser, number: int) -> dict[str, float]:
     """What a class now takes from presses of the known ones, each without its own neighbours.
+
+    A press is lost with the first of its windows: they are no evidence of their own.
 
     Returns
     -------
@@ -100,29 +114,95 @@ def lost_by(recogniser: Recogniser, number: int) -> dict[str, float]:
         `known_presses_lost_at_most`, its 95 % bound. Shares are NaN where none is known.
     """
     known = recogniser.known_
-    count = len(known.label)
-    judged = np.unique(np.linspace(0, count - 1, min(count, MOST_JUDGED)).astype(np.intp))
-    part = np.arange(count) * FOLDS // max(count, 1)  # windows of one press lie side by side
-    lost = 0
-    for fold in range(FOLDS):
-        rows = judged[part[judged] == fold]
-        if not len(rows):
-            continue
-        some = known.where(rows)
-        presses = PressVectors(some.pattern, some.powers, some.frames)
-        labels, scores, _ = recogniser.scores(
-            presses,
-            recogniser.matches(presses),
-            known.where(np.flatnonzero(part != fold)),
-            recogniser.road_,
-        )
-        lost += int((labels[scores.argmin(axis=1)] == number).sum())
-    n = len(judged)
+    press = np.asarray(np.unique(known.number, return_inverse=True)[1], np.int64).reshape(-1)
+    count = int(press.max(initial=-1)) + 1
+    part = press * FOLDS // max(count, 1)
+    lost = np.zeros(count, bool)
+    for fold in np.unique(part):
+        rows = np.flatnonzero(part == fold)
+        others = known.where(np.flatnonzero(part != fold))
+        lost[press[rows]] |= _taken(recogniser, _presses(known.where(rows)), others, number)
+    share = float(lost.mean()) if count else float('nan')
     return {
-        'known_presses_judged': float(n),
-        'known_presses_lost': lost / n if n else float('nan'),
-        'known_presses_lost_at_most': _bound(lost, n),
+        'known_presses_judged': float(count),
+        'known_presses_lost': share,
+        'known_presses_lost_at_most': _bound(int(lost.sum()), count),
     }
+
+
+def lost_there(recogniser: Recogniser, new: Supports, number: int) -> dict[str, float]:
+    """What a class takes from heads that press where it was pressed, as like it as they can be.
+
+    Presses of every drawn head are made up there, at depths, places and turns around those at
+    which it is nearest to the class, with noise and errors of the model; of classes that were
+    enrolled before, their own presses with such noise. Errors of the model are the same from press
+    to press, so that each head is taken whole or not at all, by chance.
+
+    Returns
+    -------
+    dict of str to float
+        `lost_there`, the share over all of them, and `lost_there_at_most`, its 95 % bound; NaN
+        where nothing is drawn or enrolled.
+    """
+    rng = np.random.default_rng(0)
+    heads, again = _heads_there(recogniser, new, rng), _enrolled_again(recogniser, number)
+    presses = PressVectors(*(np.concatenate([getattr(one, name) for one in (heads, again)])
+                             for name in ('pattern', 'powers', 'frames')))  # fmt: skip
+    if not len(presses.pattern):
+        return {'lost_there': float('nan'), 'lost_there_at_most': float('nan')}
+    variance = presses.variance(recogniser.noise, recogniser.still_)
+    if recogniser.search is not None:
+        variance = recogniser.search.variance(presses)
+    noisy = presses.pattern + np.sqrt(variance) * rng.normal(size=presses.pattern.shape)
+    lost = _taken(recogniser, replace(presses, pattern=noisy), recogniser.known_, number)
+    each = lost.reshape(-1, DRAWN).sum(axis=1)
+    return {
+        'lost_there': float(lost.mean()),
+        'lost_there_at_most': _most_of((each + 0.5) / (DRAWN + 1)),
+    }
+
+
+def _enrolled_again(recogniser: Recogniser, number: int) -> PressVectors:
+    """Presses of each class that was enrolled beside another one, many times over."""
+    enrolled = recogniser.enrolled_
+    rows = [
+        np.resize(np.flatnonzero(enrolled.label == label), DRAWN)
+        for label in np.unique(enrolled.label)
+        if label != number
+    ]
+    return _presses(enrolled.where(np.concatenate([np.zeros(0, np.intp), *rows])))
+
+
+def _heads_there(recogniser: Recogniser, new: Supports, rng: np.random.Generator) -> PressVectors:
+    """Presses of all drawn heads about the pose at which each is nearest to the first press."""
+    press = _presses(new.where(np.array([0])))
+    matches = recogniser.matches(press)
+    if matches is None or recogniser.search is None:
+        return press.rows(np.zeros(0, np.intp))
+    heads = np.repeat(np.flatnonzero(np.isfinite(matches.cost[0])), DRAWN)
+    count, pose = len(heads), matches.pose[0, heads]
+    pose[:, :3] += AROUND * rng.normal(size=(count, 3))
+    raised = press.powers * (pose[:, 3] * rng.uniform(*DEEPER, count))[:, None] ** [1, 2, 3]
+    parts = recogniser.search.bank.at(heads, pose[:, :3])[:, 0]
+    return PressVectors(
+        np.einsum('np,npd->nd', raised, parts),
+        np.repeat(press.powers, count, axis=0),
+        np.repeat(press.frames, count),
+    )
+
+
+def _presses(supports: Supports) -> PressVectors:
+    """Supports as presses."""
+    return PressVectors(supports.pattern, supports.powers, supports.frames)
+
+
+def _taken(
+    recogniser: Recogniser, presses: PressVectors, known: Supports, number: int
+) -> npt.NDArray[np.bool_]:
+    """Which presses are called a class (n,)."""
+    matches = recogniser.matches(presses)
+    labels, scores, _ = recogniser.scores(presses, matches, known, recogniser.road_)
+    return np.asarray(labels[scores.argmin(axis=1)] == number)
 
 
 def _bound(count: int, of: int) -> float:
@@ -130,3 +210,11 @@ def _bound(count: int, of: int) -> float:
     if not of:
         return float('nan')
     return 1.0 if count == of else float(betaincinv(count + 1, of - count, 0.95))
+
+
+def _most_of(chances: Array) -> float:
+    """What the share of heads that are lost, each by a chance (n,), is at most with 95 %."""
+    count = np.ones(1)
+    for chance in chances:
+        count = np.convolve(count, [1 - chance, chance])
+    return float(np.searchsorted(np.cumsum(count), 0.95)) / len(chances)

@@ -12,9 +12,19 @@ import numpy as np
 
 from tactile_ros.estimators.press_window import press_vectors
 from tactile_ros.regression import Recognition
-from tactile_ros.sensors.multipole_skin.enrolment import alike_by, enrolled, lost_by
-from tactile_ros.sensors.multipole_skin.press_fit import learned
-from tactile_ros.sensors.multipole_skin.windows import WindowMemory, find_windows
+from tactile_ros.sensors.multipole_skin.enrolment import costs, enrolled
+from tactile_ros.sensors.multipole_skin.network_classes import (
+    NETWORKS,
+    NetworkClasses,
+    best_network,
+)
+from tactile_ros.sensors.multipole_skin.press_fit import Told, learned
+from tactile_ros.sensors.multipole_skin.recogniser import WEAKEST
+from tactile_ros.sensors.multipole_skin.windows import (
+    WindowMemory,
+    find_windows,
+    press_numbers,
+)
 
 if TYPE_CHECKING:
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
@@ -39,7 +49,8 @@ class MultipoleEstimation:
     config : MultipoleSkinConfig
         Drawing of the skin: where a fit starts.
     estimator : str or None
-        A regressor of frames; None: the best of all roads on held-out places.
+        A regressor of frames, or a network of [1], which names presses and no more; None: the
+        best of all roads on held-out places.
 
     Attributes
     ----------
@@ -47,15 +58,18 @@ class MultipoleEstimation:
         Regressors and votes of frames.
     recogniser_ : Recogniser or None
         Of presses; None before a fit, and where a regressor was asked for.
+    network_ : NetworkClasses or None
+        Network of [1], where it is what names known classes.
     by_press_ : tuple of str
-        Targets of which it speaks.
+        Targets of which the recogniser speaks.
     names_ : tuple of str
         Of enrolled classes.
     """
 
     def __init__(self, config: MultipoleSkinConfig, estimator: str | None = None) -> None:
-        self.frames_ = Recognition(config, estimator)
+        self.frames_ = Recognition(config, None if estimator in NETWORKS else estimator)
         self.config, self.wanted = config, estimator
+        self.network_: NetworkClasses | None = None
         self.recogniser_: Recogniser | None = None
         self.by_press_: tuple[str, ...] = ()
         self.press_report_: Report = {}
@@ -69,7 +83,8 @@ class MultipoleEstimation:
             target: self.recogniser_.road_ if target == 'label' else 'press_templates'
             for target in self.by_press_
         }  # fmt: skip
-        return {**self.frames_.estimators, **road}
+        network = {} if self.network_ is None else {'label': self.network_.name}
+        return {**self.frames_.estimators, **network, **road}
 
     @property
     def report(self) -> Report:
@@ -91,11 +106,12 @@ class MultipoleEstimation:
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component; see `Regression`."""
-        self.frames_.fit(signals, truth, groups)
+        if self.wanted not in NETWORKS:
+            self.frames_.fit(signals, truth, groups)
         self.recogniser_, self.by_press_, self.press_report_ = None, (), {}
-        self.names_ = ()
+        self.network_, self.names_ = None, ()
         self.first_new_ = len(self.config.objects)
-        if self.wanted is not None:
+        if self.wanted is not None and self.wanted not in NETWORKS:
             return
         ends, windows = find_windows(signals, self.config.window, self.start())
         rows = np.array(ends, np.int64)
@@ -104,13 +120,22 @@ class MultipoleEstimation:
             rows, windows = rows[chosen], [windows[i] for i in chosen]
         label = np.asarray(truth.get('label', np.full(len(signals.good), -1)), np.int64)[rows]
         self.first_new_ = max(self.first_new_, int(label.max(initial=-1)) + 1)
-        rest = self._rest(signals)
-        self.recogniser_, self.press_report_ = learned(
-            self.config, rest, self._noise(signals), windows, label,
-            _column(truth, 'position', rows, 3), _column(truth, 'yaw', rows, 1)[:, 0],
-            np.asarray(groups['group'], np.int64)[rows],
+        group = np.asarray(groups['group'], np.int64)
+        timed = signals.stamp_ns is not None
+        number = press_numbers(signals, self.config.window) if timed else group
+        told = Told(
+            label, _column(truth, 'position', rows, 3), _column(truth, 'yaw', rows, 1)[:, 0],
+            group[rows], number[rows],
         )  # fmt: skip
-        self._choose()
+        # a chip that was dead throughout reads 0
+        dead = (signals.values[signals.good] == 0).all(axis=(0, 2)) & bool(signals.good.any())
+        self.recogniser_, self.press_report_ = learned(
+            self.config, self._rest(signals), self._noise(signals), windows, told, dead
+        )
+        asked = NETWORKS if self.wanted is None else (self.wanted,)
+        self.network_ = best_network(asked, windows, label, told.groups)
+        if self.wanted is None:
+            self._choose()
 
     def _rest(self, signals: Signals) -> Array:
         """Resting readings (t, 3) of the usual baseline; zeros where there is none."""
@@ -138,30 +163,40 @@ class MultipoleEstimation:
         chosen = []
         by_press = report.get('label_by_press', {})
         right = by_press.get(f'accuracy_{self.recogniser_.road_}')
-        if right is None:
-            chosen += ['label'] if templates and 'label' not in frames else []
-        elif right >= self._votes(frames):
+        theirs = 0.0
+        if self.network_ is not None:
+            report['label_by_network'] = {f'accuracy_{self.network_.name}': self.network_.right}
+            theirs = self.network_.right * self._names_all()
+        if theirs <= max(right or 0.0, self._votes(frames)):
+            self.network_ = None
+        if self.network_ is None and (
+            templates and 'label' not in frames if right is None else right >= self._votes(frames)
+        ):
             chosen.append('label')
         for target in ('position', 'yaw'):
             own = report.get(f'{target}_by_press', {}).get('median', np.inf)
-            theirs = [
+            means = [
                 found['held_out_mean']
                 for title, found in frames.items()
                 if title.startswith(target) and 'held_out_mean' in found
             ]
-            other = theirs[0] if theirs else np.inf
-            if templates and (own < other or (not theirs and not np.isfinite(own))):
+            other = means[0] if means else np.inf
+            if templates and (own < other or (not means and not np.isfinite(own))):
                 chosen.append(target)
         self.by_press_ = tuple(chosen)
 
     def _votes(self, frames: Report) -> float:
         """How often votes of frames are right; never, where they cannot name every head."""
+        if not self._names_all() or 'label' not in self.frames_.estimators:
+            return 0.0
+        return frames.get('label', {}).get('held_out_accuracy', 0.0)
+
+    def _names_all(self) -> bool:
+        """Whether every head that templates would name was seen."""
         assert self.recogniser_ is not None
         seen = set(self.recogniser_.known_.label.tolist())
         heads = range(len(self.config.objects)) if self.recogniser_.search is not None else ()
-        if not seen.issuperset(heads) or 'label' not in self.frames_.estimators:
-            return 0.0
-        return frames.get('label', {}).get('held_out_accuracy', 0.0)
+        return seen.issuperset(heads)
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Targets of every row; label, place and turn on the last frame of a window."""
@@ -171,12 +206,17 @@ class MultipoleEstimation:
         rows = np.array(ends, np.int64)
         if signals.stamp_ns is not None:
             _only(known, rows)
-        if self.recogniser_ is None or not (self.by_press_ or self.names_):
+        spoken = self.by_press_ or self.names_ or self.network_ is not None
+        if self.recogniser_ is None or not spoken:
             return known
         n = len(signals.good)
         answers = None
         if len(rows):
-            answers = self.recogniser_.answer(press_vectors(windows, self.recogniser_.basis))
+            presses = press_vectors(windows, self.recogniser_.basis)
+            answers = self.recogniser_.answer(presses)
+            if self.network_ is not None:
+                firm = self.recogniser_.strength(presses) >= WEAKEST
+                _write(known, rows, n, *self.network_.predict(windows, firm))
         self._name(known, rows, answers, n)
         if 'position' in self.by_press_:
             self._place(known, rows, answers, n)
@@ -264,15 +304,12 @@ class MultipoleEstimation:
             raise ValueError(msg)
         names = self.names_ if label in self.names_ else (*self.names_, label)
         number = self.first_new_ + names.index(label)
-        new = enrolled(self.recogniser_, signals, self.config.window, number, label)
-        before = self.recogniser_.enrolled_
-        self.recogniser_.enrolled_ = before.joined(new)
-        stated = {
-            'presses': float(len(new.label)),
-            **lost_by(self.recogniser_, number),
-            'heads_alike': alike_by(self.recogniser_, new, number),
-        }
-        self.names_ = names
+        old = self.recogniser_
+        new = enrolled(old, signals, self.config.window, number, label)
+        tried = old.with_enrolled(old.enrolled_.joined(new))
+        stated = costs(tried, new, number)
+        # all of it, or nothing where judging fails
+        self.recogniser_, self.names_ = tried, names
         self.press_report_ = {**self.press_report_, f'enrolled {label}': stated}
 
     def forget(self, label: str) -> None:
@@ -300,6 +337,12 @@ def _column(truth: Columns, name: str, rows: Integers, width: int) -> Array:
     if found is None:
         return np.full((len(rows), width), np.nan)
     return np.asarray(found, np.float64).reshape(len(found), width)[rows]
+
+
+def _write(known: Columns, rows: Integers, n: int, label: Integers, chance: Array) -> None:
+    """Labels of some of n rows as those of all; `known` is changed."""
+    known['label'], known['label_probability'] = np.full(n, -1), np.full(n, np.nan)
+    known['label'][rows], known['label_probability'][rows] = label, chance
 
 
 def _only(known: Columns, rows: Integers) -> None:

@@ -2,31 +2,39 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.stats import norm
 
+from tactile_ros.estimators.known_press import KnownPress
 from tactile_ros.estimators.press_window import press_vectors
-from tactile_ros.estimators.skin_fit import KnownPress, SkinFit
+from tactile_ros.estimators.skin_fit import SkinFit
 from tactile_ros.estimators.skin_model import SkinModel, bands_of
-from tactile_ros.sensors.multipole_skin.recogniser import MODEL_ERROR, Recogniser
+from tactile_ros.sensors.multipole_skin.recogniser import MODEL_ERROR, WEAKEST, Recogniser
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from tactile_ros.estimators.press_search import Matches
     from tactile_ros.estimators.press_window import PressVectors
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
-    from tactile_ros.types import Array, Integers
+    from tactile_ros.types import Array, Bools, Integers
 
 ROADS = ('press_templates', 'press_neighbours', 'press_both')
 FEWEST = 3  # presses from which chips are mended
-MOST = 400  # presses that are kept as supports
+MOST = 400  # windows that are kept as supports
+MOST_MENDING = 30  # presses by which chips are mended
 FOLDS = 5
 FAINT = 0.1  # of the drawn resting field: readings that were tared before they came
 NOT_THIS = 0.3  # of a press, missed by the model: truth speaks of something else
-CAREFUL = 1.3  # errors of presses that were not fitted over those that were
-WIDER = 1.6  # errors of place of presses that come over those that the skin was mended with
+INSIDE = 0.6827  # of errors, one stated deviation
+USUAL_ERRORS = 10  # as stated, that are added to those that were found
 ERRORS = (0.012, 0.2)
+SOMEWHERE = 0.25  # of the sheet: how far presses are made up from its middle
+MADE = ((0.0, 0.0, 0.0), (1.0, 0.4, 0.5), (-0.4, 1.0, 1.0), (-1.0, -0.4, 1.5), (0.4, -1.0, 2.0))
 CHI_SQUARED_MIDDLE = 0.4549  # median of the square of a normal deviate
 LEAST_STILL = 0.3  # of the noise
 SAME = 1e-4  # m, places
@@ -34,35 +42,52 @@ SAME = 1e-4  # m, places
 
 @dataclass(frozen=True)
 class Told:
-    """Presses (n) with what truth says of them: NaN and -1 where it does not.
+    """What truth says of windows (n): NaN and -1 where it does not.
 
     Attributes
     ----------
-    presses : PressVectors
-        Of one skin.
     label : ndarray, shape (n,)
         Class.
     place, yaw : ndarray, shape (n, 3) and (n,)
         Of the head's origin (m), and its turn (rad).
     group : ndarray, shape (n,)
-        Presses that must not be split, where places are not known.
+        Windows that must not be split, where places are not known.
+    number : ndarray, shape (n,)
+        Of the press that each is a window of.
     """
 
-    presses: PressVectors
     label: Integers
     place: Array
     yaw: Array
     group: Integers
+    number: Integers
+
+    def rows(self, rows: npt.NDArray[np.intp]) -> Told:
+        """Some of them."""
+        return Told(*(getattr(self, one.name)[rows] for one in fields(self)))
 
     @property
     def groups(self) -> Integers:
-        """Places, where they are known and more than two; else what must not be split."""
+        """Places, where they are known and more than two; else what must not be split.
+
+        Windows of one press stay together, wherever they were said to be.
+        """
+        group = self.group
         if np.isfinite(self.place[:, :2]).all() and len(self.place):
             grid = np.round(self.place[:, :2] / SAME)
             places = np.unique(grid, axis=0, return_inverse=True)[1]
             if places.max(initial=0) > 1:
-                return np.asarray(places).reshape(-1)
-        return self.group
+                group = np.asarray(places).reshape(-1)
+        _, first, press = np.unique(self.number, return_index=True, return_inverse=True)
+        return group[first][np.asarray(press).reshape(-1)]
+
+    @cached_property
+    def folds(self) -> Integers:
+        """Fold of each window; groups stay together."""
+        _, number = np.unique(self.groups, return_inverse=True)
+        number = np.asarray(number).reshape(-1)
+        order = np.random.default_rng(0).permutation(number.max(initial=-1) + 1)
+        return np.asarray(order[number] % FOLDS, np.int64)
 
 
 def drawn_skin(config: MultipoleSkinConfig) -> SkinModel:
@@ -96,8 +121,8 @@ def mended_skin(
 
 
 def learned(
-    config: MultipoleSkinConfig, rest: Array, noise: Array, windows: list[Array],
-    label: Integers, place: Array, yaw: Array, group: Integers,
+    config: MultipoleSkinConfig, rest: Array, noise: Array, windows: list[Array], told: Told,
+    dead: Bools,
 ) -> tuple[Recogniser, dict[str, dict[str, float]]]:  # fmt: skip
     """Recogniser of one skin, and errors on held-out groups.
 
@@ -109,79 +134,126 @@ def learned(
         Resting readings, and noise of one (T).
     windows : list of ndarray, shape (w, d)
         Changes of field in presses.
-    label, place, yaw, group : ndarray
-        As in `Told`.
+    told : Told
+        What is known of them.
+    dead : ndarray, shape (t,)
+        Chips that say nothing.
     """
     drawn = drawn_skin(config)
+    drawn = replace(drawn, responses=np.where(dead[:, None, None], 0.0, drawn.responses))
     fit, used = mended_skin(drawn, rest, noise)
     basis = np.linalg.qr(drawn.common)[0]
-    told = Told(press_vectors(windows, basis), label, place, yaw, group)
-    error = MODEL_ERROR
+    presses = press_vectors(windows, basis)
+    outside, error = presses, MODEL_ERROR
     report: dict[str, dict[str, float]] = {}
     if fit is not None:
-        rested, known = fit.found, known_presses(config, told)
-        if len(known) >= FEWEST:
-            fit.fit_presses(used, known)
-            report['skin'] = {'missed': fit.missed, 'presses': float(len(known))}
-            if fit.missed > NOT_THIS:
-                fit.found = rested
-            else:
-                error = float(np.clip(CAREFUL * fit.missed, *ERRORS))
+        outside, error, report = _mended(fit, used, config, presses, told)
     model = None if fit is None else fit.found
     common = drawn.common if model is None else model.common
     recogniser = Recogniser(model, tuple(config.objects), noise, common, error)
-    whole = np.flatnonzero(np.isfinite(told.presses.pattern).all(axis=1))
+    whole = np.flatnonzero(np.isfinite(presses.pattern).all(axis=1))
     if len(whole) >= FEWEST:
-        still = told.presses.rows(whole).still(noise)
-        recogniser.still_ = max(recogniser.still_, still)
-    report.update(choose(recogniser, told))
+        recogniser.still_ = max(recogniser.still_, presses.rows(whole).still(noise))
+    report.update(choose(recogniser, presses, outside, told))
     return recogniser, report
 
 
-def known_presses(config: MultipoleSkinConfig, told: Told) -> list[KnownPress]:
-    """Presses of which head, place and turn are known."""
-    found = []
-    for i, label in enumerate(told.label):
-        if not 0 <= label < len(config.objects):
-            continue
-        pose = np.array([*told.place[i, :2], told.yaw[i]])
-        whole = np.isfinite(pose).all() and np.isfinite(told.presses.pattern[i]).all()
-        if whole:
-            press = told.presses
-            found.append(
-                KnownPress(config.objects[label], pose, press.pattern[i], press.powers[i])
-            )
-    return found
+def _mended(
+    fit: SkinFit, rest: Array | None, config: MultipoleSkinConfig, presses: PressVectors,
+    told: Told,
+) -> tuple[PressVectors, float, dict[str, dict[str, float]]]:  # fmt: skip
+    """Mend a skin with known presses: these as if it had not seen them, its error, a report."""
+    rows = known_presses(config, presses, told)
+    error = _expected(fit, rest, config)
+    if len(rows) < FEWEST:
+        return presses, error, {}
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_MENDING).astype(int))]
+    known = [
+        KnownPress(
+            config.objects[told.label[i]], np.array([*told.place[i, :2], told.yaw[i]]),
+            presses.pattern[i], presses.powers[i],
+        )
+        for i in rows
+    ]  # fmt: skip
+    rested = fit.found
+    fit.fit_presses(rest, known)
+    fold = told.folds[rows]
+    patterns, shares = fit.left_out(known, fold)
+    missed = float(np.sqrt(np.mean(np.square(shares))))
+    report = {'skin': {'missed': missed, 'presses': float(len(known))}}
+    if missed > NOT_THIS:
+        fit.found = rested
+        return presses, error, report
+    pattern = presses.pattern.copy()
+    pattern[rows] = patterns
+    # where all presses are of one place, none of them can be left out
+    error = missed if len(np.unique(fold)) > 1 else max(missed, error)
+    return replace(presses, pattern=pattern), float(np.clip(error, *ERRORS)), report
 
 
-def choose(recogniser: Recogniser, told: Told) -> dict[str, dict[str, float]]:
-    """Keep supports, choose the road that is right most often on held-out places."""
-    rows = np.array(np.isfinite(told.presses.pattern).all(axis=1))
-    rows[rows] = recogniser.strength(told.presses.rows(np.flatnonzero(rows))) >= 5
+def _expected(fit: SkinFit, rest: Array | None, config: MultipoleSkinConfig) -> float:
+    """Error of a model that its resting readings alone have mended, as a share of a press."""
+    if rest is None or not config.objects:
+        return MODEL_ERROR
+    reach = SOMEWHERE * np.asarray(config.sheet_size, float)
+    made = [
+        fit.press.made(fit.found, config.objects[0], np.array([*(place * reach), turn]))
+        for *place, turn in MADE
+    ]
+    return float(np.clip(fit.expected(made), *ERRORS))
+
+
+def known_presses(
+    config: MultipoleSkinConfig, presses: PressVectors, told: Told
+) -> npt.NDArray[np.intp]:
+    """Windows of which head, place and turn are known."""
+    posed = np.isfinite(told.place[:, :2]).all(axis=1) & np.isfinite(told.yaw)
+    drawn = (told.label >= 0) & (told.label < len(config.objects))
+    return np.flatnonzero(posed & drawn & np.isfinite(presses.pattern).all(axis=1))
+
+
+def choose(
+    recogniser: Recogniser, presses: PressVectors, outside: PressVectors, told: Told
+) -> dict[str, dict[str, float]]:
+    """Keep supports, choose the road that is right most often on held-out places.
+
+    Parameters
+    ----------
+    recogniser : Recogniser
+        Of the skin; it is changed.
+    presses, outside : PressVectors
+        Windows (n), and as templates see them whose skin was mended without them.
+    told : Told
+        What is known of them.
+    """
+    rows = np.array(np.isfinite(presses.pattern).all(axis=1))
+    rows[rows] = recogniser.strength(presses.rows(np.flatnonzero(rows))) >= WEAKEST
     rows &= told.label >= 0
     use = np.flatnonzero(rows)
     if not len(use):
         return {}
     use = use[np.unique(np.linspace(0, len(use) - 1, MOST).astype(int))]
-    presses, labels = told.presses.rows(use), told.label[use]
+    presses, outside, told = presses.rows(use), outside.rows(use), told.rows(use)
     matches = recogniser.matches(presses)
     if recogniser.search is not None and matches is not None:
         recogniser.still_ = _unaveraged(recogniser, presses, matches)
         recogniser.search.still = recogniser.still_
         matches = recogniser.matches(presses)
-    recogniser.known_ = recogniser.supports(presses, labels, matches)
-    fold = _folds(told.groups[use])
-    found = {}
-    for road in _roads(recogniser, labels):
-        right, misfit = trial(recogniser, presses, labels, matches, fold, road)
-        found[road] = right, misfit
+    recogniser.known_ = recogniser.supports(presses, told.label, matches, told.number)
+    unseen = recogniser.matches(outside)
+    found = {
+        road: trial(recogniser, presses, unseen, told.folds, road)
+        for road in _roads(recogniser, told.label)
+    }
+    right = {road: float((named == told.label).mean()) for road, (named, _) in found.items()}
     # of roads that are as good, the one that needs the least to have been seen
-    best = max(found, key=lambda road: (np.round(found[road][0], 3), -ROADS.index(road)))
+    best = max(found, key=lambda road: (np.round(right[road], 3), -ROADS.index(road)))
     recogniser.road_ = best
-    recogniser.worst_ = float(np.clip(3 * found[best][1], 5.0, 50.0))
-    report = {'label_by_press': {f'accuracy_{road}': right for road, (right, _) in found.items()}}
-    if matches is not None:
-        report.update(_placed(recogniser, told, use, matches, labels))
+    named, misfit = found[best]
+    recogniser.expect(misfit[(named == told.label) & np.isfinite(misfit)])
+    report = {'label_by_press': {f'accuracy_{road}': share for road, share in right.items()}}
+    if unseen is not None:
+        report.update(_placed(recogniser, told, unseen, named))
     return report
 
 
@@ -211,20 +283,12 @@ def _roads(recogniser: Recogniser, labels: Integers) -> tuple[str, ...]:
     return (ROADS[0], ROADS[2]) if unseen else ROADS
 
 
-def _folds(groups: Integers) -> Integers:
-    """Fold of each press; groups stay together."""
-    _, number = np.unique(groups, return_inverse=True)
-    number = np.asarray(number).reshape(-1)
-    order = np.random.default_rng(0).permutation(number.max(initial=0) + 1)
-    return np.asarray(order[number] % FOLDS)
-
-
 def trial(
-    recogniser: Recogniser, presses: PressVectors, labels: Integers, matches: Matches | None,
-    fold: Integers, road: str,
-) -> tuple[float, float]:  # fmt: skip
-    """Share of held-out presses named rightly, and the misfit that nineteen of twenty keep."""
-    right, misfit = np.zeros(len(labels), bool), np.full(len(labels), np.inf)
+    recogniser: Recogniser, presses: PressVectors, matches: Matches | None, fold: Integers,
+    road: str,
+) -> tuple[Integers, Array]:  # fmt: skip
+    """What held-out presses are named, -1 where nothing is near, and their misfits."""
+    named, misfit = np.full(len(fold), -1), np.full(len(fold), np.inf)
     for i in np.unique(fold):
         rows = np.flatnonzero(fold == i)
         part = None if matches is None else _part(matches, rows)
@@ -233,10 +297,9 @@ def trial(
         if not len(classes):
             continue
         best = scores.argmin(axis=1)
-        right[rows] = (classes[best] == labels[rows]) & np.isfinite(scores.min(axis=1))
+        named[rows] = np.where(np.isfinite(scores.min(axis=1)), classes[best], -1)
         misfit[rows] = misfits[np.arange(len(rows)), best]
-    finite = misfit[np.isfinite(misfit) & right]
-    return float(right.mean()), float(np.quantile(finite, 0.95)) if len(finite) else 1.0
+    return named, misfit
 
 
 def _part(matches: Matches, rows: Integers) -> Matches:
@@ -246,24 +309,25 @@ def _part(matches: Matches, rows: Integers) -> Matches:
 
 
 def _placed(
-    recogniser: Recogniser, told: Told, use: Integers, matches: Matches, labels: Integers
+    recogniser: Recogniser, told: Told, matches: Matches, named: Integers
 ) -> dict[str, dict[str, float]]:
-    """Errors of place and turn by templates, and what their covariance is too small by."""
-    pose, cov, order = recogniser.placed(matches, labels)
-    place, yaw = told.place[use, :2], told.yaw[use]
+    """Errors of place and turn by templates, and what their covariance is too small by.
+
+    Of the head that each press is named, as in use: who errs in the head errs in the place.
+    """
+    pose, cov, order = recogniser.placed(matches, named)
+    place, yaw = told.place[:, :2], told.yaw
     report = {}
     known = np.isfinite(place).all(axis=1) & np.isfinite(pose[:, :2]).all(axis=1)
     if known.any():
         away = (pose[:, :2] - place)[known]
         sigma = np.sqrt(np.stack([cov[known, 0, 0], cov[known, 1, 1]], axis=1))
-        ratio = np.abs(away / np.maximum(sigma, 1e-12))
-        # the middle of the errors decides: a wrong head is another matter
-        recogniser.spread_ *= WIDER * float(np.clip(np.median(ratio) / 0.6745, 0.3, 20.0))
+        recogniser.spread_ *= _spread(np.abs(away / np.maximum(sigma, 1e-12)))
         report['position_by_press'] = {
             'rmse': float(np.sqrt(np.square(away).mean())),
             'median': float(np.median(np.linalg.norm(away, axis=1))),
         }
-    turned = np.isfinite(yaw) & (order > 0)
+    turned = np.isfinite(yaw) & np.isfinite(pose[:, 2]) & (order > 0) & (named == told.label)
     if turned.any():
         sector = 2 * np.pi / order[turned]
         off = (pose[turned, 2] - yaw[turned] + sector / 2) % sector - sector / 2
@@ -272,3 +336,12 @@ def _placed(
             'median': float(np.median(np.abs(off))),
         }
     return report
+
+
+def _spread(ratio: Array) -> float:
+    """By what stated deviations are too small: as much as two in three errors ask for.
+
+    Some errors of a usual size are added, since few presses say little.
+    """
+    usual = np.abs(norm.ppf((np.arange(USUAL_ERRORS) + 0.5) / USUAL_ERRORS))
+    return float(np.quantile(np.concatenate([ratio.ravel(), usual]), INSIDE))

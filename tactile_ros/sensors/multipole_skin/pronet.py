@@ -6,11 +6,18 @@ learned from. They know the skin that they were trained on, and no other.
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 
 from tactile_ros.estimators.embedding import Embedding
 
 TRAINED = ('shapes', 'postures')
+FRAMES, CHANNELS = 10, 60  # of a window
+
+
+def can_run() -> bool:
+    """Whether onnxruntime is installed."""
+    return find_spec('onnxruntime') is not None
 
 
 def pronet(what: str) -> Embedding:

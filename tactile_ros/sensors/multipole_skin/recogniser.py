@@ -8,6 +8,7 @@ best of a class's scores counts; newly enrolled classes are known by their suppo
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -19,6 +20,8 @@ from tactile_ros.estimators.press_search import PressSearch
 from tactile_ros.estimators.press_supports import modelled_supports, plain_supports
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from tactile_ros.estimators.few_shot import SeenClasses
     from tactile_ros.estimators.press_search import Matches
     from tactile_ros.estimators.press_window import PressVectors
@@ -27,10 +30,15 @@ if TYPE_CHECKING:
 
 MODEL_ERROR = 0.03  # of what a chip sees, where no press has told it
 WEAKEST = 5.0  # sigma of the strongest reading
-WORST = 8.0  # misfit over its variance, beyond which no class fits
+NONE = 0.1  # how often something presses that is none of the classes
+UNLIKE = 4.6  # logarithm of the misfit, over which that is spread: a factor of a hundred
+UNTOLD = 0.7  # deviation of that logarithm where no press tells it
+LEAST_TOLD = 0.2
 WIDE = 2.5  # deviations of a turn that count as its range
 STILL = 0.5  # of the noise: what frames do not average, where no press tells it
 AROUND = 5e-3  # m, within which heads may press beside those that were seen
+FEW = 5  # presses, as which what is usual counts
+WITNESSES = 2, 3  # heads, least and most, that tell where an undrawn one presses
 FREE = 4  # parameters of a press that are fitted, beside a uniform field
 
 
@@ -43,7 +51,8 @@ class Answers:
     label, probability : ndarray, shape (n,)
         -1 and NaN: none of the classes.
     pose, cov : ndarray, shape (n, 4) and (n, 4, 4)
-        Place (m), turn (rad) and depth (m) of the best head; NaN without a model.
+        Place (m), turn (rad) and depth (m) of the head named; of a class that nobody drew the
+        place alone; NaN without a model.
     order : ndarray, shape (n,)
         Of the head's symmetry; -1 unknown.
     """
@@ -81,8 +90,9 @@ class Recogniser:
         Error of a pattern that frames do not average (T).
     spread_ : float
         Errors over what the covariance of a template says.
-    worst_ : float
-        Misfit beyond which no class fits.
+    usual_, vary_ : float
+        Logarithm of the misfit, over its variance, of presses that are named rightly: its middle,
+        and how far above it comes.
     """
 
     def __init__(
@@ -98,13 +108,19 @@ class Recogniser:
         self.known_ = Supports.empty(len(noise))
         self.enrolled_ = Supports.empty(len(noise))
         self.road_ = 'press_neighbours' if model is None else 'press_templates'
-        self.spread_, self.worst_ = 1.5, WORST
+        self.spread_ = 1.0
+        self.usual_, self.vary_ = 0.0, UNTOLD
         self.still_ = STILL * float(np.mean(noise))
 
     @cached_property
     def basis(self) -> Array:
         """Orthonormal patterns of a uniform field, shape (d, 3)."""
         return np.asarray(np.linalg.qr(self.common)[0])
+
+    @property
+    def spare(self) -> int:
+        """Readings that are left over by what is fitted; chips that say nothing have none."""
+        return int(np.count_nonzero(np.abs(self.common).sum(axis=1))) - 3 - FREE
 
     @cached_property
     def search(self) -> PressSearch | None:
@@ -114,6 +130,13 @@ class Recogniser:
         bank = self.model.bank(self.outlines)
         body, error = self.model.body, self.error
         return PressSearch(bank, self.noise, self.common, body, error, self.still_)
+
+    def with_enrolled(self, enrolled: Supports) -> Recogniser:
+        """The same with other enrolled classes."""
+        other = copy(self)
+        vars(other).pop('_last', None)
+        other.enrolled_ = enrolled
+        return other
 
     def refresh(self) -> None:
         """Forget what was made for another error or skin."""
@@ -125,13 +148,20 @@ class Recogniser:
         return None if self.search is None else self.search.find(presses)
 
     def supports(
-        self, presses: PressVectors, labels: Integers, matches: Matches | None
+        self,
+        presses: PressVectors,
+        labels: Integers,
+        matches: Matches | None,
+        number: Integers | None = None,
     ) -> Supports:
-        """Presses as supports of their classes."""
+        """Windows as supports of their classes; without numbers each is a press of its own."""
+        if number is None:
+            number = np.arange(len(labels))
         if matches is None:
-            return plain_supports(presses, labels)
+            return plain_supports(presses, labels, number)
         assert self.search is not None
-        return modelled_supports(presses, labels, matches, self.search.bank, self.basis)
+        bank, basis = self.search.bank, self.basis
+        return modelled_supports(presses, labels, number, matches, bank, basis)
 
     def strength(self, presses: PressVectors) -> Array:
         """Strongest reading of each press over its noise, without any uniform field."""
@@ -164,8 +194,7 @@ class Recogniser:
         road: str,
     ) -> tuple[Integers, Array, Array]:
         """Classes (k,), their scores (n, k) and misfits over variance (n, k)."""
-        n, d = presses.pattern.shape
-        spare = d - 3 - FREE
+        n, spare = len(presses.pattern), self.spare
         columns: dict[int, tuple[Array, Array]] = {}
         if matches is not None and road != 'press_neighbours':
             score, cost = self.template_scores(presses, matches)
@@ -217,23 +246,44 @@ class Recogniser:
         noise = presses.variance(self.noise, self.still_)
         return np.asarray(np.log(noise + np.repeat(share, 3, axis=1)).sum(axis=1))
 
+    def expect(self, misfits: Array) -> None:
+        """Learn how well classes fit, from misfits (n,) of held-out presses named rightly."""
+        if not len(misfits):
+            return
+        told = np.log(np.maximum(misfits, 1e-3))
+        # the prior counts as a few presses
+        weight = len(told) / (len(told) + FEW)
+        self.usual_ = weight * float(np.median(told))
+        above = np.square(np.maximum(told - self.usual_, 0.0))
+        square = 2 * weight * above.mean() + (1 - weight) * UNTOLD**2
+        self.vary_ = max(float(np.sqrt(square)), LEAST_TOLD)
+
+    def none_chance(self, misfits: Array) -> Array:
+        """Probability that what pressed is none of the classes, from the best one's misfit (n,).
+
+        Others fit anyhow, within a wide factor; classes as held-out presses do, or better.
+        """
+        away = np.maximum(np.log(np.maximum(misfits, 1e-3)) - self.usual_, 0.0) / self.vary_
+        fits = np.exp(-0.5 * np.square(away)) / (np.sqrt(2 * np.pi) * self.vary_)
+        return np.asarray(NONE / UNLIKE / (NONE / UNLIKE + (1 - NONE) * fits))
+
     def decide(self, labels: Integers, scores: Array, misfits: Array) -> tuple[Integers, Array]:
-        """Label and its probability for each press; -1 and NaN where no class fits."""
+        """Label and its probability for each press; -1 and NaN where none of them is likelier."""
         n = len(scores)
         if not len(labels):
             return np.full(n, -1), np.full(n, np.nan)
         best = scores.argmin(axis=1)
         low = scores[np.arange(n), best]
-        misfit = np.maximum(misfits[np.arange(n), best], 1.0)
+        misfit = misfits[np.arange(n), best]
         misfit[np.isinf(misfit)] = 1.0  # no class is near
         with np.errstate(invalid='ignore'):
             away = np.where(np.isfinite(low)[:, None], scores - low[:, None], np.inf)
         # where nothing fits well, differences of misfits say less
-        likely = np.exp(-0.5 * away / misfit[:, None])
-        total = np.maximum(likely.sum(axis=1), 1e-30)
-        fits = np.isfinite(low) & (misfits[np.arange(n), best] < self.worst_)
-        label = np.where(fits, labels[best], -1)
-        return label, np.where(fits, likely[np.arange(n), best] / total, np.nan)
+        likely = np.exp(-0.5 * away / np.maximum(misfit, 1.0)[:, None])
+        none = self.none_chance(misfit)
+        chance = (1 - none) / np.maximum(likely.sum(axis=1), 1e-30)
+        fits = np.isfinite(low) & (chance > none)
+        return np.where(fits, labels[best], -1), np.where(fits, chance, np.nan)
 
     def answer(self, presses: PressVectors) -> Answers:
         """What pressed, and where."""
@@ -254,7 +304,7 @@ class Recogniser:
         return Answers(label, probability, pose, cov, order)
 
     def placed(self, matches: Matches, label: Integers) -> tuple[Array, Array, Integers]:
-        """Pose, covariance and order of symmetry: of the head named, else of the best one."""
+        """Pose, covariance and order of symmetry of the head named; else where several say."""
         assert self.search is not None
         heads = self.search.bank.heads
         mine = (label >= 0) & (label < len(heads))
@@ -268,8 +318,26 @@ class Recogniser:
         pose[free, 2] = 0.0
         cov[free, 2, :] = cov[free, :, 2] = 0.0
         cov[free, 2, 2] = np.pi**2 / 3
-        pose[~mine, 2] = np.nan
+        pose[~mine], cov[~mine] = self._undrawn(matches, np.flatnonzero(~mine))
         return pose, cov, np.where(mine, order, -1)
+
+    def _undrawn(self, matches: Matches, rows: npt.NDArray[np.intp]) -> tuple[Array, Array]:
+        """Pose and covariance of shapes that nobody drew: places alone, as several heads say.
+
+        The heads that fit best disagree by about as much as all of them are wrong.
+        """
+        n = len(rows)
+        pose, cov = np.full((n, 4), np.nan), np.full((n, 4, 4), np.nan)
+        if matches.cost.shape[1] < WITNESSES[0]:
+            return pose, cov
+        best = rows[:, None], np.argsort(matches.cost[rows], axis=1)[:, : WITNESSES[1]]
+        said = matches.pose[best][..., :2]
+        pose[:, :2] = said.mean(axis=1)
+        away = said - pose[:, None, :2]
+        between = np.einsum('nhi,nhj->nij', away, away) / said.shape[1]
+        within = self.spread_**2 * matches.cov[best][..., :2, :2].mean(axis=1)
+        cov[:, :2, :2] = within + between
+        return pose, cov
 
 
 def _same(first: tuple[object, ...], second: tuple[object, ...]) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from tactile_ros.signals import Signals
-    from tactile_ros.types import Array
+    from tactile_ros.types import Array, Integers
 
 
 @dataclass
@@ -81,3 +81,23 @@ def find_windows(
             found.append(np.array(memory.frames))
             memory.held = 0
     return ends, found
+
+
+def press_numbers(signals: Signals, size: int) -> Integers:
+    """Which press each frame is of, shape (s,).
+
+    A press ends where a stream does, and with a window of rest: contact that flickers where a head
+    comes down or leaves makes no second one. Frames without times are presses of their own.
+    """
+    count = len(signals.good)
+    if signals.stamp_ns is None:
+        return np.arange(count)
+    touched = np.flatnonzero(signals.in_contact != 0)
+    before = np.concatenate([[-1], touched[:-1]])
+    rested = touched - before > size
+    stream = np.cumsum(signals.restart)
+    anew = stream[touched] != stream[before]
+    number = np.zeros(count, np.int64)
+    number[touched] = 1
+    number[touched[~(rested | anew)]] = 0
+    return np.cumsum(number)

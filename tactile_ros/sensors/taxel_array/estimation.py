@@ -333,7 +333,6 @@ class TaxelRegression(Regression):
         if not learned and np.isnan(forces).any():
             # at rest the taxels read nothing: without a baseline readings stand for themselves
             forces = np.where(np.isnan(forces), signals.values[..., 0], forces)
-        spread = UNLEARNED if self.law_ is None else self.spread_
         asked = signals.good & (signals.in_contact != 0)
         summed = errors if self.summed_ else None
         corrected, area_law = None, self.config.area_law
@@ -341,7 +340,7 @@ class TaxelRegression(Regression):
             corrected = area_correction(
                 self.law_, signals.delta[..., 0], forces, self.config.areas, area_law
             )
-        errors_of = (self._rest_noise, spread)
+        errors_of = (self._rest_noise, self._gaps.parts(forces, self.own_, self._most))
         place_objects(
             known, self.objects, forces, *errors_of, asked, ~self.silent_, summed, corrected
         )

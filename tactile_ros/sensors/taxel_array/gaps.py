@@ -75,6 +75,11 @@ class Gaps:
         variance = np.where(np.isnan(forces), GUESSED**2 * (load * load), known)
         return load, variance, shared_part(load, level, alike)
 
+    @staticmethod
+    def parts(forces: Array, own: Array, most: Array) -> Array:
+        """Errors (s, t) in parts of the force, of forces (s, t); see `loads`."""
+        return np.asarray(own[np.searchsorted(LEVELS, np.nan_to_num(forces) / most)])
+
     def filled(self, forces: Array) -> Array:
         """Forces (s, t), those that are NaN as large as the pressure around tells."""
         lost = np.isnan(forces)

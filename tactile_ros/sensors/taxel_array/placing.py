@@ -35,7 +35,7 @@ def place_objects(
     objects: ObjectPose,
     forces: Array,
     noise: Array,
-    spread: float,
+    spread: Array,
     asked: Bools,
     usable: Bools,
     summed: tuple[Array, Array] | None,
@@ -53,7 +53,7 @@ def place_objects(
         Of the taxels (any unit).
     noise : ndarray, shape (t,)
         Of them at rest.
-    spread : float
+    spread : ndarray, shape (s, t)
         Their error in parts of the force.
     asked : ndarray, shape (s,)
         Rows in which something may lie.
@@ -71,12 +71,13 @@ def place_objects(
         row = forces[i]
         read = np.isfinite(row)
         able = usable & read
-        first = spread if corrected is None else max(spread, UNCORRECTED)
+        own = spread[i]
+        first = own if corrected is None else np.maximum(own, UNCORRECTED)
         found = objects.locate(np.where(read, row, 0.0), noise, able, first)
         for _ in range(0 if corrected is None or found.label < 0 else ROUNDS):
             assert corrected is not None
             row = corrected(int(i), found.cover)
-            better = objects.locate(np.nan_to_num(row), noise, able, spread)
+            better = objects.locate(np.nan_to_num(row), noise, able, own)
             if better.label < 0:
                 break
             found = better

@@ -1,0 +1,98 @@
+"""Specimens of the multipole skin: their physics, their flaws, and what they are asked for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors.multipole_skin import fidelity
+from tactile_ros.sensors.multipole_skin.press_fit import drawn_skin
+from tactile_ros.sensors.multipole_skin.signal import NOISE
+from tactile_ros.sensors.multipole_skin.specimen import NONE, Flaws, Specimen
+from test.reference import multipole_world as world
+
+CONFIG = load_sensor('multipole_skin').config()
+WHOLE = Specimen(CONFIG, NONE)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize('kind', ['M1', 'M2', 'M3', 'M4'])
+def test_the_sheet_is_magnetised_as_its_name_says(kind: str) -> None:
+    skin = Specimen(replace(CONFIG, magnetisation=kind), NONE)  # type: ignore[type-var]
+    direction = np.sign(skin.moments)
+    assert (skin.places[:, 2] > CONFIG.layer_thickness).all()  # type: ignore[attr-defined]
+    total = np.abs(skin.moments).sum()
+    assert total == pytest.approx(0.1 * 75e-3**2 * 2e-3 / (4e-7 * np.pi))
+    if kind == 'M1':
+        np.testing.assert_array_equal(direction, np.tile([0, 0, 1.0], (len(direction), 1)))
+        return
+    along = np.unique(skin.places[:, 1])
+    column = [direction[skin.places[:, 1] == y, 1][0] for y in along]
+    signs = {'M2': (1, 1), 'M3': (-1, 1), 'M4': (1, -1)}[kind]
+    assert (column[0], column[-1]) == signs
+    assert np.count_nonzero(np.diff(column)) == {'M2': 0, 'M3': 1, 'M4': 7}[kind]
+
+
+@pytest.mark.parametrize('kind', ['M1', 'M4'])
+def test_without_flaws_it_is_the_world_without_flaws(kind: str) -> None:
+    # finite elements, another grid of dipoles, and a dense matrix for the punch, whose cells make
+    # it narrower or wider by some per cent
+    other = world.World(0, world.IDEAL, kind)
+    skin = Specimen(replace(CONFIG, magnetisation=kind), NONE)  # type: ignore[type-var]
+    head = world.regular('circle', 48, 8e-3)
+    pose, depths = np.array([6e-3, -9e-3, 0.8]), np.array([2e-4, 8e-4])
+    wanted = other.press(head, pose[:2], pose[2], depths) - other.rest()
+    found = skin.press(head, pose, depths) - skin.rest()
+    cosine = (found * wanted).sum() / np.sqrt(np.square(found).sum() * np.square(wanted).sum())
+    assert cosine > 0.997
+    assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(wanted), rel=0.04)
+    assert skin.stiffness(head) == pytest.approx(other.stiffness, rel=0.05)
+    assert np.abs(skin.rest() - other.rest()).max() < 0.01 * np.abs(other.rest()).max()
+
+
+def test_it_errs_by_less_than_the_noise_can_tell() -> None:
+    # the same carpet under exact mechanics; the bench of fidelity says what the carpet costs
+    exact = fidelity.PressedSheet(CONFIG, 1.25e-3, points=2)  # type: ignore[arg-type]
+    head = world.regular('', 96, fidelity.RADIUS)
+    found = WHOLE.press(head, np.array([3e-3, -4e-3, 0]), np.array([0.5e-3])) - WHOLE.rest()
+    error = found.ravel() - exact.change(3e-3, -4e-3, 0.5e-3)
+    assert np.sqrt(np.square(error).mean()) < NOISE / 6
+    assert np.abs(error).max() < NOISE / 2
+
+
+def test_depths_between_those_that_were_summed_are_right() -> None:
+    head, pose = world.box('', 12e-3, 8e-3), np.array([2e-3, 5e-3, 0.4])
+    deep, shallow = (WHOLE.terms(head, pose, d) for d in (1e-3, 0.4e-3))
+    change = [0.4e-3 ** np.arange(1, 4) @ terms.reshape(3, -1) for terms in (deep, shallow)]
+    np.testing.assert_allclose(change[0], change[1], atol=NOISE / 40)
+
+
+def test_flaws_are_as_large_as_they_are_said_to_be() -> None:
+    several = [Specimen(CONFIG, Flaws(gap=0.0), seed) for seed in range(4)]  # type: ignore[arg-type]
+    off = np.array([one.chips for one in several]) - CONFIG.positions  # type: ignore[attr-defined]
+    assert off.std() == pytest.approx(0.15e-3, rel=0.2)
+    gains = np.linalg.norm([one.responses for one in several], axis=3)
+    assert gains.std() == pytest.approx(0.03, rel=0.2)
+    axes = np.array([one.responses for one in several]) / gains[..., None]
+    aside = np.stack([axes[..., 0, 1], axes[..., 1, 2], axes[..., 2, 0]])
+    assert aside.std() == pytest.approx(0.02, rel=0.2)
+    bands = np.array([one.sheet.strengths for one in several])
+    assert (bands / bands.mean(axis=1, keepdims=True)).std() == pytest.approx(0.05, rel=0.4)
+
+
+def test_seeds_are_skins_and_one_without_flaws_is_as_drawn() -> None:
+    one, same, other = (Specimen(CONFIG, seed=seed) for seed in (1, 1, 2))  # type: ignore[arg-type]
+    np.testing.assert_array_equal(one.rest(), same.rest())
+    assert np.abs(one.rest() - other.rest()).max() > 0.1e-3
+    np.testing.assert_allclose(WHOLE.rest(), drawn_skin(CONFIG).rest(), atol=1e-9)  # type: ignore[arg-type]
+    field = np.array([1e-5, 2e-5, -3e-5])
+    np.testing.assert_allclose(WHOLE.stray(field), np.tile(field, (20, 1)))
+
+
+def test_magnets_that_turn_with_the_body_read_otherwise() -> None:
+    turning = Specimen(CONFIG, replace(NONE, turning=1.0))  # type: ignore[arg-type]
+    head, pose = world.box('', 12e-3, 12e-3), np.array([0.0, 4e-3, 0.0])
+    stiff, soft = (one.terms(head, pose)[0] for one in (WHOLE, turning))
+    assert np.abs(stiff - soft).max() > 0.05 * np.abs(stiff).max()

@@ -1,0 +1,138 @@
+"""The network of [1] as a road of a fit, beside templates and neighbours."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from tactile_ros.errors import MissingPackageError
+from tactile_ros.estimators import embedding
+from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors.multipole_skin import network_classes, protocol
+from tactile_ros.sensors.multipole_skin.network_classes import NETWORKS, NetworkClasses
+from tactile_ros.sensors.multipole_skin.specimen import Specimen
+from tactile_ros.types import Recording
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+pytest.importorskip('onnxruntime')
+SPEC = load_sensor('multipole_skin')
+CONFIG = SPEC.config(objects=())
+HEADS = protocol.nine_heads()[2::3]
+PLACES = protocol.stations()[[6, 8, 18]]
+ROWS = protocol.TARE + 10
+
+
+def named(recording: Recording, *left_out: str) -> Recording:
+    """The same, of which less is told."""
+    truth = {name: column for name, column in recording.truth.items() if name not in left_out}
+    return replace(recording, truth=truth)
+
+
+@pytest.fixture(scope='module')
+def skin() -> Specimen:
+    return Specimen(CONFIG, seed=4)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope='module')
+def taught(skin: Specimen) -> Recording:
+    return named(protocol.collected(skin, HEADS, PLACES, 1, samples=5), 'position', 'yaw', 'force')
+
+
+@pytest.fixture(scope='module')
+def asked(skin: Specimen) -> Recording:
+    return protocol.collected(skin, HEADS, PLACES, 2, samples=4)
+
+
+@pytest.mark.parametrize('name', NETWORKS)
+def test_it_may_be_asked_for_and_names_presses_and_no_more(
+    name: str, taught: Recording, asked: Recording, tmp_path: Path
+) -> None:
+    pipeline = SPEC.pipeline(CONFIG, estimator=name).fit(taught)
+    assert pipeline.estimators == {'label': name}
+    states = pipeline.process_batch(asked)
+    last = np.arange(ROWS - 1, len(asked), ROWS)
+    right = states.label[last] == asked.truth['label'][last]
+    assert right.mean() > (0.9 if name == 'pronet_shapes' else 0.6)
+    assert np.nanmin(states.label_probability[last]) > 0.3
+    assert np.isnan(states.position).all()
+    pipeline.save(tmp_path / 'c.npz')
+    again = SPEC.load(tmp_path / 'c.npz').process_batch(asked)
+    np.testing.assert_array_equal(again.label, states.label)
+    np.testing.assert_array_equal(again.label_probability, states.label_probability)
+
+
+def test_a_fit_tries_it_and_says_how_often_it_was_right(taught: Recording) -> None:
+    pipeline = SPEC.pipeline(CONFIG).fit(taught)
+    (share,) = pipeline.report['label_by_network'].values()
+    assert 0.5 < share <= 1.0
+    others = pipeline.report['label_by_press'].values()
+    assert pipeline.estimators['label'] in ('press_neighbours', *NETWORKS)
+    assert pipeline.estimators['label'] in NETWORKS or max(others) >= share
+
+
+def test_a_fit_takes_it_where_it_is_better(
+    taught: Recording, asked: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        'tactile_ros.sensors.multipole_skin.press_fit.trial', lambda *a, **k: (0.1, 1.0)
+    )
+    pipeline = SPEC.pipeline(CONFIG).fit(taught)
+    assert pipeline.estimators['label'] in NETWORKS
+    last = np.arange(ROWS - 1, len(asked), ROWS)
+    label = pipeline.process_batch(asked).label[last]
+    assert (label == asked.truth['label'][last]).mean() > 0.8
+    # a class that is enrolled is told from presses, beside those that the network names
+    new = named(protocol.collected(skin_of(pipeline), protocol.bars()[:1], PLACES[:1], 3, 3))
+    pipeline.enrol(new, 'bar')
+    after = pipeline.process_batch(asked).label[last]
+    assert (after == label).mean() > 0.8
+
+
+def skin_of(_: object) -> Specimen:
+    return Specimen(CONFIG, seed=4)  # type: ignore[arg-type]
+
+
+def test_faint_presses_and_those_that_lack_frames_are_not_named(
+    taught: Recording, asked: Recording
+) -> None:
+    pipeline = SPEC.pipeline(CONFIG, estimator='pronet_shapes').fit(taught)
+    spoilt = replace(asked, values=asked.values.copy())
+    spoilt.values[ROWS - 3, 4] = np.nan
+    rest = asked.values[ROWS : ROWS + protocol.TARE].mean(axis=0)
+    part = slice(ROWS + protocol.TARE, 2 * ROWS)
+    spoilt.values[part] = rest + 0.003 * (asked.values[part] - rest)
+    label = pipeline.process_batch(spoilt).label
+    assert label[ROWS - 1] == label[2 * ROWS - 1] == -1
+
+
+def test_what_is_too_far_from_every_press_is_not_named(taught: Recording) -> None:
+    windows = list(protocol.windows_of(taught, 10))
+    label = np.repeat(np.arange(3), len(windows) // 3)
+    known = NetworkClasses('shapes').fit(windows, label, np.arange(len(windows)) % 5)
+    assert 0.5 < known.right <= 1.0
+    firm = np.ones(len(windows), bool)
+    assert (known.predict(windows, firm)[0] >= 0).mean() > 0.9
+    # the limit is a distance of features, within which nineteen of twenty known presses are
+    known.worst_ = 0.0
+    assert (known.predict(windows, firm)[0] == -1).all()
+
+
+def test_without_onnxruntime_it_is_no_candidate_and_asked_for_a_sentence(
+    taught: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    windows = list(protocol.windows_of(taught, 10))
+    label, groups = np.zeros(len(windows), np.int64), np.arange(len(windows))
+    monkeypatch.setattr(network_classes, 'can_run', lambda: False)
+    assert network_classes.best_network(NETWORKS, windows, label, groups) is None
+
+    def missing(_: str) -> object:
+        raise ImportError
+
+    monkeypatch.setattr(embedding.importlib, 'import_module', missing)
+    with pytest.raises(MissingPackageError, match='pip install onnxruntime'):
+        network_classes.best_network(NETWORKS[:1], windows, label, groups)
