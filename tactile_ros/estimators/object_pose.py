@@ -44,10 +44,7 @@ PRESENT = 0.06  # of the largest force: less is no contact
 
 @dataclass(frozen=True)
 class Found:
-    """What was recognised: label -1 none of these, pose (x, y, yaw) and its covariance (3, 3).
-
-    `unsure` is the error of a covered area, in parts of the largest.
-    """
+    """What was recognised: label -1 none of these, pose (x, y, yaw) and its covariance (3, 3)."""
 
     label: int
     probability: float
@@ -56,7 +53,6 @@ class Found:
     order: int
     cover: Array
     pressure: float
-    unsure: float
 
 
 class ObjectPose(CoverageTemplates):
@@ -291,15 +287,12 @@ class ObjectPose(CoverageTemplates):
             cov[2, 2] = np.pi**2 / 3
         else:
             pose[2] -= sector * np.round(pose[2] / sector)
-        unsure = float(np.sqrt(best.error.floor))
-        return Found(
-            variant.label, chance, pose, cov, variant.order, best.cover, best.pressure, unsure
-        )
+        return Found(variant.label, chance, pose, cov, variant.order, best.cover, best.pressure)
 
 
 def _nothing(force: Array) -> Found:
     """None of these."""
-    return Found(-1, np.nan, np.full(3, np.nan), np.full((3, 3), np.nan), -1, force, 0.0, np.nan)
+    return Found(-1, np.nan, np.full(3, np.nan), np.full((3, 3), np.nan), -1, force, 0.0)
 
 
 def _cost(fit: Fit) -> float:
