@@ -12,6 +12,7 @@ import numpy as np
 
 from tactile_ros.estimators.press_window import press_vectors
 from tactile_ros.regression import Recognition
+from tactile_ros.sensors.multipole_skin.columns import column_of, only_rows, write_rows
 from tactile_ros.sensors.multipole_skin.enrolment import costs, enrolled
 from tactile_ros.sensors.multipole_skin.network_classes import (
     NETWORKS,
@@ -32,8 +33,6 @@ if TYPE_CHECKING:
     from tactile_ros.signals import Columns, Report, Signals
     from tactile_ros.types import Array, Integers
 
-ONCE = ('label', 'label_probability', 'cell', 'cell_probability', 'position', 'position_cov',
-        'yaw', 'yaw_std')  # fmt: skip
 NOISE = 4e-6  # T, of a reading, where rest tells none
 FEWEST_RESTING = 20
 QUIETEST = 1e-7  # T
@@ -124,7 +123,7 @@ class MultipoleEstimation:
         timed = signals.stamp_ns is not None
         number = press_numbers(signals, self.config.window) if timed else group
         told = Told(
-            label, _column(truth, 'position', rows, 3), _column(truth, 'yaw', rows, 1)[:, 0],
+            label, column_of(truth, 'position', rows, 3), column_of(truth, 'yaw', rows, 1)[:, 0],
             group[rows], number[rows],
         )  # fmt: skip
         # a chip that was dead throughout reads 0
@@ -166,7 +165,8 @@ class MultipoleEstimation:
         theirs = 0.0
         if self.network_ is not None:
             report['label_by_network'] = {f'accuracy_{self.network_.name}': self.network_.right}
-            theirs = self.network_.right * self._names_all()
+            told = self.network_.useful and self._names_all()
+            theirs = self.network_.right if told else 0.0
         if theirs <= max(right or 0.0, self._votes(frames)):
             self.network_ = None
         if self.network_ is None and (
@@ -184,6 +184,16 @@ class MultipoleEstimation:
             if templates and (own < other or (not means and not np.isfinite(own))):
                 chosen.append(target)
         self.by_press_ = tuple(chosen)
+        self._spare_frames(frames)
+
+    def _spare_frames(self, report: Report) -> None:
+        """Ask frames no more of what presses tell."""
+        if 'yaw' in self.by_press_ and 'yaw' in report:
+            self.press_report_['yaw'], self.frames_.turn_ = report['yaw'], None
+        if 'label' in self.by_press_ or self.network_ is not None:
+            votes = self.frames_.votes_
+            self.press_report_.update({v.target: v.report_ for v in votes if v.target == 'label'})
+            self.frames_.votes_ = tuple(vote for vote in votes if vote.target != 'label')
 
     def _votes(self, frames: Report) -> float:
         """How often votes of frames are right; never, where they cannot name every head."""
@@ -205,7 +215,7 @@ class MultipoleEstimation:
         ends, windows = find_windows(signals, self.config.window, memory)
         rows = np.array(ends, np.int64)
         if signals.stamp_ns is not None:
-            _only(known, rows)
+            only_rows(known, rows)
         spoken = self.by_press_ or self.names_ or self.network_ is not None
         if self.recogniser_ is None or not spoken:
             return known
@@ -216,7 +226,7 @@ class MultipoleEstimation:
             answers = self.recogniser_.answer(presses)
             if self.network_ is not None:
                 firm = self.recogniser_.strength(presses) >= WEAKEST
-                _write(known, rows, n, *self.network_.predict(windows, firm))
+                write_rows(known, rows, n, *self.network_.predict(windows, firm))
         self._name(known, rows, answers, n)
         if 'position' in self.by_press_:
             self._place(known, rows, answers, n)
@@ -329,27 +339,3 @@ class MultipoleEstimation:
         self.press_report_ = {
             k: v for k, v in self.press_report_.items() if k != f'enrolled {label}'
         }
-
-
-def _column(truth: Columns, name: str, rows: Integers, width: int) -> Array:
-    """A column of truth at some rows, shape (n, width); NaN where it is unknown."""
-    found = truth.get(name)
-    if found is None:
-        return np.full((len(rows), width), np.nan)
-    return np.asarray(found, np.float64).reshape(len(found), width)[rows]
-
-
-def _write(known: Columns, rows: Integers, n: int, label: Integers, chance: Array) -> None:
-    """Labels of some of n rows as those of all; `known` is changed."""
-    known['label'], known['label_probability'] = np.full(n, -1), np.full(n, np.nan)
-    known['label'][rows], known['label_probability'][rows] = label, chance
-
-
-def _only(known: Columns, rows: Integers) -> None:
-    """Blank what is answered once a window in all other rows; `known` is changed."""
-    for name in ONCE:
-        if name in known:
-            column = known[name]
-            blank = np.full_like(column, -1 if column.dtype.kind in 'iu' else np.nan)
-            blank[rows] = column[rows]
-            known[name] = blank
