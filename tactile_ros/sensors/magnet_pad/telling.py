@@ -17,6 +17,7 @@ from tactile_ros.types import Array, Bools, Integers
 NEIGHBOURS, BLIND, SLACK = 16, 96, 1.0
 STRAY = 0.3e-3  # T, of one component of stray fields that are met
 ENTRY = 0.01  # of a stray field, by which gains and crossed axes of a chip falsify it
+LEAK = 0.02  # of a stray field, that they may leave in what is told of a touch
 ODDS = -4.0  # logarithm, of a stray field against none
 SIGMAS = 5.0  # as `conditioning.contact` has them
 # place and force; then how much wider their covariance is, how far known touches are, the share
@@ -165,12 +166,15 @@ class Telling:
         lean[odd] = 1.0
         share, apart = lean[:, None], mean - told.mean[rows]
         between = (share * (1 - share))[:, :, None] * apart[:, :, None] * apart[:, None]
-        cov[~odd] *= np.maximum(other.misfit / x.shape[1], 1.0)[~odd, None, None]
+        left = x[rows] - other.mean[:, READING:]
+        field = part(left)[0]
+        leak = LEAK**2 * (field * field).sum(axis=1) / self.noise**2
+        wider = np.maximum(other.misfit / x.shape[1], 1.0) * (1 + leak * other.mean[:, NOISY])
+        cov[~odd] *= wider[~odd, None, None]
         told.cov[rows] += share[:, :, None] * (cov - told.cov[rows]) + between
         told.mean[rows] += share * apart
         told.shares[rows] += share * (named - told.shares[rows])
-        left = x[rows] - other.mean[:, READING:]
-        told.stray[rows] = share * part(left)[0]
+        told.stray[rows] = share * field
 
     def resting_field(self, x: Array) -> Array:
         """Uniform field (s, 3) (T) of readings (s, d) that nothing touches; 0 within noise."""
