@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Integers
 
 WORLD = Path(__file__).resolve().parents[1] / 'test' / 'reference' / 'multipole_world.py'
+TRIALS = Path(__file__).with_name('worlds') / 'multipole_trials.py'
 SENSOR = load_sensor('multipole_skin')
 SPAN = 22e-3  # m, of places from the middle
 DEPTH = (0.3e-3, 0.9e-3)  # m
@@ -108,7 +109,9 @@ FIGURES: list[tuple[str, str, str, str, float | None, float | None]] = [
     ('  its place, median', 'mm', 'place', 'low', None, 0.35),
     ('places inside 1 sigma', '%', 'sigma 1', 'high', None, None),
     ('places inside 2 sigma', '%', 'sigma 2', 'high', None, None),
-]
+    *((f'named with {low} to {high} %: {what}', '%', f'{what} {low}', 'high', None, None)
+      for low, high in ((0, 70), (70, 90), (90, 100)) for what in ('stated', 'right')),
+]  # fmt: skip
 
 
 class Trials:
@@ -169,7 +172,8 @@ class Trials:
         rested = SENSOR.pipeline(self.config).fit(test.select(test.tare))  # type: ignore[arg-type]
         self.ours = SENSOR.pipeline(self.config).fit(self.one)
         states, ends = self.ours.process_batch(test), self.ends(test)
-        right = share(states.label[ends] == labels)
+        named = states.label[ends] == labels
+        right = share(named)
         truth = test.truth['position'][ends, :2]
         sigma = np.sqrt(states.position_cov[ends][:, (0, 1), (0, 1)])
         off = np.abs(states.position[ends, :2] - truth) / sigma
@@ -182,6 +186,7 @@ class Trials:
         found = {
             'rest': share(rested.process_batch(test).label[ends] == labels),
             'zero': right, 'stray': right - disturbed,
+            **load_source(TRIALS, 'bench').reliability(states.label_probability[ends], named),
             'unnamed': share(states.label[ends] == -1),
             'sigma 1': share((off < 1)[np.isfinite(off)]),
             'sigma 2': share((off < 2)[np.isfinite(off)]),

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from tactile_ros.types import Layout
 
 LONGEST_NAME = 64
+THERE = 'lost_there '  # and the number of a class, in a report
 LONGEST = 12  # windows, after which a press that is still held counts
 
 
@@ -33,8 +34,7 @@ class Allowed:
     lost : float
         Share of the presses of known classes that it takes.
     lost_there : float
-        95 % bound of what it takes from heads that press where it was pressed, as like it as
-        they can be.
+        95 % bound of the share of other classes that it takes whole where it was pressed.
     """
 
     lost: float = 0.05
@@ -180,10 +180,14 @@ def learn(
         pipeline.forget(label)
     pipeline.enrol(presses, label)
     stated = pipeline.report.get(f'enrolled {label}', {})
-    cost = _cost(stated)
+    cost = _cost(stated, pipeline.label_names)
     limits = (
         (stated.get('known_presses_lost', 0.0), allowed.lost, 'of the known presses'),
-        (stated.get('lost_there_at_most', 0.0), allowed.lost_there, 'of what looks like it there'),
+        (
+            stated.get('lost_there_at_most', 0.0),
+            allowed.lost_there,
+            'of the others where it was pressed',
+        ),
     )
     for lost, most, of in limits:
         if lost > most:
@@ -196,7 +200,7 @@ def learn(
     return f'{label!r} learned from {count} press{"es" if count > 1 else ""}; {cost}'
 
 
-def _cost(stated: dict[str, float]) -> str:
+def _cost(stated: dict[str, float], names: Sequence[str]) -> str:
     """What a class takes from those known before, in words."""
     judged = stated.get('known_presses_judged', 0.0)
     there = stated.get('lost_there', float('nan'))
@@ -209,10 +213,11 @@ def _cost(stated: dict[str, float]) -> str:
         )
     if np.isfinite(there):
         said += (
-            f'; {100 * there:.3g} % of presses that look like it there, '
+            f'; {100 * there:.3g} % of the others where it was pressed, '
             f'{100 * stated["lost_there_at_most"]:.3g} % at most'
         )
-    return said
+    taken = [names[int(key.removeprefix(THERE))] for key in stated if key.startswith(THERE)]
+    return f'{said}, likely all of {" and ".join(taken)} there' if taken else said
 
 
 def refuse_name(label: str) -> None:

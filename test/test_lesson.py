@@ -85,12 +85,12 @@ def test_a_class_that_would_cost_too_much_is_refused_and_a_cheap_one_stated() ->
     stated = pipeline.report['enrolled mug']
     # many windows of one press are one press: nothing lost of eight says little
     assert stated['known_presses_lost_at_most'] == pytest.approx(1 - 0.05 ** (1 / 8))
-    assert np.isnan(stated['lost_there'])  # none is drawn
+    assert 0 <= stated['lost_there'] < 0.01
     pipeline.forget('mug')
     assert pipeline.digest == before
     # presses of heads that are known already, under another name
     known = enrolled_skin.SPEC.presses(pipeline.config, 1).select(slice(0, 80 + 8 * 96))
-    with pytest.raises(ValueError, match='must take at most 5 % of the known presses; it takes'):
+    with pytest.raises(ValueError, match='must take at most'):
         learn(pipeline, 'again', known)
 
 

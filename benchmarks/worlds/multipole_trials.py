@@ -162,3 +162,22 @@ def neighbours(known: Samples, asked: Samples, features: Callable[[Samples], Arr
 def plain(samples: Samples) -> Array:
     """Whole windows as features (n, w d)."""
     return np.asarray(samples.windows.reshape(len(samples.windows), -1), np.float64)
+
+
+def reliability(chance: Array, right: npt.NDArray[np.bool_]) -> dict[str, float]:
+    """What presses (n,) were named with, and how many of them rightly, in percent by bins.
+
+    Parameters
+    ----------
+    chance : ndarray, shape (n,)
+        Stated probability; NaN: named nothing.
+    right : ndarray, shape (n,)
+        Whether the name was right.
+    """
+    found = {}
+    for low, high in ((0, 70), (70, 90), (90, 101)):
+        rows = (100 * chance >= low) & (100 * chance < high)
+        if rows.any():
+            found[f'stated {low}'] = 100 * float(chance[rows].mean())
+            found[f'right {low}'] = 100 * float(right[rows].mean())
+    return found

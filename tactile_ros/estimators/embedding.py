@@ -43,6 +43,10 @@ class Embedding:
         )
         self.name = self.session.get_inputs()[0].name
 
+    def __deepcopy__(self, _: object) -> Embedding:
+        """Itself: nothing changes a network."""
+        return self
+
     def features(self, windows: Array) -> Array:
         """Features (n, p) of windows (n, w, d) of changes of field (T)."""
         turned = np.ascontiguousarray(np.swapaxes(windows, 1, 2)[:, None], np.float32)

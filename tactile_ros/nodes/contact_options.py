@@ -46,8 +46,8 @@ class ContactOptions:
     most_lost_there: float = field(
         default=Allowed.lost_there,
         metadata={
-            'help': 'share of presses that look like a new class where it was pressed that it '
-            'may take at most, a 95 % bound',
+            'help': 'share of the other classes that a new one may take where it was pressed, a '
+            '95 % bound',
             'range': (0.0, 1.0),
         },
     )

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 from tactile_ros.estimators.press_window import PressVectors, press_vector, press_vectors
+from tactile_ros.lesson import Allowed, learn
 from tactile_ros.physics import compiled
 from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors.multipole_skin import estimation
 from tactile_ros.sensors.multipole_skin.windows import WindowMemory, find_windows, press_numbers
 from tactile_ros.signals import Signals
-from tactile_ros.types import Frame, Recording
+from tactile_ros.types import Frame, Outline, Recording
 from test.reference import multipole_world as world
 
 if TYPE_CHECKING:
@@ -208,6 +210,14 @@ def test_a_class_is_enrolled_survives_a_file_and_is_forgotten(
     assert (again.process_batch(asked).label[ends(asked)] == 3).mean() >= 0.6
     kept = again.process_batch(trial.test).label[ends(trial.test)] == known
     assert kept.mean() >= 0.9
+    # nobody drew it: several heads say where, and how well; nothing says how it is turned
+    states, last = again.process_batch(asked), ends(asked)
+    mine = last[states.label[last] == 3]
+    off = (states.position - asked.truth['position'])[mine, :2]
+    sigma = np.sqrt(states.position_cov[mine][:, (0, 1), (0, 1)])
+    assert np.abs(off).max() < 2e-3
+    assert (np.abs(off) < 3 * sigma).mean() >= 0.8
+    assert np.isnan(states.yaw[mine]).all()
     for one in (again, trial.pipeline):
         one.forget('wedge')
         assert one.label_names == ('square_15', 'circle_12', 'bar_25x6')
@@ -227,6 +237,77 @@ def test_a_press_of_no_use_is_refused_with_a_reason(trial: Trial) -> None:
     with pytest.raises(ValueError, match='found none'):
         trial.pipeline.enrol(rest, 'wedge')
     assert trial.pipeline.label_names == ('square_15', 'circle_12', 'bar_25x6')
+
+
+def test_an_enrolment_whose_judging_fails_changes_nothing(
+    trial: Trial, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(estimation, 'costs', fail)
+    before = trial.pipeline.digest
+    with pytest.raises(MemoryError):
+        trial.pipeline.enrol(new_head(trial, 1, 11), 'wedge')
+    assert trial.pipeline.digest == before
+    assert len(trial.pipeline.label_names) == len(HEADS)
+
+
+def test_a_twin_of_a_known_head_says_what_it_takes_and_is_refused(trial: Trial) -> None:
+    before = trial.pipeline.digest
+    twin = trial.at(
+        np.zeros(1, int), np.array([[4e-3, -6e-3]]), np.array([0.5]), 12,
+        heads=(world.box('twin', 14.7e-3, 14.7e-3),),
+    )  # fmt: skip
+    with pytest.raises(ValueError, match='likely all of square_15 there'):
+        learn(trial.pipeline, 'twin', twin, allowed=Allowed(lost_there=0.3))
+    stated = trial.pipeline.report['enrolled twin']
+    assert stated['lost_there 0'] > 0.5
+    assert stated['lost_there_at_most'] >= 1 / 3
+    again = trial.at(np.zeros(4, int), np.tile([4e-3, -6e-3], (4, 1)), np.full(4, 0.5), 14)
+    assert set(trial.pipeline.process_batch(again).label[ends(again)]) == {3}  # so it is
+    trial.pipeline.forget('twin')
+    assert trial.pipeline.digest == before
+
+
+def test_a_shape_that_no_head_explains_is_not_named(trial: Trial) -> None:
+    feet = tuple(
+        1e-3 * np.array([[-3, -3], [3, -3], [3, 3], [-3, 3.0]]) + [x, 0] for x in (-11e-3, 11e-3)
+    )
+    rng = np.random.default_rng(3)
+    turns = rng.uniform(-3, 3, 6)
+    two = trial.at(
+        np.zeros(6, int), rng.uniform(-9e-3, 9e-3, (6, 2)), turns, 13,
+        heads=(Outline('two', feet),),
+    )  # fmt: skip
+    states, last = trial.pipeline.process_batch(two), ends(two)
+    assert (states.label[last] == -1).mean() >= 0.8
+
+
+def test_what_is_stated_falls_as_classes_fit_worse(trial: Trial) -> None:
+    recogniser = trial.pipeline.estimation.recogniser_  # type: ignore[attr-defined]
+    misfits = np.exp(recogniser.usual_) * np.geomspace(0.5, 50, 12)[:, None] * np.ones(2)
+    scores = np.tile([10.0, 40.0], (12, 1))
+    label, chance = recogniser.decide(np.array([0, 1]), scores, misfits)
+    assert label[0] == 0
+    assert label[-1] == -1
+    named = label == 0
+    assert (np.diff(chance[named]) <= 0).all()
+    assert np.isnan(chance[~named]).all()
+    assert 0.9 < chance[0] < 1
+
+
+def test_a_chip_that_is_dead_in_the_fit_spoils_no_template(trial: Trial) -> None:
+    def without(recording: Recording) -> Recording:
+        values = recording.values.copy()
+        values[:, 7] = 0.0
+        return replace(recording, values=values)
+
+    rest = without(trial.test.select(trial.test.tare))  # type: ignore[arg-type]
+    pipeline = SPEC.pipeline(trial.config).fit(rest)
+    assert pipeline.estimators['label'] == 'press_templates'
+    label = pipeline.process_batch(without(trial.test)).label[ends(trial.test)]
+    assert (label == trial.labels).mean() >= 0.75
 
 
 def test_another_skin_s_resting_field_gives_no_templates() -> None:

@@ -18,10 +18,8 @@ from tactile_ros.sensors.multipole_skin.windows import (
 )
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
     from tactile_ros.signals import Signals
-    from tactile_ros.types import Array
+    from tactile_ros.types import Array, Integers
 
 FOLDS = 5
 DRAWN = 40  # presses of a class that are made up
@@ -103,9 +101,10 @@ def costs(recogniser: Recogniser, new: Supports, number: int) -> dict[str, float
 
 
 def lost_by(recogniser: Recogniser, number: int) -> dict[str, float]:
-    """What a class now takes from presses of the known ones, each without its own neighbours.
+    """What a class now takes from presses of the known ones, each as if it had not been seen.
 
-    A press is lost with the first of its windows: they are no evidence of their own.
+    Lost is what would be named rightly without the class. A press is lost with the first of its
+    windows: they are no evidence of their own.
 
     Returns
     -------
@@ -120,8 +119,9 @@ def lost_by(recogniser: Recogniser, number: int) -> dict[str, float]:
     lost = np.zeros(count, bool)
     for fold in np.unique(part):
         rows = np.flatnonzero(part == fold)
-        others = known.where(np.flatnonzero(part != fold))
-        lost[press[rows]] |= _taken(recogniser, _presses(known.where(rows)), others, number)
+        presses, seen = _presses(known.where(rows)), known.where(np.flatnonzero(part != fold))
+        now, before = _named(recogniser, presses, seen, number)
+        lost[press[rows[(now == number) & (before == known.label[rows])]]] = True
     share = float(lost.mean()) if count else float('nan')
     return {
         'known_presses_judged': float(count),
@@ -131,64 +131,92 @@ def lost_by(recogniser: Recogniser, number: int) -> dict[str, float]:
 
 
 def lost_there(recogniser: Recogniser, new: Supports, number: int) -> dict[str, float]:
-    """What a class takes from heads that press where it was pressed, as like it as they can be.
+    """What a class takes from others that press where it was pressed, as like it as they can be.
 
-    Presses of every drawn head are made up there, at depths, places and turns around those at
-    which it is nearest to the class, with noise and errors of the model; of classes that were
-    enrolled before, their own presses with such noise. Errors of the model are the same from press
-    to press, so that each head is taken whole or not at all, by chance.
+    A class is taken whole or not at all, by chance, since what its template or its presses are
+    wrong by is the same from press to press: either it is what pressed, as far as could be told
+    without the new class, or noise makes it alike.
 
     Returns
     -------
     dict of str to float
-        `lost_there`, the share over all of them, and `lost_there_at_most`, its 95 % bound; NaN
-        where nothing is drawn or enrolled.
+        `lost_there`, the share over all classes, and `lost_there_at_most`, its 95 % bound; NaN
+        where none is open. `lost_there LABEL` for each that is more likely taken than not.
+    """
+    presses = _presses(new)
+    matches = recogniser.matches(presses)
+    found = recogniser.scores(presses, matches, recogniser.known_, recogniser.road_)
+    others = found[0] != number
+    labels = found[0][others]
+    if not len(labels):
+        return {'lost_there': float('nan'), 'lost_there_at_most': float('nan')}
+    same = recogniser.chances(found[1][:, others], found[2][:, others])[0].mean(axis=0)
+    noisy = _noise_takes(recogniser, new, number)
+    chance = 1 - (1 - same) * (1 - np.array([noisy.get(label, 0.0) for label in labels.tolist()]))
+    taken = {
+        f'lost_there {label}': float(one)
+        for label, one in zip(labels.tolist(), chance, strict=True)
+        if one > 0.5
+    }
+    return {'lost_there': float(chance.mean()), 'lost_there_at_most': _most_of(chance), **taken}
+
+
+def _noise_takes(recogniser: Recogniser, new: Supports, number: int) -> dict[int, float]:
+    """How often noise makes presses of drawn heads and of enrolled classes those of a class.
+
+    Presses of every drawn head are made up there, at depths, places and turns around those at
+    which it is nearest to the class, with noise and errors of the model; of enrolled classes,
+    their own presses are used with such noise.
     """
     rng = np.random.default_rng(0)
-    heads, again = _heads_there(recogniser, new, rng), _enrolled_again(recogniser, number)
-    presses = PressVectors(*(np.concatenate([getattr(one, name) for one in (heads, again)])
+    labels, parts = [], []
+    for label, some in (*_heads_there(recogniser, new, rng), *_enrolled_again(recogniser, number)):
+        labels.append(label)
+        parts.append(some)
+    if not parts:
+        return {}
+    presses = PressVectors(*(np.concatenate([getattr(one, name) for one in parts])
                              for name in ('pattern', 'powers', 'frames')))  # fmt: skip
-    if not len(presses.pattern):
-        return {'lost_there': float('nan'), 'lost_there_at_most': float('nan')}
     variance = presses.variance(recogniser.noise, recogniser.still_)
     if recogniser.search is not None:
         variance = recogniser.search.variance(presses)
     noisy = presses.pattern + np.sqrt(variance) * rng.normal(size=presses.pattern.shape)
-    lost = _taken(recogniser, replace(presses, pattern=noisy), recogniser.known_, number)
-    each = lost.reshape(-1, DRAWN).sum(axis=1)
-    return {
-        'lost_there': float(lost.mean()),
-        'lost_there_at_most': _most_of((each + 0.5) / (DRAWN + 1)),
-    }
+    named, _ = _named(recogniser, replace(presses, pattern=noisy), recogniser.known_, number)
+    lost = named == number
+    each = (lost.reshape(-1, DRAWN).sum(axis=1) + 0.5) / (DRAWN + 1)
+    return dict(zip(labels, each.tolist(), strict=True))
 
 
-def _enrolled_again(recogniser: Recogniser, number: int) -> PressVectors:
+def _enrolled_again(recogniser: Recogniser, number: int) -> list[tuple[int, PressVectors]]:
     """Presses of each class that was enrolled beside another one, many times over."""
     enrolled = recogniser.enrolled_
-    rows = [
-        np.resize(np.flatnonzero(enrolled.label == label), DRAWN)
-        for label in np.unique(enrolled.label)
+    return [
+        (
+            label,
+            _presses(enrolled.where(np.resize(np.flatnonzero(enrolled.label == label), DRAWN))),
+        )
+        for label in np.unique(enrolled.label).tolist()
         if label != number
     ]
-    return _presses(enrolled.where(np.concatenate([np.zeros(0, np.intp), *rows])))
 
 
-def _heads_there(recogniser: Recogniser, new: Supports, rng: np.random.Generator) -> PressVectors:
-    """Presses of all drawn heads about the pose at which each is nearest to the first press."""
+def _heads_there(
+    recogniser: Recogniser, new: Supports, rng: np.random.Generator
+) -> list[tuple[int, PressVectors]]:
+    """Presses of each drawn head about the pose at which it is nearest to the first press."""
     press = _presses(new.where(np.array([0])))
-    matches = recogniser.matches(press)
+    matches, found = recogniser.matches(press), []
     if matches is None or recogniser.search is None:
-        return press.rows(np.zeros(0, np.intp))
-    heads = np.repeat(np.flatnonzero(np.isfinite(matches.cost[0])), DRAWN)
-    count, pose = len(heads), matches.pose[0, heads]
-    pose[:, :3] += AROUND * rng.normal(size=(count, 3))
-    raised = press.powers * (pose[:, 3] * rng.uniform(*DEEPER, count))[:, None] ** [1, 2, 3]
-    parts = recogniser.search.bank.at(heads, pose[:, :3])[:, 0]
-    return PressVectors(
-        np.einsum('np,npd->nd', raised, parts),
-        np.repeat(press.powers, count, axis=0),
-        np.repeat(press.frames, count),
-    )
+        return []
+    for head in np.flatnonzero(np.isfinite(matches.cost[0])).tolist():
+        pose = matches.pose[0, head, :3] + AROUND * rng.normal(size=(DRAWN, 3))
+        depth = matches.pose[0, head, 3] * rng.uniform(*DEEPER, DRAWN)
+        raised = press.powers * depth[:, None] ** [1, 2, 3]
+        parts = recogniser.search.bank.at(np.full(DRAWN, head), pose)[:, 0]
+        pattern = np.einsum('np,npd->nd', raised, parts)
+        same = press.rows(np.zeros(DRAWN, np.intp))
+        found.append((head, replace(same, pattern=pattern)))
+    return found
 
 
 def _presses(supports: Supports) -> PressVectors:
@@ -196,13 +224,18 @@ def _presses(supports: Supports) -> PressVectors:
     return PressVectors(supports.pattern, supports.powers, supports.frames)
 
 
-def _taken(
+def _named(
     recogniser: Recogniser, presses: PressVectors, known: Supports, number: int
-) -> npt.NDArray[np.bool_]:
-    """Which presses are called a class (n,)."""
+) -> tuple[Integers, Integers]:
+    """What presses (n,) are called, and what they would be without a class; -1: nothing."""
     matches = recogniser.matches(presses)
     labels, scores, _ = recogniser.scores(presses, matches, known, recogniser.road_)
-    return np.asarray(labels[scores.argmin(axis=1)] == number)
+    without = np.where(labels == number, np.inf, scores)
+    now, before = (
+        np.where(np.isfinite(some.min(axis=1)), labels[some.argmin(axis=1)], -1)
+        for some in (scores, without)
+    )
+    return now, before
 
 
 def _bound(count: int, of: int) -> float:

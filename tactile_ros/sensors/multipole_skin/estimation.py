@@ -12,7 +12,7 @@ import numpy as np
 
 from tactile_ros.estimators.press_window import press_vectors
 from tactile_ros.regression import Recognition
-from tactile_ros.sensors.multipole_skin.answers import column, only, write
+from tactile_ros.sensors.multipole_skin.columns import column_of, only_rows, write_rows
 from tactile_ros.sensors.multipole_skin.enrolment import costs, enrolled
 from tactile_ros.sensors.multipole_skin.network_classes import (
     NETWORKS,
@@ -123,7 +123,7 @@ class MultipoleEstimation:
         timed = signals.stamp_ns is not None
         number = press_numbers(signals, self.config.window) if timed else group
         told = Told(
-            label, column(truth, 'position', rows, 3), column(truth, 'yaw', rows, 1)[:, 0],
+            label, column_of(truth, 'position', rows, 3), column_of(truth, 'yaw', rows, 1)[:, 0],
             group[rows], number[rows],
         )  # fmt: skip
         # a chip that was dead throughout reads 0
@@ -215,7 +215,7 @@ class MultipoleEstimation:
         ends, windows = find_windows(signals, self.config.window, memory)
         rows = np.array(ends, np.int64)
         if signals.stamp_ns is not None:
-            only(known, rows)
+            only_rows(known, rows)
         spoken = self.by_press_ or self.names_ or self.network_ is not None
         if self.recogniser_ is None or not spoken:
             return known
@@ -226,7 +226,7 @@ class MultipoleEstimation:
             answers = self.recogniser_.answer(presses)
             if self.network_ is not None:
                 firm = self.recogniser_.strength(presses) >= WEAKEST
-                write(known, rows, n, *self.network_.predict(windows, firm))
+                write_rows(known, rows, n, *self.network_.predict(windows, firm))
         self._name(known, rows, answers, n)
         if 'position' in self.by_press_:
             self._place(known, rows, answers, n)

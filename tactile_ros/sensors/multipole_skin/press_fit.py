@@ -13,6 +13,7 @@ from tactile_ros.estimators.known_press import KnownPress
 from tactile_ros.estimators.press_window import press_vectors
 from tactile_ros.estimators.skin_fit import SkinFit
 from tactile_ros.estimators.skin_model import SkinModel, bands_of
+from tactile_ros.sensors.multipole_skin.chances import usual_misfit
 from tactile_ros.sensors.multipole_skin.recogniser import MODEL_ERROR, WEAKEST, Recogniser
 
 if TYPE_CHECKING:
@@ -250,7 +251,8 @@ def choose(
     best = max(found, key=lambda road: (np.round(right[road], 3), -ROADS.index(road)))
     recogniser.road_ = best
     named, misfit = found[best]
-    recogniser.expect(misfit[(named == told.label) & np.isfinite(misfit)])
+    rightly = misfit[(named == told.label) & np.isfinite(misfit)]
+    recogniser.usual_, recogniser.vary_ = usual_misfit(rightly)
     report = {'label_by_press': {f'accuracy_{road}': share for road, share in right.items()}}
     if unseen is not None:
         report.update(_placed(recogniser, told, unseen, named))

@@ -18,6 +18,7 @@ import numpy as np
 from tactile_ros.estimators.few_shot import REPEATS, Supports, seen_classes, support_scores
 from tactile_ros.estimators.press_search import PressSearch
 from tactile_ros.estimators.press_supports import modelled_supports, plain_supports
+from tactile_ros.sensors.multipole_skin.chances import UNTOLD, class_chances
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -30,14 +31,9 @@ if TYPE_CHECKING:
 
 MODEL_ERROR = 0.03  # of what a chip sees, where no press has told it
 WEAKEST = 5.0  # sigma of the strongest reading
-NONE = 0.1  # how often something presses that is none of the classes
-UNLIKE = 4.6  # logarithm of the misfit, over which that is spread: a factor of a hundred
-UNTOLD = 0.7  # deviation of that logarithm where no press tells it
-LEAST_TOLD = 0.2
 WIDE = 2.5  # deviations of a turn that count as its range
 STILL = 0.5  # of the noise: what frames do not average, where no press tells it
 AROUND = 5e-3  # m, within which heads may press beside those that were seen
-FEW = 5  # presses, as which what is usual counts
 WITNESSES = 2, 3  # heads, least and most, that tell where an undrawn one presses
 FREE = 4  # parameters of a press that are fitted, beside a uniform field
 
@@ -246,44 +242,19 @@ class Recogniser:
         noise = presses.variance(self.noise, self.still_)
         return np.asarray(np.log(noise + np.repeat(share, 3, axis=1)).sum(axis=1))
 
-    def expect(self, misfits: Array) -> None:
-        """Learn how well classes fit, from misfits (n,) of held-out presses named rightly."""
-        if not len(misfits):
-            return
-        told = np.log(np.maximum(misfits, 1e-3))
-        # the prior counts as a few presses
-        weight = len(told) / (len(told) + FEW)
-        self.usual_ = weight * float(np.median(told))
-        above = np.square(np.maximum(told - self.usual_, 0.0))
-        square = 2 * weight * above.mean() + (1 - weight) * UNTOLD**2
-        self.vary_ = max(float(np.sqrt(square)), LEAST_TOLD)
-
-    def none_chance(self, misfits: Array) -> Array:
-        """Probability that what pressed is none of the classes, from the best one's misfit (n,).
-
-        Others fit anyhow, within a wide factor; classes as held-out presses do, or better.
-        """
-        away = np.maximum(np.log(np.maximum(misfits, 1e-3)) - self.usual_, 0.0) / self.vary_
-        fits = np.exp(-0.5 * np.square(away)) / (np.sqrt(2 * np.pi) * self.vary_)
-        return np.asarray(NONE / UNLIKE / (NONE / UNLIKE + (1 - NONE) * fits))
+    def chances(self, scores: Array, misfits: Array) -> tuple[Array, Array]:
+        """Probabilities of classes, shape (n, k), and that it is none of them (n,)."""
+        return class_chances(scores, misfits, self.usual_, self.vary_)
 
     def decide(self, labels: Integers, scores: Array, misfits: Array) -> tuple[Integers, Array]:
         """Label and its probability for each press; -1 and NaN where none of them is likelier."""
         n = len(scores)
         if not len(labels):
             return np.full(n, -1), np.full(n, np.nan)
-        best = scores.argmin(axis=1)
-        low = scores[np.arange(n), best]
-        misfit = misfits[np.arange(n), best]
-        misfit[np.isinf(misfit)] = 1.0  # no class is near
-        with np.errstate(invalid='ignore'):
-            away = np.where(np.isfinite(low)[:, None], scores - low[:, None], np.inf)
-        # where nothing fits well, differences of misfits say less
-        likely = np.exp(-0.5 * away / np.maximum(misfit, 1.0)[:, None])
-        none = self.none_chance(misfit)
-        chance = (1 - none) / np.maximum(likely.sum(axis=1), 1e-30)
-        fits = np.isfinite(low) & (chance > none)
-        return np.where(fits, labels[best], -1), np.where(fits, chance, np.nan)
+        chances, none = self.chances(scores, misfits)
+        best = chances.argmax(axis=1)
+        chance = chances[np.arange(n), best]
+        return np.where(chance > none, labels[best], -1), np.where(chance > none, chance, np.nan)
 
     def answer(self, presses: PressVectors) -> Answers:
         """What pressed, and where."""

@@ -1,4 +1,4 @@
-"""Columns of truth and of answers, of which only some rows count."""
+"""Columns of truth and of estimates at the rows on which a window ends."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ONCE = ('label', 'label_probability', 'cell', 'cell_probability', 'position', 'p
         'yaw', 'yaw_std')  # fmt: skip
 
 
-def column(truth: Columns, name: str, rows: Integers, width: int) -> Array:
+def column_of(truth: Columns, name: str, rows: Integers, width: int) -> Array:
     """A column of truth at some rows, shape (n, width); NaN where it is unknown."""
     found = truth.get(name)
     if found is None:
@@ -22,17 +22,17 @@ def column(truth: Columns, name: str, rows: Integers, width: int) -> Array:
     return np.asarray(found, np.float64).reshape(len(found), width)[rows]
 
 
-def write(known: Columns, rows: Integers, n: int, label: Integers, chance: Array) -> None:
+def write_rows(known: Columns, rows: Integers, n: int, label: Integers, chance: Array) -> None:
     """Labels of some of n rows as those of all; `known` is changed."""
     known['label'], known['label_probability'] = np.full(n, -1), np.full(n, np.nan)
     known['label'][rows], known['label_probability'][rows] = label, chance
 
 
-def only(known: Columns, rows: Integers) -> None:
+def only_rows(known: Columns, rows: Integers) -> None:
     """Blank what is answered once a window in all other rows; `known` is changed."""
     for name in ONCE:
         if name in known:
-            whole = known[name]
-            blank = np.full_like(whole, -1 if whole.dtype.kind in 'iu' else np.nan)
-            blank[rows] = whole[rows]
+            column = known[name]
+            blank = np.full_like(column, -1 if column.dtype.kind in 'iu' else np.nan)
+            blank[rows] = column[rows]
             known[name] = blank
