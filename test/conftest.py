@@ -71,9 +71,7 @@ def needing(package: str) -> list[str]:
 
 
 # What cannot be tested without a package; the header says so.
-LEFT_OUT = {
-    name: needing(name) for name in OPTIONAL if importlib.util.find_spec(name) is None
-}
+LEFT_OUT = {name: needing(name) for name in OPTIONAL if importlib.util.find_spec(name) is None}
 collect_ignore = [path for paths in LEFT_OUT.values() for path in paths]
 
 

@@ -64,11 +64,7 @@ def _refusal(port: str, err: OSError) -> str:
 
 
 def _wait_in_read(terminal: int) -> None:
-    """Let reads of a port wait for the first byte themselves, for `WAITS_S` at most.
-
-    Each call that may wait lets go of Python's lock, which a busy thread gives back late: one call
-    in place of poll and read, and of the select and read of pyserial.
-    """
+    """Let reads wait for the first byte: each call more lets a busy thread take Python's lock."""
     attributes = termios.tcgetattr(terminal)
     attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 0, round(10 * WAITS_S)
     termios.tcsetattr(terminal, termios.TCSANOW, attributes)
@@ -152,22 +148,19 @@ class SerialPort:
             if timeout < WAITS_S and not self._poll.poll(max(0.0, timeout) * 1e3):
                 return b''
             data = os.read(self._serial.fileno(), READ_BYTES)
-            gone = not data and bool(self._poll.poll(0))
-            if gone:  # unless bytes have come between the two
+            if not data and self._poll.poll(0):  # gone, unless bytes have come between the two
                 data = os.read(self._serial.fileno(), READ_BYTES)
-                gone = not data
+                if not data:
+                    raise self._lost()
         except OSError as err:
             raise self._lost() from err
-        if gone:
-            raise self._lost()
         return data
 
     def _lost(self) -> DeviceError:
         """Close, and say why."""
         self.close()
-        return DeviceError(
-            f'port {self.port} was unplugged or taken by another program; {_choice()}'
-        )
+        msg = f'port {self.port} was unplugged or taken by another program; {_choice()}'
+        return DeviceError(msg)
 
     def write(self, data: bytes) -> None:
         """Send bytes to the device.

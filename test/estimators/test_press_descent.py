@@ -24,9 +24,7 @@ def test_a_step_that_is_cut_short_costs_what_the_parabola_says() -> None:
     whole = step * SCALE
     promised = whole @ normal @ whole
     pose = np.array([[0.0, 1e-3, 0.2, 3e-4]])
-    found = Descents(
-        pose.copy(), np.array([70.0]), normal[None], SCALE[None], np.zeros((1, 5, 6))
-    )
+    found = Descents(pose.copy(), np.array([70.0]), normal[None], SCALE[None], np.zeros((1, 5, 6)))
     # promises are small where a descent ends: the same parabola in another unit
     unit = 0.25 / promised
     _finish(found, step[None], np.array([0.25]), LIMIT)
