@@ -179,8 +179,8 @@ def test_weak_and_clipped_presses_are_refused_and_say_so(
 ) -> None:
     _, hand = pair
     handle = hand.ask(ros, 'mug')
-    hand.press(ros, 1, scale=0.024)
-    hand.press(ros, 1, scale=40.0)
+    hand.press(ros, 1, scale=0.08)
+    hand.press(ros, 1, scale=80.0)
     hand.press(ros, 2)
     ended = result(ros, handle)
     assert ended.result.success
