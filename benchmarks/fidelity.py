@@ -134,7 +134,7 @@ def term_rows(scene: str, terms: tuple[Worth, ...]) -> list[Row]:
 
 def skin_rows(config: MultipoleSkinConfig, heads: int) -> tuple[list[Row], list[Spot], str]:
     """Carpets of growing fineness, and other mechanics, beside the finest carpet; the choice."""
-    states, noise = skin.pressed_states(heads), NOISE['multipole_skin']
+    states, noise = skin.pressed_states(heads, min(heads, 4)), NOISE['multipole_skin']
     choice, models, finest = skin.pressed_choice(config, noise, states)
     truth = finest.readings(states)
     others = [skin.pressed_model(config, OTHERS, law) for law in ('even', 'half-space', 'springs')]

@@ -20,6 +20,7 @@ from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
 from tactile_ros.simulation.engine import load_engine
+from tactile_ros.simulation.load_scene import KINDS, Handling
 from tactile_ros.types import Array, Bools, Integers
 
 if TYPE_CHECKING:
@@ -42,7 +43,6 @@ BEGIN = 2.5  # N, of adaptive grips in hand
 SPARED = 0.8  # of the smallest fixed force that holds 98 %
 HELD = 0.98
 FRESH = 1000  # seeds of loads from here on: none that gains were set with
-KINDS = ('heavier', 'slippery')
 SECONDS, PERIOD = 4.0, 0.01
 HANDS = {
     'Allegro-like': (GripConfig(), {}, (8.0, 15.0, 60.0, 150.0, 300.0), 0.5, 8.0),
@@ -245,7 +245,7 @@ def _load_rows(count: int) -> list[Row]:
     """Drops and mean force of three grips, of objects that grow heavier or slippery in hand."""
     world = load_source(LOAD_WORLD, 'bench grasp')
     fresh = range(FRESH, FRESH + count)
-    loads = [(world.Load.draw(kind, i), i) for kind in KINDS for i in fresh]
+    loads = [(Handling.draw(kind, i), i) for kind in KINDS for i in fresh]
     fixed = float(np.quantile([load.needed for load, _ in loads], HELD))
     calm = GripConfig(force_noise=0.01)
     blind = dataclasses.replace(calm, friction_low=5.0, margin=0.0)

@@ -8,9 +8,10 @@ world itself, with its own readings and slopes.
 
 from __future__ import annotations
 
+import sys
 import time
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,12 +29,14 @@ from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig, surface_cells
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import ModuleType
 
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Array, ContactStates, Integers, Recording
 
-PRESSES = {'quick': 200, 'normal': 600, 'full': 4000}
+PRESSES = {'quick': 200, 'normal': 600, 'full': 1200}
+SWEEP = {'quick': 400, 'normal': 1200, 'full': 4000}  # presses that neighbours alone share
 GRIDS = {6: (3, 2), 15: (5, 3), 25: (5, 5)}
 PAPER = {6: 99.0, 15: 99.0, 25: 92.0}
 PROBES = (2, 6, 10, 14)
@@ -42,6 +45,7 @@ STRAY, TIP, REST, CONE = 0.5e-3, 3e-3, 60, np.pi / 4
 DENSE = {0.1: 2500, 1.0: 6000}
 LEARN, JUDGE, WORLD_SEED = 1, 2, 0
 SPECIMENS = {'quick': (), 'normal': (1, 2, 3, 4), 'full': tuple(range(1, 9))}
+BODIES = {'quick': (), 'normal': (), 'full': tuple(range(1, 9))}  # whose coverage is judged
 FEW = 200  # presses that judge each specimen
 SPEC = load_sensor('magnet_pad')
 FILE = Path(__file__).resolve().parents[1] / 'test' / 'reference' / 'magnet_pad_world.py'
@@ -49,14 +53,11 @@ FILE = Path(__file__).resolve().parents[1] / 'test' / 'reference' / 'magnet_pad_
 
 def run(extent: str, command: str) -> BenchResult:
     """All figures with one seed each for the world, for learning and for judging."""
-    count = PRESSES[extent]
+    count, began = PRESSES[extent], time.monotonic()
     rows: list[Row] = []
-    for cells in (15,) if extent == 'quick' else GRIDS:
-        for spread in (0.1, 1.0):
-            rows += _cells(cells, spread, count)
-    rows += _coverage(count) + _neighbours(count, extent) + _probes(count, extent)
-    rows += _cone(count) + _sessions(count) + _untrained(count, extent)
-    rows += _speed(count, (0,) if extent == 'quick' else (0, 100, 200))
+    for name, part in parts(extent).items():
+        sys.stderr.write(f'{time.monotonic() - began:5.0f} s  {name} ...\n')
+        rows += part()
     said, voted, test = _pair(15, 1.0, count)
     costs = {row.what[9:]: (row.us_single or 1.0, row.ours or 0.0) for row in rows
              if row.what.startswith('place by ')}  # fmt: skip
@@ -65,6 +66,24 @@ def run(extent: str, command: str) -> BenchResult:
                      test.touches.cell, costs)  # fmt: skip
     seeds = [WORLD_SEED, LEARN, JUDGE]
     return BenchResult('magnet_pad', command, seeds, rows, _notes(extent, count), plots)
+
+
+def parts(extent: str) -> dict[str, Callable[[], list[Row]]]:
+    """What the bench consists of, by name; parts share fits, and nothing else."""
+    count, found = PRESSES[extent], {}
+    for cells in (15,) if extent == 'quick' else GRIDS:
+        for spread in (0.1, 1.0):
+            found[f'{cells} cells, {spread:g} wide'] = partial(_cells, cells, spread, count)
+    found['coverage'] = partial(_coverage, count)
+    found['neighbours'] = partial(_neighbours, extent)
+    found['probes'] = partial(_probes, count, extent)
+    found['cone'] = partial(_cone, count)
+    found['mounts'] = partial(_sessions, count)
+    found['untrained'] = partial(_untrained, count, extent)
+    for seed in BODIES[extent]:
+        found[f'coverage of specimen {seed}'] = partial(_specimen, seed, count)
+    found['speed'] = partial(_speed, count, (0,) if extent == 'quick' else (0, 100, 200))
+    return found
 
 
 @dataclass(frozen=True)
@@ -210,6 +229,15 @@ def _coverage(count: int) -> list[Row]:
     return _covered(ours, test)
 
 
+def _specimen(seed: int, count: int) -> list[Row]:
+    """Coverage of another specimen: the means over components, overall and by thirds."""
+    train = session(15, count, 1.0, LEARN + 10 * seed, specimen=seed)
+    test = session(15, 2 * count, 1.0, JUDGE + 10 * seed, specimen=seed)
+    rows = _covered(SPEC.pipeline(train.config).fit(train.recording), test)
+    worst = max(rows, key=lambda row: (row.ours or 0.0) - (row.aim or 0.0))
+    return [replace(worst, what=f'specimen {seed}, worst of {len(rows)}: {worst.what}')]
+
+
 def _covered(ours: Pipeline, test: Session) -> list[Row]:
     """Of every component of place and force that varies."""
     said, rows = ours.process_batch(test.recording), []
@@ -229,14 +257,14 @@ def _covered(ours: Pipeline, test: Session) -> list[Row]:
     return rows
 
 
-def _neighbours(count: int, extent: str) -> list[Row]:
-    """[2]'s figures 5, 7 and 8: K, training share, cells; the pipeline on the same split."""
-    rows = []
+def _neighbours(extent: str) -> list[Row]:
+    """[2]'s figures 5, 7 and 8: K, training share, cells and distance."""
+    rows, count = [], SWEEP[extent]
     sweep = [(k, share, 2.0) for share in (20, 50, 80) for k in (1, 5, 10)]
     sweep += [(5, 50, 1.0), (5, 50, np.inf)]
     for cells in GRIDS:
-        whole = session(cells, 2 * count, 0.4, LEARN)
-        order = np.random.default_rng(0).permutation(2 * count)
+        whole = session(cells, count, 0.4, LEARN)
+        order = np.random.default_rng(0).permutation(count)
         for k, share, power in sweep if extent == 'full' else [(1, 20, 2.0), (5, 50, 2.0)]:
             seen, new = np.split(order, [len(order) * share // 100])
             knn = CellKnn(k, power).fit(whole.change[seen], whole.touches.cell[seen])

@@ -120,7 +120,7 @@ def _profile(skins: dict[str, Specimen]) -> str:
     y = np.linspace(-37.5e-3, 37.5e-3, 301)
     height = skins['M4'].chips[:, 2].mean()
     points = np.column_stack([0 * y, y, np.full(len(y), height)])
-    plot = Plot((-38, 38), (-14, 14), 'y (mm)', 'Bz at rest (mT)', (520, 280),
+    plot = Plot((-38, 38), (-16, 16), 'y (mm)', 'Bz at rest (mT)', (520, 280),
                 told='Field at rest in the plane of the chips, by method')  # fmt: skip
     for i, (kind, skin) in enumerate(skins.items()):
         field = 1e3 * skin.sheet.field(points)[:, 2]

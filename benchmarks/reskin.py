@@ -16,7 +16,7 @@ import numpy as np
 
 from tactile_ros.devices.damage import DAMAGES, unseen
 from tactile_ros.errors import MissingPackageError
-from tactile_ros.evaluation.benchmark import BenchResult, Row
+from tactile_ros.evaluation.benchmark import BenchResult, Row, shortest
 from tactile_ros.evaluation.coverage import ONE_SIGMA
 from tactile_ros.evaluation.metrics import target_errors
 from tactile_ros.sensors import load_sensor
@@ -270,19 +270,9 @@ def _times(pipeline: Pipeline, test: Recording, repetitions: int = 100) -> tuple
     )
     frames = [batch.frame(i) for i in range(repetitions)]
     return (
-        1e6 * _best(lambda: [pipeline.process(frame) for frame in frames], 30) / repetitions,
-        1e6 * _best(lambda: pipeline.process_batch(batch)) / BATCH,
+        1e6 * shortest(lambda: [pipeline.process(frame) for frame in frames], 30) / repetitions,
+        1e6 * shortest(lambda: pipeline.process_batch(batch)) / BATCH,
     )
-
-
-def _best(work: Callable[[], object], repetitions: int = 10) -> float:
-    """Shortest of several durations (s)."""
-    times = []
-    for _ in range(repetitions):
-        began = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - began)
-    return min(times)
 
 
 def _peers(extent: str) -> dict[str, Callable[[], object]]:

@@ -74,6 +74,7 @@ class Pipeline:
         self.estimation = estimation
         self.rest_ = Rest.unknown(layout.shape, config.noise)
         self.left_out_: dict[str, float] = {}
+        self._doubt = 0.0
         self.reset()
 
     def reset(self) -> None:
@@ -81,9 +82,9 @@ class Pipeline:
         self._stream = Stream(self._tracker(), self.estimation.start())
 
     def _tracker(self) -> BaselineTracker:
-        return BaselineTracker(self.rest_.baseline, self._tracking())
+        return BaselineTracker(self.rest_.baseline, self._tracking(), self._doubt)
 
-    def tare(self, frames: Sequence[Frame]) -> None:
+    def tare(self, frames: Sequence[Frame], *, doubted: bool = True) -> None:
         """Replace the baseline by the mean of resting frames; a ValueError leaves it as it was.
 
         Parameters
@@ -91,6 +92,8 @@ class Pipeline:
         frames : sequence of Frame
             At least one, of this sensor's shape, with a taxel that was read; NaN and unusable
             taxels are left out. A pipeline fitted without a baseline takes none.
+        doubted : bool
+            Whether covariances hold its noise; a replay is not told of how many frames it was.
         """
         if not self.rest_.tared:
             msg = (
@@ -106,6 +109,7 @@ class Pipeline:
         rows = [frame_readings(frame, self.layout, self.estimation)[0] for frame in frames]
         usable = np.concatenate(rows)
         self.rest_ = replace(self.rest_, baseline=tare_level(usable, self.rest_.dead))
+        self._doubt = 1 / len(frames) if doubted else 0.0
         self._stream.rebase(self._tracker())
 
     @property
@@ -159,8 +163,8 @@ class Pipeline:
         if self._stream.is_over(stamp_ns):
             self.reset()
         restart = self._stream.admit(stamp_ns, len(bits))
-        base = self._stream.tracker(usable, stamp_ns)
-        signals = self._signals(usable, bits, base, chips, stamp_ns, restart)
+        levels = self._stream.tracker.follow(usable, stamp_ns)
+        signals = self._signals(usable, bits, levels, chips, stamp_ns, restart)
         return self._estimate(signals, bits, self._stream)
 
     def process_batch(self, recording: Recording) -> ContactStates:
@@ -190,27 +194,22 @@ class Pipeline:
 
     def _conditioned_rows(self, recording: Recording, usable: Array, bits: Bytes) -> Signals:
         """Conditioned frames of a recording."""
-        rest, follow = self.rest_, self._tracking()
-        base, restart, tare = stream_baselines(recording, usable, rest.baseline, follow, rest.dead)
+        start = self.rest_.baseline, self._tracking(), self.rest_.dead, self._doubt
+        base, doubt, restart, tare = stream_baselines(recording, usable, *start)
         chips, stamp_ns = recording.temperature_c, recording.stamp_ns
-        signals = self._signals(usable, bits, base, chips, stamp_ns, restart, tare)
+        signals = self._signals(usable, bits, (base, doubt), chips, stamp_ns, restart, tare)
         return replace(signals, begins=recording.restarts, tare=recording.tare)
 
     def _signals(
-        self,
-        usable: Array,
-        bits: Bytes,
-        base: Array,
-        chips: Array | None,
-        stamp_ns: Integers | None,
-        restart: Bools,
-        tare: Bools | None = None,
-    ) -> Signals:
+        self, usable: Array, bits: Bytes, levels: tuple[Array, Array], chips: Array | None,
+        stamp_ns: Integers | None, restart: Bools, tare: Bools | None = None,
+    ) -> Signals:  # fmt: skip
         """Frames less their baseline, with what they say about contact."""
+        base, doubt = levels
         delta = usable - base if self.rest_.tared else usable
         good, told = judged_rows(self.estimation, bits, delta, base)
         contact = self.rest_.contact(told, good, tare)
-        return Signals(usable, delta, base, chips, stamp_ns, restart, contact, good)
+        return Signals(usable, delta, base, chips, stamp_ns, restart, contact, good, doubt=doubt)
 
     def _estimate(self, signals: Signals, bits: Bytes, stream: Stream) -> Columns:
         """State attributes of conditioned frames; the one road for live and batch."""
@@ -251,6 +250,7 @@ class Pipeline:
         rest = Rest.unknown(self.layout.shape, self.config.noise)
         resting, ordered = truth.resting_rows(joined), truth.are_ordered(recordings)
         self.rest_ = rest.learn(usable, resting, joined.stamp_ns, joined.restarts, ordered)
+        self._doubt = 0.0
         signals = self._whole_rows(joined, usable, bits)
         touched = signals.delta[signals.good & truth.touched_rows(joined)]
         firm = signals.delta[signals.good & truth.firm_rows(joined)]
@@ -330,7 +330,7 @@ class Pipeline:
         Raises CalibrationError if it is damaged, hostile, of another sensor, version or shape.
         """
         pipeline = cls.__new__(cls)
-        pipeline.sensor = sensor
+        pipeline.sensor, pipeline._doubt = sensor, 0.0
         for name, part in read_parts(path, sensor, classes).items():
             setattr(pipeline, name, part)
         try:

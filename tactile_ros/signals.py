@@ -38,6 +38,9 @@ class Signals:
         Rows of `restart` at which a stream begins, and the ids of its patches; None: none does.
     tare : ndarray, shape (s,), or None
         Rows that a recording calls resting; None: it does not tell.
+    doubt : ndarray, shape (s,), or None
+        Variance of the baseline over that of a frame at rest: one over the frames of its tare; 0
+        where the fit's own is used. None: 0.
     """
 
     values: Array
@@ -50,6 +53,7 @@ class Signals:
     good: Bools
     begins: Bools | None = None
     tare: Bools | None = None
+    doubt: Array | None = None
 
 
 class SensorConfig(Protocol):

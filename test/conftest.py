@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
+import shutil
 import socket
 import tempfile
+from pathlib import Path
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 DOMAINS = range(1, 101)
@@ -45,17 +49,31 @@ os.environ['MPLBACKEND'] = 'Agg'
 settings.register_profile('patient', deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile('patient')
 
-# What cannot be tested without a package (make test-oldest has neither); the header says so.
-NEEDS = {
-    'rclpy': ['nodes', 'reference/grip_roads.py'],
-    'magpylib': [
-        'physics/test_fidelity.py', 'physics/test_magnet_blocks.py', 'physics/test_magnetics.py',
-        'physics/test_multipole_sheet.py', 'reference/gradiometer_world.py',
-        'reference/magnet_pad_world.py', 'reference/test_gradiometer_world.py',
-        'sensors/test_fidelity.py', 'sensors/test_gradiometer.py',
-    ],
-}  # fmt: skip
-LEFT_OUT = {name: x for name, x in NEEDS.items() if importlib.util.find_spec(name) is None}
+FOLDER = Path(__file__).parent
+OPTIONAL = ('rclpy', 'magpylib')  # make test-oldest has neither
+
+
+def needing(package: str) -> list[str]:
+    """Files, and folders whose conftest is one, that import a package or a world that does."""
+    texts = {path: path.read_text() for path in FOLDER.rglob('*.py')}
+    own = re.compile(rf'^(?:import|from) {package}\b', re.MULTILINE)
+    found = {path for path, text in texts.items() if own.search(text)}
+    for _ in texts:
+        worlds = '|'.join(path.stem for path in found if path.parent.name == 'reference') or '-'
+        uses = re.compile(rf'^from test\.reference\b.*\b(?:{worlds})\b', re.MULTILINE)
+        more = {path for path, text in texts.items() if uses.search(text)} - found
+        if not more:
+            break
+        found |= more
+    whole = {path.parent for path in found if path.name == 'conftest.py'}
+    places = {next((f for f in whole if f in path.parents), path) for path in found}
+    return sorted(str(place.relative_to(FOLDER)) for place in places)
+
+
+# What cannot be tested without a package; the header says so.
+LEFT_OUT = {
+    name: needing(name) for name in OPTIONAL if importlib.util.find_spec(name) is None
+}
 collect_ignore = [path for paths in LEFT_OUT.values() for path in paths]
 
 
@@ -63,3 +81,19 @@ def pytest_report_header() -> list[str]:
     """Say which domain this is, and what is left out."""
     without = [f'without {name}: test/{{{",".join(x)}}} left out' for name, x in LEFT_OUT.items()]
     return [f'ROS domain {DOMAIN}', *without]
+
+
+@pytest.fixture(scope='session')
+def taught_skin(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Calibration of a multipole skin that knows five heads; not to be written."""
+    from test.reference import enrolled_skin
+
+    path = tmp_path_factory.mktemp('skin') / 'skin.npz'
+    enrolled_skin.five_heads().save(path)
+    return path
+
+
+@pytest.fixture
+def own_skin(taught_skin: Path, tmp_path: Path) -> Path:
+    """A copy that may be written."""
+    return Path(shutil.copyfile(taught_skin, tmp_path / 'own.npz'))

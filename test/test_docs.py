@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactile_ros.cli import demo
 from tactile_ros.cli.design import sensor_parser
 from tactile_ros.cli.main import COMMANDS, main, parser
 from tactile_ros.sensors import designable, load_sensor
@@ -30,6 +31,7 @@ QUICK = (
     'tactile list --json',
     'tactile doctor --sensor gradiometer --simulated --seconds 0.2 --json',
     'tactile design gradiometer --json',
+    'tactile calibrate reskin_board normal_1 normal_2 -o out/force.npz --estimator ridge --json',
 )
 
 
@@ -74,6 +76,15 @@ def parse(line: str) -> None:
     except SystemExit as stop:
         if stop.code:
             pytest.fail(f'{line} is refused')
+
+
+def test_files_of_the_demo_are_named_as_it_names_them() -> None:
+    parts = '|'.join(part.name for part in demo.parts(0))
+    made = re.compile(rf'(bags/({parts})|calibrations/({parts})\.npz|report\.html)?$')
+    for line in [*examples(), *(line for _, line in COMMAND_LINES)]:
+        if ' demo' not in line:
+            for word in re.findall(r'out/demo/(\S*)', line):
+                assert made.match(word), line
 
 
 def test_there_are_commands_to_look_at() -> None:
@@ -129,7 +140,10 @@ def test_examples_of_help_are_taken(line: str) -> None:
 
 
 @pytest.mark.parametrize('line', QUICK)
-def test_quick_commands_run(line: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_quick_commands_run(
+    line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
     assert main(shlex.split(line)[1:]) == 0
     assert json.loads(capsys.readouterr().out)
 
@@ -145,6 +159,13 @@ def test_python_of_the_pages_compiles_and_imports(page: Path) -> None:
                     continue
                 module = importlib.import_module(node.module)
                 assert all(hasattr(module, alias.name) for alias in node.names), page.name
+
+
+def test_quick_commands_are_those_of_help_and_pages() -> None:
+    known = {*examples(), *(line for _, line in COMMAND_LINES)}
+    for line in QUICK:
+        plain = re.sub(r' --(json|seconds \S+)', '', line)
+        assert {line, plain, f'{plain} --json'} & known, line
 
 
 def test_the_method_of_the_page_is_one() -> None:

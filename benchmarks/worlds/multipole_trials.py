@@ -34,6 +34,7 @@ WAYS, TAKEN = 5, 10  # classes of a task of shapes, and presses of each
 SHOTS = (1, 3, 5)
 SPAN = 22e-3  # m, of random places from the middle
 NEIGHBOURS = 5
+RETURNS = 5e-5, 0.01  # m and rad, by which a stage comes back
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ def world_module() -> ModuleType:
 
 def collection(
     skin: object, heads: Sequence[Outline], places: Array, seed: int,
-    samples: int = SAMPLES, turns: Sequence[float] = (0.0,),
+    samples: int = SAMPLES, turns: Sequence[float] = (0.0,), returns: bool = False,
 ) -> Samples:  # fmt: skip
     """Data collection of [1]: every head at every place and turn, some presses each.
 
@@ -79,6 +80,8 @@ def collection(
         Presses of a head at a place and turn.
     turns : sequence of float
         rad.
+    returns : bool
+        Each press is a little aside of the one before, as a stage comes back.
     """
     rng = np.random.default_rng([17, seed])
     world = world_module()
@@ -88,6 +91,9 @@ def collection(
             for k, turn in enumerate(turns):
                 terms = _terms(skin, world, head, place, turn)
                 for _ in range(samples):
+                    if returns:
+                        at = place + RETURNS[0] * rng.normal(size=2)
+                        terms = _terms(skin, world, head, at, turn + RETURNS[1] * rng.normal())
                     windows.append(_window(skin, world, terms, rng))
                     what.append((i if len(turns) == 1 else k, j, i))
     label, where, source = np.array(what).T

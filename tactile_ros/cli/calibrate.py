@@ -20,7 +20,7 @@ from tactile_ros.cli import models
 from tactile_ros.cli.destination import refuse_unwritable
 from tactile_ros.cli.sources import find, fit_layout, read_config
 from tactile_ros.cli.table import show, show_json
-from tactile_ros.cli.working import Working
+from tactile_ros.cli.working import working
 from tactile_ros.errors import RecordingError
 from tactile_ros.sensors import load_sensor
 
@@ -58,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
     refuse_unwritable(options.output)
     loaded = []
     for name in options.recordings:
-        with Working(f'reading {name}'):
+        with working(f'reading {name}'):
             found, problems = find(name, spec, spec.layout(config), options.truth)
         loaded += [one.recording for one in found]
         for problem in problems:
@@ -68,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
         raise RecordingError(msg)
     began = time.perf_counter()
     pipeline = spec.pipeline(fit_layout(config, loaded[0].layout), options.estimator)
-    with Working(f'fitting {spec.key}'):
+    with working(f'fitting {spec.key}'):
         pipeline.fit(*loaded)
     if not pipeline.estimators:
         names = sorted({name for recording in loaded for name in recording.truth})

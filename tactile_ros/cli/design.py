@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from tactile_ros.cli.sources import read_config
 from tactile_ros.cli.table import as_objects, show
-from tactile_ros.cli.working import Working
+from tactile_ros.cli.working import working
 from tactile_ros.sensors import designable, load_sensor
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
     design = spec.design()
     own = sensor_parser(spec, design).parse_args(options.rest)
     config = read_config(spec, own.config)
-    with Working(f'working out {spec.key}'):
+    with working(f'working out {spec.key}'):
         tables = design.tables(config, own)
     (print_json if own.json else print_text)(tables)
     return 0

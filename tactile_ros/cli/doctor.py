@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 from tactile_ros.cli.machine import BAD, NOTE, Finding, buses, packages, probe, serial_ports
 from tactile_ros.cli.table import show
 from tactile_ros.cli.trial import findings, watch
-from tactile_ros.cli.working import Working
+from tactile_ros.cli.working import working
 from tactile_ros.devices.transport import I2cBus, list_buses, list_ports
 from tactile_ros.errors import MissingPackageError, TactileError
 from tactile_ros.sensors import load_sensor
@@ -112,7 +112,7 @@ def examine(options: argparse.Namespace) -> list[Finding]:
         else:
             device = spec.open(config, connection, time.time_ns)
         try:
-            with Working(f'reading {spec.key}'):
+            with working(f'reading {spec.key}'):
                 trial = watch(device, options.seconds)
         except TactileError as err:
             return [Finding(spec.key, BAD, 'cannot be read', str(err))]

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 from tactile_ros.cli.destination import refuse_unwritable
 from tactile_ros.cli.sources import find
+from tactile_ros.cli.working import working
 from tactile_ros.errors import RecordingError, TactileError
 from tactile_ros.evaluation.class_changes import presses_in
 from tactile_ros.evaluation.fleet import open_calibration
@@ -65,7 +66,8 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(msg)
     refuse_unwritable(options.calibration)
     pipeline = open_calibration(options.calibration)
-    said = _forgotten(options, pipeline) if options.forget else _learned(options, pipeline)
+    with working(f'learning {options.label}'):
+        said = _forgotten(options, pipeline) if options.forget else _learned(options, pipeline)
     pipeline.save(options.calibration)
     print(f'{said}; written to {options.calibration}')
     print(f'SHA-256 {pipeline.digest}')

@@ -52,8 +52,28 @@ def run(options: argparse.Namespace) -> int:
     if code:
         msg = f'{options.output} is no whole bag: the recorder ended with code {code}'
         raise TactileError(msg)
+    refuse_empty(options.output, options.namespace)
     print(f'bag: {options.output}')
     return 0
+
+
+def refuse_empty(bag: Path, namespace: str) -> None:
+    """Say where nothing came.
+
+    Raises
+    ------
+    TactileError
+        If the bag holds no message.
+    """
+    import yaml
+
+    told = yaml.safe_load((bag / 'metadata.yaml').read_text())
+    if not told['rosbag2_bagfile_information']['message_count']:
+        msg = (
+            f'{bag} is empty, nothing was heard in /{namespace}: are sensor_node and contact_node '
+            'running there, with the same ROS_DOMAIN_ID?'
+        )
+        raise TactileError(msg)
 
 
 def wait(running: Running, bag: Path, seconds: float | None) -> None:

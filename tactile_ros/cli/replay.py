@@ -1,11 +1,11 @@
 """Evaluate recordings against their truth, without ROS; compare with what was said live.
 
 example:
-  tactile replay out/demo/place --calibration out/demo/place.npz
+  tactile replay out/demo/bags/place --calibration out/demo/calibrations/place.npz
   tactile replay bags/* --calibration a.npz --calibration b.npz --save out/compared
   tactile replay bags/* --calibration a.npz --scheduler tcp://10.0.0.1:8786
-  tactile replay out/demo/place --calibration out/demo/place.npz --report out/place.html --json
-  tactile replay out/demo/place --calibration out/demo/place.npz --png out/pictures
+  tactile replay out/demo/bags/place --calibration out/demo/calibrations/place.npz --json
+  tactile replay spatial --calibration out/demo/calibrations/place.npz --report out/page.html
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from tactile_ros.cli import models
 from tactile_ros.cli.destination import refuse_no_pictures, refuse_unwritable
 from tactile_ros.cli.progress import Progress
 from tactile_ros.cli.table import show, show_json
-from tactile_ros.cli.working import Working
+from tactile_ros.cli.working import working
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import fleet, fleet_table
 from tactile_ros.evaluation.benchmark import environment
 from tactile_ros.evaluation.fleet import Job, open_calibration
-from tactile_ros.evaluation.metrics import frames_dropped, given_targets
+from tactile_ros.evaluation.metrics import clocks_apart, frames_dropped, given_targets
 from tactile_ros.evaluation.replay import replay
 from tactile_ros.evaluation.result import Answer, Dataset, Result, answer, table, unjudged
 from tactile_ros.evaluation.truth_topics import DEFAULT_TRUTH
@@ -82,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
         refuse_no_pictures(options.png)
     command = shlex.join(['tactile', 'replay', *map(str, sys.argv[2:])])
     recordings = list(dict.fromkeys(options.recordings))
-    alone = Working('replaying') if len(recordings) == 1 else nullcontext()
+    alone = working('replaying') if len(recordings) == 1 else nullcontext()
     with alone, Progress(len(recordings)) as progress:
         outcomes = fleet.tally_all(
             [_job(name, options) for name in recordings],
@@ -188,6 +188,8 @@ def evaluate(
     delay: Array = np.zeros(0)
     if live is not None and stamps is not None:
         delay = np.asarray((live.log_ns - stamps[live.rows]) * 1e-9, np.float64)
+        if told := clocks_apart(len(delay), int((delay < 0).sum())):
+            delay, problems = np.zeros(0), [*problems, *told]
     return Dataset(
         name=name or loaded.name,
         summary=summary,

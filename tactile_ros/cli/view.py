@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.cli.destination import refuse_unwritable
-from tactile_ros.cli.working import Working
+from tactile_ros.cli.working import working
 from tactile_ros.errors import DeviceTimeout, MissingPackageError
 from tactile_ros.evaluation.fleet import open_calibration
 from tactile_ros.evaluation.recording import load
@@ -93,7 +93,8 @@ def feed(viewer: Viewer, options: argparse.Namespace) -> None:
             viewer.show('', layout, frame, state)
     elif options.recording:
         calibration = open_calibration(options.calibration) if options.calibration else None
-        found = load(Path(options.recording)).recordings
+        with working(f'reading {options.recording}'):
+            found = load(Path(options.recording)).recordings
         for one in found:
             name = one.name if len(found) > 1 else ''
             for layout, frame, state in paced(played(one, calibration), options):
@@ -114,7 +115,7 @@ def simulated(options: argparse.Namespace) -> Iterator[Shown]:
     if options.calibration:
         pipeline = open_calibration(options.calibration)
     else:
-        with Working(f'calibrating {spec.key} on simulated presses'):
+        with working(f'calibrating {spec.key} on simulated presses'):
             pipeline = fitted(spec, config, options.seed + 1)
     layout = pipeline.layout
     twin = spec.simulate(config, spec.connection(), None, options.seed)
@@ -140,7 +141,7 @@ def played(loaded: LoadedRecording, pipeline: Pipeline | None) -> Iterator[Shown
     recording = loaded.recording
     count, taxels = len(recording), len(recording.layout.positions)
     if pipeline is not None:
-        with Working(f'estimating {count} frames'):
+        with working(f'estimating {count} frames'):
             states = pipeline.process_batch(recording)
         rows = np.arange(count)
     elif loaded.contacts is not None:

@@ -5,18 +5,22 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from types import TracebackType
+    from collections.abc import Iterator
     from typing import TextIO
 
 PATIENCE_S = 2.0  # without a word
 STEP_S = 0.5
 
 
-class Working:
-    """Say what is being done once it takes longer than two seconds; a context manager.
+@contextmanager
+def working(
+    what: str, stream: TextIO | None = None, patience_s: float = PATIENCE_S
+) -> Iterator[None]:
+    """Say what is being done once it takes longer than two seconds.
 
     Parameters
     ----------
@@ -27,39 +31,26 @@ class Working:
     patience_s : float
         Silence before the first word (s).
     """
+    done = threading.Event()
+    told = (what, stream or sys.stderr, patience_s, done)
+    teller = threading.Thread(target=_tell, args=told, daemon=True)
+    teller.start()
+    try:
+        yield
+    finally:
+        done.set()
+        teller.join()
 
-    def __init__(
-        self, what: str, stream: TextIO | None = None, patience_s: float = PATIENCE_S
-    ) -> None:
-        self.what, self._stream = what, stream or sys.stderr
-        self._patience_s = patience_s
-        self._done = threading.Event()
-        self._thread = threading.Thread(target=self._tell, daemon=True)
 
-    def __enter__(self) -> Working:
-        """Begin to wait."""
-        self._began = time.monotonic()
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Say no more, and leave the line empty."""
-        self._done.set()
-        self._thread.join()
-
-    def _tell(self) -> None:
-        """Wait, then tell."""
-        if self._done.wait(self._patience_s):
-            return
-        if not self._stream.isatty():
-            print(f'{self.what} ...', file=self._stream, flush=True)
-            return
-        while not self._done.wait(STEP_S):
-            seconds = time.monotonic() - self._began
-            print(f'\r{self.what} ... {seconds:.0f} s', end='', file=self._stream, flush=True)
-        print('\r\033[K', end='', file=self._stream, flush=True)
+def _tell(what: str, stream: TextIO, patience_s: float, done: threading.Event) -> None:
+    """Wait, then tell; leave the line empty at the end."""
+    began = time.monotonic()
+    if done.wait(patience_s):
+        return
+    if not stream.isatty():
+        print(f'{what} ...', file=stream, flush=True)
+        return
+    while not done.wait(STEP_S):
+        seconds = time.monotonic() - began
+        print(f'\r{what} ... {seconds:.0f} s', end='', file=stream, flush=True)
+    print('\r\033[K', end='', file=stream, flush=True)

@@ -42,10 +42,17 @@ class BaselineTracker:
         Baseline at the start of the stream (unit of values).
     tracking : Tracking or None
         None: the baseline stays.
+    doubt : float
+        Variance of the baseline at the start over that of a frame at rest.
+
+    Attributes
+    ----------
+    baseline, doubt : ndarray of shape (t, c), float
+        As they are now.
     """
 
-    def __init__(self, start: Array, tracking: Tracking | None) -> None:
-        self.baseline = start
+    def __init__(self, start: Array, tracking: Tracking | None, doubt: float = 0.0) -> None:
+        self.baseline, self.doubt = start, doubt
         self.tracking = tracking
         self._unknown = bool(np.isnan(start).any())
         self._total = np.zeros_like(start)
@@ -68,23 +75,28 @@ class BaselineTracker:
         ndarray, shape (s, t, c)
             Baselines; each depends on earlier frames alone.
         """
+        return self.follow(values, stamp_ns)[0]
+
+    def follow(self, values: Array, stamp_ns: Integers | None) -> tuple[Array, Array]:
+        """Return what `__call__` does, and the doubt (s,) of the baseline of each frame."""
         if self.tracking is None or stamp_ns is None or self._unknown:
-            return np.repeat(self.baseline[None], len(values), axis=0)
+            held = np.repeat(self.baseline[None], len(values), axis=0)
+            return held, np.full(len(values), self.doubt)
         if len(values) == 1:
             self._advance(int(stamp_ns[0]), self.tracking)
-            held = self.baseline[None]
+            held, doubt = self.baseline[None], np.array([self.doubt])
             self._gather(values, self.tracking.scale)
-            return held
-        held = np.empty_like(values)
+            return held, doubt
+        held, doubt = np.empty_like(values), np.empty(len(values))
         first = 0
         while first < len(values):
             self._advance(int(stamp_ns[first]), self.tracking)
             limit = self._begin_ns + self.tracking.period_ns
             last = max(int(stamp_ns.searchsorted(limit)), first + 1)
-            held[first:last] = self.baseline
+            held[first:last], doubt[first:last] = self.baseline, self.doubt
             self._gather(values[first:last], self.tracking.scale)
             first = last
-        return held
+        return held, doubt
 
     def _advance(self, stamp_ns: int, tracking: Tracking) -> None:
         """Begin a block where none runs, or where the running one is over."""
@@ -111,6 +123,8 @@ class BaselineTracker:
         if self._quiet:
             mean = self._total / self._count
             self.baseline = self.baseline + tracking.gain * (mean - self.baseline)
+            kept, new = (1 - tracking.gain) ** 2, tracking.gain**2 / self._count
+            self.doubt = kept * self.doubt + new if self.doubt else 0.0
         self._total = np.zeros(self.baseline.shape)
         self._count = 0
         self._begin_ns = stamp_ns
@@ -194,9 +208,14 @@ def tare_level(values: Array, dead: Bools | None) -> Array:
 
 
 def track_streams(
-    base: Array, values: Array, stamp_ns: Integers, begins: Bools, tracking: Tracking
+    base: Array,
+    values: Array,
+    stamp_ns: Integers,
+    begins: Bools,
+    tracking: Tracking,
+    doubt: Array | None = None,
 ) -> None:
-    """Follow the baseline in every stretch of a recording; `base` is changed in place.
+    """Follow the baseline in every stretch of a recording; `base`, `doubt` are changed in place.
 
     Parameters
     ----------
@@ -210,12 +229,16 @@ def track_streams(
         Rows at which a stretch begins.
     tracking : Tracking
         How it follows.
+    doubt : ndarray, shape (s,), or None
+        Of the baseline that each stretch starts from; None: nobody asks.
     """
+    doubt = np.zeros(len(base)) if doubt is None else doubt
     edges = np.append(np.flatnonzero(begins), len(values))
     first, last = edges[:-1], edges[1:] - 1
     long = stamp_ns[last] - stamp_ns[first] >= tracking.period_ns
     for a, b in zip(first[long], last[long] + 1, strict=True):
-        base[a:b] = BaselineTracker(base[a], tracking)(values[a:b], stamp_ns[a:b])
+        tracker = BaselineTracker(base[a], tracking, float(doubt[a]))
+        base[a:b], doubt[a:b] = tracker.follow(values[a:b], stamp_ns[a:b])
 
 
 def stream_baselines(
@@ -224,7 +247,8 @@ def stream_baselines(
     start: Array,
     tracking: Tracking | None,
     dead: Bools | None = None,
-) -> tuple[Array, Bools, Bools]:
+    doubt: float = 0.0,
+) -> tuple[Array, Array, Bools, Bools]:
     """Baseline of every row of a recording.
 
     Parameters
@@ -239,11 +263,13 @@ def stream_baselines(
         How the baseline follows in stamped streams.
     dead : ndarray, shape (t,), or None
         Taxels whose readings mean nothing.
+    doubt : float
+        Variance of `start` over that of a frame.
 
     Returns
     -------
-    base : ndarray, shape (s, t, c)
-        Baselines.
+    base, doubt : ndarray, shape (s, t, c) and (s,)
+        Baselines, and their variance over that of a frame at rest.
     restart, tare : ndarray, shape (s,)
         Rows before which memory is forgotten; resting rows that gave a baseline.
     """
@@ -258,10 +284,37 @@ def stream_baselines(
         run, serves = tare_runs(tare, restarts)
         level = tare_means(values, run)
     base = np.concatenate([level, start[None]])[serves]
+    count = np.bincount(run[run >= 0], minlength=len(level))
+    doubts = np.concatenate([1 / np.maximum(count, 1), [doubt]])[serves]
     if recording.stamp_ns is None:
-        return base, np.ones(len(restarts), bool), tare
+        return base, doubts, np.ones(len(restarts), bool), tare
     restart = restarts.copy()
     restart[1:] |= tare[:-1]
     if tracking is not None:
-        track_streams(base, values, recording.stamp_ns, restart | tare, tracking)
-    return base, restart, tare
+        track_streams(base, values, recording.stamp_ns, restart | tare, tracking, doubts)
+    return base, doubts, restart, tare
+
+
+def learned_doubt(baseline: Array, doubt: Array | None) -> float:
+    """Variance that the baselines of a fit leave in what it learns, over that of a frame.
+
+    Parameters
+    ----------
+    baseline : ndarray, shape (s, t, c)
+        Of the rows that were learned from.
+    doubt : ndarray, shape (s,), or None
+        Variance of each over that of a frame; None: 0.
+
+    Examples
+    --------
+    Two tares, of 4 and of 12 frames, serve as many rows:
+
+    >>> level = np.array([1.0, 1.0, 2.0, 2.0]).reshape(4, 1, 1)
+    >>> round(learned_doubt(level, np.array([1 / 4, 1 / 4, 1 / 12, 1 / 12])), 3)
+    0.083
+    """
+    if doubt is None or not len(doubt) or not doubt.any():
+        return 0.0
+    rows = baseline.reshape(len(baseline), -1)
+    _, first, count = np.unique(rows, axis=0, return_index=True, return_counts=True)
+    return float((np.square(count / len(rows)) * doubt[first]).sum())

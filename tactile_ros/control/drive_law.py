@@ -41,7 +41,7 @@ class DriveLaw:
     limited : bool
         Whether the last step was clamped or rate limited.
     stopped : bool
-        Whether the hand was sent less than the last command: it can close no further now.
+        Whether less than the last command is within the hand's reach: it can close no further now.
 
     Examples
     --------

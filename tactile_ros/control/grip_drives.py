@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from tactile_ros.control.drive_law import DriveLaw, bounded
 from tactile_ros.control.fingers import mean_of
+from tactile_ros.control.free_drive import FreeDrive
 from tactile_ros.control.grip_targets import balanced
 from tactile_ros.control.stiffness import Stiffness
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from tactile_ros.control.grip_targets import GripTargets
 
 IMPACT = 2.0  # asked forces that an approach may meet in the time to react
+KNOWN = 0.5  # error of a stiffness that is known, of its value
 BOTH = 3  # bits of two sides
 SAME = 1e-9  # closure within which a command was admitted as it was
 
@@ -62,6 +64,9 @@ class GripDrives:
         self.config = config
         self.laws = [DriveLaw(config) for _ in range(count)]
         self.stiffness = [Stiffness(config) for _ in range(count)]
+        self._driven = [Stiffness(config) for _ in range(count)]
+        self._free = [FreeDrive(config) for _ in range(count)]
+        self._touched = [0.0] * count
         self._sides = sides
         self._opposed = {-1, 1} <= set(sides)
         self._fingers, self._targets = fingers, targets
@@ -72,7 +77,7 @@ class GripDrives:
         """Nothing is held: another object may come."""
         self.calm = self._unseen = 0.0
         self.disagreement = nan
-        for one in self.stiffness:
+        for one in (*self.stiffness, *self._driven):
             one.reset()
 
     def release(self) -> None:
@@ -88,13 +93,15 @@ class GripDrives:
             if not isfinite(closure):
                 return f'closure of drive {i} was never measured'
             law.seat(closure)
+            self._free[i].seat(law.command)
         return ''
 
     def settle(self) -> None:
         """After a fault: go on from the last command."""
         self._unseen = 0.0
-        for law in self.laws:
+        for law, free in zip(self.laws, self._free, strict=True):
             law.seat(law.command)
+            free.seat(law.command)
 
     def move(self, speed: float, dt: float) -> None:
         """Move all drives at a speed (1/s), positive closes."""
@@ -106,17 +113,20 @@ class GripDrives:
         for law in self.laws:
             law.stay()
 
-    def admit(self, closures: Sequence[float], dt: float) -> None:
+    def admit(self, closures: Sequence[float], reached: Sequence[float], dt: float) -> None:
         """Go on from closures (a,) that were sent, where they are not the last commands."""
-        for law, closure in zip(self.laws, closures, strict=True):
-            law.stopped = closure < law.command - SAME
+        for law, closure, reach in zip(self.laws, closures, reached, strict=True):
+            law.stopped = reach < law.command - SAME
             if abs(closure - law.command) > SAME:
                 law.yield_to(closure, dt)
 
     def drive(self, normal: list[float], closures: list[float], dt: float, holding: bool) -> None:
         """Decide the commands of a step of `dt` (s) from forces (f,) and closures (a,)."""
+        for law, free in zip(self.laws, self._free, strict=True):
+            free.step(law.command, dt)
         regulates = self._fingers.complete
         for drive, touching in enumerate(self._fingers.on):
+            self._touched[drive] = self._touched[drive] + dt if touching else 0.0
             if not touching:
                 self.laws[drive].move(self._approach(drive), dt)
             elif not regulates:
@@ -145,13 +155,31 @@ class GripDrives:
         for drive, touching in enumerate(self._fingers.on):
             if not touching:
                 continue
-            stiffness = self.stiffness[drive]
-            if gripped and isfinite(closures[drive]):
-                stiffness.step(closures[drive], mean_of(normal, touching))
+            if gripped:
+                self._learn(drive, closures[drive], mean_of(normal, touching))
             error = bounded(mean_of(errors, touching), -most, most)
-            self.laws[drive].regulate(error, stiffness.cautious, dt, self._unseen)
+            self.laws[drive].regulate(error, self._stiff(drive), dt, self._unseen)
         small = holding and self._are_small(errors)
         self.calm = self.calm + dt + self._unseen if small else 0.0
+
+    def _learn(self, drive: int, closure: float, force: float) -> None:
+        """Learn from a force (N) at a measured closure how stiff a drive's contact is."""
+        if isfinite(closure):
+            self.stiffness[drive].step(closure, force)
+        # an approach that has not come to rest yet tells no stiffness
+        if self._touched[drive] > self.laws[drive].reaction:
+            self._driven[drive].step(self._free[drive].closure, force)
+
+    def _stiff(self, drive: int) -> float:
+        """Stiffness (N per closure) to schedule the gain by.
+
+        Measured closures of a soft drive tell nothing at a hard object; those of its model come
+        early where it is slower than it was said to be. The larger is the calmer.
+        """
+        measured, driven = self.stiffness[drive], self._driven[drive]
+        if driven.std < KNOWN * driven.value:
+            return max(measured.cautious, driven.cautious)
+        return measured.cautious
 
     def _disagreement(self, normal: list[float]) -> float:
         """By which share the forces (N) of the weaker side are less; NaN: one side is alone."""

@@ -216,7 +216,7 @@ class GripForce:
             self._moved.drive(normal, given.closure.tolist(), dt, holding)
         return self._made(normal, True, '')
 
-    def admit(self, closure: npt.ArrayLike, dt: float) -> None:
+    def admit(self, closure: npt.ArrayLike, dt: float, reach: npt.ArrayLike | None = None) -> None:
         """Go on from what was sent where it is not the last command.
 
         Parameters
@@ -225,8 +225,12 @@ class GripForce:
             That was sent.
         dt : float
             Of the last step (s).
+        reach : array_like, shape (a,), or None
+            As far as the drives would come in time; None: what was sent.
         """
-        self._moved.admit(np.asarray(closure, np.float64).tolist(), dt)
+        sent = np.asarray(closure, np.float64).tolist()
+        reached = sent if reach is None else np.asarray(reach, np.float64).tolist()
+        self._moved.admit(sent, reached, dt)
 
     def _refusal(self, given: GripInput, normal: list[float], dt: float) -> str:
         """Why nothing can be commanded in this step; empty if something can."""
@@ -245,10 +249,10 @@ class GripForce:
         return why
 
     def _safe(self, given: GripInput, normal: list[float], refusal: str, dt: float) -> GripStep:
-        """Hold what was sent last, or open slowly."""
+        """Hold what was sent last, or open a hand that can be trusted slowly."""
         self._trusted = False
         opens = self.config.safe_action == 'open' and self.phase in GRASPING and self._started
-        opens = opens and not given.blocked and not refuse_step(dt, self._longest)
+        opens = opens and not (self._watch.drives(given) or refuse_step(dt, self._longest))
         if opens:
             self._moved.move(-self.config.safe_rate, dt)
         return self._made(normal, opens, refusal, GripPhase.FAULT)

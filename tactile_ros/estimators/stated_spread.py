@@ -11,14 +11,15 @@ from tactile_ros.types import Array
 
 Pieces = tuple[Array, Array, Array, Array]
 
-ONE_SIGMA = 0.6827
+ONE_SIGMA, TWO_SIGMA = 0.6827, 0.9545
+TRIED = ONE_SIGMA + np.linspace(-0.08, 0.08, 17)
 ROWS_PER_LEVEL = 60
 LEVELS = 5
 PRIOR_ROWS = 3.0
 
 
 class StatedSpread:
-    """Factors on a stated spread, so that 68.27 % of held-out errors lie inside it.
+    """Factors on a stated spread, so that it holds its share of held-out errors.
 
     Attributes
     ----------
@@ -40,9 +41,8 @@ class StatedSpread:
         for level, rows in enumerate(np.array_split(order, count)):
             self.knots_[level] = np.take_along_axis(stated, rows, axis=0).mean(axis=0)
             ratio = np.take_along_axis(size - stated, rows, axis=0)
-            share = min(ONE_SIGMA * (len(rows) + 1) / len(rows), 1.0)
             trust = len(rows) / (len(rows) + PRIOR_ROWS)
-            self.factors_[level] = trust * np.quantile(ratio, share, axis=0)
+            self.factors_[level] = trust * _fair(ratio)
         return self
 
     def __call__(self, spread: Array) -> Array:
@@ -54,6 +54,21 @@ class StatedSpread:
         for k in range(stated.shape[1]):
             factor[:, k] = np.interp(stated[:, k], self.knots_[:, k], self.factors_[:, k])
         return np.asarray(np.exp(stated + factor))
+
+
+def _fair(ratio: Array) -> Array:
+    """Factor (k,) at which shares inside one and two sigma are least off those of a normal.
+
+    Of errors over what was stated (s, k); both are logarithms. Where tails are heavier than
+    normal not both shares can hold.
+    """
+    count = len(ratio)
+    # one more than the sample's own share: the finite-sample step of conformal methods
+    shares = np.minimum(TRIED * (count + 1) / count, 1.0)
+    factors = np.quantile(ratio, shares, axis=0)
+    inside = (ratio[:, None] <= factors + np.log(2.0)).mean(axis=0)
+    off = np.maximum(np.abs(TRIED - ONE_SIGMA)[:, None], np.abs(inside - TWO_SIGMA))
+    return np.asarray(np.take_along_axis(factors, off.argmin(axis=0)[None], axis=0)[0])
 
 
 def pieces(knots: Array, factors: Array) -> Pieces:

@@ -108,7 +108,7 @@ class CalibratedCovariance:
         self.low_, self.high_ = np.percentile(z, [0.5, 99.5], axis=0)
         terms = _squares(z, self.low_, self.high_)
         size = np.abs(error) * np.exp(-told)
-        size = np.maximum(size, 1e-3 * size.mean(axis=0) + np.finfo(float).tiny)
+        size = np.maximum(size, _least(size))
         fold = group_folds(rows.groups, self.folds, self.seed)
         tried = self.strength if isinstance(self.strength, tuple) else (self.strength,)
         found = [_held_out(terms, size, fold, strength) for strength in tried]
@@ -202,6 +202,16 @@ class CalibratedCovariance:
         """Knots and factors of each component, each in one piece."""
         pairs = zip(self.knots_.T, self.factors_.T, strict=True)
         return [(knots.copy(), factors.copy()) for knots, factors in pairs]
+
+
+def _least(size: Array) -> Array:
+    """What counts as an error at least (k,): a thousandth of the middle of those (s, k) not 0.
+
+    Its mean would be that of one group which is far off.
+    """
+    some = [one[one > 0] for one in size.T]
+    middle = [float(np.median(one)) if len(one) else 0.0 for one in some]
+    return 1e-3 * np.array(middle) + np.finfo(float).tiny
 
 
 def _held_out(terms: Array, size: Array, fold: Integers, strength: float) -> Array:

@@ -6,6 +6,7 @@ import json
 import os
 import platform
 import sys
+import time
 from dataclasses import asdict, dataclass, field
 from importlib import metadata
 from typing import TYPE_CHECKING, Literal
@@ -16,6 +17,7 @@ from tactile_ros import __version__
 from tactile_ros.calibration.beside import write_beside
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 COLUMNS = (
@@ -129,6 +131,16 @@ class BenchResult:
         }
         text = json.dumps(document, indent=1, allow_nan=False) + '\n'
         return write_beside(folder / f'{self.bench}.json', text.encode())
+
+
+def shortest(work: Callable[[], object], repetitions: int = 10) -> float:
+    """Shortest of several durations of some work (s)."""
+    times = []
+    for _ in range(repetitions):
+        began = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - began)
+    return min(times)
 
 
 def _plain(value: object) -> object:

@@ -84,7 +84,7 @@ def presses_in(loaded: LoadedRecording, pipeline: Pipeline) -> list[Press]:
             pipeline.reset()
             watch = PressWatch(window_of(pipeline))
         for baseline in waiting.get(row, []):
-            pipeline.tare([baseline])
+            pipeline.tare([baseline], doubted=False)
         frame = recording.frame(row)
         state = pipeline.process(frame)
         found.append(watch(frame, int(state.in_contact), pipeline.baseline))

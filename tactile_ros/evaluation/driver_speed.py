@@ -6,7 +6,6 @@ Buses are on a virtual clock; decoding and memory are this machine's.
 from __future__ import annotations
 
 import os
-import time
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,16 +26,14 @@ from tactile_ros.devices.framed_payloads import (
 from tactile_ros.devices.framing import FrameDecoder
 from tactile_ros.devices.mlx90393 import ChipSettings, Decoder
 from tactile_ros.devices.mux import ChipPlace, clusters
-from tactile_ros.evaluation.benchmark import Row
+from tactile_ros.evaluation.benchmark import Row, shortest
 from tactile_ros.evaluation.hostile_bytes import PIECE, cut
 from tactile_ros.types import Layout
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from tactile_ros.devices.chip_array import Mode
 
-CHUNK = 1000
+CHUNK, REPEATED = 1000, 50
 PAGE_KIB = os.sysconf('SC_PAGE_SIZE') / 1024
 
 
@@ -79,7 +76,8 @@ def decoding_rows() -> list[Row]:
     settings = ChipSettings()
     chips = Decoder(settings, np.zeros(20))
     answers = bytearray(np.random.default_rng(0).bytes(20 * settings.answer_bytes))
-    rows = [_time_row('MLX90393 answers, 20 chips', 20.0, _best(lambda: _decode(chips, answers)))]
+    alone = shortest(lambda: _decode(chips, answers), REPEATED)
+    rows = [_time_row('MLX90393 answers, 20 chips', 20.0, alone)]
     subjects: list[tuple[str, float, bytes, int, FramedDecoder | FrameDecoder]] = []
     for name, payload, aim in (
         ('framed, 20 chips', three_axis_chips(20), 20.0),
@@ -92,8 +90,8 @@ def decoding_rows() -> list[Row]:
     subjects.append(('ReSkin, 20 chips', 20.0, data, packets.frame_bytes(20), FrameDecoder(20)))
     for name, aim, stream, size, decoder in subjects:
         pieces = cut(stream, size)
-        single = _best(partial(_feed, decoder, pieces)) / len(pieces)
-        batch = _best(partial(_feed, decoder, [stream])) / len(pieces)
+        single = shortest(partial(_feed, decoder, pieces), REPEATED) / len(pieces)
+        batch = shortest(partial(_feed, decoder, [stream]), REPEATED) / len(pieces)
         rows.append(_time_row(name, aim, single, batch))
     return rows
 
@@ -122,16 +120,6 @@ def _stream(payload: Payload, count: int) -> tuple[bytes, int]:
     counts = np.random.default_rng(0).integers(0, high, (count, payload.count, payload.channels))
     data = framed.encode(payload, counts, 0, np.arange(count) * 1000, 25.0)
     return data, framed.frame_bytes(payload)
-
-
-def _best(work: Callable[[], object], repetitions: int = 50) -> float:
-    """Shortest of several durations (s)."""
-    times = []
-    for _ in range(repetitions):
-        began = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - began)
-    return min(times)
 
 
 def processor_s(pid: int) -> float:

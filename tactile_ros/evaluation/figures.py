@@ -11,6 +11,7 @@ from tactile_ros.evaluation.class_figures import confusions
 from tactile_ros.evaluation.figure import MM, Colours, Figure, accepted, shown, title_of
 from tactile_ros.evaluation.force_figures import force_scatter, force_trace
 from tactile_ros.evaluation.memory_figures import drift, hysteresis
+from tactile_ros.evaluation.page import number
 from tactile_ros.evaluation.place_figures import error_map, histogram
 from tactile_ros.evaluation.svg import Plot
 
@@ -156,6 +157,7 @@ def headline(result: Result) -> list[tuple[str, str, str]]:
             found.append((f'{shown(known[0]):.2f}', unit, words))
     delay = next((d.latency for d in result.datasets if d.latency.count), None)
     if delay is not None:
-        found.append((f'{delay.p50 * MM:.2g}', 'ms', f'latency (p99 {delay.p99 * MM:.2g} ms)'))
+        p50, p99 = number(delay.p50 * MM), number(delay.p99 * MM)
+        found.append((p50, 'ms', f'latency (p99 {p99} ms)'))
     lost, frames = (sum(getattr(d, k) for d in result.datasets) for k in ('dropped', 'frames'))
     return [*found, (f'{lost}', '', f'of {lost + frames} frames lost')]

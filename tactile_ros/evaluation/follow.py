@@ -49,7 +49,7 @@ class Follower:
                 self.pipeline.reset()
             baseline = piece.baselines.get(int(rows[first]))
             if baseline is not None:
-                self.pipeline.tare([baseline])
+                self.pipeline.tare([baseline], doubted=False)
             whole = int(rows[last - 1]) + 1 - int(rows[first]) == last - first
             chosen = (
                 slice(int(rows[first]), int(rows[last - 1]) + 1) if whole else rows[first:last]

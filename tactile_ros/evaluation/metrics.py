@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 PLACE = 1e-5
 MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
+MOST_AHEAD = 0.01  # of contacts that may be heard before the stamps of their frames
 AXES = 'xyz'
 # what truth can judge: unit, state attribute and components; the place counts in the plane
 TARGETS = {
@@ -273,6 +274,27 @@ def frames_dropped(sequence: Integers | None, restarts: Bools) -> int:
         return 0
     gaps = np.diff(sequence) - 1
     return int(np.maximum(gaps[~restarts[1:]], 0).sum())
+
+
+def clocks_apart(count: int, ahead: int) -> tuple[str, ...]:
+    """A sentence where contacts were heard before their frames, so that no latency is known.
+
+    Parameters
+    ----------
+    count, ahead : int
+        Contacts; those of them that were heard before the stamp of their frame.
+
+    Returns
+    -------
+    tuple of str
+        Empty where the clock of the frames is that of the recorder.
+    """
+    if ahead <= MOST_AHEAD * count:
+        return ()
+    return (
+        f'no latency: {ahead} of {count} contacts were heard before the stamps of their frames, '
+        'whose clock is not the recorder’s',
+    )
 
 
 def latency(log_ns: Integers, stamp_ns: Integers) -> Spread:

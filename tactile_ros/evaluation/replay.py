@@ -230,7 +230,7 @@ def _process(
         if last < 0 or streams[row] != streams[last]:
             pipeline.reset()
         for baseline in waiting.get(row, []):
-            pipeline.tare([baseline])  # also an equal one: a tare restarts memory
+            pipeline.tare([baseline], doubted=False)  # also an equal one: a tare restarts memory
         changes.before(frame, pipeline)
         begin = clock_ns()
         found.append(pipeline.process(frame))

@@ -14,8 +14,8 @@ from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.answer_tally import AnswerTally
 from tactile_ros.evaluation.bag_pieces import BagPieces
 from tactile_ros.evaluation.follow import Follower
-from tactile_ros.evaluation.kept_rows import AnswerRows, SensorRows
-from tactile_ros.evaluation.metrics import frames_dropped
+from tactile_ros.evaluation.kept_rows import AnswerRows, Rows, SensorRows
+from tactile_ros.evaluation.metrics import clocks_apart, frames_dropped
 from tactile_ros.evaluation.replay import (
     as_live,
     calibration_problems,
@@ -108,7 +108,7 @@ class _Sensor:
         self.followers = {n: Follower(as_live(digests, p)) for n, p in fitting.items()}
         self.answers = {name: AnswerTally(label_of(p), name) for name, p in fitting.items()}
         self.singles: dict[str, float] = {}
-        self.latency = Magnitudes()
+        self.latency, self.ahead = Magnitudes(), 0
         self.rows: SensorRows | None = None
         if drawn:
             self.rows = SensorRows(pieces.layout.positions)
@@ -138,6 +138,7 @@ class _Sensor:
         if live is not None and recording.stamp_ns is not None:
             delay = (live.log_ns - recording.stamp_ns[live.rows]) * 1e-9
             self.latency += Magnitudes.of(delay)
+            self.ahead += int((delay < 0).sum())
             if self.rows:
                 self.rows.latency.add({'latency_s': delay})
 
@@ -152,11 +153,21 @@ class _Sensor:
                 answer, us_single=self.singles.get(name, float('nan')),
                 problems=(*said, *left_out(answer.agreement), *unjudged_targets(answer)),
             ))  # fmt: skip
-        return SensorTally(
+        return without_latency(SensorTally(
             pieces.name, source, tuple(answers), pieces.count, pieces.dropped,
             (pieces.end_ns - pieces.begin_ns) * 1e-9, self.latency, pieces.truth.sentences,
             (*problems, *pieces.problems), self.rows,
-        )  # fmt: skip
+        ), self.ahead)  # fmt: skip
+
+
+def without_latency(one: SensorTally, ahead: int) -> SensorTally:
+    """The same; without a latency where so many contacts came before their frames' stamps."""
+    told = clocks_apart(one.latency.count, ahead)
+    if not told:
+        return one
+    if one.rows:
+        one.rows.latency = Rows()
+    return replace(one, latency=Magnitudes(), problems=(*one.problems, *told))
 
 
 def unjudged_targets(answer: AnswerTally) -> tuple[str, ...]:
@@ -273,13 +284,13 @@ def tally_recording(
     stamps = recording.stamp_ns
     lasted = float('nan') if stamps is None else float(stamps[-1] - stamps[0]) * 1e-9
     dropped = frames_dropped(recording.sequence, recording.restarts)
-    live, latency = loaded.contacts, Magnitudes()
+    live, latency, ahead = loaded.contacts, Magnitudes(), 0
     if live is not None and stamps is not None:
         delay = (live.log_ns - stamps[live.rows]) * 1e-9
-        latency = Magnitudes.of(delay)
+        latency, ahead = Magnitudes.of(delay), int((delay < 0).sum())
         if rows:
             rows.latency.add({'latency_s': delay})
-    return SensorTally(
+    return without_latency(SensorTally(
         loaded.name, source, tuple(answers), len(recording), dropped, lasted, latency,
         problems=loaded.problems, rows=rows,
-    )  # fmt: skip
+    ), ahead)  # fmt: skip

@@ -30,7 +30,8 @@ def dataset_of(one: SensorTally) -> Dataset:
     Returns
     -------
     Dataset
-        Every figure is of all rows; drawings show those that were kept.
+        Every figure is of all rows; drawings show those that were kept. Answers that truth can
+        judge come first; the agreement is that of the one nearest to the live run.
 
     Raises
     ------
@@ -42,19 +43,26 @@ def dataset_of(one: SensorTally) -> Dataset:
         msg = f'rows of {one.name} must be kept to be drawn; received none'
         raise ValueError(msg)
     latency = rows.latency.columns.get('latency_s', np.zeros(0))
+    answers = sorted(one.answers, key=lambda answer: not _judged(answer))
+    agreements = [answer.agreement for answer in answers if answer.agreement is not None]
     sentences = [*one.problems, *(text for answer in one.answers for text in answer.problems)]
     return Dataset(
         name=one.title,
         summary='; '.join(f'{topic}: {how}' for topic, how in one.association.items()),
-        answers=tuple(_answer(answer, rows, _name(answer, one)) for answer in one.answers),
+        answers=tuple(_answer(answer, rows, _name(answer, one)) for answer in answers),
         frames=one.frames,
         dropped=one.dropped,
         chips=rows.chips,
         latency_s=np.asarray(latency, np.float64),
         late=one.latency.spread if rows.latency.step > 1 else None,
-        agreement=one.answers[0].agreement if one.answers else None,
+        agreement=min(agreements, key=lambda found: found.largest, default=None),
         problems=tuple(dict.fromkeys([*sentences, *_thinned(one, rows)])),
     )
+
+
+def _judged(answer: AnswerTally) -> bool:
+    """Whether any error is known."""
+    return any(target.errors.count for target in answer.targets.values())
 
 
 def _name(answer: AnswerTally, one: SensorTally) -> str:

@@ -131,6 +131,23 @@ class HandDescription:
         return HandDescription(self.name, driver, drawn)
 
 
+def narrowed(described: JointLimits, asked: JointLimits, shipped: JointLimits) -> JointLimits:
+    """Limits of a `robot_description`, drawn in where a user asked for others than are shipped.
+
+    Parameters
+    ----------
+    described, asked, shipped : JointLimits
+        Of the description, of the parameters, and of the hand's file.
+    """
+    lower = np.where(
+        asked.lower != shipped.lower, np.maximum(described.lower, asked.lower), described.lower
+    )
+    upper = np.where(
+        asked.upper != shipped.upper, np.minimum(described.upper, asked.upper), described.upper
+    )
+    return replace(described, lower=lower, upper=upper)
+
+
 def folder() -> Path | None:
     """Folder of the shipped hands: beside the sources, or in the share of an installation."""
     package = Path(__file__).resolve().parents[1]

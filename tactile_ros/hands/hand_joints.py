@@ -26,14 +26,16 @@ class Guarded(NamedTuple):
         Targets (rad), and largest torques (N m), NaN where none is asked for.
     limited : bool
         It is not what was wanted.
-    closure : ndarray, shape (a,)
-        What the drives are sent in fact.
+    closure, reach : ndarray, shape (a,)
+        What the drives are sent in fact, and how far they would come in time: less than was
+        wanted where joints stop.
     """
 
     position: Array
     effort: Array
     limited: bool
     closure: Array
+    reach: Array
 
 
 class HandJoints:
@@ -107,9 +109,12 @@ class HandJoints:
                 effort[place] = closing.finger.caps(forces[a])
         position, limited = self.guard.step(wanted, measured, elapsed)
         closure = np.array(closures)
-        if limited:
-            closure -= self._behind(closures, wanted, position)
-        return Guarded(position, effort, limited, closure)
+        if not limited:
+            return Guarded(position, effort, limited, closure, closure)
+        near = self.guard.reachable(wanted, measured)
+        reach = closure - self._behind(closures, wanted, near)
+        closure = closure - self._behind(closures, wanted, position)
+        return Guarded(position, effort, limited, closure, reach)
 
     def _behind(self, closures: list[float], wanted: Array, sent: Array) -> Array:
         """How much less closure each drive was sent (a,)."""

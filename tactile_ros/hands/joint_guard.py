@@ -33,7 +33,7 @@ class JointGuard:
 
     def __init__(self, joints: Sequence[str], limits: JointLimits, most_offset: float) -> None:
         self._joints, self._limits, self._most_offset = list(joints), limits, most_offset
-        self.slack = SLACK * (limits.upper - limits.lower)
+        self.slack = np.minimum(SLACK * (limits.upper - limits.lower), most_offset)
         self.last: Array | None = None
 
     def start(self, measured: Array) -> None:
@@ -82,6 +82,11 @@ class JointGuard:
             f'{name} was measured {apart:.3f} from its last command; at most '
             f'{self._most_offset:g} may lie between them'
         )
+
+    def reachable(self, wanted: Array, measured: Array) -> Array:
+        """Nearest targets (j,) that time alone will let through: speed is no stop."""
+        low = np.maximum(measured - self._most_offset, self._limits.lower)
+        return _between(wanted, low, np.minimum(measured + self._most_offset, self._limits.upper))
 
     def step(self, wanted: Array, measured: Array, dt: float) -> tuple[Array, bool]:
         """Admit a command.

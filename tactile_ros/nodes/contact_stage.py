@@ -259,7 +259,7 @@ class ContactStage:
         if not frames:
             return False, self._refusal()
         try:
-            self.pipeline.tare(frames)
+            self.pipeline.tare(frames, doubted=False)  # as its replay, which is not told
         except ValueError as err:
             return False, str(err)
         self._tared = True

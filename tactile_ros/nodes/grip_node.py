@@ -2,33 +2,34 @@
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import SetBool
 
 from tactile_ros import messages
-from tactile_ros.control import GraspOutcome, GripConfig, GripPhase
+from tactile_ros.control import GraspOutcome, GripConfig
 from tactile_ros.hands import load_hand
+from tactile_ros.hands.description import narrowed
 from tactile_ros.messages.fields import packed, vector
 from tactile_ros.msg import GripState, TactileContacts
 from tactile_ros.nodes.grasp_server import GraspServer
 from tactile_ros.nodes.grip_options import GripOptions
 from tactile_ros.nodes.grip_pace import LATE, GripPace
 from tactile_ros.nodes.grip_stage import GripStage
+from tactile_ros.nodes.grip_tally import GripTally
 from tactile_ros.nodes.hand_link import HandLink, newest
-from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs, serving
+from tactile_ros.nodes.lifecycle import ManagedNode, main_of, serving
 from tactile_ros.nodes.stamp_age import StampAge
 from tactile_ros.types import FrameStatus
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from diagnostic_msgs.msg import DiagnosticStatus
     from rclpy.subscription import Subscription
     from rclpy.timer import Timer
 
@@ -75,8 +76,7 @@ class GripNode(ManagedNode):
 
     def _forget(self) -> None:
         """Nothing has come, and nothing was done."""
-        self._refusal, self._phase, self._disagreement = '', GripPhase.IDLE, math.nan
-        self._steps = self._commands = self._limited = self._previous = 0
+        self._tally = GripTally()
         self._sequences: dict[str, int] = {}
         self._ages: dict[str, StampAge] = {}
         self._joint_age = StampAge()
@@ -122,7 +122,9 @@ class GripNode(ManagedNode):
         if not any(name in robot.joints for name in driver.joints):
             self.get_logger().warning('robot_description names no joint of the hand: not used')
             return False
-        hand = self._described.with_limits(robot.limits(driver.joints, driver.limits))
+        limits = robot.limits(driver.joints, driver.limits)
+        limits = narrowed(limits, driver.limits, self._hand.driver.limits)
+        hand = self._described.with_limits(limits)
         self._next = GripStage(hand, self._config, self._options.fingers, robot)
         self._renew()
         return True
@@ -230,11 +232,7 @@ class GripNode(ManagedNode):
         decision = self._dated(self._stage.step(now_s, answered_ns, self._link.blocked, since))
         if decision.command is not None:
             self._link.send(decision.command)
-            self._commands += 1
-        self._steps += 1
-        self._limited += decision.limited
-        self._refusal, self._phase = decision.refusal, decision.made.phase
-        self._disagreement = decision.made.disagreement
+        self._tally.note(decision)
         if decision.lost:
             self.get_logger().error(decision.lost)
         if self._states.get_subscription_count():
@@ -248,7 +246,9 @@ class GripNode(ManagedNode):
         if not told or 'stale' not in decision.refusal:
             return decision
         refusal = f'{decision.refusal}: the clock stepped back of {", ".join(told)}'
-        ended = decision.ended and replace(decision.ended, message=refusal)
+        ended = decision.ended
+        if ended is not None and ended.outcome == GraspOutcome.FAULT:
+            ended = replace(ended, message=refusal)
         return replace(decision, refusal=refusal, ended=ended)
 
     def _publish(self, decision: Decision, now_ns: int) -> None:
@@ -301,36 +301,9 @@ class GripNode(ManagedNode):
 
     def diagnose(self) -> DiagnosticStatus:
         """Phase, rate, refusals."""
-        steps, self._previous = self._steps - self._previous, self._steps
-        level, sentence = DiagnosticStatus.OK, f'{self._phase.name}, {steps} steps a second'
-        if self._refusal:
-            level = DiagnosticStatus.WARN if self._enabled else DiagnosticStatus.OK
-            sentence = self._refusal
-        if self.unheard:
-            level, sentence = DiagnosticStatus.WARN, f'nothing came of {", ".join(self.unheard)}'
-        if self._disagreement > self._config.balance_high:
-            level = DiagnosticStatus.WARN
-            sentence += f'; the two sides disagree by {self._disagreement:.0%}'
-        if self._phase == GripPhase.FAULT:
-            level = DiagnosticStatus.ERROR
-        status = DiagnosticStatus(level=level, name='grip', message=sentence)
-        status.hardware_id = self._hand.name
-        status.values = pairs(
-            {
-                'phase': self._phase.name,
-                'enabled': self._enabled,
-                'steps': self._steps,
-                'commands': self._commands,
-                'limited': self._limited,
-                'rate (Hz)': steps,
-                'nominal rate (Hz)': self._config.rate_hz,
-                'grasp under way': self._grasps.is_busy,
-                'refusal': self._refusal or 'none',
-                'disagreement of sides': self._disagreement,
-                'never heard': ', '.join(self.unheard) or 'none',
-            }
+        return self._tally.status(
+            self._hand.name, self._config, self._enabled, self._grasps.is_busy, self.unheard
         )
-        return status
 
 
 def build() -> Sequence[ManagedNode]:

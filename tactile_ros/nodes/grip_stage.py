@@ -100,8 +100,7 @@ class GripStage:
         self._measured: Array | None = None
         self._measured_s = self._stepped_s = self._sent_s = -inf
         self._least_s = LEAST_SPACE / hand.driver.fastest_hz
-        self._lost_s = 0.0
-        self._paused = False
+        self._lost_s = self._unsent_s = 0.0
         self.sent = np.full(len(hand.driver.joints), np.nan)
 
     def take_touch(
@@ -146,7 +145,7 @@ class GripStage:
         """The next command begins at the measured posture."""
         self._joints.stop()
         self._watch.forget()
-        self._lost_s, self._paused = 0.0, False
+        self._lost_s = self._unsent_s = 0.0
 
     def grasp(
         self, target_force: float, fingers: Sequence[str], timeout: float, adapt: bool
@@ -190,7 +189,7 @@ class GripStage:
     def cancel(self) -> None:
         """Wait for no end any more: what is held stays held, otherwise the hand opens."""
         self._sequence = None
-        if self._law.phase not in HOLDING:
+        if self._law.phase not in (*HOLDING, GripPhase.IDLE):
             self._law.release()
 
     def step(
@@ -216,7 +215,8 @@ class GripStage:
         """
         dt = self._within(now_s - self._stepped_s if since is None else since)
         # of the frames that a queue kept back many are stepped through at once: joints are not
-        elapsed = max(min(dt, now_s - self._sent_s), 0.0)
+        self._unsent_s = min(self._unsent_s + dt, MOST_PERIODS / self.config.rate_hz)
+        elapsed = max(min(self._unsent_s, now_s - self._sent_s), 0.0)
         self._stepped_s = now_s
         hindered = blocked or self._hindered(now_s, elapsed)
         made = self._law.step(self._given(now_s, hindered), dt)
@@ -229,7 +229,6 @@ class GripStage:
             else:
                 command, guarded = self._command(made, dt, elapsed, now_s, stamp_ns)
                 limited = limited or guarded
-        self._paused = command is None and self._law.phase != GripPhase.IDLE
         ended, lost = self._end(made, dt, self._gone(made, hindered, now_s, dt))
         return Decision(made, command, limited, refusal, ended, lost)
 
@@ -258,7 +257,8 @@ class GripStage:
         """What keeps commands from the hand, by its joint states; empty: nothing does."""
         if self._measured is None or self._law.phase == GripPhase.IDLE:
             return ''
-        strayed = self._watch.strayed() if self._paused else ''
+        paused = now_s - self._sent_s > self.config.stale_age
+        strayed = self._watch.strayed() if paused else ''
         if strayed:
             self._lost_s = inf
             return strayed
@@ -280,9 +280,9 @@ class GripStage:
             forces[drive] = max(forces[drive], force)
         sent = self._joints.command(made.closure.tolist(), forces, self._measured, dt, elapsed)
         # the law goes on from what is sent, and winds nothing up
-        self._law.admit(sent.closure, dt)
+        self._law.admit(sent.closure, dt, sent.reach)
         self._watch.send(sent.position, now_s)
-        self.sent, self._sent_s = sent.position, now_s
+        self.sent, self._sent_s, self._unsent_s = sent.position, now_s, 0.0
         return GripCommand(stamp_ns, sent.position, sent.effort), sent.limited
 
     def _gone(self, made: GripStep, hindered: str, now_s: float, dt: float) -> str:
@@ -315,7 +315,7 @@ class GripStage:
         self._sequence = None
         self._keeping.restart()
         kept = self._law.phase in HOLDING and progress.outcome not in EMPTY
-        if not kept and made.phase != GripPhase.IDLE:
+        if not kept and self._law.phase != GripPhase.IDLE:
             lost = progress.outcome == GraspOutcome.SLIPPED
             self._law.release(progress.message if lost else '')
         if progress.outcome != GraspOutcome.HELD:

@@ -8,13 +8,23 @@ fingertips, as [2] did for this hand: ellipsoids as long and wide as the half cy
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from tactile_ros.hands.description import parse
+from tactile_ros.hands import load_hand
 from tactile_ros.simulation.hand_model import HandModel, pad_friction, servo
-from tactile_ros.types import Array
 
-GAIN, MOST, LAG, DEAD_TIME = 3.0, 0.7, 0.01, 0.02
+if TYPE_CHECKING:
+    from tactile_ros.hands.finger import Finger
+    from tactile_ros.types import Array
+
+GAIN, LAG, DEAD_TIME = 3.0, 0.01, 0.02
+# N m, where the makers' nodes clip: V4 by a table of joints, V5 at 240 mA for each of them
+TORQUE = {
+    'v4': 3 * (0.312, 0.562, 0.375, 0.237) + (0.438, 0.338, 0.225, 0.225),
+    'v5': 16 * (0.168,),
+}
 DAMPING, ARMATURE = 0.2, 2e-3
 LENGTHS = (0.0164, 0.054, 0.0384)
 FINGERS = {
@@ -24,16 +34,8 @@ FINGERS = {
 }  # base (m), and how far it leans sideways (degrees)
 PAD = (0.025, 0.01, 0.01)  # semi-axes (m)
 PAD_AT, THUMB_PAD_AT, PAD_OUT = 0.024, 0.037, 0.004  # along the last link, and before it (m)
-# Joints (rad) at which both fingers oppose the thumb across 58 mm, and how they move while pads
-# close along their normals: as the transposed Jacobian says, so that even gains press straight.
-OPPOSED = {
-    'index': ((0.321, 1.504, 0.078, -0.167), (0.0, 0.116, 0.062, 0.024)),
-    'middle': ((0.47, 1.59, 0.025, -0.167), (0.0, 0.115, 0.062, 0.024)),
-    'thumb': ((1.179, 0.04, 0.08, 0.08), (0.007, 0.0, 0.088, 0.037)),
-}
-OPENED, CLOSING = 0.012, 0.04  # m, of a pad before that, and of the whole closure
+CLOSING = 0.04  # m, of a pad in a whole closure
 CENTRE, ACROSS = (0.112, 0.068, -0.024), (-0.133, -0.011, 0.991)  # of the grasp; thumb to fingers
-SIDES = {'index': 1, 'middle': 1, 'thumb': -1}
 GREY, SKIN = '0.3 0.32 0.36 1', '0.8 0.35 0.2 1'
 
 
@@ -108,50 +110,33 @@ def allegro_bodies(friction: float) -> str:
       rgba="0.22 0.23 0.26 1" contype="0" conaffinity="0"/>{fingers}{_thumb(friction)}"""
 
 
-def force_per_closure(finger: str) -> float:
+def force_per_closure(finger: Finger) -> float:
     """Force of a finger's pad on a stiff object (N), for a whole closure."""
-    _, closing = OPPOSED[finger]
-    return float(GAIN * CLOSING / np.dot(closing, closing))
+    return float(GAIN * np.dot(finger.closing, finger.closing) / CLOSING)
 
 
-def allegro_hand(friction: float = 1.0) -> HandModel:
-    """The hand behind the driver of V5; the grasp axis lies level, so that friction holds.
+def allegro_hand(friction: float = 1.0, torque: str = 'v4') -> HandModel:
+    """The hand of `config/hands/allegro_v5_pinch.yaml`; the grasp axis lies level.
 
     Index, middle and thumb carry pads of a friction coefficient; the ring finger stays open.
+    Motors are as strong as those of a version, a key of `TORQUE`.
     """
-    document = {
-        'driver': 'allegro_v5',
-        'fingers': {name: _posture(name) for name in OPPOSED},
-    }
-    drives = ''.join(servo(f'joint_{i}_0', GAIN, LAG, MOST) for i in range(16))
+    described = load_hand('allegro_v5_pinch')
+    drives = ''.join(
+        servo(f'joint_{i}_0', GAIN, LAG, most) for i, most in enumerate(TORQUE[torque])
+    )
     return HandModel(
-        parse('allegro_like', document),
+        described,
         f'<body name="hand" quat="0.7071068 0.7071068 0 0" gravcomp="1">'
         f'{allegro_bodies(friction)}</body>',
         f'<actuator>{drives}</actuator>',
-        {name: f'{name}_pad' for name in OPPOSED},
+        {name: f'{name}_pad' for name in described.fingers},
         DEAD_TIME,
-        LAG + DAMPING / GAIN,
+        LAG,
         centre=tuple(turned(np.array(CENTRE))),
         across=tuple(turned(np.array(ACROSS))),
-        stiffness=max(force_per_closure(name) for name in OPPOSED),
+        stiffness=max(map(force_per_closure, described.fingers.values())),
     )
-
-
-def _posture(finger: str) -> dict[str, object]:
-    """What a hand's file says about one finger."""
-    first = {'index': 0, 'middle': 4, 'thumb': 12}[finger]
-    opposed, closing = (np.array(part) for part in OPPOSED[finger])
-    per_metre = closing / np.dot(closing, closing)
-    start = (opposed - OPENED * per_metre).tolist()
-    return {
-        'joints': tuple(f'joint_{first + i}_0' for i in range(4)),
-        'open': start,
-        'pre_grasp': start,
-        'closing': (CLOSING * per_metre).tolist(),
-        'side': SIDES[finger],
-        'sensors': (finger,),
-    }
 
 
 def on_half_cylinder(place: Array, radius: float, length: float) -> Array:

@@ -39,6 +39,7 @@ AWAY = 0.015  # m, beyond which an object has left its place
 PRESSING = 0.1  # N
 SMOOTHED = 3  # control steps, by whose median a force is judged
 SETTLED = 0.05  # of the target
+STEADY = 1.0  # s at the end, whose mean is the steady force
 
 
 @dataclass(frozen=True)
@@ -286,7 +287,7 @@ class GraspScene:
         total = trace[:, 1 : 1 + count].sum(axis=1)
         # the engine loses the contact of two ellipsoids for single steps
         share = medfilt(total, SMOOTHED) / final - 1.0
-        steady = abs(float(share[-len(share) // 5 :].mean()))
+        steady = abs(float(share[trace[:, 0] > trace[-1, 0] - STEADY].mean()))
         off = np.flatnonzero(np.abs(share) > SETTLED)
         settled = trace[min(off[-1] + 1, len(trace) - 1), 0] - trace[begins, 0]
         return float(share[begins:].max()), steady, float(settled)

@@ -38,13 +38,13 @@ if TYPE_CHECKING:
 
 GENTLE, STRONG = 3.5, 15.0  # full scales of gradiometers (N): as built in [3], and stiffer
 PRESSES, PRESSED = 800, 8.0  # of a pad's calibration, and their largest force (N)
-HELD_BY_PADS = 5.0  # N, of the thumb
-SOFT_FORCE, THUMB_FORCE = 1.5, 4.0  # N, mean of a soft hand's digits; of a thumb
+SOFT_FORCE = 1.5  # N, mean of a soft hand's digits
+THUMB_FORCE = {'v4': 2.2, 'v5': 1.5}  # N: what motors of either version hold with a sixth to spare
 BEGIN = 2.5  # N, of grips that adapt
-LEAST_FRICTION = 0.5  # of the loads' surfaces, before it is halved
 UNHEEDED = 5.0  # friction that is assumed where loads are not to count
 SOFTEST, SOFTEST_SHARE = 1.0, 0.4  # N for a whole closure; of the stiffest
 SLOWLY = 0.05  # closure per second
+UNLIMITED = 20.0  # closures per second: the joints' own speed bounds it
 NOISE, PAD_NOISE = 0.01, 0.1  # N, of forces by gradiometers and by pads
 
 
@@ -135,17 +135,17 @@ class Trials:
             scene.world.watchers.append(film)
             return scene.hold()
 
-    def pads(self, kind: str, seed: int, film: Watcher = unseen) -> Grasped:
-        """The Allegro-like hand grasps with magnet pads."""
-        hand = allegro_hand()
-        return self._grasp(hand, self.pad, noisy(fitted(GripConfig(), hand)), kind, seed,
-                           HELD_BY_PADS, film)  # fmt: skip
+    def pads(self, kind: str, seed: int, film: Watcher = unseen, version: str = 'v4') -> Grasped:
+        """The Allegro-like hand, with motors of a version, grasps with magnet pads."""
+        hand = allegro_hand(torque=version)
+        config = noisy(fitted(GripConfig(), hand))
+        return self._grasp(hand, self.pad, config, kind, seed, THUMB_FORCE[version], film)
 
     def forces(self, which: str, kind: str, seed: int, film: Watcher = unseen) -> Grasped:
         """The hand `allegro` or `soft` grasps with gradiometers."""
         hand = allegro_hand() if which == 'allegro' else soft_hand(1.0)
         made_of = self.strong if which == 'allegro' else self.gentle
-        force = THUMB_FORCE if which == 'allegro' else SOFT_FORCE
+        force = THUMB_FORCE['v4'] if which == 'allegro' else SOFT_FORCE
         config = fitted(GripConfig(), hand) if which == 'allegro' else soft_config(hand)
         return self._grasp(hand, made_of, config, kind, seed, force, film)
 
@@ -196,7 +196,7 @@ class Grip:
 
 def grips(fixed: float) -> dict[str, Grip]:
     """Grips to compare: a fixed force (N), one that doubles at slips alone, the adaptive one."""
-    config = replace(fitted(GripConfig(), parallel_hand()), friction_low=LEAST_FRICTION)
+    config = fitted(GripConfig(), parallel_hand())
     blind = replace(config, friction_low=UNHEEDED, margin=0.0)
     return {
         'fixed': Grip(config, fixed, False),
@@ -230,13 +230,14 @@ class Tips:
 
 
 def fitted(config: GripConfig, hand: HandModel) -> GripConfig:
-    """Gains of a hand: its lag, how stiff it is on stiff things, how noisy gradiometers are."""
+    """Gains of a hand: its lag and speed, how stiff it is, how noisy gradiometers are."""
     return replace(
         config,
         stiffness_low=SOFTEST,
         stiffness_high=hand.stiffness,
         force_noise=NOISE,
         lag=hand.lag,
+        closure_rate=UNLIMITED,
     )
 
 

@@ -125,15 +125,25 @@ def test_what_is_wrong_is_one_sentence(
 
 
 @pytest.mark.ros
-def test_record_makes_a_bag_and_says_where(
+def test_record_makes_a_bag_and_says_that_nothing_came(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = tmp_path / 'bag'
-    assert main(['record', '-o', str(bag), '--seconds', '0.1']) == 0
-    assert capsys.readouterr().out.splitlines()[-1] == f'bag: {bag}'
+    assert main(['record', '-o', str(bag), '--seconds', '0.1']) == 1
+    assert f'{bag} is empty, nothing was heard in /:' in capsys.readouterr().err
     assert (bag / 'metadata.yaml').is_file()
     assert main(['record', '-o', str(bag)]) == 2
     assert 'exists already' in capsys.readouterr().err
+
+
+@pytest.mark.ros
+def test_record_says_where_the_bag_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('tactile_ros.cli.record.refuse_empty', lambda *_: None)
+    bag = tmp_path / 'bag'
+    assert main(['record', '-o', str(bag), '--seconds', '0.1']) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f'bag: {bag}'
 
 
 def test_record_that_cannot_begin_fails(

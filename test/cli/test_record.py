@@ -9,6 +9,7 @@ import pytest
 
 from tactile_ros.cli import record
 from tactile_ros.errors import RecordingError, TactileError
+from tactile_ros.evaluation.bag import BagWriter
 from tactile_ros.nodes.graph import Graph, Process
 
 
@@ -50,3 +51,14 @@ def test_no_frame_is_told(looks: list[Path], monkeypatch: pytest.MonkeyPatch) ->
     with pytest.raises(TactileError, match='no frame came within -1 s: holds no frames'):
         record.wait_for_frames(running(), Path('bag'))
     assert len(looks) == 1
+
+
+def test_a_bag_without_a_message_is_a_failure(tmp_path: Path) -> None:
+    bag = tmp_path / 'bag'
+    with BagWriter(bag):
+        pass
+    with pytest.raises(TactileError, match='nothing was heard in /thumb'):
+        record.refuse_empty(bag, 'thumb')
+    with BagWriter(tmp_path / 'other') as other:
+        other.write('/label', 'std_msgs/msg/String', 1, b'\0' * 8)
+    record.refuse_empty(tmp_path / 'other', '')

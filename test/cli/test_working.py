@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import threading
 
-from tactile_ros.cli.working import Working
+from tactile_ros.cli.working import working
 
 
 class Heard(io.StringIO):
@@ -26,21 +26,21 @@ class Heard(io.StringIO):
 
 def test_quick_work_is_silent() -> None:
     stream = Heard(tty=False)
-    with Working('fitting', stream, patience_s=60.0):
+    with working('fitting', stream, patience_s=60.0):
         pass
     assert stream.getvalue() == ''
 
 
 def test_long_work_is_one_line_in_a_file() -> None:
     stream = Heard(tty=False)
-    with Working('fitting', stream, patience_s=0.0):
+    with working('fitting', stream, patience_s=0.0):
         assert stream.told.wait(10.0)
     assert stream.getvalue() == 'fitting ...\n'
 
 
 def test_a_terminal_sees_the_seconds_and_then_an_empty_line() -> None:
     stream = Heard(tty=True)
-    with Working('fitting', stream, patience_s=0.0):
+    with working('fitting', stream, patience_s=0.0):
         assert stream.told.wait(10.0)
     assert stream.getvalue().startswith('\rfitting ... ')
     assert stream.getvalue().endswith('\r\033[K')

@@ -224,7 +224,7 @@ def test_baselines_of_a_recording_are_those_of_the_definition(
     )
     tracking = TRACKING if tracked else None
     start = np.full(SHAPE, 0.25)
-    base, restart, rows = stream_baselines(recording, values, start, tracking)
+    base, _, restart, rows = stream_baselines(recording, values, start, tracking)
     wanted, again, tared = plain_baselines(recording, values, start, tracking)
     np.testing.assert_allclose(base, wanted, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(restart, again)

@@ -370,6 +370,13 @@ def test_without_any_input_the_safe_action(worlds: ModuleType, action: str) -> N
         assert law.step(world.given(), 0.01).phase == GripPhase.RELEASE
 
 
+def test_a_hand_that_is_silent_is_not_opened_either() -> None:
+    law = closing(GripConfig(safe_action='open'))
+    law.step(quiet(), 0.01)
+    made = law.step(dataclasses.replace(quiet(), closure_age=0.5), 0.01)
+    assert (made.send, made.refusal) == (False, 'joint states are stale (0.500 s)')
+
+
 def test_a_bad_time_step_sends_nothing() -> None:
     law = closing()
     law.step(quiet(), 0.01)

@@ -27,6 +27,26 @@ def test_a_window_says_the_same_alone_and_among_others(what: str) -> None:
     np.testing.assert_allclose(alone, together, rtol=1e-4, atol=1e-5)
 
 
+def test_how_deep_a_press_is_hardly_matters_and_noise_alone_is_not_blown_up() -> None:
+    # hard case 18: a deep press is no other shape
+    rng = np.random.default_rng(1)
+    windows = 1e-4 * rng.normal(size=(3, 10, 60))
+    net = pronet.pronet('shapes')
+    one, deep, faint = (net.features(scale * windows) for scale in (1.0, 3.0, 3e-4))
+    np.testing.assert_allclose(deep, one, rtol=1e-2, atol=2e-3 * np.abs(one).max())
+    nothing = net.features(0 * windows)
+    assert np.linalg.norm(faint - nothing) < 0.2 * np.linalg.norm(one - nothing)
+
+
+def test_a_network_says_what_made_it() -> None:
+    for what in pronet.TRAINED:
+        made = pronet.pronet(what).session.get_modelmeta().custom_metadata_map
+        assert made['made by'].startswith('training/pronet.py --seed 1')
+        places = [int(place) for place in made['places learned from'].split()]
+        learned = trials.split_places(1)[0] if what == 'shapes' else np.arange(25)
+        np.testing.assert_array_equal(places, learned)
+
+
 def test_what_is_not_trained_is_refused() -> None:
     with pytest.raises(ValueError, match='shapes, postures'):
         pronet.pronet('mugs')
@@ -46,4 +66,4 @@ def test_heads_at_a_held_out_place_are_told_from_five_presses() -> None:
     )  # fmt: skip
     features = pronet.pronet('shapes').features(some.windows)
     right = trials.few_shot(features, some, 5, 4, 40, 0)
-    assert right > 0.7
+    assert right > 0.95

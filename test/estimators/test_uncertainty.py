@@ -7,6 +7,7 @@ import pytest
 
 from tactile_ros.errors import NotCalibratedError
 from tactile_ros.estimators.polynomial_rows import spread
+from tactile_ros.estimators.stated_spread import StatedSpread
 from tactile_ros.estimators.uncertainty import CalibratedCovariance
 from tactile_ros.physics import compiled
 
@@ -130,3 +131,25 @@ def test_order_does_not_matter_and_a_fit_comes_first() -> None:
     np.testing.assert_allclose(b.predict(drivers), a, rtol=1e-9)
     with pytest.raises(NotCalibratedError):
         CalibratedCovariance().predict(drivers)
+
+
+def test_one_group_that_is_far_off_makes_no_other_unsure() -> None:
+    drivers, residuals, _ = noisy(2000, 3)
+    groups = np.arange(2000) // 20
+    spoilt = residuals.copy()
+    spoilt[groups == 7] *= 1e7
+    one, other = (CalibratedCovariance().fit(drivers, each, groups).sigma(drivers)
+                  for each in (residuals, spoilt))  # fmt: skip
+    assert np.median(other / one) < 1.5
+
+
+@pytest.mark.parametrize('tails', [np.inf, 3.0])
+def test_a_stated_spread_holds_both_shares_as_well_as_tails_allow(tails: float) -> None:
+    rng, stated = np.random.default_rng(1), np.full((4000, 2), 0.1)
+    error = rng.normal(size=(4000, 2)) if np.isinf(tails) else rng.standard_t(tails, (4000, 2))
+    sigma = StatedSpread().fit(stated[:2000], error[:2000])(stated[2000:])
+    inside = [(np.abs(error[2000:]) < k * sigma).mean() for k in (1, 2)]
+    assert inside[0] == pytest.approx(0.683, abs=0.04)
+    assert inside[1] == pytest.approx(0.954, abs=0.02 if np.isinf(tails) else 0.045)
+    plain = np.quantile(np.abs(error[:2000]), 0.6827)
+    assert np.isinf(tails) or sigma.mean() > plain

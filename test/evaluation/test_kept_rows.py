@@ -12,6 +12,7 @@ from tactile_ros.evaluation.answer_tally import AnswerTally
 from tactile_ros.evaluation.kept_rows import AnswerRows, Rows, SensorRows
 from tactile_ros.evaluation.metrics import target_errors
 from tactile_ros.evaluation.named import named
+from tactile_ros.evaluation.replay import Agreement
 from tactile_ros.evaluation.report import render
 from tactile_ros.evaluation.result import Result, table
 from tactile_ros.evaluation.sensor_tally import SensorTally
@@ -133,6 +134,17 @@ def test_answers_of_one_estimator_are_told_apart_by_their_calibrations() -> None
     dataset = dataset_of(replace(one, answers=(one.answers[0], other)))
     assert [answer.name for answer in dataset.answers] == ['ridge, c', 'ridge, d']
     assert len(table(Result('x', 'x', {}, (dataset,)))[1]) == 2
+
+
+def test_what_truth_can_judge_comes_first_with_the_nearest_agreement() -> None:
+    one = tallied(*made(), [])
+    assert one.rows is not None
+    one.rows.answers['d'] = AnswerRows()
+    far, near = (Agreement(1, 0, {'force': apart}) for apart in (np.inf, 1e-13))
+    blind = AnswerTally('grid_knn', 'd', agreement=far)
+    dataset = dataset_of(replace(one, answers=(blind, replace(one.answers[0], agreement=near))))
+    assert [answer.name for answer in dataset.answers] == ['ridge', 'grid_knn']
+    assert dataset.agreement is near
 
 
 def test_rows_that_nobody_kept_are_not_drawn() -> None:

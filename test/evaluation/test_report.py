@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from typing import TYPE_CHECKING
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.evaluation.class_figures import confusions
-from tactile_ros.evaluation.figures import figures_of
+from tactile_ros.evaluation.figures import figures_of, headline
 from tactile_ros.evaluation.memory_figures import drift, hysteresis
 from tactile_ros.evaluation.metrics import target_errors
 from tactile_ros.evaluation.named import named
@@ -262,6 +263,13 @@ def remembering(gap: float, slope: float) -> Dataset:
     )
     answer = Answer('ridge', target_errors(recording, states), named=named(recording, states))
     return Dataset('made', '', (answer,), 800, 0, LAYOUT.positions)
+
+
+def test_a_long_latency_is_told_in_plain_digits() -> None:
+    (dataset,) = result_of().datasets
+    late = replace(dataset, latency_s=np.full(9, 0.1234))
+    told = headline(result_of(datasets=(late,)))
+    assert ('123', 'ms', 'latency (p99 123 ms)') in told
 
 
 def test_hysteresis_and_drift_are_measured() -> None:

@@ -197,6 +197,8 @@ def test_the_report_of_pieces_is_that_of_the_bag_in_memory(
     pieces = dataset_of(judged(bag, pipeline, drawn=True))
     assert (pieces.frames, pieces.dropped) == (whole.frames, whole.dropped)
     assert np.array_equal(pieces.latency_s, whole.latency_s)
+    (told,) = (text for text in pieces.problems if text.startswith('no latency'))
+    assert told in whole.problems  # its frames are an hour ahead of the recorder
     assert np.array_equal(pieces.chips, whole.chips)
     (mine,), (theirs,) = pieces.answers, whole.answers
     assert [target.name for target in mine.targets] == [target.name for target in theirs.targets]

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from tactile_ros.hands import list_drivers, list_hands, load_hand
-from tactile_ros.hands.description import MOST_BYTES, folder, parse
+from tactile_ros.hands.description import MOST_BYTES, folder, narrowed, parse
 from tactile_ros.types import JointLimits
 
 GOOD = """
@@ -71,6 +71,17 @@ def test_limits_of_a_description_draw_the_postures_inside() -> None:
     closed = JointLimits(np.full(3, 0.2), np.full(3, 0.3), np.full(3, 2.0), np.full(3, np.inf))
     with pytest.raises(ValueError, match=r'finger right of hand mine cannot close within \[0.2\]'):
         hand.with_limits(closed)
+
+
+def test_limits_that_a_user_drew_in_stay_so_under_a_description() -> None:
+    def limits(low: float, high: float) -> JointLimits:
+        return JointLimits(np.array([low, 0.0]), np.array([high, 1.0]), np.ones(2), np.ones(2))
+
+    shipped, described = limits(0.0, 1.0), limits(-0.5, 1.5)
+    assert narrowed(described, shipped, shipped).upper[0] == 1.5
+    drawn = narrowed(described, limits(0.0, 0.7), shipped)
+    assert (drawn.lower[0], drawn.upper[0]) == (-0.5, 0.7)
+    assert narrowed(described, limits(-2.0, 9.0), shipped).upper[0] == 1.5
 
 
 @pytest.mark.parametrize(

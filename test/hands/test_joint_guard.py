@@ -87,6 +87,16 @@ def test_a_start_beyond_the_limits_is_refused_and_no_more_than_slack_is_clipped(
     np.testing.assert_array_equal(made.last, [1.0, 0.0])
 
 
+def test_a_first_command_is_no_further_from_the_joint_than_any_other() -> None:
+    made = JointGuard(('a', 'b'), LIMITS, 0.01)
+    assert made.refusal(np.array([1.05, 0.5]), 0.01)
+    measured = np.array([1.009, 0.5])
+    assert not made.refusal(measured, 0.01)
+    made.start(measured)
+    position, _ = made.step(measured, measured, 0.01)
+    np.testing.assert_array_equal(position, [1.0, 0.5])
+
+
 def test_a_target_that_may_be_sent_is_not_limited_and_nan_keeps_the_last() -> None:
     made = guard(STILL)
     position, limited = made.step(STILL + 0.01, STILL, 0.05)

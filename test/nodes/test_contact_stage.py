@@ -34,7 +34,7 @@ class ToyPipeline:
     def reset(self) -> None:
         self.resets += 1
 
-    def tare(self, frames: list[Frame]) -> None:
+    def tare(self, frames: list[Frame], *, doubted: bool) -> None:
         self.baseline = np.mean([f.values for f in frames], axis=0)
 
     def process(self, frame: Frame) -> object:

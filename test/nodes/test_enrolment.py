@@ -96,26 +96,10 @@ def mugs() -> Recording:
     return enrolled_skin.new_head()
 
 
-@pytest.fixture(scope='session')
-def skin(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Calibration of a skin that knows five heads."""
-    path = tmp_path_factory.mktemp('skin') / 'skin.npz'
-    enrolled_skin.five_heads().save(path)
-    return path
-
-
 @pytest.fixture
-def calibration_file(skin: Path, tmp_path: Path) -> Path:
-    """A copy that may be written."""
-    path = tmp_path / 'own.npz'
-    path.write_bytes(skin.read_bytes())
-    return path
-
-
-@pytest.fixture
-def pair(ros: Ros, calibration_file: Path, mugs: Recording) -> tuple[ContactNode, Hand]:
+def pair(ros: Ros, own_skin: Path, mugs: Recording) -> tuple[ContactNode, Hand]:
     """A calibrated contact_node that is heard, and the hand."""
-    ros.init('sensor:=multipole_skin', f'calibration:={calibration_file}', 'listeners:=1')
+    ros.init('sensor:=multipole_skin', f'calibration:={own_skin}', 'listeners:=1')
     return connected(ros, mugs)
 
 
@@ -127,10 +111,10 @@ def connected(ros: Ros, mugs: Recording) -> tuple[ContactNode, Hand]:
 
 
 def test_a_class_is_learned_recognised_kept_and_forgotten(
-    ros: Ros, pair: tuple[ContactNode, Hand], calibration_file: Path
+    ros: Ros, pair: tuple[ContactNode, Hand], own_skin: Path
 ) -> None:
     _, hand = pair
-    before = SPEC.load(calibration_file).digest
+    before = SPEC.load(own_skin).digest
     hand.press(ros, 0)
     assert 5 not in hand.labels()
     handle = hand.ask(ros, 'mug', 3)
@@ -149,7 +133,7 @@ def test_a_class_is_learned_recognised_kept_and_forgotten(
     assert set(hand.labels()) == {5}
     assert {m.label_name for m in hand.contacts if m.label == 5} == {'mug'}
     # the file is what the stream goes on with, and a node that starts again knows the class
-    kept = SPEC.load(calibration_file)
+    kept = SPEC.load(own_skin)
     assert kept.label_names[-1] == 'mug'
     assert ros.until(lambda: len(hand.calibrations) == 2)
     assert hand.calibrations[-1]['sha256'] == kept.digest
@@ -157,7 +141,7 @@ def test_a_class_is_learned_recognised_kept_and_forgotten(
     assert len(hand.calibrations[-1]['presses']) == 3
     answer = ros.call(hand.forget, ForgetContact.Request(label='mug'))
     assert answer.success
-    assert SPEC.load(calibration_file).digest == before
+    assert SPEC.load(own_skin).digest == before
     hand.press(ros, 5)
     assert ros.until(lambda: len(hand.calibrations) == 3)
     assert hand.calibrations[-1]['sha256'] == before
@@ -208,10 +192,10 @@ def test_weak_and_clipped_presses_are_refused_and_say_so(
 
 
 def test_a_lesson_that_ends_early_leaves_everything_as_it_was(
-    ros: Ros, pair: tuple[ContactNode, Hand], calibration_file: Path
+    ros: Ros, pair: tuple[ContactNode, Hand], own_skin: Path
 ) -> None:
     contact, hand = pair
-    content = calibration_file.read_bytes()
+    content = own_skin.read_bytes()
     handle = hand.ask(ros, 'mug', 3)
     hand.press(ros, 0)
     assert ros.until(lambda: len(hand.told) == 1)
@@ -227,7 +211,7 @@ def test_a_lesson_that_ends_early_leaves_everything_as_it_was(
     contact.trigger_deactivate()
     ended = result(ros, handle)
     assert ended.result.message == 'contact_node was deactivated'
-    assert calibration_file.read_bytes() == content
+    assert own_skin.read_bytes() == content
     inactive = result(ros, hand.ask(ros, 'mug'))
     assert 'activate it first' in inactive.result.message
 
@@ -270,11 +254,11 @@ def test_without_a_file_nothing_is_learned(ros: Ros, mugs: Recording) -> None:
 
 
 def test_one_answer_stands_on_the_last_frame_of_each_window_of_a_twin(
-    ros: Ros, skin: Path
+    ros: Ros, taught_skin: Path
 ) -> None:
     ros.init(
-        'sensor:=multipole_skin', f'calibration:={skin}', 'simulated:=true', 'transport:=serial',
-        'seed:=1', 'contact_node:listeners:=1',
+        'sensor:=multipole_skin', f'calibration:={taught_skin}', 'simulated:=true',
+        'transport:=serial', 'seed:=1', 'contact_node:listeners:=1',
     )  # fmt: skip
     contact, sensor = (ros.add(node) for node in stack.build())
     listener = ros.add(Node('listener'))

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 CONTACT_AT = 0.3  # closure
 STIFFNESS = 40.0  # N per closure
 PATIENCE_S = 120.0
-# no object joins the springs, so that the balance of the sides leaves a part of each force open
+FRICTION = 0.25  # N, with which the object lies where it is: so far the sides may differ
 APART = 0.3
 # a fast approach, since what a grasp takes is not what these tests are about; and patience with a
 # loaded machine, on which a pause of 0.1 s is no fault
@@ -44,7 +44,7 @@ QUICK = (
 
 
 class Fingers(Node):
-    """Stands in for contact_node of every finger: a spring in the way of a fake hand."""
+    """Stands in for contact_node of every finger: springs on an object between the sides."""
 
     def __init__(self, hand: MockHandNode) -> None:
         super().__init__('fingers')
@@ -59,24 +59,41 @@ class Fingers(Node):
             for sensor, finger in names
         ]
         self.described = described
+        self.place = 0.0
         self.create_subscription(GripState, 'grip_node/state', self.states.append, 10)
         self.enable = self.create_client(SetBool, 'grip_node/enable')
         self.grasp = ActionClient(self, Grasp, 'grip_node/grasp')
         self.feedback: list[Grasp.Feedback] = []
         self.create_timer(0.01, self.feel)
 
+    def forces(self) -> dict[str, float]:
+        """Forces of the springs (N); the stronger side pushes the object to the other."""
+        found = self.described.fingers
+        joints = self.hand.joints.position
+        deep = np.array([f.closure_of(joints[self.described.places(n)]) for n, f in found.items()])
+        sides = np.array([finger.side for finger in found.values()])
+
+        def pressed(place: float) -> np.ndarray:
+            return STIFFNESS * np.maximum(deep - CONTACT_AT - sides * place, 0.0)
+
+        for _ in range(40):
+            spare = float(sides @ pressed(self.place))
+            if self.free or abs(spare) <= FRICTION:
+                break
+            self.place += np.sign(spare) * (abs(spare) - 0.99 * FRICTION) / STIFFNESS / len(sides)
+        return dict(zip(found, 0.0 * sides if self.free else pressed(self.place), strict=True))
+
     def force(self, finger: str) -> float:
-        """Force of the spring (N)."""
-        position = self.hand.joints.position[self.described.places(finger)]
-        closure = self.described.fingers[finger].closure_of(position)
-        return 0.0 if self.free else STIFFNESS * max(0.0, closure - CONTACT_AT)
+        """Force of one finger (N)."""
+        return float(self.forces()[finger])
 
     def feel(self) -> None:
         """Publish what the fingers feel."""
         self.sequence += not self.frozen
+        forces = self.forces()
         for publisher, finger in () if self.silent else self.outputs:
             message = TactileContacts(valid=self.valid, slip=-1, sequence=self.sequence)
-            message.wrench.force.z = self.force(finger) + self.offset
+            message.wrench.force.z = float(forces[finger]) + self.offset
             if self.stamped:
                 self.stamp_ns = self.get_clock().now().nanoseconds
                 fill_header(message.header, self.stamp_ns, '')

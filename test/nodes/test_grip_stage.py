@@ -438,6 +438,19 @@ def test_an_outage_during_a_grasp_ends_it_as_a_fault() -> None:
     assert (made.command, made.made.phase) == (None, GripPhase.IDLE)
 
 
+def test_a_cancel_that_comes_after_the_end_opens_nothing() -> None:
+    world = World('allegro_v5', fault_time=0.3)
+    world.run(0.2)
+    world.stage.grasp(2.0, (), 20.0, adapt=False)
+    world.run(0.2)
+    world.told = False
+    world.until_end()
+    world.told = True
+    world.stage.cancel()
+    made = world.run(0.5)
+    assert (made.command, made.made.phase) == (None, GripPhase.IDLE)
+
+
 def test_frozen_joint_states_are_a_fault_while_commands_move() -> None:
     world = World('allegro_v5', at=5.0, fault_time=0.3)
     world.run(0.2)
@@ -463,6 +476,31 @@ def test_a_posture_beyond_the_limits_is_refused_and_named() -> None:
         made = world.stage.step(now_s, 0)
         assert made.command is None
     assert made.refusal == 'joint_3_0 was measured at 3.100, beyond its limits -0.227 and 1.618'
+
+
+@pytest.mark.parametrize(('push', 'goes_on'), [(0.05, True), (0.3, False)])
+def test_a_joint_that_is_pushed_back_at_the_offset_is_yielded_to_or_refused(
+    push: float, goes_on: bool
+) -> None:
+    world = World('allegro_v5', at=5.0)
+    world.run(0.2)
+    world.stage.grasp(2.0, (), 20.0, adapt=False)
+    still = world.joints.position
+    driver, said = world.hand.driver, []
+    for k in range(200):
+        world.time_s += 0.01
+        pushed = (still - (push if k > 150 else 0.0)).clip(driver.lower, driver.upper)
+        world.stage.take_joints(pushed + 1e-9 * (k % 2), world.time_s)
+        for i in range(4):
+            world.stage.take_touch(i, (0.0, 0.0, 0.0), True, -1, world.time_s)
+        made = world.stage.step(world.time_s, 0)
+        said.append(made.refusal)
+        if made.command is not None:
+            assert (np.abs(made.command.position - pushed) <= driver.most_offset + 1e-8).all()
+    assert (made.command is not None) == goes_on
+    first = next((one for one in said[100:] if one), '')
+    assert 'may lie between them' in first
+    assert goes_on or said[-1].endswith('it was moved by others; a new grasp is needed')
 
 
 def test_what_is_held_is_judged_after_the_grasp_and_its_loss_is_told() -> None:
@@ -509,6 +547,21 @@ def test_a_finger_that_was_never_heard_is_named_in_the_result() -> None:
     world.silent = {2}
     made = world.holding()
     assert made.ended.message == 'held at the asked force; nothing was ever heard of ring'
+
+
+def test_a_queue_that_is_caught_up_with_is_no_hand_that_is_shut() -> None:
+    """Frames of a second in a twentieth of it: the guard lets little of the way through."""
+    world = World('allegro_v5', at=5.0)
+    world.run(0.2)
+    world.stage.grasp(2.0, (), 20.0, adapt=False)
+    for k in range(100):
+        now_s = world.time_s + 5e-4 * (k + 1)
+        world.stage.take_joints(world.joints.position + 1e-9 * k, now_s)
+        for i in range(4):
+            world.stage.take_touch(i, (0.0, 0.0, 0.0), True, -1, now_s)
+        made = world.stage.step(now_s, 0, '', 0.01)
+        assert made.ended is None
+        assert not made.made.shut
 
 
 def test_sides_that_disagree_are_named_in_the_result() -> None:

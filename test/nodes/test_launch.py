@@ -15,7 +15,7 @@ from tactile_ros.control import GripConfig
 from tactile_ros.nodes.contact_node import ContactOptions
 from tactile_ros.nodes.graph import Setting
 from tactile_ros.nodes.grasp_graph import Grasping
-from tactile_ros.nodes.grip_node import GripOptions
+from tactile_ros.nodes.grip_options import GripOptions
 from tactile_ros.nodes.parameters import Schema
 from tactile_ros.nodes.replay_graph import Playing, replaying
 from tactile_ros.nodes.sensor_node import SensorOptions

@@ -33,7 +33,7 @@ def new_head(count: int = 8) -> Recording:
     """Presses of one more head at one place."""
     config = SPEC.config()
     rng = np.random.default_rng(5)
-    poses = np.tile([6e-3, -4e-3, 0.3], (count, 1))
+    poses = np.tile([-16e-3, 0.0, 0.3], (count, 1))  # aside of those that are known
     pressing = Pressing((NEW,), np.zeros(count, np.int64), poses, rng.uniform(*DEPTH, count))
     return played(Specimen(config, seed=SPECIMEN), pressing, NOISE, 5)  # type: ignore[arg-type]
 

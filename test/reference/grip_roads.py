@@ -108,7 +108,7 @@ def lived(ros: Ros, press: Press, clock: Clock, direct: bool) -> np.ndarray:
     grip.now_ns = lambda: clock.ns
     lifecycle.start([grip, contact])
     assert grip.count_subscribers('/left/contacts') == (0 if direct else 1)
-    assert ros.until(lambda: grip._steps and user.count_publishers(COMMANDS))
+    assert ros.until(lambda: grip._tally.steps and user.count_publishers(COMMANDS))
     if not direct:
         assert ros.until(user.frames.get_subscription_count)
         assert ros.until(contact._contacts.get_subscription_count)
@@ -124,7 +124,7 @@ def lived(ros: Ros, press: Press, clock: Clock, direct: bool) -> np.ndarray:
             fill_frame(message, frame, 'left')
             user.frames.publish(message)
         assert ros.until(partial(has_taken, grip, row))
-    assert ros.until(lambda: len(user.commands) == grip._commands)
+    assert ros.until(lambda: len(user.commands) == grip._tally.commands)
     return np.array([message.points[0].positions for message in user.commands])
 
 

@@ -2,62 +2,21 @@
 
 One drive closes both fingers alike. Friction is Coulomb's behind a tangential spring (the skin):
 the object sticks until the spring would carry more than mu times the normal force, then slides.
-The law is told forces of one finger with noise; all else it has to find out.
+The law is told forces of one finger with noise; all else it has to find out. What happens is drawn
+as in the scene of MuJoCo; the physics is another.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 
 from tactile_ros.control import GripInput, GripStep
+from tactile_ros.simulation.load_scene import FINGERS, GRAVITY, KINETIC, Handling
 
 FINE = 5e-4  # s
-GRAVITY = 9.81
-FINGERS = 2
 DROPPED = 0.02  # m
-KINETIC = 0.85  # of the friction at rest, while it slides
-
-
-@dataclass(frozen=True)
-class Load:
-    """What happens to the object after it is lifted.
-
-    Attributes
-    ----------
-    friction, later_friction : float
-        Coefficient before and from `change` on.
-    mass, later_mass : float
-        Before, and after it has grown (kg).
-    change, growth : float
-        When it changes, and how long it takes to grow (s).
-    """
-
-    friction: float
-    later_friction: float
-    mass: float
-    later_mass: float
-    change: float
-    growth: float
-
-    @classmethod
-    def draw(cls, kind: str, seed: int) -> Load:
-        """A load of a kind, 'heavier' or 'slippery'."""
-        rng = np.random.default_rng(seed)
-        friction, change = rng.uniform(0.5, 1.0), rng.uniform(1.0, 2.0)
-        growth = rng.uniform(0.3, 1.5)
-        if kind == 'heavier':
-            return cls(friction, friction, 0.1, 0.5, change, growth)
-        mass = rng.uniform(0.1, 0.5)
-        return cls(friction, 0.5 * friction, mass, mass, change, growth)
-
-    @property
-    def needed(self) -> float:
-        """Normal force of a finger that holds it throughout (N)."""
-        early = self.mass / self.friction
-        return GRAVITY / FINGERS * max(early, self.later_mass / self.later_friction)
 
 
 class LoadWorld:
@@ -65,7 +24,7 @@ class LoadWorld:
 
     Parameters
     ----------
-    load : Load
+    load : Handling
         What will happen.
     seed : int
         Of the noise.
@@ -73,7 +32,7 @@ class LoadWorld:
         At which they have closed (N).
     """
 
-    def __init__(self, load: Load, seed: int, force: float) -> None:
+    def __init__(self, load: Handling, seed: int, force: float) -> None:
         self.load = load
         self.rng = np.random.default_rng(seed)
         self.stiffness, self.contact = 60.0, 0.3

@@ -123,7 +123,8 @@ def test_in_a_bonded_layer_magnets_move_more_sideways_than_down() -> None:
 
 
 def test_some_carpet_under_exact_mechanics_is_below_a_third_of_the_noise() -> None:
-    states = skin.pressed_states(1)
+    states = skin.pressed_states(1, corners=1)
+    assert states[0, 2] == skin.DEEPEST
     choice, _, finest = skin.pressed_choice(SKIN, 4e-6, states)
     assert choice.chosen.name != finest.name
     error = {rated.name: rated.worst for rated in choice.rated}

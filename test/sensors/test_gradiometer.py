@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import importlib.util
-import sys
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,22 +24,16 @@ from tactile_ros.sensors.gradiometer.magnets import (
 from tactile_ros.sensors.gradiometer.thermal import ThermalMemory, lagging
 from tactile_ros.signals import Signals
 from tactile_ros.types import Frame, FrameStatus, Recording
+from test.reference import gradiometer_world as made
 
-FILE = Path(__file__).parents[1] / 'reference' / 'gradiometer_world.py'
-SPEC = importlib.util.spec_from_file_location('gradiometer_world', FILE)
-assert SPEC is not None
-assert SPEC.loader is not None
-WORLD = importlib.util.module_from_spec(SPEC)
-sys.modules[SPEC.name] = WORLD  # its dataclass looks itself up
-SPEC.loader.exec_module(WORLD)
 SENSOR = load_sensor('gradiometer')
 SEED = 31
 SEEDS = (SEED, 41, 52, 63)
 
 
 @lru_cache
-def world(seed: int = SEED) -> WORLD.World:  # type: ignore[name-defined]
-    return WORLD.World(seed)
+def world(seed: int = SEED) -> made.World:
+    return made.World(seed)
 
 
 @lru_cache
@@ -92,7 +83,7 @@ def test_covariances_hold_by_component_and_by_third_of_the_sigma(name: str, coun
 
 @pytest.mark.parametrize('magnet', [np.inf, 14e-3])
 def test_live_and_batch_have_the_same_bits(magnet: float) -> None:
-    recording = world().record(60, 3, WORLD.Scene(magnet=magnet))
+    recording = world().record(60, 3, made.Scene(magnet=magnet))
     pipeline = fitted()
     many = pipeline.process_batch(recording)
     disturbed = many.status[world().rest :] & FrameStatus.STRAY_FIELD > 0
@@ -113,7 +104,7 @@ def test_live_and_batch_have_the_same_bits(magnet: float) -> None:
 
 @pytest.mark.parametrize('ramp_s', [0.0, 600.0])
 def test_0_to_50_degrees_cost_less_than_half_as_much_again(ramp_s: float) -> None:
-    scene = WORLD.Scene(span=50.0, ramp_s=ramp_s)
+    scene = made.Scene(span=50.0, ramp_s=ramp_s)
     warm = SENSOR.pipeline(world().config).fit(world().record(500, 4, scene))
     still = SENSOR.pipeline(world().config).fit(world().record(500, 4))
     hot = rms(errors(warm, world().record(500, 5, scene))[0])
@@ -127,15 +118,15 @@ def test_0_to_50_degrees_cost_less_than_half_as_much_again(ramp_s: float) -> Non
 
 def test_a_lag_that_the_config_states_is_taken() -> None:
     config = dataclasses.replace(world().config, thermal_lag=world().lag_s)
-    scene = WORLD.Scene(span=50.0, ramp_s=600.0)
+    scene = made.Scene(span=50.0, ramp_s=600.0)
     pipeline = SENSOR.pipeline(config).fit(world().record(300, 4, scene))
     assert pipeline.report['disc']['thermal_lag'] == world().lag_s
 
 
 def test_outside_the_temperatures_of_the_fit_it_says_so() -> None:
-    few = world().record(300, 4, WORLD.Scene(span=20.0))
+    few = world().record(300, 4, made.Scene(span=20.0))
     pipeline = SENSOR.pipeline(world().config).fit(few)
-    states = pipeline.process_batch(world().record(300, 5, WORLD.Scene(span=60.0)))
+    states = pipeline.process_batch(world().record(300, 5, made.Scene(span=60.0)))
     said = states.status & FrameStatus.OUT_OF_RANGE > 0
     assert 0.4 < said.mean() < 0.8
     sigma = np.sqrt(states.force_cov[:, 2, 2])
@@ -145,26 +136,28 @@ def test_outside_the_temperatures_of_the_fit_it_says_so() -> None:
 
 def test_magnets_at_14_mm_are_told_and_covered() -> None:
     inside, told, ratio = [], [], []
-    for k in range(60):
+    for k in range(120):
         seed = SEEDS[k % len(SEEDS)]
-        near = world(seed).record(20, 200 + k, WORLD.Scene(magnet=14e-3))
+        near = world(seed).record(10, 200 + k, made.Scene(magnet=14e-3))
         error, sigma = errors(fitted(seed), near)
         inside.append((np.abs(error) < 2 * sigma).mean(axis=0))
         ratio.append(np.abs(error) / sigma)
         status = fitted(seed).process_batch(near).status[world().rest :]
         told.append((status & FrameStatus.STRAY_FIELD > 0).mean())
-    # 60 magnets: 95 % less a standard error
-    assert (np.nanmean(inside, axis=0) > 0.92).all()
+    # 95 %, as far as magnets, each of which is right or wrong as a whole, can tell
+    share, chance = np.nanmean(inside, axis=0), np.nanstd(inside, axis=0) / np.sqrt(len(inside))
+    assert (share > 0.94).all()
+    assert (share + chance > 0.95).all()
     assert (np.median(np.concatenate(ratio), axis=0) > 0.3).all()  # 0.67 if normal: not too wide
     assert np.mean(told) > 0.9
 
 
 def test_a_rest_in_known_fields_leaves_no_leak() -> None:
-    turned = world().record(200, 9, WORLD.Scene(turned=True))
+    turned = world().record(200, 9, made.Scene(turned=True))
     pipeline = SENSOR.pipeline(world().config).fit(world().record(300, 1), turned)
     clean = pipeline.process_batch(world().record(300, 2))
     for stray in 2e-3 * np.eye(3):
-        moved = pipeline.process_batch(world().record(300, 2, WORLD.Scene(stray=tuple(stray))))
+        moved = pipeline.process_batch(world().record(300, 2, made.Scene(stray=tuple(stray))))
         asked = clean.valid & moved.valid
         leak = rms((moved.force - clean.force)[asked])
         assert (leak < 5e-4 * world().config.full_scale).all()
@@ -187,7 +180,7 @@ def test_gains_come_from_fields_since_the_tare_although_the_baseline_follows_the
 def test_case_3_clipped_pixels_look_clean_and_are_flagged_before_the_mean(
     limit: float, common: float, estimator: str
 ) -> None:
-    own = WORLD.World(SEED)
+    own = made.World(SEED)
     own.config = dataclasses.replace(own.config, saturation=1.0)
     lesson, fresh = own.record(300, 1), own.record(300, 2)
     touched = np.arange(len(fresh)) >= own.rest
@@ -358,7 +351,7 @@ def test_a_fit_at_rest_tells_no_force() -> None:
 
 
 def test_without_the_temperatures_of_its_fit_sigmas_are_wider() -> None:
-    warm = WORLD.Scene(span=40.0)
+    warm = made.Scene(span=40.0)
     pipeline = SENSOR.pipeline(world().config).fit(world().record(400, 9, warm))
     told = world().record(300, 10, warm)
     blind = Recording.from_arrays(
@@ -374,7 +367,7 @@ def test_without_the_temperatures_of_its_fit_sigmas_are_wider() -> None:
 def test_calibrations_say_what_their_presses_could_not_tell() -> None:
     straight = np.zeros((160, 3))
     straight[60:, 2] = -np.linspace(0.05, 0.6, 100) * world().depth
-    pipeline = SENSOR.pipeline(world().config).fit(world().recorded(straight, 3, WORLD.Scene()))
+    pipeline = SENSOR.pipeline(world().config).fit(world().recorded(straight, 3, made.Scene()))
     said = [name for name in pipeline.report if name.startswith('not told: ')]
     assert any('force beyond' in one and 'full scale is 3.5 N' in one for one in said)
     assert any('other ways than the 1' in one for one in said)
@@ -389,9 +382,29 @@ def test_calibrations_say_what_their_presses_could_not_tell() -> None:
     assert ((np.abs(error) < 2 * sigma).mean(axis=0) > 0.9).all()
 
 
+def test_the_noise_of_a_tare_of_one_frame_is_stated() -> None:
+    error, sigma = [], []
+    for k in range(20):
+        recording = world().record(20, 500 + k)
+        keep = (np.arange(len(recording)) == 0) | (np.arange(len(recording)) >= world().rest)
+        one = recording.select(keep)
+        states = fitted().process_batch(one)
+        error.append((states.force - one.truth['force'])[1:])
+        sigma.append(np.sqrt(np.diagonal(states.force_cov, axis1=1, axis2=2))[1:])
+    shares = [(np.abs(np.concatenate(error)) < k * np.concatenate(sigma)).mean(axis=0)
+              for k in (1, 2)]  # fmt: skip
+    assert (shares[0] > 0.6).all()
+    assert (shares[1] > 0.92).all()
+    lesson = world().record(300, 8)
+    few = (np.arange(len(lesson)) == 0) | (np.arange(len(lesson)) >= world().rest)
+    poor = SENSOR.pipeline(world().config).fit(lesson.select(few))
+    error, sigma = errors(poor, world().record(300, 9))
+    assert (np.abs(error) < 2 * sigma).mean() > 0.9
+
+
 def test_a_noisier_thermometer_widens_what_a_stream_begins_with() -> None:
-    noisy = WORLD.World(SEED, thermometer=0.05)
-    scene = WORLD.Scene(span=30.0, ramp_s=600.0)
+    noisy = made.World(SEED, thermometer=0.05)
+    scene = made.Scene(span=30.0, ramp_s=600.0)
     pipeline = SENSOR.pipeline(noisy.config).fit(noisy.record(800, 4, scene))
     noise = pipeline.estimation.features_.readings_.thermometer_  # type: ignore[attr-defined]
     assert noise == pytest.approx(0.05, rel=0.15)

@@ -138,6 +138,18 @@ def test_depth_changes_the_pattern_not_only_its_size(trial: Trial) -> None:
     assert 0.9 < cosine < 0.998
 
 
+def test_depths_stay_where_a_template_holds(trial: Trial) -> None:
+    # hard case 18: a scale without limits would let any pattern fit
+    search = trial.pipeline.estimation.recogniser_.search  # type: ignore[attr-defined]
+    rng = np.random.default_rng(4)
+    pattern = 1e-2 * rng.normal(size=(2, 60))
+    found = search.find(PressVectors(pattern, np.ones((2, 3)), np.full(2, 5.0)))
+    depth = found.pose[np.isfinite(found.cost)][:, 3] / search.body
+    assert depth.min() > 0.0
+    assert depth.max() <= 0.5 + 1e-9
+    assert found.cost.min() > 1e3  # and it is no press of any head
+
+
 @pytest.mark.skipif(not compiled.available(), reason='numba is not installed')
 def test_compiled_descents_say_what_arrays_say(
     trial: Trial, monkeypatch: pytest.MonkeyPatch

@@ -27,6 +27,7 @@ CONFIG = SPEC.config()
 LAYOUT = SPEC.layout(CONFIG)
 GRID, REST = (5, 3), 60
 TABLE = 'table_gauss_newton'
+SURE = 3.0  # standard errors that none of eighty shares is beyond
 
 
 def record(
@@ -103,7 +104,7 @@ def parts_of(states: ContactStates, touches: object) -> list[tuple[str, Coverage
 
 
 def test_stated_errors_are_the_errors_in_every_third_of_them() -> None:
-    """Of two pads of other bodies, each judged on touches that its fit has not seen."""
+    """Of each of two pads of other bodies, judged on touches that its fit has not seen."""
     bodies = ({}, {'poisson': 0.4, 'stiffening': 30.0, 'base': 0.4, 'gains': 0.02})
     taught, shares = 500, []
     for seed, body in enumerate(bodies):
@@ -117,8 +118,9 @@ def test_stated_errors_are_the_errors_in_every_third_of_them() -> None:
         aimed = WITHIN[int(name[-1])]
         # as many groups as a fit has for a third, or for all
         groups = taught if 'overall' in name else taught / 3
-        room = max(0.05, 1.96 * np.sqrt(aimed * (1 - aimed) / groups))
-        assert abs(0.5 * (one.share + other.share) - aimed) < room, name
+        room = max(0.05, SURE * np.sqrt(aimed * (1 - aimed) / groups))
+        assert abs(one.share - aimed) < room, name
+        assert abs(other.share - aimed) < room, name
 
 
 def test_forces_that_never_leaned_are_not_said_to_be_sure() -> None:
@@ -282,17 +284,6 @@ def test_the_level_at_rest_is_subtracted_first() -> None:
     np.testing.assert_allclose(one.position[REST:], other.position[REST:], atol=1e-9)
 
 
-def test_loads_beyond_those_recorded_are_flagged() -> None:
-    pad, flagged = reference.PadWorld(CONFIG, seed=3), []
-    for loads in ((2.0, 9.0), (13.0, 20.0)):
-        touches = reference.Touches.in_cells(CONFIG, GRID, 100, 1.0, 8, loads=loads)
-        states = known().process_batch(pad.record(touches, 9, layout=LAYOUT))
-        flagged.append((states.status[REST:] & FrameStatus.OUT_OF_RANGE > 0).mean())
-        assert not (states.status[:REST] & FrameStatus.OUT_OF_RANGE).any()
-    assert flagged[0] < 0.05
-    assert flagged[1] > 0.9
-
-
 def test_a_field_far_beyond_the_usual_is_flagged_and_not_answered_with_confidence() -> None:
     errors, sigmas, status = [], [], []
     for field in (0.0, 0.5e-3, 5e-3):
@@ -306,5 +297,5 @@ def test_a_field_far_beyond_the_usual_is_flagged_and_not_answered_with_confidenc
     assert status[2] > 0.9
     inside = [(e < 2 * s).mean() for e, s in zip(errors, sigmas, strict=True)]
     assert min(inside[:2]) > 0.88
-    assert inside[2] > 0.75  # places on both sides of the pad explain such a reading
+    assert inside[2] > 0.88
     assert np.median(sigmas[2]) > 3 * np.median(sigmas[1])

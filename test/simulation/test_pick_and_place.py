@@ -10,9 +10,10 @@ import pytest
 
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig, grid_positions
+from tactile_ros.simulation import grippers
 from tactile_ros.simulation.pick_and_place import Gripper, even_loads, turn_between
 from tactile_ros.simulation.taxel_scene import TaxelScene, TaxelSkin
-from tactile_ros.types import Outline
+from tactile_ros.types import Outline, Recording
 
 SPEC = load_sensor('taxel_array')
 TURN = 2 * np.pi * np.arange(96) / 96
@@ -53,6 +54,30 @@ def test_washers_come_onto_their_stacks(broken: int) -> None:
     picks = [gripper(broken).pick(rng) for _ in range(12)]
     assert sum(pick.placed for pick in picks) >= 11
     assert len({pick.part for pick in picks}) == 3
+
+
+def test_tubes_of_a_narrow_contact_come_into_their_deposits() -> None:
+    # fits of a narrow contact far off the cup are as near to some readings: they are unlikely
+    config = grippers.suction_cup()
+    rng = np.random.default_rng(301)
+    skin = TaxelSkin.drawn(16, 8.0, rng)
+    taught = even_loads(SPEC.layout(config), config.areas, skin, rng, 20.0)
+    pipeline = SPEC.pipeline(config).fit(taught)
+    scene, poses = TaxelScene(config), rng.uniform(-1, 1, (15, 3)) * (2e-3, 2e-3, np.pi)
+    parts, force = rng.integers(2, size=15), rng.uniform(10.0, 40.0, 15)
+    loads = [
+        scene.loads(config.objects[part], pose, whole)
+        for part, pose, whole in zip(parts, poses, force, strict=True)
+    ]
+    states = pipeline.process_batch(
+        Recording.from_arrays(SPEC.layout(config), skin.read(np.array(loads), rng))
+    )
+    turned = [
+        np.rad2deg(turn_between(found, true, 1))
+        for found, true in zip(states.yaw, poses[:, 2], strict=True)
+    ]
+    assert (states.label == parts).sum() >= 14
+    assert np.sum(np.array(turned) < 5.0) >= 14
 
 
 def test_a_part_that_nobody_told_is_put_aside() -> None:

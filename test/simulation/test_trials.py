@@ -167,8 +167,9 @@ def test_the_field_of_the_magnet_is_that_of_the_figure(trials: Trials) -> None:
     assert np.linalg.norm(field) == pytest.approx(3e-3)
 
 
-def test_the_allegro_like_hand_settles_on_a_sphere(trials: Trials) -> None:
-    grasp = trials.forces('allegro', 'sphere', 1)
+def test_the_allegro_like_hand_settles_though_its_joints_stand_still(trials: Trials) -> None:
+    # a stiffness learned from measured joints alone rings here, for two seconds
+    grasp = trials.forces('allegro', 'cube', 3001)
     assert grasp.touched
     assert grasp.held
     assert grasp.overshoot < 0.1

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.conditioning.baseline import learned_doubt
 from tactile_ros.estimators.polynomial_rows import times
 from tactile_ros.regression.head import known_columns
 from tactile_ros.sensors.gradiometer.belief import largest, unsay
@@ -23,7 +24,7 @@ from tactile_ros.sensors.gradiometer.magnets import (
 )
 from tactile_ros.sensors.gradiometer.memory import StreamMemory
 from tactile_ros.sensors.gradiometer.reach import Reach
-from tactile_ros.sensors.gradiometer.readings import margins
+from tactile_ros.sensors.gradiometer.readings import at_rest, margins
 from tactile_ros.sensors.gradiometer.stray import Seen, StrayField
 from tactile_ros.sensors.gradiometer.support import unsupported
 from tactile_ros.sensors.gradiometer.target import MODELS, Target, candidates
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 
 TARGETS = ('position', 'force', 'torque')
 RESPONSES = 400
+MANY = 30  # frames of a tare whose noise needs no mention
 DISTURBED, WARMER = 2e-5, 0.02  # T, unit of temperatures: a small field in one difference, a rise
 SIMULATED, DISTANCES, MOMENTS = 900, (10e-3, 20e-3), (-3.0, -1.0)  # m, decades of A m2
 LEAST = 1e-6  # of a component's spread: what noise does at least
@@ -59,7 +61,7 @@ class GradiometerEstimation:
         self.config = config
         self.estimator = estimator
         self.targets_: tuple[Target, ...] = ()
-        self.features_ = Features(config)
+        self.features_, self.doubt_ = Features(config), 0.0
         self.stray_: StrayField | None = None
         self.magnets_: NearbyMagnets | None = None
         self.reach_: Reach | None = None
@@ -99,10 +101,11 @@ class GradiometerEstimation:
         groups : dict of str to ndarray, shape (s,)
             'group' and 'session'.
         """
-        rest = _at_rest(signals, truth)
+        rest = at_rest(signals, truth)
         stray = np.asarray(truth.get('stray_field', np.full((len(rest), 3), np.nan)), float)
         remembers = self.estimator == 'history'
         features = self.features_ = Features(self.config, remembers)
+        self.doubt_ = learned_doubt(signals.baseline, signals.doubt)
         modelled = self.estimator in (None, 'history', *MODELS)
         change = features.fit(signals, stray, rest, ~rest & modelled)
         self.targets_, self.stray_, self.magnets_, self.reach_ = (), None, None, None
@@ -282,11 +285,20 @@ class GradiometerEstimation:
                 away = np.where(rest, self.reach_.unfelt(place), away)
             if np.count_nonzero(away):
                 wider += self.reach_.doubt(away)[..., None] ** 2 * np.eye(width)
+        self._add_tare(signals, x[:, parts.get('place', parts['differences'])], wider)
         if self.targets_:
             self._add_targets(known, x, self._noise(x, parts), (shift, wider))
             status |= unsay(known, self.largest_, signals.in_contact != 0) * _ABSTAINED
         known['status'] = status
         return known
+
+    def _add_tare(self, signals: Signals, place: Array, wider: Array) -> None:
+        """Add to covariances (s, k, k) what the noise of a tare of few frames does."""
+        doubt = np.zeros(len(wider)) if signals.doubt is None else signals.doubt
+        rows = np.flatnonzero((doubt > 0) & (doubt + self.doubt_ > 1 / MANY))
+        if self.magnets_ is not None and len(rows):
+            doubt = (doubt[rows] + self.doubt_) * self.features_.readings_.noise**2
+            wider[rows] += self.magnets_.shaken(place[rows], doubt, wider.shape[1])
 
     def _seen(self, x: Array, parts: dict[str, Integers]) -> Seen:
         """What readings tell beside the disc."""
@@ -336,12 +348,3 @@ class GradiometerEstimation:
 
 _SATURATED, _STRAY = np.int64(FrameStatus.SATURATED), np.int64(FrameStatus.STRAY_FIELD)
 _OUTSIDE, _ABSTAINED = np.int64(FrameStatus.OUT_OF_RANGE), np.int64(FrameStatus.ABSTAINED)
-
-
-def _at_rest(signals: Signals, truth: Columns) -> Bools:
-    """Rows (s,) that truth, or the readings, call untouched."""
-    force = np.asarray(truth.get('force', np.full((len(signals.good), 3), np.nan)), float)
-    free = np.nan_to_num(np.abs(force), nan=0.0).max(axis=1) == 0
-    if 'in_contact' in truth:
-        return np.asarray(np.asarray(truth['in_contact']) == 0)
-    return np.asarray(free | (signals.in_contact == 0))

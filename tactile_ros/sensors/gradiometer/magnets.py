@@ -86,6 +86,12 @@ class NearbyMagnets:
         """Slopes (s, k + m, m + h) (unit of the answers, and 1, over T) at places (s, 3)."""
         return self.slopes_.predict(place).reshape(len(place), -1, self.width_)
 
+    def shaken(self, place: Array, variance: Array, count: int) -> Array:
+        """Covariance (s, k, k) of k answers at places (s, 3) by noise of variances (s,) (T2)."""
+        slopes = self.slopes(place)[:, :count, : len(self.shape)]
+        cov = np.matmul(slopes, slopes.transpose(0, 2, 1))
+        return np.asarray(variance[:, None, None] * cov)
+
     def error(
         self, place: Array, left: Array, noise: Array, size: Array, gains: float
     ) -> tuple[Array, Array]:

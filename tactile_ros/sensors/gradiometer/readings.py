@@ -18,7 +18,7 @@ from tactile_ros.sensors.gradiometer.thermal import (
 
 if TYPE_CHECKING:
     from tactile_ros.sensors.gradiometer.config import GradiometerConfig
-    from tactile_ros.signals import Signals
+    from tactile_ros.signals import Columns, Signals
     from tactile_ros.types import Array, Bools
 
 NOISE = 3e-6  # T, where nothing tells it: of [3] at room temperature
@@ -150,3 +150,12 @@ def margins(signals: Signals, config: GradiometerConfig, noise: float) -> Bools:
     limit = np.asarray(config.saturation, float)
     edge = limit - np.minimum(SIGMAS * noise, MOST_MARGIN * limit)
     return np.asarray((np.abs(signals.values) >= edge).any(axis=(1, 2)))
+
+
+def at_rest(signals: Signals, truth: Columns) -> Bools:
+    """Rows (s,) that truth, or the readings, call untouched."""
+    force = np.asarray(truth.get('force', np.full((len(signals.good), 3), np.nan)), float)
+    free = np.nan_to_num(np.abs(force), nan=0.0).max(axis=1) == 0
+    if 'in_contact' in truth:
+        return np.asarray(np.asarray(truth['in_contact']) == 0)
+    return np.asarray(free | (signals.in_contact == 0))

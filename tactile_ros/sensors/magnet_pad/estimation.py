@@ -27,12 +27,13 @@ from tactile_ros.sensors.magnet_pad.loads import LoadReach
 from tactile_ros.sensors.magnet_pad.nominal import nominal_choice
 from tactile_ros.sensors.magnet_pad.nominal_pad import NominalPad
 from tactile_ros.sensors.magnet_pad.regressed import CLASSES as REGRESSED_CLASSES
-from tactile_ros.sensors.magnet_pad.regressed import FEWEST, Regressed, apart, noise_of_rest
+from tactile_ros.sensors.magnet_pad.regressed import FEWEST, Regressed, apart
 from tactile_ros.sensors.magnet_pad.response import PadResponse
 from tactile_ros.sensors.magnet_pad.scene import terms
+from tactile_ros.sensors.magnet_pad.tares import noise_of_rest
 from tactile_ros.sensors.magnet_pad.telling import Telling
 from tactile_ros.sensors.magnet_pad.unfelt import Unfelt
-from tactile_ros.sensors.magnet_pad.untold import untold
+from tactile_ros.sensors.magnet_pad.untold import lonely, untold
 from tactile_ros.sensors.magnet_pad.variety import Variety
 
 if TYPE_CHECKING:
@@ -96,8 +97,8 @@ class Localisation(Regressed):
     def report(self) -> Report:
         """Errors on held-out groups for each target, and what was found of the pad."""
         if self.nominal_:
-            return {**super().report, **self._nominal_choice.report}
-        found = {**self.beaten_, **self.doubts_.report}
+            return {**super().report, **self._nominal_choice.report, **lonely(self.config)}
+        found = {**self.beaten_, **self.doubts_.report, **lonely(self.config)}
         if self.inversion_ is None:
             return {**super().report, **found}
         response = self.inversion_.response_
@@ -115,6 +116,7 @@ class Localisation(Regressed):
         self.doubts_ = Doubts(self.config).fit(x, truth, signals.good, noise_of_rest(signals))
         told = any(_told(truth[k])[signals.good].any() for k in TOLD if k in truth)
         self.nominal_ = self.wanted == NOMINAL or (self.wanted is None and not told)
+        self.tares_.fit(signals)
         if self.nominal_:
             self.forget_all()
             _ = self._pad  # now, not when the first frame waits
@@ -198,7 +200,7 @@ class Localisation(Regressed):
         x = signals.delta.reshape(len(signals.good), self.width)
         if self.nominal_:
             assert isinstance(memory, History)
-            known = self._pad.estimate(x, signals.in_contact == 0)
+            known = self._pad.estimate(x, signals.in_contact == 0, self.tares_.doubt(signals))
             flag(known, signals.in_contact != 0, None, self.config.length)
             return known
         known = super().estimate(signals, memory)
@@ -246,7 +248,10 @@ class Localisation(Regressed):
         assert inversion is not None
         there = np.asarray(np.isfinite(x).all(axis=1))
         every = np.count_nonzero(there) == len(there)
-        told = inversion.invert(x if every else x[there], self._centres)
+        doubt = self.tares_.doubt(signals)
+        told = inversion.invert(
+            x if every else x[there], self._centres, doubt if every else doubt[there]
+        )
         parts: dict[str, Array | Integers] = {
             'position': told.mean[:, :3], 'position_cov': told.cov[:, :3, :3],
             'force': told.mean[:, 3:], 'force_cov': told.cov[:, 3:, 3:],

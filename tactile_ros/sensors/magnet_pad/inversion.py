@@ -266,10 +266,14 @@ class PadInversion:
         limit = UNLIKE * self.misfit_
         return Telling(known, self.common, self.noise, self.contact_, self.misfit_, limit)
 
-    def invert(self, x: Array, cells: Array) -> Told:
-        """What finite readings x (s, c) (T) tell, with centres (n, 3) of cells (m)."""
+    def invert(self, x: Array, cells: Array, doubt: Array | float = 0.0) -> Told:
+        """What finite readings x (s, c) (T) tell, with centres (n, 3) of cells (m).
+
+        Of a baseline whose variance over that of a frame is `doubt` (s,).
+        """
         told = self.telling(self.alive(x), cells)
         widen(told.cov, FLOOR, self._levels)
+        told.cov[:] *= (1 + doubt * told.noisy)[:, None, None]
         self.loads_.widen(told.mean, told.cov)
         if np.count_nonzero(told.far):
             told.cov[:] += untold(told.mean, told.far, self.config.radius)

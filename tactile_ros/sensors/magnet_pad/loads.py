@@ -14,6 +14,7 @@ from tactile_ros.types import Array, Integers
 
 HALF = 0.5  # of the largest load: lighter touches are the lesson, heavier ones the test
 FEWEST, RATIO = 40, 1.5  # light and heavy touches, and the largest load over the least, that tell
+MOST = 300  # touches of each that are looked at
 UNTOLD = (0.1, 0.3)  # radii and share of a force, the largest load farther on: as of specimens
 QUANTILES = {1: 0.6827, 2: 0.9545}  # of what is normal, inside so many sigmas
 
@@ -74,11 +75,11 @@ def untold(mean: Array, far: Array, radius: float) -> Array:
 
 
 def split(load: Array) -> tuple[Integers, Integers] | None:
-    """Rows of the lighter and of the heavier loads (s,); None where they tell nothing."""
+    """Some rows of the lighter and of the heavier loads (s,); None where they tell nothing."""
     light, heavy = (np.flatnonzero((load <= HALF * load.max()) == part) for part in (True, False))
     if min(len(light), len(heavy)) < FEWEST or load[light].max() < RATIO * load[light].min():
         return None
-    return light, heavy
+    return light[:: -(-len(light) // MOST)], heavy[:: -(-len(heavy) // MOST)]
 
 
 def growth(away: Array, error: Array) -> float:

@@ -117,8 +117,11 @@ class NominalPad:
         """Covariance (s, 3, 3) (N2) of saying that nothing touches, of readings (s, d)."""
         return (1 + STIFF) ** 2 * self.telling.hidden(x)
 
-    def estimate(self, x: Array, rest: Bools) -> Columns:
-        """Place, force and cell of changes of field x (s, d) (T); NaN and -1 where x is not."""
+    def estimate(self, x: Array, rest: Bools, doubt: Array | float = 0.0) -> Columns:
+        """Place, force and cell of changes of field x (s, d) (T); NaN and -1 where x is not.
+
+        Rows of `rest` (s,) are untouched; `doubt` (s,) is the baseline's variance over a frame's.
+        """
         there = np.asarray(np.isfinite(x).all(axis=1))
         mean, cov = np.full((len(x), 6), np.nan), np.full((len(x), 6, 6), np.nan)
         cell, share = np.full(len(x), -1), np.full(len(x), np.nan)
@@ -127,7 +130,8 @@ class NominalPad:
             mean[there], wide, told = self._told(x[there])
             sigma = np.sqrt(np.diagonal(wide, axis1=1, axis2=2))
             factor = self.spread(sigma) / sigma
-            cov[there] = wide * factor[:, :, None] * factor[:, None, :]
+            noisy = 1 + (doubt * np.ones(len(x)))[there] * told.noisy
+            cov[there] = wide * factor[:, :, None] * factor[:, None, :] * noisy[:, None, None]
             cell[there], share[there] = told.shares.argmax(axis=1), told.shares.max(axis=1)
             stray[there], odd[there] = told.stray, told.odd
             if (rest & there).any():

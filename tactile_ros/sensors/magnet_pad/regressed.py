@@ -28,6 +28,7 @@ from tactile_ros.sensors.magnet_pad.cells import (
 )
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.sensors.magnet_pad.nominal import uniform_response
+from tactile_ros.sensors.magnet_pad.tares import TareNoise, noise_of_rest
 from tactile_ros.sensors.magnet_pad.touches import KnownTouches
 
 if TYPE_CHECKING:
@@ -92,6 +93,8 @@ class Regressed(Recognition):
         Error of places (m) that another method has on held-out groups.
     cell_report_ : dict of str to float
         How often the place names the right cell, as its covariance says.
+    tares_ : TareNoise
+        Of the fit.
     """
 
     touches_: KnownTouches | None
@@ -105,6 +108,7 @@ class Regressed(Recognition):
         self.columns_: tuple[int, ...] = ()
         self.coarse_ = np.zeros(3)
         self.cell_report_: dict[str, float] = {}
+        self.tares_ = TareNoise()
 
     @property
     def estimators(self) -> dict[str, str]:
@@ -129,6 +133,7 @@ class Regressed(Recognition):
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component; see `Regression`."""
         self.forget_all()
+        self.tares_.fit(signals)
         if self.estimator is not None:
             super().fit(signals, truth, groups)
             return
@@ -257,6 +262,7 @@ class Regressed(Recognition):
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Targets of every row; see `Regression`."""
         known = super().estimate(signals, memory)
+        self.tares_.shake(known, signals, self.heads_, self.width)
         if self.coarse_.any():
             known['position_cov'] = known['position_cov'] + np.diag(self.coarse_)
         x = signals.delta.reshape(len(signals.good), self.width)
@@ -326,17 +332,12 @@ def apart(y: Array, truth: Columns, groups: Columns, rows: Bools) -> Integers:
     return np.asarray(groups['group'], np.int64)[rows] if places is None else places
 
 
-def noise_of_rest(signals: Signals) -> float:
-    """Standard deviation of resting readings, over all channels; 0 where nothing rests."""
-    rest = signals.delta[signals.good & (signals.in_contact == 0)]
-    return float(np.sqrt((rest**2).mean())) if len(rest) else 0.0
-
-
 CLASSES = (
     *REGRESSION_CLASSES,
     PadHead,
     PatternRidge,
     KnownTouches,
+    TareNoise,
     TouchTable,
     CalibratedCovariance,
     MagnetPadConfig,

@@ -25,6 +25,13 @@ def upright(force: Array) -> bool:
     return bool(len(known)) and bool((known[:, 0] ** 2).sum() < UPRIGHT**2 * (known**2).sum())
 
 
+def lonely(config: MagnetPadConfig) -> Report:
+    """What one chip alone leaves open, where a scene has fields from outside."""
+    if len(config.positions) > 1 or not config.stray_term:
+        return {}
+    return {f'{KIND}outside fields (one chip takes most of them for touches)': {}}
+
+
 def untold(config: MagnetPadConfig, touches: Array) -> Report:
     """What touches (s, 5) leave open; columns as `PadInversion.touches_` has them."""
     least, most = (float(np.exp(find(touches[:, 2]))) for find in (np.min, np.max))

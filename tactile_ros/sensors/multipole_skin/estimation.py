@@ -165,7 +165,8 @@ class MultipoleEstimation:
         theirs = 0.0
         if self.network_ is not None:
             report['label_by_network'] = {f'accuracy_{self.network_.name}': self.network_.right}
-            theirs = self.network_.right * self._names_all()
+            told = self.network_.useful and self._names_all()
+            theirs = self.network_.right if told else 0.0
         if theirs <= max(right or 0.0, self._votes(frames)):
             self.network_ = None
         if self.network_ is None and (
@@ -183,6 +184,16 @@ class MultipoleEstimation:
             if templates and (own < other or (not means and not np.isfinite(own))):
                 chosen.append(target)
         self.by_press_ = tuple(chosen)
+        self._spare_frames(frames)
+
+    def _spare_frames(self, report: Report) -> None:
+        """Ask frames no more of what presses tell."""
+        if 'yaw' in self.by_press_ and 'yaw' in report:
+            self.press_report_['yaw'], self.frames_.turn_ = report['yaw'], None
+        if 'label' in self.by_press_ or self.network_ is not None:
+            votes = self.frames_.votes_
+            self.press_report_.update({v.target: v.report_ for v in votes if v.target == 'label'})
+            self.frames_.votes_ = tuple(vote for vote in votes if vote.target != 'label')
 
     def _votes(self, frames: Report) -> float:
         """How often votes of frames are right; never, where they cannot name every head."""

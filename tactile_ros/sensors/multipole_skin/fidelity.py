@@ -222,7 +222,8 @@ def pressed_choice(
     return choose(models, finest, states, noise, every=True), models, finest
 
 
-def pressed_states(count: int, seed: int = 0) -> Array:
-    """Heads of the scene: x, y and depth, shape (s, 3) (m)."""
+def pressed_states(count: int, corners: int = 0, seed: int = 0) -> Array:
+    """Heads of the scene, of which deep ones at corners come first: x, y, depth, (n, 3) (m)."""
     low = np.array([-FARTHEST, -FARTHEST, 0.2 * DEEPEST])
-    return region(low, np.array([FARTHEST, FARTHEST, DEEPEST]), count, seed)[8:]
+    states = region(low, np.array([FARTHEST, FARTHEST, DEEPEST]), count, seed)
+    return np.concatenate([states[1:8:2][:corners], states[8:]])

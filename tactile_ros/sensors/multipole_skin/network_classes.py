@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 NETWORKS = tuple(f'pronet_{what}' for what in TRAINED)
 FOLDS = 5
 FEWEST = 3  # presses
+BETTER = 1.5
 FARTHEST = 2.0  # over the distance that nineteen of twenty held-out presses keep
 ENOUGH = 0.95
 
@@ -40,7 +41,9 @@ class NetworkClasses:
     prototypes_ : Prototypes
         Numbered one by one; `label_` (m,) says of which class each is.
     right : float
-        Share of held-out presses that are named rightly; 0 where nothing could be held out.
+        Share of held-out presses that are named rightly; 0 where none could be held out.
+    chance : float
+        Share of the commonest class.
     worst_ : float
         Distance beyond which no class fits.
     """
@@ -50,12 +53,17 @@ class NetworkClasses:
 
     def __init__(self, what: str) -> None:
         self.what = what
-        self.right, self.worst_ = 0.0, np.inf
+        self.right, self.chance, self.worst_ = 0.0, 1.0, np.inf
 
     @property
     def name(self) -> str:
         """Name of the estimator."""
         return f'pronet_{self.what}'
+
+    @property
+    def useful(self) -> bool:
+        """Whether it is right by half as much again as the commonest class, or nearly always."""
+        return self.right > min(BETTER * self.chance, 0.5 + self.chance / 2)
 
     @cached_property
     def network(self) -> Embedding:
@@ -84,6 +92,7 @@ class NetworkClasses:
         self._remember(found, label, groups)
         self.worst_ = FARTHEST * float(np.quantile(away[right], ENOUGH)) if right.any() else np.inf
         self.right = float(right.mean())
+        self.chance = float(np.bincount(label).max() / len(label))
         return self
 
     def predict(self, windows: list[Array], firm: Bools) -> tuple[Integers, Array]:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 NEW = Outline('bar_20x6', (1e-3 * np.array([[-10, -3], [10, -3], [10, 3], [-10, 3]], float),))
 KNOWN = 3  # heads that press
-BEFORE, TAUGHT, AFTER = 10, 5, 16  # presses of the scene
+BEFORE, TAUGHT, AFTER = 6, 5, 16  # presses of the scene
 SHOTS = 3  # presses from which the new head is learned
 CALIBRATING = 12  # presses of one head
 SPAN = 18e-3  # m, of places from the middle

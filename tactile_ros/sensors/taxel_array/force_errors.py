@@ -122,6 +122,13 @@ def _by_level(miss: Array, force: Array, borne: Bools, most: Array) -> tuple[Arr
         wrong, load = (np.where(borne & (level == k), x, 0.0) for x in (miss, force))
         own[k] = _ratio(np.square(wrong), np.square(load))
         alike[k] = _ratio(_pairs(wrong), _pairs(load))
+    # errors of the lightest loads are no part of them: rows that chance to be lighter than most of
+    # their level would make a part that is too large for the others
+    lightest = borne & (level == 0)
+    if lightest.any():
+        told = np.square((force / most)[lightest]).mean()
+        lighter = min(float(np.sqrt(3 * told)) / LEVELS[0], 1.0)
+        own[0], alike[0] = own[0] * lighter, alike[0] * lighter
     return _nearest(own), _nearest(alike)
 
 
