@@ -317,6 +317,7 @@ def _placed(
 
     Of the head that each press is named, as in use: who errs in the head errs in the place.
     """
+    recogniser.spread_ = 1.0
     pose, cov, order = recogniser.placed(matches, named)
     place, yaw = told.place[:, :2], told.yaw
     report = {}
@@ -324,7 +325,7 @@ def _placed(
     if known.any():
         away = (pose[:, :2] - place)[known]
         sigma = np.sqrt(np.stack([cov[known, 0, 0], cov[known, 1, 1]], axis=1))
-        recogniser.spread_ *= _spread(np.abs(away / np.maximum(sigma, 1e-12)))
+        recogniser.spread_ = _spread(np.abs(away / np.maximum(sigma, 1e-12)))
         report['position_by_press'] = {
             'rmse': float(np.sqrt(np.square(away).mean())),
             'median': float(np.median(np.linalg.norm(away, axis=1))),

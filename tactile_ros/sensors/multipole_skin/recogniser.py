@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Integers, Outline
 
 MODEL_ERROR = 0.03  # of what a chip sees, where no press has told it
+ALIKE = 1.5  # errors of places where no press tells them: those of chips are no noise
 WEAKEST = 5.0  # sigma of the strongest reading
 WIDE = 2.5  # deviations of a turn that count as its range
 STILL = 0.5  # of the noise: what frames do not average, where no press tells it
@@ -104,7 +105,7 @@ class Recogniser:
         self.known_ = Supports.empty(len(noise))
         self.enrolled_ = Supports.empty(len(noise))
         self.road_ = 'press_neighbours' if model is None else 'press_templates'
-        self.spread_ = 1.0
+        self.spread_ = ALIKE
         self.usual_, self.vary_ = 0.0, UNTOLD
         self.still_ = STILL * float(np.mean(noise))
 
