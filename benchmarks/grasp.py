@@ -42,6 +42,7 @@ TARGET = 2.0  # N
 BEGIN = 2.5  # N, of adaptive grips in hand
 SPARED = 0.8  # of the smallest fixed force that holds 98 %
 HELD = 0.98
+FAST = 2.0  # closures a second: 2 rad/s of an Allegro hand that closes by 1 rad
 FRESH = 1000  # seeds of loads from here on: none that gains were set with
 SECONDS, PERIOD = 4.0, 0.01
 HANDS = {
@@ -247,7 +248,7 @@ def _load_rows(count: int) -> list[Row]:
     fresh = range(FRESH, FRESH + count)
     loads = [(Handling.draw(kind, i), i) for kind in KINDS for i in fresh]
     fixed = float(np.quantile([load.needed for load, _ in loads], HELD))
-    calm = GripConfig(force_noise=0.01)
+    calm = GripConfig(force_noise=0.01, closure_rate=FAST)
     blind = dataclasses.replace(calm, friction_low=5.0, margin=0.0)
     grips = {
         f'fixed {fixed:.2f} N': (calm, fixed, False),

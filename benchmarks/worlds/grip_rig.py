@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 COMMANDS, STATES = '/allegroHand_0/joint_cmd', '/allegroHand_0/joint_states'
 POSTURE_S, PATIENCE_S = 0.01, 30.0
 TARGET = 1.5  # N
+FLICKER = 1e-5  # rad, of encoders: a posture that never changes is a fault
 SILENT_S = 2.0  # without commands, after which a grasp is asked for again
 STAMP = struct.Struct('<iI')  # of the header behind the four bytes that every message begins with
 FORK = get_context('fork')
@@ -167,7 +168,8 @@ class Hand:
         self._node, self._kind, self._goal = node, JointState, Grasp.Goal(target_force=TARGET)
         described = load_hand('allegro_v5')
         self._names = list(described.driver.joints)
-        self._posture = described.posture('pre_grasp', np.zeros(16)).tolist()
+        self._posture = described.posture('pre_grasp', np.zeros(16))
+        self._rng = np.random.default_rng(0)
         self._states = node.create_publisher(JointState, STATES, 10)
         deep = QoSProfile(depth=1000)
         node.create_subscription(JointState, COMMANDS, self._on_command, deep, raw=True)
@@ -192,7 +194,8 @@ class Hand:
 
     def _tell(self) -> None:
         """Say where the joints are, and ask for a grasp where no commands come."""
-        message = self._kind(name=self._names, position=self._posture)
+        flicker = FLICKER * self._rng.normal(size=len(self._posture))
+        message = self._kind(name=self._names, position=(self._posture + flicker).tolist())
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._states.publish(message)
         now_s = time.monotonic()
