@@ -116,6 +116,14 @@ def test_0_to_50_degrees_cost_less_than_half_as_much_again(ramp_s: float) -> Non
         assert found['thermal_lag'] == pytest.approx(world().lag_s, rel=0.1)
 
 
+def test_a_tare_that_warms_tells_noise_and_lag_all_the_same() -> None:
+    config = dataclasses.replace(world().config, noise=None)
+    scene = made.Scene(span=50.0, ramp_s=600.0)
+    pipeline = SENSOR.pipeline(config, 'inversion').fit(world().record(300, 4, scene))
+    assert pipeline.estimation.features_.readings_.noise == pytest.approx(2e-6, rel=0.3)
+    assert pipeline.report['disc']['thermal_lag'] == pytest.approx(world().lag_s, rel=0.1)
+
+
 def test_a_lag_that_the_config_states_is_taken() -> None:
     config = dataclasses.replace(world().config, thermal_lag=world().lag_s)
     scene = made.Scene(span=50.0, ramp_s=600.0)

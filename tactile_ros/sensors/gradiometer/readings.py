@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tactile_ros.sensors.gradiometer.thermal import (
     LEAST_RANGE,
     STRONGEST,
+    THIRD,
     WEAKEST,
     chip_temperature,
     lags_told,
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 NOISE = 3e-6  # T, where nothing tells it: of [3] at room temperature
 SIGMAS = 4.0  # within which a clipped reading may fall below the range
 MOST_MARGIN = 0.01  # of the range
+FEWEST_RESTING, UNEVEN = 10, 2  # in succession, that tell noise beside warming; their steps
 CLEAR = 20.0  # sigmas of the disc at rest beyond which it tells the baseline's temperature
 
 
@@ -92,8 +95,7 @@ class Readings:
             self.thermometer_ = thermometer_noise(signals, chip)
         self._learn_rest(signals, resting if resting.any() else rows)
         if not self.noise_is_stated and resting.sum() > 10:
-            spread = signals.delta[resting].reshape(-1, len(self.axes)).std(axis=0)
-            self.noise = float(np.sqrt((spread**2).mean())) or self.noise
+            self.noise = _noise(signals, resting) or self.noise
         return self
 
     def _learn_rest(self, signals: Signals, rows: Bools) -> None:
@@ -141,6 +143,21 @@ class Readings:
             return np.ones(len(base))
         found = (base * pattern).sum(axis=1) / size
         return np.clip(np.where(np.isfinite(found), found, 1.0), WEAKEST, STRONGEST)
+
+
+def _noise(signals: Signals, resting: Bools) -> float:
+    """Noise of a channel (T) by resting rows (s,); of streams, what changes slowly left aside."""
+    size = float(np.sqrt(signals.delta[resting].var(axis=0).mean()))
+    if signals.stamp_ns is None or len(resting) < FEWEST_RESTING:
+        return size
+    # every row of a tare begins a baseline: streams are told apart by their times
+    step = sliding_window_view(np.diff(signals.stamp_ns), 3)
+    even = (step.min(axis=1) > 0) & (step.max(axis=1) <= UNEVEN * step.min(axis=1))
+    even &= sliding_window_view(resting, 4).all(axis=1)
+    third = np.diff(signals.values, 3, axis=0)[even]
+    if len(third) < FEWEST_RESTING:
+        return size
+    return min(size, float(np.sqrt((third**2).mean() / THIRD)))
 
 
 def margins(signals: Signals, config: GradiometerConfig, noise: float) -> Bools:
