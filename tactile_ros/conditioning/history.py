@@ -138,7 +138,6 @@ class History:
             return means
         return np.asarray(np.concatenate([seed[None], means])[np.cumsum(newer)])
 
-
     def _steps(self, change: Array, stamp_ns: Integers, restart: Bools) -> Array:
         """As a call, frame by frame."""
         means = np.empty((len(change), len(self._rate), change.shape[1]))
