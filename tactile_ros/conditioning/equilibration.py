@@ -300,7 +300,8 @@ def silent_taxels(output: Array, force: Array | None, noise: Array) -> Bools:
     -------
     ndarray, shape (t,)
         With known loads: loaded by a quarter of what the others bear at most, but moved by less
-        than a twentieth of what they move. Without: never moved, though three of four others were.
+        than a twentieth of what they move; all, where none moved. Without: never moved, though
+        three of four others were.
     """
     from warnings import catch_warnings, simplefilter
 
@@ -317,4 +318,4 @@ def silent_taxels(output: Array, force: Array | None, noise: Array) -> Bools:
         moved = ~still
         return still if moved.mean() >= 0.75 and typical > 0 else np.zeros(len(still), bool)
     loaded = np.nan_to_num(load) > 0.25 * float(np.nanmedian(load[np.nan_to_num(load) > 0]))
-    return np.asarray(still & loaded & (typical > 0))
+    return np.asarray(still & (loaded | still.all()))

@@ -44,7 +44,10 @@ PRESENT = 0.06  # of the largest force: less is no contact
 
 @dataclass(frozen=True)
 class Found:
-    """What was recognised: label -1 none of these, pose (x, y, yaw) and its covariance (3, 3)."""
+    """What was recognised: label -1 none of these, pose (x, y, yaw) and its covariance (3, 3).
+
+    `unsure` is the error of a covered area, in parts of the largest.
+    """
 
     label: int
     probability: float
@@ -53,6 +56,7 @@ class Found:
     order: int
     cover: Array
     pressure: float
+    unsure: float
 
 
 class ObjectPose(CoverageTemplates):
@@ -287,12 +291,15 @@ class ObjectPose(CoverageTemplates):
             cov[2, 2] = np.pi**2 / 3
         else:
             pose[2] -= sector * np.round(pose[2] / sector)
-        return Found(variant.label, chance, pose, cov, variant.order, best.cover, best.pressure)
+        unsure = float(np.sqrt(best.error.floor))
+        return Found(
+            variant.label, chance, pose, cov, variant.order, best.cover, best.pressure, unsure
+        )
 
 
 def _nothing(force: Array) -> Found:
     """None of these."""
-    return Found(-1, np.nan, np.full(3, np.nan), np.full((3, 3), np.nan), -1, force, 0.0)
+    return Found(-1, np.nan, np.full(3, np.nan), np.full((3, 3), np.nan), -1, force, 0.0, np.nan)
 
 
 def _cost(fit: Fit) -> float:

@@ -27,6 +27,7 @@ REMEMBERING = ('force', 'torque')
 TIME_CONSTANTS = (0.5, 2.0, 8.0, 32.0)
 PAST_WEIGHT = 3.0  # relaxation is a small part of the change; its share of a distance
 PLACE = 1e-5
+ROUNDING = 1e-9  # of the largest reading: what moves less is a constant
 EVEN_ODDS = 0.5
 BLOCK = 1024  # rows whose history stays in the cache
 MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
@@ -95,6 +96,8 @@ class Regression:
         for target in TARGETS:
             y = np.asarray(truth.get(target, np.full((len(now), 3), np.nan)), np.float64)
             for columns, rows in known_columns(y, signals.good):
+                if not _moves(signals.values[rows]):
+                    continue
                 told = y[rows][:, columns]
                 kept = places_of(told) if target == 'position' else None
                 kept = np.asarray(groups['group'][rows], np.int64) if kept is None else kept
@@ -186,6 +189,12 @@ def _unknown(shape: tuple[int, ...]) -> Array:
     array = np.empty(shape)
     array.fill(np.nan)
     return array
+
+
+def _moves(values: Array) -> bool:
+    """Whether readings (s, t, c) are more than one constant, from which nothing is learned."""
+    read = np.nan_to_num(values)
+    return bool((np.ptp(read, axis=0) > ROUNDING * np.abs(read).max(initial=0.0)).any())
 
 
 def _slip(now: Array, truth: Columns, groups: Columns, signals: Signals) -> MatchedSubspace | None:

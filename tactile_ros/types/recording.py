@@ -54,6 +54,9 @@ def _truth_column(name: str, value: npt.ArrayLike, samples: int, taxels: int) ->
         numbers = array.astype(np.float64)
         if name == 'object_pose':
             _refuse_no_poses(numbers)
+        if np.isinf(numbers).any():
+            msg = f'truth {name!r} of Recording must be finite, or NaN where unknown; received inf'
+            raise ValueError(msg)
         return numbers
     if array.dtype.kind not in 'biu':
         array = array.astype(np.float64)

@@ -215,3 +215,30 @@ def test_other_counts_are_refused_with_both_named(key: str) -> None:
     for shape in ((taxels + 1, channels), (taxels, channels + 1), (0, channels)):
         with pytest.raises(ValueError, match=rf'\({taxels}, {channels}\)'):
             sensor.pipeline().process(Frame(None, 0, np.zeros(shape)))
+
+
+@pytest.mark.parametrize('level', [0.0, 0.4])
+@pytest.mark.parametrize('key', ['five_wire_skin', 'taxel_array'])
+def test_nothing_is_learned_from_one_constant(key: str, level: float) -> None:
+    sensor = load_sensor(key)
+    lesson = sensor.presses(sensor.config(), 0, 8)
+    constant = np.full_like(lesson.values, level)
+    pipeline = sensor.pipeline().fit(dataclasses.replace(lesson, values=constant))
+    states = pipeline.process_batch(lesson)
+    assert not (np.nan_to_num(states.force) != 0).any()
+    assert not (np.nan_to_num(states.taxel_force) != 0).any()
+    assert 'taxel_force' not in pipeline.estimators
+    assert pipeline.estimators.get('position') in (None, 'linear')
+
+
+@pytest.mark.parametrize('key', ['five_wire_skin', 'taxel_array'])
+def test_readings_below_ground_are_no_force(key: str) -> None:
+    sensor = load_sensor(key)
+    lesson = sensor.presses(sensor.config(), 0, 8)
+    values = np.full_like(lesson.values[0], -0.5)
+    state = sensor.pipeline().fit(lesson).process(Frame(None, 0, values))
+    assert not state.valid
+    assert state.status & FrameStatus.BAD_TAXELS
+    assert np.isnan(state.force).all()
+    assert np.isnan(state.position).all()
+    assert state.in_contact == -1

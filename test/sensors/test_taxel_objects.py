@@ -94,6 +94,9 @@ def test_washers_are_recognised_with_bad_taxels_that_nobody_marked() -> None:
     assert np.std(ratio) < 0.02
     total = force[right].sum(axis=1)
     np.testing.assert_allclose(states.force[right, 2], total, rtol=0.02)
+    # what bad taxels hide is neither surer nor vaguer than what the others say
+    ratio = (states.force[right, 2] - total) / np.sqrt(states.force_cov[right, 2, 2])
+    assert 0.6 < np.sqrt(np.mean(np.square(ratio))) < 1.5
 
 
 def test_nothing_touches_and_nothing_is_recognised() -> None:

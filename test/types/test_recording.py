@@ -112,6 +112,13 @@ def test_poses_are_rotations_and_translations(pose: np.ndarray) -> None:
         Recording.from_arrays(LAYOUT, values, truth={'object_pose': poses})
 
 
+def test_infinite_truth_is_refused() -> None:
+    force = np.full((3, 3), np.nan)
+    force[1, 2] = np.inf
+    with pytest.raises(ValueError, match="truth 'force' of Recording must be finite"):
+        Recording.from_arrays(LAYOUT, np.zeros((3, 2, 3)), truth={'force': force})
+
+
 @pytest.mark.parametrize(
     ('name', 'value'),
     [

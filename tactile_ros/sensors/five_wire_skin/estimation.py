@@ -35,6 +35,7 @@ LEAST_DIVIDER = 1e-4
 GRID = 33  # of the nominal series resistance
 ONE_SIGMA = 0.6827
 LEAST_SCATTER = 0.1
+STILL = 1e-6  # of the supply: readings that move less are one constant, in 16 bits too
 USEFUL = 0.9  # of the spread of shear; a regressor that leaves more knows nothing of it
 
 
@@ -117,7 +118,7 @@ class FiveWireEstimation:
         there = np.isfinite(position[:, :2]).all(axis=1)
         kept = _places(position, np.asarray(there), group)
         rows = signals.good & there
-        if rows.sum() >= FEWEST_ROWS:
+        if rows.sum() >= FEWEST_ROWS and _moves(np.delete(x[rows], DIVIDER, axis=1)):
             head = PlaceHead(self.size)
             self.place_ = head.fit(x[rows], position[rows, :2], kept[rows], self.wanted)
             height = position[rows, 2]
@@ -222,7 +223,7 @@ class FiveWireEstimation:
         """Static curve, and where stamps tell the past one without creep."""
         rows = signals.good & np.isfinite(force[:, 2])
         self.force_ = self.crept_ = self.creep_ = None
-        if rows.sum() < FEWEST_ROWS:
+        if rows.sum() < FEWEST_ROWS or not _moves(x[rows, DIVIDER, None]):
             return
         place = x[:, :2] if self.place_ is None else self.place_.predict(x)[0]
         features, told = features_of(x, *self._columns(x, place)), force[:, 2]
@@ -291,6 +292,11 @@ def _nominal_series(size: Array, touch: float, sheet: float) -> Array:
     lines = [np.linspace(0.0, edge, GRID) for edge in size]
     places = np.stack(np.meshgrid(*lines, indexing='ij'), axis=-1).reshape(-1, 2)
     return spreading_resistance(places, size, touch, sheet).reshape(GRID, GRID)
+
+
+def _moves(x: Array) -> bool:
+    """Whether any of readings (s, c) is more than one constant, from which nothing is learned."""
+    return bool((np.ptp(x, axis=0) > STILL).any())
 
 
 def _own(signals: Signals, x: Array) -> Signals:

@@ -26,6 +26,7 @@ STILL = 0.01  # spread of a resting potential below which the foil does not floa
 LIGHTEST = 0.01
 DIVIDER = 2  # its channel
 LEAST, POSSIBLE = -1.0, 2.0  # of the supply: no wire reads more than twice of it
+BELOW = -0.1  # of the supply: a converter reads no less than ground, but for its offset
 RAIL = 1.0  # of the divider: no resistance at all, so a short or a converter at its end
 TINY = 1e-300
 
@@ -42,14 +43,17 @@ def settle_rows(x: Array, moved: Array, doubt: Array, quiet: Bools) -> None:
 
 
 def impossible(values: Array) -> Bools:
-    """Readings (..., c) of which no wire can read so much, or whose divider is at its end.
+    """Readings (..., c) of which no wire can read so much or so little, or a divider at its end.
 
     Examples
     --------
     >>> impossible(np.array([[0.5, 0.5, 0.9], [0.5, 0.5, 1.0], [3.0, 0.5, 0.2]])).tolist()
     [False, True, True]
+    >>> impossible(np.array([[0.5, -0.5, 0.2]])).tolist()
+    [True]
     """
-    return np.asarray((np.abs(values) > POSSIBLE).any(axis=-1) | (values[..., DIVIDER] >= RAIL))
+    beyond = (values > POSSIBLE) | (values < BELOW)
+    return np.asarray(beyond.any(axis=-1) | (values[..., DIVIDER] >= RAIL))
 
 
 class Touch:

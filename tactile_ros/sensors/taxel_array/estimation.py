@@ -23,7 +23,7 @@ from tactile_ros.sensors.taxel_array.gaps import Gaps
 from tactile_ros.sensors.taxel_array.memory import Memory
 from tactile_ros.sensors.taxel_array.patches import ArrayPatches, add_sum, ids_of
 from tactile_ros.sensors.taxel_array.placing import place_objects
-from tactile_ros.sensors.taxel_array.readout import Unmixing, area_correction
+from tactile_ros.sensors.taxel_array.readout import Unmixing, area_correction, below_ground
 from tactile_ros.sensors.taxel_array.surface import touched_surface
 from tactile_ros.sensors.taxel_array.untold import told, untold
 from tactile_ros.types import TaxelStatus
@@ -76,6 +76,8 @@ class TaxelRegression(Regression):
     summed_ : bool
         Whether the total force is the sum of the taxels'.
     """
+
+    impossible = staticmethod(below_ground)
 
     def __init__(self, config: SensorConfig, estimator: str | None = None) -> None:
         super().__init__(config, None if estimator in LAWS else estimator, channels=1)
@@ -168,16 +170,15 @@ class TaxelRegression(Regression):
             super().fit(signals, truth, groups)
         if self.only not in ('', *LAWS):
             return
-        wanted = self.only or None
         group = np.asarray(groups['group'], np.int64)[signals.good]
-        if force is not None:
+        if force is not None and not self.silent_.all():
             clean = np.where(self.silent_, np.nan, force)
-            self.law_ = Equilibration(wanted).fit(output[signals.good], clean, group)
+            self.law_ = Equilibration(self.only or None).fit(output[signals.good], clean, group)
             if not self.only:
                 self._learn_creep(signals, truth, clean, group)
             self._measure(signals, truth)
         depth = told(truth, 'deformation', signals.good)
-        if depth is not None and not self.only:
+        if depth is not None and not (self.only or self.silent_.all()):
             self.shape_ = Equilibration().fit(output[signals.good], depth, group)
 
     def _learn_rest(self, output: Array, signals: Signals) -> None:

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from tactile_ros.signals import Columns
     from tactile_ros.types import Array, Bools, Integers
 
-HIDDEN = 0.01  # error of what silent taxels under an object bear, in parts
 UNCORRECTED = 0.25  # error of a taxel's force before it is known how much of it is pressed
 ROUNDS = 2  # of correction
 COVERED, MUTE, LOUD = 0.7, 0.15, 0.25
@@ -105,7 +104,10 @@ def _weigh(
     hidden, seen, variance, count = _judged(row, own, found, able, areas, verdict)
     if summed is not None and (count < len(row) or changed):
         known['force'][i, 2] = seen + max(hidden, 0.0)
-        variance += (HIDDEN * hidden) ** 2 + (summed[1][i] * (seen + hidden)) ** 2
+        # what is hidden follows the pressure that the seen ones tell
+        grown = (seen + hidden) / seen if seen > 0 else 1.0
+        variance = variance * grown**2 + (found.unsure * hidden) ** 2
+        variance += (summed[1][i] * (seen + hidden)) ** 2
         known['force_cov'][i, 2, 2] = variance
     if np.count_nonzero(verdict):
         _mark(known, i, verdict)

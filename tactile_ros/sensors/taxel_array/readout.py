@@ -21,10 +21,22 @@ if TYPE_CHECKING:
     from tactile_ros.conditioning.equilibration import Equilibration
     from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
     from tactile_ros.signals import Signals
-    from tactile_ros.types import Array, Integers
+    from tactile_ros.types import Array, Bools, Integers
 
 SAME_LINE = 1e-6  # m
 PRESSED = 0.05  # of a taxel: of less the area law says nothing
+BELOW = -0.1  # of the range: a converter reads no less than ground, but for its offset
+
+
+def below_ground(values: Array) -> Bools:
+    """Taxels (s, t) of readings (s, t, c) that no converter can read.
+
+    Examples
+    --------
+    >>> below_ground(np.array([[[0.4], [-0.4], [-0.001]]])).tolist()
+    [[False, True, False]]
+    """
+    return np.asarray((values < BELOW).any(axis=-1))
 
 
 def lines_of(positions: Array) -> Integers:
