@@ -6,6 +6,7 @@ part is right where it went to its place.
 
 from __future__ import annotations
 
+from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -50,11 +51,12 @@ def sorted_parts(extent: str) -> tuple[list[Row], dict[str, str]]:
     turn = [
         np.rad2deg(turn_between(float(p.state.yaw), float(p.pose[2]), 1)) for p in picks['tube']
     ]
+    placed = partial(_placed, worlds)
     rows = [
-        _placed('pick and place: washers of 5 types, 5 bad taxels', picks['washer'], 95.0, 99.0),
-        _placed('pick and place: angle tubes of 2 bends, 16 taxels', picks['tube'], 100.0, 100.0),
+        placed('pick and place: washers of 5 types, 5 bad taxels', picks['washer'], 95.0, 99.0),
+        placed('pick and place: angle tubes of 2 bends, 16 taxels', picks['tube'], 100.0, 100.0),
         Row('picked tubes: turn, median', 'deg', float(np.nanmedian(turn))),
-        _placed('pick and place: parts in a jaw of 2000, 20 bad taxels', picks['jaw'], None, 99.0),
+        placed('pick and place: parts in a jaw of 2000, 20 bad taxels', picks['jaw'], None, 99.0),
         Row('one frame of 2000 taxels', 'us', _jaw_time(grips[0], picks['jaw']), aim=3000.0),
         Row(
             'conditioning of 2000 taxels: baseline, laws, two branches of creep',
@@ -76,10 +78,13 @@ def _world(kind: tuple, seed: int) -> Gripper:
     return Gripper(config, TaxelScene(config), skin, pipeline, force, play)
 
 
-def _placed(what: str, picks: list[Picked], paper: float | None, aim: float) -> Row:
-    """Per cent of parts that went where they belong."""
-    share = 100 * float(np.mean([pick.placed for pick in picks]))
-    return Row(f'{what} ({len(picks)} picks)', '%', share, 'high', paper=paper, aim=aim)
+def _placed(worlds: int, what: str, picks: list[Picked], paper: float | None, aim: float) -> Row:
+    """Per cent of parts that went where they belong, of all worlds and of each."""
+    each = 100.0 * np.reshape([pick.placed for pick in picks], (worlds, -1)).mean(axis=1)
+    return Row(
+        f'{what} ({len(picks)} picks)', '%', float(each.mean()), 'high', paper=paper, aim=aim,
+        by_seed=tuple(each.tolist()),
+    )  # fmt: skip
 
 
 def frame_us(pipeline: Pipeline, recording: Recording) -> float:
