@@ -40,6 +40,7 @@ WATCHED_S = 0.8
 PATIENCE_S = 40.0
 GRIP = {'closing_rate': 0.5, 'stiffness_high': 60.0, 'fewest_fingers': 2, 'fault_time': 30.0}
 SENDING_S = 0.02  # by which commands may lie closer together than they were made
+LIES_S = 0.005  # between forces that are no numbers
 NEAR = 0.01  # of a joint to the last target (unit of the joint)
 KILLED_IN = (GripPhase.CLOSE, GripPhase.LOAD)  # while the command moves
 
@@ -216,11 +217,17 @@ def faults(scene: Scene) -> list[Fault]:
 
         return lambda: scene.hand.set_parameters([Parameter('fault', value=fault)]) and None
 
-    def nan() -> None:
+    def lie() -> None:
         message = scene.contacts(valid=True, sequence=2**40, slip=-1)
         message.wrench.force.z = math.nan
         message.header.stamp = scene.node.get_clock().now().to_msg()
         scene.spoof.publish(message)
+
+    def nan() -> None:
+        scene.lies = scene.node.create_timer(LIES_S, lie)
+
+    def true() -> None:
+        scene.node.destroy_timer(scene.lies)
 
     nothing: Callable[[], None] = lambda: None  # noqa: E731 - it mends itself
     return [
@@ -228,7 +235,7 @@ def faults(scene: Scene) -> list[Fault]:
         Fault('sensor sends nothing for 0.5 s', lambda: left.inject('stall'), nothing),
         Fault('frames frozen', lambda: left.inject('stuck_chip', 100), nothing),
         Fault('board clock jumps', lambda: left.inject('clock_jump'), nothing, refused=False),
-        Fault('one NaN force', nan, nothing, stale=0.0),
+        Fault('NaN between the forces', nan, true, stale=0.0),
         Fault('hand driver silent', hand('silent'), hand('none')),
         Fault('joint states NaN', hand('nan'), hand('none')),
         Fault('contact_node killed', kill(f'{one}/contact_node'), again(f'{one}/contact_node')),
@@ -282,7 +289,7 @@ def _suffer(scene: Scene, fault: Fault) -> tuple[list[Row], str]:
         Row(f'{name}: commands outside limits', '1', float(scene.outside(seen)), aim=0.0),
     ]
     if fault.refused:
-        late = 1e3 * max(after - fault.stale, 0.0) if bad else None
+        late = 1e3 * max(after - fault.stale, 0.0) if bad else 1e3 * WATCHED_S
         rows.insert(0, Row(f'{name}: safe action after stale', 'ms', late, aim=100.0))
     did = f'holds: {why}' if bad else ('NO REACTION' if fault.refused else 'goes on')
     shown = f'{1e3 * after:.0f} ms after the fault' if bad else '-'

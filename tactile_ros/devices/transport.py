@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import os
 import select
 import termios
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from tactile_ros.devices.terminal import WAITS_S, WaitingReads
 from tactile_ros.errors import DeviceError, DeviceTimeout, MissingPackageError, NotAcknowledged
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     I2cMessage = i2c_msg
 
 READ_BYTES = 4096
-WAITS_S = 0.1  # the least that terminals wait for
 I2C_TIMEOUT = 0x0702  # linux/i2c-dev.h, in units of 10 ms
 
 
@@ -63,14 +62,6 @@ def _refusal(port: str, err: OSError) -> str:
     return f'port {port} cannot be opened ({err}); {_choice()}'
 
 
-def _wait_in_read(terminal: int) -> None:
-    """Let reads wait for the first byte: each call more lets a busy thread take Python's lock."""
-    attributes = termios.tcgetattr(terminal)
-    attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 0, round(10 * WAITS_S)
-    termios.tcsetattr(terminal, termios.TCSANOW, attributes)
-    os.set_blocking(terminal, True)
-
-
 class SerialPort:
     """A serial port that is read by one program, blocking and without busy waiting.
 
@@ -88,6 +79,7 @@ class SerialPort:
         self.baud = baud
         self._serial: serial.Serial | None = None
         self._poll: select.poll | None = None
+        self._reads: WaitingReads | None = None
 
     @property
     def is_open(self) -> bool:
@@ -106,20 +98,21 @@ class SerialPort:
         """
         if self._serial is not None:
             return
-        pyserial = _pyserial()
+        pyserial, device = _pyserial(), None
         try:
             device = pyserial.Serial(self.port, self.baud, timeout=0, exclusive=True)
-        except (OSError, ValueError) as err:
+            reads = WaitingReads(device.fileno())
+        except (OSError, ValueError, termios.error) as err:  # also of a port that goes meanwhile
+            if device is not None:
+                device.close()
             failure = err if isinstance(err, OSError) else OSError(str(err))
             raise DeviceError(_refusal(self.port, failure)) from err
-        _wait_in_read(device.fileno())
-        self._serial = device
-        self._poll = select.poll()
+        self._serial, self._reads, self._poll = device, reads, select.poll()
         self._poll.register(device.fileno(), select.POLLIN)
 
     def close(self) -> None:
         """Let the port go; closing twice is allowed."""
-        device, self._serial, self._poll = self._serial, None, None
+        device, self._serial, self._reads, self._poll = self._serial, None, None, None
         if device is not None:
             device.close()
 
@@ -141,18 +134,19 @@ class SerialPort:
         DeviceError
             If the port is not open or is gone; it is closed then.
         """
-        if self._serial is None or self._poll is None:
+        reads, poll = self._reads, self._poll  # here still where another thread closes
+        if reads is None or poll is None:
             msg = f'port {self.port} is not open'
             raise DeviceError(msg)
         try:
-            if timeout < WAITS_S and not self._poll.poll(max(0.0, timeout) * 1e3):
+            if timeout < WAITS_S and not poll.poll(max(0.0, timeout) * 1e3):
                 return b''
-            data = os.read(self._serial.fileno(), READ_BYTES)
-            if not data and self._poll.poll(0):  # gone, unless bytes have come between the two
-                data = os.read(self._serial.fileno(), READ_BYTES)
+            data = reads.read(READ_BYTES)
+            if not data and poll.poll(0):  # gone, unless bytes have come between the two
+                data = reads.read(READ_BYTES)
                 if not data:
                     raise self._lost()
-        except OSError as err:
+        except (OSError, termios.error) as err:
             raise self._lost() from err
         return data
 

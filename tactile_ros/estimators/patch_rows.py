@@ -78,7 +78,7 @@ def lone_patch(
     centre /= total
     for m in range(3):
         for n in range(3):
-            mixed = centre[m] * sums[1 + n] + centre[n] * sums[1 + m]
             own = sums[0] * centre[m] * centre[n]
-            cov[m, n] = (sums[SECOND[m, n]] - mixed + own) / total**2
+            rest = sums[SECOND[m, n]] - centre[m] * sums[1 + n] - centre[n] * sums[1 + m]
+            cov[m, n] = (rest + own) / (total * total)
     return count, total, sums[0], area

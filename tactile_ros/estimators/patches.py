@@ -186,8 +186,11 @@ class PatchFinder:
         for nodes in (taxel,) if len(core) == len(taxel) else (taxel, core):
             if flooded(self._near, nodes.tolist(), len(load))[1] > 1:
                 return None
-        powers, own = self._powers[taxel], variance[taxel]
-        first, sums = weight @ powers[:, :4], own @ powers
+        powers, own = self._powers[taxel], variance[taxel][:, None]
+        terms = [weight[:, None] * powers[:, :4], own * powers, self.areas[taxel, None]]
+        # taxel by taxel, as batches add: the same to the last bit, which no matrix product is
+        told = np.add.reduce(np.concatenate(terms, axis=1), axis=0)
+        first, sums = told[:4], told[4:14]
         total, spread = first[0], sums[0]
         centre = first[1:] / total
         mixed = centre[:, None] * sums[1:4]
@@ -199,7 +202,7 @@ class PatchFinder:
         found.count[0] = 1
         found.load[0, 0], found.variance[0, 0] = total, spread
         found.position[0, 0], found.position_cov[0, 0] = centre, cov
-        found.area[0, 0] = self.areas[taxel].sum()
+        found.area[0, 0] = told[14]
         return found
 
     def _measured(

@@ -32,10 +32,15 @@ HEADLINES = tuple(
             ('shear force, unseen half', 'shear force, other half of the run, random rests'),
             ('normal force, unseen run:', 'normal force, unseen run (one to learn from)'),
         )),
+        ('[1]', 'multipole_skin', (
+            ('shape, new places, 9 heads: 20', 'shape of 9, unseen places, presses of one head'),
+            ('new heads, nine old open, 1 shot', 'five new heads among the nine, 1 shot'),
+            ('new heads, nine old open, 5 shots', 'five new heads among the nine, 5 shots'),
+            ('pose of six, bar never pressed', 'pose of six, bar never pressed'),
+        )),
         ('[1]', 'pronet', (
-            ('shape, 5 of 9 heads at held-out places, 1-shot', 'shape, unseen places, 1 shot'),
-            ('shape, 5 of 9 heads at held-out places, 5-shot', 'shape, unseen places, 5 shots'),
-            ('shape, five new heads, 5-shot', 'shape, five new heads, 5 shots'),
+            ('network: 5 of 9 heads at held-out places, 5', 'network, unseen places, 5 shots'),
+            ('network: five new heads, 1-shot', 'network, five new heads, 1 shot'),
         )),
         ('[2]', 'magnet_pad', (
             ('25 cells, near the centre: cells right', 'cell of 25, near its centre'),

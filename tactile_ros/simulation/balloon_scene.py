@@ -106,8 +106,8 @@ class Held:
     @property
     def invalid_from(self) -> float:
         """Distance (m) below which no reading is valid any more; NaN: there is none."""
-        bad = np.flatnonzero(np.logical_not(self.valid))
-        return float(self.distance[bad[0]]) if len(bad) else np.nan
+        last = int(np.flatnonzero(self.valid)[-1]) if self.valid.any() else -1
+        return float(self.distance[last + 1]) if last + 1 < len(self.valid) else np.nan
 
     @property
     def fate(self) -> str:

@@ -72,6 +72,14 @@ def test_live_is_batch() -> None:
     )
 
 
+def test_few_frames_at_once_are_live_to_the_last_bit() -> None:
+    rows = stream(200, 5, seed=1)
+    history = History(TAUS)
+    edges = [0, 1, 3, 10, 74, 138, 200]
+    pieces = [history(*(column[a:b] for column in rows)) for a, b in pairwise(edges)]
+    np.testing.assert_array_equal(np.concatenate(pieces), live(History(TAUS), *rows))
+
+
 def test_pieces_of_a_stream_give_the_whole() -> None:
     change, stamp_ns, restart = stream(300, 4, seed=2)
     whole = History(TAUS)(change, stamp_ns, restart)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import ctypes
 import errno
+import os
 import sys
+import termios
+import threading
 import time
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
@@ -106,6 +109,65 @@ def test_unplugging_closes_the_port(port: SimulatedSerialPort) -> None:
         line.read(0.0)
     with pytest.raises(DeviceError, match='is not open'):
         line.write(b'z')
+
+
+def test_a_program_that_lets_reads_wait_for_ever_is_undone(port: SimulatedSerialPort) -> None:
+    line = SerialPort(port.port)
+    line.open()
+    other = os.open(port.port, os.O_RDWR | os.O_NOCTTY)  # no lock of files keeps it out
+    settings = termios.tcgetattr(other)
+    settings[6][termios.VMIN], settings[6][termios.VTIME] = 1, 0
+    termios.tcsetattr(other, termios.TCSANOW, settings)
+    os.close(other)
+    told: list[bytes] = []
+    reading = threading.Thread(target=lambda: told.append(line.read(0.25)), daemon=True)
+    reading.start()
+    reading.join(5.0)
+    came_back = not reading.is_alive()
+    port.send(b'z')  # what would be waited for
+    reading.join(5.0)
+    line.close()
+    assert came_back
+    assert told == [b'']
+
+
+def test_closing_while_another_thread_reads_is_a_sentence(port: SimulatedSerialPort) -> None:
+    line = SerialPort(port.port)
+    line.open()
+    reads = line._reads
+    assert reads is not None
+    inside = threading.Event()
+
+    class Closed:
+        """Of a port that is closed under the feet of whoever reads it."""
+
+        def read(self, count: int) -> bytes:
+            inside.set()
+            line.close()
+            return reads.read(count)
+
+    line._reads = Closed()  # type: ignore[assignment]
+    with pytest.raises(DeviceError, match='was unplugged or taken'):
+        line.read(0.25)
+    assert inside.is_set()
+
+
+@pytest.mark.usefixtures('two_ports')
+def test_a_port_that_goes_while_it_is_opened(
+    port: SimulatedSerialPort, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Going(serial.Serial):
+        """Unplugged as soon as it is open."""
+
+        def open(self) -> None:
+            super().open()
+            port.unplug()
+
+    monkeypatch.setattr(serial, 'Serial', Going)
+    line = SerialPort(port.port)
+    with pytest.raises(DeviceError, match='cannot be opened'):
+        line.open()
+    assert not line.is_open
 
 
 def test_pyserial_is_asked_for_where_it_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ from time import perf_counter_ns
 import numpy as np
 import pytest
 
+from tactile_ros.estimators import patches
 from tactile_ros.estimators.neighbours import connected, neighbours
 from tactile_ros.estimators.patches import PatchFinder
 from tactile_ros.sensors.taxel_array.config import grid_positions, radial_positions
@@ -79,12 +80,29 @@ def test_patches_are_those_of_a_slow_flood(share: float) -> None:
         assert sorted(map(sorted, found)) == sorted(map(sorted, wanted))
         live = finder.find(load[row : row + 1], 0 * load[:1], touched[row : row + 1])
         for name in ('label', 'load', 'position', 'position_cov', 'area', 'variance'):
-            np.testing.assert_allclose(
-                getattr(live, name)[0], getattr(batch, name)[row], rtol=1e-12, atol=1e-18
-            )
+            np.testing.assert_array_equal(getattr(live, name)[0], getattr(batch, name)[row])
         total = [load[row, list(patch)].sum() for patch in wanted]
         kept = batch.load[row, : len(wanted)]
         np.testing.assert_allclose(kept, sorted(total, reverse=True))
+
+
+@pytest.mark.parametrize('with_compiler', [True, False])
+def test_one_frame_alone_says_what_it_says_among_others_to_the_last_bit(
+    with_compiler: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not with_compiler:
+        monkeypatch.setattr(patches.compiled, 'available', lambda: False)
+    rng = np.random.default_rng(3)
+    positions = radial_positions() + rng.normal(0.0, 1e-4, (16, 3))
+    finder = PatchFinder(positions, rng.uniform(1e-5, 2e-5, 16), 2)
+    load, variance = rng.uniform(0.8, 1.0, (40, 16)), rng.uniform(0.0, 0.1, (40, 16))
+    touched = (np.arange(16) - rng.integers(0, 16, (40, 1))) % 16 < rng.integers(1, 13, (40, 1))
+    batch = finder.find(load, variance, touched)
+    for row in range(40):
+        one = slice(row, row + 1)
+        live = finder.find(load[one], variance[one], touched[one])
+        for name in vars(live):
+            np.testing.assert_array_equal(getattr(live, name)[0], getattr(batch, name)[row])
 
 
 def test_sums_centres_and_covariances_of_a_patch() -> None:
