@@ -36,6 +36,7 @@ LOAD_WORLD = WORLD.with_name('load_world.py')
 SCENES = Path(__file__).parent / 'worlds' / 'grasp_scenes.py'
 SEEDS = {'quick': 1, 'normal': 10, 'full': 40}
 LOADS = {'quick': 2, 'normal': 100, 'full': 200}  # of either kind
+BLOCKS = 5  # of their seeds, each of which gives a value
 FOLDS, LENGTH, TARE = 5, 300, 10
 SIGMAS = 5.0  # of rest, beyond which a pull has begun
 TARGET = 2.0  # N
@@ -83,7 +84,8 @@ def run(extent: str, command: str) -> BenchResult:
         'Loads in hand (`test/reference/load_world.py`: a drive, two fingers, Coulomb friction, '
         '15 % less while it slides): half of the objects grow from 0.1 to 0.5 kg, for the others '
         'friction is halved; a slide of 20 mm is a drop. Fixed: the force that would hold 98 % '
-        'without dynamics. Doubled: from the same start as the adaptive grip, at slips alone.',
+        'without dynamics. Doubled: from the same start as the adaptive grip, at slips alone. '
+        f'What they spread by: {BLOCKS} blocks of seeds.',
         *reactions,
     ]
     scenes = _scenes(extent)
@@ -259,17 +261,26 @@ def _load_rows(count: int) -> list[Row]:
     for name, (config, force, adapt) in grips.items():
         found = np.array([_carry(world, load, i, config, force, adapt) for load, i in loads])
         dropped, mean = found.mean(axis=0)
+        blocks = _blocks(found.reshape(len(KINDS), count, 2))
         aims = (HELD, SPARED * fixed) if name == 'adaptive' else (None, None)
         what = f'{2 * count} loads in hand, {name}'
         rows += [
-            Row(f'{what}: held', '1', 1 - dropped, 'high', aim=aims[0]),
-            Row(f'{what}: mean force', 'N', mean, aim=aims[1]),
-        ]
+            Row(f'{what}: held', '1', 1 - dropped, 'high', aim=aims[0],
+                by_seed=tuple(1 - blocks[:, 0])),
+            Row(f'{what}: mean force', 'N', mean, aim=aims[1], by_seed=tuple(blocks[:, 1])),
+        ]  # fmt: skip
         rows += [
-            Row(f'{what}, {kind}: held', '1', 1 - float(part[:, 0].mean()), 'high')
+            Row(f'{what}, {kind}: held', '1', 1 - float(part[:, 0].mean()), 'high',
+                by_seed=tuple(1 - _blocks(part[None])[:, 0]))
             for kind, part in zip(KINDS, np.split(found, len(KINDS)), strict=True)
-        ]
+        ]  # fmt: skip
     return rows
+
+
+def _blocks(found: Array) -> Array:
+    """Means (b, 2) of loads (k, s, 2) over kinds and over blocks of their seeds."""
+    parts = np.array_split(found.mean(axis=0), min(BLOCKS, found.shape[1]))
+    return np.array([part.mean(axis=0) for part in parts])
 
 
 def _carry(

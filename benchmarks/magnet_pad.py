@@ -10,45 +10,41 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.estimators.cell_knn import CellKnn
-from tactile_ros.estimators.touch_mixture import Linearised, TouchMixture
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.cells import accuracy, average_euclidean_error, confusion
 from tactile_ros.evaluation.coverage import WITHIN, coverage_by_thirds
 from tactile_ros.evaluation.metrics import AXES
 from tactile_ros.evaluation.pad_figures import drawings
 from tactile_ros.evaluation.sources import load_source
-from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig, surface_cells
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from types import ModuleType
+
+    from worlds.magnet_pad_sessions import Session
 
     from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Array, ContactStates, Integers, Recording
 
+FILE = Path(__file__).parent / 'worlds' / 'magnet_pad_sessions.py'
+PAD = load_source(FILE, 'bench magnet_pad')
+SPEC, GRIDS, STRAY, REST = PAD.SPEC, PAD.GRIDS, PAD.STRAY, PAD.REST
+LEARN, JUDGE, WORLD_SEED = PAD.LEARN, PAD.JUDGE, PAD.WORLD_SEED
 PRESSES = {'quick': 200, 'normal': 600, 'full': 1200}
 SWEEP = {'quick': 400, 'normal': 1200, 'full': 4000}  # presses that neighbours alone share
-GRIDS = {6: (3, 2), 15: (5, 3), 25: (5, 5)}
 PAPER = {6: 99.0, 15: 99.0, 25: 92.0}
 PROBES = (2, 6, 10, 14)
 TABLE_1 = ((98, 63, 64, 55), (45, 98, 83, 73), (49, 80, 99, 92), (44, 71, 95, 99))
-STRAY, TIP, REST, CONE = 0.5e-3, 3e-3, 60, np.pi / 4
-DENSE = {0.1: 2500, 1.0: 6000}
-LEARN, JUDGE, WORLD_SEED = 1, 2, 0
+CONE = np.pi / 4
 SPECIMENS = {'quick': (), 'normal': (1, 2, 3, 4), 'full': tuple(range(1, 9))}
 BODIES = {'quick': (), 'normal': (), 'full': tuple(range(1, 9))}  # whose coverage is judged
 FEW = 200  # presses that judge each specimen
-SPEC = load_sensor('magnet_pad')
-FILE = Path(__file__).resolve().parents[1] / 'test' / 'reference' / 'magnet_pad_world.py'
 
 
 def run(extent: str, command: str) -> BenchResult:
@@ -58,7 +54,7 @@ def run(extent: str, command: str) -> BenchResult:
     for name, part in parts(extent).items():
         sys.stderr.write(f'{time.monotonic() - began:5.0f} s  {name} ...\n')
         rows += part()
-    said, voted, test = _pair(15, 1.0, count)
+    said, voted, test = PAD.pair(15, 1.0, count)
     costs = {row.what[9:]: (row.us_single or 1.0, row.ours or 0.0) for row in rows
              if row.what.startswith('place by ')}  # fmt: skip
     named = {'neighbours': voted, 'ours': said.cell[REST:]}
@@ -86,137 +82,27 @@ def parts(extent: str) -> dict[str, Callable[[], list[Row]]]:
     return found
 
 
-@dataclass(frozen=True)
-class Session:
-    """Presses with what was read."""
-
-    config: MagnetPadConfig
-    touches: object
-    recording: Recording
-
-    @property
-    def change(self) -> Array:
-        """Readings less the tare, shape (s, d) (T)."""
-        values = self.recording.values.reshape(len(self.recording), -1)
-        return values[REST:] - values[:REST].mean(axis=0)
-
-
-def _world() -> ModuleType:
-    """The world, which needs magpylib and the sources."""
-    return load_source(FILE, 'bench magnet_pad')
-
-
-def _config(cells: int) -> MagnetPadConfig:
-    config = replace(SPEC.config(), cells=surface_cells(*GRIDS[cells]))
-    assert isinstance(config, MagnetPadConfig)
-    return config
-
-
-def session(
-    cells: int, count: int, spread: float, seed: int, *, tip: float = TIP, stray: float = 0.0,
-    cone: float = 0.0, number: int = 0, specimen: int = WORLD_SEED, **pad: float,
-) -> Session:  # fmt: skip
-    """Presses within `spread` of the width of their cells, by a tip of a radius (m)."""
-    module, config = _world(), _config(cells)
-    touches = module.Touches.in_cells(config, GRIDS[cells], count, spread, seed, cone=cone)
-    pad_world = module.PadWorld(config, specimen, **pad)
-    recording = pad_world.record(
-        touches, seed + 1000, tip=tip, stray=stray, layout=SPEC.layout(config), session=number
-    )
-    return Session(config, touches, recording)
-
-
-def _joined(*parts: Session) -> tuple[Pipeline, CellKnn]:
-    """Ours and [2]'s, learned from sessions of one config."""
-    ours = SPEC.pipeline(parts[0].config).fit(*(part.recording for part in parts))
-    x = np.concatenate([part.change for part in parts])
-    named = np.concatenate([part.touches.cell for part in parts])
-    return ours, CellKnn(5).fit(x, named)
-
-
-@lru_cache
-def _learned(cells: int, spread: float, count: int) -> tuple[Pipeline, CellKnn, float]:
-    train = session(cells, count, spread, LEARN)
-    began = time.process_time()
-    ours, peer = _joined(train)
-    return ours, peer, time.process_time() - began
-
-
-def _pair(cells: int, spread: float, count: int) -> tuple[ContactStates, Integers, Session]:
-    """What ours and the neighbours say of fresh touches."""
-    ours, peer, _ = _learned(cells, spread, count)
-    test = session(cells, count, spread, JUDGE)
-    return ours.process_batch(test.recording), peer.predict(test.change), test
-
-
-def _right(states: ContactStates, one: Session) -> float:
-    return accuracy(states.cell[REST:], one.touches.cell)
-
-
-def _away(states: ContactStates, one: Session) -> float:
-    """Mean distance of places from the truth (mm)."""
-    return 1e3 * float(
-        np.nanmean(np.linalg.norm(states.position[REST:] - one.touches.place, axis=1))
-    )
-
-
-@lru_cache
-def _truth(cells: int, spread: float) -> tuple[TouchMixture, TouchMixture]:
-    """Touches of the world itself, without and with an outside field of the size in use."""
-    module, config = _world(), _config(cells)
-    pad, step = module.PadWorld(config, WORLD_SEED), (2e-5, 2e-5, 1e-3)
-    touches = module.Touches.in_cells(config, GRIDS[cells], DENSE[spread], spread, 77)
-    readings = pad.change(touches, TIP)
-    reach = 0.5e-3 if spread == 1.0 else 0.1e-3
-    slopes, leads = [], []
-    for i, size in enumerate((reach, reach, reach / 20e-3)):
-        shift = np.eye(3)[i] * step[i]
-        moved = touches.shifted(*shift)
-        slopes.append((pad.change(moved, TIP) - readings) / step[i] * size)
-        leads.append((moved.place - touches.place) / step[i] * size)
-    count = len(readings)
-    rows = Linearised(
-        readings.reshape(count, -1), np.stack(slopes, axis=-1).reshape(count, -1, 3),
-        touches.place, np.stack(leads, axis=-1), np.full(count, pad.noise),
-        np.full(count, 1 / count),
-    )  # fmt: skip
-    common = np.vstack([np.eye(3)] * len(config.positions))
-    plain = TouchMixture(rows, neighbours=48)
-    return plain, TouchMixture(rows, common, STRAY / np.sqrt(3), neighbours=192)
-
-
-def _bounds(cells: int, spread: float, test: Session, stray: Session) -> tuple[float, ...]:
-    """Mean error of a place (mm), cells right (%) and with an outside field, by the posterior."""
-    # anywhere is the same for all cells
-    plain, blind = _truth(cells if spread < 1.0 else 15, spread)
-    centres = test.config.cells * np.array([1.0, 1.0, 0.0])
-    seen, met = plain(test.change), blind(stray.change)
-    away = 1e3 * float(np.linalg.norm(seen.mean - test.touches.place, axis=1).mean())
-    named = (t.shares(s, centres).argmax(axis=1) for t, s in ((plain, seen), (blind, met)))
-    return away, *(accuracy(one, test.touches.cell) for one in named)
-
-
 def _cells(cells: int, spread: float, count: int) -> list[Row]:
     """Cells and places with touches near the centres and anywhere."""
     where = 'near the centre' if spread < 1 else 'anywhere'
-    ours, peer, seconds = _learned(cells, spread, count)
-    said, voted, test = _pair(cells, spread, count)
-    stray = session(cells, count, spread, JUDGE, stray=STRAY)
-    place, cell, met = _bounds(cells, spread, test, stray)
+    ours, peer, seconds = PAD.learned(cells, spread, count)
+    said, voted, test = PAD.pair(cells, spread, count)
+    stray = PAD.session(cells, count, spread, JUDGE, stray=STRAY)
+    place, cell, met = PAD.bounds(cells, spread, test, stray)
     far = 1e3 * np.linalg.norm(test.config.cells[voted] - test.touches.place, axis=1).mean()
-    single, batch = _times(ours, test.recording)
+    single, batch = PAD.times(ours, test.recording)
     name = f'{cells} cells, {where}'
     return [
-        Row(f'{name}: cells right', '%', _right(said, test), 'high',
+        Row(f'{name}: cells right', '%', PAD.right(said, test), 'high',
             PAPER[cells] if spread < 1 else None, accuracy(voted, test.touches.cell), cell,
             100 - 1.2 * (100 - cell), single, batch),
-        Row(f'{name}: place', 'mm', _away(said, test), peer=float(far), bound=place,
+        Row(f'{name}: place', 'mm', PAD.away(said, test), peer=float(far), bound=place,
             aim=min(1.5 * place, far / 6) if spread == 1.0 else 1.5 * place),
         Row(f'{name}: average Euclidean error', 'mm',
             average_euclidean_error(said.cell[REST:], test.touches.cell, test.config.cells),
             peer=average_euclidean_error(voted, test.touches.cell, test.config.cells)),
         Row(f'{name}: cells right, 0.5 mT outside', '%',
-            _right(ours.process_batch(stray.recording), stray), 'high',
+            PAD.right(ours.process_batch(stray.recording), stray), 'high',
             peer=accuracy(peer.predict(stray.change), stray.touches.cell), bound=met,
             aim=met - 1.5 if spread < 1 else None),
         Row(f'{name}: fit', 's', seconds, aim=20.0),
@@ -225,14 +111,14 @@ def _cells(cells: int, spread: float, count: int) -> list[Row]:
 
 def _coverage(count: int) -> list[Row]:
     """Distance of shares inside one and two sigma from a Gaussian's: components and thirds."""
-    ours, test = _learned(15, 1.0, count)[0], session(15, 3 * count, 1.0, JUDGE)
+    ours, test = PAD.learned(15, 1.0, count)[0], PAD.session(15, 3 * count, 1.0, JUDGE)
     return _covered(ours, test)
 
 
 def _specimen(seed: int, count: int) -> list[Row]:
     """Coverage of another specimen: the means over components, overall and by thirds."""
-    train = session(15, count, 1.0, LEARN + 10 * seed, specimen=seed)
-    test = session(15, 2 * count, 1.0, JUDGE + 10 * seed, specimen=seed)
+    train = PAD.session(15, count, 1.0, LEARN + 10 * seed, specimen=seed)
+    test = PAD.session(15, 2 * count, 1.0, JUDGE + 10 * seed, specimen=seed)
     rows = _covered(SPEC.pipeline(train.config).fit(train.recording), test)
     worst = max(rows, key=lambda row: (row.ours or 0.0) - (row.aim or 0.0))
     return [replace(worst, what=f'specimen {seed}, worst of {len(rows)}: {worst.what}')]
@@ -263,7 +149,7 @@ def _neighbours(extent: str) -> list[Row]:
     sweep = [(k, share, 2.0) for share in (20, 50, 80) for k in (1, 5, 10)]
     sweep += [(5, 50, 1.0), (5, 50, np.inf)]
     for cells in GRIDS:
-        whole = session(cells, count, 0.4, LEARN)
+        whole = PAD.session(cells, count, 0.4, LEARN)
         order = np.random.default_rng(0).permutation(count)
         for k, share, power in sweep if extent == 'full' else [(1, 20, 2.0), (5, 50, 2.0)]:
             seen, new = np.split(order, [len(order) * share // 100])
@@ -283,20 +169,20 @@ def _neighbours(extent: str) -> list[Row]:
 
 def _probes(count: int, extent: str) -> list[Row]:
     """Table 1 of [2]: trained on one probe, on two and on all, judged on each."""
-    each = {p: session(15, count // 2, 0.4, 10 + p, tip=p / 2e3) for p in PROBES}
-    fresh = {p: session(15, count // 2, 0.4, 50 + p, tip=p / 2e3) for p in PROBES}
+    each = {p: PAD.session(15, count // 2, 0.4, 10 + p, tip=p / 2e3) for p in PROBES}
+    fresh = {p: PAD.session(15, count // 2, 0.4, 50 + p, tip=p / 2e3) for p in PROBES}
     learned = [(p,) for p in PROBES] + [(2, 14), PROBES]
     learned += [(2, 6), (6, 14)] if extent == 'full' else []
     rows = []
     for known in [(2,), PROBES] if extent == 'quick' else learned:
-        ours, peer = _joined(*(each[p] for p in known))
+        ours, peer = PAD.joined(*(each[p] for p in known))
         for p in PROBES:
             one, names = fresh[p], ' and '.join(map(str, known)) if len(known) < 4 else 'all'
             printed = TABLE_1[PROBES.index(known[0])][PROBES.index(p)]
             printed = printed if len(known) == 1 else 97 if len(known) == 4 else None
             rows.append(
                 Row(f'15 cells, {p} mm probe, learned on {names} mm: cells right', '%',
-                    _right(ours.process_batch(one.recording), one), 'high', printed,
+                    PAD.right(ours.process_batch(one.recording), one), 'high', printed,
                     accuracy(peer.predict(one.change), one.touches.cell)))  # fmt: skip
     return rows
 
@@ -306,27 +192,27 @@ def _cone(count: int) -> list[Row]:
     rows, kept = [], []
     for probe, printed in ((2, 92.0), (6, 96.0), (None, 93.0)):
         sizes = [probe] if probe else [2, 6]
-        train = [session(15, count, 0.4, 20 + p, tip=p / 2e3, cone=CONE) for p in sizes]
-        test = [session(15, count, 0.4, 30 + p, tip=p / 2e3, cone=CONE) for p in sizes]
-        ours, peer = _joined(*train)
+        train = [PAD.session(15, count, 0.4, 20 + p, tip=p / 2e3, cone=CONE) for p in sizes]
+        test = [PAD.session(15, count, 0.4, 30 + p, tip=p / 2e3, cone=CONE) for p in sizes]
+        ours, peer = PAD.joined(*train)
         said = [(ours.process_batch(t.recording), t) for t in test]
         name = f'15 cells, cone of 45 degrees, {probe or "2 and 6"} mm'
         voted = np.mean([accuracy(peer.predict(t.change), t.touches.cell) for t in test])
-        rows.append(Row(f'{name}: cells right', '%', float(np.mean([_right(*s) for s in said])),
+        rows.append(Row(f'{name}: cells right', '%', float(np.mean([PAD.right(*s) for s in said])),
                         'high', printed, float(voted)))  # fmt: skip
-        kept.append(Row(f'{name}: place', 'mm', float(np.mean([_away(*s) for s in said]))))
+        kept.append(Row(f'{name}: place', 'mm', float(np.mean([PAD.away(*s) for s in said]))))
     return rows + kept
 
 
 def _sessions(count: int) -> list[Row]:
     """A mount that was not learned from."""
     mounts = [
-        session(15, count // 3, 0.4, seed, mount=1e-4, remounted=seed, number=seed)
+        PAD.session(15, count // 3, 0.4, seed, mount=1e-4, remounted=seed, number=seed)
         for seed in range(1, 4)
     ]
-    fresh = session(15, count, 0.4, 9, mount=1e-4, remounted=9)
-    ours, peer = _joined(*mounts)
-    right = _right(ours.process_batch(fresh.recording), fresh)
+    fresh = PAD.session(15, count, 0.4, 9, mount=1e-4, remounted=9)
+    ours, peer = PAD.joined(*mounts)
+    right = PAD.right(ours.process_batch(fresh.recording), fresh)
     voted = accuracy(peer.predict(fresh.change), fresh.touches.cell)
     what = '15 cells, a new mount where three are known: cells right'
     return [Row(what, '%', right, 'high', peer=voted, aim=97.0)]
@@ -348,17 +234,17 @@ def _untrained(count: int, extent: str) -> list[Row]:
         cases += [(seed, FEW, plain, 0.0, half, 0.9), (seed, FEW, other, 0.0, body, 2.0)]
     rows = []
     for seed, presses, pad, stray, what, aim in cases:
-        test = session(15, presses, 1.0, JUDGE, stray=stray, specimen=seed, **pad)
+        test = PAD.session(15, presses, 1.0, JUDGE, stray=stray, specimen=seed, **pad)
         ours = SPEC.pipeline(test.config).fit(test.recording.select(test.recording.tare))
-        away = _away(ours.process_batch(test.recording), test)
+        away = PAD.away(ours.process_batch(test.recording), test)
         rows.append(Row(f'rest frames only, specimen {seed}, {what}: place', 'mm', away, aim=aim))
     return rows
 
 
 def _speed(count: int, seeds: tuple[int, ...]) -> list[Row]:
     """The neighbours of [2] on 10 000 samples, and the inversion, alone (us)."""
-    ours, _, _ = _learned(15, 1.0, count)
-    many, test = session(15, 10_000, 1.0, 5), session(15, 200, 1.0, 6)
+    ours, _, _ = PAD.learned(15, 1.0, count)
+    many, test = PAD.session(15, 10_000, 1.0, 5), PAD.session(15, 200, 1.0, 6)
     knn = CellKnn(5).fit(many.change, many.touches.cell)
     alone = [test.change[i : i + 1] for i in range(200)]
     inversion, cells = ours.estimation.inversion_, test.config.cells
@@ -366,11 +252,11 @@ def _speed(count: int, seeds: tuple[int, ...]) -> list[Row]:
     for name in (None, 'ridge', 'grid_knn', 'kernel_ridge', 'perceptron'):
         away = []
         for seed in seeds:
-            train, fresh = (session(15, count, 1.0, seed + part) for part in (LEARN, JUDGE))
+            train, fresh = (PAD.session(15, count, 1.0, seed + part) for part in (LEARN, JUDGE))
             own = name is None and seed == 0
             one = ours if own else SPEC.pipeline(test.config, name).fit(train.recording)
-            away.append(_away(one.process_batch(fresh.recording), fresh))
-        single, batch = _times(one, fresh.recording)
+            away.append(PAD.away(one.process_batch(fresh.recording), fresh))
+        single, batch = PAD.times(one, fresh.recording)
         title = 'table Gauss-Newton' if name is None else name.replace('_', ' ')
         rows.append(
             Row(f'place by {title}', 'mm', float(np.mean(away)), us_single=single,
@@ -378,29 +264,12 @@ def _speed(count: int, seeds: tuple[int, ...]) -> list[Row]:
                 method=title)
         )  # fmt: skip
     rows += [
-        Row('five neighbours among 10 000, one frame', 'us', _least(knn.predict, alone), aim=20.0),
+        Row('five neighbours among 10 000, one frame', 'us',
+            PAD.least_us(knn.predict, alone), aim=20.0),
         Row('inversion, one frame', 'us',
-            _least(lambda x: inversion.invert(x, cells), alone), aim=60.0),
+            PAD.least_us(lambda x: inversion.invert(x, cells), alone), aim=60.0),
     ]  # fmt: skip
     return rows
-
-
-def _least(call: object, inputs: list[Array]) -> float:
-    """Microseconds of processor time of a call, the least mean of many rounds."""
-    rounds = []
-    for _ in range(15):
-        began = time.process_time()
-        for one in inputs:
-            call(one)
-        rounds.append((time.process_time() - began) / len(inputs))
-    return 1e6 * min(rounds)
-
-
-def _times(pipeline: Pipeline, test: Recording) -> tuple[float, float]:
-    """Microseconds per frame of the whole pipeline: one at a time, and in a batch."""
-    single = _least(pipeline.process, [test.frame(row) for row in range(REST, REST + 200)])
-    batch = _least(pipeline.process_batch, [test])
-    return single, batch / len(test)
 
 
 def _notes(extent: str, count: int) -> list[str]:

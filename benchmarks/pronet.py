@@ -78,6 +78,7 @@ def run(extent: str, command: str) -> BenchResult:
         '20 of one head; peer: the network',
         'all shots by one network: of one shot for shapes, of five for postures',
         'nine old heads are not open here; bench multipole_skin has them open',
+        'values by seed of shapes, heads and postures are those of places',
     ]
     return BenchResult('pronet', command, [SEED, ASKED], rows, notes)
 
@@ -97,10 +98,11 @@ def recogniser(world: ModuleType, skin: object) -> Recogniser:
 
 
 class Samples(Protocol):
-    """Presses of `worlds/multipole_trials.py`: windows (n, w, d) and their classes (n,)."""
+    """Presses of `worlds/multipole_trials.py`: windows (n, w, d), classes and places (n,)."""
 
     windows: Array
     label: Integers
+    place: Integers
 
 
 @dataclass(frozen=True)
@@ -118,19 +120,29 @@ class Tasks:
     ) -> list[Row]:  # fmt: skip
         """A row of each for the same kind of tasks."""
         features = self.net.features(samples.windows)
-        right = self.trials.few_shot(features, samples, shots, ways, self.count[0], SEED)
+        there, right = self.trials.few_shot_tasks(
+            features, samples, shots, ways, self.count[0], SEED
+        )
         rng = np.random.default_rng([29, SEED])
-        ours = []
+        places, ours = [], []
         for _ in range(self.count[1]):
             known, asked = self.trials.task(samples, shots, ways, rng)
             named = answered(self.ours, samples.windows, samples.label, known, asked)
+            places.append(samples.place[asked[0]])
             ours.append((named == samples.label[asked]).mean())
-        network, presses, shot = 100 * right, 100 * float(np.mean(ours)), f'{shots}-shot'
+        network, presses = 100 * float(np.mean(right)), 100 * float(np.mean(ours))
+        what = f'{what}, {shots}-shot'
         return [
-            Row(f'network: {what}, {shot}', '%', network, 'high', paper=paper, aim=paper),
-            Row(f'presses: {what}, {shot}', '%', presses, 'high', paper=paper, peer=network,
-                aim=aim),
+            Row(f'network: {what}', '%', network, 'high', paper=paper, aim=paper,
+                by_seed=by_place(there, right)),
+            Row(f'presses: {what}', '%', presses, 'high', paper=paper, peer=network, aim=aim,
+                by_seed=by_place(np.array(places), np.array(ours))),
         ]  # fmt: skip
+
+
+def by_place(places: Integers, right: Array) -> tuple[float, ...]:
+    """Per cent of queries that are named rightly at each place, of tasks (n,)."""
+    return tuple(100 * float(right[places == place].mean()) for place in np.unique(places))
 
 
 def answered(ours: Recogniser, windows: Array, label: Array, known: Array, asked: Array) -> Array:

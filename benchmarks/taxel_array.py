@@ -14,20 +14,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.conditioning.baseline import BaselineTracker, Tracking
-from tactile_ros.conditioning.faults import frame_readings, judged_rows
-from tactile_ros.conditioning.viscoelastic import Creep
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.estimators.coverage_model import TaxelPoints
 from tactile_ros.evaluation import array_figures
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.sources import load_source
-from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.taxel_array.config import grid_positions
-from tactile_ros.simulation import grippers
-from tactile_ros.simulation.pick_and_place import Gripper, Picked, even_loads, turn_between
-from tactile_ros.simulation.taxel_scene import TaxelScene, TaxelSkin
-from tactile_ros.types import Frame, Outline, Recording
+from tactile_ros.types import Outline, Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,14 +32,12 @@ COUNTS = {'quick': 60, 'normal': 200, 'full': 1000}
 RADII = ((16e-3, 8e-3), (14e-3, 6.5e-3), (12e-3, 5e-3), (18e-3, 9e-3), (10e-3, 4e-3))
 BAD = (3, 17, 30, 44, 61)
 PITCH, TAXELS = 5e-3, 72
-SEED = 4
-WORLDS = 300  # seeds of pick and place, skins and picks
-PICKS = {'quick': (1, 3), 'normal': (2, 15), 'full': (8, 100)}  # worlds, picks of each
-SPEC = load_sensor('taxel_array')
-SKINS, TRUST = (
+SKINS, TRUST, PICKS = (
     Path(__file__).resolve().parent / 'worlds' / f'{name}.py'
-    for name in ('taxel_skins', 'taxel_trust')
+    for name in ('taxel_skins', 'taxel_trust', 'taxel_picks')
 )
+PICKING = load_source(PICKS, 'bench taxel_array')
+SPEC, SEED = PICKING.SPEC, PICKING.SEED
 
 
 def run(extent: str, command: str) -> BenchResult:
@@ -65,7 +56,7 @@ def run(extent: str, command: str) -> BenchResult:
     plain = _threshold_and_circle(force, label, place)
     spread, paper_spread = _spreads(pipeline, config)
     total = np.abs(states.force[:, 2] / force.sum(axis=1) - 1)
-    single = _single(pipeline, recording)
+    single = PICKING.frame_us(pipeline, recording)
     rows = [
         Row('washers of 5 types, 5 bad taxels: recognised', '%', 100 * float(right.mean()),
             'high', paper=95.0, peer=plain[0], aim=99.0, us_single=single, us_batch=batch),
@@ -78,7 +69,7 @@ def run(extent: str, command: str) -> BenchResult:
     ]  # fmt: skip
     notes = ['paper: before equilibration (spread), one branch of Voigt (hold), its own parts',
              'peer: polynomial with a free constant; threshold and circle fit']  # fmt: skip
-    sorted_rows, drawings = _sorting(extent)
+    sorted_rows, drawings = PICKING.sorted_parts(extent)
     rows += sorted_rows
     drawings['equilibration'] = _draw_spread(pipeline, config)
     drawings['coverage'] = _draw_coverage(pipeline)
@@ -87,7 +78,7 @@ def run(extent: str, command: str) -> BenchResult:
         Row('hold of 120 s: drift after 1 s', '%', drift['with creep'], paper=6.6,
             peer=drift['law alone'], aim=0.3)
     )  # fmt: skip
-    seeds = [SEED, *(WORLDS + i for i in range(PICKS[extent][0]))]
+    seeds = [SEED, *(PICKING.WORLDS + i for i in range(PICKING.PICKS[extent][0]))]
     more, told, drawn_from = _skins(extent)
     rows, notes, seeds = rows + more, notes + told, seeds + drawn_from
     return BenchResult('taxel_array', command, seeds, rows, notes, drawings)
@@ -197,119 +188,6 @@ def _spreads(pipeline: Pipeline, config: object) -> tuple[float, float]:
         for i in healthy
     ]
     return 100 * float(ours.std(axis=1).mean()), 100 * float(np.std(paper, axis=0).mean())
-
-
-def _single(pipeline: Pipeline, recording: Recording) -> float:
-    """Median over frames of the least time of one live frame (us)."""
-    spent = []
-    for i in range(min(len(recording), 60)):
-        frame = Frame(None, i, recording.values[i])
-        times = []
-        for _ in range(7):
-            began = perf_counter()
-            pipeline.process(frame)
-            times.append(perf_counter() - began)
-        spent.append(min(times))
-    return 1e6 * float(np.median(spent))
-
-
-def _sorting(extent: str) -> tuple[list[Row], dict[str, str]]:
-    """Pick and place with the paper's grippers, and drawings of what they felt."""
-    worlds, count = PICKS[extent]
-    kinds = {
-        'washer': (grippers.magnet_gripper(), 1.5, 3.0, (10.0, 30.0), 3e-3, 5),
-        'tube': (grippers.suction_cup(), 8.0, 20.0, (10.0, 40.0), 2e-3, 0),
-        'jaw': (grippers.jaw(), 0.05, 0.1, (4.0, 10.0), 4e-3, 20),
-    }
-    picks, drawings = {}, {}
-    for name, kind in kinds.items():
-        few = max(count // 4, 3) if name == 'jaw' else count
-        grips = [_world(kind, WORLDS + i) for i in range(worlds)]
-        rngs = [np.random.default_rng([WORLDS + i, 1]) for i in range(worlds)]
-        picks[name] = [g.pick(r) for g, r in zip(grips, rngs, strict=True) for _ in range(few)]
-        drawings[name] = _draw_pick(kind[0], picks[name][0])
-    turn = [
-        np.rad2deg(turn_between(float(p.state.yaw), float(p.pose[2]), 1)) for p in picks['tube']
-    ]
-    rows = [
-        _placed('pick and place: washers of 5 types, 5 bad taxels', picks['washer'], 95.0, 99.0),
-        _placed('pick and place: angle tubes of 2 bends, 16 taxels', picks['tube'], 100.0, 100.0),
-        Row('picked tubes: turn, median', 'deg', float(np.nanmedian(turn))),
-        _placed('pick and place: parts in a jaw of 2000, 20 bad taxels', picks['jaw'], None, 99.0),
-        Row('one frame of 2000 taxels', 'us', _jaw_time(grips[0], picks['jaw']), aim=3000.0),
-        Row(
-            'conditioning of 2000 taxels: baseline, laws, two branches of creep',
-            'us',
-            _conditioning(grips[0]),
-            aim=100.0,
-        ),
-    ]
-    return rows, drawings
-
-
-def _world(kind: tuple, seed: int) -> Gripper:
-    """One gripper with a skin of its own."""
-    config, half_load, top, force, play, broken = kind
-    rng = np.random.default_rng(seed)
-    skin = TaxelSkin.drawn(len(config.positions), half_load, rng, broken)
-    taught = even_loads(SPEC.layout(config), config.areas, skin, rng, top)
-    pipeline = SPEC.pipeline(config).fit(taught)
-    return Gripper(config, TaxelScene(config), skin, pipeline, force, play)
-
-
-def _jaw_time(gripper: Gripper, picks: list[Picked]) -> float:
-    """Time of a frame of a jaw (us)."""
-    rng = np.random.default_rng(SEED)
-    values = gripper.skin.read(np.array([pick.loads for pick in picks]), rng)
-    recording = Recording.from_arrays(SPEC.layout(gripper.config), values)
-    gripper.pipeline.reset()
-    return _single(gripper.pipeline, recording)
-
-
-def _conditioning(gripper: Gripper) -> float:
-    """Least time from readings to forces of a frame, the creep of two branches undone (us)."""
-    pipeline, law = gripper.pipeline, gripper.pipeline.estimation.law_  # type: ignore[attr-defined]
-    taxels = len(gripper.config.positions)
-    creep = Creep(np.array([0.7, 6.0]), np.full((2, taxels), 0.08))
-    state = creep.start()
-    tracker = BaselineTracker(np.nan_to_num(pipeline.baseline), Tracking(pipeline.rest_.scale))
-    values = gripper.skin.read(np.full((1, taxels), 0.01), np.random.default_rng(SEED))[0]
-    first, times = np.zeros(1, bool), []
-    for i in range(1, 200):
-        frame, stamp = Frame(i * 10_000_000, i, values), np.array([i * 10_000_000])
-        began = perf_counter()
-        usable, bits, _ = frame_readings(frame, pipeline.layout)
-        delta = usable - tracker(usable, stamp)
-        good, told = judged_rows(pipeline.estimation, bits, delta, usable)
-        pipeline.rest_.contact(told, good, None)
-        creep.undo(law.forces(delta[..., 0]), stamp, first, state)
-        times.append(perf_counter() - began)
-    return 1e6 * min(times)
-
-
-def _placed(what: str, picks: list[Picked], paper: float | None, aim: float) -> Row:
-    """Per cent of parts that went where they belong."""
-    share = 100 * float(np.mean([pick.placed for pick in picks]))
-    return Row(f'{what} ({len(picks)} picks)', '%', share, 'high', paper=paper, aim=aim)
-
-
-def _draw_pick(config: object, pick: Picked) -> str:
-    """A part as it was felt, found, and as it lay."""
-    part = array_figures.edges_of(config.objects[pick.part])  # type: ignore[attr-defined]
-    corners = array_figures.taxel_corners(
-        config.positions, config.areas, config.taxel_outlines  # type: ignore[attr-defined]
-    )  # fmt: skip
-    found: list[Array] = []
-    if pick.state.label >= 0:
-        pose = pick.state.object_pose
-        turn = np.arctan2(pose[1, 0], pose[0, 0])
-        shown = array_figures.edges_of(config.objects[pick.state.label])  # type: ignore[attr-defined]
-        found = array_figures.placed(shown, np.array([*pose[:2, 3], turn]))
-    pressure = pick.state.taxel_force / config.areas  # type: ignore[attr-defined]
-    told = 'Pressure on the taxels, the object as it lies and as it was found'
-    return array_figures.object_map(
-        corners, pressure, found, array_figures.placed(part, pick.pose), told
-    )
 
 
 def _draw_spread(pipeline: Pipeline, config: object) -> str:

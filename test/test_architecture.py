@@ -11,6 +11,8 @@ import tactile_ros
 
 PACKAGE = Path(tactile_ros.__file__).parent
 SOURCES = sorted(PACKAGE.rglob('*.py'))
+ROOT = Path(__file__).parents[1]
+BENCHES = sorted((ROOT / 'benchmarks').rglob('*.py'))
 FLOORS = {
     'physics': 1, 'types': 1, 'errors': 1, 'blas': 1,
     'conditioning': 2, 'estimators': 2, 'control': 2, 'devices': 2, 'messages': 2,
@@ -105,10 +107,8 @@ def test_names_sizes_and_purity(path: Path) -> None:
     assert text.count('\n') <= 350 or path.stem == 'types', f'{inside} is longer than 350 lines'
     tree = ast.parse(text)
     assert ast.get_docstring(tree), f'{inside} must say what it is in its first line'
+    assert_short(tree, inside)
     for node in ast.walk(tree):
-        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
-            length = (node.end_lineno or 0) - node.lineno
-            assert length <= 60, f'{inside}:{node.lineno} {node.name} has {length} lines'
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
             printing = node.func.id == 'print' and room_of(path) != 'cli'
             script = path.stem == 'convert'
@@ -116,6 +116,26 @@ def test_names_sizes_and_purity(path: Path) -> None:
     if room_of(path) in PURE:
         used = {name.split('.')[0] for name, _ in imports_of(path)}
         assert not used & {'time', 'random', 'datetime'}, f'{inside} reads a clock or chance'
+
+
+def assert_short(tree: ast.Module, inside: str) -> None:
+    """No function is longer than 60 lines."""
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            length = (node.end_lineno or 0) - node.lineno
+            assert length <= 60, f'{inside}:{node.lineno} {node.name} has {length} lines'
+
+
+@pytest.mark.parametrize('path', BENCHES, ids=lambda p: p.stem)
+def test_benches_are_short(path: Path) -> None:
+    text = path.read_text()
+    assert text.count('\n') <= 350, f'{path.name} is longer than 350 lines'
+    assert_short(ast.parse(text), path.name)
+
+
+def test_sources_that_are_loaded_by_path_have_names_of_their_own() -> None:
+    stems = [path.stem for path in (*BENCHES, *(ROOT / 'test' / 'reference').glob('*.py'))]
+    assert len(stems) == len({*stems})
 
 
 def test_nothing_unpickles() -> None:

@@ -34,6 +34,7 @@ LOADS = {'quick': 2, 'normal': 10, 'full': 100}  # of either kind
 PAPER = {'cube': 94.0, 'sphere': 96.0, 'mouse': 94.0}  # [2], % of 50 grasps each
 SETTLED = {'allegro': 0.5, 'soft': 1.5}  # s
 HELD, SPARED = 0.98, 0.8
+BLOCKS = 5  # of seeds of loads, each of which gives a value
 UNTIL = 0.05  # m
 FRESH = 3000  # seeds from here on: none that a gain, a hand or a calibration was looked at with
 
@@ -183,11 +184,13 @@ def loads(trials: Trials, found: Found, seeds: range, film: Watcher) -> None:
         seen = drawn[-1] if name == 'adaptive' else None
         carried = [trials.carry(*load, grip, film if load is seen else unseen) for load in drawn]
         points[name] = shares(carried)
+        mean, dropped = zip(*blocks(carried, len(seeds)), strict=True)
         aims = (HELD, SPARED * fixed) if name == 'adaptive' else (None, None)
         what = f'{len(drawn)} loads in MuJoCo, {name}'
         found.rows += [
-            Row(f'{what}: held', '1', 1 - points[name][1], 'high', aim=aims[0]),
-            Row(f'{what}: mean force', 'N', points[name][0], aim=aims[1]),
+            Row(f'{what}: held', '1', 1 - points[name][1], 'high', aim=aims[0],
+                by_seed=tuple(1 - share for share in dropped)),
+            Row(f'{what}: mean force', 'N', points[name][0], aim=aims[1], by_seed=mean),
             *(
                 Row(f'{what}, {kind}: held', '1',
                     float(np.mean([one.held for one in part])), 'high')
@@ -215,6 +218,12 @@ def shares(carried: list[Carried]) -> tuple[float, float]:
     """Mean force (N) and drop rate."""
     force = float(np.mean([one.mean_force for one in carried]))
     return force, 1 - float(np.mean([one.held for one in carried]))
+
+
+def blocks(carried: list[Carried], count: int) -> list[tuple[float, float]]:
+    """The same of blocks of their seeds, of which each kind has `count`."""
+    parts = np.array_split(np.arange(len(carried)).reshape(-1, count), min(BLOCKS, count), axis=1)
+    return [shares([carried[i] for i in part.ravel()]) for part in parts]
 
 
 def drawn_loads(points: dict[str, tuple[float, float]]) -> str:

@@ -128,13 +128,21 @@ def few_shot(
     features: Array, samples: Samples, shots: int, ways: int, tasks: int, seed: int
 ) -> float:
     """Share of queries that prototypes of features (n, p) name rightly."""
+    return float(np.mean(few_shot_tasks(features, samples, shots, ways, tasks, seed)[1]))
+
+
+def few_shot_tasks(
+    features: Array, samples: Samples, shots: int, ways: int, tasks: int, seed: int
+) -> tuple[Integers, Array]:
+    """Place of each task, and the share of its queries that is named rightly."""
     rng = np.random.default_rng([29, seed])
-    right = []
+    places, right = [], []
     for _ in range(tasks):
         known, asked = task(samples, shots, ways, rng)
         found = Prototypes().fit(features[known], samples.label[known])
+        places.append(samples.place[asked[0]])
         right.append((found.predict(features[asked]) == samples.label[asked]).mean())
-    return float(np.mean(right))
+    return np.array(places), np.array(right)
 
 
 def task(

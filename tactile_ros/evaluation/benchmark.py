@@ -43,7 +43,8 @@ class Row:
     us_single, us_batch : float or None
         Time per frame, one at a time and in a batch (microseconds).
     by_seed : tuple of float
-        Values of `ours` by seed, world or held-out run, where there are several.
+        Values of `ours` by seed, world, held-out run, place or block of seeds, where there are
+        several.
     compared, method : str
         Rows with the same `compared` are methods, so named, on the same data: a report draws
         their errors against their times.

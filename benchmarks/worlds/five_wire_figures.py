@@ -1,0 +1,101 @@
+"""Drawings of `tactile bench five_wire_skin`: maps of place error, curves of force, cost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.estimators.harmonic_map import HarmonicMap
+from tactile_ros.estimators.thin_plate import ThinPlate
+from tactile_ros.evaluation import array_figures
+from tactile_ros.evaluation.drawing import standalone
+from tactile_ros.evaluation.sources import load_source
+from tactile_ros.evaluation.svg import Plot
+from tactile_ros.physics.resistive import linear_place, sheet_potential
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+    from tactile_ros.pipeline import Pipeline
+    from tactile_ros.types import Array, Recording
+
+TRIALS = load_source(Path(__file__).with_name('five_wire_trials.py'), 'bench five_wire_skin')
+SENSOR, LAYOUT = TRIALS.SENSOR, TRIALS.LAYOUT
+SIZE = np.array([0.1, 0.1])
+STEPS = np.array([0.02, 0.05, 0.1, 0.2, 0.4])  # mm, of the shades of a map
+
+
+def drawn(grids: ModuleType, world: object, seed: int) -> dict[str, str]:
+    """Maps of place error, curves of force before and after, and error against time."""
+    train = TRIALS.calibration(grids, world, 5, seed)
+    ours, linear = SENSOR.pipeline().fit(train), SENSOR.pipeline(estimator='printed').fit(train)
+    line = np.linspace(13e-3, 87e-3, 25)
+    where = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    test = grids.touches(world, LAYOUT, where, np.full(len(where), 8.0), seed + 1)
+    loads, before, said = TRIALS.at_squares(
+        SENSOR.pipeline().fit(TRIALS.calibration(grids, world, 4, seed)), grids, world
+    )
+    return {
+        'linear_map': _map(linear, test, 20 * STEPS, 'Place error of the linear formula'),
+        'place_map': _map(ours, test, STEPS, 'Place error of the harmonic map, 25 points'),
+        'before': _lines(loads, before, 'R / R0', 'Resistance at the 16 squares over the load'),
+        'after': _lines(loads, said, 'estimate (N)', 'Force at the 16 squares over the load'),
+        'cost': _drawn_cost(train, test),
+    }
+
+
+def _lines(loads: Array, told: Array, label: str, words: str) -> str:
+    """One line for each square."""
+    high = 1.05 * float(told.max())
+    plot = Plot((0.0, 15.5), (0.0, high), 'load (N)', label, (360, 300), told=words)
+    for n, row in enumerate(told):
+        plot.line(loads, row, f'line c{n % 5}')
+    return standalone(plot)
+
+
+def _map(pipeline: Pipeline, test: Recording, steps: Array, told: str) -> str:
+    """Errors over the sheet, darker where they are larger."""
+    touched = test.truth['in_contact'] == 1
+    place = 1e3 * test.truth['position'][touched, :2]
+    error = np.linalg.norm(TRIALS.judged(pipeline, test).place, axis=1)
+    shades = ', '.join(f'{step:g}' for step in steps)
+    plot = Plot.plan((0.0, 100.0), (0.0, 100.0), '(mm)', f'{told}; shades above {shades} mm')
+    kinds = [f's{n}' for n in np.searchsorted(steps, error)]
+    plot.boxes(*place.T, 3.1, kinds)
+    return standalone(plot)
+
+
+def _drawn_cost(train: Recording, test: Recording) -> str:
+    """Error of a place over the time of a frame, for each way to it."""
+    touched, fresh = train.truth['in_contact'] == 1, test.truth['in_contact'] == 1
+    x, y = train.values[touched, 0, :2], train.truth['position'][touched, :2]
+    ways = {'harmonic map': HarmonicMap(SIZE), 'thin plate': ThinPlate()}
+    told, points = test.truth['position'][fresh, :2], {}
+    given = test.values[fresh, 0, :2]
+
+    def measure(predict: object, some: int = TRIALS.FRESH) -> tuple[float, float]:
+        error = 1e3 * np.linalg.norm(predict(given[:some]) - told[:some], axis=1).mean()
+        seconds = min(TRIALS.seconds_of(lambda: predict(given[:1])) for _ in range(min(some, 200)))
+        return 1e6 * seconds, float(error)
+
+    for name, way in ways.items():
+        points[name] = measure(way.fit(x, y).predict)
+    points['linear formula'] = measure(lambda u: linear_place(u, SIZE))
+    points['a solve each frame'] = measure(_solved, 20)
+    return array_figures.costs(points, ('one frame (us)', 'mean error (mm)'), 'Error against time')
+
+
+def _solved(potentials: Array) -> Array:
+    """Places by a solve of the nominal sheet for each frame: what a table spares."""
+    shape, border = (33, 33), np.full((4, 8), 24.0)
+    line = np.linspace(0, SIZE[0], 33)
+    places = np.stack(np.meshgrid(line, line, indexing='ij'), axis=-1).reshape(-1, 2)
+    found = []
+    for one in potentials:
+        held = np.array([1.0, np.nan, 0.0, np.nan])
+        both = [sheet_potential(SIZE, shape, border, np.roll(held, turn)) for turn in (0, 1)]
+        apart = np.stack([u.ravel() for u in both], axis=1) - one
+        found.append(places[(apart**2).sum(axis=1).argmin()])
+    return np.array(found)

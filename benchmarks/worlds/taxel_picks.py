@@ -1,0 +1,150 @@
+"""Pick and place of `tactile bench taxel_array`: washers, angle tubes and a jaw of 2000 taxels.
+
+The grippers are those of [4]; each world has a skin of its own with taxels that are broken, and a
+part is right where it went to its place.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.conditioning.baseline import BaselineTracker, Tracking
+from tactile_ros.conditioning.faults import frame_readings, judged_rows
+from tactile_ros.conditioning.viscoelastic import Creep
+from tactile_ros.evaluation import array_figures
+from tactile_ros.evaluation.benchmark import Row
+from tactile_ros.sensors import load_sensor
+from tactile_ros.simulation import grippers
+from tactile_ros.simulation.pick_and_place import Gripper, Picked, even_loads, turn_between
+from tactile_ros.simulation.taxel_scene import TaxelScene, TaxelSkin
+from tactile_ros.types import Frame, Recording
+
+if TYPE_CHECKING:
+    from tactile_ros.pipeline import Pipeline
+    from tactile_ros.types import Array
+
+SEED = 4  # of what is not of a world
+WORLDS = 300  # seeds of skins and picks
+PICKS = {'quick': (1, 3), 'normal': (2, 15), 'full': (8, 100)}  # worlds, picks of each
+SPEC = load_sensor('taxel_array')
+
+
+def sorted_parts(extent: str) -> tuple[list[Row], dict[str, str]]:
+    """Pick and place with the paper's grippers, and drawings of what they felt."""
+    worlds, count = PICKS[extent]
+    kinds = {
+        'washer': (grippers.magnet_gripper(), 1.5, 3.0, (10.0, 30.0), 3e-3, 5),
+        'tube': (grippers.suction_cup(), 8.0, 20.0, (10.0, 40.0), 2e-3, 0),
+        'jaw': (grippers.jaw(), 0.05, 0.1, (4.0, 10.0), 4e-3, 20),
+    }
+    picks, drawings = {}, {}
+    for name, kind in kinds.items():
+        few = max(count // 4, 3) if name == 'jaw' else count
+        grips = [_world(kind, WORLDS + i) for i in range(worlds)]
+        rngs = [np.random.default_rng([WORLDS + i, 1]) for i in range(worlds)]
+        picks[name] = [g.pick(r) for g, r in zip(grips, rngs, strict=True) for _ in range(few)]
+        drawings[name] = _draw_pick(kind[0], picks[name][0])
+    turn = [
+        np.rad2deg(turn_between(float(p.state.yaw), float(p.pose[2]), 1)) for p in picks['tube']
+    ]
+    placed = partial(_placed, worlds)
+    rows = [
+        placed('pick and place: washers of 5 types, 5 bad taxels', picks['washer'], 95.0, 99.0),
+        placed('pick and place: angle tubes of 2 bends, 16 taxels', picks['tube'], 100.0, 100.0),
+        Row('picked tubes: turn, median', 'deg', float(np.nanmedian(turn))),
+        placed('pick and place: parts in a jaw of 2000, 20 bad taxels', picks['jaw'], None, 99.0),
+        Row('one frame of 2000 taxels', 'us', _jaw_time(grips[0], picks['jaw']), aim=3000.0),
+        Row(
+            'conditioning of 2000 taxels: baseline, laws, two branches of creep',
+            'us',
+            _conditioning(grips[0]),
+            aim=100.0,
+        ),
+    ]
+    return rows, drawings
+
+
+def _world(kind: tuple, seed: int) -> Gripper:
+    """One gripper with a skin of its own."""
+    config, half_load, top, force, play, broken = kind
+    rng = np.random.default_rng(seed)
+    skin = TaxelSkin.drawn(len(config.positions), half_load, rng, broken)
+    taught = even_loads(SPEC.layout(config), config.areas, skin, rng, top)
+    pipeline = SPEC.pipeline(config).fit(taught)
+    return Gripper(config, TaxelScene(config), skin, pipeline, force, play)
+
+
+def _placed(worlds: int, what: str, picks: list[Picked], paper: float | None, aim: float) -> Row:
+    """Per cent of parts that went where they belong, of all worlds and of each."""
+    each = 100.0 * np.reshape([pick.placed for pick in picks], (worlds, -1)).mean(axis=1)
+    return Row(
+        f'{what} ({len(picks)} picks)', '%', float(each.mean()), 'high', paper=paper, aim=aim,
+        by_seed=tuple(each.tolist()),
+    )  # fmt: skip
+
+
+def frame_us(pipeline: Pipeline, recording: Recording) -> float:
+    """Median over frames of the least time of one live frame (us)."""
+    spent = []
+    for i in range(min(len(recording), 60)):
+        frame = Frame(None, i, recording.values[i])
+        times = []
+        for _ in range(7):
+            began = perf_counter()
+            pipeline.process(frame)
+            times.append(perf_counter() - began)
+        spent.append(min(times))
+    return 1e6 * float(np.median(spent))
+
+
+def _jaw_time(gripper: Gripper, picks: list[Picked]) -> float:
+    """Time of a frame of a jaw (us)."""
+    rng = np.random.default_rng(SEED)
+    values = gripper.skin.read(np.array([pick.loads for pick in picks]), rng)
+    recording = Recording.from_arrays(SPEC.layout(gripper.config), values)
+    gripper.pipeline.reset()
+    return frame_us(gripper.pipeline, recording)
+
+
+def _conditioning(gripper: Gripper) -> float:
+    """Least time from readings to forces of a frame, the creep of two branches undone (us)."""
+    pipeline, law = gripper.pipeline, gripper.pipeline.estimation.law_  # type: ignore[attr-defined]
+    taxels = len(gripper.config.positions)
+    creep = Creep(np.array([0.7, 6.0]), np.full((2, taxels), 0.08))
+    state = creep.start()
+    tracker = BaselineTracker(np.nan_to_num(pipeline.baseline), Tracking(pipeline.rest_.scale))
+    values = gripper.skin.read(np.full((1, taxels), 0.01), np.random.default_rng(SEED))[0]
+    first, times = np.zeros(1, bool), []
+    for i in range(1, 200):
+        frame, stamp = Frame(i * 10_000_000, i, values), np.array([i * 10_000_000])
+        began = perf_counter()
+        usable, bits, _ = frame_readings(frame, pipeline.layout)
+        delta = usable - tracker(usable, stamp)
+        good, told = judged_rows(pipeline.estimation, bits, delta, usable)
+        pipeline.rest_.contact(told, good, None)
+        creep.undo(law.forces(delta[..., 0]), stamp, first, state)
+        times.append(perf_counter() - began)
+    return 1e6 * min(times)
+
+
+def _draw_pick(config: object, pick: Picked) -> str:
+    """A part as it was felt, found, and as it lay."""
+    part = array_figures.edges_of(config.objects[pick.part])  # type: ignore[attr-defined]
+    corners = array_figures.taxel_corners(
+        config.positions, config.areas, config.taxel_outlines  # type: ignore[attr-defined]
+    )  # fmt: skip
+    found: list[Array] = []
+    if pick.state.label >= 0:
+        pose = pick.state.object_pose
+        turn = np.arctan2(pose[1, 0], pose[0, 0])
+        shown = array_figures.edges_of(config.objects[pick.state.label])  # type: ignore[attr-defined]
+        found = array_figures.placed(shown, np.array([*pose[:2, 3], turn]))
+    pressure = pick.state.taxel_force / config.areas  # type: ignore[attr-defined]
+    told = 'Pressure on the taxels, the object as it lies and as it was found'
+    return array_figures.object_map(
+        corners, pressure, found, array_figures.placed(part, pick.pose), told
+    )
