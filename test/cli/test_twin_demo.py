@@ -20,6 +20,13 @@ if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
 
 pytestmark = pytest.mark.ros
+ROUNDING = 1e-12  # frames that waited are estimated together, as many as waited
+
+
+def apart(said: str) -> float:
+    """Largest difference of replay and live contacts."""
+    (told,) = re.findall(r'replay and live contacts differ by at most (\S+)', said)
+    return float(told)
 
 
 # two processes, one, two behind a bus of chips, and objects that are recognised
@@ -40,8 +47,7 @@ def test_a_twin_goes_through_the_real_graph(
     assert main(['demo', '--sensor', sensor, '--output', str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert 'what it does in that world alone' in said
-    (apart,) = re.findall(r'replay and live contacts differ by at most (\S+)', said)
-    assert float(apart) == 0.0
+    assert apart(said) < ROUNDING
     loaded = load(tmp_path / 'bags' / sensor).recordings[0]
     assert loaded.name == sensor
     truth = loaded.recording.truth
@@ -74,7 +80,7 @@ def test_a_new_head_is_taught_while_the_twin_of_a_skin_plays(
     assert twin_demo.run_twin('multipole_skin', tmp_path, 0, 17.0) == 0
     said = capsys.readouterr()
     assert "enrolling it as 'bar_20x6'" in said.err
-    assert 'replay and live contacts differ by at most 0' in said.out
+    assert apart(said.out) < ROUNDING
     loaded = load(tmp_path / 'bags' / 'multipole_skin').recordings[0]
     (change,) = loaded.changes
     assert change.label == 'bar_20x6'
