@@ -44,7 +44,7 @@ class Extent:
 
 
 EXTENTS = {
-    'quick': Extent((1,), 36, 2, 24),
+    'quick': Extent((1,), 18, 1, 12),
     'normal': Extent((1, 21), 54, 2, 24),
     'full': Extent((1, 2, 3, 4, 5, 6), 90, 3, 48, whole=True),
 }
