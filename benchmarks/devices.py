@@ -46,8 +46,8 @@ from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.processes import Running
 from tactile_ros.sensors import list_sensors, load_sensor
 
-STRINGS = {'quick': 10_000, 'normal': 1_000_000, 'full': 1_000_000}
-DECODED = {'quick': 100_000, 'normal': 1_000_000, 'full': 1_000_000}
+STRINGS = {'quick': 5_000, 'normal': 1_000_000, 'full': 1_000_000}
+DECODED = {'quick': 50_000, 'normal': 1_000_000, 'full': 1_000_000}
 NODE_S = {'quick': 5.0, 'normal': 100.0, 'full': 100.0}
 WARM_S = 10.0
 ON_ITS_WAY_S = 0.5

@@ -73,7 +73,8 @@ def parts(extent: str) -> dict[str, Callable[[], list[Row]]]:
     found['coverage'] = partial(_coverage, count)
     found['neighbours'] = partial(_neighbours, extent)
     found['probes'] = partial(_probes, count, extent)
-    found['cone'] = partial(_cone, count, extent)
+    if extent != 'quick':
+        found['cone'] = partial(_cone, count)
     found['mounts'] = partial(_sessions, count)
     found['untrained'] = partial(_untrained, count, extent)
     for seed in BODIES[extent]:
@@ -187,11 +188,10 @@ def _probes(count: int, extent: str) -> list[Row]:
     return rows
 
 
-def _cone(count: int, extent: str) -> list[Row]:
+def _cone(count: int) -> list[Row]:
     """Forces up to 45 degrees from the normal, by tips of 2 and 6 mm."""
     rows, kept = [], []
-    tips = ((2, 92.0), (6, 96.0), (None, 93.0))
-    for probe, printed in tips[: 1 if extent == 'quick' else None]:
+    for probe, printed in ((2, 92.0), (6, 96.0), (None, 93.0)):
         sizes = [probe] if probe else [2, 6]
         train = [PAD.session(15, count, 0.4, 20 + p, tip=p / 2e3, cone=CONE) for p in sizes]
         test = [PAD.session(15, count, 0.4, 30 + p, tip=p / 2e3, cone=CONE) for p in sizes]
