@@ -59,9 +59,9 @@ def run(extent: str, command: str) -> BenchResult:
     )
     net, rows = pronet('shapes'), []
     tasks = Tasks(trials, net, ours, count)
-    for shots, paper in SHAPES.items():
+    for shots, paper in list(SHAPES.items())[: 1 if extent == 'quick' else None]:
         rows += tasks.rows(old, shots, 5, '5 of 9 heads at held-out places', paper, None)
-    for shots, aim in AIMS.items():
+    for shots, aim in list(AIMS.items())[: 1 if extent == 'quick' else None]:
         rows += tasks.rows(new, shots, 5, 'five new heads', NEW_HEADS, aim)
     if extent != 'quick':
         rows += postures(Tasks(trials, pronet('postures'), ours, count), world, skin, extent)
