@@ -96,7 +96,7 @@ class Scene:
 
         folder = Path(held.enter_context(tempfile.TemporaryDirectory()))
         spec = load_sensor(SENSOR)
-        pipeline = spec.pipeline().fit(spec.presses(spec.config(), 1))
+        pipeline = spec.pipeline(estimator='ridge').fit(spec.presses(spec.config(), 1))
         self.fingers = HANDS[hand]
         for finger in self.fingers:
             pipeline.save(folder / f'{finger}.npz')
