@@ -85,7 +85,7 @@ class Pipeline:
         return BaselineTracker(self.rest_.baseline, self._tracking(), self._doubt)
 
     def tare(self, frames: Sequence[Frame], *, doubted: bool = True) -> None:
-        """Replace the baseline by the mean of resting frames; a ValueError leaves it as it was.
+        """Replace the baseline by the mean of resting frames; an error leaves it as it was.
 
         Parameters
         ----------
@@ -94,18 +94,10 @@ class Pipeline:
             taxels are left out. A pipeline fitted without a baseline takes none.
         doubted : bool
             Whether covariances hold its noise; a replay is not told of how many frames it was.
+
+        Raises ValueError if there is no such frame, or the fit wanted no baseline.
         """
-        if not self.rest_.tared:
-            msg = (
-                'tare of a pipeline must follow a fit with tare rows or in_contact 0; '
-                'this one was fitted on readings without a baseline'
-            )
-            raise ValueError(msg)
-        if not frames:
-            msg = 'frames of tare must hold at least one resting frame; received none'
-            raise ValueError(msg)
-        for frame in frames:
-            truth.refuse_other_shape(self.sensor, self.layout, np.shape(frame.values))
+        truth.refuse_tare(self.sensor, self.layout, self.rest_.tared, frames)
         rows = [frame_readings(frame, self.layout, self.estimation)[0] for frame in frames]
         usable = np.concatenate(rows)
         self.rest_ = replace(self.rest_, baseline=tare_level(usable, self.rest_.dead))
@@ -130,6 +122,8 @@ class Pipeline:
         -------
         ContactState
             The same numbers as `process_batch` gives for the stream.
+
+        Raises ValueError if the frame's shape differs from the layout.
         """
         truth.refuse_other_shape(self.sensor, self.layout, np.shape(frame.values))
         usable, bits, chips = frame_readings(frame, self.layout, self.estimation)
@@ -149,7 +143,9 @@ class Pipeline:
         Returns
         -------
         ContactStates
-            The same numbers as `process` gives for them one by one.
+            The same numbers as `process` gives for them one by one, to rounding.
+
+        Raises ValueError if the shape, the unit or a channel differs from the layout.
         """
         truth.refuse_foreign(self.sensor, self.layout, recording)
         usable, bits = self._readings(recording)
@@ -179,6 +175,8 @@ class Pipeline:
         -------
         ContactStates
             One row per row of the recording.
+
+        Raises ValueError if the shape, the unit or a channel differs from the layout.
         """
         truth.refuse_foreign(self.sensor, self.layout, recording)
         usable, bits = self._readings(recording)
@@ -241,6 +239,8 @@ class Pipeline:
         -------
         Pipeline
             Itself.
+
+        Raises ValueError if there is no recording, or a shape, a unit or a channel differs.
         """
         truth.refuse_foreign(self.sensor, self.layout, *recordings)
         joined = truth.join(recordings)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.types import STATE_FIELDS, Bools, Integers, Layout, Recording
+from tactile_ros.types import STATE_FIELDS, Bools, Frame, Integers, Layout, Recording
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -25,6 +25,21 @@ def refuse_other_shape(sensor: str, layout: Layout, shape: tuple[int, ...]) -> N
             f'received {shape}'
         )
         raise ValueError(msg)
+
+
+def refuse_tare(sensor: str, layout: Layout, tared: bool, frames: Sequence[Frame]) -> None:
+    """Raise ValueError if frames, or a fit that is not `tared`, cannot give a baseline."""
+    if not tared:
+        msg = (
+            'tare of a pipeline must follow a fit with tare rows or in_contact 0; '
+            'this one was fitted on readings without a baseline'
+        )
+        raise ValueError(msg)
+    if not frames:
+        msg = 'frames of tare must hold at least one resting frame; received none'
+        raise ValueError(msg)
+    for frame in frames:
+        refuse_other_shape(sensor, layout, np.shape(frame.values))
 
 
 def refuse_foreign(sensor: str, layout: Layout, *recordings: Recording) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import time
 from functools import lru_cache
 from pathlib import Path
@@ -11,6 +10,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from tactile_ros.evaluation.sources import load_source
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.signals import Signals
@@ -21,10 +21,7 @@ FOLDER = Path(__file__).parents[1] / 'reference'
 
 def world_of(name: str) -> ModuleType:
     """Module of a world."""
-    spec = importlib.util.spec_from_file_location(name, FOLDER / f'{name}.py')
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_source(FOLDER / f'{name}.py', 'a test')
 
 
 reference, sheets = world_of('five_wire_world'), world_of('five_wire_sheet')

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 from functools import lru_cache
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.evaluation.coverage import WITHIN, Coverage, coverage_by_thirds
+from tactile_ros.evaluation.sources import load_source
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.magnet_pad.nominal_pad import NominalPad
@@ -19,9 +19,7 @@ from tactile_ros.types import ContactStates, FrameStatus, Recording
 
 pytest.importorskip('magpylib')
 FILE = Path(__file__).parents[1] / 'reference' / 'magnet_pad_world.py'
-FOUND = importlib.util.spec_from_file_location('magnet_pad_world', FILE)
-reference = importlib.util.module_from_spec(FOUND)
-FOUND.loader.exec_module(reference)
+reference = load_source(FILE, 'a test')
 SPEC = load_sensor('magnet_pad')
 CONFIG = SPEC.config()
 LAYOUT = SPEC.layout(CONFIG)
