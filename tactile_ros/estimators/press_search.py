@@ -7,7 +7,7 @@ the best nodes of each head are refined, and misfits decide.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +16,8 @@ from tactile_ros.estimators.few_shot import orthonormal
 from tactile_ros.estimators.press_descent import Weighed, descend
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from tactile_ros.estimators.press_bank import PressBank
     from tactile_ros.estimators.press_descent import Descents
     from tactile_ros.estimators.press_window import PressVectors
@@ -46,6 +48,8 @@ class Matches:
         Change of the pattern with the pose.
     fitted : ndarray, shape (n, heads, d)
         Pattern of the best press.
+    level : ndarray, shape (n,)
+        Logarithm of the variance of the pattern.
     """
 
     cost: Array
@@ -53,6 +57,11 @@ class Matches:
     cov: Array
     slopes: Array
     fitted: Array
+    level: Array
+
+    def rows(self, rows: npt.NDArray[np.intp]) -> Matches:
+        """Those of some presses."""
+        return Matches(*(getattr(self, one.name)[rows] for one in fields(self)))
 
 
 class PressSearch:
@@ -106,12 +115,15 @@ class PressSearch:
     def find(self, presses: PressVectors) -> Matches:
         """The best press of every head."""
         count = len(presses.pattern)
+        if count <= TOGETHER:
+            return self._find(presses)
         parts = [
             self._find(presses.rows(np.arange(i, min(i + TOGETHER, count))))
             for i in range(0, count, TOGETHER)
         ]
-        names = ('cost', 'pose', 'cov', 'slopes', 'fitted')
-        return Matches(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
+        return Matches(
+            *(np.concatenate([getattr(p, one.name) for p in parts]) for one in fields(Matches))
+        )
 
     def variance(self, presses: PressVectors) -> Array:
         """Variance of patterns (n, d): noise, and error of the model where chips see much."""
@@ -126,7 +138,8 @@ class PressSearch:
     def _find(self, presses: PressVectors) -> Matches:
         """Of a few presses, which fit in the memory together."""
         press, head, pose = self._starts(presses)
-        weight = 1 / np.sqrt(self.variance(presses))
+        variance = self.variance(presses)
+        weight = 1 / np.sqrt(variance)
         # what a uniform field could have added is taken out of weighted patterns
         span = orthonormal(weight[:, :, None] * self.common)
         wanted = presses.pattern * weight
@@ -134,7 +147,7 @@ class PressSearch:
         weighed = Weighed(weight, wanted, span, presses.powers)
         depths = SHALLOWEST * self.body, DEEPEST * self.body
         found = descend(self.bank, weighed, press, head, pose, depths)
-        return self._best(press, head, found, len(wanted))
+        return self._best(found, np.log(variance).sum(axis=1))
 
     def _starts(self, presses: PressVectors) -> tuple[Integers, Integers, Array]:
         """Press, head and pose of each start, press by press."""
@@ -160,24 +173,16 @@ class PressSearch:
         pose[:, :2], pose[:, 2] = self.places[places[where]], turn * self.turn[head]
         return head, pose
 
-    def _best(self, press: Integers, head: Integers, found: Descents, count: int) -> Matches:
-        """The best descent of every head for every press."""
-        heads, d = len(self.rows), found.plain.shape[2]
-        best = Matches(
-            np.full((count, heads), np.inf), np.full((count, heads, 4), np.nan),
-            np.full((count, heads, 4, 4), np.nan), np.zeros((count, heads, 4, d)),
-            np.zeros((count, heads, d)),
-        )  # fmt: skip
-        order = np.argsort(-found.cost, kind='stable')  # the best is written last
-        last = np.full((count, heads), -1)
-        last[press[order], head[order]] = order
-        at = last >= 0
-        rows = last[at]
+    def _best(self, found: Descents, level: Array) -> Matches:
+        """The best descent of every head, of `STARTS` each, for every press."""
+        count = len(level)
+        which = found.cost.reshape(-1, STARTS).argmin(axis=1)
+        rows = STARTS * np.arange(len(which)) + which
         scale = found.scale[rows]
-        best.cost[at], best.pose[at] = found.cost[rows], found.pose[rows]
-        best.cov[at] = np.linalg.inv(found.normal[rows]) / scale[:, :, None] / scale[:, None]
-        best.fitted[at], best.slopes[at] = found.plain[rows, 0], found.plain[rows, 1:]
-        return best
+        cov = np.linalg.inv(found.normal[rows]) / scale[:, :, None] / scale[:, None]
+        plain = found.plain[rows]
+        best = found.cost[rows], found.pose[rows], cov, plain[:, 1:], plain[:, 0]
+        return Matches(*(one.reshape(count, -1, *one.shape[1:]) for one in best), level)
 
 
 def _leading(gram: Array, rank: int) -> Array:

@@ -293,7 +293,7 @@ def trial(
     named, misfit = np.full(len(fold), -1), np.full(len(fold), np.inf)
     for i in np.unique(fold):
         rows = np.flatnonzero(fold == i)
-        part = None if matches is None else _part(matches, rows)
+        part = None if matches is None else matches.rows(rows)
         known = recogniser.known_.where(np.flatnonzero(fold != i))
         classes, scores, misfits = recogniser.scores(presses.rows(rows), part, known, road)
         if not len(classes):
@@ -302,12 +302,6 @@ def trial(
         named[rows] = np.where(np.isfinite(scores.min(axis=1)), classes[best], -1)
         misfit[rows] = misfits[np.arange(len(rows)), best]
     return named, misfit
-
-
-def _part(matches: Matches, rows: Integers) -> Matches:
-    """Matches of some presses."""
-    names = ('cost', 'pose', 'cov', 'slopes', 'fitted')
-    return type(matches)(*(getattr(matches, name)[rows] for name in names))
 
 
 def _placed(
