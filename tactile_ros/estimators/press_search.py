@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.estimators.few_shot import orthonormal
-from tactile_ros.estimators.press_descent import Weighed, descend
+from tactile_ros.estimators.press_descent import descend, weigh
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -110,7 +110,8 @@ class PressSearch:
         self.rank = rank
         x, y = bank.nodes
         self.places = np.stack(np.meshgrid(x, y, indexing='ij'), axis=-1).reshape(-1, 2)
-        self.rows, self.turn = _columns(bank)
+        self.rows, turn = _columns(bank)
+        self.heads, self.turn = np.repeat(np.arange(len(turn)), STARTS), np.repeat(turn, STARTS)
 
     def find(self, presses: PressVectors) -> Matches:
         """The best press of every head."""
@@ -139,12 +140,7 @@ class PressSearch:
         """Of a few presses, which fit in the memory together."""
         press, head, pose = self._starts(presses)
         variance = self.variance(presses)
-        weight = 1 / np.sqrt(variance)
-        # what a uniform field could have added is taken out of weighted patterns
-        span = orthonormal(weight[:, :, None] * self.common)
-        wanted = presses.pattern * weight
-        wanted = wanted - np.einsum('ndk,nk->nd', span, np.einsum('ndk,nd->nk', span, wanted))
-        weighed = Weighed(weight, wanted, span, presses.powers)
+        weighed = weigh(presses.pattern, variance, self.common, presses.powers)
         depths = SHALLOWEST * self.body, DEEPEST * self.body
         found = descend(self.bank, weighed, press, head, pose, depths)
         return self._best(found, np.log(variance).sum(axis=1))
@@ -163,15 +159,14 @@ class PressSearch:
         """Head and pose of each start of one press of unit length (d,)."""
         spread = np.square(self.spans @ own).reshape(self.rank, -1).sum(axis=0)
         places = np.argpartition(-spread, PLACES)[:PLACES]
-        score = np.full((PLACES, self.units.shape[1] + 1), -np.inf, np.float32)
-        score[:, :-1] = self.units[places] @ own
-        score = score[:, self.rows].swapaxes(0, 1).reshape(len(self.rows), -1)  # head, place turn
-        best = np.argpartition(-score, STARTS - 1, axis=1)[:, :STARTS]
-        where, turn = np.divmod(best.ravel(), self.rows.shape[1])
-        head = np.repeat(np.arange(len(self.rows)), STARTS)
-        pose = np.full((len(head), 4), USUAL * self.body)
-        pose[:, :2], pose[:, 2] = self.places[places[where]], turn * self.turn[head]
-        return head, pose
+        score = np.full((self.units.shape[1] + 1, PLACES), np.inf, np.float32)
+        np.negative((self.units[places] @ own).T, out=score[:-1])
+        score = score[self.rows].reshape(len(self.rows), -1)  # head, turn place
+        best = np.argpartition(score, STARTS - 1, axis=1)[:, :STARTS]
+        turn, where = np.divmod(best.ravel(), PLACES)
+        pose = np.full((len(turn), 4), USUAL * self.body)
+        pose[:, :2], pose[:, 2] = self.places[places[where]], turn * self.turn
+        return self.heads, pose
 
     def _best(self, found: Descents, level: Array) -> Matches:
         """The best descent of every head, of `STARTS` each, for every press."""

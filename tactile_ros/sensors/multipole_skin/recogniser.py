@@ -187,7 +187,7 @@ class Recogniser:
             wide = WIDE * np.sqrt(np.maximum(matches.cov[..., (0, 1, 2), (0, 1, 2)], 0.0))
         # classes of presses that were seen press where they were seen, heads around there; a
         # head that may turn has more templates, of which one fits noise well
-        part = np.clip(np.nan_to_num(wide / self._room, nan=1.0), LEAST, 1.0)
+        part = np.maximum(np.fmin(wide / self._room, 1.0), LEAST)  # NaN: 1
         chance = 2 * np.log(part).sum(axis=2)
         return matches.cost + matches.level[:, None] - chance, matches.cost
 
