@@ -14,12 +14,13 @@ import numpy as np
 
 from tactile_ros.estimators.few_shot import orthonormal
 from tactile_ros.estimators.press_descent import descend, weigh
+from tactile_ros.estimators.shape_misfit import shape_misfits
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from tactile_ros.estimators.press_bank import PressBank
-    from tactile_ros.estimators.press_descent import Descents
+    from tactile_ros.estimators.press_descent import Descents, Weighed
     from tactile_ros.estimators.press_window import PressVectors
     from tactile_ros.types import Array, Integers
 
@@ -50,6 +51,8 @@ class Matches:
         Pattern of the best press.
     level : ndarray, shape (n,)
         Logarithm of the variance of the pattern.
+    misfit : ndarray, shape (n,)
+        Of the likeliest head's shape; see `shape_misfits`.
     """
 
     cost: Array
@@ -58,6 +61,7 @@ class Matches:
     slopes: Array
     fitted: Array
     level: Array
+    misfit: Array
 
     def rows(self, rows: npt.NDArray[np.intp]) -> Matches:
         """Those of some presses."""
@@ -143,7 +147,7 @@ class PressSearch:
         weighed = weigh(presses.pattern, variance, self.common, presses.powers)
         depths = SHALLOWEST * self.body, DEEPEST * self.body
         found = descend(self.bank, weighed, press, head, pose, depths)
-        return self._best(found, np.log(variance).sum(axis=1))
+        return self._best(found, np.log(variance).sum(axis=1), weighed)
 
     def _starts(self, presses: PressVectors) -> tuple[Integers, Integers, Array]:
         """Press, head and pose of each start, press by press."""
@@ -168,16 +172,28 @@ class PressSearch:
         pose[:, :2], pose[:, 2] = self.places[places[where]], turn * self.turn
         return self.heads, pose
 
-    def _best(self, found: Descents, level: Array) -> Matches:
+    def _best(self, found: Descents, level: Array, weighed: Weighed) -> Matches:
         """The best descent of every head, of `STARTS` each, for every press."""
         count = len(level)
         which = found.cost.reshape(-1, STARTS).argmin(axis=1)
         rows = STARTS * np.arange(len(which)) + which
         scale = found.scale[rows]
         cov = np.linalg.inv(found.normal[rows]) / scale[:, :, None] / scale[:, None]
-        plain = found.plain[rows]
-        best = found.cost[rows], found.pose[rows], cov, plain[:, 1:], plain[:, 0]
-        return Matches(*(one.reshape(count, -1, *one.shape[1:]) for one in best), level)
+        cost, pose, cov, plain = (
+            one.reshape(count, -1, *one.shape[1:])
+            for one in (found.cost[rows], found.pose[rows], cov, found.plain[rows])
+        )
+        slopes, fitted = plain[:, :, 1:], plain[:, :, 0]
+        return Matches(cost, pose, cov, slopes, fitted, level, _misfits(cost, plain, weighed))
+
+
+def _misfits(cost: Array, plain: Array, weighed: Weighed) -> Array:
+    """Misfit of the likeliest head's shape (n,), from patterns and slopes (n, heads, 5, d)."""
+    each = np.arange(len(cost))
+    best = plain[each, cost.argmin(axis=1)]
+    rows = np.concatenate([best, plain[:, :, 0] - best[:, :1]], axis=1)
+    rows = weighed.cleared(each, rows * weighed.weight[:, None])
+    return shape_misfits(weighed.wanted - rows[:, 0], rows[:, 1:5], rows[:, 5:])
 
 
 def _leading(gram: Array, rank: int) -> Array:

@@ -180,8 +180,8 @@ class Recogniser:
         noise = np.sqrt(presses.variance(self.noise, self.still_))
         return np.asarray((np.abs(own) / noise).max(axis=1))
 
-    def template_scores(self, matches: Matches) -> tuple[Array, Array]:
-        """Twice the negative log-likelihood of every head, and misfit alone, (n, heads) each."""
+    def template_scores(self, matches: Matches) -> Array:
+        """Twice the negative log-likelihood of every head, shape (n, heads)."""
         assert self.search is not None
         with np.errstate(invalid='ignore'):
             wide = WIDE * np.sqrt(np.maximum(matches.cov[..., (0, 1, 2), (0, 1, 2)], 0.0))
@@ -189,7 +189,7 @@ class Recogniser:
         # head that may turn has more templates, of which one fits noise well
         part = np.maximum(np.fmin(wide / self._room, 1.0), LEAST)  # NaN: 1
         chance = 2 * np.log(part).sum(axis=2)
-        return matches.cost + matches.level[:, None] - chance, matches.cost
+        return np.asarray(matches.cost + matches.level[:, None] - chance)
 
     def scores(
         self,
@@ -199,21 +199,22 @@ class Recogniser:
         road: str,
     ) -> tuple[Integers, Array, Array]:
         """Classes (k,), their scores (n, k) and misfits over variance (n, k)."""
-        n, spare = len(presses.pattern), self.spare
+        n = len(presses.pattern)
         columns: dict[int, tuple[Array, Array]] = {}
         seen = self._seen(None if road == 'press_templates' else known)
         if matches is not None and road != 'press_neighbours':
-            score, cost = self.template_scores(matches)
+            score = self.template_scores(matches)
             if seen is None:
-                return np.arange(score.shape[1]), score, cost / spare
+                misfit = np.repeat(matches.misfit[:, None], score.shape[1], axis=1)
+                return np.arange(score.shape[1]), score, misfit
             for i in range(score.shape[1]):
-                columns[i] = score[:, i], cost[:, i] / spare
+                columns[i] = score[:, i], matches.misfit
         if seen is not None:
             score = support_scores(seen, presses, self.noise, self.common, self.still_)
             level = self._level(presses)
             for label in np.unique(seen.supports.label):
                 best = score[:, seen.supports.label == label].min(axis=1)
-                cost = (best - level) / spare
+                cost = (best - level) / self.spare
                 old = columns.get(int(label))
                 if old is not None:
                     better = best < old[0]
