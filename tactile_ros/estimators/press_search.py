@@ -67,6 +67,16 @@ class Matches:
         """Those of some presses."""
         return Matches(*(getattr(self, one.name)[rows] for one in fields(self)))
 
+    def or_better(self, other: Matches) -> Matches:
+        """Of each press these or those of another skin, whichever fit better."""
+        which = np.argmin([self.cost.min(axis=1), other.cost.min(axis=1)], axis=0)
+        each = np.arange(len(which))
+        parts = (
+            np.stack([getattr(self, one.name), getattr(other, one.name)])[which, each]
+            for one in fields(self)
+        )
+        return Matches(*parts)
+
 
 class PressSearch:
     """Search among the templates of a bank.
@@ -85,6 +95,9 @@ class PressSearch:
         Of the model, as a share of what a chip sees.
     still : float
         Error of a pattern that frames do not average (T).
+    other : PressSearch or None
+        The same for another skin that it may be: each press is taken for one of the skin that
+        explains it better.
     """
 
     def __init__(
@@ -95,8 +108,9 @@ class PressSearch:
         body: float,
         error: float,
         still: float = 0.0,
+        other: PressSearch | None = None,
     ) -> None:
-        self.still = still
+        self.still, self.other = still, other
         self.bank, self.noise, self.body, self.error = bank, noise, body, error
         self.common = common
         self.basis = np.linalg.qr(common)[0]
@@ -122,13 +136,14 @@ class PressSearch:
         count = len(presses.pattern)
         if count <= TOGETHER:
             return self._find(presses)
-        parts = [
-            self._find(presses.rows(np.arange(i, min(i + TOGETHER, count))))
-            for i in range(0, count, TOGETHER)
-        ]
-        return Matches(
-            *(np.concatenate([getattr(p, one.name) for p in parts]) for one in fields(Matches))
-        )
+        each = np.split(np.arange(count), np.arange(TOGETHER, count, TOGETHER))
+        return joined([self._find(presses.rows(rows)) for rows in each])
+
+    def let_still(self, still: float) -> None:
+        """Let patterns have another error that frames do not average (T)."""
+        self.still = still
+        if self.other is not None:
+            self.other.let_still(still)
 
     def variance(self, presses: PressVectors) -> Array:
         """Variance of patterns (n, d): noise, and error of the model where chips see much."""
@@ -142,6 +157,11 @@ class PressSearch:
 
     def _find(self, presses: PressVectors) -> Matches:
         """Of a few presses, which fit in the memory together."""
+        found = self._found(presses)
+        return found if self.other is None else found.or_better(self.other._find(presses))
+
+    def _found(self, presses: PressVectors) -> Matches:
+        """The same on this skin."""
         press, head, pose = self._starts(presses)
         variance = self.variance(presses)
         weighed = weigh(presses.pattern, variance, self.common, presses.powers)
@@ -185,6 +205,13 @@ class PressSearch:
         )
         slopes, fitted = plain[:, :, 1:], plain[:, :, 0]
         return Matches(cost, pose, cov, slopes, fitted, level, _misfits(cost, plain, weighed))
+
+
+def joined(parts: list[Matches]) -> Matches:
+    """Matches of presses, one after the other."""
+    return Matches(
+        *(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(Matches))
+    )
 
 
 def _misfits(cost: Array, plain: Array, weighed: Weighed) -> Array:

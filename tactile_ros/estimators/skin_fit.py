@@ -56,6 +56,8 @@ class SkinFit:
     ----------
     found : SkinModel
         With the parameters of the last fit.
+    turning_told : bool
+        Whether presses have told how far magnets turn with the body.
     """
 
     def __init__(self, drawn: SkinModel, noise: float) -> None:
@@ -74,6 +76,7 @@ class SkinFit:
         self._before = self.theta
         self._system: tuple[Array, Array, list[tuple[Array, Array]]]
         self.press = PressMisfit(noise)
+        self.turning_told = False
 
     def fit_rest(self, rest: Array) -> bool:
         """Fit resting readings (t, 3); False and nothing found if they are of another skin."""
@@ -97,6 +100,7 @@ class SkinFit:
         self.drawn = replace(self.drawn, turning=best)
         self.found = replace(self.found, turning=best)
         self._iterate(rest, presses, rounds=2)
+        self.turning_told = True
 
     def left_out(self, presses: Sequence[KnownPress], fold: Integers) -> tuple[Array, Array]:
         """What fitted presses are like to skins that were fitted without them.

@@ -9,7 +9,7 @@ best of a class's scores counts; newly enrolled classes are known by their suppo
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -84,6 +84,9 @@ class Recogniser:
         Presses of classes that were fitted, and of those enrolled since.
     road_ : str
         'press_templates', 'press_neighbours' or 'press_both'.
+    turnings : tuple of float
+        Other shares of the body's turns that the skin's magnets may follow; each press is taken
+        for one of the skin that explains it best.
     still_ : float
         Error of a pattern that frames do not average (T).
     spread_ : float
@@ -103,6 +106,7 @@ class Recogniser:
     ) -> None:
         self.model, self.outlines, self.error = model, outlines, error
         self.noise, self.common = noise, common
+        self.turnings: tuple[float, ...] = ()
         self.known_ = Supports.empty(len(noise))
         self.enrolled_ = Supports.empty(len(noise))
         self.road_ = 'press_neighbours' if model is None else 'press_templates'
@@ -125,9 +129,14 @@ class Recogniser:
         """Search among templates; None without a model or heads."""
         if self.model is None or not self.outlines:
             return None
-        bank = self.model.bank(self.outlines)
-        body, error = self.model.body, self.error
-        return PressSearch(bank, self.noise, self.common, body, error, self.still_)
+        found = None
+        others = [replace(self.model, turning=turning) for turning in self.turnings]
+        for skin in (*others, self.model):
+            bank, still = skin.bank(self.outlines), self.still_
+            found = PressSearch(
+                bank, self.noise, self.common, skin.body, self.error, still, found
+            )
+        return found
 
     @cached_property
     def _sectors(self) -> tuple[Array, Integers]:
