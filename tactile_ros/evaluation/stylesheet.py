@@ -73,6 +73,7 @@ figcaption { color: var(--soft); font-size: 14px; line-height: 1.45; margin-top:
   vertical-align: -1px; background: currentColor; }
 svg.plot { display: block; width: 100%; height: auto; margin-top: 8px; overflow: visible; }
 svg.plot + svg.plot { margin-top: 2px; }
+svg.strip { display: block; width: 96px; height: 12px; margin: 3px 0 0 auto; overflow: visible; }
 .only-narrow { display: none; }
 svg text { font: 12px system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", "DejaVu Sans",
   sans-serif; fill: var(--soft); font-variant-numeric: tabular-nums; }
@@ -86,6 +87,8 @@ svg path.axis, svg path.tick { stroke: var(--soft); }
 svg path.rule { stroke: var(--ink); stroke-width: 1; stroke-dasharray: 3 3; opacity: 0.75; }
 svg path.line { stroke-width: 1.7; stroke: currentColor; }
 svg path.dots { stroke: currentColor; stroke-width: 3.2; stroke-linecap: round; opacity: 0.45; }
+svg.strip path.dots { stroke-width: 5; opacity: 1; } svg.strip path.line { stroke-width: 1.2; }
+svg.strip path.rule { stroke-dasharray: none; stroke-width: 1.5; }
 svg .band { fill: currentColor; opacity: 0.2; }
 svg .fill { fill: currentColor; }
 .c0 { color: var(--c0); } .c1 { color: var(--c1); } .c2 { color: var(--c2); }
