@@ -116,7 +116,9 @@ dl.facts dt { color: var(--soft); } dl.facts dd { margin: 0; overflow-wrap: anyw
   .figures dd { font-size: 26px; }
   .figures div:last-child:nth-child(odd) { grid-column: span 2; }
   figure { padding: 14px 12px 12px; }
-  th.what { min-width: 9.5em; max-width: 11em; } th, td { padding: 8px 9px; }
+  th.what { min-width: 8.2em; max-width: 11em; }
+  th, td { padding: 8px 5px; } th.under { padding-left: 18px; }
+  thead th { min-width: 0; font-size: 12.5px; } svg.strip { width: 80px; }
   .only-wide { display: none; } .only-narrow { display: block; }
   dl.facts { grid-template-columns: 1fr; gap: 0; } dl.facts dd { margin-bottom: 8px; }
 }
