@@ -128,6 +128,10 @@ def test_replay_prints_a_table_and_writes_a_report(
         ),
         (['calibrate', 'reskin_board', 'no_such', '-o', 'y'], 1, 'does not exist'),
         (['replay', 'x', '--calibration', 'no_such.npz'], 1, 'does not exist'),
+        (['replay', 'x', '--calibration', 'c.npz', '--jobs', '0'], 2, '--jobs must be 1 or more'),
+        (['bench', 'all', '--jobs', '-1'], 2, '--jobs must be 1 or more; received -1'),
+        (['view', 'no_such'], 1, 'no_such does not exist; name a bag, .npz or .csv'),
+        (['view', '--sensor', 'no_such'], 2, 'sensor must be one of five_wire_skin, gradiometer'),
         (['bench', 'no_such'], 2, f"all or one of {BENCHES}; received 'no_such'"),
     ],
 )
