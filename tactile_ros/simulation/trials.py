@@ -18,7 +18,7 @@ from tactile_ros.simulation.allegro_hand import allegro_hand
 from tactile_ros.simulation.balloon_scene import BalloonScene, SinglePixel
 from tactile_ros.simulation.fingertip import AVERAGED, Fingertip
 from tactile_ros.simulation.grasp_scene import GraspScene
-from tactile_ros.simulation.load_scene import LoadScene
+from tactile_ros.simulation.load_scene import FRICTION, LoadScene
 from tactile_ros.simulation.parallel_hand import parallel_hand
 from tactile_ros.simulation.soft_hand import soft_hand
 
@@ -195,8 +195,11 @@ class Grip:
 
 
 def grips(fixed: float) -> dict[str, Grip]:
-    """Grips to compare: a fixed force (N), one that doubles at slips alone, the adaptive one."""
-    config = fitted(GripConfig(), parallel_hand())
+    """Grips to compare: a fixed force (N), one that doubles at slips alone, the adaptive one.
+
+    The law is told the least friction of the objects, as a fixed force is.
+    """
+    config = replace(fitted(GripConfig(), parallel_hand()), friction_low=min(FRICTION))
     blind = replace(config, friction_low=UNHEEDED, margin=0.0)
     return {
         'fixed': Grip(config, fixed, False),
