@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 GENTLE, STRONG = 3.5, 15.0  # full scales of gradiometers (N): as built in [3], and stiffer
 PRESSES, PRESSED = 800, 8.0  # of a pad's calibration, and their largest force (N)
 SOFT_FORCE = 1.5  # N, mean of a soft hand's digits
-THUMB_FORCE = {'v4': 2.2, 'v5': 1.5}  # N: what motors of either version hold with a sixth to spare
+# N: what motors of a version hold with a sixth to spare
+THUMB_FORCE = {'v4': 2.2, 'v4_raised': 4.0, 'v5': 1.5}
 BEGIN = 2.5  # N, of grips that adapt
 UNHEEDED = 5.0  # friction that is assumed where loads are not to count
 SOFTEST, SOFTEST_SHARE = 1.0, 0.4  # N for a whole closure; of the stiffest
@@ -135,7 +136,9 @@ class Trials:
             scene.world.watchers.append(film)
             return scene.hold()
 
-    def pads(self, kind: str, seed: int, film: Watcher = unseen, version: str = 'v4') -> Grasped:
+    def pads(
+        self, kind: str, seed: int, film: Watcher = unseen, version: str = 'v4_raised'
+    ) -> Grasped:
         """The Allegro-like hand, with motors of a version, grasps with magnet pads."""
         hand = allegro_hand(torque=version)
         config = noisy(fitted(GripConfig(), hand))
