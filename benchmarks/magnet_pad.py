@@ -175,7 +175,7 @@ def _probes(count: int, extent: str) -> list[Row]:
     learned = [(p,) for p in PROBES] + [(2, 14), PROBES]
     learned += [(2, 6), (6, 14)] if extent == 'full' else []
     rows = []
-    for known in [(2,), PROBES] if extent == 'quick' else learned:
+    for known in [PROBES] if extent == 'quick' else learned:
         ours, peer = PAD.joined(*(each[p] for p in known))
         for p in PROBES:
             one, names = fresh[p], ' and '.join(map(str, known)) if len(known) < 4 else 'all'

@@ -294,7 +294,9 @@ def _peers(extent: str) -> dict[str, Callable[[], object]]:
         'ridge, 2nd order': lambda: make_pipeline(
             StandardScaler(), PolynomialFeatures(2), RidgeCV(np.logspace(-3, 3, 7))
         ),
-        'random forest': lambda: RandomForestRegressor(100, random_state=0),
+        'random forest': lambda: RandomForestRegressor(
+            30 if extent == 'quick' else 100, random_state=0
+        ),
         'MLP 128 x 128': lambda: make_pipeline(
             StandardScaler(), MLPRegressor(max_iter=100 if extent == 'quick' else 400, **mlp)
         ),

@@ -294,9 +294,11 @@ class GradiometerEstimation:
 
     def _add_tare(self, signals: Signals, place: Array, wider: Array) -> None:
         """Add to covariances (s, k, k) what the noise of a tare of few frames does."""
-        doubt = np.zeros(len(wider)) if signals.doubt is None else signals.doubt
+        doubt = signals.doubt
+        if self.magnets_ is None or doubt is None or not np.count_nonzero(doubt):
+            return
         rows = np.flatnonzero((doubt > 0) & (doubt + self.doubt_ > 1 / MANY))
-        if self.magnets_ is not None and len(rows):
+        if len(rows):
             doubt = (doubt[rows] + self.doubt_) * self.features_.readings_.noise**2
             wider[rows] += self.magnets_.shaken(place[rows], doubt, wider.shape[1])
 
@@ -340,8 +342,8 @@ class GradiometerEstimation:
                 known[target.name] = np.full((len(x), 3), np.nan)
                 known[f'{target.name}_cov'] = np.full((len(x), 3, 3), np.nan)
             mean, cov = target.predict(x, drivers, noise[:, part], shift[:, part])
-            cov += wider[:, part, part] * np.outer(target.unit_, target.unit_)
-            index = np.array(target.columns)
+            cov += wider[:, part, part] * (target.unit_[:, None] * target.unit_)
+            index = target.places
             known[target.name][:, index] = mean
             known[f'{target.name}_cov'][:, index[:, None], index] = cov
 

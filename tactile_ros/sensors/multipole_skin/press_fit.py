@@ -37,6 +37,7 @@ ERRORS = (0.012, 0.2)
 SOMEWHERE = 0.25  # of the sheet: how far presses are made up from its middle
 MADE = ((0.0, 0.0, 0.0), (1.0, 0.4, 0.5), (-0.4, 1.0, 1.0), (-1.0, -0.4, 1.5), (0.4, -1.0, 2.0))
 CHI_SQUARED_MIDDLE = 0.4549  # median of the square of a normal deviate
+TURNINGS = (1.0,)  # other shares of the body's turns that magnets follow, where no press tells
 LEAST_STILL = 0.3  # of the noise
 SAME = 1e-4  # m, places
 
@@ -152,6 +153,8 @@ def learned(
     model = None if fit is None else fit.found
     common = drawn.common if model is None else model.common
     recogniser = Recogniser(model, tuple(config.objects), noise, common, error)
+    if fit is not None and not fit.turning_told:
+        recogniser.turnings = TURNINGS
     whole = np.flatnonzero(np.isfinite(presses.pattern).all(axis=1))
     if len(whole) >= FEWEST:
         recogniser.still_ = max(recogniser.still_, presses.rows(whole).still(noise))
@@ -183,7 +186,7 @@ def _mended(
     missed = float(np.sqrt(np.mean(np.square(shares))))
     report = {'skin': {'missed': missed, 'presses': float(len(known))}}
     if missed > NOT_THIS:
-        fit.found = rested
+        fit.found, fit.turning_told = rested, False
         return presses, error, report
     pattern = presses.pattern.copy()
     pattern[rows] = patterns
@@ -238,7 +241,7 @@ def choose(
     matches = recogniser.matches(presses)
     if recogniser.search is not None and matches is not None:
         recogniser.still_ = _unaveraged(recogniser, presses, matches)
-        recogniser.search.still = recogniser.still_
+        recogniser.search.let_still(recogniser.still_)
         matches = recogniser.matches(presses)
     recogniser.known_ = recogniser.supports(presses, told.label, matches, told.number)
     unseen = recogniser.matches(outside)
@@ -293,7 +296,7 @@ def trial(
     named, misfit = np.full(len(fold), -1), np.full(len(fold), np.inf)
     for i in np.unique(fold):
         rows = np.flatnonzero(fold == i)
-        part = None if matches is None else _part(matches, rows)
+        part = None if matches is None else matches.rows(rows)
         known = recogniser.known_.where(np.flatnonzero(fold != i))
         classes, scores, misfits = recogniser.scores(presses.rows(rows), part, known, road)
         if not len(classes):
@@ -302,12 +305,6 @@ def trial(
         named[rows] = np.where(np.isfinite(scores.min(axis=1)), classes[best], -1)
         misfit[rows] = misfits[np.arange(len(rows)), best]
     return named, misfit
-
-
-def _part(matches: Matches, rows: Integers) -> Matches:
-    """Matches of some presses."""
-    names = ('cost', 'pose', 'cov', 'slopes', 'fitted')
-    return type(matches)(*(getattr(matches, name)[rows] for name in names))
 
 
 def _placed(
