@@ -133,9 +133,7 @@ class Recogniser:
         others = [replace(self.model, turning=turning) for turning in self.turnings]
         for skin in (*others, self.model):
             bank, still = skin.bank(self.outlines), self.still_
-            found = PressSearch(
-                bank, self.noise, self.common, skin.body, self.error, still, found
-            )
+            found = PressSearch(bank, self.noise, self.common, skin.body, self.error, still, found)
         return found
 
     @cached_property
