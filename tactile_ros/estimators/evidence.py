@@ -92,3 +92,20 @@ class Moments:
         left = self.square - float((half * half).sum())
         least = 1e-12 * self.square + LEAST
         return np.asarray(factor), max(left, least)
+
+
+def peak(places: tuple[float, ...], levels: Array) -> float:
+    """Where a parabola through the largest of levels (n,) at even places and its neighbours peaks.
+
+    Never beyond a neighbour; n is 3 or more.
+
+    Examples
+    --------
+    >>> peak((0.0, 1.0, 2.0, 3.0), -((np.arange(4.0) - 1.2) ** 2))
+    1.2
+    """
+    at = min(max(int(levels.argmax()), 1), len(levels) - 2)
+    below, middle, above = levels[at - 1 : at + 2]
+    bend = below - 2 * middle + above
+    step = 0.5 * (below - above) / bend if bend < 0 else 0.0
+    return float(places[at] + (places[1] - places[0]) * min(max(step, -1.0), 1.0))

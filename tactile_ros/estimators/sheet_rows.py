@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from tactile_ros.physics.compiled import compiled
+from tactile_ros.physics.resistive import LEAST_LOG, NEAREST
 from tactile_ros.types import Array
 
 
@@ -93,11 +94,24 @@ def wave_rows(places: Array, angle: float, count: int, waves: Array) -> None:
 
 
 @compiled
+def series_row(place: Array, law: Array) -> float:
+    """Nominal Rx of a place (2,) in units of the edges, by the law (4,) of `SeriesResistance`."""
+    long, far = int(law[0]), law[1]
+    across = math.sin(math.pi * held(place[1 - long], NEAREST, 1.0 - NEAREST)) ** 2
+    near = far * held(place[long], NEAREST, 1.0 - NEAREST)
+    square = across * (1.0 + across / math.sinh(far) ** 2) ** 2
+    for away in (near, far - near, far + near, 2.0 * far - near):
+        square /= 1.0 + across / math.sinh(away) ** 2
+    return float(max(law[2] + 0.5 * math.log(square), LEAST_LOG) * law[3])
+
+
+@compiled
 def force_rows(
     places: Array,
     resistance: Array,
     table: Array,
     law: Array,
+    series: Array,
     spreads: Array,
     force: Array,
     spread: Array,
@@ -111,11 +125,13 @@ def force_rows(
     resistance : ndarray, shape (s,)
         R, in units of the divider's.
     table : ndarray, shape (n, n, 5)
-        Factors of cosines: of the four shapes and of Rx.
+        Factors of cosines: of the four shapes and of what is added to Rx.
     law : ndarray, shape (9,)
         Phase of the slowest cosine at the far edge; least and largest film, the middle of its
         logarithm, the bend, the logarithm of the largest answer, the gap's force; least of the
         levels at which spreads are told, and one over their step.
+    series : ndarray, shape (4,)
+        Law of the nominal Rx, see `SeriesResistance`.
     spreads : ndarray, shape (m, m, l)
         Relative ones in cells of places and levels.
     force, spread : ndarray, shape (s,)
@@ -132,7 +148,8 @@ def force_rows(
                 both = waves[0, i] * waves[1, j]
                 for k in range(shapes):
                     total[k] += both * table[i, j, k]
-        film = held(resistance[s] - total[4], law[1], law[2])
+        nominal = series_row(places[s], series)
+        film = held(resistance[s] - total[4] - nominal, law[1], law[2])
         level = math.log(film) - law[3]
         power = total[0] + level * (total[1] + level * law[4])
         power += total[2] / film

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.conditioning.history import History
-from tactile_ros.physics.resistive import spreading_resistance
+from tactile_ros.physics.resistive import SeriesResistance
 from tactile_ros.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.regression import ESTIMATORS as REGRESSORS
 from tactile_ros.regression import Regression
@@ -32,7 +32,6 @@ ESTIMATORS = (*REGRESSORS, 'printed', 'mean_curve')
 SAME_PLACE = 1e-5
 MOST_SINGLE = 0.3  # places per touch above which touches, not places, are what repeats
 LEAST_DIVIDER = 1e-4
-GRID = 33  # of the nominal series resistance
 ONE_SIGMA = 0.6827
 LEAST_SCATTER = 0.1
 STILL = 1e-6  # of the supply: readings that move less are one constant, in 16 bits too
@@ -55,7 +54,7 @@ class FiveWireEstimation:
     def __init__(self, config: FiveWireSkinConfig, estimator: str | None = None) -> None:
         self.size = np.asarray(config.size, np.float64)
         sheet = config.sheet_resistance / config.reference_resistance
-        self.series = _nominal_series(self.size, config.touch_size, sheet)
+        self.series = SeriesResistance(self.size, config.touch_size, sheet)
         noise = np.asarray(np.nan if config.noise is None else config.noise, np.float64)
         channels = len(config.channels)
         self.touch_ = Touch(float(np.broadcast_to(noise, channels)[DIVIDER]), channels)
@@ -285,13 +284,6 @@ class FiveWireEstimation:
         head = Head('force', (0, 1), 'ridge', x.shape[1])
         head.fit(x[rows], told, group[rows], session, np.zeros((len(told), 3)))
         self.shear_ = head if head.report_['held_out_rmse'] < USEFUL * spread else None
-
-
-def _nominal_series(size: Array, touch: float, sheet: float) -> Array:
-    """Nominal Rx (g, g) over the sheet, in the unit of the sheet resistance."""
-    lines = [np.linspace(0.0, edge, GRID) for edge in size]
-    places = np.stack(np.meshgrid(*lines, indexing='ij'), axis=-1).reshape(-1, 2)
-    return spreading_resistance(places, size, touch, sheet).reshape(GRID, GRID)
 
 
 def _moves(x: Array) -> bool:
