@@ -45,12 +45,17 @@ class Moments:
         square = float((y * y).sum() if weight is None else (y * y * weight[:, None]).sum())
         return cls(scaled.T @ terms, scaled.T @ y, square, y.size)
 
-    def evidence(self, spread: Array) -> float:
-        """Logarithm of the evidence, up to a constant, for prior spreads (p,) over the noise."""
+    def evidence(self, spread: Array, least: float = 0.0) -> float:
+        """Logarithm of the evidence, up to a constant, for prior spreads (p,) over the noise.
+
+        The noise is what is likeliest, but not below `least`.
+        """
         factor, misfit = self._factor(spread)
         outputs = self.cross.shape[1]
         volume = 2 * outputs * np.log(np.diagonal(factor)).sum()
-        return float(-0.5 * (self.rows * np.log(misfit / self.rows) + volume))
+        noise = max(misfit / self.rows, least * least)
+        excess = misfit / noise - self.rows
+        return float(-0.5 * (self.rows * np.log(noise) + excess + volume))
 
     def slope(self, spread: Array) -> tuple[float, Array]:
         """Evidence, and its slope (p,) along the logarithms of the prior spreads."""

@@ -32,12 +32,35 @@ def square_of(root: Array, square: Array) -> None:
 
 
 @compiled
+def shift_row(place: Array, size: Array, table: Array, shift: Array) -> None:
+    """Fill the shift (2,) of a place (2,) on a sheet of a size (2,) from a table (n, n, 2)."""
+    weight, node = np.empty((2, 4)), np.empty(2, np.int64)
+    for i in range(2):
+        deep = place[i] / size[i] * (table.shape[0] - 3)
+        node[i] = min(int(deep), table.shape[0] - 4)
+        t = deep - node[i]
+        square = t * t
+        cube = square * t
+        weight[i, 0] = square - 0.5 * (t + cube)
+        weight[i, 1] = 1.0 - 2.5 * square + 1.5 * cube
+        weight[i, 2] = 0.5 * t + 2.0 * square - 1.5 * cube
+        weight[i, 3] = 0.5 * (cube - square)
+    shift[:] = 0.0
+    for i in range(4):
+        for j in range(4):
+            both = weight[0, i] * weight[1, j]
+            for k in range(2):
+                shift[k] += both * table[node[0] + i, node[1] + j, k]
+
+
+@compiled
 def place_rows(
     x: Array,
     scale: Array,
     outside: float,
     table: Array,
     size: Array,
+    shift: Array,
     roots: Array,
     place: Array,
     cov: Array,
@@ -56,6 +79,8 @@ def place_rows(
         Factors of products of powers, of degree below n in all.
     size : ndarray, shape (2,)
         Of the sheet (m).
+    shift : ndarray, shape (n, n, 2)
+        See `shift_table`.
     roots : ndarray, shape (m, m, 2, 2)
         Of the covariance, in cells over the sheet.
     place, cov : ndarray, shape (s, 2) and (s, 2, 2)
@@ -78,7 +103,10 @@ def place_rows(
                 for k in range(2):
                     total[k] += both * table[i, j, k]
         for i in range(2):
-            place[s, i] = held(total[i], 0.0, size[i])
+            total[i] = held(total[i], 0.0, size[i])
+        shift_row(total, size, shift, place[s])
+        for i in range(2):
+            place[s, i] = held(total[i] + place[s, i], 0.0, size[i])
             cell[i] = int(place[s, i] / size[i] * far + 0.5)
         square_of(roots[cell[0], cell[1]], cov[s])
 
