@@ -55,6 +55,8 @@ def drift_doubt(
 
     Parameters are those of `tare_doubt`.
     """
+    if signals.temperature_c is None:
+        return
     readings, count = features.readings_, features.projection.shape[1]
     drift, unsure = readings.unsure_drifts(signals), readings.unsure_drift(count)
     size = (drift**2) @ unsure.diagonal().reshape(2, count).max(axis=1)
@@ -74,7 +76,7 @@ def warmth_doubt(
     Parameters are those of `tare_doubt`, and the steepest change of answers with the place,
     `slope` (k,) (over gaps).
     """
-    if features.readings_.warm_ or features.place_ is None:
+    if signals.temperature_c is None or features.readings_.warm_ or features.place_ is None:
         return
     warm = features.readings_.unsure_drifts(signals)[:, 0]
     rows = np.flatnonzero((np.abs(warm) > FEEBLE) & np.isfinite(place).all(axis=1))
