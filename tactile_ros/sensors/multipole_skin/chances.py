@@ -11,18 +11,20 @@ if TYPE_CHECKING:
 
 NONE = 0.1  # how often something presses that is none of the classes
 UNLIKE = 4.6  # logarithm of the misfit, over which that is spread: a factor of a hundred
-UNTOLD = 0.7  # deviation of that logarithm where no press tells it
-LEAST_TOLD = 0.6  # presses of one head do not tell how others differ
+UNTOLD = 0.8  # deviation of that logarithm where no press tells it
+LEAST_TOLD = 2.4  # of it, at one degree of freedom: presses of one head tell not how others differ
 FEW = 5  # presses, as which what is usual counts
 
 
-def usual_misfit(misfits: Array) -> tuple[float, float]:
+def usual_misfit(misfits: Array, freedom: int) -> tuple[float, float]:
     """How well classes fit what they are: middle of the logarithm, and how far above it comes.
 
     Parameters
     ----------
     misfits : ndarray, shape (n,)
         Over their variance, of held-out presses that were named rightly.
+    freedom : int
+        Degrees of freedom of each.
     """
     if not len(misfits):
         return 0.0, UNTOLD
@@ -31,7 +33,7 @@ def usual_misfit(misfits: Array) -> tuple[float, float]:
     usual = weight * float(np.median(found))
     above = np.square(np.maximum(found - usual, 0.0))
     square = 2 * weight * above.mean() + (1 - weight) * UNTOLD**2
-    return usual, max(float(np.sqrt(square)), LEAST_TOLD)
+    return usual, float(np.sqrt(max(square, LEAST_TOLD**2 / freedom)))
 
 
 def none_chance(misfits: Array, usual: float, vary: float) -> Array:

@@ -253,7 +253,7 @@ def choose(
     recogniser.road_ = best
     named, misfit = found[best]
     rightly = misfit[(named == told.label) & np.isfinite(misfit)]
-    recogniser.usual_, recogniser.vary_ = usual_misfit(rightly)
+    recogniser.usual_, recogniser.vary_ = usual_misfit(rightly, recogniser.freedom)
     report = {'label_by_press': {f'accuracy_{road}': share for road, share in right.items()}}
     if unseen is not None:
         report.update(_placed(recogniser, told, unseen, named))

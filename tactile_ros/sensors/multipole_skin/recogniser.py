@@ -129,6 +129,11 @@ class Recogniser:
         """Readings that are left over by what is fitted; chips that say nothing have none."""
         return int(np.count_nonzero(np.abs(self.common).sum(axis=1))) - 3 - FREE
 
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of misfits."""
+        return self.spare if self.search is None else len(self.outlines) - 1 + WHOLE
+
     @cached_property
     def search(self) -> PressSearch | None:
         """Search among templates; None without a model or heads."""
@@ -210,7 +215,7 @@ class Recogniser:
         """
         heads = matches.cost.shape[1]
         whole = matches.cost.min(axis=1) / self.spare
-        found = ((heads - 1) * matches.misfit + WHOLE * whole) / (heads - 1 + WHOLE)
+        found = ((heads - 1) * matches.misfit + WHOLE * whole) / self.freedom
         return np.repeat(found[:, None], heads, axis=1)
 
     def scores(
