@@ -294,11 +294,9 @@ class GradiometerEstimation:
 
     def _add_tare(self, signals: Signals, place: Array, wider: Array) -> None:
         """Add to covariances (s, k, k) what the noise of a tare of few frames does."""
-        doubt = signals.doubt
-        if self.magnets_ is None or doubt is None or not np.count_nonzero(doubt):
-            return
+        doubt = np.zeros(len(wider)) if signals.doubt is None else signals.doubt
         rows = np.flatnonzero((doubt > 0) & (doubt + self.doubt_ > 1 / MANY))
-        if len(rows):
+        if self.magnets_ is not None and len(rows):
             doubt = (doubt[rows] + self.doubt_) * self.features_.readings_.noise**2
             wider[rows] += self.magnets_.shaken(place[rows], doubt, wider.shape[1])
 
