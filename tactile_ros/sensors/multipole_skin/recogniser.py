@@ -19,10 +19,15 @@ from tactile_ros.estimators.few_shot import REPEATS, Supports, seen_classes, sup
 from tactile_ros.estimators.press_search import PressSearch
 from tactile_ros.estimators.press_supports import modelled_supports, plain_supports
 from tactile_ros.sensors.multipole_skin.chances import UNTOLD, class_chances
+from tactile_ros.sensors.multipole_skin.places import (
+    Spread,
+    named_places,
+    scattered,
+    undrawn_places,
+    witnesses,
+)
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
     from tactile_ros.estimators.few_shot import SeenClasses
     from tactile_ros.estimators.press_search import Matches
     from tactile_ros.estimators.press_window import PressVectors
@@ -36,7 +41,6 @@ WIDE = 2.5  # deviations of a turn that count as its range
 STILL = 0.5  # of the noise: what frames do not average, where no press tells it
 AROUND = 5e-3  # m, within which heads may press beside those that were seen
 LEAST = np.array([1e-4, 1e-4, 1e-3])  # shares of these ranges
-WITNESSES = 2, 3  # heads, least and most, that tell where an undrawn one presses
 FREE = 4  # parameters of a press that are fitted, beside a uniform field
 
 
@@ -89,8 +93,8 @@ class Recogniser:
         for one of the skin that explains it best.
     still_ : float
         Error of a pattern that frames do not average (T).
-    spread_ : float
-        Errors over what the covariance of a template says.
+    spread_ : Spread
+        Errors of places over what the covariance of a template says.
     usual_, vary_ : float
         Logarithm of the misfit, over its variance, of presses that are named rightly: its middle,
         and how far above it comes.
@@ -110,7 +114,7 @@ class Recogniser:
         self.known_ = Supports.empty(len(noise))
         self.enrolled_ = Supports.empty(len(noise))
         self.road_ = 'press_neighbours' if model is None else 'press_templates'
-        self.spread_ = ALIKE
+        self.spread_ = Spread(ALIKE, 0.0)
         self.usual_, self.vary_ = 0.0, UNTOLD
         self.still_ = STILL * float(np.mean(noise))
 
@@ -263,14 +267,16 @@ class Recogniser:
 
     def chances(self, scores: Array, misfits: Array) -> tuple[Array, Array]:
         """Probabilities of classes, shape (n, k), and that it is none of them (n,)."""
+        if not scores.shape[1]:
+            return scores, np.ones(len(scores))
         return class_chances(scores, misfits, self.usual_, self.vary_)
 
-    def decide(self, labels: Integers, scores: Array, misfits: Array) -> tuple[Integers, Array]:
+    @staticmethod
+    def decide(labels: Integers, chances: Array, none: Array) -> tuple[Integers, Array]:
         """Label and its probability for each press; -1 and NaN where none of them is likelier."""
-        n = len(scores)
+        n = len(chances)
         if not len(labels):
             return np.full(n, -1), np.full(n, np.nan)
-        chances, none = self.chances(scores, misfits)
         best = chances.argmax(axis=1)
         chance = chances[np.arange(n), best]
         return np.where(chance > none, labels[best], -1), np.where(chance > none, chance, np.nan)
@@ -286,47 +292,41 @@ class Recogniser:
         if told.any():
             some = presses if told.all() else presses.rows(np.flatnonzero(told))
             matches = self.matches(some)
-            label[told], probability[told] = self.decide(
-                *self.scores(some, matches, self.known_, self.road_)
-            )
+            labels, scores, misfits = self.scores(some, matches, self.known_, self.road_)
+            chances, none = self.chances(scores, misfits)
+            label[told], probability[told] = self.decide(labels, chances, none)
             if matches is not None:
-                pose[told], cov[told], order[told] = self.placed(matches, label[told])
+                likely = self.likely(matches, labels, chances, none)
+                pose[told], cov[told], order[told] = self.placed(matches, label[told], likely)
         return Answers(label, probability, pose, cov, order)
 
-    def placed(self, matches: Matches, label: Integers) -> tuple[Array, Array, Integers]:
-        """Pose, covariance and order of symmetry of the head named; else where several say."""
+    def placed(
+        self, matches: Matches, label: Integers, likely: Array | None = None
+    ) -> tuple[Array, Array, Integers]:
+        """Pose, covariance and order of symmetry of the head named; else where several say.
+
+        With chances (n, heads) the covariance holds how far other heads would have pressed aside.
+        """
         sectors, orders = self._sectors
         mine = (label >= 0) & (label < len(orders))
         which = np.where(mine, label, matches.cost.argmin(axis=1))
-        rows = np.arange(len(label)), which
-        pose, cov = matches.pose[rows], self.spread_**2 * matches.cov[rows]
-        order = orders[which]
-        pose[:, 2] -= sectors[which] * np.round(pose[:, 2] / sectors[which])
-        free = order == 0
-        pose[free, 2] = 0.0
-        cov[free, 2, :] = cov[free, :, 2] = 0.0
-        cov[free, 2, 2] = np.pi**2 / 3
+        pose, cov = named_places(matches, which, sectors, orders, self.spread_)
+        if likely is not None:
+            cov[:, :2, :2] += scattered(likely, matches.pose[..., :2] - pose[:, None, :2])
         if not mine.all():
-            pose[~mine], cov[~mine] = self._undrawn(matches, np.flatnonzero(~mine))
-        return pose, cov, np.where(mine, order, -1)
+            pose[~mine], cov[~mine] = undrawn_places(matches, ~mine, self.spread_)
+        return pose, cov, np.where(mine, orders[which], -1)
 
-    def _undrawn(self, matches: Matches, rows: npt.NDArray[np.intp]) -> tuple[Array, Array]:
-        """Pose and covariance of shapes that nobody drew: places alone, as several heads say.
+    @staticmethod
+    def likely(matches: Matches, labels: Integers, chances: Array, none: Array) -> Array:
+        """Weights (n, heads) of what each head says of places, by chances of classes (n, k).
 
-        The heads that fit best disagree by about as much as all of them are wrong.
+        Of what is none of them, the heads that fit best say it.
         """
-        n = len(rows)
-        pose, cov = np.full((n, 4), np.nan), np.full((n, 4, 4), np.nan)
-        if matches.cost.shape[1] < WITNESSES[0]:
-            return pose, cov
-        best = rows[:, None], np.argsort(matches.cost[rows], axis=1)[:, : WITNESSES[1]]
-        said = matches.pose[best][..., :2]
-        pose[:, :2] = said.mean(axis=1)
-        away = said - pose[:, None, :2]
-        between = np.einsum('nhi,nhj->nij', away, away) / said.shape[1]
-        within = self.spread_**2 * matches.cov[best][..., :2, :2].mean(axis=1)
-        cov[:, :2, :2] = within + between
-        return pose, cov
+        drawn = labels < matches.cost.shape[1]
+        found = witnesses(matches) * (none + chances[:, ~drawn].sum(axis=1))[:, None]
+        found[:, labels[drawn]] += chances[:, drawn]
+        return np.asarray(found)
 
 
 def _same(first: tuple[object, ...], second: tuple[object, ...]) -> bool:
