@@ -95,8 +95,8 @@ class Finger:
         That of the joint which comes closest: where one follows, the finger still closes.
         """
         slope = self._slopes[closure >= self.corner]
-        left = (wanted - sent).tolist()
-        return min([one / per for one, per in zip(left, slope, strict=True) if per], key=abs)
+        pairs = zip((wanted - sent).tolist(), slope, strict=True)
+        return float(min([one / per for one, per in pairs if per], key=abs))
 
     @cached_property
     def _slopes(self) -> tuple[list[float], list[float]]:
