@@ -40,7 +40,9 @@ def tare_doubt(
     wider : ndarray, shape (s, k, k)
         Changed in place.
     """
-    doubt = np.zeros(len(wider)) if signals.doubt is None else signals.doubt
+    doubt = signals.doubt
+    if doubt is None or not np.count_nonzero(doubt):
+        return
     rows = np.flatnonzero((doubt > 0) & (doubt + learned > 1 / MANY))
     if len(rows):
         variance = (doubt[rows] + learned) * features.readings_.noise**2

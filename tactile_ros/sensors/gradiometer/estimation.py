@@ -335,8 +335,8 @@ class GradiometerEstimation:
                 known[target.name] = np.full((len(x), 3), np.nan)
                 known[f'{target.name}_cov'] = np.full((len(x), 3, 3), np.nan)
             mean, cov = target.predict(x, drivers, noise[:, part], shift[:, part])
-            cov += wider[:, part, part] * np.outer(target.unit_, target.unit_)
-            index = np.array(target.columns)
+            cov += wider[:, part, part] * (target.unit_[:, None] * target.unit_)
+            index = target.places
             known[target.name][:, index] = mean
             known[f'{target.name}_cov'][:, index[:, None], index] = cov
 

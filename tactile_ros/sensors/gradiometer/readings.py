@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -110,6 +111,7 @@ class Readings:
             return
         base = signals.baseline[rows] / self._sensitivity(signals)[rows]
         self.level_ = base.reshape(len(base), len(self.axes)).mean(axis=0)
+        vars(self).pop('_pattern', None)
 
     def learn_warm_rest(
         self, signals: Signals, rows: Bools, disc: Array, warmer: Array, offset: Array
@@ -170,12 +172,12 @@ class Readings:
         """Of every reading, shape (s, t, 1); 1 where a fit was told no temperature."""
         if signals.temperature_c is None or not np.isfinite(self.usual_):
             return np.ones((len(signals.good), 1, 1))
-        chip = np.where(np.isfinite(signals.temperature_c), signals.temperature_c, np.nan)
-        if not np.isfinite(chip).all():
+        chip, told = signals.temperature_c, np.isfinite(signals.temperature_c)
+        if np.count_nonzero(told) < told.size:
             mean = chip_temperature(signals)
             assert mean is not None
             mean = np.where(np.isfinite(mean), mean, self.usual_)
-            chip = np.where(np.isfinite(chip), chip, mean[:, None])
+            chip = np.where(told, chip, mean[:, None])
         return sensitivity(chip, self.sensitivity)[..., None]
 
     @property
@@ -208,13 +210,19 @@ class Readings:
 
     def _strength(self, base: Array) -> Array:
         """How strong the disc at rest was when baselines (s, n) were read, against the fit."""
-        pixels = self.level_.reshape(-1, 2)
-        pattern = (pixels - pixels.mean(axis=0)).reshape(-1)
-        size = float(pattern @ pattern)
+        pattern, size = self._pattern
         if size < (CLEAR * self.noise) ** 2:
             return np.ones(len(base))
-        found = (base * pattern).sum(axis=1) / size
-        return np.clip(np.where(np.isfinite(found), found, 1.0), WEAKEST, STRONGEST)
+        found = np.add.reduce(base * pattern, axis=1) / size
+        found = np.where(np.isfinite(found), found, 1.0)
+        return np.minimum(np.maximum(found, WEAKEST), STRONGEST)
+
+    @cached_property
+    def _pattern(self) -> tuple[Array, float]:
+        """Level of the disc at rest less its mean over the pixels, shape (n,), and its square."""
+        pixels = self.level_.reshape(-1, 2)
+        pattern = (pixels - pixels.mean(axis=0)).reshape(-1)
+        return pattern, float(pattern @ pattern)
 
 
 def _noise(signals: Signals, resting: Bools) -> float:
