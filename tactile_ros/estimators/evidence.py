@@ -45,12 +45,17 @@ class Moments:
         square = float((y * y).sum() if weight is None else (y * y * weight[:, None]).sum())
         return cls(scaled.T @ terms, scaled.T @ y, square, y.size)
 
-    def evidence(self, spread: Array) -> float:
-        """Logarithm of the evidence, up to a constant, for prior spreads (p,) over the noise."""
+    def evidence(self, spread: Array, least: float = 0.0) -> float:
+        """Logarithm of the evidence, up to a constant, for prior spreads (p,) over the noise.
+
+        The noise is what is likeliest, but not below `least`.
+        """
         factor, misfit = self._factor(spread)
         outputs = self.cross.shape[1]
         volume = 2 * outputs * np.log(np.diagonal(factor)).sum()
-        return float(-0.5 * (self.rows * np.log(misfit / self.rows) + volume))
+        noise = max(misfit / self.rows, least * least)
+        excess = misfit / noise - self.rows
+        return float(-0.5 * (self.rows * np.log(noise) + excess + volume))
 
     def slope(self, spread: Array) -> tuple[float, Array]:
         """Evidence, and its slope (p,) along the logarithms of the prior spreads."""
@@ -92,3 +97,20 @@ class Moments:
         left = self.square - float((half * half).sum())
         least = 1e-12 * self.square + LEAST
         return np.asarray(factor), max(left, least)
+
+
+def peak(places: tuple[float, ...], levels: Array) -> float:
+    """Where a parabola through the largest of levels (n,) at even places and its neighbours peaks.
+
+    Never beyond a neighbour; n is 3 or more.
+
+    Examples
+    --------
+    >>> peak((0.0, 1.0, 2.0, 3.0), -((np.arange(4.0) - 1.2) ** 2))
+    1.2
+    """
+    at = min(max(int(levels.argmax()), 1), len(levels) - 2)
+    below, middle, above = levels[at - 1 : at + 2]
+    bend = below - 2 * middle + above
+    step = 0.5 * (below - above) / bend if bend < 0 else 0.0
+    return float(places[at] + (places[1] - places[0]) * min(max(step, -1.0), 1.0))

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import minimize
 
+from tactile_ros.estimators.smooth_fields import MOST_WAVES
+
 if TYPE_CHECKING:
     from tactile_ros.estimators.evidence import Moments
     from tactile_ros.estimators.smooth_fields import SmoothFields
@@ -54,6 +56,16 @@ def prior_spread(fields: tuple[SmoothFields, ...], prior: Array) -> tuple[Array,
         along[SHAPES, own] = 0.0 if is_series else slopes[0]
         along[SHAPES + 1, own] = slopes[1]
     return np.exp(level), along
+
+
+def shape_table(fields: tuple[SmoothFields, ...], weights: Array, shape: int) -> Array:
+    """Factors (n, n) of cosines of one shape, from the weights (p,) of all terms."""
+    first = len(MEAN) + sum(len(one.entry) for one in fields[:shape])
+    own, table = fields[shape], np.zeros((MOST_WAVES, MOST_WAVES))
+    part = own.table(weights[first : first + len(own.entry), None])[:, :, 0]
+    table[: len(part), : len(part)] = part
+    table[0, 0] += weights[shape]
+    return table
 
 
 def likeliest(

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_ros.estimators.smooth_fields import as_cosines, cosines_at
+from tactile_ros.estimators.smooth_fields import MOST_WAVES, cosines_at
+from tactile_ros.physics.resistive import SeriesResistance
 from tactile_ros.types import Array
 
 BEYOND = 0.15  # of the range of the logarithm, in which the curve goes on
@@ -19,23 +20,26 @@ class FilmResistance:
 
     Attributes
     ----------
+    nominal : SeriesResistance
+        Rx before it is mended.
     series : ndarray, shape (n, n)
-        Factors of cosines that tell Rx: the nominal one, mended.
+        Factors of cosines of what mending adds to it.
     mended : ndarray, shape (n, n)
         Factors of what mending has taken out of the logarithm of a force, times the film.
     range : ndarray, shape (3,)
         Least and largest film that count, and the middle of its logarithm.
     """
 
+    nominal: SeriesResistance
     series: Array
     mended: Array
     range: Array
 
     @classmethod
-    def nominal(cls, series: Array, x: Array) -> FilmResistance:
-        """With a nominal Rx (g, g) over the sheet, for features (s, 3..) that were seen."""
-        factors = as_cosines(series)
-        return cls(factors, np.zeros_like(factors), _range_of(x, factors))
+    def seen(cls, nominal: SeriesResistance, x: Array) -> FilmResistance:
+        """With a nominal Rx, for features (s, 3..) that were seen."""
+        none = np.zeros((MOST_WAVES, MOST_WAVES))
+        return cls(nominal, none, none, _range_of(x, nominal.at(x[:, :2])))
 
     def mend(self, x: Array, wrong: Array, slope: float) -> FilmResistance:
         """With an Rx that a linear fit about the nominal one has found.
@@ -51,7 +55,8 @@ class FilmResistance:
             Of the logarithm of force over that of the film.
         """
         series = self.series - (wrong - self.mended) / slope
-        return FilmResistance(series, wrong, _range_of(x, series))
+        mended = self.nominal.at(x[:, :2]) + cosines_at(x[:, :2], series)
+        return FilmResistance(self.nominal, series, wrong, _range_of(x, mended))
 
     def at(self, x: Array) -> Array:
         """The film (s,) of features (s, 3..), within what was seen."""
@@ -66,7 +71,7 @@ class FilmResistance:
 
     def series_at(self, places: Array) -> Array:
         """Rx (s,) at places (s, 2) in units of the edges."""
-        return cosines_at(places, self.series)
+        return self.nominal.at(places) + cosines_at(places, self.series)
 
     @property
     def levels(self) -> tuple[float, float]:
@@ -85,8 +90,8 @@ class FilmResistance:
 
 
 def _range_of(x: Array, series: Array) -> Array:
-    """Range of the film that was seen, and a little more."""
-    film = x[:, 2] - cosines_at(x[:, :2], series)
+    """Range of the film that was seen in features (s, 3..) with Rx (s,), and a little more."""
+    film = x[:, 2] - series
     level = np.log(np.maximum(film, np.maximum(LEAST_FILM * x[:, 2], 1e-6)))
     low, high = float(level.min()), float(level.max())
     more = BEYOND * max((high - low) / 2, 1e-3)

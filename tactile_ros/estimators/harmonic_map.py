@@ -1,44 +1,36 @@
-"""Place on a resistive sheet from two potentials, by harmonic polynomials with a prior.
+"""Place on a resistive sheet from two potentials that are harmonic functions of it.
 
-The potential of a homogeneous sheet is harmonic whatever its border does ([5] Eq. (1)), so a few
-harmonic polynomials (Re and Im of z^n) describe it from few touches. A sheet that is not quite
-homogeneous adds terms |z|^2 z^n (Almansi's expansion). Prior spreads are chosen by the evidence.
-The map is turned round once, as a polynomial of the potentials: a frame costs one product.
+`sheet_potentials` tells the potentials from few touches, by terms and priors that are the
+likeliest. They are turned round once, as a polynomial of the potentials and what it lacks on a
+grid of places: a frame costs one product and one look-up.
 """
 
 from __future__ import annotations
 
 from functools import cached_property
-from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 
-from tactile_ros.estimators.evidence import Moments
-from tactile_ros.estimators.repeated_places import at_places
+from tactile_ros.estimators.potential_fit import LEAST_NOISE, likeliest_of
+from tactile_ros.estimators.repeated_places import ToldPlaces, at_places
+from tactile_ros.estimators.sheet_potentials import KINDS, SheetPotentials
 from tactile_ros.estimators.sheet_rows import place_rows
+from tactile_ros.estimators.shift_table import NODES, shift_at
 from tactile_ros.estimators.spread_cells import GRID as CELLS
 from tactile_ros.estimators.spread_cells import grid_places
 from tactile_ros.estimators.training import fitted, predict_rows, training_rows
-from tactile_ros.estimators.trials import at_corners, caution
+from tactile_ros.estimators.trials import at_corners, caution, left_out
 from tactile_ros.physics import compiled
 from tactile_ros.types import Array, Integers
 
-ORDER = 9
-UNEVEN = 4  # orders of the terms that a sheet of uneven resistance needs
 DEGREE = 11
 GRID = 41
-MARGIN = 0.15  # beyond what was touched, in radii
+MARGIN = 0.15  # beyond what was touched, in halves of the longer edge
 PENALTY = 1e-8
 OUTSIDE = 1.1
-SPREADS = tuple(10.0**power for power in np.arange(0.0, 4.1, 0.5))
-DECAYS = (0.4, 0.6, 0.8)
-EXTRA = (1e-6, 1.0, 10.0, 100.0)
-FREE = 1e5
-UNLIKELY = 0.01  # share of the evidence of the likeliest prior
-LEAST_NOISE = 1e-9
 LEAST_SLOPE = 1e-3
-Complexes = npt.NDArray[np.complex128]
+STEP = 1e-4  # of half the longer edge
+TURNS = 4
 
 
 class HarmonicMap:
@@ -51,28 +43,35 @@ class HarmonicMap:
 
     Attributes
     ----------
-    weights_ : ndarray, shape (p, 2)
-        Of the terms, for both potentials.
+    basis_ : SheetPotentials
+        Terms of the potentials.
+    weights_ : ndarray, shape (p,)
+        Of the terms.
     root_ : ndarray, shape (p, p)
         Square root of the weights' covariance (unit of x).
     inverse_ : ndarray, shape (m, 2)
-        Polynomials of the potentials that tell the place in radii.
+        Polynomials of the potentials that tell the place in halves of the longer edge.
+    shift_ : ndarray, shape (n, n, 2)
+        What is added to the polynomials' place (m), on a grid that goes one step beyond the sheet.
     roots_ : ndarray, shape (g, g, 2, 2)
         Roots of the covariance of the error (m) in cells over the sheet.
     range_ : ndarray, shape (2, 2)
         Middle and half width of the potentials on the sheet.
-    noise_ : float
-        Of a potential within a place.
+    noise_, least_ : float
+        Of a potential within a place, and of the mean at a place.
     caution_ : float
         Factor on the spread by calibration, from places that were left out.
     """
 
+    basis_: SheetPotentials
     weights_: Array
     root_: Array
     inverse_: Array
+    shift_: Array
     roots_: Array
     range_: Array
     noise_: float
+    least_: float
     caution_: float
 
     def __init__(self, size: Array) -> None:
@@ -85,37 +84,15 @@ class HarmonicMap:
     def fit(self, x: Array, y: Array, groups: Integers | None = None) -> HarmonicMap:
         """Learn from potentials (s, 2) at places (s, 2) (m); further columns do not count."""
         rows = training_rows(x, y, groups)
-        places, potentials, within, repeats = at_places(rows.y[:, :2], rows.x[:, :2])
-        terms = _terms(self._plane(places))
-        vars(self).pop('_series', None)
-        noise = self._average(Moments.of(terms, potentials))
-        self.noise_ = max(within, LEAST_NOISE) if repeats else noise
-        left, half = potentials - terms @ self.weights_, terms @ self.root_.T / noise
-        self.caution_ = _careful(places, left, half, noise)
-        self._turn_round(places)
+        known = at_places(rows.y[:, :2], rows.x[:, :2])
+        fits = [likeliest_of(kind, self.size, known) for kind in KINDS]
+        best = max(fits, key=lambda one: float(one.levels.max()))
+        self.basis_ = best.basis
+        self.weights_, self.root_, self.least_ = best.average(known.least)
+        self.noise_ = max(known.within, LEAST_NOISE) if known.repeats else self.least_
+        self.caution_ = self._careful(known)
+        self._turn_round(known.places)
         return self
-
-    def _average(self, moments: Moments) -> float:
-        """Weights and their covariance, averaged over priors by their evidence; and the noise.
-
-        Few places do not tell one prior from another: what the likely ones disagree in is doubt.
-        """
-        free = np.abs(_orders()) < 2
-        spreads = [np.where(free, FREE, _spread(*one)) for one in product(SPREADS, DECAYS, EXTRA)]
-        level = np.array([moments.evidence(spread) for spread in spreads])
-        share = np.exp(level - level.max())
-        likely = np.flatnonzero(share > UNLIKELY)
-        share = share[likely] / share[likely].sum()
-        found = [moments.solve(spreads[i]) for i in likely]
-        noises = [max(s, moments.left(w, root), LEAST_NOISE) for w, root, s in found]
-        weights = np.array([one[0] for one in found])
-        self.weights_ = np.asarray(np.einsum('i,ipk->pk', share, weights))
-        apart = (weights - self.weights_) * np.sqrt(share / 2)[:, None, None]
-        sizes = np.sqrt(share) * noises
-        roots = [size * one[1] for size, one in zip(sizes, found, strict=True)]
-        stacked = np.concatenate([*roots, *np.moveaxis(apart, 2, 1)])
-        self.root_ = np.asarray(np.linalg.qr(stacked, mode='r'))
-        return float(np.sqrt(share @ np.square(noises)))
 
     def predict(self, x: Array) -> Array:
         """Places (s, 2) (m) for potentials (s, 2)."""
@@ -129,14 +106,13 @@ class HarmonicMap:
         """
         if compiled.available():
             place, covariance = np.empty((len(x), 2)), np.empty((len(x), 2, 2))
-            known = (self.range_, OUTSIDE, self._table, self.size, self.roots_)
+            known = (self.range_, OUTSIDE, self._table, self.size, self.shift_, self.roots_)
             place_rows(x, *known, place, covariance)
             return place, covariance
-        u = (x[:, :2] - self.range_[0]) / self.range_[1]
-        powers = np.minimum(np.maximum(u, -OUTSIDE), OUTSIDE)[:, :, None] ** _RISING
-        # no product of matrices: its sums run otherwise for one frame than for many
-        known = np.einsum('si,sj,ijk->sk', powers[:, 0], powers[:, 1], self._table)
-        place = np.minimum(np.maximum(known, 0.0), self.size)
+        rough = self._rough(x)
+        place = np.minimum(
+            np.maximum(rough + shift_at(rough / self.size, self.shift_), 0), self.size
+        )
         cell = (np.fmax(place / self.size, 0.0) * (CELLS - 1) + 0.5).astype(np.int64)
         root = self.roots_[cell[:, 0], cell[:, 1]]
         covariance = np.einsum('sij,skj->sik', root, root)
@@ -147,21 +123,13 @@ class HarmonicMap:
         place, covariance = self.place(x)
         return place, np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
 
-    def _potentials(self, z: Array) -> tuple[Array, Array, Array]:
-        """Potentials (s, 2) at places in radii, and their slopes along x and along y."""
-        powers = np.ones((len(z), ORDER + 1), np.complex128)
-        point = z[:, 0] + 1j * z[:, 1]
-        np.cumprod(np.broadcast_to(point[:, None], (len(z), ORDER)), axis=1, out=powers[:, 1:])
-        values = powers @ self._series
-        square = (z * z).sum(axis=1)[:, None]
-        bend = values[:, 4:6].real
-        slope = values[:, 2:4] + square * values[:, 6:8]
-        bent = 2.0 * bend
-        return (
-            values[:, :2].real + square * bend,
-            slope.real + z[:, :1] * bent,
-            z[:, 1:] * bent - slope.imag,
-        )
+    def _rough(self, x: Array) -> Array:
+        """Places (s, 2) (m) by the polynomials alone."""
+        u = (x[:, :2] - self.range_[0]) / self.range_[1]
+        powers = np.minimum(np.maximum(u, -OUTSIDE), OUTSIDE)[:, :, None] ** _RISING
+        # no product of matrices: its sums run otherwise for one frame than for many
+        known = np.einsum('si,sj,ijk->sk', powers[:, 0], powers[:, 1], self._table)
+        return np.asarray(np.minimum(np.maximum(known, 0.0), self.size))
 
     @cached_property
     def _table(self) -> Array:
@@ -171,101 +139,107 @@ class HarmonicMap:
         table[0] += self.size / 2
         return table.reshape(len(_RISING), len(_RISING), 2)
 
-    @cached_property
-    def _series(self) -> Complexes:
-        """Coefficients (n, 8) of four analytic functions for both potentials.
+    def _potentials(self, places: Array) -> Array:
+        """Potentials (s, 2) at places (s, 2) (m)."""
+        return np.asarray((self.basis_.terms(places) @ self.weights_).T)
 
-        The harmonic part, its derivative, the factor of the squared radius, and its derivative.
+    def held_out(self, x: Array, y: Array, groups: Integers) -> tuple[Array, Array]:
+        """What a fit without the group of each row says of it, and the spread that it states.
+
+        Terms and priors are those of the fit on all rows. Potentials (s, 2..) and places (s, 2)
+        (m) must be those of the fit; answers are places and spreads (s, 2) (m).
         """
-        series = np.zeros((ORDER + 1, 8), np.complex128)
-        first = 0
-        for column, order in ((0, ORDER + 1), (4, UNEVEN)):
-            real = self.weights_[first : first + order]
-            imaginary = self.weights_[first + order : first + 2 * order - 1]
-            series[:order, column : column + 2] = real
-            series[1:order, column : column + 2] -= 1j * imaginary
-            rising = np.arange(1, ORDER + 1)[:, None]
-            series[:-1, column + 2 : column + 4] = rising * series[1:, column : column + 2]
-            first += 2 * order - 1
-        return series
+        known = at_places(y[:, :2], x[:, :2])
+        first = np.zeros(len(known.places), np.int64)
+        first[known.index] = groups
+        error, doubt = self._alone(known, first)
+        inverse = self._inverse_slopes(known.places)[known.index]
+        off = np.einsum('sij,sj->si', inverse, x[:, :2] - (known.told - error.T)[known.index])
+        variance = self.noise_**2 + self.caution_**2 * doubt.T[known.index]
+        spread = np.sqrt(np.einsum('sij,sj->si', inverse**2, variance))
+        return y[:, :2] + off, spread
 
-    def _plane(self, places: Array) -> Array:
-        """Places in radii from the middle."""
-        return np.asarray((places - self.size / 2) / self._radius)
+    def _alone(self, known: ToldPlaces, groups: Integers) -> tuple[Array, Array]:
+        """What potentials (2, n) are above a fit without each group; its variances."""
+        terms = self.basis_.terms(known.places)
+        half = terms @ self.root_.T / self.least_
+        left = known.told.T - terms @ self.weights_
+        error, doubt = np.empty_like(left), np.empty_like(left)
+        for group in np.unique(groups):
+            rows = np.flatnonzero(groups == group)
+            off, hat = left_out(half[:, rows].reshape(2 * len(rows), -1), left[:, rows].ravel())
+            error[:, rows], doubt[:, rows] = off.reshape(2, -1), hat.reshape(2, -1)
+        return error, self.least_**2 * doubt
+
+    def _careful(self, known: ToldPlaces) -> float:
+        """Factor on the doubt of calibration with which held-out places lie inside as they should.
+
+        Corners do not count.
+        """
+        each = np.arange(len(known.places))
+        error, doubt = self._alone(known, each)
+        judged = ~at_corners(known.places, each)
+        square = np.maximum(error**2 - self.least_**2, 0.0)
+        asked = np.sqrt(square / (doubt + 1e-300))[:, judged]
+        return caution(asked.ravel(), np.ones(asked.size), int(judged.sum()))
 
     def _turn_round(self, places: Array) -> None:
         """Fit places to potentials over the sheet, or what of it was touched and a little more."""
-        z = self._plane(places)
-        edge = self.size / 2 / self._radius
-        low = np.maximum(z.min(axis=0) - MARGIN, -edge)
-        high = np.minimum(z.max(axis=0) + MARGIN, edge)
+        margin = MARGIN * self._radius
+        low = np.maximum(places.min(axis=0) - margin, 0.0)
+        high = np.minimum(places.max(axis=0) + margin, self.size)
         axes = [np.linspace(a, b, GRID) for a, b in zip(low, high, strict=True)]
         grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-        u, _, _ = self._potentials(grid)
+        u = self._potentials(grid)
         least, most = u.min(axis=0), u.max(axis=0)
         half = np.maximum((most - least) / 2, 1e-9)
         self.range_ = np.stack([(least + most) / 2, half])
         terms = _powers((u - self.range_[0]) / half)
         penalty = PENALTY * np.eye(terms.shape[1])
         stacked = np.concatenate([terms, penalty])
-        wanted = np.concatenate([grid, np.zeros((len(penalty), 2))])
+        plane = (grid - self.size / 2) / self._radius
+        wanted = np.concatenate([plane, np.zeros((len(penalty), 2))])
         vars(self).pop('_table', None)
         self.inverse_ = np.linalg.lstsq(stacked, wanted, rcond=None)[0]
-        cells = self._plane(grid_places() * self.size)
-        roots = self._error_roots(np.minimum(np.maximum(cells, low), high))
-        self.roots_ = roots.reshape(CELLS, CELLS, 2, 2)
+        self.shift_ = self._shift(low, high)
+        cells = np.minimum(np.maximum(grid_places() * self.size, low), high)
+        self.roots_ = self._error_roots(cells).reshape(CELLS, CELLS, 2, 2)
 
-    def _error_roots(self, z: Array) -> Array:
-        """Roots (s, 2, 2) of the covariance of the error (m) at places in radii.
+    def _shift(self, low: Array, high: Array) -> Array:
+        """What the polynomials' place lacks (n, n, 2) (m), between two corners of the sheet."""
+        line = np.arange(-1, NODES + 1) / (NODES - 1)
+        grid = np.stack(np.meshgrid(line, line, indexing='ij'), axis=-1).reshape(-1, 2)
+        wanted = np.minimum(np.maximum(grid * self.size, low), high)
+        place, kept, least = wanted, np.zeros_like(wanted), np.full(len(wanted), np.inf)
+        for _ in range(TURNS):
+            seen = (self._potentials(place) - self.range_[0]) / self.range_[1]
+            rough = _powers(np.clip(seen, -OUTSIDE, OUTSIDE)) @ self.inverse_
+            off = wanted - np.clip(self._radius * rough + self.size / 2, 0.0, self.size)
+            miss = np.linalg.norm(off, axis=1)
+            better = miss < least
+            kept[better], least[better] = (place - wanted)[better], miss[better]
+            place = np.minimum(np.maximum(place + off, low), high)
+        return kept.reshape(len(line), len(line), 2)
+
+    def _error_roots(self, places: Array) -> Array:
+        """Roots (s, 2, 2) of the covariance of the error (m) at places (m).
 
         A polynomial would ring: the doubt of the calibration rises steeply where touches end.
         """
-        _, across, along = self._potentials(z)
-        calibration = self.caution_**2 * ((_terms(z) @ self.root_.T) ** 2).sum(axis=1)
-        sigma = self._radius * np.sqrt(self.noise_**2 + calibration)
-        det = across[:, 0] * along[:, 1] - along[:, 0] * across[:, 1]
-        det = np.where(np.abs(det) > LEAST_SLOPE, det, LEAST_SLOPE)
-        turned = np.stack([along[:, 1], -along[:, 0], -across[:, 1], across[:, 0]], axis=1)
-        return np.asarray((turned * (sigma / det)[:, None]).reshape(-1, 2, 2))
+        half = self.caution_ * (self.basis_.terms(places) @ self.root_.T)
+        covariance = np.einsum('asp,bsp->sab', half, half) + self.noise_**2 * np.eye(2)
+        return np.asarray(self._inverse_slopes(places) @ np.linalg.cholesky(covariance))
 
-
-def _careful(places: Array, left: Array, half: Array, noise: float) -> float:
-    """Factor on the doubt of calibration with which held-out places lie inside as they should.
-
-    Residuals (n, k) of places (n, 2) and the root of their hat matrix give what a fit without
-    each place would miss it by; corners do not count.
-    """
-    hat = np.minimum((half * half).sum(axis=1), 0.999)[:, None]
-    judged = ~at_corners(places, np.arange(len(places)))
-    error, doubt = left / (1 - hat), noise**2 * hat / (1 - hat)
-    asked = np.sqrt(np.maximum(error**2 - noise**2, 0.0) / (doubt + 1e-300))[judged]
-    return caution(asked.ravel(), np.ones(asked.size), int(judged.sum()))
-
-
-def _terms(z: Array) -> Array:
-    """Terms (s, p) at places in radii."""
-    point = z[:, :1] + 1j * z[:, 1:]
-    powers = np.asarray(point ** np.arange(ORDER + 1), np.complex128)
-    return _parts(powers, (z * z).sum(axis=1)[:, None] * powers[:, :UNEVEN])
-
-
-def _orders() -> Integers:
-    """Order of each term; below 0: of an uneven sheet's."""
-    even = [0, *range(1, ORDER + 1), *range(1, ORDER + 1)]
-    uneven = [2, *range(3, UNEVEN + 2), *range(3, UNEVEN + 2)]
-    return np.array(even + [-n for n in uneven])
-
-
-def _spread(size: float, decay: float, extra: float) -> Array:
-    """Prior spread (p,) of each term over the noise."""
-    order = _orders()
-    fading = decay ** np.maximum(np.abs(order) - 2.0, 0.0)
-    return np.asarray(np.where(order < 0, extra * fading, size * fading))
-
-
-def _parts(even: Complexes, uneven: Complexes) -> Array:
-    """Real and imaginary parts of complex terms; the imaginary one of z^0 is none."""
-    return np.concatenate([even.real, even.imag[:, 1:], uneven.real, uneven.imag[:, 1:]], axis=1)
+    def _inverse_slopes(self, places: Array) -> Array:
+        """Moves of a place (m) by the potentials, shape (s, 2, 2), at places (m)."""
+        step = STEP * self._radius
+        (a, c), (b, d) = (
+            (self._potentials(places + off) - self._potentials(places - off)).T / (2 * step)
+            for off in step * np.eye(2)
+        )
+        det, steep = a * d - b * c, LEAST_SLOPE / self._radius**2
+        det = np.where(np.abs(det) > steep, det, steep)
+        return np.asarray((np.stack([d, -b, -c, a]) / det).T.reshape(-1, 2, 2))
 
 
 def _powers(u: Array) -> Array:

@@ -11,6 +11,7 @@ from tactile_ros.estimators.sheet_rows import force_rows
 from tactile_ros.estimators.smooth_fields import WIDEST
 from tactile_ros.estimators.spread_cells import GRID, SpreadCells
 from tactile_ros.physics import compiled
+from tactile_ros.physics.resistive import SeriesResistance
 from tactile_ros.types import Array
 
 
@@ -22,7 +23,9 @@ class PowerCurve:
     ----------
     table : ndarray, shape (n, n, 5)
         Factors of cosines: of a constant, the film's logarithm, one over the film and the film;
-        and of Rx, in units of the divider's.
+        and of what is added to Rx, in units of the divider's.
+    series : SeriesResistance
+        Nominal Rx.
     range : ndarray, shape (3,)
         Least and largest film resistance that count, and the middle of its logarithm.
     bend : float
@@ -36,6 +39,7 @@ class PowerCurve:
     """
 
     table: Array
+    series: SeriesResistance
     range: Array
     bend: float
     most: float
@@ -61,7 +65,7 @@ class PowerCurve:
         waves = np.cos(inside[:, :, None] * WIDEST)
         # no product of matrices: its sums run otherwise for one frame than for many
         known = np.einsum('si,sj,ijk->sk', waves[:, 0], waves[:, 1], self.table)
-        film = np.fmin(np.fmax(resistance - known[:, 4], low), high)
+        film = np.fmin(np.fmax(resistance - known[:, 4] - self.series.at(inside), low), high)
         level = np.log(film) - middle
         power = known[:, 0] + level * (known[:, 1] + level * self.bend)
         power += known[:, 2] / film
@@ -71,8 +75,8 @@ class PowerCurve:
         return force + self.gap, spread
 
     @cached_property
-    def _law(self) -> tuple[Array, Array]:
+    def _law(self) -> tuple[Array, Array, Array]:
         """Numbers and spreads as `force_rows` takes them."""
         own = self.cells
         law = [WIDEST[0, 1], *self.range, self.bend, self.most, self.gap, own.low, own.slope]
-        return np.array(law), own.spreads.reshape(GRID, GRID, own.levels)
+        return np.array(law), self.series.law, own.spreads.reshape(GRID, GRID, own.levels)

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tactile_ros.estimators.evidence import Moments
+from tactile_ros.estimators.evidence import Moments, peak
 from tactile_ros.estimators.field_prior import (
     EXPECTED,
     MEAN,
@@ -22,6 +22,7 @@ from tactile_ros.estimators.field_prior import (
     SHAPES,
     likeliest,
     prior_spread,
+    shape_table,
 )
 from tactile_ros.estimators.film_resistance import FilmResistance
 from tactile_ros.estimators.power_curve import PowerCurve
@@ -30,10 +31,12 @@ from tactile_ros.estimators.smooth_fields import MOST_WAVES, SmoothFields
 from tactile_ros.estimators.spread_cells import LEVELS, SpreadCells, grid_places
 from tactile_ros.estimators.training import fitted, predict_rows, training_rows
 from tactile_ros.estimators.trials import at_corners, caution, left_out
+from tactile_ros.physics.resistive import SeriesResistance
 from tactile_ros.types import Array, Integers
 
 WAVES = (MOST_WAVES, MOST_WAVES, 5, 7)  # at most, along an axis, of each field
 GAPS = (0.0, 0.3, 0.6, 0.8, 0.9)  # of the lightest force
+SHEETS, SHEET = (0.8, 0.9, 1.0, 1.1, 1.2), 0.1  # of the sheet resistance told; their spread
 MOST_ROWS = 3000
 ROUGHS = (0.0, 0.5, 2.0)  # spread of a force beside the divider's noise, over the noise's
 UNKNOWN_NOISE = 0.01
@@ -56,9 +59,8 @@ class PowerForce:
         Of the divider's reading, R0 / (R0 + R); 0: unknown.
     size : ndarray, shape (2,), or None
         Edges of the sheet; None: a square.
-    series : ndarray, shape (g, g), or None
-        Nominal Rx, in units of the divider's, at places spread evenly over the sheet, its border
-        included, x first; None: 0.
+    series : SeriesResistance or None
+        Nominal Rx, in units of the divider's; None: 0.
 
     Attributes
     ----------
@@ -109,11 +111,11 @@ class PowerForce:
     calm_: float
 
     def __init__(
-        self, noise: float = 0.0, size: Array | None = None, series: Array | None = None
+        self, noise: float = 0.0, size: Array | None = None, series: SeriesResistance | None = None
     ) -> None:
         self.noise = noise
         self.size = np.ones(2) if size is None else np.asarray(size, np.float64)
-        self.series = np.zeros((2, 2)) if series is None else np.asarray(series, np.float64)
+        self.series = SeriesResistance(self.size, 1.0, 0.0) if series is None else series
 
     def fit(self, x: Array, y: Array, groups: Integers | None = None) -> PowerForce:
         """Learn from features (s, 3..) and forces (s, 1) (N); rows without force are left out."""
@@ -123,26 +125,23 @@ class PowerForce:
         rows = rows.take(there[some])
         # noise of places would look like a rough film
         rows.x[:, :2], self.wobble_ = steady_places(rows.x[:, :2], rows.groups)
-        self._learn(rows.x, rows.y[:, 0], rows.groups)
-        return self
-
-    def _learn(self, x: Array, force: Array, groups: Integers) -> None:
-        """Learn from features and forces (s,)."""
-        number = len(np.unique(groups))
+        x, force, number = rows.x, rows.y[:, 0], len(np.unique(rows.groups))
         self.fields_ = tuple(
             SmoothFields.for_places(x[:, :2], number, self.size, most) for most in WAVES
         )
-        self.film_ = FilmResistance.nominal(self.series, x)
+        self.film_ = FilmResistance.seen(self.series, x)
         self.rough_, self.prior_ = 0.0, EXPECTED
         self._choose_gap(x, force)
         target = self._net(force)[:, None]
+        self._choose_sheet(x, target)
         self._choose(x, target)
         self.most_ = float(target.max()) + MORE
         self._settle(self._mend_series(x, target))
         self.calm_ = 1.0
         vars(self).pop('_curve', None)
-        self.caution_ = self._careful(x, target[:, 0], groups)
+        self.caution_ = self._careful(x, target[:, 0], rows.groups)
         self.doubt_ = self._tell_doubt()
+        return self
 
     def _settle(self, moments: Moments) -> None:
         """Weights, their covariance and the noise, by the prior."""
@@ -163,7 +162,7 @@ class PowerForce:
         for _ in range(STEPS):
             self._settle(moments)
             known, slope = self.film_, min(float(self.weights_[1]), FLATTEST)
-            wrong = self._shape_table(SERIES) * known.range[0]
+            wrong = shape_table(self.fields_, self.weights_, SERIES) * known.range[0]
             self.film_ = known.mend(x, known.mended + share * (wrong - known.mended), slope)
             more, volume = self._weighed(x, target)
             level = more.evidence(spread) + volume
@@ -262,6 +261,16 @@ class PowerForce:
             found.append((likely, self.gap_, self.steep_))
         _, self.gap_, self.steep_ = max(found)
 
+    def _choose_sheet(self, x: Array, target: Array) -> None:
+        """Resistance of the sheet, as likely as it makes the forces."""
+        spread, nominal, found = prior_spread(self.fields_, EXPECTED)[0], self.series, []
+        for share in SHEETS if len(target) >= FEWEST else ():
+            self.film_ = FilmResistance.seen(nominal.scaled(share), x)
+            moments, volume = self._weighed(x, target)
+            found.append(moments.evidence(spread) + volume - ((share - 1.0) / SHEET) ** 2 / 2)
+        share = peak(SHEETS, np.array(found)) if found else 1.0
+        self.film_ = FilmResistance.seen(nominal.scaled(share), x)
+
     def _choose(self, x: Array, target: Array) -> None:
         """Sizes and length of the fields, and what spreads a force beside the divider's noise."""
         if len(target) < FEWEST:
@@ -306,25 +315,16 @@ class PowerForce:
     @cached_property
     def _curve(self) -> PowerCurve:
         """What a frame is answered by."""
-        bend, spreads = float(self.weights_[len(MEAN) - 1]), self._spreads()
-        return PowerCurve(self._table, self.film_.range, bend, self.most_, self.gap_, spreads)
+        law = self.film_.nominal, self.film_.range, float(self.weights_[len(MEAN) - 1])
+        return PowerCurve(self._table, *law, self.most_, self.gap_, self._spreads())
 
     @property
     def _table(self) -> Array:
-        """Factors of cosines (n, n, 5) of the four shapes, and of the nominal Rx."""
-        shapes = [self._shape_table(shape) for shape in range(SHAPES)]
+        """Factors of cosines (n, n, 5) of the four shapes, and of what mending adds to Rx."""
+        shapes = [shape_table(self.fields_, self.weights_, shape) for shape in range(SHAPES)]
         table = np.stack([*shapes, self.film_.series], axis=-1)
         table[:, :, SERIES] = table[:, :, SERIES] * self.film_.range[0] - self.film_.mended
         table[:, :, SERIES + 1] /= self.film_.range[1]
-        return table
-
-    def _shape_table(self, shape: int) -> Array:
-        """Factors of cosines (n, n) of one shape."""
-        first = len(MEAN) + sum(len(one.entry) for one in self.fields_[:shape])
-        fields, table = self.fields_[shape], np.zeros((MOST_WAVES, MOST_WAVES))
-        part = fields.table(self.weights_[first : first + len(fields.entry), None])[:, :, 0]
-        table[: len(part), : len(part)] = part
-        table[0, 0] += self.weights_[shape]
         return table
 
     def scale_scatter(self, factor: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,31 +17,40 @@ STEP = 1e-3  # of the sheet
 ONE_PLACE = 0.01  # of the sheet: spread of places in a group that is of one place
 
 
-def at_places(places: Array, told: Array) -> tuple[Array, Array, float, bool]:
+@dataclass(frozen=True)
+class ToldPlaces:
     """Means at places that were touched more than once.
 
-    Parameters
+    Attributes
     ----------
-    places : ndarray, shape (s, 2)
-        Where rows were told (m).
-    told : ndarray, shape (s, k)
-        What they told.
-
-    Returns
-    -------
-    places, means : ndarray, shape (n, 2) and (n, k)
-        One row a place.
+    places, told : ndarray, shape (n, 2) and (n, k)
+        One row a place (m), and what it told.
     within : float
         Standard deviation of a row from its place's mean.
+    least : float
+        What it makes of a mean.
+    index : ndarray of int, shape (s,)
+        Row of the place of each touch.
     repeats : bool
-        False: places hardly repeat, and the rows are given back.
+        False: places hardly repeat, and there is one row a touch.
     """
+
+    places: Array
+    told: Array
+    within: float
+    least: float
+    index: Integers
+    repeats: bool
+
+
+def at_places(places: Array, told: Array) -> ToldPlaces:
+    """Means of what touches at places (s, 2) (m) told (s, k)."""
     _, index, count = np.unique(
         np.round(places / SAME), axis=0, return_inverse=True, return_counts=True
     )
     index = np.asarray(index).reshape(-1)
     if len(count) > 0.5 * len(places):
-        return places, told, 0.0, False
+        return ToldPlaces(places, told, 0.0, 0.0, np.arange(len(places)), repeats=False)
 
     def mean(values: Array) -> Array:
         columns = [np.bincount(index, column) / count for column in values.T]
@@ -49,7 +59,8 @@ def at_places(places: Array, told: Array) -> tuple[Array, Array, float, bool]:
     means = mean(told)
     free = (len(told) - len(count)) * told.shape[1]
     within = float(np.sqrt(((told - means[index]) ** 2).sum() / free))
-    return mean(places), means, within, True
+    least = within * float(np.sqrt((1.0 / count).mean()))
+    return ToldPlaces(mean(places), means, within, least, index, repeats=True)
 
 
 def steady_places(places: Array, groups: Integers) -> tuple[Array, Array]:

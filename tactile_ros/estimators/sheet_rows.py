@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from tactile_ros.physics.compiled import compiled
+from tactile_ros.physics.resistive import LEAST_LOG, NEAREST
 from tactile_ros.types import Array
 
 
@@ -31,12 +32,35 @@ def square_of(root: Array, square: Array) -> None:
 
 
 @compiled
+def shift_row(place: Array, size: Array, table: Array, shift: Array) -> None:
+    """Fill the shift (2,) of a place (2,) on a sheet of a size (2,) from a table (n, n, 2)."""
+    weight, node = np.empty((2, 4)), np.empty(2, np.int64)
+    for i in range(2):
+        deep = place[i] / size[i] * (table.shape[0] - 3)
+        node[i] = min(int(deep), table.shape[0] - 4)
+        t = deep - node[i]
+        square = t * t
+        cube = square * t
+        weight[i, 0] = square - 0.5 * (t + cube)
+        weight[i, 1] = 1.0 - 2.5 * square + 1.5 * cube
+        weight[i, 2] = 0.5 * t + 2.0 * square - 1.5 * cube
+        weight[i, 3] = 0.5 * (cube - square)
+    shift[:] = 0.0
+    for i in range(4):
+        for j in range(4):
+            both = weight[0, i] * weight[1, j]
+            for k in range(2):
+                shift[k] += both * table[node[0] + i, node[1] + j, k]
+
+
+@compiled
 def place_rows(
     x: Array,
     scale: Array,
     outside: float,
     table: Array,
     size: Array,
+    shift: Array,
     roots: Array,
     place: Array,
     cov: Array,
@@ -55,6 +79,8 @@ def place_rows(
         Factors of products of powers, of degree below n in all.
     size : ndarray, shape (2,)
         Of the sheet (m).
+    shift : ndarray, shape (n, n, 2)
+        See `shift_table`.
     roots : ndarray, shape (m, m, 2, 2)
         Of the covariance, in cells over the sheet.
     place, cov : ndarray, shape (s, 2) and (s, 2, 2)
@@ -77,7 +103,10 @@ def place_rows(
                 for k in range(2):
                     total[k] += both * table[i, j, k]
         for i in range(2):
-            place[s, i] = held(total[i], 0.0, size[i])
+            total[i] = held(total[i], 0.0, size[i])
+        shift_row(total, size, shift, place[s])
+        for i in range(2):
+            place[s, i] = held(total[i] + place[s, i], 0.0, size[i])
             cell[i] = int(place[s, i] / size[i] * far + 0.5)
         square_of(roots[cell[0], cell[1]], cov[s])
 
@@ -93,11 +122,24 @@ def wave_rows(places: Array, angle: float, count: int, waves: Array) -> None:
 
 
 @compiled
+def series_row(place: Array, law: Array) -> float:
+    """Nominal Rx of a place (2,) in units of the edges, by the law (4,) of `SeriesResistance`."""
+    long, far = int(law[0]), law[1]
+    across = math.sin(math.pi * held(place[1 - long], NEAREST, 1.0 - NEAREST)) ** 2
+    near = far * held(place[long], NEAREST, 1.0 - NEAREST)
+    square = across * (1.0 + across / math.sinh(far) ** 2) ** 2
+    for away in (near, far - near, far + near, 2.0 * far - near):
+        square /= 1.0 + across / math.sinh(away) ** 2
+    return float(max(law[2] + 0.5 * math.log(square), LEAST_LOG) * law[3])
+
+
+@compiled
 def force_rows(
     places: Array,
     resistance: Array,
     table: Array,
     law: Array,
+    series: Array,
     spreads: Array,
     force: Array,
     spread: Array,
@@ -111,11 +153,13 @@ def force_rows(
     resistance : ndarray, shape (s,)
         R, in units of the divider's.
     table : ndarray, shape (n, n, 5)
-        Factors of cosines: of the four shapes and of Rx.
+        Factors of cosines: of the four shapes and of what is added to Rx.
     law : ndarray, shape (9,)
         Phase of the slowest cosine at the far edge; least and largest film, the middle of its
         logarithm, the bend, the logarithm of the largest answer, the gap's force; least of the
         levels at which spreads are told, and one over their step.
+    series : ndarray, shape (4,)
+        Law of the nominal Rx, see `SeriesResistance`.
     spreads : ndarray, shape (m, m, l)
         Relative ones in cells of places and levels.
     force, spread : ndarray, shape (s,)
@@ -132,7 +176,8 @@ def force_rows(
                 both = waves[0, i] * waves[1, j]
                 for k in range(shapes):
                     total[k] += both * table[i, j, k]
-        film = held(resistance[s] - total[4], law[1], law[2])
+        nominal = series_row(places[s], series)
+        film = held(resistance[s] - total[4] - nominal, law[1], law[2])
         level = math.log(film) - law[3]
         power = total[0] + level * (total[1] + level * law[4])
         power += total[2] / film

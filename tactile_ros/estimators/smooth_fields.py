@@ -19,25 +19,10 @@ MOST_WAVES = 12
 ORDER = 7  # of the Matern kernel
 CORNER = 1.3  # products of two fast cosines are left out
 WIDEST = np.pi / GAP * np.arange(MOST_WAVES) * np.ones((2, 1))  # phases of all fields
-SMOOTH = 1e-4  # directions of cosines, over the strongest, that a known field does not need
-
-
-def as_cosines(field: Array) -> Array:
-    """Factors (n, n) of cosines that tell a field (g, g) over the sheet, its border included.
-
-    Where there are points enough, the border itself does not count: a series resistance falls too
-    steeply there, and nobody presses on it.
-    """
-    edge = 1 if min(field.shape) > MOST_WAVES + 2 else 0
-    factors = field[edge : len(field) - edge, edge : field.shape[1] - edge]
-    for angles, count in zip(WIDEST, field.shape, strict=True):
-        line = np.linspace(0.0, 1.0, count)[edge : count - edge]
-        factors = (np.linalg.pinv(np.cos(np.outer(line, angles)), rcond=SMOOTH) @ factors).T
-    return np.asarray(factors)
 
 
 def cosines_at(places: Array, factors: Array) -> Array:
-    """Field (s,) at places (s, 2) in units of the sheet's edges, by `as_cosines`."""
+    """Field (s,) at places (s, 2) in units of the sheet's edges."""
     waves = np.cos(np.fmin(np.fmax(places, 0.0), 1.0)[:, :, None] * WIDEST)
     return np.asarray(np.einsum('si,sj,ij->s', waves[:, 0], waves[:, 1], factors))
 

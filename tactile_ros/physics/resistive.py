@@ -8,6 +8,9 @@ of thousands.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from functools import cached_property
+
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import spsolve
@@ -16,6 +19,8 @@ from tactile_ros.types import Array, Integers
 
 EQUAL_AREA = 0.59  # radius of the disc of equal outer conductance, over the edge of a square
 LEAST_LOG = float(np.log(1.05))
+MOST_WIDTHS = 30.0  # beyond which the far side of a sheet does not count
+NEAREST = 1e-3  # of the edge: no touch counts as nearer to the border
 
 
 def linear_place(potentials: Array, size: Array) -> Array:
@@ -65,36 +70,57 @@ def divider_resistance(divider: Array, reference: float) -> Array:
     return reference * (1.0 / divider - 1.0)
 
 
-def spreading_resistance(places: Array, size: Array, touch: float, sheet: float) -> Array:
-    """Resistance from a touch to the joined corners over a border that conducts perfectly.
+@dataclass(frozen=True)
+class SeriesResistance:
+    """Rx from a touch to the joined corners over a border that conducts perfectly, over R0.
 
-    Parameters
+    It falls so steeply near the border that no sum of a few cosines tells it.
+
+    Attributes
     ----------
-    places : ndarray, shape (s, 2)
-        Middle of the touch, inside the sheet (m).
     size : ndarray, shape (2,)
         Of the sheet (m).
     touch : float
         Edge of a square touch (m).
     sheet : float
-        Sheet resistance (ohm per square).
-
-    Returns
-    -------
-    ndarray, shape (s,)
-        Rx (ohm): sheet / 2 pi times the logarithm of the conformal radius over the touch's own.
+        Sheet resistance over R0 of the divider (1 per square); 0: no Rx.
 
     Notes
     -----
-    The conformal radius is that of two crossing strips, joined by their fourth powers so that a
-    square is met within 1 %.
+    Sheet / 2 pi times the logarithm of the conformal radius over the touch's own. The radius is
+    that of a strip as wide as the sheet is short, times what the sources beyond the other two
+    sides make of it that keep those at one potential; the six nearest count.
     """
-    share = np.fmin(np.fmax(places / size, 1e-3), 1 - 1e-3)
-    steep = np.pi / 2 / (size * np.sin(np.pi * share))
-    steep *= steep
-    steep *= steep
-    decay = 0.25 * np.log(steep[:, 0] + steep[:, 1]) + np.log(EQUAL_AREA * touch)
-    return np.asarray(np.fmax(-decay, LEAST_LOG) * (sheet / (2 * np.pi)))
+
+    size: Array
+    touch: float
+    sheet: float
+
+    def at(self, places: Array) -> Array:
+        """Rx over R0 (s,) at places (s, 2) inside the sheet, in units of its edges."""
+        share = np.fmin(np.fmax(places, NEAREST), 1.0 - NEAREST)
+        along, far, strip, factor = self.law
+        long = int(along)
+        across = np.sin(np.pi * share[:, 1 - long])
+        across *= across
+        near = far * share[:, long]
+        square = across * (1.0 + across / np.sinh(far) ** 2) ** 2
+        for away in (near, far - near, far + near, 2.0 * far - near):
+            square /= 1.0 + across / np.sinh(away) ** 2
+        return np.asarray(np.fmax(strip + 0.5 * np.log(square), LEAST_LOG) * factor)
+
+    def scaled(self, share: float) -> SeriesResistance:
+        """Of a sheet with a share of the resistance."""
+        return replace(self, sheet=share * self.sheet)
+
+    @cached_property
+    def law(self) -> Array:
+        """Which axis is longer, pi times its length in widths, the strip's radius, factor (4,)."""
+        long = int(self.size[1] > self.size[0])
+        width = self.size[1 - long]
+        far = np.pi * min(self.size[long] / width, MOST_WIDTHS)
+        strip = np.log(2 * width / np.pi / (EQUAL_AREA * self.touch))
+        return np.array([long, far, strip, self.sheet / (2 * np.pi)])
 
 
 def touch_edge(film: Array, force: Array, edge: float, at_one: float, exponent: float) -> Array:

@@ -8,6 +8,7 @@ import pytest
 from tactile_ros.estimators import power_force
 from tactile_ros.estimators.film_resistance import FilmResistance
 from tactile_ros.estimators.power_force import PowerForce
+from tactile_ros.physics.resistive import SeriesResistance
 
 
 def readings(places: np.ndarray, force: np.ndarray, seed: int) -> np.ndarray:
@@ -46,7 +47,7 @@ def test_an_rx_of_another_shape_is_found_and_the_sigma_is_wide_enough(
 def test_mending_puts_into_rx_what_it_takes_out_of_the_logarithm() -> None:
     rng = np.random.default_rng(2)
     x = readings(rng.uniform(0.1, 0.9, (50, 2)), rng.uniform(1, 15, 50), 3)
-    nominal = FilmResistance.nominal(np.full((2, 2), 0.05), x)
+    nominal = FilmResistance.seen(SeriesResistance(np.ones(2), 0.15, 0.2), x)
     wrong = np.zeros_like(nominal.series)
     wrong[0, 0] = 0.03
     mended = nominal.mend(x, wrong, -1.5)

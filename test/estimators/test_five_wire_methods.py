@@ -12,6 +12,7 @@ from tactile_ros.estimators.power_force import PowerForce
 from tactile_ros.estimators.rbf_force import RbfForce, k_means
 from tactile_ros.estimators.stated_spread import StatedSpread
 from tactile_ros.estimators.thin_plate import ThinPlate
+from tactile_ros.physics.resistive import SeriesResistance
 from tactile_ros.types import Estimator
 
 SIZE = np.array([0.1, 0.1])
@@ -115,10 +116,34 @@ def test_a_wrong_series_resistance_and_an_air_gap_are_learned() -> None:
     place, force = rng.uniform(0.1, 0.9, (600, 2)), rng.uniform(0.8, 15, 600)
     film = 2 * (force - 0.3 * (1 + 0.2 * place[:, 0])) ** -0.7
     x = np.column_stack([place, film + 0.03 * (1 + place[:, 1])])
-    found = PowerForce(1e-5, series=np.full((2, 2), 0.03)).fit(x[:400], force[:400, None])
+    found = PowerForce(1e-5, series=SeriesResistance(np.ones(2), 0.15, 0.1))
+    found.fit(x[:400], force[:400, None])
     error = found.predict(x[400:])[:, 0] - force[400:]
     assert np.sqrt((error**2).mean()) < 0.05
     assert found.gap_ > 0
+
+
+def test_forces_near_the_border_of_a_large_panel_know_its_steep_rx() -> None:
+    size, rng = np.array([0.25, 0.2]), np.random.default_rng(11)
+    lines = [np.linspace(0.0125 / edge, 1 - 0.0125 / edge, 7) for edge in size]
+    known = np.repeat(np.stack(np.meshgrid(*lines), -1).reshape(-1, 2), 8, axis=0)
+    series = SeriesResistance(size, 0.015, 0.4)
+
+    def features(places: np.ndarray, force: np.ndarray) -> np.ndarray:
+        whole = 2 * np.exp(0.1 * np.sin(4 * places[:, 0])) * force**-0.75
+        whole += 1.05 * series.at(places) - 0.02  # neither is the sheet's, nor is the touch's
+        divider = 1 / (1 + whole) + 2.5e-4 * rng.normal(size=len(force))
+        return np.column_stack([places, 1 / divider - 1])
+
+    load = np.tile(np.linspace(1, 15, 8), 49)
+    found = PowerForce(2.5e-4, size, series)
+    found.fit(features(known, load), load[:, None], np.repeat(np.arange(49), 8))
+    places = rng.uniform(0.0125 / size, 1 - 0.0125 / size, (1500, 2))
+    true = rng.uniform(1, 15, 1500)
+    said, sigma = found.force(features(places, true))
+    assert np.sqrt(((said - true) ** 2).mean()) < 0.035
+    assert 0.5 < (np.abs(said - true) < sigma).mean() < 0.85
+    assert found.film_.nominal.sheet == pytest.approx(1.05 * series.sheet, rel=0.03)
 
 
 def test_spreads_of_calibration_grow_away_from_what_was_touched() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from tactile_ros.estimators.evidence import Moments
 from tactile_ros.estimators.field_prior import EXPECTED, prior_spread
-from tactile_ros.estimators.smooth_fields import SmoothFields, as_cosines, cosines_at
+from tactile_ros.estimators.smooth_fields import SmoothFields
 from tactile_ros.estimators.spread_cells import GRID, SpreadCells, grid_places
 
 SQUARE = np.ones(2)
@@ -57,15 +57,6 @@ def test_a_table_of_weights_says_what_the_terms_say() -> None:
     waves = own.waves(places)
     said = np.einsum('si,sj,ijk->sk', waves[:, 0], waves[:, 1], own.table(weights))
     np.testing.assert_allclose(said, own.terms(places) @ weights, atol=1e-12)
-
-
-def test_cosines_tell_a_smooth_field_between_its_points() -> None:
-    line = np.linspace(0, 1, 33)
-    x, y = np.meshgrid(line, line, indexing='ij')
-    factors = as_cosines(np.sin(2 * x) * np.cos(3 * y))
-    places = np.random.default_rng(2).uniform(0.05, 0.95, (200, 2))
-    told = np.sin(2 * places[:, 0]) * np.cos(3 * places[:, 1])
-    np.testing.assert_allclose(cosines_at(places, factors), told, atol=1e-2)
 
 
 def test_cells_tell_their_own_middle_and_stay_inside() -> None:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tactile_ros.physics.resistive import (
+    SeriesResistance,
     linear_place,
     linear_potentials,
     sheet_potential,
-    spreading_resistance,
     touch_edge,
 )
 
@@ -50,9 +50,26 @@ def test_no_corner_held_is_refused() -> None:
 
 def test_resistance_is_largest_in_the_middle() -> None:
     places = np.array([[0.05, 0.05], [0.02, 0.05], [0.02, 0.02]])
-    found = spreading_resistance(places, np.array([0.1, 0.1]), 0.015, 100.0)
+    found = SeriesResistance(np.array([0.1, 0.1]), 0.015, 100.0).at(places / 0.1)
     assert (np.diff(found) < 0).all()
     assert found[0] == pytest.approx(28.8, rel=0.02)
+
+
+def test_rx_is_that_of_mirrored_sources_up_to_the_border() -> None:
+    size, touch = np.array([0.25, 0.2]), 0.015
+    places = np.random.default_rng(5).uniform(0.04, 0.96, (200, 2))
+    (x, y), (a, b) = (places * size).T, size
+
+    def mirrored(away: np.ndarray) -> np.ndarray:
+        far = np.cosh(np.pi * away / a)
+        return 0.5 * np.log((far - np.cos(2 * np.pi * x / a)) / (far - 1))
+
+    radius = np.log(2 * a / np.pi * np.sin(np.pi * x / a))
+    radius -= sum(mirrored(2 * n * b - 2 * y) for n in range(-3, 5))
+    radius += 2 * sum(mirrored(np.full(200, 2 * n * b)) for n in range(1, 5))
+    exact = (radius - np.log(0.59 * touch)) / (2 * np.pi)
+    found = SeriesResistance(size, touch, 1.0).at(places)
+    np.testing.assert_allclose(found, exact, atol=0.01)
 
 
 def test_hard_case_6_the_direct_solve_is_right_at_ratios_where_iteration_ends_in_zeros() -> None:

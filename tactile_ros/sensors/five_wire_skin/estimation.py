@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.conditioning.history import History
-from tactile_ros.physics.resistive import spreading_resistance
+from tactile_ros.physics.resistive import SeriesResistance
 from tactile_ros.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.regression import ESTIMATORS as REGRESSORS
 from tactile_ros.regression import Regression
 from tactile_ros.regression.head import FEWEST_ROWS, Head
-from tactile_ros.sensors.five_wire_skin.creep import DOUBT, TIME_CONSTANTS, Creep, remember
+from tactile_ros.sensors.five_wire_skin.creep import Creep
+from tactile_ros.sensors.five_wire_skin.film_memory import FilmMemory
 from tactile_ros.sensors.five_wire_skin.force import CLASSES as FORCE_CLASSES
 from tactile_ros.sensors.five_wire_skin.force import ForceHead, features_of
 from tactile_ros.sensors.five_wire_skin.place import CLASSES as PLACE_CLASSES
@@ -24,17 +25,18 @@ from tactile_ros.sensors.five_wire_skin.untold import untold
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from tactile_ros.conditioning.history import History
     from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig
     from tactile_ros.signals import Columns, Report, Signals
-    from tactile_ros.types import Array, Bools, Integers
+    from tactile_ros.types import Array, Bools, Estimator, Integers
 
 ESTIMATORS = (*REGRESSORS, 'printed', 'mean_curve')
 SAME_PLACE = 1e-5
 MOST_SINGLE = 0.3  # places per touch above which touches, not places, are what repeats
 LEAST_DIVIDER = 1e-4
-GRID = 33  # of the nominal series resistance
 ONE_SIGMA = 0.6827
 LEAST_SCATTER = 0.1
+ROUNDS = 5  # in which a static curve and its past settle
 STILL = 1e-6  # of the supply: readings that move less are one constant, in 16 bits too
 USEFUL = 0.9  # of the spread of shear; a regressor that leaves more knows nothing of it
 
@@ -55,7 +57,8 @@ class FiveWireEstimation:
     def __init__(self, config: FiveWireSkinConfig, estimator: str | None = None) -> None:
         self.size = np.asarray(config.size, np.float64)
         sheet = config.sheet_resistance / config.reference_resistance
-        self.series = _nominal_series(self.size, config.touch_size, sheet)
+        self.touch_edge = float(config.touch_size)
+        self.series = SeriesResistance(self.size, config.touch_size, sheet)
         noise = np.asarray(np.nan if config.noise is None else config.noise, np.float64)
         channels = len(config.channels)
         self.touch_ = Touch(float(np.broadcast_to(noise, channels)[DIVIDER]), channels)
@@ -91,11 +94,11 @@ class FiveWireEstimation:
         contact = {'contact': self.touch_.report_} if self.touch_.report_ else {}
         return {**known, **contact, **self.untold_}
 
-    def start(self) -> History:
+    def start(self) -> History | FilmMemory:
         """Fresh memory of a stream."""
         if self.others_ is not None:
             return self.others_.start()
-        return History(np.array(TIME_CONSTANTS))
+        return (self.creep_ or Creep()).start()
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn contact, place and force from what truth tells; see `Regression.fit`."""
@@ -151,7 +154,7 @@ class FiveWireEstimation:
         ----------
         signals : Signals
             Conditioned frames; `in_contact` is set by what the divider says.
-        memory : History
+        memory : History or FilmMemory
             Of the stream; moves on.
 
         Returns
@@ -159,10 +162,10 @@ class FiveWireEstimation:
         dict of str to ndarray, shape (s, 3) or (s, 3, 3)
             One entry and its covariance for each target.
         """
-        assert isinstance(memory, History)
         x = self.touch_.readings(signals)
         if self.others_ is not None:
             return self.others_.estimate(_own(signals, x), memory)
+        assert isinstance(memory, FilmMemory)
         known: Columns = {}
         place = x[:, :2]
         if self.place_ is not None:
@@ -184,7 +187,7 @@ class FiveWireEstimation:
         return whole
 
     def _pressed(
-        self, signals: Signals, x: Array, place: Array, memory: History
+        self, signals: Signals, x: Array, place: Array, memory: FilmMemory
     ) -> tuple[Array, Array]:
         """Forces (s, 3) and covariances of their errors (s, 3, 3)."""
         value, spread = self._normal(signals, x, place, memory)
@@ -201,7 +204,7 @@ class FiveWireEstimation:
         return force, covariance
 
     def _normal(
-        self, signals: Signals, x: Array, place: Array, memory: History
+        self, signals: Signals, x: Array, place: Array, memory: FilmMemory
     ) -> tuple[Array, Array]:
         """Normal forces (s,) and their spreads (N), without creep where stamps tell the past."""
         assert self.force_ is not None
@@ -211,9 +214,9 @@ class FiveWireEstimation:
         static, spread = self.crept_.at(x, *columns)
         static = np.where(signals.in_contact == 0, 0.0, static)
         static = np.where(signals.good, static, np.nan)
-        means = remember(static, signals.stamp_ns, signals.restart, memory)
-        past = self.creep_.past(static, means)
-        return static - past, np.sqrt(spread**2 + (DOUBT * past) ** 2)
+        means = memory(static, place, signals.stamp_ns, signals.restart)
+        past, doubt = self.creep_.past(static, means)
+        return static - past, np.sqrt(spread**2 + doubt)
 
     def _columns(self, x: Array, place: Array) -> tuple[Array, Array]:
         """Places (s, 2) over the size of the sheet, and R over R0 (s,)."""
@@ -240,34 +243,50 @@ class FiveWireEstimation:
     ) -> None:
         """A static curve of what the film would say without its past, and what its past adds."""
         assert self.force_ is not None
-        static, means = self._static(self.force_, features, signals)
-        creep = Creep().fit(static[rows], means[rows], told[rows], kept[rows])
+        static, creep = self._static(self.force_, features, signals), Creep()
+        means, known = np.empty(0), (told[rows], kept[rows])
+        for edge in (np.inf, self.touch_edge):
+            own = self._means(Creep(edge), static, features, signals)
+            found = Creep(edge).fit(static[rows], own[rows], *known)
+            # one long hold tells the slow shares of a film: left out, nothing would
+            if not len(means) or found.left_ < creep.left_:
+                creep, means = found, own
         if not creep.is_any:
             return
-        target = told + creep.bounded_past(static, means)
-        head = ForceHead(self.force_.noise, self.size, self.series)
-        head.fit(features[rows], target[rows], kept[rows], self.force_.name)
-        static, means = self._static(head, features, signals)
-        creep.fit(static[rows], means[rows], told[rows], kept[rows])
-        past = creep.past(static[rows], means[rows])
+        curve = copy.deepcopy(self.force_.estimator_)
+        last = ForceHead(self.force_.noise, self.size, self.series)
+        for step in range(ROUNDS):
+            target = (told + creep.bounded_past(static, means))[rows]
+            if step == ROUNDS - 1:
+                last.fit(features[rows], target, kept[rows], self.force_.name)
+                static = self._static(last, features, signals)
+            else:
+                curve.fit(features[rows], target[:, None], kept[rows])
+                static = self._static(curve, features, signals)
+            means = self._means(creep, static, features, signals)
+            creep.fit(static[rows], means[rows], *known)
+        past, doubt = creep.past(static[rows], means[rows])
         left = np.abs(static[rows] - past - told[rows])
         if creep.is_any and np.sqrt((left**2).mean()) < self.force_.report_['held_out_rmse']:
-            self.crept_, self.creep_ = head, creep
-            asked = np.sqrt(np.maximum(left**2 - (DOUBT * past) ** 2, 0.0))
-            factor = np.quantile(asked / head.predict(features[rows])[1], ONE_SIGMA)
-            head.tighten(max(float(factor), LEAST_SCATTER))
+            self.crept_, self.creep_ = last, creep
+            asked = np.sqrt(np.maximum(left**2 - doubt, 0.0))
+            factor = np.quantile(asked / last.predict(features[rows])[1], ONE_SIGMA)
+            last.tighten(max(float(factor), LEAST_SCATTER))
 
-    def _static(self, head: ForceHead, features: Array, signals: Signals) -> tuple[Array, Array]:
-        """Forces (s,) of a static curve, and their fading means (s, m).
-
-        The force is 0 where nothing touches, NaN where unusable.
-        """
+    def _means(self, creep: Creep, static: Array, features: Array, signals: Signals) -> Array:
+        """Fading means (s, m) of the forces (s,) of a static curve."""
         assert signals.stamp_ns is not None
+        return creep.start()(
+            static, features[:, :2] * self.size, signals.stamp_ns, signals.restart
+        )
+
+    def _static(self, head: ForceHead | Estimator, features: Array, signals: Signals) -> Array:
+        """Forces (s,) of a static curve: 0 where nothing touches, NaN where unusable."""
         touching = signals.in_contact != 0
         static = np.zeros(len(features))
-        static[touching] = head.predict(features[touching])[0]
-        static = np.where(signals.good | ~touching, static, np.nan)
-        return static, remember(static, signals.stamp_ns, signals.restart, self.start())
+        said = head.predict(features[touching])
+        static[touching] = said[0] if isinstance(said, tuple) else said[:, 0]
+        return np.where(signals.good | ~touching, static, np.nan)
 
     def _learn_shear(
         self, signals: Signals, x: Array, force: Array, group: Integers, groups: Columns
@@ -285,13 +304,6 @@ class FiveWireEstimation:
         head = Head('force', (0, 1), 'ridge', x.shape[1])
         head.fit(x[rows], told, group[rows], session, np.zeros((len(told), 3)))
         self.shear_ = head if head.report_['held_out_rmse'] < USEFUL * spread else None
-
-
-def _nominal_series(size: Array, touch: float, sheet: float) -> Array:
-    """Nominal Rx (g, g) over the sheet, in the unit of the sheet resistance."""
-    lines = [np.linspace(0.0, edge, GRID) for edge in size]
-    places = np.stack(np.meshgrid(*lines, indexing='ij'), axis=-1).reshape(-1, 2)
-    return spreading_resistance(places, size, touch, sheet).reshape(GRID, GRID)
 
 
 def _moves(x: Array) -> bool:

@@ -15,6 +15,7 @@ from tactile_ros.estimators.ridge import Ridge
 from tactile_ros.estimators.smooth_fields import SmoothFields
 from tactile_ros.estimators.stated_spread import StatedSpread
 from tactile_ros.estimators.trials import chosen, some_rows, trials, verdict
+from tactile_ros.physics.resistive import SeriesResistance
 from tactile_ros.types import Array, Estimator, Integers
 
 LEAST_RESISTANCE = 1e-4  # over R0
@@ -25,7 +26,7 @@ class ForceHead:
 
     Features are x and y over the size of the sheet, R over R0, u_AC, u_BD, the divider's reading,
     and the logarithm of R / R0. It starts from the divider's noise, the edges of the sheet and
-    its nominal Rx over R0, on a grid.
+    its nominal Rx over R0.
 
     Attributes
     ----------
@@ -46,7 +47,7 @@ class ForceHead:
     level_: Array
     report_: dict[str, float]
 
-    def __init__(self, noise: float, size: Array, series: Array) -> None:
+    def __init__(self, noise: float, size: Array, series: SeriesResistance) -> None:
         self.noise = noise
         self.size = size
         self.series = series
@@ -142,6 +143,7 @@ CLASSES = (
     ColumnView,
     PowerForce,
     FilmResistance,
+    SeriesResistance,
     SmoothFields,
     RbfForce,
     MeanCurve,

@@ -9,6 +9,7 @@ from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.harmonic_map import HarmonicMap
 from tactile_ros.estimators.perceptron import Perceptron
 from tactile_ros.estimators.ridge import Ridge
+from tactile_ros.estimators.sheet_potentials import SheetPotentials
 from tactile_ros.estimators.stated_spread import StatedSpread
 from tactile_ros.estimators.thin_plate import ThinPlate
 from tactile_ros.estimators.training import predict_rows
@@ -174,6 +175,7 @@ CLASSES = (
     PlaceHead,
     LinearPlace,
     HarmonicMap,
+    SheetPotentials,
     ColumnView,
     ThinPlate,
     StatedSpread,

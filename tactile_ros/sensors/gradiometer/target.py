@@ -45,7 +45,7 @@ def candidates(parts: dict[str, Integers], wanted: str | None) -> dict[str, Esti
     known: dict[str, Estimator] = {}
     if 'place' in parts:
         place = np.concatenate([parts['place'], warm])
-        known['inversion'] = ColumnView(_of_place((1, 2, 3, 4, 5), slow), place)
+        known['inversion'] = ColumnView(_of_place((1, 2, 3, 4, 5, 6, 7), slow), place)
         tilted = np.concatenate([parts['tilted'], warm])
         known['inversion_tilt'] = ColumnView(_of_place((*low, 4), slow), tilted)
         rest = np.concatenate([parts['place'], parts['rest'], warm])
