@@ -20,6 +20,7 @@ OWN_CLASSES = {'Layout': Layout, 'Rest': Rest}
 BASELINE = 'rest_/baseline.array'
 # As no other dimension is likely to be: an array of a wrong shape must not fit by chance.
 REHEARSED = 7
+WARM_C = 30.0
 
 
 def parts_to_arrays(sensor: str, parts: Mapping[str, object]) -> calibration.Arrays:
@@ -73,7 +74,7 @@ def read_parts(path: str | Path, sensor: str, classes: Mapping[str, type]) -> di
 
 
 def rehearse(layout: Layout, rest: Rest, use: Callable[[Recording], ContactStates]) -> None:
-    """Use a pipeline at rest and at a touch, with a tare and stamps and without.
+    """Use a pipeline at rest and at a touch, with a tare, stamps and temperatures and without.
 
     Parameters
     ----------
@@ -90,10 +91,15 @@ def rehearse(layout: Layout, rest: Rest, use: Callable[[Recording], ContactState
     touched = np.arange(REHEARSED) > 0
     touch = np.where(touched[:, None, None], 10 * rest.scale, 0.0)
     values = np.nan_to_num(rest.baseline + touch)
-    for tare in (None, ~touched):
-        for stamp_ns in (None, np.arange(REHEARSED)):
-            states = use(Recording.from_arrays(layout, values, stamp_ns, tare=tare))
-            states.refuse_misfit(layout.shape[0])
+    stamps, warm = np.arange(REHEARSED), np.full(values.shape[:2], WARM_C)
+    for tare, stamp_ns, temperature_c in (
+        (None, None, None), (None, stamps, warm),
+        (~touched, None, warm), (~touched, stamps, None),
+    ):  # fmt: skip
+        told = Recording.from_arrays(
+            layout, values, stamp_ns, temperature_c=temperature_c, tare=tare
+        )
+        use(told).refuse_misfit(layout.shape[0])
 
 
 def _refuse_misfit(

@@ -80,7 +80,7 @@ def select(
     y : ndarray, shape (s, k)
         Targets, all of one unit.
     groups : ndarray of int, shape (s,), or None
-        What a split keeps together; None: every row stands alone.
+        What a split keeps together; None, or one for all: every row stands alone.
     folds : int
         Parts into which groups are dealt; fewer where there are fewer groups.
     rounds : int or None
@@ -103,7 +103,9 @@ def select(
         msg = 'candidates of select must hold at least one estimator; received none'
         raise ValueError(msg)
     rows = training_rows(x, y, groups)
-    fold = group_folds(rows.groups, folds, seed)
+    # a single group leaves nothing to learn from: rows are left out then, which tells less
+    alone = rows.groups if rows.groups.any() else np.arange(len(rows.x))
+    fold = group_folds(alone, folds, seed)
     parts = [np.flatnonzero(fold == part) for part in np.unique(fold)[:rounds]]
     held = np.concatenate(parts)
     said = {
@@ -125,7 +127,7 @@ def _length(residuals: Array) -> float:
 def _unseen(candidate: Estimator, rows: TrainingRows, held: Integers) -> Array:
     """What a copy of the candidate says about held rows after a fit on the others."""
     seen = np.ones(len(rows.x), bool)
-    # A single group leaves nothing to learn from: then the held rows themselves are used.
+    # so does a single row: then the held row itself is used
     seen[held] = len(held) == len(seen)
     known = rows.take(seen)
     trial = candidate.sketch() if isinstance(candidate, Sketched) else copy.deepcopy(candidate)

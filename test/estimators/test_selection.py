@@ -81,3 +81,21 @@ def test_folds_share_rows_of_uneven_groups_and_never_split_one() -> None:
     assert np.bincount(fold).tolist() == [50, 50]
     assert all(len(set(fold[groups == g])) == 1 for g in range(6))
     assert set(group_folds(np.array([0, 0, 1]), 9, seed=0)) == {0, 1}
+
+
+class Parrot:
+    """Knows what it was told, and nothing else."""
+
+    def fit(self, x: np.ndarray, y: np.ndarray, groups: np.ndarray | None = None) -> Parrot:
+        self.known = dict(zip(x[:, 0].tolist(), y, strict=True))
+        return self
+
+    def predict(self, x: np.ndarray) -> np.ndarray:
+        return np.array([self.known.get(one, np.full(1, np.nan)) for one in x[:, 0].tolist()])
+
+
+def test_rows_of_a_single_group_are_judged_unseen_too() -> None:
+    x, y, groups = line()
+    chosen = select({'parrot': Parrot()}, x, y, 0 * groups)
+    assert np.isnan(chosen.residuals).all()
+    assert (chosen.groups == 0).all()

@@ -331,3 +331,28 @@ def test_a_third_excitation_comes_through_the_twin_and_unfitted_the_formula_stay
     for estimator in ('printed', 'ridge'):
         fit = SENSOR.pipeline(THREE, estimator=estimator).fit(recording)
         assert np.isfinite(fit.process_batch(recording).position[touched]).all()
+
+
+@pytest.mark.parametrize('spots', ['one', 'line', 'still'])
+def test_touches_that_tell_no_map_leave_the_formula(spots: str) -> None:
+    world, grid = reference.FiveWireWorld(0), reference.grid(5)
+    where = np.repeat({'one': grid[12:13], 'line': grid[::5], 'still': grid}[spots], 6, axis=0)
+    load = np.tile(np.linspace(1, 15, 6), len(where) // 6)
+    lesson = reference.touches(world, LAYOUT, where, load, 1)
+    if spots == 'still':
+        lesson.values[..., 0] = 0.5
+    pipeline = SENSOR.pipeline().fit(lesson)
+    assert pipeline.estimators['position'] == 'linear'
+    _, test, _ = fitted(5, 10)
+    states, touched = pipeline.process_batch(test), test.truth['in_contact'] == 1
+    error = (states.position - test.truth['position'])[touched, :2]
+    sigma = np.sqrt(np.diagonal(states.position_cov, axis1=1, axis2=2))[touched, :2]
+    assert (np.abs(error) < 2 * sigma).mean() > 0.9
+
+
+def test_one_load_tells_no_force() -> None:
+    where = np.repeat(reference.grid(5), 2, axis=0)
+    lesson = reference.touches(reference.FiveWireWorld(0), LAYOUT, where, np.full(50, 5.0), 1)
+    pipeline = SENSOR.pipeline().fit(lesson)
+    assert pipeline.estimators == {'position': 'harmonic'}
+    assert np.isnan(pipeline.process_batch(lesson).force[lesson.truth['in_contact'] == 1]).all()

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 
+from tactile_ros.calibration import read, write
+from tactile_ros.errors import CalibrationError
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer.thermal import UNIT, thermometer_noise
@@ -12,6 +16,9 @@ from tactile_ros.sensors.gradiometer.warm_rest import WarmRest
 from tactile_ros.signals import Signals
 from tactile_ros.types import Recording
 from test.reference import gradiometer_world as made
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 SENSOR = load_sensor('gradiometer')
 DRIFT = 5e-6  # T over a degree: an offset of 1 mT that the sensitivity does not scale
@@ -86,3 +93,14 @@ def test_an_oven_that_begins_to_heat_is_no_noise_of_the_thermometer() -> None:
     assert thermometer_noise(signals, chip) < 1e-9
     noisy = thermometer_noise(signals, chip + 0.05 * rng.normal(size=600))
     assert noisy == pytest.approx(0.05, rel=0.2)
+
+
+def test_a_calibration_that_lacks_what_temperatures_need_is_refused(tmp_path: Path) -> None:
+    world, path = made.World(41), tmp_path / 'old.npz'
+    SENSOR.pipeline(world.config, 'inversion').fit(world.record(60, 4)).save(path)
+    arrays = read(path)
+    names = arrays['estimation/features_/readings_.names']
+    arrays['estimation/features_/readings_.names'] = names[names != 'rest_']
+    write(path, arrays)
+    with pytest.raises(CalibrationError, match='rest_'):
+        SENSOR.load(path)

@@ -16,9 +16,9 @@ from tactile_ros.regression.head import FEWEST_ROWS, Head
 from tactile_ros.sensors.five_wire_skin.creep import Creep
 from tactile_ros.sensors.five_wire_skin.film_memory import FilmMemory
 from tactile_ros.sensors.five_wire_skin.force import CLASSES as FORCE_CLASSES
-from tactile_ros.sensors.five_wire_skin.force import ForceHead, features_of
+from tactile_ros.sensors.five_wire_skin.force import ForceHead, features_of, tells_forces
 from tactile_ros.sensors.five_wire_skin.place import CLASSES as PLACE_CLASSES
-from tactile_ros.sensors.five_wire_skin.place import PlaceHead
+from tactile_ros.sensors.five_wire_skin.place import PlaceHead, tells_places
 from tactile_ros.sensors.five_wire_skin.touch import DIVIDER, Touch, impossible
 from tactile_ros.sensors.five_wire_skin.untold import untold
 
@@ -37,7 +37,6 @@ LEAST_DIVIDER = 1e-4
 ONE_SIGMA = 0.6827
 LEAST_SCATTER = 0.1
 ROUNDS = 5  # in which a static curve and its past settle
-STILL = 1e-6  # of the supply: readings that move less are one constant, in 16 bits too
 USEFUL = 0.9  # of the spread of shear; a regressor that leaves more knows nothing of it
 
 
@@ -121,7 +120,8 @@ class FiveWireEstimation:
         there = np.isfinite(position[:, :2]).all(axis=1)
         kept = _places(position, np.asarray(there), group)
         rows = signals.good & there
-        if rows.sum() >= FEWEST_ROWS and _moves(np.delete(x[rows], DIVIDER, axis=1)):
+        spots = position[rows, :2] / self.size
+        if rows.sum() >= FEWEST_ROWS and tells_places(np.delete(x[rows], DIVIDER, axis=1), spots):
             head = PlaceHead(self.size)
             self.place_ = head.fit(x[rows], position[rows, :2], kept[rows], self.wanted)
             height = position[rows, 2]
@@ -226,7 +226,7 @@ class FiveWireEstimation:
         """Static curve, and where stamps tell the past one without creep."""
         rows = signals.good & np.isfinite(force[:, 2])
         self.force_ = self.crept_ = self.creep_ = None
-        if rows.sum() < FEWEST_ROWS or not _moves(x[rows, DIVIDER, None]):
+        if rows.sum() < FEWEST_ROWS or not tells_forces(x[rows, DIVIDER], force[rows, 2]):
             return
         place = x[:, :2] if self.place_ is None else self.place_.predict(x)[0]
         features, told = features_of(x, *self._columns(x, place)), force[:, 2]
@@ -304,11 +304,6 @@ class FiveWireEstimation:
         head = Head('force', (0, 1), 'ridge', x.shape[1])
         head.fit(x[rows], told, group[rows], session, np.zeros((len(told), 3)))
         self.shear_ = head if head.report_['held_out_rmse'] < USEFUL * spread else None
-
-
-def _moves(x: Array) -> bool:
-    """Whether any of readings (s, c) is more than one constant, from which nothing is learned."""
-    return bool((np.ptp(x, axis=0) > STILL).any())
 
 
 def _own(signals: Signals, x: Array) -> Signals:

@@ -16,9 +16,11 @@ from tactile_ros.estimators.smooth_fields import SmoothFields
 from tactile_ros.estimators.stated_spread import StatedSpread
 from tactile_ros.estimators.trials import chosen, some_rows, trials, verdict
 from tactile_ros.physics.resistive import SeriesResistance
+from tactile_ros.sensors.five_wire_skin.touch import STILL
 from tactile_ros.types import Array, Estimator, Integers
 
 LEAST_RESISTANCE = 1e-4  # over R0
+LEAST_RANGE = 0.1  # of the largest force
 
 
 class ForceHead:
@@ -121,6 +123,12 @@ class ForceHead:
             'grid_knn': ColumnView(GridKnn(), np.array([3, 4, 5])),
         }
         return known if wanted is None else {wanted: known[wanted]}
+
+
+def tells_forces(divider: Array, force: Array) -> bool:
+    """Whether readings (s,) move and forces (s,) differ: one load tells no curve."""
+    told = np.ptp(force) > LEAST_RANGE * np.abs(force).max()
+    return bool(np.ptp(divider) > STILL and told)
 
 
 def features_of(x: Array, places: Array, resistance: Array) -> Array:

@@ -15,11 +15,13 @@ from tactile_ros.estimators.thin_plate import ThinPlate
 from tactile_ros.estimators.training import predict_rows
 from tactile_ros.estimators.trials import chosen, some_rows, trials, verdict
 from tactile_ros.physics.resistive import linear_place
+from tactile_ros.sensors.five_wire_skin.touch import STILL
 from tactile_ros.types import Array, Estimator, Integers
 
 NOMINAL_SPREAD = 0.06  # of the sheet: an uneven border bends the linear formula that much
 POTENTIALS = 2  # in front of the divider
 REGRESSORS = ('ridge', 'grid_knn')
+LEAST_SPREAD = 0.02  # of the sheet: deviation of places in every direction
 
 
 class LinearPlace:
@@ -147,6 +149,17 @@ class PlaceHead:
             'ridge': Ridge(),
             'grid_knn': GridKnn(),
         }
+
+
+def tells_places(potentials: Array, places: Array) -> bool:
+    """Whether two of the potentials (s, p) move, and places (s, 2) do in every direction.
+
+    Touches of one place, or along a line, would make a map that is sure of what it never saw.
+    Places are in units of the sheet's edges.
+    """
+    least = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[-1]
+    moving = (np.ptp(potentials, axis=0) > STILL).sum()
+    return bool(moving >= POTENTIALS and least > LEAST_SPREAD * np.sqrt(len(places)))
 
 
 def _potentials(x: Array) -> Array:

@@ -25,6 +25,7 @@ TOUCHED = 0.01  # divider's reading above which a skin that was never fitted is 
 STILL = 0.01  # spread of a resting potential below which the foil does not float
 LIGHTEST = 0.01
 DIVIDER = 2  # its channel
+STILL = 1e-6  # of the supply: readings that move less are one constant, in 16 bits too
 LEAST, POSSIBLE = -1.0, 2.0  # of the supply: no wire reads more than twice of it
 BELOW = -0.1  # of the supply: a converter reads no less than ground, but for its offset
 RAIL = 1.0  # of the divider: no resistance at all, so a short or a converter at its end

@@ -138,6 +138,7 @@ class Readings:
         base = signals.baseline[rows].reshape(-1, len(self.axes))
         self.rest_ = rest.fit(base, self._chip(signals)[rows], disc[rows], warmer)
         self.level_ = self.rest_.level_
+        vars(self).pop('_pattern', None)
 
     def _chip(self, signals: Signals) -> Array:
         """Temperature of the chips (s,) (units from the usual one); 0 unknown."""
