@@ -175,7 +175,7 @@ def _probes(count: int, extent: str) -> list[Row]:
     learned = [(p,) for p in PROBES] + [(2, 14), PROBES]
     learned += [(2, 6), (6, 14)] if extent == 'full' else []
     rows = []
-    for known in [(2,), PROBES] if extent == 'quick' else learned:
+    for known in [PROBES] if extent == 'quick' else learned:
         ours, peer = PAD.joined(*(each[p] for p in known))
         for p in PROBES:
             one, names = fresh[p], ' and '.join(map(str, known)) if len(known) < 4 else 'all'
@@ -251,12 +251,14 @@ def _speed(count: int, seeds: tuple[int, ...]) -> list[Row]:
     inversion, cells = ours.estimation.inversion_, test.config.cells
     rows = []
     for name in (None, 'ridge', 'grid_knn', 'kernel_ridge', 'perceptron'):
-        away = []
+        away, right = [], []
         for seed in seeds:
             train, fresh = (PAD.session(15, count, 1.0, seed + part) for part in (LEARN, JUDGE))
             own = name is None and seed == 0
             one = ours if own else SPEC.pipeline(test.config, name).fit(train.recording)
-            away.append(PAD.away(one.process_batch(fresh.recording), fresh))
+            said = one.process_batch(fresh.recording)
+            away.append(PAD.away(said, fresh))
+            right.append(PAD.right(said, fresh))
         single, batch = PAD.times(one, fresh.recording)
         title = 'table Gauss-Newton' if name is None else name.replace('_', ' ')
         rows.append(
@@ -264,6 +266,12 @@ def _speed(count: int, seeds: tuple[int, ...]) -> list[Row]:
                 us_batch=batch, by_seed=tuple(away), compared='place on the pad, 15 cells',
                 method=title)
         )  # fmt: skip
+        if (said.cell >= 0).any():  # regressors of the place name none
+            rows.append(
+                Row(f'cell by {title}', '%', float(np.mean(right)), 'high', us_single=single,
+                    us_batch=batch, by_seed=tuple(right), method=title,
+                    compared='cells right on the pad, of 15')
+            )  # fmt: skip
     rows += [
         Row('five neighbours among 10 000, one frame', 'us',
             PAD.least_us(knn.predict, alone), aim=20.0),

@@ -239,13 +239,14 @@ def _coverage(splits: list[Split], fits: list[Pipeline]) -> list[Row]:
     Accepted are 5 points, or the 95 % binomial interval over groups where that is wider.
     """
     rows = []
-    for split, pipeline in zip(splits, fits, strict=True):
+    for part, (split, pipeline) in enumerate(zip(splits, fits, strict=True), start=1):
         found = target_errors(split.test, pipeline.process_batch(split.test))
         shares = [t.coverage for t in found if t.name.startswith(split.target)]
         worst = max(shares, key=lambda c: abs(c.share - ONE_SIGMA))
         edge = worst.high if worst.share > ONE_SIGMA else worst.low
         off, accepted = (100 * abs(x - ONE_SIGMA) for x in (worst.share, edge))
-        what = f'{split.name}: inside one sigma, off 68.3 ({worst.groups} groups)'
+        which = f', split {part} of {len(splits)}' if len(splits) > 1 else ''
+        what = f'{split.name}{which}: inside one sigma, off 68.3 ({worst.groups} groups)'
         rows.append(Row(what, 'points', off, bound=0.0, aim=accepted))
     return rows
 
@@ -293,7 +294,9 @@ def _peers(extent: str) -> dict[str, Callable[[], object]]:
         'ridge, 2nd order': lambda: make_pipeline(
             StandardScaler(), PolynomialFeatures(2), RidgeCV(np.logspace(-3, 3, 7))
         ),
-        'random forest': lambda: RandomForestRegressor(100, random_state=0),
+        'random forest': lambda: RandomForestRegressor(
+            30 if extent == 'quick' else 100, random_state=0
+        ),
         'MLP 128 x 128': lambda: make_pipeline(
             StandardScaler(), MLPRegressor(max_iter=100 if extent == 'quick' else 400, **mlp)
         ),

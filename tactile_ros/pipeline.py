@@ -79,7 +79,7 @@ class Pipeline:
 
     def reset(self) -> None:
         """Forget the stream's state; the baseline of the last tare or fit stays."""
-        self._stream = Stream(self._tracker(), self.estimation.start())
+        self.stream = Stream(self._tracker(), self.estimation.start())
 
     def _tracker(self) -> BaselineTracker:
         return BaselineTracker(self.rest_.baseline, self._tracking(), self._doubt)
@@ -102,12 +102,12 @@ class Pipeline:
         usable = np.concatenate(rows)
         self.rest_ = replace(self.rest_, baseline=tare_level(usable, self.rest_.dead))
         self._doubt = 1 / len(frames) if doubted else 0.0
-        self._stream.rebase(self._tracker())
+        self.stream.rebase(self._tracker())
 
     @property
     def baseline(self) -> Array:
         """Baseline in use now, shape (t, c); NaN: none yet, or dead in the fit."""
-        level, dead = self._stream.tracker.baseline, self.rest_.dead
+        level, dead = self.stream.tracker.baseline, self.rest_.dead
         return level.copy() if dead is None else np.where(dead[:, None], np.nan, level)
 
     def process(self, frame: Frame) -> ContactState:
@@ -156,12 +156,12 @@ class Pipeline:
         self, usable: Array, bits: Bytes, chips: Array | None, stamp_ns: Integers | None
     ) -> Columns:
         """State attributes of the next frames of the stream, a new one if time went back."""
-        if self._stream.is_over(stamp_ns):
+        if self.stream.is_over(stamp_ns):
             self.reset()
-        restart = self._stream.admit(stamp_ns, len(bits))
-        levels = self._stream.tracker.follow(usable, stamp_ns)
+        restart = self.stream.admit(stamp_ns, len(bits))
+        levels = self.stream.tracker.follow(usable, stamp_ns)
         signals = self._signals(usable, bits, levels, chips, stamp_ns, restart)
-        return self._estimate(signals, bits, self._stream)
+        return self._estimate(signals, bits, self.stream)
 
     def process_batch(self, recording: Recording) -> ContactStates:
         """Estimate from every frame of a recording, starting from `reset()`.

@@ -73,6 +73,7 @@ def needing(package: str) -> list[str]:
 # What cannot be tested without a package; the header says so.
 LEFT_OUT = {name: needing(name) for name in OPTIONAL if importlib.util.find_spec(name) is None}
 collect_ignore = [path for paths in LEFT_OUT.values() for path in paths]
+collect_ignore += ['launch/launched.py']  # launch_testing runs it: test/launch/test_launched.py
 
 
 def pytest_report_header() -> list[str]:

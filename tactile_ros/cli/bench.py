@@ -54,8 +54,9 @@ def names() -> list[str]:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `tactile bench`."""
     parser.add_argument('name', help=f'all, or one of: {", ".join(names()) or "none here"}')
-    parser.add_argument('--quick', action='store_true', help='fewer seeds and repetitions')
-    parser.add_argument('--full', action='store_true', help='every seed')
+    extent = parser.add_mutually_exclusive_group()
+    extent.add_argument('--quick', action='store_true', help='fewer seeds and repetitions')
+    extent.add_argument('--full', action='store_true', help='every seed')
     parser.add_argument('--jobs', type=int, default=1, help='benches of `all` at a time')
     parser.add_argument('--results', type=Path, help='folder of the json files')
     parser.add_argument('--figures', type=Path, help='folder of the plots (SVG), where wanted')
@@ -76,6 +77,9 @@ def load(name: str) -> ModuleType:
 
 def run(options: argparse.Namespace) -> int:
     """Run the benches, print their tables and write their json."""
+    if options.jobs < 1:
+        msg = f'--jobs must be 1 or more; received {options.jobs}'
+        raise ValueError(msg)
     results = options.results or Path('benchmarks') / 'results'
     extent = 'quick' if options.quick else 'full' if options.full else 'normal'
     chosen = names() if options.name == 'all' else [options.name]

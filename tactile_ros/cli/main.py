@@ -37,7 +37,7 @@ def parser() -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         module.add_arguments(own)
-        own.set_defaults(run=module.run)
+        own.set_defaults(run=module.run, refuse=own.error)
     return top
 
 
@@ -57,7 +57,9 @@ def main(arguments: list[str] | None = None) -> int:
     int
         0 done, 1 failed, 2 wrong use, 130 interrupted, 141 nobody reads what it prints.
     """
-    options = parser().parse_args(arguments)
+    options, unknown = parser().parse_known_args(arguments)
+    if unknown:  # argparse would show the usage of `tactile`, which has no options
+        options.refuse(f'unrecognized arguments: {" ".join(unknown)}')
     try:
         code = int(options.run(options) or 0)
         sys.stdout.flush()

@@ -66,7 +66,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--delay', type=seconds, help='of truth on topics of its own (s); default: estimated'
     )
     parser.add_argument('--save', type=Path, help='write PATH.json and PATH.npz')
-    parser.add_argument('--jobs', type=int, default=os.cpu_count() or 1, help='processes')
+    parser.add_argument(
+        '--jobs', type=int, default=os.cpu_count() or 1, help='recordings at a time'
+    )
     parser.add_argument('--scheduler', default='', help='address of a Dask scheduler')
     parser.add_argument('--report', type=Path, help='write a self-contained HTML report')
     parser.add_argument('--png', type=Path, help='folder of its drawings as PNG, where wanted')
@@ -75,6 +77,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Replay every recording through every calibration, print the table, write what is asked."""
+    if options.jobs < 1:
+        msg = f'--jobs must be 1 or more; received {options.jobs}'
+        raise ValueError(msg)
     pipelines = [open_calibration(path) for path in options.calibration]
     for path in filter(None, (options.report, options.save)):
         refuse_unwritable(path)
@@ -125,8 +130,9 @@ def print_outcomes(outcomes: list[Outcome], *, as_json: bool) -> None:
         sentences = [f'{topic}: {how}' for topic, how in one.association.items()]
         for found in one.answers:
             if found.agreement is not None:
+                which = f'{found.calibration}: ' if len(one.answers) > 1 else ''
                 worst = found.agreement.largest
-                sentences.append(f'replay and live contacts differ by at most {worst:.1g}')
+                sentences.append(f'{which}replay and live contacts differ by at most {worst:.1g}')
             sentences += found.problems
         for sentence in dict.fromkeys([*sentences, *one.problems]):
             print(f'  {one.source or one.name}: {sentence}', file=said)

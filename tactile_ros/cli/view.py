@@ -24,7 +24,7 @@ import numpy as np
 
 from tactile_ros.cli.destination import refuse_unwritable
 from tactile_ros.cli.working import working
-from tactile_ros.errors import DeviceTimeout, MissingPackageError
+from tactile_ros.errors import DeviceTimeout, MissingPackageError, RecordingError
 from tactile_ros.evaluation.fleet import open_calibration
 from tactile_ros.evaluation.recording import load
 from tactile_ros.sensors import load_sensor
@@ -70,10 +70,15 @@ def run(options: argparse.Namespace) -> int:
     if options.speed < 0:
         msg = f'--speed must be 0 or more; received {options.speed:g}'
         raise ValueError(msg)
+    if options.mcap and options.mcap.exists():
+        msg = f'{options.mcap} exists already; name a file that does not'
+        raise ValueError(msg)
+    if options.recording and not Path(options.recording).exists():
+        msg = f'{options.recording} does not exist; name a bag, .npz or .csv'
+        raise RecordingError(msg)
+    if options.sensor:
+        load_sensor(options.sensor)  # before anybody is asked to connect
     if options.mcap:
-        if options.mcap.exists():
-            msg = f'{options.mcap} exists already; name a file that does not'
-            raise ValueError(msg)
         refuse_unwritable(options.mcap)
         options.mcap.parent.mkdir(parents=True, exist_ok=True)
     with Viewer(None if options.mcap else options.port, options.mcap) as viewer:

@@ -69,7 +69,9 @@ class GripConfig:
         60.0, 'longest grasp or opening whose goal names no timeout', 's', 0.1, 3600
     )
     lost_time: float = number(0.2, 'time untouched after which an object is lost', 's', 0, 10)
-    friction_low: float = number(0.6, 'friction assumed until a slip tells', '1', 0.01, 5)
+    friction_low: float = number(
+        0.6, 'least friction of the objects, assumed until a slip tells', '1', 0.01, 5
+    )
     friction_floor: float = number(0.1, 'smallest friction that is believed', '1', 1e-3, 5)
     margin: float = number(0.5, 'least slip margin; half survives a halved friction', '1', 0, 0.95)
     slip_raise: float = number(2.0, 'factor on the target at a slip', '1', 1, 3)

@@ -120,6 +120,14 @@ class GripDrives:
             if abs(closure - law.command) > SAME:
                 law.yield_to(closure, dt)
 
+    def meet(self, drive: int, closure: float) -> None:
+        """End a drive's approach where it is now, measured at a closure.
+
+        A soft drive presses by what its joints stand behind its motion: turned back to where they
+        are measured, it would let go of what it has just touched.
+        """
+        self.laws[drive].retreat(max(closure, self._free[drive].closure))
+
     def drive(self, normal: list[float], closures: list[float], dt: float, holding: bool) -> None:
         """Decide the commands of a step of `dt` (s) from forces (f,) and closures (a,)."""
         for law, free in zip(self.laws, self._free, strict=True):

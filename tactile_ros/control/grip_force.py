@@ -284,7 +284,7 @@ class GripForce:
         approaching = self.phase in (GripPhase.CLOSE, GripPhase.TOUCH)
         for drive in self._fingers.feel(normal, across, says, self._watch.good, new, dt):
             if approaching and isfinite(closures[drive]):
-                self._laws[drive].retreat(closures[drive])
+                self._moved.meet(drive, closures[drive])
 
     def _advance(self, dt: float) -> None:
         """Phase and targets."""

@@ -14,8 +14,11 @@ import numpy as np
 from tactile_ros.estimators.disc_model import (
     CROSSED,
     GEOMETRY,
+    OFFSETS,
     REMANENCE,
     RIGHT,
+    WEAKENING,
+    WEAKER,
     DiscModel,
     heats,
 )
@@ -45,13 +48,18 @@ class DiscInversion(DiscModel):
         Squares left over, beyond which a row is begun again from rest.
     cost_ : float
         Squares that the fit left over.
+    unsure_ : ndarray, shape (9 + 5 n, 9 + 5 n)
+        Covariance of what was found.
     """
 
     cost_: float
+    unsure_: Array
     start_: PolynomialRidge | None = None
     doubt_: float = np.inf
 
-    def fit(self, change: Array, warm: Array | None = None) -> DiscInversion:
+    def fit(
+        self, change: Array, warm: Array | None = None, drift: Array | None = None
+    ) -> DiscInversion:
         """Find what the config is uncertain of from readings alone.
 
         Parameters
@@ -61,16 +69,19 @@ class DiscInversion(DiscModel):
         warm : ndarray, shape (s,), or None
             Temperatures of the disc, in a unit of the caller's, from that at which it has its
             remanence; None: always there.
+        drift : ndarray, shape (s, 2), or None
+            How readings follow the offsets of their channels; None: offsets are none.
 
         Returns
         -------
         DiscInversion
-            Itself.
+            Itself. Its places are those of readings less `drift` times `offset`.
         """
-        rows, heat = _some(change, warm)
+        rows, heat, drift = _some(change, warm, drift)
         self.rest_ = None
         self._set(np.zeros_like(self.found_))
-        self._find(rows, heat)
+        self._find(rows, heat, drift)
+        rows = rows - drift @ self.offset
         self.rest_ = self._absolute(np.zeros((1, 3)), np.zeros(1))[0]
         vars(self).pop('_offset', None)
         place, miss = self._descend(rows, heat, np.zeros((len(rows), self.unknowns)), STEPS)
@@ -78,29 +89,56 @@ class DiscInversion(DiscModel):
         self.doubt_ = DOUBT * float(np.quantile((miss**2).sum(axis=1), 0.99)) + 25.0
         return self
 
-    def leaves(self, change: Array, warm: Array) -> float:
+    def warmed(self, rise: float) -> Array:
+        """What a disc at rest that is warmer by a unit, and higher by gaps, changes (n,) (T)."""
+        place = np.array([[0.0, 0.0, rise]])
+        warm, usual = self.field(place, np.ones(1))[0], self.field(0 * place, np.zeros(1))[0]
+        return np.asarray(warm[0] - usual[0])
+
+    def fields(self, place: Array, heat: Array) -> Array:
+        """Readings (s, n) (T) of the disc at places (s, 3), nothing taken off."""
+        return self.field(place, heat)[0] + self._offset
+
+    def unsure_warmth(self, ways: Array) -> Array:
+        """Covariance (2 m + 1, 2 m + 1) of drifts along ways (n, m) (T), and of weakening (1)."""
+        count, wide = ways.shape
+        taken = np.zeros((2 * wide + 1, len(self.found_)))
+        drifts = np.einsum('k,nm,kl->kmln', OFFSETS, ways, np.eye(2))
+        taken[:-1, self._offsets :] = drifts.reshape(2 * wide, 2 * count)
+        taken[-1, WEAKENING] = WEAKER
+        return np.asarray(taken @ self.unsure_ @ taken.T)
+
+    def weaken(self, size: float) -> None:
+        """Take another change of remanence with temperature."""
+        found = self.found_.copy()
+        found[WEAKENING] = size
+        self._set(found)
+
+    def leaves(self, change: Array, warm: Array, drift: Array | None = None) -> float:
         """How badly the best of such models explains readings, beginning from what was found.
 
         A difference of 20 between two temperatures is clear: twice the logarithm of a likelihood.
         """
         freedoms = min(len(change), MOST_ROWS) * (self.projection_.shape[1] - self.unknowns)
-        self._find(*_some(change, warm))
+        self._find(*_some(change, warm, drift))
         return float(freedoms * np.log(self.cost_))
 
-    def _find(self, rows: Array, heat: Array) -> None:
+    def _find(self, rows: Array, heat: Array, drift: Array) -> None:
         """Find what the config is uncertain of."""
         place = np.zeros((len(rows), self.unknowns))
         sigma = self._sigma(rows)
         best, least = self.found_, np.inf
         for turn in range(ROUNDS):
-            place, _ = self._descend(rows, heat, place, STEPS if turn == 0 else 3)
-            slopes, error = self._slopes(rows, heat, place)
+            read = rows - drift @ self.offset
+            place, _ = self._descend(read, heat, place, STEPS if turn == 0 else 3)
+            slopes, error = self._slopes(read, heat, place, drift)
             left = float(np.minimum((error / sigma) ** 2, 25.0).sum())
             cost = left + float(self.found_ @ self.found_)
             if cost > 0.999 * least:
                 break
             best, least, self.cost_ = self.found_, cost, left
-            self._set(best + self._step(slopes, error, place, heat, sigma))
+            move, self.unsure_ = self._step(slopes, error, place, heat, sigma)
+            self._set(best + move)
         self._set(best)
 
     def _learn_starts(self, place: Array) -> None:
@@ -112,7 +150,7 @@ class DiscInversion(DiscModel):
         trial = self._inside(trial)
         self.start_ = PolynomialRidge((3,)).fit(self.field(trial)[0] @ self.projection_, trial)
 
-    def _slopes(self, rows: Array, heat: Array, place: Array) -> tuple[Array, Array]:
+    def _slopes(self, rows: Array, heat: Array, place: Array, drift: Array) -> tuple[Array, Array]:
         """How differences change with what is to be found (s, m, p), and their errors (s, m)."""
         seen, _ = self.field(place, heat)
         start, step, count = self.found_, 1e-4, self.projection_.shape[1]
@@ -121,7 +159,10 @@ class DiscInversion(DiscModel):
             self._set(start + step * np.eye(len(start))[i])
             slopes[..., i] = (self.field(place, heat)[0] - seen) @ self.projection_ / step
         self._set(start)
-        slopes[..., GEOMETRY:] = self._crossing(place, heat).reshape(len(rows), count, -1)
+        crossing = self._crossing(place, heat).reshape(len(rows), count, -1)
+        slopes[..., GEOMETRY : self._offsets] = crossing
+        follows = np.einsum('sk,nm->smkn', drift * OFFSETS, self.projection_)
+        slopes[..., self._offsets :] = follows.reshape(len(rows), count, -1)
         return slopes, (rows - seen) @ self.projection_
 
     def _crossing(self, place: Array, heat: Array) -> Array:
@@ -133,8 +174,10 @@ class DiscInversion(DiscModel):
         field = size * np.repeat(field, len(self.axes) // len(self.pixels), axis=1)
         return np.asarray(np.einsum('nm,sni->smni', self.projection_, field))
 
-    def _step(self, slopes: Array, error: Array, place: Array, heat: Array, sigma: Array) -> Array:
-        """Change of what is to be found, after places are eliminated."""
+    def _step(
+        self, slopes: Array, error: Array, place: Array, heat: Array, sigma: Array
+    ) -> tuple[Array, Array]:
+        """Change of what is to be found, after places are eliminated, and its covariance."""
         inner = self._inner(place, heat) / sigma[..., None]
         slopes, error = slopes / sigma[..., None], error / sigma
         trust = 1 / np.maximum(1.0, (error**2).mean(axis=1) / 9)
@@ -144,7 +187,8 @@ class DiscInversion(DiscModel):
         own = slopes - np.einsum('smi,sip->smp', inner, solved)
         left = np.einsum('s,smp,smq->pq', trust, own, slopes) + np.eye(slopes.shape[2])
         right = np.einsum('s,smp,sm->p', trust, own, error) - self.found_
-        return np.asarray(np.linalg.solve(left, right))
+        cov = np.linalg.inv(left)
+        return np.asarray(cov @ right), cov
 
     def _inner(self, place: Array, heat: Array) -> Array:
         """Change of differences with places and tilts, shape (s, m, 3 or 5)."""
@@ -248,7 +292,8 @@ class DiscInversion(DiscModel):
         return place, rest, left
 
 
-def _some(change: Array, warm: Array | None) -> tuple[Array, Array]:
-    """Rows that suffice for a fit, and their temperatures."""
+def _some(change: Array, warm: Array | None, drift: Array | None) -> tuple[Array, Array, Array]:
+    """Rows that suffice for a fit, their temperatures and how they follow offsets."""
     chosen = np.linspace(0, len(change) - 1, min(len(change), MOST_ROWS)).astype(int)
-    return change[chosen], heats(change, warm)[chosen]
+    drift = np.zeros((len(change), 2)) if drift is None else drift
+    return change[chosen], heats(change, warm)[chosen], drift[chosen]

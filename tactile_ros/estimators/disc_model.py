@@ -17,8 +17,9 @@ from tactile_ros.types import Array
 
 GAP, REMANENCE, REST, LEANING, COUPLING, DEEPER = 0.1, 0.1, 0.08, 0.03, 0.3, 0.5
 CROSSED = 0.01  # of gains and crossed axes
+OFFSETS = np.array([2e-4, 5e-6])  # T: drift over a unit of temperature, and over its square
 WEAKER = 0.04  # loss of remanence over a unit of temperature
-GEOMETRY = 9
+GEOMETRY, WEAKENING = 9, 7
 DEEPEST, SIDEWAYS, STEEP = 0.85, 1.2, 0.6  # of the gap, of the gap, rad
 UPWARD = np.array([1.0, 1.0, 0.8, 1.0, 1.0])
 RIGHT = 1e-3  # of the field: what a disc's model may be wrong by
@@ -44,10 +45,10 @@ class DiscModel:
 
     Attributes
     ----------
-    found_ : ndarray, shape (9 + 3 n,)
+    found_ : ndarray, shape (9 + 5 n,)
         What was found of gap, remanence, rest, leaning, coupling, change of remanence with
-        temperature, change of coupling with depth, and gains and crossed axes, in units of what
-        the config is uncertain by.
+        temperature, change of coupling with depth, gains and crossed axes, and two drifts of
+        each channel, in units of what the config is uncertain by.
     projection_ : ndarray, shape (n, m)
         To the differences that a uniform field does not change.
     sigma_ : float
@@ -75,7 +76,7 @@ class DiscModel:
         gap, diameter, height, _ = disc
         reach = reach_under(pixels, float(gap), float(height))
         self.table, self.grid = disc_table(float(diameter), float(height), reach, shape)
-        self.found_ = np.zeros(GEOMETRY + axes.size)
+        self.found_ = np.zeros(GEOMETRY + axes.size + 2 * len(axes))
         self.rest_: Array | None = None
 
     def given(self: Model, projection: Array, sigma: float, *, absolute: bool) -> Model:
@@ -100,8 +101,19 @@ class DiscModel:
             'rest_y': gap * REST * float(found[3]),
             'tilt_per_shift': COUPLING * float(found[6]),
             'remanence_per_unit': WEAKER * float(found[7]),
-            'gain_spread': CROSSED * float(found[GEOMETRY:].std()),
+            'gain_spread': CROSSED * float(found[GEOMETRY : self._offsets].std()),
+            'drift_per_unit': float(self.offset[0].std()),
         }
+
+    @property
+    def _offsets(self) -> int:
+        """Where the offsets begin in what was found."""
+        return GEOMETRY + self.axes.size
+
+    @property
+    def offset(self) -> Array:
+        """Offsets that were found, shape (2, n) (T)."""
+        return np.asarray(OFFSETS[:, None] * self.found_[self._offsets :].reshape(2, -1))
 
     def _set(self, found: Array) -> None:
         """Take what is found; what follows from it is forgotten."""
@@ -120,7 +132,7 @@ class DiscModel:
             DEEPER * found[8],
         ])  # fmt: skip
         used = (self.axes != 0).any(axis=1, keepdims=True)
-        axes = self.axes + CROSSED * used * found[GEOMETRY:].reshape(-1, 3)
+        axes = self.axes + CROSSED * used * found[GEOMETRY : self._offsets].reshape(-1, 3)
         return geometry, axes * (remanence * (1 + REMANENCE * found[1]))
 
     def _sigma(self, change: Array) -> Array:

@@ -49,20 +49,23 @@ class PressMisfit:
         self._loads: dict[int, tuple[Array, Array]] = {}
 
     def dent(self, model: SkinModel, press: KnownPress) -> tuple[Array, Array]:
-        """Movements and turns of the sheet's dipoles (g, 3) per depth."""
+        """Movements and turns of the sheet and its body (g, 3) per depth."""
         key = id(press.outline)
         if key not in self._loads:
             self._loads[key] = model.dents.loads(press.outline)
         images = model.dents.images(*self._loads[key], press.pose)
         flat = model.dents.on_sheet(model.sheet, images).T
         turned = np.zeros((len(flat), 3))
-        turned[:, :2] = model.turning * flat[:, 3:]
+        turned[:, :2] = flat[:, 3:]
         return flat[:, :3], turned
 
     def series(self, model: SkinModel, dent: tuple[Array, Array]) -> Array:
         """Changes of field by bands for powers 1 to 3 of the depth, shape (3, b, t, 3)."""
         depths = 0.2 * model.body * np.array([1 / 3, 2 / 3, 1.0])
-        found = [model.sheet.band_changes(model.chips, a * dent[0], a * dent[1]) for a in depths]
+        found = [
+            model.sheet.band_changes(model.chips, a * dent[0], a * model.turning * dent[1])
+            for a in depths
+        ]
         inverse = np.linalg.inv(depths[:, None] ** np.arange(1, 4))
         return np.tensordot(inverse, np.stack(found), axes=1)
 

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.press_rows import descend_rows
+from tactile_ros.estimators.few_shot import orthonormal
+from tactile_ros.estimators.press_rows import descend_rows, weigh_rows
 from tactile_ros.physics import compiled
 
 if TYPE_CHECKING:
@@ -74,6 +75,21 @@ class Descents:
     normal: Array
     scale: Array
     plain: Array
+
+
+def weigh(pattern: Array, variance: Array, common: Array, powers: Array) -> Weighed:
+    """Presses with patterns and variances (n, d); `common` (d, 3) is what a uniform field does."""
+    if compiled.available():
+        weight, wanted = np.empty_like(pattern), np.empty_like(pattern)
+        span = np.empty((*pattern.shape, 3))
+        weigh_rows(pattern, variance, common, weight, wanted, span)
+        return Weighed(weight, wanted, span, powers)
+    weight = 1 / np.sqrt(variance)
+    # what a uniform field could have added is taken out of weighted patterns
+    span = orthonormal(weight[:, :, None] * common)
+    wanted = pattern * weight
+    wanted = wanted - np.einsum('ndk,nk->nd', span, np.einsum('ndk,nd->nk', span, wanted))
+    return Weighed(weight, wanted, span, powers)
 
 
 def descend(

@@ -93,6 +93,31 @@ def cleared_rows(rows: Array, span: Array) -> None:
 
 
 @compiled
+def orthonormal_rows(span: Array) -> None:
+    """Columns of a matrix (d, 3) become orthonormal, one after the other."""
+    for i in range(3):
+        for round_ in range(2 * i):  # twice each, for what rounding left
+            j = round_ % i
+            span[:, i] -= (span[:, i] * span[:, j]).sum() * span[:, j]
+        span[:, i] /= np.sqrt((span[:, i] * span[:, i]).sum())
+
+
+@compiled
+def weigh_rows(
+    pattern: Array, variance: Array, common: Array, weight: Array, wanted: Array, span: Array
+) -> None:
+    """Presses (n, d) as of `Weighed`: `weight`, `wanted` and `span` (n, d, 3) are filled."""
+    for i in range(len(pattern)):
+        for k in range(pattern.shape[1]):
+            weight[i, k] = 1.0 / np.sqrt(variance[i, k])
+            wanted[i, k] = pattern[i, k] * weight[i, k]
+            for j in range(3):
+                span[i, k, j] = common[k, j] * weight[i, k]
+        orthonormal_rows(span[i])
+        cleared_rows(wanted[i : i + 1], span[i])
+
+
+@compiled
 def depth_rows(
     parts: Singles, powers: Array, usual: float, weight: Array, span: Array, wanted: Array
 ) -> float:

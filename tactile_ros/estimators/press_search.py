@@ -7,17 +7,20 @@ the best nodes of each head are refined, and misfits decide.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.estimators.few_shot import orthonormal
-from tactile_ros.estimators.press_descent import Weighed, descend
+from tactile_ros.estimators.press_descent import descend, weigh
+from tactile_ros.estimators.shape_misfit import shape_misfits
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from tactile_ros.estimators.press_bank import PressBank
-    from tactile_ros.estimators.press_descent import Descents
+    from tactile_ros.estimators.press_descent import Descents, Weighed
     from tactile_ros.estimators.press_window import PressVectors
     from tactile_ros.types import Array, Integers
 
@@ -46,6 +49,10 @@ class Matches:
         Change of the pattern with the pose.
     fitted : ndarray, shape (n, heads, d)
         Pattern of the best press.
+    level : ndarray, shape (n,)
+        Logarithm of the variance of the pattern.
+    misfit : ndarray, shape (n,)
+        Of the likeliest head's shape; see `shape_misfits`.
     """
 
     cost: Array
@@ -53,6 +60,22 @@ class Matches:
     cov: Array
     slopes: Array
     fitted: Array
+    level: Array
+    misfit: Array
+
+    def rows(self, rows: npt.NDArray[np.intp]) -> Matches:
+        """Those of some presses."""
+        return Matches(*(getattr(self, one.name)[rows] for one in fields(self)))
+
+    def or_better(self, other: Matches) -> Matches:
+        """Of each press these or those of another skin, whichever fit better."""
+        which = np.argmin([self.cost.min(axis=1), other.cost.min(axis=1)], axis=0)
+        each = np.arange(len(which))
+        parts = (
+            np.stack([getattr(self, one.name), getattr(other, one.name)])[which, each]
+            for one in fields(self)
+        )
+        return Matches(*parts)
 
 
 class PressSearch:
@@ -72,6 +95,9 @@ class PressSearch:
         Of the model, as a share of what a chip sees.
     still : float
         Error of a pattern that frames do not average (T).
+    other : PressSearch or None
+        The same for another skin that it may be: each press is taken for one of the skin that
+        explains it better.
     """
 
     def __init__(
@@ -82,8 +108,9 @@ class PressSearch:
         body: float,
         error: float,
         still: float = 0.0,
+        other: PressSearch | None = None,
     ) -> None:
-        self.still = still
+        self.still, self.other = still, other
         self.bank, self.noise, self.body, self.error = bank, noise, body, error
         self.common = common
         self.basis = np.linalg.qr(common)[0]
@@ -101,17 +128,22 @@ class PressSearch:
         self.rank = rank
         x, y = bank.nodes
         self.places = np.stack(np.meshgrid(x, y, indexing='ij'), axis=-1).reshape(-1, 2)
-        self.rows, self.turn = _columns(bank)
+        self.rows, turn = _columns(bank)
+        self.heads, self.turn = np.repeat(np.arange(len(turn)), STARTS), np.repeat(turn, STARTS)
 
     def find(self, presses: PressVectors) -> Matches:
         """The best press of every head."""
         count = len(presses.pattern)
-        parts = [
-            self._find(presses.rows(np.arange(i, min(i + TOGETHER, count))))
-            for i in range(0, count, TOGETHER)
-        ]
-        names = ('cost', 'pose', 'cov', 'slopes', 'fitted')
-        return Matches(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
+        if count <= TOGETHER:
+            return self._find(presses)
+        each = np.split(np.arange(count), np.arange(TOGETHER, count, TOGETHER))
+        return joined([self._find(presses.rows(rows)) for rows in each])
+
+    def let_still(self, still: float) -> None:
+        """Let patterns have another error that frames do not average (T)."""
+        self.still = still
+        if self.other is not None:
+            self.other.let_still(still)
 
     def variance(self, presses: PressVectors) -> Array:
         """Variance of patterns (n, d): noise, and error of the model where chips see much."""
@@ -125,16 +157,17 @@ class PressSearch:
 
     def _find(self, presses: PressVectors) -> Matches:
         """Of a few presses, which fit in the memory together."""
+        found = self._found(presses)
+        return found if self.other is None else found.or_better(self.other._find(presses))
+
+    def _found(self, presses: PressVectors) -> Matches:
+        """The same on this skin."""
         press, head, pose = self._starts(presses)
-        weight = 1 / np.sqrt(self.variance(presses))
-        # what a uniform field could have added is taken out of weighted patterns
-        span = orthonormal(weight[:, :, None] * self.common)
-        wanted = presses.pattern * weight
-        wanted = wanted - np.einsum('ndk,nk->nd', span, np.einsum('ndk,nd->nk', span, wanted))
-        weighed = Weighed(weight, wanted, span, presses.powers)
+        variance = self.variance(presses)
+        weighed = weigh(presses.pattern, variance, self.common, presses.powers)
         depths = SHALLOWEST * self.body, DEEPEST * self.body
         found = descend(self.bank, weighed, press, head, pose, depths)
-        return self._best(press, head, found, len(wanted))
+        return self._best(found, np.log(variance).sum(axis=1), weighed)
 
     def _starts(self, presses: PressVectors) -> tuple[Integers, Integers, Array]:
         """Press, head and pose of each start, press by press."""
@@ -150,34 +183,44 @@ class PressSearch:
         """Head and pose of each start of one press of unit length (d,)."""
         spread = np.square(self.spans @ own).reshape(self.rank, -1).sum(axis=0)
         places = np.argpartition(-spread, PLACES)[:PLACES]
-        score = np.full((PLACES, self.units.shape[1] + 1), -np.inf, np.float32)
-        score[:, :-1] = self.units[places] @ own
-        score = score[:, self.rows].swapaxes(0, 1).reshape(len(self.rows), -1)  # head, place turn
-        best = np.argpartition(-score, STARTS - 1, axis=1)[:, :STARTS]
-        where, turn = np.divmod(best.ravel(), self.rows.shape[1])
-        head = np.repeat(np.arange(len(self.rows)), STARTS)
-        pose = np.full((len(head), 4), USUAL * self.body)
-        pose[:, :2], pose[:, 2] = self.places[places[where]], turn * self.turn[head]
-        return head, pose
+        score = np.full((self.units.shape[1] + 1, PLACES), np.inf, np.float32)
+        np.negative((self.units[places] @ own).T, out=score[:-1])
+        score = score[self.rows].reshape(len(self.rows), -1)  # head, turn place
+        best = np.argpartition(score, STARTS - 1, axis=1)[:, :STARTS]
+        turn, where = np.divmod(best.ravel(), PLACES)
+        pose = np.full((len(turn), 4), USUAL * self.body)
+        pose[:, :2], pose[:, 2] = self.places[places[where]], turn * self.turn
+        return self.heads, pose
 
-    def _best(self, press: Integers, head: Integers, found: Descents, count: int) -> Matches:
-        """The best descent of every head for every press."""
-        heads, d = len(self.rows), found.plain.shape[2]
-        best = Matches(
-            np.full((count, heads), np.inf), np.full((count, heads, 4), np.nan),
-            np.full((count, heads, 4, 4), np.nan), np.zeros((count, heads, 4, d)),
-            np.zeros((count, heads, d)),
-        )  # fmt: skip
-        order = np.argsort(-found.cost, kind='stable')  # the best is written last
-        last = np.full((count, heads), -1)
-        last[press[order], head[order]] = order
-        at = last >= 0
-        rows = last[at]
+    def _best(self, found: Descents, level: Array, weighed: Weighed) -> Matches:
+        """The best descent of every head, of `STARTS` each, for every press."""
+        count = len(level)
+        which = found.cost.reshape(-1, STARTS).argmin(axis=1)
+        rows = STARTS * np.arange(len(which)) + which
         scale = found.scale[rows]
-        best.cost[at], best.pose[at] = found.cost[rows], found.pose[rows]
-        best.cov[at] = np.linalg.inv(found.normal[rows]) / scale[:, :, None] / scale[:, None]
-        best.fitted[at], best.slopes[at] = found.plain[rows, 0], found.plain[rows, 1:]
-        return best
+        cov = np.linalg.inv(found.normal[rows]) / scale[:, :, None] / scale[:, None]
+        cost, pose, cov, plain = (
+            one.reshape(count, -1, *one.shape[1:])
+            for one in (found.cost[rows], found.pose[rows], cov, found.plain[rows])
+        )
+        slopes, fitted = plain[:, :, 1:], plain[:, :, 0]
+        return Matches(cost, pose, cov, slopes, fitted, level, _misfits(cost, plain, weighed))
+
+
+def joined(parts: list[Matches]) -> Matches:
+    """Matches of presses, one after the other."""
+    return Matches(
+        *(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(Matches))
+    )
+
+
+def _misfits(cost: Array, plain: Array, weighed: Weighed) -> Array:
+    """Misfit of the likeliest head's shape (n,), from patterns and slopes (n, heads, 5, d)."""
+    each = np.arange(len(cost))
+    best = plain[each, cost.argmin(axis=1)]
+    rows = np.concatenate([best, plain[:, :, 0] - best[:, :1]], axis=1)
+    rows = weighed.cleared(each, rows * weighed.weight[:, None])
+    return shape_misfits(weighed.wanted - rows[:, 0], rows[:, 1:5], rows[:, 5:])
 
 
 def _leading(gram: Array, rank: int) -> Array:

@@ -31,11 +31,13 @@ USUAL = {
     'shift': 0.4e-3,  # m, of all bands
     'gap': 0.2e-3,  # m, of all chips
     'stray': 5e-5,  # T, field of the Earth and offsets
+    'turning': 0.3,  # share of the body's turns that magnets follow
 }
 MANY = ('place', 'tilt', 'gain', 'band')  # kinds that tell how far they usually are
+TURNING = 0.0, 0.5, 1.0  # shares from which that of presses is sought
 WORKSHOP = 10.0  # members, as which what is usual counts then
 MISSED = 4e-3  # of the resting field: what no parameter explains
-STEP = 2e-5  # m, over which fields are differentiated
+STEP, TURN = 2e-5, 0.05  # m and share, over which fields are differentiated
 ROUNDS = 4
 EXPLAINED = 0.85  # of the resting field, below which the drawing is of another skin
 
@@ -54,6 +56,8 @@ class SkinFit:
     ----------
     found : SkinModel
         With the parameters of the last fit.
+    turning_told : bool
+        Whether presses have told how far magnets turn with the body.
     """
 
     def __init__(self, drawn: SkinModel, noise: float) -> None:
@@ -61,7 +65,7 @@ class SkinFit:
         t, b = len(drawn.chips), len(drawn.strengths)
         sizes = [
             ('place', 3 * t), ('tilt', 3 * t), ('gain', 3 * t), ('band', b), ('common', 1),
-            ('shift', 1), ('gap', 1), ('stray', 3),
+            ('shift', 1), ('gap', 1), ('stray', 3), ('turning', 1),
         ]  # fmt: skip
         ends = np.cumsum([0] + [n for _, n in sizes])
         self.parts = {name: slice(ends[i], ends[i + 1]) for i, (name, _) in enumerate(sizes)}
@@ -72,6 +76,7 @@ class SkinFit:
         self._before = self.theta
         self._system: tuple[Array, Array, list[tuple[Array, Array]]]
         self.press = PressMisfit(noise)
+        self.turning_told = False
 
     def fit_rest(self, rest: Array) -> bool:
         """Fit resting readings (t, 3); False and nothing found if they are of another skin."""
@@ -87,7 +92,7 @@ class SkinFit:
     def fit_presses(self, rest: Array | None, presses: Sequence[KnownPress]) -> None:
         """Fit known presses together with resting readings (t, 3), or without."""
         costs = {}
-        for turning in (0.0, 1.0):
+        for turning in TURNING:
             self.found = replace(self.found, turning=turning)
             some = presses[:: len(presses) // 12 + 1]
             costs[turning] = sum(self.press.miss(self.found, one)[1] for one in some)
@@ -95,6 +100,7 @@ class SkinFit:
         self.drawn = replace(self.drawn, turning=best)
         self.found = replace(self.found, turning=best)
         self._iterate(rest, presses, rounds=2)
+        self.turning_told = True
 
     def left_out(self, presses: Sequence[KnownPress], fold: Integers) -> tuple[Array, Array]:
         """What fitted presses are like to skins that were fitted without them.
@@ -163,8 +169,12 @@ class SkinFit:
             self.prior[part] = np.sqrt(found)
 
     def expected(self, presses: Sequence[KnownPress]) -> float:
-        """Usual share of presses that errors of the parameters leave unexplained."""
+        """Usual share of presses that errors of the parameters leave unexplained.
+
+        As if it were known how far magnets turn, of which a rest tells nothing.
+        """
         covariance, shares = self._covariance(), []
+        covariance[self.parts['turning']] = 0.0
         for press in presses:
             slopes, sigma = self._press_block(press)[1], self.press.sigma(press)
             variance = np.einsum('pd,pq,qd->d', slopes, covariance, slopes) * np.square(sigma)
@@ -185,6 +195,7 @@ class SkinFit:
             drawn, chips=chips, strengths=strengths,
             responses=gain * np.matmul(drawn.responses, turned),
             shift=float(drawn.shift + theta[parts['shift']][0]),
+            turning=float(np.clip(drawn.turning + theta[parts['turning']][0], 0.0, 1.0)),
         )  # fmt: skip
 
     def _readings(self, model: SkinModel, rest: Array) -> Array:
@@ -239,16 +250,19 @@ class SkinFit:
         dent = own.dent(model, press)
         depth, bands = own.depth(model, press, own.series(model, dent))
         field = np.tensordot(model.strengths, bands, axes=1)
-        moved, turned = depth * dent[0], depth * dent[1]
 
         def change(sheet_model: SkinModel, chips: Array) -> Array:
-            found = sheet_model.sheet.band_changes(chips, moved, turned)
+            turned = depth * sheet_model.turning * dent[1]
+            found = sheet_model.sheet.band_changes(chips, depth * dent[0], turned)
             return np.asarray(np.tensordot(model.strengths, found, axes=1))
 
         now = change(model, model.chips)
         along = [(change(model, model.chips + STEP * e) - now) / STEP for e in np.eye(3)]
         shift = (change(replace(model, shift=model.shift + STEP), model.chips) - now) / STEP
         slopes = self._slopes(model, field, bands, along, shift)
+        more = change(replace(model, turning=model.turning + TURN), model.chips) - now
+        turning = np.einsum('tij,tj->ti', model.responses, more / TURN)
+        slopes[self.parts['turning']] = turning.ravel()
         read = np.einsum('tij,tj->ti', model.responses, field).ravel()
         sigma = own.sigma(press)
         # depth and a uniform field are not known: what they do is taken out

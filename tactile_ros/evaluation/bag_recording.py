@@ -92,12 +92,14 @@ def _sensor(
         index,
         problems,
     )
+    live = _live(heard.get(f'{space}/contacts', []), place, index, problems)
+    recording = recording if live is None else live.as_taken(recording)
     told = heard.get(f'{space}/calibration', [])
     digests = [d for m in told for d in _digests(m)]
     return LoadedRecording(
         space.strip('/') or 'sensor',
         replace(recording, truth=truth),
-        _live(heard.get(f'{space}/contacts', []), place, index, problems),
+        live,
         tuple(_frames(heard.get(f'{space}/baseline', []), place, problems, 'baselines')),
         tuple(dict.fromkeys(digests)),
         read_changes(m.message.data for m in told),  # type: ignore[attr-defined]

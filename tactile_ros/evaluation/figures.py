@@ -119,7 +119,8 @@ def delays(dataset: Dataset) -> Figure | None:
 def figures_of(dataset: Dataset, colours: Colours) -> list[Figure]:
     """Every drawing that a recording has data for, each estimator in its colour."""
     first = colours[dataset.answers[0].name]
-    forces = ('force_z', 'force_x', 'force_y')
+    varying = {t.name for t in dataset.answers[0].targets if t.varies}
+    forces = [name for name in ('force_z', 'force_x', 'force_y') if name in varying]
     drawn = [
         error_map(dataset),
         histogram(dataset, colours),
@@ -152,7 +153,7 @@ def headline(result: Result) -> list[tuple[str, str, str]]:
     found = []
     for name, unit, words in wanted:
         targets = [d.answers[0].target(name) for d in result.datasets if d.answers]
-        known = [t for t in targets if t is not None and t.spread.count]
+        known = [t for t in targets if t is not None and t.spread.count and t.varies]
         if known:
             found.append((f'{shown(known[0]):.2f}', unit, words))
     delay = next((d.latency for d in result.datasets if d.latency.count), None)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.types import TaxelStatus
 
 if TYPE_CHECKING:
     from tactile_ros.types import ContactStates, Frame, Integers, Recording
@@ -29,6 +33,17 @@ class LiveContacts:
     states: ContactStates
     log_ns: Integers
     unmatched: int
+
+    def as_taken(self, recording: Recording) -> Recording:
+        """The recording as the live run took it: frames that failed there count as lost."""
+        error = np.uint8(TaxelStatus.ERROR)
+        failed = self.rows[(self.states.taxel_status & error).all(axis=1)]
+        if not len(failed):
+            return recording
+        shape = (len(recording), recording.layout.shape[0])
+        status = np.zeros(shape, np.uint8) if recording.status is None else recording.status.copy()
+        status[failed] |= error
+        return replace(recording, status=status)
 
 
 @dataclass(frozen=True)

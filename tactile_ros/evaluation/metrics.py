@@ -114,6 +114,11 @@ class TargetErrors:
     coverage: Coverage
 
     @property
+    def varies(self) -> bool:
+        """Whether the truth is more than one value: of a constant there is nothing to draw."""
+        return bool(len(self.truth)) and bool(np.ptp(self.truth, axis=0).any())
+
+    @property
     def size(self) -> Array:
         """Norm of the error, shape (n,); NaN where nothing was estimated."""
         return np.asarray(np.sqrt((self.error**2).sum(axis=1)))

@@ -8,8 +8,19 @@ from typing import TYPE_CHECKING
 
 from tactile_ros import __version__
 from tactile_ros.calibration.beside import write_beside
-from tactile_ros.evaluation.page import document, drawn, facts, image_of, listed, number, tiles
+from tactile_ros.evaluation.page import (
+    deviation,
+    document,
+    drawn,
+    facts,
+    image_of,
+    listed,
+    number,
+    tiles,
+    unit_of,
+)
 from tactile_ros.evaluation.pareto import contests, pareto
+from tactile_ros.evaluation.seed_strip import strip
 
 if TYPE_CHECKING:
     import os
@@ -22,6 +33,7 @@ if TYPE_CHECKING:
 TITLES = {
     'reskin': 'Real boards: ReSkin, AnySkin, eFlesh, on recordings',
     'multipole_skin': '[1] Multipole skin',
+    'multipole_figures': '[1] Its figures, made again',
     'multipole_graph': '[1] Multipole skin through the graph',
     'pronet': '[1] Few-shot network and templates',
     'magnet_pad': '[2] Magnet pad',
@@ -42,7 +54,8 @@ READING = (
     'Published: the figure of the paper. Peer: the paper’s own method, or the best of the others, '
     'in the same run; the notes of a bench say which. Bound: what no method can beat there.',
     'An aim is held where ours is at most the aim, or at least where high is better. ± is one '
-    'standard deviation over seeds or held-out runs.',
+    'standard deviation over seeds or held-out runs; under it dots are their values, the bar that '
+    'deviation to either side, the upright line the aim.',
     'µs, one: a frame alone, as it comes from a sensor; µs, of a batch: a frame among many.',
     'Benches that run side by side slow one another: take times from a bench that ran alone.',
 )
@@ -140,7 +153,7 @@ def _missed(files: Sequence[BenchFile]) -> str:
     lines = [
         f'<tr><th class="what" scope="row">{escape(row.what.strip())}'
         f'<br><small>{escape(title_of(file.result.bench))}</small></th>'
-        f'<td class="missed">{number(row.ours, row.aim)} {escape(_unit(row))}</td>'
+        f'<td class="missed">{number(row.ours, row.aim)} {escape(unit_of(row.unit))}</td>'
         f'<td>{"≤" if row.better == "low" else "≥"} {number(row.aim)}</td></tr>'
         for file in files
         for row in file.result.rows
@@ -155,10 +168,6 @@ def _missed(files: Sequence[BenchFile]) -> str:
         '<th>ours</th><th>aim</th></tr></thead>'
         f'<tbody>{"".join(lines)}</tbody></table></div></section>'
     )
-
-
-def _unit(row: Row) -> str:
-    return '' if row.unit == '1' else row.unit
 
 
 def _speed(files: Sequence[BenchFile]) -> str:
@@ -202,9 +211,13 @@ def table(rows: Sequence[Row]) -> str:
     lines = []
     for row, line in zip(rows, cells, strict=True):
         kinds = {2: 'ours', 5: {True: 'held', False: 'missed', None: ''}[row.held]}
-        told = ''.join(f'<td class="{kinds.get(i, "")}">{escape(line[i])}</td>' for i in kept)
+        drawings = {2: strip(row)}
+        told = ''.join(
+            f'<td class="{kinds.get(i, "")}">{escape(line[i])}{drawings.get(i, "")}</td>'
+            for i in kept
+        )
         indent = ' under' if row.what.startswith(' ') else ''
-        unit = f' <small>{escape(row.unit)}</small>' if _unit(row) else ''
+        unit = f' <small>{escape(unit_of(row.unit))}</small>' if unit_of(row.unit) else ''
         lines.append(
             f'<tr><th class="what{indent}" scope="row">{escape(row.what.strip())}{unit}</th>'
             f'{told}</tr>'
@@ -217,9 +230,7 @@ def table(rows: Sequence[Row]) -> str:
 
 def _cells(row: Row) -> list[str]:
     """Cells of `COLUMNS`."""
-    ours = number(row.ours, row.aim)
-    if row.spread:
-        ours += f' ± {row.spread:.1g}'
+    ours = f'{number(row.ours, row.aim)}{deviation(row.spread)}'
     numbers = [number(row.paper), number(row.peer), ours, number(row.bound), number(row.aim)]
     return [*numbers, MARKS[row.held], number(row.us_single), number(row.us_batch)]
 

@@ -89,6 +89,22 @@ def number(value: float | None, beside: float | None = None) -> str:
     return text
 
 
+def unit_of(unit: str) -> str:
+    """A unit as a page writes it; empty: a plain number."""
+    return {'1': '', 'us': 'µs', 'uT': 'µT'}.get(unit, unit)
+
+
+def deviation(value: float | None) -> str:
+    """A standard deviation behind its figure, with one digit; empty: none, or 0.
+
+    Examples
+    --------
+    >>> deviation(0.0123), deviation(11.8), deviation(None)
+    (' ± 0.01', ' ± 12', '')
+    """
+    return f' ± {_rounded(value, 1)}' if value else ''
+
+
 def _rounded(value: float, digits: int) -> str:
     """So many digits, of large numbers all before the point; a true minus."""
     whole = abs(value) >= 10**digits

@@ -73,6 +73,7 @@ figcaption { color: var(--soft); font-size: 14px; line-height: 1.45; margin-top:
   vertical-align: -1px; background: currentColor; }
 svg.plot { display: block; width: 100%; height: auto; margin-top: 8px; overflow: visible; }
 svg.plot + svg.plot { margin-top: 2px; }
+svg.strip { display: block; width: 96px; height: 12px; margin: 3px 0 0 auto; overflow: visible; }
 .only-narrow { display: none; }
 svg text { font: 12px system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", "DejaVu Sans",
   sans-serif; fill: var(--soft); font-variant-numeric: tabular-nums; }
@@ -87,6 +88,8 @@ svg path.axis, svg path.tick { stroke: var(--soft); }
 svg path.rule { stroke: var(--ink); stroke-width: 1; stroke-dasharray: 3 3; opacity: 0.75; }
 svg path.line { stroke-width: 1.7; stroke: currentColor; }
 svg path.dots { stroke: currentColor; stroke-width: 3.2; stroke-linecap: round; opacity: 0.45; }
+svg.strip path.dots { stroke-width: 5; opacity: 1; } svg.strip path.line { stroke-width: 1.2; }
+svg.strip path.rule { stroke-dasharray: none; stroke-width: 1.5; }
 svg .band { fill: currentColor; opacity: 0.2; }
 svg .fill { fill: currentColor; }
 .c0 { color: var(--c0); } .c1 { color: var(--c1); } .c2 { color: var(--c2); }
@@ -114,7 +117,9 @@ dl.facts dt { color: var(--soft); } dl.facts dd { margin: 0; overflow-wrap: anyw
   .figures dd { font-size: 26px; }
   .figures div:last-child:nth-child(odd) { grid-column: span 2; }
   figure { padding: 14px 12px 12px; }
-  th.what { min-width: 9.5em; max-width: 11em; } th, td { padding: 8px 9px; }
+  th.what { min-width: 8.2em; max-width: 11em; }
+  th, td { padding: 8px 5px; } th.under { padding-left: 18px; }
+  thead th { min-width: 0; font-size: 12.5px; } svg.strip { width: 80px; }
   .only-wide { display: none; } .only-narrow { display: block; }
   dl.facts { grid-template-columns: 1fr; gap: 0; } dl.facts dd { margin-bottom: 8px; }
 }

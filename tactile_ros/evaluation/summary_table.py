@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from tactile_ros.evaluation.page import number
+from tactile_ros.evaluation.page import deviation, number
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -121,9 +121,7 @@ def _find(rows: Iterable[Row], begins: str) -> Row | None:
 
 def _cells(row: Row) -> list[str]:
     """Cells from the unit on."""
-    ours = f'**{number(row.ours, row.aim)}**'
-    if row.spread:
-        ours += f' ± {row.spread:.1g}'
+    ours = f'**{number(row.ours, row.aim)}**{deviation(row.spread)}'
     sign = '≤' if row.better == 'low' else '≥'
     aim = '' if row.aim is None else f'{sign} {number(row.aim)}'
     missed = ', missed' if row.held is False else ''

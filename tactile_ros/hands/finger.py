@@ -94,10 +94,15 @@ class Finger:
 
         That of the joint which comes closest: where one follows, the finger still closes.
         """
-        slope = self.opening if closure < self.corner else self.slope
-        moving = slope != 0
-        behind = (wanted - sent)[moving] / slope[moving]
-        return float(behind[np.abs(behind).argmin()])
+        slope = self._slopes[closure >= self.corner]
+        left = (wanted - sent).tolist()
+        behind = [one / per for one, per in zip(left, slope, strict=True) if per]
+        return float(min(behind, key=abs))
+
+    @cached_property
+    def _slopes(self) -> tuple[list[float], list[float]]:
+        """Motion of each joint per closure before the pre-grasp posture, and beyond it."""
+        return self.opening.tolist(), self.slope.tolist()
 
     @cached_property
     def _lines(self) -> tuple[Array, list[float]]:

@@ -110,6 +110,7 @@ class ContactNode(ManagedNode):
             self.get_parameter('tare_frames').value,
             self.get_parameter('allow_tare_in_contact').value,
             self._publish_baseline,
+            self._complain,
         )
         self._stage.reset()
         self._refusal = self._complaint = ''
@@ -314,6 +315,7 @@ class ContactNode(ManagedNode):
                 'frames': tally.frames,
                 'valid': tally.valid,
                 'refused': tally.refused,
+                'failed': self._stage.failures,
                 'in contact': tally.in_contact,
                 'tares': tally.tares,
                 'tare state': tally.tare_state,

@@ -5,18 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from tactile_ros.lesson import Allowed
+from tactile_ros.nodes.node_options import OneSensorOptions
 
 
 @dataclass(frozen=True)
-class ContactOptions:
+class ContactOptions(OneSensorOptions):
     """Parameters of contact_node besides those of the sensor's config."""
 
-    sensor: str = field(
-        default='reskin_board', metadata={'help': 'key of the sensor', 'read_only': True}
-    )
-    autostart: bool = field(
-        default=True, metadata={'help': 'configure and activate at start', 'read_only': True}
-    )
     calibration: str = field(
         default='', metadata={'help': 'calibration file (.npz); empty: not calibrated'}
     )

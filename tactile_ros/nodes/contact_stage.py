@@ -14,14 +14,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.types import Frame, FrameStatus, Recording, TaxelStatus
+from tactile_ros.nodes.frame_guard import FrameGuard
+from tactile_ros.types import Frame, FrameStatus, TaxelStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.signals import Estimation
-    from tactile_ros.types import Bytes, ContactState, Layout
+    from tactile_ros.types import Bytes, ContactState
 
 # not that of a taxel that the fit found dead: it is left out
 DAMAGED = int(FrameStatus.BAD_TAXELS)
@@ -90,6 +91,8 @@ class ContactStage:
     on_baseline : callable
         Takes the baseline as a frame whose sequence is the first that it holds for: at the first
         frame of a stream and after every tare.
+    on_failure : callable
+        Takes a sentence about each frame that cannot be estimated.
     """
 
     def __init__(
@@ -98,6 +101,7 @@ class ContactStage:
         tare_frames: int,
         tare_in_contact: bool,
         on_baseline: Callable[[Frame], None],
+        on_failure: Callable[[str], None] = lambda _: None,
     ) -> None:
         self.pipeline = pipeline
         self.tare_in_contact = tare_in_contact
@@ -110,11 +114,17 @@ class ContactStage:
         self._tared = False
         # The service comes from another thread than the frames in the one-process road.
         self._lock = threading.Lock()
+        self._guard = FrameGuard(pipeline, on_failure)
 
     @property
     def shape(self) -> tuple[int, int]:
         """Taxels and channels that the pipeline takes."""
         return self.pipeline.layout.shape
+
+    @property
+    def failures(self) -> int:
+        """Frames that could not be estimated."""
+        return self._guard.failures
 
     def set_tare_frames(self, count: int) -> None:
         """Average so many frames in the next tare."""
@@ -129,11 +139,12 @@ class ContactStage:
 
     def _forget(self) -> None:
         self.pipeline.reset()
+        self._guard.begin()
         self._seen.clear()
         self.tally = Tally()
 
     def process(self, frame: Frame) -> ContactState:
-        """Estimate from the next frame.
+        """Estimate from the next frame; one that fails counts as lost.
 
         Raises
         ------
@@ -145,7 +156,7 @@ class ContactStage:
                 self._forget()
             if not self.tally.frames and self._has_baseline:
                 self._on_baseline(self._baseline(frame, frame.sequence))
-            state = self.pipeline.process(frame)
+            state = self._guard.process(frame)
             self._remember(frame, state)
             if self._watch is not None:
                 self._watch(frame, state)
@@ -155,7 +166,7 @@ class ContactStage:
         """Estimate from the next frames: the same numbers as one by one, and cheaper."""
         with self._lock:
             if len(frames) > 1 and self._is_one_stretch(frames):
-                states = list(self.pipeline.process_next(joined(frames, self.pipeline.layout)))
+                states = self._guard.process_all(frames)
                 for frame, state in zip(frames, states, strict=True):
                     self._remember(frame, state)
                 return states
@@ -195,6 +206,7 @@ class ContactStage:
         """
         with self._lock:
             self.pipeline.estimation = estimation
+            self._guard.begin()
             return self.tally.stamp_ns
 
     @property
@@ -262,6 +274,7 @@ class ContactStage:
             self.pipeline.tare(frames, doubted=False)  # as its replay, which is not told
         except ValueError as err:
             return False, str(err)
+        self._guard.begin()
         self._tared = True
         self.tally.tares += 1
         self.tally.tare_ns = frames[-1].stamp_ns
@@ -282,22 +295,6 @@ class ContactStage:
     def _baseline(self, frame: Frame, sequence: int) -> Frame:
         """Baseline in use as a frame."""
         return Frame(frame.stamp_ns, sequence, np.array(self.pipeline.baseline))
-
-
-def joined(frames: Sequence[Frame], layout: Layout) -> Recording:
-    """Frames of one stretch as a recording; chips tell temperatures in all of them or in none."""
-    clean = np.zeros(layout.shape[0], np.uint8)
-    marked = any(frame.status is not None for frame in frames)
-    warm = frames[0].temperature_c is not None
-    return Recording.from_arrays(
-        layout,
-        np.stack([frame.values for frame in frames]),
-        [frame.stamp_ns for frame in frames],
-        temperature_c=np.stack([frame.temperature_c for frame in frames]) if warm else None,
-        status=np.stack([clean if f.status is None else f.status for f in frames])
-        if marked
-        else None,
-    )
 
 
 def _is_damaged(state: ContactState) -> bool:

@@ -64,7 +64,7 @@ class EnrolClient:
         TactileError
             If nobody answers.
         """
-        self._require(self._action.wait_for_server(PATIENCE_S), 'enrol')
+        self.wait_for_enrol()
         goal = Enrol.Goal(
             label=lesson.label,
             presses=lesson.presses,
@@ -84,6 +84,10 @@ class EnrolClient:
             self._answer(handle.cancel_goal_async(), ANSWER_S)
             result = self._answer(ended, ANSWER_S).result
         return Learned(result.success, result.message, result.index)
+
+    def wait_for_enrol(self) -> None:
+        """Wait until a node offers to learn; TactileError if none does."""
+        self._require(self._action.wait_for_server(PATIENCE_S), 'enrol')
 
     def forget(self, label: str) -> tuple[bool, str]:
         """Undo an enrolment; whether it was, and a sentence."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import TYPE_CHECKING
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 
 LAST_TURNS = 5
+FEEDBACK_S = 0.02  # the least between two
 
 
 class GraspServer:
@@ -51,6 +53,7 @@ class GraspServer:
         self._force: list[float] = []
         self._newest: Decision | None = None
         self._last: Decision | None = None
+        self._fed_s = -math.inf
         self._server = ActionServer(
             node, Grasp, '~/grasp',
             execute_callback=self._execute,
@@ -118,7 +121,8 @@ class GraspServer:
         elif self._handle.is_cancel_requested:
             self._cancel()
             self.finish(GraspOutcome.FAULT, 'cancelled', 'canceled')
-        else:
+        elif time.monotonic() - self._fed_s >= FEEDBACK_S:
+            self._fed_s = time.monotonic()
             margins = [x for x in made.slip_margin.tolist() if math.isfinite(x)]
             feedback = Grasp.Feedback(phase=int(made.phase), force=self._force)
             feedback.slip_margin = min(margins, default=math.nan)

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, ContactState, Frame
 
 STALE = int(FrameStatus.STALE)
-WATCH_S = 5e-3  # how often the clock is looked at, at most
+WATCH_S = 1e-2  # how often the clock is looked at, at most
 
 
 class GripNode(ManagedNode):

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from tactile_ros.nodes.node_options import NodeOptions
+
 
 @dataclass(frozen=True)
-class GripOptions:
+class GripOptions(NodeOptions):
     """Parameters of grip_node besides those of the law and of the hand's driver."""
 
     hand: str = field(
@@ -15,9 +17,6 @@ class GripOptions:
             'help': 'name of a hand in config/hands, or a .yaml that describes one',
             'read_only': True,
         },
-    )
-    autostart: bool = field(
-        default=True, metadata={'help': 'configure and activate at start', 'read_only': True}
     )
     fingers: tuple[str, ...] = field(
         default=(),

@@ -218,7 +218,10 @@ class ManagedNode(LifecycleNode):
 
     def now_ns(self) -> int:
         """Time of the node's clock (ns), simulated or not."""
-        return int(self.get_clock().now().nanoseconds)
+        clock = self.get_clock()
+        if clock.ros_time_is_active:
+            return int(clock.now().nanoseconds)
+        return time.time_ns()  # the same clock, without three objects made for it
 
 
 def pairs(values: dict[str, object]) -> list[KeyValue]:

@@ -23,6 +23,7 @@ from tactile_ros.hands.joint_messages import read_command
 from tactile_ros.hands.mock_hand import FAULTS, MockHand
 from tactile_ros.nodes.hand_link import MESSAGES, newest
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
+from tactile_ros.nodes.node_options import NodeOptions
 from tactile_ros.nodes.pressed_twins import PressedTwins
 
 if TYPE_CHECKING:
@@ -38,15 +39,12 @@ NONE = 'none'
 
 
 @dataclass(frozen=True)
-class MockOptions:
+class MockOptions(NodeOptions):
     """Parameters of mock_hand besides those of the hand's driver."""
 
     hand: str = field(
         default='allegro_v5',
         metadata={'help': 'name of a hand, or a .yaml that describes one', 'read_only': True},
-    )
-    autostart: bool = field(
-        default=True, metadata={'help': 'configure and activate at start', 'read_only': True}
     )
     order: tuple[str, ...] = field(
         default=(),

@@ -22,6 +22,7 @@ from tactile_ros.msg import TactileContact, TactileContacts, TactileFrame
 from tactile_ros.nodes.graph import SIMULATED_PORT, private_folder
 from tactile_ros.nodes.ledger import Ledger
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
+from tactile_ros.nodes.node_options import NodeOptions
 from tactile_ros.nodes.performance import Performance, Score, Stopped, Tally, truth_states
 from tactile_ros.nodes.quality import data
 from tactile_ros.sensors import load_sensor
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class PlayerOptions:
+class PlayerOptions(NodeOptions):
     """Parameters of player."""
 
     recording: str = field(
@@ -49,9 +50,6 @@ class PlayerOptions:
     port: str = field(
         default='',
         metadata={'help': 'where the simulated port appears; empty: a private place, logged'},
-    )
-    autostart: bool = field(
-        default=True, metadata={'help': 'configure and activate at start', 'read_only': True}
     )
     speed_up: float = field(
         default=1.0,

@@ -14,6 +14,7 @@ from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.bag import BagWriter
 from tactile_ros.msg import TactileContacts, TactileFrame, TactileLayout
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
+from tactile_ros.nodes.node_options import NodeOptions
 from tactile_ros.nodes.quality import LATCHED_TOPICS, baselines, data
 
 if TYPE_CHECKING:
@@ -35,13 +36,10 @@ GIVES_INFO = hasattr(rclpy.subscription, 'MessageInfo')
 
 
 @dataclass(frozen=True)
-class RecordOptions:
+class RecordOptions(NodeOptions):
     """Parameters of record."""
 
     bag: str = field(default='', metadata={'help': 'folder of the bag; it must not exist yet'})
-    autostart: bool = field(
-        default=True, metadata={'help': 'configure and activate at start', 'read_only': True}
-    )
 
 
 class RecordNode(ManagedNode):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -15,6 +15,7 @@ from tactile_ros.nodes.health import Health
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
 from tactile_ros.nodes.quality import data, latched
 from tactile_ros.nodes.reader import Reader
+from tactile_ros.nodes.sensor_options import SensorOptions
 from tactile_ros.nodes.twin import RELIEF, SignalTruth, parse_fault
 from tactile_ros.nodes.views import Views
 from tactile_ros.presses import playing
@@ -28,77 +29,6 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Device, Frame, Layout, Recording, Twin
 
 AT_ONCE = 0.5  # of a frame's period: what takes less to read was not waited for
-
-
-@dataclass(frozen=True)
-class SensorOptions:
-    """Parameters of sensor_node besides those of the sensor's config and connection."""
-
-    sensor: str = field(
-        default='reskin_board', metadata={'help': 'key of the sensor', 'read_only': True}
-    )
-    autostart: bool = field(
-        default=True, metadata={'help': 'configure and activate at start', 'read_only': True}
-    )
-    frame_id: str = field(
-        default='tactile_sensor', metadata={'help': 'name of the sensor frame in tf'}
-    )
-    serial: str = field(default='', metadata={'help': 'which board; goes into layout'})
-    listeners: int = field(
-        default=0,
-        metadata={
-            'help': 'read nothing before so many subscriptions to frame are there',
-            'range': (0, 100),
-        },
-    )
-    queue: int = field(
-        default=100,
-        metadata={
-            'help': 'frames that may wait to be published; in a full queue the oldest is dropped '
-            'and counted',
-            'range': (1, 100_000),
-        },
-    )
-    discard_stale: bool = field(
-        default=True,
-        metadata={
-            'help': 'discard what the port kept back before reading begins, since its age is '
-            'unknown; false where every byte counts, as of a recording that is played'
-        },
-    )
-    magnetic_field: bool = field(
-        default=False,
-        metadata={
-            'help': 'offer magnetic_field/chip_<i> of all chips; otherwise of those subscribed to'
-        },
-    )
-    image: bool = field(
-        default=False,
-        metadata={'help': 'offer image of a matrix; otherwise where it is subscribed to'},
-    )
-    simulated: bool = field(
-        default=False,
-        metadata={'help': 'a simulated twin answers the bytes of the sensor; no hardware'},
-    )
-    seed: int = field(
-        default=0,
-        metadata={'help': 'of the twin: its signal, noise and faults', 'range': (0, 2**31 - 1)},
-    )
-    scene: str = field(
-        default='presses',
-        metadata={
-            'help': 'what a twin plays: presses, or a lesson with something new in it',
-            'choices': ('presses', 'lesson'),
-        },
-    )
-    fault: str = field(
-        default='',
-        metadata={
-            'help': 'fault that the twin suffers each time this is set: name or name:count; none '
-            'withdraws those that wait',
-            'live': True,
-        },
-    )
 
 
 class SensorNode(ManagedNode):

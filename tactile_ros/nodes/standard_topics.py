@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from tactile_ros.sensors import SensorSpec
     from tactile_ros.types import ContactState, Frame
 
+LOOK_NS = 9_000_000  # of the stream, within which nobody is asked again whether he listens
+
 
 class StandardTopics:
     """Publishers of one contact_node.
@@ -46,6 +48,9 @@ class StandardTopics:
             self._object = node.managed_publisher(PoseWithCovarianceStamped, 'object_pose', data())
         if hasattr(spec.estimation, 'surface'):
             self._surface = node.managed_publisher(PointCloud2, 'surface', data())
+        offered = self._wrench, self._markers, self._object, self._surface
+        self._offered = [publisher for publisher in offered if publisher is not None]
+        self._looked_ns, self._heard = 0, False
 
     def publish(
         self,
@@ -56,6 +61,8 @@ class StandardTopics:
         unknown_as: UnknownAs,
     ) -> None:
         """Publish a state, each message where somebody listens."""
+        if not self._is_heard(frame.stamp_ns or 0):
+            return
         if self._wrench.get_subscription_count():
             wrench = WrenchStamped()
             messages.fill_header(wrench.header, frame.stamp_ns, frame_id)
@@ -75,3 +82,10 @@ class StandardTopics:
             messages.fill_header(cloud.header, frame.stamp_ns, frame_id)
             messages.fill_surface(cloud, pipeline.estimation.surface(state), PointField)
             self._surface.publish(cloud)
+
+    def _is_heard(self, stamp_ns: int) -> bool:
+        """Whether anybody listens; of a fast sensor not asked with every frame."""
+        if not 0 < stamp_ns - self._looked_ns < LOOK_NS:
+            self._looked_ns = stamp_ns
+            self._heard = any(one.get_subscription_count() for one in self._offered)
+        return self._heard

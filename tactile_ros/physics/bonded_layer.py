@@ -69,3 +69,15 @@ def punch_pressure(loops: Sequence[Array], layer: Layer, finer: int = 1) -> tupl
     give = -layer.pressed(np.hypot(kx, ky), np.array([layer.thickness]))[1][..., 0]
     pressure = flat_pressure(give, under, 1.0)
     return places[under], pressure[under] * pitch**2
+
+
+def at_pose(points: Array, pose: Array) -> Array:
+    """Points (p, 2) of an outline's frame at a pose: place (m) and turn (rad), shape (2, p).
+
+    Examples
+    --------
+    >>> at_pose(np.array([[1.0, 0.0]]), np.array([2.0, 3.0, np.pi / 2])).round(12).tolist()
+    [[2.0], [4.0]]
+    """
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    return np.asarray(np.array([[c, -s], [s, c]]) @ points.T + pose[:2, None])

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.physics.bonded_layer import punch_pressure, wave_numbers
+from tactile_ros.physics.bonded_layer import at_pose, punch_pressure, wave_numbers
 
 if TYPE_CHECKING:
     from tactile_ros.physics.layer_response import Layer
@@ -93,8 +93,7 @@ class PunchDents:
             ux, uy, uz (m / m), turns about x and y (rad / m), on two levels, at cells whose
             centres are `shift` beyond multiples of the pitch.
         """
-        c, s = np.cos(pose[2]), np.sin(pose[2])
-        x, y = np.array([[c, -s], [s, c]]) @ points.T + pose[:2, None]
+        x, y = at_pose(points, pose)
         x, y = x - self.shift[0] * self.pitch, y - self.shift[1] * self.pitch
         first = np.exp(-1j * self.kx * x) * loads
         spectrum = first @ np.exp(-1j * self.ky.T * y).T

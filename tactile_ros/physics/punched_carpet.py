@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.physics.bonded_layer import punch_pressure, wave_numbers
+from tactile_ros.physics.bonded_layer import at_pose, punch_pressure, wave_numbers
 from tactile_ros.physics.punch_dents import punched_waves
 
 if TYPE_CHECKING:
@@ -62,8 +62,7 @@ class PunchedCarpet:
         moved, turned : ndarray, shape (m n h, 3)
             (m / m) and (rad / m), height by height within a node.
         """
-        c, s = np.cos(pose[2]), np.sin(pose[2])
-        x, y = np.array([[c, -s], [s, c]]) @ points.T + pose[:2, None]
+        x, y = at_pose(points, pose)
         # waves of a row are powers of the longest one; x has those of both signs
         rows = self._powers(x)
         rows = np.concatenate([rows[:-1], rows[:0:-1].conj()]) * loads

@@ -50,8 +50,10 @@ def hall_sensitivity(
     >>> hall_sensitivity(np.array([35.0, 25.0, 150.0]), np.array([1.0, -0.005, 0.0])).tolist()
     [1.0, 1.05, 0.925]
     """
-    rise = np.clip(temperature_c, *known) - CALIBRATED_AT
-    found = coefficients[0] + coefficients[1] * rise + coefficients[2] * rise**2
+    # np.clip costs several times as much for one frame
+    rise = np.minimum(np.maximum(temperature_c, known[0]), known[1]) - CALIBRATED_AT
+    p0, p1, p2 = coefficients.tolist()
+    found = p0 + p1 * rise + p2 * (rise * rise)
     return np.where(np.isfinite(found) & (found > LEAST_SENSITIVITY), found, 1.0)
 
 

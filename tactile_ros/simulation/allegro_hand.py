@@ -20,9 +20,11 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array
 
 GAIN, LAG, DEAD_TIME = 3.0, 0.01, 0.02
-# N m, where the makers' nodes clip: V4 by a table of joints, V5 at 240 mA for each of them
+# N m, where the makers' nodes clip: V4 by a table of joints, which its node's live parameters
+# (2_torque_limit) raise, V5 at 240 mA for each of them
 TORQUE = {
     'v4': 3 * (0.312, 0.562, 0.375, 0.237) + (0.438, 0.338, 0.225, 0.225),
+    'v4_raised': 16 * (0.4,),
     'v5': 16 * (0.168,),
 }
 DAMPING, ARMATURE = 0.2, 2e-3

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 KINDS = ('heavier', 'slippery')
 GRAVITY = 9.81
 FINGERS = 2
+FRICTION = (0.5, 1.0)  # of objects before anything changes
 KINETIC, SLIDES = 0.85, 2e-3  # of the friction at rest; m/s
 HANDED_OVER = 0.5  # s
 CLOSES, CARRIES = 1.5, 3.5  # s
@@ -59,7 +60,7 @@ class Handling:
     def draw(cls, kind: str, seed: int) -> Handling:
         """One of a kind, 'heavier' or 'slippery'."""
         rng = np.random.default_rng([seed, KINDS.index(kind)])
-        friction, change = rng.uniform(0.5, 1.0), rng.uniform(1.0, 2.0)
+        friction, change = rng.uniform(*FRICTION), rng.uniform(1.0, 2.0)
         growth = rng.uniform(0.3, 1.5)
         if kind == 'heavier':
             return cls(friction, friction, 0.1, 0.5, change, growth)

@@ -18,7 +18,7 @@ from tactile_ros.simulation.allegro_hand import allegro_hand
 from tactile_ros.simulation.balloon_scene import BalloonScene, SinglePixel
 from tactile_ros.simulation.fingertip import AVERAGED, Fingertip
 from tactile_ros.simulation.grasp_scene import GraspScene
-from tactile_ros.simulation.load_scene import LoadScene
+from tactile_ros.simulation.load_scene import FRICTION, LoadScene
 from tactile_ros.simulation.parallel_hand import parallel_hand
 from tactile_ros.simulation.soft_hand import soft_hand
 
@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 GENTLE, STRONG = 3.5, 15.0  # full scales of gradiometers (N): as built in [3], and stiffer
 PRESSES, PRESSED = 800, 8.0  # of a pad's calibration, and their largest force (N)
 SOFT_FORCE = 1.5  # N, mean of a soft hand's digits
-THUMB_FORCE = {'v4': 2.2, 'v5': 1.5}  # N: what motors of either version hold with a sixth to spare
+# N: what motors of a version hold with a sixth to spare
+THUMB_FORCE = {'v4': 2.2, 'v4_raised': 4.0, 'v5': 1.5}
 BEGIN = 2.5  # N, of grips that adapt
 UNHEEDED = 5.0  # friction that is assumed where loads are not to count
 SOFTEST, SOFTEST_SHARE = 1.0, 0.4  # N for a whole closure; of the stiffest
@@ -135,7 +136,9 @@ class Trials:
             scene.world.watchers.append(film)
             return scene.hold()
 
-    def pads(self, kind: str, seed: int, film: Watcher = unseen, version: str = 'v4') -> Grasped:
+    def pads(
+        self, kind: str, seed: int, film: Watcher = unseen, version: str = 'v4_raised'
+    ) -> Grasped:
         """The Allegro-like hand, with motors of a version, grasps with magnet pads."""
         hand = allegro_hand(torque=version)
         config = noisy(fitted(GripConfig(), hand))
@@ -195,8 +198,11 @@ class Grip:
 
 
 def grips(fixed: float) -> dict[str, Grip]:
-    """Grips to compare: a fixed force (N), one that doubles at slips alone, the adaptive one."""
-    config = fitted(GripConfig(), parallel_hand())
+    """Grips to compare: a fixed force (N), one that doubles at slips alone, the adaptive one.
+
+    The law is told the least friction of the objects, as a fixed force is.
+    """
+    config = replace(fitted(GripConfig(), parallel_hand()), friction_low=min(FRICTION))
     blind = replace(config, friction_low=UNHEEDED, margin=0.0)
     return {
         'fixed': Grip(config, fixed, False),

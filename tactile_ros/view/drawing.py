@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from tactile_ros.view.scene import warmth
+
 if TYPE_CHECKING:
     from foxglove import messages
 
@@ -14,7 +16,7 @@ if TYPE_CHECKING:
     from tactile_ros.view.scene import Arrow, Ball, Rgba, Scene
 
 SECOND_NS = 1_000_000_000
-BYTES = 8
+COLOURS = ('red', 'green', 'blue', 'alpha')
 SHAFT, HEAD = 6e-4, 1.5e-3  # m, diameters of an arrow
 HEAD_PART = 0.25  # of an arrow's length
 WORDS = 3e-3  # m, height of letters
@@ -28,25 +30,36 @@ def stamp(stamp_ns: int) -> messages.Timestamp:
     return messages.Timestamp(sec=seconds, nsec=rest)
 
 
-def cloud(layout: Layout, change: Array, stamp_ns: int) -> messages.PointCloud:
+def cloud(layout: Layout, change: Array, most: float, stamp_ns: int) -> messages.PointCloud:
     """Taxels at their places with the change of every channel (t, c) since they were untouched.
 
-    `change` is its size, by which layouts colour taxels of any sensor.
+    `change` is its size, by which layouts colour taxels of any sensor; viewers without a layout
+    take red, green, blue, which say the same as the scene: warm at the change `most`.
     """
     from foxglove import messages
 
     names = ['x', 'y', 'z', *(f'change_{channel}' for channel in layout.channels), 'change']
     size = np.linalg.norm(change, axis=1, keepdims=True)
-    kind = messages.PackedElementFieldNumericType.Float64
+    kinds = messages.PackedElementFieldNumericType
+    row = np.dtype([*((name, '<f8') for name in names), *((name, 'u1') for name in COLOURS)])
+    table = np.zeros(len(change), row)
+    for name, column in zip(names, np.hstack([layout.positions, change, size]).T, strict=True):
+        table[name] = column
+    shades = np.column_stack([warmth(change, most), np.ones(len(change))])
+    for name, column in zip(COLOURS, np.rint(255 * shades).T, strict=True):
+        table[name] = column
+    offsets = {name: at for name, (_, at, *_) in (row.fields or {}).items()}
     return messages.PointCloud(
         timestamp=stamp(stamp_ns),
         frame_id=layout.frame_id,
-        point_stride=BYTES * len(names),
+        point_stride=row.itemsize,
         fields=[
-            messages.PackedElementField(name=name, offset=BYTES * i, type=kind)
-            for i, name in enumerate(names)
+            messages.PackedElementField(
+                name=name, offset=at, type=kinds.Uint8 if name in COLOURS else kinds.Float64
+            )
+            for name, at in offsets.items()
         ],
-        data=np.ascontiguousarray(np.hstack([layout.positions, change, size]), '<f8').tobytes(),
+        data=table.tobytes(),
     )
 
 

@@ -85,13 +85,19 @@ def size_of(layout: Layout) -> float:
 
 def _taxels(layout: Layout, change: Array, most: float) -> list[Ball]:
     """A ball for each taxel, warmer the more it feels; grey where nothing is known."""
-    part = np.clip(np.linalg.norm(change, axis=1) / most, 0.0, 1.0)
     half = np.full(3, 0.35 * size_of(layout))
-    found = []
-    for place, share in zip(layout.positions, part, strict=True):
-        red, green, blue = (COLD + share * (WARM - COLD)).tolist() if share == share else GREY[:3]  # noqa: PLR0124
-        found.append(Ball(place, half, (red, green, blue, 0.9)))
-    return found
+    return [
+        Ball(place, half, (red, green, blue, 0.9))
+        for place, (red, green, blue) in zip(
+            layout.positions, warmth(change, most).tolist(), strict=True
+        )
+    ]
+
+
+def warmth(change: Array, most: float) -> Array:
+    """Colours (t, 3), 0 to 1, of a change (t, c): from cold to warm at `most`, grey unknown."""
+    share = np.clip(np.linalg.norm(change, axis=1) / most, 0.0, 1.0)[:, None]
+    return np.where(np.isnan(share), GREY[:3], COLD + share * (WARM - COLD))
 
 
 def _fields(layout: Layout, change: Array, most: float) -> list[Arrow]:

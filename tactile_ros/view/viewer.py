@@ -110,7 +110,7 @@ class Viewer(Closing):
         seen = self._seen.setdefault(name, Seen())
         rest, most = seen.scale(frame, state)
         stamp = frame.stamp_ns or 0
-        cloud = drawing.cloud(layout, frame.values - rest, stamp)
+        cloud = drawing.cloud(layout, frame.values - rest, most, stamp)
         update = drawing.update(scene_of(layout, frame, rest, state, most), layout.frame_id, stamp)
         self._log('PointCloud', f'{name}/taxels', cloud, stamp)
         self._log('SceneUpdate', f'{name}/scene', update, stamp)

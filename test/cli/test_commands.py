@@ -42,6 +42,23 @@ def calibration(board_file: Path) -> Path:
     return path
 
 
+@pytest.mark.parametrize('name', [name for name in COMMANDS if name != 'design'])
+def test_an_unknown_option_is_answered_by_its_command(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    needed = {
+        'calibrate': ['reskin_board', 'a.npz', '-o', 'c.npz'],
+        'enrol': ['mug'], 'record': ['-o', 'bag'], 'bench': ['replay'],
+        'replay': ['bag', '--calibration', 'c.npz'],
+    }  # fmt: skip
+    with pytest.raises(SystemExit) as stop:
+        main([name, *needed.get(name, []), '--nonsense'])
+    assert stop.value.code == 2
+    said = capsys.readouterr().err
+    assert f'tactile {name}: error: unrecognized arguments: --nonsense' in said
+    assert f'usage: tactile {name}' in said
+
+
 def test_list_names_every_sensor(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['list', '--json']) == 0
     rows = json.loads(capsys.readouterr().out)
@@ -111,6 +128,10 @@ def test_replay_prints_a_table_and_writes_a_report(
         ),
         (['calibrate', 'reskin_board', 'no_such', '-o', 'y'], 1, 'does not exist'),
         (['replay', 'x', '--calibration', 'no_such.npz'], 1, 'does not exist'),
+        (['replay', 'x', '--calibration', 'c.npz', '--jobs', '0'], 2, '--jobs must be 1 or more'),
+        (['bench', 'all', '--jobs', '-1'], 2, '--jobs must be 1 or more; received -1'),
+        (['view', 'no_such'], 1, 'no_such does not exist; name a bag, .npz or .csv'),
+        (['view', '--sensor', 'no_such'], 2, 'sensor must be one of five_wire_skin, gradiometer'),
         (['bench', 'no_such'], 2, f"all or one of {BENCHES}; received 'no_such'"),
     ],
 )

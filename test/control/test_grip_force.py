@@ -476,3 +476,27 @@ def test_a_new_target_in_hand_has_no_bump(worlds: ModuleType) -> None:
         made = law.step(world.given(), 0.01)
     assert world.force == pytest.approx(3.0, rel=0.02)
     assert made.phase == GripPhase.HOLD
+
+
+def test_a_soft_drive_holds_its_touch_while_it_waits_for_the_other() -> None:
+    """Two soft drives at a thing that does not give way; the second comes half a second later."""
+    config = GripConfig(
+        dead_time=0.02, lag=0.01, stiffness_low=1.0, stiffness_high=20.0, closure_rate=20.0
+    )
+    law, touched = closing(config), np.array([0.2, 0.3])
+    soft, period = 5.0, 1 / config.rate_hz  # N for a closure of the command; s
+    sent, free = [np.zeros(2)] * 3, np.zeros(2)  # what waits for the dead time, where it would be
+    waited = []
+    for _ in range(400):
+        free = free + (sent[-3] - free) * (1 - np.exp(-period / config.lag))
+        force = soft * np.maximum(free - touched, 0.0)
+        measured = np.minimum(free, touched)
+        made = law.step(dataclasses.replace(quiet(), normal=force, closure=measured), period)
+        sent.append(made.closure)
+        if made.phase == GripPhase.TOUCH:
+            waited.append(force[0])
+        if made.phase == GripPhase.LOAD:
+            break
+    assert len(waited) * period > 0.2
+    assert min(waited) > config.contact_on
+    assert max(waited) < 1.5 * config.touch_force

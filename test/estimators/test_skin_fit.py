@@ -85,3 +85,13 @@ def test_kinds_of_parameters_tell_how_far_they_usually_are() -> None:
     rough.fit_rest(far.rest())
     some = exact.parts['place'].start
     assert exact.prior[some] < USUAL['place'] < rough.prior[some]
+
+
+@pytest.mark.parametrize('turning', [0.0, 0.35])
+def test_presses_tell_how_far_magnets_turn_with_the_body(turning: float) -> None:
+    drawn = drawn_skin(CONFIG)  # type: ignore[arg-type]
+    skin, fit = replace(drawn, turning=turning), SkinFit(drawn, NOISE)
+    head = CONFIG.objects[0]  # type: ignore[attr-defined]
+    poses = np.array([[0.0, 0.0, 0.0], [9e-3, -4e-3, 1.0], [-7e-3, 8e-3, 2.0]])
+    fit.fit_presses(skin.rest(), [fit.press.made(skin, head, pose) for pose in poses])
+    assert fit.found.turning == pytest.approx(turning, abs=0.02)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from html import escape
 from html.parser import HTMLParser
 from typing import TYPE_CHECKING
@@ -14,12 +15,13 @@ import pytest
 from tactile_ros.cli.main import main
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.evaluation import browser
-from tactile_ros.evaluation.bench_files import gather, read_bench
+from tactile_ros.evaluation.bench_files import BenchFile, gather, read_bench
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.drawing import standalone
 from tactile_ros.evaluation.package_report import headline, render_package
 from tactile_ros.evaluation.pareto import Method, contests, front, pareto
 from tactile_ros.evaluation.pictures import figure_page, write_figures
+from tactile_ros.evaluation.seed_strip import strip
 from tactile_ros.evaluation.svg import Plot
 
 if TYPE_CHECKING:
@@ -231,7 +233,7 @@ def test_an_exact_method_stands_beside_a_logarithmic_axis() -> None:
     ]  # fmt: skip
     (contest,) = contests(made)
     figure = pareto(contest)
-    assert 'm3 errs least (0 uT)' in figure.caption
+    assert 'm3 errs least (0 µT)' in figure.caption
     assert 'class="rule"' in figure.drawing
     assert 'inf' not in figure.drawing
 
@@ -249,6 +251,44 @@ def test_names_without_room_are_left_out_and_counted() -> None:
 def test_deviation_over_seeds() -> None:
     assert Row('x', 'mm', 1.0, by_seed=(1.0,)).spread is None
     assert Row('x', 'mm', 2.0, by_seed=(1.0, 3.0)).spread == pytest.approx(np.sqrt(2))
+
+
+def test_shares_are_drawn_with_their_bars_and_the_highest_is_best() -> None:
+    made = [
+        Row('cells', '%', right, 'high', us_single=us, by_seed=(right - 1, right + 1),
+            compared='cells', method=name)
+        for name, right, us in (('slow', 97.0, 120.0), ('fast', 90.0, 60.0), ('bad', 80.0, 90.0))
+    ]  # fmt: skip
+    (contest,) = contests(made)
+    assert [m.name for m in front(contest.methods, contest.high)] == ['fast', 'slow']
+    figure = pareto(contest)
+    assert 'slow is best (97 %) at 120 µs; fast is fastest (60 µs) and reaches 90 %. Up' in (
+        figure.caption
+    )
+    assert figure.drawing.count('class="line c0"') == 2
+    assert figure.drawing.count('class="line c1"') == 1
+    assert 'nan' not in figure.drawing
+    equal = contests([replace(row, ours=5.0, by_seed=()) for row in made])[0]
+    assert 'nan' not in pareto(equal).drawing
+
+
+def test_values_over_seeds_are_drawn_wherever_there_are_several() -> None:
+    def places(drawing: str, kind: str) -> list[float]:
+        path = re.search(f'class="{kind}" d="([^"]*)"', drawing)[1]
+        return [float(x) for x in re.findall(r'M([0-9.]+)', path)]
+
+    row = Row('x', 'N', 2.0, aim=5.0, by_seed=(1.0, 2.0, 3.0))
+    drawing = strip(row)
+    low, middle, high = places(drawing, 'dots c0')
+    assert low < middle < high < places(drawing, 'rule')[0] <= 96
+    assert places(drawing, 'line c0') == [low]
+    assert 'by seed: 1, 2, 3' in drawing
+    assert 'rule' not in strip(replace(row, aim=None))
+    assert strip(replace(row, by_seed=(2.0,))) == strip(replace(row, by_seed=(2.0, 2.0))) == ''
+    wide = BenchResult('b', 'c', [0], [replace(row, by_seed=(1.0, 25.0))])
+    page = render_package([BenchFile(wide, {}, ())], [], 'tactile report')
+    assert page.count('class="strip"') == 1
+    assert '2 ± 17' in page
 
 
 def test_a_drawing_alone_fills_its_window() -> None:

@@ -12,6 +12,7 @@ from tactile_ros.evaluation.bag import BagWriter
 from tactile_ros.evaluation.loaded import LiveContacts, LoadedRecording
 from tactile_ros.evaluation.recording import load
 from tactile_ros.evaluation.replay import as_live, compare, replay
+from tactile_ros.evaluation.sensor_tally import tally_bag
 from tactile_ros.messages import fill_contacts
 from tactile_ros.nodes.contact_stage import ContactStage
 from tactile_ros.sensors import load_sensor
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from types import SimpleNamespace
 
     from tactile_ros.pipeline import Pipeline
+    from tactile_ros.signals import Columns, Signals
 
 STEP_NS = 20_000_000
 
@@ -134,6 +136,32 @@ def test_frames_that_the_node_did_not_see_are_left_out_and_counted(
     assert found.agreement.without_contacts == 5
     assert not found.states.valid[[0, 1, 2, 30, 31]].any()
     assert '5 frames without contacts were left out' in found.problems[0]
+
+
+def test_frames_that_failed_live_count_as_lost_in_the_replay(
+    spatial: Recording, fitted: Pipeline, make: SimpleNamespace, tmp_path: Path
+) -> None:
+    frames = live_frames(spatial, 20)
+    healthy = fitted.estimation.estimate
+    failing = {frames[k].stamp_ns for k in (9, 40, 41, 150)}
+
+    def estimate(signals: Signals, memory: object) -> Columns:
+        if (np.isin(signals.stamp_ns, list(failing)) & signals.good).any():
+            msg = 'nobody foresaw this'
+            raise RuntimeError(msg)
+        return healthy(signals, memory)
+
+    fitted.estimation.estimate = estimate
+    path = record(tmp_path / 'bag', make, fitted, frames, {16: True, 60: True})
+    fresh = load_sensor('reskin_board').pipeline(estimator='ridge').fit(spatial)
+    (loaded,) = load(path).recordings
+    found = replay(loaded, fresh)
+    assert found.agreement.frames == len(frames)
+    assert found.agreement.largest <= 1e-12
+    assert np.flatnonzero(~found.states.valid).tolist() == [9, 40, 41, 150]
+    (tally,) = tally_bag(path, {'c': fresh}, ('truth/contacts',))
+    assert tally.answers[0].agreement.largest <= 1e-12
+    assert tally.answers[0].agreement.frames == len(frames)
 
 
 def test_a_restarted_sensor_is_a_new_stream(

@@ -167,6 +167,23 @@ def test_answers_that_are_all_nan_draw_nothing_wrong() -> None:
     assert '3 frames without an estimate' in render(result_of(datasets=(dataset,)))
 
 
+def test_of_a_force_that_never_varied_there_is_no_drawing_and_no_headline() -> None:
+    result = result_of()
+    (dataset,) = result.datasets
+    first = dataset.answers[0]
+    flat = [
+        replace(t, truth=np.zeros_like(t.truth)) if t.name == 'force_z' else t
+        for t in first.targets
+    ]
+    dataset = replace(dataset, answers=(replace(first, targets=tuple(flat)),))
+    titles = [figure.title for figure in figures_of(dataset, {first.name: 'c0'})]
+    assert 'Shear force x against the scale' in titles
+    assert not [title for title in titles if 'ormal force' in title]
+    words = [words for _, _, words in headline(result_of(datasets=(dataset,)))]
+    assert 'RMSE of shear force' in words
+    assert 'RMSE of normal force' not in words
+
+
 def test_the_table_has_one_row_per_estimator_in_millimetres_and_newton() -> None:
     result = result_of()
     columns, rows = table(result)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
+from functools import lru_cache
 from types import SimpleNamespace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from tactile_ros.nodes import frame_guard
 from tactile_ros.nodes.contact_stage import ContactStage
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import (
@@ -19,6 +23,10 @@ from tactile_ros.types import (
     TaxelStatus,
 )
 
+if TYPE_CHECKING:
+    from tactile_ros.pipeline import Pipeline
+    from tactile_ros.signals import Columns, Estimation, Signals
+
 LAYOUT = Layout(np.zeros((1, 3)), ('p',), '1')
 
 
@@ -28,6 +36,7 @@ class ToyPipeline:
     def __init__(self, baseline: float) -> None:
         self.layout = LAYOUT
         self.sensor = 'toy'
+        self.stream = None
         self.baseline = np.full((1, 1), baseline)
         self.resets = 0
 
@@ -288,3 +297,84 @@ def test_frames_that_begin_anew_are_not_estimated_together() -> None:
     assert len(made.stage.process_all(frames)) == 4
     assert made.stage.tally.sequence == 1
     assert made.stage.tally.frames == 2
+
+
+class Touchy:
+    """Estimates as another, and raises at some stamps (ns) unless their frames count as lost."""
+
+    def __init__(self, inner: Estimation, stamps: set[int], hopeless: bool = False) -> None:
+        self.inner, self.stamps, self.hopeless = inner, stamps, hopeless
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self.inner, name)
+
+    def estimate(self, signals: Signals, memory: object) -> Columns:
+        known = self.inner.estimate(signals, memory)  # it has changed its memory by now
+        hit = np.isin(signals.stamp_ns, list(self.stamps)) & (signals.good | self.hopeless)
+        if hit.any():
+            msg = 'Singular matrix'
+            raise np.linalg.LinAlgError(msg)
+        return known
+
+
+@lru_cache
+def fitted(key: str) -> tuple[Pipeline, list[Frame]]:
+    """A pipeline whose forces depend on the past, and a hundred frames for it."""
+    spec = load_sensor(key)
+    if key == 'reskin_board':
+        recording = spec.recordings()['normal_1'].select(slice(0, 4000, 8))
+        pipeline = spec.pipeline(estimator='ridge').fit(recording)
+    else:
+        recording = spec.presses(spec.config(), 0).select(slice(0, None, 24))
+        pipeline = spec.pipeline().fit(recording)
+    frames = [recording.frame(k) for k in range(100)]
+    frames = [replace(f, sequence=k, stamp_ns=1 + 10**7 * k) for k, f in enumerate(frames)]
+    return pipeline, frames
+
+
+@pytest.mark.parametrize('hopeless', [False, True])
+@pytest.mark.parametrize('key', ['reskin_board', 'taxel_array'])
+def test_a_frame_that_fails_costs_itself_alone(
+    key: str, hopeless: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(frame_guard, 'FRAMES_BETWEEN_COPIES', 30)  # several in a hundred frames
+    pipeline, frames = fitted(key)
+    taxels = pipeline.layout.shape[0]
+    bits = np.full(taxels, TaxelStatus.ERROR, np.uint8)
+    failing = {10, 11, 40, 99}
+    lost = [replace(f, status=bits) if f.sequence in failing else f for f in frames]
+    healthy = ContactStage(copy(pipeline), 3, True, lambda _: None)
+    healthy.reset()
+    left = [f for f in lost if not hopeless or f.sequence not in failing]
+    wanted = {f.sequence: healthy.process(f) for f in left}
+    for size in (1, 13, 70):
+        said: list[str] = []
+        other = copy(pipeline)
+        stamps = {frames[k].stamp_ns for k in failing}
+        other.estimation = Touchy(other.estimation, stamps, hopeless)
+        stage = ContactStage(other, 3, True, lambda _: None, said.append)
+        stage.reset()
+        pieces = [frames[k : k + size] for k in range(0, len(frames), size)]
+        states = [state for piece in pieces for state in stage.process_all(piece)]
+        assert len(states) == len(frames)
+        assert np.isfinite([state.force[2] for state in states]).sum() == 96
+        for k, state in enumerate(states):
+            if k in failing:
+                assert not state.valid
+                assert state.status & FrameStatus.BAD_TAXELS
+                assert (state.taxel_status & TaxelStatus.ERROR).all()
+            for name in STATE_FIELDS if k in wanted else ():
+                told = getattr(state, name)
+                np.testing.assert_allclose(told, getattr(wanted[k], name), rtol=1e-9, atol=1e-12)
+        assert stage.failures == len(said) == len(failing)
+        assert 'cannot be estimated and counts as lost (LinAlgError: Singular matrix)' in said[0]
+
+
+def test_a_frame_of_another_shape_is_refused() -> None:
+    pipeline, frames = fitted('reskin_board')
+    stage = ContactStage(copy(pipeline), 3, True, lambda _: None)
+    stage.reset()
+    with pytest.raises(ValueError, match='shape'):
+        stage.process(replace(frames[0], values=np.zeros((7, 3))))
+    assert stage.failures == 0
+    assert stage.process(frames[1]).valid

@@ -33,6 +33,7 @@ class Skin:
 
     def __init__(self, gate: Callable[[], None] = lambda: None) -> None:
         self.estimation = SimpleNamespace(enrol=True)
+        self.stream = None
         self.label_names: tuple[str, ...] = ()
         self.baseline = np.zeros((1, 1))
         self.gate, self.saved = gate, 0

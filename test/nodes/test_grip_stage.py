@@ -384,10 +384,10 @@ def test_a_second_grasp_starts_where_the_hand_is_by_then() -> None:
     world.run(0.1)
     elsewhere = world.joints.position + 0.7
     limits = world.hand.driver.limits
-    world.put(np.clip(elsewhere, limits.lower, limits.upper))
-    world.run(0.1)
-    start = world.joints.position
+    start = np.clip(elsewhere, limits.lower, limits.upper)
     for target in (2.0, 0.0):
+        world.put(start)
+        world.run(0.1)
         world.stage.grasp(target, (), 20.0, adapt=False)
         first = world.step().command.position
         assert (np.abs(first - start) <= limits.velocity * 0.01 + 1e-9).all()
@@ -469,7 +469,7 @@ def test_frozen_joint_states_are_a_fault_while_commands_move() -> None:
 def test_a_posture_beyond_the_limits_is_refused_and_named() -> None:
     world = World('allegro_v5')
     world.run(0.1)
-    beyond = world.joints.position + np.eye(16)[3] * 3.1
+    beyond = np.where(np.eye(16)[3] > 0, 3.1, world.joints.position)
     world.stage.grasp(2.0, (), 20.0, adapt=False)
     for k in range(10):
         now_s = world.time_s + 0.01 * (k + 1)

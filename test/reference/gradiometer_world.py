@@ -35,8 +35,9 @@ class World:
     """One specimen: the config says what it was built as, the specimen differs from it."""
 
     def __init__(
-        self, seed: int, noise: float = 2e-6, amiss: float = 1.0, thermometer: float = 0.0
-    ) -> None:
+        self, seed: int, noise: float = 2e-6, amiss: float = 1.0, thermometer: float = 0.0,
+        drift: float = 0.0, turned: float = 0.0,
+    ) -> None:  # fmt: skip
         rng = np.random.default_rng([seed, 77])
         self.noise, self.rest, self.thermometer = noise, 60, thermometer
         wide, deep = rng.uniform(1.7e-3, 2.3e-3, 2)
@@ -47,6 +48,12 @@ class World:
             disc_diameter=rng.uniform(1.8e-3, 2.6e-3), disc_height=rng.uniform(0.8e-3, 1.3e-3),
             remanence=rng.uniform(1.0, 1.4), saturation=rng.uniform(70e-3, 130e-3),
         )  # fmt: skip
+        # of readings, over a degree (T), each channel its own; the angle of the second die (rad)
+        self.drift = drift * np.random.default_rng([seed, 78]).normal(size=(4, 2))
+        angles = turned * np.array([[0, 0, 0], [0, 0, 0], [0, 0, 1], [0, 0, 1]])
+        self.turn = Rotation.from_rotvec(angles).as_matrix()
+        if turned:
+            self.config = dataclasses.replace(self.config, rotations=self.turn)
         self.gap = self.config.gap * (1 + 0.03 * amiss * rng.normal())
         self.remanence = self.config.remanence * (1 + 0.03 * amiss * rng.normal())
         self.place = 1e-4 * amiss * rng.normal(size=2)
@@ -131,7 +138,9 @@ class World:
         force = self.force(shift, disc)
         outside = self.surroundings(scene, len(shift), rng) * touched[:, None, None]
         read = np.einsum('tij,stj->sti', self.mix, self.field(shift, tilt, disc) + outside)
+        read = np.einsum('tij,sti->stj', self.turn, read)
         read = (read[..., [0, 2]] + self.offset) * (1 - 0.005 * chip)[:, None, None]
+        read = read + self.drift * chip[:, None, None]
         read = read + self.noise * rng.normal(size=read.shape)
         limit = float(np.max(self.config.saturation))  # type: ignore[arg-type]
         told = 35 + chip + self.thermometer * rng.normal(size=len(chip))

@@ -52,7 +52,7 @@ FIELDS = {  # of the public face, beside the common ones
     },
     'magnet_pad': {
         'shear_modulus', 'remanence', 'magnet_positions', 'magnet_axes', 'magnet_size', 'cells',
-        'radius', 'length', 'stray_term',
+        'radius', 'length', 'gain_spread', 'stray_term',
     },
     'gradiometer': {
         'gap', 'remanence', 'disc_diameter', 'disc_height', 'sensitivity', 'full_scale',

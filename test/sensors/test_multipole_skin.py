@@ -288,7 +288,7 @@ def test_what_is_stated_falls_as_classes_fit_worse(trial: Trial) -> None:
     recogniser = trial.pipeline.estimation.recogniser_  # type: ignore[attr-defined]
     misfits = np.exp(recogniser.usual_) * np.geomspace(0.5, 50, 12)[:, None] * np.ones(2)
     scores = np.tile([10.0, 40.0], (12, 1))
-    label, chance = recogniser.decide(np.array([0, 1]), scores, misfits)
+    label, chance = recogniser.decide(np.array([0, 1]), *recogniser.chances(scores, misfits))
     assert label[0] == 0
     assert label[-1] == -1
     named = label == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from functools import lru_cache
 from pathlib import Path
@@ -121,6 +122,28 @@ def test_a_field_that_nothing_may_explain_is_flagged_and_no_place_is_sure() -> N
     np.testing.assert_array_equal(live.position_cov, states.position_cov[REST + 3])
     one = dataclasses.replace(CONFIG, positions=CONFIG.positions[:1])
     assert any('one chip' in said for said in SPEC.pipeline(one).report)
+
+
+def test_gains_that_differ_more_make_less_sure_beside_fields_alone() -> None:
+    pipeline = copy.deepcopy(known())
+    inversion = pipeline.estimation.inversion_
+    (touches, clean), (_, seen) = record(2, 200), record(2, 200, stray=0.5e-3)
+    usual, still = known().process_batch(seen), known().process_batch(clean)
+    sizes = []
+    for spread in (0.0, CONFIG.gain_spread, 0.08):
+        inversion.config = dataclasses.replace(CONFIG, gain_spread=spread)
+        vars(inversion).pop('telling', None)
+        states = pipeline.process_batch(seen)
+        assert (inside(states, touches) > 0.85).all()
+        sizes.append(np.nanmedian(np.diagonal(states.position_cov[REST:], axis1=1, axis2=2)))
+        if spread == CONFIG.gain_spread:
+            np.testing.assert_array_equal(states.position_cov, usual.position_cov)
+    assert sizes[0] < 0.8 * sizes[1]
+    assert sizes[2] > 2 * sizes[1]
+    said, clear = pipeline.process_batch(clean), still.status == 0
+    np.testing.assert_allclose(said.position[clear], still.position[clear], atol=1e-4)
+    with pytest.raises(ValueError, match='gain_spread'):
+        dataclasses.replace(CONFIG, gain_spread=-0.01)
 
 
 def test_the_noise_of_a_tare_of_one_frame_is_stated() -> None:

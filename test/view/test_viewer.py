@@ -72,18 +72,27 @@ def decoded(found: Shown, topic: str) -> list[object]:
     return [kind.FromString(m.data) for _, channel, m in found if channel.topic == topic]
 
 
+def split(data: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers (t, 7) and colours (t, 4) of a cloud."""
+    rows = np.frombuffer(data, np.uint8).reshape(-1, 60)
+    return rows[:, :56].copy().view('<f8'), rows[:, 56:]
+
+
 def test_scenes_and_clouds_of_a_file_are_whole(found: Shown) -> None:
     recording = load_sensor('reskin_board').recordings()['normal_1']
     clouds = decoded(found, '/taxels')
     for cloud in clouds:
         names = [field.name for field in cloud.fields]
-        assert names == ['x', 'y', 'z', 'change_Bx', 'change_By', 'change_Bz', 'change']
-        assert [field.offset for field in cloud.fields] == [8 * i for i in range(7)]
-        table = np.frombuffer(cloud.data, '<f8').reshape(-1, 7)
-        assert cloud.point_stride == table.strides[0]
+        shades = ['red', 'green', 'blue', 'alpha']
+        assert names == ['x', 'y', 'z', 'change_Bx', 'change_By', 'change_Bz', 'change', *shades]
+        assert [field.offset for field in cloud.fields] == [*range(0, 56, 8), *range(56, 60)]
+        assert cloud.point_stride == 60
+        table, colours = split(cloud.data)
+        assert np.all(colours[:, 3] == 255)
+        assert np.argmax(colours[:, 0].astype(int)) == np.argmax(table[:, 6])
         assert np.array_equal(table[:, :3], recording.layout.positions)
         assert np.allclose(np.linalg.norm(table[:, 3:6], axis=1), table[:, 6])
-    assert any(np.frombuffer(cloud.data, '<f8').reshape(-1, 7)[:, 6].any() for cloud in clouds)
+    assert any(split(cloud.data)[0][:, 6].any() for cloud in clouds)
     for scene in decoded(found, '/scene'):
         (entity,) = scene.entities
         assert entity.frame_id == recording.layout.frame_id

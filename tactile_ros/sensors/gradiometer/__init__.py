@@ -37,12 +37,14 @@ from tactile_ros.sensors.gradiometer.readings import Readings
 from tactile_ros.sensors.gradiometer.signal import presses
 from tactile_ros.sensors.gradiometer.stray import StrayField
 from tactile_ros.sensors.gradiometer.target import ESTIMATORS, Target
+from tactile_ros.sensors.gradiometer.warm_rest import WarmRest
 from tactile_ros.sensors.registry import SensorSpec
 
 OWN = (
     GradiometerEstimation,
     Features,
     Readings,
+    WarmRest,
     UniformField,
     DiscInversion,
     StrayField,

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from tactile_ros.types import Bools
 
 FARTHEST = 2.0  # times the largest that can be
+_AXES = np.arange(3)
 
 
 def largest(targets: Iterable[Target], full_scale: float) -> dict[str, float]:
@@ -65,10 +66,13 @@ def unsay(known: Columns, most: dict[str, float], touched: Bools) -> Bools:
     some, every = np.zeros_like(touched), np.array(touched)
     for name, size in most.items():
         mean, cov = (np.asarray(known[one], np.float64) for one in (name, f'{name}_cov'))
-        wide = (np.diagonal(cov, axis1=1, axis2=2) > size * size).any(axis=1)
-        lost = touched & (wide | (np.abs(mean) > FARTHEST * size).any(axis=1))
-        if np.count_nonzero(lost):
-            mean[lost], cov[lost] = np.nan, np.nan
+        variance = cov[:, _AXES, _AXES]
+        farther = (variance > size * size) | (np.abs(mean) > FARTHEST * size)
+        if not np.count_nonzero(farther):
+            every = every & False
+            continue
+        lost = touched & farther.any(axis=1)
+        mean[lost], cov[lost] = np.nan, np.nan
         some, every = some | lost, every & lost
     known['valid'] = ~every
     return some

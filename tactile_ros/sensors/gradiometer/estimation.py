@@ -15,6 +15,7 @@ from tactile_ros.conditioning.baseline import learned_doubt
 from tactile_ros.estimators.polynomial_rows import times
 from tactile_ros.regression.head import known_columns
 from tactile_ros.sensors.gradiometer.belief import largest, unsay
+from tactile_ros.sensors.gradiometer.doubts import drift_doubt, tare_doubt, warmth_doubt
 from tactile_ros.sensors.gradiometer.features import Features
 from tactile_ros.sensors.gradiometer.magnets import (
     DIRECTIONS,
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
 
 TARGETS = ('position', 'force', 'torque')
 RESPONSES = 400
-MANY = 30  # frames of a tare whose noise needs no mention
 DISTURBED, WARMER = 2e-5, 0.02  # T, unit of temperatures: a small field in one difference, a rise
 SIMULATED, DISTANCES, MOMENTS = 900, (10e-3, 20e-3), (-3.0, -1.0)  # m, decades of A m2
 LEAST = 1e-6  # of a component's spread: what noise does at least
@@ -107,11 +107,9 @@ class GradiometerEstimation:
         features = self.features_ = Features(self.config, remembers)
         self.doubt_ = learned_doubt(signals.baseline, signals.doubt)
         modelled = self.estimator in (None, 'history', *MODELS)
-        change = features.fit(signals, stray, rest, ~rest & modelled)
+        force = np.asarray(truth.get('force', np.full((len(rest), 3), np.nan)), float)
+        change = features.fit(signals, stray, rest, ~rest & modelled, force)
         self.targets_, self.stray_, self.magnets_, self.reach_ = (), None, None, None
-        if 'force' in truth and signals.stamp_ns is not None:
-            force = np.asarray(truth['force'], float)[:, 2:]
-            features.refine_lag(signals, change, force, signals.good & ~rest)
         thermal = features.thermal(signals, self.start())
         x, parts = features.table(change, thermal, signals, self.start())
         # untouched rows are 0 in use whatever is learned; they would make light of the errors
@@ -285,20 +283,17 @@ class GradiometerEstimation:
                 away = np.where(rest, self.reach_.unfelt(place), away)
             if np.count_nonzero(away):
                 wider += self.reach_.doubt(away)[..., None] ** 2 * np.eye(width)
-        self._add_tare(signals, x[:, parts.get('place', parts['differences'])], wider)
+        if self.magnets_ is not None:
+            known_by = features, self.magnets_, signals, x[:, parts['place']]
+            tare_doubt(*known_by, self.doubt_, wider)
+            drift_doubt(*known_by, wider)
+            if self.reach_ is not None:
+                warmth_doubt(*known_by, self.reach_.slope_, wider)
         if self.targets_:
             self._add_targets(known, x, self._noise(x, parts), (shift, wider))
             status |= unsay(known, self.largest_, signals.in_contact != 0) * _ABSTAINED
         known['status'] = status
         return known
-
-    def _add_tare(self, signals: Signals, place: Array, wider: Array) -> None:
-        """Add to covariances (s, k, k) what the noise of a tare of few frames does."""
-        doubt = np.zeros(len(wider)) if signals.doubt is None else signals.doubt
-        rows = np.flatnonzero((doubt > 0) & (doubt + self.doubt_ > 1 / MANY))
-        if self.magnets_ is not None and len(rows):
-            doubt = (doubt[rows] + self.doubt_) * self.features_.readings_.noise**2
-            wider[rows] += self.magnets_.shaken(place[rows], doubt, wider.shape[1])
 
     def _seen(self, x: Array, parts: dict[str, Integers]) -> Seen:
         """What readings tell beside the disc."""
@@ -340,8 +335,8 @@ class GradiometerEstimation:
                 known[target.name] = np.full((len(x), 3), np.nan)
                 known[f'{target.name}_cov'] = np.full((len(x), 3, 3), np.nan)
             mean, cov = target.predict(x, drivers, noise[:, part], shift[:, part])
-            cov += wider[:, part, part] * np.outer(target.unit_, target.unit_)
-            index = np.array(target.columns)
+            cov += wider[:, part, part] * (target.unit_[:, None] * target.unit_)
+            index = target.places
             known[target.name][:, index] = mean
             known[f'{target.name}_cov'][:, index[:, None], index] = cov
 

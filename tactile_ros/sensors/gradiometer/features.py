@@ -11,11 +11,11 @@ import numpy as np
 from tactile_ros.estimators.disc_inversion import DiscInversion
 from tactile_ros.estimators.polynomial_rows import times
 from tactile_ros.estimators.uniform_field import UniformField
-from tactile_ros.estimators.warm_polynomial import WarmPolynomial
 from tactile_ros.sensors.gradiometer.fidelity import LEAST_NOISE, field_model, terms
 from tactile_ros.sensors.gradiometer.memory import StreamMemory
 from tactile_ros.sensors.gradiometer.readings import Readings
 from tactile_ros.sensors.gradiometer.thermal import chip_temperature, lagging
+from tactile_ros.sensors.gradiometer.warm_fit import WarmFit
 
 if TYPE_CHECKING:
     from tactile_ros.physics.fidelity import Choice
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 TILT = 0.03  # rad, beside the tilt that comes with a shift
 FEWEST_ROWS = 20
 FEWEST_DIFFERENCES = 5
-CLEARLY = 20.0  # chi square by which a lag must explain more than none
-FINER, GOLDEN, NEARBY = 7, 0.618, 1.3
 STATES = 30  # of the scene, over which terms are weighed
 
 
@@ -83,13 +81,23 @@ class Features:
         """Fresh memory of a stream."""
         return StreamMemory(self.lag_)
 
-    def fit(self, signals: Signals, stray: Array, rest: Bools, touched: Bools) -> Array:
-        """Learn from frames of which some rest and some are touched; changes (s, n) (T)."""
+    def fit(
+        self, signals: Signals, stray: Array, rest: Bools, touched: Bools, force: Array
+    ) -> Array:
+        """Learn from frames of which some rest and some are touched; changes (s, n) (T).
+
+        Force (s, 3) (N) is NaN where nothing told it.
+        """
         resting = signals.good & (signals.in_contact == 0)
         self.readings_ = Readings(self.config).fit(signals, resting)
         self.readings_.warm_ &= self.config.thermal_term
         self.choice_ = field_model(self.config, self.readings_.noise)
         self.terms_ = terms(self.config, max(self.readings_.noise, LEAST_NOISE), STATES)
+        if self.readings_.warm_:
+            nothing = np.zeros((2, len(self.readings_.axes)))
+            self.readings_.learn_warm_rest(
+                signals, resting, np.zeros(len(resting)), nothing[0], nothing
+            )
         change = self.readings_.change(signals)
         self._learn_uniform(signals, stray, rest & signals.good)
         self.place_ = self.tilted_ = None
@@ -97,9 +105,14 @@ class Features:
         rows = np.flatnonzero(touched & signals.good & np.isfinite(change).all(axis=1))
         if len(rows) >= FEWEST_ROWS and self.projection.shape[1] >= FEWEST_DIFFERENCES:
             rows = rows[np.lexsort(change[rows].T[::-1])]
-            self._learn_lag(signals, change, rows)
+            warm_fit = WarmFit(
+                signals, self.readings_, lambda: self._disc(0.0),
+                lambda lag: self.thermal(signals, StreamMemory(lag))[:, :1].sum(axis=1),
+                resting, rows, force,
+            )  # fmt: skip
+            self.place_ = warm_fit.fit(self.lag_)
+            self.lag_, change = warm_fit.lag, warm_fit.change
             warm = self.thermal(signals, self.start())[rows, :1].sum(axis=1)
-            self.place_ = self._disc(0.0).fit(change[rows], warm)
             self.tilted_ = self._disc(TILT).fit(change[rows], warm)
         self.tilts_ = self.place_ is not None
         self.remembers_ = self.remembers or signals.stamp_ns is not None
@@ -120,48 +133,6 @@ class Features:
             basis, _ = np.linalg.qr(np.column_stack([np.ones(len(told)), *warm]))
             told = told - basis @ (basis.T @ told)
         self.uniform_.fit(told[:, :-3], told[:, -3:])
-
-    def _learn_lag(self, signals: Signals, change: Array, rows: Integers) -> None:
-        """Take the time constant with which the disc's model explains most."""
-        if self.lag_ > 0 or not self.readings_.warm_:
-            return
-        model, costs = self._disc(0.0), {}
-
-        def left(lag: float) -> float:
-            if lag not in costs:
-                warm = self.thermal(signals, StreamMemory(lag))[rows, 0]
-                costs[lag] = model.leaves(change[rows], warm)
-            return costs[lag]
-
-        lags = [0.0, *(float(lag) for lag in self.readings_.lags_)]
-        best = min(lags, key=left)
-        if best == 0 or left(best) > left(0.0) - CLEARLY:
-            return
-        low, high = best / 3, best * 3
-        for _ in range(FINER):  # golden section of the logarithm
-            first, second = low**GOLDEN * high ** (1 - GOLDEN), low ** (1 - GOLDEN) * high**GOLDEN
-            low, high = (low, second) if left(first) < left(second) else (first, high)
-        near = sorted(sorted((lag for lag in costs if lag > 0), key=left)[:3])
-        best = float(_lowest(np.log(near), np.array([left(lag) for lag in near])))
-        self.lag_ = float(np.clip(np.exp(best), near[0], near[-1]))
-
-    def refine_lag(self, signals: Signals, change: Array, force: Array, rows: Bools) -> None:
-        """Take the time constant near the disc's own with which force (s, k) is told best."""
-        rows = rows & np.isfinite(force).all(axis=1) & np.isfinite(change).all(axis=1)
-        if self.lag_ in (0.0, self.config.thermal_lag) or self.place_ is None or rows.sum() < 100:
-            return
-        model, place = WarmPolynomial((3,)), self.place_
-
-        def left(lag: float) -> float:
-            warm = self.thermal(signals, StreamMemory(lag))[rows, :1]
-            seen = place.invert(change[rows], warm[:, 0])[0]
-            return model.leaves(np.column_stack([seen, warm]), force[rows])
-
-        low, high = self.lag_ / NEARBY, self.lag_ * NEARBY
-        for _ in range(FINER):
-            first, second = low**GOLDEN * high ** (1 - GOLDEN), low ** (1 - GOLDEN) * high**GOLDEN
-            low, high = (low, second) if left(first) < left(second) else (first, high)
-        self.lag_ = float(np.sqrt(low * high))
 
     def _disc(self, tilt: float) -> DiscInversion:
         config, noise = self.config, self.readings_.noise
@@ -229,12 +200,6 @@ def _since_tare(signals: Signals) -> Signals:
     start = np.maximum.accumulate(np.where(signals.restart, np.arange(len(signals.good)), 0))
     base = signals.baseline[start]
     return replace(signals, delta=signals.delta + (signals.baseline - base), baseline=base)
-
-
-def _lowest(x: Array, y: Array) -> float:
-    """Where the parabola through three points is lowest; the lowest point, where it is not."""
-    bend, slope, _ = np.polyfit(x - x[1], y, 2)
-    return float(x[1] - slope / (2 * bend) if bend > 0 else x[np.argmin(y)])
 
 
 @lru_cache(maxsize=16)

@@ -86,11 +86,10 @@ class NearbyMagnets:
         """Slopes (s, k + m, m + h) (unit of the answers, and 1, over T) at places (s, 3)."""
         return self.slopes_.predict(place).reshape(len(place), -1, self.width_)
 
-    def shaken(self, place: Array, variance: Array, count: int) -> Array:
-        """Covariance (s, k, k) of k answers at places (s, 3) by noise of variances (s,) (T2)."""
+    def shaken(self, place: Array, cov: Array, count: int) -> Array:
+        """Covariance (s, k, k) of k answers at places (s, 3) by one of differences (s, m, m)."""
         slopes = self.slopes(place)[:, :count, : len(self.shape)]
-        cov = np.matmul(slopes, slopes.transpose(0, 2, 1))
-        return np.asarray(variance[:, None, None] * cov)
+        return np.asarray(np.matmul(np.matmul(slopes, cov), slopes.transpose(0, 2, 1)))
 
     def error(
         self, place: Array, left: Array, noise: Array, size: Array, gains: float

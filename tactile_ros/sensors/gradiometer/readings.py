@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from tactile_ros.estimators.disc_model import OFFSETS
+from tactile_ros.physics.temperature import REMANENCE_SLOPE
 from tactile_ros.sensors.gradiometer.thermal import (
     LEAST_RANGE,
     STRONGEST,
     THIRD,
+    UNIT,
     WEAKEST,
     chip_temperature,
     lags_told,
     sensitivity,
     thermometer_noise,
 )
+from tactile_ros.sensors.gradiometer.warm_rest import WarmRest
 
 if TYPE_CHECKING:
     from tactile_ros.sensors.gradiometer.config import GradiometerConfig
@@ -56,6 +61,8 @@ class Readings:
         Time constants by which the disc may lag behind the chip (s).
     span_ : ndarray, shape (2,)
         Least and highest temperature of the fit (degrees Celsius); infinite: none was told.
+    rest_ : WarmRest or None
+        Readings at rest over temperatures; None: all of the fit were alike.
     thermometer_ : float
         Noise of the chip's thermometer (degrees); 0: no stream told it.
     """
@@ -73,6 +80,7 @@ class Readings:
         self.warm_ = False
         self.lags_ = np.zeros(0)
         self.span_ = np.array([-np.inf, np.inf])
+        self.rest_: WarmRest | None = None
         self.thermometer_ = 0.0
         self.fitted_ = False
         self.noise_is_stated = config.noise is not None
@@ -103,17 +111,73 @@ class Readings:
             return
         base = signals.baseline[rows] / self._sensitivity(signals)[rows]
         self.level_ = base.reshape(len(base), len(self.axes)).mean(axis=0)
+        vars(self).pop('_pattern', None)
+
+    def learn_warm_rest(
+        self, signals: Signals, rows: Bools, disc: Array, warmer: Array, offset: Array
+    ) -> None:
+        """Learn what rests at other temperatures read.
+
+        Parameters
+        ----------
+        signals : Signals
+            Of the fit.
+        rows : ndarray, shape (s,)
+            Those that rest.
+        disc : ndarray, shape (s,)
+            Temperature of the disc (units of 25 degrees from the usual one).
+        warmer : ndarray, shape (n,)
+            What a unit of it changes at rest (T).
+        offset : ndarray, shape (2, n)
+            Of every channel, as found by now (T).
+        """
+        if self.absolute_ or not rows.any():
+            return
+        rest = WarmRest(self.axes, self.sensitivity, self.usual_)
+        rest.offset_ = offset
+        base = signals.baseline[rows].reshape(-1, len(self.axes))
+        self.rest_ = rest.fit(base, self._chip(signals)[rows], disc[rows], warmer)
+        self.level_ = self.rest_.level_
+
+    def _chip(self, signals: Signals) -> Array:
+        """Temperature of the chips (s,) (units from the usual one); 0 unknown."""
+        chip = chip_temperature(signals)
+        if chip is None:
+            return np.zeros(len(signals.good))
+        return np.asarray(np.nan_to_num((chip - self.usual_) / UNIT))
+
+    def drifts(self, signals: Signals) -> Array:
+        """How changes follow the drifts of their channels, shape (s, 2); 0 where none is found."""
+        if self.rest_ is None or signals.temperature_c is None:
+            return np.zeros((len(signals.good), 2))
+        base = signals.baseline.reshape(-1, len(self.axes))
+        return self.rest_.drifts(self._chip(signals), self.rest_.temperatures(base))
+
+    def unsure_drifts(self, signals: Signals) -> Array:
+        """The same, (s, 2); where temperatures of the fit were alike, from that of the tare."""
+        if self.warm_ or signals.temperature_c is None or not np.isfinite(self.usual_):
+            return self.drifts(signals)
+        base = signals.baseline.reshape(-1, len(self.axes))
+        steep = UNIT * (self.steepness - REMANENCE_SLOPE)
+        tare = 0.0 if self.absolute_ else (1 - self._strength(base)) / steep
+        return np.column_stack([self._chip(signals) - tare, np.zeros(len(base))])
+
+    def unsure_drift(self, count: int) -> Array:
+        """Covariance (2 m, 2 m) (T2) of drifts of m differences, one power after the other."""
+        if self.rest_ is not None:
+            return self.rest_.unsure_
+        return np.asarray(np.kron(np.diag(OFFSETS**2), np.eye(count)))
 
     def _sensitivity(self, signals: Signals) -> Array:
         """Of every reading, shape (s, t, 1); 1 where a fit was told no temperature."""
         if signals.temperature_c is None or not np.isfinite(self.usual_):
             return np.ones((len(signals.good), 1, 1))
-        chip = np.where(np.isfinite(signals.temperature_c), signals.temperature_c, np.nan)
-        if not np.isfinite(chip).all():
+        chip, told = signals.temperature_c, np.isfinite(signals.temperature_c)
+        if np.count_nonzero(told) < told.size:
             mean = chip_temperature(signals)
             assert mean is not None
             mean = np.where(np.isfinite(mean), mean, self.usual_)
-            chip = np.where(np.isfinite(chip), chip, mean[:, None])
+            chip = np.where(told, chip, mean[:, None])
         return sensitivity(chip, self.sensitivity)[..., None]
 
     @property
@@ -132,17 +196,33 @@ class Readings:
         if self.absolute_:
             return np.asarray(field.reshape(shape))
         base = signals.baseline.reshape(shape)
+        if self.rest_ is not None:
+            return self._warm_change(signals, base)
         return np.asarray(field.reshape(shape) - base / self._strength(base)[:, None])
+
+    def _warm_change(self, signals: Signals, base: Array) -> Array:
+        """Change of field since a rest at the usual temperature, (s, n) (T)."""
+        assert self.rest_ is not None
+        field = signals.values.reshape(base.shape) - self.rest_.drift(self._chip(signals))
+        field = field.reshape(signals.values.shape) / self._sensitivity(signals)
+        warm = self.rest_.temperatures(base)
+        return np.asarray(field.reshape(base.shape) - self.rest_.usual_rest(base, warm))
 
     def _strength(self, base: Array) -> Array:
         """How strong the disc at rest was when baselines (s, n) were read, against the fit."""
-        pixels = self.level_.reshape(-1, 2)
-        pattern = (pixels - pixels.mean(axis=0)).reshape(-1)
-        size = float(pattern @ pattern)
+        pattern, size = self._pattern
         if size < (CLEAR * self.noise) ** 2:
             return np.ones(len(base))
-        found = (base * pattern).sum(axis=1) / size
-        return np.clip(np.where(np.isfinite(found), found, 1.0), WEAKEST, STRONGEST)
+        found = np.add.reduce(base * pattern, axis=1) / size
+        found = np.where(np.isfinite(found), found, 1.0)
+        return np.minimum(np.maximum(found, WEAKEST), STRONGEST)
+
+    @cached_property
+    def _pattern(self) -> tuple[Array, float]:
+        """Level of the disc at rest less its mean over the pixels, shape (n,), and its square."""
+        pixels = self.level_.reshape(-1, 2)
+        pattern = (pixels - pixels.mean(axis=0)).reshape(-1)
+        return pattern, float(pattern @ pattern)
 
 
 def _noise(signals: Signals, resting: Bools) -> float:

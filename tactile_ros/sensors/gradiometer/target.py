@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,7 +45,7 @@ def candidates(parts: dict[str, Integers], wanted: str | None) -> dict[str, Esti
     known: dict[str, Estimator] = {}
     if 'place' in parts:
         place = np.concatenate([parts['place'], warm])
-        known['inversion'] = ColumnView(_of_place((1, 2, 3, 4, 5), slow), place)
+        known['inversion'] = ColumnView(_of_place((1, 2, 3, 4, 5, 6, 7), slow), place)
         tilted = np.concatenate([parts['tilted'], warm])
         known['inversion_tilt'] = ColumnView(_of_place((*low, 4), slow), tilted)
         rest = np.concatenate([parts['place'], parts['rest'], warm])
@@ -169,6 +170,11 @@ class Target:
         """Target with the names of its components."""
         return f'{self.name}_{"".join("xyz"[i] for i in self.columns)}'
 
+    @cached_property
+    def places(self) -> Integers:
+        """Where its components lie among x, y, z, shape (k,)."""
+        return np.array(self.columns)
+
     def predict(self, x: Array, drivers: Array, noise: Array, shift: Array) -> tuple[Array, Array]:
         """Components and their covariance.
 
@@ -193,7 +199,8 @@ class Target:
     def drive(self, x: Array) -> Array:
         """Logarithm of the signal's size, and features: what errors depend on, (s, 1 + d)."""
         drivers = np.empty((len(x), 1 + len(self.drivers)))
-        size = np.sqrt((x[:, self.strength] ** 2).mean(axis=1))
+        strong = x[:, self.strength]
+        size = np.sqrt(np.add.reduce(strong * strong, axis=1) / strong.shape[1])
         np.log(size + TINY, out=drivers[:, 0])
         drivers[:, 1:] = x[:, self.drivers]
         return drivers

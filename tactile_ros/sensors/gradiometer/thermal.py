@@ -24,6 +24,7 @@ SAME = 1.0  # degrees between two frames of one stream
 FOLLOWED = (-25.0, 95.0)  # degrees Celsius, beyond which the sensitivity's polynomial stands still
 UNIT = 25.0  # degrees
 FEWEST_SCATTERED = 50  # rows that tell the thermometer's noise
+KINKED = 7.0  # medians of third differences: of an oven that begins to heat
 THIRD = 20.0  # variance of third differences of noise of 1
 
 
@@ -60,9 +61,12 @@ def chip_temperature(signals: Signals) -> Array | None:
     """Mean temperature of the chips, shape (s,) (degrees Celsius); NaN unknown; None: no row."""
     if signals.temperature_c is None:
         return None
-    known = np.isfinite(signals.temperature_c)
+    chips = signals.temperature_c
+    known = np.isfinite(chips)
+    if np.count_nonzero(known) == known.size > 0:  # as usual
+        return np.asarray(np.add.reduce(chips, axis=1) / chips.shape[1])
     count = known.sum(axis=1)
-    total = np.where(known, signals.temperature_c, 0.0).sum(axis=1)
+    total = np.where(known, chips, 0.0).sum(axis=1)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
@@ -124,15 +128,18 @@ def _remaining(age: Array, step: Array) -> Array:
 def thermometer_noise(signals: Signals, chip: Array) -> float:
     """Noise of the chip's thermometer (degrees), told by how it scatters in a stream; 0: unknown.
 
-    Third differences leave what changes slowly aside.
+    Third differences leave what changes slowly aside, and those of a kink are left out.
     """
     if signals.stamp_ns is None or len(chip) < FEWEST_SCATTERED:
         return 0.0
     inside = ~(signals.restart[3:] | signals.restart[2:-1] | signals.restart[1:-2])
     third = np.diff(chip, 3)[inside]
-    third = third[np.isfinite(third)]
+    third = np.abs(third[np.isfinite(third)])
     if len(third) < FEWEST_SCATTERED:
         return 0.0
+    usual = float(np.median(third))
+    if usual > 0:  # not so where it counts in steps wider than its noise
+        third = third[third < KINKED * usual]
     return float(np.sqrt((third**2).mean() / THIRD))
 
 

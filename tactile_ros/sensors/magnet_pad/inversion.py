@@ -264,7 +264,9 @@ class PadInversion:
         """Touches of the table."""
         known = self._table(self.response_, self.touches_, COUNT)
         limit = UNLIKE * self.misfit_
-        return Telling(known, self.common, self.noise, self.contact_, self.misfit_, limit)
+        spread = self.config.gain_spread
+        told = known, self.common, self.noise, self.contact_
+        return Telling(*told, self.misfit_, limit, spread)
 
     def invert(self, x: Array, cells: Array, doubt: Array | float = 0.0) -> Told:
         """What finite readings x (s, c) (T) tell, with centres (n, 3) of cells (m).

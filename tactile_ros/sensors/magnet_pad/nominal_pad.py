@@ -65,8 +65,9 @@ class NominalPad:
         rows = self._rows(config, presses, noise)
         usual = float(rows.readings.shape[1])
         self.telling = Telling(
-            rows, common, noise, SIGMAS * noise, usual, UNLIKE * usual, neighbours=32
-        )
+            rows, common, noise, SIGMAS * noise, usual, UNLIKE * usual,
+            config.gain_spread, neighbours=32,
+        )  # fmt: skip
         force = LEAST * config.shear_modulus * config.radius
         self.floor = np.diag(np.repeat([LEAST, force], 3) ** 2)
         self.spread = self._measured(config, noise)

@@ -16,8 +16,8 @@ from tactile_ros.types import Array, Bools, Integers
 
 NEIGHBOURS, BLIND, SLACK = 16, 96, 1.0
 STRAY = 0.3e-3  # T, of one component of stray fields that are met
-ENTRY = 0.01  # of a stray field, by which gains and crossed axes of a chip falsify it
-LEAK = 0.02  # of a stray field, that they may leave in what is told of a touch
+CROSSED = 0.01  # of a stray field, by which crossed axes of a chip falsify it
+SPREAD, STEEPER = 0.02, 2.0  # of gains, up to which readings are weighed so; for more than that
 ODDS = -4.0  # logarithm, of a stray field against none
 SIGMAS = 5.0  # as `conditioning.contact` has them
 # place and force; then how much wider their covariance is, how far known touches are, the share
@@ -105,6 +105,8 @@ class Telling:
         Of a channel; largest channel, less a uniform field, beyond which something touches (T).
     usual, limit : float
         Misfit that most touches leave; from which an outside field is thought of.
+    spread : float
+        Of gains among chips: the share of a stray field that may be left in what is told.
     neighbours : int
         Touches that answer.
     """
@@ -117,6 +119,7 @@ class Telling:
         contact: float,
         usual: float,
         limit: float,
+        spread: float = SPREAD,
         neighbours: int = NEIGHBOURS,
     ) -> None:
         self.plain = TouchMixture(
@@ -124,6 +127,8 @@ class Telling:
         )
         self.noise, self.contact = noise, contact
         self.usual, self.limit = usual, limit
+        self.entry = max(CROSSED, STEEPER * (spread - SPREAD))
+        self.leak = max(CROSSED, spread)
         light = rows.readings, rows.answers[:, 3:ANSWERS]
         self.unfelt = Unfelt(*light, noise)
         self.part = self.blind = None
@@ -131,7 +136,7 @@ class Telling:
             part = self.part = UniformPart(common)
             left = part.left(light[0], part.field(light[0]))
             self.unfelt_beside = Unfelt(left, light[1], noise)
-            beside = replace(rows, sigma=np.hypot(rows.sigma, ENTRY * STRAY))
+            beside = replace(rows, sigma=np.hypot(rows.sigma, self.entry * STRAY))
             self.blind = TouchMixture(beside, common, STRAY, neighbours=BLIND, told=ANSWERS)
 
     def __call__(self, x: Array, cells: Array) -> Told:
@@ -168,7 +173,7 @@ class Telling:
         between = (share * (1 - share))[:, :, None] * apart[:, :, None] * apart[:, None]
         left = x[rows] - other.mean[:, READING:]
         field = part(left)[0]
-        leak = LEAK**2 * (field * field).sum(axis=1) / self.noise**2
+        leak = self.leak**2 * (field * field).sum(axis=1) / self.noise**2
         wider = np.maximum(other.misfit / x.shape[1], 1.0) * (1 + leak * other.mean[:, NOISY])
         cov[~odd] *= wider[~odd, None, None]
         told.cov[rows] += share[:, :, None] * (cov - told.cov[rows]) + between
@@ -201,6 +206,6 @@ class Telling:
         if np.count_nonzero(touching) < len(x):
             weak = np.flatnonzero(~touching)
             touch = np.maximum(self.plain(x[weak]).evidence, self.blind(x[weak]).evidence)
-            noise = float(np.hypot(self.noise, ENTRY * STRAY))
+            noise = float(np.hypot(self.noise, self.entry * STRAY))
             touching[weak] = touch > self.blind.of_causes(x[weak], noise)
         return touching

@@ -22,6 +22,7 @@ from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig, layou
 from tactile_ros.sensors.multipole_skin.device import SKIN, MultipoleSkinConnection
 from tactile_ros.sensors.multipole_skin.estimation import MultipoleEstimation
 from tactile_ros.sensors.multipole_skin.network_classes import NETWORKS, NetworkClasses
+from tactile_ros.sensors.multipole_skin.places import Spread
 from tactile_ros.sensors.multipole_skin.recogniser import Recogniser
 from tactile_ros.sensors.multipole_skin.scene import NEW, SHOTS, new_head, one_head
 from tactile_ros.sensors.multipole_skin.signal import presses
@@ -49,6 +50,7 @@ SENSOR = SensorSpec(
         Outline,
         MultipoleEstimation,
         Recogniser,
+        Spread,
         NetworkClasses,
         Prototypes,
         Supports,

@@ -7,13 +7,13 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import norm
 
 from tactile_ros.estimators.known_press import KnownPress
 from tactile_ros.estimators.press_window import press_vectors
 from tactile_ros.estimators.skin_fit import SkinFit
 from tactile_ros.estimators.skin_model import SkinModel, bands_of
 from tactile_ros.sensors.multipole_skin.chances import usual_misfit
+from tactile_ros.sensors.multipole_skin.places import Spread, fitted_spread
 from tactile_ros.sensors.multipole_skin.recogniser import MODEL_ERROR, WEAKEST, Recogniser
 
 if TYPE_CHECKING:
@@ -31,12 +31,11 @@ MOST_MENDING = 30  # presses by which chips are mended
 FOLDS = 5
 FAINT = 0.1  # of the drawn resting field: readings that were tared before they came
 NOT_THIS = 0.3  # of a press, missed by the model: truth speaks of something else
-INSIDE = 0.6827  # of errors, one stated deviation
-USUAL_ERRORS = 10  # as stated, that are added to those that were found
 ERRORS = (0.012, 0.2)
 SOMEWHERE = 0.25  # of the sheet: how far presses are made up from its middle
 MADE = ((0.0, 0.0, 0.0), (1.0, 0.4, 0.5), (-0.4, 1.0, 1.0), (-1.0, -0.4, 1.5), (0.4, -1.0, 2.0))
 CHI_SQUARED_MIDDLE = 0.4549  # median of the square of a normal deviate
+TURNINGS = (1.0,)  # other shares of the body's turns that magnets follow, where no press tells
 LEAST_STILL = 0.3  # of the noise
 SAME = 1e-4  # m, places
 
@@ -152,6 +151,8 @@ def learned(
     model = None if fit is None else fit.found
     common = drawn.common if model is None else model.common
     recogniser = Recogniser(model, tuple(config.objects), noise, common, error)
+    if fit is not None and not fit.turning_told:
+        recogniser.turnings = TURNINGS
     whole = np.flatnonzero(np.isfinite(presses.pattern).all(axis=1))
     if len(whole) >= FEWEST:
         recogniser.still_ = max(recogniser.still_, presses.rows(whole).still(noise))
@@ -183,7 +184,7 @@ def _mended(
     missed = float(np.sqrt(np.mean(np.square(shares))))
     report = {'skin': {'missed': missed, 'presses': float(len(known))}}
     if missed > NOT_THIS:
-        fit.found = rested
+        fit.found, fit.turning_told = rested, False
         return presses, error, report
     pattern = presses.pattern.copy()
     pattern[rows] = patterns
@@ -238,7 +239,7 @@ def choose(
     matches = recogniser.matches(presses)
     if recogniser.search is not None and matches is not None:
         recogniser.still_ = _unaveraged(recogniser, presses, matches)
-        recogniser.search.still = recogniser.still_
+        recogniser.search.let_still(recogniser.still_)
         matches = recogniser.matches(presses)
     recogniser.known_ = recogniser.supports(presses, told.label, matches, told.number)
     unseen = recogniser.matches(outside)
@@ -293,7 +294,7 @@ def trial(
     named, misfit = np.full(len(fold), -1), np.full(len(fold), np.inf)
     for i in np.unique(fold):
         rows = np.flatnonzero(fold == i)
-        part = None if matches is None else _part(matches, rows)
+        part = None if matches is None else matches.rows(rows)
         known = recogniser.known_.where(np.flatnonzero(fold != i))
         classes, scores, misfits = recogniser.scores(presses.rows(rows), part, known, road)
         if not len(classes):
@@ -304,12 +305,6 @@ def trial(
     return named, misfit
 
 
-def _part(matches: Matches, rows: Integers) -> Matches:
-    """Matches of some presses."""
-    names = ('cost', 'pose', 'cov', 'slopes', 'fitted')
-    return type(matches)(*(getattr(matches, name)[rows] for name in names))
-
-
 def _placed(
     recogniser: Recogniser, told: Told, matches: Matches, named: Integers
 ) -> dict[str, dict[str, float]]:
@@ -317,15 +312,16 @@ def _placed(
 
     Of the head that each press is named, as in use: who errs in the head errs in the place.
     """
-    recogniser.spread_ = 1.0
+    doubt = _doubt(recogniser, matches, named)
+    recogniser.spread_ = Spread(1.0, 0.0)
     pose, cov, order = recogniser.placed(matches, named)
     place, yaw = told.place[:, :2], told.yaw
     report = {}
     known = np.isfinite(place).all(axis=1) & np.isfinite(pose[:, :2]).all(axis=1)
     if known.any():
         away = (pose[:, :2] - place)[known]
-        sigma = np.sqrt(np.stack([cov[known, 0, 0], cov[known, 1, 1]], axis=1))
-        recogniser.spread_ = _spread(np.abs(away / np.maximum(sigma, 1e-12)))
+        sigma = np.sqrt(cov[known][:, (0, 1), (0, 1)])
+        recogniser.spread_ = fitted_spread(away, sigma, doubt[known])
         report['position_by_press'] = {
             'rmse': float(np.sqrt(np.square(away).mean())),
             'median': float(np.median(np.linalg.norm(away, axis=1))),
@@ -341,10 +337,11 @@ def _placed(
     return report
 
 
-def _spread(ratio: Array) -> float:
-    """By what stated deviations are too small: as much as two in three errors ask for.
-
-    Some errors of a usual size are added, since few presses say little.
-    """
-    usual = np.abs(norm.ppf((np.arange(USUAL_ERRORS) + 0.5) / USUAL_ERRORS))
-    return float(np.quantile(np.concatenate([ratio.ravel(), usual]), INSIDE))
+def _doubt(recogniser: Recogniser, matches: Matches, named: Integers) -> Array:
+    """Deviations of places (n, 2) by what else than named may have pressed."""
+    scores = recogniser.template_scores(matches)
+    found = recogniser.chances(scores, recogniser.template_misfits(matches))
+    recogniser.spread_ = Spread(0.0, 0.0)
+    likely = recogniser.likely(matches, np.arange(scores.shape[1]), *found)
+    cov = recogniser.placed(matches, named, likely)[1]
+    return np.asarray(np.sqrt(cov[:, (0, 1), (0, 1)]))

@@ -9,7 +9,7 @@ best of a class's scores counts; newly enrolled classes are known by their suppo
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -19,10 +19,15 @@ from tactile_ros.estimators.few_shot import REPEATS, Supports, seen_classes, sup
 from tactile_ros.estimators.press_search import PressSearch
 from tactile_ros.estimators.press_supports import modelled_supports, plain_supports
 from tactile_ros.sensors.multipole_skin.chances import UNTOLD, class_chances
+from tactile_ros.sensors.multipole_skin.places import (
+    Spread,
+    named_places,
+    scattered,
+    undrawn_places,
+    witnesses,
+)
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
     from tactile_ros.estimators.few_shot import SeenClasses
     from tactile_ros.estimators.press_search import Matches
     from tactile_ros.estimators.press_window import PressVectors
@@ -35,7 +40,8 @@ WEAKEST = 5.0  # sigma of the strongest reading
 WIDE = 2.5  # deviations of a turn that count as its range
 STILL = 0.5  # of the noise: what frames do not average, where no press tells it
 AROUND = 5e-3  # m, within which heads may press beside those that were seen
-WITNESSES = 2, 3  # heads, least and most, that tell where an undrawn one presses
+LEAST = np.array([1e-4, 1e-4, 1e-3])  # shares of these ranges
+WHOLE = 8  # degrees of freedom, as which the misfit over all readings counts
 FREE = 4  # parameters of a press that are fitted, beside a uniform field
 
 
@@ -83,10 +89,13 @@ class Recogniser:
         Presses of classes that were fitted, and of those enrolled since.
     road_ : str
         'press_templates', 'press_neighbours' or 'press_both'.
+    turnings : tuple of float
+        Other shares of the body's turns that the skin's magnets may follow; each press is taken
+        for one of the skin that explains it best.
     still_ : float
         Error of a pattern that frames do not average (T).
-    spread_ : float
-        Errors over what the covariance of a template says.
+    spread_ : Spread
+        Errors of places over what the covariance of a template says.
     usual_, vary_ : float
         Logarithm of the misfit, over its variance, of presses that are named rightly: its middle,
         and how far above it comes.
@@ -102,10 +111,11 @@ class Recogniser:
     ) -> None:
         self.model, self.outlines, self.error = model, outlines, error
         self.noise, self.common = noise, common
+        self.turnings: tuple[float, ...] = ()
         self.known_ = Supports.empty(len(noise))
         self.enrolled_ = Supports.empty(len(noise))
         self.road_ = 'press_neighbours' if model is None else 'press_templates'
-        self.spread_ = ALIKE
+        self.spread_ = Spread(ALIKE, 0.0)
         self.usual_, self.vary_ = 0.0, UNTOLD
         self.still_ = STILL * float(np.mean(noise))
 
@@ -124,9 +134,25 @@ class Recogniser:
         """Search among templates; None without a model or heads."""
         if self.model is None or not self.outlines:
             return None
-        bank = self.model.bank(self.outlines)
-        body, error = self.model.body, self.error
-        return PressSearch(bank, self.noise, self.common, body, error, self.still_)
+        found = None
+        others = [replace(self.model, turning=turning) for turning in self.turnings]
+        for skin in (*others, self.model):
+            bank, still = skin.bank(self.outlines), self.still_
+            found = PressSearch(bank, self.noise, self.common, skin.body, self.error, still, found)
+        return found
+
+    @cached_property
+    def _sectors(self) -> tuple[Array, Integers]:
+        """Turns after which heads look the same, and their orders of symmetry, (heads,) each."""
+        assert self.search is not None
+        heads = self.search.bank.heads
+        return np.array([head.sector for head in heads]), np.array([head.order for head in heads])
+
+    @cached_property
+    def _room(self) -> Array:
+        """Within which heads may press (m, m) and turn (rad), shape (heads, 3)."""
+        sector = self._sectors[0]
+        return np.column_stack([np.full((len(sector), 2), AROUND), sector])
 
     def with_enrolled(self, enrolled: Supports) -> Recogniser:
         """The same with other enrolled classes."""
@@ -137,7 +163,7 @@ class Recogniser:
 
     def refresh(self) -> None:
         """Forget what was made for another error or skin."""
-        for name in ('search', 'basis', '_last'):
+        for name in ('search', 'basis', '_last', '_sectors', '_room'):
             vars(self).pop(name, None)
 
     def matches(self, presses: PressVectors) -> Matches | None:
@@ -166,22 +192,26 @@ class Recogniser:
         noise = np.sqrt(presses.variance(self.noise, self.still_))
         return np.asarray((np.abs(own) / noise).max(axis=1))
 
-    def template_scores(self, presses: PressVectors, matches: Matches) -> tuple[Array, Array]:
-        """Twice the negative log-likelihood of every head, and misfit alone, (n, heads) each."""
+    def template_scores(self, matches: Matches) -> Array:
+        """Twice the negative log-likelihood of every head, shape (n, heads)."""
         assert self.search is not None
-        level = np.log(self.search.variance(presses)).sum(axis=1, keepdims=True)
-        sector = np.array([head.sector for head in self.search.bank.heads])
-        turned = np.array([head.order > 0 for head in self.search.bank.heads])
         with np.errstate(invalid='ignore'):
-            deviation = np.sqrt(matches.cov[..., 2, 2])
-        # a head that may turn has more templates, of which one fits noise well
-        part = np.clip(np.nan_to_num(WIDE * deviation / sector, nan=1.0), 1e-3, 1.0)
-        chance = np.where(turned, -2 * np.log(part), 0.0)
-        # classes of presses that were seen press where they were seen, heads around there
-        with np.errstate(invalid='ignore'):
-            spots = WIDE * np.sqrt(np.maximum(matches.cov[..., (0, 1), (0, 1)], 0.0)) / AROUND
-        chance = chance - 2 * np.log(np.clip(np.nan_to_num(spots, nan=1.0), 1e-4, 1.0)).sum(axis=2)
-        return matches.cost + level + chance, matches.cost
+            wide = WIDE * np.sqrt(np.maximum(matches.cov[..., (0, 1, 2), (0, 1, 2)], 0.0))
+        # classes of presses that were seen press where they were seen, heads around there; a
+        # head that may turn has more templates, of which one fits noise well
+        part = np.maximum(np.fmin(wide / self._room, 1.0), LEAST)  # NaN: 1
+        chance = 2 * np.log(part).sum(axis=2)
+        return np.asarray(matches.cost + matches.level[:, None] - chance)
+
+    def template_misfits(self, matches: Matches) -> Array:
+        """How much worse than by chance the likeliest head fits, for every head (n, heads).
+
+        Along the other heads, and a little over all readings: few heads tell little of shapes.
+        """
+        heads = matches.cost.shape[1]
+        whole = matches.cost.min(axis=1) / self.spare
+        found = ((heads - 1) * matches.misfit + WHOLE * whole) / (heads - 1 + WHOLE)
+        return np.repeat(found[:, None], heads, axis=1)
 
     def scores(
         self,
@@ -191,19 +221,22 @@ class Recogniser:
         road: str,
     ) -> tuple[Integers, Array, Array]:
         """Classes (k,), their scores (n, k) and misfits over variance (n, k)."""
-        n, spare = len(presses.pattern), self.spare
+        n = len(presses.pattern)
         columns: dict[int, tuple[Array, Array]] = {}
-        if matches is not None and road != 'press_neighbours':
-            score, cost = self.template_scores(presses, matches)
-            for i in range(score.shape[1]):
-                columns[i] = score[:, i], cost[:, i] / spare
         seen = self._seen(None if road == 'press_templates' else known)
+        if matches is not None and road != 'press_neighbours':
+            score = self.template_scores(matches)
+            misfit = self.template_misfits(matches)
+            if seen is None:
+                return np.arange(score.shape[1]), score, misfit
+            for i in range(score.shape[1]):
+                columns[i] = score[:, i], misfit[:, i]
         if seen is not None:
             score = support_scores(seen, presses, self.noise, self.common, self.still_)
             level = self._level(presses)
             for label in np.unique(seen.supports.label):
                 best = score[:, seen.supports.label == label].min(axis=1)
-                cost = (best - level) / spare
+                cost = (best - level) / self.spare
                 old = columns.get(int(label))
                 if old is not None:
                     better = best < old[0]
@@ -245,14 +278,16 @@ class Recogniser:
 
     def chances(self, scores: Array, misfits: Array) -> tuple[Array, Array]:
         """Probabilities of classes, shape (n, k), and that it is none of them (n,)."""
+        if not scores.shape[1]:
+            return scores, np.ones(len(scores))
         return class_chances(scores, misfits, self.usual_, self.vary_)
 
-    def decide(self, labels: Integers, scores: Array, misfits: Array) -> tuple[Integers, Array]:
+    @staticmethod
+    def decide(labels: Integers, chances: Array, none: Array) -> tuple[Integers, Array]:
         """Label and its probability for each press; -1 and NaN where none of them is likelier."""
-        n = len(scores)
+        n = len(chances)
         if not len(labels):
             return np.full(n, -1), np.full(n, np.nan)
-        chances, none = self.chances(scores, misfits)
         best = chances.argmax(axis=1)
         chance = chances[np.arange(n), best]
         return np.where(chance > none, labels[best], -1), np.where(chance > none, chance, np.nan)
@@ -266,50 +301,43 @@ class Recogniser:
         pose, cov = np.full((n, 4), np.nan), np.full((n, 4, 4), np.nan)
         order = np.full(n, -1)
         if told.any():
-            some = presses.rows(np.flatnonzero(told))
+            some = presses if told.all() else presses.rows(np.flatnonzero(told))
             matches = self.matches(some)
-            label[told], probability[told] = self.decide(
-                *self.scores(some, matches, self.known_, self.road_)
-            )
+            labels, scores, misfits = self.scores(some, matches, self.known_, self.road_)
+            chances, none = self.chances(scores, misfits)
+            label[told], probability[told] = self.decide(labels, chances, none)
             if matches is not None:
-                pose[told], cov[told], order[told] = self.placed(matches, label[told])
+                likely = self.likely(matches, labels, chances, none)
+                pose[told], cov[told], order[told] = self.placed(matches, label[told], likely)
         return Answers(label, probability, pose, cov, order)
 
-    def placed(self, matches: Matches, label: Integers) -> tuple[Array, Array, Integers]:
-        """Pose, covariance and order of symmetry of the head named; else where several say."""
-        assert self.search is not None
-        heads = self.search.bank.heads
-        mine = (label >= 0) & (label < len(heads))
-        which = np.where(mine, label, matches.cost.argmin(axis=1))
-        rows = np.arange(len(label)), which
-        pose, cov = matches.pose[rows].copy(), self.spread_**2 * matches.cov[rows]
-        sector = np.array([head.sector for head in heads])[which]
-        order = np.array([head.order for head in heads])[which]
-        pose[:, 2] -= sector * np.round(pose[:, 2] / sector)
-        free = order == 0
-        pose[free, 2] = 0.0
-        cov[free, 2, :] = cov[free, :, 2] = 0.0
-        cov[free, 2, 2] = np.pi**2 / 3
-        pose[~mine], cov[~mine] = self._undrawn(matches, np.flatnonzero(~mine))
-        return pose, cov, np.where(mine, order, -1)
+    def placed(
+        self, matches: Matches, label: Integers, likely: Array | None = None
+    ) -> tuple[Array, Array, Integers]:
+        """Pose, covariance and order of symmetry of the head named; else where several say.
 
-    def _undrawn(self, matches: Matches, rows: npt.NDArray[np.intp]) -> tuple[Array, Array]:
-        """Pose and covariance of shapes that nobody drew: places alone, as several heads say.
-
-        The heads that fit best disagree by about as much as all of them are wrong.
+        With chances (n, heads) the covariance holds how far other heads would have pressed aside.
         """
-        n = len(rows)
-        pose, cov = np.full((n, 4), np.nan), np.full((n, 4, 4), np.nan)
-        if matches.cost.shape[1] < WITNESSES[0]:
-            return pose, cov
-        best = rows[:, None], np.argsort(matches.cost[rows], axis=1)[:, : WITNESSES[1]]
-        said = matches.pose[best][..., :2]
-        pose[:, :2] = said.mean(axis=1)
-        away = said - pose[:, None, :2]
-        between = np.einsum('nhi,nhj->nij', away, away) / said.shape[1]
-        within = self.spread_**2 * matches.cov[best][..., :2, :2].mean(axis=1)
-        cov[:, :2, :2] = within + between
-        return pose, cov
+        sectors, orders = self._sectors
+        mine = (label >= 0) & (label < len(orders))
+        which = np.where(mine, label, matches.cost.argmin(axis=1))
+        pose, cov = named_places(matches, which, sectors, orders, self.spread_)
+        if likely is not None:
+            cov[:, :2, :2] += scattered(likely, matches.pose[..., :2] - pose[:, None, :2])
+        if not mine.all():
+            pose[~mine], cov[~mine] = undrawn_places(matches, ~mine, self.spread_)
+        return pose, cov, np.where(mine, orders[which], -1)
+
+    @staticmethod
+    def likely(matches: Matches, labels: Integers, chances: Array, none: Array) -> Array:
+        """Weights (n, heads) of what each head says of places, by chances of classes (n, k).
+
+        Of what is none of them, the heads that fit best say it.
+        """
+        drawn = labels < matches.cost.shape[1]
+        found = witnesses(matches) * (none + chances[:, ~drawn].sum(axis=1))[:, None]
+        found[:, labels[drawn]] += chances[:, drawn]
+        return np.asarray(found)
 
 
 def _same(first: tuple[object, ...], second: tuple[object, ...]) -> bool:

@@ -1,0 +1,92 @@
+"""What answers of the gradiometer owe to tares of few frames and to drifts that nobody told."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.physics.temperature import EXPANSION, REMANENCE_SLOPE
+from tactile_ros.sensors.gradiometer.thermal import UNIT
+
+if TYPE_CHECKING:
+    from tactile_ros.sensors.gradiometer.features import Features
+    from tactile_ros.sensors.gradiometer.magnets import NearbyMagnets
+    from tactile_ros.signals import Signals
+    from tactile_ros.types import Array
+
+MANY = 30  # frames of a tare whose noise needs no mention
+SMALL = 0.3  # of the noise: drifts that need none
+WARMER, HIGHER = UNIT * REMANENCE_SLOPE, UNIT * EXPANSION  # of remanence, of the gap
+FEEBLE = 1e-3  # units of temperature
+
+
+def tare_doubt(
+    features: Features, magnets: NearbyMagnets, signals: Signals, place: Array, learned: float,
+    wider: Array,
+) -> None:  # fmt: skip
+    """Add to covariances (s, k, k) what the noise of a tare of few frames does.
+
+    Parameters
+    ----------
+    features, magnets : Features, NearbyMagnets
+        Of the calibration.
+    signals : Signals
+        Frames.
+    place : ndarray, shape (s, 3)
+        Of the disc.
+    learned : float
+        Variance that tares left in the calibration, over that of a frame.
+    wider : ndarray, shape (s, k, k)
+        Changed in place.
+    """
+    doubt = signals.doubt
+    if doubt is None or not np.count_nonzero(doubt):
+        return
+    rows = np.flatnonzero((doubt > 0) & (doubt + learned > 1 / MANY))
+    if len(rows):
+        variance = (doubt[rows] + learned) * features.readings_.noise**2
+        cov = variance[:, None, None] * np.eye(features.projection.shape[1])
+        wider[rows] += magnets.shaken(place[rows], cov, wider.shape[1])
+
+
+def drift_doubt(
+    features: Features, magnets: NearbyMagnets, signals: Signals, place: Array, wider: Array
+) -> None:
+    """Add to covariances (s, k, k) what drifts with the chip do that no recording told.
+
+    Parameters are those of `tare_doubt`.
+    """
+    if signals.temperature_c is None:
+        return
+    readings, count = features.readings_, features.projection.shape[1]
+    drift, unsure = readings.unsure_drifts(signals), readings.unsure_drift(count)
+    size = (drift**2) @ unsure.diagonal().reshape(2, count).max(axis=1)
+    rows = np.flatnonzero(size > (SMALL * readings.noise) ** 2)
+    if len(rows):
+        cov = unsure.reshape(2, count, 2, count)
+        cov = np.einsum('si,imjn,sj->smn', drift[rows], cov, drift[rows])
+        wider[rows] += magnets.shaken(place[rows], cov, wider.shape[1])
+
+
+def warmth_doubt(
+    features: Features, magnets: NearbyMagnets, signals: Signals, place: Array, slope: Array,
+    wider: Array,
+) -> None:  # fmt: skip
+    """Add to covariances (s, k, k) what a warmer disc does, where a fit saw one temperature.
+
+    Parameters are those of `tare_doubt`, and the steepest change of answers with the place,
+    `slope` (k,) (over gaps).
+    """
+    if signals.temperature_c is None or features.readings_.warm_ or features.place_ is None:
+        return
+    warm = features.readings_.unsure_drifts(signals)[:, 0]
+    rows = np.flatnonzero((np.abs(warm) > FEEBLE) & np.isfinite(place).all(axis=1))
+    if len(rows):
+        field = features.place_.fields(place[rows], np.zeros(len(rows))) @ features.projection
+        weaker = (WARMER * warm[rows])[:, None] * field
+        wider[rows] += magnets.shaken(
+            place[rows], weaker[:, :, None] * weaker[:, None], wider.shape[1]
+        )
+        higher = (HIGHER * warm[rows])[:, None] * slope
+        wider[rows] += higher[..., None] ** 2 * np.eye(len(slope))

@@ -1,0 +1,47 @@
+"""What the best head leaves of a press: errors, or the way to another shape."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_ros.estimators.shape_misfit import shape_misfits
+from tactile_ros.physics import compiled
+
+HEADS, READINGS = 4, 40
+RNG = np.random.default_rng(3)
+FITTED = 15 * RNG.normal(size=(HEADS, READINGS))
+SLOPES = RNG.normal(size=(4, READINGS)) * np.array([[100.0], [100.0], [0.0], [9.0]])
+
+
+def misfits(miss: np.ndarray) -> np.ndarray:
+    """Of presses (n, d) whose best head is the first one; it is round: no slope with its turn."""
+    n = len(miss)
+    slopes, away = np.tile(SLOPES, (n, 1, 1)), np.tile(FITTED - FITTED[0], (n, 1, 1))
+    return shape_misfits(miss, slopes, away)
+
+
+def test_noise_is_about_one_and_a_shape_between_two_heads_is_far_more() -> None:
+    noise = RNG.normal(size=(400, READINGS))
+    alone = misfits(noise)
+    assert 0.9 < alone.mean() < 1.1
+    between = noise + 0.2 * (FITTED[2] - FITTED[0])
+    assert np.median(misfits(between)) > np.quantile(alone, 0.95)
+
+
+def test_a_press_aside_or_deeper_is_no_other_shape() -> None:
+    aside = np.array([[0.5, -0.3, 0.0, 0.4]]) @ SLOPES
+    assert misfits(aside)[0] < 0.05
+
+
+def test_a_head_without_another_has_a_misfit_of_one() -> None:
+    alone = shape_misfits(np.ones((2, READINGS)), np.tile(SLOPES, (2, 1, 1)), np.zeros((2, 1, 40)))
+    assert alone.tolist() == [1.0, 1.0]
+
+
+@pytest.mark.skipif(not compiled.available(), reason='numba is not installed')
+def test_compiled_loops_say_what_arrays_say(monkeypatch: pytest.MonkeyPatch) -> None:
+    miss = RNG.normal(size=(5, READINGS))
+    looped = misfits(miss)
+    monkeypatch.setattr(compiled, 'AVAILABLE', False)
+    np.testing.assert_allclose(looped, misfits(miss), rtol=1e-12)

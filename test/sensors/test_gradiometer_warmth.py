@@ -1,0 +1,88 @@
+"""The gradiometer where chips drift, dies are turned and tares warm: 0 to 50 degrees."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors.gradiometer.thermal import UNIT, thermometer_noise
+from tactile_ros.sensors.gradiometer.warm_rest import WarmRest
+from tactile_ros.signals import Signals
+from tactile_ros.types import Recording
+from test.reference import gradiometer_world as made
+
+SENSOR = load_sensor('gradiometer')
+DRIFT = 5e-6  # T over a degree: an offset of 1 mT that the sensitivity does not scale
+AXES = np.tile([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], (4, 1))
+
+
+def judged(pipeline: Pipeline, test: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of force and their sigmas, of valid presses."""
+    states = pipeline.process_batch(test)
+    asked = states.valid & (states.in_contact != 0)
+    sigma = np.sqrt(np.diagonal(states.force_cov, axis1=1, axis2=2))
+    return (states.force - test.truth['force'])[asked], sigma[asked]
+
+
+def rms(error: np.ndarray) -> np.ndarray:
+    return np.asarray(np.sqrt((error**2).mean(axis=0)))
+
+
+@pytest.mark.parametrize(('turned', 'ramp_s'), [(0.0, 0.0), (np.pi / 2, 600.0)])
+def test_channels_that_drift_cost_less_than_half_as_much_again(
+    turned: float, ramp_s: float
+) -> None:
+    world = made.World(41, drift=DRIFT, turned=turned)
+    scene = made.Scene(span=50.0, ramp_s=ramp_s)
+    warm = SENSOR.pipeline(world.config, 'inversion').fit(world.record(500, 4, scene))
+    still = SENSOR.pipeline(world.config, 'inversion').fit(world.record(500, 4))
+    cold = rms(judged(still, world.record(500, 5))[0])
+    error, sigma = judged(warm, world.record(500, 5, scene))
+    assert (rms(error) < 1.5 * cold).all()
+    assert (np.abs(error) < 2 * sigma).mean() > 0.9
+    if ramp_s:  # with dies turned, force tells the lag and pixels hardly do
+        assert warm.report['disc']['thermal_lag'] == pytest.approx(world.lag_s, rel=0.05)
+
+
+def test_one_temperature_tells_no_drift_and_sigmas_say_so() -> None:
+    world = made.World(52, drift=DRIFT)
+    pipeline = SENSOR.pipeline(world.config, 'inversion').fit(
+        world.record(200, 4, made.Scene(span=0.01))
+    )
+    error, sigma = judged(pipeline, world.record(300, 5, made.Scene(span=5.0)))
+    assert (np.abs(error) < 2 * sigma).mean() > 0.9
+    still = judged(pipeline, world.record(300, 5, made.Scene(span=0.01)))[1]
+    assert (np.median(sigma, axis=0) > 3 * np.median(still, axis=0)).all()
+
+
+def test_a_baseline_tells_temperatures_of_chip_and_disc() -> None:
+    rng = np.random.default_rng(0)
+    level, warmer = 30e-3 * rng.normal(size=(2, 8)) * [[1.0], [0.02]]
+    rest = WarmRest(AXES, np.array([1.0, -0.005, 0.0]), 35.0)
+    rest.offset_ = np.stack([1e-4 * rng.normal(size=8), np.zeros(8)])
+
+    def read(chip: float, disc: float) -> np.ndarray:
+        field = level + warmer * disc / UNIT
+        return np.asarray((1 - 0.005 * chip) * field + rest.offset_[0] * chip / UNIT)
+
+    zero = np.zeros(10)
+    rest.fit(np.tile(read(0.0, 0.0), (10, 1)), zero, zero, warmer)
+    base = np.stack([read(10.0, 8.0), read(-12.0, -12.0)])
+    told = UNIT * rest.temperatures(base)
+    np.testing.assert_allclose(told, [[10.0, 8.0], [-12.0, -12.0]], atol=0.3)
+    np.testing.assert_allclose(rest.usual_rest(base, told / UNIT), [level, level], atol=5e-6)
+
+
+def test_an_oven_that_begins_to_heat_is_no_noise_of_the_thermometer() -> None:
+    time = np.arange(600)
+    rng = np.random.default_rng(0)
+    chip = np.interp(time, [0, 100, 200, 300, 400, 600], [0, 40, 10, 50, 5, 5])
+    signals = Signals(
+        np.zeros((600, 4, 2)), np.zeros((600, 4, 2)), np.zeros((600, 4, 2)), None,
+        time * 10**9, time == 0, np.zeros(600, np.int8), np.ones(600, bool),
+    )  # fmt: skip
+    assert thermometer_noise(signals, chip) < 1e-9
+    noisy = thermometer_noise(signals, chip + 0.05 * rng.normal(size=600))
+    assert noisy == pytest.approx(0.05, rel=0.2)
