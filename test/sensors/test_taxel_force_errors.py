@@ -10,6 +10,7 @@ from tactile_ros.sensors.taxel_array.force_errors import (
     LEVELS,
     force_errors,
     largest_forces,
+    last_turns,
     shared_part,
 )
 
@@ -27,8 +28,8 @@ def test_what_taxels_share_is_found_at_the_loads_where_they_do() -> None:
     found = force_errors(own + alike, force, law, 0.25)
     loud = LEVELS >= LOUD
     assert found.own[:-1][~loud] == pytest.approx(3e-3, rel=0.03)
-    assert found.alike[1:][loud] == pytest.approx(2e-3, rel=0.15)
-    assert (found.alike[:-1][~loud] < 3e-4).all()
+    assert found.alike[0, 1:][loud] == pytest.approx(2e-3, rel=0.15)
+    assert (found.alike[0, :-1][~loud] < 3e-4).all()
     level = np.searchsorted(LEVELS, force / most)
     variance = np.square(found.own[level] * force).sum(axis=1)
     variance += np.square(shared_part(force, level, found.alike) * force.sum(axis=1))
@@ -43,3 +44,24 @@ def test_rows_of_one_taxel_tell_nothing_that_taxels_share() -> None:
     found = force_errors(0.01 * force, force, law, 0.25)
     assert (found.alike == 0).all()
     assert found.own == pytest.approx(0.01 * np.sqrt((1 + 0.2) / (1 - 0.2)))
+
+
+@pytest.mark.parametrize('play', [0.0, 0.02])
+def test_hysteresis_is_found_and_makes_sums_err_to_one_side(play: float) -> None:
+    rng = np.random.default_rng(8)
+    top = rng.uniform(0.2, 3.0, 300)
+    ramp = np.concatenate([np.linspace(0, 1, 9), [1.0], np.linspace(1, 0, 9)[1:]])
+    pressed = np.arange(300)[:, None] % TAXELS == np.arange(TAXELS)  # one by one
+    force = (top[:, None] * ramp).ravel()[:, None] * np.repeat(pressed, len(ramp), axis=0)
+    law = Equilibration('polynomial').fit(force / 4, force, np.arange(len(force)))
+    restart = np.arange(len(force)) == 0
+    miss = -play * last_turns(force, restart) * force + 3e-3 * force * rng.normal(size=force.shape)
+    found = force_errors(miss, force, law, 0.25, restart)
+    assert found.alike[1] == pytest.approx(play, abs=1e-3)
+    assert (force_errors(miss, force, law, 0.25).alike[1] == 0).all()
+    load = rng.uniform(0.3, 2.5, (200, TAXELS))
+    level = np.searchsorted(LEVELS, load / largest_forces(law))
+    total = np.sqrt(np.square(found.own[level] * load).sum(axis=1))
+    whole = np.hypot(total, shared_part(load, level, found.alike) * load.sum(axis=1))
+    assert (play * load.sum(axis=1) < 1.1 * whole).all()
+    assert play == 0 or (whole > 3 * total).all()

@@ -20,7 +20,7 @@ from tactile_ros.regression import Regression
 from tactile_ros.sensors.taxel_array.creep_fit import fit_creep, never_pressed
 from tactile_ros.sensors.taxel_array.force_errors import LEVELS, force_errors, largest_forces
 from tactile_ros.sensors.taxel_array.gaps import Gaps
-from tactile_ros.sensors.taxel_array.memory import Memory
+from tactile_ros.sensors.taxel_array.memory import Memory, beginnings
 from tactile_ros.sensors.taxel_array.patches import ArrayPatches, add_sum, ids_of
 from tactile_ros.sensors.taxel_array.placing import place_objects
 from tactile_ros.sensors.taxel_array.readout import Unmixing, area_correction, below_ground
@@ -67,7 +67,7 @@ class TaxelRegression(Regression):
         Of outputs at rest (fraction).
     floor_, spread_ : float
         Error of a taxel's force: a constant part (N), and a part of the force.
-    own_, alike_ : ndarray, shape (l,)
+    own_, alike_ : ndarray, shape (l,) and (2, l)
         Parts of its force by which a taxel errs, and all err alike; see `ForceErrors`.
     idle_ : ndarray, shape (t,)
         Error of the force of a taxel that bears nothing (N).
@@ -91,7 +91,7 @@ class TaxelRegression(Regression):
         self.noise_: Array = np.full(taxels, QUANTUM)
         self.floor_, self.spread_ = 0.0, UNLEARNED
         self.own_: Array = np.full(len(LEVELS) + 1, UNLEARNED)
-        self.alike_: Array = 0.0 * self.own_
+        self.alike_: Array = np.zeros((2, len(self.own_)))
         self.idle_: Array = np.zeros(taxels)
         self.summed_ = False
         self.rest_: tuple[Array, Array] | None = None
@@ -196,8 +196,7 @@ class TaxelRegression(Regression):
             return
         good = np.flatnonzero(signals.good)
         output = self.start().above_tare(signals)[good]
-        # a row that is left out hands the beginning of a stream on to the next
-        restart = np.diff(np.cumsum(signals.restart)[good], prepend=0) > 0
+        restart = beginnings(signals)
         stamps = signals.stamp_ns[good]
         above = never_pressed(output, force, stamps, restart, self.noise_)
         if above is not None:
@@ -218,12 +217,14 @@ class TaxelRegression(Regression):
         known = np.isfinite(miss)
         if not known.any():
             return
-        errors = force_errors(miss, force, self.law_, UNLEARNED)
+        begins = None if signals.stamp_ns is None else beginnings(signals)
+        errors = force_errors(miss, force, self.law_, UNLEARNED, begins)
         self.floor_, self.spread_, self.own_, self.alike_, self.idle_ = errors
         self.errors_ = {
             'fit_rmse': float(np.sqrt(np.square(miss[known]).mean())),
             'relative': self.spread_,
-            'relative of all alike': float(np.median(self.alike_)),
+            'relative of all alike': float(np.median(self.alike_[0])),
+            'relative of hysteresis': float(np.median(self.alike_[1])),
             'silent': float(self.silent_.sum()),
             **{f'held_out_{name}': error for name, error in self.law_.errors_.items()},
         }
@@ -272,8 +273,7 @@ class TaxelRegression(Regression):
         assert isinstance(memory, Memory)
         signals = self._alone(signals)
         known = super().estimate(signals, memory)
-        output = signals.delta[..., 0]
-        forces = output
+        output = forces = signals.delta[..., 0]
         if self.law_ is not None:
             forces = self._forces(signals, memory)
             known['taxel_force'] = forces

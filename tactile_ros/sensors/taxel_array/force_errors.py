@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 HEAVY = 0.1  # of the largest force: heavier errors are parts of the force, lighter ones constant
 LEAST = 1e-4  # of a force: no law is better
 MOST_FREE = 0.5  # numbers of a law for each row
+FEWEST = 20  # errors of a level that tell hysteresis
+CLEAR = 2.0  # standard errors of it that are none
+STILL = 1e-3  # of the largest force: changes that are none
 LEVELS = np.array([0.05, 0.1, 0.2, 0.4, 0.6, 0.8])  # of a taxel's largest force, between groups
 
 
@@ -25,9 +28,11 @@ class ForceErrors(NamedTuple):
     ----------
     floor, spread : float
         Of a taxel: a constant part (N), and a part of its force.
-    own, alike : ndarray, shape (l,)
-        Part of its force by which a taxel errs, and by which those that bear alike err alike, at
-        each of `LEVELS`.
+    own : ndarray, shape (l,)
+        Part of its force by which a taxel errs, at each of `LEVELS`.
+    alike : ndarray, shape (2, l)
+        Part by which those that bear alike err alike, and by which all that are loaded, or all
+        that are unloaded, do: hysteresis.
     idle : ndarray, shape (t,)
         Of a taxel that bears nothing (N).
     """
@@ -39,7 +44,13 @@ class ForceErrors(NamedTuple):
     idle: Array
 
 
-def force_errors(miss: Array, force: Array, law: Equilibration, unlearned: float) -> ForceErrors:
+def force_errors(
+    miss: Array,
+    force: Array,
+    law: Equilibration,
+    unlearned: float,
+    restart: Bools | None = None,
+) -> ForceErrors:
     """Errors of the forces of taxels.
 
     Parameters
@@ -50,6 +61,8 @@ def force_errors(miss: Array, force: Array, law: Equilibration, unlearned: float
         Learned from these rows.
     unlearned : float
         Part of a force that errs where no heavy force was told.
+    restart : ndarray, shape (s,), or None
+        Rows before which the past is forgotten; None: independent rows, of no order.
 
     Returns
     -------
@@ -66,23 +79,48 @@ def force_errors(miss: Array, force: Array, law: Equilibration, unlearned: float
     idle = known & (force == 0)
     squared = np.where(idle, np.square(miss), 0.0).sum(axis=0) / np.maximum(idle.sum(axis=0), 1)
     borne = known & (force > 0)
-    own, alike = _by_level(miss, force, borne, largest_forces(law))
+    level = np.searchsorted(LEVELS, np.where(borne, force, 0.0) / largest_forces(law))
+    own, alike = _by_level(miss, force, borne, level)
+    turned = np.zeros_like(force) if restart is None else last_turns(force, restart)
+    play = _hysteresis(miss, force, borne, level, turned)
+    both = np.stack([np.sqrt(np.maximum(alike**2 - play**2, 0.0)), play])
     own *= _unseen(borne, FREEDOM[law.name])
     # the few rows of rest of one taxel say little: half of it is what all say
     rest = np.sqrt(0.5 * (squared + squared.mean()))
-    return ForceErrors(floor, spread, np.maximum(own, LEAST), alike, rest)
+    return ForceErrors(floor, spread, np.maximum(own, LEAST), both, rest)
+
+
+def last_turns(force: Array, restart: Bools) -> Array:
+    """1 where told forces (s, t) grew when they last changed, -1 where they fell, 0 unknown.
+
+    Examples
+    --------
+    >>> force = np.array([[0.0, 1, 2, 2, 1, 1]]).T
+    >>> last_turns(force, np.arange(6) == 0)[:, 0].tolist()
+    [0.0, 1.0, 1.0, 1.0, -1.0, -1.0]
+    """
+    moved = np.diff(np.nan_to_num(force), axis=0, prepend=0.0)
+    moved[np.abs(moved) < STILL * float(np.nanmax(force))] = 0.0
+    moved[restart] = 0.0
+    rows = np.arange(len(force))[:, None]
+    since = np.maximum.accumulate(np.where(restart, rows[:, 0], 0))[:, None]
+    last = np.maximum.accumulate(np.where(moved != 0, rows, -1), axis=0)
+    turns = np.take_along_axis(np.sign(moved), np.maximum(last, 0), axis=0)
+    return np.asarray(np.where(last > since, turns, 0.0))
 
 
 def shared_part(load: Array, level: Integers, alike: Array) -> Array:
     """Part (s,) by which sums of loads (s, t) err beyond what taxels err each for itself.
 
-    Groups of loads err independently: along its range what a law misses changes its sign.
+    Groups of loads err independently: along its range what a law misses changes its sign. What
+    hysteresis makes of them has one sign for all.
     """
     rows, groups = len(load), len(LEVELS) + 1
-    part = alike[level] * load
+    part, play = alike[0][level] * load, alike[1][level] * load
     first = groups * np.arange(rows)[:, None]
     sums = np.bincount((level + first).ravel(), part.ravel(), rows * groups)
     excess = np.square(sums.reshape(rows, groups)).sum(axis=1) - np.square(part).sum(axis=1)
+    excess += np.square(play.sum(axis=1)) - np.square(play).sum(axis=1)
     total = load.sum(axis=1)
     share = np.sqrt(np.maximum(excess, 0.0)) / np.where(total > 0, total, 1.0)
     return np.asarray(np.where(total > 0, share, 0.0))
@@ -114,9 +152,26 @@ def _parts(
     return float(np.sqrt(max(small - spread * weak, 0.0))), float(np.sqrt(spread))
 
 
-def _by_level(miss: Array, force: Array, borne: Bools, most: Array) -> tuple[Array, Array]:
+def _hysteresis(miss: Array, force: Array, borne: Bools, level: Integers, turned: Array) -> Array:
+    """Part of their force (l,) by which taxels err to one side when loaded, and to the other."""
+    parts, top = np.full(len(LEVELS) + 1, np.nan), float(np.nanmax(force))
+    for k in range(len(parts)):
+        at = borne & (level == k) & (turned != 0) & (force > LEAST * top)
+        if np.count_nonzero(at) < FEWEST:
+            continue
+        turn, load = turned[at] - turned[at].mean(), force[at]
+        square = float(turn @ turn)
+        if square < FEWEST / 2:  # loaded alone, or unloaded alone
+            continue
+        off = miss[at] / load
+        part = float(turn @ (off - off.mean())) / square
+        chance = float(np.square(off - off.mean() - part * turn).mean()) / square
+        parts[k] = np.sqrt(max(part * part - CLEAR**2 * chance, 0.0))
+    return _nearest(parts)
+
+
+def _by_level(miss: Array, force: Array, borne: Bools, level: Integers) -> tuple[Array, Array]:
     """Parts of their force (l,) by which taxels err, and err alike; see `LEVELS`."""
-    level = np.searchsorted(LEVELS, np.where(borne, force, 0.0) / most)
     own, alike = np.full((2, len(LEVELS) + 1), np.nan)
     for k in range(len(LEVELS) + 1):
         wrong, load = (np.where(borne & (level == k), x, 0.0) for x in (miss, force))

@@ -48,7 +48,7 @@ class Gaps:
         ----------
         forces : ndarray, shape (s, t)
             Of the taxels (N); NaN: not read.
-        own, alike : ndarray, shape (l,)
+        own, alike : ndarray, shape (l,) and (2, l)
             Errors in parts of the force at each of some loads; see `ForceErrors`.
         most : ndarray, shape (t,)
             Largest force of each taxel (N).

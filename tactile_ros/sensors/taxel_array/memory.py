@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from tactile_ros.conditioning.patch_ids import PatchIds
     from tactile_ros.conditioning.viscoelastic import CreepState
     from tactile_ros.signals import Signals
-    from tactile_ros.types import Array
+    from tactile_ros.types import Array, Bools
 
 
 class Memory(History):
@@ -61,3 +61,9 @@ class Memory(History):
             held[first < 0] = self.level
         self.level = held[-1]
         return np.where(np.isnan(delta), np.nan, signals.values[..., 0] - held)
+
+
+def beginnings(signals: Signals) -> Bools:
+    """Good rows (n,) before which the past is forgotten."""
+    # a row that is left out hands the beginning of a stream on to the next
+    return np.asarray(np.diff(np.cumsum(signals.restart)[signals.good], prepend=0) > 0)
