@@ -40,6 +40,7 @@ STEPS = {'quick': 2_000, 'normal': 20_000, 'full': 50_000}
 WARM_S = 1.5
 PLAIN = "stack, polynomial of the disc's place"
 BINS_MS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0, np.inf)
+LATE_S = 1e-3  # beyond the aim
 NOTHING = np.full(1, np.nan)
 LAST = 5  # lines of nodes that ended
 TOLERANCE_NS = 300_000  # between a frame's stamp and its write
@@ -77,6 +78,7 @@ class Run:
     received: Array
     cores: float
     answered: float
+    waits: float = np.nan  # for a processor, of the time that the busiest thread ran
     calls: int = 0
     why: str = ''  # of what was not answered
 
@@ -105,7 +107,7 @@ def run(extent: str, command: str) -> BenchResult:
         runs = _runs(folder, seconds, extent == 'quick')
     for what, found in runs.items():
         rows += _rows(what, found)
-        notes.append(f'{what}: {_histogram(found)}')
+        notes.append(f'{what}: {_histogram(found)}{_cause(what, found)}')
     with RIG.Helper(RIG.difference(ROADS)) as helper:
         apart = float(helper.hear())
     rows += [
@@ -171,6 +173,20 @@ def _histogram(run: Run) -> str:
     return (', '.join(told) or 'NO COMMAND CAME') + said
 
 
+def _cause(what: str, run: Run) -> str:
+    """What the late ones waited for, as far as the kernel counts it."""
+    late = f'; {100 * float((run.delay > LATE_S).mean()):.1f} % later than {1e3 * LATE_S:g} ms'
+    if 'busy' in what:
+        return f"{late}: the busy thread has Python's lock, for which the others wait"
+    if not np.isfinite(run.waits):
+        return late
+    share = 100 * run.waits
+    return (
+        f'{late}; while other programs had the processor, the busiest thread of the first process '
+        f'was ready to run for {share:.0f} % of the time that it ran'
+    )
+
+
 def measure(
     folder: Path,
     scene: Scene,
@@ -200,17 +216,20 @@ def measure(
                 hand.hear()
             time.sleep(WARM_S)
             pids = [running.pid(graph.name_of(process)) for process in graph.processes]
+            before = RIG.kept_waiting(pids[0])
             begin, spent = time.time_ns(), -sum(map(RIG.processor_seconds, pids))
             time.sleep(seconds)
             end, spent = time.time_ns(), spent + sum(map(RIG.processor_seconds, pids))
             ended = _ended(running)
             if ended:
                 return Run(NOTHING, NOTHING, np.nan, 0.0, why=ended)
+            waits = RIG.busiest(before, RIG.kept_waiting(pids[0]))
             written, heard = board.end(), hand.end()
             if asking is not None:
                 calls = asking.end()
     delay, received, answered = _delays(written, heard, begin, end)
-    return Run(delay, received, spent * RIG.NS / (end - begin), answered, calls, heard.refusal)
+    cores = spent * RIG.NS / (end - begin)
+    return Run(delay, received, cores, answered, waits, calls, heard.refusal)
 
 
 def _ended(running: Running) -> str:

@@ -218,7 +218,7 @@ def _draw_coverage(pipeline: Pipeline) -> str:
     places = rng.uniform(-3e-3, 3e-3, (60, 2))
     exact = np.array([_counted(40, at) for at in places])
     points = {
-        f'{n * n} points': _cost(lambda at, n=n: _counted(n, at), places, exact)
+        f'{n * n} point' + 's' * (n > 1): _cost(lambda at, n=n: _counted(n, at), places, exact)
         for n in (1, 3, 5, 7, 20)
     }
     settings = pipeline.config

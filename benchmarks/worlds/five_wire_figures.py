@@ -47,11 +47,17 @@ def drawn(grids: ModuleType, world: object, seed: int) -> dict[str, str]:
 
 
 def _lines(loads: Array, told: Array, label: str, words: str) -> str:
-    """One line for each square."""
-    high = 1.05 * float(told.max())
+    """One line for each of 4 x 4 squares: colours tell x, marks tell y."""
+    high = 1.5 * float(told.max())
     plot = Plot((0.0, 15.5), (0.0, high), 'load (N)', label, (360, 300), told=words)
     for n, row in enumerate(told):
-        plot.line(loads, row, f'line c{n % 5}')
+        across, up = divmod(n, 4)
+        at = up  # where resistances differ most
+        plot.line(loads, row, f'line c{across}')
+        plot.mark(float(loads[at]), float(row[at]), up, f'fill c{across}')
+    for n, place in enumerate(np.linspace(12.5, 87.5, 4)):
+        plot.text(0.0, None, f'x = {place:g} mm', kind=f'key c{n}', row=n)
+        plot.text(8.0, None, f'{array_figures.GLYPHS[n]} y = {place:g} mm', row=n)
     return standalone(plot)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import struct
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
@@ -290,6 +290,27 @@ def difference(roads: Path) -> Callable[[Connection], None]:
         pipe.send(max(float(np.abs(live - alone).max()) for live in found))
 
     return work
+
+
+def kept_waiting(pid: int) -> dict[int, tuple[float, float]]:
+    """Of each thread: how long it ran, and how long it was ready without a processor (s)."""
+    found = {}
+    for task in Path(f'/proc/{pid}/task').iterdir():
+        with suppress(OSError):  # it has ended meanwhile
+            ran, waited = (task / 'schedstat').read_text('ascii').split()[:2]
+            found[int(task.name)] = int(ran) / NS, int(waited) / NS
+    return found
+
+
+def busiest(
+    before: dict[int, tuple[float, float]], after: dict[int, tuple[float, float]]
+) -> float:
+    """Time of waiting over time of running, of the thread that ran most; NaN: unknown."""
+    ran = {task: one[0] - before.get(task, (0.0, 0.0))[0] for task, one in after.items()}
+    most = max(ran, key=ran.__getitem__, default=-1)
+    if most < 0 or not ran[most] > 0:
+        return float('nan')
+    return (after[most][1] - before.get(most, (0.0, 0.0))[1]) / ran[most]
 
 
 def processor_seconds(pid: int) -> float:

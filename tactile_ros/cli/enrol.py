@@ -120,7 +120,8 @@ def _live(options: argparse.Namespace) -> int:
             done, said = client.forget(options.label)
         else:
             presses = 3 if options.presses is None else options.presses
-            client.wait_for_enrol()
+            with working('looking for a node that learns'):
+                client.wait_for_enrol()
             print(f'press, hold a moment, release: {presses} times', file=sys.stderr)
             lesson = Lesson(options.label, presses, options.timeout, options.replace)
             learned = client.enrol(lesson, lambda _, told: print(told, file=sys.stderr))

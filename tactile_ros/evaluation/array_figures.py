@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 MANY = 500  # taxels, of which those that feel nothing are not drawn
 SHADES = (0.02, 0.2, 0.4, 0.6, 0.8)  # of the largest pressure, between six shades
 GLYPHS = '●■▲◆'  # of the marks, in their order
+KEY = 0.09  # of the axis, that a line of the key takes
+MARKS = (0.15, 0.5, 0.85)  # of a line, where its marks stand
 ARM = 0.04  # m, of a tube: longer than an array
 
 
@@ -102,18 +104,22 @@ def curves(
     log_x: bool = False,
     log_y: bool = False,
 ) -> str:
-    """Lines by name, each named at its end, over shared axes."""
+    """Lines by name over shared axes; colours and marks along them are those of a key above."""
     x = np.concatenate([x for x, _ in lines.values()])
     y = np.concatenate([y[np.isfinite(y)] for _, y in lines.values()])
     low = float(y.min()) * 0.8 if log_y else min(0.0, 1.1 * float(y.min()))
+    high, room = 1.15 * float(y.max()), KEY * len(lines)
+    high = high * (high / low) ** room if log_y else high + room * (high - low)
     plot = Plot(
-        (float(x.min()), float(x.max())), (low, 1.15 * float(y.max())), *labels, (520, 320),
+        (float(x.min()), float(x.max())), (low, high), *labels, (520, 320),
         log_x=log_x, told=told, log_y=log_y,
     )  # fmt: skip
     for i, (name, (u, v)) in enumerate(lines.items()):
         plot.line(u, v, f'line c{i % 5}')
-        plot.mark(float(u[-1]), float(v[-1]), i, f'fill c{i % 5}')
-        plot.text(float(u[0]), None, f'{GLYPHS[i % 4]} {name}', row=i)
+        for share in MARKS:
+            at = int((share + 0.05 * i) * (len(u) - 1))  # where lines meet, marks stand apart
+            plot.mark(float(u[at]), float(v[at]), i, f'fill c{i % 5}')
+        plot.text(float(u[0]), None, f'{GLYPHS[i % 4]} {name}', kind=f'key c{i % 5}', row=i)
     return standalone(plot)
 
 

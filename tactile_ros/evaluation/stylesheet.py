@@ -81,6 +81,7 @@ svg text.name { fill: var(--ink); }
 svg text.note { fill: var(--ink); paint-order: stroke; stroke: var(--card); stroke-width: 4px;
   stroke-linejoin: round; }
 svg text.chip { font-size: 18px; font-weight: 600; stroke-width: 3px; }
+svg text.note.key { fill: currentColor; }
 svg path { fill: none; stroke-linejoin: round; }
 svg .grid, svg path.axis, svg path.tick { stroke: var(--hair); stroke-width: 1; display: inline; }
 svg path.axis, svg path.tick { stroke: var(--soft); }

@@ -96,7 +96,8 @@ class Finger:
         """
         slope = self._slopes[closure >= self.corner]
         left = (wanted - sent).tolist()
-        return min([one / per for one, per in zip(left, slope, strict=True) if per], key=abs)
+        behind = [one / per for one, per in zip(left, slope, strict=True) if per]
+        return float(min(behind, key=abs))
 
     @cached_property
     def _slopes(self) -> tuple[list[float], list[float]]:

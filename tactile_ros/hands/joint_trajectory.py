@@ -17,7 +17,9 @@ class JointTrajectoryHand(HandDriver):
     fastest_hz = 250.0
 
     names: tuple[str, ...] = texts(('finger_joint',), 'names of the joints')
-    horizon_s: float = number(0.05, 'time to reach a point', 's', 1e-3, 1.0)
+    horizon_s: float = number(
+        0.02, 'time to reach a point: two periods of the commands', 's', 1e-3, 1.0
+    )
 
     @property
     def joints(self) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from tactile_ros.nodes import frame_guard
 from tactile_ros.nodes.contact_stage import ContactStage
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import (
@@ -333,7 +334,10 @@ def fitted(key: str) -> tuple[Pipeline, list[Frame]]:
 
 @pytest.mark.parametrize('hopeless', [False, True])
 @pytest.mark.parametrize('key', ['reskin_board', 'taxel_array'])
-def test_a_frame_that_fails_costs_itself_alone(key: str, hopeless: bool) -> None:
+def test_a_frame_that_fails_costs_itself_alone(
+    key: str, hopeless: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(frame_guard, 'FRAMES_BETWEEN_COPIES', 30)  # several in a hundred frames
     pipeline, frames = fitted(key)
     taxels = pipeline.layout.shape[0]
     bits = np.full(taxels, TaxelStatus.ERROR, np.uint8)

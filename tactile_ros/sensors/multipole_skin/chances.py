@@ -11,8 +11,8 @@ if TYPE_CHECKING:
 
 NONE = 0.1  # how often something presses that is none of the classes
 UNLIKE = 4.6  # logarithm of the misfit, over which that is spread: a factor of a hundred
-UNTOLD = 0.8  # deviation of that logarithm where no press tells it
-LEAST_TOLD = 0.7  # presses of one head do not tell how others differ
+UNTOLD = 0.7  # deviation of that logarithm where no press tells it
+LEAST_TOLD = 0.6  # presses of one head do not tell how others differ
 FEW = 5  # presses, as which what is usual counts
 
 

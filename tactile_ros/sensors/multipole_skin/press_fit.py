@@ -340,8 +340,7 @@ def _placed(
 def _doubt(recogniser: Recogniser, matches: Matches, named: Integers) -> Array:
     """Deviations of places (n, 2) by what else than named may have pressed."""
     scores = recogniser.template_scores(matches)
-    misfits = np.repeat(matches.misfit[:, None], scores.shape[1], axis=1)
-    found = recogniser.chances(scores, misfits)
+    found = recogniser.chances(scores, recogniser.template_misfits(matches))
     recogniser.spread_ = Spread(0.0, 0.0)
     likely = recogniser.likely(matches, np.arange(scores.shape[1]), *found)
     cov = recogniser.placed(matches, named, likely)[1]

@@ -41,6 +41,7 @@ WIDE = 2.5  # deviations of a turn that count as its range
 STILL = 0.5  # of the noise: what frames do not average, where no press tells it
 AROUND = 5e-3  # m, within which heads may press beside those that were seen
 LEAST = np.array([1e-4, 1e-4, 1e-3])  # shares of these ranges
+WHOLE = 8  # degrees of freedom, as which the misfit over all readings counts
 FREE = 4  # parameters of a press that are fitted, beside a uniform field
 
 
@@ -202,6 +203,16 @@ class Recogniser:
         chance = 2 * np.log(part).sum(axis=2)
         return np.asarray(matches.cost + matches.level[:, None] - chance)
 
+    def template_misfits(self, matches: Matches) -> Array:
+        """How much worse than by chance the likeliest head fits, for every head (n, heads).
+
+        Along the other heads, and a little over all readings: few heads tell little of shapes.
+        """
+        heads = matches.cost.shape[1]
+        whole = matches.cost.min(axis=1) / self.spare
+        found = ((heads - 1) * matches.misfit + WHOLE * whole) / (heads - 1 + WHOLE)
+        return np.repeat(found[:, None], heads, axis=1)
+
     def scores(
         self,
         presses: PressVectors,
@@ -215,11 +226,11 @@ class Recogniser:
         seen = self._seen(None if road == 'press_templates' else known)
         if matches is not None and road != 'press_neighbours':
             score = self.template_scores(matches)
+            misfit = self.template_misfits(matches)
             if seen is None:
-                misfit = np.repeat(matches.misfit[:, None], score.shape[1], axis=1)
                 return np.arange(score.shape[1]), score, misfit
             for i in range(score.shape[1]):
-                columns[i] = score[:, i], matches.misfit
+                columns[i] = score[:, i], misfit[:, i]
         if seen is not None:
             score = support_scores(seen, presses, self.noise, self.common, self.still_)
             level = self._level(presses)
