@@ -222,7 +222,7 @@ def _sessions(count: int) -> list[Row]:
 def _untrained(count: int, extent: str) -> list[Row]:
     """Nothing but resting frames, on the mechanics of the config and on another body.
 
-    Magnets of every specimen lie elsewhere than the config says.
+    Magnets of every specimen lie elsewhere than the config says, but in the row that says so.
     """
     plain = {'poisson': 0.5, 'stiffening': 1e9, 'height': 0.0, 'base': 1e-6, 'gains': 0.0}
     other: dict[str, float] = {}
@@ -230,6 +230,7 @@ def _untrained(count: int, extent: str) -> list[Row]:
     cases = [
         (WORLD_SEED, count, plain, 0.0, half, 0.9), (WORLD_SEED, count, other, 0.0, body, 2.0),
         (WORLD_SEED, count, plain, STRAY, 'a half-space, 0.5 mT outside', None),
+        (WORLD_SEED, count, {**plain, 'amiss': 0.0}, 0.0, f'{half}, magnets too', 0.9),
     ]  # fmt: skip
     for seed in SPECIMENS[extent]:
         cases += [(seed, FEW, plain, 0.0, half, 0.9), (seed, FEW, other, 0.0, body, 2.0)]

@@ -21,22 +21,23 @@ FLAT = 0.97  # largest |y| of a touch, in radii
 class PadWorld:
     """Readings of touches on a pad that is nearly the one of `config`.
 
-    `mount` moves the magnets (m, standard deviation), as mounting the pad anew does.
+    `mount` moves the magnets (m, standard deviation), as mounting the pad anew does; `amiss`
+    scales by how much their places and strengths are others than those of the config.
     """
 
     def __init__(
         self, config: object, seed: int = 0, *, poisson: float = 0.47, stiffening: float = 60.0,
         height: float = 0.03, base: float = 0.25, gains: float = 0.01, mount: float = 0.0,
-        remounted: int = 0, noise: float = 4e-6,
+        remounted: int = 0, noise: float = 4e-6, amiss: float = 1.0,
     ) -> None:  # fmt: skip
         rng = np.random.default_rng(seed)
         self.config, self.noise = config, noise
         self.poisson, self.stiffening, self.base = poisson, stiffening, base
         self.magnets = config.magnet_positions.copy()
         self.magnets[:, 2] *= 1 + height * rng.uniform(-1, 1)
-        self.magnets += 1e-4 * rng.normal(size=self.magnets.shape)
+        self.magnets += 1e-4 * amiss * rng.normal(size=self.magnets.shape)
         self.magnets += mount * np.random.default_rng(remounted).normal(size=self.magnets.shape)
-        self.strength = config.remanence * (1 + 0.03 * rng.normal(size=len(self.magnets)))
+        self.strength = config.remanence * (1 + 0.03 * amiss * rng.normal(size=len(self.magnets)))
         self.shear = config.shear_modulus * np.exp(0.15 * rng.normal())
         chips = len(config.positions)
         self.gains = np.eye(3) + gains * rng.normal(size=(chips, 3, 3))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.estimators.polynomial_rows import times
 from tactile_ros.physics.temperature import EXPANSION, REMANENCE_SLOPE
 from tactile_ros.sensors.gradiometer.thermal import UNIT
 
@@ -70,23 +71,21 @@ def drift_doubt(
 
 
 def warmth_doubt(
-    features: Features, magnets: NearbyMagnets, signals: Signals, place: Array, slope: Array,
-    wider: Array,
+    features: Features, magnets: NearbyMagnets, signals: Signals, place: Array, field: Array,
+    slope: Array, wider: Array,
 ) -> None:  # fmt: skip
     """Add to covariances (s, k, k) what a warmer disc does, where a fit saw one temperature.
 
-    Parameters are those of `tare_doubt`, and the steepest change of answers with the place,
-    `slope` (k,) (over gaps).
+    Parameters are those of `tare_doubt`, the `field` (s, n) (T), and the steepest change of
+    answers with the place, `slope` (k,) (over gaps).
     """
-    if signals.temperature_c is None or features.readings_.warm_ or features.place_ is None:
+    if signals.temperature_c is None or features.readings_.warm_:
         return
     warm = features.readings_.unsure_drifts(signals)[:, 0]
-    rows = np.flatnonzero((np.abs(warm) > FEEBLE) & np.isfinite(place).all(axis=1))
+    rows = np.flatnonzero(np.abs(warm) > FEEBLE)
     if len(rows):
-        field = features.place_.fields(place[rows], np.zeros(len(rows))) @ features.projection
-        weaker = (WARMER * warm[rows])[:, None] * field
-        wider[rows] += magnets.shaken(
-            place[rows], weaker[:, :, None] * weaker[:, None], wider.shape[1]
-        )
+        weaker = (WARMER * warm[rows])[:, None] * times(field[rows], features.projection)
+        cov = weaker[:, :, None] * weaker[:, None]
+        wider[rows] += magnets.shaken(place[rows], cov, wider.shape[1])
         higher = (HIGHER * warm[rows])[:, None] * slope
         wider[rows] += higher[..., None] ** 2 * np.eye(len(slope))

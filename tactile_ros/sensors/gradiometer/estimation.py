@@ -288,7 +288,7 @@ class GradiometerEstimation:
             tare_doubt(*known_by, self.doubt_, wider)
             drift_doubt(*known_by, wider)
             if self.reach_ is not None:
-                warmth_doubt(*known_by, self.reach_.slope_, wider)
+                warmth_doubt(*known_by, x[:, parts['field']], self.reach_.slope_, wider)
         if self.targets_:
             self._add_targets(known, x, self._noise(x, parts), (shift, wider))
             status |= unsay(known, self.largest_, signals.in_contact != 0) * _ABSTAINED
