@@ -21,6 +21,7 @@ MEMORY = 0.05  # s, of vibration and of the peak that a fall is measured from
 SHARE = 0.3  # of a slip's ratio in the coefficient, at least
 DOUBT = 0.5  # standard deviation of the assumed coefficient, as a share of it
 MOST_DOUBLINGS = 10
+STEEPEST = 100.0  # ratio of forces: no skin holds more
 
 
 def faded(dt: float, relax_time: float, slips: int) -> float:
@@ -117,7 +118,7 @@ class SlipMargin:
             self._faith -= self._faith * faded(dt, self._relax_time, self._slips)
         self.margin = nan
         if normal > floor:
-            ratio = tangential / normal
+            ratio = min(tangential / normal, STEEPEST)
             if tangential > floor:
                 self._learn(normal, ratio)
             self.margin = 1.0 - ratio / self.believed

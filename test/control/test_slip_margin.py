@@ -104,3 +104,10 @@ def test_unknown_forces_are_no_slip_and_no_number(bad: float) -> None:
     assert np.isnan(slip.load)
     slip.step(2.0, 0.2, -1, 0.01)  # nothing to compare with
     assert not slip.slipping
+
+
+def test_forces_beyond_all_measure_teach_a_finite_friction() -> None:
+    slip = SlipMargin(CONFIG)
+    for said in (0, 0, 1):
+        slip.step(1.0, 1e200, said, 0.01)
+    assert np.isfinite([slip.friction, slip.friction_std, slip.margin]).all()

@@ -158,7 +158,7 @@ def test_trajectory_controllers_get_one_near_point(
     np.testing.assert_allclose(message.points[0].positions, [0.3, 0.4][: len(joints)])
     horizon = message.points[0].time_from_start
     assert horizon.sec == 0
-    assert 4e7 <= horizon.nanosec <= 2e8
+    assert 2e7 <= horizon.nanosec <= 2e8
     assert message.header.stamp.sec == 0
 
 

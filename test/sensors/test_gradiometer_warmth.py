@@ -11,6 +11,7 @@ from tactile_ros.calibration import read, write
 from tactile_ros.errors import CalibrationError
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors.gradiometer.memory import StreamMemory
 from tactile_ros.sensors.gradiometer.thermal import UNIT, thermometer_noise
 from tactile_ros.sensors.gradiometer.warm_rest import WarmRest
 from tactile_ros.signals import Signals
@@ -104,3 +105,27 @@ def test_a_calibration_that_lacks_what_temperatures_need_is_refused(tmp_path: Pa
     write(path, arrays)
     with pytest.raises(CalibrationError, match='rest_'):
         SENSOR.load(path)
+
+
+def warm_signals(chips: np.ndarray, second: np.ndarray) -> Signals:
+    count = len(chips)
+    values = np.zeros((count, chips.shape[1], 2))
+    return Signals(
+        values, values, values, chips, (1e9 * second).astype(np.int64), np.zeros(count, bool),
+        np.zeros(count, np.int8), np.ones(count, bool),
+    )  # fmt: skip
+
+
+def test_a_chip_that_tells_no_temperature_is_as_warm_as_it_was_for_four_seconds() -> None:
+    nan = np.nan
+    chips = np.array(
+        [[nan, 20], [25, 21], [nan, nan], [nan, 22], [26, nan], [nan, nan], [nan, 30]]
+    )
+    second = np.array([0.0, 1.0, 2.0, 6.0, 7.0, 6.5, 7.5])
+    wanted = [[nan, 20], [25, 21], [25, 21], [nan, 22], [26, 22], [nan, 22], [26, 30]]
+    whole = StreamMemory(8.0).with_temperatures(warm_signals(chips, second))
+    np.testing.assert_array_equal(whole.temperature_c, wanted)
+    memory = StreamMemory(8.0)
+    for i in range(len(chips)):
+        one = memory.with_temperatures(warm_signals(chips[i : i + 1], second[i : i + 1]))
+        np.testing.assert_array_equal(one.temperature_c, wanted[i : i + 1])

@@ -101,6 +101,7 @@ class GradiometerEstimation:
         groups : dict of str to ndarray, shape (s,)
             'group' and 'session'.
         """
+        signals = StreamMemory(0.0).with_temperatures(signals)
         rest = at_rest(signals, truth)
         stray = np.asarray(truth.get('stray_field', np.full((len(rest), 3), np.nan)), float)
         remembers = self.estimator == 'history'
@@ -259,6 +260,7 @@ class GradiometerEstimation:
             NaN for components that were never told.
         """
         assert isinstance(memory, StreamMemory)
+        signals = memory.with_temperatures(signals)
         features, config = self.features_, self.config
         change = features.readings_.change(signals)
         x, parts = features.table(change, features.thermal(signals, memory), signals, memory)
