@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from tactile_ros.control.grip_config import GripConfig
 
 HALF_HOLD, COMPUTING = 0.5, 1.0  # slowest periods that sampling adds to the dead time
+FARTHEST = 4.0  # closures that a hand may be opened beyond its open posture
 
 
 def bounded(value: float, low: float, high: float) -> float:
@@ -66,8 +67,13 @@ class DriveLaw:
         self._wanted = nan
 
     def seat(self, closure: float) -> None:
-        """Begin from a closure: the next command starts there, whatever the error is."""
-        self.command = min(max(closure, self.config.closure_low), self.config.closure_high)
+        """Begin from a closure: the next command starts there, whatever the error is.
+
+        One below the limits is no closure to be asked for, but where a hand that is opened further
+        may be: from there it comes as carefully as from anywhere.
+        """
+        low, high = self.config.closure_low - FARTHEST, self.config.closure_high
+        self.command = bounded(closure, low, high)
         self._integral = self._from = self._wanted = nan
         self.limited = self.stopped = False
 
@@ -143,7 +149,8 @@ class DriveLaw:
         """Nearest command inside limits and rate."""
         step = self.config.closure_rate * dt
         near = bounded(wanted, self.command - step, self.command + step)
-        made = bounded(near, self.config.closure_low, self.config.closure_high)
+        low = min(self.config.closure_low, self.command)
+        made = bounded(near, low, self.config.closure_high)
         self.limited = made != wanted
         self.command = made
         return made

@@ -99,14 +99,14 @@ class GripDrives:
     def settle(self) -> None:
         """After a fault: go on from the last command."""
         self._unseen = 0.0
-        for law, free in zip(self.laws, self._free, strict=True):
+        for law in self.laws:
             law.seat(law.command)
-            free.seat(law.command)
 
     def move(self, speed: float, dt: float) -> None:
         """Move all drives at a speed (1/s), positive closes."""
-        for law in self.laws:
+        for law, free in zip(self.laws, self._free, strict=True):
             law.move(speed, dt)
+            free.step(law.command, dt)
 
     def stay(self) -> None:
         """Leave all drives where they are."""
@@ -214,8 +214,14 @@ class GripDrives:
         return True
 
     def _approach(self, drive: int) -> float:
-        """Speed (1/s) of a drive that nothing touches; one that feels nothing stays."""
+        """Speed (1/s) of a drive that nothing touches; one that feels nothing stays.
+
+        A hand that is opened beyond its open posture comes to that as fast as it opens: a touch
+        stops it there too.
+        """
         if not self._fingers.feeling[drive]:
             return 0.0
+        if self.laws[drive].command < self.config.closure_low:
+            return self.config.opening_rate
         reached = self.laws[drive].reaction * self.config.stiffness_high
         return min(self.config.closing_rate, IMPACT * self._targets.lightest / reached)

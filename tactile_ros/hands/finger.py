@@ -11,6 +11,8 @@ from tactile_ros.types import Array
 from tactile_ros.types.fields import admit, array, number, text_of, texts, whole
 from tactile_ros.types.names import admit_name
 
+TELLS = 0.1  # of the fastest joint's motion, below which a joint tells no closure
+
 
 @dataclass(frozen=True)
 class Finger:
@@ -92,11 +94,12 @@ class Finger:
     def shortfall(self, closure: float, wanted: Array, sent: Array) -> float:
         """How much less closure joints (n,) have that were sent instead of those of a closure.
 
-        That of the joint which comes closest: where one follows, the finger still closes.
+        That of the joint which comes closest: where one follows, the finger still closes. Joints
+        that hardly move on the way tell nothing of it.
         """
         slope = self._slopes[closure >= self.corner]
-        left = (wanted - sent).tolist()
-        behind = [one / per for one, per in zip(left, slope, strict=True) if per]
+        left, least = (wanted - sent).tolist(), TELLS * max(map(abs, slope))
+        behind = [one / per for one, per in zip(left, slope, strict=True) if abs(per) > least]
         return float(min(behind, key=abs))
 
     @cached_property

@@ -21,6 +21,7 @@ from tactile_ros.control import (
     GripStep,
     qb_softhand,
 )
+from tactile_ros.control.drive_law import FARTHEST
 from tactile_ros.types import Array
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
@@ -75,7 +76,7 @@ def test_no_input_makes_a_command_outside_limits_or_rate(
     action: str, events: list[tuple[GripInput, float, str]]
 ) -> None:
     config = GripConfig(safe_action=action, closure_low=0.05, closure_high=0.8)
-    law, last = closing(config), None
+    law, last, low = closing(config), None, 0.05  # or where a hand was that is opened further
     for given_, dt, event in events:
         idle = law.phase == GripPhase.IDLE
         if event == 'grasp':
@@ -89,7 +90,8 @@ def test_no_input_makes_a_command_outside_limits_or_rate(
         assert made.send or made.refusal
         if not made.send:
             continue
-        assert ((made.closure >= 0.05) & (made.closure <= 0.8)).all()
+        low = min(low, np.min(given_.closure, initial=0.05, where=np.isfinite(given_.closure)))
+        assert ((made.closure >= max(low, 0.05 - FARTHEST)) & (made.closure <= 0.8)).all()
         if last is not None:
             assert (np.abs(made.closure - last) <= config.closure_rate * dt + NEAR).all()
         last = made.closure
@@ -500,3 +502,17 @@ def test_a_soft_drive_holds_its_touch_while_it_waits_for_the_other() -> None:
     assert len(waited) * period > 0.2
     assert min(waited) > config.contact_on
     assert max(waited) < 1.5 * config.touch_force
+
+
+def test_a_hand_opened_beyond_its_open_posture_comes_slowly_and_stops_at_a_touch() -> None:
+    law = closing()
+    flat = dataclasses.replace(quiet(), closure=np.array([-1.1, -2.0]))
+    made = law.step(flat, 0.01)
+    np.testing.assert_allclose(made.closure, flat.closure, atol=0.5 * 0.01 + NEAR)
+    for _ in range(50):
+        made = law.step(dataclasses.replace(quiet(), closure=made.closure), 0.01)
+    assert (made.closure < -0.5).all()
+    touched = dataclasses.replace(quiet(), normal=np.array([3.0, 3.0]), closure=made.closure)
+    for _ in range(50):
+        touched = dataclasses.replace(touched, closure=law.step(touched, 0.01).closure)
+    assert (touched.closure <= made.closure).all()

@@ -80,3 +80,12 @@ def test_a_share_that_one_place_alone_tells_is_doubted() -> None:
     np.testing.assert_allclose(creep.shares_[[0, 4]], 0.05, atol=0.01)
     assert spread[4] > 0.02 > 5 * spread[0]
     assert (creep.shares_[:-1] >= 0).all()
+
+
+def test_a_frame_that_was_lost_takes_nothing_of_the_past() -> None:
+    force, stamps = np.full(200, 5.0), np.arange(200) * 20_000_000
+    places = np.full((200, 2), 0.05)
+    whole = FilmMemory(TAUS, EDGE)(force, places, stamps, stamps == 0)
+    force[100], places[100] = np.nan, np.nan
+    lost = FilmMemory(TAUS, EDGE)(force, places, stamps, stamps == 0)
+    np.testing.assert_allclose(lost, whole, rtol=1e-9)

@@ -49,7 +49,7 @@ def memory_rows(
     force : ndarray, shape (s,)
         0 where nothing touches; NaN: unusable, the last one is held.
     places : ndarray, shape (s, 2)
-        Of the touches (m); they do not count where nothing touches.
+        Of the touches (m); NaN, or where nothing touches: they do not count.
     elapsed : ndarray, shape (s,)
         Since the frame before (s); 0: not newer, not remembered; below 0: a stream begins.
     rates : ndarray, shape (m,)
@@ -65,7 +65,8 @@ def memory_rows(
             kept[FORCE], kept[X], kept[Y] = now, math.nan, math.nan
         elif elapsed[s] > 0.0:
             share = 1.0
-            if now > 0.0 and math.isfinite(edge) and math.isfinite(places[s, 0]):
+            # true of no NaN: a frame that was lost moves the touch nowhere
+            if force[s] > 0.0 and math.isfinite(edge) and math.isfinite(places[s, 0]):
                 share = overlap(kept, places[s, 0], places[s, 1], edge)
             for i in range(len(rates)):
                 phase = rates[i] * elapsed[s]
@@ -113,8 +114,8 @@ class FilmMemory:
             Frames before which the past is forgotten.
         """
         means = np.empty((len(force), len(self._rates)))
-        known = np.nan_to_num(places), self._elapsed(stamp_ns, restart), self._rates, self._edge
-        memory_rows(force, *known, self._kept, means)
+        elapsed = self._elapsed(stamp_ns, restart)
+        memory_rows(force, places, elapsed, self._rates, self._edge, self._kept, means)
         return means
 
     def _elapsed(self, stamp_ns: Integers, restart: Bools) -> Array:
