@@ -75,8 +75,8 @@ def parts(extent: str) -> dict[str, Callable[[], list[Row]]]:
     found['probes'] = partial(_probes, count, extent)
     if extent != 'quick':
         found['cone'] = partial(_cone, count)
-    found['mounts'] = partial(_sessions, count)
-    found['untrained'] = partial(_untrained, count, extent)
+        found['mounts'] = partial(_sessions, count)
+        found['untrained'] = partial(_untrained, count, extent)
     for seed in BODIES[extent]:
         found[f'coverage of specimen {seed}'] = partial(_specimen, seed, count)
     found['speed'] = partial(_speed, count, (0,) if extent == 'quick' else (0, 100, 200))

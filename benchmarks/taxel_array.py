@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Array, Integers
 
-COUNTS = {'quick': 30, 'normal': 200, 'full': 1000}
+COUNTS = {'quick': 20, 'normal': 200, 'full': 1000}
 RADII = ((16e-3, 8e-3), (14e-3, 6.5e-3), (12e-3, 5e-3), (18e-3, 9e-3), (10e-3, 4e-3))
 BAD = (3, 17, 30, 44, 61)
 PITCH, TAXELS = 5e-3, 72
