@@ -251,7 +251,7 @@ class GradiometerEstimation:
         ----------
         signals : Signals
             Conditioned frames.
-        memory : ThermalMemory
+        memory : StreamMemory
             Of the stream; moves on.
 
         Returns
