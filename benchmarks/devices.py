@@ -48,8 +48,8 @@ from tactile_ros.sensors import list_sensors, load_sensor
 
 STRINGS = {'quick': 5_000, 'normal': 1_000_000, 'full': 1_000_000}
 DECODED = {'quick': 50_000, 'normal': 1_000_000, 'full': 1_000_000}
-NODE_S = {'quick': 5.0, 'normal': 100.0, 'full': 100.0}
-WARM_S = 10.0
+NODE_S = {'quick': (3.0, 3.0), 'normal': (10.0, 100.0), 'full': (10.0, 100.0)}  # 100 Hz, 1 kHz
+WARM_S = {'quick': 3.0, 'normal': 10.0, 'full': 10.0}
 ON_ITS_WAY_S = 0.5
 UNSEEN = ('flipped', 'garbage', 'shifted')
 
@@ -214,16 +214,16 @@ def _hidden(extent: str) -> list[Row]:
 def _nodes(extent: str) -> list[Row]:
     """Share of a core that sensor_node takes at its port, and its memory."""
     jobs = (
-        ('100 Hz x 20 chips', 'multipole_skin', {'transport': 'serial'}, 100.0, 15.0, 10.0),
-        ('1 kHz x 8 channels', 'gradiometer', {}, 1000.0, 40.0, NODE_S[extent]),
+        ('100 Hz x 20 chips', 'multipole_skin', {'transport': 'serial'}, 100.0, 15.0),
+        ('1 kHz x 8 channels', 'gradiometer', {}, 1000.0, 40.0),
     )
     rows: list[Row] = []
-    for name, sensor, how, rate_hz, aim, seconds in jobs:
+    for (name, sensor, how, rate_hz, aim), seconds in zip(jobs, NODE_S[extent], strict=True):
         if find_spec('rclpy') is None:
             rows.append(Row(f'sensor_node, {name}: not measured, no rclpy here', '%', None,
                             aim=aim))  # fmt: skip
             continue
-        cores, grown, heard = _node(sensor, dict(how), rate_hz, seconds)
+        cores, grown, heard = _node(sensor, dict(how), rate_hz, (WARM_S[extent], seconds))
         frames = round(rate_hz * seconds)
         rows += [
             Row(f'sensor_node, {name}: share of a core', '%', 100 * cores, aim=aim),
@@ -236,9 +236,9 @@ def _nodes(extent: str) -> list[Row]:
 
 
 def _node(
-    sensor: str, how: dict[str, object], rate_hz: float, seconds: float
+    sensor: str, how: dict[str, object], rate_hz: float, seconds: tuple[float, float]
 ) -> tuple[float, float, float]:
-    """Cores, growth of memory (KiB), and share of the frames that a recorder heard.
+    """Cores, growth of memory (KiB), and share of the frames that a recorder heard, after a while.
 
     The twin sends from this process, so that the node has only a port to read, as with a board.
     """
@@ -255,9 +255,9 @@ def _node(
             graph = Graph((Process('record', {'bag': str(bag)}), Process('sensor_node', values)))
             with Running(graph, {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}) as running:
                 wait_for_frames(running, bag)
-                time.sleep(WARM_S)
+                time.sleep(seconds[0])
                 began_ns = time.time_ns()
-                cores, grown = _watch(running.pid('sensor_node'), seconds)
+                cores, grown = _watch(running.pid('sensor_node'), seconds[1])
                 ended_ns = time.time_ns()
                 time.sleep(ON_ITS_WAY_S)
         stamp_ns = load(bag).recordings[0].recording.stamp_ns

@@ -40,7 +40,7 @@ LONGER = {'quick': 2, 'normal': 4, 'full': 16}
 RATE_HZ, CHIPS = 100, 20
 STEP_NS = 1_000_000_000 // RATE_HZ
 START_NS = 1_700_000_000_000_000_000
-REPEATS = 3
+REPEATS = {'quick': 1, 'normal': 3, 'full': 3}
 SEED = 0
 PEAK = (
     'import sys; from pathlib import Path;'
@@ -65,7 +65,7 @@ def run(extent: str, command: str) -> BenchResult:
         source = touches(frames, SEED + 1)
         write_bag(short, pipeline, source.select(slice(0, SHORT * RATE_HZ)))
         write_bag(long, pipeline, source)
-        rows = _rows(long, pipeline, frames)
+        rows = _rows(long, pipeline, frames, REPEATS[extent])
         memory = [_peak(bag, folder / 'calibration.npz') for bag in (short, long)]
         size = sum(file.stat().st_size for file in long.glob('*.mcap')) / 1e6
     rows += [
@@ -227,21 +227,21 @@ class Timed:
     seconds: float
 
 
-def timed(what: Callable[[], object]) -> Timed:
+def timed(what: Callable[[], object], repeats: int) -> Timed:
     """Run it some times."""
     spent, result = [], None
-    for _ in range(REPEATS):
+    for _ in range(repeats):
         begin = time.process_time()
         result = what()
         spent.append(time.process_time() - begin)
     return Timed(result, min(spent))
 
 
-def _rows(bag: Path, pipeline: Pipeline, frames: int) -> list[Row]:
+def _rows(bag: Path, pipeline: Pipeline, frames: int, repeats: int) -> list[Row]:
     """Figures of one bag."""
-    ours = timed(lambda: tally_bag(bag, {'c': pipeline}))
-    read = timed(lambda: sum(1 for _ in BagPieces(bag)))
-    theirs = timed(lambda: _by_rosbags(bag))
+    ours = timed(lambda: tally_bag(bag, {'c': pipeline}), repeats)
+    read = timed(lambda: sum(1 for _ in BagPieces(bag)), repeats)
+    theirs = timed(lambda: _by_rosbags(bag), repeats)
     (tally,) = ours.result
     whole = _whole(bag, pipeline)
     part = tally.answers[0].targets['position'].errors.spread

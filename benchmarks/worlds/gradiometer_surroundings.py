@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 TRIALS = load_source(Path(__file__).with_name('gradiometer_trials.py'), 'bench gradiometer')
 SENSOR, SPECIMENS = TRIALS.SENSOR, TRIALS.SPECIMENS
 MILLI, FULL = TRIALS.MILLI, TRIALS.FULL
-WARM = {'quick': 300, 'normal': 1000, 'full': 1000}
+WARM = 1000  # presses of a calibration over temperatures
 MAGNETS, BESIDE = 24, 40  # of each specimen, and presses beside each
 UNIFORM = 2e-3  # T [3]
 ANSWERS = ('Fx', 'Fy', 'Fz', 'Tx', 'Ty')
@@ -86,17 +86,17 @@ def magnetometers(
     return rows
 
 
-def warmth(module: ModuleType, extent: str) -> tuple[list[Row], str]:
+def warmth(module: ModuleType) -> tuple[list[Row], str]:
     """0 to 50 C against one temperature, and figure 9 of [3]."""
-    world, count = module.World(11), WARM[extent]
+    world = module.World(11)
     scenes = {
         'disc as warm as the chip': module.Scene(span=50.0),
         'disc lags behind': module.Scene(span=50.0, ramp_s=600.0),
     }
-    blind = SENSOR.pipeline(world.config).fit(world.record(count, 4))
+    blind = SENSOR.pipeline(world.config).fit(world.record(WARM, 4))
     cold = TRIALS.rms(TRIALS.errors(blind, world.record(1000, 5), world.rest)[0])
     fits = {
-        name: SENSOR.pipeline(world.config).fit(world.record(count, 4, scene))
+        name: SENSOR.pipeline(world.config).fit(world.record(WARM, 4, scene))
         for name, scene in scenes.items()
     }
     rows = []
@@ -105,7 +105,7 @@ def warmth(module: ModuleType, extent: str) -> tuple[list[Row], str]:
         ratio = float((hot / cold).max())
         rows.append(Row(f'0..50 C over isothermal, {name}', '1', ratio, aim=1.5))
     good, scene = next(iter(fits.values())), next(iter(scenes.values()))
-    many, test = world.record(3 * count, 4, scene), world.record(1000, 5, scene)
+    many, test = world.record(3 * WARM, 4, scene), world.record(1000, 5, scene)
     chain = SENSOR.pipeline(world.config, 'polynomial').fit(many)
     found = {'not compensated': blind, 'alpha and beta of [3], fitted': chain, 'ours': good}
     said = {}

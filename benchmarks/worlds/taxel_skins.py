@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from tactile_ros.types import Array
 
-COUNTS = {'quick': 10, 'normal': 40, 'full': 400}  # of each kind
+COUNTS = {'normal': 40, 'full': 400}  # of each kind
 WORLD = Path(__file__).resolve().parents[2] / 'test' / 'reference' / 'taxel_world.py'
 SPEC = load_sensor('taxel_array')
 SEEDS = {'tubes': 101, 'jaw': 102, 'washers': 103, 'hold': 104, 'cup': 120}
@@ -36,10 +36,8 @@ TOP, NOISE = 3.0, 4.2e-4  # N; fraction: noise and rounding
 
 
 def rows(extent: str) -> list[Row]:
-    """Tubes, the jaw, washers on rings, and a hold; `quick` has tubes of one profile alone."""
+    """Tubes, the jaw, washers on rings, and a hold."""
     world, count = _world(), COUNTS[extent]
-    if extent == 'quick':
-        return _tubes(world, 'round', count)
     tubes = [row for profile in PROFILES for row in _tubes(world, profile, count)]
     return tubes + _jaw(world, count) + _washers(world, count) + _cup(world, count) + _hold(world)
 

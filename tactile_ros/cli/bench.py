@@ -33,7 +33,10 @@ if TYPE_CHECKING:
 
     from tactile_ros.evaluation.benchmark import BenchResult
 
-LONGEST = ('devices', 'grasp', 'gradiometer', 'taxel_array', 'magnet_pad', 'reskin')  # which begin
+LONGEST = (  # which begin
+    'devices', 'grasp', 'gradiometer', 'taxel_array', 'magnet_pad', 'reskin', 'multipole_skin',
+    'replay',
+)  # fmt: skip
 ALONE = 'import sys; from tactile_ros.cli.main import main; sys.exit(main(sys.argv[1:]))'
 
 
