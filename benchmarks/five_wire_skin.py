@@ -55,9 +55,11 @@ def run(extent: str, command: str) -> BenchResult:
     rows = [*_accuracy(mean, each, worst), *_covered(spreads), *_cost(mean)]
     rows += _methods(known[1], seeds, METHODS[:-1] if quick else METHODS)
     rows = [row for row in rows if row.ours is None or np.isfinite(row.ours)]
-    drawings = FIGURES.drawn(known[0], known[0].FiveWireWorld(seeds[0]), seeds[0])
-    notes = _notes(quick)
-    return BenchResult('five_wire_skin', command, seeds, rows, notes, drawings)
+    result = BenchResult('five_wire_skin', command, seeds, rows, _notes(quick))
+    if not quick:
+        world = known[0].FiveWireWorld(seeds[0])
+        result.drawings.update(FIGURES.drawn(known[0], world, seeds[0]))
+    return result
 
 
 def _methods(module: ModuleType, seeds: list[int], methods: tuple[str | None, ...]) -> list[Row]:
@@ -185,5 +187,8 @@ def _notes(quick: bool) -> list[str]:
         'fresh touches 12.5 mm and more inside the border, 1..15 N; untouched, the foil floats',
         'non-linearity: largest deviation of the mean curve from its least-squares line over its '
         'range; relative std: mean over loads of the std over squares over their mean',
-        *(['quick: finite differences alone, without 60 touches a square and creep'] * quick),
+        *(
+            ['quick: finite differences alone, without 60 touches a square, creep and drawings']
+            * quick
+        ),
     ]
