@@ -14,6 +14,7 @@ OLDEST ?= python3.10
 DISTRO ?= kilted
 CONFIGURE := bootstrap/configure.py
 JOBS ?= 2
+BENCH_JOBS ?= 3
 RESULTS := benchmarks/results
 ARGUMENTS ?=
 
@@ -46,7 +47,7 @@ demo: setup
 	@.venv/bin/tactile demo $(ARGUMENTS)
 
 bench: setup-tests
-	@.venv/bin/tactile bench all $(if $(QUICK),--quick --jobs 3,--jobs $(JOBS)) --figures $(RESULTS) $(ARGUMENTS); \
+	@.venv/bin/tactile bench all $(if $(QUICK),--quick) --jobs $(BENCH_JOBS) --figures $(RESULTS) $(ARGUMENTS); \
 	  code=$$?; .venv/bin/tactile report $(RESULTS) && exit $$code
 
 lint: setup-tests

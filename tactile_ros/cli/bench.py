@@ -37,6 +37,7 @@ LONGEST = (  # which begin
     'devices', 'grasp', 'gradiometer', 'taxel_array', 'magnet_pad', 'reskin', 'multipole_skin',
     'replay',
 )  # fmt: skip
+UNDISTURBED = ('latency',)  # which run after the others, unless it shall be quick
 ALONE = 'import sys; from tactile_ros.cli.main import main; sys.exit(main(sys.argv[1:]))'
 
 
@@ -133,10 +134,15 @@ def _side_by_side(
         command = [sys.executable, '-c', ALONE, *words]
         return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
 
+    last = [name for name in chosen if name in UNDISTURBED and extent != 'quick']
+    first = sorted(set(chosen) - set(last), key=lambda name: (name not in LONGEST, name))
     codes = []
-    with ThreadPoolExecutor(options.jobs) as pool:
-        for done in pool.map(one, sorted(chosen, key=lambda name: name not in LONGEST)):
-            print(done.stdout, end='', flush=True)
-            codes.append(done.returncode)
+    for names, jobs in ((first, options.jobs), (last, 1)):
+        with ThreadPoolExecutor(jobs) as pool:
+            for done in pool.map(one, names):
+                print(done.stdout, end='', flush=True)
+                codes.append(done.returncode)
     print(f'{options.jobs} benches ran at a time: times are those of a busy machine')
+    if last:
+        print(f'{", ".join(last)}: alone, after the others')
     return next((code for code in codes if code), 0)

@@ -350,6 +350,22 @@ def test_benches_side_by_side_tell_the_first_failure(
     assert '2 benches ran at a time' in printed.out
 
 
+def test_latency_is_measured_after_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
+        return subprocess.CompletedProcess(command, 0, f'{command[4]}\n')
+
+    monkeypatch.setattr(bench.subprocess, 'run', run)
+    options = argparse.Namespace(jobs=1, figures=None)
+    chosen = ['fidelity', 'latency', 'reskin', 'roads']
+    assert bench._side_by_side(chosen, 'normal', tmp_path, options) == 0
+    printed = capsys.readouterr().out.split('\n')
+    assert printed[:4] == ['reskin', 'fidelity', 'roads', 'latency']
+    assert bench._side_by_side(chosen, 'quick', tmp_path, options) == 0
+    assert capsys.readouterr().out.split('\n')[:4] == ['reskin', 'fidelity', 'latency', 'roads']
+
+
 def test_benches_as_json_are_alone_on_stdout(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
