@@ -221,18 +221,18 @@ class GripDrives:
 
         A hand that is opened beyond its open posture comes to that as fast as it opens: a touch
         stops it there too. A drive that is measured behind its model reacts later than was told,
-        or moves slower: it gets what it lacks in a reaction less, so that the way it still has at
-        the touch stays the one that was allowed. Joints that merely hang behind their targets
-        look the same, hence no less than half.
+        or moves slower: the way that it lacks and that of a reaction together are to stay the one
+        that was allowed. Joints that merely hang behind their targets look the same, hence no
+        less than half.
         """
         if not self._fingers.feeling[drive]:
             return 0.0
         if self.laws[drive].command < self.config.closure_low:
             return self.config.opening_rate
         reaction = self.laws[drive].reaction
-        most = IMPACT * self._targets.lightest / (reaction * self.config.stiffness_high)
-        speed = min(self.config.closing_rate, most)
+        way = IMPACT * self._targets.lightest / self.config.stiffness_high
+        speed = min(self.config.closing_rate, way / reaction)
         behind = self._free[drive].closure - closure
         if isnan(behind):
             return speed
-        return bounded(speed - behind / reaction, SLOWEST * speed, speed)
+        return bounded((way - behind) / reaction, SLOWEST * speed, speed)

@@ -1,13 +1,13 @@
 """The grip-force law: close, touch, load, hold, release; safe when an input cannot be trusted.
 
 Fingers approach until they touch, wait for each other at a small force, load together and hold.
-Each drive is regulated by `DriveLaw` with the stiffness of its own contact. An approach goes as
-far in the time that the hand is told to react as the stiffest object in range yields under twice
-the asked force; one whose drive is measured behind its told dead time and lag is slowed, down to
-half. At the touch the command goes back, as fast as it may, to where the drive is by then: as
-measured, or as told where that is further. From there on the felt force is regulated, and what a
-drive that is slower than told has still to go is taken back as error. A finger without a usable
-force holds its place while the others go on.
+Each drive is regulated by `DriveLaw` with the stiffness of its own contact. An approach goes no
+further in the time that the hand is told to react than the stiffest object in range yields under
+twice the asked force; what its drive is measured behind its told dead time and lag counts as part
+of that way, and slows it, down to half. At the touch the command goes back, as fast as it may, to
+where the drive is by then: as measured, or as told where that is further. From there on the felt
+force is regulated, which alone takes back what a drive slower than told has still to go. A finger
+without a usable force holds its place while the others go on.
 
 A force is regulated once: when every touching finger has given a new one. Between, drives finish
 what the last asked for; where a finger is late all stay, until it is heard or counts as stale.

@@ -84,6 +84,17 @@ def test_a_drive_that_is_as_told_approaches_as_fast_as_told(worlds: ModuleType) 
     assert most_met < 1.01
 
 
+def test_a_drive_is_slowed_only_as_far_as_the_stiffest_object_asks(worlds: ModuleType) -> None:
+    config = GripConfig(stiffness_high=60.0)
+    hand = {'stiffness': 60.0, 'lag': 0.1}
+    _, after = met(worlds.GripWorld(**hand), config)
+    assert after == pytest.approx(0.3 / config.closing_rate + 0.1, rel=0.1)
+    # at half the speed of the approach; 2.9 and more before what it lacks counted
+    for contact in (0.3, 0.6):
+        most_met, _ = met(worlds.GripWorld(contact=contact, speed=0.125, **hand), config)
+        assert most_met < 1.8 < IMPACT
+
+
 def test_joints_that_hang_behind_their_targets_are_slowed_to_half_and_no_less(
     worlds: ModuleType,
 ) -> None:
