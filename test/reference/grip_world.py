@@ -95,8 +95,10 @@ class GripWorld:
             self.command = made.closure.copy()
         for _ in range(round(1.0 / self.rate_hz / FINE)):
             self.queue.append(self.command)
-            wanted = FINE / self.lag * (self.queue.popleft() - self.closure)
-            self.closure = self.closure + np.clip(wanted, -self.speed * FINE, self.speed * FINE)
+            way = FINE / self.lag * (self.queue.popleft() - self.closure)
+            if self.speed < inf:
+                way = np.clip(way, -self.speed * FINE, self.speed * FINE)
+            self.closure = self.closure + way
             if self.free:
                 self._slide()
 
