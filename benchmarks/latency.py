@@ -13,6 +13,7 @@ import tempfile
 import time
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,12 +28,13 @@ from tactile_ros.nodes.processes import Running
 
 if TYPE_CHECKING:
     from worlds.grip_scenes import Scene
+    from worlds.grip_waits import Waits
 
     from tactile_ros.types import Array, Integers
 
-RIG, SCENES = (
+RIG, SCENES, WAITS = (
     load_source(Path(__file__).parent / 'worlds' / f'{name}.py', 'bench latency')
-    for name in ('grip_rig', 'grip_scenes')
+    for name in ('grip_rig', 'grip_scenes', 'grip_waits')
 )
 ROADS = Path(__file__).parents[1] / 'test' / 'reference' / 'grip_roads.py'
 SECONDS = {'quick': 2.0, 'normal': 15.0, 'full': 60.0}
@@ -47,8 +49,13 @@ TOLERANCE_NS = 300_000  # between a frame's stamp and its write
 # The hand takes 333 commands a second; here each frame of 1 kHz shall be answered.
 ENTRY = (
     'import sys; from tactile_ros.hands.allegro_v5 import AllegroV5; '
-    'AllegroV5.fastest_hz = 1000.0; {busy}'
+    'AllegroV5.fastest_hz = 1000.0; exec({more!r}); '
     'from tactile_ros.nodes.__main__ import main; main()'
+)
+NOTE = (
+    'from pathlib import Path\n'
+    'from tactile_ros.evaluation.sources import load_source\n'
+    'load_source(Path({source!r}), "bench latency").note({threads!r})\n'
 )
 BUSY = (
     'import threading\n'
@@ -60,13 +67,23 @@ BUSY = (
 
 @dataclass(frozen=True)
 class Measured(Process):
-    """A process of the bench: a hand that takes every command, a second thread where asked."""
+    """A process of the bench: a hand that takes every command, a second thread where asked.
+
+    Attributes
+    ----------
+    busy : bool
+        Whether there is a thread that never waits.
+    threads : str
+        File that its readers write their threads into; empty: none.
+    """
 
     busy: bool = False
+    threads: str = ''
 
     def command(self) -> list[str]:
         """Command line."""
-        entry = ENTRY.format(busy='' if not self.busy else f'exec({BUSY!r}); ')
+        note = NOTE.format(source=WAITS.__file__, threads=self.threads) if self.threads else ''
+        entry = ENTRY.format(more=note + BUSY * self.busy)
         return [sys.executable, '-c', entry, self.executable, '--ros-args', *self.ros_arguments()]
 
 
@@ -78,9 +95,10 @@ class Run:
     received: Array
     cores: float
     answered: float
-    waits: float = np.nan  # for a processor, of the time that the busiest thread ran
+    busiest: float = np.nan  # waiting for a processor over running, of the busiest thread
     calls: int = 0
     why: str = ''  # of what was not answered
+    waits: Waits | None = None  # of the threads that read and answer, in one process
 
     @property
     def spread(self) -> Spread:
@@ -107,7 +125,7 @@ def run(extent: str, command: str) -> BenchResult:
         runs = _runs(folder, seconds, extent == 'quick')
     for what, found in runs.items():
         rows += _rows(what, found)
-        notes.append(f'{what}: {_histogram(found)}{_cause(what, found)}')
+        notes.append(f'{what}: {_histogram(found)}{_cause(found)}')
     with RIG.Helper(RIG.difference(ROADS)) as helper:
         apart = float(helper.hear())
     rows += [
@@ -173,14 +191,14 @@ def _histogram(run: Run) -> str:
     return (', '.join(told) or 'NO COMMAND CAME') + said
 
 
-def _cause(what: str, run: Run) -> str:
-    """What the late ones waited for, as far as the kernel counts it."""
+def _cause(run: Run) -> str:
+    """What was waited for, as far as the kernel tells it."""
     late = f'; {100 * float((run.delay > LATE_S).mean()):.1f} % later than {1e3 * LATE_S:g} ms'
-    if 'busy' in what:
-        return f"{late}: the busy thread has Python's lock, for which the others wait"
-    if not np.isfinite(run.waits):
+    if run.waits is not None:
+        return f'{late}; {run.waits.tell()}'
+    if not np.isfinite(run.busiest):
         return late
-    share = 100 * run.waits
+    share = 100 * run.busiest
     return (
         f'{late}; while other programs had the processor, the busiest thread of the first process '
         f'was ready to run for {share:.0f} % of the time that it ran'
@@ -209,7 +227,10 @@ def measure(
             else None
         )
         ports = board.hear()
-        graph = _stack(folder, scene, ports, busy) if stack else _nodes(folder, scene, ports)
+        noted = folder / 'threads'
+        noted.write_text('', 'ascii')
+        one = partial(_stack, busy=busy, threads=str(noted))
+        graph = (one if stack else _nodes)(folder, scene, ports)
         quiet = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'OMP_NUM_THREADS': '1'}
         with Running(graph, quiet) as running:
             with suppress(TimeoutError):  # too slow for any command: said by the rows
@@ -218,18 +239,20 @@ def measure(
             pids = [running.pid(graph.name_of(process)) for process in graph.processes]
             before = RIG.kept_waiting(pids[0])
             begin, spent = time.time_ns(), -sum(map(RIG.processor_seconds, pids))
-            time.sleep(seconds)
+            threads = [int(line) for line in noted.read_text('ascii').split()]
+            slept = WAITS.asleep(pids[0], threads, seconds)
             end, spent = time.time_ns(), spent + sum(map(RIG.processor_seconds, pids))
             ended = _ended(running)
             if ended:
                 return Run(NOTHING, NOTHING, np.nan, 0.0, why=ended)
-            waits = RIG.busiest(before, RIG.kept_waiting(pids[0]))
+            after = RIG.kept_waiting(pids[0])
             written, heard = board.end(), hand.end()
             if asking is not None:
                 calls = asking.end()
     delay, received, answered = _delays(written, heard, begin, end)
-    cores = spent * RIG.NS / (end - begin)
-    return Run(delay, received, cores, answered, waits, calls, heard.refusal)
+    cores, busiest = spent * RIG.NS / (end - begin), RIG.busiest(before, after)
+    waits = WAITS.waits_of(threads, before, after, slept, (end - begin) / RIG.NS)
+    return Run(delay, received, cores, answered, busiest, calls, heard.refusal, waits)
 
 
 def _ended(running: Running) -> str:
@@ -260,13 +283,13 @@ def _delays(written: Integers, heard: object, begin: int, end: int) -> tuple[Arr
     )
 
 
-def _stack(folder: Path, scene: Scene, ports: list[str], busy: bool) -> Graph:
+def _stack(folder: Path, scene: Scene, ports: list[str], busy: bool, threads: str) -> Graph:
     """Everything in one process."""
     values: dict[str, Value] = {
         'hand': 'allegro_v5', 'sensor': scene.sensor, 'ports': ports,
         'calibrations': str(folder / scene.sensor), 'input_rate_hz': scene.rate_hz, **scene.values,
     }  # fmt: skip
-    return Graph((Measured('stack', values, '', scene.heard, busy=busy),))
+    return Graph((Measured('stack', values, '', scene.heard, busy=busy, threads=threads),))
 
 
 def _nodes(folder: Path, scene: Scene, ports: list[str]) -> Graph:

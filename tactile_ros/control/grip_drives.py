@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from tactile_ros.control.grip_targets import GripTargets
 
 IMPACT = 2.0  # asked forces that an approach may meet in the time to react
+SLOWEST = 0.5  # share of its speed that an approach keeps, however far its drive is behind
 KNOWN = 0.5  # error of a stiffness that is known, of its value
 BOTH = 3  # bits of two sides
 SAME = 1e-9  # closure within which a command was admitted as it was
@@ -124,9 +125,11 @@ class GripDrives:
         """End a drive's approach where it is now, measured at a closure.
 
         A soft drive presses by what its joints stand behind its motion: turned back to where they
-        are measured, it would let go of what it has just touched.
+        are measured, it would let go of what it has just touched. Where no closure is measured
+        (NaN) its model alone tells where it is.
         """
-        self.laws[drive].retreat(max(closure, self._free[drive].closure))
+        told = self._free[drive].closure
+        self.laws[drive].retreat(closure if closure > told else told)
 
     def drive(self, normal: list[float], closures: list[float], dt: float, holding: bool) -> None:
         """Decide the commands of a step of `dt` (s) from forces (f,) and closures (a,)."""
@@ -136,7 +139,7 @@ class GripDrives:
         for drive, touching in enumerate(self._fingers.on):
             self._touched[drive] = self._touched[drive] + dt if touching else 0.0
             if not touching:
-                self.laws[drive].move(self._approach(drive), dt)
+                self.laws[drive].move(self._approach(drive, closures[drive]), dt)
             elif not regulates:
                 self.laws[drive].follow(dt)
         if regulates:
@@ -213,15 +216,23 @@ class GripDrives:
                 return False
         return True
 
-    def _approach(self, drive: int) -> float:
+    def _approach(self, drive: int, closure: float) -> float:
         """Speed (1/s) of a drive that nothing touches; one that feels nothing stays.
 
         A hand that is opened beyond its open posture comes to that as fast as it opens: a touch
-        stops it there too.
+        stops it there too. A drive that is measured behind its model reacts later than was told,
+        or moves slower: the way that it lacks and that of a reaction together are to stay the one
+        that was allowed. Joints that merely hang behind their targets look the same, hence no
+        less than half.
         """
         if not self._fingers.feeling[drive]:
             return 0.0
         if self.laws[drive].command < self.config.closure_low:
             return self.config.opening_rate
-        reached = self.laws[drive].reaction * self.config.stiffness_high
-        return min(self.config.closing_rate, IMPACT * self._targets.lightest / reached)
+        reaction = self.laws[drive].reaction
+        way = IMPACT * self._targets.lightest / self.config.stiffness_high
+        speed = min(self.config.closing_rate, way / reaction)
+        behind = self._free[drive].closure - closure
+        if isnan(behind):
+            return speed
+        return bounded((way - behind) / reaction, SLOWEST * speed, speed)

@@ -1,9 +1,12 @@
 """The grip-force law: close, touch, load, hold, release; safe when an input cannot be trusted.
 
 Fingers approach until they touch, wait for each other at a small force, load together and hold.
-Each drive is regulated by `DriveLaw` with the stiffness of its own contact. The approach is slow
-enough that the stiffest object in range meets at most twice the asked force in the time that the
-hand takes to react; in fact the drive turns back at the touch, and meets far less. A finger
+Each drive is regulated by `DriveLaw` with the stiffness of its own contact. An approach goes no
+further in the time that the hand is told to react than the stiffest object in range yields under
+twice the asked force; what its drive is measured behind its told dead time and lag counts as part
+of that way, and slows it, down to half. At the touch the command goes back, as fast as it may, to
+where the drive is by then: as measured, or as told where that is further. From there on the felt
+force is regulated, which alone takes back what a drive slower than told has still to go. A finger
 without a usable force holds its place while the others go on.
 
 A force is regulated once: when every touching finger has given a new one. Between, drives finish
@@ -12,7 +15,6 @@ what the last asked for; where a finger is late all stay, until it is heard or c
 
 from __future__ import annotations
 
-from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -283,7 +285,7 @@ class GripForce:
         new = self._all if given.new is None else given.new.tolist()
         approaching = self.phase in (GripPhase.CLOSE, GripPhase.TOUCH)
         for drive in self._fingers.feel(normal, across, says, self._watch.good, new, dt):
-            if approaching and isfinite(closures[drive]):
+            if approaching:
                 self._moved.meet(drive, closures[drive])
 
     def _advance(self, dt: float) -> None:

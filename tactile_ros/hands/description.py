@@ -104,6 +104,10 @@ class HandDescription:
             }
         return HandDescription(self.name, driver, fingers)
 
+    def paced(self, rate_hz: float) -> HandDescription:
+        """The same hand for commands at a rate (Hz)."""
+        return replace(self, driver=self.driver.paced(rate_hz))
+
     def with_limits(self, limits: JointLimits) -> HandDescription:
         """The same hand with the limits of its `robot_description`; postures are drawn inside.
 

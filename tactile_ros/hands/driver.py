@@ -105,6 +105,10 @@ class HandDriver:
         """Topic of joint states."""
         raise NotImplementedError
 
+    def paced(self, rate_hz: float) -> HandDriver:
+        """The same driver for commands at a rate (Hz)."""
+        return self
+
     @classmethod
     def grip(cls) -> GripConfig:
         """Gains and limits of the grip law to begin with on this hand."""

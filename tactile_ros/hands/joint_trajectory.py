@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tactile_ros.hands.driver import TRAJECTORY, HandDriver, Topic
 from tactile_ros.hands.joint_messages import TrajectoryMessage, fill_trajectory
 from tactile_ros.types import GripCommand
 from tactile_ros.types.fields import number, texts
+
+PERIODS = 2.0  # of commands, within which no point is reached: joints would wait for the next
 
 
 @dataclass(frozen=True)
@@ -18,7 +20,7 @@ class JointTrajectoryHand(HandDriver):
 
     names: tuple[str, ...] = texts(('finger_joint',), 'names of the joints')
     horizon_s: float = number(
-        0.02, 'time to reach a point: two periods of the commands', 's', 1e-3, 1.0
+        0.02, 'time to reach a point; never fewer than two periods of the commands', 's', 1e-3, 2.0
     )
 
     @property
@@ -36,6 +38,10 @@ class JointTrajectoryHand(HandDriver):
     def states(self) -> str:
         """Joint states of the joint_state_broadcaster."""
         return self.state_topic or '/joint_states'
+
+    def paced(self, rate_hz: float) -> JointTrajectoryHand:
+        """The same, with points at least two periods ahead."""
+        return replace(self, horizon_s=max(self.horizon_s, PERIODS / rate_hz))
 
     def fill(self, message: TrajectoryMessage, command: GripCommand) -> None:
         """Write one point for all joints."""

@@ -87,7 +87,7 @@ class GraspServer:
         """Take the place of the grasp before."""
         self.finish(GraspOutcome.FAULT, 'a newer grasp took its place')
         self._handle = handle
-        self._force = []
+        self._force, self._fed_s = [], -math.inf
         try:
             self._begin(handle.request)
         except ValueError as err:
@@ -112,6 +112,7 @@ class GraspServer:
     def tell(self) -> None:
         """Tell the client how it goes, and the end; in the thread of the executor."""
         decision, self._newest = self._last or self._newest, None
+        now_s = time.monotonic()
         if self._handle is None or decision is None:
             return
         made = decision.made
@@ -121,8 +122,8 @@ class GraspServer:
         elif self._handle.is_cancel_requested:
             self._cancel()
             self.finish(GraspOutcome.FAULT, 'cancelled', 'canceled')
-        elif time.monotonic() - self._fed_s >= FEEDBACK_S:
-            self._fed_s = time.monotonic()
+        elif now_s - self._fed_s >= FEEDBACK_S:
+            self._fed_s = now_s
             margins = [x for x in made.slip_margin.tolist() if math.isfinite(x)]
             feedback = Grasp.Feedback(phase=int(made.phase), force=self._force)
             feedback.slip_margin = min(margins, default=math.nan)

@@ -85,7 +85,8 @@ class GripNode(ManagedNode):
         """Check the parameters against each other and the hand."""
         self._options = self.options(GripOptions)
         self._config = self.options(GripConfig)
-        self._described = self._hand.driven_by(self.options(type(self._hand.driver)))
+        described = self._hand.driven_by(self.options(type(self._hand.driver)))
+        self._described = described.paced(self._config.rate_hz)
         GripStage(self._described, self._config, self._options.fingers)
 
     def activate(self) -> None:

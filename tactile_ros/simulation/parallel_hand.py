@@ -7,21 +7,25 @@ have 1500 N/m behind a lag, so that a closure of the whole way would be 45 N.
 from __future__ import annotations
 
 from math import log
+from typing import TYPE_CHECKING, cast
 
+from tactile_ros.control import GripConfig
 from tactile_ros.hands.description import parse
 from tactile_ros.simulation.hand_model import HandModel, pad_friction, servo
+
+if TYPE_CHECKING:
+    from tactile_ros.hands.joint_trajectory import JointTrajectoryHand
 
 TRAVEL = 0.03  # m, of each finger
 OPEN = 0.045  # m, of a pad from the middle when open
 GAIN, MOST, DAMPING = 1500.0, 60.0, 60.0
 DEAD_TIME, LAG = 0.02, 0.05
-PERIOD, HORIZON = 0.01, 0.02  # s, of commands, and in which each is to be reached
 PAD_RADIUS = 3e-3  # the gradiometer's elastomer has 6 mm of diameter [3]
 SIDES = {'left': -1, 'right': 1}
 
 
-def parallel_hand(friction: float = 0.8) -> HandModel:
-    """The hand, whose pads have a friction coefficient."""
+def parallel_hand(friction: float = 0.8, rate_hz: float = GripConfig.rate_hz) -> HandModel:
+    """The hand, whose pads have a friction coefficient, for commands at a rate (Hz)."""
     document = {
         'driver': 'joint_trajectory',
         'options': {
@@ -30,7 +34,6 @@ def parallel_hand(friction: float = 0.8) -> HandModel:
             'upper': [TRAVEL, TRAVEL],
             'velocity': [0.2, 0.2],
             'most_offset': 0.02,
-            'horizon_s': HORIZON,
         },
         'fingers': {
             side: {
@@ -40,32 +43,34 @@ def parallel_hand(friction: float = 0.8) -> HandModel:
             for side, sign in SIDES.items()
         },
     }  # fmt: skip
+    described = parse('parallel_hand', document).paced(rate_hz)
+    horizon_s = cast('JointTrajectoryHand', described.driver).horizon_s
     bodies = ''.join(_finger(side, sign, friction) for side, sign in SIDES.items())
     drives = ''.join(servo(f'{side}_finger_joint', GAIN, LAG, MOST) for side in SIDES)
     return HandModel(
-        parse('parallel_hand', document),
+        described,
         bodies,
         f'<actuator>{drives}</actuator>',
         {side: f'{side}_pad' for side in SIDES},
         DEAD_TIME,
-        LAG + approach_s(HORIZON),
+        LAG + approach_s(horizon_s, 1.0 / rate_hz),
         centre=(0.0, 0.0, 0.0),
         across=(1.0, 0.0, 0.0),
         stiffness=GAIN * TRAVEL,
     )
 
 
-def approach_s(horizon_s: float) -> float:
+def approach_s(horizon_s: float, period_s: float) -> float:
     """Time constant (s) of targets that every command sets anew, to be reached in a horizon.
 
-    Each is a line from where the target is by then, of which a period is gone.
+    Each is a line from where the target is by then, of which a period (s) is gone.
 
     Examples
     --------
-    >>> round(approach_s(0.05), 3), approach_s(0.01)
+    >>> round(approach_s(0.05, 0.01), 3), approach_s(0.01, 0.01)
     (0.045, 0.0)
     """
-    return -PERIOD / log(1.0 - PERIOD / horizon_s) if horizon_s > PERIOD else 0.0
+    return -period_s / log(1.0 - period_s / horizon_s) if horizon_s > period_s else 0.0
 
 
 def _finger(side: str, sign: int, friction: float) -> str:

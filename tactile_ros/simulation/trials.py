@@ -170,7 +170,7 @@ class Trials:
 
     def carry(self, handling: Handling, seed: int, grip: Grip, film: Watcher = unseen) -> Carried:
         """The parallel hand holds a load that changes."""
-        hand = parallel_hand()
+        hand = parallel_hand(rate_hz=grip.config.rate_hz)
         with Tips(self.strong, list(hand.pads), seed) as tips:
             stage = self._make_stage(hand.description, grip.config, list(tips))
             scene = LoadScene(hand, tips, stage, grip.config.rate_hz, handling)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from tactile_ros.hands import list_drivers, load_driver, load_hand
-from tactile_ros.hands.driver import HandDriver, in_order
+from tactile_ros.hands.driver import TRAJECTORY, HandDriver, in_order
 from tactile_ros.hands.joint_messages import read_command, read_joint_states
+from tactile_ros.hands.mock_hand import MockHand
 from tactile_ros.types import GripCommand
 
 NUMBERS = 'std_msgs/msg/Float64MultiArray'
@@ -107,6 +108,31 @@ def test_trajectories_are_one_near_point_from_now(name: str) -> None:
     if name.startswith('qb'):
         assert 0.08 <= horizon_s <= 0.2
         assert message.joint_names[0].endswith('synergy_joint')
+
+
+@pytest.mark.parametrize(('rate_hz', 'horizon_s'), [(25.0, 0.08), (100.0, 0.02), (250.0, 0.02)])
+def test_a_joint_moves_on_until_the_next_point_at_whatever_rate(
+    rate_hz: float, horizon_s: float
+) -> None:
+    hand = load_hand('joint_trajectory').paced(rate_hz)
+    message, driver = blank(), hand.driver
+    joints = MockHand(driver.limits, np.zeros(2))
+    moved = []
+    for step in range(1, 21):
+        driver.fill(message, GripCommand(0, np.full(2, 0.01 * step), np.full(2, np.nan)))
+        joints.command(*read_command(TRAJECTORY, message, driver.joints))
+        for _ in range(4):  # parts of a period
+            before = joints.position
+            moved.append((joints.step(0.25 / rate_hz) - before)[0])
+    assert message.points[0].time_from_start.nanosec == round(1e9 * horizon_s)
+    # a target that is reached before the next comes lets the joint stand for half of a period
+    assert min(moved[40:]) > 0.5 * max(moved[40:]) > 0.0
+
+
+def test_other_drivers_are_the_same_at_whatever_rate() -> None:
+    for name in set(INTERFACES) - {'joint_trajectory'}:
+        hand = load_hand(name)
+        assert hand.paced(10.0).driver is hand.driver
 
 
 def test_plexus_caps_are_never_above_what_its_driver_allows() -> None:

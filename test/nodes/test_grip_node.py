@@ -15,6 +15,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool
+from trajectory_msgs.msg import JointTrajectory
 
 from tactile_ros.action import Grasp
 from tactile_ros.control import GripPhase
@@ -407,6 +408,20 @@ def test_a_description_that_comes_later_bounds_the_next_grasp_without_being_aske
     fingers.free, count = True, len(fingers.states)
     assert result(ros, fingers.ask(ros, 2.0))[1].outcome == Grasp.Result.NO_OBJECT
     assert np.nanmax([state.command[0] for state in fingers.states[count:]]) == 0.35
+
+
+@pytest.mark.parametrize(('rate_hz', 'horizon_ns'), [(25.0, 80_000_000), (100.0, 20_000_000)])
+def test_points_of_a_trajectory_lie_two_periods_ahead(
+    ros: Ros, rate_hz: float, horizon_ns: int
+) -> None:
+    _, mock, fingers = graph(ros, 'joint_trajectory', f'rate_hz:={rate_hz}')
+    sent: list[JointTrajectory] = []
+    topic = mock._driver.topics[0].name
+    fingers.create_subscription(JointTrajectory, topic, sent.append, 10)
+    assert fingers.ask(ros, 2.0).accepted
+    assert ros.until(lambda: len(sent) > 3)
+    (point,) = sent[-1].points
+    assert (point.time_from_start.sec, point.time_from_start.nanosec) == (0, horizon_ns)
 
 
 def test_nothing_in_the_way_is_no_object(ros: Ros) -> None:

@@ -234,12 +234,14 @@ def test_every_choice_of_a_hand_is_a_described_argument() -> None:
     assert all(len(argument.description) > 5 for argument in declared)
 
 
-def test_the_parameter_file_of_a_grip_is_accepted() -> None:
+def test_the_parameter_file_of_a_grip_names_the_defaults() -> None:
     document = yaml.safe_load((ROOT / 'config' / 'grip.yaml').read_text())
     content = document['/**/grip_node']['ros__parameters']
     schemas = [Schema(GripOptions()), Schema(GripConfig())]
     for name, value in content.items():
-        next(schema for schema in schemas if name in schema.entries).build({name: value})
+        schema = next(schema for schema in schemas if name in schema.entries)
+        assert getattr(schema.build({name: value}), name) == value
+        assert schema.entries[name].ros_default == value
     assert len(document) == 1
 
 

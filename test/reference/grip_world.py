@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from math import inf
 
 import numpy as np
 
@@ -39,6 +40,8 @@ class GripWorld:
         Whether two fingers push the object until their forces agree.
     exponent : float
         1: a spring; 1.5: one that stiffens.
+    speed : float
+        Fastest motion of a drive (closures per second).
     """
 
     stiffness: float = 60.0
@@ -50,6 +53,7 @@ class GripWorld:
     gains: tuple[float, ...] = (1.0,)
     free: bool = False
     exponent: float = 1.0
+    speed: float = inf
     seed: int = 0
     tangential: float = 0.0
     place: float = 0.0
@@ -91,7 +95,10 @@ class GripWorld:
             self.command = made.closure.copy()
         for _ in range(round(1.0 / self.rate_hz / FINE)):
             self.queue.append(self.command)
-            self.closure = self.closure + FINE / self.lag * (self.queue.popleft() - self.closure)
+            way = FINE / self.lag * (self.queue.popleft() - self.closure)
+            if self.speed < inf:
+                way = np.clip(way, -self.speed * FINE, self.speed * FINE)
+            self.closure = self.closure + way
             if self.free:
                 self._slide()
 

@@ -10,6 +10,7 @@ import pytest
 
 from tactile_ros.control import GripConfig, GripPhase
 from tactile_ros.errors import MissingPackageError
+from tactile_ros.hands.driver import TRAJECTORY
 from tactile_ros.nodes.grip_stage import GripStage
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.simulation import balloon_scene, load_scene
@@ -21,10 +22,11 @@ from tactile_ros.simulation.grasp_scene import Touched, mistaken, named
 from tactile_ros.simulation.hand_world import HandWorld, message
 from tactile_ros.simulation.load_scene import Handling
 from tactile_ros.simulation.objects import solid
-from tactile_ros.simulation.parallel_hand import parallel_hand
+from tactile_ros.simulation.parallel_hand import LAG, parallel_hand
 from tactile_ros.simulation.skins import gradiometer_presses, magnet_pad_skin
 from tactile_ros.simulation.soft_hand import soft_hand
 from tactile_ros.simulation.trials import Tips, Trials, fitted, grips
+from tactile_ros.types import GripCommand
 
 if TYPE_CHECKING:
     from tactile_ros.hands import HandDescription
@@ -63,6 +65,15 @@ def test_models_have_the_joints_and_limits_of_their_drivers(hand: HandModel) -> 
     for sensor, pad in hand.pads.items():
         assert model.site(pad).id >= 0
         assert any(sensor in finger.sensors for finger in hand.description.fingers.values())
+
+
+@pytest.mark.parametrize('rate_hz', [25.0, 100.0])
+def test_points_of_the_two_fingers_and_the_lag_they_add_follow_the_rate(rate_hz: float) -> None:
+    hand = parallel_hand(rate_hz=rate_hz)
+    sent = message(TRAJECTORY)
+    hand.description.driver.topics[0].fill(sent, GripCommand(0, np.zeros(2), np.zeros(2)))
+    assert sent.points[0].time_from_start.nanosec == round(2e9 / rate_hz)
+    assert hand.lag == pytest.approx(LAG + 1.0 / np.log(2.0) / rate_hz)
 
 
 def test_pads_of_the_allegro_hand_oppose_each_other() -> None:
