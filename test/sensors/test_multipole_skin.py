@@ -165,6 +165,12 @@ def test_compiled_descents_say_what_arrays_say(
     scale = np.array([1e-2, 1e-2, 1.0, 1e-3])
     np.testing.assert_allclose(fast.pose / scale, slow.pose / scale, atol=1e-11)
     np.testing.assert_allclose(1e3 * fast.fitted, 1e3 * slow.fitted, atol=1e-12)
+    np.testing.assert_allclose(fast.slopes, slow.slopes, atol=1e-12)
+    np.testing.assert_allclose(fast.level, slow.level, rtol=1e-12)
+    np.testing.assert_allclose(fast.misfit, slow.misfit, rtol=1e-11)
+    deviation = np.sqrt(np.einsum('nhii->nhi', slow.cov))
+    whole = deviation[..., None] * deviation[..., None, :]
+    np.testing.assert_allclose(fast.cov / whole, slow.cov / whole, atol=1e-11)
 
 
 def test_a_press_has_the_same_starts_alone_and_among_others(trial: Trial) -> None:
