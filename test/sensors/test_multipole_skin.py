@@ -173,6 +173,21 @@ def test_compiled_descents_say_what_arrays_say(
     np.testing.assert_allclose(fast.cov / whole, slow.cov / whole, atol=1e-11)
 
 
+def test_a_warm_up_answers_windows_of_a_stream_too(
+    trial: Trial, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # networks know windows alone, and no frames without times
+    met: set[tuple[int, ...]] = set()
+
+    def seen(windows: list[np.ndarray], basis: np.ndarray) -> PressVectors:
+        met.update(window.shape for window in windows)
+        return press_vectors(windows, basis)
+
+    monkeypatch.setattr(estimation, 'press_vectors', seen)
+    trial.pipeline.warm_up()
+    assert met == {(1, 60), (trial.config.window, 60)}
+
+
 def test_a_press_has_the_same_starts_alone_and_among_others(trial: Trial) -> None:
     search = trial.pipeline.estimation.recogniser_.search  # type: ignore[attr-defined]
     rng = np.random.default_rng(2)
