@@ -19,7 +19,7 @@ PARTS = ('config', 'layout', 'rest_', 'estimation', 'left_out_')
 OWN_CLASSES = {'Layout': Layout, 'Rest': Rest}
 BASELINE = 'rest_/baseline.array'
 # As no other dimension is likely to be: an array of a wrong shape must not fit by chance.
-REHEARSED = 7
+REHEARSED = 13
 WARM_C = 30.0
 
 

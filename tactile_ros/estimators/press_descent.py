@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.estimators.few_shot import orthonormal
-from tactile_ros.estimators.press_rows import descend_rows, weigh_rows
-from tactile_ros.physics import compiled
 
 if TYPE_CHECKING:
     from tactile_ros.estimators.press_bank import PressBank
@@ -27,6 +25,7 @@ CLOSE = 0.5  # of a misfit, which one step may leave to its straight line
 BEHIND = 0.1  # of how far a head is behind
 SHRUNK = 0.3
 DAMPING = 1e-4
+STOP = np.array([CLOSE, BEHIND, FAINTEST, DAMPING, SHRUNK])  # as loops take them
 
 
 @dataclass(frozen=True)
@@ -77,13 +76,13 @@ class Descents:
     plain: Array
 
 
+def limits(shallowest: float, deepest: float) -> Array:
+    """Of steps of a descent, and of depths (m)."""
+    return np.array([*LONGEST, *RATIO, shallowest, deepest])
+
+
 def weigh(pattern: Array, variance: Array, common: Array, powers: Array) -> Weighed:
     """Presses with patterns and variances (n, d); `common` (d, 3) is what a uniform field does."""
-    if compiled.available():
-        weight, wanted = np.empty_like(pattern), np.empty_like(pattern)
-        span = np.empty((*pattern.shape, 3))
-        weigh_rows(pattern, variance, common, weight, wanted, span)
-        return Weighed(weight, wanted, span, powers)
     weight = 1 / np.sqrt(variance)
     # what a uniform field could have added is taken out of weighted patterns
     span = orthonormal(weight[:, :, None] * common)
@@ -93,9 +92,8 @@ def weigh(pattern: Array, variance: Array, common: Array, powers: Array) -> Weig
 
 
 def descend(
-    bank: PressBank, weighed: Weighed, press: Integers, head: Integers, pose: Array,
-    depths: tuple[float, float],
-) -> Descents:  # fmt: skip
+    bank: PressBank, weighed: Weighed, press: Integers, head: Integers, pose: Array, limit: Array
+) -> Descents:
     """Descend from some poses.
 
     Parameters
@@ -108,12 +106,9 @@ def descend(
         Press and head of each descent; presses in rising order.
     pose : ndarray, shape (s, 4)
         Where it begins; the depth is one that is usual.
-    depths : tuple of float
-        Least and largest one (m).
+    limit : ndarray, shape (7,)
+        Of `limits`.
     """
-    limit = np.array([*LONGEST, *RATIO, *depths])
-    if compiled.available():
-        return _looped(bank, weighed, press, head, pose, limit)
     found, step, promised = _begun(bank, weighed, press, head, pose, limit)
     active = np.ones(len(press), bool)
     for _ in range(ROUNDS):
@@ -207,26 +202,3 @@ def _kept(normal: Array, scale: Array, step: Array, change: Array, promised: Arr
     gain = (part * (2 * pull - back)).sum(axis=1)
     top = (whole * pull).sum(axis=1)
     return np.asarray(promised * gain / np.maximum(top, 1e-300))
-
-
-def _looped(
-    bank: PressBank, weighed: Weighed, press: Integers, head: Integers, pose: Array, limit: Array
-) -> Descents:
-    """The same by compiled loops, press by press."""
-    s, d = len(press), weighed.wanted.shape[1]
-    found = Descents(
-        pose.copy(), np.empty(s), np.empty((s, 4, 4)), np.empty((s, 4)), np.empty((s, 5, d))
-    )
-    stop = np.array([CLOSE, BEHIND, FAINTEST, DAMPING, SHRUNK])
-    ends = [*np.flatnonzero(np.diff(press)) + 1, s]
-    low = 0
-    for high in ends:
-        some, i = slice(low, high), press[low]
-        descend_rows(
-            bank.flat, bank.grid, bank.about, head[some], limit, stop, ROUNDS,
-            weighed.weight[i], weighed.span[i], weighed.wanted[i], weighed.powers[i],
-            found.pose[some], found.cost[some], found.normal[some], found.scale[some],
-            found.plain[some],
-        )  # fmt: skip
-        low = high
-    return found

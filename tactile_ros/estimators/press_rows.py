@@ -29,16 +29,30 @@ def spline_rows(t: float, value: Singles, slope: Singles) -> None:
 
 
 @compiled
-def along_rows(
-    flat: Singles, first: int, weight: Singles, slope: Singles, value: Singles, rise: Singles
+def faint(weight: float, slope: float) -> bool:
+    """Whether a row's share is lost in the rounding of singles: at nodes one in four is."""
+    return abs(weight) + abs(slope) < 1e-15
+
+
+@compiled
+def plane_rows(
+    flat: Singles, first: int, stride: int, weight: Singles, slope: Singles, work: Singles
 ) -> None:
-    """Four neighbouring rows of a table as one, and its slope; both are filled."""
-    a, b, c, d = flat[first], flat[first + 1], flat[first + 2], flat[first + 3]
-    w0, w1, w2, w3 = weight[0], weight[1], weight[2], weight[3]
-    s0, s1, s2, s3 = slope[0], slope[1], slope[2], slope[3]
-    for k in range(len(value)):
-        value[k] = w0 * a[k] + w1 * b[k] + w2 * c[k] + w3 * d[k]
-        rise[k] = s0 * a[k] + s1 * b[k] + s2 * c[k] + s3 * d[k]
+    """Sixteen neighbouring rows of a table as one, and its slopes; `work` (3, r) is filled."""
+    v0, v1, v2, v3 = weight[1, 0], weight[1, 1], weight[1, 2], weight[1, 3]
+    u0, u1, u2, u3 = slope[1, 0], slope[1, 1], slope[1, 2], slope[1, 3]
+    work[:] = 0
+    for j in range(4):
+        w, s = weight[0, j], slope[0, j]
+        if faint(w, s):
+            continue
+        row = first + j * stride
+        a, b, c, d = flat[row], flat[row + 1], flat[row + 2], flat[row + 3]
+        for k in range(work.shape[1]):
+            value = v0 * a[k] + v1 * b[k] + v2 * c[k] + v3 * d[k]
+            work[0, k] += w * value
+            work[1, k] += s * value
+            work[2, k] += w * (u0 * a[k] + u1 * b[k] + u2 * c[k] + u3 * d[k])
 
 
 @compiled
@@ -60,61 +74,34 @@ def template_rows(
         slope[2, k] *= np.float32(1.0 / grid[1])
     nx, ny, turns = 2 * int(grid[2]) + 1, 2 * int(grid[3]) + 1, int(about[2])
     parts[:] = 0
+    last = -1
     for i in range(4):
-        work[2:] = 0
-        row = int(about[0]) + (int(low_turn) + i - 1) % turns
-        for j in range(4):
-            first = (row * nx + int(low_x) + j - 1) * ny + int(low_y) - 1
-            along_rows(flat, first, weight[2], slope[2], work[0], work[1])
-            w, s = weight[1, j], slope[1, j]
-            for k in range(work.shape[1]):
-                work[2, k] += w * work[0, k]
-                work[3, k] += s * work[0, k]
-                work[4, k] += w * work[1, k]
         w, s = weight[0, i], slope[0, i]
+        if faint(w, s):
+            continue
+        row = int(about[0]) + (int(low_turn) + i - 1) % turns
+        if row != last:  # round heads have one
+            first = (row * nx + int(low_x) - 1) * ny + int(low_y) - 1
+            plane_rows(flat, first, ny, weight[1:], slope[1:], work)
+        last = row
         for k in range(work.shape[1]):
-            parts[0, k] += w * work[2, k]
-            parts[1, k] += w * work[3, k]
-            parts[2, k] += w * work[4, k]
-            parts[3, k] += s * work[2, k]
+            parts[0, k] += w * work[0, k]
+            parts[1, k] += w * work[1, k]
+            parts[2, k] += w * work[2, k]
+            parts[3, k] += s * work[0, k]
 
 
 @compiled
 def cleared_rows(rows: Array, span: Array) -> None:
-    """What a uniform field could have added (d, 3) is taken out of rows (n, d), in place."""
+    """What a uniform field could have added (3, d) is taken out of rows (n, d), in place."""
     for j in range(len(rows)):
         a, b, c = 0.0, 0.0, 0.0
         for k in range(rows.shape[1]):
-            a += rows[j, k] * span[k, 0]
-            b += rows[j, k] * span[k, 1]
-            c += rows[j, k] * span[k, 2]
+            a += rows[j, k] * span[0, k]
+            b += rows[j, k] * span[1, k]
+            c += rows[j, k] * span[2, k]
         for k in range(rows.shape[1]):
-            rows[j, k] -= a * span[k, 0] + b * span[k, 1] + c * span[k, 2]
-
-
-@compiled
-def orthonormal_rows(span: Array) -> None:
-    """Columns of a matrix (d, 3) become orthonormal, one after the other."""
-    for i in range(3):
-        for round_ in range(2 * i):  # twice each, for what rounding left
-            j = round_ % i
-            span[:, i] -= (span[:, i] * span[:, j]).sum() * span[:, j]
-        span[:, i] /= np.sqrt((span[:, i] * span[:, i]).sum())
-
-
-@compiled
-def weigh_rows(
-    pattern: Array, variance: Array, common: Array, weight: Array, wanted: Array, span: Array
-) -> None:
-    """Presses (n, d) as of `Weighed`: `weight`, `wanted` and `span` (n, d, 3) are filled."""
-    for i in range(len(pattern)):
-        for k in range(pattern.shape[1]):
-            weight[i, k] = 1.0 / np.sqrt(variance[i, k])
-            wanted[i, k] = pattern[i, k] * weight[i, k]
-            for j in range(3):
-                span[i, k, j] = common[k, j] * weight[i, k]
-        orthonormal_rows(span[i])
-        cleared_rows(wanted[i : i + 1], span[i])
+            rows[j, k] -= a * span[0, k] + b * span[1, k] + c * span[2, k]
 
 
 @compiled
@@ -289,7 +276,7 @@ def descend_rows(
 ) -> None:  # fmt: skip
     """Descents (s) of one press: `press_descent.descend`; all from `pose` on is filled."""
     s, d = len(head), len(wanted)
-    work, parts = np.empty((5, 3 * d), np.float32), np.empty((4, 3 * d), np.float32)
+    work, parts = np.empty((3, 3 * d), np.float32), np.empty((4, 3 * d), np.float32)
     rows, flatter, own = np.empty((5, d)), np.empty((5, d)), np.empty(len(about))
     move, promised, active = np.empty((s, 4)), np.empty(s), np.ones(s, np.bool_)
     steep, size, step, tried = np.empty((4, 4)), np.empty(4), np.empty(4), np.empty(4)

@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.estimators.few_shot import orthonormal
-from tactile_ros.estimators.press_descent import descend, weigh
+from tactile_ros.estimators.match_rows import match_rows, places_rows, starts_rows
+from tactile_ros.estimators.press_descent import ROUNDS, STOP, descend, limits, weigh
 from tactile_ros.estimators.shape_misfit import shape_misfits
+from tactile_ros.physics import compiled
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
     from tactile_ros.estimators.press_bank import PressBank
     from tactile_ros.estimators.press_descent import Descents, Weighed
     from tactile_ros.estimators.press_window import PressVectors
-    from tactile_ros.types import Array, Integers
+    from tactile_ros.types import Array
 
 USUAL = 0.12  # of the body: depth of the templates that are searched
 RANK = 6  # patterns that heads have in common at a place
@@ -114,6 +116,8 @@ class PressSearch:
         self.bank, self.noise, self.body, self.error = bank, noise, body, error
         self.common = common
         self.basis = np.linalg.qr(common)[0]
+        self.cleared = np.eye(len(common)) - self.basis @ self.basis.T
+        self.limit = limits(SHALLOWEST * body, DEEPEST * body)
         nodes = bank.at_nodes()
         usual = USUAL * body
         found = nodes[..., 0, :] + usual * nodes[..., 1, :] + usual**2 * nodes[..., 2, :]
@@ -128,8 +132,10 @@ class PressSearch:
         self.rank = rank
         x, y = bank.nodes
         self.places = np.stack(np.meshgrid(x, y, indexing='ij'), axis=-1).reshape(-1, 2)
-        self.rows, turn = _columns(bank)
-        self.heads, self.turn = np.repeat(np.arange(len(turn)), STARTS), np.repeat(turn, STARTS)
+        self.first = np.array([head.first for head in bank.heads])
+        self.turns = np.array([head.turns for head in bank.heads])
+        self.turn = np.array([head.sector / head.turns for head in bank.heads])
+        self.heads = np.repeat(np.arange(len(bank.heads)), STARTS)
 
     def find(self, presses: PressVectors) -> Matches:
         """The best press of every head."""
@@ -162,35 +168,56 @@ class PressSearch:
 
     def _found(self, presses: PressVectors) -> Matches:
         """The same on this skin."""
-        press, head, pose = self._starts(presses)
+        # one by one, so that a press has the same starts alone and among others
+        start = np.array([self._starts(own) for own in presses.pattern @ self.cleared])
+        if compiled.available():
+            return self._looped(presses, start)
+        press, head = np.divmod(np.arange(start.size // 4), len(self.heads))
         variance = self.variance(presses)
         weighed = weigh(presses.pattern, variance, self.common, presses.powers)
-        depths = SHALLOWEST * self.body, DEEPEST * self.body
-        found = descend(self.bank, weighed, press, head, pose, depths)
+        start = start.reshape(-1, 4)
+        found = descend(self.bank, weighed, press, self.heads[head], start, self.limit)
         return self._best(found, np.log(variance).sum(axis=1), weighed)
 
-    def _starts(self, presses: PressVectors) -> tuple[Integers, Integers, Array]:
-        """Press, head and pose of each start, press by press."""
-        own = presses.pattern - (presses.pattern @ self.basis) @ self.basis.T
-        own = (own / (np.linalg.norm(own, axis=1, keepdims=True) + 1e-30)).astype(np.float32)
-        # one by one, so that a press has the same starts alone and among others
-        found = [self._starts_of(one) for one in own]
-        press = np.repeat(np.arange(len(own)), [len(head) for head, _ in found])
-        head = np.concatenate([head for head, _ in found])
-        return press, head, np.concatenate([pose for _, pose in found])
+    def _looped(self, presses: PressVectors, start: Array) -> Matches:
+        """The same by compiled loops, press by press."""
+        bank, (n, d), heads = self.bank, presses.pattern.shape, len(self.first)
+        noise = presses.variance(self.noise, self.still)
+        plain = np.empty((n, heads, 5, d))
+        found = Matches(
+            np.empty((n, heads)), np.empty((n, heads, 4)), np.empty((n, heads, 4, 4)),
+            plain[:, :, 1:], plain[:, :, 0], np.empty(n), np.empty(n),
+        )  # fmt: skip
+        for i in range(n):
+            found.level[i] = match_rows(
+                bank.flat, bank.grid, bank.about, self.heads, self.limit, STOP, ROUNDS,
+                presses.pattern[i], presses.powers[i], noise[i], self.error, self.common,
+                start[i], found.cost[i], found.pose[i], found.cov[i], plain[i],
+                found.misfit[i : i + 1],
+            )  # fmt: skip
+        return found
 
-    def _starts_of(self, own: Array) -> tuple[Integers, Array]:
-        """Head and pose of each start of one press of unit length (d,)."""
-        spread = np.square(self.spans @ own).reshape(self.rank, -1).sum(axis=0)
-        places = np.argpartition(-spread, PLACES)[:PLACES]
-        score = np.full((self.units.shape[1] + 1, PLACES), np.inf, np.float32)
-        np.negative((self.units[places] @ own).T, out=score[:-1])
-        score = score[self.rows].reshape(len(self.rows), -1)  # head, turn place
-        best = np.argpartition(score, STARTS - 1, axis=1)[:, :STARTS]
-        turn, where = np.divmod(best.ravel(), PLACES)
-        pose = np.full((len(turn), 4), USUAL * self.body)
-        pose[:, :2], pose[:, 2] = self.places[places[where]], turn * self.turn
-        return self.heads, pose
+    def _starts(self, own: Array) -> Array:
+        """Poses (s, 4) at which descents of one press (d,) start, head by head."""
+        own = (own / (np.sqrt(own @ own) + 1e-30)).astype(np.float32)
+        seen = np.asarray(self.spans @ own, np.float32)
+        pose = np.full((len(self.heads), 4), USUAL * self.body)
+        if compiled.available():
+            near = np.zeros(PLACES, np.int64)
+            places_rows(seen, self.rank, near)
+            score = np.asarray(self.units[near] @ own, np.float32)
+            starts_rows(score, self.first, self.turns, self.turn, self.places[near], pose)
+            return pose
+        spread = np.square(seen).reshape(self.rank, -1).sum(axis=0)
+        near = np.argpartition(-spread, PLACES)[:PLACES]
+        score = np.negative(self.units[near] @ own)
+        for i, (first, turns) in enumerate(zip(self.first, self.turns, strict=True)):
+            part = score[:, first : first + turns]
+            best = np.argpartition(part, STARTS - 1, axis=None)[:STARTS]
+            where, turn = np.divmod(best, turns)
+            rows = slice(STARTS * i, STARTS * (i + 1))
+            pose[rows, :2], pose[rows, 2] = self.places[near[where]], turn * self.turn[i]
+        return pose
 
     def _best(self, found: Descents, level: Array, weighed: Weighed) -> Matches:
         """The best descent of every head, of `STARTS` each, for every press."""
@@ -232,10 +259,3 @@ def _leading(gram: Array, rank: int) -> Array:
     for _ in range(TURNS):
         span = orthonormal(np.matmul(rows, span))
     return span
-
-
-def _columns(bank: PressBank) -> tuple[Integers, Array]:
-    """Turns (heads, most turns) of every head, and their steps (rad); -1 where it has no more."""
-    turns = np.arange(max(head.turns for head in bank.heads))
-    rows = [np.where(turns < head.turns, head.first + turns, -1) for head in bank.heads]
-    return np.array(rows), np.array([head.sector / head.turns for head in bank.heads])

@@ -79,16 +79,17 @@ def press_vector(window: Array, common: Array) -> tuple[Array, Array, float]:
     whole = window[np.isfinite(window).all(axis=1)]
     if not len(whole):
         return np.full(window.shape[1], np.nan), np.full(3, np.nan), 0.0
-    own = whole - (whole @ common) @ common.T
-    late = own[-max(1, int(np.ceil(LATE * len(own)))) :].mean(axis=0)
-    course = np.maximum(own @ late, 0.0)
-    course = course / max(float(course.max()), TINY)
+    count = max(1, int(np.ceil(LATE * len(whole))))
+    late = whole[-count:].sum(axis=0) / count
+    late -= common @ (late @ common)  # frames are measured along it: no need to clear them too
+    course = np.maximum(whole @ late, 0.0)
+    course /= max(float(course.max()), TINY)
     if not course.any():
-        course = np.ones(len(own))
-    squared = float(course @ course)
-    pattern = course @ whole / squared
-    powers = np.array([1.0, (course**3).sum(), (course**4).sum()]) / [1.0, squared, squared]
-    return pattern, powers, squared
+        course[:] = 1.0
+    square = course * course
+    squared = float(square.sum())
+    powers = np.array([1.0, square @ course / squared, square @ square / squared])
+    return course @ whole / squared, powers, squared
 
 
 def press_vectors(windows: list[Array], common: Array) -> PressVectors:

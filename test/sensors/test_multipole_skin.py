@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,8 @@ from tactile_ros.lesson import Allowed, learn
 from tactile_ros.physics import compiled
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin import estimation
+from tactile_ros.sensors.multipole_skin.places import witnesses
+from tactile_ros.sensors.multipole_skin.press_fit import _stated
 from tactile_ros.sensors.multipole_skin.windows import WindowMemory, find_windows, press_numbers
 from tactile_ros.signals import Signals
 from tactile_ros.types import Frame, Outline, Recording
@@ -165,6 +168,42 @@ def test_compiled_descents_say_what_arrays_say(
     scale = np.array([1e-2, 1e-2, 1.0, 1e-3])
     np.testing.assert_allclose(fast.pose / scale, slow.pose / scale, atol=1e-11)
     np.testing.assert_allclose(1e3 * fast.fitted, 1e3 * slow.fitted, atol=1e-12)
+    np.testing.assert_allclose(fast.slopes, slow.slopes, atol=1e-12)
+    np.testing.assert_allclose(fast.level, slow.level, rtol=1e-12)
+    np.testing.assert_allclose(fast.misfit, slow.misfit, rtol=1e-11)
+    deviation = np.sqrt(np.einsum('nhii->nhi', slow.cov))
+    whole = deviation[..., None] * deviation[..., None, :]
+    np.testing.assert_allclose(fast.cov / whole, slow.cov / whole, atol=1e-11)
+
+
+def test_a_warm_up_answers_windows_of_a_stream_too(
+    trial: Trial, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # networks know windows alone, and no frames without times
+    met: set[tuple[int, ...]] = set()
+
+    def seen(windows: list[np.ndarray], basis: np.ndarray) -> PressVectors:
+        met.update(window.shape for window in windows)
+        return press_vectors(windows, basis)
+
+    monkeypatch.setattr(estimation, 'press_vectors', seen)
+    trial.pipeline.warm_up()
+    assert met == {(1, 60), (trial.config.window, 60)}
+
+
+def test_scatter_of_heads_counts_once_where_a_fit_asks_how_places_err(trial: Trial) -> None:
+    recogniser = copy(trial.pipeline.estimation.recogniser_)  # type: ignore[attr-defined]
+    values = trial.test.values.reshape(-1, ROWS, 60)
+    tared = values[:, world.TARE :] - values[:, : world.TARE].mean(axis=1, keepdims=True)
+    matches = recogniser.matches(press_vectors(list(tared), recogniser.basis))
+    nothing = np.full(len(tared), -1)
+    _, _, sigma, doubt = _stated(recogniser, matches, nothing)
+    weight = witnesses(matches)
+    own = np.einsum('nh,nhii->ni', weight, matches.cov[..., :2, :2])
+    np.testing.assert_allclose(sigma, np.sqrt(own), rtol=1e-6)
+    middle = np.einsum('nh,nhi->ni', weight, matches.pose[..., :2])
+    between = np.einsum('nh,nhi->ni', weight, np.square(matches.pose[..., :2] - middle[:, None]))
+    np.testing.assert_allclose(doubt, np.sqrt(between), rtol=1e-9)
 
 
 def test_a_press_has_the_same_starts_alone_and_among_others(trial: Trial) -> None:

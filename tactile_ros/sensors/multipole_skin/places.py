@@ -85,12 +85,14 @@ def named_places(
     """
     rows = np.arange(len(which)), which
     pose, cov = matches.pose[rows], spread.scale**2 * matches.cov[rows]
-    pose[:, 2] -= sectors[which] * np.round(pose[:, 2] / sectors[which])
-    free = orders[which] == 0
-    pose[free, 2] = 0.0
-    cov[free, 2, :] = cov[free, :, 2] = 0.0
-    cov[free, 2, 2] = np.pi**2 / 3
-    cov[:, (0, 1), (0, 1)] += spread.floor**2
+    sector, free = sectors[which], orders[which] == 0
+    pose[:, 2] -= sector * np.round(pose[:, 2] / sector)
+    if free.any():
+        pose[free, 2] = 0.0
+        cov[free, 2, :] = cov[free, :, 2] = 0.0
+        cov[free, 2, 2] = np.pi**2 / 3
+    cov[:, 0, 0] += spread.floor**2
+    cov[:, 1, 1] += spread.floor**2
     return pose, cov
 
 
@@ -103,7 +105,7 @@ def witnesses(matches: Matches) -> Array:
     found = np.zeros((n, heads))
     if heads >= WITNESSES[0]:
         best = np.argsort(matches.cost, axis=1)[:, : WITNESSES[1]]
-        np.put_along_axis(found, best, 1 / best.shape[1], axis=1)
+        found[np.arange(n)[:, None], best] = 1 / best.shape[1]
     return found
 
 

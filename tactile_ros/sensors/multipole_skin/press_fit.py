@@ -312,16 +312,13 @@ def _placed(
 
     Of the head that each press is named, as in use: who errs in the head errs in the place.
     """
-    doubt = _doubt(recogniser, matches, named)
-    recogniser.spread_ = Spread(1.0, 0.0)
-    pose, cov, order = recogniser.placed(matches, named)
+    pose, order, sigma, doubt = _stated(recogniser, matches, named)
     place, yaw = told.place[:, :2], told.yaw
     report = {}
     known = np.isfinite(place).all(axis=1) & np.isfinite(pose[:, :2]).all(axis=1)
     if known.any():
         away = (pose[:, :2] - place)[known]
-        sigma = np.sqrt(cov[known][:, (0, 1), (0, 1)])
-        recogniser.spread_ = fitted_spread(away, sigma, doubt[known])
+        recogniser.spread_ = fitted_spread(away, sigma[known], doubt[known])
         report['position_by_press'] = {
             'rmse': float(np.sqrt(np.square(away).mean())),
             'median': float(np.median(np.linalg.norm(away, axis=1))),
@@ -337,11 +334,16 @@ def _placed(
     return report
 
 
-def _doubt(recogniser: Recogniser, matches: Matches, named: Integers) -> Array:
-    """Deviations of places (n, 2) by what else than named may have pressed."""
+def _stated(
+    recogniser: Recogniser, matches: Matches, named: Integers
+) -> tuple[Array, Integers, Array, Array]:
+    """Poses, orders, and deviations of places (n, 2): of templates, and by doubt of the heads."""
     scores = recogniser.template_scores(matches)
     found = recogniser.chances(scores, recogniser.template_misfits(matches))
-    recogniser.spread_ = Spread(0.0, 0.0)
     likely = recogniser.likely(matches, np.arange(scores.shape[1]), *found)
-    cov = recogniser.placed(matches, named, likely)[1]
-    return np.asarray(np.sqrt(cov[:, (0, 1), (0, 1)]))
+    recogniser.spread_ = Spread(0.0, 0.0)
+    beside = recogniser.placed(matches, named, likely)[1][:, (0, 1), (0, 1)]
+    recogniser.spread_ = Spread(1.0, 0.0)
+    pose, cov, order = recogniser.placed(matches, named, likely)
+    own = np.maximum(cov[:, (0, 1), (0, 1)] - beside, 0.0)
+    return pose, order, np.sqrt(own), np.sqrt(beside)

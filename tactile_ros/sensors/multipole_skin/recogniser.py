@@ -124,7 +124,7 @@ class Recogniser:
         """Orthonormal patterns of a uniform field, shape (d, 3)."""
         return np.asarray(np.linalg.qr(self.common)[0])
 
-    @property
+    @cached_property
     def spare(self) -> int:
         """Readings that are left over by what is fitted; chips that say nothing have none."""
         return int(np.count_nonzero(np.abs(self.common).sum(axis=1))) - 3 - FREE
@@ -154,10 +154,11 @@ class Recogniser:
         return np.array([head.sector for head in heads]), np.array([head.order for head in heads])
 
     @cached_property
-    def _room(self) -> Array:
-        """Within which heads may press (m, m) and turn (rad), shape (heads, 3)."""
+    def _narrow(self) -> Array:
+        """One over variances as wide as heads may press (per m2) and turn, shape (heads, 3)."""
         sector = self._sectors[0]
-        return np.column_stack([np.full((len(sector), 2), AROUND), sector])
+        room = np.column_stack([np.full((len(sector), 2), AROUND), sector])
+        return np.square(WIDE / room)
 
     def with_enrolled(self, enrolled: Supports) -> Recogniser:
         """The same with other enrolled classes."""
@@ -168,7 +169,7 @@ class Recogniser:
 
     def refresh(self) -> None:
         """Forget what was made for another error or skin."""
-        for name in ('search', 'basis', '_last', '_sectors', '_room'):
+        for name in ('search', 'basis', '_last', '_sectors', '_narrow', 'spare'):
             vars(self).pop(name, None)
 
     def matches(self, presses: PressVectors) -> Matches | None:
@@ -200,13 +201,12 @@ class Recogniser:
     def template_scores(self, matches: Matches) -> Array:
         """Twice the negative log-likelihood of every head, shape (n, heads)."""
         assert self.search is not None
-        with np.errstate(invalid='ignore'):
-            wide = WIDE * np.sqrt(np.maximum(matches.cov[..., (0, 1, 2), (0, 1, 2)], 0.0))
         # classes of presses that were seen press where they were seen, heads around there; a
         # head that may turn has more templates, of which one fits noise well
-        part = np.maximum(np.fmin(wide / self._room, 1.0), LEAST)  # NaN: 1
-        chance = 2 * np.log(part).sum(axis=2)
-        return np.asarray(matches.cost + matches.level[:, None] - chance)
+        with np.errstate(invalid='ignore'):
+            wide = matches.cov.diagonal(axis1=2, axis2=3)[..., :3] * self._narrow
+            part = np.maximum(np.fmin(wide, 1.0), np.square(LEAST))  # NaN: 1
+        return np.asarray(matches.cost + matches.level[:, None] - np.log(part).sum(axis=2))
 
     def template_misfits(self, matches: Matches) -> Array:
         """How much worse than by chance the likeliest head fits, for every head (n, heads).
