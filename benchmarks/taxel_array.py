@@ -68,7 +68,8 @@ def run(extent: str, command: str) -> BenchResult:
         Row('one frame of 72 taxels', 'us', single, aim=300.0),
     ]  # fmt: skip
     notes = ['paper: before equilibration (spread), one branch of Voigt (hold), its own parts',
-             'peer: polynomial with a free constant; threshold and circle fit']  # fmt: skip
+             'peer: polynomial with a free constant; threshold and circle fit',
+             'bound of picked tubes: a rule of Bayes that knows skin and pressures']  # fmt: skip
     sorted_rows, drawings = PICKING.sorted_parts(extent)
     rows += sorted_rows
     drawings['equilibration'] = _draw_spread(pipeline, config)

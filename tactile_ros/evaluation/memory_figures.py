@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.conditioning.turns import dead_band, last_turns
 from tactile_ros.evaluation.figure import Figure, title_of
 from tactile_ros.evaluation.svg import Plot
 from tactile_ros.types import Array, Bools
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     from tactile_ros.evaluation.result import Dataset
 
 BINS, LEAST_ROWS, LEAST_BINS = 20, 5, 6
-STILL = 0.02  # of the fastest change: below it, force neither rises nor falls
 PAUSE = 5.0  # usual distances of rows, from which a pause lies between them
 SPANS = 24
 
@@ -57,14 +57,17 @@ def hysteresis(dataset: Dataset, name: str) -> Figure | None:
 
 
 def _directions(target: TargetErrors, time: Array) -> tuple[Bools, Bools]:
-    """Rows (n,) whose true force rises, and those whose force falls, without pauses."""
-    step = np.zeros(len(target.truth))
-    step[1:-1] = target.truth[2:, 0] - target.truth[:-2, 0]
-    apart = time[2:] - time[:-2]
-    inside = np.zeros(len(step), bool)
-    inside[1:-1] = (apart > 0) & (apart < PAUSE * np.nanmedian(apart))
-    fast = STILL * float(np.abs(step[inside]).max(initial=0.0))
-    return inside & (step > fast), inside & (step < -fast)
+    """Rows (n,) whose true force rises, and those whose force falls, without holds and pauses."""
+    force, step = target.truth[:, :1], np.diff(time)
+    usual = float(np.nanmedian(step[step > 0])) if (step > 0).any() else 0.0
+    anew = np.concatenate([[True], ~((step > 0) & (step < PAUSE * usual))])
+    way, band = last_turns(force, anew)[:, 0], dead_band(force)[0]
+    begins = anew | (np.diff(way, prepend=0.0) != 0)
+    run, first = np.cumsum(begins) - 1, np.flatnonzero(begins)
+    high = np.fmax.reduceat(force[:, 0], first)[run]
+    low = np.fmin.reduceat(force[:, 0], first)[run]
+    rising = (way > 0) & (force[:, 0] < high - band)
+    return rising, (way < 0) & (force[:, 0] > low + band)
 
 
 def _binned(truth: Array, error: Array, rows: Bools, edges: Array) -> Array:

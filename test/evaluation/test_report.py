@@ -300,6 +300,33 @@ def test_hysteresis_and_drift_are_measured() -> None:
     assert 'nan' not in str(still)
 
 
+@pytest.mark.parametrize('rate', [20.0, 2000.0])
+def test_hysteresis_is_measured_at_any_rate_and_under_noise(rate: float) -> None:
+    rng, corners = np.random.default_rng(1), np.array([0.0, 1, 4, 6, 7, 8, 9, 10])
+    time = np.arange(round(60 * rate)) / rate
+    part = time % 10
+    force = np.interp(part, corners, [0, 0, 10, 10, 0, 0, 9.0, 0])  # a slow rise, quick ones
+    falls = ((part > 6) & (part <= 7)) | (part > 9)
+    error = np.where(falls, 0.3, 0.0)
+    held = (part > 4) & (part <= 6)
+    error[held] = 2.0 * (part[held] - 4)  # creep under a hold is no hysteresis
+    noisy = force + 0.01 * rng.normal(size=len(time))
+    blank = np.full((len(time), 2), np.nan)
+    recording = Recording.from_arrays(
+        LAYOUT, np.zeros((len(time), 5, 3)), stamp_ns=np.round(1e9 * time).astype(np.int64),
+        truth={'force': np.column_stack([blank, noisy])},
+    )  # fmt: skip
+    told = np.column_stack([blank, noisy + error])
+    states = ContactStates.assemble(
+        len(time), 5, {'force': told, 'valid': np.ones(len(time), bool)}
+    )
+    answer = Answer('ridge', target_errors(recording, states))
+    figure = hysteresis(Dataset('made', '', (answer,), len(time), 0, LAYOUT.positions), 'force_z')
+    apart, worst = (float(word) for word in re.findall(r'([0-9.]+) N[ :]', figure.caption)[:2])
+    assert apart == pytest.approx(0.3, abs=0.02)
+    assert worst == pytest.approx(0.3, abs=0.1)
+
+
 def test_confusions_are_counted_and_named() -> None:
     dataset = remembering(0.0, 0.0)
     (figure,) = confusions(dataset)

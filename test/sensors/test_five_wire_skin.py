@@ -242,6 +242,25 @@ def test_creep_is_taken_off_where_stamps_tell_the_past() -> None:
     assert with_past < 0.6 * rms()
 
 
+def test_an_offset_that_a_pulled_down_foil_shows_at_rest_moves_no_place() -> None:
+    world, rng = reference.FiveWireWorld(3), np.random.default_rng(31)
+    where, load = np.repeat(reference.grid(5), 8, axis=0), np.tile(np.linspace(1, 15, 8), 25)
+    train = reference.touches(world, LAYOUT, where, load, 32, floating=False)
+    pipeline = SENSOR.pipeline().fit(train)
+    fresh = rng.uniform(12.5e-3, 87.5e-3, (300, 2))
+    test = reference.touches(world, LAYOUT, fresh, rng.uniform(1, 15, 300), 33, floating=False)
+    touched = test.truth['in_contact'] == 1
+
+    def miss(offset: float) -> float:
+        moved = Recording.from_arrays(
+            LAYOUT, np.add(test.values, [offset, -offset, 0.0]), stream=test.stream, tare=test.tare
+        )
+        error = pipeline.process_batch(moved).position - test.truth['position']
+        return float(np.linalg.norm(error[touched, :2], axis=1).mean())
+
+    assert miss(5e-3) < 1.1 * miss(0.0) + 2e-5
+
+
 def test_hard_case_16_a_floating_foil_and_too_small_a_resistance_stay_finite() -> None:
     pipeline, _, _ = fitted(7, 8)
     values = np.array([[0.9, 0.1, 1e-7], [0.5, 0.5, 0.999], [np.inf, -3.0, 0.5], [0.4, 0.6, 1.2]])

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from tactile_ros.conditioning.equilibration import Equilibration
+from tactile_ros.conditioning.turns import last_turns
 from tactile_ros.sensors.taxel_array.force_errors import (
     LEVELS,
+    ForceErrors,
     force_errors,
     largest_forces,
-    last_turns,
     shared_part,
 )
 
@@ -65,3 +66,45 @@ def test_hysteresis_is_found_and_makes_sums_err_to_one_side(play: float) -> None
     whole = np.hypot(total, shared_part(load, level, found.alike) * load.sum(axis=1))
     assert (play * load.sum(axis=1) < 1.1 * whole).all()
     assert play == 0 or (whole > 3 * total).all()
+
+
+def presses_at(rate: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Times (s,) and one load (s,) of 16 presses of some slow and some quick ramps (N)."""
+    rng, corners, loads = np.random.default_rng(seed), [0.0, 0.3], [0.0, 0.0]
+    for _ in range(16):
+        rise, hold, fall = rng.uniform(0.3, 1.2), 0.2, rng.uniform(0.3, 1.2)
+        corners += (corners[-1] + np.cumsum([rise, hold, fall, 0.3])).tolist()
+        loads += [one := rng.uniform(1.5, 3.0), one, 0.0, 0.0]
+    time = np.arange(round(corners[-1] * rate)) / rate
+    return time, np.interp(time, corners, loads)
+
+
+def errors_at(rate: float, play: float, of_press: float = 0.0, lost: float = 0.0) -> ForceErrors:
+    """Errors of eight taxels whose presses err as a whole besides, in each half on its own."""
+    rng, (_, load) = np.random.default_rng(12), presses_at(rate, 11)
+    rises = np.diff(load, prepend=0.0) > 1e-9
+    falls = np.diff(load, prepend=0.0) < -1e-9
+    half = np.cumsum((rises & ~np.roll(rises, 1)) | (falls & ~np.roll(falls, 1)))
+    way = np.where(half % 2 == 1, 1.0, -1.0)
+    force = np.repeat(load[:, None], 8, axis=1)
+    wrong = of_press * rng.normal(size=half.max() + 1)[half] - play * way
+    miss = force * (wrong[:, None] + 2e-3 * rng.normal(size=force.shape))
+    law = Equilibration('polynomial').fit(force / 4, force, half)
+    told = force + 1e-3 * rng.normal(size=(len(load), 1)) * (load > 0)[:, None]
+    told[rng.uniform(size=len(load)) < lost] = np.nan
+    miss[np.isnan(told)] = np.nan
+    return force_errors(miss, told, law, 0.25, np.arange(len(load)) == 0)
+
+
+@pytest.mark.parametrize('lost', [0.0, 0.2])
+@pytest.mark.parametrize('rate', [20.0, 100.0, 2000.0])
+def test_hysteresis_does_not_depend_on_the_rate_or_on_lost_rows(rate: float, lost: float) -> None:
+    found = errors_at(rate, 0.02, lost=lost)
+    assert found.alike[1] == pytest.approx(0.02, abs=2e-3)
+
+
+@pytest.mark.parametrize('rate', [20.0, 100.0, 2000.0])
+def test_presses_that_err_as_a_whole_are_no_hysteresis_however_many_rows(rate: float) -> None:
+    found = errors_at(rate, 0.0, of_press=0.02)
+    assert (found.alike[1] < 2e-3).all()
+    assert found.alike[0, 3:] == pytest.approx(0.02, rel=0.3)

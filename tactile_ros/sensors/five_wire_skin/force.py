@@ -16,7 +16,7 @@ from tactile_ros.estimators.smooth_fields import SmoothFields
 from tactile_ros.estimators.stated_spread import StatedSpread
 from tactile_ros.estimators.trials import chosen, some_rows, trials, verdict
 from tactile_ros.physics.resistive import SeriesResistance
-from tactile_ros.sensors.five_wire_skin.touch import STILL
+from tactile_ros.sensors.five_wire_skin.touch import CONSTANT
 from tactile_ros.types import Array, Estimator, Integers
 
 LEAST_RESISTANCE = 1e-4  # over R0
@@ -128,7 +128,7 @@ class ForceHead:
 def tells_forces(divider: Array, force: Array) -> bool:
     """Whether readings (s,) move and forces (s,) differ: one load tells no curve."""
     told = np.ptp(force) > LEAST_RANGE * np.abs(force).max()
-    return bool(np.ptp(divider) > STILL and told)
+    return bool(np.ptp(divider) > CONSTANT and told)
 
 
 def features_of(x: Array, places: Array, resistance: Array) -> Array:

@@ -15,7 +15,7 @@ from tactile_ros.estimators.thin_plate import ThinPlate
 from tactile_ros.estimators.training import predict_rows
 from tactile_ros.estimators.trials import chosen, some_rows, trials, verdict
 from tactile_ros.physics.resistive import linear_place
-from tactile_ros.sensors.five_wire_skin.touch import STILL
+from tactile_ros.sensors.five_wire_skin.touch import CONSTANT
 from tactile_ros.types import Array, Estimator, Integers
 
 NOMINAL_SPREAD = 0.06  # of the sheet: an uneven border bends the linear formula that much
@@ -158,7 +158,7 @@ def tells_places(potentials: Array, places: Array) -> bool:
     Places are in units of the sheet's edges.
     """
     least = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[-1]
-    moving = (np.ptp(potentials, axis=0) > STILL).sum()
+    moving = (np.ptp(potentials, axis=0) > CONSTANT).sum()
     return bool(moving >= POTENTIALS and least > LEAST_SPREAD * np.sqrt(len(places)))
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tactile_ros.conditioning.equilibration import FREEDOM
+from tactile_ros.conditioning.turns import last_turns, presses
 
 if TYPE_CHECKING:
     from tactile_ros.conditioning.equilibration import Equilibration
@@ -15,9 +16,8 @@ if TYPE_CHECKING:
 HEAVY = 0.1  # of the largest force: heavier errors are parts of the force, lighter ones constant
 LEAST = 1e-4  # of a force: no law is better
 MOST_FREE = 0.5  # numbers of a law for each row
-FEWEST = 20  # errors of a level that tell hysteresis
+FEWEST = 5  # presses, loaded and unloaded, that tell hysteresis at a level
 CLEAR = 2.0  # standard errors of it that are none
-STILL = 1e-3  # of the largest force: changes that are none
 LEVELS = np.array([0.05, 0.1, 0.2, 0.4, 0.6, 0.8])  # of a taxel's largest force, between groups
 
 
@@ -81,32 +81,15 @@ def force_errors(
     borne = known & (force > 0)
     level = np.searchsorted(LEVELS, np.where(borne, force, 0.0) / largest_forces(law))
     own, alike = _by_level(miss, force, borne, level)
-    turned = np.zeros_like(force) if restart is None else last_turns(force, restart)
-    play = _hysteresis(miss, force, borne, level, turned)
+    play = np.zeros(len(own)) if restart is None else _hysteresis(
+        np.where(borne, miss, 0.0), np.where(borne, force, 0.0), np.where(borne, level, -1),
+        last_turns(force, restart), presses(force, restart),
+    )  # fmt: skip
     both = np.stack([np.sqrt(np.maximum(alike**2 - play**2, 0.0)), play])
     own *= _unseen(borne, FREEDOM[law.name])
     # the few rows of rest of one taxel say little: half of it is what all say
     rest = np.sqrt(0.5 * (squared + squared.mean()))
     return ForceErrors(floor, spread, np.maximum(own, LEAST), both, rest)
-
-
-def last_turns(force: Array, restart: Bools) -> Array:
-    """1 where told forces (s, t) grew when they last changed, -1 where they fell, 0 unknown.
-
-    Examples
-    --------
-    >>> force = np.array([[0.0, 1, 2, 2, 1, 1]]).T
-    >>> last_turns(force, np.arange(6) == 0)[:, 0].tolist()
-    [0.0, 1.0, 1.0, 1.0, -1.0, -1.0]
-    """
-    moved = np.diff(np.nan_to_num(force), axis=0, prepend=0.0)
-    moved[np.abs(moved) < STILL * float(np.nanmax(force))] = 0.0
-    moved[restart] = 0.0
-    rows = np.arange(len(force))[:, None]
-    since = np.maximum.accumulate(np.where(restart, rows[:, 0], 0))[:, None]
-    last = np.maximum.accumulate(np.where(moved != 0, rows, -1), axis=0)
-    turns = np.take_along_axis(np.sign(moved), np.maximum(last, 0), axis=0)
-    return np.asarray(np.where(last > since, turns, 0.0))
 
 
 def shared_part(load: Array, level: Integers, alike: Array) -> Array:
@@ -152,21 +135,29 @@ def _parts(
     return float(np.sqrt(max(small - spread * weak, 0.0))), float(np.sqrt(spread))
 
 
-def _hysteresis(miss: Array, force: Array, borne: Bools, level: Integers, turned: Array) -> Array:
-    """Part of their force (l,) by which taxels err to one side when loaded, and to the other."""
-    parts, top = np.full(len(LEVELS) + 1, np.nan), float(np.nanmax(force))
+def _hysteresis(
+    miss: Array, load: Array, level: Integers, turned: Array, press: Integers
+) -> Array:
+    """Part of their load (l,) by which taxels err to one side when loaded, and to the other.
+
+    Rows and taxels of one press err together, however many they are: what chance makes of the
+    part is told by presses that differ.
+    """
+    parts = np.full(len(LEVELS) + 1, np.nan)
     for k in range(len(parts)):
-        at = borne & (level == k) & (turned != 0) & (force > LEAST * top)
-        if np.count_nonzero(at) < FEWEST:
+        at = (level == k) & (turned != 0)
+        way, of = turned[at], press[np.nonzero(at)[0]]
+        if min(len(np.unique(of[way == one])) for one in (-1, 1)) < FEWEST:
             continue
-        turn, load = turned[at] - turned[at].mean(), force[at]
-        square = float(turn @ turn)
-        if square < FEWEST / 2:  # loaded alone, or unloaded alone
-            continue
-        off = miss[at] / load
-        part = float(turn @ (off - off.mean())) / square
-        chance = float(np.square(off - off.mean() - part * turn).mean()) / square
-        parts[k] = np.sqrt(max(part * part - CLEAR**2 * chance, 0.0))
+        of, number = np.unique(of, return_inverse=True)[1].reshape(-1), len(np.unique(of))
+        terms, wrong = np.column_stack([load[at], way * load[at]]), miss[at]
+        inverse = np.linalg.inv(terms.T @ terms)
+        found = inverse @ (terms.T @ wrong)
+        left = terms * (wrong - terms @ found)[:, None]
+        apart = np.stack([np.bincount(of, one, number) for one in left.T])
+        chance = (inverse @ (apart @ apart.T) @ inverse)[1, 1] * number / (number - 2)
+        part = float(found[1])
+        parts[k] = np.sqrt(max(part * part - CLEAR**2 * float(chance), 0.0))
     return _nearest(parts)
 
 

@@ -1,0 +1,124 @@
+"""Which way loads last went, whatever the rate, the noise and the gaps of their frames."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from tactile_ros.conditioning.turns import Turns, dead_band, last_turns, presses
+from tactile_ros.types import Array
+
+TOP, SECONDS = 3.0, 24.0
+# slow ramps, quick ones, and one that takes ten seconds
+CORNERS = np.array([0.0, 0.5, 2.5, 4.0, 5.5, 6.0, 6.3, 6.7, 6.85, 7.5, 17.5, 18.0, 22.0])
+LOADS = TOP * np.array([0, 0, 1.0, 1.0, 0, 0, 0.6, 0.6, 0, 0, 0.8, 0.3, 0.9])
+RATES = (20.0, 100.0, 2000.0)
+
+
+def read(rate: float, noise: float = 0.0, seed: int = 1) -> tuple[Array, Array]:
+    """Times (s,) and a load (s, 1) at them."""
+    time = np.arange(round(SECONDS * rate)) / rate
+    load = np.interp(time, CORNERS, LOADS)
+    return time, (load + noise * np.random.default_rng(seed).normal(size=len(time)))[:, None]
+
+
+def begins(count: int) -> np.ndarray:
+    return np.arange(count) == 0
+
+
+def truth(time: Array, band: float) -> Array:
+    """Signs (s,) by the corners alone; NaN within a band of where they change."""
+    load, sign = np.interp(time, CORNERS, LOADS), np.zeros(len(time))
+    last = 0.0
+    for (a, b), (low, high) in zip(pairwise(CORNERS), pairwise(LOADS), strict=True):
+        inside = (time > a) & (time <= b)
+        way = np.sign(high - low)
+        if way not in (0.0, last):
+            sign[inside] = np.where(np.abs(load[inside] - low) > band, way, np.nan)
+            last = way
+        else:
+            sign[inside] = last
+    sign[time > CORNERS[-1]] = last
+    return sign
+
+
+@pytest.mark.parametrize('noise', [0.0, 2e-3 * TOP])
+@pytest.mark.parametrize('rate', RATES)
+def test_signs_are_those_of_the_corners_at_any_rate(rate: float, noise: float) -> None:
+    time, load = read(rate, noise)
+    band = dead_band(load)[0]
+    assert 0.5 * 10 * noise <= band <= max(2 * 10 * noise, 2e-3 * TOP)
+    signs, wanted = last_turns(load, begins(len(time)))[:, 0], truth(time, band + 8 * noise)
+    known = np.isfinite(wanted)
+    assert known.mean() > 0.9
+    assert (signs == wanted)[known].all()
+
+
+def test_neighbouring_rows_would_not_tell_the_slow_ramps() -> None:
+    time, load = read(RATES[-1])
+    assert np.abs(np.diff(load[:, 0]))[(time[1:] > 8) & (time[1:] < 17)].max() < 1e-3 * TOP
+
+
+@pytest.mark.parametrize('rate', RATES)
+def test_lost_rows_keep_the_sign_and_change_no_other(rate: float) -> None:
+    time, load = read(rate)
+    whole = last_turns(load, begins(len(time)))
+    lost = np.random.default_rng(2).uniform(size=len(time)) < 0.3
+    lost[0] = False
+    gappy = load.copy()
+    gappy[lost] = np.nan
+    signs = Turns(dead_band(load))(gappy, begins(len(time)))
+    late = np.abs(signs - whole)[:, 0] > 0  # a row whose turn was lost is told by the next
+    assert late.sum() <= 12
+    assert (signs[1:][lost[1:]] == signs[:-1][lost[1:]]).all()
+    without = Turns(dead_band(load))(load[~lost], begins(int((~lost).sum())))
+    assert (without == signs[~lost]).all()
+
+
+def test_noise_of_a_rest_or_a_hold_turns_nothing() -> None:
+    load = np.concatenate([np.zeros(100_000), np.linspace(0, TOP, 50), np.full(100_000, TOP)])
+    rng = np.random.default_rng(3)
+    load += 4e-3 * TOP * rng.normal(size=len(load))
+    signs = last_turns(load[:, None], begins(len(load)))[:, 0]
+    assert (signs[:100_000] == 0).all()
+    assert (signs[100_050:] == 1).all()
+
+
+def test_a_stream_row_by_row_has_the_signs_of_a_batch() -> None:
+    _, load = read(100.0, 2e-3 * TOP)
+    load = np.column_stack([load[:, 0], load[::-1, 0], np.full(len(load), np.nan)])
+    load[500:520, 0] = np.nan
+    restart = np.isin(np.arange(len(load)), (0, 900))
+    band = np.array([0.06, 0.06, 0.06])
+    whole, live = Turns(band)(load, restart), Turns(band)
+    rows = [live(load[i : i + 1], restart[i : i + 1]) for i in range(len(load))]
+    assert (np.concatenate(rows) == whole).all()
+    assert set(np.unique(whole[:, :2])) == {-1.0, 0.0, 1.0}
+    assert (whole[:, 2] == 0).all()
+    assert (whole[900] == 0).all()  # nothing is known after a stream began
+
+
+def test_pauses_and_other_clocks_do_not_matter() -> None:
+    time, load = read(100.0)
+    held = (time > 2.6) & (time < 3.9)  # nothing moves meanwhile
+    whole = last_turns(load, begins(len(time)))
+    assert (last_turns(load[~held], begins(int((~held).sum()))) == whole[~held]).all()
+
+
+@pytest.mark.parametrize('rate', RATES)
+def test_presses_are_counted_alike_at_any_rate(rate: float) -> None:
+    time, load = read(rate, 1e-3 * TOP)
+    number = presses(np.hstack([0.2 * load, 0.8 * load]), begins(len(time)))
+    asked = (0.2, 2.0, 5.0, 6.5, 7.2, 12, 17.9, 21)
+    at = [number[np.argmin(np.abs(time - when))] for when in asked]
+    assert at == [1, 2, 2, 3, 3, 4, 4, 5]
+
+
+def test_a_band_is_bounded_and_loads_that_never_were_have_one() -> None:
+    loud = np.random.default_rng(4).uniform(0, 1, (500, 1))
+    assert dead_band(np.hstack([loud, 0 * loud, np.full((500, 1), np.nan)])) == pytest.approx(
+        np.array([0.1, 1e-3, 1e-3]), rel=0.01
+    )
+    assert dead_band(np.zeros((0, 2))).tolist() == [0, 0]
