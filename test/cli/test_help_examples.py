@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 BENCHES = Path(__file__).parents[2] / 'benchmarks'
 STEP_NS = 10_000_000
 START_NS = 1_700_000_000_000_000_000
-MOST_ROWS = 2000
+MOST_ROWS = 1200
 SHOWN = 20  # frames, after which whoever looks presses Ctrl-C
 GRAPH = 'starts the ROS graph for half a minute or more: '
 LIVE = 'needs running nodes: '
@@ -149,6 +149,8 @@ def typed(line: str, port: str) -> list[str]:
         words += [port if name == '/dev/ttyACM0' else name for name in found]
     if words[0] == 'doctor' and '--sensor' in words:
         words += ['--seconds', '0.3']
+    if words[0] == 'replay':
+        words += ['--jobs', '1']  # no processes, which take seconds to start
     if words[0] == 'view' and '--mcap' not in words:
         words += ['--port', '0']  # that of the viewer may be in use
     return words
