@@ -99,9 +99,12 @@ def place(tmp_path_factory: pytest.TempPathFactory, taught_skin: Path) -> Path:
     write_bag(folder / 'out/my_bag', skin, in_time(enrolled_skin.new_head(3)))
     (folder / 'my_board.yaml').write_text('rate_hz: 100.0\n')
     (folder / 'my_pad.yaml').write_text('shear_modulus: 4.0e4\n')
+    rows = [
+        Row(method, 'mm', error, aim=0.5, us_single=us, compared='place', method=method)
+        for method, error, us in (('ridge', 0.4, 60.0), ('kNN', 0.7, 20.0))
+    ]
     for name in ('reskin', 'devices'):
-        row = Row('place', 'mm', 0.4, paper=0.5, aim=0.5)
-        BenchResult(name, f'tactile bench {name}', [0], [row]).write(folder / 'benchmarks/results')
+        BenchResult(name, f'tactile bench {name}', [0], rows).write(folder / 'benchmarks/results')
     return folder
 
 
