@@ -54,7 +54,7 @@ class Playing:
             raise ValueError(msg)
         pace = ['--clock', '--rate', str(self.rate)]
         pace += ['--delay', str(self.delay)] if self.delay else []  # the player refuses 0
-        pace += ['--wait-for-all-acked', '1000']  # ms; or its last frames end with it
+        pace += ['--wait-for-all-acked', '5000']  # ms: Fast DDS asks for it every 3 s
         return ['ros2', 'bag', 'play', self.bag, *pace, '--topics', *self.topics]
 
 
