@@ -1,6 +1,7 @@
 """Play the frames of a bag into contact_node, on the bag's own clock: to look at, not to measure.
 
-ros2 launch tactile_ros replay.launch.py bag:=out/demo/bags/place calibration:=place.npz
+ros2 launch tactile_ros replay.launch.py bag:=touches calibration:=board.npz
+ros2 launch tactile_ros replay.launch.py bag:=out/demo/bags/place namespace:=place
 
 `tactile replay` repeats a live run exactly, its tares included, and evaluates it without ROS. Here
 the tares of the bag are not repeated: call contact_node/tare where the bag is at rest.
@@ -8,7 +9,13 @@ the tares of the bag are not repeated: call contact_node/tare where the bag is a
 
 from __future__ import annotations
 
-from launch.actions import ExecuteProcess, OpaqueFunction, RegisterEventHandler, Shutdown
+from launch.actions import (
+    ExecuteProcess,
+    OpaqueFunction,
+    RegisterEventHandler,
+    Shutdown,
+    TimerAction,
+)
 from launch.event_handlers import OnProcessExit
 from launch.substitutions import LaunchConfiguration
 
@@ -18,6 +25,7 @@ from tactile_ros.nodes.replay_graph import Playing, replaying
 from tactile_ros.sensors import list_sensors
 
 DEFAULTS = Playing()
+ON_ITS_WAY_S = 1.0  # for frames that the node has not taken yet
 # of Playing: what it means, and what it may be
 ARGUMENTS: dict[str, tuple[str, list[str] | None]] = {
     'bag': ('folder of the bag', None),
@@ -37,7 +45,8 @@ def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     level = LaunchConfiguration('log_level').perform(context)
     (contact,) = [node_of(process, level) for process in replaying(choice).processes]
     player = ExecuteProcess(cmd=choice.command(), output='screen')
-    ended = OnProcessExit(target_action=player, on_exit=[Shutdown(reason='the bag is over')])
+    end = TimerAction(period=ON_ITS_WAY_S, actions=[Shutdown(reason='the bag is over')])
+    ended = OnProcessExit(target_action=player, on_exit=[end])
     return [contact, player, RegisterEventHandler(ended)]
 
 

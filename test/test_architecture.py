@@ -18,8 +18,8 @@ FLOORS = {
     'conditioning': 2, 'estimators': 2, 'control': 2, 'devices': 2, 'messages': 2,
     'calibration': 2, 'signals': 2, 'states': 3, 'stored': 3,
     'truth': 2, 'presses': 2,
-    'pipeline': 3, 'regression': 3, 'lesson': 4, 'sensors': 4, 'hands': 4, 'simulation': 5,
-    'evaluation': 5, 'view': 5, 'nodes': 6, 'cli': 6,
+    'pipeline': 3, 'regression': 3, 'lesson': 4, 'frame_guard': 4,
+    'sensors': 4, 'hands': 4, 'simulation': 5, 'evaluation': 5, 'view': 5, 'nodes': 6, 'cli': 6,
 }  # fmt: skip
 PLAIN = {
     'signals',

@@ -1,11 +1,10 @@
-"""Commands and code of the pages: parsed by the commands' own parsers, the quick ones executed."""
+"""Commands and code of the pages: parsed by the commands' own parsers."""
 
 from __future__ import annotations
 
 import ast
 import doctest
 import importlib
-import json
 import re
 import shlex
 from pathlib import Path
@@ -15,8 +14,9 @@ import pytest
 
 from tactile_ros.cli import demo
 from tactile_ros.cli.design import sensor_parser
-from tactile_ros.cli.main import COMMANDS, main, parser
+from tactile_ros.cli.main import COMMANDS, parser
 from tactile_ros.sensors import designable, load_sensor
+from test.reference.help_examples import examples
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *(ROOT / 'docs').glob('*.md')])
@@ -27,12 +27,6 @@ LINK = re.compile(r'\]\(([^)#:\s]+)(?:#[^)]*)?\)')
 # of other programs, and of pages that describe another machine
 FOREIGN = ('export', 'sudo', 'rosdep', 'colcon', 'rviz2', 'git', 'pip', 'source', 'arduino-cli')
 LAUNCHERS = ('graph', 'grasp_graph', 'launching')
-QUICK = (
-    'tactile list --json',
-    'tactile doctor --sensor gradiometer --simulated --seconds 0.2 --json',
-    'tactile design gradiometer --json',
-    'tactile calibrate reskin_board normal_1 normal_2 -o out/force.npz --estimator ridge --json',
-)
 
 
 def blocks(page: Path) -> list[tuple[str, str]]:
@@ -52,17 +46,6 @@ def lines(page: Path) -> list[str]:
 
 
 COMMAND_LINES = [(page.name, line) for page in PAGES for line in lines(page)]
-
-
-def examples() -> list[str]:
-    """Examples of every command's --help."""
-    found = []
-    for name in COMMANDS:
-        text = importlib.import_module(f'tactile_ros.cli.{name}').__doc__ or ''
-        _, _, below = text.partition('example:\n')
-        assert below.strip(), f'tactile {name} --help has no example'
-        found += [line.strip() for line in below.splitlines() if line.strip()]
-    return found
 
 
 def parse(line: str) -> None:
@@ -139,15 +122,6 @@ def test_examples_of_help_are_taken(line: str) -> None:
     parse(line)
 
 
-@pytest.mark.parametrize('line', QUICK)
-def test_quick_commands_run(
-    line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(shlex.split(line)[1:]) == 0
-    assert json.loads(capsys.readouterr().out)
-
-
 @pytest.mark.parametrize('page', PAGES, ids=lambda path: path.name)
 def test_python_of_the_pages_compiles_and_imports(page: Path) -> None:
     for language, text in blocks(page):
@@ -159,13 +133,6 @@ def test_python_of_the_pages_compiles_and_imports(page: Path) -> None:
                     continue
                 module = importlib.import_module(node.module)
                 assert all(hasattr(module, alias.name) for alias in node.names), page.name
-
-
-def test_quick_commands_are_those_of_help_and_pages() -> None:
-    known = {*examples(), *(line for _, line in COMMAND_LINES)}
-    for line in QUICK:
-        plain = re.sub(r' --(json|seconds \S+)', '', line)
-        assert {line, plain, f'{plain} --json'} & known, line
 
 
 def test_the_method_of_the_page_is_one() -> None:

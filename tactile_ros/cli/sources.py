@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -75,11 +76,21 @@ def read_config(spec: SensorSpec, path: Path | None) -> SensorConfig:
         msg = f'config {path} must map {", ".join(sorted(known))}; received {stray}'
         raise ValueError(msg)
     try:
-        arrays = {k: np.asarray(v, float) if isinstance(v, list) else v for k, v in given.items()}
-        return replace(config, **arrays)  # type: ignore[type-var]
+        values = {name: _value(told, getattr(config, name)) for name, told in given.items()}
+        return replace(config, **values)  # type: ignore[type-var]
     except (TypeError, ValueError) as error:
         msg = f'config {path}: {str(error).splitlines()[0]}'
         raise ValueError(msg) from error
+
+
+def _value(told: object, default: object) -> object:
+    """A value of yaml as the config takes it: lists are arrays, and 4e4 is a number."""
+    if isinstance(told, list):
+        return np.asarray(told, float)
+    if isinstance(told, str) and isinstance(default, float):  # yaml wants 4.0e+4
+        with suppress(ValueError):
+            return float(told)
+    return told
 
 
 def fit_layout(config: SensorConfig, layout: Layout) -> SensorConfig:

@@ -12,6 +12,7 @@ import numpy as np
 
 from tactile_ros.evaluation.live_baselines import baselines_by_row
 from tactile_ros.evaluation.loaded import ClassChange
+from tactile_ros.frame_guard import FrameGuard
 from tactile_ros.lesson import EVERYTHING, Press, PressWatch, learn, recording_of, window_of
 
 if TYPE_CHECKING:
@@ -78,15 +79,17 @@ def presses_in(loaded: LoadedRecording, pipeline: Pipeline) -> list[Press]:
     rows = np.arange(len(recording))
     waiting = baselines_by_row(recording, rows, loaded.baselines)
     found: list[Press | None] = []
-    watch = PressWatch(window_of(pipeline))
+    watch, guard = PressWatch(window_of(pipeline)), FrameGuard(pipeline)
     for row, restart in zip(rows.tolist(), recording.restarts, strict=True):
         if restart:
             pipeline.reset()
             watch = PressWatch(window_of(pipeline))
         for baseline in waiting.get(row, []):
             pipeline.tare([baseline], doubted=False)
+        if restart or row in waiting:
+            guard.begin()
         frame = recording.frame(row)
-        state = pipeline.process(frame)
+        state = guard.process(frame)
         found.append(watch(frame, int(state.in_contact), pipeline.baseline))
     return [press for press in found if press is not None]
 
@@ -115,14 +118,16 @@ class Repetition:
         self._waiting = list(self.changes)
         self._firsts = {first for change in self.changes for first, _ in change.presses}
 
-    def before(self, frame: Frame, pipeline: Pipeline) -> None:
-        """Let what changed before a frame hold for it."""
+    def before(self, frame: Frame, pipeline: Pipeline) -> bool:
+        """Let what changed before a frame hold for it; whether anything did."""
+        waiting = len(self._waiting)
         while self._waiting and self._waiting[0].after_ns < (frame.stamp_ns or 0):
             change = self._waiting.pop(0)
             try:
                 self._make(change, pipeline)
             except (ValueError, LookupError) as err:
                 self.problems.append(f'{change.label!r} could not be learned or forgotten: {err}')
+        return len(self._waiting) < waiting
 
     def after(self, frame: Frame, pipeline: Pipeline) -> None:
         """Keep the baseline with which a press began."""

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from copy import copy
+from copy import copy, deepcopy
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from tactile_ros import truth
+from tactile_ros.frame_guard import FrameGuard
 from tactile_ros.types import STATE_FIELDS, ContactStates
 
 if TYPE_CHECKING:
     from tactile_ros.evaluation.sensor_pieces import Piece
     from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Integers
+    from tactile_ros.types import ContactState, Integers, Recording
 
 
 class Follower:
@@ -29,12 +31,14 @@ class Follower:
     def __init__(self, pipeline: Pipeline) -> None:
         self.pipeline = copy(pipeline)
         self.pipeline.reset()
+        self.guard = FrameGuard(self.pipeline)
         self._stream = -1
 
     def __call__(self, piece: Piece) -> ContactStates:
         """States of every row of the next piece; unknown where the live node saw no frame."""
         recording, rows = piece.recording, piece.rows
         taxels = recording.layout.shape[0]
+        truth.refuse_foreign(self.pipeline.sensor, self.pipeline.layout, recording)
         if not len(rows):
             return ContactStates.assemble(len(recording), taxels, {})
         assert recording.stream is not None
@@ -43,7 +47,7 @@ class Follower:
         self._stream = int(stream[-1])
         cuts = fresh | np.isin(rows, list(piece.baselines))
         edges = np.unique([0, *np.flatnonzero(cuts).tolist(), len(rows)]).tolist()
-        parts = []
+        parts: list[ContactStates] = []
         for first, last in pairwise(edges):
             if fresh[first]:
                 self.pipeline.reset()
@@ -54,10 +58,29 @@ class Follower:
             chosen = (
                 slice(int(rows[first]), int(rows[last - 1]) + 1) if whole else rows[first:last]
             )
-            parts.append(self.pipeline.process_next(recording.select(chosen)))
+            parts += self._answers(recording.select(chosen))
         if len(parts) == 1 and len(rows) == len(recording):
             return parts[0]
         return gathered(parts, rows, len(recording), taxels)
+
+    def _answers(self, recording: Recording) -> list[ContactStates]:
+        """States of the next frames of one stretch, in parts; a failing one costs itself alone."""
+        before = deepcopy(self.pipeline.stream)
+        try:
+            return [self.pipeline.process_next(recording)]
+        except Exception:  # whatever an estimator makes of a frame
+            self.pipeline.stream = before
+        if len(recording) == 1:
+            self.guard.begin()
+            return [batch_of(self.guard.process(recording.frame(0)))]
+        half = len(recording) // 2
+        parts = self._answers(recording.select(slice(0, half)))
+        return parts + self._answers(recording.select(slice(half, None)))
+
+
+def batch_of(state: ContactState) -> ContactStates:
+    """A batch of one."""
+    return ContactStates(**{name: np.asarray(getattr(state, name))[None] for name in STATE_FIELDS})
 
 
 def gathered(

@@ -16,8 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.evaluation.class_changes import Repetition, as_it_began
-from tactile_ros.evaluation.follow import gathered
+from tactile_ros.evaluation.follow import batch_of, gathered
 from tactile_ros.evaluation.live_baselines import baselines_by_row
+from tactile_ros.frame_guard import FrameGuard
 from tactile_ros.types import STATE_FIELDS, ContactState, ContactStates, Frame, Recording
 
 if TYPE_CHECKING:
@@ -130,9 +131,10 @@ def replay(
         single = single_cost(recording, pipeline, clock_ns)
         return Replayed(states, single, None, problems, batch)
     rows = np.arange(len(recording)) if live is None else np.unique(live.rows)
-    singles, micro = _process(recording, rows, loaded.baselines, pipeline, changes, clock_ns)
-    problems += tuple(changes.problems)
-    found = [_as_batch(state) for state in singles]
+    guard = FrameGuard(pipeline)
+    singles, micro = _process(recording, rows, loaded.baselines, guard, changes, clock_ns)
+    problems += (*changes.problems, *guard.problems)
+    found = [batch_of(state) for state in singles]
     states = gathered(found, rows, len(recording), recording.layout.shape[0])
     if live is None:
         return Replayed(states, micro, None, problems)
@@ -171,10 +173,11 @@ def single_cost(
     """Wall time of one frame processed alone (microseconds): the median of some frames."""
     spent = []
     pipeline.reset()
+    guard = FrameGuard(pipeline)
     for row in range(min(len(recording), frames)):
         frame = recording.frame(row)
         begin = clock_ns()
-        pipeline.process(frame)
+        guard.process(frame)
         spent.append(clock_ns() - begin)
     return float(np.median(spent)) / 1000 if spent else float('nan')
 
@@ -214,7 +217,7 @@ def _process(
     recording: Recording,
     rows: Integers,
     baselines: Sequence[Frame],
-    pipeline: Pipeline,
+    guard: FrameGuard,
     changes: Repetition,
     clock_ns: Callable[[], int],
 ) -> tuple[list[ContactState], float]:
@@ -224,25 +227,22 @@ def _process(
     """
     streams = np.cumsum(recording.restarts)
     waiting = baselines_by_row(recording, rows, baselines)
-    found, spent, last = [], [], -1
+    found, spent, last, pipeline = [], [], -1, guard.pipeline
     for row in rows.tolist():
         frame = recording.frame(row)
-        if last < 0 or streams[row] != streams[last]:
+        begins = last < 0 or streams[row] != streams[last]
+        if begins:
             pipeline.reset()
         for baseline in waiting.get(row, []):
             pipeline.tare([baseline], doubted=False)  # also an equal one: a tare restarts memory
-        changes.before(frame, pipeline)
+        if changes.before(frame, pipeline) or begins or row in waiting:
+            guard.begin()
         begin = clock_ns()
-        found.append(pipeline.process(frame))
+        found.append(guard.process(frame))
         spent.append(clock_ns() - begin)
         changes.after(frame, pipeline)
         last = row
     return found, float(np.median(spent)) / 1000 if spent else float('nan')
-
-
-def _as_batch(state: ContactState) -> ContactStates:
-    """A batch of one."""
-    return ContactStates(**{name: np.asarray(getattr(state, name))[None] for name in STATE_FIELDS})
 
 
 def compare(live: ContactStates, rows: Integers, states: ContactStates, samples: int) -> Agreement:

@@ -151,7 +151,8 @@ class _Sensor:
             said = calibration_problems(digests, self.followers[name].pipeline)
             answers.append(replace(
                 answer, us_single=self.singles.get(name, float('nan')),
-                problems=(*said, *left_out(answer.agreement), *unjudged_targets(answer)),
+                problems=(*said, *self.followers[name].guard.problems,
+                          *left_out(answer.agreement), *unjudged_targets(answer)),
             ))  # fmt: skip
         return without_latency(SensorTally(
             pieces.name, source, tuple(answers), pieces.count, pieces.dropped,

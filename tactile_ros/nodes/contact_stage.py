@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.nodes.frame_guard import FrameGuard
+from tactile_ros.frame_guard import FrameGuard
 from tactile_ros.types import Frame, FrameStatus, TaxelStatus
 
 if TYPE_CHECKING:

@@ -44,12 +44,17 @@ class Playing:
         Raises
         ------
         ValueError
-            If no bag is named.
+            If no bag is named, the rate is not above 0 or the delay is below.
         """
         if not self.bag:
             msg = 'bag must be the folder of a bag; received none'
             raise ValueError(msg)
-        pace = ['--clock', '--rate', str(self.rate), '--delay', str(self.delay)]
+        if not (self.rate > 0 and self.delay >= 0):
+            msg = f'rate must be above 0 and delay 0 or more; received {self.rate}, {self.delay}'
+            raise ValueError(msg)
+        pace = ['--clock', '--rate', str(self.rate)]
+        pace += ['--delay', str(self.delay)] if self.delay else []  # the player refuses 0
+        pace += ['--wait-for-all-acked', '5000']  # ms: Fast DDS asks for it every 3 s
         return ['ros2', 'bag', 'play', self.bag, *pace, '--topics', *self.topics]
 
 

@@ -18,11 +18,8 @@ from tactile_ros.simulation.objects import balloon
 from tactile_ros.simulation.soft_hand import REACH
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from tactile_ros.simulation.fingertip import Fingertip
-    from tactile_ros.simulation.hand_model import HandModel
-    from tactile_ros.simulation.hand_world import Decided, GraspStage
+    from tactile_ros.simulation.hand_world import Decided, Rig
     from tactile_ros.types import Array, Bools, ContactState, Frame, Recording
 
 FAR, NEAR = 0.1, 0.014  # m
@@ -125,34 +122,21 @@ class BalloonScene:
 
     Parameters
     ----------
-    hand : HandModel
-        The soft hand.
-    tips : mapping of str to Fingertip
-        The thumb's gradiometer, tared.
-    stage : GraspStage
-        Of the same hand, with the thumb alone.
-    rate_hz : float
-        Of the stage (Hz).
+    rig : Rig
+        The soft hand, with the thumb's gradiometer alone.
     pixel : SinglePixel or None
         Read so; None: by the pipeline.
     """
 
-    def __init__(
-        self,
-        hand: HandModel,
-        tips: Mapping[str, Fingertip],
-        stage: GraspStage,
-        rate_hz: float,
-        pixel: SinglePixel | None = None,
-    ) -> None:
+    def __init__(self, rig: Rig, pixel: SinglePixel | None = None) -> None:
         thing = balloon(SOFT, LOSSES, (0.0, REACH, 0.0)) + MAGNET
-        self.world = HandWorld(hand, thing, tips, stage, rate_hz, field=self._field)
-        (self._finger,) = tips
+        self.world = HandWorld(rig, thing, field=self._field)
+        (self._finger,) = rig.tips
         self._begins = np.inf
         self._rows: list[tuple[float, float, float, bool]] = []
         self._pixel = pixel
         if pixel is not None:
-            pixel.tare(tips[self._finger].frame)
+            pixel.tare(rig.tips[self._finger].frame)
             self.world.read_force = self._one_pixel
 
     def _one_pixel(self, _: str, tip: Fingertip, __: ContactState) -> tuple[Array, bool]:

@@ -22,11 +22,8 @@ from tactile_ros.simulation.hand_world import HandWorld
 from tactile_ros.simulation.objects import STILL, solid
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from tactile_ros.simulation.fingertip import Fingertip
     from tactile_ros.simulation.hand_model import HandModel
-    from tactile_ros.simulation.hand_world import Decided, GraspStage
+    from tactile_ros.simulation.hand_world import Decided, Rig
     from tactile_ros.types import Array
 
 KINDS = ('cube', 'sphere', 'mouse')
@@ -178,34 +175,20 @@ class GraspScene:
 
     Parameters
     ----------
-    hand : HandModel
-        Any.
-    tips : mapping of str to Fingertip
-        Tared.
-    stage : GraspStage
-        Of the same hand.
-    rate_hz : float
-        Of the stage (Hz).
+    rig : Rig
+        With any hand.
     kind : str
         Of the object.
     seed : int
         Of its pose and the pull.
     """
 
-    def __init__(
-        self,
-        hand: HandModel,
-        tips: Mapping[str, Fingertip],
-        stage: GraspStage,
-        rate_hz: float,
-        kind: str,
-        seed: int,
-    ) -> None:
+    def __init__(self, rig: Rig, kind: str, seed: int) -> None:
         self._rng = np.random.default_rng([seed, KINDS.index(kind)])
-        self._config = next(iter(tips.values())).skin.config
-        place, turn = random_pose(hand, kind, self._rng)
+        self._config = next(iter(rig.tips.values())).skin.config
+        place, turn = random_pose(rig.hand, kind, self._rng)
         thing = solid(kind, MASS, tuple(place), tuple(turn))
-        self.world = HandWorld(hand, thing, tips, stage, rate_hz, STILL, self._on_pad)
+        self.world = HandWorld(rig, thing, STILL, self._on_pad)
         direction = self._rng.normal(size=3)
         self._pulls = PULL * direction / np.linalg.norm(direction)
         self._object = self.world.data.body('object').id

@@ -83,21 +83,37 @@ class Felt:
     state: ContactState
 
 
-class HandWorld:
-    """A hand, an object and the loop.
+@dataclass(frozen=True)
+class Rig:
+    """A hand with all that feels and moves it.
 
-    Parameters
+    Attributes
     ----------
     hand : HandModel
         The hand.
-    objects : str
-        MJCF of what is grasped.
     tips : mapping of str to Fingertip
         By sensor, tared; the order is that of the stage's fingers.
     stage : GraspStage
         That controls, of the same hand.
     rate_hz : float
         Of the controller (Hz).
+    """
+
+    hand: HandModel
+    tips: Mapping[str, Fingertip]
+    stage: GraspStage
+    rate_hz: float
+
+
+class HandWorld:
+    """A hand, an object and the loop.
+
+    Parameters
+    ----------
+    rig : Rig
+        The hand, its sensors and its controller.
+    objects : str
+        MJCF of what is grasped.
     rest : str
         MJCF beside `worldbody` of the objects.
     place : callable or None
@@ -124,21 +140,19 @@ class HandWorld:
 
     def __init__(
         self,
-        hand: HandModel,
+        rig: Rig,
         objects: str,
-        tips: Mapping[str, Fingertip],
-        stage: GraspStage,
-        rate_hz: float,
         rest: str = '',
         place: Callable[[Array, Array], Array] | None = None,
         field: Callable[[float, Array, Array], Array] | None = None,
     ) -> None:
+        hand, tips = rig.hand, rig.tips
         self.engine = load_engine()
         text = scene_text(hand.bodies + objects, hand.rest + rest)
         self.model = self.engine.MjModel.from_xml_string(text)
         self.data = self.engine.MjData(self.model)
-        self.hand, self.tips, self.stage = hand, tips, stage
-        self.rate_hz = rate_hz
+        self.hand, self.tips, self.stage = hand, tips, rig.stage
+        self.rate_hz = rig.rate_hz
         self.felt: dict[str, Felt] = {}
         self.steps = 0
         self.read_force: Callable[[str, Fingertip, ContactState], tuple[Array, bool]] = _as_told
@@ -153,7 +167,7 @@ class HandWorld:
         self._sites = {name: self.model.site(hand.pads[name]).id for name in tips}
         self._waiting: deque[tuple[float, Array, float]] = deque()
         self._line: tuple[float, Array, Array, float] | None = None
-        self._ticks = round(1.0 / rate_hz / self.model.opt.timestep)
+        self._ticks = round(1.0 / rig.rate_hz / self.model.opt.timestep)
         rates = {round(1.0 / tip.frame_rate / self.model.opt.timestep) for tip in tips.values()}
         (self._sensor_ticks,) = rates
         self.put(hand.description.posture('open', np.zeros(len(joints))))

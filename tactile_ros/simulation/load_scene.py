@@ -17,11 +17,7 @@ from tactile_ros.simulation.objects import CUBE, STILL, solid
 from tactile_ros.simulation.parallel_hand import OPEN
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from tactile_ros.simulation.fingertip import Fingertip
-    from tactile_ros.simulation.hand_model import HandModel
-    from tactile_ros.simulation.hand_world import Decided, GraspStage
+    from tactile_ros.simulation.hand_world import Decided, Rig
     from tactile_ros.types import Array
 
 KINDS = ('heavier', 'slippery')
@@ -104,32 +100,19 @@ class LoadScene:
 
     Parameters
     ----------
-    hand : HandModel
-        The parallel hand.
-    tips : mapping of str to Fingertip
-        Tared.
-    stage : GraspStage
-        Of the same hand.
-    rate_hz : float
-        Of the stage (Hz).
+    rig : Rig
+        With the parallel hand.
     handling : Handling
         What happens.
     """
 
-    def __init__(
-        self,
-        hand: HandModel,
-        tips: Mapping[str, Fingertip],
-        stage: GraspStage,
-        rate_hz: float,
-        handling: Handling,
-    ) -> None:
+    def __init__(self, rig: Rig, handling: Handling) -> None:
         self.handling = handling
-        self.world = HandWorld(hand, solid('cube', handling.mass), tips, stage, rate_hz, STILL)
+        self.world = HandWorld(rig, solid('cube', handling.mass), STILL)
         self.world.before_step = self._load
         self._object = self.world.data.body('object').id
         self._inertia = self.world.model.body_inertia[self._object] / handling.mass
-        self._pads = [self.world.model.geom(pad).id for pad in hand.pads.values()]
+        self._pads = [self.world.model.geom(pad).id for pad in rig.hand.pads.values()]
         self._begins = np.inf
         self._rows: list[list[float]] = []
         self.world.put(np.full(FINGERS, OPEN - 0.5 * CUBE - NEAR))

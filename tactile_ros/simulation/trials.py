@@ -18,12 +18,13 @@ from tactile_ros.simulation.allegro_hand import allegro_hand
 from tactile_ros.simulation.balloon_scene import BalloonScene, SinglePixel
 from tactile_ros.simulation.fingertip import AVERAGED, Fingertip
 from tactile_ros.simulation.grasp_scene import GraspScene
+from tactile_ros.simulation.hand_world import Rig
 from tactile_ros.simulation.load_scene import FRICTION, LoadScene
 from tactile_ros.simulation.parallel_hand import parallel_hand
 from tactile_ros.simulation.soft_hand import soft_hand
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from tactile_ros.hands import HandDescription
     from tactile_ros.pipeline import Pipeline
@@ -125,14 +126,17 @@ class Trials:
         config = GradiometerConfig(full_scale=GENTLE, rate_hz=skins.RATE_HZ)
         return SinglePixel(skins.gradiometer_presses(config, self._seed))
 
+    def _rig(self, hand: HandModel, tips: Mapping[str, Fingertip], config: GripConfig) -> Rig:
+        stage = self._make_stage(hand.description, config, list(tips))
+        return Rig(hand, tips, stage, config.rate_hz)
+
     def balloon(self, single: bool, film: Watcher = unseen) -> Held:
         """A balloon while a magnet comes: the thumb told by its pipeline, or by one pixel."""
         hand = soft_hand()
         config = soft_config(hand)
         with Tips(self.gentle, ['thumb'], 0) as tips:
-            stage = self._make_stage(hand.description, config, ['thumb'])
             pixel = self._single_pixel() if single else None
-            scene = BalloonScene(hand, tips, stage, config.rate_hz, pixel)
+            scene = BalloonScene(self._rig(hand, tips, config), pixel)
             scene.world.watchers.append(film)
             return scene.hold()
 
@@ -163,8 +167,7 @@ class Trials:
         film: Watcher,
     ) -> Grasped:
         with Tips(made_of, list(hand.pads), seed) as tips:
-            stage = self._make_stage(hand.description, config, list(tips))
-            scene = GraspScene(hand, tips, stage, config.rate_hz, kind, seed)
+            scene = GraspScene(self._rig(hand, tips, config), kind, seed)
             scene.world.watchers.append(film)
             return scene.grasp(force)
 
@@ -172,8 +175,7 @@ class Trials:
         """The parallel hand holds a load that changes."""
         hand = parallel_hand(rate_hz=grip.config.rate_hz)
         with Tips(self.strong, list(hand.pads), seed) as tips:
-            stage = self._make_stage(hand.description, grip.config, list(tips))
-            scene = LoadScene(hand, tips, stage, grip.config.rate_hz, handling)
+            scene = LoadScene(self._rig(hand, tips, grip.config), handling)
             scene.world.watchers.append(film)
             return scene.carry(grip.force, grip.adapt)
 

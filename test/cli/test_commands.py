@@ -297,6 +297,8 @@ def test_config_yaml_changes_fields_and_refuses_others(tmp_path: Path) -> None:
     path.write_text('rate_hz: 250.0\nsaturation: [0.0066, 0.0066, 0.0106]\n')
     config = read_config(spec, path)
     assert config.rate_hz == 250.0
+    path.write_text('rate_hz: 2.5e2\n')  # a text, says yaml
+    assert read_config(spec, path).rate_hz == 250.0
     assert np.allclose(config.saturation, [0.0066, 0.0066, 0.0106])
     refused = {
         'nonsense: 1\n': "must map .*rate_hz.*received .'nonsense'",

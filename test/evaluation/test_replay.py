@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from array import array
+from copy import deepcopy
 from dataclasses import replace
 from itertools import count
 from typing import TYPE_CHECKING
@@ -16,7 +17,7 @@ from tactile_ros.evaluation.sensor_tally import tally_bag
 from tactile_ros.messages import fill_contacts
 from tactile_ros.nodes.contact_stage import ContactStage
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import STATE_FIELDS, ContactStates, Frame, Recording
+from tactile_ros.types import STATE_FIELDS, ContactStates, Frame, Recording, TaxelStatus
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -236,6 +237,42 @@ def test_lists_of_patches_may_have_any_length() -> None:
     found = compare(one, np.array([0]), two, 1)
     assert found.differences['contacts_id'] == 0
     assert found.differences['contacts_position'] == 0
+
+
+@pytest.mark.parametrize('fails_live', [True, False])
+def test_a_frame_that_fails_costs_itself_alone(
+    fails_live: bool, spatial: Recording, fitted: Pipeline, make: SimpleNamespace, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    frames, failing = live_frames(spatial, 30), [0, 20, 21, 100, 329]
+    stamps = [frames[row].stamp_ns for row in failing]
+    kind, fresh = type(fitted.estimation), deepcopy(fitted)
+    healthy = kind.estimate
+
+    def estimate(self: object, signals: Signals, memory: object) -> Columns:
+        """Fails at frames that count as lost, too, and when it has changed its memory."""
+        known = healthy(self, signals, memory)
+        if np.isin(signals.stamp_ns, stamps).any():
+            msg = 'Singular matrix'
+            raise np.linalg.LinAlgError(msg)
+        return known
+
+    if fails_live:
+        monkeypatch.setattr(kind, 'estimate', estimate)
+    path = record(tmp_path / 'bag', make, fitted, frames, {60: True, 200: True})
+    monkeypatch.setattr(kind, 'estimate', estimate)
+    (loaded,) = load(path).recordings
+    slow = replay(loaded, deepcopy(fresh))
+    (answer,) = tally_bag(path, {'c': fresh})[0].answers
+    said = '5 frames cannot be estimated and count as lost (LinAlgError: Singular matrix)'
+    assert said in slow.problems
+    assert said in answer.problems
+    assert np.flatnonzero(~slow.states.valid).tolist() == failing
+    assert (slow.states.taxel_status[failing] & TaxelStatus.ERROR).all()
+    assert np.isfinite(answer.us_single)
+    for agreement in (slow.agreement, answer.agreement):
+        assert agreement.frames == 330
+        assert (agreement.largest <= 1e-12) == fails_live
 
 
 def test_an_empty_live_run_compares_nothing(spatial: Recording, fitted: Pipeline) -> None:

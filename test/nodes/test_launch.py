@@ -99,7 +99,7 @@ STAND_INS = {
                'LaunchDescriptionEntity': object},
     'launch.actions': {'DeclareLaunchArgument': Argument, 'OpaqueFunction': Record,
                        'ExecuteProcess': Process, 'RegisterEventHandler': Record,
-                       'Shutdown': Record},
+                       'Shutdown': Record, 'TimerAction': Record},
     'launch.event_handlers': {'OnProcessExit': Record},
     'launch.substitutions': {'LaunchConfiguration': Configuration},
     'launch_ros': {},
@@ -189,7 +189,7 @@ def test_a_parent_frame_adds_a_transform() -> None:
 
 
 def test_replay_plays_what_the_sensor_said() -> None:
-    contact, player, _ = actions(module_of('replay.launch.py'), bag='bag', namespace='thumb')
+    contact, player, ending = actions(module_of('replay.launch.py'), bag='bag', namespace='thumb')
     assert contact.node_executable == 'contact_node'
     words = [part.text for word in player.cmd for part in word]
     assert words == Playing('bag', namespace='thumb').command()
@@ -198,6 +198,10 @@ def test_replay_plays_what_the_sensor_said() -> None:
     if isinstance(contact, Record):
         assert contact.named['namespace'] == 'thumb'
         assert contact.named['parameters'] == [{'use_sim_time': True}]
+        (ended,) = ending.given
+        assert ended.named['target_action'] is player
+        (wait,) = ended.named['on_exit']
+        assert wait.named['period'] > 0  # for what the node has not taken yet
 
 
 def test_every_choice_of_a_replay_is_a_described_argument() -> None:
@@ -209,6 +213,17 @@ def test_every_choice_of_a_replay_is_a_described_argument() -> None:
 def test_a_replay_needs_a_bag() -> None:
     with pytest.raises(ValueError, match='bag must be the folder of a bag'):
         Playing().command()
+
+
+@pytest.mark.parametrize('wrong', [{'rate': 0.0}, {'rate': float('nan')}, {'delay': -1.0}])
+def test_a_replay_refuses_what_the_player_refuses(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match='rate must be above 0 and delay 0 or more'):
+        Playing('bag', **wrong).command()
+
+
+def test_a_replay_without_a_delay_names_none() -> None:
+    assert '--delay' in Playing('bag').command()
+    assert '--delay' not in Playing('bag', delay=0.0).command()
 
 
 def test_a_replay_runs_the_node_on_the_clock_of_the_bag() -> None:

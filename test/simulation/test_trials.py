@@ -19,7 +19,7 @@ from tactile_ros.simulation.engine import load_engine, scene_text
 from tactile_ros.simulation.film import Film
 from tactile_ros.simulation.fingertip import AVERAGED, Fingertip
 from tactile_ros.simulation.grasp_scene import Touched, mistaken, named
-from tactile_ros.simulation.hand_world import HandWorld, message
+from tactile_ros.simulation.hand_world import HandWorld, Rig, message
 from tactile_ros.simulation.load_scene import Handling
 from tactile_ros.simulation.objects import solid
 from tactile_ros.simulation.parallel_hand import LAG, parallel_hand
@@ -94,10 +94,8 @@ def test_two_fingers_hold_a_cube_by_what_their_bytes_say(trials: Trials) -> None
     config = fitted(GripConfig(), hand)
     commands, phases = [], []
     with Tips(trials.strong, list(hand.pads), 3) as tips:
-        world = HandWorld(
-            hand, solid('cube', MASS, (0.0, 0.0, -0.0)), tips, stage(hand.description, config, []),
-            config.rate_hz,
-        )  # fmt: skip
+        rig = Rig(hand, tips, stage(hand.description, config, []), config.rate_hz)
+        world = HandWorld(rig, solid('cube', MASS, (0.0, 0.0, -0.0)))
         world.put(np.full(2, 0.0145))
         cube = world.data.body('object').id
 
@@ -167,9 +165,8 @@ def test_the_field_of_the_magnet_is_that_of_the_figure(trials: Trials) -> None:
     hand = soft_hand()
     with Tips(trials.gentle, ['thumb'], 0) as tips:
         config = GripConfig(rate_hz=25.0)
-        scene = balloon_scene.BalloonScene(
-            hand, tips, stage(hand.description, config, ['thumb']), config.rate_hz
-        )
+        rig = Rig(hand, tips, stage(hand.description, config, ['thumb']), config.rate_hz)
+        scene = balloon_scene.BalloonScene(rig)
         assert not scene._field(0.0, np.zeros((1, 3)), np.eye(3)).any()
         share = (balloon_scene.FAR - 0.05) / (balloon_scene.FAR - balloon_scene.NEAR)
         scene._begins = -share * balloon_scene.COMES
@@ -250,9 +247,8 @@ def test_a_film_says_in_one_sentence_that_nothing_can_draw(
     film = Film(10.0)
     hand = parallel_hand()
     with Tips(trials.strong, list(hand.pads), 0) as tips:
-        world = HandWorld(
-            hand, solid('cube', MASS), tips, stage(hand.description, GripConfig(), []), 100.0
-        )
+        rig = Rig(hand, tips, stage(hand.description, GripConfig(), []), 100.0)
+        world = HandWorld(rig, solid('cube', MASS))
         with pytest.raises(MissingPackageError, match='need OpenGL without a screen'):
             film(world)
 

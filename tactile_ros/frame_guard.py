@@ -39,11 +39,16 @@ class FrameGuard:
     ----------
     failures : int
         Frames that could not be estimated.
+    reason : str
+        Why the first of them could not; empty: there is none.
     """
 
-    def __init__(self, pipeline: Pipeline, on_failure: Callable[[str], None]) -> None:
+    def __init__(
+        self, pipeline: Pipeline, on_failure: Callable[[str], None] = lambda _: None
+    ) -> None:
         self.pipeline = pipeline
         self.failures = 0
+        self.reason = ''
         self._on_failure = on_failure
         self.begin()
 
@@ -51,6 +56,12 @@ class FrameGuard:
         """Go back no further than to now."""
         self._kept = deepcopy(self.pipeline.stream)
         self._since: list[Frame] = []
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """A sentence where frames failed."""
+        said = f'{self.failures} frames cannot be estimated and count as lost ({self.reason})'
+        return (said,) if self.failures else ()
 
     def process(self, frame: Frame) -> ContactState:
         """Estimate from the next frame; one that fails has the status ERROR at every taxel.
@@ -91,10 +102,9 @@ class FrameGuard:
 
     def _lost(self, frame: Frame, err: Exception) -> ContactState:
         """State of a frame that failed; its replay sees the same."""
-        self.failures += 1
-        self._on_failure(
-            f'a frame cannot be estimated and counts as lost ({type(err).__name__}: {err})'
-        )
+        reason = f'{type(err).__name__}: {err}'
+        self.failures, self.reason = self.failures + 1, self.reason or reason
+        self._on_failure(f'a frame cannot be estimated and counts as lost ({reason})')
         self._go_back()
         taxels = self.pipeline.layout.shape[0]
         try:
@@ -123,15 +133,16 @@ def _unknown(taxels: int) -> ContactState:
 
 
 def joined(frames: Sequence[Frame], layout: Layout) -> Recording:
-    """Frames of one stretch as a recording; chips tell temperatures in all of them or in none."""
+    """Frames of one stretch, with stamps, as a recording; temperatures are in all or in none."""
     clean = np.zeros(layout.shape[0], np.uint8)
     told = any(frame.status is not None for frame in frames)
-    warm = frames[0].temperature_c is not None
+    stamps = [frame.stamp_ns for frame in frames if frame.stamp_ns is not None]
+    chips = [frame.temperature_c for frame in frames if frame.temperature_c is not None]
     return Recording.from_arrays(
         layout,
         np.stack([frame.values for frame in frames]),
-        [frame.stamp_ns for frame in frames],
-        temperature_c=np.stack([frame.temperature_c for frame in frames]) if warm else None,
+        stamps,
+        temperature_c=np.stack(chips) if chips else None,
         status=np.stack([clean if f.status is None else f.status for f in frames])
         if told
         else None,

@@ -1,0 +1,198 @@
+"""Every example of --help runs on small real input, or says why it is parsed alone."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from dataclasses import replace
+from itertools import count, pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from tactile_ros.cli import calibrate, view
+from tactile_ros.cli.main import main
+from tactile_ros.errors import MissingPackageError
+from tactile_ros.evaluation import browser
+from tactile_ros.evaluation.benchmark import BenchResult, Row
+from tactile_ros.evaluation.sources import load_source
+from tactile_ros.sensors import load_sensor
+from tactile_ros.types import STATE_FIELDS
+from test.reference import enrolled_skin
+from test.reference.help_examples import examples
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from tactile_ros.evaluation.loaded import LoadedRecording
+    from tactile_ros.pipeline import Pipeline
+    from tactile_ros.types import Recording
+
+BENCHES = Path(__file__).parents[2] / 'benchmarks'
+STEP_NS = 10_000_000
+START_NS = 1_700_000_000_000_000_000
+MOST_ROWS = 1200
+SHOWN = 20  # frames, after which whoever looks presses Ctrl-C
+GRAPH = 'starts the ROS graph for half a minute or more: '
+LIVE = 'needs running nodes: '
+LONG = 'measures for minutes to hours: `make bench` runs it'
+# test_docs.py has their own parsers take them
+PARSED_ALONE = {
+    'tactile demo': GRAPH + '`make demo`',
+    'tactile demo --output out/other --seed 1': GRAPH + '`make demo`',
+    'tactile demo --sensor gradiometer': GRAPH + 'cut short in test_twin_demo.py',
+    'tactile demo --sensor taxel_array --json': GRAPH + 'cut short in test_twin_demo.py',
+    'tactile demo grasp': 'simulates for minutes; its scenes are run in test/simulation',
+    'tactile doctor --sensor magnet_pad --set buses=[/dev/i2c-3] --probe --json':
+        'asks real buses; test_doctor.py asks a simulated one',
+    'tactile enrol mug --presses 3': LIVE + 'test/nodes/test_enrolment.py',
+    'tactile enrol mug --namespace thumb --replace': LIVE + 'test/nodes/test_enrolment.py',
+    'tactile enrol mug --forget': LIVE + 'test/nodes/test_enrolment.py',
+    'tactile record -o out/my_bag': LIVE + 'test_commands.py, test/nodes/test_roads.py',
+    'tactile record -o out/thumb --namespace thumb --seconds 20': LIVE + 'test_commands.py',
+    'tactile replay bags/* --calibration a.npz --scheduler tcp://10.0.0.1:8786':
+        'needs a Dask cluster; test/evaluation/test_fleet.py starts one',
+    'tactile view': LIVE + 'test/nodes/test_watch.py',
+    'tactile view --namespace thumb --namespace index': LIVE + 'test/nodes/test_watch.py',
+    'tactile bench reskin': LONG,
+    'tactile bench devices --quick': LONG,
+    'tactile bench fidelity --figures docs/images': LONG,
+    'tactile bench all --jobs 2': LONG,
+    'tactile bench roads --quick --json': LONG,
+}  # fmt: skip
+WRITTEN = ('-o', '--save', '--report', '--mcap', '--png')
+
+
+def in_time(recording: Recording) -> Recording:
+    """The same as a stream of 100 Hz, with the truth that a message holds."""
+    rows = np.arange(len(recording))
+    truth = {name: value for name, value in recording.truth.items() if name in STATE_FIELDS}
+    stamp_ns = START_NS + STEP_NS * rows
+    return replace(recording, stamp_ns=stamp_ns, sequence=rows, stream=None, truth=truth)
+
+
+def write_bags(folder: Path, recording: Recording, pipeline: Pipeline) -> None:
+    """Bags of live runs, as a recorder hears them."""
+    write_bag = load_source(BENCHES / 'replay.py', 'a test').write_bag
+    for number, name in enumerate(('out/demo/bags/place', 'bags/one', 'bags/two', 'my_bag')):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        part = recording.select(slice(160 * number, 160 * number + 160))
+        write_bag(folder / name, pipeline, in_time(part))
+
+
+@pytest.fixture(scope='module')
+def place(tmp_path_factory: pytest.TempPathFactory, taught_skin: Path) -> Path:
+    """A folder with all that the examples name."""
+    folder = tmp_path_factory.mktemp('examples')
+    spec = load_sensor('reskin_board')
+    spatial = spec.recordings()['spatial']
+    pipeline = spec.pipeline(estimator='ridge').fit(spatial.select(slice(0, 800)))
+    (folder / 'out/demo/calibrations').mkdir(parents=True)
+    for name in ('out/demo/calibrations/place.npz', 'a.npz', 'b.npz'):
+        pipeline.save(folder / name)
+    write_bags(folder, spatial.select(slice(800, None)), pipeline)
+    skin = enrolled_skin.SPEC.load(taught_skin)
+    skin.save(folder / 'skin.npz')
+    write_bag = load_source(BENCHES / 'replay.py', 'a test').write_bag
+    write_bag(folder / 'out/my_bag', skin, in_time(enrolled_skin.new_head(3)))
+    (folder / 'my_board.yaml').write_text('rate_hz: 100.0\n')
+    (folder / 'my_pad.yaml').write_text('shear_modulus: 4.0e4\n')
+    rows = [
+        Row(method, 'mm', error, aim=0.5, us_single=us, compared='place', method=method)
+        for method, error, us in (('ridge', 0.4, 60.0), ('kNN', 0.7, 20.0))
+    ]
+    for name in ('reskin', 'devices'):
+        BenchResult(name, f'tactile bench {name}', [0], rows).write(folder / 'benchmarks/results')
+    return folder
+
+
+@pytest.fixture
+def port() -> Iterator[str]:
+    """Where a simulated board sends its bytes."""
+    spec = load_sensor('reskin_board')
+    with spec.simulate(spec.config(), spec.connection(), None, 0) as twin:
+        yield twin.port
+
+
+@pytest.fixture(autouse=True)
+def somebody_looks_for_a_moment(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A live view ends by Ctrl-C; its twin is not learned from, which takes seconds."""
+    monkeypatch.setattr(view, 'fitted', lambda spec, config, _: spec.pipeline(config))
+    seen, show = count(1), view.Viewer.show
+
+    def stop(*what: object) -> None:
+        show(*what)
+        if next(seen) >= SHOWN:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(view.Viewer, 'show', stop)
+
+
+@pytest.fixture(autouse=True)
+def few_rows_are_learned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A shipped recording is as long as `MOST_ROWS`."""
+    whole = calibrate.find
+
+    def first(*what: object) -> tuple[list[LoadedRecording], list[str]]:
+        found, problems = whole(*what)
+        part = slice(0, MOST_ROWS)
+        return [replace(one, recording=one.recording.select(part)) for one in found], problems
+
+    monkeypatch.setattr(calibrate, 'find', first)
+
+
+def typed(line: str, port: str) -> list[str]:
+    """Words as a shell gives them; the board's port is the twin's, and nothing takes long."""
+    words = []
+    for word in shlex.split(line)[1:]:
+        found = sorted(map(str, Path().glob(word))) if '*' in word else [word]
+        assert found, f'nothing is {word}'
+        words += [port if name == '/dev/ttyACM0' else name for name in found]
+    if words[0] == 'doctor' and '--sensor' in words:
+        words += ['--seconds', '0.3']
+    if words[0] == 'replay':
+        words += ['--jobs', '1']  # no processes, which take seconds to start
+    if words[0] == 'view' and '--mcap' not in words:
+        words += ['--port', '0']  # that of the viewer may be in use
+    return words
+
+
+def code_of(words: list[str]) -> int:
+    """Exit code of the command."""
+    try:
+        return main(words)
+    except SystemExit as stop:  # of --help
+        return int(stop.code or 0)
+
+
+@pytest.mark.parametrize('line', [line for line in examples() if line not in PARSED_ALONE])
+def test_an_example_runs(
+    line: str, place: Path, port: str, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    if ' view ' in line:
+        pytest.importorskip('foxglove')
+    if '--png' in line:
+        try:
+            browser.find_browser()
+        except MissingPackageError as missing:
+            pytest.skip(str(missing))
+    monkeypatch.chdir(place)
+    words = typed(line, port)
+    nothing_is_connected = int(line == 'tactile doctor')  # on most machines that run this
+    code = code_of(words)
+    printed = capsys.readouterr()
+    assert code <= nothing_is_connected, printed.err
+    assert 'left out' not in printed.err
+    if '--json' in words:
+        assert json.loads(printed.out)
+    for option, name in pairwise(words):
+        if option in WRITTEN:
+            assert list(place.glob(f'{name}*')), f'{name} was not written'
+
+
+def test_what_is_parsed_alone_is_an_example_with_a_reason() -> None:
+    assert set(PARSED_ALONE) <= set(examples())
+    assert all(len(reason) > 20 for reason in PARSED_ALONE.values())
