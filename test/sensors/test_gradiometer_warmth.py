@@ -118,7 +118,7 @@ def warm_signals(chips: np.ndarray, second: np.ndarray) -> Signals:
     )  # fmt: skip
 
 
-def test_a_chip_that_tells_no_temperature_is_as_warm_as_it_was_for_four_seconds() -> None:
+def test_beside_others_a_silent_chip_is_as_warm_as_it_was_for_four_seconds() -> None:
     nan = np.nan
     chips = np.array(
         [[nan, 20], [25, 21], [nan, nan], [nan, 22], [26, nan], [nan, nan], [nan, 30]]
