@@ -156,11 +156,11 @@ def lagging(
         Temperature from the usual one over 25 degrees; standard deviation of its error over that
         of the thermometer's noise (1), and by temperatures that were not told (degrees).
     """
+    age = np.where(np.isfinite(chip), told_ago(signals), np.inf)
     chip = np.where(np.isfinite(chip), chip, usual)
     warm, own = (chip - usual) / UNIT, np.zeros(len(chip)) if unsure is None else unsure
     if signals.stamp_ns is None or memory.history is None or not len(chip):
         return np.stack([warm, np.ones(len(chip)), own], axis=1)
-    age = told_ago(signals)
     if not memory.skipped and np.count_nonzero(age) == 0:  # as usual
         behind = memory.follow(signals.stamp_ns, signals.restart, age > 0, chip)
     else:

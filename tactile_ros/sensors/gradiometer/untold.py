@@ -91,8 +91,6 @@ class LastTold:
 
 def told_ago(signals: Signals) -> Array:
     """For how long (s,) (s) the latest temperature has stood; 0 told now, infinite never."""
-    if signals.temperature_c is None:
-        return np.full(len(signals.good), np.inf)
     if not isinstance(signals, AgedSignals) or signals.age is None:
         return np.zeros(len(signals.good))
     return np.asarray(signals.age.min(axis=1))
