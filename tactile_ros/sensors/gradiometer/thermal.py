@@ -84,7 +84,7 @@ class ThermalMemory:
         assert self.history is not None
         stamp_ns, last_chip = self.last or (int(stamps[0]), float(chip[0]))
         gap = SECONDS_PER_NS * np.diff(stamps, prepend=stamp_ns)
-        soon = (gap > 0) & (gap < float(self.history.time_constants[0]))
+        soon = (gap > 0) & (skipped | (gap < float(self.history.time_constants[0])))
         alike: float | Array = SAME
         if np.count_nonzero(skipped):
             alike = SAME + skipped * 2 * np.interp(gap, self.wander[0], self.wander[1])
@@ -180,6 +180,8 @@ def _bridging(
     if len(rows):
         skipped = np.diff(rows, prepend=-1 - memory.skipped) > 1
         restart = np.diff(restarts[rows + 1], prepend=0) > 0
+        if signals.begins is not None:  # of another stream nothing was skipped
+            skipped &= np.diff(np.cumsum(signals.begins)[rows], prepend=0) == 0
         told = memory.follow(signals.stamp_ns[rows], restart, skipped, chip[rows])
         states = np.concatenate([states, told])
     last = rows[-1] if len(rows) else -1
