@@ -282,8 +282,7 @@ class GradiometerEstimation:
         if self.reach_ is not None:
             place, rest = x[:, parts['place']], signals.in_contact == 0
             away = self.reach_.beyond(place) * ~rest
-            if np.count_nonzero(away):
-                status |= (away > 0) * _OUTSIDE
+            status |= (away > 0) * _OUTSIDE
             if np.count_nonzero(rest):
                 away = np.where(rest, self.reach_.unfelt(place), away)
             if np.count_nonzero(away):
