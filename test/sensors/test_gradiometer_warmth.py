@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer.memory import StreamMemory
 from tactile_ros.sensors.gradiometer.thermal import UNIT, thermometer_noise
+from tactile_ros.sensors.gradiometer.warm_fit import MOST_FORCES, WarmFit
 from tactile_ros.sensors.gradiometer.warm_rest import WarmRest
 from tactile_ros.signals import Signals
 from tactile_ros.types import Recording
@@ -116,7 +118,7 @@ def warm_signals(chips: np.ndarray, second: np.ndarray) -> Signals:
     )  # fmt: skip
 
 
-def test_a_chip_that_tells_no_temperature_is_as_warm_as_it_was_for_four_seconds() -> None:
+def test_beside_others_a_silent_chip_is_as_warm_as_it_was_for_four_seconds() -> None:
     nan = np.nan
     chips = np.array(
         [[nan, 20], [25, 21], [nan, nan], [nan, 22], [26, nan], [nan, nan], [nan, 30]]
@@ -129,3 +131,13 @@ def test_a_chip_that_tells_no_temperature_is_as_warm_as_it_was_for_four_seconds(
     for i in range(len(chips)):
         one = memory.with_temperatures(warm_signals(chips[i : i + 1], second[i : i + 1]))
         np.testing.assert_array_equal(one.temperature_c, wanted[i : i + 1])
+
+
+def test_a_warm_fit_learns_from_so_many_forces_at_most() -> None:
+    rows = np.arange(5000)
+    nothing = cast('Any', None)
+    readings = cast('Any', SimpleNamespace(change=lambda _: np.zeros((5000, 8))))
+    fit = WarmFit(nothing, readings, nothing, nothing, rows < 0, rows, np.ones((5000, 3)))
+    assert len(fit.told) == MOST_FORCES
+    assert (fit.told[0], fit.told[-1]) == (0, 4999)
+    assert set(np.diff(fit.told)) <= {3, 4}

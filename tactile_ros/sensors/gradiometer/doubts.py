@@ -8,18 +8,21 @@ import numpy as np
 
 from tactile_ros.estimators.polynomial_rows import times
 from tactile_ros.physics.temperature import EXPANSION, REMANENCE_SLOPE
-from tactile_ros.sensors.gradiometer.thermal import UNIT
+from tactile_ros.sensors.gradiometer.outside import ends
+from tactile_ros.sensors.gradiometer.thermal import LEAST_RANGE, UNIT, beyond
 
 if TYPE_CHECKING:
     from tactile_ros.sensors.gradiometer.features import Features
     from tactile_ros.sensors.gradiometer.magnets import NearbyMagnets
     from tactile_ros.signals import Signals
-    from tactile_ros.types import Array
+    from tactile_ros.types import Array, Bools
 
 MANY = 30  # frames of a tare whose noise needs no mention
 SMALL = 0.3  # of the noise: drifts that need none
 WARMER, HIGHER = UNIT * REMANENCE_SLOPE, UNIT * EXPANSION  # of remanence, of the gap
 FEEBLE = 1e-3  # units of temperature
+FEW = 1e-3  # degrees
+OUTSIDE = 0.01  # of a component's spread, for a degree beyond the temperatures of the fit
 
 
 def tare_doubt(
@@ -89,3 +92,45 @@ def warmth_doubt(
         wider[rows] += magnets.shaken(place[rows], cov, wider.shape[1])
         higher = (HIGHER * warm[rows])[:, None] * slope
         wider[rows] += higher[..., None] ** 2 * np.eye(len(slope))
+
+
+def outside_doubt(features: Features, signals: Signals, wider: Array) -> tuple[Bools, Array]:
+    """Add to covariances (s, k, k) what temperatures beyond those of an even fit do.
+
+    Rows (s,) where they are clearly beyond, or may be, and how far temperatures are from the
+    middle of those of an uneven fit (s,), at least 1.
+    """
+    readings = features.readings_
+    outside = beyond(signals, readings.span_)
+    clearly, far = np.maximum(outside - LEAST_RANGE, 0.0), np.ones(len(outside))
+    if not readings.warm_ and np.count_nonzero(clearly):
+        wider += (OUTSIDE * clearly)[:, None, None] ** 2 * np.eye(wider.shape[1])
+    elif readings.warm_ and np.count_nonzero(outside):
+        far = ends(outside, readings.span_)
+    return np.asarray((clearly > 0) | readings.unknown(signals)), far
+
+
+def untold_doubt(
+    features: Features, magnets: NearbyMagnets, signals: Signals, place: Array, field: Array,
+    disc: Array, wider: Array,
+) -> None:  # fmt: skip
+    """Add to covariances (s, k, k) what temperatures do that chips did not tell.
+
+    Parameters are those of `tare_doubt`, the `field` (s, n) (T), and what the temperature of the
+    disc (s,) is wrong by, in the direction in which those of the chips are (degrees).
+    """
+    chips = features.readings_.unsure_chips(signals)
+    if chips is None:
+        if not np.count_nonzero(disc):
+            return
+        chips = np.zeros(signals.values.shape[:2])
+    rows = np.flatnonzero((chips.max(axis=1) > FEW) | (disc > FEW))
+    if len(rows):
+        read = features.readings_.warmer_chips(field[rows], chips[rows])
+        moved, slopes = times(read, features.projection), magnets.slopes(place[rows])
+        count = moved.shape[1]
+        off = (slopes[:, : wider.shape[1], :count] * moved[:, None]).sum(axis=2)
+        if slopes.shape[2] > count:
+            warmer = disc[rows, None] / UNIT
+            off = off + slopes[:, : wider.shape[1], count] * warmer
+        wider[rows] += off[:, :, None] * off[:, None]

@@ -7,6 +7,7 @@ regressors compete on held-out groups. What is left over tells of fields that ar
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,8 +15,8 @@ import numpy as np
 from tactile_ros.conditioning.baseline import learned_doubt
 from tactile_ros.estimators.polynomial_rows import times
 from tactile_ros.regression.head import known_columns
+from tactile_ros.sensors.gradiometer import doubts
 from tactile_ros.sensors.gradiometer.belief import largest, unsay
-from tactile_ros.sensors.gradiometer.doubts import drift_doubt, tare_doubt, warmth_doubt
 from tactile_ros.sensors.gradiometer.features import Features
 from tactile_ros.sensors.gradiometer.magnets import (
     DIRECTIONS,
@@ -29,7 +30,8 @@ from tactile_ros.sensors.gradiometer.readings import at_rest, margins
 from tactile_ros.sensors.gradiometer.stray import Seen, StrayField
 from tactile_ros.sensors.gradiometer.support import unsupported
 from tactile_ros.sensors.gradiometer.target import MODELS, Target, candidates
-from tactile_ros.sensors.gradiometer.thermal import UNIT, beyond
+from tactile_ros.sensors.gradiometer.thermal import UNIT
+from tactile_ros.sensors.gradiometer.untold import lately_told
 from tactile_ros.types import FrameStatus
 
 if TYPE_CHECKING:
@@ -43,7 +45,6 @@ RESPONSES = 400
 DISTURBED, WARMER = 2e-5, 0.02  # T, unit of temperatures: a small field in one difference, a rise
 SIMULATED, DISTANCES, MOMENTS = 900, (10e-3, 20e-3), (-3.0, -1.0)  # m, decades of A m2
 LEAST = 1e-6  # of a component's spread: what noise does at least
-OUTSIDE = 0.01  # of a component's spread, for a degree beyond the temperatures of the fit
 
 
 class GradiometerEstimation:
@@ -102,6 +103,7 @@ class GradiometerEstimation:
             'group' and 'session'.
         """
         signals = StreamMemory(0.0).with_temperatures(signals)
+        signals = replace(signals, good=signals.good & lately_told(signals))
         rest = at_rest(signals, truth)
         stray = np.asarray(truth.get('stray_field', np.full((len(rest), 3), np.nan)), float)
         remembers = self.estimator == 'history'
@@ -187,7 +189,9 @@ class GradiometerEstimation:
         told = [self._answers(one, parts) for one in (x, *moved)]
         slopes = [(one - told[0]) / DISTURBED for one in told[1:]]
         if thermal.shape[1]:
-            warmer = features.table(change, thermal + np.array([WARMER, 0.0]), None, memory)[0]
+            warmer = features.table(change, thermal + np.array([WARMER, 0.0, 0.0]), None, memory)[
+                0
+            ]
             slopes.append((self._answers(warmer, parts) - told[0]) / WARMER)
         field = magnet_fields(self.config.positions, features.uniform_.response_)
         seen = features.uniform_.solve(field.reshape(-1, field.shape[2]))
@@ -263,7 +267,8 @@ class GradiometerEstimation:
         signals = memory.with_temperatures(signals)
         features, config = self.features_, self.config
         change = features.readings_.change(signals)
-        x, parts = features.table(change, features.thermal(signals, memory), signals, memory)
+        thermal = features.thermal(signals, memory)
+        x, parts = features.table(change, thermal, signals, memory)
         status = margins(signals, config, features.readings_.noise) * _SATURATED
         known: Columns = {}
         width = sum(len(target.columns) for target in self.targets_)
@@ -272,27 +277,25 @@ class GradiometerEstimation:
             known['stray_field'] = features.uniform_.solve(change)
         else:
             status |= self._add_stray(known, x, parts, (shift, wider)) * _STRAY
-        outside = beyond(signals, features.readings_.span_)
-        if np.count_nonzero(outside):
-            status |= (outside > 0) * _OUTSIDE
-            wider += (OUTSIDE * outside)[:, None, None] ** 2 * np.eye(width)
+        outside, far = doubts.outside_doubt(features, signals, wider)
+        status |= outside * _OUTSIDE
         if self.reach_ is not None:
             place, rest = x[:, parts['place']], signals.in_contact == 0
             away = self.reach_.beyond(place) * ~rest
-            if np.count_nonzero(away):
-                status |= (away > 0) * _OUTSIDE
+            status |= (away > 0) * _OUTSIDE
             if np.count_nonzero(rest):
                 away = np.where(rest, self.reach_.unfelt(place), away)
             if np.count_nonzero(away):
                 wider += self.reach_.doubt(away)[..., None] ** 2 * np.eye(width)
         if self.magnets_ is not None:
             known_by = features, self.magnets_, signals, x[:, parts['place']]
-            tare_doubt(*known_by, self.doubt_, wider)
-            drift_doubt(*known_by, wider)
+            doubts.tare_doubt(*known_by, self.doubt_, wider)
+            doubts.drift_doubt(*known_by, wider)
+            doubts.untold_doubt(*known_by, x[:, parts['field']], thermal[:, 2:].sum(axis=1), wider)
             if self.reach_ is not None:
-                warmth_doubt(*known_by, x[:, parts['field']], self.reach_.slope_, wider)
+                doubts.warmth_doubt(*known_by, x[:, parts['field']], self.reach_.slope_, wider)
         if self.targets_:
-            self._add_targets(known, x, self._noise(x, parts), (shift, wider))
+            self._add_targets(known, x, self._noise(x, parts), (shift, wider, far))
             status |= unsay(known, self.largest_, signals.in_contact != 0) * _ABSTAINED
         known['status'] = status
         return known
@@ -328,15 +331,15 @@ class GradiometerEstimation:
         return seen.odd
 
     def _add_targets(
-        self, known: Columns, x: Array, noise: Array, spoilt: tuple[Array, Array]
+        self, known: Columns, x: Array, noise: Array, spoilt: tuple[Array, Array, Array]
     ) -> None:
         """Components of all targets (s, 3) and their covariances, NaN where never told."""
-        (shift, wider), drivers = spoilt, self.targets_[0].drive(x)
+        (shift, wider, far), drivers = spoilt, self.targets_[0].drive(x)
         for target, part in self._answered():
             if target.name not in known:
                 known[target.name] = np.full((len(x), 3), np.nan)
                 known[f'{target.name}_cov'] = np.full((len(x), 3, 3), np.nan)
-            mean, cov = target.predict(x, drivers, noise[:, part], shift[:, part])
+            mean, cov = target.predict(x, drivers, noise[:, part], shift[:, part], far)
             cov += wider[:, part, part] * (target.unit_[:, None] * target.unit_)
             index = target.places
             known[target.name][:, index] = mean

@@ -79,7 +79,7 @@ class Features:
 
     def start(self) -> StreamMemory:
         """Fresh memory of a stream."""
-        return StreamMemory(self.lag_)
+        return StreamMemory(self.lag_, self.readings_.wander_)
 
     def fit(
         self, signals: Signals, stray: Array, rest: Bools, touched: Bools, force: Array
@@ -152,13 +152,15 @@ class Features:
         return differences if differences.shape[1] >= 3 and self.config.stray_term else whole
 
     def thermal(self, signals: Signals, memory: StreamMemory) -> Array:
-        """Temperature and its doubt (s, 2); no column where those of the fit were all alike."""
+        """What `lagging` tells (s, 3); no column where temperatures of the fit were all alike."""
         rows = len(signals.good)
         if not self.readings_.warm_:
             return np.zeros((rows, 0))
         chip = chip_temperature(signals)
         chip = np.full(rows, np.nan) if chip is None else chip
-        return lagging(signals, chip, self.readings_.usual_, memory.thermal)
+        unsure = self.readings_.unsure_chips(signals)
+        unsure = None if unsure is None else unsure.mean(axis=1)
+        return lagging(signals, chip, self.readings_.usual_, memory.thermal, unsure)
 
     def table(
         self, change: Array, thermal: Array, signals: Signals | None, memory: StreamMemory
@@ -175,7 +177,7 @@ class Features:
         if self.place_ is not None:
             known['place'], known['rest'], left = self.place_.explain(change, warm)
             known['uniform'] = self.uniform_.solve(left)[:, self.uniform_.seen]
-        known['thermal'], known['doubt'] = thermal[:, :1], thermal[:, 1:]
+        known['thermal'], known['doubt'] = thermal[:, :1], thermal[:, 1:2]
         if self.tilts_ and self.tilted_ is not None:
             known['tilted'] = self.tilted_.invert(change, warm)[0]
         elif self.remembers_ and self.tilted_ is not None:

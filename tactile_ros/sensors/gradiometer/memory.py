@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.conditioning.history import History
 from tactile_ros.sensors.gradiometer.thermal import ThermalMemory
+from tactile_ros.sensors.gradiometer.untold import LastTold
 
 if TYPE_CHECKING:
     from tactile_ros.signals import Signals
-    from tactile_ros.types import Array, Integers
+    from tactile_ros.types import Array
 
 PAST = np.array([0.3, 3.0])  # s, of an elastomer that creeps
-HELD_NS = 4_000_000_000  # in which the temperature that a chip told still stands
 
 
 class StreamMemory:
@@ -25,32 +24,18 @@ class StreamMemory:
     ----------
     lag : float
         Time constant with which the disc follows the chip's temperature (s).
+    wander : ndarray, shape (3, m), or None
+        Of `wandering`; None: temperatures stay as they were while none is told.
     """
 
-    def __init__(self, lag: float) -> None:
-        self.thermal = ThermalMemory(lag)
+    def __init__(self, lag: float, wander: Array | None = None) -> None:
+        self.thermal = ThermalMemory(lag, wander)
         self.places = History(PAST)
-        self._chips: tuple[Array, Integers] | None = None
+        self._last = LastTold()
 
     def with_temperatures(self, signals: Signals) -> Signals:
-        """The same, where a chip told none with the one that it told last, if that is not old."""
-        chips, stamps = signals.temperature_c, signals.stamp_ns
-        if chips is None or stamps is None or not len(stamps):
-            return signals
-        if np.count_nonzero(np.isfinite(chips)) == chips.size:  # as usual
-            self._chips = chips[-1], np.full(chips.shape[1], stamps[-1])
-            return signals
-        first = (np.full(chips.shape[1], np.nan), np.full(chips.shape[1], stamps[0]))
-        last, when = self._chips or first
-        told = np.concatenate([last[None], chips])
-        times = np.concatenate([when[None], np.tile(stamps[:, None], chips.shape[1])])
-        row = np.where(np.isfinite(told), np.arange(len(told))[:, None], 0)
-        row = np.maximum.accumulate(row, axis=0)
-        told, times = np.take_along_axis(told, row, 0), np.take_along_axis(times, row, 0)
-        self._chips = told[-1], times[-1]
-        age = stamps[:, None] - times[1:]
-        stands = (age >= 0) & (age <= HELD_NS)
-        return replace(signals, temperature_c=np.where(stands, told[1:], np.nan))
+        """The same, where chips told no temperature with the ones that they told last."""
+        return self._last(signals)
 
     def past(self, signals: Signals, now: Array) -> Array:
         """Fading means (s, 2 d) of what is now (s, d), since the stream began at rest."""

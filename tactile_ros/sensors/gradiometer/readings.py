@@ -21,6 +21,7 @@ from tactile_ros.sensors.gradiometer.thermal import (
     sensitivity,
     thermometer_noise,
 )
+from tactile_ros.sensors.gradiometer.untold import told_ago, unsure_chips, wandering
 from tactile_ros.sensors.gradiometer.warm_rest import WarmRest
 
 if TYPE_CHECKING:
@@ -65,6 +66,8 @@ class Readings:
         Readings at rest over temperatures; None: all of the fit were alike.
     thermometer_ : float
         Noise of the chip's thermometer (degrees); 0: no stream told it.
+    wander_ : ndarray, shape (3, m)
+        How far temperatures go, of `wandering`.
     """
 
     def __init__(self, config: GradiometerConfig) -> None:
@@ -81,7 +84,7 @@ class Readings:
         self.lags_ = np.zeros(0)
         self.span_ = np.array([-np.inf, np.inf])
         self.rest_: WarmRest | None = None
-        self.thermometer_ = 0.0
+        self.thermometer_, self.wander_ = 0.0, np.zeros((3, 1))
         self.fitted_ = False
         self.noise_is_stated = config.noise is not None
 
@@ -101,6 +104,8 @@ class Readings:
             self.warm_ = bool(seen.max() - seen.min() > LEAST_RANGE)
             self.lags_ = lags_told(signals) if self.warm_ else self.lags_
             self.thermometer_ = thermometer_noise(signals, chip)
+            now = np.where(rows & (told_ago(signals) == 0), chip, np.nan)
+            self.wander_ = wandering(signals, now, self.thermometer_)
         self._learn_rest(signals, resting if resting.any() else rows)
         if not self.noise_is_stated and resting.sum() > 10:
             self.noise = _noise(signals, resting) or self.noise
@@ -168,6 +173,23 @@ class Readings:
         if self.rest_ is not None:
             return self.rest_.unsure_
         return np.asarray(np.kron(np.diag(OFFSETS**2), np.eye(count)))
+
+    def unsure_chips(self, signals: Signals) -> Array | None:
+        """What temperatures (s, t) that are not told now are wrong by (degrees); None: all are."""
+        return unsure_chips(signals, self.wander_) if np.isfinite(self.usual_) else None
+
+    def unknown(self, signals: Signals) -> Bools:
+        """Rows (s,) whose temperatures may be any of a fit in which they differed."""
+        unsure, most = self.unsure_chips(signals), self.wander_[1, -1] / np.sqrt(2)
+        if unsure is None or not self.warm_:
+            return np.zeros(len(signals.good), bool)
+        return np.asarray(unsure.mean(axis=1) > (1 - 1e-9) * most)
+
+    def warmer_chips(self, field: Array, unsure: Array) -> Array:
+        """Changes of fields (s, n) (T) where chips are told warmer than they are (s, t)."""
+        drift = 0.0 if self.rest_ is None else self.rest_.offset_[0] / UNIT
+        every = np.repeat(unsure, len(self.axes) // unsure.shape[1], axis=1)
+        return np.asarray((self.steepness * field - drift) * every)
 
     def _sensitivity(self, signals: Signals) -> Array:
         """Of every reading, shape (s, t, 1); 1 where a fit was told no temperature."""

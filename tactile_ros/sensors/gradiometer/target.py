@@ -19,6 +19,7 @@ from tactile_ros.estimators.selection import Selection, select
 from tactile_ros.estimators.uncertainty import CalibratedCovariance
 from tactile_ros.estimators.warm_chain import WarmChain
 from tactile_ros.estimators.warm_polynomial import WarmPolynomial
+from tactile_ros.sensors.gradiometer.outside import bent, grown
 
 if TYPE_CHECKING:
     from tactile_ros.types import Array, Estimator, Integers
@@ -102,6 +103,8 @@ class Target:
         Least and most of each component that truth told.
     covariance_ : CalibratedCovariance
         From residuals of rows that the estimator had not seen.
+    bend_ : ndarray, shape (k,)
+        Cubic of the temperature in them, over `unit_`; 0 where no temperature is a feature.
     report_ : dict of str to float
         Errors on held-out groups (unit of the target).
     """
@@ -147,6 +150,10 @@ class Target:
         self.covariance_ = CalibratedCovariance(STRENGTHS).fit(
             drivers, choice.residuals, choice.groups, noise
         )
+        place, warm = np.split(choice.x[:, self.drivers], [3], axis=1)
+        self.bend_ = np.zeros(len(self.columns))
+        if warm.shape[1]:
+            self.bend_ = bent(choice.residuals, warm[:, 0], place)
         sigma = self.covariance_.sigma(drivers, noise) * self.unit_
         residuals = choice.residuals * self.unit_
         length = np.linalg.norm(residuals, axis=1)
@@ -175,7 +182,9 @@ class Target:
         """Where its components lie among x, y, z, shape (k,)."""
         return np.array(self.columns)
 
-    def predict(self, x: Array, drivers: Array, noise: Array, shift: Array) -> tuple[Array, Array]:
+    def predict(
+        self, x: Array, drivers: Array, noise: Array, shift: Array, far: Array
+    ) -> tuple[Array, Array]:
         """Components and their covariance.
 
         Parameters
@@ -186,6 +195,8 @@ class Target:
             Of `drive`, the same for all targets.
         noise, shift : ndarray, shape (s, k)
             What noise does, as in `calibrate`, and an error that is known, in `unit_`.
+        far : ndarray, shape (s,)
+            Of `outside.ends`.
 
         Returns
         -------
@@ -194,7 +205,10 @@ class Target:
         """
         mean = (self.estimator_.predict(x) - shift) * self.unit_
         sigma = spread(self.covariance_, drivers, noise) * self.unit_
-        return mean, sigma[:, :, None] * sigma[:, None, :] * self.covariance_.correlation_
+        cov = sigma[:, :, None] * sigma[:, None, :] * self.covariance_.correlation_
+        if np.count_nonzero(far > 1):
+            cov = grown(cov, self.bend_ * self.unit_, far)
+        return mean, cov
 
     def drive(self, x: Array) -> Array:
         """Logarithm of the signal's size, and features: what errors depend on, (s, 1 + d)."""

@@ -13,8 +13,9 @@ import numpy as np
 
 from tactile_ros.conditioning.history import SECONDS_PER_NS, History
 from tactile_ros.physics.temperature import hall_sensitivity
+from tactile_ros.sensors.gradiometer.untold import told_ago
 from tactile_ros.signals import Signals
-from tactile_ros.types import Array, Bools
+from tactile_ros.types import Array, Bools, Integers
 
 LAGS = (4.0, 12.0, 36.0, 108.0)  # s: tried, where the config leaves it open
 LONG = 2.0  # lags that a stream lasts
@@ -25,36 +26,92 @@ FOLLOWED = (-25.0, 95.0)  # degrees Celsius, beyond which the sensitivity's poly
 UNIT = 25.0  # degrees
 FEWEST_SCATTERED = 50  # rows that tell the thermometer's noise
 KINKED = 7.0  # medians of third differences: of an oven that begins to heat
+BOW = 2 / 3  # mean of a bow over its height
 THIRD = 20.0  # variance of third differences of noise of 1
 
 
 class ThermalMemory:
     """Temperature of the disc in one stream: a first-order lag behind the chip's.
 
+    It follows what the chip told: frames without a temperature lie on the line between those
+    with one.
+
     Parameters
     ----------
     lag : float
         Time constant (s); 0: the disc is as warm as the chip.
+    wander : ndarray, shape (3, m), or None
+        Of `wandering`; None: temperatures never leave those lines.
     """
 
-    def __init__(self, lag: float) -> None:
+    def __init__(self, lag: float, wander: Array | None = None) -> None:
         self.history = History(np.array([lag])) if lag > 0 else None
+        self.wander = np.zeros((3, 1)) if wander is None else wander
         self.first: Array | None = None
         self.last: tuple[int, float] | None = None
         self.since_ns = 0
+        self.state = np.array([0.0, 1.0, 0.0])  # of the last frame with a temperature
+        self.skipped, self.restarts = False, False  # since that frame
+        self.amiss, self.amiss_ns = 0.0, 0
 
-    def begins(self, signals: Signals, chip: Array) -> Bools:
-        """Rows (s,) before which a new stream begins; a new baseline alone changes no warmth."""
-        assert signals.stamp_ns is not None
+    def follow(self, stamps: Integers, restart: Bools, skipped: Bools, chip: Array) -> Array:
+        """How far the disc is behind (s,), and the doubts of `lagging`, of frames with both."""
         assert self.history is not None
-        stamp_ns, last_chip = self.last or (int(signals.stamp_ns[0]), float(chip[0]))
-        gap = SECONDS_PER_NS * np.diff(signals.stamp_ns, prepend=stamp_ns)
-        soon = (gap > 0) & (gap < float(self.history.time_constants[0]))
-        same = np.abs(np.diff(chip, prepend=last_chip)) < SAME
-        begins: Bools = signals.restart & ~(soon & same)
+        rate = SECONDS_PER_NS / float(self.history.time_constants[0])
+        before = stamps[0] if self.last is None else self.last[0]
+        steps = np.maximum(rate * np.diff(stamps, prepend=before), 0.0)
+        begins = self._begins(stamps, restart, skipped, chip)
+        start = np.maximum.accumulate(np.where(begins, np.arange(len(chip)), -1))
+        earlier = chip[:1] if self.first is None else self.first
+        first = np.where(start >= 0, chip[np.maximum(start, 0)], earlier[0])
+        since = np.where(start >= 0, stamps[np.maximum(start, 0)], self.since_ns)
+        rise = (chip - first)[:, None]
+        if len(chip) == 1:
+            if begins[0]:
+                self.history.reset()
+            means = self.history.step(rise[0], int(stamps[0]))[None]
+        else:
+            means = self.history(rise, stamps, begins)
+        self.first, self.since_ns = first[-1:], int(since[-1])
+        doubt = _remaining(np.asarray(rate * (stamps - since)), steps)
+        amiss = self._amiss(stamps, begins, skipped, steps)
+        told = np.stack([(rise - means[:, 0])[:, 0], doubt, amiss], axis=1)
+        self.state = told[-1]
+        return told
+
+    def _begins(self, stamps: Integers, restart: Bools, skipped: Bools, chip: Array) -> Bools:
+        """Rows (s,) before which a new stream begins; a new baseline alone changes no warmth."""
+        assert self.history is not None
+        stamp_ns, last_chip = self.last or (int(stamps[0]), float(chip[0]))
+        gap = SECONDS_PER_NS * np.diff(stamps, prepend=stamp_ns)
+        soon = (gap > 0) & (skipped | (gap < float(self.history.time_constants[0])))
+        alike: float | Array = SAME
+        if np.count_nonzero(skipped):
+            alike = SAME + skipped * 2 * np.interp(gap, self.wander[0], self.wander[1])
+        same = np.abs(np.diff(chip, prepend=last_chip)) < alike
+        begins: Bools = restart & ~(soon & same)
         begins[0] |= self.first is None
-        self.last = int(signals.stamp_ns[-1]), float(chip[-1])
+        self.last = int(stamps[-1]), float(chip[-1])
         return begins
+
+    def _amiss(self, stamps: Integers, begins: Bools, skipped: Bools, steps: Array) -> Array:
+        """Error (s,) (degrees) of the disc by temperatures that nobody told before these."""
+        left = np.zeros(len(stamps))
+        if self.amiss == 0 and not np.count_nonzero(skipped):
+            return left
+        assert self.history is not None
+        lag, row = float(self.history.time_constants[0]), 0
+        for event in (*np.flatnonzero(begins | skipped), len(stamps)):
+            part = slice(row, min(event + 1, len(stamps)))
+            since = np.maximum(SECONDS_PER_NS * (stamps[part] - self.amiss_ns), 0.0)
+            left[part] = self.amiss * np.exp(-2 * since / lag)
+            if event == len(stamps):
+                break
+            bow = BOW * np.interp(lag * steps[event], self.wander[0], self.wander[2])
+            more = (bow * -np.expm1(-steps[event])) ** 2
+            left[event] = 0.0 if begins[event] else left[event] + more
+            self.amiss, self.amiss_ns, row = float(left[event]), int(stamps[event]), event
+        return np.sqrt(left)
 
 
 def chip_temperature(signals: Signals) -> Array | None:
@@ -75,8 +132,10 @@ def sensitivity(temperature_c: Array, coefficients: Array) -> Array:
     return hall_sensitivity(temperature_c, coefficients, FOLLOWED)
 
 
-def lagging(signals: Signals, chip: Array, usual: float, memory: ThermalMemory) -> Array:
-    """Temperature of the disc and what the thermometer's noise leaves of itself in it.
+def lagging(
+    signals: Signals, chip: Array, usual: float, memory: ThermalMemory, unsure: Array | None = None
+) -> Array:
+    """Temperature of the disc, and what the thermometer leaves of its errors in it.
 
     Parameters
     ----------
@@ -88,35 +147,50 @@ def lagging(signals: Signals, chip: Array, usual: float, memory: ThermalMemory) 
         Of the fit (degrees Celsius).
     memory : ThermalMemory
         Of the stream, which begins in equilibrium; moves on.
+    unsure : ndarray, shape (s,), or None
+        What temperatures that are not told now are wrong by (degrees); None: all are told.
 
     Returns
     -------
-    ndarray, shape (s, 2)
+    ndarray, shape (s, 3)
         Temperature from the usual one over 25 degrees; standard deviation of its error over that
-        of the thermometer's noise (1).
+        of the thermometer's noise (1), and by temperatures that were not told (degrees).
     """
+    age = np.where(np.isfinite(chip), told_ago(signals), np.inf)
     chip = np.where(np.isfinite(chip), chip, usual)
-    warm = (chip - usual)[:, None] / UNIT
+    warm, own = (chip - usual) / UNIT, np.zeros(len(chip)) if unsure is None else unsure
     if signals.stamp_ns is None or memory.history is None or not len(chip):
-        return np.concatenate([warm, np.ones_like(warm)], axis=1)
-    stamps, before = signals.stamp_ns, memory.last
-    begins = memory.begins(signals, chip)
-    start = np.maximum.accumulate(np.where(begins, np.arange(len(chip)), -1))
-    earlier = chip[:1] if memory.first is None else memory.first
-    first = np.where(start >= 0, chip[np.maximum(start, 0)], earlier[0])
-    since = np.where(start >= 0, stamps[np.maximum(start, 0)], memory.since_ns)
-    rise = (chip - first)[:, None]
-    if len(chip) == 1:
-        if begins[0]:
-            memory.history.reset()
-        means = memory.history.step(rise[0], int(stamps[0]))[None]
+        return np.stack([warm, np.ones(len(chip)), own], axis=1)
+    if not memory.skipped and np.count_nonzero(age) == 0:  # as usual
+        behind = memory.follow(signals.stamp_ns, signals.restart, age > 0, chip)
     else:
-        means = memory.history(rise, stamps, begins)
-    memory.first, memory.since_ns = first[-1:], int(since[-1])
-    rate = SECONDS_PER_NS / float(memory.history.time_constants[0])
-    steps = rate * np.diff(stamps, prepend=stamps[0] if before is None else before[0])
-    doubt = _remaining(np.asarray(rate * (stamps - since)), np.maximum(steps, 0.0))
-    return np.column_stack([warm[:, 0] - (rise - means[:, 0])[:, 0] / UNIT, doubt])
+        behind = _bridging(signals, chip, age, own, memory)
+    warm = np.where(np.isfinite(age), warm - behind[:, 0] / UNIT, warm)
+    return np.column_stack([warm, behind[:, 1:]])
+
+
+def _bridging(
+    signals: Signals, chip: Array, age: Array, unsure: Array, memory: ThermalMemory
+) -> Array:
+    """As `ThermalMemory.follow`, where some frames (s,) tell no temperature: `age` is not 0."""
+    assert signals.stamp_ns is not None
+    assert memory.history is not None
+    rows, states = np.flatnonzero(age == 0), memory.state[None]
+    restarts = np.cumsum(np.concatenate([[memory.restarts], signals.restart]))
+    if len(rows):
+        skipped = np.diff(rows, prepend=-1 - memory.skipped) > 1
+        restart = np.diff(restarts[rows + 1], prepend=0) > 0
+        if signals.begins is not None:  # of another stream nothing was skipped
+            skipped &= np.diff(np.cumsum(signals.begins)[rows], prepend=0) == 0
+        told = memory.follow(signals.stamp_ns[rows], restart, skipped, chip[rows])
+        states = np.concatenate([states, told])
+    last = rows[-1] if len(rows) else -1
+    memory.skipped = bool(last < len(age) - 1)
+    memory.restarts = bool(restarts[-1] > (restarts[last + 1] if len(rows) else 0))
+    behind, doubt, amiss = states[np.cumsum(age == 0)].T
+    kept = np.exp(-age / float(memory.history.time_constants[0]))
+    found = [behind * kept, doubt * kept + 1 - kept, np.hypot(amiss * kept, unsure * (1 - kept))]
+    return np.stack(found, axis=1)
 
 
 def _remaining(age: Array, step: Array) -> Array:
@@ -154,16 +228,9 @@ def lags_told(signals: Signals) -> Array:
 
 
 def beyond(signals: Signals, span: Array) -> Array:
-    """Degrees (s,) by which chips are warmer or colder than in the fit, of span (2,).
-
-    A chip that tells no temperature may be as far from the usual one as those of the fit were.
-    """
-    if not np.isfinite(span).all():
-        return np.zeros(len(signals.good))
-    half = 0.5 * float(span[1] - span[0])
-    unknown = half if half > LEAST_RANGE else 0.0
+    """Degrees (s,) by which chips are warmer or colder than in the fit, of span (2,)."""
     chip = chip_temperature(signals)
-    if chip is None:
-        return np.full(len(signals.good), unknown)
-    farther = np.maximum(span[0] - chip, chip - span[1]) - LEAST_RANGE
-    return np.asarray(np.where(np.isnan(chip), unknown, np.maximum(farther, 0.0)))
+    if chip is None or not np.isfinite(span).all():
+        return np.zeros(len(signals.good))
+    farther = np.maximum(span[0] - chip, chip - span[1])
+    return np.asarray(np.maximum(np.nan_to_num(farther), 0.0))

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Bools, Integers
 
 CLEARLY = 20.0  # chi square by which a lag must explain more than none
-FEWEST_FORCES = 100
+FEWEST_FORCES, MOST_FORCES = 100, 1500
 LATER = 0.05  # of the logarithm of a time constant
 FARTHEST = 3.0  # of these
 TOUCH = 2e-5  # T: a small change of one difference
@@ -69,7 +69,7 @@ class WarmFit:
         self.signals, self.readings, self.fresh, self.warmth = signals, readings, fresh, warmth
         self.resting, self.rows, self.force = resting, rows, force
         told = rows[np.isfinite(force[rows]).all(axis=1)]
-        self.told = told if len(told) >= FEWEST_FORCES else told[:0]
+        self.told = _spread(told) if len(told) >= FEWEST_FORCES else told[:0]
         self.change = readings.change(signals)
         self.lag, self.seeks_lag = 0.0, False
 
@@ -202,6 +202,12 @@ class WarmFit:
         change, ways = self.change[self.told], disc.projection_
         slopes = [(disc.invert(change + TOUCH * way, heat)[0] - place) / TOUCH for way in ways.T]
         return np.asarray(np.einsum('spn,nm,msi->spi', amiss, ways, np.array(slopes)))
+
+
+def _spread(rows: Integers) -> Integers:
+    """No more rows than are learned from, evenly spread."""
+    few = np.linspace(0, len(rows) - 1, min(len(rows), MOST_FORCES))
+    return np.asarray(rows[few.astype(int)])
 
 
 def _lowest(x: Array, y: Array) -> float:
