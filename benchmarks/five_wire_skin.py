@@ -188,7 +188,10 @@ def _notes(quick: bool) -> list[str]:
         'non-linearity: largest deviation of the mean curve from its least-squares line over its '
         'range; relative std: mean over loads of the std over squares over their mean',
         *(
-            ['quick: finite differences alone, without 60 touches a square, creep and drawings']
+            [
+                'quick: finite differences alone, without 60 touches a square, creep, '
+                'perceptrons and drawings'
+            ]
             * quick
         ),
     ]

@@ -132,6 +132,8 @@ def run(extent: str, command: str) -> BenchResult:
         Row('roads: largest difference of commands', '1', apart, bound=0.0, aim=1e-9),
         step_row(STEPS[extent]),
     ]
+    if extent == 'quick':
+        notes.append('quick: the polynomial in one process alone')
     return BenchResult('latency', command, [0], rows, notes)
 
 
@@ -197,7 +199,7 @@ def _cause(run: Run) -> str:
     if run.waits is not None:
         return f'{late}; {run.waits.tell()}'
     if not np.isfinite(run.busiest):
-        return late
+        return f'{late}; {WAITS.UNTOLD}'
     share = 100 * run.busiest
     return (
         f'{late}; while other programs had the processor, the busiest thread of the first process '

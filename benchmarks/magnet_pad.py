@@ -291,4 +291,9 @@ def _notes(extent: str, count: int) -> list[str]:
         'one frame and batch of cells: the whole pipeline; the rows at the end: estimators alone',
         'sigmas: aim of 5 points, or the 95 % binomial interval of the judged presses',
         'near the centre: within a tenth of a cell; probes, cone, mounts: within 0.4 of a cell',
+        *(
+            ['quick: 15 cells, touches anywhere; no probes, cone, mounts, untrained specimens']
+            if extent == 'quick'
+            else []
+        ),
     ]

@@ -68,6 +68,8 @@ def run(extent: str, command: str) -> BenchResult:
         f'after {WARM_S:g} s; pressed for 0.85 s of every 1.2 s; '
         f'{len(config.objects)} drawn heads, a window of {config.window} frames',
     ]
+    if extent == 'quick':
+        notes.append('quick: two processes alone, calibrated by the first half of the lesson')
     return BenchResult('multipole_graph', command, [0], rows, notes)
 
 

@@ -55,9 +55,14 @@ def run(extent: str, command: str) -> BenchResult:
                 )
             )  # fmt: skip
     rows += cost(trials[0], world)
+    few = (
+        f'five new heads at {size.places} place(s) and {size.posed} poses'
+        if size.places
+        else 'quick: neither rest alone, new heads nor the bar'
+    )
     notes = [
-        f'{size.tested} presses of nine heads, five new heads at {size.places} place(s) and '
-        f'{size.posed} poses in each world; what is not named, or has no turn, is wrong',
+        f'{size.tested} presses of nine heads in each world, {few}; what is not named, or has no '
+        'turn, is wrong',
         'peer: prototypes of whole windows with 1 / 3 / 5 shots, or nearest neighbours where '
         'classes are learned',
         'bound: the same estimator with the chips, gains and bands of the world itself; it does '

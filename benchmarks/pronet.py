@@ -80,6 +80,8 @@ def run(extent: str, command: str) -> BenchResult:
         'nine old heads are not open here; bench multipole_skin has them open',
         'values by seed of shapes, heads and postures are those of places',
     ]
+    if ours is None:
+        notes.append('quick: the network alone, with one shot, at one held-out place')
     return BenchResult('pronet', command, [SEED, ASKED], rows, notes)
 
 

@@ -73,9 +73,9 @@ def run(extent: str, command: str) -> BenchResult:
         Row(f'peak memory, bag {longer:g} x longer', 'ratio', memory[1] / memory[0], aim=1.1),
     ]
     said = f'{frames} frames of {CHIPS} chips with contacts and truth, {size:.0f} MB; '
-    return BenchResult(
-        'replay', command, [SEED], rows, [said + ', '.join(pipeline.estimators.values())]
-    )
+    notes = [said + ', '.join(pipeline.estimators.values())]
+    notes.append(f'times: the least of {REPEATS[extent]}')
+    return BenchResult('replay', command, [SEED], rows, notes)
 
 
 def board() -> tuple[object, np.ndarray]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from math import isnan, nan
 from pathlib import Path
 from threading import get_native_id
 
@@ -16,6 +17,7 @@ from tactile_ros.nodes.reader import Reader
 LOOK_S = 5e-3
 LOCK = 'futex'  # in the name of the kernel function that waits for a lock
 AWAKE = ('', '0')
+UNTOLD = 'this system does not tell what its threads waited for'
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,7 @@ class Waits:
         Running, and ready without a processor.
     lock, input : float
         Asleep until another thread lets go of a lock, and for anything else: bytes of the board.
+        NaN: this system does not tell.
     """
 
     ran: float
@@ -37,11 +40,14 @@ class Waits:
 
     def tell(self) -> str:
         """As a sentence."""
-        return (
-            f'the threads that read and answer ran for {100 * self.ran:.0f} % of the time, were '
-            f'ready without a processor for {100 * self.ready:.0f} %, slept until a lock was free '
-            f'for {100 * self.lock:.0f} % and until bytes came for {100 * self.input:.0f} %'
-        )
+        parts = {
+            'ran': self.ran, 'were ready without a processor': self.ready,
+            'slept until a lock was free': self.lock, 'slept until bytes came': self.input,
+        }  # fmt: skip
+        known = [f'{what} for {100 * share:.0f} %' for what, share in parts.items() if share >= 0]
+        if not known:
+            return UNTOLD
+        return f'the threads that read and answer, of the time: {", ".join(known)}'
 
 
 def note(path: str) -> None:
@@ -57,7 +63,10 @@ def note(path: str) -> None:
 
 
 def asleep(pid: int, threads: list[int], seconds: float) -> tuple[float, float]:
-    """Shares of a time (s) in which threads of a process slept for locks and for all else."""
+    """Shares of a time (s) in which threads of a process slept for locks and for all else.
+
+    NaN where no look found any of them asleep: the kernel does not tell, or they have ended.
+    """
     end = time.monotonic() + seconds
     places = [Path(f'/proc/{pid}/task/{thread}/wchan') for thread in threads]
     seen = []
@@ -65,8 +74,9 @@ def asleep(pid: int, threads: list[int], seconds: float) -> tuple[float, float]:
         seen += [_where(place) for place in places]
         time.sleep(LOOK_S)
     slept = [LOCK in where for where in seen if where not in AWAKE]
-    count = max(len(seen), 1)
-    return sum(slept) / count, slept.count(False) / count
+    if not slept:
+        return nan, nan
+    return sum(slept) / len(seen), slept.count(False) / len(seen)
 
 
 def _where(place: Path) -> str:
@@ -84,10 +94,11 @@ def waits_of(
     slept: tuple[float, float],
     seconds: float,
 ) -> Waits | None:
-    """Waits of threads by `kept_waiting` before and after some time (s); None: there is none."""
+    """Waits of threads by `kept_waiting` before and after some time (s); None: nothing is told."""
     found = [thread for thread in threads if thread in before and thread in after]
-    if not found:
-        return None
+    moved = any(after[thread] != before[thread] for thread in found)
+    if not moved:
+        return None if isnan(slept[0]) else Waits(nan, nan, *slept)
     ran, ready = (
         sum(after[thread][i] - before[thread][i] for thread in found) / len(found) / seconds
         for i in (0, 1)

@@ -142,7 +142,6 @@ def _side_by_side(
             for done in pool.map(one, names):
                 print(done.stdout, end='', flush=True)
                 codes.append(done.returncode)
-    print(f'{options.jobs} benches ran at a time: times are those of a busy machine')
-    if last:
-        print(f'{", ".join(last)}: alone, after the others')
+    but = f', but {", ".join(last)}, which ran alone after the others' if last else ''
+    print(f'{options.jobs} benches ran at a time: times are those of a busy machine{but}')
     return next((code for code in codes if code), 0)

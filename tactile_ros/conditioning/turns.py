@@ -114,7 +114,13 @@ def presses(load: Array, restart: Bools) -> Integers:
     >>> presses(load, np.arange(8) == 0).tolist()
     [1, 2, 2, 2, 2, 2, 3, 3]
     """
-    total = load[:, np.isfinite(load).any(axis=0)].sum(axis=1, keepdims=True)
+    known = np.isfinite(load)
+    index = np.arange(len(load))[:, None]
+    # a taxel that is not measured stands for what it was: it begins no press
+    row = np.maximum.accumulate(np.where(known, index, -1), axis=0)
+    since = np.maximum.accumulate(np.where(restart, index[:, 0], 0))[:, None]
+    held = np.where(row >= since, np.take_along_axis(load, np.maximum(row, 0), 0), 0.0)
+    total = np.where(known.any(axis=1), held.sum(axis=1), np.nan)[:, None]
     grows = last_turns(total, restart)[:, 0] > 0
     first = grows & ~np.concatenate([[False], grows[:-1]])
     return np.asarray(np.cumsum(first | restart), np.int64)

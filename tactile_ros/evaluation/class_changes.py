@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.live_baselines import baselines_by_row
 from tactile_ros.evaluation.loaded import ClassChange
 from tactile_ros.frame_guard import FrameGuard
@@ -74,6 +75,11 @@ def presses_in(loaded: LoadedRecording, pipeline: Pipeline) -> list[Press]:
         With the baselines of its run.
     pipeline : Pipeline
         Tells contact; its baseline changes as the recording says.
+
+    Raises
+    ------
+    RecordingError
+        If no press was found, and frames could not be estimated.
     """
     recording = loaded.recording
     rows = np.arange(len(recording))
@@ -91,7 +97,10 @@ def presses_in(loaded: LoadedRecording, pipeline: Pipeline) -> list[Press]:
         frame = recording.frame(row)
         state = guard.process(frame)
         found.append(watch(frame, int(state.in_contact), pipeline.baseline))
-    return [press for press in found if press is not None]
+    presses = [press for press in found if press is not None]
+    if guard.failures and not presses:
+        raise RecordingError(' '.join(guard.problems))
+    return presses
 
 
 @dataclass

@@ -68,6 +68,8 @@ class Follower:
         before = deepcopy(self.pipeline.stream)
         try:
             return [self.pipeline.process_next(recording)]
+        except MemoryError:
+            raise
         except Exception:  # whatever an estimator makes of a frame
             self.pipeline.stream = before
         if len(recording) == 1:

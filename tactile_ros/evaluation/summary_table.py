@@ -71,7 +71,7 @@ HEADLINES = tuple(
             ('allegro hand in MuJoCo, 6 grasps: slowest', 'slowest grasp in MuJoCo, load to 5 %'),
         )),
         ('nodes', 'latency', (
-            ('stack: delay p99', '1 kHz gradiometer in `stack`, busy machine: p99'),
+            ('stack: delay p99', '1 kHz gradiometer in `stack`: p99'),
         )),
         ('nodes', 'multipole_graph', (
             ('two processes: sensor', '20 chips, two processes'),

@@ -151,7 +151,7 @@ def typed(line: str, port: str) -> list[str]:
         assert found, f'nothing is {word}'
         words += [port if name == '/dev/ttyACM0' else name for name in found]
     if words[0] == 'doctor' and '--sensor' in words:
-        words += ['--seconds', '0.3']
+        words += ['--seconds', '1.5']
     if words[0] == 'replay':
         words += ['--jobs', '1']  # no processes, which take seconds to start
     if words[0] == 'view' and '--mcap' not in words:
@@ -185,6 +185,8 @@ def test_an_example_runs(
     code = code_of(words)
     printed = capsys.readouterr()
     assert code <= nothing_is_connected, printed.err
+    if code:
+        assert 'nothing is connected' in printed.out
     assert 'left out' not in printed.err
     if '--json' in words:
         assert json.loads(printed.out)

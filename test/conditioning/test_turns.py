@@ -116,6 +116,20 @@ def test_presses_are_counted_alike_at_any_rate(rate: float) -> None:
     assert at == [1, 2, 2, 3, 3, 4, 4, 5]
 
 
+def test_presses_are_counted_where_a_row_tells_of_some_taxels_alone() -> None:
+    _, load = read(100.0, 1e-3 * TOP)
+    load = np.concatenate([load, np.zeros((50, 1))])
+    both, start = np.hstack([load, load]), np.arange(2 * len(load)) == 0
+    one_by_one = np.full((2 * len(load), 2), np.nan)
+    one_by_one[: len(load), 0], one_by_one[len(load) :, 1] = load[:, 0], load[:, 0]
+    whole = presses(np.concatenate([load, load]), start)
+    assert (presses(one_by_one, start) == whole).mean() > 0.99
+    assert whole[-1] > 5
+    gone = both.copy()
+    gone[::3, 1] = np.nan  # a taxel that drops out begins no press
+    assert presses(gone, start[: len(load)])[-1] == presses(both, start[: len(load)])[-1]
+
+
 def test_a_band_is_bounded_and_loads_that_never_were_have_one() -> None:
     loud = np.random.default_rng(4).uniform(0, 1, (500, 1))
     assert dead_band(np.hstack([loud, 0 * loud, np.full((500, 1), np.nan)])) == pytest.approx(

@@ -12,7 +12,7 @@ import pytest
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer.outside import bent, ends, grown
 from tactile_ros.sensors.gradiometer.thermal import ThermalMemory, lagging
-from tactile_ros.sensors.gradiometer.untold import LastTold, told_ago, wandering
+from tactile_ros.sensors.gradiometer.untold import LastTold, lately_told, told_ago, wandering
 from tactile_ros.signals import Signals
 from tactile_ros.types import FrameStatus, Recording
 from test.reference import gradiometer_world as made
@@ -163,6 +163,27 @@ def test_a_stream_holds_no_temperature_of_another() -> None:
     assert held.temperature_c is not None
     np.testing.assert_array_equal(held.temperature_c[:, 0], [20, 21, 21, np.nan, 40, 40])
     np.testing.assert_array_equal(told_ago(held), [0, 0, 1, np.inf, 0, 1])
+
+
+def test_frames_that_tell_nothing_are_held_as_those_that_tell_nan() -> None:
+    told = stamped(np.full(3, 30.0), np.arange(3.0))
+    silent = stamped(np.full(2, np.nan), np.arange(3.0, 5.0))
+    nothing = dataclasses.replace(silent, temperature_c=None)
+    held = LastTold()
+    held(told)
+    found = held(nothing)
+    assert (found.temperature_c == 30.0).all()
+    assert told_ago(found).tolist() == [1.0, 2.0]
+    assert LastTold()(nothing) is nothing  # a stream that never told any
+
+
+def test_rows_that_never_told_a_temperature_are_learned_from() -> None:
+    chip = np.array([30.0, 30.0, np.nan, np.nan, np.nan, 30.0])
+    begins = np.arange(6) == 3
+    aged = LastTold()(stamped(chip, np.arange(6.0), begins))
+    assert lately_told(aged).tolist() == [True, True, False, True, True, True]
+    other = LastTold()(stamped(np.full(6, np.nan), np.arange(6.0), begins))
+    assert lately_told(other).all()
 
 
 def test_a_disc_follows_the_line_between_temperatures_that_are_told() -> None:

@@ -53,6 +53,8 @@ class LastTold:
         Beside others that tell theirs a chip stands for four seconds.
         """
         chips, stamps = signals.temperature_c, signals.stamp_ns
+        if chips is None and self._chips is not None:  # what told before tells no more
+            chips = np.full(signals.values.shape[:2], np.nan)
         if chips is None or not len(chips):
             return signals
         every = np.isfinite(chips)
@@ -97,10 +99,10 @@ def told_ago(signals: Signals) -> Array:
 
 
 def lately_told(signals: Signals) -> Bools:
-    """Rows (s,) whose temperatures are told as lately as those of most."""
+    """Rows (s,) whose temperatures are told as lately as those of most, or never were."""
     age = told_ago(signals)
     known = age[signals.good & np.isfinite(age)]
-    return np.asarray(age <= (np.median(known) if len(known) else np.inf))
+    return np.asarray(~np.isfinite(age) | (age <= (np.median(known) if len(known) else np.inf)))
 
 
 def unsure_chips(signals: Signals, wander: Array) -> Array | None:
