@@ -242,10 +242,12 @@ def run(extent: str, command: str) -> BenchResult:
     rows = accuracy(world, ours, extent)
     ranges, noise = table_one(module, extent)
     rows += [*ranges, *SURROUNDINGS.leaks(world, module, ours)]
-    rows += [*SURROUNDINGS.surroundings(module, extent), *cost(ours, world)]
+    around, specimens = SURROUNDINGS.surroundings(module, extent)
+    rows += [*around, *cost(ours, world)]
     notes = [
         f'peer: the better of converged Huber + L1 and SVD of the chain, {MANY[extent]} points',
-        f'estimators: {ours.estimators}; specimens {SPECIMENS[extent]} of the world',
+        f'estimators: {ours.estimators}; specimens {specimens} of the world, '
+        f'{len(specimens)} of {len(SPECIMENS[extent])}',
     ]
     methods, speed, load = speeds(world, [module.World(s) for s in SPECIMENS[extent][1:3]])
     rows += methods

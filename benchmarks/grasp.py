@@ -16,7 +16,7 @@ import numpy as np
 
 from tactile_ros.control import GripConfig, GripForce, GripPhase, qb_softhand
 from tactile_ros.errors import MissingPackageError
-from tactile_ros.evaluation.benchmark import BenchResult, Row
+from tactile_ros.evaluation.benchmark import BenchResult, Row, within
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
 from tactile_ros.simulation.engine import load_engine
@@ -36,6 +36,7 @@ LOAD_WORLD = WORLD.with_name('load_world.py')
 SCENES = Path(__file__).parent / 'worlds' / 'grasp_scenes.py'
 SEEDS = {'quick': 1, 'normal': 10, 'full': 40}
 LOADS = {'quick': 2, 'normal': 100, 'full': 200}  # of either kind
+HELD_S = {'quick': np.inf, 'normal': 60.0, 'full': np.inf}  # for all of them
 BLOCKS = 5  # of their seeds, each of which gives a value
 FOLDS, LENGTH, TARE = 5, 300, 10
 SIGMAS = 5.0  # of rest, beyond which a pull has begun
@@ -70,7 +71,7 @@ def run(extent: str, command: str) -> BenchResult:
     seeds = list(range(SEEDS[extent]))
     suffered, reactions = load_source(FAULTS, 'bench grasp').fault_rows(extent)
     rows = [
-        *_slip_rows(seeds), *_loop_rows(seeds), *_load_rows(LOADS[extent]),
+        *_slip_rows(seeds), *_loop_rows(seeds), *_load_rows(LOADS[extent], HELD_S[extent]),
         *suffered,
     ]  # fmt: skip
     notes = [
@@ -244,12 +245,12 @@ def _grip(
     return max(forces) / TARGET - 1, settled, float(steady)
 
 
-def _load_rows(count: int) -> list[Row]:
+def _load_rows(count: int, seconds: float) -> list[Row]:
     """Drops and mean force of three grips, of objects that grow heavier or slippery in hand."""
     world = load_source(LOAD_WORLD, 'bench grasp')
     fresh = range(FRESH, FRESH + count)
-    loads = [(Handling.draw(kind, i), i) for kind in KINDS for i in fresh]
-    fixed = float(np.quantile([load.needed for load, _ in loads], HELD))
+    loads = {i: [Handling.draw(kind, i) for kind in KINDS] for i in fresh}
+    fixed = float(np.quantile([load.needed for pair in loads.values() for load in pair], HELD))
     calm = GripConfig(force_noise=0.01, closure_rate=FAST)
     blind = dataclasses.replace(calm, friction_low=5.0, margin=0.0)
     grips = {
@@ -257,13 +258,17 @@ def _load_rows(count: int) -> list[Row]:
         'doubled at slips': (blind, BEGIN, True),
         'adaptive': (calm, BEGIN, True),
     }
+    carried: dict[str, list[list[tuple[float, float]]]] = {name: [] for name in grips}
+    for i, pair in within(seconds, loads.items()):
+        for name, grip in grips.items():
+            carried[name].append([_carry(world, load, i, *grip) for load in pair])
     rows = []
-    for name, (config, force, adapt) in grips.items():
-        found = np.array([_carry(world, load, i, config, force, adapt) for load, i in loads])
-        dropped, mean = found.mean(axis=0)
-        blocks = _blocks(found.reshape(len(KINDS), count, 2))
+    for name, each in carried.items():
+        found = np.array(each).swapaxes(0, 1)  # kind, seed, what
+        dropped, mean = found.mean(axis=(0, 1))
+        blocks = _blocks(found)
         aims = (HELD, SPARED * fixed) if name == 'adaptive' else (None, None)
-        what = f'{2 * count} loads in hand, {name}'
+        what = f'{len(KINDS) * len(each)} loads in hand, {name}'
         rows += [
             Row(f'{what}: held', '1', 1 - dropped, 'high', aim=aims[0],
                 by_seed=tuple(1 - blocks[:, 0])),
@@ -272,7 +277,7 @@ def _load_rows(count: int) -> list[Row]:
         rows += [
             Row(f'{what}, {kind}: held', '1', 1 - float(part[:, 0].mean()), 'high',
                 by_seed=tuple(1 - _blocks(part[None])[:, 0]))
-            for kind, part in zip(KINDS, np.split(found, len(KINDS)), strict=True)
+            for kind, part in zip(KINDS, found, strict=True)
         ]  # fmt: skip
     return rows
 

@@ -70,7 +70,7 @@ def run(extent: str, command: str) -> BenchResult:
     notes = ['paper: before equilibration (spread), one branch of Voigt (hold), its own parts',
              'peer: polynomial with a free constant; threshold and circle fit',
              'bound of picked tubes: a rule of Bayes that knows skin and pressures']  # fmt: skip
-    sorted_rows, drawings = PICKING.sorted_parts(extent)
+    sorted_rows, drawings, worlds = PICKING.sorted_parts(extent)
     rows += sorted_rows
     drawings['equilibration'] = _draw_spread(pipeline, config)
     drawings['coverage'] = _draw_coverage(pipeline)
@@ -79,9 +79,8 @@ def run(extent: str, command: str) -> BenchResult:
         Row('hold of 120 s: drift after 1 s', '%', drift['with creep'], paper=6.6,
             peer=drift['law alone'], aim=0.3)
     )  # fmt: skip
-    seeds = [SEED, *(PICKING.WORLDS + i for i in range(PICKING.PICKS[extent][0]))]
     more, told, drawn_from = _skins(extent)
-    rows, notes, seeds = rows + more, notes + told, seeds + drawn_from
+    rows, notes, seeds = rows + more, notes + told, [SEED, *worlds, *drawn_from]
     return BenchResult('taxel_array', command, seeds, rows, notes, drawings)
 
 

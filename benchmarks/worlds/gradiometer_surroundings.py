@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
-from tactile_ros.evaluation.benchmark import Row
+from tactile_ros.evaluation.benchmark import Row, within
 from tactile_ros.evaluation.drawing import standalone
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.evaluation.svg import Plot
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 TRIALS = load_source(Path(__file__).with_name('gradiometer_trials.py'), 'bench gradiometer')
 SENSOR, SPECIMENS = TRIALS.SENSOR, TRIALS.SPECIMENS
 MILLI, FULL = TRIALS.MILLI, TRIALS.FULL
+SECONDS = {'quick': np.inf, 'normal': 60.0, 'full': np.inf}  # of all specimens
 WARM = 1000  # presses of a calibration over temperatures
 MAGNETS, BESIDE = 24, 40  # of each specimen, and presses beside each
 UNIFORM = 2e-3  # T [3]
@@ -132,12 +133,13 @@ def drifts(said: dict[str, tuple[Array, Array]]) -> str:
     return standalone(plot)
 
 
-def surroundings(module: ModuleType, extent: str) -> list[Row]:
-    """Magnets at 14 mm, clipped frames and coverage, over specimens."""
-    clean, magnets, clipped, usable = [], [], [], []
-    for seed in SPECIMENS[extent]:
+def surroundings(module: ModuleType, extent: str) -> tuple[list[Row], list[int]]:
+    """Magnets at 14 mm, clipped frames and coverage, over specimens; and their seeds."""
+    clean, magnets, clipped, usable, seeds = [], [], [], [], []
+    for seed in within(SECONDS[extent], SPECIMENS[extent]):
         # presses, noise and magnets of its own: shares of the same draws are off together
         world, draw = module.World(seed), 1000 * seed
+        seeds.append(seed)
         pipeline = SENSOR.pipeline(world.config).fit(world.record(PRESSES, draw + 1))
         clean.append(TRIALS.errors(pipeline, world.record(2000, draw + 2), world.rest))
         for k in range(MAGNETS):
@@ -153,13 +155,14 @@ def surroundings(module: ModuleType, extent: str) -> list[Row]:
         usable.append(((rest & ~hit).sum(), (rest & ~hit & states.valid).sum()))
     told, valid = np.sum(clipped, axis=0), np.sum(usable, axis=0)
     flagged, used = 100 * told[1] / max(told[0], 1), 100 * valid[1] / valid[0]
-    return [
+    rows = [
         *coverage('', clean),
         *coverage(', magnet at 14 mm', magnets, certain=True),
         *widths(magnets),
         Row(f'clipped frames flagged, of {told[0]}', '%', flagged, 'high', aim=100.0),
         Row(f'clean frames valid, of {valid[0]}', '%', used, 'high', aim=99.9),
     ]
+    return rows, seeds
 
 
 def coverage(scene: str, found: list[tuple[Array, Array]], *, certain: bool = False) -> list[Row]:

@@ -6,7 +6,6 @@ part is right where it went to its place.
 
 from __future__ import annotations
 
-from functools import partial
 from itertools import product
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -19,7 +18,7 @@ from tactile_ros.conditioning.baseline import BaselineTracker, Tracking
 from tactile_ros.conditioning.faults import frame_readings, judged_rows
 from tactile_ros.conditioning.viscoelastic import Creep
 from tactile_ros.evaluation import array_figures
-from tactile_ros.evaluation.benchmark import Row
+from tactile_ros.evaluation.benchmark import Row, within
 from tactile_ros.sensors import load_sensor
 from tactile_ros.simulation import grippers
 from tactile_ros.simulation.pick_and_place import (
@@ -41,14 +40,15 @@ if TYPE_CHECKING:
 SEED = 4  # of what is not of a world
 WORLDS = 300  # seeds of skins and picks
 PICKS = {'quick': (1, 3), 'normal': (2, 15), 'full': (8, 100)}  # worlds, picks of each
+SECONDS = {'quick': np.inf, 'normal': 40.0, 'full': np.inf}  # of the worlds of each gripper
 ASKED = 15  # picks of each world whose other tube is looked for
 SPAN, NODES, TURNS = 2.8e-3, 9, 4  # m; places along a side, and turns within a sector, to begin at
 LAW_ERROR = 0.003  # of a force: what 150 even loads leave open
 SPEC = load_sensor('taxel_array')
 
 
-def sorted_parts(extent: str) -> tuple[list[Row], dict[str, str]]:
-    """Pick and place with the paper's grippers, and drawings of what they felt."""
+def sorted_parts(extent: str) -> tuple[list[Row], dict[str, str], list[int]]:
+    """Pick and place with the paper's grippers, drawings of what they felt, seeds of worlds."""
     worlds, count = PICKS[extent]
     kinds = {
         'washer': (grippers.magnet_gripper(), 1.5, 3.0, (10.0, 30.0), 3e-3, 5),
@@ -58,24 +58,27 @@ def sorted_parts(extent: str) -> tuple[list[Row], dict[str, str]]:
     picks, drawings, limit = {}, {}, np.nan
     for name, kind in kinds.items():
         few = max(count // 4, 3) if name == 'jaw' else count
-        grips = [_world(kind, WORLDS + i) for i in range(worlds)]
-        rngs = [np.random.default_rng([WORLDS + i, 1]) for i in range(worlds)]
-        picks[name] = [g.pick(r) for g, r in zip(grips, rngs, strict=True) for _ in range(few)]
+        grips, picks[name] = [], []
+        for i in within(SECONDS[extent], range(worlds)):
+            grips.append(_world(kind, WORLDS + i))
+            rng = np.random.default_rng([WORLDS + i, 1])
+            picks[name].append([grips[-1].pick(rng) for _ in range(few)])
         if name == 'tube':
             limit = _limit(grips, picks[name])
-        drawings[name] = _draw_pick(kind[0], picks[name][0])
+        drawings[name] = _draw_pick(kind[0], picks[name][0][0])
     turn = [
-        np.rad2deg(turn_between(float(p.state.yaw), float(p.pose[2]), 1)) for p in picks['tube']
+        np.rad2deg(turn_between(float(p.state.yaw), float(p.pose[2]), 1))
+        for part in picks['tube']
+        for p in part
     ]
-    placed = partial(_placed, worlds)
     rows = [
-        placed('pick and place: washers of 5 types, 5 bad taxels', picks['washer'], 95.0, 99.0),
-        placed(
+        _placed('pick and place: washers of 5 types, 5 bad taxels', picks['washer'], 95.0, 99.0),
+        _placed(
             'pick and place: angle tubes of 2 bends, 16 taxels', picks['tube'], 100.0, 100.0, limit
         ),
         Row('picked tubes: turn, median', 'deg', float(np.nanmedian(turn))),
-        placed('pick and place: parts in a jaw of 2000, 20 bad taxels', picks['jaw'], None, 99.0),
-        Row('one frame of 2000 taxels', 'us', _jaw_time(grips[0], picks['jaw']), aim=3000.0),
+        _placed('pick and place: parts in a jaw of 2000, 20 bad taxels', picks['jaw'], None, 99.0),
+        Row('one frame of 2000 taxels', 'us', _jaw_time(grips[0], picks['jaw'][0]), aim=3000.0),
         Row(
             'conditioning of 2000 taxels: baseline, laws, two branches of creep',
             'us',
@@ -83,7 +86,7 @@ def sorted_parts(extent: str) -> tuple[list[Row], dict[str, str]]:
             aim=100.0,
         ),
     ]
-    return rows, drawings
+    return rows, drawings, [WORLDS + i for i in range(max(map(len, picks.values())))]
 
 
 def _world(kind: tuple, seed: int) -> Gripper:
@@ -97,28 +100,29 @@ def _world(kind: tuple, seed: int) -> Gripper:
 
 
 def _placed(
-    worlds: int, what: str, picks: list[Picked], paper: float | None, aim: float,
+    what: str, picks: list[list[Picked]], paper: float | None, aim: float,
     bound: float | None = None,
 ) -> Row:  # fmt: skip
     """Per cent of parts that went where they belong, of all worlds and of each."""
-    each = 100.0 * np.reshape([pick.placed for pick in picks], (worlds, -1)).mean(axis=1)
+    each = [100.0 * float(np.mean([pick.placed for pick in part])) for part in picks]
+    count = sum(map(len, picks))
+    worlds = f'{len(picks)} world' + 's' * (len(picks) > 1)
     return Row(
-        f'{what} ({len(picks)} picks)', '%', float(each.mean()), 'high', paper=paper, aim=aim,
-        bound=bound, by_seed=tuple(each.tolist()),
+        f'{what} ({count} picks in {worlds})', '%', float(np.mean(each)), 'high', paper=paper,
+        aim=aim, bound=bound, by_seed=tuple(each),
     )  # fmt: skip
 
 
-def _limit(grips: list[Gripper], picks: list[Picked]) -> float:
+def _limit(grips: list[Gripper], picks: list[list[Picked]]) -> float:
     """Per cent of tubes whose bend and turn a rule that knows this very world may tell.
 
     Of two tubes whose readings are d sigmas apart at the nearest poses a rule of Bayes names
     Phi(d / 2) rightly; a turn lies within its clearance as often as Cramer and Rao let it.
     """
-    each = len(picks) // len(grips)
     right = []
-    for i, gripper in enumerate(grips):
+    for gripper, taken in zip(grips, picks, strict=True):
         starts = [list(_begins(gripper, part)) for part in range(len(gripper.config.objects))]
-        for pick in picks[each * i : each * i + min(each, ASKED)]:
+        for pick in taken[:ASKED]:
             sigma = _sigma(gripper.skin, pick.loads)
             apart = min(
                 _apart(gripper, part, pick.loads, sigma, begins)

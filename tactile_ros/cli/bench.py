@@ -11,6 +11,7 @@ example:
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import subprocess
 import sys
@@ -96,18 +97,26 @@ def run(options: argparse.Namespace) -> int:
         return _side_by_side([*benches], extent, results, options)
     told = []
     for name, bench in benches.items():
-        began = time.perf_counter()
+        began, spent_s = time.perf_counter(), processor_s()
         print(f'bench {name} ({extent}) ...', file=sys.stderr, flush=True)
         result = bench.run(extent, shlex.join(['tactile', *_words(name, extent)]))
         drawn = result.draw(options.figures) if options.figures else []
         path, seconds = result.write(results), time.perf_counter() - began
+        spent_s = processor_s() - spent_s
         told.append(json.loads(path.read_bytes()))
         if not options.json:
             tell(result, drawn)
-            print(f'  seeds {result.seed}; {seconds:.0f} s; written to {path}')
+            took = f'{seconds:.0f} s ({spent_s:.0f} s of a processor)'
+            print(f'  seeds {result.seed}; {took}; written to {path}')
     if options.json:
         print(json.dumps(told, indent=2))
     return 0
+
+
+def processor_s() -> float:
+    """Processor time of this process and of those that it waited for (s)."""
+    found = os.times()
+    return found.user + found.system + found.children_user + found.children_system
 
 
 def tell(result: BenchResult, drawn: Sequence[Path]) -> None:

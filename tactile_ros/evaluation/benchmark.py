@@ -9,7 +9,7 @@ import sys
 import time
 from dataclasses import asdict, dataclass, field
 from importlib import metadata
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 import numpy as np
 
@@ -17,9 +17,10 @@ from tactile_ros import __version__
 from tactile_ros.calibration.beside import write_beside
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
 
+T = TypeVar('T')
 COLUMNS = (
     'what', 'unit', 'paper', 'peer', 'ours', 'bound', 'aim', 'held', 'us_single', 'us_batch',
 )  # fmt: skip
@@ -132,6 +133,33 @@ class BenchResult:
         }
         text = json.dumps(document, indent=1, allow_nan=False) + '\n'
         return write_beside(folder / f'{self.bench}.json', text.encode())
+
+
+def within(
+    seconds: float, ones: Iterable[T], clock: Callable[[], float] = time.monotonic
+) -> Iterator[T]:
+    """Seeds, worlds or tasks one after another, as many as fit.
+
+    Parameters
+    ----------
+    seconds : float
+        Time for all of them; infinite where none shall be left out.
+    ones : iterable
+        What the caller works on before it asks for the next.
+    clock : callable
+        Seconds of a steady clock.
+
+    Yields
+    ------
+    object
+        The first in any case; another only if it would end in time, should it take as long as the
+        mean of those before.
+    """
+    began = clock()
+    for done, one in enumerate(ones):
+        if done and (clock() - began) * (done + 1) / done > seconds:
+            return
+        yield one
 
 
 def shortest(work: Callable[[], object], repetitions: int = 10) -> float:

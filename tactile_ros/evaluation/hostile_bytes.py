@@ -158,8 +158,10 @@ def _hostile(frame: bytes, rng: np.random.Generator) -> bytes:
     if kind == 1:
         return damage(frame, DAMAGES[int(rng.integers(len(DAMAGES)))], rng)
     hurt = bytearray(frame)
-    for place in rng.integers(len(frame), size=int(rng.integers(1, 9))):
-        hurt[place] = int(rng.integers(256))
+    count = int(rng.integers(1, 9))
+    places = rng.integers(len(frame), size=count).tolist()
+    for place, byte in zip(places, rng.bytes(count), strict=True):
+        hurt[place] = byte
     return bytes(hurt)
 
 

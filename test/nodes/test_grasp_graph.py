@@ -12,6 +12,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from tactile_ros.action import Grasp
+from tactile_ros.control import GripConfig
 from tactile_ros.msg import GripState, TactileContacts
 from tactile_ros.nodes.graph import Graph
 from tactile_ros.nodes.grasp_graph import Grasping, grasping, stack_of
@@ -171,9 +172,11 @@ def test_a_grasp_is_held_through_the_whole_graph(
         assert ros.until(user.grasp.server_is_ready, PATIENCE_S)
         ended = user.held(ros, 2.0)
         assert ended.outcome == Grasp.Result.HELD, (ended, running.lines)
-        # no object joins the springs: the balance leaves open how the sum is shared
-        assert np.mean(ended.force) == pytest.approx(2.0, rel=0.15)
+        # no object joins the springs: what they differ by stays, and the stronger side rules
+        most = 2.0 * (1.0 + GripConfig().balance_high)
+        assert 0.9 * 2.0 < max(ended.force) < 1.1 * most, ended.force
+        told = np.array(ended.force)
         # of a machine that is busy the newest joint states come a little later than the result
-        assert ros.until(lambda: np.abs(user.pressed() - 2.0).max() < 1.0), user.pressed()
+        assert ros.until(lambda: np.abs(user.pressed() - told).max() < 1.0), (user.pressed(), told)
         assert user.held(ros, 0.0).message == 'the hand is open'
         assert set(running.stop().values()) == {0}

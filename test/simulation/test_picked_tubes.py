@@ -34,7 +34,7 @@ def limit(bench: ModuleType, bends: tuple[float, float], noise: float = 5e-4) ->
         )
         for i, pose in enumerate(poses)
     ]
-    return float(bench._limit([gripper], picks))
+    return float(bench._limit([gripper], [picks]))
 
 
 def test_bends_far_apart_are_all_told(bench: ModuleType) -> None:
