@@ -70,8 +70,11 @@ def run(options: argparse.Namespace) -> int:
         print(f'  left out: {problem}', file=sys.stderr)
     print(f'report: {output}', file=sys.stderr)
     if options.png:
-        for picture in write_pictures(options.png, files):
+        pictures = 0
+        for pictures, picture in enumerate(write_pictures(options.png, files), start=1):
             print(f'picture: {picture}', file=sys.stderr, flush=True)
+        if not pictures:
+            print('no picture: these results have nothing to draw', file=sys.stderr)
     return int(bool(problems))
 
 

@@ -40,6 +40,10 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, ContactState, Frame
 
 STALE = int(FrameStatus.STALE)
+LAGS = (
+    'at {:g} Hz a point of the trajectory lies two periods ahead, which is more than horizon_s: '
+    'joints lag by 1.44 periods more, which the parameter lag must be told too'
+)
 WATCH_S = 1e-2  # how often the clock is looked at, at most
 
 
@@ -87,6 +91,8 @@ class GripNode(ManagedNode):
         self._config = self.options(GripConfig)
         described = self._hand.driven_by(self.options(type(self._hand.driver)))
         self._described = described.paced(self._config.rate_hz)
+        if self._described.driver != described.driver:
+            self.get_logger().warning(LAGS.format(self._config.rate_hz))
         GripStage(self._described, self._config, self._options.fingers)
 
     def activate(self) -> None:

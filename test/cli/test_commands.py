@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactile_ros.cli import bench, demo
+from tactile_ros.cli import bench, demo, destination
 from tactile_ros.cli.main import COMMANDS, main, parser, sentence
 from tactile_ros.cli.sources import MOST_YAML_BYTES, read_config
 from tactile_ros.evaluation.archive import load_recording, save_recording
@@ -392,3 +392,12 @@ def test_nobody_reads_what_is_printed() -> None:
         process.stdout.close()
         assert process.stderr.read() == b''
         assert process.wait() == 141
+
+
+def test_a_report_without_anything_to_draw_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(destination, 'find_browser', lambda: 'chromium')
+    BenchResult('plain', 'tactile bench plain', [0], [Row('one figure', 'mm', 1.0)]).write(tmp_path)
+    assert main(['report', str(tmp_path), '--png', str(tmp_path / 'png')]) == 0
+    assert 'no picture: these results have nothing to draw' in capsys.readouterr().err

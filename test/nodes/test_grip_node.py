@@ -412,9 +412,11 @@ def test_a_description_that_comes_later_bounds_the_next_grasp_without_being_aske
 
 @pytest.mark.parametrize(('rate_hz', 'horizon_ns'), [(25.0, 80_000_000), (100.0, 20_000_000)])
 def test_points_of_a_trajectory_lie_two_periods_ahead(
-    ros: Ros, rate_hz: float, horizon_ns: int
+    ros: Ros, capfd: pytest.CaptureFixture[str], rate_hz: float, horizon_ns: int
 ) -> None:
     _, mock, fingers = graph(ros, 'joint_trajectory', f'rate_hz:={rate_hz}')
+    warned = 'at 25 Hz a point of the trajectory lies two periods ahead'
+    assert (warned in capfd.readouterr().err) == (rate_hz == 25.0)
     sent: list[JointTrajectory] = []
     topic = mock._driver.topics[0].name
     fingers.create_subscription(JointTrajectory, topic, sent.append, 10)
