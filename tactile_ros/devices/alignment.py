@@ -173,5 +173,8 @@ def next_start(seen: Evidence, length: int, synchronised: bool, odd_before: bool
     if not len(seen.offsets):
         return None
     starts = resume(seen, odd_before) if synchronised else lock_on(seen)
-    known = [start for start in starts + lock_on_odd(seen) if start.known_at <= length]
+    earliest = int(seen.offsets[0]) + PATIENCE * seen.size  # that odd fields may be known
+    if not any(start.known_at < earliest for start in starts):
+        starts += lock_on_odd(seen)
+    known = [start for start in starts if start.known_at <= length]
     return min(known, key=lambda start: start[:2]) if known else None

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.devices.alignment import KEPT, gather, next_start
+from tactile_ros.devices.alignment import KEPT, Start, gather, next_start
 from tactile_ros.devices.packets import TERMINATOR, frame_bytes, plausible, readings, words
 from tactile_ros.types import Array, Bools, Integers
 
@@ -199,8 +199,10 @@ class FrameDecoder:
 
     def _search(self) -> bool:
         """Cut the buffer at the next believable start, or to what may still become one."""
-        seen = gather(self._buffer, self._verified(), self._faulty, self._quantum)
-        start = next_start(seen, len(self._buffer), self._synchronised, self._odd)
+        first = KEPT * self._size  # what they make known, the rest cannot change
+        start = self._start(self._buffer[:first])
+        if start is None and len(self._buffer) > first:
+            start = self._start(self._buffer)
         if start is None:
             self._skip(len(self._buffer) - KEPT * self._size - len(TERMINATOR))
             return False
@@ -210,6 +212,11 @@ class FrameDecoder:
         self._skip(start.offset)
         self._locked = True
         return True
+
+    def _start(self, stream: bytes) -> Start | None:
+        """Believable start in what is at hand."""
+        seen = gather(stream, self._verified(), self._faulty, self._quantum)
+        return next_start(seen, len(stream), self._synchronised, self._odd)
 
     def _skip(self, count: int) -> None:
         """Drop bytes from the head of the buffer, if any, and account for them."""
