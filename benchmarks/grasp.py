@@ -16,7 +16,7 @@ import numpy as np
 
 from tactile_ros.control import GripConfig, GripForce, GripPhase, qb_softhand
 from tactile_ros.errors import MissingPackageError
-from tactile_ros.evaluation.benchmark import BenchResult, Row, within
+from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
 from tactile_ros.simulation.engine import load_engine
@@ -36,7 +36,6 @@ LOAD_WORLD = WORLD.with_name('load_world.py')
 SCENES = Path(__file__).parent / 'worlds' / 'grasp_scenes.py'
 SEEDS = {'quick': 1, 'normal': 10, 'full': 40}
 LOADS = {'quick': 2, 'normal': 100, 'full': 200}  # of either kind
-HELD_S = {'quick': np.inf, 'normal': 60.0, 'full': np.inf}  # for all of them
 BLOCKS = 5  # of their seeds, each of which gives a value
 FOLDS, LENGTH, TARE = 5, 300, 10
 SIGMAS = 5.0  # of rest, beyond which a pull has begun
@@ -71,7 +70,7 @@ def run(extent: str, command: str) -> BenchResult:
     seeds = list(range(SEEDS[extent]))
     suffered, reactions = load_source(FAULTS, 'bench grasp').fault_rows(extent)
     rows = [
-        *_slip_rows(seeds), *_loop_rows(seeds), *_load_rows(LOADS[extent], HELD_S[extent]),
+        *_slip_rows(seeds), *_loop_rows(seeds), *_load_rows(LOADS[extent]),
         *suffered,
     ]  # fmt: skip
     notes = [
@@ -245,7 +244,7 @@ def _grip(
     return max(forces) / TARGET - 1, settled, float(steady)
 
 
-def _load_rows(count: int, seconds: float) -> list[Row]:
+def _load_rows(count: int) -> list[Row]:
     """Drops and mean force of three grips, of objects that grow heavier or slippery in hand."""
     world = load_source(LOAD_WORLD, 'bench grasp')
     fresh = range(FRESH, FRESH + count)
@@ -259,7 +258,7 @@ def _load_rows(count: int, seconds: float) -> list[Row]:
         'adaptive': (calm, BEGIN, True),
     }
     carried: dict[str, list[list[tuple[float, float]]]] = {name: [] for name in grips}
-    for i, pair in within(seconds, loads.items()):
+    for i, pair in loads.items():
         for name, grip in grips.items():
             carried[name].append([_carry(world, load, i, *grip) for load in pair])
     rows = []

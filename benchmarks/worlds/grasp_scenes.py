@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
-from tactile_ros.evaluation.benchmark import Row
+from tactile_ros.evaluation.benchmark import Row, within
 from tactile_ros.evaluation.drawing import standalone
 from tactile_ros.evaluation.svg import Plot
 from tactile_ros.nodes.grip_stage import GripStage
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 GRASPS = {'quick': 1, 'normal': 3, 'full': 50}  # of each object
 FORCES = {'quick': 1, 'normal': 2, 'full': 10}  # of each object and hand
 LOADS = {'quick': 2, 'normal': 10, 'full': 100}  # of either kind
+SECONDS = {'quick': np.inf, 'normal': 30.0, 'full': np.inf}  # of a study's seeds
 PAPER = {'cube': 94.0, 'sphere': 96.0, 'mouse': 94.0}  # [2], % of 50 grasps each
 SETTLED = {'allegro': 0.5, 'soft': 1.5}  # s
 HELD, SPARED = 0.98, 0.8
@@ -57,11 +58,12 @@ def run(extent: str, seed: int = FRESH, films: Mapping[str, Watcher] | None = No
     """All scenes, from a seed on; films, by scene, see one run of each."""
     trials, found, films = Trials(stage), Found(), films or {}
     balloon(trials, found, films.get('balloon', unseen))
+    time_s = SECONDS[extent]
     cells(trials, found, range(seed, seed + GRASPS[extent]), films.get('allegro', unseen))
-    weaker(trials, found, range(seed, seed + FORCES[extent]))
+    weaker(trials, found, range(seed, seed + FORCES[extent]), time_s)
     for hand in SETTLED:
-        forces(trials, found, hand, range(seed, seed + FORCES[extent]))
-    loads(trials, found, range(seed, seed + LOADS[extent]), films.get('loads', unseen))
+        forces(trials, found, hand, range(seed, seed + FORCES[extent]), time_s)
+    loads(trials, found, range(seed, seed + LOADS[extent]), films.get('loads', unseen), 2 * time_s)
     found.notes += [
         'Scenes of MuJoCo (docs/simulation.md): contact forces go through the model of the sensor '
         'into the bytes of its board, the driver, the pipeline and the loop of grip_node; joints '
@@ -83,7 +85,7 @@ def balloon(trials: Trials, found: Found, film: Watcher) -> None:
             per_cent * held.error_until(UNTIL), paper=None,
             peer=per_cent * single.error_until(UNTIL), aim=2.0),
         Row('balloon: distance below which no reading is valid', 'mm', 1e3 * held.invalid_from),
-        _real_time('balloon', held.seconds + single.seconds, began),
+        _real_time('balloon', held.seconds + single.seconds, time.perf_counter() - began),
     ]  # fmt: skip
     found.notes.append(
         f'Balloon: {held.fate} with the gradiometer, {single.fate} with one pixel (the peer).'
@@ -130,25 +132,29 @@ def cells(trials: Trials, found: Found, seeds: range, film: Watcher) -> None:
                 1e3 * float(np.median([one.error for one in judged]))),
             Row(f'{what}: held through 2 N', '1', float(np.mean([g.held for g in grasps])),
                 'high', aim=1.0),
-            _real_time(what, sum(g.seconds for g in grasps), began),
+            _real_time(what, sum(g.seconds for g in grasps), time.perf_counter() - began),
         ]  # fmt: skip
         if kind == 'cube':
             found.drawings['allegro'] = drawn_grasp(grasps[0])
 
 
-def weaker(trials: Trials, found: Found, seeds: range) -> None:
+def weaker(trials: Trials, found: Found, seeds: range, time_s: float) -> None:
     """The same with the torques that the makers' nodes clip at, as they are shipped."""
     for version in ('v4', 'v5'):
-        grasps = [trials.pads(kind, seed, version=version) for kind in THINGS for seed in seeds]
+        grasps = [
+            trials.pads(kind, seed, version=version)
+            for seed in within(time_s, seeds)
+            for kind in THINGS
+        ]
         what = f'Allegro-like with motors of {version.upper()} as shipped, {len(grasps)} grasps'
         held = float(np.mean([grasp.held for grasp in grasps]))
         found.rows.append(Row(f'{what}: held through 2 N', '1', held, 'high'))
 
 
-def forces(trials: Trials, found: Found, hand: str, seeds: range) -> None:
+def forces(trials: Trials, found: Found, hand: str, seeds: range, time_s: float) -> None:
     """Overshoot, settling and steady error of a hand with gradiometers, all objects."""
     began = time.perf_counter()
-    grasps = [trials.forces(hand, kind, seed) for kind in THINGS for seed in seeds]
+    grasps = [trials.forces(hand, kind, seed) for seed in within(time_s, seeds) for kind in THINGS]
     over, steady, settled = (
         np.array([getattr(g, name) for g in grasps]) for name in ('overshoot', 'steady', 'settled')
     )
@@ -158,7 +164,7 @@ def forces(trials: Trials, found: Found, hand: str, seeds: range) -> None:
         Row(f'{what}: slowest from load to 5 %', 's', float(settled.max()), aim=SETTLED[hand]),
         Row(f'{what}: from load to 5 %, median', 's', float(np.median(settled))),
         Row(f'{what}: worst steady error', '%', 100 * float(steady.max()), aim=2.0),
-        _real_time(what, sum(g.seconds for g in grasps), began),
+        _real_time(what, sum(g.seconds for g in grasps), time.perf_counter() - began),
     ]
     found.drawings[f'{hand}_force'] = drawn_grasp(grasps[0])
 
@@ -175,19 +181,29 @@ def drawn_grasp(grasp: Grasped) -> str:
     return standalone(plot)
 
 
-def loads(trials: Trials, found: Found, seeds: range, film: Watcher) -> None:
+def loads(trials: Trials, found: Found, seeds: range, film: Watcher, time_s: float) -> None:
     """Scene 3: drop rate against mean force of three grips."""
-    drawn = [(Handling.draw(kind, seed), seed) for kind in KINDS for seed in seeds]
     fixed = smallest_fixed()
+    tried = grips(fixed)
+    each: dict[str, list[list[Carried]]] = {name: [] for name in tried}
+    spent = dict.fromkeys(tried, 0.0)
+    for seed in within(time_s, seeds):
+        pair = [Handling.draw(kind, seed) for kind in KINDS]
+        for name, grip in tried.items():
+            began = time.perf_counter()
+            seen = pair[-1] if (name, seed) == ('adaptive', seeds[0]) else None
+            each[name].append(
+                [trials.carry(one, seed, grip, film if one is seen else unseen) for one in pair]
+            )
+            spent[name] += time.perf_counter() - began
     points = {}
-    for name, grip in grips(fixed).items():
-        began = time.perf_counter()
-        seen = drawn[-1] if name == 'adaptive' else None
-        carried = [trials.carry(*load, grip, film if load is seen else unseen) for load in drawn]
+    for name, pairs in each.items():
+        parts = list(zip(*pairs, strict=True))
+        carried = [one for part in parts for one in part]
         points[name] = shares(carried)
-        mean, dropped = zip(*blocks(carried, len(seeds)), strict=True)
+        mean, dropped = zip(*blocks(carried, len(pairs)), strict=True)
         aims = (HELD, SPARED * fixed) if name == 'adaptive' else (None, None)
-        what = f'{len(drawn)} loads in MuJoCo, {name}'
+        what = f'{len(carried)} loads in MuJoCo, {name}'
         found.rows += [
             Row(f'{what}: held', '1', 1 - points[name][1], 'high', aim=aims[0],
                 by_seed=tuple(1 - share for share in dropped)),
@@ -195,11 +211,9 @@ def loads(trials: Trials, found: Found, seeds: range, film: Watcher) -> None:
             *(
                 Row(f'{what}, {kind}: held', '1',
                     float(np.mean([one.held for one in part])), 'high')
-                for kind, part in zip(
-                    KINDS, (carried[: len(seeds)], carried[len(seeds) :]), strict=True
-                )
+                for kind, part in zip(KINDS, parts, strict=True)
             ),
-            _real_time(what, sum(one.seconds for one in carried), began),
+            _real_time(what, sum(one.seconds for one in carried), spent[name]),
         ]  # fmt: skip
     found.notes.append(
         f'Fixed in MuJoCo: {fixed:.2f} N, below which no fixed force could hold 98 % of the 200 '
@@ -237,6 +251,6 @@ def drawn_loads(points: dict[str, tuple[float, float]]) -> str:
     return standalone(plot)
 
 
-def _real_time(what: str, seconds: float, began: float) -> Row:
-    """Simulated over elapsed time."""
-    return Row(f'{what}: real-time factor', '1', seconds / (time.perf_counter() - began), 'high')
+def _real_time(what: str, seconds: float, elapsed: float) -> Row:
+    """Simulated over elapsed time (s)."""
+    return Row(f'{what}: real-time factor', '1', seconds / elapsed, 'high')
