@@ -89,11 +89,12 @@ def collection(
     for i, head in enumerate(heads):
         for j, place in enumerate(places):
             for k, turn in enumerate(turns):
-                terms = _terms(skin, world, head, place, turn)
+                terms = None if returns else _terms(skin, world, head, place, turn)
                 for _ in range(samples):
                     if returns:
                         at = place + RETURNS[0] * rng.normal(size=2)
                         terms = _terms(skin, world, head, at, turn + RETURNS[1] * rng.normal())
+                    assert terms is not None
                     windows.append(_window(skin, world, terms, rng))
                     what.append((i if len(turns) == 1 else k, j, i))
     label, where, source = np.array(what).T
