@@ -44,7 +44,7 @@ TABLE_1 = ((98, 63, 64, 55), (45, 98, 83, 73), (49, 80, 99, 92), (44, 71, 95, 99
 CONE = np.pi / 4
 SPECIMENS = {'quick': (), 'normal': (1, 2, 3, 4), 'full': tuple(range(1, 9))}
 BODIES = {'quick': (), 'normal': (), 'full': tuple(range(1, 9))}  # whose coverage is judged
-ALIKE_S = 10.0  # of one estimator beside others, for all its seeds
+ALIKE_S = 6.0  # of one estimator beside others, for all its seeds
 FEW = 200  # presses that judge each specimen
 
 
@@ -171,8 +171,8 @@ def _neighbours(extent: str) -> list[Row]:
 
 def _probes(count: int, extent: str) -> list[Row]:
     """Table 1 of [2]: trained on one probe, on two and on all, judged on each."""
-    each = {p: PAD.session(15, count // 2, 0.4, 10 + p, tip=p / 2e3) for p in PROBES}
-    fresh = {p: PAD.session(15, count // 2, 0.4, 50 + p, tip=p / 2e3) for p in PROBES}
+    each = {p: PAD.session(15, count // 3, 0.4, 10 + p, tip=p / 2e3) for p in PROBES}
+    fresh = {p: PAD.session(15, count // 3, 0.4, 50 + p, tip=p / 2e3) for p in PROBES}
     learned = [(p,) for p in PROBES] + [(2, 14), PROBES]
     learned += [(2, 6), (6, 14)] if extent == 'full' else []
     rows = []

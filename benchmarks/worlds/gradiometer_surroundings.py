@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 TRIALS = load_source(Path(__file__).with_name('gradiometer_trials.py'), 'bench gradiometer')
 SENSOR, SPECIMENS = TRIALS.SENSOR, TRIALS.SPECIMENS
 MILLI, FULL = TRIALS.MILLI, TRIALS.FULL
-SECONDS = {'quick': np.inf, 'normal': 60.0, 'full': np.inf}  # of all specimens
+SECONDS = {'quick': np.inf, 'normal': 40.0, 'full': np.inf}  # of all specimens
 WARM = 1000  # presses of a calibration over temperatures
 MAGNETS, BESIDE = 24, 40  # of each specimen, and presses beside each
 UNIFORM = 2e-3  # T [3]
