@@ -46,8 +46,8 @@ from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.processes import Running
 from tactile_ros.sensors import list_sensors, load_sensor
 
-STRINGS = {'quick': 5_000, 'normal': 1_000_000, 'full': 1_000_000}
-DECODED = {'quick': 50_000, 'normal': 1_000_000, 'full': 1_000_000}
+STRINGS = {'quick': 2_000, 'normal': 1_000_000, 'full': 1_000_000}
+DECODED = {'quick': 20_000, 'normal': 1_000_000, 'full': 1_000_000}
 NODE_S = {'quick': (3.0, 3.0), 'normal': (10.0, 100.0), 'full': (10.0, 100.0)}  # 100 Hz, 1 kHz
 WARM_S = {'quick': 3.0, 'normal': 10.0, 'full': 10.0}
 ON_ITS_WAY_S = 0.5
@@ -198,7 +198,7 @@ def _fuzz_chips(count: int) -> list[Row]:
 def _hidden(extent: str) -> list[Row]:
     """Share of damage that ReSkin's format cannot show, on a shipped recording."""
     values = load_sensor('reskin_board').recordings()['normal_1'].values[:500]
-    trials = 200 if extent == 'quick' else 1000
+    trials = 50 if extent == 'quick' else 1000
     rows = []
     for kind in DAMAGES:
         found = unseen(values, 25.0, kind, 0, trials)

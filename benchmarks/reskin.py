@@ -346,7 +346,7 @@ def _plain(recording: Recording, split: Split) -> tuple[Array, Array]:
 
 def _damage(recording: Recording, extent: str) -> list[Row]:
     """Share of damaged frames that the board's format, without a checksum, cannot show."""
-    trials = 200 if extent == 'quick' else 1000
+    trials = 50 if extent == 'quick' else 1000
     found = [unseen(recording.values[:500], 25.0, kind, 0, trials) for kind in DAMAGES]
     rows = [
         Row(f'frames {f.kind}: delivered with wrong numbers', '%', 100 * f.passed) for f in found

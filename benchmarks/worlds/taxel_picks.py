@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 SEED = 4  # of what is not of a world
 WORLDS = 300  # seeds of skins and picks
-PICKS = {'quick': (1, 3), 'normal': (2, 15), 'full': (8, 100)}  # worlds, picks of each
+PICKS = {'quick': (1, 2), 'normal': (2, 15), 'full': (8, 100)}  # worlds, picks of each
 SECONDS = {'quick': np.inf, 'normal': 20.0, 'full': np.inf}  # of the worlds of each gripper
 ASKED = 15  # picks of each world whose other tube is looked for
 SPAN, NODES, TURNS = 2.8e-3, 9, 4  # m; places along a side, and turns within a sector, to begin at
