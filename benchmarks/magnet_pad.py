@@ -253,7 +253,7 @@ def _speed(count: int, seeds: tuple[int, ...]) -> list[Row]:
     inversion, cells = ours.estimation.inversion_, test.config.cells
     rows = []
     for name in (None, 'ridge', 'grid_knn', 'kernel_ridge', 'perceptron'):
-        away, right = [], []
+        away, right, force = [], [], []
         for seed in within(ALIKE_S, seeds):
             train, fresh = (PAD.session(15, count, 1.0, seed + part) for part in (LEARN, JUDGE))
             own = name is None and seed == 0
@@ -261,11 +261,17 @@ def _speed(count: int, seeds: tuple[int, ...]) -> list[Row]:
             said = one.process_batch(fresh.recording)
             away.append(PAD.away(said, fresh))
             right.append(PAD.right(said, fresh))
+            force.append(PAD.off_force(said, fresh))
         single, batch = PAD.times(one, fresh.recording)
         title = 'table Gauss-Newton' if name is None else name.replace('_', ' ')
         rows.append(
             Row(f'place by {title}', 'mm', float(np.mean(away)), us_single=single,
                 us_batch=batch, by_seed=tuple(away), compared='place on the pad, 15 cells',
+                method=title)
+        )  # fmt: skip
+        rows.append(
+            Row(f'force by {title}', 'N', float(np.mean(force)), us_single=single,
+                us_batch=batch, by_seed=tuple(force), compared='force on the pad, 15 cells',
                 method=title)
         )  # fmt: skip
         if (said.cell >= 0).any():  # regressors of the place name none

@@ -20,7 +20,7 @@ OWN_CLASSES = {'Layout': Layout, 'Rest': Rest}
 BASELINE = 'rest_/baseline.array'
 # As no other dimension is likely to be: an array of a wrong shape must not fit by chance.
 REHEARSED = 13
-WARM_C = 30.0
+WARM_C, HOT_C = 30.0, 200.0  # the second beyond those of any fit
 
 
 def parts_to_arrays(sensor: str, parts: Mapping[str, object]) -> calibration.Arrays:
@@ -74,7 +74,7 @@ def read_parts(path: str | Path, sensor: str, classes: Mapping[str, type]) -> di
 
 
 def rehearse(layout: Layout, rest: Rest, use: Callable[[Recording], ContactStates]) -> None:
-    """Use a pipeline at rest and at a touch, with a tare, stamps and temperatures and without.
+    """Use a pipeline at rest and at a touch, with and without a tare, stamps and temperatures.
 
     Parameters
     ----------
@@ -92,9 +92,10 @@ def rehearse(layout: Layout, rest: Rest, use: Callable[[Recording], ContactState
     touch = np.where(touched[:, None, None], 10 * rest.scale, 0.0)
     values = np.nan_to_num(rest.baseline + touch)
     stamps, warm = np.arange(REHEARSED), np.full(values.shape[:2], WARM_C)
+    hot = np.full(values.shape[:2], HOT_C)
     for tare, stamp_ns, temperature_c in (
         (None, None, None), (None, stamps, warm),
-        (~touched, None, warm), (~touched, stamps, None),
+        (~touched, None, warm), (~touched, stamps, None), (~touched, stamps, hot),
     ):  # fmt: skip
         told = Recording.from_arrays(
             layout, values, stamp_ns, temperature_c=temperature_c, tare=tare

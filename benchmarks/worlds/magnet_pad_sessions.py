@@ -100,6 +100,13 @@ def away(states: ContactStates, one: Session) -> float:
     )
 
 
+def off_force(states: ContactStates, one: Session) -> float:
+    """Root mean square of how far forces are from the truth (N); NaN where none is told."""
+    error = states.force[REST:] - one.touches.force
+    told = np.isfinite(error).all(axis=1)
+    return float(np.sqrt((error[told] ** 2).sum(axis=1).mean())) if told.any() else float('nan')
+
+
 @lru_cache
 def _truth(cells: int, spread: float) -> tuple[TouchMixture, TouchMixture]:
     """Touches of the world itself, without and with an outside field of the size in use."""

@@ -34,6 +34,23 @@ def test_case_1_weights_stay_small_although_features_are_dependent() -> None:
     assert np.abs(PolynomialForce().fit(x, y).weights_).max() < 10
 
 
+def test_case_1_a_standardised_constant_and_single_precision_spoil_plain_weights() -> None:
+    x = fields(600)
+    y = 100 * (x[:, :1] - x[:, 2:3])
+    raw = products(gradient_field(x) / 1e-2)
+    spread = raw.std(axis=0)
+    terms = (raw - raw.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
+    assert not terms[:, 0].any()  # the constant: a column of zeros
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.solve(terms.T @ terms, terms.T @ y)
+    coarse, told = terms[:, 1:].astype(np.float32), y.astype(np.float32)
+    weights = np.linalg.solve(coarse.T @ coarse, coarse.T @ told)
+    plain = np.abs(terms[:, 1:] @ weights - y).max()
+    ours = np.abs(PolynomialForce().fit(x, y).predict(x) - y).max()
+    assert ours < 1e-9
+    assert plain > 1e4 * ours
+
+
 def test_huber_bears_outliers_and_silence_gives_no_nan() -> None:
     x = fields(400)
     clean = 100 * (x[:, :1] - x[:, 2:3])

@@ -7,7 +7,9 @@ Cases of fields, of the gradiometer and of the magnet pad that are elsewhere in 
 4 (near fields, edges, cancellation): physics/test_magnetics, physics/test_fidelity
 4, 8, 18, 19 (for the pad): sensors/test_pad_inversion
 7 (ties and distances of neighbours): estimators/test_cell_knn
-15 (temperatures outside of a fit): physics/test_temperature, sensors/test_gradiometer
+12 (gaps, of the disc's temperature): physics/test_temperature
+15 (temperatures outside of a fit; a disc that lags): physics/test_temperature,
+   sensors/test_gradiometer, sensors/test_gradiometer_untold
 17 (the order of removing means): sensors/test_gradiometer
 """
 

@@ -215,3 +215,75 @@ def test_a_cubic_of_the_temperature_is_found_and_grows_as_one() -> None:
     np.testing.assert_allclose(far, [1.0, 2.0])
     cov = grown(np.tile(np.eye(1), (2, 1, 1)), np.array([0.5]), far)[:, 0, 0]
     np.testing.assert_allclose(cov, [1.0, 7.0**2 + 0.25 * (26.0**2 - 1)])
+
+
+def shares(pipeline: Pipeline, test: Recording) -> tuple[float, float]:
+    """Shares of errors inside one and two sigma."""
+    error, sigma, _ = judged(pipeline, test)
+    z = np.abs(error) / sigma
+    return float((z < 1).mean()), float((z < 2).mean())
+
+
+def test_a_lag_that_nobody_told_is_told_of_and_held_by_sigmas_of_streams() -> None:
+    world = made.World(41)
+    loose = made.Scene(span=50.0)  # without stamps, the disc as warm as the chip
+    pipeline = SENSOR.pipeline(world.config, 'inversion').fit(world.record(150, 4, loose))
+    said = 'not told: how the disc lags behind the chip: no stamps tell it, nor thermal_lag'
+    assert said in pipeline.report
+    one, two = shares(pipeline, world.record(200, 5, WARM))
+    assert one > 0.6  # 0.09 while the disc was taken to be as warm as the chip
+    assert two > 0.87
+    test = world.record(60, 7, WARM)
+    assert test.stamp_ns is not None
+    assert test.temperature_c is not None
+    pipeline.tare([test.frame(row) for row in range(world.rest)])
+    later = Recording.from_arrays(
+        pipeline.layout, test.values[60:], stamp_ns=test.stamp_ns[60:],
+        temperature_c=test.temperature_c[60:],
+    )  # fmt: skip
+    batch = pipeline.process_batch(later)
+    pipeline.reset()
+    for row in range(len(later)):
+        live = pipeline.process(later.frame(row))
+        np.testing.assert_allclose(live.force_cov, batch.force_cov[row], rtol=1e-7, atol=1e-15)
+    same, _ = shares(pipeline, world.record(200, 6, loose))
+    assert 0.55 < same < 0.85  # where there is no time, nothing is wider
+    features = pipeline.estimation.features_
+    features.config = dataclasses.replace(world.config, thermal_lag=8.0)
+    assert features.lag_is_told
+    assert not any('lags behind' in one for one in pipeline.report)
+
+
+def test_frames_without_time_may_be_as_far_behind_as_the_lag_that_was_found() -> None:
+    world, pipeline = fitted()
+    assert not any('lags behind' in one for one in pipeline.report)
+    bare = dataclasses.replace(world.record(300, 5, WARM), stamp_ns=None)
+    one, two = shares(pipeline, bare)
+    assert one > 0.45  # 0.08 while the disc was taken to be as warm as the chip
+    assert two > 0.9
+
+
+def test_a_stream_that_tells_no_temperature_is_flagged_after_one_temperature_too() -> None:
+    world, scene = made.World(41), made.Scene(span=0.01, ramp_s=100.0)
+    pipeline = SENSOR.pipeline(world.config, 'differences').fit(world.record(60, 4, scene))
+    test = world.record(40, 5, scene)
+    assert test.temperature_c is not None
+    later = test.temperature_c.copy()
+    later[30:] = np.nan  # told before, and held
+    silent = np.full_like(later, np.nan)
+    for told, flagged in ((test.temperature_c, 0), (later, 0), (silent, 1), (None, 1)):
+        states = pipeline.process_batch(dataclasses.replace(test, temperature_c=told))
+        outside = states.status[states.in_contact != 0] & int(FrameStatus.OUT_OF_RANGE) > 0
+        assert outside.mean() == flagged
+
+
+def test_rows_left_out_since_chips_told_their_temperature_earlier_are_counted() -> None:
+    world = made.World(41)
+    recording, silent = now_and_then(world.record(200, 4, WARM), np.random.default_rng(0))
+    pipeline = SENSOR.pipeline(world.config, 'differences').fit(recording)
+    count = int((silent > 0).sum())
+    assert count > 10
+    told = f'not told: temperatures in {count} rows, which were not learned from'
+    assert told in pipeline.report
+    whole = SENSOR.pipeline(world.config, 'differences').fit(world.record(200, 4, WARM))
+    assert not any('rows, which were not learned' in one for one in whole.report)

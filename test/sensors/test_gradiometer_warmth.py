@@ -109,6 +109,26 @@ def test_a_calibration_that_lacks_what_temperatures_need_is_refused(tmp_path: Pa
         SENSOR.load(path)
 
 
+@pytest.mark.parametrize('bend', [None, np.zeros(7)])
+def test_a_calibration_that_fails_beyond_its_temperatures_is_refused(
+    bend: np.ndarray | None, tmp_path: Path
+) -> None:
+    world, path = made.World(41), tmp_path / 'hot.npz'
+    recording = world.record(60, 4, made.Scene(span=20.0))
+    SENSOR.pipeline(world.config, 'differences').fit(recording).save(path)
+    SENSOR.load(path)
+    arrays = read(path)
+    target = 'estimation/targets_/0'
+    if bend is None:
+        names = arrays[f'{target}.names']
+        arrays[f'{target}.names'] = names[names != 'bend_']
+    else:
+        arrays[f'{target}/bend_.array'] = bend
+    write(path, arrays)
+    with pytest.raises(CalibrationError, match='calibrate again'):
+        SENSOR.load(path)
+
+
 def warm_signals(chips: np.ndarray, second: np.ndarray) -> Signals:
     count = len(chips)
     values = np.zeros((count, chips.shape[1], 2))

@@ -186,3 +186,23 @@ def test_truth_at_one_place_or_load_makes_nothing_else_sure(told: str) -> None:
     shares = inside(pipeline.process_batch(seen), fresh)
     assert len(shares) == (2 if 'no force' in told else 4)
     assert (shares > 0.83).all()
+
+
+def test_temperatures_that_no_estimate_heeds_are_told_and_flagged() -> None:
+    _, seen = record(3, 40)
+    warm = np.full((len(seen), 2), 22.0)
+    warm[REST // 2 : REST, 1] = 24.0
+    lesson = dataclasses.replace(seen, temperature_c=warm).select(seen.tare)
+    pipeline = SPEC.pipeline().fit(lesson)
+    found = pipeline.report[f'{KIND}temperatures beyond those recorded (C)']
+    assert found == {'least': 22.0, 'most': 24.0}
+    for chips, flags in (((20.0, 26.0), 0), ((18.0, 22.0), 1), ((22.0, 28.0), 1), (None, 0)):
+        told = None if chips is None else np.tile(chips, (len(seen), 1))
+        states = pipeline.process_batch(dataclasses.replace(seen, temperature_c=told))
+        assert flagged(states, FrameStatus.OUT_OF_RANGE) == flags
+        assert states.valid[REST:].all()
+    silent = SPEC.pipeline().fit(seen.select(seen.tare))
+    assert f'{KIND}temperature (no chip told one)' in silent.report
+    hot = dataclasses.replace(seen, temperature_c=np.full((len(seen), 2), 60.0))
+    assert flagged(silent.process_batch(hot), FrameStatus.OUT_OF_RANGE) == 0
+    assert not any('temperature' in said for said in SPEC.pipeline().report if KIND in said)

@@ -102,12 +102,12 @@ class GradiometerEstimation:
         groups : dict of str to ndarray, shape (s,)
             'group' and 'session'.
         """
-        signals = StreamMemory(0.0).with_temperatures(signals)
-        signals = replace(signals, good=signals.good & lately_told(signals))
+        aged = StreamMemory(0.0).with_temperatures(signals)
+        signals = replace(aged, good=aged.good & lately_told(aged))
         rest = at_rest(signals, truth)
         stray = np.asarray(truth.get('stray_field', np.full((len(rest), 3), np.nan)), float)
-        remembers = self.estimator == 'history'
-        features = self.features_ = Features(self.config, remembers)
+        features = self.features_ = Features(self.config, self.estimator == 'history')
+        features.silent_ = int(np.count_nonzero(aged.good & ~signals.good))
         self.doubt_ = learned_doubt(signals.baseline, signals.doubt)
         modelled = self.estimator in (None, 'history', *MODELS)
         force = np.asarray(truth.get('force', np.full((len(rest), 3), np.nan)), float)

@@ -14,7 +14,7 @@ from tactile_ros.estimators.uniform_field import UniformField
 from tactile_ros.sensors.gradiometer.fidelity import LEAST_NOISE, field_model, terms
 from tactile_ros.sensors.gradiometer.memory import StreamMemory
 from tactile_ros.sensors.gradiometer.readings import Readings
-from tactile_ros.sensors.gradiometer.thermal import chip_temperature, lagging
+from tactile_ros.sensors.gradiometer.thermal import UNIT, chip_temperature, lagging
 from tactile_ros.sensors.gradiometer.warm_fit import WarmFit
 
 if TYPE_CHECKING:
@@ -56,9 +56,12 @@ class Features:
         Time constant with which the disc follows the chip's temperature (s).
     tilts_, remembers_ : bool
         Whether tilts, and what was a while ago, are features.
+    silent_ : int
+        Rows of the fit whose chips told their temperature too long ago to learn from.
     """
 
     choice_: Choice
+    silent_: int = 0
 
     def __init__(self, config: GradiometerConfig, remembers: bool = False) -> None:
         self.config = config
@@ -79,7 +82,13 @@ class Features:
 
     def start(self) -> StreamMemory:
         """Fresh memory of a stream."""
-        return StreamMemory(self.lag_, self.readings_.wander_)
+        return StreamMemory(self.lag_, self.readings_.wander_, lag_is_told=self.lag_is_told)
+
+    @property
+    def lag_is_told(self) -> bool:
+        """Whether config or streams of the fit tell how the disc lags, or it matters nowhere."""
+        readings = self.readings_
+        return not readings.warm_ or self.config.thermal_lag > 0 or len(readings.lags_) > 0
 
     def fit(
         self, signals: Signals, stray: Array, rest: Bools, touched: Bools, force: Array
@@ -160,7 +169,17 @@ class Features:
         chip = np.full(rows, np.nan) if chip is None else chip
         unsure = self.readings_.unsure_chips(signals)
         unsure = None if unsure is None else unsure.mean(axis=1)
-        return lagging(signals, chip, self.readings_.usual_, memory.thermal, unsure)
+        told = lagging(signals, chip, self.readings_.usual_, memory.thermal, unsure)
+        behind: float | Array
+        if signals.stamp_ns is None and len(self.readings_.lags_):
+            behind = memory.thermal.usually_behind
+        elif signals.stamp_ns is not None and memory.slower is not None:
+            slower = lagging(signals, chip, self.readings_.usual_, memory.slower, unsure)
+            behind = UNIT * (told[:, 0] - slower[:, 0])
+        else:
+            return told
+        told[:, 2] = np.hypot(told[:, 2], behind)
+        return told
 
     def table(
         self, change: Array, thermal: Array, signals: Signals | None, memory: StreamMemory

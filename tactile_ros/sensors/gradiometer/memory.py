@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.conditioning.history import History
-from tactile_ros.sensors.gradiometer.thermal import ThermalMemory
+from tactile_ros.sensors.gradiometer.thermal import ANY_LAG, ThermalMemory
 from tactile_ros.sensors.gradiometer.untold import LastTold
 
 if TYPE_CHECKING:
@@ -26,10 +26,15 @@ class StreamMemory:
         Time constant with which the disc follows the chip's temperature (s).
     wander : ndarray, shape (3, m), or None
         Of `wandering`; None: temperatures stay as they were while none is told.
+    lag_is_told : bool
+        Whether anything tells that time constant.
     """
 
-    def __init__(self, lag: float, wander: Array | None = None) -> None:
+    def __init__(
+        self, lag: float, wander: Array | None = None, *, lag_is_told: bool = True
+    ) -> None:
         self.thermal = ThermalMemory(lag, wander)
+        self.slower = None if lag_is_told else ThermalMemory(ANY_LAG, wander)
         self.places = History(PAST)
         self._last = LastTold()
 

@@ -179,10 +179,12 @@ class Readings:
         return unsure_chips(signals, self.wander_) if np.isfinite(self.usual_) else None
 
     def unknown(self, signals: Signals) -> Bools:
-        """Rows (s,) whose temperatures may be any of a fit in which they differed."""
+        """Rows (s,) whose temperatures may be any of a fit in which they differed, or any."""
         unsure, most = self.unsure_chips(signals), self.wander_[1, -1] / np.sqrt(2)
-        if unsure is None or not self.warm_:
+        if unsure is None:
             return np.zeros(len(signals.good), bool)
+        if not self.warm_:  # held ones are as near to those of the fit as they were
+            return np.isinf(told_ago(signals)) | (signals.temperature_c is None)
         return np.asarray(unsure.mean(axis=1) > (1 - 1e-9) * most)
 
     def warmer_chips(self, field: Array, unsure: Array) -> Array:

@@ -37,7 +37,7 @@ def unsupported(
     said = [f'{missing}: no truth told it, and the config has no stiffness'] if missing else []
     if targets:
         said += _range(config, targets) + _places(reach) + _groups(targets)
-        said += _temperature(features.readings_.span_)
+        said += _temperature(features.readings_.span_) + _warmth(features)
     if features.uniform_.uncertainty >= ENTRY:
         said.append('gains and crossed axes: no rest in known fields')
     return said
@@ -74,3 +74,13 @@ def _temperature(span: Array) -> list[str]:
     if high - low > LEAST_RANGE:
         return [f'temperatures beyond {low:.0f}..{high:.0f} C']
     return [f'temperatures other than about {0.5 * (low + high):.0f} C']
+
+
+def _warmth(features: Features) -> list[str]:
+    """How the disc follows the chip, and rows without a temperature of their own."""
+    said = []
+    if not features.lag_is_told:
+        said.append('how the disc lags behind the chip: no stamps tell it, nor thermal_lag')
+    if features.silent_:
+        said.append(f'temperatures in {features.silent_} rows, which were not learned from')
+    return said

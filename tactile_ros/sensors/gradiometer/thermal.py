@@ -18,6 +18,7 @@ from tactile_ros.signals import Signals
 from tactile_ros.types import Array, Bools, Integers
 
 LAGS = (4.0, 12.0, 36.0, 108.0)  # s: tried, where the config leaves it open
+ANY_LAG = float(np.sqrt(np.mean(np.square(LAGS))))  # s: any of them, where nothing tells which
 LONG = 2.0  # lags that a stream lasts
 WEAKEST, STRONGEST = 0.7, 1.4
 LEAST_RANGE = 3.0  # degrees
@@ -53,6 +54,12 @@ class ThermalMemory:
         self.state = np.array([0.0, 1.0, 0.0])  # of the last frame with a temperature
         self.skipped, self.restarts = False, False  # since that frame
         self.amiss, self.amiss_ns = 0.0, 0
+
+    @property
+    def usually_behind(self) -> float:
+        """How far chips go in a time constant (degrees): the disc, where no time is told."""
+        lag = 0.0 if self.history is None else float(self.history.time_constants[0])
+        return float(np.interp(lag, self.wander[0], self.wander[1]))
 
     def follow(self, stamps: Integers, restart: Bools, skipped: Bools, chip: Array) -> Array:
         """How far the disc is behind (s,), and the doubts of `lagging`, of frames with both."""

@@ -6,15 +6,24 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.sensors.magnet_pad.beyond import OUT_OF_RANGE
 from tactile_ros.sensors.magnet_pad.unfelt import Unfelt
-from tactile_ros.sensors.magnet_pad.untold import KIND, LEANS, upright
+from tactile_ros.sensors.magnet_pad.untold import (
+    KIND,
+    LEANS,
+    elsewhere,
+    lonely,
+    outside,
+    temperatures,
+    upright,
+)
 from tactile_ros.sensors.magnet_pad.variety import Variety
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-    from tactile_ros.signals import Columns, Report
+    from tactile_ros.signals import Columns, Report, Signals
     from tactile_ros.types import Array, Bools
 
 
@@ -34,7 +43,11 @@ class Doubts:
         Whether no recorded force had a part along the axis.
     unfelt_ : Unfelt or None
         What regressors of force hide at rest, by recorded touches.
+    span_ : tuple of float
+        Least and highest temperature of the chips (degrees Celsius), NaN: none told; () unfitted.
     """
+
+    span_: tuple[float, ...] = ()
 
     def __init__(self, config: MagnetPadConfig) -> None:
         self.config = config
@@ -42,8 +55,9 @@ class Doubts:
         self.upright_ = False
         self.unfelt_: Unfelt | None = None
 
-    def fit(self, x: Array, truth: Columns, good: Bools, noise: float) -> Doubts:
-        """Learn from readings x (s, d) (T) and the truth of good rows (s,); noise of a channel."""
+    def fit(self, signals: Signals, x: Array, truth: Columns, noise: float) -> Doubts:
+        """Learn from frames, their readings x (s, d) (T) and their truth; noise of a channel."""
+        good, self.span_ = signals.good, temperatures(signals)
         self.variety_ = Variety.of(self.config, truth, good)
         if 'force' in truth:
             force = np.asarray(truth['force'], np.float64)
@@ -56,8 +70,21 @@ class Doubts:
     @property
     def report(self) -> Report:
         """What was not told, a sentence for each."""
-        leans = {f'{KIND}forces along the surface': {'sigma over load': LEANS}}
+        leans: Report = {f'{KIND}forces along the surface': {'sigma over load': LEANS}}
         return {**(leans if self.upright_ else {}), **self.variety_.report}
+
+    @property
+    def scene(self) -> Report:
+        """What neither touches nor the nominal model tell, a sentence for each."""
+        return {**lonely(self.config), **elsewhere(self.span_)}
+
+    def mark(self, known: Columns, signals: Signals) -> Columns:
+        """The same answers, flagged where chips are warmer or colder than any of the fit."""
+        rows = outside(self.span_, signals)
+        if np.count_nonzero(rows):
+            status = np.asarray(known.get('status', np.zeros(len(rows), np.int64)), np.int64)
+            known['status'] = status | rows * OUT_OF_RANGE
+        return known
 
     def widen(
         self,

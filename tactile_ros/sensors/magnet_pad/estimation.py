@@ -33,7 +33,7 @@ from tactile_ros.sensors.magnet_pad.scene import terms
 from tactile_ros.sensors.magnet_pad.tares import noise_of_rest
 from tactile_ros.sensors.magnet_pad.telling import Telling
 from tactile_ros.sensors.magnet_pad.unfelt import Unfelt
-from tactile_ros.sensors.magnet_pad.untold import lonely, untold
+from tactile_ros.sensors.magnet_pad.untold import untold
 from tactile_ros.sensors.magnet_pad.variety import Variety
 
 if TYPE_CHECKING:
@@ -97,8 +97,8 @@ class Localisation(Regressed):
     def report(self) -> Report:
         """Errors on held-out groups for each target, and what was found of the pad."""
         if self.nominal_:
-            return {**super().report, **self._nominal_choice.report, **lonely(self.config)}
-        found = {**self.beaten_, **self.doubts_.report, **lonely(self.config)}
+            return {**super().report, **self._nominal_choice.report, **self.doubts_.scene}
+        found = {**self.beaten_, **self.doubts_.report, **self.doubts_.scene}
         if self.inversion_ is None:
             return {**super().report, **found}
         response = self.inversion_.response_
@@ -113,7 +113,7 @@ class Localisation(Regressed):
         self.inversion_, self.inverted_, self.beaten_ = None, (), {}
         truth = _of_touches(truth)
         x = signals.delta.reshape(len(signals.good), self.width)
-        self.doubts_ = Doubts(self.config).fit(x, truth, signals.good, noise_of_rest(signals))
+        self.doubts_ = Doubts(self.config).fit(signals, x, truth, noise_of_rest(signals))
         told = any(_told(truth[k])[signals.good].any() for k in TOLD if k in truth)
         self.nominal_ = self.wanted == NOMINAL or (self.wanted is None and not told)
         self.tares_.fit(signals)
@@ -202,13 +202,13 @@ class Localisation(Regressed):
             assert isinstance(memory, History)
             known = self._pad.estimate(x, signals.in_contact == 0, self.tares_.doubt(signals))
             flag(known, signals.in_contact != 0, None, self.config.length)
-            return known
+            return self.doubts_.mark(known, signals)
         known = super().estimate(signals, memory)
         if self.inverted_:
             self._add_inverted(known, signals, x)
         self.doubts_.widen(known, signals.in_contact == 0, x, self.inverted_, self._hidden)
         flag(known, signals.in_contact != 0, self._span, self.config.length)
-        return known
+        return self.doubts_.mark(known, signals)
 
     def _hidden(self, x: Array) -> Array:
         """Covariance (s, 3, 3) (N2) of saying that nothing touches, of readings (s, c)."""

@@ -1,4 +1,4 @@
-"""What recorded touches do not tell of a pad: loads, places and leanings beyond theirs."""
+"""What recordings do not tell of a pad: loads, places, leanings, temperatures beyond theirs."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ from scipy.spatial import cKDTree
 
 if TYPE_CHECKING:
     from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-    from tactile_ros.signals import Report
-    from tactile_ros.types import Array
+    from tactile_ros.signals import Report, Signals
+    from tactile_ros.types import Array, Bools
 
 KIND = 'not told: '
+ENDS = ('least', 'most')
 UPRIGHT = 1e-3  # of a force along the axis (rms): touches below it press along the normal
 LEANS = 0.1  # the same of the nominal touches, of which a quarter lean by up to 0.5 rad
 FAR, NODES = 0.5, (41, 21)  # radii to the next touch; places that are asked
 GAP = 0.02  # share of the surface
+WARMER = 3.0  # degrees beyond those of the fit: the resting field changes by several noises
 
 
 def upright(force: Array) -> bool:
@@ -32,10 +34,36 @@ def lonely(config: MagnetPadConfig) -> Report:
     return {f'{KIND}outside fields (one chip takes most of them for touches)': {}}
 
 
+def temperatures(signals: Signals) -> tuple[float, float]:
+    """Least and highest temperature of chips in good rows (degrees Celsius); NaN: none told."""
+    chips = signals.temperature_c
+    known = np.zeros(0) if chips is None else chips[signals.good]
+    known = known[np.isfinite(known)]
+    return (float(known.min()), float(known.max())) if len(known) else (np.nan, np.nan)
+
+
+def elsewhere(span: tuple[float, ...]) -> Report:
+    """Temperatures that nothing was recorded at, which no estimate heeds; () before a fit."""
+    if not span:
+        return {}
+    if not np.isfinite(span).all():
+        return {f'{KIND}temperature (no chip told one)': {}}
+    return {f'{KIND}temperatures beyond those recorded (C)': dict(zip(ENDS, span, strict=True))}
+
+
+def outside(span: tuple[float, ...], signals: Signals) -> Bools:
+    """Rows (s,) of which a chip is clearly warmer or colder than in the fit."""
+    chips = signals.temperature_c
+    if chips is None or not span:
+        return np.zeros(len(signals.good), bool)
+    low, high = span
+    return np.asarray(((chips < low - WARMER) | (chips > high + WARMER)).any(axis=1))
+
+
 def untold(config: MagnetPadConfig, touches: Array) -> Report:
     """What touches (s, 5) leave open; columns as `PadInversion.touches_` has them."""
-    least, most = (float(np.exp(find(touches[:, 2]))) for find in (np.min, np.max))
-    found = {f'{KIND}loads beyond those recorded (N)': {'least': least, 'most': most}}
+    ends = (float(np.exp(find(touches[:, 2]))) for find in (np.min, np.max))
+    found = {f'{KIND}loads beyond those recorded (N)': dict(zip(ENDS, ends, strict=True))}
     share = untouched(config, touches)
     if share > GAP:
         found[f'{KIND}places half a radius from the next touch'] = {'share of the pad': share}
