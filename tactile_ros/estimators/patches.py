@@ -178,10 +178,7 @@ class PatchFinder:
         )  # fmt: skip
         if not count:
             return None
-        taxel = np.flatnonzero(touched)
-        self._blur(
-            found.position_cov[0, :1], np.array([count]), np.maximum(load[taxel], LEAST), taxel
-        )
+        self._blur_one(found.position_cov[0, 0], load, touched, count)
         found.label[0, touched] = 0
         found.count[0] = 1
         found.load[0, 0], found.variance[0, 0], found.area[0, 0] = total, spread, area
@@ -205,35 +202,46 @@ class PatchFinder:
         mixed = centre[:, None] * sums[1:4]
         cov = sums[SECOND] - mixed - mixed.T + spread * centre[:, None] * centre
         cov /= total * total
-        self._blur(cov[None], np.array([len(taxel)]), weight, taxel)
         found = self._nothing((1, len(load)))
         found.label[0, taxel] = 0
+        self._blur_one(cov, load, found.label[0] == 0, len(taxel))
         found.count[0] = 1
         found.load[0, 0], found.variance[0, 0] = total, spread
         found.position[0, 0], found.position_cov[0, 0] = centre, cov
         found.area[0, 0] = told[14]
         return found
 
+    def _blur_one(self, cov: Array, load: Array, touched: Bools, count: int) -> None:
+        """As `_blur`, of the one patch of a frame (3, 3)."""
+        cut = np.count_nonzero(self._rim & touched) > 0
+        part = (BLUR if count <= FEW_TAXELS or cut else SHARP) * self.size / (count * count)
+        cov[0, 0] += part
+        cov[1, 1] += part
+        if self._across is not None:
+            taxel = np.flatnonzero(touched)
+            weight = np.maximum(load[taxel], LEAST)
+            self._add_across(cov[None], weight, taxel, np.zeros(count, np.int64))
+
     def _blur(
-        self, cov: Array, count: Array | Integers, weight: Array, taxel: Integers,
-        patch: Integers | None = None,
-    ) -> None:  # fmt: skip
+        self, cov: Array, count: Array, weight: Array, taxel: Integers, patch: Integers
+    ) -> None:
         """Add to covariances (n, 3, 3) that taxels do not tell where they are pressed.
 
         Counted for even and domed presses of any size that lie anywhere on a matrix: at its edge
-        a body presses parts of taxels, and what one side makes of it the other takes back. Across
-        a line of taxels nothing is taken back: anywhere on it is as likely.
+        a body presses parts of taxels, and what one side makes of it the other takes back.
         """
-        patch = np.zeros(len(taxel), np.int64) if patch is None else patch
         cut = np.bincount(patch, self._rim[taxel], len(cov)) > 0
         part = np.where((count <= FEW_TAXELS) | cut, BLUR, SHARP)
         cov[:, [0, 1], [0, 1]] += (part * self.size / (count * count))[:, None]
-        if self._across is None:
-            return
+        if self._across is not None:
+            self._add_across(cov, weight, taxel, patch)
+
+    def _add_across(self, cov: Array, weight: Array, taxel: Integers, patch: Integers) -> None:
+        """The same across lines of taxels, where nothing is taken back: anywhere is as likely."""
+        assert self._across is not None
         total = np.bincount(patch, weight, len(cov))
         for (i, j), own in zip(((0, 0), (0, 1), (1, 1)), self._across, strict=True):
-            wide = np.bincount(patch, weight * own[taxel], len(cov)) / total
-            cov[:, i, j] += wide
+            cov[:, i, j] += np.bincount(patch, weight * own[taxel], len(cov)) / total
             cov[:, j, i] = cov[:, i, j]
 
     def _is_rim(self, taxel: int) -> bool:
