@@ -137,9 +137,11 @@ class Equilibration:
     def _bend(self, u: Array, load: Array, known: Bools, seen: Bools) -> None:
         """Factors by which the better law is multiplied."""
         share = known / np.square(load + LIGHT * load.max(axis=0, initial=0.0) + 1e-12)
-        rational, kept = self._law(u), self.weights_
+        vars(self).pop('_reach', None)  # of the law before
+        rational, kept = self.forces(u), self.weights_
         self.weights_, self.kind = _powers(u, load, known, seen, self.top_), 'power'
-        power = self._law(u)
+        vars(self).pop('_reach', None)
+        power = self.forces(u)
         worse = [np.nansum(share * np.square(one - load)) for one in (rational, power)]
         found = power
         if worse[0] <= worse[1]:
