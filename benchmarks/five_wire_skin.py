@@ -62,7 +62,9 @@ def run(extent: str, command: str) -> BenchResult:
     result = BenchResult('five_wire_skin', command, seeds, rows, notes)
     if not quick:
         world = known[0].FiveWireWorld(seeds[0])
-        result.drawings.update(FIGURES.drawn(known[0], world, seeds[0]))
+        drawings, ways = FIGURES.drawn(known[0], world, seeds[0])
+        result.drawings.update(drawings)
+        result.rows.extend(ways)
     return result
 
 

@@ -64,16 +64,28 @@ def run(extent: str, command: str) -> BenchResult:
         Row('washers: inside one sigma', '%', 100 * float(inside.mean()), 'high'),
         Row('spread of taxels after equilibration', '%', spread, paper=55.0, peer=paper_spread,
             aim=2.0),
+        _at_rest(pipeline, config),
         Row('total force, mean error', '%', 100 * float(np.nanmean(total))),
         Row('one frame of 72 taxels', 'us', single, aim=300.0),
     ]  # fmt: skip
     notes = ['paper: before equilibration (spread), one branch of Voigt (hold), its own parts',
              'peer: polynomial with a free constant; threshold and circle fit',
-             'bound of picked tubes: a rule of Bayes that knows skin and pressures']  # fmt: skip
+             'bound of picked tubes: a rule of Bayes that knows skin and pressures',
+             'bound of coverage: the noise of one reading of a half covered taxel']  # fmt: skip
     sorted_rows, drawings, worlds = PICKING.sorted_parts(extent)
     rows += sorted_rows
     drawings['equilibration'] = _draw_spread(pipeline, config)
-    drawings['coverage'] = _draw_coverage(pipeline)
+    covers = _covers(pipeline)
+    drawings['coverage'] = array_figures.costs(
+        covers, ('time for 72 taxels (us)', 'error of the covered part'),
+        'Time and error of models of coverage',
+    )  # fmt: skip
+    told = 'coverage of 72 taxels'
+    rows += [
+        Row(f'{told} by {name}', 'parts', error, bound=_noise_of_cover(), us_single=spent,
+            compared=told, method=name)
+        for name, (spent, error) in covers.items()
+    ]  # fmt: skip
     drawings['hold'], drift = _hold()
     rows.append(
         Row('hold of 120 s: drift after 1 s', '%', drift['with creep'], paper=6.6,
@@ -174,17 +186,33 @@ def _threshold_and_circle(force: Array, label: Integers, place: Array) -> tuple[
 
 def _spreads(pipeline: Pipeline, config: object) -> tuple[float, float]:
     """Per cent healthy taxels differ by under even loads: ours, the paper's polynomial."""
-    taught, healthy = _taught()[15:], np.setdiff1d(np.arange(TAXELS), BAD)
+    healthy = np.setdiff1d(np.arange(TAXELS), BAD)
     force = np.repeat(np.linspace(0.3, 2.5, 30)[:, None], TAXELS, axis=1)
     values = _read(force, 3)
     found = pipeline.process_batch(Recording.from_arrays(SPEC.layout(config), values))
     ours = (found.taxel_force / force)[:, healthy]
-    output = _read(_taught(), 2)[15:, :, 0]
-    paper = [
-        np.polyval(np.polyfit(output[:, i], taught[:, i], 2), values[:, i, 0]) / force[:, i]
-        for i in healthy
+    paper = _printed(values, healthy) / force[:, healthy]
+    return 100 * float(ours.std(axis=1).mean()), 100 * float(paper.std(axis=1).mean())
+
+
+def _printed(values: Array, taxels: Integers) -> Array:
+    """Forces (s, n) of readings (s, t, 1) by the paper's polynomial with a free constant (N)."""
+    taught, output = _taught()[15:], _read(_taught(), 2)[15:, :, 0]
+    found = [
+        np.polyval(np.polyfit(output[:, i], taught[:, i], 2), values[:, i, 0]) for i in taxels
     ]
-    return 100 * float(ours.std(axis=1).mean()), 100 * float(np.std(paper, axis=0).mean())
+    return np.stack(found, axis=1)
+
+
+def _at_rest(pipeline: Pipeline, config: object) -> Row:
+    """Largest force of a taxel on which nothing lies."""
+    values = _read(np.zeros((50, TAXELS)), SEED + 2)
+    found = pipeline.process_batch(Recording.from_arrays(SPEC.layout(config), values))
+    paper = _printed(values, np.setdiff1d(np.arange(TAXELS), BAD))
+    return Row(
+        'force at rest, largest of a taxel', 'mN', 1e3 * float(np.nanmax(found.taxel_force)),
+        peer=1e3 * float(paper.max()), aim=0.0,
+    )  # fmt: skip
 
 
 def _draw_spread(pipeline: Pipeline, config: object) -> str:
@@ -192,11 +220,7 @@ def _draw_spread(pipeline: Pipeline, config: object) -> str:
     load, healthy = np.linspace(0.1, 2.8, 28), np.setdiff1d(np.arange(TAXELS), BAD)
     values = _read(np.repeat(load[:, None], TAXELS, axis=1), 3)
     found = pipeline.process_batch(Recording.from_arrays(SPEC.layout(config), values))
-    taught, output = _taught()[15:], _read(_taught(), 2)[15:, :, 0]
-    paper = np.stack(
-        [np.polyval(np.polyfit(output[:, i], taught[:, i], 2), values[:, i, 0]) for i in healthy],
-        axis=1,
-    )
+    paper = _printed(values, healthy)
     raw, ours = values[:, healthy, 0], found.taxel_force[:, healthy]
     lines = {
         name: (load, 100 * np.abs(of.std(axis=1) / of.mean(axis=1)))
@@ -208,7 +232,14 @@ def _draw_spread(pipeline: Pipeline, config: object) -> str:
     )  # fmt: skip
 
 
-def _draw_coverage(pipeline: Pipeline) -> str:
+def _noise_of_cover() -> float:
+    """What the noise of a reading makes of the covered part of a taxel, half of it covered."""
+    noise, half, load = np.hypot(5e-4, 1 / 1023 / 12**0.5), 1.5, 0.75
+    slope = 1 / (1 + 0.55 / 2) * half / (load + half) ** 2
+    return float(noise / slope / (2 * load))
+
+
+def _covers(pipeline: Pipeline) -> dict[str, tuple[float, float]]:
     """Time and error of the coverage of 72 taxels by points, soft points and a table."""
     objects = pipeline.estimation.objects  # type: ignore[attr-defined]
     variant, rng = objects.variants[0], np.random.default_rng(SEED)
@@ -227,10 +258,7 @@ def _draw_coverage(pipeline: Pipeline) -> str:
     points['table of places'] = _cost(
         lambda at: variant.places.seen(*at)[-1] / PITCH**2, places, exact
     )
-    return array_figures.costs(
-        points, ('time for 72 taxels (us)', 'error of the covered part'),
-        'Time and error of models of coverage',
-    )  # fmt: skip
+    return points
 
 
 def _counted(side: int, at: Array) -> Array:

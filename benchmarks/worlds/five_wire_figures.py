@@ -10,6 +10,7 @@ import numpy as np
 from tactile_ros.estimators.harmonic_map import HarmonicMap
 from tactile_ros.estimators.thin_plate import ThinPlate
 from tactile_ros.evaluation import array_figures
+from tactile_ros.evaluation.benchmark import Row
 from tactile_ros.evaluation.drawing import standalone
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.evaluation.svg import Plot
@@ -27,8 +28,8 @@ SIZE = np.array([0.1, 0.1])
 STEPS = np.array([0.02, 0.05, 0.1, 0.2, 0.4])  # mm, of the shades of a map
 
 
-def drawn(grids: ModuleType, world: object, seed: int) -> dict[str, str]:
-    """Maps of place error, curves of force before and after, and error against time."""
+def drawn(grids: ModuleType, world: object, seed: int) -> tuple[dict[str, str], list[Row]]:
+    """Maps of place error, curves of force before and after, error against time with its rows."""
     train = TRIALS.calibration(grids, world, 5, seed)
     ours, linear = SENSOR.pipeline().fit(train), SENSOR.pipeline(estimator='printed').fit(train)
     line = np.linspace(13e-3, 87e-3, 25)
@@ -37,13 +38,21 @@ def drawn(grids: ModuleType, world: object, seed: int) -> dict[str, str]:
     loads, before, said = TRIALS.at_squares(
         SENSOR.pipeline().fit(TRIALS.calibration(grids, world, 4, seed)), grids, world
     )
-    return {
+    ways = _costs(train, test)
+    labels = ('one frame (us)', 'mean error (mm)')
+    drawings = {
         'linear_map': _map(linear, test, 20 * STEPS, 'Place error of the linear formula'),
         'place_map': _map(ours, test, STEPS, 'Place error of the harmonic map, 25 points'),
         'before': _lines(loads, before, 'R / R0', 'Resistance at the 16 squares over the load'),
         'after': _lines(loads, said, 'estimate (N)', 'Force at the 16 squares over the load'),
-        'cost': _drawn_cost(train, test),
+        'cost': array_figures.costs(ways, labels, 'Error against time'),
     }
+    told = 'place from two potentials, 25 points'
+    rows = [
+        Row(f'{told}, by {name}', 'mm', error, us_single=spent, compared=told, method=name)
+        for name, (spent, error) in ways.items()
+    ]
+    return drawings, rows
 
 
 def _lines(loads: Array, told: Array, label: str, words: str) -> str:
@@ -73,8 +82,8 @@ def _map(pipeline: Pipeline, test: Recording, steps: Array, told: str) -> str:
     return standalone(plot)
 
 
-def _drawn_cost(train: Recording, test: Recording) -> str:
-    """Error of a place over the time of a frame, for each way to it."""
+def _costs(train: Recording, test: Recording) -> dict[str, tuple[float, float]]:
+    """Time of a frame (us) and error of its place (mm), for each way to it."""
     touched, fresh = train.truth['in_contact'] == 1, test.truth['in_contact'] == 1
     x, y = train.values[touched, 0, :2], train.truth['position'][touched, :2]
     ways = {'harmonic map': HarmonicMap(SIZE), 'thin plate': ThinPlate()}
@@ -90,7 +99,7 @@ def _drawn_cost(train: Recording, test: Recording) -> str:
         points[name] = measure(way.fit(x, y).predict)
     points['linear formula'] = measure(lambda u: linear_place(u, SIZE))
     points['a solve each frame'] = measure(_solved, 20)
-    return array_figures.costs(points, ('one frame (us)', 'mean error (mm)'), 'Error against time')
+    return points
 
 
 def _solved(potentials: Array) -> Array:

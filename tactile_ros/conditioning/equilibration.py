@@ -8,6 +8,7 @@ and a monotone curve (PCHIP) multiplies the better of these by what it lacks.
 
 from __future__ import annotations
 
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -27,7 +28,8 @@ FREEDOM = {'polynomial': 2, 'rational': 3, 'power': 3, 'pchip': KNOTS}  # number
 TABLE = 65  # entries of a curve
 LIGHT = 0.1  # of the largest force: lighter loads count by their error, heavier in parts
 BENDS = np.linspace(0.0, 0.98, 15)  # of a power law, in parts of 1 over the largest output
-FULL = 0.98  # of the way to an infinite force: beyond, a law goes on in a straight line
+BEYOND = 1.1  # times the largest output: so far a law that bends down is looked at
+STEP = 1e-3  # of an output, in which a law's slope is taken
 FOLDS = 4
 RELATIVE = 0.3  # of the largest force: below it errors count as they are, above it in parts
 MARGINS = {
@@ -130,19 +132,22 @@ class Equilibration:
             self.weights_ = _powers(u, load, known, seen, self.top_)
         if name == 'pchip':
             self._bend(u, load, known, seen)
+        vars(self).pop('_reach', None)
 
     def _bend(self, u: Array, load: Array, known: Bools, seen: Bools) -> None:
         """Factors by which the better law is multiplied."""
         share = known / np.square(load + LIGHT * load.max(axis=0, initial=0.0) + 1e-12)
+        vars(self).pop('_reach', None)  # of the law before
         rational, kept = self.forces(u), self.weights_
         self.weights_, self.kind = _powers(u, load, known, seen, self.top_), 'power'
+        vars(self).pop('_reach', None)
         power = self.forces(u)
         worse = [np.nansum(share * np.square(one - load)) for one in (rational, power)]
         found = power
         if worse[0] <= worse[1]:
             self.weights_, self.kind, found = kept, 'rational', rational
         self.curves_ = _factors(u / self.top_, load, found, known)
-        self.curves_ = _rising(self.forces, self.curves_, self.top_)
+        self.curves_ = _rising(self._law, self.curves_, self.top_)
 
     @property
     def known(self) -> Bools:
@@ -150,16 +155,36 @@ class Equilibration:
         return np.asarray(np.isfinite(self.weights_[:, 0]))
 
     def forces(self, output: Array) -> Array:
-        """Forces (s, t) (N) of outputs (s, t) above the baseline; NaN without a law."""
+        """Forces (s, t) (N) of outputs (s, t) above the baseline; NaN without a law.
+
+        Halfway from the largest output that was learned from to the one at which a law knows no
+        end it goes on in a straight line, so that no reading turns into an endless force or a
+        negative one.
+        """
+        reach = self._reach
+        if not np.count_nonzero(np.abs(output) > reach):
+            return self._law(output)
+        end = np.where(np.isfinite(reach), reach, self.top_)
+        rise = self._law(np.stack([(1 - STEP) * end, end]))
+        slope = np.maximum(rise[1] - rise[0], 0.0) / (STEP * end)
+        near = np.clip(output, -reach, reach)
+        return np.asarray(self._law(near) + slope * (output - near))
+
+    @cached_property
+    def _reach(self) -> Array:
+        """Largest outputs (t,) at which laws are used as they are."""
+        _, b, c = self.weights_.T
+        pole = 1.0 / np.where(c > 0, c, np.nan)
+        reach = np.where(c > 0, (self.top_ + pole) / 2, np.inf)
+        falls = (b < 0) & (self.kind != 'power')
+        return np.where(falls, np.minimum(reach, BEYOND * self.top_), reach)
+
+    def _law(self, output: Array) -> Array:
+        """Forces (s, t) (N) by the laws alone."""
         a, b, c = self.weights_.T
         if self.kind == 'power':
             size = np.abs(output)
-            inner = np.minimum(size, FULL / np.maximum(c, 1e-9))
-            rise = a * (inner / (1.0 - c * inner)) ** b
-            if np.count_nonzero(size > inner):
-                steep = b * rise / np.maximum(inner * (1.0 - c * inner), 1e-12)
-                rise = rise + steep * (size - inner)
-            rise = np.copysign(rise, output)
+            rise = np.copysign(a * (size / (1.0 - c * size)) ** b, output)
         else:
             rise = (a + b * output) * output
             if self.kind != LAWS[0]:

@@ -17,7 +17,11 @@ from tactile_ros.types import Array, Bools, Integers
 
 JOINED = 0.1  # of a patch's largest pressure: less joins nothing
 LEAST = 1e-12  # load of a touched taxel (unit of loads)
-BLUR = 0.09  # of a taxel's area: variance of a centre that one taxel tells
+BLUR = 0.1  # of a taxel's area: variance of a centre that one taxel tells
+SHARP = 0.016  # the same over the square of the taxels, where a patch has a middle
+FEW_TAXELS = 4  # have none
+OPEN = 2.4  # rad without a neighbour: a taxel at the rim, where a body is cut off on one side
+LAYER = 3.0  # neighbours of a taxel, on average: with less the taxels lie in a line
 BLOCK = 200_000  # taxels of frames that are looked at in one go
 FEW = 250  # touched taxels up to which a loop is quicker than a sparse graph
 
@@ -90,7 +94,9 @@ class PatchFinder:
         x, y, z = positions.T
         one = np.ones(len(positions))
         self._powers = np.stack([one, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z], axis=1)
-        self.blur = BLUR * float(np.median(areas))
+        self.size = float(np.median(areas))
+        self._rim = np.array([self._is_rim(i) for i in range(len(positions))])
+        self._across = None if 2 * len(self.pairs) > LAYER * len(positions) else self._lines()
         if compiled.available():  # built now, not under a frame
             self._looped(areas, areas, np.ones(len(areas), bool))
 
@@ -172,7 +178,7 @@ class PatchFinder:
         )  # fmt: skip
         if not count:
             return None
-        found.position_cov[0, 0, [0, 1], [0, 1]] += self.blur / count
+        self._blur_one(found.position_cov[0, 0], load, touched, count)
         found.label[0, touched] = 0
         found.count[0] = 1
         found.load[0, 0], found.variance[0, 0], found.area[0, 0] = total, spread, area
@@ -196,14 +202,68 @@ class PatchFinder:
         mixed = centre[:, None] * sums[1:4]
         cov = sums[SECOND] - mixed - mixed.T + spread * centre[:, None] * centre
         cov /= total * total
-        cov[[0, 1], [0, 1]] += self.blur / len(taxel)
         found = self._nothing((1, len(load)))
         found.label[0, taxel] = 0
+        self._blur_one(cov, load, found.label[0] == 0, len(taxel))
         found.count[0] = 1
         found.load[0, 0], found.variance[0, 0] = total, spread
         found.position[0, 0], found.position_cov[0, 0] = centre, cov
         found.area[0, 0] = told[14]
         return found
+
+    def _blur_one(self, cov: Array, load: Array, touched: Bools, count: int) -> None:
+        """As `_blur`, of the one patch of a frame (3, 3)."""
+        cut = np.count_nonzero(self._rim & touched) > 0
+        part = (BLUR if count <= FEW_TAXELS or cut else SHARP) * self.size / (count * count)
+        cov[0, 0] += part
+        cov[1, 1] += part
+        if self._across is not None:
+            taxel = np.flatnonzero(touched)
+            weight = np.maximum(load[taxel], LEAST)
+            self._add_across(cov[None], weight, taxel, np.zeros(count, np.int64))
+
+    def _blur(
+        self, cov: Array, count: Array, weight: Array, taxel: Integers, patch: Integers
+    ) -> None:
+        """Add to covariances (n, 3, 3) that taxels do not tell where they are pressed.
+
+        Counted for even and domed presses of any size that lie anywhere on a matrix: at its edge
+        a body presses parts of taxels, and what one side makes of it the other takes back.
+        """
+        cut = np.bincount(patch, self._rim[taxel], len(cov)) > 0
+        part = np.where((count <= FEW_TAXELS) | cut, BLUR, SHARP)
+        cov[:, [0, 1], [0, 1]] += (part * self.size / (count * count))[:, None]
+        if self._across is not None:
+            self._add_across(cov, weight, taxel, patch)
+
+    def _add_across(self, cov: Array, weight: Array, taxel: Integers, patch: Integers) -> None:
+        """The same across lines of taxels, where nothing is taken back: anywhere is as likely."""
+        assert self._across is not None
+        total = np.bincount(patch, weight, len(cov))
+        for (i, j), own in zip(((0, 0), (0, 1), (1, 1)), self._across, strict=True):
+            cov[:, i, j] += np.bincount(patch, weight * own[taxel], len(cov)) / total
+            cov[:, j, i] = cov[:, i, j]
+
+    def _is_rim(self, taxel: int) -> bool:
+        """Whether a taxel has no neighbour on one side."""
+        away = self.positions[self._near[taxel], :2] - self.positions[taxel, :2]
+        angle = np.sort(np.arctan2(away[:, 1], away[:, 0]))
+        return len(angle) == 0 or np.diff(angle, append=angle[0] + 2 * np.pi).max() > OPEN
+
+    def _lines(self) -> Array:
+        """Variances xx, xy, yy (3, t) of a place across the line in which each taxel lies."""
+        own = np.zeros((3, len(self.positions)))
+        for i, nodes in enumerate(self._near):
+            if not nodes:
+                own[[0, 2], i] = self.areas[i] / 12
+                continue
+            away = self.positions[nodes, :2] - self.positions[i, :2]
+            reach = np.linalg.norm(away, axis=1)
+            along = away[-1] - away[0] if len(nodes) > 1 else away[0]
+            x, y = along / np.linalg.norm(along)
+            wide = float(self.areas[i] / reach.mean()) ** 2 / 12
+            own[:, i] = wide * y * y, -wide * x * y, wide * x * x
+        return own
 
     def _measured(
         self, patch: Integers, taxel: Integers, weight: Array, variance: Array, count: int
@@ -218,7 +278,7 @@ class PatchFinder:
         mixed = centre[:, :, None] * first[:, None]
         own = spread[:, None, None] * centre[:, :, None] * centre[:, None]
         cov = (second - mixed - mixed.transpose(0, 2, 1) + own) / total[:, None, None] ** 2
-        cov[:, [0, 1], [0, 1]] += (self.blur / sums[:, -1])[:, None]
+        self._blur(cov, sums[:, -1], weight, taxel, patch)
         return total, spread, centre, cov, sums[:, -2]
 
     def _parted(self, node: Integers, taxel: Integers, pressure: Array, rows: int) -> Integers:

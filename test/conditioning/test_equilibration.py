@@ -78,3 +78,18 @@ def test_hard_case_9_dead_stuck_and_quadratic_at_rest() -> None:
         assert not np.nan_to_num(found[:, :2]).any()
         assert np.isfinite(found[:, 2:]).all()
         assert not fitted.forces(np.zeros((1, 4)))[0, 2:].any()
+
+
+@pytest.mark.parametrize('law', LAWS)
+def test_readings_far_below_rest_and_beyond_the_range_stay_finite(law: str) -> None:
+    u, force = pressed(150, 9)
+    u[::20], force[::20] = -1.2, 0.0
+    fitted = Equilibration(law).fit(u, force, np.arange(150))
+    far = fitted.forces(np.linspace(-2, 5, 300)[:, None] * np.ones(4))
+    assert np.isfinite(far).all()
+    beyond = np.linspace(1.0, 5.0, 100)[:, None] * fitted.top_
+    assert (np.diff(fitted.forces(beyond), axis=0) >= 0).all()
+    # the same to one fit after another: nothing of the last is left
+    fitted.fit(u[:, ::-1], force[:, ::-1], np.arange(150))
+    again = Equilibration(law).fit(u[:, ::-1], force[:, ::-1], np.arange(150))
+    np.testing.assert_array_equal(fitted.forces(beyond), again.forces(beyond))

@@ -83,6 +83,24 @@ def test_hard_case_6_the_direct_solve_is_right_at_ratios_where_iteration_ends_in
         assert found[10, 10] == pytest.approx(0.5, abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    ('ratio', 'least', 'most'), [(1e2, 0.5, 1.5), (1e3, 0.05, 0.2), (1e4, 0.005, 0.02)]
+)
+def test_hard_case_6_a_weak_border_bends_what_no_affine_map_mends(
+    ratio: float, least: float, most: float
+) -> None:
+    square, line = np.array([0.1, 0.1]), np.linspace(0, 0.1, 41)
+    places = np.stack(np.meshgrid(line, line, indexing='ij'), axis=-1).reshape(-1, 2)
+    border = np.full((4, 8), ratio * 1e-3)
+    potentials = [sheet_potential(square, (41, 41), border, np.roll(FIRST, n)) for n in (0, 1)]
+    said = linear_place(np.stack([one.ravel() for one in potentials], axis=1), square)
+    judged = ((places > 0.0124) & (places < 0.0876)).all(axis=1)
+    terms = np.column_stack([said, np.ones(len(said))])[judged]
+    weights, *_ = np.linalg.lstsq(terms, places[judged], rcond=None)
+    left = 1e3 * np.linalg.norm(terms @ weights - places[judged], axis=1).mean()
+    assert least < left < most
+
+
 def test_a_disc_has_the_potential_of_its_middle_so_that_its_size_does_not_show() -> None:
     uneven = EVEN * np.exp(0.3 * np.random.default_rng(2).normal(size=EVEN.shape))
     square = np.array([0.1, 0.1])

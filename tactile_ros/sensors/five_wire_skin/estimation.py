@@ -174,7 +174,7 @@ class FiveWireEstimation:
             position[:, :2], position[:, 2] = place, self.height_[0]
             known['position'], known['position_cov'] = position, self._beside(covariance)
         if self.force_ is not None:
-            known['force'], known['force_cov'] = self._pressed(signals, x, place, memory)
+            self._add_force(known, signals, x, place, memory)
         return known
 
     def _beside(self, covariance: Array) -> Array:
@@ -186,11 +186,15 @@ class FiveWireEstimation:
         whole[:, :2, :2] = covariance
         return whole
 
-    def _pressed(
-        self, signals: Signals, x: Array, place: Array, memory: FilmMemory
-    ) -> tuple[Array, Array]:
-        """Forces (s, 3) and covariances of their errors (s, 3, 3)."""
+    def _add_force(
+        self, known: Columns, signals: Signals, x: Array, place: Array, memory: FilmMemory
+    ) -> None:
+        """Forces, covariances of their errors, and whether they are beyond those of the fit."""
+        assert self.force_ is not None
         value, spread = self._normal(signals, x, place, memory)
+        beyond = self.force_.unsure(value, spread)
+        if beyond is not None:
+            spread, known['status'] = beyond
         force, covariance = np.empty((len(x), 3)), np.empty((len(x), 3, 3))
         force.fill(np.nan)
         covariance.fill(np.nan)
@@ -201,7 +205,7 @@ class FiveWireEstimation:
         if self.shear_ is not None:
             mean, cov = self.shear_.predict(x.copy(), np.zeros_like(x))
             force[:, :2], covariance[:, :2, :2] = mean, cov
-        return force, covariance
+        known['force'], known['force_cov'] = force, covariance
 
     def _normal(
         self, signals: Signals, x: Array, place: Array, memory: FilmMemory

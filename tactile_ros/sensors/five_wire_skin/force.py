@@ -17,10 +17,13 @@ from tactile_ros.estimators.stated_spread import StatedSpread
 from tactile_ros.estimators.trials import chosen, some_rows, trials, verdict
 from tactile_ros.physics.resistive import SeriesResistance
 from tactile_ros.sensors.five_wire_skin.touch import CONSTANT
-from tactile_ros.types import Array, Estimator, Integers
+from tactile_ros.types import Array, Estimator, FrameStatus, Integers
 
 LEAST_RESISTANCE = 1e-4  # over R0
 LEAST_RANGE = 0.1  # of the largest force
+BEYOND = 1.1  # times the largest force told: from there on a curve is a guess
+LARGEST = 1.4  # times the same: where answers end
+UNTOLD = 0.5  # error of what lies beyond, in parts of it
 
 
 class ForceHead:
@@ -42,8 +45,11 @@ class ForceHead:
         Spread of an estimator that states none (N).
     report_ : dict of str to float
         Errors on held-out places (N).
+    most_ : float
+        Largest force that was told (N).
     """
 
+    most_: float = np.inf
     estimator_: Estimator
     spread_: StatedSpread
     level_: Array
@@ -74,7 +80,7 @@ class ForceHead:
         ForceHead
             Itself.
         """
-        some = some_rows(x, y)
+        some, self.most_ = some_rows(x, y), float(np.max(y))
         candidates = self._candidates(wanted)
         found, told = trials(candidates, x[some], y[some, None], groups[some], _plane)
         best = chosen(found, 'power')
@@ -97,6 +103,20 @@ class ForceHead:
         if isinstance(self.estimator_, PowerForce):
             return self.estimator_.at(places, resistance)
         return self.predict(features_of(x, places, resistance))
+
+    def unsure(self, force: Array, spread: Array) -> tuple[Array, Integers] | None:
+        """Spreads (s,) (N) and status of forces (s,), some of them larger than any that was told.
+
+        None: there is no such force. What lies beyond is unsure by half, and an answer at the end
+        of all answers by itself: the force may be any larger one.
+        """
+        known = BEYOND * self.most_
+        beyond = force > known
+        if not np.count_nonzero(beyond):
+            return None
+        part = np.where(force > LARGEST * self.most_, force, UNTOLD * (force - known))
+        wider = np.where(beyond, np.hypot(spread, part), spread)
+        return wider, beyond * np.int64(FrameStatus.OUT_OF_RANGE)
 
     def tighten(self, factor: float) -> None:
         """Let errors at known places be smaller by a factor, as they are without creep."""

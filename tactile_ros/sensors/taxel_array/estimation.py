@@ -25,7 +25,7 @@ from tactile_ros.sensors.taxel_array.patches import ArrayPatches, add_sum, ids_o
 from tactile_ros.sensors.taxel_array.placing import place_objects
 from tactile_ros.sensors.taxel_array.readout import Unmixing, area_correction, below_ground
 from tactile_ros.sensors.taxel_array.surface import touched_surface
-from tactile_ros.sensors.taxel_array.untold import told, untold
+from tactile_ros.sensors.taxel_array.untold import flag_beyond, told, untold
 from tactile_ros.types import TaxelStatus
 
 if TYPE_CHECKING:
@@ -288,6 +288,8 @@ class TaxelRegression(Regression):
             known['taxel_status'] = np.repeat(dead[None].astype(np.uint8), len(output), axis=0)
         if self.objects is not None:
             self._add_objects(known, forces, signals, loads[1:])
+        if self.law_ is not None:
+            flag_beyond(known, forces, self._most, signals.good & (signals.in_contact != 0))
         if self.only in ('', *LAWS):
             self._add_patches(known, loads, signals, memory)
         return known
@@ -326,7 +328,7 @@ class TaxelRegression(Regression):
         return np.ones(len(self.noise_)) if self.law_ is None else largest_forces(self.law_)
 
     def _add_objects(
-        self, known: Columns, forces: Array, signals: Signals, errors: tuple[Array, Array]
+        self, known: Columns, forces: Array, signals: Signals, shared: tuple[Array, Array]
     ) -> None:
         """Recognised objects; `known` is changed."""
         assert self.objects is not None
@@ -335,16 +337,14 @@ class TaxelRegression(Regression):
             # at rest the taxels read nothing: without a baseline readings stand for themselves
             forces = np.where(np.isnan(forces), signals.values[..., 0], forces)
         asked = signals.good & (signals.in_contact != 0)
-        summed = errors if self.summed_ else None
+        summed = shared if self.summed_ else None
         corrected, area_law = None, self.config.area_law
         if self.law_ is not None and area_law is not None:
             corrected = area_correction(
                 self.law_, signals.delta[..., 0], forces, self.config.areas, area_law
             )
-        errors_of = (self._rest_noise, self._gaps.parts(forces, self.own_, self._most))
-        place_objects(
-            known, self.objects, forces, *errors_of, asked, ~self.silent_, summed, corrected
-        )
+        own = (self._rest_noise, self._gaps.parts(forces, self.own_, self._most))
+        place_objects(known, self.objects, forces, *own, asked, ~self.silent_, summed, corrected)
 
 
 CLASSES = (*REGRESSION_CLASSES, TaxelRegression, Equilibration, Creep)

@@ -18,6 +18,8 @@ LEAST = 1e-4  # of a force: no law is better
 MOST_FREE = 0.5  # numbers of a law for each row
 FEWEST = 5  # presses, loaded and unloaded, that tell hysteresis at a level
 CLEAR = 2.0  # standard errors of it that are none
+BEYOND = 1.1  # times the largest force told: from there on nothing is known of the law
+UNTOLD = 0.5  # error of what lies beyond, in parts of it
 LEVELS = np.array([0.05, 0.1, 0.2, 0.4, 0.6, 0.8])  # of a taxel's largest force, between groups
 
 
@@ -107,6 +109,24 @@ def shared_part(load: Array, level: Integers, alike: Array) -> Array:
     total = load.sum(axis=1)
     share = np.sqrt(np.maximum(excess, 0.0)) / np.where(total > 0, total, 1.0)
     return np.asarray(np.where(total > 0, share, 0.0))
+
+
+def untold_parts(share: Array) -> Array | None:
+    """Parts (s, t) of forces that may be wrong since they are larger than any that was told.
+
+    Parameters
+    ----------
+    share : ndarray, shape (s, t)
+        Forces in parts of the largest that was told of their taxel.
+
+    Returns
+    -------
+    ndarray, shape (s, t), or None
+        None: there is no such force.
+    """
+    if not np.count_nonzero(share > BEYOND):
+        return None
+    return np.asarray(UNTOLD * (1.0 - BEYOND / np.maximum(share, BEYOND)))
 
 
 def _unseen(borne: Bools, freedom: int) -> float:

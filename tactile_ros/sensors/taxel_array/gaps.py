@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.physics import compiled
-from tactile_ros.sensors.taxel_array.force_errors import LEVELS, shared_part
+from tactile_ros.sensors.taxel_array.force_errors import LEVELS, shared_part, untold_parts
 from tactile_ros.sensors.taxel_array.force_rows import filled_rows
 
 if TYPE_CHECKING:
@@ -62,23 +62,27 @@ class Gaps:
         shared : ndarray, shape (s,)
             Part of their sum by which all loads of a frame err alike.
         """
-        level = np.searchsorted(LEVELS, np.nan_to_num(forces) / most)
-        parts = own[level]
+        share = np.nan_to_num(forces) / most
+        level = np.searchsorted(LEVELS, share)
+        untold = untold_parts(share)
+        parts = own[level] if untold is None else np.hypot(own[level], untold)
         if compiled.available():
             load, variance = np.empty(forces.shape), np.empty(forces.shape)
             if filled_rows(forces, *self.beside, parts, idle, GUESSED, load, variance):
-                return load, variance, shared_part(load, level, alike)
+                return load, variance, _shared(load, level, alike, untold)
         filled = self.filled(forces)
         unknown = np.isnan(filled)
         load = np.where(unknown, 0.0, filled) if np.count_nonzero(unknown) else filled
         known = idle**2 + (parts * load) ** 2
         variance = np.where(np.isnan(forces), GUESSED**2 * (load * load), known)
-        return load, variance, shared_part(load, level, alike)
+        return load, variance, _shared(load, level, alike, untold)
 
     @staticmethod
     def parts(forces: Array, own: Array, most: Array) -> Array:
         """Errors (s, t) in parts of the force, of forces (s, t); see `loads`."""
-        return np.asarray(own[np.searchsorted(LEVELS, np.nan_to_num(forces) / most)])
+        share = np.nan_to_num(forces) / most
+        parts, untold = own[np.searchsorted(LEVELS, share)], untold_parts(share)
+        return np.asarray(parts if untold is None else np.hypot(parts, untold))
 
     def filled(self, forces: Array) -> Array:
         """Forces (s, t), those that are NaN as large as the pressure around tells."""
@@ -112,3 +116,13 @@ class Gaps:
         gaps, live = np.flatnonzero(lost), np.flatnonzero(~lost)
         away = np.linalg.norm(self.positions[gaps, None] - self.positions[None, live], axis=2)
         return gaps, live[np.argsort(away, axis=1, kind='stable')[:, :AROUND]]
+
+
+def _shared(load: Array, level: Integers, alike: Array, untold: Array | None) -> Array:
+    """As `shared_part`; beyond what was told laws of one kind err alike as well."""
+    shared = shared_part(load, level, alike)
+    if untold is None:
+        return shared
+    total = load.sum(axis=1)
+    beyond = (untold * load).sum(axis=1) / np.where(total > 0, total, 1.0)
+    return np.asarray(np.hypot(shared, beyond))

@@ -1,4 +1,7 @@
-"""What recorded loads do not tell of an array: taxels, loads, holds, its rest, its give."""
+"""What recorded loads do not tell of an array: taxels, loads, holds, its rest, its give.
+
+Forces larger than any that was told are flagged here.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.regression.untold import KIND, untold_loads, untold_past
+from tactile_ros.sensors.taxel_array.force_errors import BEYOND
+from tactile_ros.types import FrameStatus
 
 if TYPE_CHECKING:
     from tactile_ros.conditioning.viscoelastic import Creep
@@ -53,3 +58,28 @@ def untold(signals: Signals, truth: Columns, silent: Bools, creep: Creep | None)
     if not np.isfinite(np.asarray(truth.get('deformation', blank), np.float64)).any():
         found[f'{KIND}shape factor (no truth of deformation): the array counts as rigid'] = {}
     return found
+
+
+def flag_beyond(known: Columns, forces: Array, most: Array, asked: Bools) -> None:
+    """Say of rows where a taxel bears more than any load that was told of it.
+
+    Taxels that have a status of their own do not count.
+
+    Parameters
+    ----------
+    known : dict of str to ndarray, shape (s, ...)
+        Estimates; `status` is added.
+    forces : ndarray, shape (s, t)
+        Of the taxels (N); NaN: not read.
+    most : ndarray, shape (t,)
+        Largest force of each taxel that was told (N).
+    asked : ndarray, shape (s,)
+        Rows that may be touched.
+    """
+    beyond = forces > BEYOND * most
+    if not np.count_nonzero(beyond):
+        return
+    if 'taxel_status' in known:
+        beyond &= np.asarray(known['taxel_status'], np.uint8) == 0
+    status = np.asarray(known.get('status', np.zeros(len(forces))), np.int64)
+    known['status'] = status | (asked & beyond.any(axis=1)) * np.int64(FrameStatus.OUT_OF_RANGE)
