@@ -1,9 +1,10 @@
-"""Every example of --help runs on small real input, or says why it is parsed alone."""
+"""Every command of --help and of the pages runs on small real input, or says why it is not."""
 
 from __future__ import annotations
 
 import json
 import shlex
+import shutil
 from dataclasses import replace
 from itertools import count, pairwise
 from pathlib import Path
@@ -21,7 +22,7 @@ from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import STATE_FIELDS
 from test.reference import enrolled_skin
-from test.reference.help_examples import examples
+from test.reference.help_examples import examples, typed_on_pages
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -37,6 +38,7 @@ MOST_ROWS = 1200
 SHOWN = 20  # frames, after which whoever looks presses Ctrl-C
 GRAPH = 'starts the ROS graph for half a minute or more: '
 LIVE = 'needs running nodes: '
+MADE_ON_ITS_PAGE = 'its sensor is made on that page; test/sensors/test_adding_a_sensor.py'
 LONG = 'measures for minutes to hours: `make bench` runs it'
 # test_docs.py has their own parsers take them
 PARSED_ALONE = {
@@ -61,7 +63,20 @@ PARSED_ALONE = {
     'tactile bench fidelity --figures docs/images': LONG,
     'tactile bench all --jobs 2': LONG,
     'tactile bench roads --quick --json': LONG,
+    # of the pages
+    'tactile bench all --jobs 3 --figures benchmarks/results': LONG,
+    'tactile bench grasp --full': LONG,
+    'tactile bench latency': LONG,
+    'tactile calibrate reskin_board my_bag/ --truth /probe/wrench -o out/mine.npz':
+        'needs a load cell; test/evaluation/test_recording.py reads one from a bag',
+    'tactile demo --sensor pinch_pad': MADE_ON_ITS_PAGE,
+    'tactile doctor --sensor pinch_pad --simulated': MADE_ON_ITS_PAGE,
+    'tactile doctor --sensor magnet_pad --set buses=[/dev/i2c-3] --probe':
+        'asks real buses; test_doctor.py asks a simulated one',
+    'tactile replay /data/bags/* --calibration /data/a.npz --scheduler tcp://10.0.0.1:8786':
+        'needs a Dask cluster; test/evaluation/test_fleet.py starts one',
 }  # fmt: skip
+LINES = [*dict.fromkeys([*examples(), *typed_on_pages()])]
 WRITTEN = ('-o', '--save', '--report', '--mcap', '--png')
 
 
@@ -76,10 +91,13 @@ def in_time(recording: Recording) -> Recording:
 def write_bags(folder: Path, recording: Recording, pipeline: Pipeline) -> None:
     """Bags of live runs, as a recorder hears them."""
     write_bag = load_source(BENCHES / 'replay.py', 'a test').write_bag
-    for number, name in enumerate(('out/demo/bags/place', 'bags/one', 'bags/two', 'my_bag')):
+    names = 'out/demo/bags/place', 'bags/one', 'bags/two', 'my_bag', 'another_bag'
+    for number, name in enumerate(names):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         part = recording.select(slice(160 * number, 160 * number + 160))
         write_bag(folder / name, pipeline, in_time(part))
+    (presses,) = (folder / 'my_bag').glob('*.mcap')
+    shutil.copyfile(presses, folder / 'my_presses.mcap')
 
 
 @pytest.fixture(scope='module')
@@ -90,7 +108,13 @@ def place(tmp_path_factory: pytest.TempPathFactory, taught_skin: Path) -> Path:
     spatial = spec.recordings()['spatial']
     pipeline = spec.pipeline(estimator='ridge').fit(spatial.select(slice(0, 800)))
     (folder / 'out/demo/calibrations').mkdir(parents=True)
-    for name in ('out/demo/calibrations/place.npz', 'a.npz', 'b.npz'):
+    for name in (
+        'out/demo/calibrations/place.npz',
+        'a.npz',
+        'b.npz',
+        'out/mine.npz',
+        'out/other.npz',
+    ):
         pipeline.save(folder / name)
     write_bags(folder, spatial.select(slice(800, None)), pipeline)
     skin = enrolled_skin.SPEC.load(taught_skin)
@@ -159,6 +183,11 @@ def typed(line: str, port: str) -> list[str]:
     return words
 
 
+def written(name: str) -> dict[Path, int]:
+    """Files that a word of an option stands for, and when each was written (ns)."""
+    return {path: path.stat().st_mtime_ns for path in Path().glob(f'{name}*')}
+
+
 def code_of(words: list[str]) -> int:
     """Exit code of the command."""
     try:
@@ -167,7 +196,7 @@ def code_of(words: list[str]) -> int:
         return int(stop.code or 0)
 
 
-@pytest.mark.parametrize('line', [line for line in examples() if line not in PARSED_ALONE])
+@pytest.mark.parametrize('line', [line for line in LINES if line not in PARSED_ALONE])
 def test_an_example_runs(
     line: str, place: Path, port: str, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -181,6 +210,7 @@ def test_an_example_runs(
             pytest.skip(str(missing))
     monkeypatch.chdir(place)
     words = typed(line, port)
+    before = {name: written(name) for option, name in pairwise(words) if option in WRITTEN}
     nothing_is_connected = int(line == 'tactile doctor')  # on most machines that run this
     code = code_of(words)
     printed = capsys.readouterr()
@@ -190,11 +220,10 @@ def test_an_example_runs(
     assert 'left out' not in printed.err
     if '--json' in words:
         assert json.loads(printed.out)
-    for option, name in pairwise(words):
-        if option in WRITTEN:
-            assert list(place.glob(f'{name}*')), f'{name} was not written'
+    for name, files in before.items():
+        assert written(name).items() - files.items(), f'{name} was not written'
 
 
 def test_what_is_parsed_alone_is_an_example_with_a_reason() -> None:
-    assert set(PARSED_ALONE) <= set(examples())
+    assert set(PARSED_ALONE) <= set(LINES)
     assert all(len(reason) > 20 for reason in PARSED_ALONE.values())
