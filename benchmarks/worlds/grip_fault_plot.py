@@ -43,19 +43,22 @@ def drawn(
     bounds: tuple[float, float],
     stale: float,
 ) -> str:
-    """Forces (N) after all faults of each hand, between bounds; a dot where it began to hold."""
-    longest = MS * max(float(one.at.max()) for each in hands.values() for one in each)
+    """Forces (N) after all faults of each hand, between bounds; a mark where it began to hold."""
+    ends = [float(one.at[-1]) for each in hands.values() for one in each if len(one.at)]
+    longest = MS * max(ends, default=1.0)
     plot = Plot((0.0, longest), (0.0, 1.4 * target), 'time after the fault (ms)',
                 'largest force of a finger (N)', (480, 300),
                 told='Force after each fault of a grasp')  # fmt: skip
-    for bound in bounds:
+    for bound, told in zip(bounds, ('least', 'most'), strict=True):
         plot.line(np.array([0.0, longest]), np.full(2, bound), 'rule')
+        plot.text(longest, bound, f'{told} that is allowed', 'end', shift=-9.0)
     for i, (hand, each) in enumerate(hands.items()):
         for one in each:
             plot.line(MS * one.at, one.force, f'line c{i}')
-            held = np.interp(one.after, one.at, one.force)
-            plot.dots(np.array([MS * one.after]), np.array([held]), f'c{i}')
-        plot.text(longest, 0.6 * target - 0.15 * i * target, f'{hand}: {len(each)} faults', 'end',
-                  f'c{i}')  # fmt: skip
+            if np.isfinite(one.after):
+                held = float(np.interp(one.after, one.at, one.force))
+                plot.mark(MS * one.after, held, i, f'fill c{i}')
+        words = f'{hand}: {len(each)} faults, and when it held'
+        plot.text(longest, (0.3 - 0.12 * i) * target, words, 'end', f'key c{i}')
     plot.rule(MS * stale, 'an input counts as stale')
     return standalone(plot)

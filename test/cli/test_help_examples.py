@@ -12,12 +12,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
 
 from tactile_ros.cli import calibrate, view
 from tactile_ros.cli.main import main
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.evaluation import browser
+from tactile_ros.evaluation.bag import BagWriter
 from tactile_ros.evaluation.benchmark import BenchResult, Row
+from tactile_ros.evaluation.definitions import all_types
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import STATE_FIELDS
@@ -67,8 +70,6 @@ PARSED_ALONE = {
     'tactile bench all --jobs 3 --figures benchmarks/results': LONG,
     'tactile bench grasp --full': LONG,
     'tactile bench latency': LONG,
-    'tactile calibrate reskin_board my_bag/ --truth /probe/wrench -o out/mine.npz':
-        'needs a load cell; test/evaluation/test_recording.py reads one from a bag',
     'tactile demo --sensor pinch_pad': MADE_ON_ITS_PAGE,
     'tactile doctor --sensor pinch_pad --simulated': MADE_ON_ITS_PAGE,
     'tactile doctor --sensor magnet_pad --set buses=[/dev/i2c-3] --probe':
@@ -96,8 +97,31 @@ def write_bags(folder: Path, recording: Recording, pipeline: Pipeline) -> None:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         part = recording.select(slice(160 * number, 160 * number + 160))
         write_bag(folder / name, pipeline, in_time(part))
+    add_load_cell(folder / 'my_bag')
     (presses,) = (folder / 'my_bag').glob('*.mcap')
     shutil.copyfile(presses, folder / 'my_presses.mcap')
+
+
+def add_load_cell(bag: Path) -> None:
+    """A probe whose load cell tells the force of every frame, in a bag that has none."""
+    store = all_types()
+    kinds = (
+        store.types[f'geometry_msgs/msg/{name}'] for name in ('WrenchStamped', 'Wrench', 'Vector3')
+    )
+    stamped, wrench, vector = kinds
+    told = bag.rename(bag.with_name('without_load_cell'))
+    with AnyReader([told], default_typestore=store) as reader, BagWriter(bag) as writer:
+        for number, (topic, log_ns, data) in enumerate(reader.messages()):
+            writer.write(topic.topic, topic.msgtype, log_ns, bytes(data))
+            if topic.topic == '/frame':
+                frame = store.deserialize_cdr(data, topic.msgtype)
+                push = vector(x=0.0, y=0.0, z=1.0 + number % 2)
+                said = stamped(
+                    header=frame.header,
+                    wrench=wrench(force=push, torque=vector(x=0.0, y=0.0, z=0.0)),
+                )
+                cell = bytes(store.serialize_cdr(said, said.__msgtype__))
+                writer.write('/probe/wrench', said.__msgtype__, log_ns + 1, cell)
 
 
 @pytest.fixture(scope='module')
