@@ -65,3 +65,13 @@ def test_faults_of_a_grasp_are_drawn_also_where_nothing_reacted_or_was_heard() -
     ET.fromstring(text)
     assert 'one: 3 faults' in text
     assert text.count('fill c0') == 1 < text.count('line c0')
+
+
+def test_tails_of_delays_are_drawn_for_runs_with_and_without_a_command() -> None:
+    world = load_source(WORLDS / 'grip_delay_plot.py', 'a test')
+    delay = np.append(np.full(99, 2e-3), np.nan)
+    text = world.drawn({'stack': delay, 'three nodes': np.full(1, np.nan)}, 1.0)
+    ET.fromstring(text)
+    assert 'three nodes: no command' in text
+    assert text.count('line c0') == 1
+    assert 'line c1' not in text
