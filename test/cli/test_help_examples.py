@@ -251,3 +251,25 @@ def test_an_example_runs(
 def test_what_is_parsed_alone_is_an_example_with_a_reason() -> None:
     assert set(PARSED_ALONE) <= set(LINES)
     assert all(len(reason) > 20 for reason in PARSED_ALONE.values())
+
+
+def test_a_load_cell_alone_tells_force_and_no_rest(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(place)
+    cell = ['--truth', '/probe/wrench']
+    learn = ['calibrate', 'reskin_board', 'my_bag', '-o', 'out/force.npz', '--estimator', 'ridge']
+    assert main([*learn, *cell]) == 0
+    printed = capsys.readouterr()
+    assert 'force' in printed.out
+    assert 'it cannot be tared' in printed.err
+    judge = ['replay', 'my_bag', '--calibration', 'out/force.npz', '--jobs', '1', *cell]
+    assert main(judge) == 1
+    assert 'fitted on readings without a baseline' in capsys.readouterr().err
+    # with the rests that another topic tells it can
+    assert main([*learn, *cell, '--truth', 'truth/contacts']) == 0
+    assert 'it cannot be tared' not in capsys.readouterr().err
+    assert main([*judge, '--tolerance', '0.004', '--delay', '0.001']) == 0
+    told = capsys.readouterr().out
+    assert 'normal RMSE (N)' in told
+    assert '/probe/wrench: within 4 ms, 1 ms late' in told
