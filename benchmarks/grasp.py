@@ -68,7 +68,7 @@ class Judged:
 def run(extent: str, command: str) -> BenchResult:
     """Measure everything."""
     seeds = list(range(SEEDS[extent]))
-    suffered, reactions = load_source(FAULTS, 'bench grasp').fault_rows(extent)
+    suffered, reactions, drawn = load_source(FAULTS, 'bench grasp').fault_rows(extent)
     rows = [
         *_slip_rows(seeds), *_loop_rows(seeds), *_load_rows(LOADS[extent]),
         *suffered,
@@ -89,9 +89,8 @@ def run(extent: str, command: str) -> BenchResult:
         *reactions,
     ]
     scenes = _scenes(extent)
-    return BenchResult(
-        'grasp', command, seeds, rows + scenes.rows, notes + scenes.notes, scenes.drawings
-    )
+    drawn |= scenes.drawings
+    return BenchResult('grasp', command, seeds, rows + scenes.rows, notes + scenes.notes, drawn)
 
 
 def _scenes(extent: str) -> Found:

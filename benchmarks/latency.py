@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
     from tactile_ros.types import Array, Integers
 
-RIG, SCENES, WAITS = (
+PLOT, RIG, SCENES, WAITS = (
     load_source(Path(__file__).parent / 'worlds' / f'{name}.py', 'bench latency')
-    for name in ('grip_rig', 'grip_scenes', 'grip_waits')
+    for name in ('grip_delay_plot', 'grip_rig', 'grip_scenes', 'grip_waits')
 )
 ROADS = Path(__file__).parents[1] / 'test' / 'reference' / 'grip_roads.py'
 SECONDS = {'quick': 2.0, 'normal': 8.0, 'full': 60.0}
@@ -134,7 +134,8 @@ def run(extent: str, command: str) -> BenchResult:
     ]
     if extent == 'quick':
         notes.append('quick: the polynomial in one process alone')
-    return BenchResult('latency', command, [0], rows, notes)
+    tails = PLOT.drawn({what: found.delay for what, found in runs.items()}, 1e3 * LATE_S)
+    return BenchResult('latency', command, [0], rows, notes, {'tails': tails})
 
 
 def _runs(folder: Path, seconds: float, quick: bool) -> dict[str, Run]:

@@ -10,15 +10,16 @@ from __future__ import annotations
 import time
 import warnings
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.devices.damage import DAMAGES, unseen
-from tactile_ros.errors import MissingPackageError
 from tactile_ros.evaluation.benchmark import BenchResult, Row, shortest, within
 from tactile_ros.evaluation.coverage import ONE_SIGMA
 from tactile_ros.evaluation.metrics import target_errors
+from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Array, Recording
 
@@ -32,6 +33,7 @@ SECONDS = {'quick': np.inf, 'normal': 45.0, 'full': np.inf}  # of each kind of s
 BATCH = 10_000
 COMPARED = ('ridge', 'grid_knn')
 BRIEF = ('place', 'normal', 'shear')  # of a quick run, the first split of each
+PEERS = load_source(Path(__file__).parent / 'worlds' / 'reskin_peers.py', 'bench reskin')
 PUBLISHED = {'place': 0.5, 'normal': 0.27, 'shear': 0.12}
 
 
@@ -213,7 +215,7 @@ def _tried(sensor: object, split: Split, extent: str, others: tuple[str, ...]) -
     for other in sorted({*others} - {pipeline.estimators[split.target]}):
         fit = _fit(sensor, split, other)
         found[other] = _figure(_errors(fit, split)[0], split.target), *_times(fit, split.test)
-    peers = {name: _peer(make, split) for name, make in _peers(extent).items()}
+    peers = {name: _peer(make, split) for name, make in PEERS.peers(extent).items()}
     figure = _figure(_errors(pipeline, split)[0], split.target)
     return Tried(pipeline, seconds, figure, found, peers)
 
@@ -291,33 +293,6 @@ def _times(pipeline: Pipeline, test: Recording, repetitions: int = 100) -> tuple
         1e6 * shortest(lambda: [pipeline.process(frame) for frame in frames], 30) / repetitions,
         1e6 * shortest(lambda: pipeline.process_batch(batch)) / BATCH,
     )
-
-
-def _peers(extent: str) -> dict[str, Callable[[], object]]:
-    """Regressors of scikit-learn."""
-    try:
-        from sklearn.ensemble import RandomForestRegressor
-        from sklearn.linear_model import RidgeCV
-        from sklearn.neighbors import KNeighborsRegressor
-        from sklearn.neural_network import MLPRegressor
-        from sklearn.pipeline import make_pipeline
-        from sklearn.preprocessing import PolynomialFeatures, StandardScaler
-    except ImportError as error:
-        msg = 'bench reskin compares with scikit-learn: pip install scikit-learn'
-        raise MissingPackageError(msg) from error
-    mlp = dict(hidden_layer_sizes=(128, 128), early_stopping=True, random_state=0)
-    return {
-        'kNN (k = 5)': lambda: make_pipeline(StandardScaler(), KNeighborsRegressor(5)),
-        'ridge, 2nd order': lambda: make_pipeline(
-            StandardScaler(), PolynomialFeatures(2), RidgeCV(np.logspace(-3, 3, 7))
-        ),
-        'random forest': lambda: RandomForestRegressor(
-            30 if extent == 'quick' else 100, random_state=0
-        ),
-        'MLP 128 x 128': lambda: make_pipeline(
-            StandardScaler(), MLPRegressor(max_iter=100 if extent == 'quick' else 400, **mlp)
-        ),
-    }
 
 
 def _peer(make: Callable[[], object], split: Split) -> float:

@@ -5,6 +5,9 @@ ros2 launch tactile_ros replay.launch.py bag:=out/demo/bags/place namespace:=pla
 
 `tactile replay` repeats a live run exactly, its tares included, and evaluates it without ROS. Here
 the tares of the bag are not repeated: call contact_node/tare where the bag is at rest.
+
+The player starts once contact_node listens, however long that takes to load; without autostart
+it waits for whoever activates the node.
 """
 
 from __future__ import annotations
@@ -18,14 +21,16 @@ from launch.actions import (
 )
 from launch.event_handlers import OnProcessExit
 from launch.substitutions import LaunchConfiguration
+from launch_ros.ros_adapters import get_ros_node
 
-from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
+from launch import Event, LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from tactile_ros.nodes.launching import TRUE_OR_FALSE, chosen, declared, node_of
 from tactile_ros.nodes.replay_graph import Playing, replaying
 from tactile_ros.sensors import list_sensors
 
 DEFAULTS = Playing()
 ON_ITS_WAY_S = 1.0  # for frames that the node has not taken yet
+LOOK_S = 0.2
 # of Playing: what it means, and what it may be
 ARGUMENTS: dict[str, tuple[str, list[str] | None]] = {
     'bag': ('folder of the bag', None),
@@ -33,21 +38,39 @@ ARGUMENTS: dict[str, tuple[str, list[str] | None]] = {
     'sensor': ('key of the sensor', list_sensors()),
     'namespace': ('namespace of the sensor in the bag', None),
     'rate': ('recorded time over played time', None),
-    'delay': ('time before the first message (s), in which the node gets ready', None),
+    'delay': ('time before the first message (s), in which player and node find each other', None),
     'params_file': ('YAML file of parameters; empty: none', None),
     'autostart': ('configure and activate the node at start', TRUE_OR_FALSE),
 }
 
 
 def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
-    """contact_node and the player of the bag, which ends everything when it ends."""
+    """contact_node, and then the player of the bag; whichever ends ends everything."""
     choice = chosen(context, DEFAULTS)
     level = LaunchConfiguration('log_level').perform(context)
     (contact,) = [node_of(process, level) for process in replaying(choice).processes]
     player = ExecuteProcess(cmd=choice.command(), output='screen')
     end = TimerAction(period=ON_ITS_WAY_S, actions=[Shutdown(reason='the bag is over')])
     ended = OnProcessExit(target_action=player, on_exit=[end])
-    return [contact, player, RegisterEventHandler(ended)]
+    gone = OnProcessExit(target_action=contact, on_exit=without_node)
+    waiting = OpaqueFunction(function=once_heard, args=[player, choice.topics[0]])
+    return [contact, RegisterEventHandler(ended), RegisterEventHandler(gone), waiting]
+
+
+def without_node(_: Event, context: LaunchContext) -> list[LaunchDescriptionEntity]:
+    """The end, where the node ended by itself."""
+    return [] if context.is_shutdown else [Shutdown(reason='contact_node ended')]
+
+
+def once_heard(
+    context: LaunchContext, player: ExecuteProcess, topic: str
+) -> list[LaunchDescriptionEntity]:
+    """The player, as soon as contact_node listens to the frames; until then look again."""
+    listeners = get_ros_node(context).get_subscriptions_info_by_topic(topic)
+    if 'contact_node' in (one.node_name for one in listeners):
+        return [player]
+    again = OpaqueFunction(function=once_heard, args=[player, topic])
+    return [TimerAction(period=LOOK_S, actions=[again])]
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -60,8 +60,7 @@ class FrameGuard:
     @property
     def problems(self) -> tuple[str, ...]:
         """A sentence where frames failed."""
-        said = f'{self.failures} frames cannot be estimated and count as lost ({self.reason})'
-        return (said,) if self.failures else ()
+        return (sentence_of(self.failures, self.reason),) if self.failures else ()
 
     def process(self, frame: Frame) -> ContactState:
         """Estimate from the next frame; one that fails has the status ERROR at every taxel.
@@ -111,9 +110,14 @@ class FrameGuard:
             state = self.pipeline.process(marked(frame, taxels))
         except Exception:  # not even as a lost one: the stream goes on without it
             self._go_back()
-            state = _unknown(taxels)
+            state = unknown(taxels)
         self.begin()
         return state
+
+
+def sentence_of(failures: int, reason: str) -> str:
+    """How many frames failed, and why the first of them did."""
+    return f'{failures} frames cannot be estimated and count as lost ({reason})'
 
 
 def marked(frame: Frame, taxels: int) -> Frame:
@@ -122,7 +126,7 @@ def marked(frame: Frame, taxels: int) -> Frame:
     return replace(frame, status=status | ERROR)
 
 
-def _unknown(taxels: int) -> ContactState:
+def unknown(taxels: int) -> ContactState:
     """Nothing is known of a frame."""
     told = {
         'valid': np.zeros(1, bool),

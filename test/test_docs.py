@@ -16,33 +16,14 @@ from tactile_ros.cli import demo
 from tactile_ros.cli.design import sensor_parser
 from tactile_ros.cli.main import COMMANDS, parser
 from tactile_ros.sensors import designable, load_sensor
-from test.reference.help_examples import examples
+from test.reference.help_examples import PAGES, ROOT, blocks, examples, lines
 
-ROOT = Path(__file__).resolve().parents[1]
-PAGES = sorted([ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *(ROOT / 'docs').glob('*.md')])
-FENCE = re.compile(r'^```(\w*)\n(.*?)^```$', re.DOTALL | re.MULTILINE)
 INLINE = re.compile(r'`(?:\.venv/bin/)?tactile ([a-z]+)([^`]*)`')
 FLAG = re.compile(r'(?<!\S)--[a-z][a-z-]*')
 LINK = re.compile(r'\]\(([^)#:\s]+)(?:#[^)]*)?\)')
 # of other programs, and of pages that describe another machine
 FOREIGN = ('export', 'sudo', 'rosdep', 'colcon', 'rviz2', 'git', 'pip', 'source', 'arduino-cli')
 LAUNCHERS = ('graph', 'grasp_graph', 'launching')
-
-
-def blocks(page: Path) -> list[tuple[str, str]]:
-    """Fenced blocks of a page: language and text."""
-    return FENCE.findall(page.read_text())
-
-
-def lines(page: Path) -> list[str]:
-    """Commands of a page's blocks, continued lines joined, comments left out."""
-    found = []
-    for language, text in blocks(page):
-        if language in ('', 'bash', 'sh', 'console'):
-            joined = re.sub(r'\\\n\s*', '', text)
-            found += [line.split(' # ')[0].strip() for line in joined.splitlines()]
-    commands = [line.removeprefix('$ ').removeprefix('.venv/bin/') for line in found]
-    return [line for line in commands if re.match(r'(tactile|ros2|make) ', line)]
 
 
 COMMAND_LINES = [(page.name, line) for page in PAGES for line in lines(page)]

@@ -21,6 +21,7 @@ import numpy as np
 
 from tactile_ros.control import GripPhase
 from tactile_ros.evaluation.benchmark import Row
+from tactile_ros.evaluation.sources import load_source
 from tactile_ros.hands.joint_messages import read_command
 from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.grasp_graph import Grasping, grasping
@@ -30,11 +31,15 @@ from tactile_ros.sensors import load_sensor
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from worlds.grip_fault_plot import Suffered
+
     from tactile_ros.types import Array
 
 SENSOR = 'taxel_array'
 HANDS = {'joint_trajectory': ('left', 'right'), 'allegro_v5': ('index', 'thumb')}
 TARGET = 2.0  # N
+LEAST, LARGEST = 0.5, 1.2  # of it: neither dropped nor crushed
+PLOT = Path(__file__).with_name('grip_fault_plot.py')
 STALE_S = 0.1  # as in GripConfig
 WATCHED_S = 0.8
 PATIENCE_S = 40.0
@@ -249,8 +254,10 @@ def _restart(scene: Scene, name: str, process: Process) -> None:
     scene.running.start(process)
 
 
-def fault_rows(extent: str) -> tuple[list[Row], list[str]]:
-    """Rows of every fault, of the first and of one hand where it shall be quick; as sentences."""
+def fault_rows(extent: str) -> tuple[list[Row], list[str], dict[str, str]]:
+    """Rows of every fault (quick: of the first, of one hand), told and drawn."""
+    plot = load_source(PLOT, 'bench grasp')
+    traces: dict[str, list[Suffered]] = {}
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     rows: list[Row] = []
     told = [
@@ -261,18 +268,20 @@ def fault_rows(extent: str) -> tuple[list[Row], list[str]]:
             scene = Scene(held, hand)
             for fault in faults(scene)[: 1 if extent == 'quick' else None]:
                 scene.hold()
-                found, sentence = _suffer(scene, fault)
+                found, sentence, trace = _suffer(scene, fault)
+                traces.setdefault(hand, []).append(plot.Suffered(*trace))
                 rows += [replace(row, what=f'{hand}: {row.what}') for row in found]
                 told.append(f'{hand}: {sentence}')
             for phase in KILLED_IN:
                 found, sentence = _killed(scene, phase)
                 rows += [replace(row, what=f'{hand}: {row.what}') for row in found]
                 told.append(f'{hand}: {sentence}')
-    return rows, told
+    drawing = plot.drawn(traces, TARGET, (LEAST * TARGET, LARGEST * TARGET), STALE_S)
+    return rows, told, {'faults': drawing}
 
 
-def _suffer(scene: Scene, fault: Fault) -> tuple[list[Row], str]:
-    """Let one fault happen; what the grip did."""
+def _suffer(scene: Scene, fault: Fault) -> tuple[list[Row], str, tuple[Array, Array, float]]:
+    """Let one fault happen; what the grip did, and times, forces and when it began to hold."""
     before = max(scene.hand.pressed.force)
     scene.seen = seen = Seen()
     began = time.monotonic()
@@ -284,8 +293,8 @@ def _suffer(scene: Scene, fault: Fault) -> tuple[list[Row], str]:
     largest, least = max(seen.forces, default=before), min(seen.forces, default=before)
     name = f'fault, {fault.name}'
     rows = [
-        Row(f'{name}: force, largest', 'N', largest, aim=1.2 * TARGET),
-        Row(f'{name}: force, least', 'N', least, 'high', aim=0.5 * TARGET),
+        Row(f'{name}: force, largest', 'N', largest, aim=LARGEST * TARGET),
+        Row(f'{name}: force, least', 'N', least, 'high', aim=LEAST * TARGET),
         Row(f'{name}: commands outside limits', '1', float(scene.outside(seen)), aim=0.0),
     ]
     if fault.refused:
@@ -293,7 +302,8 @@ def _suffer(scene: Scene, fault: Fault) -> tuple[list[Row], str]:
         rows.insert(0, Row(f'{name}: safe action after stale', 'ms', late, aim=100.0))
     did = f'holds: {why}' if bad else ('NO REACTION' if fault.refused else 'goes on')
     shown = f'{1e3 * after:.0f} ms after the fault' if bad else '-'
-    return rows, f'{fault.name} | {did} | {shown}'
+    at = np.array([at for at, _ in seen.states]) - began
+    return rows, f'{fault.name} | {did} | {shown}', (at, np.array(seen.forces), after)
 
 
 def _killed(scene: Scene, phase: GripPhase) -> tuple[list[Row], str]:
@@ -311,7 +321,7 @@ def _killed(scene: Scene, phase: GripPhase) -> tuple[list[Row], str]:
         Row('joints that still move', 'rad', float(np.abs(now - stopped).max()), aim=NEAR),
         Row('last command holds no posture', '1', float(not is_posture(seen.last)), aim=0.0),
         Row('force, largest', 'N', max([*seen.forces, *scene.hand.pressed.force]),
-            aim=1.2 * TARGET),
+            aim=LARGEST * TARGET),
         Row('commands outside limits', '1', float(scene.outside(seen)), aim=0.0),
     ]  # fmt: skip
     name = f'grip_node killed in {phase.name}'

@@ -78,6 +78,8 @@ def run(options: argparse.Namespace) -> int:
     (show_json if options.json else show)(COLUMNS, report_rows(pipeline))
     if left_out(pipeline):
         print(left_out(pipeline), file=sys.stderr)
+    if not pipeline.rest_.tared:
+        print(UNTARED, file=sys.stderr)
     for sentence in (*slip_sentence(pipeline), *models.sentences(pipeline.report)):
         print(sentence, file=sys.stderr if options.json else sys.stdout)
     if not options.json:
@@ -85,6 +87,13 @@ def run(options: argparse.Namespace) -> int:
         print(f'fitted in {seconds:.1f} s; metres and newton; written to {options.output}')
         print(f'SHA-256 {pipeline.digest}')
     return 0
+
+
+UNTARED = (
+    'not told: when nothing touched, so this calibration takes readings as they are: it cannot be '
+    'tared, nor be replayed on a bag whose run was; tare rows would tell, or in_contact 0 at rest '
+    '(--truth may be given twice)'
+)
 
 
 def left_out(pipeline: Pipeline) -> str:

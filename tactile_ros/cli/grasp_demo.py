@@ -62,10 +62,10 @@ def run_grasps(output: Path, seed: int, as_json: bool = False) -> int:
     scenes = load_source(place / 'worlds' / 'grasp_scenes.py', 'demo grasp')
     print('calibrating fingertips, then a minute or two of scenes', file=sys.stderr, flush=True)
     found = scenes.run('quick', seed, made)
-    rows, told = _faults(place)
-    rows, told = found.rows + rows, found.notes + told
+    rows, told, drawn = _faults(place)
+    rows, told, drawn = found.rows + rows, found.notes + told, {**found.drawings, **drawn}
     command = f'tactile demo grasp --seed {seed}'
-    result = BenchResult('grasp', command, [seed], rows, told, found.drawings)
+    result = BenchResult('grasp', command, [seed], rows, told, drawn)
     cells, aside = [row.cells() for row in result.rows], sys.stdout
     if as_json:
         show_json(COLUMNS, cells)
@@ -85,10 +85,11 @@ def run_grasps(output: Path, seed: int, as_json: bool = False) -> int:
     return 0
 
 
-def _faults(place: Path) -> tuple[list[Row], list[str]]:
+def _faults(place: Path) -> tuple[list[Row], list[str], dict[str, str]]:
     """Scene 4: faults of a grasp through the graph of nodes, where there is ROS."""
     if importlib.util.find_spec('rclpy') is None:
-        return [], ['Faults during a grasp are left out: they need ROS 2.']
+        return [], ['Faults during a grasp are left out: they need ROS 2.'], {}
     print('faults during a grasp through the nodes', file=sys.stderr, flush=True)
-    rows, told = load_source(place / 'worlds' / 'grip_faults.py', 'demo grasp').fault_rows('quick')
-    return list(rows), list(told)
+    module = load_source(place / 'worlds' / 'grip_faults.py', 'demo grasp')
+    rows, told, drawn = module.fault_rows('quick')
+    return list(rows), list(told), dict(drawn)

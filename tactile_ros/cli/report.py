@@ -70,10 +70,11 @@ def run(options: argparse.Namespace) -> int:
         print(f'  left out: {problem}', file=sys.stderr)
     print(f'report: {output}', file=sys.stderr)
     if options.png:
-        pictures = 0
-        for pictures, picture in enumerate(write_pictures(options.png, files), start=1):
+        drawn = False
+        for picture in write_pictures(options.png, files):
+            drawn = True
             print(f'picture: {picture}', file=sys.stderr, flush=True)
-        if not pictures:
+        if not drawn:
             print('no picture: these results have nothing to draw', file=sys.stderr)
     return int(bool(problems))
 

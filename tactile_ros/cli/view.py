@@ -25,6 +25,7 @@ import numpy as np
 from tactile_ros.cli.destination import refuse_unwritable
 from tactile_ros.cli.working import working
 from tactile_ros.errors import DeviceTimeout, MissingPackageError, RecordingError
+from tactile_ros.evaluation.failing_frames import estimated
 from tactile_ros.evaluation.fleet import open_calibration
 from tactile_ros.evaluation.recording import load
 from tactile_ros.sensors import load_sensor
@@ -147,7 +148,9 @@ def played(loaded: LoadedRecording, pipeline: Pipeline | None) -> Iterator[Shown
     count, taxels = len(recording), len(recording.layout.positions)
     if pipeline is not None:
         with working(f'estimating {count} frames'):
-            states = pipeline.process_batch(recording)
+            states, failed = estimated(recording, pipeline)
+        for sentence in failed:
+            print(f'  {loaded.name}: {sentence}', file=sys.stderr)
         rows = np.arange(count)
     elif loaded.contacts is not None:
         states, rows = loaded.contacts.states, loaded.contacts.rows

@@ -57,7 +57,7 @@ def hysteresis(dataset: Dataset, name: str) -> Figure | None:
 
 
 def _directions(target: TargetErrors, time: Array) -> tuple[Bools, Bools]:
-    """Rows (n,) on the way up and down in true force, without turns, what is held there, pauses."""
+    """Rows (n,) on the way up and down in true force, without turns, holds there and pauses."""
     force, step = target.truth[:, :1], np.diff(time)
     usual = float(np.nanmedian(step[step > 0])) if (step > 0).any() else 0.0
     anew = np.concatenate([[True], ~((step > 0) & (step < PAUSE * usual))])

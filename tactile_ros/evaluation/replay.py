@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.evaluation.class_changes import Repetition, as_it_began
+from tactile_ros.evaluation.failing_frames import estimated
 from tactile_ros.evaluation.follow import batch_of, gathered
 from tactile_ros.evaluation.live_baselines import baselines_by_row
 from tactile_ros.frame_guard import FrameGuard
@@ -126,10 +127,10 @@ def replay(
     changes = Repetition(recording, loaded.changes)
     if live is None and not loaded.baselines:
         begin = clock_ns()
-        states = pipeline.process_batch(recording)
+        states, failed = estimated(recording, pipeline)
         batch = (clock_ns() - begin) / 1000 / max(len(recording), 1)
         single = single_cost(recording, pipeline, clock_ns)
-        return Replayed(states, single, None, problems, batch)
+        return Replayed(states, single, None, (*problems, *failed), batch)
     rows = np.arange(len(recording)) if live is None else np.unique(live.rows)
     guard = FrameGuard(pipeline)
     singles, micro = _process(recording, rows, loaded.baselines, guard, changes, clock_ns)

@@ -20,7 +20,7 @@ class Playing:
     rate : float
         Recorded time over played time.
     delay : float
-        Time before the first message (s), in which the node gets ready.
+        Time before the first message (s), in which player and node find each other.
     """
 
     bag: str = ''

@@ -398,6 +398,8 @@ def test_a_report_without_anything_to_draw_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(destination, 'find_browser', lambda: 'chromium')
-    BenchResult('plain', 'tactile bench plain', [0], [Row('one figure', 'mm', 1.0)]).write(tmp_path)
+    BenchResult('plain', 'tactile bench plain', [0], [Row('one figure', 'mm', 1.0)]).write(
+        tmp_path
+    )
     assert main(['report', str(tmp_path), '--png', str(tmp_path / 'png')]) == 0
     assert 'no picture: these results have nothing to draw' in capsys.readouterr().err

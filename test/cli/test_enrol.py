@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.cli.main import main
+from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.archive import save_recording
 from tactile_ros.evaluation.class_changes import presses_in
 from tactile_ros.evaluation.loaded import LoadedRecording
@@ -16,6 +17,8 @@ from test.reference import enrolled_skin
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from tactile_ros.signals import Columns, Signals
 
 SPEC = enrolled_skin.SPEC
 
@@ -56,18 +59,48 @@ def test_what_cannot_be_is_said_and_changes_nothing(
     assert own_skin.read_bytes() == content
 
 
-def test_presses_of_a_live_run_are_found_as_it_found_them(taught_skin: Path) -> None:
-    recording = enrolled_skin.new_head(3)
+def live_run(count: int) -> LoadedRecording:
+    """Presses as a bag holds them, with the baseline of a tare."""
+    recording = enrolled_skin.new_head(count)
     live = Recording.from_arrays(
         recording.layout, recording.values, stamp_ns=recording.stamp_ns,
         sequence=recording.sequence,
     )  # fmt: skip
     level = Frame(0, 0, recording.values[:40].mean(axis=0))
-    found = presses_in(LoadedRecording('run', live, baselines=(level,)), SPEC.load(taught_skin))
+    return LoadedRecording('run', live, baselines=(level,))
+
+
+@pytest.mark.parametrize('failing', [slice(3, 6), slice(None)])
+def test_frames_that_fail_are_told_where_no_press_is_left(
+    failing: slice, taught_skin: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, pipeline = live_run(2), SPEC.load(taught_skin)
+    stamps = run.recording.stamp_ns[failing]
+    kind = type(pipeline.estimation)
+    healthy = kind.estimate
+
+    def estimate(self: object, signals: Signals, memory: object) -> Columns:
+        if np.isin(signals.stamp_ns, stamps).any():
+            msg = 'Singular matrix'
+            raise np.linalg.LinAlgError(msg)
+        return healthy(self, signals, memory)
+
+    monkeypatch.setattr(kind, 'estimate', estimate)
+    if failing.start:  # at rest
+        assert len(presses_in(run, pipeline)) == 2
+    else:
+        said = f'{len(stamps)} frames cannot be estimated .* Singular matrix'
+        with pytest.raises(RecordingError, match=said):
+            presses_in(run, pipeline)
+
+
+def test_presses_of_a_live_run_are_found_as_it_found_them(taught_skin: Path) -> None:
+    recording = enrolled_skin.new_head(3)
+    found = presses_in(live_run(3), SPEC.load(taught_skin))
     assert [len(press.frames) for press in found] == [10, 10, 10]
     touched = recording.truth['in_contact'] == 1
     for number, press in enumerate(found):
         rows = [frame.sequence for frame in press.frames]
         assert touched[rows].all()
         assert (recording.truth['repetition'][rows] == number).all()
-        assert np.allclose(press.baseline, level.values, atol=5e-6)
+        assert np.allclose(press.baseline, recording.values[:40].mean(axis=0), atol=5e-6)

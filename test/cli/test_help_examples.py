@@ -1,9 +1,10 @@
-"""Every example of --help runs on small real input, or says why it is parsed alone."""
+"""Every command of --help and of the pages runs on small real input, or says why it is not."""
 
 from __future__ import annotations
 
 import json
 import shlex
+import shutil
 from dataclasses import replace
 from itertools import count, pairwise
 from pathlib import Path
@@ -11,17 +12,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
 
 from tactile_ros.cli import calibrate, view
 from tactile_ros.cli.main import main
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.evaluation import browser
+from tactile_ros.evaluation.bag import BagWriter
 from tactile_ros.evaluation.benchmark import BenchResult, Row
+from tactile_ros.evaluation.definitions import all_types
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import STATE_FIELDS
 from test.reference import enrolled_skin
-from test.reference.help_examples import examples
+from test.reference.help_examples import examples, typed_on_pages
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -37,6 +41,7 @@ MOST_ROWS = 1200
 SHOWN = 20  # frames, after which whoever looks presses Ctrl-C
 GRAPH = 'starts the ROS graph for half a minute or more: '
 LIVE = 'needs running nodes: '
+MADE_ON_ITS_PAGE = 'its sensor is made on that page; test/sensors/test_adding_a_sensor.py'
 LONG = 'measures for minutes to hours: `make bench` runs it'
 # test_docs.py has their own parsers take them
 PARSED_ALONE = {
@@ -61,7 +66,18 @@ PARSED_ALONE = {
     'tactile bench fidelity --figures docs/images': LONG,
     'tactile bench all --jobs 2': LONG,
     'tactile bench roads --quick --json': LONG,
+    # of the pages
+    'tactile bench all --jobs 3 --figures benchmarks/results': LONG,
+    'tactile bench grasp --full': LONG,
+    'tactile bench latency': LONG,
+    'tactile demo --sensor pinch_pad': MADE_ON_ITS_PAGE,
+    'tactile doctor --sensor pinch_pad --simulated': MADE_ON_ITS_PAGE,
+    'tactile doctor --sensor magnet_pad --set buses=[/dev/i2c-3] --probe':
+        'asks real buses; test_doctor.py asks a simulated one',
+    'tactile replay /data/bags/* --calibration /data/a.npz --scheduler tcp://10.0.0.1:8786':
+        'needs a Dask cluster; test/evaluation/test_fleet.py starts one',
 }  # fmt: skip
+LINES = [*dict.fromkeys([*examples(), *typed_on_pages()])]
 WRITTEN = ('-o', '--save', '--report', '--mcap', '--png')
 
 
@@ -76,10 +92,36 @@ def in_time(recording: Recording) -> Recording:
 def write_bags(folder: Path, recording: Recording, pipeline: Pipeline) -> None:
     """Bags of live runs, as a recorder hears them."""
     write_bag = load_source(BENCHES / 'replay.py', 'a test').write_bag
-    for number, name in enumerate(('out/demo/bags/place', 'bags/one', 'bags/two', 'my_bag')):
+    names = 'out/demo/bags/place', 'bags/one', 'bags/two', 'my_bag', 'another_bag'
+    for number, name in enumerate(names):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         part = recording.select(slice(160 * number, 160 * number + 160))
         write_bag(folder / name, pipeline, in_time(part))
+    add_load_cell(folder / 'my_bag')
+    (presses,) = (folder / 'my_bag').glob('*.mcap')
+    shutil.copyfile(presses, folder / 'my_presses.mcap')
+
+
+def add_load_cell(bag: Path) -> None:
+    """A probe whose load cell tells the force of every frame, in a bag that has none."""
+    store = all_types()
+    kinds = (
+        store.types[f'geometry_msgs/msg/{name}'] for name in ('WrenchStamped', 'Wrench', 'Vector3')
+    )
+    stamped, wrench, vector = kinds
+    told = bag.rename(bag.with_name('without_load_cell'))
+    with AnyReader([told], default_typestore=store) as reader, BagWriter(bag) as writer:
+        for number, (topic, log_ns, data) in enumerate(reader.messages()):
+            writer.write(topic.topic, topic.msgtype, log_ns, bytes(data))
+            if topic.topic == '/frame':
+                frame = store.deserialize_cdr(data, topic.msgtype)
+                push = vector(x=0.0, y=0.0, z=1.0 + number % 2)
+                said = stamped(
+                    header=frame.header,
+                    wrench=wrench(force=push, torque=vector(x=0.0, y=0.0, z=0.0)),
+                )
+                cell = bytes(store.serialize_cdr(said, said.__msgtype__))
+                writer.write('/probe/wrench', said.__msgtype__, log_ns + 1, cell)
 
 
 @pytest.fixture(scope='module')
@@ -90,7 +132,13 @@ def place(tmp_path_factory: pytest.TempPathFactory, taught_skin: Path) -> Path:
     spatial = spec.recordings()['spatial']
     pipeline = spec.pipeline(estimator='ridge').fit(spatial.select(slice(0, 800)))
     (folder / 'out/demo/calibrations').mkdir(parents=True)
-    for name in ('out/demo/calibrations/place.npz', 'a.npz', 'b.npz'):
+    for name in (
+        'out/demo/calibrations/place.npz',
+        'a.npz',
+        'b.npz',
+        'out/mine.npz',
+        'out/other.npz',
+    ):
         pipeline.save(folder / name)
     write_bags(folder, spatial.select(slice(800, None)), pipeline)
     skin = enrolled_skin.SPEC.load(taught_skin)
@@ -159,6 +207,11 @@ def typed(line: str, port: str) -> list[str]:
     return words
 
 
+def written(name: str) -> dict[Path, int]:
+    """Files that a word of an option stands for, and when each was written (ns)."""
+    return {path: path.stat().st_mtime_ns for path in Path().glob(f'{name}*')}
+
+
 def code_of(words: list[str]) -> int:
     """Exit code of the command."""
     try:
@@ -167,7 +220,7 @@ def code_of(words: list[str]) -> int:
         return int(stop.code or 0)
 
 
-@pytest.mark.parametrize('line', [line for line in examples() if line not in PARSED_ALONE])
+@pytest.mark.parametrize('line', [line for line in LINES if line not in PARSED_ALONE])
 def test_an_example_runs(
     line: str, place: Path, port: str, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -181,6 +234,7 @@ def test_an_example_runs(
             pytest.skip(str(missing))
     monkeypatch.chdir(place)
     words = typed(line, port)
+    before = {name: written(name) for option, name in pairwise(words) if option in WRITTEN}
     nothing_is_connected = int(line == 'tactile doctor')  # on most machines that run this
     code = code_of(words)
     printed = capsys.readouterr()
@@ -190,11 +244,32 @@ def test_an_example_runs(
     assert 'left out' not in printed.err
     if '--json' in words:
         assert json.loads(printed.out)
-    for option, name in pairwise(words):
-        if option in WRITTEN:
-            assert list(place.glob(f'{name}*')), f'{name} was not written'
+    for name, files in before.items():
+        assert written(name).items() - files.items(), f'{name} was not written'
 
 
 def test_what_is_parsed_alone_is_an_example_with_a_reason() -> None:
-    assert set(PARSED_ALONE) <= set(examples())
+    assert set(PARSED_ALONE) <= set(LINES)
     assert all(len(reason) > 20 for reason in PARSED_ALONE.values())
+
+
+def test_a_load_cell_alone_tells_force_and_no_rest(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(place)
+    cell = ['--truth', '/probe/wrench']
+    learn = ['calibrate', 'reskin_board', 'my_bag', '-o', 'out/force.npz', '--estimator', 'ridge']
+    assert main([*learn, *cell]) == 0
+    printed = capsys.readouterr()
+    assert 'force' in printed.out
+    assert 'it cannot be tared' in printed.err
+    judge = ['replay', 'my_bag', '--calibration', 'out/force.npz', '--jobs', '1', *cell]
+    assert main(judge) == 1
+    assert 'fitted on readings without a baseline' in capsys.readouterr().err
+    # with the rests that another topic tells it can
+    assert main([*learn, *cell, '--truth', 'truth/contacts']) == 0
+    assert 'it cannot be tared' not in capsys.readouterr().err
+    assert main([*judge, '--tolerance', '0.004', '--delay', '0.001']) == 0
+    told = capsys.readouterr().out
+    assert 'normal RMSE (N)' in told
+    assert '/probe/wrench: within 4 ms, 1 ms late' in told

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from tactile_ros.evaluation.benchmark import BenchResult
 from tactile_ros.evaluation.drawing import standalone
+from tactile_ros.evaluation.sources import load_source
 from tactile_ros.evaluation.svg import Plot
 
-if TYPE_CHECKING:
-    from pathlib import Path
+WORLDS = Path(__file__).parents[2] / 'benchmarks' / 'worlds'
 
 
 def plot() -> Plot:
@@ -51,3 +51,27 @@ def test_a_bench_writes_its_drawings(tmp_path: Path) -> None:
     assert path == tmp_path / 'images' / 'b_map.svg'
     assert path.read_text().startswith('<svg xmlns')
     assert 'drawings' not in result.write(tmp_path).read_text()
+
+
+def test_faults_of_a_grasp_are_drawn_also_where_nothing_reacted_or_was_heard() -> None:
+    world = load_source(WORLDS / 'grip_fault_plot.py', 'a test')
+    at, none = np.linspace(0.01, 0.5, 50), np.zeros(0)
+    suffered = [
+        world.Suffered(at, np.full(50, 2.0), 0.1),
+        world.Suffered(at, np.full(50, 2.0), np.nan),
+        world.Suffered(none, none, np.nan),
+    ]
+    text = world.drawn({'one': suffered, 'other': suffered[2:]}, 2.0, (1.0, 2.4), 0.1)
+    ET.fromstring(text)
+    assert 'one: 3 faults' in text
+    assert text.count('fill c0') == 1 < text.count('line c0')
+
+
+def test_tails_of_delays_are_drawn_for_runs_with_and_without_a_command() -> None:
+    world = load_source(WORLDS / 'grip_delay_plot.py', 'a test')
+    delay = np.append(np.full(99, 2e-3), np.nan)
+    text = world.drawn({'stack': delay, 'three nodes': np.full(1, np.nan)}, 1.0)
+    ET.fromstring(text)
+    assert 'three nodes: no command' in text
+    assert text.count('line c0') == 1
+    assert 'line c1' not in text

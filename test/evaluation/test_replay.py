@@ -4,12 +4,15 @@ from array import array
 from copy import deepcopy
 from dataclasses import replace
 from itertools import count
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from tactile_ros.evaluation import failing_frames
 from tactile_ros.evaluation.bag import BagWriter
+from tactile_ros.evaluation.follow import Follower
 from tactile_ros.evaluation.loaded import LiveContacts, LoadedRecording
 from tactile_ros.evaluation.recording import load
 from tactile_ros.evaluation.replay import as_live, compare, replay
@@ -21,7 +24,6 @@ from tactile_ros.types import STATE_FIELDS, ContactStates, Frame, Recording, Tax
 
 if TYPE_CHECKING:
     from pathlib import Path
-    from types import SimpleNamespace
 
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.signals import Columns, Signals
@@ -273,6 +275,75 @@ def test_a_frame_that_fails_costs_itself_alone(
     for agreement in (slow.agreement, answer.agreement):
         assert agreement.frames == 330
         assert (agreement.largest <= 1e-12) == fails_live
+
+
+def plain(spatial: Recording) -> Recording:
+    """Rest and touch in turn as one stream without a live run; rests are its tares."""
+    rows = np.arange(330)
+    part = spatial.select(slice(0, len(rows)))
+    return replace(part, stamp_ns=10**9 + rows * STEP_NS, sequence=rows, stream=0 * rows)
+
+
+def fail_at(
+    monkeypatch: pytest.MonkeyPatch, pipeline: Pipeline, stamps: object, when_lost: bool
+) -> list[int]:
+    """Let the estimator fail at frames, and where `when_lost` even as lost ones; rows it saw."""
+    kind, seen = type(pipeline.estimation), []
+    healthy = kind.estimate
+
+    def estimate(self: object, signals: Signals, memory: object) -> Columns:
+        seen.append(len(signals.good))
+        if (np.isin(signals.stamp_ns, stamps) & (signals.good | when_lost)).any():
+            msg = 'Singular matrix'
+            raise np.linalg.LinAlgError(msg)
+        return healthy(self, signals, memory)
+
+    monkeypatch.setattr(kind, 'estimate', estimate)
+    return seen
+
+
+@pytest.mark.parametrize('when_lost', [False, True])
+def test_a_frame_that_fails_costs_itself_alone_without_a_live_run_too(
+    when_lost: bool, spatial: Recording, fitted: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording, failing = plain(spatial), [1, 21, 101, 103, 329]  # touches
+    others = np.setdiff1d(np.arange(len(recording)), failing)
+    # a frame that fails even as a lost one was not read at all
+    without = fitted.process_batch(recording.select(others)).position
+    wanted = without if when_lost else fitted.process_batch(recording).position[others]
+    fail_at(monkeypatch, fitted, recording.stamp_ns[failing], when_lost)
+    found = replay(LoadedRecording('plain', recording), fitted)
+    said = '5 frames cannot be estimated and count as lost (LinAlgError: Singular matrix)'
+    assert found.problems == (said,)
+    assert np.flatnonzero(~found.states.valid).tolist() == failing
+    assert (found.states.taxel_status[failing] & TaxelStatus.ERROR).all()
+    assert np.isfinite(wanted[:, 0]).sum() > 100
+    np.testing.assert_allclose(found.states.position[others], wanted, rtol=0, atol=1e-12)
+    assert np.isfinite(found.us_per_frame)
+
+
+def test_where_every_frame_fails_all_are_lost_and_other_boards_are_refused(
+    spatial: Recording, fitted: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = plain(spatial)
+    fail_at(monkeypatch, fitted, recording.stamp_ns, when_lost=True)
+    found = replay(LoadedRecording('plain', recording), fitted)
+    assert found.problems[0].startswith('330 frames cannot be estimated')
+    assert not found.states.valid.any()
+    with pytest.raises(ValueError, match='received Bx, By, Bz in count'):
+        failing_frames.estimated(
+            replace(recording, layout=replace(recording.layout, unit='count')), fitted
+        )
+
+
+def test_a_bag_of_which_every_frame_fails_takes_a_few_times_its_frames(
+    spatial: Recording, fitted: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = plain(spatial)
+    seen = fail_at(monkeypatch, fitted, recording.stamp_ns, when_lost=True)
+    piece = SimpleNamespace(recording=recording, rows=np.arange(len(recording)), baselines={})
+    assert not Follower(fitted)(piece).valid.any()
+    assert sum(seen) < 6 * len(recording)
 
 
 def test_an_empty_live_run_compares_nothing(spatial: Recording, fitted: Pipeline) -> None:

@@ -211,6 +211,24 @@ def test_a_cancel_ends_the_wait_and_a_hold_goes_on(ros: Ros) -> None:
     assert fingers.states[-1].phase == GripPhase.HOLD
 
 
+def test_an_object_that_is_pulled_out_ends_as_slipped_and_the_hand_opens(ros: Ros) -> None:
+    _, _, fingers = graph(ros, 'allegro_v5', 'settled_time:=9.0')
+    handle = fingers.ask(ros, 2.0)
+    assert ros.until(lambda: fingers.states[-1].phase in (GripPhase.LOAD, GripPhase.HOLD))
+    fingers.free = True
+    status, ended = result(ros, handle)
+    assert (status, ended.outcome) == (GoalStatus.STATUS_ABORTED, Grasp.Result.SLIPPED)
+    assert ros.until(lambda: fingers.states[-1].phase in (GripPhase.RELEASE, GripPhase.IDLE))
+
+
+def test_a_grasp_that_is_not_held_in_time_ends_as_a_timeout_and_the_hand_opens(ros: Ros) -> None:
+    _, _, fingers = graph(ros, 'allegro_v5', 'settled_time:=9.0')
+    status, ended = result(ros, fingers.ask(ros, 2.0, timeout=0.1))
+    assert (status, ended.outcome) == (GoalStatus.STATUS_ABORTED, Grasp.Result.TIMEOUT)
+    assert '0.1 s' in ended.message
+    assert ros.until(lambda: fingers.states[-1].phase in (GripPhase.RELEASE, GripPhase.IDLE))
+
+
 def test_goals_that_cannot_be_are_refused_with_their_sentences(
     ros: Ros, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -123,8 +123,9 @@ def test_plexus_gets_caps_and_positions(ros: Ros) -> None:
     np.testing.assert_allclose(caps[0].data, 0.2)
 
 
-def test_v5_gets_a_stamped_joint_state_of_sixteen_index_first(ros: Ros) -> None:
-    wired = wire(ros, 'allegro_v5', number=3)
+@pytest.mark.parametrize('hand', ['allegro_v5', 'allegro_v5_sense'])
+def test_v5_gets_a_stamped_joint_state_of_sixteen_index_first(ros: Ros, hand: str) -> None:
+    wired = wire(ros, hand, number=3)
     heard: list = []
     listen(ros, JointState, '/allegroHand_3/joint_cmd', heard)
     message = sent(ros, wired.link, heard, command(VALUES))

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
+import shlex
 import sys
 from dataclasses import fields
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import pytest
 import yaml
@@ -20,8 +21,11 @@ from tactile_ros.nodes.parameters import Schema
 from tactile_ros.nodes.replay_graph import Playing, replaying
 from tactile_ros.nodes.sensor_node import SensorOptions
 from tactile_ros.sensors import list_sensors, load_sensor
+from test.reference.help_examples import PAGES, lines
 
 ROOT = Path(__file__).parents[2]
+LAUNCH = 'ros2 launch tactile_ros '
+LAUNCHED = sorted({line for page in PAGES for line in lines(page) if line.startswith(LAUNCH)})
 FILES = ['sensor.launch.py', 'replay.launch.py']
 
 
@@ -95,7 +99,7 @@ class Process(Record):
 
 
 STAND_INS = {
-    'launch': {'LaunchContext': Context, 'LaunchDescription': Description,
+    'launch': {'Event': object, 'LaunchContext': Context, 'LaunchDescription': Description,
                'LaunchDescriptionEntity': object},
     'launch.actions': {'DeclareLaunchArgument': Argument, 'OpaqueFunction': Record,
                        'ExecuteProcess': Process, 'RegisterEventHandler': Record,
@@ -104,6 +108,7 @@ STAND_INS = {
     'launch.substitutions': {'LaunchConfiguration': Configuration},
     'launch_ros': {},
     'launch_ros.actions': {'Node': Record},
+    'launch_ros.ros_adapters': {'get_ros_node': lambda context: context.node},
 }  # fmt: skip
 
 
@@ -189,7 +194,10 @@ def test_a_parent_frame_adds_a_transform() -> None:
 
 
 def test_replay_plays_what_the_sensor_said() -> None:
-    contact, player, ending = actions(module_of('replay.launch.py'), bag='bag', namespace='thumb')
+    module = module_of('replay.launch.py')
+    contact, ending, _, waiting = actions(module, bag='bag', namespace='thumb')
+    player, topic = arguments_of(waiting)
+    assert topic == '/thumb/frame'
     assert contact.node_executable == 'contact_node'
     words = [part.text for word in player.cmd for part in word]
     assert words == Playing('bag', namespace='thumb').command()
@@ -202,6 +210,39 @@ def test_replay_plays_what_the_sensor_said() -> None:
         assert ended.named['target_action'] is player
         (wait,) = ended.named['on_exit']
         assert wait.named['period'] > 0  # for what the node has not taken yet
+
+
+def arguments_of(opaque: object) -> tuple:
+    """What an OpaqueFunction calls its function with."""
+    return tuple(
+        opaque.named['args'] if isinstance(opaque, Record) else opaque._OpaqueFunction__args
+    )
+
+
+def test_a_replay_waits_for_its_node_and_ends_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = module_of('replay.launch.py')
+    contact, _, gone, waiting = actions(module, bag='bag', namespace='thumb')
+    names = iter([[], ['plotter'], ['plotter', 'contact_node']])
+
+    def listeners(topic: str) -> list[SimpleNamespace]:
+        assert topic == '/thumb/frame'
+        return [SimpleNamespace(node_name=name) for name in next(names)]
+
+    node = SimpleNamespace(get_subscriptions_info_by_topic=listeners)
+    monkeypatch.setattr(module, 'get_ros_node', lambda _: node)
+    player, topic = arguments_of(waiting)
+    for _ in range(2):
+        (wait,) = module.once_heard(None, player, topic)
+        assert wait is not player
+        (waiting,) = wait.named['actions'] if isinstance(wait, Record) else wait.actions
+        player, topic = arguments_of(waiting)
+    assert module.once_heard(None, player, topic) == [player]
+    if isinstance(contact, Record):
+        (ended,) = gone.given
+        assert ended.named['target_action'] is contact
+    by_itself, shut = SimpleNamespace(is_shutdown=False), SimpleNamespace(is_shutdown=True)
+    assert len(module.without_node(None, by_itself)) == 1
+    assert module.without_node(None, shut) == []
 
 
 def test_every_choice_of_a_replay_is_a_described_argument() -> None:
@@ -247,6 +288,17 @@ def test_every_choice_of_a_hand_is_a_described_argument() -> None:
     declared = module_of('grasp.launch.py').generate_launch_description().get_launch_arguments()
     assert {field.name for field in fields(Grasping)} | {'log_level'} == {a.name for a in declared}
     assert all(len(argument.description) > 5 for argument in declared)
+
+
+@pytest.mark.parametrize('line', LAUNCHED)
+def test_launch_commands_of_the_pages_start_something(line: str) -> None:
+    name, *words = shlex.split(line)[3:]
+    told = dict(word.split(':=', 1) for word in words if ':=' in word)
+    module = module_of(name)
+    declared = module.generate_launch_description().get_launch_arguments()
+    assert set(told) <= {argument.name for argument in declared}
+    if told.get('sensor') != 'pinch_pad':  # made on its page
+        assert actions(module, **told)
 
 
 def test_the_parameter_file_of_a_grip_names_the_defaults() -> None:

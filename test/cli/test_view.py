@@ -1,0 +1,38 @@
+"""tactile view of a recording: what a calibration says of it, and of which frames it cannot."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.cli import view
+from tactile_ros.evaluation.loaded import LoadedRecording
+from tactile_ros.sensors import load_sensor
+
+if TYPE_CHECKING:
+    import pytest
+
+    from tactile_ros.signals import Columns, Signals
+
+
+def test_a_frame_that_cannot_be_estimated_is_told_and_shown_as_lost(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spec = load_sensor('reskin_board')
+    spatial = spec.recordings()['spatial']
+    pipeline = spec.pipeline(estimator='ridge').fit(spatial.select(slice(0, 400)))
+    few = spatial.select(slice(400, 420))
+    kind = type(pipeline.estimation)
+    healthy = kind.estimate
+
+    def estimate(self: object, signals: Signals, memory: object) -> Columns:
+        if (signals.values == few.values[7]).all(axis=(1, 2)).any():
+            msg = 'Singular matrix'
+            raise np.linalg.LinAlgError(msg)
+        return healthy(self, signals, memory)
+
+    monkeypatch.setattr(kind, 'estimate', estimate)
+    shown = list(view.played(LoadedRecording('few', few), pipeline))
+    assert [state.valid for _, _, state in shown] == [row != 7 for row in range(20)]
+    assert 'few: 1 frames cannot be estimated and count as lost' in capsys.readouterr().err
