@@ -67,9 +67,10 @@ def run(extent: str, command: str) -> BenchResult:
         f'{len(trials)} of {len(size.seeds)} worlds; {size.tested} presses of nine heads in each, '
         f'{few}; what is not named, or has no turn, is wrong',
         'peer: prototypes of whole windows with 1 / 3 / 5 shots, or nearest neighbours where '
-        'classes are learned',
-        'bound: the same estimator with the chips, gains and bands of the world itself; it does '
-        'not know what differs along a band, so that a skin mended by presses may do better',
+        'classes are learned; of points lost, prototypes of five shots of the new heads',
+        'bound: of turn and place what noise leaves where all else but the depth is known (Cramer '
+        'and Rao); of shapes (--full) the same estimator with the chips, gains and bands of the '
+        'world, which is no bound: a skin mended by presses does better',
         'paper: on its own sheet and heads, of which it gives no drawing',
     ]
     return BenchResult('multipole_skin', command, [one.seed for one in trials], rows, notes)

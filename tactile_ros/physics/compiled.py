@@ -1,15 +1,18 @@
 """Loops over rows, compiled where numba is installed; vectorised twins serve where it is not.
 
 A compiled function is built once, in a fit or while a calibration is read, and kept on disk where
-that is possible. It rounds as written: no fused or reordered sums, so that a row has the same
-bits alone and among others.
+that is possible, until its file changes or one that it calls into. It rounds as written: no fused
+or reordered sums, so that a row has the same bits alone and among others.
 """
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import importlib.util
-from typing import TYPE_CHECKING, TypeVar
+from pathlib import Path
+from types import FunctionType
+from typing import TYPE_CHECKING, TypeVar, cast
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -61,7 +64,11 @@ class Lazy:
 
     def build(self) -> Callable[..., object]:
         """Compile it, and first what it calls."""
+        if self.built is not None:
+            return self.built
         names = self.function.__globals__  # type: ignore[attr-defined]
+        # numba looks at the function's own file alone, and keeps what it compiled by this name
+        self.function.__qualname__ += f'_{digest(called_by(self.function))}'
         for name in self.function.__code__.co_names:  # type: ignore[attr-defined]
             if isinstance(names.get(name), Lazy):
                 names[name] = names[name].build()
@@ -72,3 +79,33 @@ class Lazy:
             self.built = numba.njit(error_model='numpy')(self.function)
         assert self.built is not None
         return self.built
+
+
+def called_by(function: Callable[..., object]) -> list[FunctionType]:
+    """Functions that this compiled and that a function calls, itself first, each once."""
+    found = [cast('FunctionType', function)]
+    for one in found:
+        for name in one.__code__.co_names:
+            called = one.__globals__.get(name)
+            # those that are built already are numba's
+            inner = (
+                called.function if isinstance(called, Lazy) else getattr(called, 'py_func', None)
+            )
+            if isinstance(inner, FunctionType) and inner not in found:
+                found.append(inner)
+    return found
+
+
+def digest(functions: list[FunctionType]) -> str:
+    """Of the files that functions lie in, less the first one's, and of the numbers they use."""
+    own = functions[0].__code__.co_filename
+    files = {one.__code__.co_filename for one in functions} - {own}
+    numbers = {
+        f'{name} {value!r}'
+        for one in functions
+        for name in one.__code__.co_names
+        if isinstance(value := one.__globals__.get(name), int | float)
+    }
+    content = [Path(path).read_bytes() for path in sorted(files) if Path(path).is_file()]
+    content += [number.encode() for number in sorted(numbers)]
+    return hashlib.sha256(b'|'.join(content)).hexdigest()[:8]

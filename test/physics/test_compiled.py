@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import importlib.util
+import sys
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 
+from tactile_ros.estimators.match_rows import match_rows
 from tactile_ros.estimators.polynomial_force import PolynomialForce
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
 from tactile_ros.estimators.polynomial_rows import spread, times
 from tactile_ros.estimators.uncertainty import CalibratedCovariance
 from tactile_ros.physics import compiled
+
+if TYPE_CHECKING:
+    from pathlib import Path
+    from types import ModuleType
 
 RNG = np.random.default_rng(4)
 X, Y = RNG.normal(size=(200, 8)), RNG.normal(size=(200, 3))
@@ -47,3 +56,41 @@ def test_spreads_and_products_are_those_of_arrays() -> None:
     matrix = RNG.normal(size=(8, 6))
     np.testing.assert_allclose(times(X, matrix), X @ matrix, rtol=1e-12, atol=1e-13)
     np.testing.assert_array_equal(times(X[5:6], matrix)[0], times(X, matrix)[5])
+
+
+HEAD = 'from tactile_ros.physics.compiled import compiled\n'
+INNER = HEAD + '@compiled\ndef inner(x):\n    return x + {}\n'
+OUTER = HEAD + 'from inner_rows import inner\n@compiled\ndef outer(x):\n    return inner(x)\n'
+
+
+def started_anew(folder: Path, added: int) -> ModuleType:
+    """The function `outer` as a new process has it; its callee in another file adds a number."""
+    (folder / 'inner_rows.py').write_text(INNER.format(added))
+    if not (folder / 'outer_rows.py').exists():
+        (folder / 'outer_rows.py').write_text(OUTER)
+    importlib.invalidate_caches()
+    for name in ('inner_rows', 'outer_rows'):
+        sys.modules.pop(name, None)
+    return importlib.import_module('outer_rows')
+
+
+@pytest.mark.skipif(not compiled.available(), reason='numba is not installed')
+def test_what_is_kept_on_disk_is_of_the_callees_as_they_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # numba itself looks at the file of `outer` alone
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(sys, 'dont_write_bytecode', True)
+    for added in (1, 20):
+        module = started_anew(tmp_path, added)
+        assert module.outer(1) == 1 + added
+    again = started_anew(tmp_path, 20)
+    assert again.outer(1) == 21
+    assert sum(again.outer.built.stats.cache_hits.values()) == 1
+
+
+@pytest.mark.skipif(not compiled.available(), reason='numba is not installed')
+def test_functions_are_followed_through_files() -> None:
+    files = {one.__code__.co_filename.rsplit('/', 1)[-1] for one in compiled.called_by(
+        getattr(match_rows, 'function', match_rows))}  # fmt: skip
+    assert files == {'match_rows.py', 'press_rows.py', 'shape_misfit.py'}

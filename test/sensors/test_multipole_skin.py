@@ -87,6 +87,32 @@ def test_heads_never_pressed_are_named_and_placed(trial: Trial) -> None:
     )
 
 
+def test_symmetric_heads_say_so(trial: Trial) -> None:
+    # hard case 11: a square is the same after a quarter, a circle after any turn
+    states, last = trial.pipeline.process_batch(trial.test), ends(trial.test)
+    right = states.label[last] == trial.labels
+    assert right.sum() >= 9
+    order = np.array([4, 0, 2])[trial.labels]
+    np.testing.assert_array_equal(states.symmetry[last][right], order[right])
+    turned = states.yaw_std[last]
+    assert (turned[right & (order == 0)] > 1.5).all()
+    squares = last[right & (order == 4)]
+    off = np.angle(np.exp(4j * (states.yaw - trial.test.truth['yaw'])[squares])) / 4
+    assert np.median(np.abs(off)) < np.radians(3)
+
+
+def test_a_described_bar_that_nobody_pressed_has_a_pose_at_new_places(trial: Trial) -> None:
+    config = replace(trial.config, objects=HEADS[2:])
+    rest = trial.lesson.select(trial.lesson.tare)  # type: ignore[arg-type]
+    pipeline = SPEC.pipeline(config).fit(rest)
+    bars = np.flatnonzero(trial.labels == 2)
+    states, last = pipeline.process_batch(trial.test), ends(trial.test)[bars]
+    off = np.angle(np.exp(2j * (states.yaw - trial.test.truth['yaw'])[last])) / 2
+    assert np.median(np.abs(off)) < np.radians(1.5)
+    away = np.linalg.norm((states.position - trial.test.truth['position'])[last, :2], axis=1)
+    assert np.median(away) < 0.5e-3
+
+
 def test_answers_stand_on_the_last_frame_of_a_window(trial: Trial) -> None:
     states = trial.pipeline.process_batch(trial.test)
     before = np.ones(len(trial.test), bool)
@@ -347,6 +373,27 @@ def test_a_chip_that_is_dead_in_the_fit_spoils_no_template(trial: Trial) -> None
     assert pipeline.estimators['label'] == 'press_templates'
     label = pipeline.process_batch(without(trial.test)).label[ends(trial.test)]
     assert (label == trial.labels).mean() >= 0.75
+
+
+def test_postures_of_a_bar_that_nobody_drew_are_classes_too(trial: Trial) -> None:
+    # [1] has six; a quarter turn apart here, each from one press, with all heads open
+    bar, place = (world.box('bar_30x4', 30e-3, 4e-3),), np.array([-5e-3, 3e-3])
+    postures = {'lying': 0.2, 'standing': 0.2 + np.pi / 2}
+
+    def pressed(turn: float, count: int, seed: int) -> Recording:
+        places = place + 3e-5 * trial.rng.normal(size=(count, 2))
+        turns = turn + 0.01 * trial.rng.normal(size=count)
+        return trial.at(np.zeros(count, int), places, turns, seed, heads=bar)
+
+    for i, (name, turn) in enumerate(postures.items()):
+        trial.pipeline.enrol(pressed(turn, 1, 20 + i), name)
+    for i, turn in enumerate(postures.values()):
+        asked = pressed(turn, 5, 22 + i)
+        label = trial.pipeline.process_batch(asked).label[ends(asked)]
+        assert (label == len(HEADS) + i).sum() >= 4
+    for name in postures:
+        trial.pipeline.forget(name)
+    assert len(trial.pipeline.label_names) == len(HEADS)
 
 
 def test_another_skin_s_resting_field_gives_no_templates() -> None:

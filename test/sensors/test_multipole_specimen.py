@@ -11,7 +11,7 @@ from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin import fidelity
 from tactile_ros.sensors.multipole_skin.press_fit import drawn_skin
 from tactile_ros.sensors.multipole_skin.signal import NOISE
-from tactile_ros.sensors.multipole_skin.specimen import NONE, Flaws, Specimen
+from tactile_ros.sensors.multipole_skin.specimen import NONE, Flaws, Specimen, snr
 from test.reference import multipole_world as world
 
 CONFIG = load_sensor('multipole_skin').config()
@@ -96,3 +96,11 @@ def test_magnets_that_turn_with_the_body_read_otherwise() -> None:
     head, pose = world.box('', 12e-3, 12e-3), np.array([0.0, 4e-3, 0.0])
     stiff, soft = (one.terms(head, pose)[0] for one in (WHOLE, turning))
     assert np.abs(stiff - soft).max() > 0.05 * np.abs(stiff).max()
+
+
+def test_signal_over_noise_is_that_of_the_paper() -> None:
+    # eq. (1): twenty times the logarithm of the change over the noise, whatever its sign
+    noise = np.random.default_rng(0).normal(0.0, NOISE, 100_000)
+    change = np.array([-40e-6, 4e-6, 400e-6])
+    np.testing.assert_allclose(snr(change, NOISE), [20, 0, 40], atol=1e-9)
+    np.testing.assert_allclose(snr(change, float(noise.std())), [20, 0, 40], atol=0.05)
