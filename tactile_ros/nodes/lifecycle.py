@@ -331,4 +331,7 @@ def main_of(
     serve: Callable[[], Executor] = SingleThreadedExecutor,
 ) -> None:
     """Entry point of an executable."""
-    sys.exit(run(build, serve=serve))
+    code = run(build, serve=serve)
+    for number in (signal.SIGINT, signal.SIGTERM):  # Python's end would let another one kill
+        signal.signal(number, signal.SIG_IGN)
+    sys.exit(code)
