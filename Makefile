@@ -2,7 +2,7 @@
 # make test    set everything up and pass the tests          make lint     ruff and mypy alone
 # make setup   set up alone                                  make clean    remove all that make made
 #
-# JOBS=1 and BENCH_JOBS=1 run tests and benches one at a time (2 and 3).
+# JOBS=1 and BENCH_JOBS=1 run tests and benches one at a time (2 and 4).
 #
 # PYTHON=python3.12 and DISTRO=jazzy choose another Python (3.10 to 3.14) or another ROS 2; both
 # make .venv and install anew.
@@ -16,7 +16,7 @@ OLDEST ?= python3.10
 DISTRO ?= kilted
 CONFIGURE := bootstrap/configure.py
 JOBS ?= 2
-BENCH_JOBS ?= 3
+BENCH_JOBS ?= 4
 RESULTS := benchmarks/results
 ARGUMENTS ?=
 

@@ -37,7 +37,7 @@ PLOT, RIG, SCENES, WAITS = (
     for name in ('grip_delay_plot', 'grip_rig', 'grip_scenes', 'grip_waits')
 )
 ROADS = Path(__file__).parents[1] / 'test' / 'reference' / 'grip_roads.py'
-SECONDS = {'quick': 2.0, 'normal': 8.0, 'full': 60.0}
+SECONDS = {'quick': 2.0, 'normal': 5.0, 'full': 60.0}
 STEPS = {'quick': 2_000, 'normal': 20_000, 'full': 50_000}
 WARM_S = 1.5
 PLAIN = "stack, polynomial of the disc's place"

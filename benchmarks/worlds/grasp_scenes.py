@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 GRASPS = {'quick': 1, 'normal': 3, 'full': 50}  # of each object
 FORCES = {'quick': 1, 'normal': 2, 'full': 10}  # of each object and hand
 LOADS = {'quick': 2, 'normal': 10, 'full': 100}  # of either kind
-SECONDS = {'quick': np.inf, 'normal': 30.0, 'full': np.inf}  # of a study's seeds
+SECONDS = {'quick': np.inf, 'normal': 15.0, 'full': np.inf}  # of a study's seeds
 PAPER = {'cube': 94.0, 'sphere': 96.0, 'mouse': 94.0}  # [2], % of 50 grasps each
 SETTLED = {'allegro': 0.5, 'soft': 1.5}  # s
 HELD, SPARED = 0.98, 0.8

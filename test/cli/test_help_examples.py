@@ -67,7 +67,7 @@ PARSED_ALONE = {
     'tactile bench all --jobs 2': LONG,
     'tactile bench roads --quick --json': LONG,
     # of the pages
-    'tactile bench all --jobs 3 --figures benchmarks/results': LONG,
+    'tactile bench all --jobs 4 --figures benchmarks/results': LONG,
     'tactile bench grasp --full': LONG,
     'tactile bench latency': LONG,
     'tactile demo --sensor pinch_pad': MADE_ON_ITS_PAGE,
