@@ -39,6 +39,7 @@ LONGEST = (  # which begin
     'replay',
 )  # fmt: skip
 UNDISTURBED = ('latency',)  # which run after the others, unless it shall be quick
+DOMAINS = 102  # whose ports no other program of a Linux machine is given
 ALONE = 'import sys; from tactile_ros.cli.main import main; sys.exit(main(sys.argv[1:]))'
 
 
@@ -132,6 +133,12 @@ def _words(name: str, extent: str) -> list[str]:
     return ['bench', name, *([] if extent == 'normal' else [f'--{extent}'])]
 
 
+def domain_of(name: str, chosen: Sequence[str]) -> dict[str, str]:
+    """Environment of a bench: a ROS domain of its own, or recorders would hear each other's."""
+    first = int(os.environ.get('ROS_DOMAIN_ID') or 0)
+    return {**os.environ, 'ROS_DOMAIN_ID': str((first + 1 + chosen.index(name)) % DOMAINS)}
+
+
 def _side_by_side(
     chosen: list[str], extent: str, results: Path, options: argparse.Namespace
 ) -> int:
@@ -141,7 +148,9 @@ def _side_by_side(
     def one(name: str) -> subprocess.CompletedProcess[str]:
         words = [*_words(name, extent), '--results', str(results), *drawn]
         command = [sys.executable, '-c', ALONE, *words]
-        return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
+        return subprocess.run(
+            command, stdout=subprocess.PIPE, text=True, check=False, env=domain_of(name, chosen)
+        )
 
     last = [name for name in chosen if name in UNDISTURBED and extent != 'quick']
     first = sorted(set(chosen) - set(last), key=lambda name: (name not in LONGEST, name))

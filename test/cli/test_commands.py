@@ -403,3 +403,15 @@ def test_a_report_without_anything_to_draw_says_so(
     )
     assert main(['report', str(tmp_path), '--png', str(tmp_path / 'png')]) == 0
     assert 'no picture: these results have nothing to draw' in capsys.readouterr().err
+
+
+def test_benches_beside_each_other_hear_their_own_nodes_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv('ROS_DOMAIN_ID', '95')
+    names = bench.names()
+    domains = [int(bench.domain_of(name, names)['ROS_DOMAIN_ID']) for name in names]
+    assert len(set(domains)) == len(names)
+    assert 0 <= min(domains) <= max(domains) < 102
+    monkeypatch.delenv('ROS_DOMAIN_ID')
+    assert bench.domain_of(names[0], names)['ROS_DOMAIN_ID'] == '1'
