@@ -158,13 +158,18 @@ def forces(trials: Trials, found: Found, hand: str, seeds: range, time_s: float)
     over, steady, settled = (
         np.array([getattr(g, name) for g in grasps]) for name in ('overshoot', 'steady', 'settled')
     )
-    what = f'{hand} hand in MuJoCo, {len(grasps)} grasps'
+    what, count = f'{hand} hand in MuJoCo', f'({len(grasps)} grasps)'
     found.rows += [
-        Row(f'{what}: worst overshoot', '%', 100 * float(over.max()), aim=10.0),
-        Row(f'{what}: slowest from load to 5 %', 's', float(settled.max()), aim=SETTLED[hand]),
-        Row(f'{what}: from load to 5 %, median', 's', float(np.median(settled))),
-        Row(f'{what}: worst steady error', '%', 100 * float(steady.max()), aim=2.0),
-        _real_time(what, sum(g.seconds for g in grasps), time.perf_counter() - began),
+        Row(f'{what}: worst overshoot {count}', '%', 100 * float(over.max()), aim=10.0),
+        Row(
+            f'{what}: slowest from load to 5 % {count}',
+            's',
+            float(settled.max()),
+            aim=SETTLED[hand],
+        ),
+        Row(f'{what}: from load to 5 %, median {count}', 's', float(np.median(settled))),
+        Row(f'{what}: worst steady error {count}', '%', 100 * float(steady.max()), aim=2.0),
+        _real_time(f'{what} {count}', sum(g.seconds for g in grasps), time.perf_counter() - began),
     ]
     found.drawings[f'{hand}_force'] = drawn_grasp(grasps[0])
 

@@ -68,7 +68,7 @@ HEADLINES = tuple(
         ('grasp', 'grasp', (
             ('slip, contiguous folds: balanced', 'slip told from a hold (balanced accuracy)'),
             ('200 loads in hand, adaptive: held', 'share of 200 loads held'),
-            ('allegro hand in MuJoCo, 6 grasps: slowest', 'slowest grasp in MuJoCo, load to 5 %'),
+            ('allegro hand in MuJoCo: slowest', 'slowest grasp in MuJoCo, load to 5 %'),
         )),
         ('nodes', 'latency', (
             ('stack: delay p99', '1 kHz gradiometer in `stack`: p99'),
