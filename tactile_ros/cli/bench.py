@@ -98,12 +98,12 @@ def run(options: argparse.Namespace) -> int:
         return _side_by_side([*benches], extent, results, options)
     told = []
     for name, bench in benches.items():
-        began, spent_s = time.perf_counter(), processor_s()
+        began, spent_s = time.perf_counter(), own_processor_s()
         print(f'bench {name} ({extent}) ...', file=sys.stderr, flush=True)
         result = bench.run(extent, shlex.join(['tactile', *_words(name, extent)]))
         drawn = result.draw(options.figures) if options.figures else []
         path, seconds = result.write(results), time.perf_counter() - began
-        spent_s = processor_s() - spent_s
+        spent_s = own_processor_s() - spent_s
         told.append(json.loads(path.read_bytes()))
         if not options.json:
             tell(result, drawn)
@@ -114,7 +114,7 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def processor_s() -> float:
+def own_processor_s() -> float:
     """Processor time of this process and of those that it waited for (s)."""
     found = os.times()
     return found.user + found.system + found.children_user + found.children_system

@@ -39,7 +39,7 @@ def estimated(recording: Recording, pipeline: Pipeline) -> tuple[ContactStates, 
     states, reason = _tried(recording, pipeline)
     if states is not None:
         return states, ()
-    rows = np.array(_failing(recording, pipeline, 0), np.int64)
+    rows = np.array(_failing(recording, pipeline), np.int64)
     states, _ = _tried(_marked(recording, rows), pipeline)
     if states is None:  # not even as lost ones: the others go on without them
         states = _without(recording, rows, pipeline)
@@ -56,15 +56,23 @@ def _tried(recording: Recording, pipeline: Pipeline) -> tuple[ContactStates | No
         return None, f'{type(err).__name__}: {err}'
 
 
-def _failing(recording: Recording, pipeline: Pipeline, first: int) -> list[int]:
-    """Rows that fail alone, counted from `first`; parts that a tare lies before are not tared."""
-    if _tried(recording, pipeline)[0] is not None:
-        return []
-    if len(recording) == 1:
-        return [first]
-    half = len(recording) // 2
-    parts = (slice(0, half), first), (slice(half, None), first + half)
-    return [row for part, at in parts for row in _failing(recording.select(part), pipeline, at)]
+def _failing(recording: Recording, pipeline: Pipeline) -> list[int]:
+    """Rows that fail alone; parts that a tare lies before are not tared.
+
+    What fails is halved, what succeeds is doubled, as a `Follower` does.
+    """
+    failing: list[int] = []
+    first, size = 0, len(recording)
+    while first < len(recording):
+        part = recording.select(slice(first, first + size))
+        fails = _tried(part, pipeline)[0] is None
+        if fails and len(part) > 1:
+            size = len(part) // 2
+            continue
+        failing += [first] * fails
+        size = 1 if fails else 2 * size
+        first += len(part)
+    return failing
 
 
 def _marked(recording: Recording, rows: Integers) -> Recording:

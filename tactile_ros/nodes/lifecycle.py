@@ -271,7 +271,7 @@ def run(
         nodes = list(build())
     except (TactileError, ValueError, ParameterException, InvalidParameterValueException) as err:
         rclpy.logging.get_logger('tactile_ros').fatal(str(err))
-        rclpy.try_shutdown()
+        shut_down()
         return 2
     executor = serve()
     for node in nodes:
@@ -284,8 +284,17 @@ def run(
         for node in reversed(nodes):
             end(node)
         executor.shutdown()
-        rclpy.try_shutdown()
+        shut_down()
     return max(node.exit_code for node in nodes)
+
+
+def shut_down() -> None:
+    """End ROS in this process and leave its handlers of signals alone.
+
+    To take off its own, which were never there, rclpy sets the default for a moment, in which a
+    second signal would kill.
+    """
+    rclpy.try_shutdown(uninstall_handlers=False)
 
 
 def serving() -> Executor:

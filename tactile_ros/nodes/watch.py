@@ -14,6 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from tactile_ros import messages
 from tactile_ros.msg import GripState, TactileContacts, TactileFrame, TactileLayout
+from tactile_ros.nodes.lifecycle import shut_down
 from tactile_ros.nodes.quality import data, latched
 from tactile_ros.types import ContactState
 
@@ -97,4 +98,4 @@ def watch(namespaces: Sequence[str], show: Show, grip: ShowGrip, seconds: float 
             executor.spin_once(timeout_sec=LOOK_S)
     finally:
         node.destroy_node()
-        rclpy.try_shutdown()
+        shut_down()

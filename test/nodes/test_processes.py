@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import time
 from pathlib import Path
 
 import pytest
@@ -91,7 +92,10 @@ def test_a_stop_while_a_node_starts_is_no_traceback() -> None:
 def test_many_signals_at_once_end_a_node_as_one_does() -> None:
     with Running(Graph((Process('sensor_node', {'port': '/nowhere'}),))) as running:
         running.wait_for_line('sensor_node', '/nowhere', PATIENCE_S)
-        for _ in range(100):  # all of them before it ends
+        for _ in range(200_000):
+            if not running.is_alive('sensor_node'):
+                break
             running.signal('sensor_node', signal.SIGINT)
             running.signal('sensor_node', signal.SIGTERM)
+            time.sleep(1e-4)  # the node needs a processor to end
         assert running.wait('sensor_node', PATIENCE_S) == 0, running.lines

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tactile_ros.estimators.beyond_told import guessed
 from tactile_ros.estimators.column_view import ColumnView
 from tactile_ros.estimators.film_resistance import FilmResistance
 from tactile_ros.estimators.grid_knn import GridKnn
@@ -21,9 +22,7 @@ from tactile_ros.types import Array, Estimator, FrameStatus, Integers
 
 LEAST_RESISTANCE = 1e-4  # over R0
 LEAST_RANGE = 0.1  # of the largest force
-BEYOND = 1.1  # times the largest force told: from there on a curve is a guess
 LARGEST = 1.4  # times the same: where answers end
-UNTOLD = 0.5  # error of what lies beyond, in parts of it
 
 
 class ForceHead:
@@ -110,11 +109,11 @@ class ForceHead:
         None: there is no such force. What lies beyond is unsure by half, and an answer at the end
         of all answers by itself: the force may be any larger one.
         """
-        known = BEYOND * self.most_
-        beyond = force > known
-        if not np.count_nonzero(beyond):
+        error = guessed(force, self.most_)
+        if error is None:
             return None
-        part = np.where(force > LARGEST * self.most_, force, UNTOLD * (force - known))
+        beyond = error > 0
+        part = np.where(force > LARGEST * self.most_, force, error)
         wider = np.where(beyond, np.hypot(spread, part), spread)
         return wider, beyond * np.int64(FrameStatus.OUT_OF_RANGE)
 

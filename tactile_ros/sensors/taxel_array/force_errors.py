@@ -8,6 +8,7 @@ import numpy as np
 
 from tactile_ros.conditioning.equilibration import FREEDOM
 from tactile_ros.conditioning.turns import last_turns, presses
+from tactile_ros.estimators.beyond_told import BEYOND, guessed
 
 if TYPE_CHECKING:
     from tactile_ros.conditioning.equilibration import Equilibration
@@ -18,8 +19,6 @@ LEAST = 1e-4  # of a force: no law is better
 MOST_FREE = 0.5  # numbers of a law for each row
 FEWEST = 5  # presses, loaded and unloaded, that tell hysteresis at a level
 CLEAR = 2.0  # standard errors of it that are none
-BEYOND = 1.1  # times the largest force told: from there on nothing is known of the law
-UNTOLD = 0.5  # error of what lies beyond, in parts of it
 LEVELS = np.array([0.05, 0.1, 0.2, 0.4, 0.6, 0.8])  # of a taxel's largest force, between groups
 
 
@@ -124,9 +123,8 @@ def untold_parts(share: Array) -> Array | None:
     ndarray, shape (s, t), or None
         None: there is no such force.
     """
-    if not np.count_nonzero(share > BEYOND):
-        return None
-    return np.asarray(UNTOLD * (1.0 - BEYOND / np.maximum(share, BEYOND)))
+    error = guessed(share, 1.0)
+    return None if error is None else error / np.maximum(share, BEYOND)
 
 
 def _unseen(borne: Bools, freedom: int) -> float:

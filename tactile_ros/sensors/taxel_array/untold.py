@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.estimators.beyond_told import BEYOND
 from tactile_ros.regression.untold import KIND, untold_loads, untold_past
-from tactile_ros.sensors.taxel_array.force_errors import BEYOND
 from tactile_ros.types import FrameStatus
 
 if TYPE_CHECKING:

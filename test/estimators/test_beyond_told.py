@@ -1,0 +1,15 @@
+import numpy as np
+import pytest
+
+from tactile_ros.estimators.beyond_told import BEYOND, guessed
+
+
+def test_what_was_told_is_known() -> None:
+    assert guessed(np.array([0.0, 1.0, BEYOND * 2.0]), 2.0) is None
+    assert guessed(np.array([[0.0, 1e9]]), np.inf) is None
+
+
+def test_what_lies_beyond_is_unsure_by_half_of_it() -> None:
+    error = guessed(np.array([[1.0, 2.2, 3.2]]), 2.0)
+    assert error is not None
+    assert error == pytest.approx(np.array([[0.0, 0.0, 0.5]]))
