@@ -39,6 +39,7 @@ MICRO, STEP = 1e6, 1e-7
 PAPER_NOISE = 3e-6  # T, of one sample of 220 us at room temperature [3]
 SAMPLE_MS = 0.22
 AVERAGES = {'quick': (4,), 'normal': (1, 4, 16), 'full': (1, 4, 16)}
+DRAWN, MORE = ('polynomial', 'inversion'), ('differences', 'channels', 'kernel_ridge', 'grid_knn')
 HALF_POWER = 0.443  # of a running mean: its frequency of half power times its length
 
 
@@ -200,10 +201,12 @@ def _fz(world: ModuleType, name: str) -> tuple[Pipeline, Recording, Array, Array
     return pipeline, test, test.truth['force'][asked, 2], error
 
 
-def speeds(world: ModuleType, others: list[ModuleType]) -> tuple[list[Row], str, str]:
+def speeds(
+    world: ModuleType, others: list[ModuleType], names: tuple[str, ...]
+) -> tuple[list[Row], str, str]:
     """Error of Fz against the time of a frame, and against load, of estimators of 300 points."""
     found, said, seeds = {}, {}, {}
-    for name in ('inversion', 'polynomial', 'differences', 'channels', 'kernel_ridge', 'grid_knn'):
+    for name in names:
         pipeline, test, load, error = _fz(world, name)
         frame = Frame(None, 0, test.values[100])
         spent = least_us(lambda p=pipeline, f=frame: p.process(f))  # type: ignore[misc]
@@ -223,7 +226,7 @@ def speeds(world: ModuleType, others: list[ModuleType]) -> tuple[list[Row], str,
     top = float(said['inversion'][0].max())
     load = Plot((0, top), (1e-3, high), 'Fz (N)', 'error of Fz (mN)', (480, 320), told=told,
                 log_y=True)  # fmt: skip
-    for k, name in enumerate(('polynomial', 'inversion')):
+    for k, name in enumerate(DRAWN):
         load.dots(said[name][0][:500], said[name][1][:500], f'c{k}')
         load.text(0.02 * top, None, f'{name}: {found[name][1]:.3g} mN rms', row=k, kind=f'c{k}')
     rows = [
@@ -249,11 +252,13 @@ def run(extent: str, command: str) -> BenchResult:
         f'estimators: {ours.estimators}; specimens {specimens} of the world, '
         f'{len(specimens)} of {len(SPECIMENS[extent])}',
     ]
-    methods, speed, load = speeds(world, [module.World(s) for s in SPECIMENS[extent][1:2]])
+    names = DRAWN if extent == 'quick' else DRAWN + MORE
+    others = [module.World(s) for s in SPECIMENS[extent][1:2]]
+    methods, speed, load = speeds(world, others, names)
     rows += methods
     drawings = {'noise': noise, 'speed': speed, 'error': load}
     if extent == 'quick':
-        notes.append('quick: at one temperature, one count of averages')
+        notes.append('quick: at one temperature, one count of averages, two estimators')
     else:
         thermal, drawings['temperature'] = SURROUNDINGS.warmth(module)
         rows += thermal

@@ -57,7 +57,7 @@ def run(extent: str, command: str) -> BenchResult:
         path = Path(name) / 'skin.npz'
         lesson = SPEC.lesson.calibration(config, 1)
         if extent == 'quick':
-            lesson = lesson.select(slice(0, len(lesson) // 2))
+            lesson = lesson.select(slice(0, len(lesson) // 4))
         SPEC.pipeline(config).fit(lesson).save(path)
         for stack in (False, True) if extent != 'quick' else (False,):
             with SPEC.simulate(config, _connection(), playing(scene), 0) as twin:
@@ -69,7 +69,7 @@ def run(extent: str, command: str) -> BenchResult:
         f'{len(config.objects)} drawn heads, a window of {config.window} frames',
     ]
     if extent == 'quick':
-        notes.append('quick: two processes alone, calibrated by the first half of the lesson')
+        notes.append('quick: two processes alone, calibrated by the first quarter of the lesson')
     return BenchResult('multipole_graph', command, [0], rows, notes)
 
 

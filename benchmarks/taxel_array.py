@@ -105,7 +105,10 @@ def _skins(extent: str) -> tuple[list[Row], list[str], list[int]]:
         '95 % binomial interval where that is wider',
     ]
     if extent == 'quick':
-        left = 'quick: 2 picks of each kind, 3 in a jaw, in one world, and no world of fine cells'
+        left = (
+            'quick: 2 picks of washers, 3 in a jaw, in one world; neither tubes nor the world of '
+            'fine cells'
+        )
         return [], [left], []
     try:
         skins, trust = (load_source(path, 'bench taxel_array') for path in (SKINS, TRUST))

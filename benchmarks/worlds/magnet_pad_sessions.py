@@ -153,7 +153,7 @@ def times(pipeline: Pipeline, test: Recording) -> tuple[float, float]:
 def least_us(call: object, inputs: list[Array]) -> float:
     """Microseconds of processor time of a call, the least mean of many rounds."""
     rounds = []
-    for _ in range(15):
+    for _ in range(8):
         began = time.process_time()
         for one in inputs:
             call(one)

@@ -55,6 +55,8 @@ def sorted_parts(extent: str) -> tuple[list[Row], dict[str, str], list[int]]:
         'tube': (grippers.suction_cup(), 8.0, 20.0, (10.0, 40.0), 2e-3, 0),
         'jaw': (grippers.jaw(), 0.05, 0.1, (4.0, 10.0), 4e-3, 20),
     }
+    if extent == 'quick':
+        del kinds['tube']
     picks, drawings, limit = {}, {}, np.nan
     for name, kind in kinds.items():
         few = max(count // 4, 3) if name == 'jaw' else count
@@ -66,17 +68,9 @@ def sorted_parts(extent: str) -> tuple[list[Row], dict[str, str], list[int]]:
         if name == 'tube':
             limit = _limit(grips, picks[name])
         drawings[name] = _draw_pick(kind[0], picks[name][0][0])
-    turn = [
-        np.rad2deg(turn_between(float(p.state.yaw), float(p.pose[2]), 1))
-        for part in picks['tube']
-        for p in part
-    ]
     rows = [
         _placed('pick and place: washers of 5 types, 5 bad taxels', picks['washer'], 95.0, 99.0),
-        _placed(
-            'pick and place: angle tubes of 2 bends, 16 taxels', picks['tube'], 100.0, 100.0, limit
-        ),
-        Row('picked tubes: turn, median', 'deg', float(np.nanmedian(turn))),
+        *_tube_rows(picks.get('tube', []), limit),
         _placed('pick and place: parts in a jaw of 2000, 20 bad taxels', picks['jaw'], None, 99.0),
         _jaw_time(grips[0], picks['jaw'][0]),
         Row(
@@ -87,6 +81,21 @@ def sorted_parts(extent: str) -> tuple[list[Row], dict[str, str], list[int]]:
         ),
     ]
     return rows, drawings, [WORLDS + i for i in range(max(map(len, picks.values())))]
+
+
+def _tube_rows(picks: list[list[Picked]], limit: float) -> list[Row]:
+    """Of tubes, where there were any."""
+    if not picks:
+        return []
+    turn = [
+        np.rad2deg(turn_between(float(p.state.yaw), float(p.pose[2]), 1))
+        for part in picks
+        for p in part
+    ]
+    return [
+        _placed('pick and place: angle tubes of 2 bends, 16 taxels', picks, 100.0, 100.0, limit),
+        Row('picked tubes: turn, median', 'deg', float(np.nanmedian(turn))),
+    ]
 
 
 def _world(kind: tuple, seed: int) -> Gripper:
