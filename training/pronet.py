@@ -12,6 +12,7 @@ the packages of the extra `train`; five minutes of one core for each of the two:
 from __future__ import annotations
 
 import argparse
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -287,6 +288,13 @@ def say(what: str, *shares: float) -> None:
     sys.stdout.flush()
 
 
+def side_by_side() -> int:
+    """Both networks at once, each in a process of one thread; 1 if either fails."""
+    command = [sys.executable, *sys.argv, '--what']
+    parts = [subprocess.Popen([*command, what]) for what in ('shapes', 'postures')]
+    return int(any([part.wait() for part in parts]))
+
+
 def main() -> None:
     """Train, print the tables, write the networks."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -294,13 +302,13 @@ def main() -> None:
     parser.add_argument('--epochs', type=int, default=60)
     parser.add_argument('--what', choices=('shapes', 'postures', 'both'), default='both')
     options = parser.parse_args()
+    if options.what == 'both':
+        sys.exit(side_by_side())
     torch.set_num_threads(1)
     trials = load_source(TRIALS, 'training of Pronet')
     skin = trials.world_module().World(trials.SKIN)
-    if options.what != 'postures':
-        shapes(trials, skin, options)
-    if options.what != 'shapes':
-        postures(trials, skin, options)
+    train = shapes if options.what == 'shapes' else postures
+    train(trials, skin, options)
 
 
 if __name__ == '__main__':

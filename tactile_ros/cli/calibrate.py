@@ -22,6 +22,7 @@ from tactile_ros.cli.sources import find, fit_layout, read_config
 from tactile_ros.cli.table import show, show_json
 from tactile_ros.cli.working import working
 from tactile_ros.errors import RecordingError
+from tactile_ros.evaluation.told_rests import with_rests
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
     for name in options.recordings:
         with working(f'reading {name}'):
             found, problems = find(name, spec, spec.layout(config), options.truth)
-        loaded += [one.recording for one in found]
+        loaded += [with_rests(one) for one in found]
         for problem in problems:
             print(f'  {name}: {problem}')
     if not any(recording.truth for recording in loaded):
@@ -91,8 +92,8 @@ def run(options: argparse.Namespace) -> int:
 
 UNTARED = (
     'not told: when nothing touched, so this calibration takes readings as they are: it cannot be '
-    'tared, nor be replayed on a bag whose run was; tare rows would tell, or in_contact 0 at rest '
-    '(--truth may be given twice)'
+    'tared, nor be replayed on a bag whose run was; tares of contact_node in the same bag would '
+    'tell, tare rows, or in_contact 0 at rest (--truth may be given twice)'
 )
 
 
