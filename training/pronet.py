@@ -4,7 +4,7 @@ Pronet learns by eq. (4), Pronet-L by eq. (6). Presses come from a skin of the m
 25 places five are held out, and the five new heads are in no training. Two things are added to
 [1], without which it is trained, too: windows enter with a size of one, since a deep press is no
 other shape, and each task is mirrored at random as the sheet may be. Run from the sources, with
-the packages of the extra `train`; five minutes of one core for each of the two:
+the packages of the extra `train`; it takes both at once, and seven minutes of two cores:
 
     python training/pronet.py --seed 1
 """
