@@ -22,7 +22,7 @@ from tactile_ros.cli.sources import find, fit_layout, read_config
 from tactile_ros.cli.table import show, show_json
 from tactile_ros.cli.working import working
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation.told_rests import with_rests
+from tactile_ros.evaluation.told_rests import alike, with_rests
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
@@ -61,8 +61,9 @@ def run(options: argparse.Namespace) -> int:
     for name in options.recordings:
         with working(f'reading {name}'):
             found, problems = find(name, spec, spec.layout(config), options.truth)
-        loaded += [with_rests(one) for one in found]
-        for problem in problems:
+        rests = [with_rests(one) for one in found]
+        loaded += [recording for recording, _ in rests]
+        for problem in [*problems, *(told for _, told in rests if told)]:
             print(f'  {name}: {problem}')
     if not any(recording.truth for recording in loaded):
         msg = f'{", ".join(options.recordings)} hold no truth to calibrate with'
@@ -70,7 +71,7 @@ def run(options: argparse.Namespace) -> int:
     began = time.perf_counter()
     pipeline = spec.pipeline(fit_layout(config, loaded[0].layout), options.estimator)
     with working(f'fitting {spec.key}'):
-        pipeline.fit(*loaded)
+        pipeline.fit(*alike(loaded))
     if not pipeline.estimators:
         names = sorted({name for recording in loaded for name in recording.truth})
         msg = f'nothing in {", ".join(options.recordings)} can be learned: truth has '
@@ -92,8 +93,8 @@ def run(options: argparse.Namespace) -> int:
 
 UNTARED = (
     'not told: when nothing touched, so this calibration takes readings as they are: it cannot be '
-    'tared, nor be replayed on a bag whose run was; tares of contact_node in the same bag would '
-    'tell, tare rows, or in_contact 0 at rest (--truth may be given twice)'
+    'tared, nor be replayed on a bag whose run was; tares of a contact_node without a calibration '
+    'in the same bag would tell, tare rows, or in_contact 0 at rest (--truth may be given twice)'
 )
 
 

@@ -19,6 +19,10 @@ from tactile_ros.types import (
     TaxelStatus,
 )
 
+# no tare may take a frame with a bad taxel (one that the fit found dead is left out), nor one of
+# which no taxel says anything new
+DAMAGED = int(FrameStatus.BAD_TAXELS)
+SAYS_NOTHING = np.uint8(TaxelStatus.STALE | TaxelStatus.DEAD)
 Number = TypeVar('Number', bound=np.generic)
 
 UNUSABLE = np.uint8(

@@ -11,7 +11,7 @@ UNTOLD = 0.5  # error of what lies beyond, in parts of it
 
 
 def guessed(values: Array, most: float) -> Array | None:
-    """Errors of values that lie beyond what was told.
+    """What values may err by, since they lie beyond what was told.
 
     Parameters
     ----------
@@ -23,7 +23,12 @@ def guessed(values: Array, most: float) -> Array | None:
     Returns
     -------
     ndarray, shape (...), or None
-        In the same unit, 0 where a value is known; None: all are.
+        In the same unit, half of what lies beyond, 0 where a value is known; None: all are.
+
+    Examples
+    --------
+    >>> guessed(np.array([1.0, 2.2, 3.2]), 2.0).tolist()
+    [0.0, 0.0, 0.5]
     """
     known = BEYOND * most
     if not np.count_nonzero(values > known):

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.conditioning.faults import DAMAGED, SAYS_NOTHING
 from tactile_ros.frame_guard import FrameGuard
-from tactile_ros.types import Frame, FrameStatus, TaxelStatus
+from tactile_ros.types import Frame, FrameStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -24,10 +25,7 @@ if TYPE_CHECKING:
     from tactile_ros.signals import Estimation
     from tactile_ros.types import Bytes, ContactState
 
-# not that of a taxel that the fit found dead: it is left out
-DAMAGED = int(FrameStatus.BAD_TAXELS)
 STALE = int(FrameStatus.STALE)
-SAYS_NOTHING = np.uint8(TaxelStatus.STALE | TaxelStatus.DEAD)
 
 
 @dataclass

@@ -17,6 +17,7 @@ from rclpy.exceptions import InvalidParameterValueException, ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
 
 from tactile_ros.errors import TactileError
 from tactile_ros.nodes.parameters import Schema, refuse_or_accept
@@ -294,7 +295,7 @@ def shut_down() -> None:
     To take off its own, which were never there, rclpy sets the default for a moment, in which a
     second signal would kill.
     """
-    rclpy.try_shutdown(uninstall_handlers=False)
+    try_shutdown()
 
 
 def serving() -> Executor:

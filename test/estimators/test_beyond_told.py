@@ -1,3 +1,7 @@
+"""What answers may err by that are larger than any that was told."""
+
+from __future__ import annotations
+
 import numpy as np
 import pytest
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from tactile_ros.conditioning.equilibration import FREEDOM
 from tactile_ros.conditioning.turns import last_turns, presses
-from tactile_ros.estimators.beyond_told import BEYOND, guessed
+from tactile_ros.estimators.beyond_told import BEYOND, UNTOLD
 
 if TYPE_CHECKING:
     from tactile_ros.conditioning.equilibration import Equilibration
@@ -123,8 +123,9 @@ def untold_parts(share: Array) -> Array | None:
     ndarray, shape (s, t), or None
         None: there is no such force.
     """
-    error = guessed(share, 1.0)
-    return None if error is None else error / np.maximum(share, BEYOND)
+    if not np.count_nonzero(share > BEYOND):
+        return None
+    return np.asarray(UNTOLD * (1.0 - BEYOND / np.maximum(share, BEYOND)))
 
 
 def _unseen(borne: Bools, freedom: int) -> float:
