@@ -63,8 +63,11 @@ def run(options: argparse.Namespace) -> int:
             found, problems = find(name, spec, spec.layout(config), options.truth)
         rests = [with_rests(one) for one in found]
         loaded += [recording for recording, _ in rests]
-        for problem in [*problems, *(told for _, told in rests if told)]:
-            print(f'  {name}: {problem}')
+        several = len(found) > 1
+        told = [f'{one.name}: {said}' if several else said
+                for one, (_, said) in zip(found, rests, strict=True) if said]  # fmt: skip
+        for problem in [*problems, *told]:
+            print(f'  {name}: {problem}', file=sys.stderr if options.json else sys.stdout)
     if not any(recording.truth for recording in loaded):
         msg = f'{", ".join(options.recordings)} hold no truth to calibrate with'
         raise RecordingError(msg)
@@ -94,7 +97,8 @@ def run(options: argparse.Namespace) -> int:
 UNTARED = (
     'not told: when nothing touched, so this calibration takes readings as they are: it cannot be '
     'tared, nor be replayed on a bag whose run was; tares of a contact_node without a calibration '
-    'in the same bag would tell, tare rows, or in_contact 0 at rest (--truth may be given twice)'
+    'in the same bag would tell (of four frames or more), tare rows, or in_contact 0 at rest '
+    '(--truth may be given twice)'
 )
 
 

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from tactile_ros import truth
 from tactile_ros.conditioning.faults import DAMAGED, SAYS_NOTHING, UNUSABLE, taxel_faults
-from tactile_ros.evaluation.live_baselines import baselines_by_row
+from tactile_ros.truth import FIRM
 from tactile_ros.types import FrameStatus
 
 if TYPE_CHECKING:
@@ -22,24 +21,25 @@ if TYPE_CHECKING:
 FEWEST = 4  # frames of a tare: fewer tell no noise
 MOST = 10_000  # as contact_node allows
 SAME = 1e-9  # of the largest reading: sums in another order
-TRIED = 200  # counts of frames with the same mean in one channel
-ENOUGH = (
-    30  # frames of tares that tell as much of the noise as a truth that says when nothing touches
-)
+TRIED = 20  # counts of frames with the same mean in one channel
+BRIDGED = 2  # rows between two frames of a tare: damaged, or not heard
+ENOUGH = 30  # frames of tares; fewer tell less than a truth that knows every rest
+STILL = 0.1  # of the frames, at which a load cell tells least
+CLEAR = 3.0  # standard errors of a mean force
 
 
 class Heard(NamedTuple):
-    """What a run heard: rows (n,) of the recording, and which of them no tare may take."""
+    """Rows (n,) that a tare may have taken, and taxels (n, t) at which it may not have."""
 
     rows: Integers
-    damaged: Bools
+    unusable: Bools
 
 
 def with_rests(loaded: LoadedRecording) -> tuple[Recording, str]:
     """A recording whose tare rows are the frames that its live run tared on.
 
-    A baseline says the first frame that it holds for, not which ones it is the mean of: those are
-    the undamaged frames just before, as many as have that mean.
+    A baseline says which frame was the last that it is the mean of, not which was the first: the
+    others are the undamaged frames before, as many as have that mean.
 
     Parameters
     ----------
@@ -54,30 +54,24 @@ def with_rests(loaded: LoadedRecording) -> tuple[Recording, str]:
         How many tares tell none, and why; empty if all do.
     """
     recording = loaded.recording
-    if recording.tare is not None or recording.stamp_ns is None:
+    if recording.tare is not None:
         return recording, ''
     heard = _heard(loaded)
-    tares = {
-        row: group[-1].values
-        for row, group in baselines_by_row(recording, heard.rows, loaded.baselines).items()
-        if group[-1].stamp_ns < recording.stamp_ns[row]  # the first of a stream is no tare
-    }
-    windows = [_windows(recording, heard, row, level) for row, level in tares.items()]
-    usual = [count for count, _ in Counter(n for w in windows for n in w).most_common(1)]
-    busy = truth.touched_rows(recording) | truth.firm_rows(recording)
-    tare, found, loads = np.zeros(len(recording), bool), 0, 0
-    for window in windows:
-        if not window:
-            continue
-        rows = window[usual[0] if usual[0] in window else min(window)]
-        span = slice(int(rows.min()), int(rows.max()) + 1)
-        under_load = bool(busy[span].any())
-        loads += under_load
-        found += not under_load
-        tare[span] |= not under_load
-    told = '' if found == len(tares) else _told(found, len(tares), loads)
-    few = 'in_contact' in recording.truth and np.count_nonzero(tare) < ENOUGH
-    return (recording if few or not found else replace(recording, tare=tare)), told
+    tares = _tares(loaded)
+    windows = [_windows(recording, heard, row, level) for row, level in tares]
+    counted = Counter(count for window in windows for count in window)
+    usual = max(counted, key=lambda count: (counted[count], count), default=0)
+    rests = [_ending(window[usual if usual in window else max(window)])
+             for window in windows if window]  # fmt: skip
+    rests = [rest for rest in rests if len(rest) >= FEWEST]
+    kept = [rest for rest in rests if not _under_load(recording, rest)]
+    told = _told(len(tares), len(rests), len(kept))
+    tare = _marked(len(recording), kept)
+    known = recording.truth.get('in_contact')
+    if known is not None and (known == 0).any() and 0 < np.count_nonzero(tare) < ENOUGH:
+        few = f'tares of fewer than {ENOUGH} frames in all are not heeded beside in_contact'
+        return recording, f'{told}; {few}' if told else few
+    return (replace(recording, tare=tare) if tare.any() else recording), told
 
 
 def alike(recordings: Sequence[Recording]) -> list[Recording]:
@@ -92,48 +86,123 @@ def alike(recordings: Sequence[Recording]) -> list[Recording]:
     ]
 
 
-def _told(found: int, count: int, loads: int) -> str:
-    """Why tares tell no rest."""
-    lost = count - found - loads
-    why = [f'{loads} under load'] * bool(loads)
-    why += [f'{lost} of frames that are not in it, or fewer than {FEWEST}'] * bool(lost)
-    return f'{found} of {count} tares tell when nothing touched; {" and ".join(why)}'
+def _told(count: int, found: int, kept: int) -> str:
+    """Why tares tell no rest; empty if all do."""
+    if kept == count:
+        return ''
+    why = [f'{found - kept} under load'] * (found > kept)
+    lost = f'{count - found} of frames that were not found, or fewer than {FEWEST}'
+    why += [lost] * (count > found)
+    return f'{kept} of {count} tares tell when nothing touched; {" and ".join(why)}'
 
 
-def _heard(loaded: LoadedRecording) -> Heard:
-    """Frames that the node had, by its contacts where they are in the bag."""
+def _tares(loaded: LoadedRecording) -> list[tuple[int, Array]]:
+    """Last row and baseline (t, c) of every tare, -1 where the row is not in the bag.
+
+    The first baseline of a stream is none: it comes with the frame that it holds for.
+    """
+    recording = loaded.recording
+    if recording.stamp_ns is None or recording.sequence is None:
+        return []
+    rows = {stamp: row for row, stamp in enumerate(recording.stamp_ns.tolist())}
+    earliest = min(rows, default=0)
+    found = []
+    for one in loaded.baselines:
+        row = rows.get(one.stamp_ns or 0, -1)
+        older = row < 0 and (one.stamp_ns or 0) < earliest  # of a stream that is not in the bag
+        if not older and (row < 0 or recording.sequence[row] != one.sequence):
+            found.append((row, one.values))
+    return found
+
+
+def _heard(loaded: LoadedRecording) -> list[Heard]:
+    """Frames that the node had: by its contacts, and where that tells nothing by the readings."""
     recording, live = loaded.recording, loaded.contacts
+    faults = taxel_faults(recording.values, recording.status, recording.layout) & UNUSABLE
+    plain = Heard(np.arange(len(recording)), faults != 0)
     if live is None:
-        bits = taxel_faults(recording.values, recording.status, recording.layout)
-        return Heard(np.arange(len(recording)), ((bits & UNUSABLE) != 0).any(axis=1))
+        return [plain]
     status, bits = live.states.status, live.states.taxel_status
     silent = ((bits & SAYS_NOTHING) != 0).all(axis=1)
     stale = (status & int(FrameStatus.STALE)) != 0
-    order = np.argsort(live.rows, kind='stable')
     damaged = ((status & DAMAGED) != 0) | (stale & silent)
-    return Heard(live.rows[order], np.asarray(damaged[order]))
+    order = np.argsort(live.rows, kind='stable')
+    unusable = np.repeat(damaged[order, None], bits.shape[1], axis=1)
+    return [Heard(live.rows[order], unusable), plain]
 
 
-def _windows(recording: Recording, heard: Heard, row: int, level: Array) -> dict[int, Integers]:
-    """Rows just before one that have this mean (t, c), by their number; all such numbers."""
-    begins = np.flatnonzero(recording.restarts)
-    first = int(begins[np.searchsorted(begins, row, 'right') - 1])
-    before = (heard.rows >= first) & (heard.rows < row) & ~heard.damaged
-    kept = heard.rows[before][-MOST:][::-1]
-    taxels = np.flatnonzero(np.isfinite(level).all(axis=1))
-    if len(kept) < FEWEST or not len(taxels):
+def _windows(
+    recording: Recording, heard: Sequence[Heard], last: int, level: Array
+) -> dict[int, Integers]:
+    """Rows up to one that have this mean (t, c), the newest first, by their number."""
+    if last < 0:
         return {}
-    newest = recording.values[kept[:TRIED]][:, taxels]
-    moves = np.nan_to_num(np.ptp(newest, axis=0), nan=-1.0)
+    taxels = np.flatnonzero(np.isfinite(level).all(axis=1))
+    begins = np.flatnonzero(recording.restarts)
+    first = int(begins[np.searchsorted(begins, last, 'right') - 1])
+    for rows, unusable in heard:
+        near = slice(*np.searchsorted(rows, [first, last + 1]).tolist())
+        sound = ~unusable[near][:, taxels].any(axis=1)
+        found = _with_mean(recording.values, rows[near][sound][-MOST:][::-1], taxels, level)
+        if found:
+            return found
+    return {}
+
+
+def _with_mean(
+    values: Array, rows: Integers, taxels: Integers, level: Array
+) -> dict[int, Integers]:
+    """First rows of some whose mean over these taxels is a level (t, c), by their number."""
+    if len(rows) < FEWEST or not len(taxels):
+        return {}
+    moves = np.nan_to_num(np.ptp(values[rows[:ENOUGH]][:, taxels], axis=0), nan=-1.0)
     taxel, channel = np.unravel_index(int(moves.argmax()), moves.shape)
-    column = recording.values[kept, taxels[taxel], channel]
-    mean = np.cumsum(column) / np.arange(1, len(kept) + 1)
+    column = values[rows, taxels[taxel], channel]
+    mean = np.cumsum(column) / np.arange(1, len(rows) + 1)
     apart = np.abs(mean - level[taxels[taxel], channel])
     counts = np.flatnonzero(apart <= SAME * np.maximum.accumulate(np.abs(column))) + 1
     found = {}
     for count in counts[counts >= FEWEST][:TRIED].tolist():
-        window = recording.values[kept[:count]][:, taxels]
-        off = np.abs(window.mean(axis=0) - level[taxels])
-        if (off <= SAME * np.abs(window).max()).all():
-            found[count] = kept[:count]
+        window = values[rows[:count]][:, taxels]
+        off = np.abs(window.mean(axis=0) - level[taxels]).max()
+        if off <= SAME * np.abs(window).max():
+            found[count] = rows[:count]
     return found
+
+
+def _ending(rows: Integers) -> Integers:
+    """The newest of a tare's rows, in order, that nothing long lies between."""
+    rows = np.sort(rows)
+    far = np.flatnonzero(np.diff(rows) > BRIDGED + 1)
+    return np.asarray(rows[far[-1] + 1 :] if len(far) else rows)
+
+
+def _under_load(recording: Recording, rows: Integers) -> bool:
+    """Whether truth knows that something touched: it says so, or the force is clearly not 0."""
+    touched = recording.truth.get('in_contact')
+    if touched is not None and (touched[rows] == 1).any():
+        return True
+    force = recording.truth.get('force')
+    if force is None:
+        return False
+    told = np.nan_to_num(force.astype(np.float64))
+    size = np.linalg.norm(told, axis=1)
+    # a load cell has an offset of its own
+    told = told - np.median(told[size <= np.quantile(size, STILL)], axis=0)
+    away = float(np.linalg.norm(told[rows].mean(axis=0)))
+    unsure = float(np.linalg.norm(told[rows].std(axis=0))) / np.sqrt(len(rows))
+    return bool(away > FIRM * np.linalg.norm(told, axis=1).max() + CLEAR * unsure)
+
+
+def _marked(count: int, rests: Sequence[Integers]) -> Bools:
+    """Rows (s,) of rests, what lies between their frames with them.
+
+    Of rests that meet the newest alone, since runs of tare rows are told apart by what lies
+    between; it serves all that follows.
+    """
+    tare, until = np.zeros(count, bool), count + 1
+    for rest in sorted(rests, key=lambda rows: int(rows[-1]), reverse=True):
+        if rest[-1] + 1 < until:
+            until = int(rest[0])
+            tare[until : rest[-1] + 1] = True
+    return tare

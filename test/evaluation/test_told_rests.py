@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -138,7 +139,7 @@ def test_a_baseline_that_no_frames_have_tells_nothing(off: float) -> None:
     others = tuple(replace(b, values=b.values + off) for b in run.baselines)
     found, told = with_rests(replace(run, baselines=others))
     assert found.tare is None
-    assert told.startswith('0 of 12 tares tell when nothing touched; 12 of frames that are not in')
+    assert told.startswith('0 of 12 tares tell when nothing touched; 12 of frames that were not')
     assert with_rests(LoadedRecording('x', recording)) == (recording, '')
 
 
@@ -148,11 +149,73 @@ def test_what_has_tare_rows_stays() -> None:
     assert with_rests(replace(lived(recording, before), recording=known))[0] is known
 
 
+def test_truth_that_is_always_there_puts_no_tare_under_load() -> None:
+    recording, before = presses(0)
+    count = len(recording)
+    force = recording.truth['force'] + [0.05, 0.0, 0.08]  # a load cell's own offset, and noise
+    force[:, 2] += np.random.default_rng(3).normal(0, 0.03, count)
+    always = {'position': np.zeros((count, 3)), 'label': np.ones(count, int), 'force': force}
+    run = lived(replace(recording, truth=always), np.append(before, before[3] + LONG // 2))
+    found, told = with_rests(run)
+    assert told == '12 of 13 tares tell when nothing touched; 1 under load'
+    assert np.count_nonzero(found.tare) == PRESSES * TARED
+    mid = with_rests(lived(replace(recording, truth=always), before + LONG // 2))
+    assert mid[0].tare is None
+    assert mid[1].endswith('12 under load')
+
+
+def test_a_press_between_two_frames_of_a_tare_is_no_rest() -> None:
+    recording, before = presses(0)
+    row = np.arange(len(recording)) % (REST + LONG)
+    recording.status[row > REST, 0] = 2  # clipped all the press long
+    run = replace(recording, truth={})
+    found, told = with_rests(lived(run, before[1:] - REST + 5))
+    assert not told
+    assert np.count_nonzero(found.tare) == (PRESSES - 1) * 5
+    assert not (found.tare & (row >= REST)).any()
+
+
+def test_of_tares_that_meet_the_newest_serves() -> None:
+    recording, _ = presses(0)
+    values = np.random.default_rng(5).normal(1e-4, 1e-6, (200, 5, 3))
+    count = np.arange(200)
+    resting = Recording.from_arrays(
+        recording.layout, values, stamp_ns=STEP_NS * (1 + count), sequence=count
+    )
+    run = lived(resting, np.arange(TARED, 200, TARED))
+    found, told = with_rests(run)
+    assert not told
+    assert np.array_equal(serving(found)[-1], tare_means(values[180:190], np.zeros(10, int))[0])
+
+
+def test_a_counter_that_began_anew_before_the_first_tare() -> None:
+    recording, before = presses(0)
+    number = np.arange(len(recording))
+    again = replace(
+        recording, sequence=np.where(number < 5, number, number - 5), stream=(number >= 5) * 1
+    )
+    found, told = with_rests(lived(again, before[1:]))
+    assert not told
+    assert np.count_nonzero(found.tare) == (PRESSES - 1) * TARED
+
+
+def test_contacts_that_are_not_in_the_bag_hide_no_tare() -> None:
+    recording, before = presses(0)
+    run = lived(recording, before)
+    live = run.contacts
+    assert live is not None
+    kept = ~np.isin(live.rows, before - 3)
+    fewer = LiveContacts(live.rows[kept], live.states[kept], live.log_ns[kept], 0)
+    assert with_rests(replace(run, contacts=fewer))[1] == ''
+
+
 def test_few_tares_say_less_than_a_truth_that_knows_every_rest() -> None:
     recording, before = presses(0)
     touched = (recording.truth['force'][:, 2] > 0).astype(int)
     knowing = replace(recording, truth={**recording.truth, 'in_contact': touched})
-    assert with_rests(lived(knowing, before[:2]))[0].tare is None
+    kept, told = with_rests(lived(knowing, before[:2]))
+    assert kept.tare is None
+    assert told == 'tares of fewer than 30 frames in all are not heeded beside in_contact'
     assert with_rests(lived(knowing, before))[0].tare is not None
 
 
@@ -198,4 +261,6 @@ def test_the_command_line_learns_the_rests_of_a_run(
     said = capsys.readouterr()
     assert 'bag: 12 of 13 tares tell when nothing touched; 1 under load' in said.out
     assert 'cannot be tared' not in said.err
+    assert main([*asked, '--json']) == 0
+    json.loads(capsys.readouterr().out)
     assert SPEC.load(file).rest_.tared
