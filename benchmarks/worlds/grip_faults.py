@@ -255,7 +255,7 @@ def _restart(scene: Scene, name: str, process: Process) -> None:
 
 
 def fault_rows(extent: str) -> tuple[list[Row], list[str], dict[str, str]]:
-    """Rows of every fault (quick: of the first, of one hand), told and drawn."""
+    """Rows of every fault (quick: of the first and of one death, of one hand), told and drawn."""
     plot = load_source(PLOT, 'bench grasp')
     traces: dict[str, list[Suffered]] = {}
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -272,7 +272,7 @@ def fault_rows(extent: str) -> tuple[list[Row], list[str], dict[str, str]]:
                 traces.setdefault(hand, []).append(plot.Suffered(*trace))
                 rows += [replace(row, what=f'{hand}: {row.what}') for row in found]
                 told.append(f'{hand}: {sentence}')
-            for phase in KILLED_IN:
+            for phase in KILLED_IN[-1:] if extent == 'quick' else KILLED_IN:
                 found, sentence = _killed(scene, phase)
                 rows += [replace(row, what=f'{hand}: {row.what}') for row in found]
                 told.append(f'{hand}: {sentence}')
