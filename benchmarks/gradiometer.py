@@ -33,7 +33,7 @@ TRIALS, SURROUNDINGS = (
 )
 SENSOR, SPECIMENS = TRIALS.SENSOR, TRIALS.SPECIMENS
 MILLI, FULL = TRIALS.MILLI, TRIALS.FULL
-MANY = {'quick': 1000, 'normal': 13_000, 'full': 13_000}
+MANY = {'quick': 600, 'normal': 13_000, 'full': 13_000}
 WORLD = Path(__file__).resolve().parents[1] / 'test' / 'reference' / 'gradiometer_world.py'
 MICRO, STEP = 1e6, 1e-7
 PAPER_NOISE = 3e-6  # T, of one sample of 220 us at room temperature [3]
