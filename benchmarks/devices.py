@@ -73,9 +73,7 @@ def run(extent: str, command: str) -> BenchResult:
         *table,
     ]
     if extent == 'quick':
-        notes.append(
-            'quick: faults in storms alone, no bursts over I2C; nodes for 3 s, 3 s after they began'
-        )
+        notes.append('quick: faults in storms alone, no bursts over I2C; nodes for 3 s, after 3 s')
     return BenchResult('devices', command, [0, 1], rows, notes)
 
 
