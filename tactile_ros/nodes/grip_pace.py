@@ -10,6 +10,8 @@ from __future__ import annotations
 from math import inf, isfinite
 
 LATE = 1.5  # periods after which nobody is waited for
+# s: a loop that is a little late lacks no force, and a step of the clock would delay it further
+LEAST_LATE_S = 7.5e-3
 EARLY = 0.25  # of a period; frames jitter
 BACK = 2.0  # periods by which a stamp lies before its time where its clock was set back
 
@@ -93,7 +95,7 @@ class GripPace:
 
     def is_late(self, now_s: float) -> bool:
         """Whether a step is due although the fingers have not told enough."""
-        return now_s - self._stepped_s >= LATE * self._period_s
+        return now_s - self._stepped_s >= max(LATE * self._period_s, LEAST_LATE_S)
 
     def step(self, now_s: float) -> float:
         """Begin a step; the time since the last (s), positive where the clocks are sound."""

@@ -75,6 +75,13 @@ def test_the_clock_steps_once_forces_fail_and_forces_take_over_again() -> None:
     assert taken.step(0.03) == pytest.approx(0.014)
 
 
+def test_a_fast_loop_that_is_a_little_late_is_not_stepped_by_the_clock() -> None:
+    taken = GripPace(0.001, 0.015, 1)
+    taken.step(0.0)
+    assert not taken.is_late(0.005)
+    assert taken.is_late(0.010)  # at the next look at the clock, where forces fail
+
+
 @pytest.mark.parametrize('jump_ns', [-3_600_000_000_000, -300_000_000, 3_600_000_000_000])
 def test_a_clock_of_stamps_that_jumps_stops_nothing(jump_ns: int) -> None:
     taken = pace()
