@@ -20,7 +20,7 @@ import numpy as np
 from tactile_ros.estimators.cell_knn import CellKnn
 from tactile_ros.evaluation.benchmark import BenchResult, Row, within
 from tactile_ros.evaluation.cells import accuracy, average_euclidean_error, confusion
-from tactile_ros.evaluation.coverage import WITHIN, coverage_by_thirds
+from tactile_ros.evaluation.coverage import WITHIN, Coverage, coverage, coverage_by_thirds
 from tactile_ros.evaluation.metrics import AXES
 from tactile_ros.evaluation.pad_figures import drawings
 from tactile_ros.evaluation.sources import load_source
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from worlds.magnet_pad_sessions import Session
 
     from tactile_ros.pipeline import Pipeline
+    from tactile_ros.types import ContactStates
 
 FILE = Path(__file__).parent / 'worlds' / 'magnet_pad_sessions.py'
 PAD = load_source(FILE, 'bench magnet_pad')
@@ -45,6 +46,7 @@ CONE = np.pi / 4
 SPECIMENS = {'quick': (), 'normal': (1, 2, 3, 4), 'full': tuple(range(1, 9))}
 BODIES = {'quick': (), 'normal': (), 'full': tuple(range(1, 9))}  # whose coverage is judged
 ALIKE_S = 6.0  # of one estimator beside others, for all its seeds
+WARMER = (0.0, 2.0, 5.0)  # degrees above the temperature of the tare
 FEW = 200  # presses that judge each specimen
 
 
@@ -78,6 +80,7 @@ def parts(extent: str) -> dict[str, Callable[[], list[Row]]]:
         found['cone'] = partial(_cone, count // 2)
         found['mounts'] = partial(_sessions, count)
         found['untrained'] = partial(_untrained, count, extent)
+        found['warm'] = partial(_warm, count)
     for seed in BODIES[extent]:
         found[f'coverage of specimen {seed}'] = partial(_specimen, seed, count)
     found['speed'] = partial(_speed, count, (0,) if extent == 'quick' else (0, 100, 200))
@@ -242,6 +245,33 @@ def _untrained(count: int, extent: str) -> list[Row]:
         away = PAD.away(ours.process_batch(test.recording), test)
         rows.append(Row(f'rest frames only, specimen {seed}, {what}: place', 'mm', away, aim=aim))
     return rows
+
+
+def _warm(count: int) -> list[Row]:
+    """Warmer than at the tare; peer: the same readings where chips tell no temperature."""
+    ours, rows, usual = PAD.learned(15, 1.0, count)[0], [], (np.inf, np.inf)
+    for rise in WARMER:
+        test = PAD.session(15, count, 1.0, JUDGE, warm=rise)
+        blind = replace(test.recording, temperature_c=None)
+        told, untold = (_judged(ours.process_batch(one), test) for one in (test.recording, blind))
+        usual = usual if rise else told[:2]
+        what = f'{rise:g} degrees above the tare'
+        off, peer = (100 * abs(one[2].share - WITHIN[2]) for one in (told, untold))
+        allowed = 100 * max(told[2].high - WITHIN[2], WITHIN[2] - told[2].low)
+        rows += [
+            Row(f'{what}: place', 'mm', told[0], peer=untold[0], aim=1.1 * usual[0]),
+            Row(f'{what}: Fz', 'N', told[1], peer=untold[1], aim=1.1 * usual[1]),
+            Row(f'{what}: Fz inside 2 sigma, off {100 * WITHIN[2]:.1f} %', 'points', off,
+                peer=peer, aim=allowed),
+        ]  # fmt: skip
+    return rows
+
+
+def _judged(said: ContactStates, test: Session) -> tuple[float, float, Coverage]:
+    """Mean error of places (mm), that of Fz (N, root mean square), and what its sigmas hold."""
+    error = said.force[REST:, 2] - test.touches.force[:, 2]
+    held = coverage(error, said.force_cov[REST:, 2, 2], np.arange(len(error)), 2)
+    return PAD.away(said, test), float(np.sqrt((error**2).mean())), held
 
 
 def _speed(count: int, seeds: tuple[int, ...]) -> list[Row]:

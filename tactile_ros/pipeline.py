@@ -11,18 +11,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros import truth
+from tactile_ros import states, truth
 from tactile_ros.calibration import flatten, write
 from tactile_ros.conditioning.baseline import (
     BaselineTracker,
     Tracking,
     stream_baselines,
-    tare_level,
 )
 from tactile_ros.conditioning.faults import (
     dead_throughout,
     frame_readings,
-    judged_rows,
     set_aside,
     usable_readings,
     usable_rows,
@@ -31,11 +29,9 @@ from tactile_ros.conditioning.rest import Rest
 from tactile_ros.conditioning.stream import Stream
 from tactile_ros.errors import CalibrationError
 from tactile_ros.signals import Columns, Estimation, Report, SensorConfig, Signals
-from tactile_ros.states import add_dead, add_flags, add_patches, apply_contact, lacking, told
 from tactile_ros.stored import identity, parts_to_arrays, read_parts, rehearse
 from tactile_ros.types import (
     Array,
-    Bools,
     Bytes,
     ContactState,
     ContactStates,
@@ -72,7 +68,7 @@ class Pipeline:
         self.config = config
         self.layout = layout
         self.estimation = estimation
-        self.rest_ = Rest.unknown(layout.shape, config.noise)
+        self.rest_ = self._unknown_rest()
         self.left_out_: dict[str, float] = {}
         self._doubt = 0.0
         self.reset()
@@ -81,8 +77,12 @@ class Pipeline:
         """Forget the stream's state; the baseline of the last tare or fit stays."""
         self.stream = Stream(self._tracker(), self.estimation.start())
 
+    def _unknown_rest(self) -> Rest:
+        warms = hasattr(self.estimation, 'warmed')
+        return Rest.unknown(self.layout.shape, self.config.noise, warms)
+
     def _tracker(self) -> BaselineTracker:
-        return BaselineTracker(self.rest_.baseline, self._tracking(), self._doubt)
+        return BaselineTracker(self.rest_.level, self._tracking(), self._doubt)
 
     def tare(self, frames: Sequence[Frame], *, doubted: bool = True) -> None:
         """Replace the baseline by the mean of resting frames; an error leaves it as it was.
@@ -98,17 +98,22 @@ class Pipeline:
         Raises ValueError if there is no such frame, or the fit wanted no baseline.
         """
         truth.refuse_tare(self.sensor, self.layout, self.rest_.tared, frames)
-        rows = [frame_readings(frame, self.layout, self.estimation)[0] for frame in frames]
-        usable = np.concatenate(rows)
-        self.rest_ = replace(self.rest_, baseline=tare_level(usable, self.rest_.dead))
+        rows = [frame_readings(frame, self.layout, self.estimation) for frame in frames]
+        beside = [self.rest_.beside(usable, chips) for usable, _, chips in rows]
+        self.rest_ = self.rest_.tared_by(np.concatenate(beside))
         self._doubt = 1 / len(frames) if doubted else 0.0
         self.stream.rebase(self._tracker())
 
     @property
     def baseline(self) -> Array:
         """Baseline in use now, shape (t, c); NaN: none yet, or dead in the fit."""
-        level, dead = self.stream.tracker.baseline, self.rest_.dead
+        level, dead = self.rest_.parted(self.stream.tracker.baseline)[0], self.rest_.dead
         return level.copy() if dead is None else np.where(dead[:, None], np.nan, level)
+
+    @property
+    def baseline_temperature_c(self) -> Array | None:
+        """What chips (t,) told with the baseline, NaN: nothing; None: it is not heeded."""
+        return self.rest_.parted(self.stream.tracker.baseline)[1]
 
     def process(self, frame: Frame) -> ContactState:
         """Estimate from the next frame of the stream.
@@ -159,8 +164,9 @@ class Pipeline:
         if self.stream.is_over(stamp_ns):
             self.reset()
         restart = self.stream.admit(stamp_ns, len(bits))
-        levels = self.stream.tracker.follow(usable, stamp_ns)
-        signals = self._signals(usable, bits, levels, chips, stamp_ns, restart)
+        levels = self.stream.tracker.follow(self.rest_.beside(usable, chips), stamp_ns)
+        read, when = (usable, bits, chips), (stamp_ns, restart)
+        signals = states.conditioned(self.rest_, self.estimation, read, when, levels)
         return self._estimate(signals, bits, self.stream)
 
     def process_batch(self, recording: Recording) -> ContactStates:
@@ -192,39 +198,29 @@ class Pipeline:
 
     def _conditioned_rows(self, recording: Recording, usable: Array, bits: Bytes) -> Signals:
         """Conditioned frames of a recording."""
-        start = self.rest_.baseline, self._tracking(), self.rest_.dead, self._doubt
-        base, doubt, restart, tare = stream_baselines(recording, usable, *start)
-        chips, stamp_ns = recording.temperature_c, recording.stamp_ns
-        signals = self._signals(usable, bits, (base, doubt), chips, stamp_ns, restart, tare)
+        start = self.rest_.level, self._tracking(), self.rest_.dead, self._doubt
+        read = usable, bits, recording.temperature_c
+        beside = self.rest_.beside(usable, recording.temperature_c)
+        base, doubt, restart, tare = stream_baselines(recording, beside, *start)
+        known = read, (recording.stamp_ns, restart), (base, doubt), tare
+        signals = states.conditioned(self.rest_, self.estimation, *known)
         return replace(signals, begins=recording.restarts, tare=recording.tare)
-
-    def _signals(
-        self, usable: Array, bits: Bytes, levels: tuple[Array, Array], chips: Array | None,
-        stamp_ns: Integers | None, restart: Bools, tare: Bools | None = None,
-    ) -> Signals:  # fmt: skip
-        """Frames less their baseline, with what they say about contact."""
-        base, doubt = levels
-        delta = usable - base if self.rest_.tared else usable
-        good, told = judged_rows(self.estimation, bits, delta, base)
-        contact = self.rest_.contact(told, good, tare)
-        return Signals(usable, delta, base, chips, stamp_ns, restart, contact, good, doubt=doubt)
 
     def _estimate(self, signals: Signals, bits: Bytes, stream: Stream) -> Columns:
         """State attributes of conditioned frames; the one road for live and batch."""
         if not len(bits):
             return {}
-        signals = told(self.estimation, signals)
+        signals = states.told(self.estimation, signals)
         contact = signals.in_contact
         known = self.estimation.estimate(signals, stream.memory)
-        apply_contact(known, contact, signals.good)
-        add_flags(
-            known, signals, bits, lacking(calibrated=self.calibrated, tared=self.rest_.tared)
-        )
+        states.apply_contact(known, contact, signals.good)
+        lacks = states.lacking(calibrated=self.calibrated, tared=self.rest_.tared)
+        states.add_flags(known, signals, bits, lacks)
         in_time = signals.stamp_ns is not None and self.rest_.tared
         number = stream.ids.number(contact, signals.restart, in_time, signals.begins)
-        add_patches(known, number if in_time else np.where(signals.good, number, -1))
+        states.add_patches(known, number if in_time else np.where(signals.good, number, -1))
         if self.rest_.dead is not None:
-            add_dead(known, bits, self.rest_.dead)
+            states.add_dead(known, bits, self.rest_.dead)
         return known
 
     def fit(self, *recordings: Recording) -> Pipeline:
@@ -247,9 +243,10 @@ class Pipeline:
         usable, bits = usable_readings(self.estimation, joined, self.layout)
         dead = dead_throughout(bits)
         usable, bits = set_aside(usable, bits, dead)
-        rest = Rest.unknown(self.layout.shape, self.config.noise)
+        rest = self._unknown_rest()
         resting, ordered = truth.resting_rows(joined), truth.are_ordered(recordings)
-        self.rest_ = rest.learn(usable, resting, joined.stamp_ns, joined.restarts, ordered)
+        seen = joined.stamp_ns, joined.restarts, ordered, joined.temperature_c
+        self.rest_ = rest.learn(usable, resting, *seen)
         self._doubt = 0.0
         signals = self._whole_rows(joined, usable, bits)
         touched = signals.delta[signals.good & truth.touched_rows(joined)]

@@ -41,6 +41,9 @@ class Signals:
     doubt : ndarray, shape (s,), or None
         Variance of the baseline over that of a frame at rest: one over the frames of its tare; 0
         where the fit's own is used. None: 0.
+    rest_temperature_c : ndarray, shape (s, t), or None
+        What the chips told when the baseline was read, NaN: nothing; None: the estimation does
+        not heed it.
     """
 
     values: Array
@@ -54,6 +57,7 @@ class Signals:
     begins: Bools | None = None
     tare: Bools | None = None
     doubt: Array | None = None
+    rest_temperature_c: Array | None = None
 
 
 class SensorConfig(Protocol):
@@ -82,7 +86,9 @@ class Estimation(Protocol):
     `estimate`, for sensors on which contact does not show in every channel: 1, 0, and -1 in rows
     that are not good. A `fit` sees contact as the pipeline judged it. With `impossible(values)` it
     names taxels (s, t) of readings (s, t, c) that no sensor can give: they count as not read,
-    also in baselines.
+    also in baselines. With `warmed(baseline, then_c, now_c)` it tells how baselines (s, t, c) have
+    changed (s, t, c) since the chips told the temperatures `then_c` (s, t), now that they tell
+    `now_c` (s, t) or None; `delta` is less by that.
     """
 
     @property

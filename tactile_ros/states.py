@@ -7,9 +7,18 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.conditioning.faults import frame_faults
+from tactile_ros.conditioning.faults import frame_faults, judged_rows
+from tactile_ros.conditioning.rest import Rest
 from tactile_ros.signals import Columns, Estimation, Signals
-from tactile_ros.types import STATE_FIELDS, Bools, Bytes, FrameStatus, Integers, TaxelStatus
+from tactile_ros.types import (
+    STATE_FIELDS,
+    Array,
+    Bools,
+    Bytes,
+    FrameStatus,
+    Integers,
+    TaxelStatus,
+)
 
 MEASURES_OF_NOTHING = frozenset({'force', 'torque', 'taxel_force', 'deformation'})
 ALWAYS = frozenset(
@@ -48,6 +57,50 @@ def apply_contact(known: Columns, contact: npt.NDArray[np.int8], good: Bools) ->
             column[untouched] = blank
         if spoilt:
             column[~good] = blank
+
+
+def conditioned(
+    rest: Rest,
+    estimation: Estimation,
+    read: tuple[Array, Bytes, Array | None],
+    when: tuple[Integers | None, Bools],
+    levels: tuple[Array, Array],
+    tare: Bools | None = None,
+) -> Signals:
+    """Frames less their baseline, with what they say about contact.
+
+    Parameters
+    ----------
+    rest : Rest
+        Of the pipeline.
+    estimation : Estimation
+        Of its sensor.
+    read : tuple of ndarray, shapes (s, t, c), (s, t) and (s, t), the last of them or None
+        Readings, NaN where unusable (unit of values); bits of `TaxelStatus`; what the chips told
+        (degrees Celsius).
+    when : tuple of ndarray, shapes (s,), or None, and (s,)
+        Stamps; rows before which memory is forgotten.
+    levels : tuple of ndarray, shapes (s, t, ...) and (s,)
+        Baselines as `Rest.level` has them, and their variance over that of a frame.
+    tare : ndarray, shape (s,), or None
+        Rows that are known to rest.
+
+    Returns
+    -------
+    Signals
+        Of all frames.
+    """
+    usable, bits, chips = read
+    (base, warmth), doubt = rest.parted(levels[0]), levels[1]
+    delta = usable - base if rest.tared else usable
+    if warmth is not None and rest.tared:
+        delta = delta - estimation.warmed(base, warmth, chips)  # type: ignore[attr-defined]
+    good, seen = judged_rows(estimation, bits, delta, base)
+    contact = rest.contact(seen, good, tare)
+    return Signals(
+        usable, delta, base, chips, *when, contact, good,
+        doubt=doubt, rest_temperature_c=warmth,
+    )  # fmt: skip
 
 
 def told(estimation: Estimation, signals: Signals) -> Signals:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 PARTS = ('config', 'layout', 'rest_', 'estimation', 'left_out_')
 OWN_CLASSES = {'Layout': Layout, 'Rest': Rest}
-BASELINE = 'rest_/baseline.array'
+TARED = ('rest_/baseline.', 'rest_/temperature_c.')  # what a tare changes
 # As no other dimension is likely to be: an array of a wrong shape must not fit by chance.
 REHEARSED = 13
 WARM_C, HOT_C = 30.0, 200.0  # the second beyond those of any fit
@@ -33,7 +33,7 @@ def parts_to_arrays(sensor: str, parts: Mapping[str, object]) -> calibration.Arr
 
 def identity(arrays: calibration.Arrays) -> str:
     """SHA-256 of a calibration, its baseline left out: a tare does not change it (hex)."""
-    return calibration.digest({k: v for k, v in arrays.items() if k != BASELINE})
+    return calibration.digest({k: v for k, v in arrays.items() if not k.startswith(TARED)})
 
 
 def read_parts(path: str | Path, sensor: str, classes: Mapping[str, type]) -> dict[str, object]:
@@ -117,8 +117,11 @@ def _refuse_misfit(
     if not (isinstance(counts, dict) and all(isinstance(n, float) for n in counts.values())):
         msg = f'what the fit left out is no table of counts in calibration {path}; calibrate again'
         raise CalibrationError(msg)
-    for name in ('baseline', 'noise', 'scale'):
-        found, wanted = np.shape(getattr(rest, name)), layout.shape  # type: ignore[attr-defined]
+    shapes = dict.fromkeys(('baseline', 'noise', 'scale'), layout.shape)  # type: ignore[attr-defined]
+    if rest.temperature_c is not None:  # type: ignore[attr-defined]
+        shapes['temperature_c'] = layout.shape[:1]  # type: ignore[attr-defined]
+    for name, wanted in shapes.items():
+        found = np.shape(getattr(rest, name))
         if found != wanted:
             msg = f'{name} of calibration {path} must have shape {wanted}; received {found}'
             raise CalibrationError(msg)

@@ -52,15 +52,22 @@ class Session:
 
 def session(
     cells: int, count: int, spread: float, seed: int, *, tip: float = TIP, stray: float = 0.0,
-    cone: float = 0.0, number: int = 0, specimen: int = WORLD_SEED, **pad: float,
+    cone: float = 0.0, number: int = 0, specimen: int = WORLD_SEED, warm: float | None = None,
+    **pad: float,
 ) -> Session:  # fmt: skip
-    """Presses within `spread` of the width of their cells, by a tip of a radius (m)."""
+    """Presses within `spread` of the width of their cells, by a tip of a radius (m).
+
+    `warm` degrees above the tare, as the chips tell; None: they tell nothing.
+    """
     module, config = _world(), _config(cells)
     touches = module.Touches.in_cells(config, GRIDS[cells], count, spread, seed, cone=cone)
     pad_world = module.PadWorld(config, specimen, **pad)
     recording = pad_world.record(
         touches, seed + 1000, tip=tip, stray=stray, layout=SPEC.layout(config), session=number
     )
+    if warm is not None:
+        rise = np.where(np.arange(len(recording)) < REST, 0.0, warm)
+        recording = pad_world.warmed(recording, rise, seed, layout=SPEC.layout(config))
     return Session(config, touches, recording)
 
 

@@ -38,8 +38,9 @@ class BaselineTracker:
 
     Parameters
     ----------
-    start : ndarray, shape (t, c)
-        Baseline at the start of the stream (unit of values).
+    start : ndarray, shape (t, c) or more channels
+        Baseline at the start of the stream (unit of values). What frames have beyond the channels
+        of `tracking` is followed with them, and says nothing about rest.
     tracking : Tracking or None
         None: the baseline stays.
     doubt : float
@@ -54,7 +55,8 @@ class BaselineTracker:
     def __init__(self, start: Array, tracking: Tracking | None, doubt: float = 0.0) -> None:
         self.baseline, self.doubt = start, doubt
         self.tracking = tracking
-        self._unknown = bool(np.isnan(start).any())
+        self._felt = slice(None if tracking is None else tracking.scale.shape[1])
+        self._unknown = bool(np.isnan(start[:, self._felt]).any())
         self._total = np.zeros_like(start)
         self._count = 0
         self._begin_ns = 0
@@ -109,7 +111,7 @@ class BaselineTracker:
         """Add frames of the running block."""
         self._count += len(block)
         if self._quiet:
-            near = np.abs(block - self.baseline) <= scale
+            near = np.abs(block - self.baseline)[:, :, self._felt] <= scale
             self._quiet = np.count_nonzero(near) == near.size
         if self._quiet:
             # row by row onto the total, so that pieces of a stream sum as the whole does
@@ -256,9 +258,9 @@ def stream_baselines(
     recording : Recording
         Its tare rows give the baseline of what follows in their stream.
     values : ndarray, shape (s, t, c)
-        Its readings, NaN where unusable.
+        Its readings, NaN where unusable; as `Rest.beside` gives them.
     start : ndarray, shape (t, c)
-        Baseline of rows that no tare run precedes.
+        Baseline of rows that no tare run precedes; as `Rest.level` has it.
     tracking : Tracking or None
         How the baseline follows in stamped streams.
     dead : ndarray, shape (t,), or None
@@ -277,7 +279,7 @@ def stream_baselines(
     tare = np.zeros(len(restarts), bool) if recording.tare is None else recording.tare
     run, serves = tare_runs(tare, restarts)
     level = tare_means(values, run)
-    lost = np.isnan(level).any(axis=2)
+    lost = np.isnan(level[..., : recording.values.shape[2]]).any(axis=2)
     unread = np.all(lost if dead is None else lost | dead, axis=1)
     if unread.any():  # such a run is no tare: the level before it holds on
         tare = tare & ~unread[run]

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.conditioning.baseline import tare_means
+from tactile_ros.conditioning.baseline import tare_level, tare_means
 from tactile_ros.conditioning.contact import contact_scale, excursion
 from tactile_ros.conditioning.noise import (
     MOST_APART_NS,
@@ -39,6 +39,9 @@ class Rest:
     drifts : bool
         True: rests were too short to tell noise from drift between them, and `noise` is at most
         this.
+    temperature_c : ndarray, shape (t,), or None
+        Of the chips when the baseline was read (degrees Celsius), NaN: not told; None: the
+        estimators do not heed it.
     """
 
     baseline: Array
@@ -46,13 +49,54 @@ class Rest:
     scale: Array
     tared: bool = True
     drifts: bool = False
+    temperature_c: Array | None = None
 
     @classmethod
-    def unknown(cls, shape: tuple[int, int], stated_noise: float | Array | None) -> Rest:
-        """Rest of a sensor that has not been recorded, with the noise its config states."""
+    def unknown(
+        cls, shape: tuple[int, int], stated_noise: float | Array | None, warms: bool = False
+    ) -> Rest:
+        """Rest of a sensor that has not been recorded, with the noise its config states.
+
+        `warms`: its estimators heed how warm the chips were then.
+        """
         stated = np.nan if stated_noise is None else stated_noise
         noise = np.array(np.broadcast_to(np.asarray(stated, np.float64), shape))
-        return cls(np.full(shape, np.nan), noise, contact_scale(noise, None))
+        chips = np.full(shape[0], np.nan) if warms else None
+        scale = contact_scale(noise, None)
+        return cls(np.full(shape, np.nan), noise, scale, temperature_c=chips)
+
+    @property
+    def level(self) -> Array:
+        """Baseline (t, c); with temperatures, where they are heeded, as one more channel."""
+        if self.temperature_c is None:
+            return self.baseline
+        return np.concatenate([self.baseline, self.temperature_c[:, None]], axis=1)
+
+    def beside(self, values: Array, chips: Array | None) -> Array:
+        """Readings (s, t, c) as `level` has them: chips tell temperatures (s, t), or None."""
+        if self.temperature_c is None:
+            return values
+        told = np.full(values.shape[:2], np.nan) if chips is None else chips
+        return np.concatenate([values, told[:, :, None]], axis=2)
+
+    def parted(self, levels: Array) -> tuple[Array, Array | None]:
+        """Baselines (s, t, c) and temperatures (s, t), or None, of levels as `level` has them."""
+        if self.temperature_c is None:
+            return levels, None
+        return levels[..., :-1], levels[..., -1]
+
+    def tared_by(self, frames: Array) -> Rest:
+        """The same with the mean of resting frames (s, t, ...), as `beside` gives them.
+
+        Raises
+        ------
+        ValueError
+            If no taxel was read.
+        """
+        values, chips = self.parted(frames)
+        return replace(
+            self, baseline=tare_level(values, self.dead), temperature_c=mean_warmth(chips)
+        )
 
     def learn(
         self,
@@ -61,6 +105,7 @@ class Rest:
         stamp_ns: Integers | None,
         restarts: Bools,
         ordered: bool = True,
+        chips: Array | None = None,
     ) -> Rest:
         """Baseline and noise from the resting rows of a recording.
 
@@ -76,6 +121,8 @@ class Rest:
             Rows at which a stream begins.
         ordered : bool
             False: independent frames, whose order says nothing; what they differ by is noise.
+        chips : ndarray, shape (s, t), or None
+            Temperatures that they told (degrees Celsius).
 
         Returns
         -------
@@ -86,10 +133,12 @@ class Rest:
             return replace(self, baseline=np.zeros(values.shape[1:]), tared=False)
         whole = np.zeros(int(resting.sum()), np.int64)
         baseline = tare_means(values[resting], whole)[0]
+        told = self.parted(self.beside(values, chips)[resting])[1]
+        learned = replace(self, baseline=baseline, temperature_c=mean_warmth(told))
         if not ordered:
             seen = spread_noise(values[resting])
             noise = np.where(np.isnan(self.noise), seen, self.noise)
-            return Rest(baseline, noise, self.scale)
+            return replace(learned, noise=noise)
         group = _rests(resting, stamp_ns, restarts)
         drifts = int((group[1:] == group[:-1]).sum()) < FEWEST_PAIRS
         if drifts:
@@ -108,7 +157,7 @@ class Rest:
             seen = np.where((held > 0) & (held < seen), held, seen)
         drifts = drifts and bool(np.isnan(self.noise).any())
         noise = np.where(np.isnan(self.noise), seen, self.noise)
-        return Rest(baseline, noise, self.scale, drifts=drifts)
+        return replace(learned, noise=noise, drifts=drifts)
 
     @cached_property
     def dead(self) -> Bools | None:
@@ -169,6 +218,13 @@ class Rest:
         if np.count_nonzero(judged) < len(judged):
             contact[~judged] = -1
         return contact
+
+
+def mean_warmth(chips: Array | None) -> Array | None:
+    """Mean temperatures (t,) of frames (s, t), each chip by what it told; NaN: it told nothing."""
+    if chips is None:
+        return None
+    return np.asarray(tare_means(chips[:, :, None], np.zeros(len(chips), np.int64))[0, :, 0])
 
 
 def _whole(touched: Array) -> Array | None:

@@ -291,8 +291,13 @@ class ContactStage:
         return 'tare needs resting frames and none without damage came since the last contact'
 
     def _baseline(self, frame: Frame, sequence: int) -> Frame:
-        """Baseline in use as a frame."""
-        return Frame(frame.stamp_ns, sequence, np.array(self.pipeline.baseline))
+        """Baseline in use as a frame, with the temperatures that it was taken at."""
+        chips = self.pipeline.baseline_temperature_c
+        known = chips is not None and bool(np.isfinite(chips).any())
+        warm = np.array(chips) if known else None
+        return Frame(
+            frame.stamp_ns, sequence, np.array(self.pipeline.baseline), temperature_c=warm
+        )
 
 
 def _is_damaged(state: ContactState) -> bool:

@@ -119,6 +119,22 @@ def test_tracking_one_by_one_in_pieces_and_in_batch(
         np.testing.assert_allclose(pieced.baseline, tracker.baseline, rtol=0, atol=1e-12)
 
 
+def test_what_is_no_reading_is_followed_with_the_readings_and_says_nothing_about_rest() -> None:
+    values, stamp_ns = drifting(400, 3)
+    warmth = np.linspace(20.0, 90.0, 400)[:, None] * np.ones(SHAPE[0])
+    warmth[200:] = np.nan
+    start, beside = np.zeros(SHAPE), np.concatenate([values, warmth[..., None]], axis=2)
+    plain = BaselineTracker(start, TRACKING)(values, stamp_ns)
+    more = np.concatenate([start, np.full((SHAPE[0], 1), 20.0)], axis=1)
+    held = BaselineTracker(more, TRACKING)(beside, stamp_ns)
+    np.testing.assert_array_equal(held[..., :-1], plain)
+    assert 20.0 < held[199, 0, -1] < 60.0  # a slow mean of what was told
+    assert np.isnan(held[-1, :, -1]).all()
+    unknown = np.concatenate([start, np.full((SHAPE[0], 1), np.nan)], axis=1)
+    found = BaselineTracker(unknown, TRACKING)(beside[:200], stamp_ns[:200])
+    np.testing.assert_array_equal(found[..., :-1], plain[:200])
+
+
 def test_drift_is_followed_at_rest_and_a_held_contact_does_not_fade() -> None:
     stamp_ns = np.arange(4000) * 10
     drift = np.linspace(0, 8, 4000)[:, None, None] * np.ones(SHAPE)

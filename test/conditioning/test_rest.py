@@ -31,6 +31,30 @@ def test_stated_noise_counts_for_every_taxel(stated: float | np.ndarray) -> None
         Rest.unknown(SHAPE, np.ones(2))
 
 
+def test_a_baseline_has_the_temperatures_of_its_frames_where_they_are_heeded() -> None:
+    values, rows = resting(), np.arange(ROWS) < 150
+    chips = np.where(rows[:, None], [20.0, np.nan], 90.0)
+    chips[:3, 1] = 21.0, 22.0, 23.0
+    plain, warm = (Rest.unknown(SHAPE, 0.1, warms) for warms in (False, True))
+    given = values, rows, None, no_restarts(), True, chips
+    assert plain.learn(*given).temperature_c is None
+    assert plain.beside(values, chips) is values
+    assert plain.parted(values) == (values, None)
+    learned = warm.learn(*given)
+    np.testing.assert_allclose(learned.temperature_c, [20.0, 22.0])
+    np.testing.assert_array_equal(learned.baseline, plain.learn(*given).baseline)
+    assert learned.level.shape == (2, 4)
+    level, told = learned.parted(learned.level)
+    np.testing.assert_array_equal(level, learned.baseline)
+    np.testing.assert_array_equal(told, learned.temperature_c)
+    tared = learned.tared_by(learned.beside(values[-9:], chips[-9:]))
+    np.testing.assert_allclose(tared.baseline, values[-9:].mean(axis=0))
+    np.testing.assert_allclose(tared.temperature_c, 90.0)
+    assert np.isnan(learned.tared_by(learned.beside(values, None)).temperature_c).all()
+    with pytest.raises(ValueError, match='usable reading'):
+        learned.tared_by(learned.beside(np.full((4, *SHAPE), np.nan), chips[:4]))
+
+
 @pytest.mark.parametrize('stamped', [True, False])
 def test_resting_rows_give_baseline_and_noise(stamped: bool) -> None:
     values, rows = resting(), np.arange(ROWS) < 150

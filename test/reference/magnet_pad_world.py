@@ -105,6 +105,34 @@ class PadWorld:
         turns = self.config.rotations
         return total if turns is None else np.einsum('tji,stj->sti', turns, total)
 
+    def resting(self) -> np.ndarray:
+        """Field of the magnets at rest (t, 3) (T) in chip axes."""
+        axes = self.config.magnet_axes / np.linalg.norm(
+            self.config.magnet_axes, axis=1, keepdims=True
+        )
+        still = Rotation.identity(1)
+        each = zip(self.magnets, axes, self.strength, strict=True)
+        field = sum(self._block(magnet[None], still, axis, size)[0] for magnet, axis, size in each)
+        field = np.einsum('tij,tj->ti', self.gains, field)
+        turns = self.config.rotations
+        return field if turns is None else np.einsum('tji,tj->ti', turns, field)
+
+    def warmed(
+        self, recording: Recording, rise: np.ndarray, seed: int = 0, *, slope: float = -1.2e-3,
+        usual: float = 25.0, thermometer: float = 0.02, layout: Layout,
+    ) -> Recording:  # fmt: skip
+        """The same where magnets and chips are warmer in each row by `rise` (s,) (degrees).
+
+        Magnets lose `slope` of their field with each degree, chips tell the temperature.
+        """
+        field = recording.values - LEVEL + self.resting()
+        values = field * (1 + slope * rise[:, None, None])
+        noise = np.random.default_rng(seed).normal(size=recording.values.shape[:2])
+        return Recording.from_arrays(
+            layout, values, temperature_c=usual + rise[:, None] + thermometer * noise,
+            tare=recording.tare, truth=dict(recording.truth),
+        )  # fmt: skip
+
     def _block(
         self, centre: np.ndarray, turn: Rotation, axis: np.ndarray, strength: float
     ) -> np.ndarray:

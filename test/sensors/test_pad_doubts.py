@@ -188,7 +188,7 @@ def test_truth_at_one_place_or_load_makes_nothing_else_sure(told: str) -> None:
     assert (shares > 0.83).all()
 
 
-def test_temperatures_that_no_estimate_heeds_are_told_and_flagged() -> None:
+def test_temperatures_beyond_those_recorded_are_told_and_flagged() -> None:
     _, seen = record(3, 40)
     warm = np.full((len(seen), 2), 22.0)
     warm[REST // 2 : REST, 1] = 24.0

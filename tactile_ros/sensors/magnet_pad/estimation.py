@@ -30,11 +30,12 @@ from tactile_ros.sensors.magnet_pad.regressed import CLASSES as REGRESSED_CLASSE
 from tactile_ros.sensors.magnet_pad.regressed import FEWEST, Regressed, apart
 from tactile_ros.sensors.magnet_pad.response import PadResponse
 from tactile_ros.sensors.magnet_pad.scene import terms
-from tactile_ros.sensors.magnet_pad.tares import noise_of_rest
+from tactile_ros.sensors.magnet_pad.tares import TareNoise
 from tactile_ros.sensors.magnet_pad.telling import Telling
-from tactile_ros.sensors.magnet_pad.unfelt import Unfelt
+from tactile_ros.sensors.magnet_pad.unfelt import Unfelt, truth_of_touches
 from tactile_ros.sensors.magnet_pad.untold import untold
 from tactile_ros.sensors.magnet_pad.variety import Variety
+from tactile_ros.sensors.magnet_pad.warmth import Warmth, noise_of_rest
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -111,7 +112,8 @@ class Localisation(Regressed):
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component; see `Regression`."""
         self.inversion_, self.inverted_, self.beaten_ = None, (), {}
-        truth = _of_touches(truth)
+        self.tares_, truth = TareNoise(), truth_of_touches(truth)
+        signals = self.tares_.warmth_.fit(signals)
         x = signals.delta.reshape(len(signals.good), self.width)
         self.doubts_ = Doubts(self.config).fit(signals, x, truth, noise_of_rest(signals))
         told = any(_told(truth[k])[signals.good].any() for k in TOLD if k in truth)
@@ -200,12 +202,15 @@ class Localisation(Regressed):
         x = signals.delta.reshape(len(signals.good), self.width)
         if self.nominal_:
             assert isinstance(memory, History)
-            known = self._pad.estimate(x, signals.in_contact == 0, self.tares_.doubt(signals))
+            rest = signals.in_contact == 0
+            known = self._pad.estimate(x, rest, self.tares_.doubt(signals))
+            self.tares_.warm(known, signals, x, lambda y, rows: self._pad.estimate(y, rest[rows]))
             flag(known, signals.in_contact != 0, None, self.config.length)
             return self.doubts_.mark(known, signals)
         known = super().estimate(signals, memory)
         if self.inverted_:
             self._add_inverted(known, signals, x)
+            self.tares_.warm(known, signals, x, lambda y, _: self._inverse(signals, y))
         self.doubts_.widen(known, signals.in_contact == 0, x, self.inverted_, self._hidden)
         flag(known, signals.in_contact != 0, self._span, self.config.length)
         return self.doubts_.mark(known, signals)
@@ -274,10 +279,18 @@ class Localisation(Regressed):
             if name.split('_')[0] in self.inverted_ or name in ('stray_field', 'odd'):
                 known[name] = column if every else _filled(column, there)
 
+    def _inverse(self, signals: Signals, x: Array) -> Columns:
+        """What the response of the pad answers to readings x (s, c) as these signals are."""
+        assert self.inversion_ is not None
+        mean = self.inversion_.invert(x, self._centres).mean
+        answers: Columns = {'position': mean[:, :3], 'force': mean[:, 3:]}
+        gone = ('force',) if self._remembers(signals) else ()
+        return {k: answers[k] for k in answers if k in self.inverted_ and k not in gone}
+
     def _remembers(self, signals: Signals) -> bool:
         """Whether a history, which stamps give, tells the force better."""
-        past = [head for head in self.remembering_ if head.target == 'force']
-        return signals.stamp_ns is not None and bool(past)
+        timed = signals.stamp_ns is not None
+        return timed and any(head.target == 'force' for head in self.remembering_)
 
     @cached_property
     def _span(self) -> tuple[float, float] | None:
@@ -314,18 +327,6 @@ def _filled(column: npt.NDArray[np.generic], there: Bools) -> npt.NDArray[np.gen
     return wide
 
 
-def _of_touches(truth: Columns) -> Columns:
-    """Truth without the forces of untouched rows, which are 0 in use whatever is learned."""
-    free = [np.asarray(truth['in_contact']) == 0] if 'in_contact' in truth else []
-    if 'force' in truth:
-        free.append((np.nan_to_num(np.asarray(truth['force'], float)) == 0).all(axis=1))
-    if not free:
-        return truth
-    loads = {name: truth[name] for name in ('force', 'torque') if name in truth}
-    gone = np.any(free, axis=0)[:, None]
-    return {**truth, **{name: np.where(gone, np.nan, load) for name, load in loads.items()}}
-
-
 def _told(column: npt.NDArray[np.generic]) -> Bools:
     """Whether truth tells anything of each row."""
     known = np.isfinite(column) if column.dtype.kind == 'f' else column != -1
@@ -341,6 +342,7 @@ CLASSES = (
     Doubts,
     Unfelt,
     Variety,
+    Warmth,
     StatedSpread,
     Choice,
     Rated,

@@ -28,8 +28,9 @@ from tactile_ros.sensors.magnet_pad.cells import (
 )
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.sensors.magnet_pad.nominal import uniform_response
-from tactile_ros.sensors.magnet_pad.tares import TareNoise, noise_of_rest
+from tactile_ros.sensors.magnet_pad.tares import TareNoise
 from tactile_ros.sensors.magnet_pad.touches import KnownTouches
+from tactile_ros.sensors.magnet_pad.warmth import noise_of_rest
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -122,7 +123,7 @@ class Regressed(Recognition):
     def report(self) -> Report:
         """Errors on held-out groups for each target, and how often cells are right."""
         place = {'cell_by_place': self.cell_report_} if self.cell_report_ else {}
-        return {**super().report, **place}
+        return {**super().report, **place, **self.tares_.warmth_.report}
 
     @property
     def _cell_by_place(self) -> bool:
@@ -258,6 +259,10 @@ class Regressed(Recognition):
         live = np.nan_to_num(signals.delta[signals.good]).any(axis=(0, 2))
         common[~np.repeat(live, 3)] = 0.0
         return common if live.sum() > 1 and self.config.stray_term else None
+
+    def warmed(self, base: Array, then_c: Array, now_c: Array | None) -> Array:
+        """Change of baselines since the chips told other temperatures."""
+        return self.tares_.warmth_.change(base, then_c, now_c)
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Targets of every row; see `Regression`."""

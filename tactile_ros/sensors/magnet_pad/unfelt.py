@@ -6,9 +6,13 @@ each place, and how likely that place is; places at which the pad feels little h
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from tactile_ros.types import Array
+if TYPE_CHECKING:
+    from tactile_ros.signals import Columns
+    from tactile_ros.types import Array
 
 MOST = 256  # touches
 BLOCK = 1024
@@ -48,3 +52,15 @@ class Unfelt:
             hidden = likely * (load * load + self.noise**2 / square)
             cov[i : i + BLOCK] = np.matmul(hidden[:, None], outer)[:, 0].reshape(-1, 3, 3)
         return cov
+
+
+def truth_of_touches(truth: Columns) -> Columns:
+    """Truth without the forces of untouched rows, which are 0 in use whatever is learned."""
+    free = [np.asarray(truth['in_contact']) == 0] if 'in_contact' in truth else []
+    if 'force' in truth:
+        free.append((np.nan_to_num(np.asarray(truth['force'], float)) == 0).all(axis=1))
+    if not free:
+        return truth
+    loads = {name: truth[name] for name in ('force', 'torque') if name in truth}
+    gone = np.any(free, axis=0)[:, None]
+    return {**truth, **{name: np.where(gone, np.nan, load) for name, load in loads.items()}}

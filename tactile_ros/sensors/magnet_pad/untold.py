@@ -43,7 +43,7 @@ def temperatures(signals: Signals) -> tuple[float, float]:
 
 
 def elsewhere(span: tuple[float, ...]) -> Report:
-    """Temperatures that nothing was recorded at, which no estimate heeds; () before a fit."""
+    """Temperatures that nothing was recorded at; () before a fit."""
     if not span:
         return {}
     if not np.isfinite(span).all():
