@@ -193,6 +193,14 @@ def test_another_shape_is_refused_with_both_named(tmp_path: Path, name: str) -> 
         SENSOR.load(tmp_path / 'c.npz')
 
 
+def test_temperatures_of_another_shape_are_refused_with_both_named(tmp_path: Path) -> None:
+    whole = dict(stored('grid_knn', os.fspath(tmp_path)))
+    del whole['rest_/temperature_c.none']
+    write(tmp_path / 'c.npz', {**whole, 'rest_/temperature_c.array': np.zeros(4)})
+    with pytest.raises(CalibrationError, match=r'temperature_c .*\(5,\); received \(4,\)'):
+        SENSOR.load(tmp_path / 'c.npz')
+
+
 def test_the_tower_of_names_ends(tmp_path: Path) -> None:
     """A list inside a list inside a list, as deep as names allow, is no way to hang a reader."""
     whole = dict(stored('grid_knn', os.fspath(tmp_path)))

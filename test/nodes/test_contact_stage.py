@@ -38,6 +38,7 @@ class ToyPipeline:
         self.sensor = 'toy'
         self.stream = None
         self.baseline = np.full((1, 1), baseline)
+        self.baseline_temperature_c = None
         self.resets = 0
 
     def reset(self) -> None:
