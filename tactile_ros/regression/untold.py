@@ -8,7 +8,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from tactile_ros.signals import Report, Signals
-    from tactile_ros.types import Array
+    from tactile_ros.types import Array, Integers
 
 KIND = 'not told: '
 LIGHT = 1e-3  # of the largest load: less is none
@@ -27,11 +27,12 @@ def untold_loads(force: Array) -> Report:
 def untold_past(signals: Signals, crept: float) -> Report:
     """What is open of a skin's past, of which a held load leaves a share `crept`; 0: none known.
 
-    Without tare rows the rest is that of frames between touches, in which a skin that creeps has
-    not forgotten: what it crept is then taken for rest, or guessed.
+    Without tare rows before the first touch of a stream, its rest is that of frames between
+    touches, in which a skin that creeps has not forgotten: what it crept is then taken for rest,
+    or guessed.
     """
     found: Report = {}
-    if signals.tare is None or not signals.tare.any():
+    if not _rests_first(signals):
         share = {'share of a load that rests may still hold': crept} if crept > 0 else {}
         found[f'{KIND}rest before any load (no tare rows)'] = share
     if signals.stamp_ns is None:
@@ -39,6 +40,17 @@ def untold_past(signals: Signals, crept: float) -> Report:
     else:
         found[f'{KIND}holds beyond the longest (s)'] = {'longest': longest_hold(signals)}
     return found
+
+
+def _rests_first(signals: Signals) -> bool:
+    """Whether every stream with a touch is tared before the first of them."""
+    if signals.tare is None or not signals.tare.any():
+        return False
+    begins = np.arange(len(signals.tare)) == 0
+    begins |= False if signals.begins is None else signals.begins
+    tares = np.cumsum(signals.tare)
+    before: Integers = (tares - signals.tare)[begins][np.cumsum(begins) - 1]
+    return not ((signals.in_contact == 1) & (tares == before)).any()
 
 
 def longest_hold(signals: Signals) -> float:

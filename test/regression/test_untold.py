@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -50,6 +52,24 @@ def test_the_past_is_open_without_tare_rows_and_without_stamps() -> None:
     tared = untold_past(signals(contact, [0, 1, 2], tare=True), 0.2)
     assert tared == {'not told: holds beyond the longest (s)': {'longest': 1.0}}
     assert 'not told: creep (frames without stamps)' in untold_past(signals(contact, None), 0.0)
+
+
+@pytest.mark.parametrize(
+    ('contact', 'tare', 'begins', 'open_'),
+    [
+        ([0, 1, 0, 1], [1, 0, 0, 0], [1, 0, 0, 0], False),
+        ([1, 0, 1, 1], [0, 1, 0, 0], [1, 0, 0, 0], True),  # tared after a touch
+        ([0, 1, 0, 1], [1, 0, 0, 0], [1, 0, 1, 0], True),  # the second stream has none
+        ([0, 1, 0, 1], [1, 0, 1, 0], [1, 0, 1, 0], False),
+        ([0, 1, 0, 0], [1, 0, 0, 0], [1, 0, 1, 0], False),  # nor any touch
+    ],
+)
+def test_a_rest_counts_before_the_first_load_of_its_stream(
+    contact: list[int], tare: list[int], begins: list[int], open_: bool
+) -> None:
+    rows = np.array(tare, bool), np.array(begins, bool)
+    given = dataclasses.replace(signals(contact, None), tare=rows[0], begins=rows[1])
+    assert any('rest before any load' in said for said in untold_past(given, 0.1)) == open_
 
 
 def test_loads_are_those_that_count() -> None:
