@@ -9,9 +9,13 @@ import shutil
 import socket
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 DOMAINS = range(1, 101)
 FIRST_PORT = 21_000
@@ -50,6 +54,7 @@ settings.register_profile('patient', deadline=None, suppress_health_check=[Healt
 settings.load_profile('patient')
 
 FOLDER = Path(__file__).parent
+PATIENCE_S = 120.0
 OPTIONAL = ('rclpy', 'magpylib')  # make test-oldest has neither
 
 
@@ -80,6 +85,15 @@ def pytest_report_header() -> list[str]:
     """Say which domain this is, and what is left out."""
     without = [f'without {name}: test/{{{",".join(x)}}} left out' for name, x in LEFT_OUT.items()]
     return [f'ROS domain {DOMAIN}', *without]
+
+
+@pytest.fixture(scope='session', autouse=True)
+def patience() -> Iterator[None]:
+    """Whoever starts and stops nodes gives them the time that a loaded machine needs."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr('tactile_ros.nodes.processes.STOP_S', PATIENCE_S)
+        patch.setattr('tactile_ros.cli.record.START_S', PATIENCE_S)
+        yield
 
 
 @pytest.fixture(scope='session')

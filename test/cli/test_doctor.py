@@ -44,7 +44,7 @@ def look(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict
 
 @pytest.mark.parametrize('sensor', list_sensors())
 def test_every_twin_is_well(sensor: str, capsys: pytest.CaptureFixture[str]) -> None:
-    code, found = look(capsys, '--sensor', sensor, '--simulated', '--seconds', '0.4')
+    code, found = look(capsys, '--sensor', sensor, '--simulated', '--seconds', '1.0')
     assert code == 0, found
     assert {'rate', 'jitter', 'noise', 'temperature'} <= found.keys()
     assert found['noise']['state'] == OK
@@ -58,7 +58,7 @@ def test_a_fault_of_a_twin_is_told_with_what_to_do(capsys: pytest.CaptureFixture
         'gradiometer',
         '--simulated',
         '--seconds',
-        '0.3',
+        '1.0',
         '--fault',
         'flipped:3',
     )

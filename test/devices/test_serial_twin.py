@@ -63,11 +63,11 @@ def make_board(layout: Layout) -> Twin:
 def test_a_twin_streams_in_real_time_by_itself(
     make: Callable[[Layout], Twin], layout: Layout
 ) -> None:
+    start = time.monotonic()  # before the first frame: those that wait for a busy reader count too
     with make(layout) as twin, twin.device(time.monotonic_ns) as board:
         board.read(5.0)
-        start = time.monotonic()
         frames = [board.read(5.0) for _ in range(100)]
-        assert time.monotonic() - start > 0.9 * 99 / board.layout.rate_hz - 0.05
+        assert time.monotonic() - start > 0.99 * 99 / board.layout.rate_hz
     assert frames[-1].sequence > 99
     assert frames[0].values.shape == board.layout.shape
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
+from itertools import cycle, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -157,6 +157,7 @@ def test_a_node_that_starts_anew_knows_what_was_learned(
     for number in (1, 2):
         hand.press(ros, number)
     assert result(ros, handle).result.success
+    assert ros.until(lambda: hand.calibrations[-1].get('enrolled') == 'mug')
     digest = hand.calibrations[-1]['sha256']
     contact.trigger_shutdown()
     ros.executor.remove_node(contact)
@@ -231,7 +232,7 @@ def test_the_client_of_the_command_line_hears_every_press_and_the_end(
                 return future.result()
 
             asked = pool.submit(client.enrol, Lesson('mug', 1), lambda *said: told.append(said))
-            number = iter(range(8))
+            number = cycle(range(8))
             # until one press fell wholly into the lesson
             assert ros.until(lambda: asked.done() or hand.press(ros, next(number)))
             assert asked.result().success

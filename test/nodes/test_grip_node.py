@@ -208,7 +208,7 @@ def test_a_cancel_ends_the_wait_and_a_hold_goes_on(ros: Ros) -> None:
     assert status == GoalStatus.STATUS_CANCELED
     before = commands(mock)
     assert ros.until(lambda: commands(mock) > before + 10)
-    assert fingers.states[-1].phase == GripPhase.HOLD
+    assert ros.until(lambda: fingers.states[-1].phase == GripPhase.HOLD)
 
 
 def test_an_object_that_is_pulled_out_ends_as_slipped_and_the_hand_opens(ros: Ros) -> None:
@@ -280,16 +280,18 @@ def test_nothing_is_commanded_once_forces_are_a_tenth_of_a_second_old(
     ros: Ros, stamped: bool
 ) -> None:
     """On the machine's own clock, by stamps and by arrival; however busy the machine is."""
-    _, mock, fingers = graph(ros, 'allegro_v5', 'stale_after:=0.1', 'fault_time:=30.0')
+    grip, mock, fingers = graph(ros, 'allegro_v5', 'stale_after:=0.1', 'fault_time:=30.0')
     fingers.stamped = stamped
     handle = fingers.ask(ros, 2.0)
     assert handle.accepted
     assert ros.until(lambda: fingers.states[-1].phase in (GripPhase.LOAD, GripPhase.HOLD))
-    fingers.silent = True
+    fingers.silent, last = True, fingers.sequence
+    # by arrival what is still under way counts from when it arrives
+    assert ros.until(lambda: set(grip._sequences.values()) == {last})
     silent_ns = fingers.stamp_ns or fingers.get_clock().now().nanoseconds
     assert ros.until(lambda: fingers.states[-1].phase == GripPhase.FAULT)
     silent_for(ros, mock, fingers)
-    slack_ns = 2_000_000 if stamped else 50_000_000  # messages under way arrive a little later
+    slack_ns = 2_000_000
     late = [s for s in fingers.states if stamp_ns(s.header) - silent_ns > 100_000_000 + slack_ns]
     assert late
     assert {state.phase for state in late} == {GripPhase.FAULT}
@@ -305,11 +307,11 @@ def test_a_kill_leaves_the_last_posture_which_holds(ros: Ros) -> None:
     mock = ros.add(MockHandNode())
     lifecycle.start([mock])
     fingers = ros.add(Fingers(mock))
-    quick = dict(text.split(':=') for text in QUICK)
+    # a fault at first: the process hears the fingers a little later than the hand
+    quick = {**dict(text.split(':=') for text in QUICK), 'fault_time': '30.0'}
     grip = Process('grip_node', {'hand': 'allegro_v5', **{k: float(v) for k, v in quick.items()}})
     with Running(Graph((grip,))) as running:
         assert ros.until(lambda: fingers.states)
-        # a fault at first: the process hears the fingers a little later than the hand
         assert result(ros, fingers.ask(ros, 2.0))[1].outcome == Grasp.Result.HELD
         running.signal('grip_node', signal.SIGKILL)
         assert running.wait('grip_node', PATIENCE_S) == -signal.SIGKILL
@@ -420,7 +422,9 @@ def test_a_description_that_comes_later_bounds_the_next_grasp_without_being_aske
     assert ros.until(lambda: grip._next is not None)
     count = len(fingers.states)
     assert ros.until(lambda: len(fingers.states) > count + 10)
-    assert {state.phase for state in fingers.states[count:]} == {GripPhase.HOLD}
+    # but for a machine that pauses for longer than forces may age
+    timely = [state for state in fingers.states[count:] if 'stale' not in state.refusal]
+    assert {state.phase for state in timely} == {GripPhase.HOLD}
     assert result(ros, fingers.ask(ros, 0.0))[1].message == 'the hand is open'
     assert ros.until(lambda: grip._next is None and not grip.unheard)
     fingers.free, count = True, len(fingers.states)

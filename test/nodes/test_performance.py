@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+import time
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +21,8 @@ from tactile_ros.types import Recording
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+
+PATIENCE_S = 120.0
 
 
 class Echo:
@@ -89,10 +93,18 @@ def test_every_row_comes_back_and_every_rest_is_tared(
     assert not (tmp_path / 'port').is_symlink()
 
 
-def test_what_the_graph_lacks_is_said(short: Recording, tmp_path: Path, echo: Echo) -> None:
-    played = Performance(
-        score_of(short, tmp_path, 0.3), echo.ledger, None, lambda: 'contact_node is missing'
-    )
+def test_what_the_graph_lacks_is_said(
+    short: Recording, tmp_path: Path, echo: Echo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ahead = [0.0]
+    clock = SimpleNamespace(monotonic=lambda: time.monotonic() + ahead[0])
+    monkeypatch.setattr(performance, 'time', clock)
+
+    def missing() -> str:
+        ahead[0] += PATIENCE_S  # only once the port is read, which takes a busy machine long
+        return 'contact_node is missing'
+
+    played = Performance(score_of(short, tmp_path, PATIENCE_S), echo.ledger, None, missing)
     with pytest.raises(DeviceError, match='contact_node is missing'):
         played.play(loop=False, on_end=print)
 

@@ -26,7 +26,7 @@ NODES = """
     from tactile_ros.nodes.graph import Graph, Process
     from tactile_ros.nodes.processes import Running
     with Running(Graph((Process('sensor_node', {'port': '/nowhere'}),))) as running:
-        running.wait_for_line('sensor_node', '/nowhere', 20.0)
+        running.wait_for_line('sensor_node', '/nowhere', 120.0)
         print(running.pid('sensor_node'), flush=True)
         running.wait('sensor_node', 120.0)
 """

@@ -6,6 +6,7 @@ With a hand the grip is part of it, and decides the same numbers as over DDS and
 from __future__ import annotations
 
 import gc
+from itertools import cycle
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
@@ -60,7 +61,7 @@ def test_contacts_without_a_frame_on_the_wire(
     heard: list[TactileContacts] = []
     listener.create_subscription(TactileContacts, 'contacts', heard.append, data())
     lifecycle.start([contact, sensor])
-    waiting = iter(rows)
+    waiting = cycle(rows)
     assert ros.until(lambda: heard or port.send(encode(next(waiting))))
     for _ in range(10):
         port.send(encode(next(waiting)))

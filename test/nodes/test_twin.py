@@ -89,7 +89,7 @@ def test_a_twin_lives_and_recovers_from_a_fault(ros: Ros, sensor: str) -> None:
     before = threads()
     node, listener = twin_of(ros, sensor, 'seed:=3')
     lifecycle.start([node])
-    assert ros.until(lambda: len(listener.frames) > 30 and listener.truths)
+    assert ros.until(lambda: len(listener.frames) > 30 and listener.truths and listener.layouts)
     layout = read_layout(listener.layouts[0])
     spec = load_sensor(sensor)
     assert layout.shape == spec.layout(spec.config()).shape
@@ -103,10 +103,11 @@ def test_a_twin_lives_and_recovers_from_a_fault(ros: Ros, sensor: str) -> None:
 
     def told() -> bool:
         said = listener.said()
-        return any(said.get(name, '0') not in ('0', 'not in this protocol') for name in names)
+        counted = any(said.get(name, '0') not in ('0', 'not in this protocol') for name in names)
+        # diagnostics may be made between the first and the last of three
+        return counted and said['injected'] == f'3 {fault}'
 
     assert ros.until(told), listener.said()
-    assert listener.said()['injected'] == f'{3} {fault}'
     count = len(listener.frames)
     assert ros.until(lambda: sum(m.valid for m in listener.frames[count:]) > 20)
     assert not began_anew(listener.frames)
@@ -125,10 +126,14 @@ def test_an_unplugged_twin_comes_back_within_two_seconds(ros: Ros) -> None:
     lifecycle.start([node])
     assert ros.until(lambda: len(listener.frames) > 50)
     set_fault(ros, listener, 'unplug')
-    assert ros.until(lambda: listener.said().get('reconnects') == '1')
-    gaps = np.diff([m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in listener.frames])
-    # the twin is away for one second
-    assert 0.9 < gaps.max() < 1.0 + 2.0
+
+    def longest_gap() -> float:
+        stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in listener.frames]
+        return float(np.diff(stamps).max())
+
+    # the twin is away for one second; a port may be open before the next frame is heard
+    assert ros.until(lambda: listener.said().get('reconnects') == '1' and longest_gap() > 0.9)
+    assert longest_gap() < 1.0 + 2.0
     assert all(m.valid for m in listener.frames)
 
 
@@ -137,10 +142,12 @@ def test_saturation_is_marked_and_said(ros: Ros) -> None:
     lifecycle.start([node])
     assert ros.until(lambda: listener.frames)
     set_fault(ros, listener, 'saturation:40')
-    assert ros.until(lambda: 'saturated taxels' in listener.said().get('message', ''))
-    marked = [m for m in listener.frames if any(s & TaxelStatus.SATURATED for s in m.status)]
-    assert marked
-    assert not any(m.valid for m in marked)
+
+    def marked() -> list[TactileFrame]:
+        return [m for m in listener.frames if any(s & TaxelStatus.SATURATED for s in m.status)]
+
+    assert ros.until(lambda: 'saturated taxels' in listener.said().get('message', '') and marked())
+    assert not any(m.valid for m in marked())
     assert listener.diagnostics[-1].status[0].level == b'\x01'
 
 
@@ -162,6 +169,7 @@ def test_truth_is_the_signal_at_the_stamp_of_the_frame(ros: Ros) -> None:
     lifecycle.start([node])
     assert ros.until(lambda: any(m.in_contact == 1 for m in listener.truths))
     assert ros.until(lambda: sum(m.in_contact == 1 for m in listener.truths) > 60)
+    assert ros.until(lambda: listener.layouts)
     truths = {m.sequence: m for m in listener.truths}
     layout = read_layout(listener.layouts[0])
     rows = [
