@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from tactile_ros.nodes.graph import Graph, Process
 
-STOP_S = 5.0
+STOP_S = 20.0  # a recorder writes its index at the end
 STARTED_BY = 'TACTILE_STARTED_BY'  # environment variable: process id of who started a node
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 MOST_LINES = 2000
