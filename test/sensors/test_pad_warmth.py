@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactile_ros.cli.models import sentences
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.nodes.contact_stage import ContactStage
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
@@ -118,6 +119,9 @@ def test_a_fit_is_the_same_whatever_was_fitted_before() -> None:
     pipeline = SPEC.pipeline(estimator='kernel_ridge').fit(*warm_rests(-2e-3))
     digest = pipeline.digest
     assert pipeline.fit(*warm_rests(-2e-3)).digest == digest
+    told = [said for said in sentences(pipeline.report) if said.startswith('found: ')]
+    assert len(told) == 1
+    assert 'per degree -0.001' in told[0]
 
 
 def with_chips(seen: Recording, chips: np.ndarray, status: np.ndarray | None = None) -> Recording:

@@ -50,7 +50,7 @@ class Warmth:
     def report(self) -> Report:
         """What was found of the magnets, where chips told temperatures."""
         found = {'per degree': self.slope_, 'sigma': self.unsure_}
-        return {'field at rest': found} if self.told_ else {}
+        return {'found: change of the field at rest': found} if self.told_ else {}
 
     def fit(self, signals: Signals) -> Signals:
         """Learn from what rests at other temperatures than its tare; frames with what was learned.
