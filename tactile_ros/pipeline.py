@@ -113,7 +113,7 @@ class Pipeline:
     @property
     def baseline_temperature_c(self) -> Array | None:
         """What chips (t,) told with the baseline, NaN: nothing; None: it is not heeded."""
-        return self.rest_.parted(self.stream.tracker.baseline)[1]
+        return self.rest_.parted(self.stream.tracker.baseline.copy())[1]
 
     def process(self, frame: Frame) -> ContactState:
         """Estimate from the next frame of the stream.
@@ -244,6 +244,8 @@ class Pipeline:
         dead = dead_throughout(bits)
         usable, bits = set_aside(usable, bits, dead)
         rest = self._unknown_rest()
+        if rest.temperature_c is not None:  # the threshold is learned before their slope
+            self.estimation.forget_warmth()  # type: ignore[attr-defined]
         resting, ordered = truth.resting_rows(joined), truth.are_ordered(recordings)
         seen = joined.stamp_ns, joined.restarts, ordered, joined.temperature_c
         self.rest_ = rest.learn(usable, resting, *seen)

@@ -88,7 +88,7 @@ class Estimation(Protocol):
     names taxels (s, t) of readings (s, t, c) that no sensor can give: they count as not read,
     also in baselines. With `warmed(baseline, then_c, now_c)` it tells how baselines (s, t, c) have
     changed (s, t, c) since the chips told the temperatures `then_c` (s, t), now that they tell
-    `now_c` (s, t) or None; `delta` is less by that.
+    `now_c` (s, t) or None; `delta` is less by that; its `forget_warmth()` is called before a fit.
     """
 
     @property

@@ -1,4 +1,4 @@
-"""Which model a calibration chose, what terms of its scene buy, what its recordings lack."""
+"""Which model a calibration chose, what terms of its scene buy, what recordings told and lack."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from tactile_ros.signals import Report
 
-LACK = 'not told: '
-KINDS = ('model: ', 'term: ', LACK)
+LACK, FOUND = 'not told: ', 'found: '
+KINDS = ('model: ', 'term: ', LACK, FOUND)
 
 
 def sentences(report: Report) -> list[str]:
@@ -25,7 +25,7 @@ def sentences(report: Report) -> list[str]:
                 f'{name}; estimated it widens errors {found["costs"]:.3g} times, '
                 f'left out it would {found["buys"]:.3g} times'
             )
-        elif name.startswith(LACK):
+        elif name.startswith((LACK, FOUND)):
             figures = ', '.join(f'{what} {value:.3g}' for what, value in found.items())
             said.append(f'{name}; {figures}' if figures else name)
     return said

@@ -40,7 +40,7 @@ class BaselineTracker:
     ----------
     start : ndarray, shape (t, c) or more channels
         Baseline at the start of the stream (unit of values). What frames have beyond the channels
-        of `tracking` is followed with them, and says nothing about rest.
+        of `tracking` is followed with them by what was told of it, and says nothing about rest.
     tracking : Tracking or None
         None: the baseline stays.
     doubt : float
@@ -57,7 +57,9 @@ class BaselineTracker:
         self.tracking = tracking
         self._felt = slice(None if tracking is None else tracking.scale.shape[1])
         self._unknown = bool(np.isnan(start[:, self._felt]).any())
+        beside = tracking is not None and start.shape[1] > tracking.scale.shape[1]
         self._total = np.zeros_like(start)
+        self._told = np.zeros(start.shape, np.int64) if beside else None
         self._count = 0
         self._begin_ns = 0
         self._quiet = True
@@ -114,6 +116,10 @@ class BaselineTracker:
             near = np.abs(block - self.baseline)[:, :, self._felt] <= scale
             self._quiet = np.count_nonzero(near) == near.size
         if self._quiet:
+            if self._told is not None:
+                told = np.isfinite(block)
+                self._told = self._told + np.count_nonzero(told, axis=0)
+                block = np.where(told, block, 0.0)
             # row by row onto the total, so that pieces of a stream sum as the whole does
             self._total = self._total + block[0]
             if len(block) > 1:
@@ -123,14 +129,24 @@ class BaselineTracker:
     def _close(self, stamp_ns: int, tracking: Tracking) -> None:
         """End the running block: follow if it was at rest, and begin the next."""
         if self._quiet:
-            mean = self._total / self._count
-            self.baseline = self.baseline + tracking.gain * (mean - self.baseline)
+            mean = self._mean()
+            moved = self.baseline + tracking.gain * (mean - self.baseline)
+            # what was untold begins anew where it is told: the readings were followed meanwhile
+            known = self._told is None or not np.isnan(self.baseline).any()
+            self.baseline = moved if known else np.where(np.isnan(self.baseline), mean, moved)
             kept, new = (1 - tracking.gain) ** 2, tracking.gain**2 / self._count
             self.doubt = kept * self.doubt + new if self.doubt else 0.0
         self._total = np.zeros(self.baseline.shape)
+        self._told = None if self._told is None else np.zeros_like(self._told)
         self._count = 0
         self._begin_ns = stamp_ns
         self._quiet = True
+
+    def _mean(self) -> Array:
+        """Mean of the running block, which was at rest; NaN of what was untold."""
+        if self._told is None:
+            return self._total / self._count
+        return self._total / np.where(self._told > 0, self._told, np.nan)
 
 
 def tare_runs(tare: Bools, restarts: Bools) -> tuple[Integers, Integers]:

@@ -21,6 +21,8 @@ from tactile_ros.types import Array, Bools, Integers
 
 FEWEST_PAIRS = 8
 
+COLDEST, HOTTEST = -60.0, 200.0  # degrees Celsius
+
 
 @dataclass(frozen=True)
 class Rest:
@@ -70,14 +72,20 @@ class Rest:
         """Baseline (t, c); with temperatures, where they are heeded, as one more channel."""
         if self.temperature_c is None:
             return self.baseline
-        return np.concatenate([self.baseline, self.temperature_c[:, None]], axis=1)
+        chips = self._of_living(self.temperature_c)
+        return np.concatenate([self.baseline, chips[:, None]], axis=1)
 
     def beside(self, values: Array, chips: Array | None) -> Array:
         """Readings (s, t, c) as `level` has them: chips tell temperatures (s, t), or None."""
         if self.temperature_c is None:
             return values
         told = np.full(values.shape[:2], np.nan) if chips is None else chips
-        return np.concatenate([values, told[:, :, None]], axis=2)
+        return np.concatenate([values, self._of_living(told)[:, :, None]], axis=2)
+
+    def _of_living(self, chips: Array) -> Array:
+        """Temperatures (..., t), NaN of what is none and of dead taxels, whose may stand still."""
+        told = sound(chips)
+        return told if self.dead is None else np.where(self.dead, np.nan, told)
 
     def parted(self, levels: Array) -> tuple[Array, Array | None]:
         """Baselines (s, t, c) and temperatures (s, t), or None, of levels as `level` has them."""
@@ -218,6 +226,12 @@ class Rest:
         if np.count_nonzero(judged) < len(judged):
             contact[~judged] = -1
         return contact
+
+
+def sound(chips: Array) -> Array:
+    """Temperatures, NaN of what no chip can have."""
+    told = (chips >= COLDEST) & (chips <= HOTTEST)
+    return chips if np.count_nonzero(told) == told.size else np.where(told, chips, np.nan)
 
 
 def mean_warmth(chips: Array | None) -> Array | None:

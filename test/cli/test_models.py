@@ -23,12 +23,14 @@ def test_models_terms_and_lacks_are_told() -> None:
         'model: 27 dipoles': {'worst_error': 1.234e-7, 'noise': 4e-6},
         'term: tilt': {'costs': 4.567, 'buys': 33.1},
         'not told: temperature': {},
+        'found: change of the field at rest': {'per degree': -1.2e-3, 'sigma': 3.6e-4},
         'not told: loads (N)': {'least': 1.5, 'most': 9.96},
     }
     assert sentences(report) == [
         'model: 27 dipoles; it errs by 1.2e-07 at most, noise is 4e-06',
         'term: tilt; estimated it widens errors 4.57 times, left out it would 33.1 times',
         'not told: temperature',
+        'found: change of the field at rest; per degree -0.0012, sigma 0.00036',
         'not told: loads (N); least 1.5, most 9.96',
     ]
 

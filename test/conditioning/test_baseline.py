@@ -135,6 +135,22 @@ def test_what_is_no_reading_is_followed_with_the_readings_and_says_nothing_about
     np.testing.assert_array_equal(found[..., :-1], plain[:200])
 
 
+@pytest.mark.parametrize('untold', [slice(None, None, 7), slice(30, 31), slice(40, 90)])
+def test_frames_that_tell_no_temperature_cost_no_others(untold: slice) -> None:
+    stamp_ns = np.arange(200) * 10  # ten frames a block
+    values = np.zeros((200, *SHAPE))
+    warmth = np.full((200, SHAPE[0], 1), 30.0)
+    warmth[untold] = np.nan
+    beside = np.concatenate([values, warmth], axis=2)
+    start = np.concatenate([np.zeros(SHAPE), np.full((SHAPE[0], 1), 20.0)], axis=1)
+    tracker = BaselineTracker(start, TRACKING)
+    held = tracker(beside, stamp_ns)
+    assert (held[-1, :, -1] > 29.0).all()
+    pieced = BaselineTracker(start, TRACKING)
+    one = np.concatenate([pieced(beside[i : i + 1], stamp_ns[i : i + 1]) for i in range(200)])
+    np.testing.assert_array_equal(one, held)
+
+
 def test_drift_is_followed_at_rest_and_a_held_contact_does_not_fade() -> None:
     stamp_ns = np.arange(4000) * 10
     drift = np.linspace(0, 8, 4000)[:, None, None] * np.ones(SHAPE)

@@ -55,6 +55,19 @@ def test_a_baseline_has_the_temperatures_of_its_frames_where_they_are_heeded() -
         learned.tared_by(learned.beside(np.full((4, *SHAPE), np.nan), chips[:4]))
 
 
+def test_what_no_chip_can_have_and_chips_of_dead_taxels_tell_no_temperature() -> None:
+    values, rows = resting(), np.arange(ROWS) < 150
+    chips = np.full((ROWS, 2), 20.0)
+    chips[3:8, 0] = -273.15, 1e9, np.inf, -np.inf, 1e300
+    rest = Rest.unknown(SHAPE, 0.1, warms=True)
+    learned = rest.learn(values, rows, None, no_restarts(), True, chips)
+    np.testing.assert_allclose(learned.temperature_c, 20.0)
+    partly = learned.threshold(values[:0], dead=np.array([False, True]))
+    np.testing.assert_allclose(partly.level[:, -1], [20.0, np.nan])
+    told = partly.tared_by(partly.beside(values[:9], chips[:9])).temperature_c
+    np.testing.assert_allclose(told, [20.0, np.nan])
+
+
 @pytest.mark.parametrize('stamped', [True, False])
 def test_resting_rows_give_baseline_and_noise(stamped: bool) -> None:
     values, rows = resting(), np.arange(ROWS) < 150

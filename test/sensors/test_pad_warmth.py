@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactile_ros.cli.models import sentences
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.nodes.contact_stage import ContactStage
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.magnet_pad.warmth import UNSURE, Warmth
-from tactile_ros.types import ContactStates, Frame, Recording
+from tactile_ros.types import ContactStates, Frame, Recording, TaxelStatus
 
 pytest.importorskip('magpylib')
 FILE = Path(__file__).parents[1] / 'reference' / 'magnet_pad_world.py'
@@ -85,8 +86,9 @@ def test_magnets_of_another_kind_are_doubted_more_the_warmer_they_are() -> None:
     assert sigmas[0] < sigmas[1] < sigmas[2] < 0.5 * sigmas[3]
 
 
-def test_rests_at_other_temperatures_tell_the_slope() -> None:
-    slope, parts = -2e-3, []
+def warm_rests(slope: float) -> list[Recording]:
+    """Recordings that grow warm after their tares, at rest too."""
+    parts = []
     for seed, rise in enumerate((-4.0, 3.0, 5.0)):
         _, seen = presses(20 + seed, 60)
         rest = np.arange(REST) % len(seen)
@@ -95,7 +97,12 @@ def test_rests_at_other_temperatures_tell_the_slope() -> None:
         seen = Recording.from_arrays(LAYOUT, seen.values, tare=tare, truth=dict(seen.truth))
         above = np.where(tare, 0.0, rise * np.arange(len(seen)) / len(seen))
         parts.append(WORLD.warmed(seen, above, seed, slope=slope, layout=LAYOUT))
-    found = SPEC.pipeline(estimator=TABLE).fit(*parts).estimation.tares_.warmth_
+    return parts
+
+
+def test_rests_at_other_temperatures_tell_the_slope() -> None:
+    slope = -2e-3
+    found = SPEC.pipeline(estimator=TABLE).fit(*warm_rests(slope)).estimation.tares_.warmth_
     assert found.slope_ == pytest.approx(slope, rel=0.25)
     assert found.unsure_ < 0.8 * Warmth().unsure_
 
@@ -106,6 +113,49 @@ def test_the_noise_of_thermometers_moves_no_force() -> None:
     states = pipeline.process_batch(warm(0.0, thermometer=5.0)[1])
     touches = warm(0.0)[0]
     assert judged(states, touches)[0] < 1.1 * judged(rough, touches)[0]
+
+
+def test_a_fit_is_the_same_whatever_was_fitted_before() -> None:
+    pipeline = SPEC.pipeline(estimator='kernel_ridge').fit(*warm_rests(-2e-3))
+    digest = pipeline.digest
+    assert pipeline.fit(*warm_rests(-2e-3)).digest == digest
+    told = [said for said in sentences(pipeline.report) if said.startswith('found: ')]
+    assert len(told) == 1
+    assert 'per degree -0.001' in told[0]
+
+
+def with_chips(seen: Recording, chips: np.ndarray, status: np.ndarray | None = None) -> Recording:
+    return Recording.from_arrays(
+        LAYOUT, seen.values, temperature_c=chips, tare=seen.tare, truth=dict(seen.truth),
+        status=status,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize('told', [-273.15, 1e9, 1e300, -np.inf])
+def test_a_temperature_that_no_chip_can_have_is_none(told: float) -> None:
+    _, seen = warm(5.0)
+    chips = np.array(seen.temperature_c)
+    chips[REST:, 1] = told
+    without = np.where(chips == told, np.nan, chips)
+    found, wanted = (known(TABLE).process_batch(with_chips(seen, c)) for c in (chips, without))
+    np.testing.assert_array_equal(found.force, wanted.force)
+
+
+def test_one_chip_may_tell_nothing_and_that_of_a_dead_taxel_may_stand_still() -> None:
+    rises = []
+    for chip, dead in ((np.nan, 0), (25.0, TaxelStatus.DEAD)):
+        given = []
+        for seen in (warm(0.0, 1, 300, thermometer=1.0)[1], warm(5.0)[1]):
+            chips, bits = np.array(seen.temperature_c), np.zeros((len(seen), 2), np.uint8)
+            chips[:, 1], bits[:, 1] = chip, dead
+            given.append(with_chips(seen, chips, bits))
+        pipeline = SPEC.pipeline(estimator='kernel_ridge').fit(given[0])
+        warmth = pipeline.estimation.tares_.warmth_
+        assert warmth.thermometer_ == pytest.approx(1.0, rel=0.2)
+        warmth.thermometer_ = 0.0
+        conditioned = pipeline._conditioned_rows(given[1], *pipeline._readings(given[1]))
+        rises.append(warmth.rise(conditioned.rest_temperature_c, conditioned.temperature_c)[REST:])
+    np.testing.assert_allclose(rises, 5.0, atol=0.1)
 
 
 @pytest.mark.parametrize('estimator', [TABLE, 'nominal'])

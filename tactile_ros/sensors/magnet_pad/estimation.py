@@ -282,7 +282,7 @@ class Localisation(Regressed):
     def _inverse(self, signals: Signals, x: Array) -> Columns:
         """What the response of the pad answers to readings x (s, c) as these signals are."""
         assert self.inversion_ is not None
-        mean = self.inversion_.invert(x, self._centres).mean
+        mean = self.inversion_.telling(self.inversion_.alive(x), self._centres).mean
         answers: Columns = {'position': mean[:, :3], 'force': mean[:, 3:]}
         gone = ('force',) if self._remembers(signals) else ()
         return {k: answers[k] for k in answers if k in self.inverted_ and k not in gone}

@@ -28,7 +28,7 @@ from tactile_ros.sensors.magnet_pad.cells import (
 )
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.sensors.magnet_pad.nominal import uniform_response
-from tactile_ros.sensors.magnet_pad.tares import TareNoise
+from tactile_ros.sensors.magnet_pad.tares import Tared, TareNoise
 from tactile_ros.sensors.magnet_pad.touches import KnownTouches
 from tactile_ros.sensors.magnet_pad.warmth import noise_of_rest
 
@@ -72,7 +72,7 @@ class PadHead(Head):
         return 1 if 'perceptron' in known and rows > MANY else super().rounds(known, rows)
 
 
-class Regressed(Recognition):
+class Regressed(Tared, Recognition):
     """Regressors and neighbours of the magnet pad.
 
     Parameters
@@ -259,10 +259,6 @@ class Regressed(Recognition):
         live = np.nan_to_num(signals.delta[signals.good]).any(axis=(0, 2))
         common[~np.repeat(live, 3)] = 0.0
         return common if live.sum() > 1 and self.config.stray_term else None
-
-    def warmed(self, base: Array, then_c: Array, now_c: Array | None) -> Array:
-        """Change of baselines since the chips told other temperatures."""
-        return self.tares_.warmth_.change(base, then_c, now_c)
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Targets of every row; see `Regression`."""

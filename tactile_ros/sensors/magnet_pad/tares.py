@@ -55,6 +55,8 @@ class TareNoise:
         By differences of their answers to readings (s, width) that are wrong by the noise of few
         frames, a channel after the other, and by a temperature that is not well known.
         """
+        if not heads:
+            return
         doubt, (warm, by) = self.doubt(signals), self.warmth_.unsure(signals, self.noise_)
         rows = np.flatnonzero(doubt > 1 / MANY) if self.noise_ else np.zeros(0, np.int64)
         x, rest = (part.reshape(-1, width) for part in (signals.delta, signals.baseline))
@@ -87,6 +89,26 @@ class TareNoise:
                 cov = np.array(known[f'{target}_cov'], np.float64)
                 cov[rows] += moved[:, :, None] * moved[:, None]
                 known[f'{target}_cov'] = cov
+
+
+class Tared:
+    """What an estimation says of its baselines.
+
+    Attributes
+    ----------
+    tares_ : TareNoise
+        Of the fit.
+    """
+
+    tares_: TareNoise
+
+    def warmed(self, base: Array, then_c: Array, now_c: Array | None) -> Array:
+        """Change of baselines since the chips told other temperatures."""
+        return self.tares_.warmth_.change(base, then_c, now_c)
+
+    def forget_warmth(self) -> None:
+        """Before a fit: it begins with magnets of neodymium, whatever was learned before."""
+        self.tares_.warmth_ = Warmth()
 
 
 def _moved(head: Head, x: Array, rest: Array, by: Array) -> Array:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.conditioning.rest import sound
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ class Warmth:
     def report(self) -> Report:
         """What was found of the magnets, where chips told temperatures."""
         found = {'per degree': self.slope_, 'sigma': self.unsure_}
-        return {'field at rest': found} if self.told_ else {}
+        return {'found: change of the field at rest': found} if self.told_ else {}
 
     def fit(self, signals: Signals) -> Signals:
         """Learn from what rests at other temperatures than its tare; frames with what was learned.
@@ -59,7 +60,8 @@ class Warmth:
         then_c, now_c = signals.rest_temperature_c, signals.temperature_c
         if then_c is None or now_c is None:
             return signals
-        self.thermometer_ = _noise(now_c[signals.good])
+        heeded = np.where(np.isfinite(then_c), now_c, np.nan)
+        self.thermometer_ = _noise(heeded[signals.good])
         self.told_ = bool(np.isfinite(now_c[signals.good]).any())
         read = signals.values - signals.baseline
         rest = signals.good & (signals.in_contact == 0)
@@ -84,9 +86,9 @@ class Warmth:
     def rise(self, then_c: Array, now_c: Array) -> Array:
         """Degrees (s,) by which chips (s, t) are warmer than at the tare; 0 where nobody told.
 
-        What may be the noise of thermometers is taken for it.
+        What may be the noise of thermometers is taken for it, and what no chip can be for untold.
         """
-        apart = now_c - then_c
+        apart = sound(now_c) - then_c
         told = np.isfinite(apart)
         count = np.count_nonzero(told, axis=1)
         rise = np.where(told, apart, 0.0).sum(axis=1) / np.maximum(count, 1)
@@ -113,17 +115,18 @@ class Warmth:
         channels = signals.baseline[0].size if len(signals.baseline) else 0
         if then_c is None or now_c is None or not noise:
             return np.zeros(0, np.int64), np.zeros((0, channels))
-        rise = self.rise(then_c, now_c)
-        level = np.nan_to_num(signals.baseline.reshape(len(rise), -1))
-        sigma = (self.unsure_ * rise)[:, None] * level
-        rows = np.flatnonzero(np.square(sigma).sum(axis=1) > (SMALL * noise) ** 2)
+        by = self.unsure_ * self.rise(then_c, now_c)
+        level = signals.baseline.reshape(len(by), -1)
+        rows = np.flatnonzero(by * by * (level * level).sum(axis=1) > (SMALL * noise) ** 2)
         rows = rows[np.isfinite(signals.delta[rows]).all(axis=(1, 2))]
-        return rows, sigma[rows]
+        return rows, by[rows, None] * level[rows]
 
 
 def _noise(chips: Array) -> float:
     """Noise of the mean temperature of frames (s, t), which change slowly (degrees)."""
-    known = chips[np.isfinite(chips).all(axis=1)].mean(axis=1)
+    told = np.isfinite(chips)
+    chips, told = (part[:, told.any(axis=0)] for part in (chips, told))
+    known = chips[told.all(axis=1)].mean(axis=1) if told.size else np.zeros(0)
     if len(known) < 2:
         return 0.0
     return float(np.median(np.abs(np.diff(known)))) / MEDIAN
