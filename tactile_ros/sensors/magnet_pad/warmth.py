@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from tactile_ros.signals import Report, Signals
     from tactile_ros.types import Array, Integers
 
-UNSURE = 0.3  # of the slope: what magnets of other kinds, or that lag the chips, differ by
+# of the slope: two sigma reach from magnets that stay cold beside warm chips to ferrite
+UNSURE = 0.5
 LEAST_UNSURE = 0.05  # however much was recorded
 SIGMAS = 3.0  # of the thermometers, below which a difference may be their noise
 SMALL = 0.3  # of the noise of a channel, in all channels together
