@@ -83,6 +83,11 @@ collect_ignore = [path for paths in LEFT_OUT.values() for path in paths]
 collect_ignore += ['launch/launched.py']  # launch_testing runs it: test/launch/test_launched.py
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Let the states that test_oracle compares with be written anew."""
+    parser.addoption('--write-oracle', action='store_true', help='write test/data/oracle anew')
+
+
 def pytest_report_header() -> list[str]:
     """Say which domain this is, and what is left out."""
     without = [f'without {name}: test/{{{",".join(x)}}} left out' for name, x in LEFT_OUT.items()]
