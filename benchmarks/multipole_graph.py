@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from tactile_ros.cli.record import wait_for_frames
+from tactile_ros.enrolment import playing
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.driver_speed import processor_s
 from tactile_ros.evaluation.metrics import Spread, latency
@@ -23,7 +24,6 @@ from tactile_ros.evaluation.recording import load
 from tactile_ros.evaluation.replay import replay
 from tactile_ros.nodes.graph import Setting, sensing
 from tactile_ros.nodes.processes import Running
-from tactile_ros.presses import playing
 from tactile_ros.sensors import load_sensor
 
 SECONDS = {'quick': 3.0, 'normal': 35.0, 'full': 120.0}

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 import tactile_ros
-from tactile_ros.calibration.beside import write_beside
+from tactile_ros.calibration import write_beside
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.archive import load_recording, save_recording
 from tactile_ros.evaluation.report import render
 from tactile_ros.evaluation.result import Dataset, Result
 from tactile_ros.evaluation.truth_topics import _label
-from tactile_ros.types import Layout, Recording
-from tactile_ros.types.names import MOST_CHARACTERS, admit_name
+from tactile_ros.types import Layout, Recording, admit_name
+from tactile_ros.types.frame import MOST_CHARACTERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -172,13 +172,13 @@ def test_what_is_written_goes_through_it() -> None:
         if name.endswith(('.write_text', '.write_bytes', 'np.savez', 'np.savez_compressed'))
     }
     assert direct <= {
-        'calibration/beside.py', 'calibration/archive.py', 'evaluation/archive.py',
+        'calibration.py', 'evaluation/archive.py',
         'evaluation/bag.py', 'sensors/reskin_board/recordings/convert.py',
     }  # fmt: skip
 
 
 def test_the_page_says_the_caps_that_the_code_has() -> None:
-    from tactile_ros.calibration import archive as calibrations
+    from tactile_ros import calibration as calibrations
     from tactile_ros.cli.sources import MOST_YAML_BYTES
     from tactile_ros.evaluation import archive as recordings
     from tactile_ros.evaluation.container import LARGEST_CHUNK

@@ -1,5 +1,5 @@
 """The command `tactile`: one file per command."""
 
-from tactile_ros.blas import use_one_thread
+from tactile_ros import use_one_thread
 
 use_one_thread()

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from tactile_ros.sensors import Design, SensorSpec
-    from tactile_ros.types.table import Table
+    from tactile_ros.types import Table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

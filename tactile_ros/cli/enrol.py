@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING
 from tactile_ros.cli.destination import refuse_unwritable
 from tactile_ros.cli.sources import find
 from tactile_ros.cli.working import working
+from tactile_ros.enrolment import Allowed, learn, recording_of, window_of
 from tactile_ros.errors import RecordingError, TactileError
 from tactile_ros.evaluation.class_changes import presses_in
 from tactile_ros.evaluation.fleet import open_calibration
-from tactile_ros.lesson import Allowed, learn, recording_of, window_of
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tactile_ros.signals import Report
+    from tactile_ros.types import Report
 
 LACK, FOUND = 'not told: ', 'found: '
 KINDS = ('model: ', 'term: ', LACK, FOUND)

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from tactile_ros.sensors import SensorSpec
-    from tactile_ros.signals import SensorConfig
-    from tactile_ros.types import Layout
+    from tactile_ros.types import Layout, SensorConfig
 
 MOST_YAML_BYTES = 1_000_000
 

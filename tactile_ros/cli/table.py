@@ -10,7 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from tactile_ros.types.table import Cell
+    from tactile_ros.types.contracts import Cell
 
 
 def figure(value: Cell, digits: int = 3) -> str:

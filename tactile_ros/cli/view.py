@@ -39,8 +39,7 @@ if TYPE_CHECKING:
     from tactile_ros.evaluation.loaded import LoadedRecording
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.sensors import SensorSpec
-    from tactile_ros.signals import SensorConfig
-    from tactile_ros.types import ContactState, Frame, Layout
+    from tactile_ros.types import ContactState, Frame, Layout, SensorConfig
 
     Shown = tuple[Layout, Frame, ContactState]
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tactile_ros.types.fields import admit, number, switch, text_of, whole
+from tactile_ros.types.config_fields import admit, number, switch, text_of, whole
 
 SAFE_ACTIONS = ('hold', 'open')
 

@@ -15,7 +15,7 @@ from tactile_ros.devices.framed_payloads import three_axis_chips
 from tactile_ros.devices.mlx90393 import ChipSettings, tesla_per_lsb
 from tactile_ros.devices.mux import ChipPlace
 from tactile_ros.devices.transport import I2cBus
-from tactile_ros.types.fields import switch, text_of, texts, whole, whole_numbers
+from tactile_ros.types.config_fields import switch, text_of, texts, whole, whole_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Callable

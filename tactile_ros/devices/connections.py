@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from tactile_ros.devices.framed_board import FramedBoard
 from tactile_ros.devices.framed_twin import FramedTwin
-from tactile_ros.types.fields import admit, switch, text_of, whole
+from tactile_ros.types.config_fields import admit, switch, text_of, whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.calibration.archive import HEADER
-from tactile_ros.calibration.beside import write_beside
+from tactile_ros.calibration import HEADER, write_beside
 from tactile_ros.errors import RecordingError
 from tactile_ros.types import Layout, Recording
 

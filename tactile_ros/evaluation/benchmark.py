@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal, TypeVar
 import numpy as np
 
 from tactile_ros import __version__
-from tactile_ros.calibration.beside import write_beside
+from tactile_ros.calibration import write_beside
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator

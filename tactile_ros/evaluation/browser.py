@@ -8,7 +8,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from tactile_ros.calibration.beside import write_beside
+from tactile_ros.calibration import write_beside
 from tactile_ros.errors import MissingPackageError, TactileError
 
 NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable', 'chrome')

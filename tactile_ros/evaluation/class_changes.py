@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.enrolment import EVERYTHING, Press, PressWatch, learn, recording_of, window_of
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.live_baselines import baselines_by_row
 from tactile_ros.evaluation.loaded import ClassChange
 from tactile_ros.frame_guard import FrameGuard
-from tactile_ros.lesson import EVERYTHING, Press, PressWatch, learn, recording_of, window_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

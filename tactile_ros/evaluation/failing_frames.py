@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros import truth
 from tactile_ros.evaluation.follow import batch_of, gathered
 from tactile_ros.frame_guard import ERROR, sentence_of, unknown
+from tactile_ros.types.recording import refuse_foreign
 
 if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
@@ -35,7 +35,7 @@ def estimated(recording: Recording, pipeline: Pipeline) -> tuple[ContactStates, 
 
     Raises ValueError if the shape, the unit or a channel differs from the layout.
     """
-    truth.refuse_foreign(pipeline.sensor, pipeline.layout, recording)
+    refuse_foreign(pipeline.sensor, pipeline.layout, recording)
     states, reason = _tried(recording, pipeline)
     if states is not None:
         return states, ()

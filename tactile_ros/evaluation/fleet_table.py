@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.calibration.beside import write_beside
+from tactile_ros.calibration import write_beside
 from tactile_ros.evaluation.archive import save_arrays
 from tactile_ros.evaluation.fleet import merged
 from tactile_ros.evaluation.tally import BINS, LEAST, RATIO

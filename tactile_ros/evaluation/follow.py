@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros import truth
 from tactile_ros.frame_guard import FrameGuard
 from tactile_ros.types import STATE_FIELDS, ContactStates
+from tactile_ros.types.recording import refuse_foreign
 
 if TYPE_CHECKING:
     from tactile_ros.evaluation.sensor_pieces import Piece
@@ -38,7 +38,7 @@ class Follower:
         """States of every row of the next piece; unknown where the live node saw no frame."""
         recording, rows = piece.recording, piece.rows
         taxels = recording.layout.shape[0]
-        truth.refuse_foreign(self.pipeline.sensor, self.pipeline.layout, recording)
+        refuse_foreign(self.pipeline.sensor, self.pipeline.layout, recording)
         if not len(rows):
             return ContactStates.assemble(len(recording), taxels, {})
         assert recording.stream is not None

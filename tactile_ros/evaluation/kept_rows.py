@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from tactile_ros.evaluation.metrics import TARGETS, judge
 from tactile_ros.evaluation.named import named_rows
-from tactile_ros.truth import BLOCKS, groups_of
+from tactile_ros.types import groups_of
+from tactile_ros.types.recording import BLOCKS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

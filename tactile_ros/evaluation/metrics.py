@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.evaluation.coverage import Coverage, coverage
-from tactile_ros.truth import groups_of
-from tactile_ros.types import Array, Bools, Integers
+from tactile_ros.types import Array, Bools, Integers, groups_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -7,7 +7,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING
 
 from tactile_ros import __version__
-from tactile_ros.calibration.beside import write_beside
+from tactile_ros.calibration import write_beside
 from tactile_ros.evaluation.page import (
     deviation,
     document,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.calibration.beside import write_beside
+from tactile_ros.calibration import write_beside
 from tactile_ros.evaluation.figures import colours_of, figures_of, headline
 from tactile_ros.evaluation.page import document, drawn, facts, listed, tiles
 from tactile_ros.evaluation.result import table

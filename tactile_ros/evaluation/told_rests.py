@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tactile_ros.conditioning.faults import DAMAGED, SAYS_NOTHING, UNUSABLE, taxel_faults
-from tactile_ros.truth import FIRM
 from tactile_ros.types import FrameStatus
+from tactile_ros.types.recording import FIRM
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

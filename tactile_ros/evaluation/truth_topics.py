@@ -11,14 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from tactile_ros.errors import RecordingError
 from tactile_ros.messages import stamp_ns
-from tactile_ros.types import TRUTH_KEYS
-from tactile_ros.types.names import admit_name
+from tactile_ros.types import TRUTH_KEYS, admit_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from tactile_ros.evaluation.bag_messages import Heard
-    from tactile_ros.messages.fields import HeaderMessage
+    from tactile_ros.messages import HeaderMessage
     from tactile_ros.types import Array, Bools, Integers, Recording
 
 DEFAULT_TRUTH = ('truth/contacts', 'truth/object_pose')

@@ -14,7 +14,7 @@ from tactile_ros.hands.allegro_v4 import AllegroV4
 from tactile_ros.hands.driver import NUMBERS, Topic
 from tactile_ros.hands.joint_messages import NumbersMessage, fill_numbers
 from tactile_ros.types import Array, GripCommand
-from tactile_ros.types.fields import array, text_of
+from tactile_ros.types.config_fields import array, text_of
 
 THUMB = ((0.0, 1.745), (-0.349, 1.169), (0.0, 1.169), (0.0, 1.571))
 FINGER = ((-0.524, 0.524), (0.0, 1.169), (0.0, 1.169), (0.0, 1.169))

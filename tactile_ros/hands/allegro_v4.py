@@ -12,7 +12,7 @@ from functools import cached_property
 from tactile_ros.hands.driver import NUMBERS, HandDriver, Topic
 from tactile_ros.hands.joint_messages import NumbersMessage, fill_numbers
 from tactile_ros.types import Array, GripCommand
-from tactile_ros.types.fields import array, text_of
+from tactile_ros.types.config_fields import array, text_of
 
 # rad, of thumb and of each finger, left and right alike
 THUMB = ((0.263, 1.396), (-0.105, 1.163), (-0.189, 1.644), (-0.162, 1.719))

@@ -14,7 +14,7 @@ from functools import cached_property
 from tactile_ros.hands.driver import JOINT_STATE, HandDriver, Topic
 from tactile_ros.hands.joint_messages import JointStateMessage, fill_joint_state
 from tactile_ros.types import Array, GripCommand
-from tactile_ros.types.fields import array, whole
+from tactile_ros.types.config_fields import array, whole
 
 FINGER = ((-0.47, 0.47), (-0.196, 1.8), (-0.174, 1.709), (-0.227, 1.618))
 THUMB = ((0.0, 1.78), (-0.26, 1.78), (-0.05, 1.85), (-0.09, 1.80))

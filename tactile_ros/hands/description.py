@@ -11,7 +11,7 @@ import yaml
 
 from tactile_ros.hands.driver import HandDriver, in_order, load_driver
 from tactile_ros.hands.finger import Finger
-from tactile_ros.types.names import admit_name
+from tactile_ros.types import admit_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, ClassVar, cast
 import numpy as np
 
 from tactile_ros.control import GripConfig
-from tactile_ros.types import Array, JointLimits
-from tactile_ros.types.fields import admit, array, maybe_array, number, text_of
-from tactile_ros.types.names import admit_name
+from tactile_ros.types import Array, JointLimits, admit_name
+from tactile_ros.types.config_fields import admit, array, maybe_array, number, text_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -7,9 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from tactile_ros.types import Array
-from tactile_ros.types.fields import admit, array, number, text_of, texts, whole
-from tactile_ros.types.names import admit_name
+from tactile_ros.types import Array, admit_name
+from tactile_ros.types.config_fields import admit, array, number, text_of, texts, whole
 
 TELLS = 0.1  # of the fastest joint's motion, below which a joint tells no closure
 

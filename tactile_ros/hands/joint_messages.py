@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Protocol, cast
 import numpy as np
 
 from tactile_ros.hands.driver import JOINT_STATE, TRAJECTORY, in_order
-from tactile_ros.messages import fill_header
-from tactile_ros.messages.fields import packed
+from tactile_ros.messages import fill_header, packed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from tactile_ros.messages.fields import HeaderMessage
+    from tactile_ros.messages import HeaderMessage
     from tactile_ros.types import Array, GripCommand
 
 

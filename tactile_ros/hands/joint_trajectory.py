@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from tactile_ros.hands.driver import TRAJECTORY, HandDriver, Topic
 from tactile_ros.hands.joint_messages import TrajectoryMessage, fill_trajectory
 from tactile_ros.types import GripCommand
-from tactile_ros.types.fields import number, texts
+from tactile_ros.types.config_fields import number, texts
 
 PERIODS = 2.0  # of commands, within which no point is reached: joints would wait for the next
 

@@ -15,7 +15,7 @@ from tactile_ros.control import GripConfig, qb_softhand
 from tactile_ros.hands.driver import TRAJECTORY, HandDriver, Topic
 from tactile_ros.hands.joint_messages import TrajectoryMessage, fill_trajectory
 from tactile_ros.types import Array, GripCommand
-from tactile_ros.types.fields import array, number, whole
+from tactile_ros.types.config_fields import array, number, whole
 
 
 @dataclass(frozen=True)

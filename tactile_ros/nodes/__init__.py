@@ -1,5 +1,5 @@
 """The ROS edge: lifecycle nodes around the pure core. The only room that imports rclpy."""
 
-from tactile_ros.blas import use_one_thread
+from tactile_ros import use_one_thread
 
 use_one_thread()

@@ -11,7 +11,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from tactile_ros import messages
-from tactile_ros.lesson import Allowed
+from tactile_ros.enrolment import Allowed
 from tactile_ros.msg import TactileContact, TactileContacts, TactileFrame, TactileLayout
 from tactile_ros.nodes.backlog import backlog
 from tactile_ros.nodes.contact_options import ContactOptions

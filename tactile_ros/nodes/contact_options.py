@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from tactile_ros.lesson import Allowed
+from tactile_ros.enrolment import Allowed
 from tactile_ros.nodes.node_options import OneSensorOptions
 
 

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from tactile_ros.pipeline import Pipeline
-    from tactile_ros.signals import Estimation
-    from tactile_ros.types import Bytes, ContactState
+    from tactile_ros.types import Bytes, ContactState, Estimation
 
 STALE = int(FrameStatus.STALE)
 

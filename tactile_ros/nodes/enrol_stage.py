@@ -13,13 +13,13 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from tactile_ros.enrolment import Allowed, PressWatch, learn, recording_of, refuse_name, window_of
 from tactile_ros.errors import CalibrationError, TactileError
-from tactile_ros.lesson import Allowed, PressWatch, learn, recording_of, refuse_name, window_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tactile_ros.lesson import Press
+    from tactile_ros.enrolment import Press
     from tactile_ros.nodes.contact_stage import ContactStage
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import ContactState, Frame

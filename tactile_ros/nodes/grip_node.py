@@ -14,7 +14,7 @@ from tactile_ros import messages
 from tactile_ros.control import GraspOutcome, GripConfig
 from tactile_ros.hands import load_hand
 from tactile_ros.hands.description import narrowed
-from tactile_ros.messages.fields import packed, vector
+from tactile_ros.messages import packed, vector
 from tactile_ros.msg import GripState, TactileContacts
 from tactile_ros.nodes.grasp_server import GraspServer
 from tactile_ros.nodes.grip_options import GripOptions

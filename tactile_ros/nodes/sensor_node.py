@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, Quaternion
 
 from tactile_ros import messages
+from tactile_ros.enrolment import playing
 from tactile_ros.msg import TactileContact, TactileContacts, TactileFrame, TactileLayout
 from tactile_ros.nodes.health import Health
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
@@ -18,7 +19,6 @@ from tactile_ros.nodes.reader import Reader
 from tactile_ros.nodes.sensor_options import SensorOptions
 from tactile_ros.nodes.twin import RELIEF, SignalTruth, parse_fault
 from tactile_ros.nodes.views import Views
-from tactile_ros.presses import playing
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:

@@ -17,8 +17,7 @@ from tactile_ros.regression.head import CLASSES as HEAD_CLASSES
 from tactile_ros.regression.head import ESTIMATORS, Head, known_columns
 
 if TYPE_CHECKING:
-    from tactile_ros.signals import Columns, Report, SensorConfig, Signals
-    from tactile_ros.types import Array, Bools, Integers
+    from tactile_ros.types import Array, Bools, Columns, Integers, Report, SensorConfig, Signals
 
 __all__ = ['CLASSES', 'ESTIMATORS', 'Regression']
 

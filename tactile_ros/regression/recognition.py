@@ -18,8 +18,7 @@ from tactile_ros.regression.estimation import Regression
 from tactile_ros.regression.head import FEWEST_ROWS, Head
 
 if TYPE_CHECKING:
-    from tactile_ros.signals import Columns, Report, SensorConfig, Signals
-    from tactile_ros.types import Array, Bools, Integers
+    from tactile_ros.types import Array, Bools, Columns, Integers, Report, SensorConfig, Signals
 
 NAMED = ('cell', 'label')
 VOTER = 'grid_knn'

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from tactile_ros.signals import Report, Signals
-    from tactile_ros.types import Array, Integers
+    from tactile_ros.types import Array, Integers, Report, Signals
 
 KIND = 'not told: '
 LIGHT = 1e-3  # of the largest load: less is none

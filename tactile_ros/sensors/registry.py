@@ -16,9 +16,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Mapping
 
-    from tactile_ros.signals import Estimation, SensorConfig
-    from tactile_ros.types import Device, Layout, Recording, Twin
-    from tactile_ros.types.table import Table
+    from tactile_ros.types import Device, Estimation, Layout, Recording, SensorConfig, Table, Twin
 
 
 class Design(Protocol):

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from tactile_ros.devices.framed_twin import FramedTwin
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.sensors.registry import SensorSpec
-    from tactile_ros.signals import SensorConfig
-    from tactile_ros.types import Array, ContactState, Frame
+    from tactile_ros.types import Array, ContactState, Frame, SensorConfig
 
 RESTING = 50  # frames of a tare
 AVERAGED = 25  # frames of a contact that lasts

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from tactile_ros.enrolment import Programme, Touches, growing_loads, recorded, thinned
 from tactile_ros.physics.dipoles import in_chip_axes
 from tactile_ros.pipeline import Pipeline
-from tactile_ros.presses import Programme, Touches, growing_loads, recorded, thinned
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer import signal as disc
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig

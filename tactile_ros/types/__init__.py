@@ -6,7 +6,6 @@ not measured or not estimated, never zero.
 
 from __future__ import annotations
 
-from tactile_ros.types.arrays import Array, Bools, Bytes, Integers, Singles, as_shape
 from tactile_ros.types.contact import (
     STATE_FIELDS,
     Contact,
@@ -14,11 +13,42 @@ from tactile_ros.types.contact import (
     ContactStates,
     field_shape,
 )
-from tactile_ros.types.contracts import Closing, CommandTopic, Device, Estimator, Hand, Twin
-from tactile_ros.types.frames import Frame, Layout, Outline
-from tactile_ros.types.grip import GripCommand, JointLimits
-from tactile_ros.types.recording import TRUTH_KEYS, Recording
-from tactile_ros.types.status import FrameStatus, TaxelStatus
+from tactile_ros.types.contracts import (
+    Closing,
+    CommandTopic,
+    Device,
+    Estimation,
+    Estimator,
+    GripCommand,
+    Hand,
+    JointLimits,
+    Report,
+    SensorConfig,
+    Signals,
+    Table,
+    Twin,
+)
+from tactile_ros.types.frame import (
+    Array,
+    Bools,
+    Bytes,
+    Columns,
+    Frame,
+    FrameStatus,
+    Integers,
+    Layout,
+    Outline,
+    Singles,
+    TaxelStatus,
+    admit_name,
+    as_shape,
+)
+from tactile_ros.types.recording import (
+    TRUTH_KEYS,
+    Recording,
+    groups_of,
+    join,
+)
 
 __all__ = [
     'STATE_FIELDS',
@@ -27,11 +57,13 @@ __all__ = [
     'Bools',
     'Bytes',
     'Closing',
+    'Columns',
     'CommandTopic',
     'Contact',
     'ContactState',
     'ContactStates',
     'Device',
+    'Estimation',
     'Estimator',
     'Frame',
     'FrameStatus',
@@ -42,9 +74,16 @@ __all__ = [
     'Layout',
     'Outline',
     'Recording',
+    'Report',
+    'SensorConfig',
+    'Signals',
     'Singles',
+    'Table',
     'TaxelStatus',
     'Twin',
+    'admit_name',
     'as_shape',
     'field_shape',
+    'groups_of',
+    'join',
 ]

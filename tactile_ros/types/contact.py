@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.types.arrays import Array, Bools, Bytes, Integers
+from tactile_ros.types.frame import Array, Bools, Bytes, Integers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

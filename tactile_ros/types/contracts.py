@@ -2,15 +2,230 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Protocol, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from tactile_ros.types.frame import Array, Bools, Columns, Integers, as_shape
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from types import TracebackType
 
-    from tactile_ros.types.arrays import Array, Integers
-    from tactile_ros.types.frames import Frame, Layout
-    from tactile_ros.types.grip import GripCommand, JointLimits
+    from tactile_ros.types.frame import Array, Frame, Integers, Layout
+
+Report = dict[str, dict[str, float]]
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Conditioned frames, as features are made from them.
+
+    Attributes
+    ----------
+    values, delta : ndarray, shape (s, t, c)
+        Readings, and readings less their baseline (unit of values); NaN where unusable.
+    baseline : ndarray, shape (s, t, c)
+        Of each row (unit of values); 0 where none is used, NaN where there is none yet.
+    temperature_c : ndarray, shape (s, t), or None
+        What the chips report.
+    stamp_ns : ndarray, shape (s,), or None
+        None: independent frames, no step with memory is run.
+    restart : ndarray, shape (s,)
+        Rows before which memory is forgotten (new stream, new baseline).
+    in_contact : ndarray, shape (s,)
+        1, 0, -1 unknown.
+    good : ndarray, shape (s,)
+        Rows that may be estimated from.
+    begins : ndarray, shape (s,), or None
+        Rows of `restart` at which a stream begins, and the ids of its patches; None: none does.
+    tare : ndarray, shape (s,), or None
+        Rows that a recording calls resting; None: it does not tell.
+    doubt : ndarray, shape (s,), or None
+        Variance of the baseline over that of a frame at rest: one over the frames of its tare; 0
+        where the fit's own is used. None: 0.
+    rest_temperature_c : ndarray, shape (s, t), or None
+        What the chips told when the baseline was read, NaN: nothing; None: the estimation does
+        not heed it.
+    """
+
+    values: Array
+    delta: Array
+    baseline: Array
+    temperature_c: Array | None
+    stamp_ns: Integers | None
+    restart: Bools
+    in_contact: npt.NDArray[np.int8]
+    good: Bools
+    begins: Bools | None = None
+    tare: Bools | None = None
+    doubt: Array | None = None
+    rest_temperature_c: Array | None = None
+
+
+class SensorConfig(Protocol):
+    """What every sensor's config dataclass has (public_face)."""
+
+    @property
+    def positions(self) -> Array:
+        """Taxel positions in the sensor frame, shape (t, 3) (m)."""
+        ...
+
+    @property
+    def noise(self) -> float | Array | None:
+        """Noise of a channel at rest (unit of values); None: estimate it from rest."""
+        ...
+
+    @property
+    def track_baseline(self) -> bool:
+        """Follow slow drift of the baseline while at rest."""
+        ...
+
+
+class Estimation(Protocol):
+    """Features and estimators of one sensor.
+
+    An estimation may also have `contact(signals)`, which gives `in_contact` (s,) anew before
+    `estimate`, for sensors on which contact does not show in every channel: 1, 0, and -1 in rows
+    that are not good. A `fit` sees contact as the pipeline judged it. With `impossible(values)` it
+    names taxels (s, t) of readings (s, t, c) that no sensor can give: they count as not read,
+    also in baselines. With `warmed(baseline, then_c, now_c)` it tells how baselines (s, t, c) have
+    changed (s, t, c) since the chips told the temperatures `then_c` (s, t), now that they tell
+    `now_c` (s, t) or None; `delta` is less by that; its `forget_warmth()` is called before a fit.
+    """
+
+    @property
+    def estimators(self) -> dict[str, str]:
+        """Name of the estimator in use for each target."""
+        ...
+
+    @property
+    def report(self) -> Report:
+        """Errors on held-out groups for each target."""
+        ...
+
+    def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
+        """Learn from conditioned frames; `groups` has 'group' and 'session' (s,)."""
+        ...
+
+    def start(self) -> object:
+        """Fresh memory of a stream."""
+        ...
+
+    def estimate(self, signals: Signals, memory: object) -> Columns:
+        """State attributes (s, ...) for every row; those of unusable rows are ignored."""
+        ...
+
+
+@dataclass(frozen=True)
+class GripCommand:
+    """Targets for every joint of a hand, in the order of the hand's own topic.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Stamp of the newest force that it answers (ns); when it was decided, where there is none.
+    position : ndarray, shape (j,)
+        Joint positions (rad; 0 open to 1 closed for a synergy). They hold where nothing follows.
+    effort : ndarray, shape (j,)
+        Torque that each joint may take at most (N m); NaN: the hand's own limit.
+    """
+
+    stamp_ns: int
+    position: Array
+    effort: Array
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Limits of the joints of a hand.
+
+    Attributes
+    ----------
+    lower, upper : ndarray, shape (j,)
+        Positions (rad, or 1 for a synergy).
+    velocity : ndarray, shape (j,)
+        Fastest motion (position per s).
+    effort : ndarray, shape (j,)
+        Largest torque (N m); inf: not known.
+
+    Raises
+    ------
+    ValueError
+        If shapes differ, bounds are not finite or cross, or a speed or torque is not positive.
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    effort: Array
+
+    def __post_init__(self) -> None:
+        """Check once."""
+        count = np.size(self.lower)
+        for entry in fields(self):
+            name = f'{entry.name} of JointLimits'
+            object.__setattr__(
+                self, entry.name, as_shape(name, getattr(self, entry.name), (count,))
+            )
+        if not (np.isfinite(self.lower) & np.isfinite(self.upper)).all():
+            msg = (
+                'lower and upper of JointLimits must be finite; '
+                f'received {self.lower}, {self.upper}'
+            )
+            raise ValueError(msg)
+        if not (self.lower < self.upper).all():
+            worst = int(np.flatnonzero(~(self.lower < self.upper))[0])
+            msg = (
+                f'lower of JointLimits must be below upper; received {self.lower[worst]} and '
+                f'{self.upper[worst]} for joint {worst}'
+            )
+            raise ValueError(msg)
+        if not (np.isfinite(self.velocity) & (self.velocity > 0)).all():
+            msg = f'velocity of JointLimits must be above 0 and finite; received {self.velocity}'
+            raise ValueError(msg)
+        if not (self.effort > 0).all():
+            msg = f'effort of JointLimits must be above 0; received {self.effort}'
+            raise ValueError(msg)
+
+
+Cell = str | float | int | None
+
+
+@dataclass(frozen=True)
+class Table:
+    """Figures to print or to write as json.
+
+    Attributes
+    ----------
+    title : str
+        What the figures are.
+    columns : tuple of str
+        Names with units, such as 'gap (mm)'.
+    rows : tuple of tuple
+        One cell for each column: text, a number, or None or NaN where nothing is known.
+    notes : tuple of str
+        Sentences that stand below.
+
+    Raises
+    ------
+    ValueError
+        If a row has another number of cells than there are columns.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the rows."""
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                msg = f'rows of {self.title!r} must have {len(self.columns)} cells; received {row}'
+                raise ValueError(msg)
 
 
 Held = TypeVar('Held', bound='Closing')

@@ -8,12 +8,249 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.types.arrays import Array, Bools, Bytes, Integers, as_shape
 from tactile_ros.types.contact import STATE_FIELDS, field_shape
-from tactile_ros.types.frames import Frame, Layout
+from tactile_ros.types.frame import Array, Bools, Bytes, Columns, Frame, Integers, Layout, as_shape
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping, Sequence
+
+BLOCKS = 10
+FIRM = 0.02  # of the largest force: above the drift of a load cell
+
+
+def refuse_other_shape(sensor: str, layout: Layout, shape: tuple[int, ...]) -> None:
+    """Raise ValueError if frames have another shape than `layout` says, naming both."""
+    if shape != layout.shape:
+        msg = (
+            f'frames of {sensor} must have shape {layout.shape} (t, c) as its config says; '
+            f'received {shape}'
+        )
+        raise ValueError(msg)
+
+
+def refuse_tare(sensor: str, layout: Layout, tared: bool, frames: Sequence[Frame]) -> None:
+    """Raise ValueError if frames, or a fit that is not `tared`, cannot give a baseline."""
+    if not tared:
+        msg = (
+            'tare of a pipeline must follow a fit with tare rows or in_contact 0; '
+            'this one was fitted on readings without a baseline'
+        )
+        raise ValueError(msg)
+    if not frames:
+        msg = 'frames of tare must hold at least one resting frame; received none'
+        raise ValueError(msg)
+    for frame in frames:
+        refuse_other_shape(sensor, layout, np.shape(frame.values))
+
+
+def refuse_foreign(sensor: str, layout: Layout, *recordings: Recording) -> None:
+    """Raise ValueError if there is no recording, or one does not measure what `layout` says."""
+    if not recordings:
+        msg = 'recordings of fit must hold at least one Recording; received none'
+        raise ValueError(msg)
+    for recording in recordings:
+        found = recording.layout
+        refuse_other_shape(sensor, layout, found.shape)
+        if (found.unit, found.channels) != (layout.unit, layout.channels):
+            msg = (
+                f'frames of {sensor} must have channels {", ".join(layout.channels)} in '
+                f'{layout.unit}; received {", ".join(found.channels)} in {found.unit}'
+            )
+            raise ValueError(msg)
+
+
+def join(recordings: Sequence[Recording]) -> Recording:
+    """Several recordings of one sensor as one, with streams that stay apart.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of one layout. Stamps are kept only if all have them; truth that one lacks is unknown.
+
+    Returns
+    -------
+    Recording
+        Streams, and sessions where known, are numbered through.
+    """
+    if len(recordings) == 1:
+        return recordings[0]
+    first = recordings[0]
+    stamped = all(r.stamp_ns is not None for r in recordings)
+    return Recording.from_arrays(
+        first.layout,
+        np.concatenate([r.values for r in recordings]),
+        stamp_ns=np.concatenate([r.stamp_ns for r in recordings]) if stamped else None,  # type: ignore[misc]
+        temperature_c=_joined(recordings, 'temperature_c', np.nan, np.float64),
+        status=_joined(recordings, 'status', 0, np.uint8),
+        stream=np.cumsum(np.concatenate([r.restarts for r in recordings])),
+        tare=_joined(recordings, 'tare', 0, np.bool_),
+        truth=_joined_truth(recordings),
+    )
+
+
+def _joined(
+    recordings: Sequence[Recording], name: str, fill: float, dtype: type
+) -> npt.NDArray[np.generic] | None:
+    """A column that some recordings may lack; None if all do."""
+    columns = [getattr(r, name) for r in recordings]
+    if all(column is None for column in columns):
+        return None
+    shape = next(np.shape(column)[1:] for column in columns if column is not None)
+    return np.concatenate(
+        [
+            np.full((len(r), *shape), fill, dtype) if column is None else column
+            for r, column in zip(recordings, columns, strict=True)
+        ]
+    )
+
+
+def _joined_truth(recordings: Sequence[Recording]) -> Columns:
+    """Truth of all, unknown where a recording has none; sessions of recordings stay apart."""
+    truth: Columns = {}
+    for key in {key for r in recordings for key in r.truth}:
+        sample = next(r.truth[key] for r in recordings if key in r.truth)
+        fill = np.nan if sample.dtype.kind == 'f' else -1
+        parts = [
+            r.truth.get(key, np.full((len(r), *sample.shape[1:]), fill, sample.dtype))
+            for r in recordings
+        ]
+        truth[key] = np.concatenate(parts)
+    number = np.concatenate([np.full(len(r), i) for i, r in enumerate(recordings)])
+    session = truth.get('session', np.zeros(len(number), np.int64)).astype(np.int64)
+    truth['session'] = np.unique(np.column_stack([number, session]), axis=0, return_inverse=True)[
+        1
+    ].reshape(-1)
+    return truth
+
+
+def are_ordered(recordings: Sequence[Recording]) -> bool:
+    """Whether neighbouring rows belong together: stamps, streams or tare rows say so."""
+    return any(
+        column is not None for one in recordings for column in (one.stamp_ns, one.tare, one.stream)
+    )
+
+
+def resting_rows(recording: Recording) -> Bools:
+    """Rows (s,) that give the baseline: tare rows, else those that truth calls untouched."""
+    if recording.tare is not None and recording.tare.any():
+        return recording.tare
+    if 'in_contact' in recording.truth:
+        return np.asarray(recording.truth['in_contact'] == 0)
+    return np.zeros(len(recording), bool)
+
+
+def touched_rows(recording: Recording) -> Bools:
+    """Rows (s,) at which truth places a contact: a position, a cell, a label or `in_contact`."""
+    touched = np.zeros(len(recording), bool)
+    for key in ('cell', 'label'):
+        if key in recording.truth:
+            touched |= recording.truth[key].astype(np.int64) >= 0
+    if 'position' in recording.truth:
+        touched |= np.isfinite(recording.truth['position'].astype(np.float64)).any(axis=1)
+    if 'in_contact' in recording.truth:
+        known = recording.truth['in_contact'].astype(np.int64)
+        touched = (touched & (known != 0)) | (known == 1)
+    return touched if recording.tare is None else touched & ~recording.tare
+
+
+def firm_rows(recording: Recording) -> Bools:
+    """Rows (s,) at which truth tells a force well above what a load cell makes of nothing."""
+    if 'force' not in recording.truth:
+        return np.zeros(len(recording), bool)
+    force = np.nan_to_num(recording.truth['force'].astype(np.float64))
+    size = np.linalg.norm(force, axis=1)
+    firm = np.asarray(size > FIRM * size.max(initial=0.0))
+    return firm if recording.tare is None else firm & ~recording.tare
+
+
+def left_out(
+    recordings: Sequence[Recording],
+    joined: Recording,
+    whole: Bools,
+    good: Bools,
+    learned: Collection[str],
+) -> dict[str, float]:
+    """Count what a fit did not learn from, and what it was told and did not learn.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        As they were given.
+    joined : Recording
+        All of them.
+    whole, good : ndarray, shape (s,)
+        Rows of which all taxels could be used; those of them that could be learned from.
+    learned : collection of str
+        Targets that can be estimated now.
+
+    Returns
+    -------
+    dict of str to float
+        Counts by what they are of; empty where all was of use.
+    """
+    counts = {
+        'rows with a faulty taxel': int((~whole).sum()),
+        'rows without a baseline': int((whole & ~good).sum()),
+    }
+    if joined.stamp_ns is None:
+        stamped = sum(len(r) for r in recordings if r.stamp_ns is not None)
+        counts['stamps, since a recording has none'] = stamped
+    found = {what: float(count) for what, count in counts.items() if count}
+    for key in sorted((joined.truth.keys() & STATE_FIELDS.keys()) - {'in_contact', *learned}):
+        column = joined.truth[key]
+        known = np.isfinite(column) if column.dtype.kind == 'f' else column != -1
+        told = known.reshape(len(known), -1).any(axis=1) if len(known) else np.zeros(0, bool)
+        if told.any():
+            found[f'usable rows that tell {key}, which was not learned'] = float(
+                (told & good).sum()
+            )
+    return found
+
+
+def groups_of(recording: Recording) -> Columns:
+    """What an honest split keeps together.
+
+    Parameters
+    ----------
+    recording : Recording
+        Joined over recordings.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (s,)
+        'session': recording and session; 'group': session and repetition (press cycles, say),
+        or contiguous blocks of rows where nothing is known.
+    """
+    zeros = np.zeros(len(recording), np.int64)
+    session = recording.truth.get('session', zeros).astype(np.int64)
+    repetition = recording.truth.get('repetition', zeros).astype(np.int64)
+    pairs = np.column_stack([session, repetition])
+    _, group = np.unique(pairs, axis=0, return_inverse=True)
+    group = np.asarray(group).reshape(-1)
+    if len(np.unique(group)) < 3:
+        group = _blocks(recording)
+    return {'session': session, 'group': group}
+
+
+def _blocks(recording: Recording) -> Integers:
+    """Ten parts: contiguous where rows follow in time or stream, never cutting many streams."""
+    if recording.stamp_ns is None and recording.stream is None:
+        return _blocks_by_content(recording)
+    stream = np.cumsum(recording.restarts) - 1
+    count = int(stream[-1]) + 1 if len(stream) else 1
+    if count >= BLOCKS:
+        return stream * BLOCKS // count
+    return np.arange(len(recording)) * BLOCKS // max(len(recording), 1)
+
+
+def _blocks_by_content(recording: Recording) -> Integers:
+    """Ten parts of independent frames that the order of rows does not change."""
+    table = np.nan_to_num(
+        recording.values.reshape(len(recording), int(np.prod(recording.values.shape[1:])))
+    )
+    _, rank = np.unique(table, axis=0, return_inverse=True)
+    return np.asarray(rank, np.int64).reshape(-1) % BLOCKS
+
 
 TRUTH_KEYS = (
     'force', 'torque', 'position', 'cell', 'label', 'yaw', 'object_pose', 'symmetry', 'in_contact',

@@ -27,7 +27,7 @@ example:
   tactile design tiny_pad --gap 2
 """
 import numpy as np
-from tactile_ros.types.table import Table
+from tactile_ros.types import Table
 
 
 def add_arguments(parser):

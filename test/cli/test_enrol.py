@@ -18,7 +18,7 @@ from test.reference import enrolled_skin
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from tactile_ros.signals import Columns, Signals
+    from tactile_ros.types import Columns, Signals
 
 SPEC = enrolled_skin.SPEC
 

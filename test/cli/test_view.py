@@ -13,7 +13,7 @@ from tactile_ros.sensors import load_sensor
 if TYPE_CHECKING:
     import pytest
 
-    from tactile_ros.signals import Columns, Signals
+    from tactile_ros.types import Columns, Signals
 
 
 def test_a_frame_that_cannot_be_estimated_is_told_and_shown_as_lost(

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from tactile_ros.pipeline import Pipeline
-    from tactile_ros.signals import Columns, Signals
+    from tactile_ros.types import Columns, Signals
 
 STEP_NS = 20_000_000
 

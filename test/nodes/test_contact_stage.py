@@ -25,7 +25,7 @@ from tactile_ros.types import (
 
 if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
-    from tactile_ros.signals import Columns, Estimation, Signals
+    from tactile_ros.types import Columns, Estimation, Signals
 
 LAYOUT = Layout(np.zeros((1, 3)), ('p',), '1')
 

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from tactile_ros.enrolment import thinned
 from tactile_ros.physics import compiled
-from tactile_ros.presses import thinned
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import STATE_FIELDS, ContactStates, Recording
 
@@ -107,7 +107,7 @@ FIRST_FRAMES = """
 import sys
 from dataclasses import replace
 from tactile_ros.physics.compiled import Lazy
-from tactile_ros.presses import thinned
+from tactile_ros.enrolment import thinned
 from tactile_ros.sensors import load_sensor
 
 def built():

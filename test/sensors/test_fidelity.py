@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tactile_ros.enrolment import Touches
 from tactile_ros.physics.disc_models import exact_disc, table_disc_model
 from tactile_ros.physics.disc_table import reach_under
 from tactile_ros.physics.fidelity import SHARE, rate
 from tactile_ros.physics.magnet_blocks import EXACT
-from tactile_ros.presses import Touches
 from tactile_ros.sensors.gradiometer import fidelity as gradiometer
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
 from tactile_ros.sensors.magnet_pad import fidelity as pad

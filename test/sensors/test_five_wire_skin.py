@@ -13,8 +13,7 @@ import pytest
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
-from tactile_ros.signals import Signals
-from tactile_ros.types import Recording
+from tactile_ros.types import Recording, Signals
 
 FOLDER = Path(__file__).parents[1] / 'reference'
 

@@ -22,8 +22,7 @@ from tactile_ros.sensors.gradiometer.magnets import (
     magnet_shape,
 )
 from tactile_ros.sensors.gradiometer.thermal import ThermalMemory, lagging
-from tactile_ros.signals import Signals
-from tactile_ros.types import Frame, FrameStatus, Recording
+from tactile_ros.types import Frame, FrameStatus, Recording, Signals
 from test.reference import gradiometer_world as made
 
 SENSOR = load_sensor('gradiometer')

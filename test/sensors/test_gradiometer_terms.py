@@ -8,8 +8,7 @@ import numpy as np
 
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer.readings import MOST_MARGIN, margins
-from tactile_ros.signals import Signals
-from tactile_ros.types import Recording
+from tactile_ros.types import Recording, Signals
 from test.reference import gradiometer_world as made
 
 SENSOR = load_sensor('gradiometer')

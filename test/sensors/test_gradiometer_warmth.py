@@ -16,8 +16,7 @@ from tactile_ros.sensors.gradiometer.memory import StreamMemory
 from tactile_ros.sensors.gradiometer.thermal import UNIT, thermometer_noise
 from tactile_ros.sensors.gradiometer.warm_fit import MOST_FORCES, WarmFit
 from tactile_ros.sensors.gradiometer.warm_rest import WarmRest
-from tactile_ros.signals import Signals
-from tactile_ros.types import Recording
+from tactile_ros.types import Recording, Signals
 from test.reference import gradiometer_world as made
 
 if TYPE_CHECKING:

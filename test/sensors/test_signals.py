@@ -8,7 +8,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from tactile_ros.presses import Touches
+from tactile_ros.enrolment import Touches
 from tactile_ros.sensors import load_sensor
 
 KEYS = (

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tactile_ros.presses import thinned
+from tactile_ros.enrolment import thinned
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Recording
 

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from tactile_ros.presses import thinned
+from tactile_ros.enrolment import thinned
 from tactile_ros.sensors import load_sensor
 
 SPEC = load_sensor('taxel_array')

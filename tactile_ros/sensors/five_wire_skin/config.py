@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_ros.types import Array, Layout
-from tactile_ros.types.fields import admit, array, each_channel, maybe_array, number, switch
+from tactile_ros.types.config_fields import admit, array, each_channel, maybe_array, number, switch
 
 CHANNELS = ('u_AC', 'u_BD', 'divider', 'u_third')
 SIZE = 100e-3

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
     from tactile_ros.conditioning.history import History
     from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig
-    from tactile_ros.signals import Columns, Report, Signals
-    from tactile_ros.types import Array, Bools, Estimator, Integers
+    from tactile_ros.types import Array, Bools, Columns, Estimator, Integers, Report, Signals
 
 ESTIMATORS = (*REGRESSORS, 'printed', 'mean_curve')
 SAME_PLACE = 1e-5

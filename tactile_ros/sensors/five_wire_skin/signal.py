@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.presses import REST_S, Programme, Touches, growing_loads, playing, recorded
+from tactile_ros.enrolment import REST_S, Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.sensors.five_wire_skin.config import layout
 from tactile_ros.types import Array
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tactile_ros.presses import Truth
+    from tactile_ros.enrolment import Truth
     from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig
     from tactile_ros.types import Recording
 

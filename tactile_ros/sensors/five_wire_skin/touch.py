@@ -18,8 +18,7 @@ from tactile_ros.physics import compiled
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from tactile_ros.signals import Columns, Signals
-    from tactile_ros.types import Array, Bools
+    from tactile_ros.types import Array, Bools, Columns, Signals
 
 TOUCHED = 0.01  # divider's reading above which a skin that was never fitted is touched
 STILL = 0.01  # spread of a resting potential below which the foil does not float

@@ -10,8 +10,7 @@ from scipy.spatial import cKDTree
 from tactile_ros.regression.untold import KIND, untold_loads, untold_past
 
 if TYPE_CHECKING:
-    from tactile_ros.signals import Columns, Report, Signals
-    from tactile_ros.types import Array
+    from tactile_ros.types import Array, Columns, Report, Signals
 
 FOR_PLACE, FOR_FORCE = 25, 49  # places that a map and a film need
 CELL = 0.05  # of the sheet: touches as near to each other are of one place

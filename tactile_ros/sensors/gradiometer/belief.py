@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from tactile_ros.sensors.gradiometer.target import Target
-    from tactile_ros.signals import Columns
-    from tactile_ros.types import Bools
+    from tactile_ros.types import Bools, Columns
 
 FARTHEST = 2.0  # times the largest that can be
 _AXES = np.arange(3)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_ros.types import Array, Layout
-from tactile_ros.types.fields import admit, array, each_channel, maybe_array, number, switch
+from tactile_ros.types.config_fields import admit, array, each_channel, maybe_array, number, switch
 
 CHANNELS = ('Bx', 'Bz')
 PIXELS = 1e-3 * np.array([[-1, -1, 0], [1, -1, 0], [-1, 1, 0], [1, 1, 0]], float)

@@ -20,7 +20,7 @@ import numpy as np
 from tactile_ros.estimators.disc_model import DiscModel
 from tactile_ros.estimators.uniform_field import UniformField
 from tactile_ros.sensors.gradiometer.readings import NOISE, Readings
-from tactile_ros.types.table import Table
+from tactile_ros.types import Table
 
 if TYPE_CHECKING:
     import argparse

@@ -10,7 +10,7 @@ from tactile_ros.devices.framed_payloads import gradiometer
 from tactile_ros.sensors.gradiometer.config import layout
 from tactile_ros.sensors.gradiometer.signal import NOISE, temperature
 from tactile_ros.sensors.gradiometer.signal import signal as scenes
-from tactile_ros.types.fields import number
+from tactile_ros.types.config_fields import number
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -14,8 +14,7 @@ from tactile_ros.sensors.gradiometer.thermal import LEAST_RANGE, UNIT, beyond
 if TYPE_CHECKING:
     from tactile_ros.sensors.gradiometer.features import Features
     from tactile_ros.sensors.gradiometer.magnets import NearbyMagnets
-    from tactile_ros.signals import Signals
-    from tactile_ros.types import Array, Bools
+    from tactile_ros.types import Array, Bools, Signals
 
 MANY = 30  # frames of a tare whose noise needs no mention
 SMALL = 0.3  # of the noise: drifts that need none

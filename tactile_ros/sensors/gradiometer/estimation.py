@@ -37,8 +37,7 @@ from tactile_ros.types import FrameStatus
 if TYPE_CHECKING:
     from tactile_ros.estimators.selection import Selection
     from tactile_ros.sensors.gradiometer.config import GradiometerConfig
-    from tactile_ros.signals import Columns, Report, Signals
-    from tactile_ros.types import Array, Bools, Integers
+    from tactile_ros.types import Array, Bools, Columns, Integers, Report, Signals
 
 TARGETS = ('position', 'force', 'torque')
 RESPONSES = 400

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from tactile_ros.physics.fidelity import Choice
     from tactile_ros.physics.scene_terms import Worth
     from tactile_ros.sensors.gradiometer.config import GradiometerConfig
-    from tactile_ros.signals import Signals
-    from tactile_ros.types import Array, Bools, Integers
+    from tactile_ros.types import Array, Bools, Integers, Signals
 
 TILT = 0.03  # rad, beside the tilt that comes with a shift
 FEWEST_ROWS = 20

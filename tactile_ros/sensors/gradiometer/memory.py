@@ -11,8 +11,7 @@ from tactile_ros.sensors.gradiometer.thermal import ANY_LAG, ThermalMemory
 from tactile_ros.sensors.gradiometer.untold import LastTold
 
 if TYPE_CHECKING:
-    from tactile_ros.signals import Signals
-    from tactile_ros.types import Array
+    from tactile_ros.types import Array, Signals
 
 PAST = np.array([0.3, 3.0])  # s, of an elastomer that creeps
 

@@ -26,8 +26,7 @@ from tactile_ros.sensors.gradiometer.warm_rest import WarmRest
 
 if TYPE_CHECKING:
     from tactile_ros.sensors.gradiometer.config import GradiometerConfig
-    from tactile_ros.signals import Columns, Signals
-    from tactile_ros.types import Array, Bools
+    from tactile_ros.types import Array, Bools, Columns, Signals
 
 NOISE = 3e-6  # T, where nothing tells it: of [3] at room temperature
 SIGMAS = 4.0  # within which a clipped reading may fall below the range

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.physics.dipoles import dipole_field, in_chip_axes
 from tactile_ros.physics.disc_models import exact_disc
 from tactile_ros.physics.fidelity import Model, region
@@ -26,14 +27,13 @@ from tactile_ros.physics.temperature import (
     hall_sensitivity,
     remanence_at,
 )
-from tactile_ros.presses import Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.sensors.gradiometer.config import layout
 from tactile_ros.sensors.gradiometer.fidelity import disc_of, twin_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tactile_ros.presses import Truth
+    from tactile_ros.enrolment import Truth
     from tactile_ros.sensors.gradiometer.config import GradiometerConfig
     from tactile_ros.types import Array, Recording
 

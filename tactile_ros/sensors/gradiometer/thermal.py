@@ -14,8 +14,7 @@ import numpy as np
 from tactile_ros.conditioning.history import SECONDS_PER_NS, History
 from tactile_ros.physics.temperature import hall_sensitivity
 from tactile_ros.sensors.gradiometer.untold import told_ago
-from tactile_ros.signals import Signals
-from tactile_ros.types import Array, Bools, Integers
+from tactile_ros.types import Array, Bools, Integers, Signals
 
 LAGS = (4.0, 12.0, 36.0, 108.0)  # s: tried, where the config leaves it open
 ANY_LAG = float(np.sqrt(np.mean(np.square(LAGS))))  # s: any of them, where nothing tells which

@@ -11,8 +11,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from tactile_ros.signals import Signals
-from tactile_ros.types import Array, Bools, Integers
+from tactile_ros.types import Array, Bools, Integers, Signals
 
 SECONDS_PER_NS = 1e-9
 HELD_S = 4.0  # in which a chip that tells none still stands beside others that do

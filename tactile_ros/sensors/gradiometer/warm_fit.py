@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
     from tactile_ros.estimators.disc_inversion import DiscInversion
     from tactile_ros.sensors.gradiometer.readings import Readings
-    from tactile_ros.signals import Signals
-    from tactile_ros.types import Array, Bools, Integers
+    from tactile_ros.types import Array, Bools, Integers, Signals
 
 CLEARLY = 20.0  # chi square by which a lag must explain more than none
 FEWEST_FORCES, MOST_FORCES = 100, 1500

@@ -10,8 +10,7 @@ from tactile_ros.sensors.magnet_pad.telling import STRAY
 from tactile_ros.types import FrameStatus
 
 if TYPE_CHECKING:
-    from tactile_ros.signals import Columns
-    from tactile_ros.types import Array, Bools
+    from tactile_ros.types import Array, Bools, Columns
 
 MARGIN = 1.1  # times the recorded forces: beyond them by chance
 FIELDS = 3.0  # times the usual, of a component of a stray field

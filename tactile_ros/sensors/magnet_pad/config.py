@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_ros.types import Array, Layout
-from tactile_ros.types.fields import admit, array, each_channel, maybe_array, number, switch
+from tactile_ros.types.config_fields import admit, array, each_channel, maybe_array, number, switch
 
 CHANNELS = ('Bx', 'By', 'Bz')
 RADIUS, LENGTH = 10e-3, 40e-3

@@ -27,7 +27,7 @@ from tactile_ros.sensors.magnet_pad.conditions import (
     saturation,
 )
 from tactile_ros.sensors.magnet_pad.remedies import remedies, stiffest
-from tactile_ros.types.table import Table
+from tactile_ros.types import Table
 
 if TYPE_CHECKING:
     import argparse

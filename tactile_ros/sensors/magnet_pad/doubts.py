@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-    from tactile_ros.signals import Columns, Report, Signals
-    from tactile_ros.types import Array, Bools
+    from tactile_ros.types import Array, Bools, Columns, Report, Signals
 
 
 class Doubts:

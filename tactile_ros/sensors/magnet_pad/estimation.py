@@ -40,8 +40,7 @@ from tactile_ros.sensors.magnet_pad.warmth import Warmth, noise_of_rest
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from tactile_ros.signals import Columns, Report, SensorConfig, Signals
-    from tactile_ros.types import Array, Bools, Integers
+    from tactile_ros.types import Array, Bools, Columns, Integers, Report, SensorConfig, Signals
 
 NOMINAL = 'nominal'
 TABLE = 'table_gauss_newton'

@@ -28,7 +28,7 @@ from tactile_ros.types import Array, Bools
 
 if TYPE_CHECKING:
     from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-    from tactile_ros.signals import Columns
+    from tactile_ros.types import Columns
 
 COUNT = 8000
 STEP = 1e-2  # radii and rad, by which slopes are measured

@@ -35,8 +35,16 @@ from tactile_ros.sensors.magnet_pad.warmth import noise_of_rest
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from tactile_ros.signals import Columns, Report, SensorConfig, Signals
-    from tactile_ros.types import Array, Bools, Estimator, Integers
+    from tactile_ros.types import (
+        Array,
+        Bools,
+        Columns,
+        Estimator,
+        Integers,
+        Report,
+        SensorConfig,
+        Signals,
+    )
 
 BY_PLACE = 'nearest_centre'
 FEWEST, MANY = 50, 5000

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.physics.dipoles import in_chip_axes
 from tactile_ros.physics.magnet_blocks import EXACT
-from tactile_ros.presses import Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.sensors.magnet_pad.config import layout
 from tactile_ros.sensors.magnet_pad.fidelity import blocks_of
 from tactile_ros.sensors.magnet_pad.nominal import NOISE, field_choice, movement
@@ -22,8 +22,8 @@ from tactile_ros.sensors.magnet_pad.scene import by_tip
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from tactile_ros.enrolment import Truth
     from tactile_ros.physics.magnet_blocks import Blocks
-    from tactile_ros.presses import Truth
     from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
     from tactile_ros.types import Array, Recording
 

@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from tactile_ros.regression.head import Head
-    from tactile_ros.signals import Columns, Signals
-    from tactile_ros.types import Array, Integers
+    from tactile_ros.types import Array, Columns, Integers, Signals
 
 MANY = 30  # frames of a tare whose noise regressors need not mind
 

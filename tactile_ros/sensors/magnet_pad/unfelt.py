@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from tactile_ros.signals import Columns
-    from tactile_ros.types import Array
+    from tactile_ros.types import Array, Columns
 
 MOST = 256  # touches
 BLOCK = 1024

@@ -9,8 +9,7 @@ from scipy.spatial import cKDTree
 
 if TYPE_CHECKING:
     from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-    from tactile_ros.signals import Report, Signals
-    from tactile_ros.types import Array, Bools
+    from tactile_ros.types import Array, Bools, Report, Signals
 
 KIND = 'not told: '
 ENDS = ('least', 'most')

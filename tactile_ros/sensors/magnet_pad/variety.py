@@ -12,8 +12,7 @@ from tactile_ros.sensors.magnet_pad.untold import KIND, untouched
 
 if TYPE_CHECKING:
     from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-    from tactile_ros.signals import Columns, Report
-    from tactile_ros.types import Array, Bools
+    from tactile_ros.types import Array, Bools, Columns, Report
 
 SPARSE = 0.5  # share of the pad that is far from all touches: regressors are not judged there
 LIGHT = 1e-9  # N

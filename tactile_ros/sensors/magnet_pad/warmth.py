@@ -16,8 +16,7 @@ from tactile_ros.conditioning.rest import sound
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
 
 if TYPE_CHECKING:
-    from tactile_ros.signals import Report, Signals
-    from tactile_ros.types import Array, Integers
+    from tactile_ros.types import Array, Integers, Report, Signals
 
 # of the slope: two sigma reach from magnets that stay cold beside warm chips to ferrite
 UNSURE = 0.5

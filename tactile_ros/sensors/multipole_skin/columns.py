@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from tactile_ros.signals import Columns
-    from tactile_ros.types import Array, Integers
+    from tactile_ros.types import Array, Columns, Integers
 
 ONCE = ('label', 'label_probability', 'cell', 'cell_probability', 'position', 'position_cov',
         'yaw', 'yaw_std')  # fmt: skip

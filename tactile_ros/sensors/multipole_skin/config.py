@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.types import Array, Layout, Outline
-from tactile_ros.types.fields import (
+from tactile_ros.types.config_fields import (
     Outlines,
     admit,
     array,

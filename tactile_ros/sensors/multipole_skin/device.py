@@ -8,7 +8,7 @@ from tactile_ros.devices.chip_connections import ChipConnection, ChipSensor
 from tactile_ros.sensors.multipole_skin.config import layout
 from tactile_ros.sensors.multipole_skin.signal import NOISE
 from tactile_ros.sensors.multipole_skin.signal import signal as own_signal
-from tactile_ros.types.fields import whole, whole_numbers
+from tactile_ros.types.config_fields import whole, whole_numbers
 
 CLUSTERS, CHIPS = 5, 4
 

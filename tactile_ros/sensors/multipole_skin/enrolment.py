@@ -18,8 +18,7 @@ from tactile_ros.sensors.multipole_skin.windows import (
 )
 
 if TYPE_CHECKING:
-    from tactile_ros.signals import Signals
-    from tactile_ros.types import Array, Integers
+    from tactile_ros.types import Array, Integers, Signals
 
 FOLDS = 5
 DRAWN = 40  # presses of a class that are made up

@@ -30,8 +30,7 @@ from tactile_ros.sensors.multipole_skin.windows import (
 if TYPE_CHECKING:
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
     from tactile_ros.sensors.multipole_skin.recogniser import Answers, Recogniser
-    from tactile_ros.signals import Columns, Report, Signals
-    from tactile_ros.types import Array, Integers
+    from tactile_ros.types import Array, Columns, Integers, Report, Signals
 
 NOISE = 4e-6  # T, of a reading, where rest tells none
 FEWEST_RESTING = 20

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.presses import Programme, Touches, growing_loads, playing, recorded
+from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.sensors.multipole_skin.config import HEADS, layout
 from tactile_ros.sensors.multipole_skin.specimen import POWERS, Specimen
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tactile_ros.presses import Truth
+    from tactile_ros.enrolment import Truth
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
     from tactile_ros.types import Array, Integers, Outline, Recording
 

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from tactile_ros.signals import Signals
-    from tactile_ros.types import Array, Integers
+    from tactile_ros.types import Array, Integers, Signals
 
 
 @dataclass

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_ros.types import Array, Layout
-from tactile_ros.types.fields import (
+from tactile_ros.types.config_fields import (
     admit,
     array,
     each_channel,

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.physics.dipoles import dipole_field, in_chip_axes
-from tactile_ros.presses import Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.sensors.reskin_board.config import PITCH, layout
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tactile_ros.presses import Truth
+    from tactile_ros.enrolment import Truth
     from tactile_ros.sensors.reskin_board.config import ReskinBoardConfig
     from tactile_ros.types import Array, Recording
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from tactile_ros.physics.parts import read_parts
 from tactile_ros.types import Array, Layout, Outline
-from tactile_ros.types.fields import (
+from tactile_ros.types.config_fields import (
     Outlines,
     admit,
     array,

@@ -10,7 +10,7 @@ from tactile_ros.devices.framed_payloads import taxel_matrix
 from tactile_ros.sensors.taxel_array.config import layout
 from tactile_ros.sensors.taxel_array.signal import NOISE
 from tactile_ros.sensors.taxel_array.signal import signal as own_signal
-from tactile_ros.types.fields import whole
+from tactile_ros.types.config_fields import whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable

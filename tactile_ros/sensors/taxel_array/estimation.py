@@ -30,8 +30,17 @@ from tactile_ros.types import TaxelStatus
 
 if TYPE_CHECKING:
     from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
-    from tactile_ros.signals import Columns, Report, SensorConfig, Signals
-    from tactile_ros.types import Array, Bools, Bytes, ContactState, Integers
+    from tactile_ros.types import (
+        Array,
+        Bools,
+        Bytes,
+        Columns,
+        ContactState,
+        Integers,
+        Report,
+        SensorConfig,
+        Signals,
+    )
 
 ESTIMATORS = (*LAWS, *REGRESSION_ESTIMATORS)
 QUANTUM = 2.8e-4  # standard deviation of rounding to 10 bits (fraction)

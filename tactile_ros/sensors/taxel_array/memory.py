@@ -12,8 +12,7 @@ from tactile_ros.regression.estimation import TIME_CONSTANTS
 if TYPE_CHECKING:
     from tactile_ros.conditioning.patch_ids import PatchIds
     from tactile_ros.conditioning.viscoelastic import CreepState
-    from tactile_ros.signals import Signals
-    from tactile_ros.types import Array, Bools
+    from tactile_ros.types import Array, Bools, Signals
 
 
 class Memory(History):

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from tactile_ros.conditioning.equilibration import Equilibration
     from tactile_ros.estimators.patches import Patches
     from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
-    from tactile_ros.signals import Columns, Signals
-    from tactile_ros.types import Array, Bools, Integers
+    from tactile_ros.types import Array, Bools, Columns, Integers, Signals
 
 FAINT = 0.5  # of what counts as touched: enough where the frame as a whole is touched
 LIGHT = 3.0  # constant errors of a taxel: less is no load

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.enrolment import Programme, growing_loads
 from tactile_ros.physics.coverage import symmetry, taxel_points
 from tactile_ros.physics.parts import part_pressure
-from tactile_ros.presses import Programme, growing_loads
 from tactile_ros.types import Array, Integers
 
 if TYPE_CHECKING:
-    from tactile_ros.presses import Touches, Truth
+    from tactile_ros.enrolment import Touches, Truth
     from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
 
 POINTS = 49  # of a taxel

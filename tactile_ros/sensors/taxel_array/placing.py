@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from tactile_ros.estimators.object_pose import Found, ObjectPose
-    from tactile_ros.signals import Columns
-    from tactile_ros.types import Array, Bools, Integers
+    from tactile_ros.types import Array, Bools, Columns, Integers
 
 UNCORRECTED = 0.25  # error of a taxel's force before it is known how much of it is pressed
 ROUNDS = 2  # of correction

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
     from tactile_ros.conditioning.equilibration import Equilibration
     from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
-    from tactile_ros.signals import Signals
-    from tactile_ros.types import Array, Bools, Integers
+    from tactile_ros.types import Array, Bools, Integers, Signals
 
 SAME_LINE = 1e-6  # m
 PRESSED = 0.05  # of a taxel: of less the area law says nothing

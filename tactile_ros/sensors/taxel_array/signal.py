@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.presses import Programme, Touches, growing_loads, playing, recorded
+from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.sensors.taxel_array.config import layout
 from tactile_ros.sensors.taxel_array.placed_parts import Placing
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tactile_ros.presses import Truth
+    from tactile_ros.enrolment import Truth
     from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
     from tactile_ros.types import Array, Recording
 

@@ -15,8 +15,7 @@ from tactile_ros.types import FrameStatus
 
 if TYPE_CHECKING:
     from tactile_ros.conditioning.viscoelastic import Creep
-    from tactile_ros.signals import Columns, Report, Signals
-    from tactile_ros.types import Array, Bools
+    from tactile_ros.types import Array, Bools, Columns, Report, Signals
 
 FEWEST_ROWS = 5  # of a taxel
 

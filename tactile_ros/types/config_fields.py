@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from tactile_ros.types.arrays import Array, as_shape
-from tactile_ros.types.frames import Outline
+from tactile_ros.types.frame import Array, Outline, as_shape
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

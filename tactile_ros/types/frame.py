@@ -2,12 +2,120 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
+from enum import IntFlag
 
 import numpy as np
+import numpy.typing as npt
 
-from tactile_ros.types.arrays import Array, Bytes, as_shape
-from tactile_ros.types.names import admit_name
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+Singles = npt.NDArray[np.float32]  # in large tables alone
+Bools = npt.NDArray[np.bool_]
+Bytes = npt.NDArray[np.uint8]
+Columns = dict[str, npt.NDArray[np.generic]]  # attributes or truth by name, shape (s, ...)
+
+
+def as_shape(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> Array:
+    """Return `value` as float64 of `shape`, where -1 stands for any length.
+
+    Parameters
+    ----------
+    name : str
+        What the value is, for the sentence of the error.
+    value : array_like
+        Numbers.
+    shape : tuple of int
+        Wanted shape; -1 accepts any length.
+
+    Returns
+    -------
+    ndarray, shape `shape`
+        C-contiguous float64, a copy only where needed.
+
+    Raises
+    ------
+    ValueError
+        If the shape differs, or a value is no number.
+    """
+    try:
+        array = np.ascontiguousarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        msg = f'{name} must be numbers; received {str(value)[:80]}'
+        raise ValueError(msg) from error
+    fits = array.ndim == len(shape) and all(
+        want in (-1, got) for want, got in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        wanted = str(shape).replace('-1', 'any')
+        msg = f'{name} must have shape {wanted}; received {np.shape(value)}'
+        raise ValueError(msg)
+    return array
+
+
+MOST_CHARACTERS = 100
+# letters and digits of any script, and what names of frames, units and objects are written with
+NAME = re.compile(r'[\w .,:/()\[\]+*%^=#°~-]*')
+
+
+def admit_name(what: str, name: str) -> str:
+    """Refuse a name that could be markup, a command or an end of line; return it otherwise.
+
+    Parameters
+    ----------
+    what : str
+        Whose name, for the sentence.
+    name : str
+        May be empty.
+
+    Returns
+    -------
+    str
+        The same.
+
+    Raises
+    ------
+    ValueError
+        If it is longer than 100 characters or has others than letters, digits, spaces and
+        `. , : / ( ) [ ] + * % ^ = # _ ~ -`.
+
+    Examples
+    --------
+    >>> admit_name('frame_id of Layout', 'thumb/tip')
+    'thumb/tip'
+    """
+    if len(name) > MOST_CHARACTERS or not NAME.fullmatch(name):
+        msg = (
+            f'{what} must be at most {MOST_CHARACTERS} letters, digits, spaces and '
+            f'.,:/()[]+*%^=#_~-; received {name[:40]!r}'
+        )
+        raise ValueError(msg)
+    return name
+
+
+class TaxelStatus(IntFlag):
+    """Bits of one taxel in one frame, as in TactileFrame."""
+
+    STALE = 1
+    SATURATED = 2
+    STUCK = 4
+    ERROR = 8
+    WRAPPED = 16
+    DEAD = 32
+
+
+class FrameStatus(IntFlag):
+    """Why a frame's contacts are limited or must not be used, as in TactileContacts."""
+
+    NOT_CALIBRATED = 1
+    NO_BASELINE = 2
+    BAD_TAXELS = 4
+    SATURATED = 8
+    STRAY_FIELD = 16
+    OUT_OF_RANGE = 32
+    ABSTAINED = 64
+    STALE = 128
 
 
 @dataclass(frozen=True)

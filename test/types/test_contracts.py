@@ -1,11 +1,11 @@
-"""Limits of joints: checked once, one sentence each."""
+"""Tables of figures: every row has a cell for every column."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from tactile_ros.types import GripCommand, JointLimits
+from tactile_ros.types import GripCommand, JointLimits, Table
 
 GOOD = {'lower': [0.0, -1.0], 'upper': [1.0, 1.0], 'velocity': [2.0, 2.0], 'effort': [1.0, np.inf]}
 
@@ -35,3 +35,9 @@ def test_limits_that_cannot_be_are_one_sentence(
 ) -> None:
     with pytest.raises(ValueError, match=sentence):
         JointLimits(**{**GOOD, **change})
+
+
+def test_rows_have_a_cell_for_each_column() -> None:
+    Table('t', ('a', 'b'), ((1.0, None), ('x', 2)))
+    with pytest.raises(ValueError, match="rows of 't' must have 2 cells"):
+        Table('t', ('a', 'b'), ((1.0,),))

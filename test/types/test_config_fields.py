@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.types import Outline
-from tactile_ros.types.fields import (
+from tactile_ros.types.config_fields import (
     Outlines,
     admit,
     array,
