@@ -1,6 +1,7 @@
 # make demo    set everything up and run the main job        make bench    compare, time, report; QUICK=1 for less
 # make test    set everything up and pass the tests          make lint     ruff and mypy alone
 # make setup   set up alone                                  make clean    remove all that make made
+# make lines   budgets of the house beside its lines         make bench-check  quick benches beside the golden figures
 #
 # JOBS=1 and BENCH_JOBS=1 run tests and benches one at a time (2 and 4).
 #
@@ -30,10 +31,10 @@ SOURCED := AMENT_PREFIX_PATH COLCON_PREFIX_PATH CMAKE_PREFIX_PATH PYTHONPATH PYT
   ROS_ETC_DIR VIRTUAL_ENV _ROS_WHEELS_BOOTSTRAP_COMPLETE
 ALONE := env $(addprefix -u ,$(SOURCED))
 
-.PHONY: help setup setup-tests demo test test-oldest lint bench lock clean
+.PHONY: help setup setup-tests demo test test-oldest lint bench bench-check lines lock clean
 
 help:
-	@sed -n '1,3s/^# //p' Makefile
+	@sed -n '1,4s/^# //p' Makefile
 
 setup: python
 	@$(PYTHON) $(CONFIGURE) --distro $(DISTRO)
@@ -51,6 +52,15 @@ demo: setup
 bench: setup-tests
 	@.venv/bin/tactile bench all $(if $(QUICK),--quick) --jobs $(BENCH_JOBS) --figures $(RESULTS) $(ARGUMENTS); \
 	  code=$$?; .venv/bin/tactile report $(RESULTS) && exit $$code
+
+# The quick benches beside the golden figures: accuracy, coverage and counts that are worse.
+bench-check: setup-tests
+	@mkdir -p out && .venv/bin/tactile bench all --quick --jobs $(BENCH_JOBS) --results out/bench_check > out/bench_check.log || { tail out/bench_check.log; exit 1; }
+	@.venv/bin/python benchmarks/golden/compare.py out/bench_check
+
+# Lines, files and exceptions of every folder beside their budgets.
+lines:
+	@$(firstword $(wildcard .venv/bin/python) $(PYTHON)) test/house.py
 
 lint: setup-tests
 	@$(ALONE) .venv/bin/ruff check .
