@@ -14,22 +14,12 @@ SOURCES = sorted(PACKAGE.rglob('*.py'))
 ROOT = Path(__file__).parents[1]
 BENCHES = sorted((ROOT / 'benchmarks').rglob('*.py'))
 FLOORS = {
-    'physics': 1, 'types': 1, 'errors': 1, 'blas': 1,
+    'physics': 1, 'types': 1, 'errors': 1,
     'conditioning': 2, 'estimators': 2, 'control': 2, 'devices': 2, 'messages': 2,
-    'calibration': 2, 'signals': 2, 'states': 3, 'stored': 3,
-    'truth': 2, 'presses': 2,
-    'pipeline': 3, 'regression': 3, 'lesson': 4, 'frame_guard': 4,
+    'calibration': 2, 'pipeline': 3, 'enrolment': 3, 'regression': 3, 'frame_guard': 4,
     'sensors': 4, 'hands': 4, 'simulation': 5, 'evaluation': 5, 'view': 5, 'nodes': 6, 'cli': 6,
 }  # fmt: skip
-PLAIN = {
-    'signals',
-    'states',
-    'calibration',
-    'types',
-    'errors',
-    'stored',
-    'truth',
-}  # vocabulary, not rooms
+PLAIN = {'calibration', 'types', 'errors', 'pipeline'}  # vocabulary, not rooms
 ONLY_IN = {
     'rclpy': ('nodes/',),
     'serial': ('devices/transport.py',),
@@ -40,7 +30,7 @@ ONLY_IN = {
     'torch': (),
 }
 BAD_NAMES = {'utils', 'helpers', 'helper', 'common', 'base', 'manager', 'misc'}
-PURE = ('physics', 'conditioning', 'estimators', 'control', 'pipeline', 'calibration', 'states')
+PURE = ('physics', 'conditioning', 'estimators', 'control', 'pipeline', 'calibration')
 
 
 def imports_of(path: Path) -> list[tuple[str, bool]]:
