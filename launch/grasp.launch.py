@@ -12,8 +12,8 @@ from launch.substitutions import LaunchConfiguration
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from tactile_ros.hands import list_hands
-from tactile_ros.nodes.grasp_graph import Grasping, grasping
-from tactile_ros.nodes.launching import TRUE_OR_FALSE, chosen, declared, node_of
+from tactile_ros.nodes.graph import Grasping, grasping
+from tactile_ros.nodes.processes import TRUE_OR_FALSE, chosen, declared, node_of
 from tactile_ros.sensors import list_sensors
 
 DEFAULTS = Grasping()

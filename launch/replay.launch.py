@@ -24,8 +24,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.ros_adapters import get_ros_node
 
 from launch import Event, LaunchContext, LaunchDescription, LaunchDescriptionEntity
-from tactile_ros.nodes.launching import TRUE_OR_FALSE, chosen, declared, node_of
-from tactile_ros.nodes.replay_graph import Playing, replaying
+from tactile_ros.nodes.graph import Playing, replaying
+from tactile_ros.nodes.processes import TRUE_OR_FALSE, chosen, declared, node_of
 from tactile_ros.sensors import list_sensors
 
 DEFAULTS = Playing()

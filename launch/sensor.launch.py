@@ -15,7 +15,7 @@ from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from tactile_ros.nodes.graph import Setting, sensing
-from tactile_ros.nodes.launching import TRUE_OR_FALSE, chosen, declared, node_of
+from tactile_ros.nodes.processes import TRUE_OR_FALSE, chosen, declared, node_of
 from tactile_ros.sensors import list_sensors
 
 DEFAULTS = Setting()

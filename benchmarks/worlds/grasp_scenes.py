@@ -12,7 +12,7 @@ from scipy import stats
 from tactile_ros.evaluation.benchmark import Row, within
 from tactile_ros.evaluation.drawing import standalone
 from tactile_ros.evaluation.svg import Plot
-from tactile_ros.nodes.grip_stage import GripStage
+from tactile_ros.nodes.grip_loop import GripStage
 from tactile_ros.simulation.grasp_scene import KINDS as THINGS
 from tactile_ros.simulation.grasp_scene import named
 from tactile_ros.simulation.load_scene import KINDS, Handling

@@ -23,8 +23,7 @@ from tactile_ros.control import GripPhase
 from tactile_ros.evaluation.benchmark import Row
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.hands.joint_messages import read_command
-from tactile_ros.nodes.graph import Graph, Process
-from tactile_ros.nodes.grasp_graph import Grasping, grasping
+from tactile_ros.nodes.graph import Graph, Grasping, Process, grasping
 from tactile_ros.nodes.processes import Running
 from tactile_ros.sensors import load_sensor
 
@@ -94,10 +93,9 @@ class Scene:
 
         from tactile_ros.action import Grasp
         from tactile_ros.msg import GripState, TactileContacts
-        from tactile_ros.nodes.hand_link import MESSAGES
-        from tactile_ros.nodes.lifecycle import end, start
+        from tactile_ros.nodes.grip_node import MESSAGES
+        from tactile_ros.nodes.lifecycle import data, end, start
         from tactile_ros.nodes.mock_hand import MockHandNode
-        from tactile_ros.nodes.quality import data
 
         folder = Path(held.enter_context(tempfile.TemporaryDirectory()))
         spec = load_sensor(SENSOR)

@@ -12,7 +12,7 @@ from math import isnan, nan
 from pathlib import Path
 from threading import get_native_id
 
-from tactile_ros.nodes.reader import Reader
+from tactile_ros.nodes.sensor_node import Reader
 
 LOOK_S = 5e-3
 LOCK = 'futex'  # in the name of the kernel function that waits for a lock

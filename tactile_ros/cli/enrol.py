@@ -112,8 +112,7 @@ def _presses(
 
 def _live(options: argparse.Namespace) -> int:
     """Ask contact_node."""
-    from tactile_ros.nodes.enrol_client import enrolling
-    from tactile_ros.nodes.enrol_stage import Lesson
+    from tactile_ros.nodes.enrolment_server import Lesson, enrolling
 
     with enrolling(options.namespace) as client:
         if options.forget:

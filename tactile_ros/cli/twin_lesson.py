@@ -37,8 +37,7 @@ def teach(lesson: TwinLesson, number: int, namespace: str, hear: Callable[[str],
     TactileError
         If it is not shown or not learned.
     """
-    from tactile_ros.nodes.enrol_client import enrolling
-    from tactile_ros.nodes.enrol_stage import Lesson
+    from tactile_ros.nodes.enrolment_server import Lesson, enrolling
 
     with enrolling(namespace) as client:
         client.wait_for_truth(lambda truth: bool(truth.label == number), SHOWN_S)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import String
@@ -13,26 +13,51 @@ from std_srvs.srv import Trigger
 from tactile_ros import messages
 from tactile_ros.enrolment import Allowed
 from tactile_ros.msg import TactileContact, TactileContacts, TactileFrame, TactileLayout
-from tactile_ros.nodes.backlog import backlog
-from tactile_ros.nodes.contact_options import ContactOptions
-from tactile_ros.nodes.contact_stage import ContactStage
-from tactile_ros.nodes.enrol_server import EnrolServer
-from tactile_ros.nodes.enrol_stage import EnrolStage
-from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs, serving
-from tactile_ros.nodes.quality import baselines, data, latched, overridable
-from tactile_ros.nodes.standard_topics import StandardTopics
+from tactile_ros.nodes.contact_loop import ContactStage
+from tactile_ros.nodes.enrolment_server import EnrolServer, EnrolStage
+from tactile_ros.nodes.lifecycle import (
+    ManagedNode,
+    baselines,
+    data,
+    latched,
+    main_of,
+    overridable,
+    pairs,
+    serving,
+)
+from tactile_ros.nodes.parameters import ContactOptions
+from tactile_ros.nodes.standard_messages import StandardTopics
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import FrameStatus
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from rclpy.subscription import Subscription
     from rclpy.timer import Timer
 
-    from tactile_ros.nodes.enrol_stage import Change
+    from tactile_ros.nodes.enrolment_server import Change
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import ContactState, Frame
+
+Message = TypeVar('Message')
+
+MOST_TOGETHER = 64
+
+
+def backlog(subscription: Subscription, kind: type[Message]) -> Iterator[Message]:
+    """Take what has come already, so that a node that is late catches up.
+
+    Executors are not told; they find nothing to take then, which they allow for.
+    """
+    handle = subscription.handle
+    with handle:
+        for _ in range(MOST_TOGETHER):
+            taken = handle.take_message(kind, False)
+            if taken is None:
+                return
+            yield taken[0]
+
 
 LISTENERS_PERIOD_S = 0.02
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rclpy.action.server import ServerGoalHandle
     from rclpy.node import Node
 
-    from tactile_ros.nodes.grip_stage import Decision
+    from tactile_ros.nodes.grip_loop import Decision
 
 
 LAST_TURNS = 5

@@ -6,38 +6,208 @@ import threading
 import time
 from dataclasses import replace
 from functools import partial
+from math import nan
 from typing import TYPE_CHECKING
 
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.srv import GetParameters
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tactile_ros import messages
-from tactile_ros.control import GraspOutcome, GripConfig
+from tactile_ros.control import GraspOutcome, GripConfig, GripPhase
 from tactile_ros.hands import load_hand
 from tactile_ros.hands.description import narrowed
-from tactile_ros.messages import packed, vector
+from tactile_ros.hands.driver import JOINT_STATE, NUMBERS, TRAJECTORY, in_order
+from tactile_ros.hands.joint_messages import read_joint_states
+from tactile_ros.hands.urdf import RobotDescription
+from tactile_ros.messages import packed, stamp_ns, vector
 from tactile_ros.msg import GripState, TactileContacts
 from tactile_ros.nodes.grasp_server import GraspServer
-from tactile_ros.nodes.grip_options import GripOptions
-from tactile_ros.nodes.grip_pace import LATE, GripPace
-from tactile_ros.nodes.grip_stage import GripStage
-from tactile_ros.nodes.grip_tally import GripTally
-from tactile_ros.nodes.hand_link import HandLink, newest
-from tactile_ros.nodes.lifecycle import ManagedNode, main_of, serving
-from tactile_ros.nodes.stamp_age import StampAge
-from tactile_ros.types import FrameStatus
+from tactile_ros.nodes.grip_loop import LATE, GripPace, GripStage, StampAge
+from tactile_ros.nodes.lifecycle import ManagedNode, latched, main_of, pairs, serving
+from tactile_ros.nodes.parameters import GripOptions
+from tactile_ros.types import FrameStatus, GripCommand
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
-    from diagnostic_msgs.msg import DiagnosticStatus
+    from rclpy.publisher import Publisher
     from rclpy.subscription import Subscription
     from rclpy.timer import Timer
 
     from tactile_ros.action import Grasp
     from tactile_ros.hands import HandDescription
-    from tactile_ros.hands.urdf import RobotDescription
-    from tactile_ros.nodes.grip_decision import Decision
-    from tactile_ros.types import Array, ContactState, Frame
+    from tactile_ros.hands.driver import Topic
+    from tactile_ros.nodes.grip_loop import Decision
+    from tactile_ros.nodes.lifecycle import ManagedNode
+    from tactile_ros.types import Array, ContactState, Frame, Integers
+
+ASK_PERIOD_S = 0.5
+STATES = 10  # joint states that may wait
+MESSAGES = {JOINT_STATE: JointState, NUMBERS: Float64MultiArray, TRAJECTORY: JointTrajectory}
+
+
+def newest(depth: int = 1) -> QoSProfile:
+    """Commands and states: reliable, and nothing old behind the newest."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.RELIABLE
+    )
+
+
+def sensed() -> QoSProfile:
+    """Joint states of whatever driver: also of one that publishes as sensors do."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST, depth=STATES, reliability=ReliabilityPolicy.BEST_EFFORT
+    )
+
+
+def blank(kind: str) -> object:
+    """A fresh message of a command; a trajectory has the one point that is filled."""
+    if kind == TRAJECTORY:
+        return JointTrajectory(points=[JointTrajectoryPoint()])
+    return MESSAGES[kind]()
+
+
+class HandLink:
+    """Publishers and subscriptions of one hand while grip_node is active.
+
+    Parameters
+    ----------
+    node : ManagedNode
+        Whose they are.
+    hand : HandDescription
+        Which hand.
+    take : callable
+        Takes every measured posture (j,) and its stamp (ns).
+    learn : callable or None
+        Takes the `robot_description` where one comes, and says whether it is of this hand; after
+        a ValueError nothing is sent.
+    wait : bool
+        Nothing is sent before the description has come.
+    """
+
+    def __init__(
+        self,
+        node: ManagedNode,
+        hand: HandDescription,
+        take: Callable[[Array, int], None],
+        learn: Callable[[RobotDescription], bool] | None = None,
+        wait: bool = False,
+    ) -> None:
+        self._node, self._hand, self._take = node, hand, take
+        self._learn = learn
+        self._order: Integers | None = None
+        self._described = learn is None
+        self._why_no_description = 'robot_description has not come' if wait else ''
+        self._why_no_order = f'{hand.driver.controller} does not tell the order of its joints yet'
+        driver = hand.driver
+        # one message for all commands: a fresh one costs as much as the law
+        self._publishers: list[tuple[Publisher, Topic, object]] = [
+            (node.create_publisher(MESSAGES[t.kind], t.name, newest(3)), t, blank(t.kind))
+            for t in driver.topics
+        ]
+        self._heard = [
+            node.create_subscription(JointState, driver.states, self._on_states, sensed())
+        ]
+        if learn is not None:
+            self._heard.append(
+                node.create_subscription(
+                    String, 'robot_description', self._on_description, latched()
+                )
+            )
+        self._client = self._timer = self._asked = None
+        if driver.controller:
+            name = f'{driver.controller}/get_parameters'
+            self._client = node.create_client(GetParameters, name)
+            self._timer = node.steady_timer(ASK_PERIOD_S, self._ask)
+            self._ask()
+        else:
+            self._order = np.arange(len(driver.joints))
+
+    @property
+    def blocked(self) -> str:
+        """Why nothing may be sent yet; empty: nothing is in the way."""
+        return self._why_no_description or (self._why_no_order if self._order is None else '')
+
+    def send(self, command: GripCommand) -> None:
+        """Publish a command in the order of the controller."""
+        ordered = GripCommand(
+            command.stamp_ns, command.position[self._order], command.effort[self._order]
+        )
+        for publisher, topic, message in self._publishers:
+            topic.fill(message, ordered)
+            publisher.publish(message)
+
+    def close(self) -> None:
+        """Remove all; nothing can be sent any more."""
+        for publisher, _, _ in self._publishers:
+            self._node.destroy_publisher(publisher)
+        for subscription in self._heard:
+            self._node.destroy_subscription(subscription)
+        self._end_asking()
+
+    def _end_asking(self) -> None:
+        """The order is known, or no longer wanted."""
+        if self._timer is not None:
+            self._node.destroy_timer(self._timer)
+            self._node.destroy_client(self._client)
+            self._timer = self._client = self._asked = None
+
+    def _on_states(self, message: JointState) -> None:
+        """Hand a posture on; what is damaged is told and counts as silence."""
+        try:
+            position = read_joint_states(message, self._hand.driver.joints)
+        except ValueError as err:
+            self._node.get_logger().error(str(err), throttle_duration_sec=1.0)
+            return
+        if position is not None:
+            self._take(position, stamp_ns(message.header))
+
+    def _on_description(self, message: String) -> None:
+        """Read the hand's description once; one that does not fit lets nothing out."""
+        if self._described:
+            return
+        try:
+            self._described = self._learn(RobotDescription(message.data))
+        except ValueError as err:
+            self._why_no_description = str(err)
+            self._node.get_logger().error(str(err))
+        if self._described:
+            self._why_no_description = ''
+
+    def _ask(self) -> None:
+        """Ask the controller for the order of its joints."""
+        if self._client is None or not self._client.service_is_ready():
+            return
+        if self._asked is not None:  # a controller that hangs is asked once at a time
+            self._client.remove_pending_request(self._asked)
+        self._asked = self._client.call_async(GetParameters.Request(names=['joints']))
+        self._asked.add_done_callback(self._on_order)
+
+    def _on_order(self, future: object) -> None:
+        """Take the order, or say why it cannot be."""
+        if future is not self._asked or self._client is None:
+            return
+        answer, self._asked = future.result(), None
+        if answer is None or not answer.values:
+            return
+        told = tuple(answer.values[0].string_array_value)
+        joints = self._hand.driver.joints
+        if len(told) != len(joints) or set(told) != set(joints):
+            self._why_no_order = (
+                f'the parameter joints of {self._hand.driver.controller} must name the '
+                f'{len(joints)} joints of this hand; received {", ".join(told)[:120] or "nothing"}'
+            )
+            self._node.get_logger().error(self._why_no_order, throttle_duration_sec=1.0)
+            return
+        self._order = in_order(joints, told)
+        self._end_asking()
+
 
 STALE = int(FrameStatus.STALE)
 LAGS = (
@@ -45,6 +215,71 @@ LAGS = (
     'joints lag by 1.44 periods more, which the parameter lag must be told too'
 )
 WATCH_S = 1e-2  # how often the clock is looked at, at most
+
+
+class GripTally:
+    """Steps and commands counted, and what the last step said.
+
+    Attributes
+    ----------
+    steps, commands, limited : int
+        Steps, those that sent something, and those in which it was changed.
+    """
+
+    def __init__(self) -> None:
+        self.steps = self.commands = self.limited = 0
+        self._previous = 0
+        self._refusal, self._phase, self._disagreement = '', GripPhase.IDLE, nan
+
+    def note(self, decision: Decision) -> None:
+        """Take in a step."""
+        self.steps += 1
+        self.commands += decision.command is not None
+        self.limited += decision.limited
+        self._refusal, self._phase = decision.refusal, decision.made.phase
+        self._disagreement = decision.made.disagreement
+
+    def status(
+        self, hand: str, config: GripConfig, enabled: bool, busy: bool, unheard: Sequence[str]
+    ) -> DiagnosticStatus:
+        """Phase, rate, refusals, once a second."""
+        steps, self._previous = self.steps - self._previous, self.steps
+        level, sentence = self._said(steps, config, enabled, unheard)
+        status = DiagnosticStatus(level=level, name='grip', message=sentence)
+        status.hardware_id = hand
+        status.values = pairs(
+            {
+                'phase': self._phase.name,
+                'enabled': enabled,
+                'steps': self.steps,
+                'commands': self.commands,
+                'limited': self.limited,
+                'rate (Hz)': steps,
+                'nominal rate (Hz)': config.rate_hz,
+                'grasp under way': busy,
+                'refusal': self._refusal or 'none',
+                'disagreement of sides': self._disagreement,
+                'never heard': ', '.join(unheard) or 'none',
+            }
+        )
+        return status
+
+    def _said(
+        self, steps: int, config: GripConfig, enabled: bool, unheard: Sequence[str]
+    ) -> tuple[bytes, str]:
+        """Level and sentence: what is worst."""
+        level, sentence = DiagnosticStatus.OK, f'{self._phase.name}, {steps} steps a second'
+        if self._refusal:
+            level = DiagnosticStatus.WARN if enabled else DiagnosticStatus.OK
+            sentence = self._refusal
+        if unheard:
+            level, sentence = DiagnosticStatus.WARN, f'nothing came of {", ".join(unheard)}'
+        if self._disagreement > config.balance_high:  # false of NaN
+            level = DiagnosticStatus.WARN
+            sentence += f'; the two sides disagree by {self._disagreement:.0%}'
+        if self._phase == GripPhase.FAULT:
+            level = DiagnosticStatus.ERROR
+        return level, sentence
 
 
 class GripNode(ManagedNode):

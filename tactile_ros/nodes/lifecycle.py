@@ -16,12 +16,13 @@ from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterValueException, ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
 from tactile_ros.errors import TactileError
 from tactile_ros.nodes.parameters import Schema, refuse_or_accept
-from tactile_ros.nodes.quality import overridable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -31,6 +32,39 @@ if TYPE_CHECKING:
     from rclpy.publisher import Publisher
     from rclpy.qos import QoSProfile
     from rclpy.timer import Timer
+
+LATCHED_TOPICS = ('layout', 'baseline', 'calibration')
+
+
+# A profile is made anew for each use: rclpy writes what a parameter overrides into it.
+
+
+def data() -> QoSProfile:
+    """Frames and contacts: reliable, the last 1000."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.RELIABLE
+    )
+
+
+def latched(depth: int = 1) -> QoSProfile:
+    """What describes the data: late subscribers get the last ones too."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+
+
+def baselines() -> QoSProfile:
+    """A recorder must get every baseline, also of tares that follow one another closely."""
+    return latched(depth=100)
+
+
+def overridable() -> QoSOverridingOptions:
+    """Let `qos_overrides.<topic>.publisher.reliability` and its like change a profile."""
+    return QoSOverridingOptions.with_default_policies()
+
 
 T = TypeVar('T')
 SUCCESS = TransitionCallbackReturn.SUCCESS

@@ -6,8 +6,10 @@ driver reports them, and fails as it fails: `fault`.
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,19 +23,102 @@ from tactile_ros.hands.driver import in_order
 from tactile_ros.hands.hand_joints import taking_part
 from tactile_ros.hands.joint_messages import read_command
 from tactile_ros.hands.mock_hand import FAULTS, MockHand
-from tactile_ros.nodes.hand_link import MESSAGES, newest
+from tactile_ros.nodes.graph import has_port
+from tactile_ros.nodes.grip_node import MESSAGES, newest
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
-from tactile_ros.nodes.node_options import NodeOptions
-from tactile_ros.nodes.pressed_twins import PressedTwins
+from tactile_ros.nodes.parameters import NodeOptions
+from tactile_ros.sensors import load_sensor
+from tactile_ros.types import Closing
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from rclpy.timer import Timer
 
     from tactile_ros.hands.driver import Topic
     from tactile_ros.hands.finger import Finger
-    from tactile_ros.types import Integers
+    from tactile_ros.types import Array, Integers, Recording, Twin
+
+BINS = 24
+
+
+class PressTable:
+    """Readings of a sensor over the normal force of one press.
+
+    Parameters
+    ----------
+    presses : Recording
+        With truth of force; its strongest press is taken.
+    """
+
+    def __init__(self, presses: Recording) -> None:
+        normal = np.nan_to_num(presses.truth['force'][:, 2])
+        last = int(normal.argmax())
+        first = int(np.flatnonzero(normal[:last] <= 0.0)[-1]) + 1
+        rest = presses.values[normal == 0.0].mean(axis=0)
+        edges = np.linspace(0.0, normal[last], BINS + 1)
+        place = np.digitize(normal[first : last + 1], edges[1:-1])
+        bins = np.unique(place)
+        rows = presses.values[first : last + 1]
+        self.force = np.array([0.0, *(normal[first : last + 1][place == b].mean() for b in bins)])
+        self.values = np.stack([rest, *(rows[place == b].mean(axis=0) for b in bins)])
+
+    def at(self, force: float) -> Array:
+        """Readings (t, c) at a normal force (N); beyond the strongest those of it."""
+        upper = int(np.clip(np.searchsorted(self.force, force), 1, len(self.force) - 1))
+        low, high = self.force[upper - 1], self.force[upper]
+        share = min(max((force - low) / (high - low), 0.0), 1.0)
+        between: Array = (1.0 - share) * self.values[upper - 1] + share * self.values[upper]
+        return between
+
+
+class PressedTwins(Closing):
+    """Twins of one sensor on serial ports, pressed from outside.
+
+    Parameters
+    ----------
+    sensor : str
+        Key of a sensor on a serial port.
+    ports : sequence of str
+        Path at which each appears.
+    seed : int
+        Of presses and noise, counted up.
+
+    Attributes
+    ----------
+    force : list of float
+        That presses each now (N).
+    twins : list of Twin
+        In their order, for faults.
+    """
+
+    def __init__(self, sensor: str, ports: Sequence[str], seed: int = 0) -> None:
+        spec = load_sensor(sensor)
+        config, connection = spec.config(), spec.connection()
+        if not has_port(sensor):
+            msg = f'a sensor that a fake hand presses must have a serial port; received {sensor!r}'
+            raise ValueError(msg)
+        self.force = [0.0] * len(ports)
+        self._held = ExitStack()
+        self.twins: list[Twin] = []
+        table = PressTable(spec.presses(config, seed))
+        for i, port in enumerate(ports):
+            twin = spec.simulate(config, connection, self._signal(table, i), seed + i)
+            self.twins.append(self._held.enter_context(twin))
+            place = Path(port)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.unlink(missing_ok=True)
+            place.symlink_to(twin.port)
+            self._held.callback(place.unlink, missing_ok=True)
+
+    def _signal(self, table: PressTable, index: int) -> Callable[[float], Array]:
+        """Readings of a twin, whatever the time."""
+        return lambda _: table.at(self.force[index])
+
+    def close(self) -> None:
+        """End the twins and remove their ports."""
+        self._held.close()
+
 
 NONE = 'none'
 

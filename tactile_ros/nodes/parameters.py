@@ -7,7 +7,7 @@ flattened row by row. A value that is not known (None) is NaN for a number, empt
 
 from __future__ import annotations
 
-from dataclasses import Field, dataclass, fields, replace
+from dataclasses import Field, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
@@ -18,11 +18,174 @@ from rcl_interfaces.msg import (
     SetParametersResult,
 )
 
+from tactile_ros.enrolment import Allowed
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from rclpy.node import Node
     from rclpy.parameter import Parameter
+
+
+@dataclass(frozen=True)
+class NodeOptions:
+    """Parameters of every node."""
+
+    autostart: bool = field(
+        default=True, metadata={'help': 'configure and activate at start', 'read_only': True}
+    )
+
+
+@dataclass(frozen=True)
+class OneSensorOptions(NodeOptions):
+    """Parameters of every node of one sensor."""
+
+    sensor: str = field(
+        default='reskin_board', metadata={'help': 'key of the sensor', 'read_only': True}
+    )
+
+
+@dataclass(frozen=True)
+class SensorOptions(OneSensorOptions):
+    """Parameters of sensor_node besides those of the sensor's config and connection."""
+
+    frame_id: str = field(
+        default='tactile_sensor', metadata={'help': 'name of the sensor frame in tf'}
+    )
+    serial: str = field(default='', metadata={'help': 'which board; goes into layout'})
+    listeners: int = field(
+        default=0,
+        metadata={
+            'help': 'read nothing before so many subscriptions to frame are there',
+            'range': (0, 100),
+        },
+    )
+    queue: int = field(
+        default=100,
+        metadata={
+            'help': 'frames that may wait to be published; in a full queue the oldest is dropped '
+            'and counted',
+            'range': (1, 100_000),
+        },
+    )
+    discard_stale: bool = field(
+        default=True,
+        metadata={
+            'help': 'discard what the port kept back before reading begins, since its age is '
+            'unknown; false where every byte counts, as of a recording that is played'
+        },
+    )
+    magnetic_field: bool = field(
+        default=False,
+        metadata={
+            'help': 'offer magnetic_field/chip_<i> of all chips; otherwise of those subscribed to'
+        },
+    )
+    image: bool = field(
+        default=False,
+        metadata={'help': 'offer image of a matrix; otherwise where it is subscribed to'},
+    )
+    simulated: bool = field(
+        default=False,
+        metadata={'help': 'a simulated twin answers the bytes of the sensor; no hardware'},
+    )
+    seed: int = field(
+        default=0,
+        metadata={'help': 'of the twin: its signal, noise and faults', 'range': (0, 2**31 - 1)},
+    )
+    scene: str = field(
+        default='presses',
+        metadata={
+            'help': 'what a twin plays: presses, or a lesson with something new in it',
+            'choices': ('presses', 'lesson'),
+        },
+    )
+    fault: str = field(
+        default='',
+        metadata={
+            'help': 'fault that the twin suffers each time this is set: name or name:count; none '
+            'withdraws those that wait',
+            'live': True,
+        },
+    )
+
+
+@dataclass(frozen=True)
+class ContactOptions(OneSensorOptions):
+    """Parameters of contact_node besides those of the sensor's config."""
+
+    calibration: str = field(
+        default='', metadata={'help': 'calibration file (.npz); empty: not calibrated'}
+    )
+    tare_frames: int = field(
+        default=10,
+        metadata={'help': 'frames that a tare averages', 'range': (1, 10_000), 'live': True},
+    )
+    allow_tare_in_contact: bool = field(
+        default=False,
+        metadata={'help': 'take a tare also while something seems to touch', 'live': True},
+    )
+    unknown_as: str = field(
+        default='zero',
+        metadata={
+            'help': 'what wrench says for components that are not estimated',
+            'choices': ('zero', 'nan'),
+            'live': True,
+        },
+    )
+    most_lost: float = field(
+        default=Allowed.lost,
+        metadata={
+            'help': 'share of the presses of known classes that a new one may take at most',
+            'range': (0.0, 1.0),
+        },
+    )
+    most_lost_there: float = field(
+        default=Allowed.lost_there,
+        metadata={
+            'help': 'share of the other classes that a new one may take where it was pressed, a '
+            '95 % bound',
+            'range': (0.0, 1.0),
+        },
+    )
+    listeners: int = field(
+        default=0,
+        metadata={
+            'help': 'process nothing before so many subscriptions to contacts are there',
+            'range': (0, 100),
+        },
+    )
+
+
+@dataclass(frozen=True)
+class GripOptions(NodeOptions):
+    """Parameters of grip_node besides those of the law and of the hand's driver."""
+
+    hand: str = field(
+        default='allegro_v5',
+        metadata={
+            'help': 'name of a hand in config/hands, or a .yaml that describes one',
+            'read_only': True,
+        },
+    )
+    fingers: tuple[str, ...] = field(
+        default=(),
+        metadata={'help': 'sensors that take part: <finger>/contacts; empty: all of the hand'},
+    )
+    enabled: bool = field(
+        default=True, metadata={'help': 'commands may be sent once active, as by ~/enable'}
+    )
+    use_robot_description: bool = field(
+        default=True,
+        metadata={
+            'help': 'take limits, and pads whose frame is a link, from robot_description where it '
+            'comes and names the joints of the hand'
+        },
+    )
+    wait_for_robot_description: bool = field(
+        default=False, metadata={'help': 'nothing is sent before it has come'}
+    )
+
 
 T = TypeVar('T')
 # what ROS holds: a scalar, an array, or None

@@ -13,9 +13,15 @@ from std_msgs.msg import String
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.bag import BagWriter
 from tactile_ros.msg import TactileContacts, TactileFrame, TactileLayout
-from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
-from tactile_ros.nodes.node_options import NodeOptions
-from tactile_ros.nodes.quality import LATCHED_TOPICS, baselines, data
+from tactile_ros.nodes.lifecycle import (
+    LATCHED_TOPICS,
+    ManagedNode,
+    baselines,
+    data,
+    main_of,
+    pairs,
+)
+from tactile_ros.nodes.parameters import NodeOptions
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

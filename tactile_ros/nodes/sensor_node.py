@@ -2,31 +2,529 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
-from dataclasses import replace
+import re
+import threading
+import time
+from collections import deque
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field, replace
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, Quaternion
 
 from tactile_ros import messages
 from tactile_ros.enrolment import playing
+from tactile_ros.errors import DeviceError, DeviceTimeout, TactileError
 from tactile_ros.msg import TactileContact, TactileContacts, TactileFrame, TactileLayout
-from tactile_ros.nodes.health import Health
-from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
-from tactile_ros.nodes.quality import data, latched
-from tactile_ros.nodes.reader import Reader
-from tactile_ros.nodes.sensor_options import SensorOptions
-from tactile_ros.nodes.twin import RELIEF, SignalTruth, parse_fault
-from tactile_ros.nodes.views import Views
+from tactile_ros.nodes.lifecycle import ManagedNode, data, latched, main_of, pairs
+from tactile_ros.nodes.parameters import SensorOptions
+from tactile_ros.nodes.player import truth_states
+from tactile_ros.nodes.standard_messages import Views
 from tactile_ros.sensors import load_sensor
+from tactile_ros.types import TaxelStatus
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from rclpy.publisher import Publisher
 
-    from tactile_ros.types import Array, Device, Frame, Layout, Recording, Twin
+    from tactile_ros.types import (
+        Array,
+        ContactState,
+        ContactStates,
+        Device,
+        Frame,
+        Layout,
+        Recording,
+        Twin,
+    )
+
+READ_TIMEOUT_S = 0.25
+FIRST_RETRY_S = 0.1
+LONGEST_RETRY_S = 0.5
+# the same complaint is not told again before
+REPEAT_S = 10.0
+# a quiet chip repeats itself now and then
+RARELY = 0.05
+MOST_STAMPS = 10_000
+MOST_DISCARDING_S = 0.5
+
+
+@dataclass
+class Reading:
+    """What the reader has seen, for diagnostics.
+
+    Attributes
+    ----------
+    frames : int
+        Read.
+    overruns : int
+        Of them those that were pushed out of a full queue.
+    failures : int
+        Errors of the device or of what came after it.
+    waiting : bool
+        Nothing is read before everybody who listens is there.
+    sentence : str
+        Why nothing comes now; empty while frames come.
+    last : Frame or None
+        The latest frame.
+    flagged : int
+        Taxel readings with a status bit.
+    stamps : deque of int
+        Acquisition times (ns) since they were taken last.
+    marks : int
+        Bits of `TaxelStatus` that came since they were taken last.
+    fresh, stale : int
+        Frames since then, and those with a STALE taxel.
+    """
+
+    frames: int = 0
+    overruns: int = 0
+    failures: int = 0
+    waiting: bool = False
+    sentence: str = 'no frame yet'
+    last: Frame | None = None
+    flagged: int = 0
+    stamps: deque[int] = field(default_factory=lambda: deque(maxlen=MOST_STAMPS))
+    marks: int = 0
+    fresh: int = 0
+    stale: int = 0
+
+    def note(self, frame: Frame) -> None:
+        """Count a frame."""
+        self.frames += 1
+        self.fresh += 1
+        self.last = frame
+        self.stamps.append(frame.stamp_ns or 0)
+        if frame.status is not None:
+            self.flagged += int(np.count_nonzero(frame.status))
+            marks = int(np.bitwise_or.reduce(frame.status))
+            self.marks |= marks
+            self.stale += bool(marks & TaxelStatus.STALE)
+
+    def take_stamps(self) -> list[int]:
+        """Acquisition times (ns) since the last call."""
+        return [self.stamps.popleft() for _ in range(len(self.stamps))]
+
+    def take_marks(self) -> TaxelStatus:
+        """Bits that came since the last call; STALE only if it came often."""
+        marks = TaxelStatus(self.marks)
+        if self.stale <= RARELY * self.fresh:
+            marks &= ~TaxelStatus.STALE
+        self.marks = self.fresh = self.stale = 0
+        return marks
+
+    def taxels(self, bit: TaxelStatus) -> list[int]:
+        """Taxels of the latest frame that carry a status bit."""
+        if self.last is None or self.last.status is None:
+            return []
+        return [int(i) for i in np.flatnonzero(self.last.status & int(bit))]
+
+
+class Reader:
+    """Read a device in a thread of its own until closed; no failure of the device ends it.
+
+    Parameters
+    ----------
+    device : Device
+        Not yet entered; opened again with growing pauses where its port is missing.
+    deliver : callable
+        Takes every frame once and in order: those that came together, one at a time from a queue.
+    complain : callable
+        Takes a sentence whenever the reason why nothing comes changes.
+    ready : callable or None
+        Nothing is read before it returns True: whoever must see the first frame is there.
+    queue : int
+        Frames that may wait for `deliver`, which runs in a thread of its own then; 0: it runs in
+        the reader's thread, and the port's own buffer is the queue.
+    kept_back_s : float
+        Before reading begins, discard what the port hands over faster than this: it was kept
+        back, and its age is unknown. 0: nothing is discarded.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        deliver: Callable[[Sequence[Frame]], None],
+        complain: Callable[[str], None],
+        ready: Callable[[], bool] | None = None,
+        queue: int = 0,
+        kept_back_s: float = 0.0,
+    ) -> None:
+        self.reading = Reading()
+        self._device = device
+        self._deliver = deliver
+        self._waiting: Callable[[], list[Frame]] = getattr(device, 'waiting', list)
+        self._complain = complain
+        self._ready = ready
+        self._stop = threading.Event()
+        self._opened = ExitStack()
+        self._is_open = False
+        self._told: dict[str, float] = {}
+        self._limit = queue
+        self._kept_back_s = kept_back_s
+        self._queue: SimpleQueue[Frame | None] = SimpleQueue()
+        self._thread = threading.Thread(target=self._run, name='reader', daemon=True)
+        self._handing = threading.Thread(target=self._hand_on, name='reader_queue', daemon=True)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the device could be opened."""
+        return self._is_open
+
+    def open(self) -> bool:
+        """Try to open the device now; where its port is missing, the thread goes on trying."""
+        try:
+            self._opened.enter_context(self._device)
+            self._is_open = True
+        except DeviceError as err:
+            self._note(f'{err}; trying again')
+        return self._is_open
+
+    def start(self) -> None:
+        """Begin to read."""
+        if self._limit:
+            self._handing.start()
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the threads and close the device."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        if self._handing.is_alive():
+            self._queue.put(None)
+            self._handing.join()
+        self._opened.close()
+
+    def counters(self) -> dict[str, int]:
+        """Counts of the device itself, where it keeps any."""
+        counted = getattr(self._device, 'counters', None)
+        return dict(counted()) if counted is not None else {}
+
+    def _run(self) -> None:
+        """Open, wait for the listeners, read; after a failure again from the top."""
+        pause = FIRST_RETRY_S
+        while not self._is_open and not self._stop.wait(pause):
+            pause = min(2 * pause, LONGEST_RETRY_S)
+            self._open_again()
+        self.reading.waiting = self._ready is not None
+        while self._ready is not None and not self._ready():
+            if self._stop.wait(0.01):
+                return
+        self.reading.waiting = False
+        self._discard()
+        while not self._stop.is_set():
+            self._step()
+
+    def _discard(self) -> None:
+        """Read on until a frame has to be waited for."""
+        end = time.monotonic() + MOST_DISCARDING_S
+        took = 0.0
+        with suppress(Exception):  # a failure is told by the reading that follows
+            while took < self._kept_back_s and time.monotonic() < end and not self._stop.is_set():
+                began = time.monotonic()
+                self._device.read(0.0)
+                took = time.monotonic() - began
+
+    def _open_again(self) -> None:
+        """Try to open; what fails is told."""
+        try:
+            self.open()
+        except (TactileError, OSError, ValueError) as err:
+            self._note(f'{err}; trying again')
+
+    def _step(self) -> None:
+        """What has come, or the reason why nothing has."""
+        try:
+            frames = [self._device.read(READ_TIMEOUT_S), *self._waiting()]
+        except DeviceTimeout as err:
+            self._note(str(err))
+        except (TactileError, OSError) as err:
+            self._fail(str(err))
+        except Exception as err:  # also what no driver may do: the node goes on
+            self._fail(f'{type(err).__name__}: {err}')
+        else:
+            self._take(frames)
+
+    def _fail(self, sentence: str) -> None:
+        """Count a failure, tell it, and pause."""
+        self.reading.failures += 1
+        self._note(sentence)
+        self._stop.wait(FIRST_RETRY_S)
+
+    def _take(self, frames: list[Frame]) -> None:
+        """Hand frames on, or let them wait in the queue."""
+        for frame in frames:
+            self.reading.note(frame)
+        self.reading.sentence = ''
+        if not self._limit:
+            self._pass_on(frames)
+            return
+        for frame in frames:
+            if self._queue.qsize() >= self._limit:
+                self._push_out()
+            self._queue.put(frame)
+
+    def _push_out(self) -> None:
+        """Drop the oldest frame, unless it has just been taken."""
+        with suppress(Empty):
+            self._queue.get_nowait()
+            self.reading.overruns += 1
+
+    def _hand_on(self) -> None:
+        """Empty the queue until there is nothing more to come."""
+        while (frame := self._queue.get()) is not None:
+            lost = self.reading.overruns
+            self._pass_on([replace(frame, dropped=frame.dropped + lost) if lost else frame])
+
+    def _pass_on(self, frames: list[Frame]) -> None:
+        """Hand frames on; a failure there is told and costs them alone."""
+        try:
+            self._deliver(frames)
+        except Exception as err:  # whatever listens must not end the sensor
+            self.reading.failures += 1
+            self._note(f'{type(err).__name__}: {err}')
+
+    def _note(self, sentence: str) -> None:
+        """Complain about each new reason, and about one that comes and goes now and then."""
+        self.reading.sentence = sentence
+        now = time.monotonic()
+        if now - self._told.get(sentence, -REPEAT_S) >= REPEAT_S:
+            self._told = {sentence: now}
+            self._complain(sentence)
+
+
+TAXELS = {
+    'saturated taxels': TaxelStatus.SATURATED,
+    'wrapped taxels': TaxelStatus.WRAPPED,
+    'stuck taxels': TaxelStatus.STUCK,
+    'taxels in error': TaxelStatus.ERROR,
+    'stale taxels': TaxelStatus.STALE,
+}
+# always told, also by drivers whose protocol does not have them
+EXPECTED = ('dropped', 'crc_errors', 'framing_errors', 'resets', 'reconnects')
+# growth of these alone is no trouble
+HARMLESS = ('frames', 'not_ready', 'saturated', 'stale', 'repeated', 'missing', 'other_kind')
+NOT_MEASURED = 'not measured'
+SLOW, JITTERY = 0.8, 0.5
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How regularly frames came.
+
+    Attributes
+    ----------
+    rate_hz : float
+        Frames per second of their own stamps; NaN: fewer than two came.
+    jitter_s : float
+        Standard deviation of the time from frame to frame (s); NaN: fewer than three came.
+    """
+
+    rate_hz: float
+    jitter_s: float
+
+
+def pace(stamps_ns: Sequence[int]) -> Pace:
+    """Rate and jitter of acquisition times (ns)."""
+    gaps = np.diff(np.asarray(stamps_ns, np.int64)) * 1e-9
+    gaps = gaps[gaps > 0]
+    if not len(gaps):
+        return Pace(float('nan'), float('nan'))
+    return Pace(1.0 / float(gaps.mean()), float(gaps.std()) if len(gaps) > 1 else float('nan'))
+
+
+@dataclass
+class Health:
+    """Judges a sensor once a second.
+
+    Attributes
+    ----------
+    nominal_hz : float
+        Rate of the layout; NaN: unknown.
+    name, hardware_id : str
+        Of the status.
+    """
+
+    nominal_hz: float
+    name: str = 'sensor'
+    hardware_id: str = ''
+    _frames: int = field(default=0, init=False)
+    _before: dict[str, int] = field(default_factory=dict, init=False)
+
+    def judge(
+        self,
+        reading: Reading,
+        counters: Mapping[str, int],
+        is_open: bool,
+        more: Mapping[str, object] | None = None,
+    ) -> tuple[bytes, str, dict[str, object]]:
+        """Level, sentence and values for what came since the last call.
+
+        Parameters
+        ----------
+        reading : Reading
+            Of the reader; its stamps and marks are taken.
+        counters : mapping
+            Of the device.
+        is_open : bool
+            Whether the device could be opened.
+        more : mapping or None
+            Further values to tell.
+
+        Returns
+        -------
+        level : bytes
+            Of DiagnosticStatus. OK; WARN: frames come, but something needs attention; ERROR: none
+            come; STALE: none are read, since nobody listens yet.
+        message : str
+            Why, in a sentence.
+        values : dict
+            What is known, by name.
+        """
+        count, self._frames = reading.frames - self._frames, reading.frames
+        found, marks = pace(reading.take_stamps()), reading.take_marks()
+        grown = self._grown({**counters, 'overruns': reading.overruns})
+        level, message = DiagnosticStatus.OK, f'{count} frames in the last second'
+        if reading.waiting and not reading.frames:
+            level, message = DiagnosticStatus.STALE, 'not read before all listeners are there'
+        elif not count or not is_open:
+            level, message = DiagnosticStatus.ERROR, reading.sentence or 'no frame came'
+        elif reasons := [*self._slow(found), *_marked(marks), *grown, reading.sentence]:
+            told = [reason for reason in reasons if reason]
+            level = DiagnosticStatus.WARN if told else level
+            message = '; '.join([message, *told])
+        values = {
+            'connection': _connection(level, is_open),
+            'rate (Hz)': found.rate_hz,
+            'nominal rate (Hz)': self.nominal_hz,
+            'jitter (ms)': 1e3 * found.jitter_s,
+            'frames': reading.frames,
+            'queue overruns': reading.overruns,
+            'failures': reading.failures,
+            **dict.fromkeys(EXPECTED, 'not in this protocol'),
+            **counters,
+            **{name: reading.taxels(bit) for name, bit in TAXELS.items()},
+            **temperatures(reading.last),
+            **(more or {}),
+        }
+        return level, message, values
+
+    def _grown(self, counters: Mapping[str, int]) -> list[str]:
+        """What was counted since the last call, in words."""
+        before, self._before = self._before, dict(counters)
+        more = {n: v - before.get(n, 0) for n, v in counters.items() if n not in HARMLESS}
+        return [f'{count} {name.replace("_", " ")}' for name, count in more.items() if count > 0]
+
+    def _slow(self, found: Pace) -> list[str]:
+        """What is wrong with rate and jitter."""
+        if found.rate_hz < SLOW * self.nominal_hz:
+            return [f'{found.rate_hz:.3g} Hz instead of {self.nominal_hz:g} Hz']
+        if found.jitter_s * self.nominal_hz > JITTERY:
+            return [f'frames come irregularly: jitter {1e3 * found.jitter_s:.2g} ms']
+        return []
+
+
+def _marked(marks: TaxelStatus) -> list[str]:
+    """Names of the taxel states that came up."""
+    return [name for name, bit in TAXELS.items() if marks & bit]
+
+
+def _connection(level: bytes, is_open: bool) -> str:
+    """State of the connection in a word or two."""
+    if not is_open:
+        return 'not open'
+    named = {DiagnosticStatus.ERROR: 'silent', DiagnosticStatus.STALE: 'open, not read yet'}
+    return named.get(level, 'streaming')
+
+
+def temperatures(frame: Frame | None) -> dict[str, object]:
+    """Coldest and hottest chip of a frame (degrees Celsius)."""
+    warm = None if frame is None else frame.temperature_c
+    names = ('lowest temperature (C)', 'highest temperature (C)')
+    if warm is None or not np.isfinite(warm).any():
+        return dict.fromkeys(names, NOT_MEASURED)
+    return dict(zip(names, (float(np.nanmin(warm)), float(np.nanmax(warm))), strict=True))
+
+
+MOST_FAULTS = 1000
+RELIEF = 'none'
+PATTERN = re.compile(r'(?P<name>[a-z_]+)(:(?P<count>[0-9]{1,6}))?')
+
+
+def parse_fault(text: str, known: Sequence[str]) -> tuple[str, int]:
+    """Name and count of a fault.
+
+    Parameters
+    ----------
+    text : str
+        `name` or `name:count`.
+    known : sequence of str
+        Faults that the twin can suffer.
+
+    Returns
+    -------
+    name : str
+        One of `known`.
+    count : int
+        How many frames or transfers suffer it.
+
+    Raises
+    ------
+    ValueError
+        If it is none; lists those that are.
+    """
+    found = PATTERN.fullmatch(text.strip())
+    name = '' if found is None else found['name']
+    count = int(found['count'] or 1) if found is not None else 0
+    if name not in known or not 1 <= count <= MOST_FAULTS:
+        msg = (
+            f'fault must be one of {", ".join(known)}, with :count of 1 to {MOST_FAULTS} where it '
+            f'is to happen more than once; received {text!r}'
+        )
+        raise ValueError(msg)
+    return name, count
+
+
+class SignalTruth:
+    """What the signal of a twin says at a time: rows of its recording, again and again.
+
+    Parameters
+    ----------
+    recording : Recording
+        What the twin's signal plays, with truth; evenly spaced.
+    start_ns : int
+        Node's time at the signal's beginning (ns).
+
+    Notes
+    -----
+    The clock of a twin's board begins with its signal, so it tells the row that a frame carries
+    however late the frame was sent and read.
+    """
+
+    def __init__(self, recording: Recording, start_ns: int) -> None:
+        self._start_ns = start_ns
+        self._rate_hz = recording.layout.rate_hz
+        self._truth = recording.truth
+        self._states: ContactStates = truth_states(recording)
+        self._count = len(recording)
+
+    def row(self, stamp_ns: int, device_time_ns: int = 0) -> int:
+        """Row that was played at a time (ns), by the board's clock where it has one."""
+        since_ns = device_time_ns or stamp_ns - self._start_ns
+        return round(since_ns * 1e-9 * self._rate_hz) % self._count
+
+    def at(self, stamp_ns: int, device_time_ns: int = 0) -> tuple[ContactState, dict[str, int]]:
+        """Truth at a time (ns), and the groups that it belongs to."""
+        row = self.row(stamp_ns, device_time_ns)
+        names = ('session', 'repetition')
+        groups = {n: int(np.asarray(self._truth[n][row])) for n in names if n in self._truth}
+        return self._states[row], groups
+
 
 AT_ONCE = 0.5  # of a frame's period: what takes less to read was not waited for
 

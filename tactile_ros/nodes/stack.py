@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from rclpy.node import Node
 
 from tactile_ros.nodes.contact_node import ContactNode
-from tactile_ros.nodes.grasp_graph import Grasping, sensors_of, stack_of
+from tactile_ros.nodes.graph import Grasping, sensors_of, stack_of
 from tactile_ros.nodes.grip_node import GripNode
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of, serving
 from tactile_ros.nodes.parameters import Schema

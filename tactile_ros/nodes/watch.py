@@ -14,8 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from tactile_ros import messages
 from tactile_ros.msg import GripState, TactileContacts, TactileFrame, TactileLayout
-from tactile_ros.nodes.lifecycle import shut_down
-from tactile_ros.nodes.quality import data, latched
+from tactile_ros.nodes.lifecycle import data, latched, shut_down
 from tactile_ros.types import ContactState
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ import pytest
 from tactile_ros.evaluation.class_changes import read_changes
 from tactile_ros.evaluation.loaded import LiveContacts, LoadedRecording
 from tactile_ros.evaluation.replay import replay
-from tactile_ros.nodes.contact_stage import ContactStage
-from tactile_ros.nodes.enrol_stage import Change, EnrolStage, Learned, Lesson
+from tactile_ros.nodes.contact_loop import ContactStage
+from tactile_ros.nodes.enrolment_server import Change, EnrolStage, Learned, Lesson
 from tactile_ros.types import STATE_FIELDS, ContactState, ContactStates, Frame, Recording
 from test.reference import enrolled_skin
 

@@ -18,7 +18,7 @@ from tactile_ros.evaluation.recording import load
 from tactile_ros.evaluation.replay import as_live, compare, replay
 from tactile_ros.evaluation.sensor_tally import tally_bag
 from tactile_ros.messages import fill_contacts
-from tactile_ros.nodes.contact_stage import ContactStage
+from tactile_ros.nodes.contact_loop import ContactStage
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import STATE_FIELDS, ContactStates, Frame, Recording, TaxelStatus
 

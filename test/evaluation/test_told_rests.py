@@ -15,7 +15,7 @@ from tactile_ros.conditioning.baseline import tare_means, tare_runs
 from tactile_ros.evaluation.follow import batch_of, gathered
 from tactile_ros.evaluation.loaded import LiveContacts, LoadedRecording
 from tactile_ros.evaluation.told_rests import alike, with_rests
-from tactile_ros.nodes.contact_stage import ContactStage
+from tactile_ros.nodes.contact_loop import ContactStage
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import ContactStates, Frame, Recording
 

@@ -21,7 +21,7 @@ from tactile_ros.messages import fill_frame, fill_layout, read_contacts
 from tactile_ros.msg import TactileContacts, TactileFrame, TactileLayout
 from tactile_ros.nodes import lifecycle
 from tactile_ros.nodes.contact_node import ContactNode
-from tactile_ros.nodes.quality import baselines, data, latched
+from tactile_ros.nodes.lifecycle import baselines, data, latched
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame, FrameStatus, Layout
 

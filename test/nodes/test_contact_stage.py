@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tactile_ros import frame_guard
-from tactile_ros.nodes.contact_stage import ContactStage
+from tactile_ros.nodes.contact_loop import ContactStage
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import (
     STATE_FIELDS,

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.nodes.contact_stage import ContactStage
-from tactile_ros.nodes.enrol_stage import CLOSED, EnrolStage, Learned, Lesson
+from tactile_ros.nodes.contact_loop import ContactStage
+from tactile_ros.nodes.enrolment_server import CLOSED, EnrolStage, Learned, Lesson
 from tactile_ros.types import ContactStates, Frame, Layout
 
 if TYPE_CHECKING:

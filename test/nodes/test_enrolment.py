@@ -19,9 +19,8 @@ from tactile_ros.messages import fill_frame
 from tactile_ros.msg import TactileContacts, TactileFrame
 from tactile_ros.nodes import lifecycle, stack
 from tactile_ros.nodes.contact_node import ContactNode
-from tactile_ros.nodes.enrol_client import EnrolClient
-from tactile_ros.nodes.enrol_stage import Lesson
-from tactile_ros.nodes.quality import data, latched
+from tactile_ros.nodes.enrolment_server import EnrolClient, Lesson
+from tactile_ros.nodes.lifecycle import data, latched
 from tactile_ros.sensors import load_sensor
 from tactile_ros.srv import ForgetContact
 from test.reference import enrolled_skin

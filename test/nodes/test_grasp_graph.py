@@ -14,10 +14,9 @@ from std_msgs.msg import Float64MultiArray
 from tactile_ros.action import Grasp
 from tactile_ros.control import GripConfig
 from tactile_ros.msg import GripState, TactileContacts
-from tactile_ros.nodes.graph import Graph
-from tactile_ros.nodes.grasp_graph import Grasping, grasping, stack_of
+from tactile_ros.nodes.graph import Graph, Grasping, grasping, stack_of
+from tactile_ros.nodes.lifecycle import data
 from tactile_ros.nodes.processes import Running
-from tactile_ros.nodes.quality import data
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:

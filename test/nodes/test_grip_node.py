@@ -24,9 +24,9 @@ from tactile_ros.msg import GripState, TactileContacts
 from tactile_ros.nodes import lifecycle
 from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.grip_node import GripNode
+from tactile_ros.nodes.lifecycle import data, latched
 from tactile_ros.nodes.mock_hand import MockHandNode
 from tactile_ros.nodes.processes import Running
-from tactile_ros.nodes.quality import data, latched
 
 if TYPE_CHECKING:
     from conftest import Ros

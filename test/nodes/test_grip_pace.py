@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.nodes.grip_pace import GripPace
+from tactile_ros.nodes.grip_loop import GripPace
 
 PERIOD_NS = 10_000_000
 

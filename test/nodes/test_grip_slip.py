@@ -24,8 +24,8 @@ from tactile_ros.msg import GripState, TactileContacts
 from tactile_ros.nodes import lifecycle
 from tactile_ros.nodes.contact_node import ContactNode
 from tactile_ros.nodes.grip_node import GripNode
+from tactile_ros.nodes.lifecycle import data
 from tactile_ros.nodes.mock_hand import MockHandNode
-from tactile_ros.nodes.quality import data
 from tactile_ros.nodes.sensor_node import SensorNode
 from tactile_ros.sensors import load_sensor
 

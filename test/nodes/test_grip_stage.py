@@ -17,8 +17,7 @@ from tactile_ros.control import GraspOutcome, GripConfig, GripPhase
 from tactile_ros.hands import load_hand
 from tactile_ros.hands.hand_joints import taking_part
 from tactile_ros.hands.mock_hand import MockHand
-from tactile_ros.nodes.grip_decision import Decision
-from tactile_ros.nodes.grip_stage import GripStage
+from tactile_ros.nodes.grip_loop import Decision, GripStage
 
 HANDS = ['allegro_v4', 'allegro_v5', 'allegro_plexus', 'qb_softhand', 'qb_softhand_2m']
 

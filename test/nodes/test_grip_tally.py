@@ -8,8 +8,8 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from tactile_ros.control import GripConfig, GripForce, GripInput, GripPhase
-from tactile_ros.nodes.grip_decision import Decision
-from tactile_ros.nodes.grip_tally import GripTally
+from tactile_ros.nodes.grip_loop import Decision
+from tactile_ros.nodes.grip_node import GripTally
 
 
 def idle() -> Decision:

@@ -16,7 +16,7 @@ from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 
 from tactile_ros.hands import load_hand
-from tactile_ros.nodes.hand_link import HandLink
+from tactile_ros.nodes.grip_node import HandLink
 from tactile_ros.nodes.lifecycle import ManagedNode
 from tactile_ros.types import GripCommand
 

@@ -14,12 +14,17 @@ from rclpy.node import Node
 from tactile_ros.nodes import lifecycle
 from tactile_ros.nodes.contact_node import ContactNode
 from tactile_ros.nodes.grip_node import GripNode
-from tactile_ros.nodes.health import NOT_MEASURED, Health, pace, temperatures
 from tactile_ros.nodes.mock_hand import MockHandNode
 from tactile_ros.nodes.player import PlayerNode
-from tactile_ros.nodes.reader import Reading
 from tactile_ros.nodes.record import RecordNode
-from tactile_ros.nodes.sensor_node import SensorNode
+from tactile_ros.nodes.sensor_node import (
+    NOT_MEASURED,
+    Health,
+    Reading,
+    SensorNode,
+    pace,
+    temperatures,
+)
 from tactile_ros.types import Frame, TaxelStatus
 
 if TYPE_CHECKING:

@@ -14,11 +14,8 @@ import yaml
 
 from tactile_ros.control import GripConfig
 from tactile_ros.nodes.contact_node import ContactOptions
-from tactile_ros.nodes.graph import Setting
-from tactile_ros.nodes.grasp_graph import Grasping
-from tactile_ros.nodes.grip_options import GripOptions
-from tactile_ros.nodes.parameters import Schema
-from tactile_ros.nodes.replay_graph import Playing, replaying
+from tactile_ros.nodes.graph import Grasping, Playing, Setting, replaying
+from tactile_ros.nodes.parameters import GripOptions, Schema
 from tactile_ros.nodes.sensor_node import SensorOptions
 from tactile_ros.sensors import list_sensors, load_sensor
 from test.reference.help_examples import PAGES, lines

@@ -6,7 +6,7 @@ import threading
 
 import numpy as np
 
-from tactile_ros.nodes.ledger import Ledger
+from tactile_ros.nodes.player import Ledger
 from tactile_ros.types import Frame
 
 

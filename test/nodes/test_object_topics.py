@@ -15,7 +15,7 @@ from tactile_ros.messages import fill_frame, read_contacts, stamp_ns
 from tactile_ros.msg import TactileContacts, TactileFrame
 from tactile_ros.nodes import lifecycle
 from tactile_ros.nodes.contact_node import ContactNode
-from tactile_ros.nodes.quality import data
+from tactile_ros.nodes.lifecycle import data
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.taxel_array.config import grid_positions
 from tactile_ros.types import Frame, Outline, Recording

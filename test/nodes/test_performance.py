@@ -13,9 +13,8 @@ import pytest
 from tactile_ros.devices.packets import encode
 from tactile_ros.devices.serial_board import SerialBoard
 from tactile_ros.errors import DeviceError, DeviceTimeout
-from tactile_ros.nodes import performance
-from tactile_ros.nodes.ledger import Ledger
-from tactile_ros.nodes.performance import Performance, Score, Stopped, Tally
+from tactile_ros.nodes import player
+from tactile_ros.nodes.player import Ledger, Performance, Score, Stopped, Tally
 from tactile_ros.types import Recording
 
 if TYPE_CHECKING:
@@ -98,7 +97,7 @@ def test_what_the_graph_lacks_is_said(
 ) -> None:
     ahead = [0.0]
     clock = SimpleNamespace(monotonic=lambda: time.monotonic() + ahead[0])
-    monkeypatch.setattr(performance, 'time', clock)
+    monkeypatch.setattr(player, 'time', clock)
 
     def missing() -> str:
         ahead[0] += PATIENCE_S  # only once the port is read, which takes a busy machine long
@@ -118,7 +117,7 @@ def test_a_port_that_nobody_reads_is_said(short: Recording, tmp_path: Path) -> N
 def test_a_graph_that_falls_silent_is_given_up(
     short: Recording, tmp_path: Path, echo: Echo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(performance, 'LOST_S', 0.02)
+    monkeypatch.setattr(player, 'LOST_S', 0.02)
 
     def tare(_: float) -> tuple[bool, str]:
         echo.deaf.set()
@@ -144,7 +143,7 @@ def test_stop_ends_a_loop(short: Recording, tmp_path: Path, echo: Echo) -> None:
 
 
 def test_truth_of_tare_rows_is_untouched(short: Recording) -> None:
-    states = performance.truth_states(short)
+    states = player.truth_states(short)
     assert states.in_contact[short.tare].tolist() == [0] * 6
     assert states.in_contact[~short.tare].tolist() == [-1] * 6
     np.testing.assert_array_equal(states.position, short.truth['position'])
@@ -152,10 +151,10 @@ def test_truth_of_tare_rows_is_untouched(short: Recording) -> None:
 
 def test_runs_of_resting_rows() -> None:
     tare = np.array([True, True, False, True, False, False])
-    assert performance.runs(tare) == [(0, 2, True), (2, 3, False), (3, 4, True), (4, 6, False)]
-    assert performance.runs(np.zeros(0, bool)) == []
+    assert player.runs(tare) == [(0, 2, True), (2, 3, False), (3, 4, True), (4, 6, False)]
+    assert player.runs(np.zeros(0, bool)) == []
 
 
 def test_values_as_the_driver_reads_them(short: Recording) -> None:
-    got = performance.as_received(encode(short.values[0]))
+    got = player.as_received(encode(short.values[0]))
     np.testing.assert_allclose(got, short.values[0], atol=1e-10)

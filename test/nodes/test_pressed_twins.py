@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.nodes.pressed_twins import PressedTwins, PressTable
+from tactile_ros.nodes.mock_hand import PressedTwins, PressTable
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from tactile_ros.errors import DeviceError, DeviceTimeout
-from tactile_ros.nodes import reader
-from tactile_ros.nodes.reader import Reader
+from tactile_ros.nodes import sensor_node
+from tactile_ros.nodes.sensor_node import Reader
 from tactile_ros.types import Frame, TaxelStatus
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def frame(sequence: int, status: int = 0) -> Frame:
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(reader, 'FIRST_RETRY_S', 0.001)
+    monkeypatch.setattr(sensor_node, 'FIRST_RETRY_S', 0.001)
     return
 
 
@@ -203,7 +203,7 @@ def test_stamps_and_marks_are_taken_once() -> None:
 
 @pytest.mark.parametrize(('often', 'told'), [(19, True), (20, False)])
 def test_a_reading_that_repeats_itself_now_and_then_is_not_told(often: int, told: bool) -> None:
-    reading = reader.Reading()
+    reading = sensor_node.Reading()
     for sequence in range(often):
         reading.note(frame(sequence, TaxelStatus.STALE if sequence == 3 else 0))
     assert bool(reading.take_marks()) is told
@@ -213,7 +213,7 @@ def test_what_was_kept_back_is_discarded_however_long_it_takes_to_decode(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     now = itertools.count(0.0, 4e-3)  # 4 ms from one look at the clock to the next
-    monkeypatch.setattr(reader, 'time', SimpleNamespace(monotonic=lambda: next(now)))
+    monkeypatch.setattr(sensor_node, 'time', SimpleNamespace(monotonic=lambda: next(now)))
 
     class Buffered(Script):
         """Frames 0 to 4 were kept back; later ones come when somebody waits."""

@@ -18,7 +18,7 @@ from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.recording import load
 from tactile_ros.evaluation.replay import replay
 from tactile_ros.nodes.graph import Graph, Setting, sensing
-from tactile_ros.nodes.performance import as_received
+from tactile_ros.nodes.player import as_received
 from tactile_ros.nodes.processes import Running
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import STATE_FIELDS, ContactStates, Recording

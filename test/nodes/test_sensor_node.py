@@ -20,7 +20,7 @@ from tactile_ros.devices.packets import encode
 from tactile_ros.messages import read_frame, read_layout
 from tactile_ros.msg import TactileFrame, TactileLayout
 from tactile_ros.nodes import lifecycle
-from tactile_ros.nodes.quality import data, latched
+from tactile_ros.nodes.lifecycle import data, latched
 from tactile_ros.nodes.sensor_node import SensorNode
 
 if TYPE_CHECKING:

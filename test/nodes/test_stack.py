@@ -19,7 +19,7 @@ from tactile_ros.devices.packets import encode
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.msg import TactileContacts
 from tactile_ros.nodes import grip_node, lifecycle, stack
-from tactile_ros.nodes.quality import data
+from tactile_ros.nodes.lifecycle import data
 from tactile_ros.types import Frame
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tactile_ros.nodes.stamp_age import StampAge
+from tactile_ros.nodes.grip_loop import StampAge
 
 WALL_NS = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000

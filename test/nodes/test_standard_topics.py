@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tactile_ros.nodes.standard_topics import LOOK_NS, StandardTopics
+from tactile_ros.nodes.standard_messages import LOOK_NS, StandardTopics
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import ContactState, Frame
 

@@ -15,10 +15,8 @@ from rclpy.parameter import Parameter
 from tactile_ros.messages import read_frame, read_layout
 from tactile_ros.msg import TactileContacts, TactileFrame, TactileLayout
 from tactile_ros.nodes import lifecycle
-from tactile_ros.nodes.lifecycle import FAILURE, SUCCESS
-from tactile_ros.nodes.quality import data, latched
-from tactile_ros.nodes.sensor_node import SensorNode
-from tactile_ros.nodes.twin import SignalTruth, parse_fault
+from tactile_ros.nodes.lifecycle import FAILURE, SUCCESS, data, latched
+from tactile_ros.nodes.sensor_node import SensorNode, SignalTruth, parse_fault
 from tactile_ros.sensors import list_sensors, load_sensor
 from tactile_ros.types import TaxelStatus
 

@@ -12,9 +12,9 @@ from sensor_msgs.msg import Image, MagneticField
 from tactile_ros.messages import read_frame
 from tactile_ros.msg import TactileFrame
 from tactile_ros.nodes import lifecycle
-from tactile_ros.nodes.quality import data
+from tactile_ros.nodes.lifecycle import data
 from tactile_ros.nodes.sensor_node import SensorNode
-from tactile_ros.nodes.views import grid_of, image_of, in_sensor_axes, is_magnetic
+from tactile_ros.nodes.standard_messages import grid_of, image_of, in_sensor_axes, is_magnetic
 from tactile_ros.types import Frame, Layout
 
 if TYPE_CHECKING:

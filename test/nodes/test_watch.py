@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 from tactile_ros import messages
 from tactile_ros.msg import GripState, TactileContact, TactileContacts, TactileFrame, TactileLayout
-from tactile_ros.nodes.quality import data, latched
+from tactile_ros.nodes.lifecycle import data, latched
 from tactile_ros.nodes.watch import WAITING, WatchNode
 from tactile_ros.types import ContactState, Frame, Layout
 

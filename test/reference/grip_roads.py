@@ -20,9 +20,9 @@ from tactile_ros.messages import fill_frame, fill_header
 from tactile_ros.msg import TactileFrame
 from tactile_ros.nodes import lifecycle
 from tactile_ros.nodes.contact_node import ContactNode
+from tactile_ros.nodes.grip_loop import GripStage
 from tactile_ros.nodes.grip_node import GripNode
-from tactile_ros.nodes.grip_stage import GripStage
-from tactile_ros.nodes.quality import data
+from tactile_ros.nodes.lifecycle import data
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame
 

@@ -10,7 +10,7 @@ import pytest
 
 from tactile_ros.cli.models import sentences
 from tactile_ros.evaluation.sources import load_source
-from tactile_ros.nodes.contact_stage import ContactStage
+from tactile_ros.nodes.contact_loop import ContactStage
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor

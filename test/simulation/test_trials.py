@@ -11,7 +11,7 @@ import pytest
 from tactile_ros.control import GripConfig, GripPhase
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.hands.driver import TRAJECTORY
-from tactile_ros.nodes.grip_stage import GripStage
+from tactile_ros.nodes.grip_loop import GripStage
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.simulation import balloon_scene, load_scene
 from tactile_ros.simulation.allegro_hand import allegro_hand, on_half_cylinder

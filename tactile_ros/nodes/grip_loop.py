@@ -1,12 +1,13 @@
-"""Contacts and joint states to joint commands: what grip_node and stack do, without ROS.
+"""Control loop of a grip: contacts and joint states to joint commands, without ROS.
 
 Time is an argument everywhere: seconds of a clock that never jumps. The law decides closures, the
-hand turns them into joints, the guard has the last word.
+hand turns them into joints, the guard has the last word. New forces of all fingers trigger a step,
+the clock where they fail to come; the time between two steps is that between their stamps.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import hypot, inf, isfinite, nan
 from typing import TYPE_CHECKING
 
@@ -24,16 +25,71 @@ from tactile_ros.control import (
 )
 from tactile_ros.hands.hand_joints import HandJoints, taking_part
 from tactile_ros.hands.hand_watch import HandWatch
-from tactile_ros.nodes.grip_decision import Decision, doubts
 from tactile_ros.types import GripCommand
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
-    from tactile_ros.control import GripConfig, GripStep
+    from tactile_ros.control import GraspProgress, GripConfig, GripStep
     from tactile_ros.hands import HandDescription
     from tactile_ros.hands.urdf import RobotDescription
     from tactile_ros.types import Array
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What one step came to.
+
+    Attributes
+    ----------
+    made : GripStep
+        Of the law.
+    command : GripCommand or None
+        What is to be sent; None: nothing.
+    limited : bool
+        The law or the guard changed what was wanted.
+    refusal : str
+        Why the law's own command was not sent; empty: it was.
+    ended : GraspProgress or None
+        The grasp that ended in this step.
+    lost : str
+        Why what was held after its grasp is held no more, in the step that finds it; else empty.
+    """
+
+    made: GripStep
+    command: GripCommand | None
+    limited: bool
+    refusal: str
+    ended: GraspProgress | None
+    lost: str
+
+
+def doubts(made: GripStep, dark: Mapping[str, bool], most: float) -> str:
+    """What is added to the sentence of a grasp that is held.
+
+    Parameters
+    ----------
+    made : GripStep
+        The step that ended it.
+    dark : mapping of str to bool
+        Fingers that take part without a force, and whether one ever came.
+    most : float
+        Share of the force by which two sides may disagree.
+
+    Returns
+    -------
+    str
+        Empty where all is known.
+    """
+    unheard = [name for name, heard in dark.items() if not heard]
+    unknown = [name for name, heard in dark.items() if heard]
+    told = f'; nothing was ever heard of {", ".join(unheard)}' if unheard else ''
+    if unknown:
+        told += f'; the force of {", ".join(unknown)} is not known'
+    if made.disagreement > most:  # false of NaN
+        told += f'; the two sides disagree by {made.disagreement:.0%}: a sensor may be wrong'
+    return told
+
 
 HOLDING = (GripPhase.LOAD, GripPhase.HOLD)
 EMPTY = (GraspOutcome.SLIPPED, GraspOutcome.NO_OBJECT)
@@ -328,3 +384,174 @@ class GripStage:
         forces = zip(self.fingers, self._chosen, made.force.tolist(), strict=True)
         dark = [i for i, (_, used, force) in enumerate(forces) if used and not isfinite(force)]
         return {self.fingers[i]: self._touched_s[i] > -inf for i in dark}
+
+
+LATE = 1.5  # periods after which nobody is waited for
+# s: a loop that is a little late lacks no force, and a step of the clock would delay it further
+LEAST_LATE_S = 7.5e-3
+EARLY = 0.25  # of a period; frames jitter
+BACK = 2.0  # periods by which a stamp lies before its time where its clock was set back
+
+
+class GripPace:
+    """Pace of one grip.
+
+    Parameters
+    ----------
+    period_s : float
+        Of commands (s).
+    silence_s : float
+        A finger that has been silent for longer is not waited for (s).
+    fingers : int
+        Count f.
+
+    Attributes
+    ----------
+    newest_ns : int or None
+        Newest stamp of what came since the last step (ns); None: there is none.
+
+    Examples
+    --------
+    >>> pace = GripPace(0.01, 0.015, 2)
+    >>> for finger in (0, 1):
+    ...     _ = pace.take(finger, None, 5.000)
+    >>> pace.step(5.000)
+    0.01
+    >>> pace.take(0, None, 5.010), pace.take(1, None, 5.011)  # when both are there
+    (False, True)
+    >>> pace.is_late(5.014), pace.is_late(5.016)
+    (False, True)
+    """
+
+    def __init__(self, period_s: float, silence_s: float, fingers: int) -> None:
+        self._period_s, self._silence_s = period_s, silence_s
+        self._period_ns = round(1e9 * period_s)
+        self._came_s = [-inf] * fingers
+        self._new = [False] * fingers
+        self.newest_ns: int | None = None
+        self._stepped_ns: int | None = None
+        self._stepped_s = -inf
+        self._due_ns = 0
+
+    def take(self, finger: int, stamp_ns: int | None, now_s: float) -> bool:
+        """Note what came from a finger, and say whether a step is due.
+
+        Parameters
+        ----------
+        finger : int
+            Which.
+        stamp_ns : int or None
+            When it was measured (ns); None: its stamp is of another clock.
+        now_s : float
+            Time of the clock that never jumps (s).
+
+        Returns
+        -------
+        bool
+            Whether a step is due now.
+        """
+        self._came_s[finger], self._new[finger] = now_s, True
+        newest = self.newest_ns
+        if stamp_ns is not None and (newest is None or stamp_ns > newest):
+            self.newest_ns = stamp_ns
+        return self._is_complete(now_s) and self._is_due(now_s)
+
+    def _is_complete(self, now_s: float) -> bool:
+        """Every finger that is not silent has told something new."""
+        if all(self._new):
+            return True
+        pairs = zip(self._new, self._came_s, strict=True)
+        return all(new or now_s - came_s > self._silence_s for new, came_s in pairs)
+
+    def _is_due(self, now_s: float) -> bool:
+        """A period has passed since the last step, but for the jitter of frames."""
+        if self.newest_ns is None or self._stepped_ns is None:
+            return now_s - self._stepped_s >= (1.0 - EARLY) * self._period_s
+        ahead = (self.newest_ns - self._due_ns) / self._period_ns
+        return ahead >= -EARLY or ahead < -BACK
+
+    def is_late(self, now_s: float) -> bool:
+        """Whether a step is due although the fingers have not told enough."""
+        return now_s - self._stepped_s >= max(LATE * self._period_s, LEAST_LATE_S)
+
+    def step(self, now_s: float) -> float:
+        """Begin a step; the time since the last (s), positive where the clocks are sound."""
+        newest, last = self.newest_ns, self._stepped_ns
+        by_stamp = newest is not None and last is not None and newest > last
+        since = 1e-9 * (newest - last) if by_stamp else now_s - self._stepped_s
+        if newest is not None:
+            late = newest - self._due_ns
+            self._due_ns = self._due_ns if abs(late) < self._period_ns else newest
+            self._due_ns += self._period_ns
+        self._stepped_ns, self.newest_ns = newest, None
+        self._stepped_s = now_s
+        self._new = [False] * len(self._new)
+        return since if isfinite(since) else self._period_s
+
+
+AHEAD_S = 2e-3  # a stamp may lie so far in the future: two clocks are read one after another
+OLDEST_S = 1.0  # first message that may tell that clocks agree
+STEP_S = 0.05  # change between wall and monotonic clock from one message to the next: a jump
+
+
+class StampAge:
+    """Ages of one stream, from its stamps where clocks agree and from its arrival otherwise.
+
+    Clocks agree once a message comes with a stamp of the last second. From then on its stamps are
+    believed, however old they say that it is: a queue that keeps messages back makes them stale. A
+    stamp in the future or before the last one, or a wall clock that jumps, asks anew.
+
+    Attributes
+    ----------
+    agrees : bool
+        Whether the last message was dated by its stamp.
+    back_s : float
+        By how much its clock stepped back, while that makes its messages old (s); else 0.
+
+    Examples
+    --------
+    >>> ages = StampAge()
+    >>> ages.measured_s(10_000_000_000, 10_020_000_000, 5.0)  # a stamp of 20 ms ago
+    4.98
+    >>> ages.measured_s(10_010_000_000, 13_020_000_000, 8.0)  # believed: kept back for long
+    4.99
+    >>> StampAge().measured_s(0, 10_030_000_000, 5.01)  # of another clock
+    5.01
+    """
+
+    def __init__(self) -> None:
+        self.agrees = False
+        self.back_s = 0.0
+        self._ahead_s = nan
+        self._last_ns = 0
+
+    def measured_s(self, stamp_ns: int, now_ns: int, now_s: float) -> float:
+        """When it was measured (s).
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Of the message (ns); 0: it has none.
+        now_ns : int
+            Time of the clock that stamps are of (ns).
+        now_s : float
+            Time of the clock that never jumps (s).
+
+        Returns
+        -------
+        float
+            Of the clock that never jumps; never in the future.
+        """
+        delay = 1e-9 * (now_ns - stamp_ns)
+        ahead = 1e-9 * now_ns - now_s
+        jumped = abs(ahead - self._ahead_s) > STEP_S
+        self._ahead_s = ahead
+        back_s = 1e-9 * (self._last_ns - stamp_ns)
+        self._last_ns = stamp_ns
+        if min(back_s, delay) > STEP_S:
+            self.back_s = back_s
+        elif delay < self.back_s - STEP_S:
+            self.back_s = 0.0
+        if jumped or not self.agrees or delay < -AHEAD_S or back_s > STEP_S:
+            self.agrees = -AHEAD_S <= delay <= OLDEST_S
+        return now_s - max(delay, 0.0) if self.agrees else now_s

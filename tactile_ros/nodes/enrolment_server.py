@@ -1,8 +1,8 @@
-"""Classes learned and forgotten beside a running stream, without ROS.
+"""Enrolment of classes while a stream runs: the work, the action and service, and their client.
 
 A thread of its own judges presses and writes the calibration, so that no frame waits for it. It
 works on the calibration as the file has it; once that is written, the stream goes on with the same
-estimators. Whatever fails before leaves both as they were.
+estimators. A failure before leaves both as they were.
 """
 
 from __future__ import annotations
@@ -10,17 +10,31 @@ from __future__ import annotations
 import queue
 import threading
 import time
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
+import rclpy
+from rclpy.action import ActionClient, ActionServer, CancelResponse
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+
+from tactile_ros.action import Enrol
 from tactile_ros.enrolment import Allowed, PressWatch, learn, recording_of, refuse_name, window_of
 from tactile_ros.errors import CalibrationError, TactileError
+from tactile_ros.msg import TactileContacts
+from tactile_ros.nodes.lifecycle import data
+from tactile_ros.srv import ForgetContact
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
+
+    from rclpy.action.server import ServerGoalHandle
 
     from tactile_ros.enrolment import Press
-    from tactile_ros.nodes.contact_stage import ContactStage
+    from tactile_ros.nodes.contact_loop import ContactStage
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import ContactState, Frame
 
@@ -341,3 +355,217 @@ def _sentence(err: Exception) -> str:
     """Why something failed; what nobody foresaw also by its kind."""
     foreseen = isinstance(err, (TactileError, ValueError, OSError))
     return str(err) if foreseen else f'{type(err).__name__}: {err}'
+
+
+INACTIVE = 'needs an active node: activate it first'
+
+
+class EnrolServer:
+    """Serve enrolments of a node that has a stage for them while it is active.
+
+    A goal that cannot be is accepted and aborted at once: only a result can say why.
+
+    Parameters
+    ----------
+    node : Node
+        Whose action and service they are.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self.stage: EnrolStage | None = None
+        self._node = node
+        self._learned: dict[bytes, Learned] = {}
+        self._taught = b''
+        self._action = ActionServer(
+            node, Enrol, '~/enrol',
+            execute_callback=self._execute,
+            handle_accepted_callback=self._on_accepted,
+            cancel_callback=self._on_cancel,
+        )  # fmt: skip
+        self._service = node.create_service(ForgetContact, '~/forget', self._on_forget)
+
+    def close(self) -> None:
+        """End a lesson that is under way; nothing is served until there is a stage again."""
+        stage, self.stage = self.stage, None
+        if stage is not None:
+            stage.close()
+
+    def destroy(self) -> None:
+        """End the action."""
+        self._action.destroy()
+
+    def _on_accepted(self, handle: ServerGoalHandle) -> None:
+        """Begin; the goal is executed once its result is known, since awaiting one polls."""
+        goal = handle.request
+        lesson = Lesson(goal.label, goal.presses or 1, goal.timeout, goal.replace)
+        reason = f'enrol {INACTIVE}' if self.stage is None else self.stage.refusal(lesson)
+        if reason or self.stage is None:
+            self._end(handle, Learned(False, reason))
+            return
+        self._taught = bytes(handle.goal_id.uuid)
+        self.stage.begin(lesson, partial(_tell, handle), partial(self._end, handle))
+
+    def _on_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
+        """End the lesson, unless its class is being written or is known."""
+        mine = self.stage is not None and bytes(handle.goal_id.uuid) == self._taught
+        ended = mine and self.stage.cancel()
+        return CancelResponse.ACCEPT if ended else CancelResponse.REJECT
+
+    def _end(self, handle: ServerGoalHandle, learned: Learned) -> None:
+        """Let the executor answer."""
+        self._learned[bytes(handle.goal_id.uuid)] = learned
+        handle.execute()
+
+    def _execute(self, handle: ServerGoalHandle) -> Enrol.Result:
+        """The result, which is there."""
+        learned = self._learned.pop(bytes(handle.goal_id.uuid))
+        if learned.success:
+            handle.succeed()
+        elif learned.cancelled:
+            handle.canceled()
+        else:
+            handle.abort()
+        return Enrol.Result(success=learned.success, message=learned.message, index=learned.index)
+
+    async def _on_forget(
+        self, request: ForgetContact.Request, response: ForgetContact.Response
+    ) -> ForgetContact.Response:
+        """Undo an enrolment in a thread of its own, since reading and writing take a while."""
+        stage = self.stage
+        if stage is None:
+            response.message = f'forget {INACTIVE}'
+            return response
+        done = Future(executor=self._node.executor)
+        threading.Thread(
+            target=lambda: done.set_result(stage.forget(request.label)), name='forget'
+        ).start()
+        response.success, response.message = await done
+        return response
+
+
+def _tell(handle: ServerGoalHandle, presses: int, message: str) -> None:
+    """Say how it goes."""
+    handle.publish_feedback(Enrol.Feedback(presses=presses, message=message))
+
+
+SERVER = 'contact_node'
+PATIENCE_S = 10.0
+ANSWER_S = 30.0
+
+
+class EnrolClient:
+    """Calls of one contact_node, each of which waits for its answer.
+
+    Parameters
+    ----------
+    namespace : str
+        Of the sensor.
+    """
+
+    def __init__(self, namespace: str = '') -> None:
+        self.node = Node('tactile_enrol', namespace=namespace)
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self._action = ActionClient(self.node, Enrol, f'{SERVER}/enrol')
+        self._service = self.node.create_client(ForgetContact, f'{SERVER}/forget')
+
+    def close(self) -> None:
+        """End the node."""
+        self._action.destroy()
+        self.executor.shutdown()
+        self.node.destroy_node()
+
+    def enrol(self, lesson: Lesson, hear: Callable[[int, str], None]) -> Learned:
+        """Ask for a class and wait for the end; an interrupt cancels it.
+
+        Parameters
+        ----------
+        lesson : Lesson
+            What is to be learned.
+        hear : callable
+            Takes the count of presses and a sentence after each.
+
+        Raises
+        ------
+        TactileError
+            If nobody answers.
+        """
+        self.wait_for_enrol()
+        goal = Enrol.Goal(
+            label=lesson.label,
+            presses=lesson.presses,
+            timeout=float(lesson.timeout_s),
+            replace=lesson.replace,
+        )
+        handle = self._answer(
+            self._action.send_goal_async(
+                goal, lambda m: hear(m.feedback.presses, m.feedback.message)
+            ),
+            ANSWER_S,
+        )
+        ended = handle.get_result_async()
+        try:
+            result = self._answer(ended, lesson.timeout_s + ANSWER_S).result
+        except KeyboardInterrupt:
+            self._answer(handle.cancel_goal_async(), ANSWER_S)
+            result = self._answer(ended, ANSWER_S).result
+        return Learned(result.success, result.message, result.index)
+
+    def wait_for_enrol(self) -> None:
+        """Wait until a node offers to learn; TactileError if none does."""
+        self._require(self._action.wait_for_server(PATIENCE_S), 'enrol')
+
+    def forget(self, label: str) -> tuple[bool, str]:
+        """Undo an enrolment; whether it was, and a sentence."""
+        self._require(self._service.wait_for_service(PATIENCE_S), 'forget')
+        found = self._answer(
+            self._service.call_async(ForgetContact.Request(label=label)), ANSWER_S
+        )
+        return found.success, found.message
+
+    def wait_for_truth(self, holds: Callable[[TactileContacts], bool], timeout: float) -> None:
+        """Wait until what a twin says to be true is so.
+
+        Raises
+        ------
+        TactileError
+            If it is not within `timeout` (s).
+        """
+        seen = rclpy.task.Future()
+
+        def look(message: TactileContacts) -> None:
+            if holds(message) and not seen.done():
+                seen.set_result(True)
+
+        heard = self.node.create_subscription(TactileContacts, 'truth/contacts', look, data())
+        try:
+            self._answer(seen, timeout)
+        finally:
+            self.node.destroy_subscription(heard)
+
+    def _require(self, found: bool, what: str) -> None:
+        """Refuse to wait for nobody."""
+        if not found:
+            place = self.node.get_namespace()
+            msg = f'no {SERVER} in {place} offers {what}: is it running, of a sensor with classes?'
+            raise TactileError(msg)
+
+    def _answer(self, future: Future, timeout: float) -> object:
+        """Result of a call."""
+        self.executor.spin_until_future_complete(future, timeout)
+        if not future.done():
+            msg = f'{SERVER} did not answer within {timeout:g} s'
+            raise TactileError(msg)
+        return future.result()
+
+
+@contextmanager
+def enrolling(namespace: str = '') -> Iterator[EnrolClient]:
+    """Client with a ROS of its own, which ends with it."""
+    rclpy.init()
+    client = EnrolClient(namespace)
+    try:
+        yield client
+    finally:
+        client.close()
+        rclpy.try_shutdown()
