@@ -23,7 +23,7 @@ FLAG = re.compile(r'(?<!\S)--[a-z][a-z-]*')
 LINK = re.compile(r'\]\(([^)#:\s]+)(?:#[^)]*)?\)')
 # of other programs, and of pages that describe another machine
 FOREIGN = ('export', 'sudo', 'rosdep', 'colcon', 'rviz2', 'git', 'pip', 'source', 'arduino-cli')
-LAUNCHERS = ('graph', 'grasp_graph', 'launching')
+LAUNCHERS = ('graph', 'processes')
 
 
 COMMAND_LINES = [(page.name, line) for page in PAGES for line in lines(page)]

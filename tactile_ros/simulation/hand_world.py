@@ -35,7 +35,7 @@ class Decided(Protocol):
 
 
 class Stage(Protocol):
-    """The loop of grip_node without ROS (`nodes.grip_stage`)."""
+    """The loop of grip_node without ROS (`nodes.grip_loop`)."""
 
     def take_touch(
         self, finger: int, force: Sequence[float], valid: bool, slip: int, now_s: float
