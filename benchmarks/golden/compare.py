@@ -12,7 +12,7 @@ from pathlib import Path
 
 FOLDER = Path(__file__).parent
 TIMES = {'us', 'ms', '% of a core', 'cores', 'KiB', 'MB', 'Hz'}
-TIMED = {'devices', 'latency', 'replay', 'roads', 'multipole_graph'}  # their seconds are measured
+SIMULATED = {'grasp'}  # whose seconds are those of the simulation
 LEAST = 0.02  # of a figure without seeds that may change by rounding alone
 KEPT = ('what', 'unit', 'better', 'ours', 'aim', 'spread')
 Row = dict[str, object]
@@ -21,7 +21,7 @@ Row = dict[str, object]
 def rows_of(path: Path) -> dict[str, Row]:
     """Rows of a bench that are no times, by what they are."""
     rows = json.loads(path.read_bytes())['rows']
-    timed = TIMES | ({'s'} if path.stem in TIMED else set())
+    timed = TIMES | (set() if path.stem in SIMULATED else {'s'})
     return {row['what']: row for row in rows if row['unit'] not in timed}
 
 
