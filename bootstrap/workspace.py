@@ -83,6 +83,7 @@ def colcon(root: Path, venv: Path, log: Path) -> None:
             '--base-paths', str(root), '--build-base', str(root / 'build'),
             '--install-base', str(root / 'install'), '--event-handlers', 'console_direct+',
             '--cmake-args', '-G', 'Ninja', '-DBUILD_TESTING=OFF',
+            '-DPYTHON_ONLY=ON',
             f'-DPython3_EXECUTABLE={venv / "bin" / "python"}',
             f'-DPython3_INCLUDE_DIR={headers[0]}',
         ],
