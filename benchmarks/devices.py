@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 
 from tactile_ros.cli.record import wait_for_frames
-from tactile_ros.devices.damage import DAMAGES, unseen
-from tactile_ros.devices.framed_payloads import (
+from tactile_ros.devices.framed_protocol import (
     five_wires,
     gradiometer,
     taxel_matrix,
     three_axis_chips,
 )
+from tactile_ros.devices.simulated_serial import DAMAGES, unseen
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.driver_speed import (
     bus_rows,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.devices.damage import DAMAGES, unseen
+from tactile_ros.devices.simulated_serial import DAMAGES, unseen
 from tactile_ros.evaluation.benchmark import BenchResult, Row, shortest, within
 from tactile_ros.evaluation.coverage import ONE_SIGMA
 from tactile_ros.evaluation.metrics import target_errors

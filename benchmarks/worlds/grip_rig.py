@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.devices.simulated import SimulatedSerialPort
+from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.types import Integers
 

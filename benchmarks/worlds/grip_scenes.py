@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.devices.framed import encode as framed
-from tactile_ros.devices.framed_payloads import gradiometer
-from tactile_ros.devices.packets import encode as packet
+from tactile_ros.devices.framed_protocol import encode as framed
+from tactile_ros.devices.framed_protocol import gradiometer
+from tactile_ros.devices.reskin_protocol import encode as packet
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:

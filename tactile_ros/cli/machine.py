@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactile_ros.devices.mlx90393 import Command
-from tactile_ros.devices.mux import MUX_ADDRESSES
+from tactile_ros.devices.mlx90393 import MUX_ADDRESSES, Command
 from tactile_ros.errors import DeviceError, NotAcknowledged
 
 if TYPE_CHECKING:

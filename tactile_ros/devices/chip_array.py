@@ -3,25 +3,341 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Literal, get_args
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Literal, TypeVar, cast, get_args
 
 import numpy as np
 
-from tactile_ros.devices.bus_capacity import check_bus_capacity
-from tactile_ros.devices.chip import Chip
-from tactile_ros.devices.chip_care import FIRST_RETRY_S, ChipCare
-from tactile_ros.devices.mlx90393 import ChipSettings, Decoder, Status
-from tactile_ros.devices.mux import ChipPlace, Switches, refuse_conflicts
-from tactile_ros.devices.reading_watch import ReadingWatch
-from tactile_ros.devices.reconnecting import Opened
-from tactile_ros.errors import DeviceError, DeviceTimeout
+from tactile_ros.devices.fault_flags import ReadingWatch
+from tactile_ros.devices.mlx90393 import (
+    EXIT_WAIT_S,
+    RESET_WAIT_S,
+    Chip,
+    ChipPlace,
+    ChipSettings,
+    CommandRefused,
+    Decoder,
+    Status,
+    Switches,
+    refuse_conflicts,
+)
+from tactile_ros.devices.serial_board import Opened
+from tactile_ros.errors import DeviceError, DeviceTimeout, NotAcknowledged
 from tactile_ros.types import Bools, Frame, Layout, TaxelStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings
     from tactile_ros.devices.transport import I2cBus
+
+BITS_PER_BYTE = 9
+COMMAND_BYTES = STATUS_BYTES = MASK_BYTES = 1
+
+
+class _SwitchWrites:
+    """A bus that only counts what is written to its switches."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def transfer(self, address: int, data: bytes, count: int) -> bytes:
+        """Count a write."""
+        self.count += 1
+        return bytes(count)
+
+
+def exchange_bits(written: int, answered: int = 0) -> int:
+    """Clocks of one exchange: so many bytes written, then so many answered."""
+    parts = (written, answered) if answered else (written,)
+    return 1 + sum(1 + BITS_PER_BYTE * (1 + count) for count in parts)
+
+
+def switch_bits(places: Sequence[ChipPlace]) -> list[int]:
+    """Clocks of the switches before each chip, one a place, when all are visited in turn."""
+    buses = {place.bus: _SwitchWrites() for place in places}
+    switches = {
+        number: Switches(
+            cast('I2cBus', bus),
+            sorted({p.mux for p in places if p.bus == number and p.mux is not None}),
+        )
+        for number, bus in buses.items()
+    }
+    bits: list[int] = []
+    for place in (*places, *places):
+        before = buses[place.bus].count
+        switches[place.bus].select(place.mux, place.channel)
+        bits.append((buses[place.bus].count - before) * exchange_bits(MASK_BYTES))
+    return bits[len(places) :]
+
+
+def carried_hz(
+    places: Sequence[ChipPlace], settings: ChipSettings, burst: bool, bus_hz: float
+) -> float:
+    """Most frames a second that chips and buses carry, read by one thread.
+
+    Parameters
+    ----------
+    places : sequence of ChipPlace
+        Where the chips are, in the order in which they are read.
+    settings : ChipSettings
+        Of all chips; they take the nominal time for a measurement.
+    burst : bool
+        Whether chips measure without end; otherwise all are started, then all are read.
+    bus_hz : float
+        Clock of the buses (Hz).
+
+    Returns
+    -------
+    float
+        Frames per second.
+    """
+    switching = switch_bits(places)
+    reading = exchange_bits(COMMAND_BYTES, settings.answer_bytes)
+    if burst:
+        wire_s = (sum(switching) + len(places) * reading) / bus_hz
+        return 1 / max(wire_s, settings.conversion_s)
+    now_s, ready_s = 0.0, []
+    for bits in switching:
+        now_s += (bits + exchange_bits(COMMAND_BYTES, STATUS_BYTES)) / bus_hz
+        ready_s.append(now_s + settings.conversion_s)
+    for bits, ready in zip(switching, ready_s, strict=True):
+        now_s = max(now_s + bits / bus_hz, ready) + reading / bus_hz
+    return 1 / now_s
+
+
+def check_bus_capacity(
+    places: Sequence[ChipPlace],
+    settings: ChipSettings,
+    burst: bool,
+    rate_hz: float,
+    bus_hz: float,
+) -> None:
+    """Refuse a rate that chips and buses cannot carry.
+
+    Parameters
+    ----------
+    places, settings, burst, bus_hz
+        As in `carried_hz`.
+    rate_hz : float
+        Frames a second; not a number: as many as there are.
+
+    Raises
+    ------
+    ValueError
+        If it is more; names both rates and what the second follows from.
+    """
+    carried = carried_hz(places, settings, burst, bus_hz)
+    if not rate_hz > carried:
+        return
+    behind = sum(place.mux is not None for place in places)
+    switched = f', {behind} of them behind switches' if behind else ''
+    faster = 'the conversion' if burst else "the conversion, read in mode 'burst'"
+    msg = (
+        f'{len(places)} chips{switched} at {rate_hz:g} Hz must fit their I2C bus: in mode '
+        f'{"burst" if burst else "single"} a bus of {bus_hz / 1e3:g} kHz and conversions of '
+        f'{1e3 * settings.conversion_s:.3g} ms carry {carried:.4g} Hz; lower the rate, shorten '
+        f'{faster}, or raise bus_clock where bus and adapter allow it'
+    )
+    raise ValueError(msg)
+
+
+T = TypeVar('T')
+
+FIRST_RETRY_S = 0.02
+LONGEST_RETRY_S = 0.2
+
+
+@dataclass
+class ArrayCounts:
+    """What the driver has seen.
+
+    Attributes
+    ----------
+    resets : int
+        Times that a running chip said it had been reset (its supply broke down).
+    reconfigured : int
+        Times that a chip was set up again.
+    nacks : int
+        Transfers that nothing answered.
+    not_ready : int
+        Reads that came before their measurement was ready.
+    refused : int
+        Commands that a chip refused, and registers that did not keep what was written.
+    stalls : int
+        Measurements that did not become ready in time.
+    bus_errors : int
+        Failures of a whole bus.
+    dropped : int
+        Frames in which no chip could be read.
+    """
+
+    resets: int = 0
+    reconfigured: int = 0
+    nacks: int = 0
+    not_ready: int = 0
+    refused: int = 0
+    stalls: int = 0
+    bus_errors: int = 0
+    dropped: int = 0
+
+
+class ChipCare:
+    """Keeps chips running: exchanges that may fail, and chips that come back.
+
+    Parameters
+    ----------
+    chips : sequence of Chip
+        Of all buses.
+    burst : bool
+        Whether chips are started in burst mode when they are set up.
+    wait_ns : int
+        Time from the start of a measurement to its reading (ns).
+    monotonic_ns, sleep : callable
+        Time (ns), and what lets it pass (s).
+
+    Attributes
+    ----------
+    counts : ArrayCounts
+        What was seen.
+    failure : str
+        The last one, in a sentence.
+    """
+
+    def __init__(
+        self,
+        chips: Sequence[Chip],
+        burst: bool,
+        wait_ns: int,
+        monotonic_ns: Callable[[], int],
+        sleep: Callable[[float], None],
+    ) -> None:
+        """See the class."""
+        self.counts = ArrayCounts()
+        self.failure = ''
+        self._chips = chips
+        self._burst = burst
+        self._wait_ns = wait_ns
+        self._monotonic_ns = monotonic_ns
+        self._sleep = sleep
+
+    def begin(self) -> None:
+        """Set all chips up, as after opening."""
+        for chip in self._chips:
+            chip.lost, chip.losses, chip.pause_s = True, 0, 0.0
+            chip.retry_ns = self._monotonic_ns()
+            chip.switches.forget()
+        self.bring_back()
+
+    def end(self) -> None:
+        """Stop all chips that still answer."""
+        for chip in self._chips:
+            if not chip.lost and self._burst:
+                self.attempt(chip, chip.exit)
+            chip.lost = True
+
+    def attempt(self, chip: Chip, action: Callable[[], T]) -> T | None:
+        """Do something with a chip; None where it fails, which is counted and remembered."""
+        try:
+            return action()
+        except NotAcknowledged as err:
+            self.failure = str(err)
+            self.counts.nacks += 1
+            chip.switches.forget()
+            # the answer that was lost may have told of a reset
+            self.lose(chip)
+        except CommandRefused as err:
+            self.failure = str(err)
+            self.counts.refused += 1
+            self.lose(chip)
+        except DeviceError as err:
+            self.failure = str(err)
+            self._lose_bus(chip.bus)
+        return None
+
+    def lose(self, chip: Chip, at_once: bool = True) -> None:
+        """Note that a chip has to be set up again: at once, and after growing pauses then."""
+        chip.losses += 1
+        pause = min(max(2 * chip.pause_s, FIRST_RETRY_S), LONGEST_RETRY_S)
+        if at_once and chip.losses == 1:
+            pause = 0.0
+        chip.lost, chip.pause_s = True, pause
+        chip.retry_ns = self._monotonic_ns() + round(pause * 1e9)
+
+    def _lose_bus(self, bus: I2cBus) -> None:
+        """Note that all chips of a bus have to be set up again."""
+        self.counts.bus_errors += 1
+        for chip in self._chips:
+            if chip.bus is bus:
+                chip.switches.forget()
+                self.lose(chip, at_once=False)
+
+    def refused(self, chip: Chip, status: int) -> bool:
+        """Whether a chip that should start does not; it is set up again then."""
+        if self.was_reset(chip, status):
+            return True
+        if status & Status.ERROR:
+            self.failure = f'chip {chip.place} refuses to measure (status {status:#04x})'
+            self.counts.refused += 1
+            self.lose(chip)
+        return bool(status & Status.ERROR)
+
+    def was_reset(self, chip: Chip, status: int) -> bool:
+        """Whether a chip lost its settings; it gets them back before the next frame."""
+        if status & Status.RESET:
+            self.failure = f'chip {chip.place} was reset: its supply broke down'
+            self.counts.resets += 1
+            self.lose(chip)
+        return bool(status & Status.RESET)
+
+    def stalled(self, chip: Chip) -> None:
+        """Note that a measurement did not become ready in time."""
+        self.failure = f'chip {chip.place} does not finish measuring'
+        self.counts.stalls += 1
+        self.lose(chip)
+
+    def bring_back(self) -> None:
+        """Set up the lost chips whose time has come, all together."""
+        now_ns = self._monotonic_ns()
+        lost = [chip for chip in self._chips if chip.lost and chip.retry_ns <= now_ns]
+        if not lost:
+            return
+        lost = self._each(lost, _open_bus)
+        lost = self._each(lost, Chip.exit, EXIT_WAIT_S)
+        lost = self._each(lost, Chip.reset, RESET_WAIT_S)
+        self._each(lost, self._set_up)
+
+    def _each(
+        self, chips: list[Chip], action: Callable[[Chip], object], wait_s: float = 0.0
+    ) -> list[Chip]:
+        """Do something with every chip, then wait; the chips with which it went well."""
+        begun_ns = self._monotonic_ns()
+        done = []
+        for chip in chips:
+            # a bus that failed for one chip is not tried for the next
+            if chip.retry_ns > begun_ns:
+                continue
+            if self.attempt(chip, lambda chip=chip: (action(chip),)) is not None:  # type: ignore[misc]
+                done.append(chip)
+        if done:
+            self._sleep(wait_s)
+        return done
+
+    def _set_up(self, chip: Chip) -> None:
+        """Configure a chip that was just reset, start it in burst mode, and take it back."""
+        again = chip.configured
+        chip.configure()
+        if self._burst:
+            chip.start_burst()
+        self.counts.reconfigured += again
+        chip.lost = False
+        chip.ready_ns = self._monotonic_ns() + self._wait_ns
+
+
+def _open_bus(chip: Chip) -> None:
+    """Open the bus of a chip, where it is not."""
+    chip.bus.open()
+
 
 Mode = Literal['single', 'burst']
 POLLS_PER_CONVERSION = 8

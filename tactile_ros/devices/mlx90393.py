@@ -1,16 +1,25 @@
-"""MLX90393 magnetometer as its datasheet describes it: commands, registers, timing and scaling."""
+"""MLX90393 magnetometer: commands, registers, timing and scaling of its datasheet; one chip.
+
+`ChipPlace` is the address of a chip, perhaps behind a TCA9548A switch (`Switches`).
+"""
 
 from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from tactile_ros.errors import DeviceError
 from tactile_ros.types import Array, Bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tactile_ros.devices.transport import I2cBus
 
 Words = npt.NDArray[np.uint16]
 
@@ -323,3 +332,250 @@ class Decoder:
         if self._temperature:
             return table[:, 1:], table[:, 0]
         return table, None
+
+
+MUX_ADDRESSES = range(0x70, 0x78)
+CHANNELS = range(8)
+
+
+@dataclass(frozen=True)
+class ChipPlace:
+    """Where a chip is reached.
+
+    Attributes
+    ----------
+    address : int
+        Its own, 7 bits.
+    bus : int
+        Number of its bus in the list of buses.
+    mux, channel : int or None
+        Switch (0x70 to 0x77) and channel (0 to 7) that it is behind; None: directly on the bus.
+    """
+
+    address: int = DEFAULT_ADDRESS
+    bus: int = 0
+    mux: int | None = None
+    channel: int | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse places that cannot be."""
+        if self.address not in ADDRESSES:
+            msg = f'address of ChipPlace must be 0x08 to 0x77; received {self.address:#04x}'
+            raise ValueError(msg)
+        if self.bus < 0:
+            msg = f'bus of ChipPlace must be 0 or more; received {self.bus}'
+            raise ValueError(msg)
+        direct = self.mux is None and self.channel is None
+        if not direct and (self.mux not in MUX_ADDRESSES or self.channel not in CHANNELS):
+            msg = (
+                'mux and channel of ChipPlace must be 0x70 to 0x77 and 0 to 7, or both None; '
+                f'received {self.mux} and {self.channel}'
+            )
+            raise ValueError(msg)
+
+    def __str__(self) -> str:
+        """Name the place in a sentence."""
+        where = f'{self.address:#04x} on bus {self.bus}'
+        if self.mux is None:
+            return where
+        return f'{where} behind channel {self.channel} of {self.mux:#04x}'
+
+
+def clusters(count: int = 5, chips: int = 4, mux: int = 0x70, bus: int = 0) -> list[ChipPlace]:
+    """Places of equal clusters behind the channels of one switch, e.g. 5 clusters of 4 chips."""
+    addresses = range(DEFAULT_ADDRESS, DEFAULT_ADDRESS + chips)
+    return [ChipPlace(a, bus, mux, channel) for channel in range(count) for a in addresses]
+
+
+def refuse_conflicts(places: Sequence[ChipPlace]) -> None:
+    """Refuse places of which two would answer at once.
+
+    Raises
+    ------
+    ValueError
+        If two chips share a place, or one directly on a bus has the address of one behind a
+        switch or of a switch.
+    """
+    taken: set[ChipPlace] = set()
+    direct = {(place.bus, place.address) for place in places if place.mux is None}
+    switches = {(place.bus, place.mux) for place in places if place.mux is not None}
+    for place in places:
+        hidden = place.mux is not None and (place.bus, place.address) in direct
+        if place in taken or hidden or (place.bus, place.address) in switches:
+            msg = f'places of chips must differ; two would answer as {place}'
+            raise ValueError(msg)
+        taken.add(place)
+
+
+class Switches:
+    """The switches of one bus: opens one channel of one of them, and writes only what changes.
+
+    Parameters
+    ----------
+    bus : I2cBus
+        What carries the writes.
+    addresses : sequence of int
+        All switches of the bus that have chips behind them.
+    """
+
+    def __init__(self, bus: I2cBus, addresses: Sequence[int] = ()) -> None:
+        """See the class."""
+        self._bus = bus
+        self._open: dict[int, int | None] = dict.fromkeys(addresses)
+
+    def forget(self) -> None:
+        """Believe nothing of what is open, as after a failure."""
+        self._open = dict.fromkeys(self._open)
+
+    def select(self, mux: int | None, channel: int | None) -> None:
+        """Open a channel and close those of other switches; chips directly on the bus need none.
+
+        Raises
+        ------
+        NotAcknowledged
+            If a switch does not answer.
+        """
+        if mux is None or channel is None or self._open.get(mux) == 1 << channel:
+            return
+        for other, mask in self._open.items():
+            if other != mux and mask != 0:
+                self._write(other, 0)
+        self._write(mux, 1 << channel)
+
+    def _write(self, mux: int, mask: int) -> None:
+        """Write a control byte; what is open is unknown until that succeeded."""
+        self._open[mux] = None
+        self._bus.transfer(mux, bytes((mask,)), 0)
+        self._open[mux] = mask
+
+
+class CommandRefused(DeviceError):
+    """A chip answers, but does not do what its datasheet says."""
+
+
+class Chip:
+    """A chip, the road to it, and what the driver remembers of it.
+
+    Parameters
+    ----------
+    place : ChipPlace
+        Where it is reached.
+    bus : I2cBus
+        Its bus.
+    switches : Switches
+        Those of its bus.
+    settings : ChipSettings
+        How it shall measure.
+
+    Attributes
+    ----------
+    tref : int
+        Its thermometer's reference word.
+    lost : bool
+        Whether it has to be reset before it is read again.
+    configured : bool
+        Whether it ever was.
+    losses : int
+        Times that it was lost since it was last read.
+    retry_ns, pause_s : int, float
+        When to try again, and how long the pause before that was.
+    started_ns, ready_ns, read_ns : int
+        When its measurement began, when the next is ready, when the last was asked for.
+    fresh : bool
+        Whether it had time for a new measurement between the last two readings.
+    """
+
+    def __init__(
+        self, place: ChipPlace, bus: I2cBus, switches: Switches, settings: ChipSettings
+    ) -> None:
+        """See the class."""
+        self.place = place
+        self.bus = bus
+        self.switches = switches
+        self.tref = 0
+        self.lost = True
+        self.configured = False
+        self.losses = 0
+        self.retry_ns = 0
+        self.pause_s = 0.0
+        self.started_ns = 0
+        self.ready_ns = 0
+        self.read_ns = 0
+        self.fresh = True
+        self._settings = settings
+        self._read = bytes((Command.READ | settings.axes,))
+        self._single = bytes((Command.START_SINGLE | settings.axes,))
+        self._burst = bytes((Command.START_BURST | settings.axes,))
+
+    def ask(self, command: bytes, count: int) -> bytes:
+        """Exchange bytes with the chip, through its switch."""
+        self.switches.select(self.place.mux, self.place.channel)
+        return self.bus.transfer(self.place.address, command, count)
+
+    def start_single(self) -> int:
+        """Start one measurement; the status that answers."""
+        return self.ask(self._single, 1)[0]
+
+    def start_burst(self) -> int:
+        """Start measuring without end; the status that answers."""
+        return self.ask(self._burst, 1)[0]
+
+    def read(self) -> bytes:
+        """Status and data of the last measurement."""
+        return self.ask(self._read, self._settings.answer_bytes)
+
+    def exit(self) -> int:
+        """End whatever it does, 1 ms has to pass then; the status that answers."""
+        return self.ask(bytes((Command.EXIT,)), 1)[0]
+
+    def reset(self) -> bytes:
+        """Reset it; 2 ms have to pass then. The status is left for `configure` to see."""
+        return self.ask(bytes((Command.RESET,)), 0)
+
+    def configure(self) -> None:
+        """Write the settings into a chip that was just reset, verify them and read TREF.
+
+        Raises
+        ------
+        CommandRefused
+            If it was not reset, refuses a command or does not keep what was written.
+        """
+        status = self.ask(bytes((Command.NOP,)), 1)[0]
+        if not status & Status.RESET:
+            msg = f'chip {self.place} was not reset (status {status:#04x}): is it an MLX90393?'
+            raise CommandRefused(msg)
+        words: dict[int, int] = {}
+        wanted: dict[int, int] = {}
+        for field, value in self._settings.fields:
+            if field.register not in words:
+                words[field.register] = self._register(field.register)
+                wanted[field.register] = words[field.register]
+            wanted[field.register] = field.put(wanted[field.register], value)
+        for register, word in wanted.items():
+            if word != words[register]:
+                self._write(register, word)
+        self.tref = self._register(TREF_REGISTER)
+        self.configured = True
+
+    def _register(self, register: int) -> int:
+        """Word of a register."""
+        status, high, low = self.ask(register_read(register), 3)
+        self._refuse(status, f'read register {register:#04x}')
+        return high << 8 | low
+
+    def _write(self, register: int, word: int) -> None:
+        """Write a register and read it back."""
+        (status,) = self.ask(register_write(register, word), 1)
+        self._refuse(status, f'write register {register:#04x}')
+        kept = self._register(register)
+        if kept != word:
+            msg = (
+                f'chip {self.place} keeps {kept:#06x} in register {register:#04x}, not {word:#06x}'
+            )
+            raise CommandRefused(msg)
+
+    def _refuse(self, status: int, what: str) -> None:
+        """Raise where a command was rejected or the chip has reset in between."""
+        if status & (Status.ERROR | Status.RESET):
+            msg = f'chip {self.place} did not {what} (status {status:#04x})'
+            raise CommandRefused(msg)

@@ -5,16 +5,270 @@ from __future__ import annotations
 import ctypes
 import errno
 import os
+from collections import deque
 from typing import TYPE_CHECKING
 
-from tactile_ros.devices.mux import ChipPlace
+import numpy as np
+import numpy.typing as npt
+
+from tactile_ros.devices.chip_array import ChipArray, Mode
+from tactile_ros.devices.mlx90393 import (
+    BURST_DATA_RATE,
+    CODE_OF_ZERO,
+    DIG_FILT,
+    FULL_SCALE_LSB,
+    GAIN_SEL,
+    HALLCONF,
+    LSB_PER_DEGREE,
+    OSR,
+    OSR2,
+    REFERENCE_C,
+    RES_X,
+    RES_Y,
+    RES_Z,
+    TCMP_EN,
+    TREF_REGISTER,
+    TYPICAL_TREF,
+    ChipPlace,
+    Command,
+    Status,
+    conversion_time,
+    tesla_per_lsb,
+)
+from tactile_ros.devices.timestamps import Clock, LeadingClock, SystemClock, VirtualClock
+from tactile_ros.devices.transport import I2cBus
+from tactile_ros.types import Array, Layout
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
+    from types import TracebackType
 
-    from tactile_ros.devices.clock import Clock
-    from tactile_ros.devices.simulated_chip import SimulatedChip
+    from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings
+    from tactile_ros.devices.timestamps import Clock
     from tactile_ros.devices.transport import I2cMessage
+
+POWER_ON_NS = 1_600_000
+# gain 1x, HALLCONF 0xC, everything else 0 but the offsets' and thermometer's words
+FACTORY = {0x00: 0x007C, 0x02: 0x0000, 0x04: 0x0000, 0x05: 0x0000, 0x06: 0x0000}
+BURST_STEP_S = 20e-3
+NEVER_NS = 1 << 62
+
+
+class SimulatedChip:
+    """One chip: registers, modes, conversions and status byte.
+
+    Parameters
+    ----------
+    sample : callable
+        Time (ns) -> flux density, shape (3,) (T), and temperature (degrees Celsius) at the chip.
+    rng : numpy.random.Generator
+        Of its noise, its oscillator and its thermometer's reference.
+    noise : ndarray, shape (3,)
+        Standard deviation of x, y, z (T).
+    tolerance : float
+        Largest share by which its oscillator is wrong.
+    """
+
+    def __init__(
+        self,
+        sample: Callable[[int], tuple[Array, float]],
+        rng: np.random.Generator,
+        noise: Array,
+        tolerance: float = 0.03,
+    ) -> None:
+        """See the class."""
+        self._sample = sample
+        self._rng = rng
+        self._noise = noise
+        self._oscillator = 1 + tolerance * float(rng.uniform(-1, 1))
+        self._stored = {**FACTORY, TREF_REGISTER: TYPICAL_TREF + int(rng.integers(-300, 300))}
+        self._answer = b''
+        self.power_up(-POWER_ON_NS)
+
+    def power_up(self, now_ns: int) -> None:
+        """Start as after its supply came back; the chip answers 1.6 ms later."""
+        self.registers = dict(self._stored)
+        self._scale = self._scaling()
+        self._mode = 0
+        self._axes = 0
+        self._began_ns = NEVER_NS
+        self._taken = 0
+        self._timed = (0, 0, 0, 0)
+        self._conversion_ns = self._period_ns = 0
+        self._was_reset = True
+        self._awake_ns = now_ns + POWER_ON_NS
+        self._data = bytes(8)
+
+    def awake(self, now_ns: int) -> bool:
+        """Whether it answers to its address."""
+        return now_ns >= self._awake_ns
+
+    @property
+    def conversion_ns(self) -> int:
+        """Time of one measurement with its own oscillator (ns)."""
+        register = self.registers.get(0x02, 0)
+        axes = (self._axes & 0xE).bit_count()
+        osr2 = OSR2.get(register) if self._axes & 1 else None
+        nominal = conversion_time(OSR.get(register), DIG_FILT.get(register), axes, osr2)
+        return round(nominal * self._oscillator * 1e9)
+
+    def stall(self) -> None:
+        """Never finish the measurement that runs."""
+        self._began_ns = NEVER_NS
+
+    @property
+    def configured(self) -> bool:
+        """Whether its registers are others than at the factory."""
+        return self.registers != self._stored
+
+    @property
+    def measuring(self) -> bool:
+        """Whether a measurement was begun and not read yet."""
+        return self._began_ns < NEVER_NS
+
+    def write(self, data: bytes, now_ns: int) -> None:
+        """Take a command; its answer waits to be read."""
+        opcode, low = data[0] & 0xF0, data[0] & 0x0F
+        body = b''
+        fine = True
+        if opcode in (Command.START_BURST, Command.START_SINGLE):
+            fine = self._start(opcode, low, now_ns)
+        elif opcode == Command.READ:
+            fine, body = self._read(low, now_ns)
+        elif opcode == Command.READ_REGISTER and len(data) == 2:
+            fine, body = self._read_register(data[1] >> 2)
+        elif opcode == Command.WRITE_REGISTER and len(data) == 4:
+            fine = self._write_register(data[3] >> 2, data[1] << 8 | data[2])
+        elif opcode == Command.EXIT:
+            self._mode, self._began_ns = 0, NEVER_NS
+        elif opcode == Command.RESET:
+            self.power_up(now_ns)
+            return
+        elif opcode in (Command.RECALL, Command.STORE):
+            fine = self._memory(opcode)
+        else:
+            # wake-on-change is not simulated; unknown commands are acknowledged and refused
+            fine = opcode == Command.NOP
+        self._answer = bytes((self._status(fine, len(body)),)) + body
+
+    def read(self, count: int) -> bytes:
+        """Bytes of the answer; beyond it the bus floats high."""
+        taken, self._answer = self._answer[:count], self._answer[count:]
+        return taken.ljust(count, b'\xff')
+
+    def _status(self, fine: bool, count: int) -> int:
+        """Status byte; RESET is told once."""
+        status = self._mode | (0 if fine else Status.ERROR)
+        if self._was_reset:
+            status |= Status.RESET
+            self._was_reset = False
+        return status | max(0, count // 2 - 1)
+
+    def _start(self, opcode: int, axes: int, now_ns: int) -> bool:
+        """Start measuring, once or without end; refused while it measures without end."""
+        if self._mode & Status.BURST:
+            return False
+        self._mode = int(Status.SINGLE if opcode == Command.START_SINGLE else Status.BURST)
+        self._axes = axes or 0xF
+        self._began_ns, self._taken = now_ns, 0
+        settings = (self.registers.get(0x01, 0), self.registers.get(0x02, 0), opcode, self._axes)
+        if settings != self._timed:
+            self._timed = settings
+            self._conversion_ns, self._period_ns = self.conversion_ns, self._period()
+        return True
+
+    def _read(self, axes: int, now_ns: int) -> tuple[bool, bytes]:
+        """Data of the last measurement; refused while it is not ready or was read already."""
+        size = 2 * (axes or 0xF).bit_count()
+        done = self._done(now_ns)
+        if done <= self._taken:
+            return False, self._chosen(axes, size)
+        self._taken = done
+        end_ns = self._began_ns + done * self._period_ns
+        self._data = self._convert(end_ns - self._conversion_ns // 2)
+        if self._mode & Status.SINGLE:
+            self._mode, self._began_ns = 0, NEVER_NS
+        return True, self._chosen(axes, size)
+
+    def _period(self) -> int:
+        """Time from one measurement to the next (ns)."""
+        pause_s = BURST_STEP_S * BURST_DATA_RATE.get(self.registers.get(0x01, 0))
+        if not self._mode & Status.BURST:
+            pause_s = 0.0
+        return max(self.conversion_ns, round(pause_s * 1e9))
+
+    def _done(self, now_ns: int) -> int:
+        """Measurements that are finished since the start."""
+        if not self.measuring or now_ns < self._began_ns:
+            return 0
+        count = (now_ns - self._began_ns) // self._period_ns
+        return min(count, 1) if self._mode & Status.SINGLE else count
+
+    def _chosen(self, axes: int, size: int) -> bytes:
+        """Words of the axes that were asked for, of t, x, y, z."""
+        if axes in (0, 0xF):
+            return self._data
+        words = [self._data[2 * i : 2 * i + 2] for i in range(4) if (axes or 0xF) >> i & 1]
+        return b''.join(words)[:size]
+
+    def _convert(self, time_ns: int) -> bytes:
+        """Measure: noise, steps, the range that wraps, and the code of the registers."""
+        field, temperature_c = self._sample(time_ns)
+        zero, lsb, _ = self._scale
+        counts = np.empty(4)
+        noise = self._rng.standard_normal(4)
+        counts[0] = self._stored[TREF_REGISTER] + noise[0]
+        counts[0] += (temperature_c - REFERENCE_C) * LSB_PER_DEGREE
+        counts[1:] = (field + self._noise * noise[1:]) / lsb
+        codes = np.rint(self._distorted(counts))
+        codes[1:] += zero
+        return (codes.astype(np.int64) & 0xFFFF).astype('>u2').tobytes()
+
+    def _distorted(self, counts: Array) -> Array:
+        """Counts of t, x, y, z as they are; a chip that fails changes them."""
+        return counts
+
+    @property
+    def full_scale(self) -> Array:
+        """Counts at which x, y, z wrap, shape (3,)."""
+        return self._scale[2]
+
+    def _scaling(self) -> tuple[Array, Array, Array]:
+        """Code of zero, step (T) and range of x, y, z by the registers."""
+        third = self.registers.get(0x02, 0)
+        resolution = RES_X.get(third), RES_Y.get(third), RES_Z.get(third)
+        register = self.registers.get(0x00, 0)
+        hallconf = 0xC if HALLCONF.get(register) else 0x0
+        lsb = tesla_per_lsb(GAIN_SEL.get(register), resolution, hallconf)
+        zero = CODE_OF_ZERO[list(resolution)].astype(np.float64)
+        if TCMP_EN.get(self.registers.get(0x01, 0)):
+            zero = np.full(3, 32768.0)
+        return zero, lsb, FULL_SCALE_LSB[list(resolution)].astype(np.float64)
+
+    def _read_register(self, register: int) -> tuple[bool, bytes]:
+        """Word of a register; refused in burst mode."""
+        word = self.registers.get(register, 0)
+        return not self._mode & Status.BURST, word.to_bytes(2, 'big')
+
+    def _write_register(self, register: int, word: int) -> bool:
+        """Replace a word; refused in burst mode."""
+        if self._mode & Status.BURST:
+            return False
+        self.registers[register] = word
+        self._scale = self._scaling()
+        return True
+
+    def _memory(self, opcode: int) -> bool:
+        """Store the registers where they survive, or recall them; refused in burst mode."""
+        if self._mode & Status.BURST:
+            return False
+        if opcode == Command.STORE:
+            self._stored = dict(self.registers)
+        else:
+            self.registers = dict(self._stored)
+            self._scale = self._scaling()
+        return True
+
 
 BITS_PER_BYTE = 9  # with the acknowledgement
 READING = 0x0001  # I2C_M_RD
@@ -181,3 +435,273 @@ def _carry(
     for listener in listeners[1:]:
         wires = bytes(a & b for a, b in zip(wires, listener.read(message.len), strict=True))
     ctypes.memmove(message.buf, wires, message.len)
+
+
+BUS_FAULTS = ('stuck_bus', 'unplug')
+RELIEF = 'none'
+CHIP_FAULTS = ('nack', 'brown_out', 'stuck_chip', 'saturation', 'wrap', 'stall')
+UNPLUGGED_NS = 1_000_000_000
+SATURATED = 0.995
+WRAPPED = 1.25
+MEASURING = (Command.START_SINGLE, Command.READ)
+
+
+class ChipArrayTwin:
+    """A twin that the real driver reads through the real messages of smbus2.
+
+    Parameters
+    ----------
+    places : sequence of ChipPlace
+        Where the chips are.
+    layout : Layout
+        Of the sensor.
+    signal : callable
+        Time since the start (s) -> flux density in chip axes, shape (t, 3) (T).
+    temperature_c : callable or None
+        Time (s) -> chip temperatures, shape (t,) (degrees Celsius); None: 25.
+    settings, mode, rate_hz
+        Of the driver, see `ChipArray`.
+    noise : float or array_like, shape (3,)
+        Standard deviation of a reading (T).
+    tolerance : float
+        Largest share by which the chips' oscillators are wrong.
+    hertz : float
+        Clock of the buses (Hz).
+    signal_step_s : float
+        The signal is asked for at multiples of this (s), once for all chips.
+    clock : Clock or None
+        What bus and chips run on; None: the machine's.
+    seed : int
+        Of noise, oscillators, references and of which chip suffers a fault.
+
+    Attributes
+    ----------
+    injected : dict
+        How often each fault has happened.
+    buses : list of SimulatedI2cBus
+        The buses.
+
+    Notes
+    -----
+    Faults are counted as they happen. nack: transfers that a chip does not acknowledge; stuck_bus:
+    transfers; unplug: the adapter is gone for 1 s, and the chips lose their supply; brown_out: a
+    chip resets before its next command; stuck_chip, saturation, wrap, stall: measurements that
+    repeat the one before, lie at the end of the range or beyond it on x, or never end.
+    """
+
+    faults = BUS_FAULTS + CHIP_FAULTS
+
+    def __init__(
+        self,
+        places: Sequence[ChipPlace],
+        layout: Layout,
+        signal: Callable[[float], Array],
+        temperature_c: Callable[[float], Array] | None = None,
+        settings: ChipSettings | None = None,
+        mode: Mode = 'single',
+        rate_hz: float | None = None,
+        noise: npt.ArrayLike = 5e-6,
+        tolerance: float = 0.03,
+        hertz: float = 400e3,
+        signal_step_s: float = 1e-3,
+        clock: Clock | None = None,
+        seed: int = 0,
+    ) -> None:
+        """See the class."""
+        self.injected = dict.fromkeys(self.faults, 0)
+        virtual = isinstance(clock, VirtualClock)
+        self._clock: Clock = LeadingClock(clock or SystemClock(), 0.0 if virtual else 1e-3)
+        self._start_ns = self._clock.now_ns()
+        self._places = list(places)
+        self._layout = layout
+        self._signal = signal
+        self._temperature_c = temperature_c
+        self._settings = settings
+        self._mode: Mode = mode
+        self._rate_hz = rate_hz
+        self._hertz = hertz
+        self._step_s = signal_step_s
+        self._waiting: deque[tuple[str, int, int]] = deque()
+        self._held: tuple[int, Array, Array] | None = None
+        self._rng = np.random.default_rng(seed)
+        spread = np.broadcast_to(np.asarray(noise, np.float64), (3,))
+        self._chips = [
+            SuffererChip(self, i, np.random.default_rng((seed, i)), spread, tolerance)
+            for i in range(len(self._places))
+        ]
+        count = 1 + max(place.bus for place in self._places)
+        self.buses = [self._bus(number, hertz) for number in range(count)]
+
+    def _bus(self, number: int, hertz: float) -> SimulatedI2cBus:
+        """One bus with its chips."""
+        chips = {
+            place: chip
+            for place, chip in zip(self._places, self._chips, strict=True)
+            if place.bus == number
+        }
+        return SimulatedI2cBus(
+            self._clock, chips, hertz, on_transfer=self._befall, on_fault=self.count
+        )
+
+    def device(self, clock_ns: Callable[[], int]) -> ChipArray:
+        """The real driver on this twin's buses, stamped by `clock_ns`; not yet entered."""
+        buses = [I2cBus(f'simulated-{i}', smbus=bus) for i, bus in enumerate(self.buses)]
+        return ChipArray(
+            buses,
+            self._places,
+            self._layout,
+            self._settings,
+            self._mode,
+            self._rate_hz,
+            bus_hz=self._hertz,
+            clock_ns=clock_ns,
+            monotonic_ns=self._clock.now_ns,
+            sleep=self._clock.sleep,
+        )
+
+    def __enter__(self) -> ChipArrayTwin:
+        """Begin: the signal's time is 0 now."""
+        self._start_ns = self._clock.now_ns()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End; nothing is held."""
+
+    def count(self, fault: str) -> None:
+        """Note that a fault has happened."""
+        self.injected[fault] += 1
+
+    def inject(self, fault: str, count: int = 1, chip: int | None = None) -> None:
+        """Let the next `count` transfers or measurements suffer a fault; from any thread.
+
+        Parameters
+        ----------
+        fault : str
+            One of `faults`.
+        count : int
+            How many.
+        chip : int or None
+            Which suffers, or whose bus; None: one by chance.
+
+        Raises
+        ------
+        ValueError
+            If the fault or the chip is unknown.
+        """
+        if fault not in self.faults:
+            msg = f'fault must be one of {", ".join(self.faults)}; received {fault!r}'
+            raise ValueError(msg)
+        victim = int(self._rng.integers(len(self._chips))) if chip is None else chip
+        if not 0 <= victim < len(self._chips):
+            msg = f'chip must be 0 to {len(self._chips) - 1}; received {chip}'
+            raise ValueError(msg)
+        self._waiting.append((fault, count, victim))
+
+    def relieve(self) -> None:
+        """Withdraw the faults that wait, at the next transfer; an unplugging takes its course."""
+        self._waiting.append((RELIEF, 0, 0))
+
+    def _befall(self) -> None:
+        """Hand out the faults that wait, in the thread that reads."""
+        while self._waiting:
+            fault, count, victim = self._waiting.popleft()
+            if fault == RELIEF:
+                self._withdraw()
+                continue
+            place = self._places[victim]
+            bus = self.buses[place.bus]
+            if fault == 'stuck_bus':
+                bus.stuck += count
+            elif fault == 'unplug':
+                self._unplug(bus, count)
+            elif fault == 'nack':
+                bus.silent[place] = bus.silent.get(place, 0) + count
+            else:
+                self._chips[victim].pending[fault] += count
+
+    def _withdraw(self) -> None:
+        """Forget what was handed out and has not happened."""
+        for bus in self.buses:
+            bus.stuck = 0
+            bus.silent.clear()
+        for chip in self._chips:
+            chip.pending = dict.fromkeys(CHIP_FAULTS, 0)
+
+    def _unplug(self, bus: SimulatedI2cBus, count: int) -> None:
+        """Take the adapter away for a second each, and the supply with it."""
+        now_ns = self._clock.now_ns()
+        bus.gone_until_ns = max(now_ns, bus.gone_until_ns) + count * UNPLUGGED_NS
+        bus.power_down(bus.gone_until_ns)
+        self.injected['unplug'] += count
+
+    def sample(self, chip: int, time_ns: int) -> tuple[Array, float]:
+        """Flux density, shape (3,) (T), and temperature (degrees Celsius) at a chip."""
+        step = round((time_ns - self._start_ns) * 1e-9 / self._step_s)
+        if self._held is None or self._held[0] != step:
+            t = step * self._step_s
+            field = np.asarray(self._signal(t), np.float64)
+            warmth = np.full(len(self._chips), 25.0)
+            if self._temperature_c is not None:
+                warmth[:] = self._temperature_c(t)
+            self._held = step, field, warmth
+        _, field, warmth = self._held
+        return field[chip], float(warmth[chip])
+
+
+class SuffererChip(SimulatedChip):
+    """A simulated chip whose measurements and supply can fail.
+
+    Attributes
+    ----------
+    pending : dict
+        Faults that wait for its next commands, by name.
+    """
+
+    def __init__(
+        self,
+        twin: ChipArrayTwin,
+        number: int,
+        rng: np.random.Generator,
+        noise: Array,
+        tolerance: float,
+    ) -> None:
+        """See the class."""
+        self.pending = dict.fromkeys(CHIP_FAULTS, 0)
+        self._twin = twin
+        super().__init__(lambda time_ns: twin.sample(number, time_ns), rng, noise, tolerance)
+
+    def _suffers(self, fault: str) -> bool:
+        """Whether a fault befalls it now; it is counted then."""
+        if not self.pending[fault]:
+            return False
+        self.pending[fault] -= 1
+        self._twin.count(fault)
+        return True
+
+    def write(self, data: bytes, now_ns: int) -> None:
+        """Take a command, after the supply failed where it has to."""
+        running = self.configured and data[0] & 0xF0 in MEASURING
+        if running and self._suffers('brown_out'):
+            self.power_up(now_ns - POWER_ON_NS)
+        if running and self.measuring and self._suffers('stall'):
+            self.stall()
+        super().write(data, now_ns)
+
+    def _convert(self, time_ns: int) -> bytes:
+        """Measure, or repeat what was measured last."""
+        if self._suffers('stuck_chip'):
+            return self._data
+        return super()._convert(time_ns)
+
+    def _distorted(self, counts: Array) -> Array:
+        """Counts of t, x, y, z with x at the end of the range or beyond it."""
+        if self._suffers('saturation'):
+            counts[1] = SATURATED * self.full_scale[0]
+        elif self._suffers('wrap'):
+            counts[1] += WRAPPED * self.full_scale[0]
+        return counts

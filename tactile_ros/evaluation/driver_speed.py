@@ -12,20 +12,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.devices import framed, packets
-from tactile_ros.devices.chip_array_twin import ChipArrayTwin
-from tactile_ros.devices.clock import VirtualClock
-from tactile_ros.devices.framed_decoder import FramedDecoder
-from tactile_ros.devices.framed_payloads import (
+from tactile_ros.devices import framed_protocol, reskin_protocol
+from tactile_ros.devices.framed_protocol import (
+    FramedDecoder,
     Kind,
     Payload,
     gradiometer,
     taxel_matrix,
     three_axis_chips,
 )
-from tactile_ros.devices.framing import FrameDecoder
-from tactile_ros.devices.mlx90393 import ChipSettings, Decoder
-from tactile_ros.devices.mux import ChipPlace, clusters
+from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings, Decoder, clusters
+from tactile_ros.devices.reskin_protocol import ReskinDecoder
+from tactile_ros.devices.simulated_i2c import ChipArrayTwin
+from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.evaluation.benchmark import Row, shortest
 from tactile_ros.evaluation.hostile_bytes import PIECE, cut
 from tactile_ros.types import Layout
@@ -78,7 +77,7 @@ def decoding_rows() -> list[Row]:
     answers = bytearray(np.random.default_rng(0).bytes(20 * settings.answer_bytes))
     alone = shortest(lambda: _decode(chips, answers), REPEATED)
     rows = [_time_row('MLX90393 answers, 20 chips', 20.0, alone)]
-    subjects: list[tuple[str, float, bytes, int, FramedDecoder | FrameDecoder]] = []
+    subjects: list[tuple[str, float, bytes, int, FramedDecoder | ReskinDecoder]] = []
     for name, payload, aim in (
         ('framed, 20 chips', three_axis_chips(20), 20.0),
         ('framed, 2000 taxels', taxel_matrix(2000), 100.0),
@@ -86,8 +85,9 @@ def decoding_rows() -> list[Row]:
         data, size = _stream(payload, 256)
         subjects.append((name, aim, data, size, FramedDecoder(payload)))
     values = np.random.default_rng(0).integers(-2500, 2500, (256, 20, 3)) * 2.4e-6
-    data = packets.encode(values, np.full((256, 20), 25.0))
-    subjects.append(('ReSkin, 20 chips', 20.0, data, packets.frame_bytes(20), FrameDecoder(20)))
+    data = reskin_protocol.encode(values, np.full((256, 20), 25.0))
+    size = reskin_protocol.frame_bytes(20)
+    subjects.append(('ReSkin, 20 chips', 20.0, data, size, ReskinDecoder(20)))
     for name, aim, stream, size, decoder in subjects:
         pieces = cut(stream, size)
         single = shortest(partial(_feed, decoder, pieces), REPEATED) / len(pieces)
@@ -96,7 +96,7 @@ def decoding_rows() -> list[Row]:
     return rows
 
 
-def _feed(decoder: FramedDecoder | FrameDecoder, pieces: list[bytes]) -> None:
+def _feed(decoder: FramedDecoder | ReskinDecoder, pieces: list[bytes]) -> None:
     """Frames, in so many pieces."""
     for piece in pieces:
         decoder.feed(piece)
@@ -118,8 +118,8 @@ def _stream(payload: Payload, count: int) -> tuple[bytes, int]:
     """Frames of random counts, and the length of one."""
     high = 1023 if payload.kind == Kind.TAXELS else 30_000
     counts = np.random.default_rng(0).integers(0, high, (count, payload.count, payload.channels))
-    data = framed.encode(payload, counts, 0, np.arange(count) * 1000, 25.0)
-    return data, framed.frame_bytes(payload)
+    data = framed_protocol.encode(payload, counts, 0, np.arange(count) * 1000, 25.0)
+    return data, framed_protocol.frame_bytes(payload)
 
 
 def processor_s(pid: int) -> float:
@@ -137,11 +137,11 @@ def memory_rows(count: int) -> list[Row]:
     """Growth of memory over `count` frames, one in 32 of them damaged, through each decoder."""
     data, size = _stream(gradiometer(), CHUNK)
     values = np.random.default_rng(0).integers(-2500, 2500, (CHUNK, 5, 3)) * 2.4e-6
-    board = packets.encode(values, np.full((CHUNK, 5), 25.0))
+    board = reskin_protocol.encode(values, np.full((CHUNK, 5), 25.0))
     rows = []
     for name, decoder, stream, length in (
         ('framed', FramedDecoder(gradiometer()), data, size),
-        ('ReSkin', FrameDecoder(5), board, packets.frame_bytes(5)),
+        ('ReSkin', ReskinDecoder(5), board, reskin_protocol.frame_bytes(5)),
     ):
         hurt = bytearray(stream)
         hurt[:: 32 * length] = bytes(b ^ 4 for b in hurt[:: 32 * length])
@@ -151,7 +151,7 @@ def memory_rows(count: int) -> list[Row]:
     return rows
 
 
-def _growth(decoder: FramedDecoder | FrameDecoder, stream: bytes, count: int) -> float:
+def _growth(decoder: FramedDecoder | ReskinDecoder, stream: bytes, count: int) -> float:
     """Growth of resident memory after the first tenth (KiB)."""
     passes = count // CHUNK
     before = 0.0

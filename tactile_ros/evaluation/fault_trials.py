@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tactile_ros.conditioning.faults import UNUSABLE
-from tactile_ros.devices.clock import VirtualClock
-from tactile_ros.devices.serial_twin import AWAY_S, STALL_S, SerialTwin
+from tactile_ros.devices.simulated_serial import AWAY_S, STALL_S, SerialTwin
+from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.errors import DeviceTimeout
 from tactile_ros.types import Array, Bools, Closing, Frame, Layout, TaxelStatus
 

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.devices import framed, packets
-from tactile_ros.devices.damage import DAMAGES, damage
-from tactile_ros.devices.framed_decoder import FramedDecoder
-from tactile_ros.devices.framing import FrameDecoder
+from tactile_ros.devices import framed_protocol, reskin_protocol
+from tactile_ros.devices.framed_protocol import FramedDecoder
+from tactile_ros.devices.reskin_protocol import ReskinDecoder
+from tactile_ros.devices.simulated_serial import DAMAGES, damage
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from tactile_ros.devices.framed_payloads import Payload
+    from tactile_ros.devices.framed_protocol import Payload
 
 CHUNK = 1000
 PIECE = 4096
@@ -61,10 +61,10 @@ class FramedSubject:
         payload = self._payload
         low, high = (-30_000, 30_000) if payload.signed else (0, payload.full_count)
         counts = rng.integers(low, high, (count, payload.count, payload.channels))
-        data = framed.encode(payload, counts, self._sequence, np.arange(count) * 1000)
+        data = framed_protocol.encode(payload, counts, self._sequence, np.arange(count) * 1000)
         self._sequence += count
         told = [row.tobytes() for row in counts.astype(np.float64)]
-        return cut(data, framed.frame_bytes(payload)), told
+        return cut(data, framed_protocol.frame_bytes(payload)), told
 
     def feed(self, data: bytes) -> list[bytes]:
         """What is decoded."""
@@ -83,19 +83,20 @@ class BoardSubject:
     def __init__(self, chips: int) -> None:
         """See the class."""
         self._chips = chips
-        self._size = packets.frame_bytes(chips)
-        self._decoder = FrameDecoder(chips)
+        self._size = reskin_protocol.frame_bytes(chips)
+        self._decoder = ReskinDecoder(chips)
 
     def frames(self, count: int, rng: np.random.Generator) -> tuple[list[bytes], list[bytes]]:
         """Frames on the wire, and what each is when it is decoded."""
         values = rng.integers(-2500, 2500, (count, self._chips, 3)) * 2.4e-6
-        frames = cut(packets.encode(values, np.full((count, self._chips), 25.0)), self._size)
+        data = reskin_protocol.encode(values, np.full((count, self._chips), 25.0))
+        frames = cut(data, self._size)
         return frames, frames
 
     def feed(self, data: bytes) -> list[bytes]:
         """What is decoded."""
         decoded = self._decoder.feed(data)
-        return cut(packets.encode(decoded.values, decoded.temperature_c), self._size)
+        return cut(reskin_protocol.encode(decoded.values, decoded.temperature_c), self._size)
 
     @property
     def held(self) -> int:

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.devices.chip_array import ChipArray
-from tactile_ros.devices.chip_array_twin import ChipArrayTwin
-from tactile_ros.devices.clock import VirtualClock
-from tactile_ros.devices.mlx90393 import ChipSettings
-from tactile_ros.devices.mux import ChipPlace
+from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings
+from tactile_ros.devices.simulated_i2c import ChipArrayTwin
+from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.devices.transport import I2cBus
 from tactile_ros.errors import DeviceTimeout
 from tactile_ros.evaluation.fault_trials import usable

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from tactile_ros.devices.clock import VirtualClock
+from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.types import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tactile_ros.devices.framed_twin import FramedTwin
+    from tactile_ros.devices.simulated_serial import FramedTwin
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.sensors.registry import SensorSpec
     from tactile_ros.types import Array, ContactState, Frame, SensorConfig

@@ -24,10 +24,9 @@ from tactile_ros.cli.machine import (
 )
 from tactile_ros.cli.main import main
 from tactile_ros.cli.trial import Trial, findings, noise_of, watch
-from tactile_ros.devices.clock import VirtualClock
-from tactile_ros.devices.mux import ChipPlace
-from tactile_ros.devices.simulated_chip import SimulatedChip
-from tactile_ros.devices.simulated_i2c import SimulatedI2cBus
+from tactile_ros.devices.mlx90393 import ChipPlace
+from tactile_ros.devices.simulated_i2c import SimulatedChip, SimulatedI2cBus
+from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.devices.transport import I2cBus
 from tactile_ros.errors import DeviceError
 from tactile_ros.sensors import list_sensors

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.devices.serial_board import SerialBoard
-from tactile_ros.devices.simulated import SimulatedSerialPort
+from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.types import Layout
 
 if TYPE_CHECKING:

@@ -8,18 +8,17 @@ import time
 import numpy as np
 import pytest
 
-from tactile_ros.devices.bus_capacity import (
+from tactile_ros.devices.chip_array import (
+    Mode,
     carried_hz,
     check_bus_capacity,
     exchange_bits,
     switch_bits,
 )
-from tactile_ros.devices.chip_array import Mode
-from tactile_ros.devices.chip_array_twin import ChipArrayTwin
-from tactile_ros.devices.chip_connections import ChipConnection, open_chips, simulate_chips
-from tactile_ros.devices.clock import VirtualClock
-from tactile_ros.devices.mlx90393 import ChipSettings
-from tactile_ros.devices.mux import ChipPlace, clusters
+from tactile_ros.devices.connections import ChipConnection, open_chips, simulate_chips
+from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings, clusters
+from tactile_ros.devices.simulated_i2c import ChipArrayTwin
+from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.types import Layout
 
 DIRECT = [ChipPlace(0x0C + i) for i in range(20)]

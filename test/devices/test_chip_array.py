@@ -14,10 +14,9 @@ import pytest
 from smbus2 import i2c_msg
 
 from tactile_ros.devices.chip_array import ChipArray, Mode
-from tactile_ros.devices.chip_array_twin import ChipArrayTwin
-from tactile_ros.devices.clock import VirtualClock
-from tactile_ros.devices.mlx90393 import ChipSettings
-from tactile_ros.devices.mux import ChipPlace, clusters
+from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings, clusters
+from tactile_ros.devices.simulated_i2c import ChipArrayTwin
+from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.devices.transport import I2cBus
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.types import Frame, Layout, TaxelStatus

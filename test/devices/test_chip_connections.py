@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from tactile_ros.devices.chip_array import ChipArray
-from tactile_ros.devices.chip_connections import ChipConnection, open_chips
-from tactile_ros.devices.framed_board import FramedBoard
-from tactile_ros.devices.mux import ChipPlace
+from tactile_ros.devices.connections import ChipConnection, open_chips
+from tactile_ros.devices.mlx90393 import ChipPlace
+from tactile_ros.devices.serial_board import FramedBoard
 from tactile_ros.types import Layout
 
 FOUR = Layout(np.zeros((4, 3)), ('Bx', 'By', 'Bz'), 'T', rate_hz=50.0)

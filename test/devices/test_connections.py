@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.devices.connections import FramedConnection, open_framed
-from tactile_ros.devices.framed_payloads import gradiometer
+from tactile_ros.devices.framed_protocol import gradiometer
 from tactile_ros.types import Layout
 
 

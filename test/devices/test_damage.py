@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.devices.damage import DAMAGES, Damage, damage, unseen
+from tactile_ros.devices.simulated_serial import DAMAGES, Damage, damage, unseen
 
 QUANTUM = np.array([2.4e-6, 2.4e-6, 3.872e-6])
 

@@ -7,10 +7,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from tactile_ros.devices.board_twin import BoardTwin
-from tactile_ros.devices.chip_array_twin import ChipArrayTwin
-from tactile_ros.devices.framed_twin import FramedTwin
-from tactile_ros.devices.serial_twin import BYTE_FAULTS, SerialTwin
+from tactile_ros.devices.simulated_i2c import ChipArrayTwin
+from tactile_ros.devices.simulated_serial import BYTE_FAULTS, BoardTwin, FramedTwin, SerialTwin
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.evaluation.fault_trials import RATE_HZ, STORM, STORMS, Road, suffer, usable, ways
 from tactile_ros.sensors import list_sensors, load_sensor

@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from tactile_ros.devices.device_time import DeviceTime
+from tactile_ros.devices.timestamps import DeviceTime
 
 MS = 1_000_000
 

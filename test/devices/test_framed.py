@@ -11,18 +11,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_ros.devices.damage import DAMAGES, damage
-from tactile_ros.devices.framed import encode, frame_bytes
-from tactile_ros.devices.framed_decoder import FramedDecoder
-from tactile_ros.devices.framed_payloads import (
+from tactile_ros.devices.framed_protocol import (
     MOST_BYTES,
+    FramedDecoder,
     Payload,
+    Readings,
+    encode,
     five_wires,
+    frame_bytes,
     gradiometer,
+    pack_bits,
     taxel_matrix,
     three_axis_chips,
+    unpack_bits,
 )
-from tactile_ros.devices.framed_readings import Readings, pack_bits, unpack_bits
+from tactile_ros.devices.simulated_serial import DAMAGES, damage
 from tactile_ros.types import TaxelStatus
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'serial_protocol.md'

@@ -10,19 +10,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.devices.clock import VirtualClock
-from tactile_ros.devices.framed import encode, frame_bytes
-from tactile_ros.devices.framed_board import FramedBoard
-from tactile_ros.devices.framed_payloads import (
+from tactile_ros.devices.framed_protocol import (
     Payload,
+    encode,
     five_wires,
+    frame_bytes,
     gradiometer,
     taxel_matrix,
     three_axis_chips,
 )
-from tactile_ros.devices.framed_twin import FramedTwin
-from tactile_ros.devices.serial_twin import BYTE_FAULTS
-from tactile_ros.devices.simulated import SimulatedSerialPort
+from tactile_ros.devices.serial_board import FramedBoard
+from tactile_ros.devices.simulated_serial import BYTE_FAULTS, FramedTwin, SimulatedSerialPort
+from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.types import Array, Frame, Layout, TaxelStatus
 

@@ -9,9 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactile_ros.devices.framed import encode
-from tactile_ros.devices.framed_decoder import FramedDecoder
-from tactile_ros.devices.framed_payloads import gradiometer
+from tactile_ros.devices.framed_protocol import FramedDecoder, encode, gradiometer
 from tactile_ros.types import TaxelStatus
 
 ROOT = Path(__file__).resolve().parents[2]

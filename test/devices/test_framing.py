@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_ros.devices.damage import Damage, damage
-from tactile_ros.devices.framing import Decoded, FrameDecoder
-from tactile_ros.devices.packets import encode, frame_bytes
+from tactile_ros.devices.reskin_protocol import Decoded, ReskinDecoder, encode, frame_bytes
+from tactile_ros.devices.simulated_serial import Damage, damage
 
 seeds = st.integers(0, 2**32 - 1)
 LENGTH_DAMAGES = ('dropped', 'doubled', 'inserted', 'truncated')
@@ -30,7 +29,7 @@ def got(decoded: Decoded) -> list[bytes]:
 
 
 def decode(stream: bytes, chips: int) -> list[bytes]:
-    return got(FrameDecoder(chips).feed(stream))
+    return got(ReskinDecoder(chips).feed(stream))
 
 
 def is_subsequence(part: list[bytes], whole: list[bytes]) -> bool:
@@ -42,7 +41,7 @@ def is_subsequence(part: list[bytes], whole: list[bytes]) -> bool:
 @pytest.mark.parametrize('head', [0, 1, 17])
 def test_three_frames_lock_on_and_are_delivered(chips: int, head: int) -> None:
     frames = sent(np.random.default_rng(chips), 4, chips)
-    decoder = FrameDecoder(chips)
+    decoder = ReskinDecoder(chips)
     tail_of_first = frames[0][-head:] if head else b''
     assert got(decoder.feed(tail_of_first + frames[1] + frames[2])) == []
     assert not decoder.locked
@@ -83,7 +82,7 @@ def test_cuts_do_not_matter(seed: int, cuts: list[int]) -> None:
     for i in rng.choice(12, 3, replace=False):
         frames[i] = damage(frames[i], rng.choice([*LENGTH_DAMAGES, 'garbage', 'flipped']), rng)
     stream = b''.join(frames)
-    whole, parts, single = FrameDecoder(5), FrameDecoder(5), FrameDecoder(5)
+    whole, parts, single = ReskinDecoder(5), ReskinDecoder(5), ReskinDecoder(5)
     wanted = got(whole.feed(stream))
     edges = [0, *sorted(cuts), len(stream)]
     pieces = [stream[a:b] for a, b in itertools.pairwise(edges)]
@@ -103,7 +102,7 @@ def test_damage_of_the_length_is_seen_and_costs_one_good_frame_at_most(
     places = [3 + int(rng.integers(3)), 10 + int(rng.integers(6)), 19]
     for place in places:
         hurt[place] = damage(frames[place], kind, rng)
-    decoder = FrameDecoder(chips)
+    decoder = ReskinDecoder(chips)
     delivered = got(decoder.feed(b''.join(hurt)))
     # a doubled first byte or a lost last one may leave the frame itself whole
     assert is_subsequence(delivered, frames)
@@ -136,7 +135,7 @@ def test_garbage_before_the_first_frame(seed: int, length: int) -> None:
 @given(st.binary(max_size=2000), seeds, st.sampled_from([1, 3]))
 def test_anything_may_come(noise: bytes, seed: int, chips: int) -> None:
     frames = sent(np.random.default_rng(seed), 5, chips)
-    decoder = FrameDecoder(chips)
+    decoder = ReskinDecoder(chips)
     decoder.feed(noise)
     assert len(decoder.pending) <= 8 * frame_bytes(chips) + 2
     assert set(frames[1:]) <= set(got(decoder.feed(b''.join(frames))))
@@ -155,7 +154,7 @@ def test_crlf_inside_steady_floats_does_not_confuse(chips: int, place: tuple[int
         frame = bytes(body[:spot] + word + body[spot + 4 :])
         assert len(frame) == frame_bytes(chips)
         for head in range(0, len(frame), 3):
-            decoder = FrameDecoder(chips)
+            decoder = ReskinDecoder(chips)
             delivered = got(decoder.feed(frame[head:] + frame * 8))
             if place == (2, 3):  # 7e-33: no reading of a chip
                 assert all(len(f) == len(frame) for f in delivered)
@@ -172,7 +171,7 @@ def test_one_flipped_bit_of_the_terminator_costs_its_frame_alone() -> None:
     for byte, bit in [(80, 1), (81, 16)]:
         hurt = bytearray(frames[4])
         hurt[byte] ^= bit
-        decoder = FrameDecoder(5)
+        decoder = ReskinDecoder(5)
         stream = b''.join([*frames[:4], bytes(hurt), *frames[5:]])
         decoded = decoder.feed(stream)
         assert got(decoded) == frames[:4] + frames[5:]
@@ -186,7 +185,7 @@ def test_an_implausible_field_condemns_its_frame_alone(number: float) -> None:
     frames = sent(np.random.default_rng(9), 8, 5)
     hurt = bytearray(frames[4])
     hurt[20:24] = struct.pack('<f', number)
-    decoder = FrameDecoder(5)
+    decoder = ReskinDecoder(5)
     assert got(decoder.feed(b''.join([*frames[:4], bytes(hurt), *frames[5:]]))) == (
         frames[:4] + frames[5:]
     )
@@ -202,13 +201,13 @@ def with_dead_chip(frame: bytes, chip: int) -> bytes:
 def test_a_chip_that_stays_implausible_is_marked_and_the_others_serve(alive: int) -> None:
     frames = sent(np.random.default_rng(10), 12, 5)
     stream = [*frames[:alive], *(with_dead_chip(f, 2) for f in frames[alive:])]
-    decoded = FrameDecoder(5).feed(b''.join(stream))
+    decoded = ReskinDecoder(5).feed(b''.join(stream))
     assert len(decoded.skipped) == 12
     assert decoded.skipped.sum() == 0
     assert np.isnan(decoded.values[alive:, 2]).all()
     assert decoded.error[alive:].tolist() == [[False, False, True, False, False]] * (12 - alive)
     assert not decoded.error[:alive].any()
-    whole = FrameDecoder(5).feed(b''.join(frames))
+    whole = ReskinDecoder(5).feed(b''.join(frames))
     others = [0, 1, 3, 4]
     np.testing.assert_array_equal(decoded.values[:, others], whole.values[:, others])
 
@@ -216,7 +215,7 @@ def test_a_chip_that_stays_implausible_is_marked_and_the_others_serve(alive: int
 def test_a_chip_that_recovers_is_used_again() -> None:
     frames = sent(np.random.default_rng(11), 12, 5)
     stream = [*(with_dead_chip(f, 0) for f in frames[:6]), *frames[6:]]
-    decoded = FrameDecoder(5).feed(b''.join(stream))
+    decoded = ReskinDecoder(5).feed(b''.join(stream))
     assert decoded.error[:, 0].tolist() == [True] * 6 + [False] * 6
     assert got(decoded)[6:] == frames[6:]
 
@@ -228,14 +227,14 @@ def test_a_board_without_a_majority_of_chips_is_not_believed() -> None:
 
 def test_tiny_fields_are_delivered_too() -> None:
     frames = [struct.pack('<4f', 25.0, 1e-9 * i, 1e-38, 5.0 + i) + b'\r\n' for i in range(1, 12)]
-    decoded = FrameDecoder(1).feed(b''.join(frames))
+    decoded = ReskinDecoder(1).feed(b''.join(frames))
     assert len(decoded.skipped) == 11
     np.testing.assert_allclose(decoded.values[:, 0, 2], 1e-6 * (5.0 + np.arange(1, 12)), rtol=1e-6)
 
 
 def test_reset_forgets_the_stream_and_keeps_the_counts() -> None:
     frames = sent(np.random.default_rng(13), 6, 5)
-    decoder = FrameDecoder(5)
+    decoder = ReskinDecoder(5)
     decoder.feed(b''.join(frames[:3]) + frames[3][:40])
     decoder.reset()
     assert got(decoder.feed(frames[4] + frames[5])) == []
@@ -245,6 +244,6 @@ def test_reset_forgets_the_stream_and_keeps_the_counts() -> None:
 
 def test_a_flood_is_decoded_in_one_go_and_nothing_piles_up() -> None:
     frames = sent(np.random.default_rng(14), 200, 20)
-    decoder = FrameDecoder(20)
+    decoder = ReskinDecoder(20)
     assert got(decoder.feed(b''.join(frames) + frames[0][:100])) == frames
     assert len(decoder.pending) == 100

@@ -7,7 +7,7 @@ import errno
 import pytest
 from smbus2 import i2c_msg
 
-from tactile_ros.devices.mux import ChipPlace, Switches, clusters, refuse_conflicts
+from tactile_ros.devices.mlx90393 import ChipPlace, Switches, clusters, refuse_conflicts
 from tactile_ros.devices.transport import I2cBus
 from tactile_ros.errors import NotAcknowledged
 

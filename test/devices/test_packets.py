@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tactile_ros.devices.packets import (
+from tactile_ros.devices.reskin_protocol import (
     board_size,
     encode,
     foreign,

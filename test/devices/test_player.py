@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.devices.player import Player, Touch
-from tactile_ros.devices.simulated import SimulatedSerialPort
+from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.errors import DeviceTimeout
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.devices.reading_watch import ReadingWatch
+from tactile_ros.devices.fault_flags import ReadingWatch
 from tactile_ros.types import TaxelStatus
 
 STALE, STUCK = TaxelStatus.STALE, TaxelStatus.STUCK

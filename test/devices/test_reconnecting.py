@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tactile_ros.devices.clock import VirtualClock
-from tactile_ros.devices.reconnecting import ReconnectingPort, check_capacity, wire_s
-from tactile_ros.devices.simulated import SimulatedSerialPort
+from tactile_ros.devices.serial_board import ReconnectingPort, check_capacity, wire_s
+from tactile_ros.devices.simulated_serial import SimulatedSerialPort
+from tactile_ros.devices.timestamps import VirtualClock
 
 
 @pytest.fixture
@@ -17,7 +17,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> VirtualClock:
     """The time of pauses, and of nothing else."""
     virtual = VirtualClock()
     stand_in = SimpleNamespace(monotonic=lambda: virtual.now_ns() * 1e-9, sleep=virtual.sleep)
-    monkeypatch.setattr('tactile_ros.devices.reconnecting.time', stand_in)
+    monkeypatch.setattr('tactile_ros.devices.serial_board.time', stand_in)
     return virtual
 
 

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactile_ros.devices.clock import VirtualClock
-from tactile_ros.devices.packets import encode
+from tactile_ros.devices.reskin_protocol import encode
 from tactile_ros.devices.serial_board import SerialBoard, arrival_stamps, uart_transfer_s
-from tactile_ros.devices.simulated import Fault, SimulatedSerialPort
+from tactile_ros.devices.simulated_serial import Fault, SimulatedSerialPort
+from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.types import Frame, Layout, TaxelStatus
 

@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.devices.board_twin import BoardTwin
-from tactile_ros.devices.clock import VirtualClock
-from tactile_ros.devices.framed_payloads import taxel_matrix
-from tactile_ros.devices.framed_twin import FramedTwin
+from tactile_ros.devices.framed_protocol import taxel_matrix
 from tactile_ros.devices.serial_board import SerialBoard
-from tactile_ros.devices.serial_twin import BYTE_FAULTS
+from tactile_ros.devices.simulated_serial import BYTE_FAULTS, BoardTwin, FramedTwin
+from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.errors import DeviceTimeout
 from tactile_ros.types import Array, Frame, Layout, TaxelStatus, Twin
 

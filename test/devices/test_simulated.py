@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactile_ros.devices.packets import encode
+from tactile_ros.devices.reskin_protocol import encode
 from tactile_ros.devices.serial_board import SerialBoard
-from tactile_ros.devices.simulated import SimulatedSerialPort
+from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.devices.transport import SerialPort
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.types import Layout

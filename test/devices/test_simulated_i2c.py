@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 from smbus2 import i2c_msg
 
-from tactile_ros.devices.chip_array_twin import ChipArrayTwin
-from tactile_ros.devices.clock import LeadingClock, SystemClock, VirtualClock
-from tactile_ros.devices.mux import ChipPlace, clusters
-from tactile_ros.devices.simulated_chip import SimulatedChip
-from tactile_ros.devices.simulated_i2c import SimulatedI2cBus
+from tactile_ros.devices.mlx90393 import ChipPlace, clusters
+from tactile_ros.devices.simulated_i2c import ChipArrayTwin, SimulatedChip, SimulatedI2cBus
+from tactile_ros.devices.timestamps import LeadingClock, SystemClock, VirtualClock
 from tactile_ros.types import Layout
 
 BURST, SINGLE, ERROR, RESET = 0x80, 0x20, 0x10, 0x04

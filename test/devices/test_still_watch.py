@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.devices.still_watch import StillWatch
+from tactile_ros.devices.fault_flags import StillWatch
 from tactile_ros.types import TaxelStatus
 
 

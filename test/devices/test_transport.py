@@ -24,7 +24,7 @@ from tactile_ros.errors import DeviceError, DeviceTimeout, MissingPackageError, 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from tactile_ros.devices.simulated import SimulatedSerialPort
+    from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tactile_ros.devices import framed_decoder
-from tactile_ros.devices.framed_payloads import three_axis_chips
+from tactile_ros.devices import framed_protocol
+from tactile_ros.devices.framed_protocol import three_axis_chips
 from tactile_ros.evaluation.hostile_bytes import BoardSubject, FramedSubject, suffer_bytes
 
 
@@ -22,5 +22,5 @@ def test_a_format_without_checksum_is_seen_to_believe_some() -> None:
 
 
 def test_a_decoder_without_its_crc_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(framed_decoder.zlib, 'crc32', lambda data: framed_decoder.RESIDUE)
+    monkeypatch.setattr(framed_protocol.zlib, 'crc32', lambda data: framed_protocol.RESIDUE)
     assert suffer_bytes(FramedSubject(three_axis_chips(5)), 1000, 1).wrong > 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.devices import reading_watch
+from tactile_ros.devices import fault_flags
 from tactile_ros.evaluation.hostile_chips import suffer_answers
 from tactile_ros.types import TaxelStatus
 
@@ -26,7 +26,7 @@ def test_random_status_bytes_let_no_wrong_reading_pass() -> None:
 
 def test_a_driver_that_marks_nothing_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        reading_watch.ReadingWatch,
+        fault_flags.ReadingWatch,
         'judge',
         lambda self, codes, values, good, fresh: np.where(good, 0, TaxelStatus.ERROR),
     )

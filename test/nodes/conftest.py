@@ -10,7 +10,7 @@ import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
-from tactile_ros.devices.simulated import SimulatedSerialPort
+from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.evaluation.archive import save_recording
 from tactile_ros.sensors import load_sensor
 

@@ -19,7 +19,7 @@ from std_srvs.srv import Trigger
 
 from tactile_ros.action import Grasp
 from tactile_ros.control import GripPhase
-from tactile_ros.devices.packets import encode
+from tactile_ros.devices.reskin_protocol import encode
 from tactile_ros.msg import GripState, TactileContacts
 from tactile_ros.nodes import lifecycle
 from tactile_ros.nodes.contact_node import ContactNode
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from conftest import Ros
 
-    from tactile_ros.devices.simulated import SimulatedSerialPort
+    from tactile_ros.devices.simulated_serial import SimulatedSerialPort
     from tactile_ros.types import Recording
 
 STIFFNESS, CONTACT_AT = 40.0, 0.3  # N per closure; closure

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.devices.packets import encode
+from tactile_ros.devices.reskin_protocol import encode
 from tactile_ros.devices.serial_board import SerialBoard
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.nodes import player

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.devices.packets import encode
+from tactile_ros.devices.reskin_protocol import encode
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.recording import load
 from tactile_ros.evaluation.replay import replay

@@ -16,7 +16,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from tactile_ros.devices.packets import encode
+from tactile_ros.devices.reskin_protocol import encode
 from tactile_ros.messages import read_frame, read_layout
 from tactile_ros.msg import TactileFrame, TactileLayout
 from tactile_ros.nodes import lifecycle
@@ -26,7 +26,7 @@ from tactile_ros.nodes.sensor_node import SensorNode
 if TYPE_CHECKING:
     from conftest import Ros
 
-    from tactile_ros.devices.simulated import SimulatedSerialPort
+    from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 
 
 class Listener(Node):

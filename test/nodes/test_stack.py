@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from rclpy.node import Node
 
-from tactile_ros.devices.packets import encode
+from tactile_ros.devices.reskin_protocol import encode
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.msg import TactileContacts
 from tactile_ros.nodes import grip_node, lifecycle, stack
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from conftest import Ros
 
-    from tactile_ros.devices.simulated import SimulatedSerialPort
+    from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 
 
 @pytest.fixture

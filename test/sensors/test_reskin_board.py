@@ -8,8 +8,8 @@ import time
 import numpy as np
 import pytest
 
-from tactile_ros.devices.packets import encode
-from tactile_ros.devices.simulated import SimulatedSerialPort
+from tactile_ros.devices.reskin_protocol import encode
+from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Recording, TaxelStatus
 

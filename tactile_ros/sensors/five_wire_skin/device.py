@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from tactile_ros.devices.connections import FramedConnection, open_framed, simulate_framed
-from tactile_ros.devices.framed_payloads import five_wires
+from tactile_ros.devices.framed_protocol import five_wires
 from tactile_ros.sensors.five_wire_skin.config import layout
 from tactile_ros.sensors.five_wire_skin.signal import NOISE
 from tactile_ros.sensors.five_wire_skin.signal import signal as own_signal
@@ -15,8 +15,8 @@ from tactile_ros.types.config_fields import whole
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tactile_ros.devices.clock import VirtualClock
-    from tactile_ros.devices.framed_twin import FramedTwin
+    from tactile_ros.devices.simulated_serial import FramedTwin
+    from tactile_ros.devices.timestamps import VirtualClock
     from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig
     from tactile_ros.types import Array, Device
 

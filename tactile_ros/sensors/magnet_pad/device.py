@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tactile_ros.devices.chip_connections import ChipConnection, ChipSensor
+from tactile_ros.devices.connections import ChipConnection, ChipSensor
 from tactile_ros.sensors.magnet_pad.config import layout
 from tactile_ros.sensors.magnet_pad.nominal import NOISE
 from tactile_ros.sensors.magnet_pad.signal import signal as own_signal

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from tactile_ros.devices.board_twin import BoardTwin
 from tactile_ros.devices.serial_board import SerialBoard, uart_transfer_s
+from tactile_ros.devices.simulated_serial import BoardTwin
 from tactile_ros.sensors.reskin_board.config import layout
 from tactile_ros.sensors.reskin_board.signal import NOISE
 from tactile_ros.sensors.reskin_board.signal import signal as own_signal
@@ -14,7 +14,7 @@ from tactile_ros.sensors.reskin_board.signal import signal as own_signal
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tactile_ros.devices.clock import VirtualClock
+    from tactile_ros.devices.timestamps import VirtualClock
     from tactile_ros.sensors.reskin_board.config import ReskinBoardConfig, ReskinBoardConnection
     from tactile_ros.types import Array
 
