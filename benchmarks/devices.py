@@ -23,7 +23,7 @@ from tactile_ros.devices.framed_protocol import (
     taxel_matrix,
     three_axis_chips,
 )
-from tactile_ros.devices.simulated_serial import DAMAGES, unseen
+from tactile_ros.devices.simulated_serial import BYTE_FAULTS
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.driver_speed import (
     bus_rows,
@@ -42,10 +42,13 @@ from tactile_ros.evaluation.hostile_bytes import (
 )
 from tactile_ros.evaluation.hostile_chips import suffer_answers
 from tactile_ros.evaluation.recording import load
+from tactile_ros.evaluation.sources import load_source
 from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.processes import Running
 from tactile_ros.sensors import list_sensors, load_sensor
 
+REFERENCE = Path(__file__).resolve().parents[1] / 'test' / 'reference'
+HIDDEN = load_source(REFERENCE / 'hidden_damage.py', 'bench devices')
 STRINGS = {'quick': 2_000, 'normal': 1_000_000, 'full': 1_000_000}
 DECODED = {'quick': 20_000, 'normal': 1_000_000, 'full': 1_000_000}
 NODE_S = {'quick': (3.0, 3.0), 'normal': (10.0, 100.0), 'full': (10.0, 100.0)}  # 100 Hz, 1 kHz
@@ -202,8 +205,8 @@ def _hidden(extent: str) -> list[Row]:
     values = load_sensor('reskin_board').recordings()['normal_1'].values[:500]
     trials = 50 if extent == 'quick' else 1000
     rows = []
-    for kind in DAMAGES:
-        found = unseen(values, 25.0, kind, 0, trials)
+    for kind in BYTE_FAULTS:
+        found = HIDDEN.hidden_damage(values, kind, 0, trials)
         rows.append(
             Row(f'ReSkin frames {kind}: delivered, numbers wrong', '%', 100 * found.passed)
         )

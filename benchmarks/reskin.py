@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.devices.simulated_serial import DAMAGES, unseen
+from tactile_ros.devices.simulated_serial import BYTE_FAULTS
 from tactile_ros.evaluation.benchmark import BenchResult, Row, shortest, within
 from tactile_ros.evaluation.coverage import ONE_SIGMA
 from tactile_ros.evaluation.metrics import target_errors
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 SEEDS = {'quick': 1, 'normal': 3, 'full': 5}
 SECONDS = {'quick': np.inf, 'normal': 45.0, 'full': np.inf}  # of each kind of split
 BATCH = 10_000
+REFERENCE = Path(__file__).resolve().parents[1] / 'test' / 'reference'
+HIDDEN = load_source(REFERENCE / 'hidden_damage.py', 'bench reskin')
 COMPARED = ('ridge', 'grid_knn')
 BRIEF = ('place', 'shear')  # of a quick run, the first split of each
 PEERS = load_source(Path(__file__).parent / 'worlds' / 'reskin_peers.py', 'bench reskin')
@@ -327,7 +329,8 @@ def _plain(recording: Recording, split: Split) -> tuple[Array, Array]:
 def _damage(recording: Recording, extent: str) -> list[Row]:
     """Share of damaged frames that the board's format, without a checksum, cannot show."""
     trials = 50 if extent == 'quick' else 1000
-    found = [unseen(recording.values[:500], 25.0, kind, 0, trials) for kind in DAMAGES]
+    values = recording.values[:500]
+    found = [HIDDEN.hidden_damage(values, kind, 0, trials) for kind in BYTE_FAULTS]
     rows = [
         Row(f'frames {f.kind}: delivered with wrong numbers', '%', 100 * f.passed) for f in found
     ]

@@ -1,6 +1,6 @@
 """Boards on serial ports: bytes to frames, through unplugging, damage and loss.
 
-`SerialBoard` is the ReSkin / AnySkin board, `FramedBoard` one that speaks the framed protocol of
+`ReskinBoard` is the ReSkin / AnySkin board, `FramedBoard` one that speaks the framed protocol of
 docs/serial_protocol.md.
 """
 
@@ -178,7 +178,7 @@ class Opened(Closing):
         return self
 
 
-class StreamingBoard(Opened):
+class SerialBoard(Opened):
     """A board that sends frames without being asked: its port, and the frames not read yet.
 
     Parameters
@@ -323,7 +323,7 @@ def arrival_stamps(
     return [now_ns - spacing * int(back) for back in place[-1] - place]
 
 
-class SerialBoard(StreamingBoard):
+class ReskinBoard(SerialBoard):
     """The board as a `Device`: a context manager whose `read` gives frames.
 
     Parameters
@@ -509,7 +509,7 @@ STRANGERS = 3
 LIVELY = 10
 
 
-class FramedBoard(StreamingBoard):
+class FramedBoard(SerialBoard):
     """The board as a `Device`: a context manager whose `read` gives frames.
 
     Parameters

@@ -8,58 +8,53 @@ import tempfile
 import threading
 import time
 import tty
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeVar, get_args
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.devices import framed_protocol, reskin_protocol
-from tactile_ros.devices.framed_protocol import Kind
-from tactile_ros.devices.reskin_protocol import ReskinDecoder
-from tactile_ros.devices.serial_board import FramedBoard, SerialBoard
+from tactile_ros.devices.framed_protocol import Kind, Payload
+from tactile_ros.devices.serial_board import FramedBoard, ReskinBoard
+from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.errors import DeviceError, DeviceTimeout
-from tactile_ros.types import Array, Closing, Layout
+from tactile_ros.types import Array, Closing, Device, Layout
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+Own = TypeVar('Own', bound='SerialTwin')
 
-    from tactile_ros.devices.framed_protocol import Payload
-    from tactile_ros.devices.timestamps import VirtualClock
-    from tactile_ros.types import Device
-
-Damage = Literal['dropped', 'doubled', 'flipped', 'garbage', 'inserted', 'truncated', 'shifted']
-
-DAMAGES: tuple[Damage, ...] = (
-    'dropped', 'doubled', 'flipped', 'garbage', 'inserted', 'truncated', 'shifted',
-)  # fmt: skip
+BYTE_FAULTS = ('dropped', 'doubled', 'flipped', 'garbage', 'inserted', 'truncated', 'shifted')
+SERIAL_FAULTS = (*BYTE_FAULTS, 'lost', 'stall', 'unplug', 'stuck_chip', 'saturation')
 LONGEST_RUN = 16
-HARMLESS_MICROTESLA = 1.0
+STALL_S = 0.5
+AWAY_S = 1.0
+LEAST_JUMP_S, MOST_JUMP_S = 2.0, 1000.0
+MOST_WAITING = 10_000
+# a driver that has just opened the port has no frame yet after which it could count a loss
+CALM_S = 0.1
+PATIENCE_S = 0.2
+SHORTEST_PAUSE_S = 0.002  # frames are written together as USB delivers them
+NAN_BYTES = b'\x00\x00\xc0\x7f'
 
 
-def damage(frame: bytes, kind: Damage, rng: np.random.Generator) -> bytes:
-    """Damage the bytes of one frame.
+def damage(frame: bytes, kind: str, rng: np.random.Generator) -> bytes:
+    """Damage the bytes of one frame by one of `BYTE_FAULTS`.
 
     Parameters
     ----------
     frame : bytes
         At least two bytes.
-    kind : Damage
+    kind : str
         dropped: 1 to 4 bytes in a row; doubled: one byte; flipped: one bit; garbage: 1 to 16 bytes
         overwritten; inserted: 1 to 16 foreign bytes; truncated: the tail from anywhere on;
         shifted: one byte lost and another doubled, the length kept.
     rng : Generator
-        Where, how many, and what.
-
-    Returns
-    -------
-    bytes
-        The damaged frame.
+        Of the place, the count and the bytes.
     """
     here, there = (int(place) for place in np.sort(rng.integers(len(frame), size=2)))
     run = rng.bytes(int(rng.integers(1, LONGEST_RUN + 1)))
-    hurt: dict[Damage, bytes] = {
+    damaged = {
         'dropped': frame[:here] + frame[here + 1 + run[0] % 4 :],
         'doubled': frame[: here + 1] + frame[here:],
         'flipped': frame[:here] + bytes([frame[here] ^ 1 << run[0] % 8]) + frame[here + 1 :],
@@ -68,104 +63,14 @@ def damage(frame: bytes, kind: Damage, rng: np.random.Generator) -> bytes:
         'truncated': frame[:here],
         'shifted': frame[:here] + frame[here + 1 : there + 1] + frame[there:],
     }
-    return hurt[kind]
-
-
-@dataclass(frozen=True)
-class Unseen:
-    """Outcome of damage of one kind.
-
-    Attributes
-    ----------
-    kind : str
-        Kind of damage.
-    trials : int
-        Damaged frames, each between good ones.
-    passed : float
-        Share of the damaged frames that were delivered with wrong numbers.
-    misled : float
-        Share of them whose numbers are wrong by more than 1 uT (1 degree Celsius) somewhere.
-    good_lost : int
-        Most good frames lost by one damage.
-    """
-
-    kind: str
-    trials: int
-    passed: float
-    misled: float
-    good_lost: int
-
-
-def unseen(
-    values: Array,
-    temperature_c: npt.ArrayLike,
-    kind: Damage,
-    seed: int,
-    trials: int = 1000,
-    quantum: npt.ArrayLike | None = None,
-) -> Unseen:
-    """Damage one frame of a locked stream again and again, and see what is delivered.
-
-    Parameters
-    ----------
-    values : ndarray, shape (s, t, 3)
-        Readings to draw rows from (T).
-    temperature_c : array_like, broadcast to (s, t)
-        Chip temperatures (degrees Celsius).
-    kind : Damage
-        Kind of damage.
-    seed : int
-        Of the rows, the places and the bytes.
-    trials : int
-        Frames to damage.
-    quantum : array_like, shape (3,), or None
-        As the decoder is told.
-
-    Returns
-    -------
-    Unseen
-        The shares.
-    """
-    rng = np.random.default_rng(seed)
-    size = reskin_protocol.frame_bytes(values.shape[1])
-    temperature_c = np.broadcast_to(temperature_c, values.shape[:2])
-    frames = _cut(reskin_protocol.encode(values, temperature_c), size)
-    wrong, worst, lost = 0, 0, 0
-    for _ in range(trials):
-        sent = [frames[i] for i in rng.integers(len(frames), size=7)]
-        stream = b''.join([*sent[:3], damage(sent[3], kind, rng), *sent[4:]])
-        decoded = ReskinDecoder(values.shape[1], quantum).feed(stream)
-        got = _cut(reskin_protocol.encode(decoded.values, decoded.temperature_c), size)
-        false = [frame for frame in got if frame not in sent]
-        lost = max(lost, sum(frame not in got for frame in sent[:3] + sent[4:]))
-        wrong += bool(false)
-        worst += any(_error(frame, sent[3]) > HARMLESS_MICROTESLA for frame in false)
-    return Unseen(kind, trials, wrong / trials, worst / trials, lost)
-
-
-def _cut(stream: bytes, size: int) -> list[bytes]:
-    """Whole frames, one by one."""
-    return [stream[i : i + size] for i in range(0, len(stream), size)]
-
-
-def _error(frame: bytes, truth: bytes) -> float:
-    """Largest difference of two frames' fields (uT, degrees Celsius)."""
-    fields = np.frombuffer(frame[:-2], '<f4').astype(np.float64)
-    return float(np.abs(fields - np.frombuffer(truth[:-2], '<f4')).max())
-
-
-Fault = Literal[
-    'dropped', 'doubled', 'flipped', 'garbage', 'inserted', 'truncated', 'shifted', 'lost', 'nan'
-]
+    return damaged[kind]
 
 
 class SimulatedSerialPort(Closing):
-    """A port that programs open as they open a board's; the other end is in our hands.
+    """A port that programs open as they open a board's; the other end is ours.
 
     Parameters
     ----------
-    seed : int
-        Of the places and bytes of faults.
     patience_s : float
         Longest wait for a full port to be read (s).
 
@@ -173,28 +78,19 @@ class SimulatedSerialPort(Closing):
     ----------
     port : str
         Path to open; it stays the same through `unplug` and `replug`.
-    overruns : int
-        Writes of the stream that were lost since nobody took them, as on a real board.
     """
 
-    def __init__(self, seed: int = 0, patience_s: float = 5.0) -> None:
-        """See the class."""
+    def __init__(self, patience_s: float = 5.0) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix='tactile_port_')
         self._link = Path(self._folder.name) / 'board'
         self.port = str(self._link)
-        self.overruns = 0
         self._patience_s = patience_s
-        self._rng = np.random.default_rng(seed)
         self._master = -1
-        self._faults: list[Fault] = []
-        self._lock = threading.RLock()
-        self._stop = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._lock = threading.Lock()
         self.replug()
 
     def close(self) -> None:
-        """Stop the stream, unplug and remove the path; closing twice is allowed."""
-        self.stop()
+        """Unplug and remove the path; closing twice is allowed."""
         self.unplug()
         self._folder.cleanup()
 
@@ -215,78 +111,34 @@ class SimulatedSerialPort(Closing):
             tty.setraw(slave)
             os.set_blocking(self._master, False)
             self._link.symlink_to(os.ttyname(slave))
-            # with no end of ours open, a hang-up tells whether somebody reads
+            # with no end of ours open, a hang-up shows that nobody reads
             os.close(slave)
 
-    def wait_for_reader(self, timeout: float = 10.0) -> None:
-        """Return when a program has opened the port.
+    @property
+    def watched(self) -> bool:
+        """Whether a program has the port open."""
+        return not self._poll(0, 0.0) & (select.POLLHUP | select.POLLNVAL)
 
-        Raises
-        ------
-        DeviceTimeout
-            If none does within `timeout` (s).
-        """
+    def wait_for_reader(self, timeout: float = 10.0) -> None:
+        """Return when a program has opened the port; DeviceTimeout after `timeout` (s)."""
         deadline = time.monotonic() + timeout
-        while self._hung_up():
+        while not self.watched:
             if time.monotonic() > deadline:
                 msg = f'nobody opened {self.port} within {timeout:g} s'
                 raise DeviceTimeout(msg)
             # the kernel wakes nobody when a slave is opened
             time.sleep(0.002)
 
-    @property
-    def watched(self) -> bool:
-        """Whether a program has the port open."""
-        return not self._hung_up()
-
-    def _hung_up(self) -> bool:
-        """Whether no program has the port open."""
-        return bool(self._poll(0, 0.0) & (select.POLLHUP | select.POLLNVAL))
-
     def _poll(self, events: int, timeout: float) -> int:
-        """Wait for events on our end; POLLNVAL when unplugged."""
+        """Events on our end within a time (s); POLLNVAL when unplugged."""
         if self._master < 0:
             return select.POLLNVAL
         poll = select.poll()
         poll.register(self._master, events)
         return sum(event for _, event in poll.poll(timeout * 1e3))
 
-    def inject(self, fault: Fault, count: int = 1) -> None:
-        """Let the next `count` writes suffer a fault, after those that are waiting already.
-
-        Parameters
-        ----------
-        fault : Fault
-            A kind of `damage`, or lost: the write never happens (a stall), or nan: one field of it
-            becomes not a number.
-        count : int
-            Writes to hit.
-
-        Raises
-        ------
-        ValueError
-            If the fault is unknown.
-        """
-        if fault not in get_args(Fault):
-            msg = f'fault must be one of {", ".join(get_args(Fault))}; received {fault!r}'
-            raise ValueError(msg)
-        with self._lock:
-            self._faults += [fault] * count
-
-    def _suffer(self, data: bytes) -> bytes:
-        """The data with the next waiting fault in it."""
-        if not self._faults:
-            return data
-        fault = self._faults.pop(0)
-        if fault == 'lost':
-            return b''
-        if fault == 'nan':
-            place = 4 * int(self._rng.integers(len(data) // 4))
-            return data[:place] + b'\x00\x00\xc0\x7f' + data[place + 4 :]
-        return damage(data, _as_damage(fault), self._rng)
-
     def send(self, data: bytes, timeout: float | None = None) -> None:
-        """Write bytes as the board would, faults included; return when the port has taken them.
+        """Write bytes as the board would; return when the port has taken them.
 
         Parameters
         ----------
@@ -302,8 +154,6 @@ class SimulatedSerialPort(Closing):
         DeviceError
             If the port is unplugged.
         """
-        with self._lock:
-            data = self._suffer(data)
         deadline = time.monotonic() + (self._patience_s if timeout is None else timeout)
         while data:
             taken = self._write(data)
@@ -332,86 +182,9 @@ class SimulatedSerialPort(Closing):
         ready = self._poll(select.POLLIN, timeout) & select.POLLIN
         return os.read(self._master, 4096) if ready else b''
 
-    def stream(
-        self,
-        signal: Callable[[float], Array],
-        rate_hz: float,
-        temperature_c: Callable[[float], Array] | None = None,
-    ) -> None:
-        """Send frames of a signal from a thread until `stop`, as a board does that nobody asks.
-
-        Parameters
-        ----------
-        signal : callable
-            Time since the start (s) -> values, shape (t, 3) (T).
-        rate_hz : float
-            Frames per second.
-        temperature_c : callable or None
-            Time -> chip temperatures, shape (t,) (degrees Celsius); None: 25.
-
-        Raises
-        ------
-        DeviceError
-            If it streams already.
-        """
-        if self._thread is not None:
-            msg = f'{self.port} streams already'
-            raise DeviceError(msg)
-        self._stop.clear()
-        self._thread = threading.Thread(
-            target=self._run, args=(signal, rate_hz, temperature_c), daemon=True
-        )
-        self._thread.start()
-
-    def stop(self) -> None:
-        """End the stream and its thread."""
-        self._stop.set()
-        thread, self._thread = self._thread, None
-        if thread is not None:
-            thread.join()
-
-    def _run(
-        self,
-        signal: Callable[[float], Array],
-        rate_hz: float,
-        temperature_c: Callable[[float], Array] | None,
-    ) -> None:
-        """Send on schedule; what the port does not take is lost."""
-        start = time.monotonic()
-        count = 0
-        while not self._stop.wait(max(0.0, start + count / rate_hz - time.monotonic())):
-            t = count / rate_hz
-            warm = 25.0 if temperature_c is None else temperature_c(t)
-            frame = reskin_protocol.encode(signal(t), warm)
-            try:
-                self.send(frame, timeout=0.0)
-            except DeviceError:
-                self.overruns += 1
-            count += 1
-
-
-def _as_damage(fault: Fault) -> Damage:
-    """The kind of damage that a fault is."""
-    return next(kind for kind in DAMAGES if kind == fault)
-
-
-Own = TypeVar('Own', bound='SerialTwin')
-
-MOST_WAITING = 10_000
-STALL_S = 0.5
-AWAY_S = 1.0
-# a driver that has just opened the port knows no frame yet to which a loss could be told
-CALM_S = 0.1
-PATIENCE_S = 0.2
-# frames are written together as USB delivers them
-SHORTEST_PAUSE_S = 0.002
-
-BYTE_FAULTS: tuple[Damage, ...] = get_args(Damage)
-SERIAL_FAULTS = (*BYTE_FAULTS, 'lost', 'stall', 'unplug', 'stuck_chip', 'saturation')
-
 
 class SerialTwin(Closing):
-    """What all simulated boards share: port, pace, noise and faults.
+    """A simulated board: port, pace, noise and faults of all kinds of boards.
 
     Parameters
     ----------
@@ -457,7 +230,6 @@ class SerialTwin(Closing):
         seed: int = 0,
         clock: VirtualClock | None = None,
     ) -> None:
-        """See the class."""
         if not 0 < layout.rate_hz < np.inf:
             msg = f'rate_hz of the layout of a twin must be above 0; received {layout.rate_hz}'
             raise ValueError(msg)
@@ -475,9 +247,9 @@ class SerialTwin(Closing):
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._step = 0
-        self._silent = 0
-        self._away = 0
-        self._calm = 0
+        self._silent = 0  # periods
+        self._away = False
+        self._calm = 0  # periods
         self._last: Array | None = None
 
     @property
@@ -523,17 +295,10 @@ class SerialTwin(Closing):
     def inject(self, fault: str, count: int = 1) -> None:
         """Let the next `count` frames suffer a fault, after those that are waiting already.
 
-        Parameters
-        ----------
-        fault : str
-            One of `faults`.
-        count : int
-            Frames to hit.
-
         Raises
         ------
         ValueError
-            If the fault is unknown, or more than 10 000 would wait.
+            If the fault is none of `faults`, or more than 10 000 would wait.
         """
         if fault not in self.faults:
             msg = f'fault must be one of {", ".join(self.faults)}; received {fault!r}'
@@ -553,13 +318,7 @@ class SerialTwin(Closing):
             self._waiting.clear()
 
     def play(self, count: int) -> None:
-        """Send `count` frames at once, each a period of the virtual clock; return when taken.
-
-        Raises
-        ------
-        DeviceTimeout
-            If nobody reads the port.
-        """
+        """Send `count` frames at once, each a period of the virtual clock; return when taken."""
         for _ in range(count):
             data = self.period()
             if data:
@@ -573,7 +332,7 @@ class SerialTwin(Closing):
         return data
 
     def _run(self) -> None:
-        """Send on schedule while somebody reads."""
+        """Send on schedule while somebody reads; what is not taken in time is lost."""
         start, sent, rate_hz = time.monotonic(), 0, self.layout.rate_hz
         calm = self._calm = round(CALM_S * rate_hz)
         while True:
@@ -586,56 +345,44 @@ class SerialTwin(Closing):
             self._calm = self._calm - count if watched else calm
             data = b''.join([self._next() for _ in range(count)])
             if data and watched:
-                self._send(data)
-
-    def _send(self, data: bytes) -> None:
-        """Write; what is not taken in time is lost."""
-        try:
-            self._line.send(data, timeout=PATIENCE_S)
-        except DeviceError:
-            self.overruns += 1
+                try:
+                    self._line.send(data, timeout=PATIENCE_S)
+                except DeviceError:
+                    self.overruns += 1
 
     def _next(self) -> bytes:
         """Bytes of the next period, with the fault that waits; none while stalled or away."""
         t = self._step / self.layout.rate_hz
         self._step += 1
-        if self._away or self._silent:
-            self._pass()
+        if self._silent:
+            self._silent -= 1
+            if self._away and not self._silent:
+                self._away = False
+                self._boot(t)
+                self._line.replug()
             return b''
         with self._lock:
             fault = self._waiting.pop(0) if self._waiting and self._calm <= 0 else ''
         if fault:
             self.injected[fault] += 1
-        if fault in ('stall', 'unplug'):
-            self._go_away(fault)
-            return b''
-        values = self._sample(t, fault)
-        warm = 25.0 if self._temperature_c is None else self._temperature_c(t)
-        data = self._bytes(values, np.broadcast_to(warm, len(values)), t, fault)
-        return b'' if fault == 'lost' else self._hurt(data, fault)
-
-    def _go_away(self, fault: str) -> None:
-        """Begin a stall, or take the port away."""
         if fault == 'stall':
             self._silent = max(1, round(STALL_S * self.layout.rate_hz)) - 1
-            return
-        self._away = max(1, round(AWAY_S * self.layout.rate_hz))
-        self._line.unplug()
-
-    def _pass(self) -> None:
-        """Let a period of silence pass; put the port back at its end."""
-        self._silent = max(0, self._silent - 1)
-        if self._away:
-            self._away -= 1
-            if not self._away:
-                self._boot((self._step - 1) / self.layout.rate_hz)
-                self._line.replug()
+            return b''
+        if fault == 'unplug':
+            self._silent, self._away = max(1, round(AWAY_S * self.layout.rate_hz)), True
+            self._line.unplug()
+            return b''
+        temperature = 25.0 if self._temperature_c is None else self._temperature_c(t)
+        values = self._sample(t, fault)
+        intact = data = self._bytes(values, np.broadcast_to(temperature, len(values)), t, fault)
+        while fault in BYTE_FAULTS and (not data or intact in data):
+            data = damage(intact, fault, self._rng)
+        return b'' if fault == 'lost' else data
 
     def _sample(self, t: float, fault: str) -> Array:
         """Values with noise, with one taxel stuck or saturated, or all of a converter stuck."""
-        values = np.asarray(self._signal(t), np.float64) + self._noise * self._rng.standard_normal(
-            self.layout.shape
-        )
+        noise = self._noise * self._rng.standard_normal(self.layout.shape)
+        values = np.asarray(self._signal(t), np.float64) + noise
         if fault == 'saturation':
             values[int(self._rng.integers(len(values)))] = self._limit()
         elif fault == 'stuck_chip' and self._last is not None:
@@ -644,56 +391,39 @@ class SerialTwin(Closing):
         self._last = values
         return values
 
-    def _hurt(self, data: bytes, fault: str) -> bytes:
-        """The frame with a fault of its bytes, drawn again until bytes but no frame are left."""
-        for kind in BYTE_FAULTS:
-            while kind == fault:
-                hurt = damage(data, kind, self._rng)
-                if hurt and data not in hurt:
-                    return hurt
-        return data
-
     def _boot(self, t: float) -> None:
         """Start the board anew, as when power comes back at time t (s)."""
 
     def _limit(self) -> Array:
         """Values at which the board saturates, broadcast to (c,) (unit of the layout)."""
-        limit: Array = self.layout.saturation if self.layout.saturation is not None else np.ones(1)
-        return limit
+        return np.asarray(self.layout.saturation, np.float64)
 
     def _bytes(self, values: Array, temperature_c: Array, t: float, fault: str) -> bytes:
         """One frame as the board sends it."""
         raise NotImplementedError
 
 
-NAN_BYTES = b'\x00\x00\xc0\x7f'
-
-
-class BoardTwin(SerialTwin):
-    """The board on a pseudo-terminal.
+class ReskinTwin(SerialTwin):
+    """The ReSkin / AnySkin board: float32 readings without sequence or clock.
 
     Parameters
     ----------
-    layout : Layout
-        Of the sensor; its `rate_hz` is the board's, its `saturation` where its chips clip.
-    signal : callable
-        Time since the start (s) -> flux density, shape (t, 3) (T).
-    noise, temperature_c, seed, clock
-        As in `SerialTwin`.
+    layout, signal, noise, temperature_c, seed, clock
+        As in `SerialTwin`; values are flux densities (T), `saturation` is where chips clip.
     quantum : array_like, broadcast to (3,), or None
         Step of the chips' readings (T), to which values are rounded.
     driver : callable or None
-        Port and clock (ns) -> driver, as a sensor opens it; None: `SerialBoard` on native USB that
-        is told `quantum`.
+        Port and clock (ns) -> driver, as a sensor opens it; None: `ReskinBoard` on native USB with
+        that `quantum`.
 
     Notes
     -----
     nan: one field of a frame becomes not a number. The format has no checksum: flipped, garbage
-    and shifted may pass unseen, and lost frames leave no trace (`damage`). Saturation is a fault
-    only where the layout says at which field.
+    and shifted may pass undetected, and lost frames leave no trace. Saturation is a fault only
+    where the layout says at which field.
     """
 
-    faults = (*SERIAL_FAULTS, 'nan')
+    faults: tuple[str, ...] = (*SERIAL_FAULTS, 'nan')
 
     def __init__(
         self,
@@ -706,7 +436,6 @@ class BoardTwin(SerialTwin):
         quantum: npt.ArrayLike | None = None,
         driver: Callable[[str, Callable[[], int]], Device] | None = None,
     ) -> None:
-        """See the class."""
         if not np.isfinite(np.asarray(layout.saturation, np.float64)).all():
             self.faults = tuple(fault for fault in self.faults if fault != 'saturation')
         super().__init__(layout, signal, noise, temperature_c, seed, clock)
@@ -717,10 +446,9 @@ class BoardTwin(SerialTwin):
         """The real driver on this twin's port, stamped by `clock_ns`; not yet entered."""
         if self._driver is not None:
             return self._driver(self.port, clock_ns)
-        return SerialBoard(self.port, self.layout, clock=clock_ns, quantum=self._quantum)
+        return ReskinBoard(self.port, self.layout, clock=clock_ns, quantum=self._quantum)
 
     def _bytes(self, values: Array, temperature_c: Array, t: float, fault: str) -> bytes:
-        """One frame."""
         if self._quantum is not None:
             values = np.rint(values / self._quantum) * self._quantum
         data = reskin_protocol.encode(values, temperature_c)
@@ -730,32 +458,24 @@ class BoardTwin(SerialTwin):
         return data[:place] + NAN_BYTES + data[place + 4 :]
 
 
-LEAST_JUMP_S = 2.0
-MOST_JUMP_S = 1000.0
-
-
 class FramedTwin(SerialTwin):
-    """A board that speaks the framed protocol, on a pseudo-terminal.
+    """A board of the framed protocol: counts, sequence and a clock that drifts and jumps.
 
     Parameters
     ----------
-    layout : Layout
-        Of the sensor; its `rate_hz` is the board's.
+    layout, signal, noise, temperature_c, seed, clock
+        As in `SerialTwin`.
     payload : Payload
-        What the frames carry.
+        Content of the frames.
     scale : array_like, broadcast to (t, c)
         Unit of the layout per count; values are rounded to counts and clipped at the converter's
         limit.
-    signal : callable
-        Time since the start (s) -> values, shape (t, c) (unit of the layout).
-    noise, temperature_c, seed, clock
-        As in `SerialTwin`.
     drift : float
         Share by which the board's clock is fast.
     start_us : int
         The board's clock at the start (microseconds); it wraps at 2^32.
     baud, native_usb
-        As the driver is told; a pseudo-terminal keeps no baud rate.
+        Of the driver; a pseudo-terminal keeps no baud rate.
 
     Notes
     -----
@@ -779,48 +499,35 @@ class FramedTwin(SerialTwin):
         baud: int = 115200,
         native_usb: bool = True,
     ) -> None:
-        """See the class."""
         super().__init__(layout, signal, noise, temperature_c, seed, clock)
         self.one_converter = payload.kind in (Kind.TAXELS, Kind.WIRES)
         self._payload = payload
         self._scale = np.broadcast_to(np.asarray(scale, np.float64), layout.shape)
         self._baud = baud
         self._native_usb = native_usb
-        self._drift = drift
+        self._clock_rate = 1e6 * (1 + drift)  # microseconds per second
         self._origin_us = float(start_us)
         self._sequence = 0
 
     def device(self, clock_ns: Callable[[], int]) -> FramedBoard:
         """The real driver on this twin's port, stamped by `clock_ns`; not yet entered."""
         return FramedBoard(
-            self.port,
-            self.layout,
-            self._payload,
-            self._scale,
-            baud=self._baud,
-            native_usb=self._native_usb,
-            clock=clock_ns,
-        )
+            self.port, self.layout, self._payload, self._scale,
+            baud=self._baud, native_usb=self._native_usb, clock=clock_ns,
+        )  # fmt: skip
 
     def _boot(self, t: float) -> None:
-        """Begin sequence and clock at 0."""
         self._sequence = 0
-        self._origin_us = -t * (1 + self._drift) * 1e6
+        self._origin_us = -t * self._clock_rate
 
     def _limit(self) -> Array:
-        """The converter's limit."""
-        limit: Array = self._scale[0] * self._payload.full_count
-        return limit
+        return np.asarray(self._scale[0] * self._payload.full_count, np.float64)
 
     def _bytes(self, values: Array, temperature_c: Array, t: float, fault: str) -> bytes:
-        """One frame; its sequence is used up also where it is lost."""
         if fault == 'clock_jump':
             jump = self._rng.uniform(LEAST_JUMP_S, MOST_JUMP_S) * self._rng.choice((-1, 1))
             self._origin_us += round(jump * 1e6)
-        time_us = round(self._origin_us + t * (1 + self._drift) * 1e6)
+        time_us = round(self._origin_us + t * self._clock_rate)
         counts = np.rint(values / self._scale).astype(np.int64)
-        data = framed_protocol.encode(
-            self._payload, counts, self._sequence, time_us, temperature_c
-        )
-        self._sequence += 1
-        return data
+        sequence, self._sequence = self._sequence, self._sequence + 1
+        return framed_protocol.encode(self._payload, counts, sequence, time_us, temperature_c)

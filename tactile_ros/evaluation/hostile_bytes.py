@@ -11,7 +11,7 @@ import numpy as np
 from tactile_ros.devices import framed_protocol, reskin_protocol
 from tactile_ros.devices.framed_protocol import FramedDecoder
 from tactile_ros.devices.reskin_protocol import ReskinDecoder
-from tactile_ros.devices.simulated_serial import DAMAGES, damage
+from tactile_ros.devices.simulated_serial import BYTE_FAULTS, damage
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -157,7 +157,7 @@ def _hostile(frame: bytes, rng: np.random.Generator) -> bytes:
     if kind == 0:
         return rng.bytes(int(rng.integers(1, 2 * len(frame))))
     if kind == 1:
-        return damage(frame, DAMAGES[int(rng.integers(len(DAMAGES)))], rng)
+        return damage(frame, BYTE_FAULTS[int(rng.integers(len(BYTE_FAULTS)))], rng)
     hurt = bytearray(frame)
     count = int(rng.integers(1, 9))
     places = rng.integers(len(frame), size=count).tolist()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.devices.serial_board import SerialBoard
+from tactile_ros.devices.serial_board import ReskinBoard
 from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.types import Layout
 
@@ -61,6 +61,6 @@ def port() -> Iterator[SimulatedSerialPort]:
 
 
 @pytest.fixture
-def board(port: SimulatedSerialPort, layout: Layout) -> Iterator[SerialBoard]:
-    with SerialBoard(port.port, layout) as driver:
+def board(port: SimulatedSerialPort, layout: Layout) -> Iterator[ReskinBoard]:
+    with ReskinBoard(port.port, layout) as driver:
         yield driver

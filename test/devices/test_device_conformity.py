@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.devices.simulated_i2c import ChipArrayTwin
-from tactile_ros.devices.simulated_serial import BYTE_FAULTS, BoardTwin, FramedTwin, SerialTwin
+from tactile_ros.devices.simulated_serial import BYTE_FAULTS, FramedTwin, ReskinTwin, SerialTwin
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.evaluation.fault_trials import RATE_HZ, STORM, STORMS, Road, suffer, usable, ways
 from tactile_ros.sensors import list_sensors, load_sensor
@@ -109,12 +109,12 @@ def test_a_fault_is_survived_counted_and_never_a_wrong_reading(
             assert trial.injected == count
             assert trial.recovery_s < 2.0
             assert trial.frames > 20
-            hidden = isinstance(road.twin, BoardTwin) and fault in UNSEEN
+            hidden = isinstance(road.twin, ReskinTwin) and fault in UNSEEN
             assert hidden or trial.wrong == 0
             framed = isinstance(road.twin, FramedTwin) and fault != 'stuck_chip'
             if framed or fault in EXACT:
                 assert trial.counted == trial.injected
-            elif fault == 'stall' and isinstance(road.twin, BoardTwin):
+            elif fault == 'stall' and isinstance(road.twin, ReskinTwin):
                 # frames that are missing by the clock: half a second of 80 Hz each
                 assert trial.counted == pytest.approx(40 * count, abs=2 * count)
             elif fault not in {*UNSEEN, 'lost', 'nan', 'stuck_chip'}:

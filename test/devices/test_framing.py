@@ -11,9 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_ros.devices.reskin_protocol import Decoded, ReskinDecoder, encode, frame_bytes
-from tactile_ros.devices.simulated_serial import Damage, damage
+from tactile_ros.devices.simulated_serial import damage
+from test.reference.hidden_damage import hidden_damage
 
 seeds = st.integers(0, 2**32 - 1)
+QUANTUM = np.array([2.4e-6, 2.4e-6, 3.872e-6])
 LENGTH_DAMAGES = ('dropped', 'doubled', 'inserted', 'truncated')
 
 
@@ -54,7 +56,7 @@ def test_three_frames_lock_on_and_are_delivered(chips: int, head: int) -> None:
 
 @pytest.mark.parametrize('place', [1, 2])
 @pytest.mark.parametrize('kind', ['dropped', 'inserted', 'truncated'])
-def test_damage_before_the_lock_costs_no_good_frame(place: int, kind: Damage) -> None:
+def test_damage_before_the_lock_costs_no_good_frame(place: int, kind: str) -> None:
     frames = sent(np.random.default_rng(place), 6, 5)
     hurt = damage(frames[place], kind, np.random.default_rng(0))
     stream = b''.join([*frames[:place], hurt, *frames[place + 1 :]])
@@ -247,3 +249,20 @@ def test_a_flood_is_decoded_in_one_go_and_nothing_piles_up() -> None:
     decoder = ReskinDecoder(20)
     assert got(decoder.feed(b''.join(frames) + frames[0][:100])) == frames
     assert len(decoder.pending) == 100
+
+
+def test_damage_of_the_length_never_passes() -> None:
+    rows = np.random.default_rng(0).integers(-4000, 4000, (200, 5, 3)) * QUANTUM
+    for kind in LENGTH_DAMAGES:
+        share = hidden_damage(rows, kind, seed=2, trials=150)
+        assert share.passed == 0
+        assert share.good_lost <= 1
+
+
+def test_most_flipped_bits_pass_and_the_grid_shows_half_of_them() -> None:
+    rows = np.random.default_rng(0).integers(-4000, 4000, (200, 5, 3)) * QUANTUM
+    plain = hidden_damage(rows, 'flipped', seed=3, trials=300)
+    gridded = hidden_damage(rows, 'flipped', seed=3, trials=300, quantum=QUANTUM)
+    assert 0.8 < plain.passed < 0.95
+    assert plain.good_lost == gridded.good_lost == 0
+    assert gridded.misled < 0.6 * plain.misled

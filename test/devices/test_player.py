@@ -13,13 +13,13 @@ from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.errors import DeviceTimeout
 
 if TYPE_CHECKING:
-    from tactile_ros.devices.serial_board import SerialBoard
+    from tactile_ros.devices.serial_board import ReskinBoard
 
 MS = 1_000_000
 
 
 def test_rest_then_tare_then_touch(
-    port: SimulatedSerialPort, board: SerialBoard, rows: np.ndarray
+    port: SimulatedSerialPort, board: ReskinBoard, rows: np.ndarray
 ) -> None:
     player = Player(port, period_s=0.0)
     touches = [Touch(rows[:4], rest=rows[20]), Touch(rows[4:6], rest=rows[21])]
@@ -43,7 +43,7 @@ def test_rest_then_tare_then_touch(
 
 
 def test_every_row_once_in_order(
-    port: SimulatedSerialPort, board: SerialBoard, rows: np.ndarray
+    port: SimulatedSerialPort, board: ReskinBoard, rows: np.ndarray
 ) -> None:
     player = Player(port, period_s=0.0, temperature_c=30.0)
     player.play(rows[:30])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.devices.reskin_protocol import encode
-from tactile_ros.devices.serial_board import SerialBoard
+from tactile_ros.devices.serial_board import ReskinBoard
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.nodes import player
 from tactile_ros.nodes.player import Ledger, Performance, Score, Stopped, Tally
@@ -28,7 +28,7 @@ class Echo:
     """Reads the port and tells the ledger what came, as the graph does."""
 
     def __init__(self, path: Path, recording: Recording, ledger: Ledger) -> None:
-        self.board = SerialBoard(str(path), recording.layout)
+        self.board = ReskinBoard(str(path), recording.layout)
         self.ledger = ledger
         self.rows: list[int] = []
         self.stop = threading.Event()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import threading
 import time
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -64,7 +65,7 @@ def listener(ros: Ros, sensor: SensorNode) -> Listener:
     return ros.add(Listener())
 
 
-def send(port: SimulatedSerialPort, rows: np.ndarray) -> None:
+def send(port: SimulatedSerialPort, rows: Sequence[np.ndarray]) -> None:
     for row in rows:
         port.send(encode(row))
 
@@ -149,8 +150,9 @@ def test_diagnostics_every_second(
 ) -> None:
     lifecycle.start([sensor])
     send(port, rows[:8])
-    port.inject('nan')
-    send(port, rows[8:14])
+    broken = rows[8].copy()
+    broken[2, 1] = np.nan
+    send(port, [broken, *rows[9:14]])
 
     def caught_up() -> bool:
         last = listener.frames[-1] if listener.frames else None

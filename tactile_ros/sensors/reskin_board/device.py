@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from tactile_ros.devices.serial_board import SerialBoard, uart_transfer_s
-from tactile_ros.devices.simulated_serial import BoardTwin
+from tactile_ros.devices.serial_board import ReskinBoard, uart_transfer_s
+from tactile_ros.devices.simulated_serial import ReskinTwin
 from tactile_ros.sensors.reskin_board.config import layout
 from tactile_ros.sensors.reskin_board.signal import NOISE
 from tactile_ros.sensors.reskin_board.signal import signal as own_signal
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 def open_board(
     config: ReskinBoardConfig, connection: ReskinBoardConnection, clock_ns: Callable[[], int]
-) -> SerialBoard:
+) -> ReskinBoard:
     """Board of `config` at `connection`, with stamps from `clock_ns`; not opened yet."""
     chips = len(config.positions)
-    return SerialBoard(
+    return ReskinBoard(
         connection.port,
         layout(config),
         baud=connection.baud,
@@ -45,9 +45,9 @@ def simulate_board(
     signal: Callable[[float], Array] | None = None,
     seed: int = 0,
     clock: VirtualClock | None = None,
-) -> BoardTwin:
+) -> ReskinTwin:
     """Twin of a board that plays `signal`, or a simple one of its own; not entered yet."""
-    return BoardTwin(
+    return ReskinTwin(
         layout(config),
         own_signal(config, seed) if signal is None else signal,
         noise=NOISE if config.noise is None else config.noise,

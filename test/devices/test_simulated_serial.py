@@ -1,31 +1,34 @@
-"""Twins of boards on serial ports: pace, faults, and nothing left behind."""
+"""Simulated ports and twins of boards: pace, faults, and nothing left behind."""
 
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tactile_ros.devices.framed_protocol import taxel_matrix
-from tactile_ros.devices.serial_board import SerialBoard
-from tactile_ros.devices.simulated_serial import BYTE_FAULTS, BoardTwin, FramedTwin
+from tactile_ros.devices.serial_board import ReskinBoard
+from tactile_ros.devices.simulated_serial import (
+    BYTE_FAULTS,
+    FramedTwin,
+    ReskinTwin,
+    SimulatedSerialPort,
+    damage,
+)
 from tactile_ros.devices.timestamps import VirtualClock
-from tactile_ros.errors import DeviceTimeout
-from tactile_ros.types import Array, Frame, Layout, TaxelStatus, Twin
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tactile_ros.types import Device
+from tactile_ros.devices.transport import SerialPort
+from tactile_ros.errors import DeviceError, DeviceTimeout
+from tactile_ros.types import Array, Device, Frame, Layout, TaxelStatus, Twin
 
 STEP = 1e-7
 MATRIX = Layout(np.zeros((16, 3)), ('p',), '1', rate_hz=500.0)
 
 
 def ramp(t: float) -> Array:
-    """A field that tells its period, at 400 Hz, in steps of 4e-7 T."""
+    """A field that grows by 4e-7 T in each period of 400 Hz."""
     return np.full((5, 3), 1e-3) + round(t * 400) * 4 * STEP
 
 
@@ -33,12 +36,16 @@ def pressure(t: float) -> Array:
     return np.full((16, 1), 0.5 + 0.4 * np.sin(t))
 
 
-def board_twin(layout: Layout, clock: VirtualClock | None = None, seed: int = 0) -> BoardTwin:
-    return BoardTwin(layout, ramp, clock=clock, quantum=np.full(3, STEP), seed=seed)
+def make_reskin(layout: Layout, clock: VirtualClock | None = None) -> ReskinTwin:
+    return ReskinTwin(layout, ramp, clock=clock, quantum=np.full(3, STEP))
+
+
+def make_framed(layout: Layout) -> Twin:
+    return FramedTwin(MATRIX, taxel_matrix(16), 1 / 1023, pressure)
 
 
 def period(frame: Frame) -> int:
-    """Period in which a frame was taken, as it tells."""
+    """Period in which a frame of `ramp` was taken."""
     return round((frame.values[0, 0] - 1e-3) / 4 / STEP)
 
 
@@ -49,18 +56,52 @@ def read_to(board: Device, last: int) -> list[Frame]:
     return frames
 
 
-def make_framed(layout: Layout) -> Twin:
-    return FramedTwin(MATRIX, taxel_matrix(16), 1 / 1023, pressure)
+@pytest.mark.parametrize('kind', BYTE_FAULTS)
+def test_damage_is_seeded_and_of_its_kind(kind: str) -> None:
+    frame = np.random.default_rng(1).bytes(82)
+    grows = {'dropped': -1, 'truncated': -1, 'doubled': 1, 'inserted': 1}.get(kind, 0)
+    changed = 0
+    for seed in range(50):
+        damaged = damage(frame, kind, np.random.default_rng(seed))
+        assert damaged == damage(frame, kind, np.random.default_rng(seed))
+        assert np.sign(len(damaged) - len(frame)) == grows
+        bits = int.from_bytes(damaged, 'big') ^ int.from_bytes(frame, 'big')
+        assert kind != 'flipped' or bits.bit_count() == 1
+        changed += damaged != frame
+    assert changed > 40
 
 
-def make_board(layout: Layout) -> Twin:
-    return board_twin(layout)
+def test_port_without_reader_loses_what_it_cannot_hold(port: SimulatedSerialPort) -> None:
+    with pytest.raises(DeviceTimeout, match=r'nobody reads .* bytes were not taken'):
+        port.send(bytes(100_000), timeout=0.05)
 
 
-@pytest.mark.parametrize('make', [make_framed, make_board])
-def test_a_twin_streams_in_real_time_by_itself(
-    make: Callable[[Layout], Twin], layout: Layout
-) -> None:
+def test_port_waits_for_readers(port: SimulatedSerialPort) -> None:
+    with pytest.raises(DeviceTimeout, match=r'nobody opened .* within 0\.01 s'):
+        port.wait_for_reader(0.01)
+    line = SerialPort(port.port)
+    line.open()
+    port.wait_for_reader(0.0)
+    line.close()
+
+
+def test_port_keeps_its_path_through_unplugging(port: SimulatedSerialPort) -> None:
+    path = Path(port.port)
+    assert path.exists()
+    port.replug()
+    port.unplug()
+    assert not path.is_symlink()
+    with pytest.raises(DeviceError, match='is unplugged'):
+        port.send(b'x')
+    port.replug()
+    assert path.exists()
+    port.close()
+    port.close()
+    assert not path.parent.exists()
+
+
+@pytest.mark.parametrize('make', [make_framed, make_reskin])
+def test_twin_streams_in_real_time(make: Callable[[Layout], Twin], layout: Layout) -> None:
     start = time.monotonic()  # before the first frame: those that wait for a busy reader count too
     with make(layout) as twin, twin.device(time.monotonic_ns) as board:
         board.read(5.0)
@@ -70,28 +111,31 @@ def test_a_twin_streams_in_real_time_by_itself(
     assert frames[0].values.shape == board.layout.shape
 
 
-@pytest.mark.parametrize('make', [make_framed, make_board])
-def test_a_twin_that_is_unplugged_comes_back_within_two_seconds(
+@pytest.mark.parametrize('make', [make_framed, make_reskin])
+def test_twin_that_is_unplugged_comes_back_within_two_seconds(
     make: Callable[[Layout], Twin], layout: Layout
 ) -> None:
     with make(layout) as twin, twin.device(time.monotonic_ns) as board:
         before = board.read(5.0)
         twin.inject('unplug')
-        gone = False
-        while not gone:
+        gone = ''
+        while not gone.endswith('; trying again'):
             try:
                 before = board.read(0.2)
             except DeviceTimeout as err:
-                gone = str(err).endswith('trying again')
+                gone = str(err)
+        assert 'does not exist; ' in gone or 'was unplugged' in gone
         start = time.monotonic()
         after = board.read(4.0)
         assert time.monotonic() - start < 2.0 + 1.0
         assert after.sequence > before.sequence + 1
         assert (after.stamp_ns or 0) > (before.stamp_ns or 0)
+        assert after.dropped >= 1
+        assert board.counters()['reconnects'] == 1  # type: ignore[attr-defined]
         assert twin.injected['unplug'] == 1
 
 
-def test_in_real_time_too_what_is_counted_is_what_was_injected() -> None:
+def test_twin_in_real_time_injects_as_many_faults_as_are_counted() -> None:
     with FramedTwin(MATRIX, taxel_matrix(16), 1 / 1023, pressure, seed=2) as twin:
         for fault in (*BYTE_FAULTS, 'lost', 'saturation'):
             twin.inject(fault, 3)
@@ -106,36 +150,36 @@ def test_in_real_time_too_what_is_counted_is_what_was_injected() -> None:
     assert counts['saturated'] == 3
 
 
-def test_unknown_faults_and_missing_rates_are_refused(layout: Layout) -> None:
-    twin = board_twin(layout)
+def test_twin_refuses_unknown_faults_and_missing_rates(layout: Layout) -> None:
+    twin = make_reskin(layout)
     with pytest.raises(ValueError, match=r"fault must be one of dropped, .*; received 'nack'"):
         twin.inject('nack')
     with pytest.raises(ValueError, match='rate_hz of the layout of a twin must be above 0'):
-        BoardTwin(Layout(np.zeros((5, 3)), ('x', 'y', 'z'), 'T'), ramp)
-    endless = BoardTwin(Layout(np.zeros((5, 3)), ('x', 'y', 'z'), 'T', rate_hz=400.0), ramp)
+        ReskinTwin(Layout(np.zeros((5, 3)), ('x', 'y', 'z'), 'T'), ramp)
+    endless = ReskinTwin(Layout(np.zeros((5, 3)), ('x', 'y', 'z'), 'T', rate_hz=400.0), ramp)
     assert 'saturation' not in endless.faults
     assert 'saturation' in twin.faults
 
 
 @pytest.mark.parametrize('fault', [*BYTE_FAULTS, 'lost', 'nan', 'stall'])
-def test_the_board_recovers_from_faults(fault: str, layout: Layout) -> None:
+def test_board_recovers_from_faults_of_its_twin(fault: str, layout: Layout) -> None:
     clock = VirtualClock(10**12)
-    with board_twin(layout, clock) as twin, twin.device(clock.now_ns) as board:
+    with make_reskin(layout, clock) as twin, twin.device(clock.now_ns) as board:
         twin.play(10)
         read_to(board, 9)
         twin.inject(fault)
         twin.play(220)
         frames = read_to(board, 229)
     assert twin.injected[fault] == 1
-    told = [period(frame) for frame in frames]
-    assert len(told) >= (20 if fault == 'stall' else 218)
-    seen = fault not in ('flipped', 'garbage', 'shifted')  # those may pass unseen
-    assert not seen or set(told) <= set(range(10, 230))
+    periods = [period(frame) for frame in frames]
+    assert len(periods) >= (20 if fault == 'stall' else 218)
+    detected = fault not in ('flipped', 'garbage', 'shifted')  # those may pass undetected
+    assert not detected or set(periods) <= set(range(10, 230))
 
 
-def test_limits_and_stuck_chips_are_as_on_a_board(layout: Layout) -> None:
+def test_twin_saturates_and_freezes_chips_as_a_board_does(layout: Layout) -> None:
     clock = VirtualClock()
-    with board_twin(layout, clock) as twin, twin.device(clock.now_ns) as board:
+    with make_reskin(layout, clock) as twin, twin.device(clock.now_ns) as board:
         twin.play(3)
         twin.inject('saturation', 2)
         twin.play(3)
@@ -151,10 +195,10 @@ def test_limits_and_stuck_chips_are_as_on_a_board(layout: Layout) -> None:
     assert (values[6, 1:] != values[5, 1:]).all()
 
 
-def test_the_same_seed_gives_the_same_bytes(layout: Layout) -> None:
+def test_twin_of_a_seed_gives_the_same_bytes(layout: Layout) -> None:
     def play(seed: int) -> np.ndarray:
         clock = VirtualClock()
-        twin = BoardTwin(layout, ramp, noise=1e-5, seed=seed, clock=clock)
+        twin = ReskinTwin(layout, ramp, noise=1e-5, seed=seed, clock=clock)
         with twin, twin.device(clock.now_ns) as board:
             twin.inject('inserted', 2)
             twin.play(20)
@@ -164,23 +208,23 @@ def test_the_same_seed_gives_the_same_bytes(layout: Layout) -> None:
     assert not np.array_equal(play(1), play(2))
 
 
-def test_a_sensor_may_bring_its_own_driver(layout: Layout) -> None:
+def test_twin_takes_the_driver_of_a_sensor(layout: Layout) -> None:
     clock = VirtualClock()
     made: list[str] = []
 
     def driver(port: str, clock_ns: Callable[[], int]) -> Device:
         made.append(port)
-        return SerialBoard(port, layout, clock=clock_ns, temperature_measured=False)
+        return ReskinBoard(port, layout, clock=clock_ns, temperature_measured=False)
 
-    with BoardTwin(layout, ramp, clock=clock, driver=driver) as twin:
+    with ReskinTwin(layout, ramp, clock=clock, driver=driver) as twin:
         with twin.device(clock.now_ns) as board:
             twin.play(3)
             assert board.read(5.0).temperature_c is None
         assert made == [twin.port]
 
 
-def test_bytes_that_are_handed_over_give_the_frames_of_a_port() -> None:
-    found = []
+def test_twin_gives_the_same_frames_with_and_without_a_port() -> None:
+    runs = []
     for handed in (True, False):
         clock = VirtualClock(1_000_000_000)
         twin = FramedTwin(
@@ -194,8 +238,8 @@ def test_bytes_that_are_handed_over_give_the_frames_of_a_port() -> None:
                 else:
                     twin.play(1)
                 frames.append(board.read(1.0))
-        found.append(frames)
-    for one, other in zip(*found, strict=True):
+        runs.append(frames)
+    for one, other in zip(*runs, strict=True):
         np.testing.assert_array_equal(one.values, other.values)
         assert one.sequence == other.sequence
         assert one.stamp_ns == other.stamp_ns
