@@ -21,8 +21,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import Trigger
 
 from tactile_ros import messages
-from tactile_ros.devices.reskin_protocol import encode, readings, words
 from tactile_ros.devices.player import Player
+from tactile_ros.devices.reskin_protocol import encode, readings, words
 from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.errors import DeviceError, DeviceTimeout, TactileError
 from tactile_ros.evaluation.archive import load_recording
