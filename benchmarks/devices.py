@@ -41,7 +41,7 @@ from tactile_ros.evaluation.hostile_bytes import (
     suffer_bytes,
 )
 from tactile_ros.evaluation.hostile_chips import suffer_answers
-from tactile_ros.evaluation.recording import load
+from tactile_ros.evaluation.recording_files import load
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.processes import Running

@@ -20,7 +20,7 @@ from tactile_ros.enrolment import playing
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.driver_speed import processor_s
 from tactile_ros.evaluation.metrics import Spread, latency
-from tactile_ros.evaluation.recording import load
+from tactile_ros.evaluation.recording_files import load
 from tactile_ros.evaluation.replay import replay
 from tactile_ros.nodes.graph import Setting, sensing
 from tactile_ros.nodes.processes import Running

@@ -23,7 +23,7 @@ from tactile_ros.evaluation.bag import BagWriter
 from tactile_ros.evaluation.bag_pieces import BagPieces
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.definitions import all_types
-from tactile_ros.evaluation.recording import load
+from tactile_ros.evaluation.recording_files import load
 from tactile_ros.evaluation.replay import replay
 from tactile_ros.evaluation.sensor_tally import tally_bag
 from tactile_ros.messages import fill_contacts

@@ -12,11 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_ros.evaluation.archive import save_recording
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.driver_speed import processor_s
 from tactile_ros.evaluation.metrics import Spread, latency
-from tactile_ros.evaluation.recording import load
+from tactile_ros.evaluation.recording_files import load, save_recording
 from tactile_ros.evaluation.replay import replay
 from tactile_ros.nodes.graph import Setting, sensing
 from tactile_ros.nodes.processes import Running

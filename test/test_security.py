@@ -14,10 +14,10 @@ import pytest
 import tactile_ros
 from tactile_ros.calibration import write_beside
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation.archive import load_recording, save_recording
+from tactile_ros.evaluation.recording_files import load_recording, save_recording
 from tactile_ros.evaluation.report import render
 from tactile_ros.evaluation.result import Dataset, Result
-from tactile_ros.evaluation.truth_topics import _label
+from tactile_ros.evaluation.truth import _label
 from tactile_ros.types import Layout, Recording, admit_name
 from tactile_ros.types.frame import MOST_CHARACTERS
 
@@ -172,7 +172,7 @@ def test_what_is_written_goes_through_it() -> None:
         if name.endswith(('.write_text', '.write_bytes', 'np.savez', 'np.savez_compressed'))
     }
     assert direct <= {
-        'calibration.py', 'evaluation/archive.py',
+        'calibration.py', 'evaluation/recording_files.py',
         'evaluation/bag.py', 'sensors/reskin_board/recordings/convert.py',
     }  # fmt: skip
 
@@ -180,9 +180,9 @@ def test_what_is_written_goes_through_it() -> None:
 def test_the_page_says_the_caps_that_the_code_has() -> None:
     from tactile_ros import calibration as calibrations
     from tactile_ros.cli.sources import MOST_YAML_BYTES
-    from tactile_ros.evaluation import archive as recordings
+    from tactile_ros.evaluation import recording_files as recordings
     from tactile_ros.evaluation.container import LARGEST_CHUNK
-    from tactile_ros.evaluation.csv_file import MOST_ROWS
+    from tactile_ros.evaluation.recording_files import MOST_ROWS
 
     page = (ROOT / 'docs' / 'security.md').read_text()
     assert f'{calibrations.MOST_MEMBERS:,}'.replace(',', ' ') + ' members' in page

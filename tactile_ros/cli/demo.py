@@ -29,9 +29,8 @@ import numpy as np
 from tactile_ros.cli.grasp_demo import run_grasps
 from tactile_ros.cli.replay import evaluate, print_result
 from tactile_ros.cli.twin_demo import run_twin
-from tactile_ros.evaluation.archive import save_recording
 from tactile_ros.evaluation.benchmark import environment
-from tactile_ros.evaluation.recording import load
+from tactile_ros.evaluation.recording_files import load, save_recording
 from tactile_ros.evaluation.replay import replay
 from tactile_ros.evaluation.result import Dataset, Result, answer
 from tactile_ros.sensors import load_sensor
@@ -39,7 +38,7 @@ from tactile_ros.sensors import load_sensor
 if TYPE_CHECKING:
     import argparse
 
-    from tactile_ros.evaluation.loaded import LoadedRecording
+    from tactile_ros.evaluation.recording_files import LoadedRecording
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Recording
 

@@ -22,14 +22,14 @@ from tactile_ros.cli.sources import find
 from tactile_ros.cli.working import working
 from tactile_ros.enrolment import Allowed, learn, recording_of, window_of
 from tactile_ros.errors import RecordingError, TactileError
-from tactile_ros.evaluation.class_changes import presses_in
 from tactile_ros.evaluation.fleet import open_calibration
+from tactile_ros.evaluation.replay import presses_in
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
     import argparse
 
-    from tactile_ros.evaluation.loaded import LoadedRecording
+    from tactile_ros.evaluation.recording_files import LoadedRecording
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Recording
 

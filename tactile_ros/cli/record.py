@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from tactile_ros.cli.destination import refuse_unwritable
 from tactile_ros.errors import RecordingError, TactileError
-from tactile_ros.evaluation.recording import load
+from tactile_ros.evaluation.recording_files import load
 from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.processes import Running
 

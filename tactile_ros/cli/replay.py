@@ -26,19 +26,19 @@ from tactile_ros.cli.progress import Progress
 from tactile_ros.cli.table import show, show_json
 from tactile_ros.cli.working import working
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation import fleet, fleet_table
+from tactile_ros.evaluation import fleet
 from tactile_ros.evaluation.benchmark import environment
 from tactile_ros.evaluation.fleet import Job, open_calibration
 from tactile_ros.evaluation.metrics import clocks_apart, frames_dropped, given_targets
 from tactile_ros.evaluation.replay import replay
 from tactile_ros.evaluation.result import Answer, Dataset, Result, answer, table, unjudged
-from tactile_ros.evaluation.truth_topics import DEFAULT_TRUTH
+from tactile_ros.evaluation.truth import DEFAULT_TRUTH
 
 if TYPE_CHECKING:
     import argparse
 
     from tactile_ros.evaluation.fleet import Outcome
-    from tactile_ros.evaluation.loaded import LoadedRecording
+    from tactile_ros.evaluation.recording_files import LoadedRecording
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Array
 
@@ -100,7 +100,7 @@ def run(options: argparse.Namespace) -> int:
         raise RecordingError('; '.join(failed))
     print_outcomes(outcomes, as_json=options.json)
     if options.save:
-        files = fleet_table.save(options.save, outcomes, command, environment())
+        files = fleet.save(options.save, outcomes, command, environment())
         print(f'saved: {files[0]}, {files[1]}', file=sys.stderr)
     if options.report or options.png:
         _report(options, pipelines, outcomes, command)
@@ -123,7 +123,7 @@ def _job(name: str, options: argparse.Namespace) -> Job:
 
 def print_outcomes(outcomes: list[Outcome], *, as_json: bool) -> None:
     """Print the table of all recordings, and what must be known about each."""
-    columns, rows = fleet_table.table(outcomes)
+    columns, rows = fleet.table(outcomes)
     said = sys.stderr if as_json else sys.stdout
     (show_json if as_json else show)(columns, rows)
     for one in (one for outcome in outcomes for one in outcome.tallies):

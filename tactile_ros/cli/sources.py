@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation.loaded import LoadedRecording
-from tactile_ros.evaluation.recording import load
+from tactile_ros.evaluation.recording_files import LoadedRecording, load
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -13,7 +13,7 @@ from tactile_ros.cli.replay import evaluate, print_result
 from tactile_ros.cli.twin_lesson import outcome, teach
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.benchmark import environment
-from tactile_ros.evaluation.recording import load
+from tactile_ros.evaluation.recording_files import load
 from tactile_ros.evaluation.result import Result
 from tactile_ros.sensors import load_sensor
 

@@ -11,7 +11,7 @@ from tactile_ros.errors import TactileError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tactile_ros.evaluation.loaded import LoadedRecording
+    from tactile_ros.evaluation.recording_files import LoadedRecording
     from tactile_ros.sensors.registry import TwinLesson
 
 SHOWN_S = 60.0  # s, within which the new class must be seen

@@ -25,9 +25,9 @@ import numpy as np
 from tactile_ros.cli.destination import refuse_unwritable
 from tactile_ros.cli.working import working
 from tactile_ros.errors import DeviceTimeout, MissingPackageError, RecordingError
-from tactile_ros.evaluation.failing_frames import estimated
 from tactile_ros.evaluation.fleet import open_calibration
-from tactile_ros.evaluation.recording import load
+from tactile_ros.evaluation.recording_files import load
+from tactile_ros.evaluation.replay import estimated
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import ContactStates
 from tactile_ros.view.viewer import Viewer
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
 
-    from tactile_ros.evaluation.loaded import LoadedRecording
+    from tactile_ros.evaluation.recording_files import LoadedRecording
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.sensors import SensorSpec
     from tactile_ros.types import ContactState, Frame, Layout, SensorConfig

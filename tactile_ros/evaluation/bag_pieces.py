@@ -10,7 +10,7 @@ from tactile_ros.evaluation.bag_reader import BagContent, read_parts
 from tactile_ros.evaluation.definitions import PACKAGE, same_fields, split_name
 from tactile_ros.evaluation.sensor_pieces import SensorPieces
 from tactile_ros.evaluation.topics import ROLES, ends_as, is_frame, split_topic
-from tactile_ros.evaluation.truth_topics import DEFAULT_TRUTH, Association, is_truth_type
+from tactile_ros.evaluation.truth import DEFAULT_TRUTH, Association, is_truth_type
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -7,27 +7,363 @@ forgotten where a stream began.
 
 from __future__ import annotations
 
-from copy import copy
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from copy import copy, deepcopy
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from time import perf_counter_ns
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.evaluation.class_changes import Repetition, as_it_began
-from tactile_ros.evaluation.failing_frames import estimated
-from tactile_ros.evaluation.follow import batch_of, gathered
-from tactile_ros.evaluation.live_baselines import baselines_by_row
-from tactile_ros.frame_guard import FrameGuard
+from tactile_ros.enrolment import EVERYTHING, Press, PressWatch, learn, recording_of, window_of
+from tactile_ros.errors import RecordingError
+from tactile_ros.evaluation.recording_files import ClassChange
+from tactile_ros.frame_guard import ERROR, FrameGuard, sentence_of, unknown
 from tactile_ros.types import STATE_FIELDS, ContactState, ContactStates, Frame, Recording
+from tactile_ros.types.recording import refuse_foreign
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from tactile_ros.evaluation.loaded import ClassChange, LoadedRecording
+    from tactile_ros.evaluation.recording_files import ClassChange, LoadedRecording
+    from tactile_ros.evaluation.sensor_pieces import Piece
     from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Integers
+    from tactile_ros.types import Array, ContactState, ContactStates, Frame, Integers, Recording
+
+
+class Follower:
+    """Answers of one pipeline, with its memory carried over from piece to piece.
+
+    Parameters
+    ----------
+    pipeline : Pipeline
+        It stays as it is; a copy moves on.
+    """
+
+    def __init__(self, pipeline: Pipeline) -> None:
+        self.pipeline = copy(pipeline)
+        self.pipeline.reset()
+        self.guard = FrameGuard(self.pipeline)
+        self._stream = -1
+
+    def __call__(self, piece: Piece) -> ContactStates:
+        """States of every row of the next piece; unknown where the live node saw no frame."""
+        recording, rows = piece.recording, piece.rows
+        taxels = recording.layout.shape[0]
+        refuse_foreign(self.pipeline.sensor, self.pipeline.layout, recording)
+        if not len(rows):
+            return ContactStates.assemble(len(recording), taxels, {})
+        assert recording.stream is not None
+        stream = recording.stream[rows]
+        fresh = np.diff(stream, prepend=self._stream) != 0
+        self._stream = int(stream[-1])
+        cuts = fresh | np.isin(rows, list(piece.baselines))
+        edges = np.unique([0, *np.flatnonzero(cuts).tolist(), len(rows)]).tolist()
+        parts: list[ContactStates] = []
+        for first, last in pairwise(edges):
+            if fresh[first]:
+                self.pipeline.reset()
+            baseline = piece.baselines.get(int(rows[first]))
+            if baseline is not None:
+                self.pipeline.tare([baseline], doubted=False)
+            whole = int(rows[last - 1]) + 1 - int(rows[first]) == last - first
+            chosen = (
+                slice(int(rows[first]), int(rows[last - 1]) + 1) if whole else rows[first:last]
+            )
+            parts += self._answers(recording.select(chosen))
+        if len(parts) == 1 and len(rows) == len(recording):
+            return parts[0]
+        return gathered(parts, rows, len(recording), taxels)
+
+    def _answers(self, recording: Recording) -> list[ContactStates]:
+        """States of the next frames of one stretch, in parts; a failing one costs itself alone.
+
+        What fails is halved, what succeeds is doubled: one failing frame costs about three times
+        the stretch, and where every frame fails each is tried twice.
+        """
+        parts: list[ContactStates] = []
+        first, size = 0, len(recording)
+        while first < len(recording):
+            part = recording.select(slice(first, first + size))
+            states = self._tried(part)
+            if states is None and len(part) > 1:
+                size = len(part) // 2
+                continue
+            if states is None:
+                self.guard.begin()
+                states, size = batch_of(self.guard.process(part.frame(0))), 1
+            else:
+                size *= 2
+            parts.append(states)
+            first += len(part)
+        return parts
+
+    def _tried(self, recording: Recording) -> ContactStates | None:
+        """States of the next frames; None, and nothing has happened: one of them fails."""
+        before = deepcopy(self.pipeline.stream)
+        try:
+            return self.pipeline.process_next(recording)
+        except MemoryError:
+            raise
+        except Exception:  # whatever an estimator makes of a frame
+            self.pipeline.stream = before
+            return None
+
+
+def batch_of(state: ContactState) -> ContactStates:
+    """A batch of one."""
+    return ContactStates(**{name: np.asarray(getattr(state, name))[None] for name in STATE_FIELDS})
+
+
+def gathered(
+    parts: list[ContactStates], rows: Integers, samples: int, taxels: int
+) -> ContactStates:
+    """States of some rows (n,), in parts, among all rows s."""
+    patches = max([1, *(part.contacts_id.shape[1] for part in parts)])
+    known = {}
+    for name, (shape, dtype, fill) in STATE_FIELDS.items():
+        lengths = {'t': taxels, 'k': patches}
+        tail = tuple(lengths[n] if isinstance(n, str) else n for n in shape)
+        column: npt.NDArray[np.generic] = np.full((samples, *tail), fill, dtype)
+        first = 0
+        for part in parts:
+            values = getattr(part, name)
+            place = rows[first : first + len(values)]
+            if shape[:1] == ('k',):
+                column[place, : values.shape[1]] = values
+            else:
+                column[place] = values
+            first += len(values)
+        known[name] = column
+    return ContactStates.assemble(samples, taxels, known)
+
+
+def estimated(recording: Recording, pipeline: Pipeline) -> tuple[ContactStates, tuple[str, ...]]:
+    """States as `process_batch` gives them, whatever an estimator makes of single frames.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of the pipeline's shape.
+    pipeline : Pipeline
+        Stays as it is.
+
+    Returns
+    -------
+    states : ContactStates
+        One for each row; a frame that fails has the status ERROR at every taxel, as live.
+    problems : tuple of str
+        How many frames failed, and why the first of them did.
+
+    Raises ValueError if the shape, the unit or a channel differs from the layout.
+    """
+    refuse_foreign(pipeline.sensor, pipeline.layout, recording)
+    states, reason = _tried(recording, pipeline)
+    if states is not None:
+        return states, ()
+    rows = np.array(_failing(recording, pipeline), np.int64)
+    states, _ = _tried(_marked(recording, rows), pipeline)
+    if states is None:  # not even as lost ones: the others go on without them
+        states = _without(recording, rows, pipeline)
+    return states, (sentence_of(len(rows), reason),)
+
+
+def _tried(recording: Recording, pipeline: Pipeline) -> tuple[ContactStates | None, str]:
+    """States of all rows, or why there are none."""
+    try:
+        return pipeline.process_batch(recording), ''
+    except MemoryError:
+        raise
+    except Exception as err:  # whatever an estimator makes of a frame
+        return None, f'{type(err).__name__}: {err}'
+
+
+def _failing(recording: Recording, pipeline: Pipeline) -> list[int]:
+    """Rows that fail alone; parts that a tare lies before are not tared.
+
+    What fails is halved, what succeeds is doubled, as a `Follower` does.
+    """
+    failing: list[int] = []
+    first, size = 0, len(recording)
+    while first < len(recording):
+        part = recording.select(slice(first, first + size))
+        fails = _tried(part, pipeline)[0] is None
+        if fails and len(part) > 1:
+            size = len(part) // 2
+            continue
+        failing += [first] * fails
+        size = 1 if fails else 2 * size
+        first += len(part)
+    return failing
+
+
+def _marked(recording: Recording, rows: Integers) -> Recording:
+    """A recording of which no taxel of these rows is to be used."""
+    count, taxels = len(recording), recording.layout.shape[0]
+    known = recording.status
+    status = np.zeros((count, taxels), np.uint8) if known is None else known.copy()
+    status[rows] |= ERROR
+    return replace(recording, status=status)
+
+
+def _without(recording: Recording, rows: Integers, pipeline: Pipeline) -> ContactStates:
+    """States of the other rows, as if these had not been read."""
+    count, taxels = len(recording), recording.layout.shape[0]
+    rest = np.setdiff1d(np.arange(count), rows)
+    parts = [pipeline.process_batch(recording.select(rest))] if len(rest) else []
+    parts += [batch_of(unknown(taxels))] * len(rows)
+    return gathered(parts, np.concatenate([rest, rows]), count, taxels)
+
+
+def baselines_by_row(
+    recording: Recording, rows: Integers, baselines: Sequence[Frame]
+) -> dict[int, list[Frame]]:
+    """Baselines by the processed row before which each comes in.
+
+    A counter that starts again makes its sequence ambiguous: a baseline belongs to the stream with
+    a frame of its stamp; where none has one, to that of the baseline before it, or to the next
+    where its sequence went back.
+    """
+    if recording.sequence is None or not len(rows):
+        return {}
+    sequence = recording.sequence[rows]
+    number = np.cumsum(recording.restarts)
+    streams = number[rows]
+    stamps = [] if recording.stamp_ns is None else recording.stamp_ns.tolist()
+    homes = dict(zip(stamps, number.tolist(), strict=False))
+    found: dict[int, list[Frame]] = {}
+    stream, previous = int(streams[0]), -1
+    for baseline in baselines:
+        home = homes.get(baseline.stamp_ns, -1)
+        if home >= stream:
+            stream = home
+        elif baseline.sequence < previous:
+            stream += 1
+        previous = baseline.sequence
+        later = np.flatnonzero((streams == stream) & (sequence >= baseline.sequence))
+        if len(later):
+            found.setdefault(int(rows[later[0]]), []).append(baseline)
+    return {row: group[-1:] for row, group in found.items()}
+
+
+def as_it_began(loaded: LoadedRecording, pipeline: Pipeline) -> Pipeline:
+    """The pipeline as the live run began with it, to be changed as the run changed it.
+
+    A calibration that holds the classes that were enrolled in the run forgets them, where that
+    leads back to the one that was announced first; else it is taken as it is.
+    """
+    if not loaded.changes:
+        return pipeline
+    early = deepcopy(pipeline)
+    for change in reversed(loaded.changes):
+        if early.digest in loaded.calibrations[:1]:
+            break
+        if change.presses and change.label in early.label_names:
+            with suppress(ValueError):  # known from the fit: another calibration
+                early.forget(change.label)
+    early.reset()
+    return early if early.digest in loaded.calibrations[:1] else deepcopy(pipeline)
+
+
+def presses_in(loaded: LoadedRecording, pipeline: Pipeline) -> list[Press]:
+    """Presses in the bag of a live run, found as a live run finds them.
+
+    Parameters
+    ----------
+    loaded : LoadedRecording
+        With the baselines of its run.
+    pipeline : Pipeline
+        Tells contact; its baseline changes as the recording says.
+
+    Raises
+    ------
+    RecordingError
+        If no press was found, and frames could not be estimated.
+    """
+    recording = loaded.recording
+    rows = np.arange(len(recording))
+    waiting = baselines_by_row(recording, rows, loaded.baselines)
+    found: list[Press | None] = []
+    watch, guard = PressWatch(window_of(pipeline)), FrameGuard(pipeline)
+    for row, restart in zip(rows.tolist(), recording.restarts, strict=True):
+        if restart:
+            pipeline.reset()
+            watch = PressWatch(window_of(pipeline))
+        for baseline in waiting.get(row, []):
+            pipeline.tare([baseline], doubted=False)
+        if restart or row in waiting:
+            guard.begin()
+        frame = recording.frame(row)
+        state = guard.process(frame)
+        found.append(watch(frame, int(state.in_contact), pipeline.baseline))
+    presses = [press for press in found if press is not None]
+    if guard.failures and not presses:
+        raise RecordingError(' '.join(guard.problems))
+    return presses
+
+
+@dataclass
+class Repetition:
+    """Changes of a live run, made again while its frames are replayed.
+
+    Attributes
+    ----------
+    recording : Recording
+        Frames of the run.
+    changes : tuple of ClassChange
+        In their order.
+    problems : list of str
+        What could not be repeated, as sentences.
+    """
+
+    recording: Recording
+    changes: Sequence[ClassChange]
+    problems: list[str] = field(default_factory=list)
+    _baselines: dict[int, Array] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Note at which frames presses begin."""
+        self._waiting = list(self.changes)
+        self._firsts = {first for change in self.changes for first, _ in change.presses}
+
+    def before(self, frame: Frame, pipeline: Pipeline) -> bool:
+        """Let what changed before a frame hold for it; whether anything did."""
+        waiting = len(self._waiting)
+        while self._waiting and self._waiting[0].after_ns < (frame.stamp_ns or 0):
+            change = self._waiting.pop(0)
+            try:
+                self._make(change, pipeline)
+            except (ValueError, LookupError) as err:
+                self.problems.append(f'{change.label!r} could not be learned or forgotten: {err}')
+        return len(self._waiting) < waiting
+
+    def after(self, frame: Frame, pipeline: Pipeline) -> None:
+        """Keep the baseline with which a press began."""
+        if frame.stamp_ns in self._firsts:
+            self._baselines[frame.stamp_ns] = pipeline.baseline
+
+    def _make(self, change: ClassChange, pipeline: Pipeline) -> None:
+        """Learn or forget one class."""
+        if not change.presses:
+            pipeline.forget(change.label)
+            return
+        presses = [self._press(first, last) for first, last in change.presses]
+        taught = recording_of(pipeline.layout, presses)
+        # what the live run allowed is not asked again
+        learn(pipeline, change.label, taught, change.replace, EVERYTHING)
+
+    def _press(self, first: int, last: int) -> Press:
+        """A press from its frames; LookupError where they are not in the recording."""
+        stamps = self.recording.stamp_ns
+        if stamps is None or first not in self._baselines or last not in stamps:
+            msg = 'its presses are not in the recording'
+            raise LookupError(msg)
+        rows = np.flatnonzero((stamps >= first) & (stamps <= last))
+        frames = tuple(self.recording.frame(int(row)) for row in rows)
+        return Press(frames, self._baselines[first])
+
 
 NOT_IN_MESSAGES = ('object_pose', 'object_pose_cov')
 

@@ -15,8 +15,8 @@ from tactile_ros.types import Array
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from tactile_ros.evaluation.loaded import LoadedRecording
     from tactile_ros.evaluation.metrics import TargetErrors
+    from tactile_ros.evaluation.recording_files import LoadedRecording
     from tactile_ros.evaluation.replay import Agreement, Replayed
 
 Cell = str | float | int | None

@@ -14,14 +14,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation.class_changes import read_changes
 from tactile_ros.evaluation.definitions import all_types
-from tactile_ros.evaluation.loaded import LiveContacts
 from tactile_ros.evaluation.message_columns import FrameRows, read_contact_rows, read_frames
+from tactile_ros.evaluation.recording_files import LiveContacts, read_changes
 from tactile_ros.evaluation.topics import LAYOUT, digests_in
-from tactile_ros.evaluation.truth_columns import read_texts
-from tactile_ros.evaluation.truth_pieces import TruthPieces
-from tactile_ros.evaluation.truth_topics import ELSEWHERE, Association
+from tactile_ros.evaluation.truth import ELSEWHERE, Association, TruthPieces, read_texts
 from tactile_ros.evaluation.waiting import Waiting
 from tactile_ros.messages import read_layout
 from tactile_ros.types import STATE_FIELDS, ContactStates, Frame, Recording

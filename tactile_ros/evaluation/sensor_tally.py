@@ -13,10 +13,10 @@ import numpy as np
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.answer_tally import AnswerTally
 from tactile_ros.evaluation.bag_pieces import BagPieces
-from tactile_ros.evaluation.follow import Follower
 from tactile_ros.evaluation.kept_rows import AnswerRows, Rows, SensorRows
 from tactile_ros.evaluation.metrics import clocks_apart, frames_dropped
 from tactile_ros.evaluation.replay import (
+    Follower,
     as_live,
     calibration_problems,
     compare,
@@ -26,14 +26,14 @@ from tactile_ros.evaluation.replay import (
 )
 from tactile_ros.evaluation.result import unjudged
 from tactile_ros.evaluation.tally import Magnitudes
-from tactile_ros.evaluation.truth_topics import DEFAULT_TRUTH, Association
+from tactile_ros.evaluation.truth import DEFAULT_TRUTH, Association
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     import numpy.typing as npt
 
-    from tactile_ros.evaluation.loaded import LoadedRecording
+    from tactile_ros.evaluation.recording_files import LoadedRecording
     from tactile_ros.evaluation.sensor_pieces import Piece, SensorPieces
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Layout

@@ -12,10 +12,9 @@ import numpy as np
 
 from tactile_ros.evaluation.bag_reader import BagContent, read_parts
 from tactile_ros.evaluation.cdr_columns import Columns, read_columns
-from tactile_ros.evaluation.delay import Delay, estimate_delay
 from tactile_ros.evaluation.message_columns import stamps_of
 from tactile_ros.evaluation.topics import FRAME, ends_as, is_frame, split_topic
-from tactile_ros.evaluation.truth_columns import READERS, read_told
+from tactile_ros.evaluation.truth import READERS, Delay, estimate_delay, read_told
 from tactile_ros.evaluation.waiting import Waiting
 
 if TYPE_CHECKING:

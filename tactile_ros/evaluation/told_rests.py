@@ -15,7 +15,7 @@ from tactile_ros.types.recording import FIRM
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from tactile_ros.evaluation.loaded import LoadedRecording
+    from tactile_ros.evaluation.recording_files import LoadedRecording
     from tactile_ros.types import Array, Bools, Integers, Recording
 
 FEWEST = 4  # frames of a tare: fewer tell no noise

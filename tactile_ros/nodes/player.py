@@ -25,7 +25,7 @@ from tactile_ros.devices.player import Player
 from tactile_ros.devices.reskin_protocol import encode, readings, words
 from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.errors import DeviceError, DeviceTimeout, TactileError
-from tactile_ros.evaluation.archive import load_recording
+from tactile_ros.evaluation.recording_files import load_recording
 from tactile_ros.msg import TactileContact, TactileContacts, TactileFrame
 from tactile_ros.nodes.graph import SIMULATED_PORT, private_folder
 from tactile_ros.nodes.lifecycle import ManagedNode, data, main_of, pairs

@@ -15,8 +15,8 @@ import pytest
 from tactile_ros.cli import bench, demo, destination
 from tactile_ros.cli.main import COMMANDS, main, parser, sentence
 from tactile_ros.cli.sources import MOST_YAML_BYTES, read_config
-from tactile_ros.evaluation.archive import load_recording, save_recording
 from tactile_ros.evaluation.benchmark import BenchResult, Row
+from tactile_ros.evaluation.recording_files import load_recording, save_recording
 from tactile_ros.sensors import list_sensors, load_sensor
 
 BENCHES = ', '.join(

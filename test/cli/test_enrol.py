@@ -9,9 +9,8 @@ import pytest
 
 from tactile_ros.cli.main import main
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation.archive import save_recording
-from tactile_ros.evaluation.class_changes import presses_in
-from tactile_ros.evaluation.loaded import LoadedRecording
+from tactile_ros.evaluation.recording_files import LoadedRecording, save_recording
+from tactile_ros.evaluation.replay import presses_in
 from tactile_ros.types import Frame, Recording
 from test.reference import enrolled_skin
 

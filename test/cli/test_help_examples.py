@@ -30,7 +30,7 @@ from test.reference.help_examples import examples, typed_on_pages
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from tactile_ros.evaluation.loaded import LoadedRecording
+    from tactile_ros.evaluation.recording_files import LoadedRecording
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Recording
 

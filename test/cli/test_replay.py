@@ -15,7 +15,7 @@ from tactile_ros.cli import destination
 from tactile_ros.cli.main import main
 from tactile_ros.cli.progress import Progress
 from tactile_ros.evaluation import fleet, pictures
-from tactile_ros.evaluation.archive import save_recording
+from tactile_ros.evaluation.recording_files import save_recording
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:

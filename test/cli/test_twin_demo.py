@@ -11,7 +11,7 @@ import pytest
 
 from tactile_ros.cli import twin_demo
 from tactile_ros.cli.main import main
-from tactile_ros.evaluation.recording import load
+from tactile_ros.evaluation.recording_files import load
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:

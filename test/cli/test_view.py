@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.cli import view
-from tactile_ros.evaluation.loaded import LoadedRecording
+from tactile_ros.evaluation.recording_files import LoadedRecording
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import pytest
 
 from tactile_ros.evaluation.cdr_columns import Unlike, places_of, read_columns, text_at
 from tactile_ros.evaluation.message_columns import read_contact_rows, read_frames
-from tactile_ros.evaluation.truth_columns import read_told
+from tactile_ros.evaluation.truth import read_told
 from tactile_ros.messages import read_contacts, read_frame
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.class_changes import read_changes
-from tactile_ros.evaluation.loaded import LiveContacts, LoadedRecording
+from tactile_ros.evaluation.recording_files import LiveContacts, LoadedRecording, read_changes
 from tactile_ros.evaluation.replay import replay
 from tactile_ros.nodes.contact_loop import ContactStage
 from tactile_ros.nodes.enrolment_server import Change, EnrolStage, Learned, Lesson

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
-from tactile_ros.evaluation.delay import Delay, estimate_delay
+from tactile_ros.evaluation.truth import Delay, estimate_delay
 
 SECOND_NS = 1_000_000_000
 

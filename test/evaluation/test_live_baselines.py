@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.live_baselines import baselines_by_row
+from tactile_ros.evaluation.replay import baselines_by_row
 from tactile_ros.types import Frame, Layout, Recording
 
 LAYOUT = Layout(np.zeros((1, 3)), ('p',), '1')

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation.archive import load_recording, save_recording
 from tactile_ros.evaluation.bag import BagWriter
-from tactile_ros.evaluation.recording import load
-from tactile_ros.evaluation.truth_topics import nearest
+from tactile_ros.evaluation.recording_files import load, load_recording, save_recording
+from tactile_ros.evaluation.truth import nearest
 from tactile_ros.types import Layout, Recording
 
 if TYPE_CHECKING:

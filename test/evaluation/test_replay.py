@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation import failing_frames
+from tactile_ros.evaluation import replay as replay_module
 from tactile_ros.evaluation.bag import BagWriter
-from tactile_ros.evaluation.follow import Follower
-from tactile_ros.evaluation.loaded import LiveContacts, LoadedRecording
-from tactile_ros.evaluation.recording import load
-from tactile_ros.evaluation.replay import as_live, compare, replay
+from tactile_ros.evaluation.recording_files import LiveContacts, LoadedRecording, load
+from tactile_ros.evaluation.replay import Follower, as_live, compare, replay
 from tactile_ros.evaluation.sensor_tally import tally_bag
 from tactile_ros.messages import fill_contacts
 from tactile_ros.nodes.contact_loop import ContactStage
@@ -331,7 +329,7 @@ def test_where_every_frame_fails_all_are_lost_and_other_boards_are_refused(
     assert found.problems[0].startswith('330 frames cannot be estimated')
     assert not found.states.valid.any()
     with pytest.raises(ValueError, match='received Bx, By, Bz in count'):
-        failing_frames.estimated(
+        replay_module.estimated(
             replace(recording, layout=replace(recording.layout, unit='count')), fitted
         )
 

@@ -20,12 +20,12 @@ from tactile_ros.evaluation.bag import BagWriter
 from tactile_ros.evaluation.figures import figures_of
 from tactile_ros.evaluation.fleet import Job, tally
 from tactile_ros.evaluation.metrics import frames_dropped
-from tactile_ros.evaluation.recording import load
+from tactile_ros.evaluation.recording_files import load
 from tactile_ros.evaluation.replay import replay
 from tactile_ros.evaluation.sensor_pieces import ClassesChangedError
 from tactile_ros.evaluation.sensor_tally import tally_bag
 from tactile_ros.evaluation.tallied import dataset_of
-from tactile_ros.evaluation.truth_topics import Association
+from tactile_ros.evaluation.truth import Association
 from tactile_ros.messages import fill_contacts
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame

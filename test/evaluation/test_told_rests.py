@@ -12,8 +12,8 @@ import pytest
 from tactile_ros.cli import calibrate
 from tactile_ros.cli.main import main
 from tactile_ros.conditioning.baseline import tare_means, tare_runs
-from tactile_ros.evaluation.follow import batch_of, gathered
-from tactile_ros.evaluation.loaded import LiveContacts, LoadedRecording
+from tactile_ros.evaluation.recording_files import LiveContacts, LoadedRecording
+from tactile_ros.evaluation.replay import batch_of, gathered
 from tactile_ros.evaluation.told_rests import alike, with_rests
 from tactile_ros.nodes.contact_loop import ContactStage
 from tactile_ros.sensors import load_sensor

@@ -11,7 +11,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
 from tactile_ros.devices.simulated_serial import SimulatedSerialPort
-from tactile_ros.evaluation.archive import save_recording
+from tactile_ros.evaluation.recording_files import save_recording
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:

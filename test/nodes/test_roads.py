@@ -15,7 +15,7 @@ import pytest
 
 from tactile_ros.devices.reskin_protocol import encode
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation.recording import load
+from tactile_ros.evaluation.recording_files import load
 from tactile_ros.evaluation.replay import replay
 from tactile_ros.nodes.graph import Graph, Setting, sensing
 from tactile_ros.nodes.player import as_received
@@ -26,7 +26,7 @@ from tactile_ros.types import STATE_FIELDS, ContactStates, Recording
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from tactile_ros.evaluation.loaded import LoadedRecording
+    from tactile_ros.evaluation.recording_files import LoadedRecording
 
 PATIENCE_S = 120.0
 TOLERANCE = 1e-9

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from tactile_ros.devices.simulated_serial import BYTE_FAULTS
-from tactile_ros.evaluation.recording import load
+from tactile_ros.evaluation.recording_files import load
 from tactile_ros.nodes.graph import Setting, sensing
 from tactile_ros.nodes.processes import Running
 

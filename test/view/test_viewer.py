@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.cli.main import main
-from tactile_ros.evaluation.archive import save_recording
+from tactile_ros.evaluation.recording_files import save_recording
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import ContactState
 from tactile_ros.view.viewer import HOST, Seen
