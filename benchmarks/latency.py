@@ -48,7 +48,7 @@ LAST = 5  # lines of nodes that ended
 TOLERANCE_NS = 300_000  # between a frame's stamp and its write
 # The hand takes 333 commands a second; here each frame of 1 kHz shall be answered.
 ENTRY = (
-    'import sys; from tactile_ros.hands.allegro_v5 import AllegroV5; '
+    'import sys; from tactile_ros.hands.drivers import AllegroV5; '
     'AllegroV5.fastest_hz = 1000.0; exec({more!r}); '
     'from tactile_ros.nodes.__main__ import main; main()'
 )

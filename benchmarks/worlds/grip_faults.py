@@ -22,7 +22,7 @@ import numpy as np
 from tactile_ros.control import GripPhase
 from tactile_ros.evaluation.benchmark import Row
 from tactile_ros.evaluation.sources import load_source
-from tactile_ros.hands.joint_messages import read_command
+from tactile_ros.hands.drivers import read_command
 from tactile_ros.nodes.graph import Graph, Grasping, Process, grasping
 from tactile_ros.nodes.processes import Running
 from tactile_ros.sensors import load_sensor

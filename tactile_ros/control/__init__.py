@@ -6,10 +6,9 @@ object is lost, `GraspSequence` says when a grasp is over and how it ended.
 
 from __future__ import annotations
 
+from tactile_ros.control.config import GripConfig, qb_softhand
 from tactile_ros.control.grasp_sequence import GraspProgress, GraspSequence, Keeping, Opening
-from tactile_ros.control.grip_config import GripConfig, qb_softhand
-from tactile_ros.control.grip_force import GripForce
-from tactile_ros.control.grip_state import GraspOutcome, GripInput, GripPhase, GripStep
+from tactile_ros.control.grip_force import GraspOutcome, GripForce, GripInput, GripPhase, GripStep
 
 __all__ = [
     'GraspOutcome',

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from tactile_ros.control.grip_state import GraspOutcome, GripPhase, GripStep
+from tactile_ros.control.grip_force import GraspOutcome, GripPhase, GripStep
 
 if TYPE_CHECKING:
-    from tactile_ros.control.grip_config import GripConfig
+    from tactile_ros.control.config import GripConfig
 
 OPENED = (GripPhase.IDLE, GripPhase.RELEASE)
 LOST = 'the object was lost'

@@ -15,23 +15,406 @@ what the last asked for; where a finger is late all stay, until it is heard or c
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from enum import IntEnum
+from math import inf, isfinite, nan
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from tactile_ros.control.fingers import Fingers
-from tactile_ros.control.grip_drives import GripDrives
-from tactile_ros.control.grip_report import GripParts, told
-from tactile_ros.control.grip_state import GripInput, GripPhase, GripStep
-from tactile_ros.control.grip_targets import GripTargets
-from tactile_ros.control.grip_watch import GripWatch, refuse_goal, refuse_order, refuse_step
+from tactile_ros.control.force_pi import GripDrives
+from tactile_ros.control.slip_margin import Fingers
+from tactile_ros.control.targets import GripTargets
+from tactile_ros.types import Array, Bools, as_shape
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy.typing as npt
 
-    from tactile_ros.control.grip_config import GripConfig
+    from tactile_ros.control.config import GripConfig
+    from tactile_ros.types import Array, ContactState
+
+BY_FINGER = ('normal', 'tangential', 'valid', 'slip', 'age')
+
+
+class GripPhase(IntEnum):
+    """Phases of a grip, numbered as in GripState."""
+
+    IDLE = 0
+    CLOSE = 1
+    TOUCH = 2
+    LOAD = 3
+    HOLD = 4
+    RELEASE = 5
+    FAULT = 6
+
+
+class GraspOutcome(IntEnum):
+    """How a grasp ended, numbered as in Grasp.action."""
+
+    HELD = 0
+    NO_OBJECT = 1
+    SLIPPED = 2
+    TIMEOUT = 3
+    FAULT = 4
+
+
+@dataclass(frozen=True)
+class GripInput:
+    """What the fingers feel and where the drives are; NaN where it is not known.
+
+    Attributes
+    ----------
+    normal, tangential : ndarray, shape (f,)
+        Force of each finger along the normal and its size across it (N).
+    valid : ndarray, shape (f,)
+        Whether the force may be used for control.
+    slip : ndarray, shape (f,)
+        1 slipping, 0 holding, -1 unknown, as the sensor says.
+    age : ndarray, shape (f,)
+        Since the force was measured (s).
+    closure : ndarray, shape (a,)
+        Measured closure of each drive.
+    closure_age : float
+        Since it was measured (s).
+    new : ndarray, shape (f,), or None
+        Forces that came since the last step: nothing is integrated twice; None: all.
+    blocked : str
+        Why nothing can be sent, so that the law does not run ahead of the hand; empty: it can.
+    """
+
+    normal: Array
+    tangential: Array
+    valid: Bools
+    slip: npt.NDArray[np.int8]
+    age: Array
+    closure: Array
+    closure_age: float
+    new: Bools | None = None
+    blocked: str = ''
+
+    @classmethod
+    def of(
+        cls,
+        states: Sequence[ContactState | None],
+        age: npt.ArrayLike,
+        closure: npt.ArrayLike,
+        closure_age: float,
+    ) -> GripInput:
+        """Input from one contact state for each finger.
+
+        Parameters
+        ----------
+        states : sequence of ContactState or None
+            Newest of each finger (f); None: none yet. An untouched one has force 0.
+        age : array_like, shape (f,)
+            Since each was measured (s).
+        closure : array_like, shape (a,)
+            Measured closure of each drive; NaN: not known.
+        closure_age : float
+            Since it was measured (s).
+
+        Returns
+        -------
+        GripInput
+            A tangential force that a sensor cannot see is NaN.
+
+        Raises
+        ------
+        ValueError
+            If the shapes differ.
+        """
+        count = len(states)
+        blank = np.full(3, np.nan)
+        force = np.array([blank if s is None else s.force for s in states]).reshape(count, 3)
+        return cls(
+            normal=force[:, 2],
+            tangential=np.hypot(force[:, 0], force[:, 1]),
+            valid=np.array([s is not None and bool(s.valid) for s in states], bool),
+            slip=np.array([-1 if s is None else int(s.slip) for s in states], np.int8),
+            age=as_shape('age of GripInput', age, (count,)),
+            closure=as_shape('closure of GripInput', closure, (-1,)),
+            closure_age=float(closure_age),
+        )
+
+    def refuse_misfit(self, fingers: int, drives: int) -> None:
+        """Raise ValueError where an array has another shape than the fingers or drives."""
+        wanted = (fingers,)
+        fits = (
+            wanted == self.normal.shape == self.tangential.shape == self.valid.shape
+            == self.slip.shape == self.age.shape
+        )  # fmt: skip
+        if fits and self.closure.shape == (drives,) and (
+            self.new is None or self.new.shape == wanted
+        ):  # fmt: skip
+            return
+        for name in BY_FINGER:
+            self._refuse(name, fingers)
+        self._refuse('closure', drives)
+        self._refuse('new', fingers)
+
+    def _refuse(self, name: str, count: int) -> None:
+        array = getattr(self, name)
+        if array.shape != (count,):
+            msg = f'{name} of GripInput must have shape ({count},); received {array.shape}'
+            raise ValueError(msg)
+
+
+@dataclass(frozen=True)
+class GripStep:
+    """What the law decided in one step.
+
+    Attributes
+    ----------
+    phase : GripPhase
+        FAULT while the safe action is taken.
+    closure : ndarray, shape (a,)
+        Command of each drive, inside its limits; what holds, where nothing is to be sent.
+    send : bool
+        Whether it is to be sent.
+    limited : bool
+        Clamped or rate limited in this step.
+    refusal : str
+        Why the law's own command is not sent: nothing is, or the hand opens; empty: sent.
+    target_force, force : ndarray, shape (f,)
+        Along the normal (N); a force that cannot be used is NaN.
+    friction, slip_margin : ndarray, shape (f,)
+        Estimated coefficient, NaN undefined, and (mu fn - ft) / (mu fn).
+    load : ndarray, shape (f,)
+        Tangential load that each finger carries (N), NaN unknown.
+    slipping, touching : ndarray, shape (f,)
+        Fingers that slip now; that touch, and whose force can be used.
+    stiffness, stiffness_std : ndarray, shape (a,)
+        Estimated, of object and hand together (N per closure).
+    settled : bool
+        In HOLD, with the error small for long enough.
+    input_age : float
+        Of the oldest input in use (s), NaN if none is.
+    shut : bool
+        Every drive that feels is as closed as it may be, and one at least feels.
+    disagreement : float
+        How much less the weaker of two opposed sides feels than the stronger, as a share; NaN
+        where no two sides touch.
+    """
+
+    phase: GripPhase
+    closure: Array
+    send: bool
+    limited: bool
+    refusal: str
+    target_force: Array
+    force: Array
+    friction: Array
+    slip_margin: Array
+    load: Array
+    slipping: Bools
+    touching: Bools
+    stiffness: Array
+    stiffness_std: Array
+    settled: bool
+    input_age: float
+    shut: bool
+    disagreement: float = nan
+
+
+class GripWatch:
+    """Judge the inputs of one step.
+
+    Parameters
+    ----------
+    config : GripConfig
+        Ages, and how few fingers are enough.
+    fingers : int
+        Count f.
+
+    Attributes
+    ----------
+    good : list of bool
+        Fingers whose force may be used.
+    age : float
+        Of the oldest input in use (s); inf if there is none.
+    """
+
+    def __init__(self, config: GripConfig, fingers: int) -> None:
+        self.config = config
+        self._limit = config.stale_age
+        self.good = [False] * fingers
+        self.age = inf
+
+    def judge(self, given: GripInput, normal: list[float], used: Sequence[bool]) -> str:
+        """Look at the forces of the fingers that take part.
+
+        Parameters
+        ----------
+        given : GripInput
+            Of this step.
+        normal : list of float
+            Its normal forces (N).
+        used : sequence of bool
+            Fingers that take part.
+
+        Returns
+        -------
+        str
+            Why none can be regulated; empty if that is possible.
+        """
+        ages = given.age.tolist()
+        valid = given.valid.tolist()
+        self.good = [
+            use and ok and isfinite(force) and 0.0 <= age <= self._limit
+            for use, ok, force, age in zip(used, valid, normal, ages, strict=True)
+        ]
+        known = [age for age, ok in zip(ages, self.good, strict=True) if ok]
+        self.age = max(known) if known else inf
+        enough = self.config.fewest_fingers
+        if known and (len(known) >= enough or len(known) == sum(used)):
+            return self.drives(given)
+        if given.blocked:
+            return given.blocked
+        worst = next(i for i, use in enumerate(used) if use and not self.good[i])
+        return f'finger {worst} {self._why(ages[worst], valid[worst])}'
+
+    def drives(self, given: GripInput) -> str:
+        """Why the hand itself cannot be trusted; empty if it can."""
+        if given.blocked or not self.config.closure_required:
+            return given.blocked
+        if not 0.0 <= given.closure_age <= self._limit:
+            return f'joint states are stale ({given.closure_age:.3f} s)'
+        for i, closure in enumerate(given.closure.tolist()):
+            if not isfinite(closure):
+                return f'closure of drive {i} is not a number'
+        self.age = max(self.age, given.closure_age) if isfinite(self.age) else given.closure_age
+        return ''
+
+    def _why(self, age: float, valid: bool) -> str:
+        """What is wrong with the input of a finger."""
+        if not 0.0 <= age <= self._limit:
+            return f'is stale ({age:.3f} s)'
+        return 'gives a force that is not a number' if valid else 'says that it is not valid'
+
+
+def refuse_order(drives: list[int], sides: list[int]) -> None:
+    """Raise ValueError if drives or sides of fingers cannot be."""
+    if not drives or sorted(set(drives)) != list(range(max(drives) + 1)):
+        msg = f'drives of GripForce must be numbers from 0 without gaps; received {drives}'
+        raise ValueError(msg)
+    if len(sides) != len(drives) or not set(sides) <= {-1, 0, 1}:
+        msg = f'sides of GripForce must be -1, 0 or 1 for each finger; received {sides}'
+        raise ValueError(msg)
+
+
+def refuse_goal(config: GripConfig, targets: list[float], used: list[bool]) -> None:
+    """Raise ValueError if no finger takes part, or a target (N) is out of its range."""
+    if len(used) != len(targets) or not any(used):
+        msg = f'fingers of grasp must name at least one of {len(targets)}; received {used}'
+        raise ValueError(msg)
+    low, high = config.contact_on, config.force_high
+    if not all(low < target <= high for target in targets):
+        msg = f'target_force must be above {low} and at most {high} N; received {targets}'
+        raise ValueError(msg)
+
+
+def refuse_step(dt: float, longest: float) -> str:
+    """Why a time step (s) cannot be taken, or empty: longer than inputs may be old, or no time."""
+    if isfinite(dt) and 0.0 < dt <= longest:
+        return ''
+    return f'time step must be above 0 and at most {longest:.3f} s; received {dt}'
+
+
+class GripParts(NamedTuple):
+    """What a law consists of."""
+
+    moved: GripDrives
+    fingers: Fingers
+    targets: GripTargets
+    watch: GripWatch
+
+
+def told(
+    parts: GripParts,
+    normal: Sequence[float],
+    phase: GripPhase,
+    send: bool,
+    refusal: str,
+    settled: bool,
+) -> GripStep:
+    """Record of a step.
+
+    Parameters
+    ----------
+    parts : GripParts
+        After the step.
+    normal : sequence of float, length f
+        Forces that were given (N); those of no use become NaN.
+    phase, send, refusal, settled
+        As in GripStep.
+
+    Returns
+    -------
+    GripStep
+        With arrays of its own.
+    """
+    age = parts.watch.age
+    by_finger, by_drive, bits = _tables(parts, normal)
+    step = GripStep.__new__(GripStep)
+    # all at once: a frozen __init__ sets them one by one
+    vars(step).update(
+        phase=phase,
+        closure=by_drive[0],
+        send=send,
+        limited=send and any([law.limited for law in parts.moved.laws]),
+        refusal=refusal,
+        target_force=by_finger[0],
+        force=by_finger[1],
+        friction=by_finger[2],
+        slip_margin=by_finger[3],
+        load=by_finger[4],
+        slipping=bits[0],
+        touching=bits[1],
+        stiffness=by_drive[1],
+        stiffness_std=by_drive[2],
+        settled=settled,
+        input_age=age if age < inf else nan,
+        shut=_shut(parts),
+        disagreement=parts.moved.disagreement,
+    )
+    return step
+
+
+def _shut(parts: GripParts) -> bool:
+    """Whether every drive that feels, and one at least, can close no further."""
+    feeling = parts.fingers.feeling
+    for law, feels in zip(parts.moved.laws, feeling, strict=True):
+        if feels and law.command < law.config.closure_high and not law.stopped:
+            return False
+    return any(feeling)
+
+
+def _tables(
+    parts: GripParts, normal: Sequence[float]
+) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    """Numbers by finger (5, f) and by drive (3, a), and bits (2, f).
+
+    One flat list for all numbers of a kind: arrays are what a report costs.
+    """
+    good, slips = parts.watch.good, parts.fingers.slips
+    known = [force if ok else nan for force, ok in zip(normal, good, strict=True)]
+    touches = [touch and ok for touch, ok in zip(parts.fingers.touching, good, strict=True)]
+    by_finger = parts.targets.now + known
+    by_finger += [slip.friction for slip in slips]
+    by_finger += [slip.margin for slip in slips]
+    by_finger += [slip.load for slip in slips]
+    by_drive = [law.command for law in parts.moved.laws]
+    by_drive += [one.value for one in parts.moved.stiffness]
+    by_drive += [one.std for one in parts.moved.stiffness]
+    bits = [slip.slipping for slip in slips] + touches
+    return (
+        np.array(by_finger).reshape(5, -1),
+        np.array(by_drive).reshape(3, -1),
+        np.array(bits).reshape(2, -1),
+    )
+
 
 NOT_ASKED = 'no grasp was asked for'
 GRASPING = (GripPhase.CLOSE, GripPhase.TOUCH, GripPhase.LOAD, GripPhase.HOLD)
@@ -57,7 +440,7 @@ class GripForce:
 
     Examples
     --------
-    >>> from tactile_ros.control.grip_config import GripConfig
+    >>> from tactile_ros.control.config import GripConfig
     >>> law = GripForce(GripConfig(), drives=(0, 1), sides=(1, -1))
     >>> blank = np.zeros(2)
     >>> given = GripInput(blank, blank, blank == 0, blank.astype(np.int8), blank, blank, 0.0)

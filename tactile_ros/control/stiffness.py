@@ -11,7 +11,7 @@ from math import exp, sqrt
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tactile_ros.control.grip_config import GripConfig
+    from tactile_ros.control.config import GripConfig
 
 FADE = 30.0  # moves of the closure noise after which a point counts 1 / e
 
@@ -33,7 +33,7 @@ class Stiffness:
 
     Examples
     --------
-    >>> from tactile_ros.control.grip_config import GripConfig
+    >>> from tactile_ros.control.config import GripConfig
     >>> law = Stiffness(GripConfig())
     >>> for i in range(200):
     ...     law.step(0.3 + 0.0005 * i, 0.05 * i)

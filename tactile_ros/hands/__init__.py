@@ -6,9 +6,8 @@ driver, its fingers, which sensors they carry.
 
 from __future__ import annotations
 
-from tactile_ros.hands.description import HandDescription, list_hands, load_hand
-from tactile_ros.hands.driver import HandDriver, list_drivers, load_driver
-from tactile_ros.hands.finger import Finger
+from tactile_ros.hands.description import Finger, HandDescription, list_hands, load_hand
+from tactile_ros.hands.drivers import HandDriver, list_drivers, load_driver
 
 __all__ = [
     'Finger',

@@ -23,8 +23,7 @@ from tactile_ros.control import (
     Keeping,
     Opening,
 )
-from tactile_ros.hands.hand_joints import HandJoints, taking_part
-from tactile_ros.hands.hand_watch import HandWatch
+from tactile_ros.hands.joints import HandJoints, HandWatch, taking_part
 from tactile_ros.types import GripCommand
 
 if TYPE_CHECKING:
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
 
     from tactile_ros.control import GraspProgress, GripConfig, GripStep
     from tactile_ros.hands import HandDescription
-    from tactile_ros.hands.urdf import RobotDescription
+    from tactile_ros.hands.kinematics import RobotDescription
     from tactile_ros.types import Array
 
 

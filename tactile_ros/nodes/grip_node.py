@@ -22,9 +22,8 @@ from tactile_ros import messages
 from tactile_ros.control import GraspOutcome, GripConfig, GripPhase
 from tactile_ros.hands import load_hand
 from tactile_ros.hands.description import narrowed
-from tactile_ros.hands.driver import JOINT_STATE, NUMBERS, TRAJECTORY, in_order
-from tactile_ros.hands.joint_messages import read_joint_states
-from tactile_ros.hands.urdf import RobotDescription
+from tactile_ros.hands.drivers import JOINT_STATE, NUMBERS, TRAJECTORY, in_order, read_joint_states
+from tactile_ros.hands.kinematics import RobotDescription
 from tactile_ros.messages import packed, stamp_ns, vector
 from tactile_ros.msg import GripState, TactileContacts
 from tactile_ros.nodes.grasp_server import GraspServer
@@ -42,7 +41,7 @@ if TYPE_CHECKING:
 
     from tactile_ros.action import Grasp
     from tactile_ros.hands import HandDescription
-    from tactile_ros.hands.driver import Topic
+    from tactile_ros.hands.drivers import Topic
     from tactile_ros.nodes.grip_loop import Decision
     from tactile_ros.nodes.lifecycle import ManagedNode
     from tactile_ros.types import Array, ContactState, Frame, Integers

@@ -19,10 +19,8 @@ from rcl_interfaces.srv import GetParameters
 from sensor_msgs.msg import JointState
 
 from tactile_ros.hands import load_hand
-from tactile_ros.hands.driver import in_order
-from tactile_ros.hands.hand_joints import taking_part
-from tactile_ros.hands.joint_messages import read_command
-from tactile_ros.hands.mock_hand import FAULTS, MockHand
+from tactile_ros.hands.drivers import in_order, read_command
+from tactile_ros.hands.joints import FAULTS, MockHand, taking_part
 from tactile_ros.nodes.graph import has_port
 from tactile_ros.nodes.grip_node import MESSAGES, newest
 from tactile_ros.nodes.lifecycle import ManagedNode, main_of, pairs
@@ -35,8 +33,8 @@ if TYPE_CHECKING:
 
     from rclpy.timer import Timer
 
-    from tactile_ros.hands.driver import Topic
-    from tactile_ros.hands.finger import Finger
+    from tactile_ros.hands.description import Finger
+    from tactile_ros.hands.drivers import Topic
     from tactile_ros.types import Array, Integers, Recording, Twin
 
 BINS = 24

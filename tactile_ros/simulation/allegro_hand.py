@@ -16,7 +16,7 @@ from tactile_ros.hands import load_hand
 from tactile_ros.simulation.hand_model import HandModel, pad_friction, servo
 
 if TYPE_CHECKING:
-    from tactile_ros.hands.finger import Finger
+    from tactile_ros.hands.description import Finger
     from tactile_ros.types import Array
 
 GAIN, LAG, DEAD_TIME = 3.0, 0.01, 0.02

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from tactile_ros.hands.driver import JOINT_STATE, TRAJECTORY
-from tactile_ros.hands.joint_messages import read_command, read_joint_states
+from tactile_ros.hands.drivers import JOINT_STATE, TRAJECTORY, read_command, read_joint_states
 from tactile_ros.simulation.engine import load_engine, scene_text
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from tactile_ros.hands.description import parse
 from tactile_ros.simulation.hand_model import HandModel, pad_friction, servo
 
 if TYPE_CHECKING:
-    from tactile_ros.hands.joint_trajectory import JointTrajectoryHand
+    from tactile_ros.hands.drivers import JointTrajectoryHand
 
 TRAVEL = 0.03  # m, of each finger
 OPEN = 0.045  # m, of a pad from the middle when open

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactile_ros.control.drive_law import DriveLaw
-from tactile_ros.control.grip_config import GripConfig
+from tactile_ros.control.config import GripConfig
+from tactile_ros.control.force_pi import DriveLaw
 
 CONFIG = GripConfig(closure_low=0.1, closure_high=0.9)
 NEAR = 1e-12

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tactile_ros.control.fingers import Fingers, mean_of
-from tactile_ros.control.grip_config import GripConfig
+from tactile_ros.control.config import GripConfig
+from tactile_ros.control.slip_margin import Fingers, mean_of
 
 CONFIG = GripConfig(contact_on=0.2, contact_off=0.1)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.control import GripConfig, GripForce, GripInput
-from tactile_ros.control.free_drive import FreeDrive
+from tactile_ros.control.force_pi import FreeDrive
 
 PERIOD, FINE = 0.01, 1e-3  # s
 CONTACT = 0.3

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.control import GripConfig, GripForce, GripPhase, qb_softhand
-from tactile_ros.control.grip_drives import IMPACT
+from tactile_ros.control.force_pi import IMPACT
 
 TARGET = 2.0
 TOLD = {'dead_time': 0.02, 'lag': 0.05}

@@ -21,7 +21,7 @@ from tactile_ros.control import (
     GripStep,
     qb_softhand,
 )
-from tactile_ros.control.drive_law import FARTHEST
+from tactile_ros.control.force_pi import FARTHEST
 from tactile_ros.types import Array
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)

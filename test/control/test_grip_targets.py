@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactile_ros.control.grip_config import GripConfig
-from tactile_ros.control.grip_targets import GripTargets, balanced, shared
+from tactile_ros.control.config import GripConfig
 from tactile_ros.control.slip_margin import SlipMargin
+from tactile_ros.control.targets import GripTargets, balanced, shared
 
 CONFIG = GripConfig(friction_low=0.3, margin=0.3)
 FINGERS = st.lists(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.control import GripConfig, GripInput
-from tactile_ros.control.grip_watch import GripWatch, refuse_step
+from tactile_ros.control.grip_force import GripWatch, refuse_step
 
 CONFIG = GripConfig()
 GOOD = GripInput(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.control.grip_config import GripConfig
+from tactile_ros.control.config import GripConfig
 from tactile_ros.control.slip_margin import SlipMargin
 
 CONFIG = GripConfig(friction_low=0.3)

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactile_ros.hands import Finger
-from tactile_ros.hands.closing import PadNormal, Synergy
-from tactile_ros.hands.urdf import RobotDescription
+from tactile_ros.hands.kinematics import PadNormal, RobotDescription, Synergy
 
 FINGER = Finger(
     joints=('j0', 'j1'), open=[0.0, 0.0], pre_grasp=[0.3, 0.4], closing=[0.6, 0.6],

@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 
 from tactile_ros.hands import list_drivers, load_driver, load_hand
-from tactile_ros.hands.driver import TRAJECTORY, HandDriver, in_order
-from tactile_ros.hands.joint_messages import read_command, read_joint_states
-from tactile_ros.hands.mock_hand import MockHand
+from tactile_ros.hands.drivers import (
+    TRAJECTORY,
+    HandDriver,
+    in_order,
+    read_command,
+    read_joint_states,
+)
+from tactile_ros.hands.joints import MockHand
 from tactile_ros.types import GripCommand
 
 NUMBERS = 'std_msgs/msg/Float64MultiArray'

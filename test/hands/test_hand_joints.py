@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.hands import load_hand
-from tactile_ros.hands.hand_joints import HandJoints, taking_part
+from tactile_ros.hands.joints import HandJoints, taking_part
 
 HAND = load_hand('joint_trajectory')
 LIMITS = HAND.driver.limits

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.hands.hand_watch import HandWatch
+from tactile_ros.hands.joints import HandWatch
 
 SLACK = np.array([0.05, 0.05])
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactile_ros.hands.joint_guard import JointGuard
+from tactile_ros.hands.joints import JointGuard
 from tactile_ros.types import JointLimits
 
 LIMITS = JointLimits(np.array([-0.5, 0.0]), np.array([1.0, 2.0]), np.array([2.0, 1.0]), np.ones(2))

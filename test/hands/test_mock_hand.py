@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.hands.mock_hand import MockHand
+from tactile_ros.hands.joints import MockHand
 from tactile_ros.types import JointLimits
 
 LIMITS = JointLimits(np.zeros(2), np.ones(2), np.array([100.0, 0.5]), np.ones(2))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactile_ros.hands.urdf import RobotDescription, turn
+from tactile_ros.hands.kinematics import RobotDescription, turn
 from tactile_ros.types import JointLimits
 
 LINKS = '<link name="palm"/><link name="p"/><link name="d"/><link name="tip"/>'

@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 
 from tactile_ros.control import GraspOutcome, GripConfig, GripPhase
 from tactile_ros.hands import load_hand
-from tactile_ros.hands.hand_joints import taking_part
-from tactile_ros.hands.mock_hand import MockHand
+from tactile_ros.hands.joints import MockHand, taking_part
 from tactile_ros.nodes.grip_loop import Decision, GripStage
 
 HANDS = ['allegro_v4', 'allegro_v5', 'allegro_plexus', 'qb_softhand', 'qb_softhand_2m']

@@ -23,7 +23,7 @@ from tactile_ros.types import GripCommand
 if TYPE_CHECKING:
     from conftest import Ros
 
-    from tactile_ros.hands.urdf import RobotDescription
+    from tactile_ros.hands.kinematics import RobotDescription
 
 POSITION_CONTROLLER = '/allegro_hand_position_controller'
 EFFORT_CONTROLLER = '/allegro_hand_position_effort_controller'

@@ -10,7 +10,7 @@ import pytest
 
 from tactile_ros.control import GripConfig, GripPhase
 from tactile_ros.errors import MissingPackageError
-from tactile_ros.hands.driver import TRAJECTORY
+from tactile_ros.hands.drivers import TRAJECTORY
 from tactile_ros.nodes.grip_loop import GripStage
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.simulation import balloon_scene, load_scene

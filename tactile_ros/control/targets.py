@@ -14,7 +14,7 @@ from tactile_ros.control.slip_margin import faded
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from tactile_ros.control.grip_config import GripConfig
+    from tactile_ros.control.config import GripConfig
     from tactile_ros.control.slip_margin import SlipMargin
 
 

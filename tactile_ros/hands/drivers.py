@@ -1,0 +1,564 @@
+"""Drivers of hands: topics, message types, orders of joints and limits; one class a driver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar, Protocol, cast
+
+import numpy as np
+
+from tactile_ros.control import GripConfig, qb_softhand
+from tactile_ros.messages import fill_header, packed
+from tactile_ros.types import Array, GripCommand, JointLimits, admit_name
+from tactile_ros.types.config_fields import (
+    admit,
+    array,
+    maybe_array,
+    number,
+    text_of,
+    texts,
+    whole,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from tactile_ros.messages import HeaderMessage
+    from tactile_ros.types import Integers
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+NUMBERS = 'std_msgs/msg/Float64MultiArray'
+TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic on which a driver takes commands (see `CommandTopic`).
+
+    Attributes
+    ----------
+    name, kind : str
+        Of the topic and of its message.
+    fill : callable
+        Writes a GripCommand into a fresh message.
+    """
+
+    name: str
+    kind: str
+    fill: Callable[..., None]
+
+
+@dataclass(frozen=True)
+class HandDriver:
+    """Fields that all drivers have; each is a ROS parameter of grip_node.
+
+    Raises
+    ------
+    ValueError
+        If a value cannot be, or the limits do not fit the joints.
+    """
+
+    fastest_hz: ClassVar[float] = 100.0  # commands a second that the driver takes
+    falls_silent: ClassVar[bool] = False  # after a command of the wrong size
+
+    lower: Array = array([0.0], 'lowest position of each joint', 'rad', (-1,))
+    upper: Array = array([1.0], 'highest position of each joint', 'rad', (-1,))
+    velocity: Array = array([1.0], 'fastest motion of each joint', 'rad/s', (-1,), 1e-6, 1e3)
+    effort: Array | None = maybe_array('largest torque of each joint', 'N m', (-1,), 1e-6, 1e3)
+    most_offset: float = number(
+        0.4, 'how far a target may lie from the measured joint: with the gain of the driver it '
+        'bounds the torque', 'rad', 1e-3, 100.0,
+    )  # fmt: skip
+    command_topic: str = text_of('', 'topic of commands; empty: the name that the driver ships')
+    state_topic: str = text_of('', 'topic of joint states; empty: the name that the driver ships')
+    controller: str = text_of(
+        '', 'controller whose parameter `joints` tells the order of the command; empty: as shipped'
+    )
+
+    def __post_init__(self) -> None:
+        """Hold every value to its range, and the limits to the joints."""
+        admit(self)
+        for name in self.joints:
+            admit_name(f'a joint of {type(self).__name__}', name)
+        count = len(self.joints)
+        for name in ('lower', 'upper', 'velocity', 'effort'):
+            values = getattr(self, name)
+            if values is not None and len(values) != count:
+                msg = (
+                    f'{name} of {type(self).__name__} must have one number for each of its '
+                    f'{count} joints; received {len(values)}'
+                )
+                raise ValueError(msg)
+        _ = self.limits
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of all joints, in the order of the command."""
+        raise NotImplementedError
+
+    @property
+    def limits(self) -> JointLimits:
+        """How far, fast and hard the joints may go."""
+        effort = np.full(len(self.joints), np.inf) if self.effort is None else self.effort
+        return JointLimits(self.lower, self.upper, self.velocity, effort)
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """Where commands go, in the order in which they are published."""
+        raise NotImplementedError
+
+    @property
+    def states(self) -> str:
+        """Topic of joint states."""
+        raise NotImplementedError
+
+    def paced(self, rate_hz: float) -> HandDriver:
+        """The same driver for commands at a rate (Hz)."""
+        return self
+
+    @classmethod
+    def grip(cls) -> GripConfig:
+        """Gains and limits of the grip law to begin with on this hand."""
+        return GripConfig()
+
+
+def in_order(names: tuple[str, ...], wanted: tuple[str, ...]) -> Integers:
+    """Places of `wanted` names among `names`, shape (j,).
+
+    Raises
+    ------
+    ValueError
+        If one is missing, or two are the same.
+    """
+    missing = [name for name in wanted if name not in names]
+    if missing or len(set(wanted)) != len(wanted):
+        what = f'lack {", ".join(missing)}' if missing else 'name one twice'
+        msg = f'joints must be those of the hand; {", ".join(names[:20])} {what}'
+        raise ValueError(msg[:300])
+    return np.array([names.index(name) for name in wanted], np.int64)
+
+
+class JointStateMessage(Protocol):
+    """sensor_msgs/JointState."""
+
+    header: HeaderMessage
+    name: Sequence[str]
+    position: Sequence[float]
+    velocity: Sequence[float]
+    effort: Sequence[float]
+
+
+class NumbersMessage(Protocol):
+    """std_msgs/Float64MultiArray."""
+
+    data: Sequence[float]
+
+
+class DurationMessage(Protocol):
+    """builtin_interfaces/Duration."""
+
+    sec: int
+    nanosec: int
+
+
+class PointMessage(Protocol):
+    """trajectory_msgs/JointTrajectoryPoint."""
+
+    positions: Sequence[float]
+    time_from_start: DurationMessage
+
+
+class TrajectoryMessage(Protocol):
+    """trajectory_msgs/JointTrajectory with the one point that is filled."""
+
+    header: HeaderMessage
+    joint_names: Sequence[str]
+    points: Sequence[PointMessage]
+
+
+def fill_joint_state(
+    message: JointStateMessage, joints: tuple[str, ...], command: GripCommand
+) -> None:
+    """Positions of all joints with their names, stamped; velocity and effort stay empty."""
+    fill_header(message.header, command.stamp_ns, '')
+    message.name = list(joints)
+    message.position = packed(command.position)
+
+
+def fill_numbers(message: NumbersMessage, values: Array) -> None:
+    """Numbers in the order of the controller; their layout stays empty."""
+    message.data = packed(values)
+
+
+def fill_trajectory(
+    message: TrajectoryMessage, joints: tuple[str, ...], horizon_s: float, command: GripCommand
+) -> None:
+    """One point that is to be reached `horizon_s` after it arrives.
+
+    The stamp stays zero, which means now: a past one would cut the beginning off.
+    """
+    message.joint_names = list(joints)
+    point = message.points[0]
+    point.positions = packed(command.position)
+    duration = point.time_from_start
+    duration.sec, duration.nanosec = divmod(round(horizon_s * 1e9), 1_000_000_000)
+
+
+def read_joint_states(message: JointStateMessage, joints: tuple[str, ...]) -> Array | None:
+    """Positions of a hand's joints in a JointState.
+
+    Parameters
+    ----------
+    message : JointState
+        Perhaps of other parts of the robot too.
+    joints : tuple of str
+        Of the hand, in the wanted order.
+
+    Returns
+    -------
+    ndarray, shape (j,), or None
+        Positions (rad); None: the message is about other joints alone.
+
+    Raises
+    ------
+    ValueError
+        If it is about some of the joints only, or a position is missing or not finite.
+    """
+    names = list(message.name)
+    found = [names.index(name) if name in names else -1 for name in joints]
+    if max(found) < 0:
+        return None
+    if min(found) < 0:
+        msg = (
+            f'joint states must be of all joints of the hand; {joints[found.index(-1)]} is missing'
+        )
+        raise ValueError(msg)
+    if len(message.position) != len(names):
+        msg = (
+            f'joint states must have one position for each of {len(names)} names; '
+            f'received {len(message.position)}'
+        )
+        raise ValueError(msg)
+    position = np.array([message.position[place] for place in found], np.float64)
+    if not np.isfinite(position).all():
+        msg = f'positions of joint states must be finite; received {position.tolist()}'
+        raise ValueError(msg[:300])
+    return position
+
+
+def read_command(kind: str, message: object, joints: tuple[str, ...]) -> tuple[Array, float]:
+    """What a hand's driver takes from a command: by index, in a trajectory by name.
+
+    Parameters
+    ----------
+    kind : str
+        Type of the message.
+    message : JointState, Float64MultiArray or JointTrajectory
+        The command.
+    joints : tuple of str
+        In the driver's order.
+
+    Returns
+    -------
+    values : ndarray, shape (j,)
+        In the driver's order.
+    horizon_s : float
+        Time to reach them (s); 0: at once.
+
+    Raises
+    ------
+    ValueError
+        If their count or names are not the driver's, or one is not finite.
+    """
+    horizon_s = 0.0
+    if kind == TRAJECTORY:
+        trajectory = cast('TrajectoryMessage', message)
+        place = in_order(tuple(trajectory.joint_names), joints)
+        point = trajectory.points[-1]
+        horizon_s = point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
+        values = np.asarray(point.positions, np.float64)
+        fits = len(values) == len(trajectory.joint_names)
+        values = values[place] if fits else values
+    elif kind == JOINT_STATE:
+        values = np.asarray(cast('JointStateMessage', message).position, np.float64)
+    else:
+        values = np.asarray(cast('NumbersMessage', message).data, np.float64)
+    if values.shape != (len(joints),) or not np.isfinite(values).all():
+        msg = f'a command must be {len(joints)} finite numbers; received {values.tolist()}'
+        raise ValueError(msg[:300])
+    return values, horizon_s
+
+
+# rad, of thumb and of each finger, left and right alike
+THUMB = ((0.263, 1.396), (-0.105, 1.163), (-0.189, 1.644), (-0.162, 1.719))
+FINGER = ((-0.47, 0.47), (-0.196, 1.61), (-0.174, 1.709), (-0.227, 1.618))
+LIMITS = (*THUMB, *FINGER, *FINGER, *FINGER)
+
+
+def thumb_first(prefix: str) -> tuple[str, ...]:
+    """Names of the 16 joints in the order of the shipped controllers."""
+    return tuple(f'{prefix}joint{finger}{joint}' for finger in range(4) for joint in range(4))
+
+
+@dataclass(frozen=True)
+class AllegroV4(HandDriver):
+    """Allegro Hand V4 under ros2_control: 16 positions for a ForwardCommandController, thumb first.
+
+    The driver refuses partial claims and takes the order of its controller's yaml; the reported effort
+    is the commanded torque, no measurement. Speeds are this package's own, well inside of the drives'.
+    """
+
+    lower: Array = array([low for low, _ in LIMITS], 'lowest position of each joint', 'rad', (16,))
+    upper: Array = array(
+        [high for _, high in LIMITS], 'highest position of each joint', 'rad', (16,)
+    )
+    velocity: Array = array([2.0] * 16, 'fastest motion of each joint', 'rad/s', (16,), 1e-6, 20.0)
+    prefix: str = text_of('ah_', 'of the joints: ah_, or ahl_ and ahr_ of a pair')
+    controller: str = text_of(
+        '/allegro_hand_position_controller',
+        'controller whose parameter `joints` tells the order of the command; empty: as shipped',
+    )
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Thumb, index, middle, ring."""
+        return thumb_first(self.prefix)
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """Float64MultiArray of 16 positions."""
+        name = self.command_topic or '/allegro_hand_position_controller/commands'
+        return (Topic(name, NUMBERS, self.fill),)
+
+    @property
+    def states(self) -> str:
+        """Joint states of the joint_state_broadcaster."""
+        return self.state_topic or '/joint_states'
+
+    def fill(self, message: NumbersMessage, command: GripCommand) -> None:
+        """Write the 16 positions."""
+        fill_numbers(message, command.position)
+
+
+PLEXUS_THUMB = ((0.0, 1.745), (-0.349, 1.169), (0.0, 1.169), (0.0, 1.571))
+PLEXUS_FINGER = ((-0.524, 0.524), (0.0, 1.169), (0.0, 1.169), (0.0, 1.169))
+PLEXUS_LIMITS = (
+    *PLEXUS_THUMB,
+    *PLEXUS_FINGER,
+    *PLEXUS_FINGER,
+    *PLEXUS_FINGER,
+)  # rad, right hand
+TORQUE = 0.345  # N m, what the driver allows where no cap came
+
+
+@dataclass(frozen=True)
+class AllegroPlexus(AllegroV4):
+    """Allegro Hand Plexus under ros2_control: positions, and a torque cap for each joint.
+
+    The cap is the cleanest bound of grip force that any of these hands has. The readme of the driver
+    names another topic; its code listens to `efforts`. Without a cap it allows 0.345 N m (300 mA).
+    """
+
+    falls_silent = True
+
+    lower: Array = array(
+        [low for low, _ in PLEXUS_LIMITS], 'lowest position of each joint', 'rad', (16,)
+    )
+    upper: Array = array(
+        [high for _, high in PLEXUS_LIMITS], 'highest position of each joint', 'rad', (16,)
+    )
+    effort_topic: str = text_of('', 'topic of torque caps; empty: the name that the driver ships')
+    controller: str = text_of(
+        '/allegro_hand_position_effort_controller',
+        'controller whose parameter `joints` tells the order of the command; empty: as shipped',
+    )
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """Caps before positions, so that no position is ever without its cap."""
+        place = '/allegro_hand_position_effort_controller'
+        return (
+            Topic(self.effort_topic or f'{place}/efforts', NUMBERS, self.fill_caps),
+            Topic(self.command_topic or f'{place}/commands', NUMBERS, self.fill),
+        )
+
+    def fill_caps(self, message: NumbersMessage, command: GripCommand) -> None:
+        """Write the 16 largest torques; where the command names none, the limit."""
+        most = np.minimum(self.limits.effort, TORQUE)
+        asked = np.where(np.isfinite(command.effort), command.effort, most)
+        fill_numbers(message, np.clip(asked, 0.0, most))
+
+
+V5_FINGER = ((-0.47, 0.47), (-0.196, 1.8), (-0.174, 1.709), (-0.227, 1.618))
+V5_THUMB = ((0.0, 1.78), (-0.26, 1.78), (-0.05, 1.85), (-0.09, 1.80))
+V5_LIMITS = (
+    *V5_FINGER,
+    *V5_FINGER,
+    *V5_FINGER,
+    *V5_THUMB,
+)  # rad, right hand of type A
+
+
+@dataclass(frozen=True)
+class AllegroV5(HandDriver):
+    """Allegro Hand V5 and V5 Sense: JointState of always 16 positions, index first.
+
+    The callback of the driver switches to position control at once, so that the first command must be
+    the measured posture. The driver shuts down after an emergency stop and falls silent where the CAN
+    bus or the handedness is wrong: joint states that stop are the only sign. Topic names differ from
+    version to version. At least a second must pass between its named poses (lib_cmd) and commands.
+    """
+
+    fastest_hz = 333.0
+
+    lower: Array = array(
+        [low for low, _ in V5_LIMITS], 'lowest position of each joint', 'rad', (16,)
+    )
+    upper: Array = array(
+        [high for _, high in V5_LIMITS], 'highest position of each joint', 'rad', (16,)
+    )
+    velocity: Array = array([2.0] * 16, 'fastest motion of each joint', 'rad/s', (16,), 1e-6, 20.0)
+    number: int = whole(0, 'number in allegroHand_<number>', 0, 99)
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Index, middle, ring, thumb."""
+        return tuple(f'joint_{i}_0' for i in range(16))
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """JointState of 16 positions."""
+        name = self.command_topic or f'/allegroHand_{self.number}/joint_cmd'
+        return (Topic(name, JOINT_STATE, self.fill),)
+
+    @property
+    def states(self) -> str:
+        """Joint states of the vendor's node; effort is what it commands."""
+        return self.state_topic or f'/allegroHand_{self.number}/joint_states'
+
+    def fill(self, message: JointStateMessage, command: GripCommand) -> None:
+        """Write all 16 names and positions."""
+        fill_joint_state(message, self.joints, command)
+
+
+PERIODS = 2.0  # of commands, within which no point is reached: joints would wait for the next
+
+
+@dataclass(frozen=True)
+class JointTrajectoryHand(HandDriver):
+    """A hand whose joints are named here; the trajectory carries the names, so order is free."""
+
+    fastest_hz = 250.0
+
+    names: tuple[str, ...] = texts(('finger_joint',), 'names of the joints')
+    horizon_s: float = number(
+        0.02, 'time to reach a point; never fewer than two periods of the commands', 's', 1e-3, 2.0
+    )
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """As named."""
+        return self.names
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """JointTrajectory of one point."""
+        shipped = '/joint_trajectory_controller/joint_trajectory'
+        return (Topic(self.command_topic or shipped, TRAJECTORY, self.fill),)
+
+    @property
+    def states(self) -> str:
+        """Joint states of the joint_state_broadcaster."""
+        return self.state_topic or '/joint_states'
+
+    def paced(self, rate_hz: float) -> JointTrajectoryHand:
+        """The same, with points at least two periods ahead."""
+        return replace(self, horizon_s=max(self.horizon_s, PERIODS / rate_hz))
+
+    def fill(self, message: TrajectoryMessage, command: GripCommand) -> None:
+        """Write one point for all joints."""
+        fill_trajectory(message, self.joints, self.horizon_s, command)
+
+
+@dataclass(frozen=True)
+class QbSoftHand(HandDriver):
+    """qb SoftHand and SoftHand 2 Motors: one point of a short trajectory, at 25 Hz at most.
+
+    One synergy closes all fingers, 0 open to 1 closed; of two motors the second turns the grasp from
+    pinch to power (-1 to 1: give both limits). The loop of the hand runs at 25 Hz and moves about
+    0.1 s after a command. It starts its motion anew at every point, hence points of one to five
+    periods; its tolerances are placeholders, so that a reached goal says nothing.
+    """
+
+    fastest_hz = 25.0
+
+    lower: Array = array([0.0], 'lowest position of each synergy', '1', (-1,), -1.0, 1.0)
+    upper: Array = array([1.0], 'highest position of each synergy', '1', (-1,), -1.0, 1.0)
+    velocity: Array = array([1.0], 'fastest motion of each synergy', '1/s', (-1,), 1e-6, 5.0)
+    most_offset: float = number(
+        0.3, 'how far a target may lie from the measured synergy', '1', 1e-3, 2.0
+    )
+    device_id: int = whole(1, 'number in qbhand<number>', 1, 127)
+    motors: int = whole(1, 'of the hand: 1, or 2 with a second synergy', 1, 2)
+    horizon_s: float = number(0.1, 'time to reach a point', 's', 0.04, 0.2)
+
+    @property
+    def name(self) -> str:
+        """Namespace and prefix of everything."""
+        return f'qbhand{self.device_id}' if self.motors == 1 else f'qbhand2m{self.device_id}'
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """The synergy, and of two motors the manipulation."""
+        names = ('synergy',) if self.motors == 1 else ('synergy', 'manipulation')
+        return tuple(f'{self.name}_{name}_joint' for name in names)
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """JointTrajectory of one point."""
+        kind = 'synergy' if self.motors == 1 else 'synergies'
+        shipped = f'/{self.name}/{self.name}_{kind}_trajectory_controller/joint_trajectory'
+        return (Topic(self.command_topic or shipped, TRAJECTORY, self.fill),)
+
+    @property
+    def states(self) -> str:
+        """Joint states of its joint_state_broadcaster."""
+        return self.state_topic or f'/{self.name}/joint_states'
+
+    @classmethod
+    def grip(cls) -> GripConfig:
+        """Gains of a hand of 25 Hz that moves late."""
+        return qb_softhand()
+
+    def fill(self, message: TrajectoryMessage, command: GripCommand) -> None:
+        """Write one point for every synergy."""
+        fill_trajectory(message, self.joints, self.horizon_s, command)
+
+
+DRIVERS: dict[str, type[HandDriver]] = {
+    'allegro_plexus': AllegroPlexus,
+    'allegro_v4': AllegroV4,
+    'allegro_v5': AllegroV5,
+    'joint_trajectory': JointTrajectoryHand,
+    'qb_softhand': QbSoftHand,
+}
+
+
+def list_drivers() -> list[str]:
+    """Names of all drivers, in alphabetical order."""
+    return sorted(DRIVERS)
+
+
+def load_driver(name: str) -> type[HandDriver]:
+    """Dataclass of a driver.
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name; lists those that are.
+    """
+    if name not in DRIVERS:
+        msg = f'driver of a hand must be one of {", ".join(list_drivers())}; received {name!r}'
+        raise ValueError(msg)
+    return DRIVERS[name]
