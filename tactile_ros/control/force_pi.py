@@ -11,8 +11,9 @@ Sources: S. Skogestad, Simple analytic rules for model reduction and PID control
 J. Process Control 13 (2003) 291, Table 1. Back-calculation: K. J. Astrom and T. Hagglund, Advanced
 PID Control (2006), sec. 3.5, with the tracking time equal to Ti.
 
-Free drive: Force grows with this closure at the rate that a force loop meets. The measured closure tells that
-rate of stiff drives alone: a soft one stands still at a hard object, however its target moves.
+Free drive: Force grows with this closure at the rate that a force loop meets. The measured closure
+tells that rate of stiff drives alone: a soft one stands still at a hard object, however its target
+moves.
 """
 
 from __future__ import annotations

@@ -303,10 +303,11 @@ def thumb_first(prefix: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class AllegroV4(HandDriver):
-    """Allegro Hand V4 under ros2_control: 16 positions for a ForwardCommandController, thumb first.
+    """Allegro Hand V4 under ros2_control: 16 positions, thumb first.
 
-    The driver refuses partial claims and takes the order of its controller's yaml; the reported effort
-    is the commanded torque, no measurement. Speeds are this package's own, well inside of the drives'.
+    The driver refuses partial claims and takes the order of its controller's yaml; the reported
+    effort is the commanded torque, no measurement. Speeds are this package's own, well inside of
+    the drives'.
     """
 
     lower: Array = array([low for low, _ in LIMITS], 'lowest position of each joint', 'rad', (16,))
@@ -356,8 +357,9 @@ TORQUE = 0.345  # N m, what the driver allows where no cap came
 class AllegroPlexus(AllegroV4):
     """Allegro Hand Plexus under ros2_control: positions, and a torque cap for each joint.
 
-    The cap is the cleanest bound of grip force that any of these hands has. The readme of the driver
-    names another topic; its code listens to `efforts`. Without a cap it allows 0.345 N m (300 mA).
+    The cap is the cleanest bound of grip force that any of these hands has. The readme of the
+    driver names another topic; its code listens to `efforts`. Without a cap it allows 0.345 N m
+    (300 mA).
     """
 
     falls_silent = True
@@ -404,10 +406,11 @@ V5_LIMITS = (
 class AllegroV5(HandDriver):
     """Allegro Hand V5 and V5 Sense: JointState of always 16 positions, index first.
 
-    The callback of the driver switches to position control at once, so that the first command must be
-    the measured posture. The driver shuts down after an emergency stop and falls silent where the CAN
-    bus or the handedness is wrong: joint states that stop are the only sign. Topic names differ from
-    version to version. At least a second must pass between its named poses (lib_cmd) and commands.
+    The callback of the driver switches to position control at once, so that the first command must
+    be the measured posture. The driver shuts down after an emergency stop and falls silent where
+    the CAN bus or the handedness is wrong: joint states that stop are the only sign. Topic names
+    differ from version to version. At least a second must pass between its named poses (lib_cmd)
+    and commands.
     """
 
     fastest_hz = 333.0
@@ -485,10 +488,10 @@ class JointTrajectoryHand(HandDriver):
 class QbSoftHand(HandDriver):
     """qb SoftHand and SoftHand 2 Motors: one point of a short trajectory, at 25 Hz at most.
 
-    One synergy closes all fingers, 0 open to 1 closed; of two motors the second turns the grasp from
-    pinch to power (-1 to 1: give both limits). The loop of the hand runs at 25 Hz and moves about
-    0.1 s after a command. It starts its motion anew at every point, hence points of one to five
-    periods; its tolerances are placeholders, so that a reached goal says nothing.
+    One synergy closes all fingers, 0 open to 1 closed; of two motors the second turns the grasp
+    from pinch to power (-1 to 1: give both limits). The loop of the hand runs at 25 Hz and moves
+    about 0.1 s after a command. It starts its motion anew at every point, hence points of one to
+    five periods; its tolerances are placeholders, so that a reached goal says nothing.
     """
 
     fastest_hz = 25.0
