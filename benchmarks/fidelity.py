@@ -24,13 +24,13 @@ from tactile_ros.physics.fidelity import SHARE, Choice, Model, choose, region
 from tactile_ros.physics.grid_table import GridTable
 from tactile_ros.physics.scene_terms import Worth
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.gradiometer import fidelity as gradiometer
+from tactile_ros.sensors.gradiometer import twin as gradiometer
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
-from tactile_ros.sensors.magnet_pad import fidelity as pad
-from tactile_ros.sensors.magnet_pad import scene as pad_scene
+from tactile_ros.sensors.magnet_pad import body_model as pad
+from tactile_ros.sensors.magnet_pad import body_model as pad_scene
+from tactile_ros.sensors.magnet_pad.body_model import movement
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-from tactile_ros.sensors.magnet_pad.nominal import movement
-from tactile_ros.sensors.multipole_skin import fidelity as skin
+from tactile_ros.sensors.multipole_skin import specimen as skin
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
 
 if TYPE_CHECKING:

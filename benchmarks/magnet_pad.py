@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.cell_knn import CellKnn
+from tactile_ros.estimators.grid_knn import CellKnn
 from tactile_ros.evaluation.benchmark import BenchResult, Row, within
 from tactile_ros.evaluation.cells import accuracy, average_euclidean_error, confusion
 from tactile_ros.evaluation.coverage import WITHIN, Coverage, coverage, coverage_by_thirds

@@ -18,8 +18,8 @@ from tactile_ros.evaluation.drawing import standalone
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.evaluation.svg import Plot
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
-from tactile_ros.sensors.multipole_skin.signal import NOISE
 from tactile_ros.sensors.multipole_skin.specimen import NONE, POWERS, Specimen, snr
+from tactile_ros.sensors.multipole_skin.twin import NOISE
 from tactile_ros.types import Outline
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.press_window import press_vectors
+from tactile_ros.estimators.few_shot import press_vectors
 from tactile_ros.evaluation.benchmark import BenchResult, Row, within
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.physics import compiled

@@ -15,12 +15,11 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from tactile_ros.estimators.few_shot import seen_classes, support_scores
-from tactile_ros.estimators.press_window import press_vectors
+from tactile_ros.estimators.few_shot import press_vectors, seen_classes, support_scores
 from tactile_ros.evaluation.benchmark import BenchResult, Row, within
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.multipole_skin.pronet import pronet
+from tactile_ros.sensors.multipole_skin.recogniser import pronet
 
 if TYPE_CHECKING:
     from types import ModuleType

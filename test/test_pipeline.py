@@ -24,8 +24,8 @@ from tactile_ros.pipeline import (
     lacking,
     told,
 )
-from tactile_ros.regression import Regression
 from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors.regression import Regression
 from tactile_ros.types import (
     STATE_FIELDS,
     ContactState,

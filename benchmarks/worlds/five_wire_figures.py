@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.harmonic_map import HarmonicMap
-from tactile_ros.estimators.thin_plate import ThinPlate
+from tactile_ros.estimators.potential_map import HarmonicMap
+from tactile_ros.estimators.rbf_force import ThinPlate
 from tactile_ros.evaluation import array_figures
 from tactile_ros.evaluation.benchmark import Row
 from tactile_ros.evaluation.drawing import standalone

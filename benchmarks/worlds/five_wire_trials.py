@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from tactile_ros.estimators.thin_plate import ThinPlate
+from tactile_ros.estimators.rbf_force import ThinPlate
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
 

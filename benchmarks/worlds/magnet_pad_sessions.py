@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.cell_knn import CellKnn
-from tactile_ros.estimators.touch_mixture import Linearised, TouchMixture
+from tactile_ros.estimators.gaussian_sum_table import Linearised, TouchMixture
+from tactile_ros.estimators.grid_knn import CellKnn
 from tactile_ros.evaluation.cells import accuracy
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor

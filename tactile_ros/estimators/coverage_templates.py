@@ -11,17 +11,77 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.coverage_error import FINER, model_error, tried_poses
-from tactile_ros.estimators.coverage_model import TaxelPoints, Variant, variant_of
-from tactile_ros.estimators.place_table import FEW_FINENESS, FINENESS, PlaceTable
-from tactile_ros.estimators.template_rows import likeliest
-from tactile_ros.physics import compiled
+from tactile_ros.estimators.coverage_model import (
+    FEW_FINENESS,
+    FINENESS,
+    FINER,
+    PlaceTable,
+    TaxelPoints,
+    Variant,
+    model_error,
+    tried_poses,
+    variant_of,
+)
+from tactile_ros.physics.compiled import available, compiled
 from tactile_ros.physics.coverage import mistakable_turns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from tactile_ros.types import Array, Integers, Outline, Singles
+
+
+@compiled
+def misfits(
+    unit: Singles, close: Integers, shape: Singles,
+    score: Singles, least: np.float32, misfit: Array,
+) -> None:  # fmt: skip
+    """Sums (n,) of misfits of templates that score so much at least, inf of others; filled."""
+    for i in range(len(close)):
+        misfit[i] = np.inf
+        if score[i] < least:
+            continue
+        row, total = unit[close[i]], 0.0
+        for k in range(len(shape)):
+            total += abs(score[i] * row[k] - shape[k])
+        misfit[i] = total
+
+
+@compiled
+def first_apart(
+    misfit: Array, close: Integers, what: Array, most: float, turn: float, taken: Integers
+) -> int:
+    """How many templates (m,) differ in variant or in turn, the best first; `taken` is filled."""
+    free, count = misfit.copy(), 0
+    while count < len(taken):
+        best = int(np.argmin(free))
+        if not free[best] <= most:
+            break
+        free[best] = np.inf
+        variant, yaw, apart = what[close[best], 0], what[close[best], 3], True
+        for k in range(count):
+            if what[taken[k], 0] == variant:
+                apart = apart and abs(np.sin((what[taken[k], 3] - yaw) / 2)) > turn
+        if apart:
+            taken[count] = close[best]
+            count += 1
+    return count
+
+
+@compiled
+def likeliest(
+    unit: Singles, close: Integers, score: Singles,
+    what: Array, shape: Singles, closer: int, near: float, exact: float,
+    turn: float, taken: Integers,
+) -> int:  # fmt: skip
+    """How many of the chosen templates are worth a closer look; `taken` is filled."""
+    misfit, least = np.empty(len(close)), score.min()
+    if len(close) > closer:
+        least = np.sort(score)[len(close) - closer]
+    misfits(unit, close, shape, score, least, misfit)
+    best = misfit.min()
+    return first_apart(misfit, close, what, best + near * (best + exact), turn, taken)
+
 
 LEAST_POINTS = 4
 POINTS = 2048  # of all taxels together, about
@@ -190,7 +250,7 @@ class CoverageTemplates:
         if close is None or not len(close) or scores.max() < ENOUGH:
             close, near = np.arange(len(what)), unit
             scores = unit @ shape
-        elif compiled.available() and not self.vague:
+        elif available() and not self.vague:
             taken = np.empty(MOST_STARTS, np.int64)
             count = likeliest(unit, close, scores, what, shape, CLOSER, NEAR, EXACT, TURN, taken)
             return what[taken[:count]]

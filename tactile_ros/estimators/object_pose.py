@@ -7,24 +7,260 @@ ones that nobody marked) lose their weight. Nothing is learned: outlines and lay
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.coverage_descent import Descent
-from tactile_ros.estimators.coverage_model import TaxelPoints, Variant
+from tactile_ros.estimators.coverage_model import (
+    CLOSE,
+    CUT,
+    LEAST_WIDTH,
+    MOST_WIDTH,
+    PRIOR,
+    WEAK,
+    Fits,
+    Readings,
+    TaxelPoints,
+    Variant,
+    first_pressure,
+    misfit,
+)
 from tactile_ros.estimators.coverage_templates import FEW_TAXELS, CoverageTemplates
-from tactile_ros.estimators.pose_evidence import common_scale, log_evidence
-from tactile_ros.estimators.pose_fit import Fit, fit_of
-from tactile_ros.estimators.readings import CUT, Readings, misfit
-from tactile_ros.physics.tubes import SPRINGS
+from tactile_ros.estimators.place_descent import covariance_of, descend_places
+from tactile_ros.physics.compiled import available
+from tactile_ros.physics.tubes import HALF_SPACE, SPRINGS
 from tactile_ros.types import Array, Bools, Integers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from tactile_ros.types import Outline
+    from tactile_ros.estimators.coverage_model import (
+        Fits,
+        ModelError,
+        Readings,
+        TaxelPoints,
+        Variant,
+    )
+    from tactile_ros.types import Array, Outline
+
+BROKEN = 0.05  # of the taxels, which then read anything up to the largest force
+UNIFORM = 12.0  # over the squared width of an even prior: what it knows
+
+
+def log_evidence(
+    fits: Fits, i: int, readings: Readings, error: ModelError, reach: float, scale: float
+) -> float:
+    """Logarithm of the probability density of the readings, of one mode of one object.
+
+    Parameters
+    ----------
+    fits : Fits
+        Descents.
+    i : int
+        Which of them.
+    readings : Readings
+        What was fitted.
+    error : ModelError
+        Of the model.
+    reach : float
+        Of the array: places are as likely everywhere on it (m).
+    scale : float
+        By which errors are larger than stated, squared.
+
+    Returns
+    -------
+    float
+        Up to a constant of the frame.
+    """
+    variant, slopes, pressure = fits.variant, fits.slopes[:, i], float(fits.pressure[i])
+    unit, free = variant.unit, len(slopes) - 1
+    wide = [2 * reach / unit[0], 2 * reach / unit[1]]
+    if free > 2:
+        wide.append(2 * math.pi / max(variant.order, 1) / unit[2])
+    if free > 3:
+        wide.append((MOST_WIDTH - LEAST_WIDTH) * variant.radius / unit[3])
+    edges = error.edge * (slopes[0] ** 2 + slopes[1] ** 2) + error.floor * readings.top**2
+    variance = scale * (readings.variance + edges)
+    squared = np.square(readings.force - pressure * fits.cover[i]) / variance
+    sound = (1 - BROKEN) * np.exp(-0.5 * squared) / np.sqrt(2 * math.pi * variance)
+    told = sound + BROKEN / readings.top
+    normal = (slopes * (readings.usable * sound / told / variance)) @ slopes.T
+    normal += np.diag(np.append(UNIFORM / np.square(wide), 1.0))
+    room = 0.5 * free * math.log(2 * math.pi) - 0.5 * float(np.linalg.slogdet(normal)[1])
+    profiles = len(PROFILES) if variant.tube else 1
+    told = float(np.log(told) @ readings.usable)
+    return told + room - float(np.log(wide).sum()) - math.log(profiles)
+
+
+def common_scale(cost: float, readings: Readings, free: int) -> float:
+    """By how much errors are larger than stated, squared, as the best fit tells it; 1 at least."""
+    spare = max(readings.count - free, 0)
+    return max((cost + PRIOR) / (spare + PRIOR), 1.0)
+
+
+@dataclass
+class Fit:
+    """One end of a descent: parameters, covariance (m, m), cost; the descents and which."""
+
+    variant: Variant
+    params: Array
+    pressure: float
+    cov: Array
+    cost: float
+    cover: Array
+    fits: Fits
+    index: int
+    error: ModelError
+    chance: float = 1.0
+
+
+def fit_of(fits: Fits, i: int, readings: Readings, points: TaxelPoints) -> Fit:
+    """One of the descents, with the covariance of its parameters."""
+    free, places = fits.params.shape[1], fits.variant.places
+    unit = fits.variant.unit[:free]
+    error = points.errors[fits.variant.label] if places is None else places.error
+    cov = _covariance(fits, i, readings)[:free, :free] * (unit[:, None] * unit)
+    cov.reshape(-1)[:: free + 1] += np.square(error.shared * unit)
+    return Fit(
+        fits.variant,
+        fits.params[i],
+        float(fits.pressure[i]),
+        cov,
+        float(fits.cost[i]),
+        fits.cover[i],
+        fits,
+        i,
+        error,
+    )
+
+
+def _covariance(fits: Fits, i: int, readings: Readings) -> Array:
+    """Of parameters, half from misfits where they are, half from their common size."""
+    if available() and fits.variant.places is not None:
+        return covariance_of(
+            fits.normal[i], fits.slopes[:, i], fits.share[i], readings.force, fits.cover[i],
+            float(fits.pressure[i]),
+        )  # fmt: skip
+    inverse = np.linalg.inv(fits.normal[i])
+    share, j = fits.share[i], fits.slopes[:, i]
+    miss = readings.force - fits.pressure[i] * fits.cover[i]
+    excess = share * np.square(miss)
+    size = np.abs(j).max(axis=0)
+    told = int(np.count_nonzero((size > 1e-3 * size.max()) & (share > 0)))
+    spare = max(told - len(inverse), 0)
+    common = min(max((float(excess.sum()) + PRIOR) / (spare + PRIOR), 0.1), 9.0)
+    if spare < 12:
+        return np.asarray(inverse * common)
+    part = (j * (share * excess)) @ j.T * (told / spare)
+    return np.asarray(0.5 * inverse * common + 0.5 * inverse @ part @ inverse)
+
+
+CENTRED = 0.3  # of the reach: how far from the middle the origin of a gripped tube lies
+
+
+class Descent:
+    """Steps of Gauss and Newton on one array.
+
+    Parameters
+    ----------
+    middle : ndarray, shape (2,)
+        Of the array (m).
+    reach : float
+        Of the array (m).
+    """
+
+    def __init__(self, middle: Array, reach: float) -> None:
+        self.middle, self.reach = middle, reach
+
+    def run(
+        self,
+        points: TaxelPoints,
+        variant: Variant,
+        starts: Array,
+        readings: Readings,
+        rounds: int,
+        loose: Sequence[float],
+        profile: int = HALF_SPACE,
+        final: bool = True,
+    ) -> Fits:
+        """Descend with one variant from parameters (k, m), in so many rounds at most.
+
+        In the first rounds the model may err by `loose` parts of the largest force; if not
+        `final`, costs stay as loose as the last one was.
+        """
+        if variant.places is not None:
+            return descend_places(variant, starts[0], readings, rounds, loose, final)
+        params = starts[:, : variant.free].copy()
+        pressure = np.zeros(len(params))
+        error = points.errors[variant.label]
+        floor = error.floor * readings.top**2
+        for i in range(rounds):
+            stack = points.seen(variant, params, profile)
+            if i == 0:
+                pressure = np.array([first_pressure(readings, one) for one in stack[-1]])
+            stack *= pressure[:, None]
+            miss = readings.force - stack[-1]
+            edges = error.edge * np.square(stack[:2]).sum(axis=0) + floor
+            squared = np.square(miss)
+            rough = np.array([[readings.excess(one)] for one in squared])
+            if i < len(loose):
+                rough = np.maximum(rough, loose[i] * readings.top)
+            weight = readings.usable / (readings.variance + edges + np.square(rough))
+            share = weight * _tukey(squared * weight)
+            normal, step = self._solve(variant, params, stack, share, miss)
+            move = np.minimum(np.maximum(step, -1.0), 1.0)
+            _go(variant, params, pressure, move)
+            if i >= len(loose) and np.abs(move[:, :-1]).max() < CLOSE:
+                break
+        miss = miss - (move.T[:, :, None] * stack).sum(axis=0)
+        if final:
+            weight = readings.usable / (readings.variance + edges)
+        cost = np.minimum(np.square(miss) * weight, CUT**2).sum(axis=1) + self._strange(
+            variant, params
+        )
+        cover = (readings.force - miss) / pressure[:, None]
+        return Fits(variant, profile, params, pressure, cost, cover, normal, stack, share)
+
+    def _strange(self, variant: Variant, params: Array) -> Array | float:
+        """Cost (k,) of a tube that is gripped far from its bend."""
+        if not variant.tube:
+            return 0.0
+        away = np.square(params[:, :2] - self.middle).sum(axis=1)
+        return np.asarray(away / (CENTRED * self.reach) ** 2)
+
+    def _solve(
+        self, variant: Variant, params: Array, stack: Array, share: Array, miss: Array
+    ) -> tuple[Array, Array]:
+        """Matrix (k, m + 1, m + 1) and step (k, m + 1) of least squares."""
+        tall = stack.transpose(1, 0, 2)
+        normal = (tall * share[:, None]) @ tall.transpose(0, 2, 1)
+        pull = tall @ (share * miss)[..., None]
+        count = len(stack)
+        normal.reshape(len(normal), -1)[:, :: count + 1] += WEAK
+        if variant.tube:
+            unit = variant.unit[:2]
+            hold = np.square(unit / (CENTRED * self.reach))
+            normal[:, [0, 1], [0, 1]] += hold
+            pull[:, :2, 0] += hold * (self.middle - params[:, :2]) / unit
+        return normal, np.asarray(np.linalg.solve(normal, pull)[..., 0])
+
+
+def _go(variant: Variant, params: Array, pressure: Array, move: Array) -> None:
+    """Take a step; `params` and `pressure` are changed."""
+    params += move[:, :-1] * variant.unit[: variant.free]
+    pressure *= np.maximum(1.0 + move[:, -1], 0.3)
+    if variant.tube:
+        width = params[:, 3]
+        np.clip(width, LEAST_WIDTH * variant.radius, MOST_WIDTH * variant.radius, width)
+
+
+def _tukey(squared: Array) -> Array:
+    """Weights of squared misfits in sigma: 1 in the middle, 0 from 2 cuts on."""
+    rest = np.maximum(1.0 - squared / (2 * CUT) ** 2, 0.0)
+    return np.asarray(rest * rest)
+
 
 EARLY = {True: (6, (0.3, 0.2, 0.1, 0.06, 0.04, 0.03)), False: (2, (0.15, 0.04))}
 LATE, LATE_TUBES = (8, (0.1,)), (25, ())

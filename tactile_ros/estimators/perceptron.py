@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.standardisation import Standardisation
-from tactile_ros.estimators.training import fitted, predict_rows, training_rows
+from tactile_ros.estimators.regression import Standardisation, fitted, predict_rows, training_rows
 from tactile_ros.types import Array, Integers
 
 if TYPE_CHECKING:

@@ -6,18 +6,146 @@ variables, and a polynomial of low degree learns it from a few hundred presses.
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import combinations_with_replacement
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.folds import group_folds
-from tactile_ros.estimators.polynomial_rows import polynomial_rows, summed
-from tactile_ros.estimators.ridge_path import held_out_each, ridge_weights
-from tactile_ros.estimators.standardisation import Standardisation
-from tactile_ros.estimators.training import fitted, predict_rows, training_rows
-from tactile_ros.physics.compiled import available
+from tactile_ros.estimators.regression import (
+    Standardisation,
+    fitted,
+    group_folds,
+    held_out_each,
+    predict_rows,
+    ridge_weights,
+    training_rows,
+)
+from tactile_ros.physics.compiled import available, compiled
 from tactile_ros.types import Array, Integers, as_shape
+
+if TYPE_CHECKING:
+    from tactile_ros.estimators.covariance import CalibratedCovariance
+
+FEW = 32  # rows that are quicker in one piece
+
+
+@compiled
+def standardised(x: Array, mean: Array, gain: Array, low: Array, high: Array, z: Array) -> bool:
+    """Features (d,) over their spreads, held inside what was seen; False where one is missing."""
+    for i in range(len(x)):
+        if not math.isfinite(x[i]):
+            return False
+        z[i] = min(max((x[i] - mean[i]) * gain[i], low[i]), high[i])
+    return True
+
+
+@compiled
+def polynomial_rows(
+    x: Array, mean: Array, gain: Array, limit: Array, lower: Integers, last: Integers,
+    weights: Array, level: Array, y: Array,
+) -> None:  # fmt: skip
+    """Polynomials (s, k) of features (s, d); each term is a lower one times a feature."""
+    width, count, outputs = x.shape[1], len(lower), weights.shape[1]
+    z, terms, total = np.empty(width), np.empty(count), np.empty(outputs)
+    for s in range(len(x)):
+        if not standardised(x[s], mean, gain, -limit, limit, z):
+            y[s, :] = np.nan
+            continue
+        for k in range(outputs):
+            total[k] = level[k]
+        for i in range(count):
+            terms[i] = z[i] if i < width else terms[lower[i]] * z[last[i]]
+            for k in range(outputs):
+                total[k] += terms[i] * weights[i, k]
+        y[s, :] = total
+
+
+@compiled
+def spread_rows(
+    x: Array, mean: Array, gain: Array, low: Array, high: Array, weights: Array, knots: Array,
+    factors: Array, sigma: Array,
+) -> None:  # fmt: skip
+    """Multiply sigmas (s, k) by exponentials of squares of features (s, d), scaled by level."""
+    width, outputs = x.shape[1], weights.shape[1]
+    z = np.ones(1 + width)
+    for s in range(len(x)):
+        if not standardised(x[s], mean, gain, low, high, z[1:]):
+            sigma[s, :] = np.nan
+            continue
+        for k in range(outputs):
+            total = 0.0
+            for i in range(1 + width):
+                for j in range(1 + width):
+                    total += z[i] * z[j] * weights[i * (1 + width) + j, k]
+            total += math.log(sigma[s, k])
+            at = 0
+            while at + 1 < len(knots) and total >= knots[at + 1, k]:
+                at += 1
+            factor = factors[at, k]
+            if at + 1 < len(knots) and total > knots[0, k]:
+                step = knots[at + 1, k] - knots[at, k]
+                factor += (factors[at + 1, k] - factor) * (total - knots[at, k]) / step
+            sigma[s, k] = math.exp(total + factor)
+
+
+@compiled
+def product_rows(x: Array, matrix: Array, y: Array) -> None:
+    """Products (s, m) of rows (s, n) and a matrix (n, m), added up in the order of n."""
+    for s in range(len(x)):
+        for m in range(matrix.shape[1]):
+            total = 0.0
+            for n in range(matrix.shape[0]):
+                total += x[s, n] * matrix[n, m]
+            y[s, m] = total
+
+
+def summed(terms: Array, weights: Array, level: Array | float = 0.0) -> Array:
+    """Level (k,) and terms (s, p) times weights (p, k), added up in the order of the loops.
+
+    Where weights cancel, another order would be seen in the sum.
+
+    Examples
+    --------
+    >>> summed(np.array([[1.0, 2.0]]), np.array([[3.0], [4.0]]), np.ones(1))
+    array([[12.]])
+    """
+    answer = np.zeros((len(terms), weights.shape[1])) + level
+    if len(terms) > FEW:
+        for term, weight in zip(terms.T, weights, strict=True):
+            answer += term[:, None] * weight
+        return answer
+    parts = np.concatenate([answer[None], terms.T[:, :, None] * weights[:, None]])
+    return np.asarray(np.add.accumulate(parts, axis=0)[-1])
+
+
+def times(x: Array, matrix: Array) -> Array:
+    """Rows (s, n) times a matrix (n, m): the same bits for one row as for many."""
+    if not available():
+        return summed(x, matrix)
+    y = np.empty((len(x), matrix.shape[1]))
+    product_rows(np.ascontiguousarray(x), matrix, y)
+    return y
+
+
+def spread(covariance: CalibratedCovariance, drivers: Array, stated: Array | None = None) -> Array:
+    """Standard deviations (s, k) that a fitted covariance states for drivers (s, f).
+
+    With what was stated beforehand (s, k), where its fit had such.
+    """
+    if not available():
+        return covariance.sigma(drivers, stated)
+    sigma, scale = np.ones((len(drivers), covariance.weights_.shape[1])), covariance.drivers_
+    if stated is not None:
+        sigma[:] = stated
+    spread_rows(
+        drivers, scale.mean_, scale.gain_, covariance.low_, covariance.high_,
+        covariance.weights_, covariance.knots_, covariance.factors_, sigma,
+    )  # fmt: skip
+    return sigma
+
 
 STRENGTHS = 10.0 ** np.arange(-12.0, -1.0)
 BEYOND = 1.5  # of the range seen: farther out the polynomial stands still
@@ -189,3 +317,208 @@ def _kept(name: tuple[int, ...], first_slow: int) -> bool:
     """Whether a product has few enough slow factors, and few others beside them."""
     slow = sum(i >= first_slow for i in name)
     return slow == 0 or (slow <= 2 and len(name) <= 3)
+
+
+DEGREES, WARM_POLYNOMIAL_FEW = (3, 4, 5), 6  # of what is eliminated; rows for one of its terms
+ROUNDS, STEP = 8, 1e-4
+MOST_ROWS = 1500
+MOST = 1.6  # of the logarithm of a stiffness
+PRIOR = 1e-3  # of the squares: what temperatures must explain before they are believed
+
+
+class WarmPolynomial:
+    """Polynomial of a place less its rise with temperature, times a stiffness of temperature.
+
+    Parameters
+    ----------
+    degrees : tuple of int
+        Of the polynomial, to choose from.
+    slow : int
+        Temperatures, the last features; the third feature is the height.
+
+    Attributes
+    ----------
+    rise_, stiff_ : ndarray, shape (slow,)
+        Of the height (its unit), and of the stiffness's logarithm (1), for a unit of each
+        temperature.
+    curve_ : ndarray, shape (slow,)
+        Of that logarithm, for the square of a unit (1).
+    rest_ : PolynomialRidge
+        Of the corrected features.
+
+    Examples
+    --------
+    >>> x = np.random.default_rng(0).uniform(-1, 1, (300, 4))
+    >>> y = (1 - 0.1 * x[:, 3:]) * ((x[:, 2:3] - 0.05 * x[:, 3:]) ** 2 + x[:, :1])
+    >>> found = WarmPolynomial((1, 2, 3), 1).fit(x, y)
+    >>> found.rise_.round(3).tolist(), found.stiff_.round(3).tolist()
+    ([0.05], [-0.1])
+    """
+
+    rise_: Array
+    stiff_: Array
+    curve_: Array
+    rest_: PolynomialRidge
+
+    def __init__(self, degrees: tuple[int, ...] = (1, 2, 3), slow: int = 1) -> None:
+        self.degrees = degrees
+        self.slow = slow
+
+    def fit(self, x: Array, y: Array, groups: Integers | None = None) -> WarmPolynomial:
+        """Learn from features x (s, d), targets y (s, k) and groups (s,) or None."""
+        rows = training_rows(x, y, groups)
+        self._find(rows.x, rows.y)
+        known, stiff = self._corrected(rows.x, self.rise_, self.stiff_, self.curve_)
+        self.rest_ = PolynomialRidge(self.degrees, self.slow).fit(
+            known, rows.y / stiff, rows.groups
+        )
+        return self
+
+    def leaves(self, x: Array, y: Array) -> float:
+        """Squares (1) that the best rise and stiffness leave of targets over their spreads."""
+        rows = training_rows(x, y)
+        return self._find(rows.x, rows.y)
+
+    def _find(self, x: Array, y: Array) -> float:
+        """Find rise and stiffness; squares that they leave."""
+        few = slice(None, None, -(-len(x) // MOST_ROWS))
+        found, scale = np.zeros(3 * self.slow), np.ptp(x[:, 2]) + 1e-12
+        spread = np.maximum(y.std(axis=0), 1e-300)
+        part, target = x[few], y[few] / spread
+        heat = np.abs(part[:, -self.slow :]).max(axis=0) + 1e-12
+        unit = np.concatenate([0.05 * scale / heat, 0.05 / heat, 0.01 / heat**2])
+        best, least = found, np.inf
+        for _ in range(ROUNDS):
+            left = self._left(part, target, found * unit)
+            cost = float((left**2).sum() + PRIOR * found @ found)
+            if cost > 0.9999 * least:
+                break
+            best, least = found, cost
+            slopes = [self._left(part, target, (found + e) * unit) - left for e in _steps(found)]
+            matrix = np.stack(slopes, axis=1) / STEP
+            normal = matrix.T @ matrix + PRIOR * np.eye(len(found))
+            found = found - np.linalg.solve(normal, matrix.T @ left + PRIOR * found)
+            found = np.clip(found, -5, 5)
+        self.rise_, self.stiff_, self.curve_ = np.split(best * unit, 3)
+        return least
+
+    def predict(self, x: Array) -> Array:
+        """Targets (s, k) of features (s, d); NotCalibratedError before a fit."""
+        fitted(self, 'rest_')
+        known, stiff = self._corrected(x, self.rise_, self.stiff_, self.curve_)
+        return np.asarray(self.rest_.predict(known) * stiff)
+
+    def _left(self, x: Array, y: Array, found: Array) -> Array:
+        """What the best polynomial leaves of targets, shape (s k,)."""
+        known, stiff = self._corrected(x, *np.split(found, 3))
+        place = known[:, : -self.slow]
+        z = (place - place.mean(axis=0)) / np.maximum(place.std(axis=0), 1e-300)
+        terms = stiff * np.column_stack([np.ones(len(z)), monomials(z, _degree(z))])
+        basis, _ = np.linalg.qr(terms)
+        return np.asarray(y - basis @ (basis.T @ y)).ravel()
+
+    def _corrected(self, x: Array, rise: Array, stiff: Array, curve: Array) -> tuple[Array, Array]:
+        """Features with the height less its rise, and the stiffness (s, 1)."""
+        heat = x[:, -self.slow :]
+        known = np.array(x, float)
+        known[:, 2] -= (heat * rise).sum(axis=1)
+        harder = (heat * stiff + heat**2 * curve).sum(axis=1)
+        return known, np.exp(np.clip(harder, -MOST, MOST))[:, None]
+
+
+def _degree(x: Array) -> int:
+    """Highest degree of which x (s, d) has rows enough."""
+    terms = {degree: math.comb(x.shape[1] + degree, degree) for degree in DEGREES}
+    return max(
+        (n for n, count in terms.items() if WARM_POLYNOMIAL_FEW * count <= len(x)),
+        default=DEGREES[0],
+    )
+
+
+def _steps(found: Array) -> Array:
+    """One small step along each parameter."""
+    return np.asarray(STEP * np.eye(len(found)))
+
+
+MISLED_PLACE_DEGREES, ROWS = {3: 20, 4: 35, 5: 56}, 6  # coefficients of each; rows for one of them
+MISLED_PLACE_ROUNDS, MISLED_PLACE_STEP, CLOSER = 5, 1e-3, 1e-4
+ELASTOMER = np.array([0.02, 0.1, 0.01])  # usual rise, softening and its curve over a unit
+
+
+@dataclass(frozen=True)
+class Misled:
+    """What was found.
+
+    Attributes
+    ----------
+    sizes : ndarray, shape (p,)
+        Of each error, over its usual size.
+    cov : ndarray, shape (p, p)
+        Their covariance.
+    rise : float
+        Of the height for a unit of temperature (its unit).
+    """
+
+    sizes: Array
+    cov: Array
+    rise: float
+
+
+def misled(
+    place: Array, moves: Array, heat: Array, later: Array, force: Array, begun: Array
+) -> Misled:
+    """Find the sizes of errors of places.
+
+    Parameters
+    ----------
+    place : ndarray, shape (s, 3)
+        With the errors, less those of size `begun`; the third is the height.
+    moves : ndarray, shape (s, p, 3)
+        What each error of its usual size adds to places.
+    heat, later : ndarray, shape (s,)
+        Temperature of the elastomer, in a unit of the caller's, and what the last error of its
+        usual size adds to it.
+    force : ndarray, shape (s, k)
+        That holds the places.
+    begun : ndarray, shape (p,)
+        Sizes that places and temperature are already free of.
+
+    Returns
+    -------
+    Misled
+        Sizes that leave least of force about a polynomial of the place.
+    """
+    degree = max((d for d, n in MISLED_PLACE_DEGREES.items() if len(place) > ROWS * n), default=3)
+    target = force / np.maximum(force.std(axis=0), 1e-300)
+    centre, scale = place.mean(axis=0), np.maximum(place.std(axis=0), 1e-300)
+    count = len(begun)
+
+    def left(found: Array) -> Array:
+        more = found[:count] - begun
+        warm = heat - later * more[-1]
+        rise, stiff, curve = ELASTOMER * found[count:]
+        there = place - (moves * more[:, None]).sum(axis=1)
+        there[:, 2] -= rise * warm
+        terms = monomials((there - centre) / scale, degree)
+        terms = np.column_stack([np.ones(len(terms)), terms])
+        terms *= np.exp(stiff * warm + curve * warm**2)[:, None]
+        basis, _ = np.linalg.qr(terms)
+        return np.asarray(target - basis @ (basis.T @ target)).ravel()
+
+    found, prior = np.concatenate([begun, np.zeros(len(ELASTOMER))]), np.eye(count + 3)
+    cov: Array = prior
+    best, least = found, np.inf
+    for _ in range(MISLED_PLACE_ROUNDS):
+        miss = left(found)
+        square = float(miss @ miss)
+        if square >= (1 - CLOSER) * least:
+            break
+        best, least = found, square
+        variance = square / max(len(miss) - len(found), 1) + 1e-300
+        slopes = [
+            (left(found + MISLED_PLACE_STEP * one) - miss) / MISLED_PLACE_STEP for one in prior
+        ]
+        matrix = np.stack(slopes, axis=1)
+        cov = np.asarray(np.linalg.inv(matrix.T @ matrix / variance + prior))
+        found = found - cov @ (matrix.T @ miss / variance + found)
+    return Misled(best[:count], cov[:count, :count], float(ELASTOMER[0] * best[count]))

@@ -14,15 +14,15 @@ from tactile_ros.enrolment import Programme, Touches, growing_loads, recorded, t
 from tactile_ros.physics.dipoles import in_chip_axes
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.gradiometer import signal as disc
+from tactile_ros.sensors.gradiometer import twin as disc
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
 from tactile_ros.sensors.gradiometer.config import layout as disc_layout
-from tactile_ros.sensors.gradiometer.device import GradiometerConnection
-from tactile_ros.sensors.magnet_pad import signal as pad
+from tactile_ros.sensors.gradiometer.twin import GradiometerConnection
+from tactile_ros.sensors.magnet_pad import twin as pad
+from tactile_ros.sensors.magnet_pad.body_model import NOISE
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.sensors.magnet_pad.config import layout as pad_layout
-from tactile_ros.sensors.magnet_pad.device import MagnetPadConnection
-from tactile_ros.sensors.magnet_pad.nominal import NOISE
+from tactile_ros.sensors.magnet_pad.twin import MagnetPadConnection
 from tactile_ros.simulation.fingertip import Skin
 from tactile_ros.types import Array, Recording
 

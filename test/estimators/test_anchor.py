@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.estimators.anchor import anchored
-from tactile_ros.estimators.ridge_path import ridge_weights
+from tactile_ros.estimators.regression import anchored, ridge_weights
 
 
 def test_common_part_is_scaled_and_the_rest_stays() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.estimators.beyond_told import BEYOND, guessed
+from tactile_ros.estimators.covariance import BEYOND, guessed
 
 
 def test_what_was_told_is_known() -> None:

@@ -10,11 +10,9 @@ import pytest
 from tactile_ros.calibration import flatten, restore
 from tactile_ros.errors import NotCalibratedError
 from tactile_ros.estimators.grid_knn import GridKnn
-from tactile_ros.estimators.kernel_ridge import KernelRidge
-from tactile_ros.estimators.pattern_ridge import PatternRidge
+from tactile_ros.estimators.kernel_ridge import KernelRidge, PatternRidge
 from tactile_ros.estimators.perceptron import Perceptron
-from tactile_ros.estimators.ridge import Ridge
-from tactile_ros.estimators.standardisation import Standardisation
+from tactile_ros.estimators.regression import Ridge, Standardisation
 from tactile_ros.types import Array, Estimator, Integers
 
 ESTIMATORS: dict[str, Estimator] = {

@@ -7,9 +7,9 @@ import pytest
 
 from tactile_ros.calibration import flatten, restore
 from tactile_ros.estimators.disc_inversion import DiscInversion
+from tactile_ros.estimators.disc_model import UniformField
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
-from tactile_ros.estimators.standardisation import Standardisation
-from tactile_ros.estimators.uniform_field import UniformField
+from tactile_ros.estimators.regression import Standardisation
 from tactile_ros.physics.disc_table import disc_table, table_disc
 from tactile_ros.physics.magnetics import disc_on_pixels
 

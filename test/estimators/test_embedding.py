@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 
 from tactile_ros.evaluation.sources import load_source
-from tactile_ros.sensors.multipole_skin import pronet
+from tactile_ros.sensors.multipole_skin import recogniser
 
 pytest.importorskip('onnxruntime')
 ROOT = Path(__file__).resolve().parents[2]
 trials = load_source(ROOT / 'benchmarks' / 'worlds' / 'multipole_trials.py', 'this test')
 
 
-@pytest.mark.parametrize('what', pronet.TRAINED)
+@pytest.mark.parametrize('what', recogniser.TRAINED)
 def test_a_window_says_the_same_alone_and_among_others(what: str) -> None:
     # batch norm in training mode would let queries into the features of others
     rng = np.random.default_rng(0)
     windows = 1e-4 * rng.normal(size=(7, 10, 60))
-    net = pronet.pronet(what)
+    net = recogniser.pronet(what)
     together = net.features(windows)
     assert together.shape == (7, 320)
     alone = np.concatenate([net.features(one[None]) for one in windows])
@@ -31,7 +31,7 @@ def test_how_deep_a_press_is_hardly_matters_and_noise_alone_is_not_blown_up() ->
     # hard case 18: a deep press is no other shape
     rng = np.random.default_rng(1)
     windows = 1e-4 * rng.normal(size=(3, 10, 60))
-    net = pronet.pronet('shapes')
+    net = recogniser.pronet('shapes')
     one, deep, faint = (net.features(scale * windows) for scale in (1.0, 3.0, 3e-4))
     np.testing.assert_allclose(deep, one, rtol=1e-2, atol=2e-3 * np.abs(one).max())
     nothing = net.features(0 * windows)
@@ -39,9 +39,9 @@ def test_how_deep_a_press_is_hardly_matters_and_noise_alone_is_not_blown_up() ->
 
 
 def test_a_network_says_what_made_it() -> None:
-    for what in pronet.TRAINED:
-        made = pronet.pronet(what).session.get_modelmeta().custom_metadata_map
-        assert made['made by'].startswith('training/pronet.py --seed 1')
+    for what in recogniser.TRAINED:
+        made = recogniser.pronet(what).session.get_modelmeta().custom_metadata_map
+        assert made['made by'].startswith('training/recogniser.py --seed 1')
         places = [int(place) for place in made['places learned from'].split()]
         learned = trials.split_places(1)[0] if what == 'shapes' else np.arange(25)
         np.testing.assert_array_equal(places, learned)
@@ -49,7 +49,7 @@ def test_a_network_says_what_made_it() -> None:
 
 def test_what_is_not_trained_is_refused() -> None:
     with pytest.raises(ValueError, match='shapes, postures'):
-        pronet.pronet('mugs')
+        recogniser.pronet('mugs')
 
 
 def test_files_are_small() -> None:
@@ -64,6 +64,6 @@ def test_heads_at_a_held_out_place_are_told_from_five_presses() -> None:
         world.World(trials.SKIN), world.nine_heads()[1::2], world.stations()[held[:1]], 7,
         trials.TAKEN,
     )  # fmt: skip
-    features = pronet.pronet('shapes').features(some.windows)
+    features = recogniser.pronet('shapes').features(some.windows)
     right = trials.few_shot(features, some, 5, 4, 40, 0)
     assert right > 0.95

@@ -4,8 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.estimators.few_shot import RANK, Supports, averaged, seen_classes, support_scores
-from tactile_ros.estimators.press_window import PressVectors
+from tactile_ros.estimators.few_shot import (
+    RANK,
+    PressVectors,
+    Supports,
+    averaged,
+    seen_classes,
+    support_scores,
+)
 
 D = 24
 NOISE = np.full(D, 3e-6)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.estimators import power_force
-from tactile_ros.estimators.film_resistance import FilmResistance
-from tactile_ros.estimators.power_force import PowerForce
+from tactile_ros.estimators import power_law_force
+from tactile_ros.estimators.power_law_force import FilmResistance, PowerForce
 from tactile_ros.physics.resistive import SeriesResistance
 
 
@@ -39,7 +38,7 @@ def test_an_rx_of_another_shape_is_found_and_the_sigma_is_wide_enough(
 
     error, sigma = errors()
     assert 0.55 < (np.abs(error) < sigma).mean() < 0.8
-    monkeypatch.setattr(power_force, 'STEPS', 0)
+    monkeypatch.setattr(power_law_force, 'STEPS', 0)
     linear, _ = errors()
     assert (error**2).mean() < 0.6 * (linear**2).mean()
 

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from tactile_ros.errors import NotCalibratedError
-from tactile_ros.estimators.harmonic_map import HarmonicMap
-from tactile_ros.estimators.mean_curve import MeanCurve
-from tactile_ros.estimators.power_force import PowerForce
-from tactile_ros.estimators.rbf_force import RbfForce, k_means
-from tactile_ros.estimators.stated_spread import StatedSpread
-from tactile_ros.estimators.thin_plate import ThinPlate
+from tactile_ros.estimators.covariance import StatedSpread
+from tactile_ros.estimators.potential_map import HarmonicMap
+from tactile_ros.estimators.power_law_force import MeanCurve, PowerForce
+from tactile_ros.estimators.rbf_force import RbfForce, ThinPlate, k_means
 from tactile_ros.physics.resistive import SeriesResistance
 from tactile_ros.types import Estimator
 

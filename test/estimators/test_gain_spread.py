@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.errors import NotCalibratedError
-from tactile_ros.estimators.gain_spread import GainSpread
+from tactile_ros.estimators.covariance import GainSpread
 from tactile_ros.types import Array, Integers
 
 

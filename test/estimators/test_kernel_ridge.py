@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.estimators.kernel_ridge import KernelRidge, gaussian, spread_out
-from tactile_ros.estimators.ridge_path import held_out_squares, ridge_weights
+from tactile_ros.estimators.regression import held_out_squares, ridge_weights
 from tactile_ros.types import Array, Integers
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from tactile_ros.estimators.few_shot import orthonormal
-from tactile_ros.estimators.match_rows import (
+from tactile_ros.estimators.press_search import (
     inverse_rows,
     orthonormal_rows,
     places_rows,
     starts_rows,
 )
-from tactile_ros.estimators.press_rows import template_rows
+from tactile_ros.estimators.press_templates import template_rows
 
 RNG = np.random.default_rng(6)
 

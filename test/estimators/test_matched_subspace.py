@@ -7,7 +7,7 @@ import pytest
 
 from tactile_ros.calibration import flatten, restore
 from tactile_ros.errors import NotCalibratedError
-from tactile_ros.estimators.matched_subspace import MatchedSubspace
+from tactile_ros.estimators.slip_detector import MatchedSubspace
 from tactile_ros.types import Array, Integers
 
 CHANNELS, FRAMES = 12, 60

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.estimators.misled_place import misled
+from tactile_ros.estimators.polynomial_ridge import misled
 
 
 def test_sizes_of_errors_and_the_rise_are_found_beside_any_polynomial() -> None:

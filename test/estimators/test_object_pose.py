@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.estimators.coverage_model import TaxelPoints, variant_of
+from tactile_ros.estimators.coverage_model import PlaceTable, TaxelPoints, variant_of
 from tactile_ros.estimators.object_pose import ObjectPose
-from tactile_ros.estimators.place_table import PlaceTable
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.types import Outline
 

@@ -7,9 +7,8 @@ from time import perf_counter_ns
 import numpy as np
 import pytest
 
-from tactile_ros.estimators import patches
-from tactile_ros.estimators.neighbours import connected, neighbours
-from tactile_ros.estimators.patches import PatchFinder
+from tactile_ros.estimators import contact_patches
+from tactile_ros.estimators.contact_patches import PatchFinder, connected, neighbours
 from tactile_ros.sensors.taxel_array.config import grid_positions, radial_positions
 
 RINGS = np.vstack([radial_positions(24, r, r + 5e-3) for r in (5e-3, 10e-3, 15e-3)])
@@ -91,7 +90,7 @@ def test_one_frame_alone_says_what_it_says_among_others_to_the_last_bit(
     with_compiler: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not with_compiler:
-        monkeypatch.setattr(patches.compiled, 'available', lambda: False)
+        monkeypatch.setattr(contact_patches.compiled, 'available', lambda: False)
     rng = np.random.default_rng(3)
     positions = radial_positions() + rng.normal(0.0, 1e-4, (16, 3))
     finder = PatchFinder(positions, rng.uniform(1e-5, 2e-5, 16), 2)

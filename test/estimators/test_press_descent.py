@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.estimators.press_descent import Descents, _finish, _kept
-from tactile_ros.estimators.press_rows import kept_rows
+from tactile_ros.estimators.press_search import Descents, _finish, _kept
+from tactile_ros.estimators.press_templates import kept_rows
 
 LIMIT = np.array([2e-3, 2e-3, 0.35, 0.4, 2.5, 1e-5, 1e-3])
 SCALE = np.array([1e3, 2e3, 5.0, 1e4])

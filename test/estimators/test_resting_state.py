@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.errors import NotCalibratedError
-from tactile_ros.estimators.resting_state import RestingState
+from tactile_ros.estimators.kernel_ridge import RestingState
 from tactile_ros.types import Array, Integers
 
 WAY = np.array([3.0, -4.0, 0.0]) / 5

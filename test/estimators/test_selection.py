@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.estimators.folds import group_folds
 from tactile_ros.estimators.grid_knn import GridKnn
-from tactile_ros.estimators.ridge import Ridge
-from tactile_ros.estimators.selection import select
+from tactile_ros.estimators.model_selection import select
+from tactile_ros.estimators.regression import Ridge, group_folds
 
 
 def line(rows: int = 120) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.estimators.shape_misfit import shape_misfits
+from tactile_ros.estimators.press_search import shape_misfits
 from tactile_ros.physics import compiled
 
 HEADS, READINGS = 4, 40

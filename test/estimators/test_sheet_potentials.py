@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 from scipy.interpolate import RectBivariateSpline
 
-from tactile_ros.estimators.harmonic_map import HarmonicMap
-from tactile_ros.estimators.sheet_potentials import ENDS, SINES, SheetPotentials
-from tactile_ros.estimators.shift_table import shift_at
+from tactile_ros.estimators.potential_map import (
+    ENDS,
+    SINES,
+    HarmonicMap,
+    SheetPotentials,
+    shift_at,
+)
 from tactile_ros.physics.resistive import sheet_potential
 
 SIZE, NOISE = np.array([0.25, 0.2]), 2.5e-4

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.estimators.harmonic_map import HarmonicMap
-from tactile_ros.estimators.power_force import PowerForce
-from tactile_ros.estimators.repeated_places import by_places, steady_places
+from tactile_ros.estimators.potential_map import HarmonicMap
+from tactile_ros.estimators.power_law_force import PowerForce
+from tactile_ros.estimators.smooth_fields import by_places, steady_places
 from tactile_ros.physics import compiled
 
 needs_compiler = pytest.mark.skipif(not compiled.available(), reason='numba is not installed')

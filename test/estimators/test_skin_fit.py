@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_ros.estimators.skin_fit import USUAL, SkinFit
+from tactile_ros.estimators.sheet_calibration import USUAL, SkinFit
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin.press_fit import drawn_skin
 

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.estimators.evidence import Moments
-from tactile_ros.estimators.field_prior import EXPECTED, prior_spread
-from tactile_ros.estimators.smooth_fields import SmoothFields
-from tactile_ros.estimators.spread_cells import GRID, SpreadCells, grid_places
+from tactile_ros.estimators.smooth_fields import (
+    EXPECTED,
+    GRID,
+    Moments,
+    SmoothFields,
+    SpreadCells,
+    grid_places,
+    prior_spread,
+)
 
 SQUARE = np.ones(2)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.estimators.touch_mixture import Linearised, TouchMixture
+from tactile_ros.estimators.gaussian_sum_table import Linearised, TouchMixture
 from tactile_ros.physics import compiled
 
 NOISE = 0.02

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.errors import NotCalibratedError
-from tactile_ros.estimators.touch_table import TouchTable
+from tactile_ros.estimators.gaussian_sum_table import TouchTable
 
 COMMON = np.vstack([np.eye(2), np.eye(2)])
 

@@ -5,9 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.estimators.mean_curve import MeanCurve
-from tactile_ros.estimators.power_force import PowerForce
-from tactile_ros.estimators.trials import Trial, at_corners, caution, chosen, left_out, trials
+from tactile_ros.estimators.model_selection import (
+    Trial,
+    at_corners,
+    caution,
+    chosen,
+    left_out,
+    trials,
+)
+from tactile_ros.estimators.power_law_force import MeanCurve, PowerForce
 
 
 def trial(errors: np.ndarray, seen: float = 0.1) -> Trial:

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from tactile_ros.errors import NotCalibratedError
-from tactile_ros.estimators.polynomial_rows import spread
-from tactile_ros.estimators.stated_spread import StatedSpread
-from tactile_ros.estimators.uncertainty import CalibratedCovariance
+from tactile_ros.estimators.covariance import CalibratedCovariance, StatedSpread
+from tactile_ros.estimators.polynomial_ridge import spread
 from tactile_ros.physics import compiled
 
 

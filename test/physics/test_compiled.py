@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.estimators.match_rows import match_rows
+from tactile_ros.estimators.covariance import CalibratedCovariance
 from tactile_ros.estimators.polynomial_force import PolynomialForce
-from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
-from tactile_ros.estimators.polynomial_rows import spread, times
-from tactile_ros.estimators.uncertainty import CalibratedCovariance
+from tactile_ros.estimators.polynomial_ridge import PolynomialRidge, spread, times
+from tactile_ros.estimators.press_search import match_rows
 from tactile_ros.physics import compiled
 
 if TYPE_CHECKING:

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.multipole_skin.scene import NEW
-from tactile_ros.sensors.multipole_skin.signal import DEPTH, NOISE, SPECIMEN, Pressing, played
 from tactile_ros.sensors.multipole_skin.specimen import Specimen
+from tactile_ros.sensors.multipole_skin.twin import DEPTH, NEW, NOISE, SPECIMEN, Pressing, played
 from tactile_ros.types import Frame, Recording
 
 if TYPE_CHECKING:

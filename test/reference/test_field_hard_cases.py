@@ -18,14 +18,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.estimators.uniform_field import UniformField
+from tactile_ros.estimators.disc_model import UniformField
 from tactile_ros.physics.disc_models import exact_disc
 from tactile_ros.physics.magnetics import uniform_stray
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
-from tactile_ros.sensors.gradiometer import fidelity as gradiometer
+from tactile_ros.sensors.gradiometer import twin as gradiometer
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
-from tactile_ros.sensors.magnet_pad import fidelity as pad
-from tactile_ros.sensors.magnet_pad import scene
+from tactile_ros.sensors.magnet_pad import body_model
+from tactile_ros.sensors.magnet_pad import body_model as pad
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 
 DISC, PAD = GradiometerConfig(), MagnetPadConfig()
@@ -75,8 +75,8 @@ def test_case_17_what_warms_all_pixels_alike_goes_with_the_mean() -> None:
 
 
 def test_case_19_a_model_is_compared_with_changes_since_rest() -> None:
-    touches = scene.touches_of(PAD, 20)[8:]
-    change = scene.readings_of(PAD, touches)
+    touches = body_model.touches_of(PAD, 20)[8:]
+    change = body_model.readings_of(PAD, touches)
     still = np.zeros((1, 3, 3))
     rest = pad.blocks_of(PAD, 0).field(PAD.positions, still, still).reshape(-1)
     # magnets that are 3 % weaker than the config says: at rest that alone is a touch

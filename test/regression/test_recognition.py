@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tactile_ros.regression.recognition import Recognition, Vote
 from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors.regression import Recognition, Vote
 from tactile_ros.types import Recording
 
 SPEC = dataclasses.replace(load_sensor('multipole_skin'), estimation=Recognition)

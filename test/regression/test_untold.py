@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tactile_ros.regression.untold import longest_hold, untold_loads, untold_past
+from tactile_ros.sensors.regression import longest_hold, untold_loads, untold_past
 from tactile_ros.types import Signals
 
 SECOND = 10**9

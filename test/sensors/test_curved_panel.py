@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import LinearNDInterpolator
 
-from tactile_ros.estimators.harmonic_map import HarmonicMap
+from tactile_ros.estimators.potential_map import HarmonicMap
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.physics.sheet_outline import OutlineMesh, rolled, unrolled, within
 from tactile_ros.sensors import load_sensor

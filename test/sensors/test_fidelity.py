@@ -16,14 +16,14 @@ from tactile_ros.physics.disc_models import exact_disc, table_disc_model
 from tactile_ros.physics.disc_table import reach_under
 from tactile_ros.physics.fidelity import SHARE, rate
 from tactile_ros.physics.magnet_blocks import EXACT
-from tactile_ros.sensors.gradiometer import fidelity as gradiometer
+from tactile_ros.sensors.gradiometer import twin as gradiometer
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
-from tactile_ros.sensors.magnet_pad import fidelity as pad
-from tactile_ros.sensors.magnet_pad import scene
+from tactile_ros.sensors.magnet_pad import body_model
+from tactile_ros.sensors.magnet_pad import body_model as pad
+from tactile_ros.sensors.magnet_pad.body_model import NOISE, movement
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.sensors.magnet_pad.estimation import Localisation
-from tactile_ros.sensors.magnet_pad.nominal import NOISE, movement
-from tactile_ros.sensors.multipole_skin import fidelity as skin
+from tactile_ros.sensors.multipole_skin import specimen as skin
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
 
 DISC, PAD, SKIN = GradiometerConfig(), MagnetPadConfig(), MultipoleSkinConfig()
@@ -134,7 +134,7 @@ def test_some_carpet_under_exact_mechanics_is_below_a_third_of_the_noise() -> No
 
 
 def test_the_twin_of_the_gradiometer_reads_as_its_disc_does() -> None:
-    module = import_module('tactile_ros.sensors.gradiometer.signal')
+    module = import_module('tactile_ros.sensors.gradiometer.twin')
     recording = module.presses(DISC, 3, 8, noise=0.0)
     rows = [0, int(recording.truth['force'][:, 2].argmax())]
     stiffness = np.array([0.2 * 3.5 / 1.1e-3, 0.2 * 3.5 / 1.1e-3, 3.5 / 1.5e-3])
@@ -151,15 +151,15 @@ def test_the_twin_of_the_gradiometer_reads_as_its_disc_does() -> None:
     ('gap', 'name'), [(20e-3, 'dipole'), (2.5e-3, 'cubic'), (0.8e-3, 'exact')]
 )
 def test_a_twin_takes_what_its_gap_needs(gap: float, name: str) -> None:
-    module = import_module('tactile_ros.sensors.gradiometer.signal')
+    module = import_module('tactile_ros.sensors.gradiometer.twin')
     assert name in module.disc_model(replace(DISC, gap=gap)).name
 
 
 def test_the_twin_of_the_pad_reads_as_its_blocks_do() -> None:
-    module = import_module('tactile_ros.sensors.magnet_pad.signal')
+    module = import_module('tactile_ros.sensors.magnet_pad.twin')
     recording = module.presses(PAD, 3, 15, noise=0.0)
     row = int(np.linalg.norm(recording.truth['force'], axis=1).argmax())
-    touch = scene.by_tip(PAD, *(recording.truth[k][[row]] for k in ('position', 'force')))
+    touch = body_model.by_tip(PAD, *(recording.truth[k][[row]] for k in ('position', 'force')))
     moved, turned = (one[0] for one in movement(PAD, touch))
     exact = [
         sum(
@@ -181,12 +181,12 @@ def test_the_twin_of_the_pad_reads_as_its_blocks_do() -> None:
 
 
 def test_the_body_of_the_pads_twin_is_linear_in_the_load() -> None:
-    module = import_module('tactile_ros.sensors.magnet_pad.signal')
+    module = import_module('tactile_ros.sensors.magnet_pad.twin')
     place, force = np.array([[7e-3, 0.0, 10e-3]]), np.array([[0.0, 0.0, 8.0]])
     press = np.array([0])
     half = Touches(press, place, 0.5 * force, np.array([0.5]))
     moved, turned = module.carried(PAD, half)
-    whole = movement(PAD, scene.by_tip(PAD, place, force))
+    whole = movement(PAD, body_model.by_tip(PAD, place, force))
     np.testing.assert_allclose(2 * moved, whole[0], rtol=1e-12)
     np.testing.assert_allclose(2 * turned, whole[1], rtol=1e-12)
     places, share = np.vstack([place, place, place * np.nan]), np.array([1.0, 0.1, 0.0])
@@ -197,12 +197,12 @@ def test_the_body_of_the_pads_twin_is_linear_in_the_load() -> None:
 
 
 def test_terms_of_the_pad_pay() -> None:
-    stray, warm = scene.terms(PAD, 4e-6, 30)
+    stray, warm = body_model.terms(PAD, 4e-6, 30)
     assert stray.unknowns == 3
     assert stray.pays
     assert stray.buys > 10
     assert 1.0 < warm.cost < 1.5
-    assert not scene.terms(PAD, 4e-3, 30)[1].pays
+    assert not body_model.terms(PAD, 4e-3, 30)[1].pays
 
 
 @pytest.mark.parametrize('asked', [True, False])

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.conditioning.history import History
-from tactile_ros.sensors.five_wire_skin.creep import Creep
-from tactile_ros.sensors.five_wire_skin.film_memory import FilmMemory
+from tactile_ros.sensors.five_wire_skin.force import Creep, FilmMemory
 
 TAUS = np.array([0.3, 4.0])
 EDGE = 0.015

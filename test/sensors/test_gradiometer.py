@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 
 from tactile_ros.errors import NotCalibratedError
-from tactile_ros.estimators.uniform_field import UniformField
-from tactile_ros.estimators.warm_chain import WarmChain
-from tactile_ros.estimators.warm_polynomial import WarmPolynomial
-from tactile_ros.physics import compiled
-from tactile_ros.pipeline import Pipeline
-from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.gradiometer.magnets import (
+from tactile_ros.estimators.disc_model import UniformField
+from tactile_ros.estimators.disturbance_magnet import (
     NearbyMagnets,
     magnet_fields,
     magnet_shape,
 )
-from tactile_ros.sensors.gradiometer.thermal import ThermalMemory, lagging
+from tactile_ros.estimators.polynomial_force import WarmChain
+from tactile_ros.estimators.polynomial_ridge import WarmPolynomial
+from tactile_ros.physics import compiled
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors.gradiometer.temperature import ThermalMemory, lagging
 from tactile_ros.types import Frame, FrameStatus, Recording, Signals
 from test.reference import gradiometer_world as made
 

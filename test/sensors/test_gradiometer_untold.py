@@ -10,9 +10,15 @@ import numpy as np
 import pytest
 
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.gradiometer.outside import bent, ends, grown
-from tactile_ros.sensors.gradiometer.thermal import ThermalMemory, lagging
-from tactile_ros.sensors.gradiometer.untold import LastTold, lately_told, told_ago, wandering
+from tactile_ros.sensors.gradiometer.target import bent, ends, grown
+from tactile_ros.sensors.gradiometer.temperature import (
+    LastTold,
+    ThermalMemory,
+    lagging,
+    lately_told,
+    told_ago,
+    wandering,
+)
 from tactile_ros.types import FrameStatus, Recording, Signals
 from test.reference import gradiometer_world as made
 

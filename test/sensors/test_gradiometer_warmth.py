@@ -12,10 +12,13 @@ from tactile_ros.calibration import read, write
 from tactile_ros.errors import CalibrationError
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.gradiometer.memory import StreamMemory
-from tactile_ros.sensors.gradiometer.thermal import UNIT, thermometer_noise
-from tactile_ros.sensors.gradiometer.warm_fit import MOST_FORCES, WarmFit
-from tactile_ros.sensors.gradiometer.warm_rest import WarmRest
+from tactile_ros.sensors.gradiometer.field_change import MOST_FORCES, WarmFit
+from tactile_ros.sensors.gradiometer.temperature import (
+    UNIT,
+    StreamMemory,
+    WarmRest,
+    thermometer_noise,
+)
 from tactile_ros.types import Recording, Signals
 from test.reference import gradiometer_world as made
 

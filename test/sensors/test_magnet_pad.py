@@ -11,7 +11,7 @@ import pytest
 
 from tactile_ros.physics.magnetics import cuboid_field
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.magnet_pad.cells import nearest, partition, shares_of_cells
+from tactile_ros.sensors.magnet_pad.regression import nearest, partition, shares_of_cells
 from tactile_ros.types import ContactStates, Recording
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.sensors.multipole_skin.places import fitted_spread, scattered
+from tactile_ros.sensors.multipole_skin.recogniser import fitted_spread, scattered
 
 RNG = np.random.default_rng(8)
 SIGMA = np.exp(RNG.normal(np.log(1e-4), 0.8, (4000, 2)))  # m

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.multipole_skin import scene
+from tactile_ros.sensors.multipole_skin import twin
 from tactile_ros.types import Recording
 
 SPEC = load_sensor('multipole_skin')
@@ -17,8 +17,8 @@ HEADS = len(SPEC.config().objects)  # type: ignore[attr-defined]
 def played() -> Recording:
     """One known head and the new one, since each costs a second."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scene, 'KNOWN', 1)
-        return scene.new_head(SPEC.config(), seed=3, noise=0.0)  # type: ignore[arg-type]
+        patch.setattr(twin, 'KNOWN', 1)
+        return twin.new_head(SPEC.config(), seed=3, noise=0.0)  # type: ignore[arg-type]
 
 
 def of_presses(recording: Recording, name: str) -> np.ndarray:
@@ -31,16 +31,16 @@ def of_presses(recording: Recording, name: str) -> np.ndarray:
 
 def test_known_heads_press_then_the_new_one_then_all(played: Recording) -> None:
     labels = of_presses(played, 'label')
-    taught = slice(scene.BEFORE, scene.BEFORE + scene.TAUGHT)
+    taught = slice(twin.BEFORE, twin.BEFORE + twin.TAUGHT)
     assert (labels[taught] == HEADS).all()
-    assert (labels[: scene.BEFORE] < HEADS).all()
-    late = labels[scene.BEFORE + scene.TAUGHT :]
-    assert len(late) == scene.AFTER
+    assert (labels[: twin.BEFORE] < HEADS).all()
+    late = labels[twin.BEFORE + twin.TAUGHT :]
+    assert len(late) == twin.AFTER
     assert set(late) == {labels[0], HEADS}
     place = of_presses(played, 'position')[:, :2]
     new = labels == HEADS
-    assert np.ptp(place[new], axis=0).max() < 10 * scene.RETURNS[0]
-    assert np.ptp(place[~new], axis=0).min() > scene.SPAN
+    assert np.ptp(place[new], axis=0).max() < 10 * twin.RETURNS[0]
+    assert np.ptp(place[~new], axis=0).min() > twin.SPAN
 
 
 def test_readings_grow_with_depth_and_return_to_rest(played: Recording) -> None:
@@ -56,6 +56,6 @@ def test_readings_grow_with_depth_and_return_to_rest(played: Recording) -> None:
 def test_the_lesson_is_what_the_package_says() -> None:
     lesson = SPEC.lesson
     assert lesson is not None
-    assert (lesson.label, lesson.presses) == (scene.NEW.name, scene.SHOTS)
+    assert (lesson.label, lesson.presses) == (twin.NEW.name, twin.SHOTS)
     assert lesson.label not in [head.name for head in SPEC.config().objects]  # type: ignore[attr-defined]
-    assert lesson.presses < scene.TAUGHT
+    assert lesson.presses < twin.TAUGHT

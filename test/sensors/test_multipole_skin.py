@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from tactile_ros.enrolment import Allowed, learn
-from tactile_ros.estimators.press_window import PressVectors, press_vector, press_vectors
+from tactile_ros.estimators.few_shot import PressVectors, press_vector, press_vectors
 from tactile_ros.physics import compiled
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin import estimation
-from tactile_ros.sensors.multipole_skin.places import witnesses
+from tactile_ros.sensors.multipole_skin.estimation import WindowMemory, find_windows, press_numbers
 from tactile_ros.sensors.multipole_skin.press_fit import _stated
-from tactile_ros.sensors.multipole_skin.windows import WindowMemory, find_windows, press_numbers
+from tactile_ros.sensors.multipole_skin.recogniser import witnesses
 from tactile_ros.types import Frame, Outline, Recording, Signals
 from test.reference import multipole_world as world
 

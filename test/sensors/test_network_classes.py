@@ -11,8 +11,8 @@ import pytest
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.estimators import embedding
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.multipole_skin import network_classes, protocol
-from tactile_ros.sensors.multipole_skin.network_classes import NETWORKS, NetworkClasses
+from tactile_ros.sensors.multipole_skin import recogniser, twin
+from tactile_ros.sensors.multipole_skin.recogniser import NETWORKS, NetworkClasses
 from tactile_ros.sensors.multipole_skin.specimen import Specimen
 from tactile_ros.types import Recording
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 pytest.importorskip('onnxruntime')
 SPEC = load_sensor('multipole_skin')
 CONFIG = SPEC.config(objects=())
-HEADS = protocol.nine_heads()[2::3]
-PLACES = protocol.stations()[[6, 8, 18]]
-ROWS = protocol.TARE + 10
+HEADS = twin.nine_heads()[2::3]
+PLACES = twin.stations()[[6, 8, 18]]
+ROWS = twin.TARE + 10
 
 
 def named(recording: Recording, *left_out: str) -> Recording:
@@ -40,12 +40,12 @@ def skin() -> Specimen:
 
 @pytest.fixture(scope='module')
 def taught(skin: Specimen) -> Recording:
-    return named(protocol.collected(skin, HEADS, PLACES, 1, samples=5), 'position', 'yaw', 'force')
+    return named(twin.collected(skin, HEADS, PLACES, 1, samples=5), 'position', 'yaw', 'force')
 
 
 @pytest.fixture(scope='module')
 def asked(skin: Specimen) -> Recording:
-    return protocol.collected(skin, HEADS, PLACES, 2, samples=4)
+    return twin.collected(skin, HEADS, PLACES, 2, samples=4)
 
 
 @pytest.mark.parametrize('name', NETWORKS)
@@ -88,7 +88,7 @@ def test_a_fit_takes_it_where_it_is_better(
     label = pipeline.process_batch(asked).label[last]
     assert (label == asked.truth['label'][last]).mean() > 0.8
     # a class that is enrolled is told from presses, beside those that the network names
-    new = named(protocol.collected(skin_of(pipeline), protocol.bars()[:1], PLACES[:1], 3, 3))
+    new = named(twin.collected(skin_of(pipeline), twin.bars()[:1], PLACES[:1], 3, 3))
     pipeline.enrol(new, 'bar')
     after = pipeline.process_batch(asked).label[last]
     assert (after == label).mean() > 0.8
@@ -104,15 +104,15 @@ def test_faint_presses_and_those_that_lack_frames_are_not_named(
     pipeline = SPEC.pipeline(CONFIG, estimator='pronet_shapes').fit(taught)
     spoilt = replace(asked, values=asked.values.copy())
     spoilt.values[ROWS - 3, 4] = np.nan
-    rest = asked.values[ROWS : ROWS + protocol.TARE].mean(axis=0)
-    part = slice(ROWS + protocol.TARE, 2 * ROWS)
+    rest = asked.values[ROWS : ROWS + twin.TARE].mean(axis=0)
+    part = slice(ROWS + twin.TARE, 2 * ROWS)
     spoilt.values[part] = rest + 0.003 * (asked.values[part] - rest)
     label = pipeline.process_batch(spoilt).label
     assert label[ROWS - 1] == label[2 * ROWS - 1] == -1
 
 
 def test_what_is_too_far_from_every_press_is_not_named(taught: Recording) -> None:
-    windows = list(protocol.windows_of(taught, 10))
+    windows = list(twin.windows_of(taught, 10))
     label = np.repeat(np.arange(3), len(windows) // 3)
     known = NetworkClasses('shapes').fit(windows, label, np.arange(len(windows)) % 5)
     assert 0.5 < known.right <= 1.0
@@ -126,14 +126,14 @@ def test_what_is_too_far_from_every_press_is_not_named(taught: Recording) -> Non
 def test_without_onnxruntime_it_is_no_candidate_and_asked_for_a_sentence(
     taught: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    windows = list(protocol.windows_of(taught, 10))
+    windows = list(twin.windows_of(taught, 10))
     label, groups = np.zeros(len(windows), np.int64), np.arange(len(windows))
-    monkeypatch.setattr(network_classes, 'can_run', lambda: False)
-    assert network_classes.best_network(NETWORKS, windows, label, groups) is None
+    monkeypatch.setattr(recogniser, 'can_run', lambda: False)
+    assert recogniser.best_network(NETWORKS, windows, label, groups) is None
 
     def missing(_: str) -> object:
         raise ImportError
 
     monkeypatch.setattr(embedding.importlib, 'import_module', missing)
     with pytest.raises(MissingPackageError, match='pip install onnxruntime'):
-        network_classes.best_network(NETWORKS[:1], windows, label, groups)
+        recogniser.best_network(NETWORKS[:1], windows, label, groups)

@@ -9,18 +9,23 @@ import numpy as np
 import pytest
 
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.magnet_pad.conditions import (
+from tactile_ros.sensors.magnet_pad.config import surface_cells
+from tactile_ros.sensors.magnet_pad.design import (
     LOADS,
     Wanted,
+    add_arguments,
+    blocks,
     changes,
+    evenly,
     least_forces,
     place_bound,
     quiet_enough,
+    remedies,
     rest_field,
+    softest,
+    stiffest,
+    tables,
 )
-from tactile_ros.sensors.magnet_pad.config import surface_cells
-from tactile_ros.sensors.magnet_pad.design import add_arguments, evenly, softest, tables
-from tactile_ros.sensors.magnet_pad.remedies import blocks, remedies, stiffest
 
 CONFIG = replace(load_sensor('magnet_pad').config(), cells=surface_cells(5, 5))
 

@@ -13,9 +13,8 @@ import pytest
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.magnet_pad.loads import LoadReach, growth
-from tactile_ros.sensors.magnet_pad.unfelt import Unfelt
-from tactile_ros.sensors.magnet_pad.untold import KIND
+from tactile_ros.sensors.magnet_pad.covariance import KIND, LoadReach, growth
+from tactile_ros.sensors.magnet_pad.nominal_estimator import Unfelt
 from tactile_ros.types import ContactStates, FrameStatus, Recording
 
 pytest.importorskip('magpylib')

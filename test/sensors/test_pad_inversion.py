@@ -13,8 +13,8 @@ from tactile_ros.evaluation.coverage import WITHIN, Coverage, coverage_by_thirds
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.magnet_pad.nominal_pad import NominalPad
-from tactile_ros.sensors.magnet_pad.untold import KIND, LEANS
+from tactile_ros.sensors.magnet_pad.covariance import KIND, LEANS
+from tactile_ros.sensors.magnet_pad.nominal_estimator import NominalPad
 from tactile_ros.types import ContactStates, FrameStatus, Recording
 
 pytest.importorskip('magpylib')
@@ -59,7 +59,7 @@ def bound(touches: object) -> float:
 
 def test_the_world_is_a_half_space_where_it_is_asked_to_be() -> None:
     """Written otherwise, the same physics gives the same readings as the nominal model."""
-    from tactile_ros.sensors.magnet_pad.nominal import Presses, change_of_field
+    from tactile_ros.sensors.magnet_pad.body_model import Presses, change_of_field
 
     plain = {'poisson': 0.5, 'stiffening': 1e12, 'height': 0.0, 'base': 1e-6, 'gains': 0.0}
     pad = reference.PadWorld(CONFIG, seed=3, **plain)

@@ -14,7 +14,7 @@ from tactile_ros.nodes.contact_loop import ContactStage
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.magnet_pad.warmth import UNSURE, Warmth
+from tactile_ros.sensors.magnet_pad.temperature import UNSURE, Warmth
 from tactile_ros.types import ContactStates, Frame, Recording, TaxelStatus
 
 pytest.importorskip('magpylib')

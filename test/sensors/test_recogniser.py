@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_ros.estimators.known_press import PressMisfit
-from tactile_ros.estimators.press_window import PressVectors
+from tactile_ros.estimators.few_shot import PressVectors
+from tactile_ros.estimators.sheet_calibration import PressMisfit
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin.press_fit import drawn_skin
 from tactile_ros.sensors.multipole_skin.recogniser import Recogniser

@@ -134,7 +134,7 @@ def test_the_pad_names_the_cell_that_is_pressed() -> None:
 
 def test_a_press_inside_the_cone_leans_at_most_so_far() -> None:
     config = load_sensor('magnet_pad').config()
-    module = import_module('tactile_ros.sensors.magnet_pad.signal')
+    module = import_module('tactile_ros.sensors.magnet_pad.twin')
     programme = module.programme(config, 0, 200, np.pi / 4)
     normal = programme.positions * [0, 1, 1] / 10e-3
     force = np.linalg.norm(programme.forces, axis=1)
@@ -146,7 +146,7 @@ def test_a_press_inside_the_cone_leans_at_most_so_far() -> None:
 
 def test_taxels_carry_the_whole_load_and_rise_with_it() -> None:
     config = load_sensor('taxel_array').config()
-    module = import_module('tactile_ros.sensors.taxel_array.signal')
+    module = import_module('tactile_ros.sensors.taxel_array.twin')
     place = tuple(config.positions[3])  # type: ignore[attr-defined]
     light, heavy = touch(place, (0, 0, 2.0)), touch(place, (0, 0, 20.0))
     assert module.taxel_forces(config, heavy).sum() == pytest.approx(20.0)

@@ -7,7 +7,7 @@ import pytest
 
 from tactile_ros.conditioning.equilibration import Equilibration
 from tactile_ros.conditioning.turns import last_turns
-from tactile_ros.sensors.taxel_array.force_errors import (
+from tactile_ros.sensors.taxel_array.taxel_force import (
     LEVELS,
     ForceErrors,
     force_errors,

@@ -12,7 +12,7 @@ from tactile_ros.physics.coverage import symmetry
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.taxel_array.config import grid_positions
-from tactile_ros.sensors.taxel_array.surface import surface_points
+from tactile_ros.sensors.taxel_array.object_recognition import surface_points
 from tactile_ros.types import Frame, Outline, Recording, TaxelStatus
 
 SPEC = load_sensor('taxel_array')

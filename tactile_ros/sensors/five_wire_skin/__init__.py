@@ -14,17 +14,17 @@ Source: [5] on a large-area tactile sensor with five electrodes.
 from __future__ import annotations
 
 from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig, layout
-from tactile_ros.sensors.five_wire_skin.device import (
-    FiveWireSkinConnection,
-    open_skin,
-    simulate_skin,
-)
 from tactile_ros.sensors.five_wire_skin.estimation import (
     CLASSES,
     ESTIMATORS,
     FiveWireEstimation,
 )
-from tactile_ros.sensors.five_wire_skin.signal import presses
+from tactile_ros.sensors.five_wire_skin.twin import (
+    FiveWireSkinConnection,
+    open_skin,
+    presses,
+    simulate_skin,
+)
 from tactile_ros.sensors.registry import SensorSpec
 
 SENSOR = SensorSpec(

@@ -2,23 +2,278 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
-from tactile_ros.estimators.beyond_told import guessed
-from tactile_ros.estimators.column_view import ColumnView
-from tactile_ros.estimators.film_resistance import FilmResistance
+import numpy as np
+from scipy.optimize import nnls
+
+from tactile_ros.estimators.covariance import StatedSpread, guessed
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.kernel_ridge import KernelRidge
-from tactile_ros.estimators.mean_curve import MeanCurve
-from tactile_ros.estimators.power_force import PowerForce
+from tactile_ros.estimators.model_selection import chosen, some_rows, trials, verdict
+from tactile_ros.estimators.power_law_force import FilmResistance, MeanCurve, PowerForce
 from tactile_ros.estimators.rbf_force import RbfForce
-from tactile_ros.estimators.ridge import Ridge
+from tactile_ros.estimators.regression import ColumnView, Ridge
 from tactile_ros.estimators.smooth_fields import SmoothFields
-from tactile_ros.estimators.stated_spread import StatedSpread
-from tactile_ros.estimators.trials import chosen, some_rows, trials, verdict
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.resistive import SeriesResistance
-from tactile_ros.sensors.five_wire_skin.touch import CONSTANT
-from tactile_ros.types import Array, Estimator, FrameStatus, Integers
+from tactile_ros.sensors.five_wire_skin.contact_gate import CONSTANT
+from tactile_ros.types import Array, Bools, Estimator, FrameStatus, Integers
+
+STILL = 0.05  # of the touch's edge: moves that are noise
+SECONDS_PER_NS = 1e-9
+FORCE, X, Y, MEANS = 0, 1, 2, 3  # columns of what is kept
+
+
+@compiled
+def overlap(kept: Array, x: float, y: float, edge: float) -> float:
+    """Share of a touch at a place with the one that is kept (3..), which follows it."""
+    share = 1.0
+    for i, now in ((X, x), (Y, y)):
+        if math.isnan(kept[i]):
+            kept[i] = now
+        off = now - kept[i]
+        beyond = max(abs(off) - STILL * edge, 0.0)
+        share *= max(1.0 - beyond / edge, 0.0)
+        kept[i] += math.copysign(beyond, off)
+    return share
+
+
+@compiled
+def memory_rows(
+    force: Array,
+    places: Array,
+    elapsed: Array,
+    rates: Array,
+    edge: float,
+    kept: Array,
+    means: Array,
+) -> None:
+    """Fill fading means (s, m) of forces (s,) at places (s, 2); what is kept (3 + m,) moves on.
+
+    Parameters
+    ----------
+    force : ndarray, shape (s,)
+        0 where nothing touches; NaN: unusable, the last one is held.
+    places : ndarray, shape (s, 2)
+        Of the touches (m); NaN, or where nothing touches: they do not count.
+    elapsed : ndarray, shape (s,)
+        Since the frame before (s); 0: not newer, not remembered; below 0: a stream begins.
+    rates : ndarray, shape (m,)
+        1 / time constants (1/s).
+    edge : float
+        Of a touch (m); infinite: the past counts wherever it was.
+    """
+    for s in range(len(force)):
+        if elapsed[s] < 0.0:
+            kept[:] = 0.0
+        now = kept[FORCE] if math.isnan(force[s]) else force[s]
+        if elapsed[s] < 0.0:
+            kept[FORCE], kept[X], kept[Y] = now, math.nan, math.nan
+        elif elapsed[s] > 0.0:
+            share = 1.0
+            # true of no NaN: a frame that was lost moves the touch nowhere
+            if force[s] > 0.0 and math.isfinite(edge) and math.isfinite(places[s, 0]):
+                share = overlap(kept, places[s, 0], places[s, 1], edge)
+            for i in range(len(rates)):
+                phase = rates[i] * elapsed[s]
+                decay = math.exp(-phase)
+                average = -math.expm1(-phase) / phase
+                old = decay * kept[MEANS + i] + (average - decay) * kept[FORCE]
+                kept[MEANS + i] = share * old + (1.0 - average) * now
+            kept[FORCE] = now
+        for i in range(len(rates)):
+            means[s, i] = kept[MEANS + i]
+
+
+class FilmMemory:
+    """Fading means of one stream, one frame at a time or many with the same numbers.
+
+    Parameters
+    ----------
+    time_constants : ndarray, shape (m,)
+        Of the means (s).
+    edge : float
+        Of a touch (m); infinite: the past counts wherever it was.
+    """
+
+    def __init__(self, time_constants: Array, edge: float) -> None:
+        self._rates, self._edge = 1.0 / time_constants, edge
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: what came before counts as rest."""
+        self._kept = np.zeros(MEANS + len(self._rates))
+        self._newest_ns: int | None = None
+
+    def __call__(self, force: Array, places: Array, stamp_ns: Integers, restart: Bools) -> Array:
+        """Means (s, m) after each frame, 0 at the first one of a stream.
+
+        Parameters
+        ----------
+        force : ndarray, shape (s,)
+            0 where nothing touches; NaN: unusable.
+        places : ndarray, shape (s, 2)
+            Of the touches (m).
+        stamp_ns : ndarray, shape (s,)
+            Acquisition times; a frame that is not newer than the last one is not remembered.
+        restart : ndarray, shape (s,)
+            Frames before which the past is forgotten.
+        """
+        means = np.empty((len(force), len(self._rates)))
+        elapsed = self._elapsed(stamp_ns, restart)
+        memory_rows(force, places, elapsed, self._rates, self._edge, self._kept, means)
+        return means
+
+    def _elapsed(self, stamp_ns: Integers, restart: Bools) -> Array:
+        """Seconds (s,) since the newest frame before; 0: not newer, below 0: a stream begins."""
+        elapsed, newest = np.empty(len(stamp_ns)), self._newest_ns
+        for i, (now, begins) in enumerate(zip(stamp_ns.tolist(), restart.tolist(), strict=True)):
+            if begins or newest is None:
+                elapsed[i], newest = -1.0, now
+            else:
+                elapsed[i] = max(now - newest, 0) * SECONDS_PER_NS
+                newest = max(now, newest)
+        self._newest_ns = newest
+        return elapsed
+
+
+TIME_CONSTANTS = (0.3, 1.0, 4.0, 16.0, 64.0)
+PENALTY = 1e-4
+FOLDS = 5
+WORTH = 0.97  # of the static error; creep that takes off less is none
+DOUBT = 0.15  # of what is taken off: no two places of a film creep alike
+MOST = 0.5  # of a static force that its past can hold
+
+
+class Creep:
+    """Force from a static force and fading means of it.
+
+    Attributes
+    ----------
+    shares_ : ndarray, shape (m + 1,)
+        Of the means, and of the static force itself; 0 where creep is none.
+    root_ : ndarray, shape (m + 1, m + 1)
+        Square root of the covariance of the shares, from places that were left out.
+    edge : float
+        Of a touch (m), where the past counts by place; infinite: wherever it was.
+    forgets_ : bool
+        Whether a mean never counts for more than the force now.
+    error_ : float
+        Root mean square error (N) at places that were not learned from.
+    left_ : float
+        That of the rows learned from.
+    """
+
+    shares_: Array
+    root_: Array
+    forgets_: bool
+    error_: float
+    left_: float
+
+    def __init__(self, edge: float = np.inf) -> None:
+        self.edge = edge
+
+    def start(self) -> FilmMemory:
+        """Fresh memory of a stream."""
+        return FilmMemory(np.array(TIME_CONSTANTS), self.edge)
+
+    def fit(self, static: Array, means: Array, told: Array, groups: Integers) -> Creep:
+        """Learn shares.
+
+        Parameters
+        ----------
+        static : ndarray, shape (s,)
+            Forces of a static curve (N).
+        means : ndarray, shape (s, m)
+            Their fading means (N).
+        told : ndarray, shape (s,)
+            True forces (N).
+        groups : ndarray of int, shape (s,)
+            What a split keeps together.
+
+        Returns
+        -------
+        Creep
+            Itself.
+        """
+        error = static - told
+        fold = np.unique(groups, return_inverse=True)[1].reshape(-1) % FOLDS
+        self.error_, self.forgets_ = WORTH * float(np.sqrt((error**2).mean())), False
+        self.shares_ = np.zeros(means.shape[1] + 1)
+        for forgets in (False, True):
+            terms = _terms(static, means, forgets)
+            left = np.empty(len(error))
+            for part in range(FOLDS):
+                held = fold == part
+                seen = ~held if (~held).any() else held
+                left[held] = error[held] - terms[held] @ _solve(terms[seen], error[seen])
+            size = float(np.sqrt((left**2).mean()))
+            if size < self.error_:
+                self.error_, self.forgets_ = size, forgets
+                self.shares_ = _solve(terms, error)
+        terms = _terms(static, means, self.forgets_)
+        self.left_ = float(np.sqrt(((error - terms @ self.shares_) ** 2).mean()))
+        self.root_ = _jackknife(terms, error, groups) if self.is_any else np.zeros_like(terms[:1])
+        return self
+
+    @property
+    def is_any(self) -> bool:
+        """Whether there is creep to take off."""
+        return bool(self.shares_.any())
+
+    @property
+    def most(self) -> float:
+        """Share of a static force that a hold without end adds, and a release leaves."""
+        return 0.0 if self.forgets_ else float(self.shares_[:-1].sum())
+
+    def past(self, static: Array, means: Array) -> tuple[Array, Array]:
+        """What of a static force (s,) is of its past (N), from its fading means; its variance."""
+        terms = _terms(static, means, self.forgets_)
+        # no product of matrices: its sums run otherwise for one frame than for many
+        past = np.asarray(np.einsum('sm,m->s', terms, self.shares_))
+        off = np.einsum('sm,km->sk', terms, self.root_)
+        return past, (DOUBT * past) ** 2 + np.einsum('sk,sk->s', off, off)
+
+    def bounded_past(self, static: Array, means: Array) -> Array:
+        """The same, never more than half of the static force (N)."""
+        return np.clip(self.past(static, means)[0], -MOST * static, MOST * static)
+
+
+def _terms(static: Array, means: Array, forgets: bool) -> Array:
+    """What shares are of (s, m + 1): fading means, and the static force itself."""
+    terms = np.empty((len(means), means.shape[1] + 1))
+    terms[:, :-1] = np.minimum(means, static[:, None]) if forgets else means
+    terms[:, -1] = static
+    return terms
+
+
+def _solve(terms: Array, error: Array) -> Array:
+    """Ridge solution, with a penalty that knows the size of the terms; no past takes off."""
+    return _shares(terms.T @ terms, terms.T @ error)
+
+
+def _jackknife(terms: Array, error: Array, groups: Integers) -> Array:
+    """Root (n, m) of the covariance of shares, from fits without each group."""
+    gram, cross = terms.T @ terms, terms.T @ error
+    found = []
+    for group in np.unique(groups):
+        own = terms[groups == group]
+        found.append(_shares(gram - own.T @ own, cross - own.T @ error[groups == group]))
+    apart = np.array(found) - np.mean(found, axis=0)
+    return np.asarray(np.linalg.qr(apart, mode='r'))
+
+
+def _shares(gram: Array, cross: Array) -> Array:
+    """Shares (m,) from sums of products (m, m) of terms, and of terms and errors (m,)."""
+    gram = gram.copy()
+    gram[np.diag_indices_from(gram)] += PENALTY * (np.trace(gram) / len(gram) + 1e-12)
+    root = np.linalg.cholesky(gram)
+    wanted = np.linalg.solve(root, cross)
+    both = np.column_stack([root.T, -root.T[:, -1]])
+    found = nnls(both, wanted)[0]
+    return np.asarray(np.append(found[:-2], found[-2] - found[-1]))
+
 
 LEAST_RESISTANCE = 1e-4  # over R0
 LEAST_RANGE = 0.1  # of the largest force

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.estimators.column_view import ColumnView
+from tactile_ros.estimators.covariance import StatedSpread
 from tactile_ros.estimators.grid_knn import GridKnn
-from tactile_ros.estimators.harmonic_map import HarmonicMap
+from tactile_ros.estimators.model_selection import chosen, some_rows, trials, verdict
 from tactile_ros.estimators.perceptron import Perceptron
-from tactile_ros.estimators.ridge import Ridge
-from tactile_ros.estimators.sheet_potentials import SheetPotentials
-from tactile_ros.estimators.stated_spread import StatedSpread
-from tactile_ros.estimators.thin_plate import ThinPlate
-from tactile_ros.estimators.training import predict_rows
-from tactile_ros.estimators.trials import chosen, some_rows, trials, verdict
+from tactile_ros.estimators.potential_map import HarmonicMap, SheetPotentials
+from tactile_ros.estimators.rbf_force import ThinPlate
+from tactile_ros.estimators.regression import ColumnView, Ridge, predict_rows
 from tactile_ros.physics.resistive import linear_place
-from tactile_ros.sensors.five_wire_skin.touch import CONSTANT
+from tactile_ros.sensors.five_wire_skin.contact_gate import CONSTANT
 from tactile_ros.types import Array, Estimator, Integers
 
 NOMINAL_SPREAD = 0.06  # of the sheet: an uneven border bends the linear formula that much

@@ -13,32 +13,27 @@ Source: [3] on a magnetic force sensor with gradiometric pixels, immune to stray
 
 from __future__ import annotations
 
-from tactile_ros.estimators.column_view import ColumnView
 from tactile_ros.estimators.disc_inversion import DiscInversion
-from tactile_ros.estimators.polynomial_force import PolynomialForce
-from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
-from tactile_ros.estimators.uniform_field import UniformField
-from tactile_ros.estimators.warm_chain import WarmChain
-from tactile_ros.estimators.warm_polynomial import WarmPolynomial
+from tactile_ros.estimators.disc_model import UniformField
+from tactile_ros.estimators.disturbance_magnet import NearbyMagnets, StrayField
+from tactile_ros.estimators.polynomial_force import PolynomialForce, WarmChain
+from tactile_ros.estimators.polynomial_ridge import PolynomialRidge, WarmPolynomial
+from tactile_ros.estimators.regression import ColumnView
 from tactile_ros.physics.fidelity import Choice, Rated
 from tactile_ros.physics.scene_terms import Worth
-from tactile_ros.regression import CLASSES
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig, layout
-from tactile_ros.sensors.gradiometer.device import (
+from tactile_ros.sensors.gradiometer.estimation import GradiometerEstimation, Reach
+from tactile_ros.sensors.gradiometer.field_change import Features, Readings
+from tactile_ros.sensors.gradiometer.target import ESTIMATORS, Target
+from tactile_ros.sensors.gradiometer.temperature import WarmRest
+from tactile_ros.sensors.gradiometer.twin import (
     GradiometerConnection,
     open_gradiometer,
+    presses,
     simulate_gradiometer,
 )
-from tactile_ros.sensors.gradiometer.estimation import GradiometerEstimation
-from tactile_ros.sensors.gradiometer.features import Features
-from tactile_ros.sensors.gradiometer.magnets import NearbyMagnets
-from tactile_ros.sensors.gradiometer.reach import Reach
-from tactile_ros.sensors.gradiometer.readings import Readings
-from tactile_ros.sensors.gradiometer.signal import presses
-from tactile_ros.sensors.gradiometer.stray import StrayField
-from tactile_ros.sensors.gradiometer.target import ESTIMATORS, Target
-from tactile_ros.sensors.gradiometer.warm_rest import WarmRest
 from tactile_ros.sensors.registry import SensorSpec
+from tactile_ros.sensors.regression import CLASSES
 
 OWN = (
     GradiometerEstimation,

@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.disc_model import DiscModel
-from tactile_ros.estimators.uniform_field import UniformField
-from tactile_ros.sensors.gradiometer.readings import NOISE, Readings
+from tactile_ros.estimators.disc_model import DiscModel, UniformField
+from tactile_ros.sensors.gradiometer.field_change import NOISE, Readings
 from tactile_ros.types import Table
 
 if TYPE_CHECKING:

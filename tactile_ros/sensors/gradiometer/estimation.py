@@ -13,31 +13,291 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.conditioning.baseline import learned_doubt
-from tactile_ros.estimators.polynomial_rows import times
-from tactile_ros.regression.head import known_columns
-from tactile_ros.sensors.gradiometer import doubts
-from tactile_ros.sensors.gradiometer.belief import largest, unsay
-from tactile_ros.sensors.gradiometer.features import Features
-from tactile_ros.sensors.gradiometer.magnets import (
+from tactile_ros.estimators.disc_model import ENTRY
+from tactile_ros.estimators.disturbance_magnet import (
     DIRECTIONS,
     NearbyMagnets,
+    Seen,
+    StrayField,
     magnet_fields,
     magnet_shape,
 )
-from tactile_ros.sensors.gradiometer.memory import StreamMemory
-from tactile_ros.sensors.gradiometer.reach import Reach
-from tactile_ros.sensors.gradiometer.readings import at_rest, margins
-from tactile_ros.sensors.gradiometer.stray import Seen, StrayField
-from tactile_ros.sensors.gradiometer.support import unsupported
-from tactile_ros.sensors.gradiometer.target import MODELS, Target, candidates
-from tactile_ros.sensors.gradiometer.thermal import UNIT
-from tactile_ros.sensors.gradiometer.untold import lately_told
-from tactile_ros.types import FrameStatus
+from tactile_ros.estimators.polynomial_ridge import times
+from tactile_ros.physics.temperature import EXPANSION, REMANENCE_SLOPE
+from tactile_ros.sensors.gradiometer.field_change import Features, at_rest, margins
+from tactile_ros.sensors.gradiometer.target import MODELS, Target, candidates, ends, largest, unsay
+from tactile_ros.sensors.gradiometer.temperature import (
+    LEAST_RANGE,
+    UNIT,
+    StreamMemory,
+    beyond,
+    lately_told,
+)
+from tactile_ros.sensors.regression import known_columns
+from tactile_ros.types import Array, FrameStatus
 
 if TYPE_CHECKING:
-    from tactile_ros.estimators.selection import Selection
+    from collections.abc import Sequence
+
+    from tactile_ros.estimators.disturbance_magnet import NearbyMagnets
+    from tactile_ros.estimators.model_selection import Selection
     from tactile_ros.sensors.gradiometer.config import GradiometerConfig
+    from tactile_ros.sensors.gradiometer.field_change import Features
+    from tactile_ros.sensors.gradiometer.target import Target
     from tactile_ros.types import Array, Bools, Columns, Integers, Report, Signals
+
+WHOLE = 0.9  # of full scale
+FEW_GROUPS = 8
+WANTED = ('force', 'torque')
+
+
+def unsupported(
+    config: GradiometerConfig,
+    features: Features,
+    targets: Sequence[Target],
+    reach: Reach | None,
+) -> list[str]:
+    """Sentences on what was not told by the recordings of a fit; none before one."""
+    if not features.readings_.fitted_:
+        return []
+    told = {target.name for target in targets}
+    missing = ' and '.join(name for name in WANTED if name not in told)
+    said = [f'{missing}: no truth told it, and the config has no stiffness'] if missing else []
+    if targets:
+        said += _range(config, targets) + _places(reach) + _groups(targets)
+        said += _temperature(features.readings_.span_) + _warmth(features)
+    if features.uniform_.uncertainty >= ENTRY:
+        said.append('gains and crossed axes: no rest in known fields')
+    return said
+
+
+def _range(config: GradiometerConfig, targets: Sequence[Target]) -> list[str]:
+    """Forces that were pressed, where full scale is farther."""
+    spans = [
+        (float(low), float(high), f'{low:.2g}..{high:.2g} N along {"xyz"[axis]}')
+        for target in targets
+        if target.name == 'force'
+        for axis, low, high in zip(target.columns, *target.span_, strict=True)
+    ]
+    full = WHOLE * config.full_scale
+    named = ', '.join(name for low, high, name in spans if max(-low, high) < full)
+    return [f'force beyond {named}; full scale is {config.full_scale:.2g} N'] if named else []
+
+
+def _places(reach: Reach | None) -> list[str]:
+    if reach is None or reach.directions_ == 3:
+        return []
+    return [f'forces along other ways than the {reach.directions_} that presses moved the disc']
+
+
+def _groups(targets: Sequence[Target]) -> list[str]:
+    groups = int(min(target.report_['groups'] for target in targets))
+    return [f'errors of presses unlike the {groups} told'] if groups < FEW_GROUPS else []
+
+
+def _temperature(span: Array) -> list[str]:
+    low, high = (float(end) for end in span)
+    if not np.isfinite([low, high]).all():
+        return ['temperature: no chip told one']
+    if high - low > LEAST_RANGE:
+        return [f'temperatures beyond {low:.0f}..{high:.0f} C']
+    return [f'temperatures other than about {0.5 * (low + high):.0f} C']
+
+
+def _warmth(features: Features) -> list[str]:
+    """How the disc follows the chip, and rows without a temperature of their own."""
+    said = []
+    if not features.lag_is_told:
+        said.append('how the disc lags behind the chip: no stamps tell it, nor thermal_lag')
+    if features.silent_:
+        said.append(f'temperatures in {features.silent_} rows, which were not learned from')
+    return said
+
+
+REACH_LEAST = 0.02  # gaps: places that differ by less are alike
+MARGIN = 1.05  # of what was seen
+UNSURE = 0.5  # of the steepest slope of an answer, beyond all that was seen
+UNTOLD = 1e6  # spreads of an answer over gaps: presses at one place tell no slope
+
+
+class Reach:
+    """Ellipsoid around the places of a fit, and how unsure answers are outside it.
+
+    Attributes
+    ----------
+    centre_, shape_ : ndarray, shape (3,) and (3, 3)
+        Places in the ellipsoid have |shape (place - centre)| <= 1.
+    directions_ : int
+        Along how many the places differed.
+    rest_ : ndarray, shape (3,)
+        Place of the disc that nothing touches (gaps); NaN where none was seen.
+    slope_ : ndarray, shape (k,)
+        Steepest change of each answer with the place (unit of the answer, over gaps).
+    """
+
+    centre_: Array
+    shape_: Array
+    directions_: int
+    rest_: Array
+    slope_: Array
+
+    def fit(self, place: Array, answers: Array, rest: Array) -> Reach:
+        """Learn from places (s, 3) (gaps), answers (s, k) there, and places (r, 3) at rest."""
+        rest = rest[np.isfinite(rest).all(axis=1)]
+        self.rest_ = rest.mean(axis=0) if len(rest) else np.full(3, np.nan)
+        self.centre_ = place.mean(axis=0)
+        apart = place - self.centre_
+        size, axes = np.linalg.eigh(apart.T @ apart / len(place))
+        size = np.sqrt(np.maximum(size, 0.0))
+        whole = axes.T / np.hypot(size, REACH_LEAST)[:, None]
+        farthest = float(np.linalg.norm(apart @ whole.T, axis=1).max())
+        self.shape_ = whole / (MARGIN * max(farthest, 1.0))
+        told = axes[:, size > REACH_LEAST]
+        self.directions_ = told.shape[1]
+        slopes = np.linalg.lstsq(apart @ told, answers - answers.mean(axis=0), rcond=None)[0]
+        steep = np.sqrt((slopes**2).sum(axis=0))
+        self.slope_ = steep if self.directions_ else np.full(len(steep), UNTOLD)
+        return self
+
+    def beyond(self, place: Array) -> Array:
+        """Distances (s,) (gaps) of places (s, 3) from the ellipsoid; 0 inside."""
+        apart = place - self.centre_
+        size = np.sqrt(((apart @ self.shape_.T) ** 2).sum(axis=1))
+        outside = np.maximum(1 - 1 / np.maximum(size, 1.0), 0.0)
+        return np.asarray(outside * np.sqrt((apart * apart).sum(axis=1)))
+
+    def unfelt(self, place: Array) -> Array:
+        """Distances (s,) (gaps) of places (s, 3), told to be untouched, that count as beyond.
+
+        A touch lighter than all that a fit saw stays below the threshold of contact. Its force,
+        told as 0, is as large as the steepest slope makes it.
+        """
+        away = np.nan_to_num(place - self.rest_)
+        return np.asarray(np.sqrt((away * away).sum(axis=1)) / UNSURE)
+
+    def doubt(self, beyond: Array) -> Array:
+        """Standard deviations (s, k) of answers at distances (s,)."""
+        return np.asarray(UNSURE * beyond[:, None] * self.slope_)
+
+
+MANY = 30  # frames of a tare whose noise needs no mention
+SMALL = 0.3  # of the noise: drifts that need none
+DOUBTS_WARMER, HIGHER = UNIT * REMANENCE_SLOPE, UNIT * EXPANSION  # of remanence, of the gap
+FEEBLE = 1e-3  # units of temperature
+FEW = 1e-3  # degrees
+OUTSIDE = 0.01  # of a component's spread, for a degree beyond the temperatures of the fit
+
+
+def tare_doubt(
+    features: Features, magnets: NearbyMagnets, signals: Signals, place: Array, learned: float,
+    wider: Array,
+) -> None:  # fmt: skip
+    """Add to covariances (s, k, k) what the noise of a tare of few frames does.
+
+    Parameters
+    ----------
+    features, magnets : Features, NearbyMagnets
+        Of the calibration.
+    signals : Signals
+        Frames.
+    place : ndarray, shape (s, 3)
+        Of the disc.
+    learned : float
+        Variance that tares left in the calibration, over that of a frame.
+    wider : ndarray, shape (s, k, k)
+        Changed in place.
+    """
+    doubt = signals.doubt
+    if doubt is None or not np.count_nonzero(doubt):
+        return
+    rows = np.flatnonzero((doubt > 0) & (doubt + learned > 1 / MANY))
+    if len(rows):
+        variance = (doubt[rows] + learned) * features.readings_.noise**2
+        cov = variance[:, None, None] * np.eye(features.projection.shape[1])
+        wider[rows] += magnets.shaken(place[rows], cov, wider.shape[1])
+
+
+def drift_doubt(
+    features: Features, magnets: NearbyMagnets, signals: Signals, place: Array, wider: Array
+) -> None:
+    """Add to covariances (s, k, k) what drifts with the chip do that no recording told.
+
+    Parameters are those of `tare_doubt`.
+    """
+    if signals.temperature_c is None:
+        return
+    readings, count = features.readings_, features.projection.shape[1]
+    drift, unsure = readings.unsure_drifts(signals), readings.unsure_drift(count)
+    size = (drift**2) @ unsure.diagonal().reshape(2, count).max(axis=1)
+    rows = np.flatnonzero(size > (SMALL * readings.noise) ** 2)
+    if len(rows):
+        cov = unsure.reshape(2, count, 2, count)
+        cov = np.einsum('si,imjn,sj->smn', drift[rows], cov, drift[rows])
+        wider[rows] += magnets.shaken(place[rows], cov, wider.shape[1])
+
+
+def warmth_doubt(
+    features: Features, magnets: NearbyMagnets, signals: Signals, place: Array, field: Array,
+    slope: Array, wider: Array,
+) -> None:  # fmt: skip
+    """Add to covariances (s, k, k) what a warmer disc does, where a fit saw one temperature.
+
+    Parameters are those of `tare_doubt`, the `field` (s, n) (T), and the steepest change of
+    answers with the place, `slope` (k,) (over gaps).
+    """
+    if signals.temperature_c is None or features.readings_.warm_:
+        return
+    warm = features.readings_.unsure_drifts(signals)[:, 0]
+    rows = np.flatnonzero(np.abs(warm) > FEEBLE)
+    if len(rows):
+        weaker = (DOUBTS_WARMER * warm[rows])[:, None] * times(field[rows], features.projection)
+        cov = weaker[:, :, None] * weaker[:, None]
+        wider[rows] += magnets.shaken(place[rows], cov, wider.shape[1])
+        higher = (HIGHER * warm[rows])[:, None] * slope
+        wider[rows] += higher[..., None] ** 2 * np.eye(len(slope))
+
+
+def outside_doubt(features: Features, signals: Signals, wider: Array) -> tuple[Bools, Array]:
+    """Add to covariances (s, k, k) what temperatures beyond those of an even fit do.
+
+    Rows (s,) where they are clearly beyond, or may be, and how far temperatures are from the
+    middle of those of an uneven fit (s,), at least 1.
+    """
+    readings = features.readings_
+    outside = beyond(signals, readings.span_)
+    clearly, far = np.maximum(outside - LEAST_RANGE, 0.0), np.ones(len(outside))
+    if not readings.warm_ and np.count_nonzero(clearly):
+        wider += (OUTSIDE * clearly)[:, None, None] ** 2 * np.eye(wider.shape[1])
+    elif readings.warm_ and np.count_nonzero(outside):
+        far = ends(outside, readings.span_)
+    return np.asarray((clearly > 0) | readings.unknown(signals)), far
+
+
+def untold_doubt(
+    features: Features, magnets: NearbyMagnets, signals: Signals, place: Array, field: Array,
+    disc: Array, wider: Array,
+) -> None:  # fmt: skip
+    """Add to covariances (s, k, k) what temperatures do that chips did not tell.
+
+    Parameters are those of `tare_doubt`, the `field` (s, n) (T), and what the temperature of the
+    disc (s,) is wrong by, in the direction in which those of the chips are (degrees).
+    """
+    chips = features.readings_.unsure_chips(signals)
+    if chips is None:
+        if not np.count_nonzero(disc):
+            return
+        chips = np.zeros(signals.values.shape[:2])
+    rows = np.flatnonzero((chips.max(axis=1) > FEW) | (disc > FEW))
+    if len(rows):
+        read = features.readings_.warmer_chips(field[rows], chips[rows])
+        moved, slopes = times(read, features.projection), magnets.slopes(place[rows])
+        count = moved.shape[1]
+        off = (slopes[:, : wider.shape[1], :count] * moved[:, None]).sum(axis=2)
+        if slopes.shape[2] > count:
+            warmer = disc[rows, None] / UNIT
+            off = off + slopes[:, : wider.shape[1], count] * warmer
+        wider[rows] += off[:, :, None] * off[:, None]
+
 
 TARGETS = ('position', 'force', 'torque')
 RESPONSES = 400
@@ -276,7 +536,7 @@ class GradiometerEstimation:
             known['stray_field'] = features.uniform_.solve(change)
         else:
             status |= self._add_stray(known, x, parts, (shift, wider)) * _STRAY
-        outside, far = doubts.outside_doubt(features, signals, wider)
+        outside, far = outside_doubt(features, signals, wider)
         status |= outside * _OUTSIDE
         if self.reach_ is not None:
             place, rest = x[:, parts['place']], signals.in_contact == 0
@@ -288,11 +548,11 @@ class GradiometerEstimation:
                 wider += self.reach_.doubt(away)[..., None] ** 2 * np.eye(width)
         if self.magnets_ is not None:
             known_by = features, self.magnets_, signals, x[:, parts['place']]
-            doubts.tare_doubt(*known_by, self.doubt_, wider)
-            doubts.drift_doubt(*known_by, wider)
-            doubts.untold_doubt(*known_by, x[:, parts['field']], thermal[:, 2:].sum(axis=1), wider)
+            tare_doubt(*known_by, self.doubt_, wider)
+            drift_doubt(*known_by, wider)
+            untold_doubt(*known_by, x[:, parts['field']], thermal[:, 2:].sum(axis=1), wider)
             if self.reach_ is not None:
-                doubts.warmth_doubt(*known_by, x[:, parts['field']], self.reach_.slope_, wider)
+                warmth_doubt(*known_by, x[:, parts['field']], self.reach_.slope_, wider)
         if self.targets_:
             self._add_targets(known, x, self._noise(x, parts), (shift, wider, far))
             status |= unsay(known, self.largest_, signals.in_contact != 0) * _ABSTAINED

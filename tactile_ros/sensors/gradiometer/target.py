@@ -7,22 +7,130 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.column_view import ColumnView
+from tactile_ros.estimators.covariance import CalibratedCovariance
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.kernel_ridge import KernelRidge
+from tactile_ros.estimators.model_selection import Selection, select
 from tactile_ros.estimators.perceptron import Perceptron
-from tactile_ros.estimators.polynomial_force import PolynomialForce
-from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
-from tactile_ros.estimators.polynomial_rows import spread
-from tactile_ros.estimators.ridge import Ridge
-from tactile_ros.estimators.selection import Selection, select
-from tactile_ros.estimators.uncertainty import CalibratedCovariance
-from tactile_ros.estimators.warm_chain import WarmChain
-from tactile_ros.estimators.warm_polynomial import WarmPolynomial
-from tactile_ros.sensors.gradiometer.outside import bent, grown
+from tactile_ros.estimators.polynomial_force import PolynomialForce, WarmChain
+from tactile_ros.estimators.polynomial_ridge import PolynomialRidge, WarmPolynomial, spread
+from tactile_ros.estimators.regression import ColumnView, Ridge
+from tactile_ros.sensors.gradiometer.temperature import LEAST_RANGE
+from tactile_ros.types import Array
 
 if TYPE_CHECKING:
-    from tactile_ros.types import Array, Estimator, Integers
+    from collections.abc import Iterable
+
+    from tactile_ros.types import Array, Bools, Columns, Estimator, Integers
+
+ROWS = 10  # for a coefficient
+
+
+def ends(beyond: Array, span: Array) -> Array:
+    """How far temperatures lie from the middle of a span (2,) over half of it (s,), at least 1.
+
+    `beyond` (s,) are the degrees by which they lie outside.
+    """
+    return np.asarray(1 + 2 * beyond / max(float(span[1] - span[0]), LEAST_RANGE))
+
+
+def grown(cov: Array, bend: Array, ends: Array) -> Array:
+    """Covariances (s, k, k) of errors at `ends` (s,), of those at 1 and the cubic (k,) there."""
+    second, third = 2 * ends**2 - 1, (4 * ends**2 - 3) * ends
+    more = np.sqrt(third**2 - 1)[:, None] * bend
+    return np.asarray(cov * (second**2)[:, None, None] + more[:, :, None] * more[:, None])
+
+
+def bent(errors: Array, warm: Array, place: Array) -> Array:
+    """Size (k,) of the cubic of the temperature in held-out errors, and of what may hide it.
+
+    Parameters
+    ----------
+    errors : ndarray, shape (s, k)
+        Of answers.
+    warm : ndarray, shape (s,)
+        Temperatures.
+    place : ndarray, shape (s, d)
+        What the cubic may follow linearly.
+
+    Returns
+    -------
+    ndarray, shape (k,)
+        Root mean square of T_3 of the temperature, over its range, times a linear function of
+        the place; all of an error where rows are few.
+    """
+    size: Array = np.sqrt((errors**2).mean(axis=0))
+    width = np.ptp(warm)
+    scaled = (place - place.mean(axis=0)) / np.maximum(place.std(axis=0), 1e-300)
+    each = np.column_stack([np.ones(len(place)), scaled])
+    count = each.shape[1]
+    if len(errors) < 4 * ROWS * count or width == 0:
+        return size
+    u = 2 * (warm - warm.min())[:, None] / width - 1
+    terms = np.column_stack([each, each * u, each * u**2, each * (4 * u**2 - 3) * u])
+    found = np.linalg.lstsq(terms, errors, rcond=None)[0][-count:]
+    return np.asarray(np.sqrt(((each @ found) ** 2).mean(axis=0)))
+
+
+FARTHEST = 2.0  # times the largest that can be
+_AXES = np.arange(3)
+
+
+def largest(targets: Iterable[Target], full_scale: float) -> dict[str, float]:
+    """Largest size of each quantity that can be, by the names of targets.
+
+    Parameters
+    ----------
+    targets : iterable of Target
+        Fitted; their spans tell what truth knew.
+    full_scale : float
+        Of the sensor (N); other quantities grow to it as force does.
+
+    Returns
+    -------
+    dict of str to float
+        (Unit of the quantity.) Infinite where truth told nothing but 0.
+    """
+    told: dict[str, float] = {}
+    for target in targets:
+        told[target.name] = max(told.get(target.name, 0.0), float(np.abs(target.span_).max()))
+    force = told.get('force', 0.0)
+    more = max(1.0, full_scale / force) if force > 0 else 1.0
+    return {name: more * size if size > 0 else np.inf for name, size in told.items()}
+
+
+def unsay(known: Columns, most: dict[str, float], touched: Bools) -> Bools:
+    """Make quantities NaN in touched rows where nobody should believe them.
+
+    Parameters
+    ----------
+    known : dict of str to ndarray, shape (s, ...)
+        Quantities and their covariances; changed in place. `valid` (s,) is added: False where
+        none of them is told.
+    most : dict of str to float
+        Of `largest`.
+    touched : ndarray of bool, shape (s,)
+        Rows to look at.
+
+    Returns
+    -------
+    ndarray of bool, shape (s,)
+        Rows that lost something.
+    """
+    some, every = np.zeros_like(touched), np.array(touched)
+    for name, size in most.items():
+        mean, cov = (np.asarray(known[one], np.float64) for one in (name, f'{name}_cov'))
+        variance = cov[:, _AXES, _AXES]
+        farther = (variance > size * size) | (np.abs(mean) > FARTHEST * size)
+        if not np.count_nonzero(farther):
+            every = every & False
+            continue
+        lost = touched & farther.any(axis=1)
+        mean[lost], cov[lost] = np.nan, np.nan
+        some, every = some | lost, every & lost
+    known['valid'] = ~every
+    return some
+
 
 PLAIN = (
     'ridge', 'grid_knn', 'kernel_ridge', 'perceptron', 'polynomial', 'differences', 'channels',

@@ -14,9 +14,8 @@ Source: [2] on the design of a soft tactile sensor with permanent magnets and Ha
 from __future__ import annotations
 
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig, layout
-from tactile_ros.sensors.magnet_pad.device import PAD, MagnetPadConnection
 from tactile_ros.sensors.magnet_pad.estimation import CLASSES, ESTIMATORS, Localisation
-from tactile_ros.sensors.magnet_pad.signal import presses
+from tactile_ros.sensors.magnet_pad.twin import PAD, MagnetPadConnection, presses
 from tactile_ros.sensors.registry import SensorSpec
 
 SENSOR = SensorSpec(

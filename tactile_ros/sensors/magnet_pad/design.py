@@ -12,28 +12,230 @@ example:
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial.distance import cdist
 
-from tactile_ros.sensors.magnet_pad.conditions import (
-    Wanted,
-    least_forces,
-    loudest,
-    place_bound,
-    quiet_enough,
-    rest_field,
-    saturation,
-)
-from tactile_ros.sensors.magnet_pad.remedies import remedies, stiffest
-from tactile_ros.types import Table
+from tactile_ros.physics.dipoles import in_chip_axes
+from tactile_ros.physics.magnet_blocks import Blocks
+from tactile_ros.sensors.magnet_pad.body_model import Presses, change_of_field
+from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
+from tactile_ros.types import Array, Integers, Table
 
 if TYPE_CHECKING:
     import argparse
 
-    from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-    from tactile_ros.types import Array
+LOADS = np.geomspace(0.02, 30.0, 28)  # N
+HALF = 0.5  # share of the base's hold
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is asked of a pad.
+
+    Attributes
+    ----------
+    force, largest : float
+        Least and largest force along the normal (N).
+    tip : float
+        Radius of what touches (m).
+    least_field, resolution : float
+        Least field that a chip measures, and least change that it resolves (T).
+    """
+
+    force: float = 1.5
+    largest: float = 10.0
+    tip: float = 3e-3
+    least_field: float = 10e-6
+    resolution: float = 20e-6
+
+
+def rest_field(config: MagnetPadConfig) -> Array:
+    """Field (t, 3) (T) of the magnets at rest, in chip axes."""
+    blocks = Blocks.along(
+        config.magnet_positions, config.magnet_axes, config.magnet_size, config.remanence
+    )
+    still = np.zeros((1, len(config.magnet_positions), 3))
+    return np.asarray(
+        in_chip_axes(blocks.field(config.positions, still, still), config.rotations)[0]
+    )
+
+
+def presses_on(config: MagnetPadConfig, places: Array, loads: Array, tip: float) -> Presses:
+    """Every load (l,) (N) along the normal at every place (n, 3) (m), place by place."""
+    around = np.arctan2(places[:, 2], places[:, 1])
+    turned = np.repeat(around, len(loads))
+    normal = np.column_stack([0 * turned, np.cos(turned), np.sin(turned)])
+    force = np.tile(loads, len(places))[:, None] * normal
+    one = np.ones(len(turned))
+    return Presses(np.repeat(places[:, 0], len(loads)), turned, force, tip * one, HALF * one)
+
+
+def changes(config: MagnetPadConfig, wanted: Wanted, loads: Array) -> Array:
+    """Change of the readings (n, l, t, 3) (T) in every cell under loads (l,) (N)."""
+    seen = change_of_field(config, presses_on(config, config.cells, loads, wanted.tip))
+    return seen.reshape(len(config.cells), len(loads), *seen.shape[1:])
+
+
+def least_forces(config: MagnetPadConfig, wanted: Wanted) -> Array:
+    """Least force (n,) (N) in each cell that some chip resolves; inf: none up to 30 N."""
+    size = np.linalg.norm(changes(config, wanted, LOADS), axis=3).max(axis=2)
+    size = np.maximum.accumulate(size, axis=1)
+    found = np.full(len(size), np.inf)
+    for i, row in enumerate(size):
+        if row[-1] > wanted.resolution:
+            rising = np.log(np.maximum(row, 1e-15)) + 1e-12 * np.arange(len(row))
+            found[i] = np.exp(np.interp(np.log(wanted.resolution), rising, np.log(LOADS)))
+    return found
+
+
+def loudest(config: MagnetPadConfig, wanted: Wanted) -> Array:
+    """Largest reading (t, 3) (T) of each channel, at rest or under the largest force."""
+    rest = rest_field(config)
+    loads = wanted.largest * np.array([0.0, 0.5, 1.0])
+    return np.asarray(np.abs(rest + changes(config, wanted, loads)).max(axis=(0, 1)))
+
+
+def saturation(config: MagnetPadConfig) -> Array:
+    """Range (3,) of the channels (T)."""
+    limit = np.inf if config.saturation is None else np.asarray(config.saturation, float)
+    return np.broadcast_to(limit, (3,))
+
+
+def quiet_enough(config: MagnetPadConfig, wanted: Wanted) -> Array:
+    """Whether condition 1 holds for each chip (t,)."""
+    rest = np.linalg.norm(rest_field(config), axis=1)
+    clear = (loudest(config, wanted) < saturation(config)).all(axis=1)
+    return np.asarray((rest > wanted.least_field) & clear)
+
+
+def place_bound(config: MagnetPadConfig, wanted: Wanted, noise: float) -> float:
+    """Mean standard deviation (m) of a place at the geometric mean of the loads.
+
+    Notes
+    -----
+    Cramer and Rao with place and load unknown; infinite where readings do not tell them.
+    """
+    load = np.array([np.sqrt(wanted.force * wanted.largest)])
+    step = 1e-5
+    level = presses_on(config, config.cells, load, wanted.tip)
+    around = np.arctan2(config.cells[:, 2], config.cells[:, 1]) + step / config.radius
+    beside = config.cells.copy()
+    beside[:, 1:] = config.radius * np.column_stack([np.cos(around), np.sin(around)])
+    shifted = (
+        presses_on(config, config.cells + np.array([step, 0, 0]), load, wanted.tip),
+        presses_on(config, beside, load, wanted.tip),
+        presses_on(config, config.cells, load * (1 + 1e-3), wanted.tip),
+    )
+    start = change_of_field(config, level)
+    slopes = np.stack([change_of_field(config, one) - start for one in shifted], axis=-1)
+    slopes = slopes.reshape(len(start), -1, 3) / (noise * np.array([step, step, 1e-3]))
+    inner = np.matmul(slopes.transpose(0, 2, 1), slopes)
+    known = np.linalg.cond(inner) < 1e16
+    if not known.all():
+        return np.inf
+    cov = np.linalg.inv(inner)
+    return float(np.sqrt(cov[:, 0, 0] + cov[:, 1, 1]).mean())
+
+
+MOST = 0.5  # share of the cells that feel too little, from which the body is too stiff
+BLOCK = 3  # adjacent cells that make a block
+MARGIN = 0.95
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """A change of the pad.
+
+    Attributes
+    ----------
+    what, why, change : str
+        Which of the three, what it answers to, and what is changed.
+    config : MagnetPadConfig
+        The pad with it.
+    """
+
+    what: str
+    why: str
+    change: str
+    config: MagnetPadConfig
+
+
+def stiffest(config: MagnetPadConfig, wanted: Wanted) -> float:
+    """Largest shear modulus (Pa) at which every cell feels the least force; 0: none.
+
+    Notes
+    -----
+    Displacements depend on force over modulus alone, so that the least force grows with it.
+    """
+    most = float(least_forces(config, wanted).max())
+    return MARGIN * config.shear_modulus * wanted.force / most if np.isfinite(most) else 0.0
+
+
+def blocks(cells: Array, weak: Integers) -> list[Integers]:
+    """Sets of adjacent cells among the weak ones, centres (n, 3) (m), largest first."""
+    if not len(weak):
+        return []
+    plan = cells[:, :2]
+    x, y = (np.diff(np.unique(np.round(axis, 6))) for axis in plan.T)
+    step = np.array([x.min() if len(x) else 1.0, y.min() if len(y) else 1.0])
+    near = cdist(plan[weak] / step, plan[weak] / step, 'chebyshev') < 1.5
+    count, label = connected_components(near, directed=False)
+    parts = [weak[label == i] for i in range(count)]
+    return sorted(parts, key=lambda part: (-len(part), int(part[0])))
+
+
+def remedies(config: MagnetPadConfig, wanted: Wanted, force: Array) -> list[Remedy]:
+    """What to change where forces (n,) (N) that are felt exceed the least one."""
+    weak = np.flatnonzero(force > wanted.force)
+    if not len(weak):
+        return []
+    found = []
+    modulus = stiffest(config, wanted)
+    if modulus > 0:
+        why = 'most cells' if len(weak) > MOST * len(force) else 'max(F_min) is high'
+        change = f'shear modulus {1e-6 * modulus:.3g} MPa for {1e-6 * config.shear_modulus:.3g}'
+        found.append(Remedy('softer body', why, change, replace(config, shear_modulus=modulus)))
+    for part in blocks(config.cells, weak):
+        if len(part) >= BLOCK:
+            found.append(_chip(config, part))
+        else:
+            found.append(_magnet(config, part))
+    return found
+
+
+def _words(cells: Integers) -> str:
+    return 'cells ' + ', '.join(str(cell) for cell in cells.tolist())
+
+
+def _magnet(config: MagnetPadConfig, cells: Integers) -> Remedy:
+    """A magnet half way between the base and the surface under a few cells."""
+    at = config.cells[cells].mean(axis=0)
+    at[2] *= 0.6
+    added = replace(
+        config,
+        magnet_positions=np.vstack([config.magnet_positions, at]),
+        magnet_axes=np.vstack([config.magnet_axes, config.magnet_axes[:1]]),
+    )
+    change = f'a magnet at {1e3 * at[0]:.3g}, {1e3 * at[1]:.3g}, {1e3 * at[2]:.3g} mm'
+    return Remedy('more magnets', f'a few: {_words(cells)}', change, added)
+
+
+def _chip(config: MagnetPadConfig, cells: Integers) -> Remedy:
+    """A chip under a block of adjacent cells."""
+    at = np.append(config.cells[cells, :2].mean(axis=0), config.positions[:, 2].mean())
+    turns = config.rotations
+    added = replace(
+        config,
+        positions=np.vstack([config.positions, at]),
+        rotations=None if turns is None else np.concatenate([turns, np.eye(3)[None]]),
+    )
+    change = f'a chip at {1e3 * at[0]:.3g}, {1e3 * at[1]:.3g} mm'
+    return Remedy('extra chip', f'a block: {_words(cells)}', change, added)
+
 
 NOISE = 4e-6  # T, where the config states none
 SOFTEST, ROUNDS = 0.02, 7

@@ -13,29 +13,30 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.conditioning.history import History
-from tactile_ros.estimators.stated_spread import StatedSpread
+from tactile_ros.estimators.covariance import StatedSpread
 from tactile_ros.physics.fidelity import Choice, Rated
 from tactile_ros.physics.scene_terms import Worth
-from tactile_ros.regression import ESTIMATORS as REGRESSORS
-from tactile_ros.regression.recognition import VOTER
-from tactile_ros.sensors.magnet_pad.beyond import flag, span_of
-from tactile_ros.sensors.magnet_pad.cells import SPACE
-from tactile_ros.sensors.magnet_pad.doubts import Doubts
-from tactile_ros.sensors.magnet_pad.inversion import PadInversion
-from tactile_ros.sensors.magnet_pad.likeness import Touched
-from tactile_ros.sensors.magnet_pad.loads import LoadReach
-from tactile_ros.sensors.magnet_pad.nominal import nominal_choice
-from tactile_ros.sensors.magnet_pad.nominal_pad import NominalPad
-from tactile_ros.sensors.magnet_pad.regressed import CLASSES as REGRESSED_CLASSES
-from tactile_ros.sensors.magnet_pad.regressed import FEWEST, Regressed, apart
-from tactile_ros.sensors.magnet_pad.response import PadResponse
-from tactile_ros.sensors.magnet_pad.scene import terms
-from tactile_ros.sensors.magnet_pad.tares import TareNoise
-from tactile_ros.sensors.magnet_pad.telling import Telling
-from tactile_ros.sensors.magnet_pad.unfelt import Unfelt, truth_of_touches
-from tactile_ros.sensors.magnet_pad.untold import untold
-from tactile_ros.sensors.magnet_pad.variety import Variety
-from tactile_ros.sensors.magnet_pad.warmth import Warmth, noise_of_rest
+from tactile_ros.sensors.magnet_pad.body_model import PadResponse, nominal_choice, terms
+from tactile_ros.sensors.magnet_pad.covariance import (
+    Doubts,
+    LoadReach,
+    Variety,
+    flag,
+    span_of,
+    untold,
+)
+from tactile_ros.sensors.magnet_pad.inversion import PadInversion, Touched
+from tactile_ros.sensors.magnet_pad.nominal_estimator import (
+    NominalPad,
+    Telling,
+    Unfelt,
+    truth_of_touches,
+)
+from tactile_ros.sensors.magnet_pad.regression import CLASSES as REGRESSED_CLASSES
+from tactile_ros.sensors.magnet_pad.regression import FEWEST, SPACE, Regressed, TareNoise, apart
+from tactile_ros.sensors.magnet_pad.temperature import Warmth, noise_of_rest
+from tactile_ros.sensors.regression import ESTIMATORS as REGRESSORS
+from tactile_ros.sensors.regression import VOTER
 
 if TYPE_CHECKING:
     import numpy.typing as npt

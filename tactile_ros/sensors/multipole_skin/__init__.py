@@ -16,17 +16,26 @@ from __future__ import annotations
 
 from tactile_ros.estimators.few_shot import Supports
 from tactile_ros.estimators.prototypes import Prototypes
-from tactile_ros.estimators.skin_model import SkinModel
-from tactile_ros.regression import CLASSES, ESTIMATORS
+from tactile_ros.estimators.sheet_calibration import SkinModel
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig, layout
-from tactile_ros.sensors.multipole_skin.device import SKIN, MultipoleSkinConnection
 from tactile_ros.sensors.multipole_skin.estimation import MultipoleEstimation
-from tactile_ros.sensors.multipole_skin.network_classes import NETWORKS, NetworkClasses
-from tactile_ros.sensors.multipole_skin.places import Spread
-from tactile_ros.sensors.multipole_skin.recogniser import Recogniser
-from tactile_ros.sensors.multipole_skin.scene import NEW, SHOTS, new_head, one_head
-from tactile_ros.sensors.multipole_skin.signal import presses
+from tactile_ros.sensors.multipole_skin.recogniser import (
+    NETWORKS,
+    NetworkClasses,
+    Recogniser,
+    Spread,
+)
+from tactile_ros.sensors.multipole_skin.twin import (
+    NEW,
+    SHOTS,
+    SKIN,
+    MultipoleSkinConnection,
+    new_head,
+    one_head,
+    presses,
+)
 from tactile_ros.sensors.registry import SensorSpec, TwinLesson
+from tactile_ros.sensors.regression import CLASSES, ESTIMATORS
 from tactile_ros.types import Outline
 
 SENSOR = SensorSpec(

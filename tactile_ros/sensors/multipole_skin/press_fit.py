@@ -8,19 +8,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.known_press import KnownPress
-from tactile_ros.estimators.press_window import press_vectors
-from tactile_ros.estimators.skin_fit import SkinFit
-from tactile_ros.estimators.skin_model import SkinModel, bands_of
-from tactile_ros.sensors.multipole_skin.chances import usual_misfit
-from tactile_ros.sensors.multipole_skin.places import Spread, fitted_spread
-from tactile_ros.sensors.multipole_skin.recogniser import MODEL_ERROR, WEAKEST, Recogniser
+from tactile_ros.estimators.few_shot import press_vectors
+from tactile_ros.estimators.sheet_calibration import KnownPress, SkinFit, SkinModel, bands_of
+from tactile_ros.sensors.multipole_skin.recogniser import (
+    MODEL_ERROR,
+    WEAKEST,
+    Recogniser,
+    Spread,
+    fitted_spread,
+    usual_misfit,
+)
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from tactile_ros.estimators.few_shot import PressVectors
     from tactile_ros.estimators.press_search import Matches
-    from tactile_ros.estimators.press_window import PressVectors
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
     from tactile_ros.types import Array, Bools, Integers
 

@@ -11,28 +11,354 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.stats import norm
 
+from tactile_ros.estimators.embedding import Embedding
 from tactile_ros.estimators.few_shot import REPEATS, Supports, seen_classes, support_scores
-from tactile_ros.estimators.press_search import PressSearch
-from tactile_ros.estimators.press_supports import modelled_supports, plain_supports
-from tactile_ros.sensors.multipole_skin.chances import UNTOLD, class_chances
-from tactile_ros.sensors.multipole_skin.places import (
-    Spread,
-    named_places,
-    scattered,
-    undrawn_places,
-    witnesses,
-)
+from tactile_ros.estimators.press_search import PressSearch, modelled_supports, plain_supports
+from tactile_ros.estimators.prototypes import Prototypes
 
 if TYPE_CHECKING:
-    from tactile_ros.estimators.few_shot import SeenClasses
+    from collections.abc import Sequence
+
+    from tactile_ros.estimators.few_shot import PressVectors, SeenClasses
     from tactile_ros.estimators.press_search import Matches
-    from tactile_ros.estimators.press_window import PressVectors
-    from tactile_ros.estimators.skin_model import SkinModel
-    from tactile_ros.types import Array, Integers, Outline
+    from tactile_ros.estimators.sheet_calibration import SkinModel
+    from tactile_ros.types import Array, Bools, Integers, Outline
+
+NONE = 0.1  # how often something presses that is none of the classes
+UNLIKE = 4.6  # logarithm of the misfit, over which that is spread: a factor of a hundred
+UNTOLD = 0.8  # deviation of that logarithm where no press tells it
+LEAST_TOLD = 2.4  # of it, at one degree of freedom: presses of one head tell not how others differ
+FEW = 5  # presses, as which what is usual counts
+
+
+def usual_misfit(misfits: Array, freedom: int) -> tuple[float, float]:
+    """How well classes fit what they are: middle of the logarithm, and how far above it comes.
+
+    Parameters
+    ----------
+    misfits : ndarray, shape (n,)
+        Over their variance, of held-out presses that were named rightly.
+    freedom : int
+        Degrees of freedom of each.
+    """
+    if not len(misfits):
+        return 0.0, UNTOLD
+    found = np.log(np.maximum(misfits, 1e-3))
+    weight = len(found) / (len(found) + FEW)
+    usual = weight * float(np.median(found))
+    above = np.square(np.maximum(found - usual, 0.0))
+    square = 2 * weight * above.mean() + (1 - weight) * UNTOLD**2
+    return usual, float(np.sqrt(max(square, LEAST_TOLD**2 / freedom)))
+
+
+def none_chance(misfits: Array, usual: float, vary: float) -> Array:
+    """Probability that what pressed is none of the classes, from the best one's misfit (n,).
+
+    Others fit anyhow, within a wide factor; classes as held-out presses do, or better.
+    """
+    away = np.maximum(np.log(np.maximum(misfits, 1e-3)) - usual, 0.0) / vary
+    fits = np.exp(-0.5 * np.square(away)) / (np.sqrt(2 * np.pi) * vary)
+    return np.asarray(NONE / UNLIKE / (NONE / UNLIKE + (1 - NONE) * fits))
+
+
+def class_chances(scores: Array, misfits: Array, usual: float, vary: float) -> tuple[Array, Array]:
+    """Probabilities of classes, shape (n, k), and that it is none of them (n,).
+
+    Parameters
+    ----------
+    scores, misfits : ndarray, shape (n, k)
+        Twice the negative log-likelihood; misfit over its variance. Infinite: far away.
+    usual, vary : float
+        Of `usual_misfit`.
+    """
+    n = np.arange(len(scores))
+    best = scores.argmin(axis=1)
+    low, misfit = scores[n, best], misfits[n, best]
+    near = np.isfinite(low)
+    none = np.where(near, none_chance(np.where(near, misfit, 1.0), usual, vary), 1.0)
+    with np.errstate(invalid='ignore'):
+        away = np.where(near[:, None], scores - low[:, None], np.inf)
+    # where nothing fits well, differences of misfits say less
+    likely = np.exp(-0.5 * away / np.where(near, np.maximum(misfit, 1.0), 1.0)[:, None])
+    total = np.maximum(likely.sum(axis=1), 1e-30)
+    return ((1 - none) / total)[:, None] * likely, none
+
+
+WITNESSES = 2, 3  # heads, least and most, that tell where an undrawn one presses
+INSIDE = 0.6827  # of errors, one stated deviation
+USUAL_ERRORS = 10  # as stated, that are added to those that were found
+FLOORS = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0])  # of the usual deviation
+SMALLEST = 0.3  # scale
+TAIL = 4.0  # degrees of freedom of errors: some are of a wrong turn
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Errors of places over what the covariance of templates says.
+
+    Attributes
+    ----------
+    scale : float
+        By what stated deviations are too small.
+    floor : float
+        Deviation that the clearest press has too (m): chips and bands err alike for all of it.
+    """
+
+    scale: float
+    floor: float
+
+
+def fitted_spread(away: Array, sigma: Array, doubt: Array) -> Spread:
+    """Scale and floor that errors of places ask for.
+
+    Parameters
+    ----------
+    away : ndarray, shape (n, 2)
+        Errors (m).
+    sigma, doubt : ndarray, shape (n, 2)
+        Deviations (m) by the covariance of templates, and beside it by what else it may be.
+    """
+    found: list[tuple[float, float, float]] = []
+    for floor in float(np.median(sigma)) * FLOORS:
+        own = np.maximum(np.hypot(sigma, floor), 1e-12)
+        scale = _scale((np.square(away) - np.square(doubt)) / np.square(own))
+        total = np.hypot(scale * own, doubt)
+        square = np.square(away / total)
+        told = -np.log(total) - 0.5 * (TAIL + 1) * np.log1p(square / TAIL)
+        found.append((float(told.sum()), scale, float(scale * floor)))
+    return Spread(*max(found)[1:])
+
+
+def _scale(squares: Array) -> float:
+    """By what stated deviations are too small: as much as two in three errors ask for.
+
+    Some errors of a usual size are added, since few presses say little.
+    """
+    usual = np.square(norm.ppf((np.arange(USUAL_ERRORS) + 0.5) / USUAL_ERRORS))
+    found = np.quantile(np.concatenate([squares.ravel(), usual]), INSIDE)
+    return float(np.sqrt(max(found, SMALLEST**2)))
+
+
+def named_places(
+    matches: Matches, which: Integers, sectors: Array, orders: Integers, spread: Spread
+) -> tuple[Array, Array]:
+    """Pose (n, 4) and covariance (n, 4, 4) of heads by number (n,), if they are what pressed.
+
+    Parameters
+    ----------
+    matches : Matches
+        Of the presses.
+    which : ndarray, shape (n,)
+        Heads.
+    sectors, orders : ndarray, shape (heads,)
+        Turns after which they look the same (rad), and orders of symmetry.
+    spread : Spread
+        Of places.
+    """
+    rows = np.arange(len(which)), which
+    pose, cov = matches.pose[rows], spread.scale**2 * matches.cov[rows]
+    sector, free = sectors[which], orders[which] == 0
+    pose[:, 2] -= sector * np.round(pose[:, 2] / sector)
+    if free.any():
+        pose[free, 2] = 0.0
+        cov[free, 2, :] = cov[free, :, 2] = 0.0
+        cov[free, 2, 2] = np.pi**2 / 3
+    cov[:, 0, 0] += spread.floor**2
+    cov[:, 1, 1] += spread.floor**2
+    return pose, cov
+
+
+def witnesses(matches: Matches) -> Array:
+    """Weights (n, heads) of the heads that tell where another shape pressed: those that fit best.
+
+    All are 0 where there are too few.
+    """
+    n, heads = matches.cost.shape
+    found = np.zeros((n, heads))
+    if heads >= WITNESSES[0]:
+        best = np.argsort(matches.cost, axis=1)[:, : WITNESSES[1]]
+        found[np.arange(n)[:, None], best] = 1 / best.shape[1]
+    return found
+
+
+def undrawn_places(matches: Matches, rows: Bools, spread: Spread) -> tuple[Array, Array]:
+    """Pose and covariance of shapes that nobody drew: places alone, as several heads say.
+
+    The heads that fit best disagree by about as much as all of them are wrong.
+    """
+    weight = witnesses(matches)[rows]
+    pose, cov = np.full((len(weight), 4), np.nan), np.full((len(weight), 4, 4), np.nan)
+    if weight.any():
+        said = matches.pose[rows][..., :2]
+        pose[:, :2] = np.einsum('nh,nhi->ni', weight, said)
+        within = np.einsum('nh,nhij->nij', weight, matches.cov[rows][..., :2, :2])
+        between = scattered(weight, said - pose[:, None, :2])
+        cov[:, :2, :2] = spread.scale**2 * within + between + spread.floor**2 * np.eye(2)
+    return pose, cov
+
+
+def scattered(weight: Array, away: Array) -> Array:
+    """Covariance (n, 2, 2) of places that are so far away (n, heads, 2), by weights (n, heads)."""
+    return np.asarray(np.matmul(np.swapaxes(weight[..., None] * away, 1, 2), away))
+
+
+TRAINED = ('shapes', 'postures')
+FRAMES, CHANNELS = 10, 60  # of a window
+
+
+def can_run() -> bool:
+    """Whether onnxruntime is installed."""
+    return find_spec('onnxruntime') is not None
+
+
+def pronet(what: str) -> Embedding:
+    """Network for 'shapes' of heads or 'postures' of a bar.
+
+    Raises
+    ------
+    ValueError
+        If it is neither.
+    """
+    if what not in TRAINED:
+        msg = f'what of pronet must be one of {", ".join(TRAINED)}; received {what!r}'
+        raise ValueError(msg)
+    return Embedding(Path(__file__).with_name(f'pronet_{what}.onnx'))
+
+
+NETWORKS = tuple(f'pronet_{what}' for what in TRAINED)
+FOLDS = 5
+FEWEST = 3  # presses
+BETTER = 1.5
+FARTHEST = 2.0  # over the distance that nineteen of twenty held-out presses keep
+ENOUGH = 0.95
+
+
+class NetworkClasses:
+    """What one network makes of known presses.
+
+    Parameters
+    ----------
+    what : str
+        Network: one of `pronet.TRAINED`.
+
+    Attributes
+    ----------
+    prototypes_ : Prototypes
+        Numbered one by one; `label_` (m,) says of which class each is.
+    right : float
+        Share of held-out presses that are named rightly; 0 where none could be held out.
+    chance : float
+        Share of the commonest class.
+    worst_ : float
+        Distance beyond which no class fits.
+    """
+
+    prototypes_: Prototypes
+    label_: Integers
+
+    def __init__(self, what: str) -> None:
+        self.what = what
+        self.right, self.chance, self.worst_ = 0.0, 1.0, np.inf
+
+    @property
+    def name(self) -> str:
+        """Name of the estimator."""
+        return f'pronet_{self.what}'
+
+    @property
+    def useful(self) -> bool:
+        """Whether it is right by half as much again as the commonest class, or nearly always."""
+        return self.right > min(BETTER * self.chance, 0.5 + self.chance / 2)
+
+    @cached_property
+    def network(self) -> Embedding:
+        """Read when it is first asked."""
+        return pronet(self.what)
+
+    def fit(self, windows: list[Array], label: Integers, groups: Integers) -> NetworkClasses:
+        """Learn presses, and try it on groups that are split as wholes.
+
+        Parameters
+        ----------
+        windows : list of ndarray, shape (w, d)
+            Changes of field in presses (T).
+        label, groups : ndarray, shape (n,)
+            Class; place, or what must not be split.
+        """
+        use = np.flatnonzero(usable(windows) & (label >= 0))
+        found, label, groups = self.features(windows, use), label[use], groups[use]
+        fold = np.unique(groups, return_inverse=True)[1].reshape(-1) % FOLDS
+        right, away = np.zeros(len(use), bool), np.full(len(use), np.inf)
+        for i in np.unique(fold) if fold.any() else ():
+            rows = fold == i
+            self._remember(found[~rows], label[~rows], groups[~rows])
+            named, _, away[rows] = self._nearest(found[rows])
+            right[rows] = named == label[rows]
+        self._remember(found, label, groups)
+        self.worst_ = FARTHEST * float(np.quantile(away[right], ENOUGH)) if right.any() else np.inf
+        self.right = float(right.mean())
+        self.chance = float(np.bincount(label).max() / len(label))
+        return self
+
+    def predict(self, windows: list[Array], firm: Bools) -> tuple[Integers, Array]:
+        """Class of presses and its probability; -1 and NaN: not firm (n,), or unlike all."""
+        label, chance = np.full(len(windows), -1), np.full(len(windows), np.nan)
+        use = np.flatnonzero(usable(windows) & firm)
+        if len(use):
+            named, probability, away = self._nearest(self.features(windows, use))
+            fits = away <= self.worst_
+            label[use[fits]], chance[use[fits]] = named[fits], probability[fits]
+        return label, chance
+
+    def features(self, windows: list[Array], rows: Integers) -> Array:
+        """Features (n, p) of some windows: one by one, so that live frames have the same bits."""
+        return np.concatenate([self.network.features(windows[row][None]) for row in rows])
+
+    def _remember(self, found: Array, label: Integers, groups: Integers) -> None:
+        """Prototypes of features (n, p)."""
+        pairs, number = np.unique(np.column_stack([label, groups]), axis=0, return_inverse=True)
+        self.label_ = pairs[:, 0]
+        self.prototypes_ = Prototypes().fit(found, np.asarray(number).reshape(-1))
+
+    def _nearest(self, found: Array) -> tuple[Integers, Array, Array]:
+        """Class, its probability and the distance of the nearest prototype, of features (n, p)."""
+        chance = np.exp(self.prototypes_.log_probability(found))
+        nearest = chance.argmax(axis=1)
+        mine = self.label_[nearest][:, None] == self.label_
+        away = np.square(found - self.prototypes_.means_[nearest]).sum(axis=1)
+        return self.label_[nearest], (chance * mine).sum(axis=1), away
+
+
+def usable(windows: list[Array]) -> Bools:
+    """Windows that are such as the networks were trained on, and whole."""
+    shape = FRAMES, CHANNELS
+    return np.array([one.shape == shape and np.isfinite(one).all() for one in windows], bool)
+
+
+def best_network(
+    names: Sequence[str | None], windows: list[Array], label: Integers, groups: Integers
+) -> NetworkClasses | None:
+    """The network that is right most often on held-out groups; None: none can be tried.
+
+    Raises
+    ------
+    MissingPackageError
+        If a single one was asked for and onnxruntime is not installed.
+    """
+    enough = int((usable(windows) & (label >= 0)).sum()) >= FEWEST
+    if not enough or (len(names) > 1 and not can_run()):
+        return None
+    tried = [NetworkClasses(what).fit(windows, label, groups) for what in TRAINED
+             if f'pronet_{what}' in names]  # fmt: skip
+    return max(tried, key=lambda one: one.right)
+
 
 MODEL_ERROR = 0.03  # of what a chip sees, where no press has told it
 ALIKE = 1.5  # errors of places where no press tells them: those of chips are no noise

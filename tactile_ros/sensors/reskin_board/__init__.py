@@ -12,16 +12,15 @@ Sources: R. Bhirangi et al., ReSkin (CoRL 2021) and AnySkin (2024); V. Pattabira
 
 from __future__ import annotations
 
-from tactile_ros.regression import CLASSES, ESTIMATORS, Regression
 from tactile_ros.sensors.registry import SensorSpec
+from tactile_ros.sensors.regression import CLASSES, ESTIMATORS, Regression
 from tactile_ros.sensors.reskin_board.config import (
     ReskinBoardConfig,
     ReskinBoardConnection,
     layout,
 )
-from tactile_ros.sensors.reskin_board.device import open_board, simulate_board
 from tactile_ros.sensors.reskin_board.recordings import shipped
-from tactile_ros.sensors.reskin_board.signal import presses
+from tactile_ros.sensors.reskin_board.twin import open_board, presses, simulate_board
 
 SENSOR = SensorSpec(
     key='reskin_board',

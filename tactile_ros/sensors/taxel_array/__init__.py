@@ -15,9 +15,13 @@ import numpy as np
 
 from tactile_ros.sensors.registry import SensorSpec
 from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig, grid_positions, layout
-from tactile_ros.sensors.taxel_array.device import TaxelArrayConnection, open_array, simulate_array
 from tactile_ros.sensors.taxel_array.estimation import CLASSES, ESTIMATORS, TaxelRegression
-from tactile_ros.sensors.taxel_array.signal import presses
+from tactile_ros.sensors.taxel_array.twin import (
+    TaxelArrayConnection,
+    open_array,
+    presses,
+    simulate_array,
+)
 from tactile_ros.types import Outline
 
 SENSOR = SensorSpec(

@@ -5,6 +5,7 @@ Place and total force are regressed as well; what does better on held-out groups
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, cast
 
@@ -12,23 +13,44 @@ import numpy as np
 
 from tactile_ros.conditioning.equilibration import LAWS, Equilibration, silent_taxels
 from tactile_ros.conditioning.faults import UNUSABLE
+from tactile_ros.conditioning.history import History
 from tactile_ros.conditioning.viscoelastic import Creep
+from tactile_ros.estimators.covariance import BEYOND
 from tactile_ros.estimators.object_pose import ObjectPose
-from tactile_ros.regression import CLASSES as REGRESSION_CLASSES
-from tactile_ros.regression import ESTIMATORS as REGRESSION_ESTIMATORS
-from tactile_ros.regression import Regression
-from tactile_ros.sensors.taxel_array.creep_fit import fit_creep, never_pressed
-from tactile_ros.sensors.taxel_array.force_errors import LEVELS, force_errors, largest_forces
-from tactile_ros.sensors.taxel_array.gaps import Gaps
-from tactile_ros.sensors.taxel_array.memory import Memory, beginnings
-from tactile_ros.sensors.taxel_array.patches import ArrayPatches, add_sum, ids_of
-from tactile_ros.sensors.taxel_array.placing import place_objects
-from tactile_ros.sensors.taxel_array.readout import Unmixing, area_correction, below_ground
-from tactile_ros.sensors.taxel_array.surface import touched_surface
-from tactile_ros.sensors.taxel_array.untold import flag_beyond, told, untold
-from tactile_ros.types import TaxelStatus
+from tactile_ros.physics.area_law import area_share
+from tactile_ros.physics.crosstalk import alone, divided, without_floating, without_grounded
+from tactile_ros.sensors.regression import CLASSES as REGRESSION_CLASSES
+from tactile_ros.sensors.regression import ESTIMATORS as REGRESSION_ESTIMATORS
+from tactile_ros.sensors.regression import (
+    KIND,
+    TIME_CONSTANTS,
+    Regression,
+    untold_loads,
+    untold_past,
+)
+from tactile_ros.sensors.taxel_array.object_recognition import (
+    ArrayPatches,
+    add_sum,
+    ids_of,
+    place_objects,
+    touched_surface,
+)
+from tactile_ros.sensors.taxel_array.taxel_force import (
+    LEVELS,
+    Gaps,
+    fit_creep,
+    force_errors,
+    largest_forces,
+    never_pressed,
+)
+from tactile_ros.types import FrameStatus, TaxelStatus
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tactile_ros.conditioning.equilibration import Equilibration
+    from tactile_ros.conditioning.patch_ids import PatchIds
+    from tactile_ros.conditioning.viscoelastic import CreepState
     from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
     from tactile_ros.types import (
         Array,
@@ -41,6 +63,238 @@ if TYPE_CHECKING:
         SensorConfig,
         Signals,
     )
+
+SAME_LINE = 1e-6  # m
+PRESSED = 0.05  # of a taxel: of less the area law says nothing
+BELOW = -0.1  # of the range: a converter reads no less than ground, but for its offset
+
+
+def below_ground(values: Array) -> Bools:
+    """Taxels (s, t) of readings (s, t, c) that no converter can read.
+
+    Examples
+    --------
+    >>> below_ground(np.array([[[0.4], [-0.4], [-0.001]]])).tolist()
+    [[False, True, False]]
+    """
+    return np.asarray((values < BELOW).any(axis=-1))
+
+
+def lines_of(positions: Array) -> Integers:
+    """Row and column (t, 2) of taxels, by their y and x.
+
+    Raises
+    ------
+    ValueError
+        If two taxels would lie on the same crossing.
+    """
+    steps = np.rint(positions[:, 1::-1] / SAME_LINE).astype(np.int64)
+    lines = np.stack([np.unique(s, return_inverse=True)[1].reshape(-1) for s in steps.T], axis=1)
+    if len(np.unique(lines, axis=0)) < len(lines):
+        msg = 'matrix_lines of TaxelArrayConfig must be given: two taxels have the same x and y'
+        raise ValueError(msg)
+    return lines
+
+
+class Unmixing:
+    """Outputs of a matrix as if every crossing stood alone.
+
+    Parameters
+    ----------
+    config : TaxelArrayConfig
+        Its `crosstalk` says what the other lines do; 'none' changes nothing.
+    """
+
+    def __init__(self, config: TaxelArrayConfig) -> None:
+        self.kind = config.crosstalk
+        if self.kind == 'none':
+            return
+        lines = config.matrix_lines
+        known = lines_of(config.positions) if lines is None else lines.astype(np.int64)
+        self.row, self.column = known.T
+        self.shape = tuple(known.max(axis=0) + 1)
+
+    def __call__(self, signals: Signals) -> Signals:
+        """Signals whose values, baseline and their difference are without crosstalk."""
+        if self.kind == 'none':
+            return signals
+        values = self.outputs(signals.values[..., 0])
+        rest = self.outputs(signals.baseline[..., 0])
+        delta = np.where(np.isnan(signals.delta[..., 0]), np.nan, values - rest)
+        return replace(
+            signals, values=values[..., None], baseline=rest[..., None], delta=delta[..., None]
+        )
+
+    def outputs(self, mixed: Array) -> Array:
+        """Outputs (s, t) without crosstalk; a taxel that was not read conducts nothing."""
+        told = np.nan_to_num(np.maximum(mixed, 0.0))
+        matrix = np.zeros((len(mixed), *self.shape))
+        matrix[:, self.row, self.column] = told
+        if self.kind == 'grounded':
+            clean = divided(without_grounded(matrix))
+        else:
+            seen, where = np.unique(matrix, axis=0, return_inverse=True)
+            clean = np.stack([divided(without_floating(alone(one))) for one in seen])
+            clean = clean[where.reshape(-1)]
+        found = clean[:, self.row, self.column]
+        # what reads less than nothing is noise, and stays
+        found = found + np.minimum(np.nan_to_num(mixed), 0.0)
+        return np.asarray(np.where(np.isnan(mixed), np.nan, found))
+
+
+def area_correction(
+    law: Equilibration, output: Array, forces: Array, areas: Array, area_law: Array
+) -> Callable[[int, Array], Array]:
+    """Forces of a frame once it is known how much of each taxel an object covers.
+
+    Parameters
+    ----------
+    law : Equilibration
+        Forces of outputs of taxels that are wholly pressed.
+    output, forces : ndarray, shape (s, t)
+        Outputs above the baseline, and forces by the law, creep undone (N).
+    areas : ndarray, shape (t,)
+        Of the taxels (m2).
+    area_law : ndarray, shape (4,)
+        p1..p4 of [4] Eq. (2).
+
+    Returns
+    -------
+    callable
+        Row and covered area (t,) (m2) -> forces (t,) (N).
+    """
+    forces = forces.copy()  # what is corrected is written where these came from
+
+    def corrected(i: int, cover: Array) -> Array:
+        row = output[i][None]
+        share = area_share(cover, areas, area_law)
+        plain = law.forces(row)[0]
+        partly = (cover > PRESSED * areas) & (plain > 0)
+        ratio = law.forces(row / share)[0] / np.where(partly, plain, 1.0)
+        return np.asarray(np.where(partly, forces[i] * ratio, forces[i]))
+
+    return corrected
+
+
+class Memory(History):
+    """The past of regressors, strains of the skin, ids of patches, level of the last tare.
+
+    A baseline that follows what rests would follow a skin that creeps back as well, and take it
+    for drift: where creep is undone, outputs are above the level at which the stream began. A
+    baseline that a fit made of rests between touches has some creep in it: `rest` is that baseline
+    (t,), and how far a skin that was never pressed is above it.
+    """
+
+    def __init__(
+        self, creep: CreepState | None, ids: PatchIds, rest: tuple[Array, Array] | None = None
+    ) -> None:
+        super().__init__(np.array(TIME_CONSTANTS))
+        self.creep = creep
+        self.ids = ids
+        self.rest = rest
+        self.level: Array | None = None
+
+    def above_tare(self, signals: Signals) -> Array:
+        """Outputs (s, t) above the baseline (t,) with which their stream began.
+
+        Parameters
+        ----------
+        signals : Signals
+            Conditioned frames; independent ones are as they are.
+
+        Returns
+        -------
+        ndarray, shape (s, t)
+            NaN where unusable.
+        """
+        delta = signals.delta[..., 0]
+        if signals.stamp_ns is None or not len(delta):
+            return delta
+        base = signals.baseline[..., 0]
+        first = np.maximum.accumulate(np.where(signals.restart, np.arange(len(base)), -1))
+        held = base[np.maximum(first, 0)]
+        if self.rest is not None:
+            baseline, above = self.rest
+            untared = np.all((held == baseline) | np.isnan(baseline), axis=1)
+            held = np.where(untared[:, None], held + above, held)
+        if self.level is not None:
+            held[first < 0] = self.level
+        self.level = held[-1]
+        return np.where(np.isnan(delta), np.nan, signals.values[..., 0] - held)
+
+
+def beginnings(signals: Signals) -> Bools:
+    """Good rows (n,) before which the past is forgotten."""
+    # a row that is left out hands the beginning of a stream on to the next
+    return np.asarray(np.diff(np.cumsum(signals.restart)[signals.good], prepend=0) > 0)
+
+
+FEWEST_ROWS = 5  # of a taxel
+
+
+def told(truth: Columns, name: str, good: Bools) -> Array | None:
+    """Truth of the taxels in usable rows (s,); None where it is too little."""
+    if name not in truth:
+        return None
+    known = np.asarray(truth[name], np.float64)[good]
+    return known if (np.isfinite(known).sum(axis=0) >= FEWEST_ROWS).any() else None
+
+
+def untold(signals: Signals, truth: Columns, silent: Bools, creep: Creep | None) -> Report:
+    """What frames with their truth leave open.
+
+    Parameters
+    ----------
+    signals : Signals
+        Conditioned frames (s).
+    truth : dict of str to ndarray, shape (s, ...)
+        As in a Recording.
+    silent : ndarray, shape (t,)
+        Taxels that are dead or stuck.
+    creep : Creep or None
+        What was found of the skin's past.
+
+    Returns
+    -------
+    dict of str to dict
+        Names that begin with `KIND`, each with its figures.
+    """
+    blank = np.full((len(signals.good), len(silent)), np.nan)
+    force = np.asarray(truth.get('taxel_force', blank), np.float64)[signals.good]
+    crept = 0.0 if creep is None else float(creep.share.sum(axis=0).max())
+    found = {**untold_loads(force), **untold_past(signals, crept)}
+    pressed = (np.nan_to_num(force) > 0).any(axis=0) | silent
+    if pressed.any() and not pressed.all():
+        found[f'{KIND}taxels that were never pressed'] = {'taxels': float((~pressed).sum())}
+    if not np.isfinite(np.asarray(truth.get('deformation', blank), np.float64)).any():
+        found[f'{KIND}shape factor (no truth of deformation): the array counts as rigid'] = {}
+    return found
+
+
+def flag_beyond(known: Columns, forces: Array, most: Array, asked: Bools) -> None:
+    """Say of rows where a taxel bears more than any load that was told of it.
+
+    Taxels that have a status of their own do not count.
+
+    Parameters
+    ----------
+    known : dict of str to ndarray, shape (s, ...)
+        Estimates; `status` is added.
+    forces : ndarray, shape (s, t)
+        Of the taxels (N); NaN: not read.
+    most : ndarray, shape (t,)
+        Largest force of each taxel that was told (N).
+    asked : ndarray, shape (s,)
+        Rows that may be touched.
+    """
+    beyond = forces > BEYOND * most
+    if not np.count_nonzero(beyond):
+        return
+    if 'taxel_status' in known:
+        beyond &= np.asarray(known['taxel_status'], np.uint8) == 0
+    status = np.asarray(known.get('status', np.zeros(len(forces))), np.int64)
+    known['status'] = status | (asked & beyond.any(axis=1)) * np.int64(FrameStatus.OUT_OF_RANGE)
+
 
 ESTIMATORS = (*LAWS, *REGRESSION_ESTIMATORS)
 QUANTUM = 2.8e-4  # standard deviation of rounding to 10 bits (fraction)

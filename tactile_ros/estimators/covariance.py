@@ -1,0 +1,527 @@
+"""Answers that are larger than any that a fit was told: from there on a curve is a guess."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+
+import numpy as np
+
+from tactile_ros.estimators.regression import Standardisation, fitted, group_folds, training_rows
+from tactile_ros.physics.compiled import available, compiled
+from tactile_ros.types import Array, Integers, as_shape
+
+ONE_SIGMA = 0.6827
+NEWTON_STEPS = 25
+FEW_ROWS = 60
+ROWS_PER_LEVEL = 80
+
+
+class CalibratedCovariance:
+    """Covariance of an estimate from what drives its error.
+
+    Parameters
+    ----------
+    strength : float or tuple of float
+        Penalty of the regression, in rows; of several the one with the least deviance on groups
+        that were held out.
+    levels : int
+        Largest number of levels of the stated sigma that are scaled on their own.
+    folds : int
+        Folds of held-out groups on which the scale is measured.
+    seed : int
+        Of the folds.
+
+    Attributes
+    ----------
+    drivers_ : Standardisation
+        Of the drivers.
+    low_, high_ : ndarray, shape (f,)
+        Range of the standardised drivers that was seen; beyond it the nearest end counts.
+    weights_ : ndarray, shape (p, k)
+        Logarithm of the spread of each component.
+    knots_, factors_ : ndarray, shape (l, k)
+        Logarithm of the spread, and the logarithm of the scale at it.
+    correlation_ : ndarray, shape (k, k)
+        Of the residuals in units of their sigma.
+    """
+
+    drivers_: Standardisation
+    low_: Array
+    high_: Array
+    weights_: Array
+    knots_: Array
+    factors_: Array
+    correlation_: Array
+
+    def __init__(
+        self,
+        strength: float | tuple[float, ...] = 5.0,
+        levels: int = 5,
+        folds: int = 5,
+        seed: int = 0,
+    ) -> None:
+        self.strength = strength
+        self.levels = levels
+        self.folds = folds
+        self.seed = seed
+
+    def fit(
+        self,
+        drivers: Array,
+        residuals: Array,
+        groups: Integers | None = None,
+        stated: Array | None = None,
+    ) -> CalibratedCovariance:
+        """Learn from residuals of rows that the estimator had not seen.
+
+        Parameters
+        ----------
+        drivers : ndarray, shape (s, f)
+            What the error may depend on: a few columns, such as the logarithm of the signal.
+        residuals : ndarray, shape (s, k)
+            Out-of-fold predictions minus targets.
+        groups : ndarray of int, shape (s,), or None
+            What a split keeps together.
+        stated : ndarray, shape (s, k), or None
+            Spread that a model tells beforehand (unit of the residuals), to be given to `sigma`
+            again; what is learned multiplies it. None: none does.
+
+        Returns
+        -------
+        CalibratedCovariance
+            Itself.
+        """
+        count = np.shape(residuals)[-1]
+        both = residuals if stated is None else np.hstack([residuals, np.log(stated)])
+        rows = training_rows(drivers, both, groups)
+        error, told = rows.y[:, :count], rows.y[:, count:] if stated is not None else 0.0
+        self.drivers_ = Standardisation().fit(rows.x)
+        z = self.drivers_(rows.x)
+        self.low_, self.high_ = np.percentile(z, [0.5, 99.5], axis=0)
+        terms = _squares(z, self.low_, self.high_)
+        size = np.abs(error) * np.exp(-told)
+        size = np.maximum(size, _least(size))
+        fold = group_folds(rows.groups, self.folds, self.seed)
+        tried = self.strength if isinstance(self.strength, tuple) else (self.strength,)
+        found = [_held_out(terms, size, fold, strength) for strength in tried]
+        best = int(np.argmin([_deviance(size, spread) for spread in found]))
+        spread = found[best]
+        self.weights_ = _regress(terms, size, tried[best])
+        vars(self).pop('_unscaled', None)
+        spread += told
+        self._scale(spread, np.log(size) + told)
+        sigma = np.exp(self._sigma(spread))
+        self.correlation_ = _correlation(np.clip(error / sigma, -3, 3))
+        return self
+
+    def predict(self, drivers: Array) -> Array:
+        """Covariance of the error of each row.
+
+        Parameters
+        ----------
+        drivers : ndarray, shape (s, f)
+            As in the fit.
+
+        Returns
+        -------
+        ndarray, shape (s, k, k)
+            Covariances (unit of the residuals, squared).
+
+        Raises
+        ------
+        NotCalibratedError
+            Before a fit.
+        """
+        sigma = self.sigma(drivers)
+        if sigma.shape[1] == 1:
+            return np.asarray((sigma * sigma)[:, :, None])
+        return sigma[:, :, None] * sigma[:, None, :] * self.correlation_
+
+    def sigma(self, drivers: Array, stated: Array | None = None) -> Array:
+        """Standard deviation of each component, shape (s, k) (unit of the residuals).
+
+        Parameters
+        ----------
+        drivers : ndarray, shape (s, f)
+            As in the fit.
+        stated : ndarray, shape (s, k), or None
+            As in the fit.
+        """
+        fitted(self, 'correlation_')
+        if np.shape(drivers)[1:] != self.low_.shape:
+            drivers = as_shape('drivers', drivers, (-1, len(self.low_)))
+        low, high, weights = self._unscaled
+        moved = drivers - self.drivers_.mean_
+        spread = _squares(moved, low, high) @ weights  # NaN where a driver is
+        sigma = self._sigma(spread if stated is None else spread + np.log(stated))
+        return np.asarray(np.exp(sigma, out=sigma))
+
+    @cached_property
+    def _unscaled(self) -> tuple[Array, Array, Array]:
+        """Range and weights for drivers less their mean: a frame has no time to scale them."""
+        spread, scale = self.drivers_.spread_, np.concatenate([np.ones(1), self.drivers_.gain_])
+        weights = np.outer(scale, scale).reshape(-1, 1) * self.weights_
+        return self.low_ * spread, self.high_ * spread, weights
+
+    def _scale(self, spread: Array, size: Array) -> None:
+        """Measure, at each level of the spread, the scale that holds 68.27 % of the sizes.
+
+        Both are logarithms (s, k).
+        """
+        count = int(np.clip(len(spread) // ROWS_PER_LEVEL, 1, self.levels))
+        order = np.argsort(spread, axis=0, kind='stable')
+        ratio = size - spread
+        self.knots_ = np.empty((count, size.shape[1]))
+        self.factors_ = np.empty_like(self.knots_)
+        for level, rows in enumerate(np.array_split(order, count)):
+            self.knots_[level] = np.take_along_axis(spread, rows, axis=0).mean(axis=0)
+            inside = np.take_along_axis(ratio, rows, axis=0)
+            # One more than the sample's own share: the finite-sample step of conformal methods.
+            share = min(ONE_SIGMA * (len(rows) + 1) / len(rows), 1.0)
+            self.factors_[level] = np.quantile(inside, share, axis=0)
+        vars(self).pop('_levels', None)
+
+    def _sigma(self, spread: Array) -> Array:
+        """Logarithm of sigma at a logarithm of the spread, shape (s, k) both."""
+        sigma = np.empty_like(spread)
+        for k, (knots, factors) in enumerate(self._levels):
+            sigma[:, k] = np.interp(spread[:, k], knots, factors)
+        sigma += spread
+        return sigma
+
+    @cached_property
+    def _levels(self) -> list[tuple[Array, Array]]:
+        """Knots and factors of each component, each in one piece."""
+        pairs = zip(self.knots_.T, self.factors_.T, strict=True)
+        return [(knots.copy(), factors.copy()) for knots, factors in pairs]
+
+
+def _least(size: Array) -> Array:
+    """What counts as an error at least (k,): a thousandth of the middle of those (s, k) not 0.
+
+    Its mean would be that of one group which is far off.
+    """
+    some = [one[one > 0] for one in size.T]
+    middle = [float(np.median(one)) if len(one) else 0.0 for one in some]
+    return 1e-3 * np.array(middle) + np.finfo(float).tiny
+
+
+def _held_out(terms: Array, size: Array, fold: Integers, strength: float) -> Array:
+    """Logarithm of the mean size (s, k) as the other folds tell it."""
+    spread = np.empty_like(size)
+    for part in np.unique(fold):
+        out = fold == part
+        seen = ~out if (~out).any() else out
+        spread[out] = terms[out] @ _regress(terms[seen], size[seen], strength)
+    return spread
+
+
+def _deviance(size: Array, spread: Array) -> float:
+    """Of a gamma distribution with logarithms of its mean, both (s, k)."""
+    return float((size * np.exp(-spread) + spread).sum())
+
+
+def _regress(terms: Array, size: Array, strength: float) -> Array:
+    """Weights (p, k) of the logarithm of the mean size, by penalised Newton steps."""
+    weights = np.zeros((terms.shape[1], size.shape[1]))
+    weights[0] = np.log(size.mean(axis=0))
+    if len(terms) < FEW_ROWS:
+        return weights
+    penalty = strength * np.eye(terms.shape[1])
+    penalty[0, 0] = 0.0
+    for k in range(size.shape[1]):
+        start = weights[:, k].copy()
+        for _ in range(NEWTON_STEPS):
+            # Fisher scoring: the expected curvature of the gamma deviance is constant.
+            excess = np.minimum(size[:, k] * np.exp(-(terms @ weights[:, k])) - 1, 20.0)
+            slope = terms.T @ excess - penalty @ (weights[:, k] - start)
+            step = np.linalg.solve(terms.T @ terms + penalty, slope)
+            weights[:, k] += step
+            if np.abs(step).max() < 1e-12:
+                break
+    return weights
+
+
+def _squares(drivers: Array, low: Array, high: Array) -> Array:
+    """Products of any two of the constant and the drivers within their range, shape (s, p)."""
+    z = np.empty((len(drivers), 1 + drivers.shape[1]))
+    z[:, 0] = 1.0
+    np.minimum(np.maximum(drivers, low), high, out=z[:, 1:])
+    return np.asarray((z[:, :, None] * z[:, None, :]).reshape(len(z), z.shape[1] ** 2))
+
+
+def _correlation(unit: Array) -> Array:
+    """Correlation (k, k) of standardised residuals (s, k), shrunk so that it is definite."""
+    size = np.sqrt((unit**2).mean(axis=0))
+    unit = unit / np.where(size > 0, size, 1.0)
+    count = len(unit)
+    raw = unit.T @ unit / count
+    shrunk = raw * count / (count + 5.0) * 0.999
+    np.fill_diagonal(shrunk, 1.0)
+    return np.asarray(shrunk)
+
+
+class GainSpread:
+    """Standard deviation of the gain of an unseen run about that of the fit.
+
+    Parameters
+    ----------
+    prior : float
+        Standard deviation of the gain between runs before any was seen.
+    weight : float
+        How many runs the prior counts for.
+
+    Attributes
+    ----------
+    spread_ : float
+        Standard deviation of the gain of an unseen run about that of a fit on all runs.
+    runs_ : int
+        Runs that were seen.
+
+    Examples
+    --------
+    >>> force = np.array([[1.0], [2.0], [1.0], [2.0]])
+    >>> said = force * np.array([[1.1], [1.1], [0.9], [0.9]])
+    >>> spread = GainSpread(prior=0.1).fit(said, force, np.array([0, 0, 1, 1]))
+    >>> round(spread.spread_, 3), spread.covariance(np.array([[10.0]])).round(3).tolist()
+    (0.1, [[[1.0]]])
+    """
+
+    spread_: float
+    runs_: int
+
+    def __init__(self, prior: float = 0.025, weight: float = 1.0) -> None:
+        self.prior = prior
+        self.weight = weight
+
+    def fit(
+        self, predictions: Array, y: Array, runs: Integers, presses: Integers | None = None
+    ) -> GainSpread:
+        """Learn from predictions of runs by estimators that had not seen them.
+
+        Parameters
+        ----------
+        predictions, y : ndarray, shape (s, k)
+            Predictions and targets; rows that are not finite are left out.
+        runs : ndarray of int, shape (s,)
+            Run of each row; with one run only nothing is learned and the prior stays.
+        presses : ndarray of int, shape (s,), or None
+            Presses, each with a gain of its own; None: one gain for each run.
+
+        Returns
+        -------
+        GainSpread
+            Itself.
+        """
+        said, told = as_shape('predictions', predictions, (-1, -1)), as_shape('y', y, (-1, -1))
+        keep = np.isfinite(said).all(axis=1) & np.isfinite(told).all(axis=1)
+        names = np.unique(runs[keep])
+        pressed = runs if presses is None else presses
+        squares = [
+            _deviation(said[rows], told[rows], pressed[rows])
+            for rows in (keep & (runs == name) for name in names)
+        ]
+        self.runs_ = len(names)
+        variance = self.prior**2
+        if self.runs_ > 1:
+            between = np.array(squares) / (1 + 1 / (self.runs_ - 1))
+            total = self.weight * variance + float(between.sum())
+            variance = total / (self.weight + self.runs_)
+        self.spread_ = float(np.sqrt(variance * (1 + 1 / max(self.runs_, 1))))
+        return self
+
+    def covariance(self, mean: Array, share: Array | None = None) -> Array:
+        """Covariance of the error of predictions by their unknown gain.
+
+        Parameters
+        ----------
+        mean : ndarray, shape (s, k)
+            Predictions.
+        share : ndarray, shape (s,), or None
+            Share of the variance of the gain that is unknown, 0 in a run that was learned from;
+            None: all of it.
+
+        Returns
+        -------
+        ndarray, shape (s, k, k)
+            To be added to the covariance within runs (unit of the predictions, squared).
+
+        Raises
+        ------
+        NotCalibratedError
+            Before a fit.
+        """
+        fitted(self, 'spread_')
+        size = self.spread_ * mean
+        cells = size[:, :, None] * size[:, None, :]
+        return cells if share is None else cells * share[:, None, None]
+
+
+def _deviation(said: Array, told: Array, presses: Integers) -> float:
+    """Mean square of gain less one over the presses of a run, by the load they carried."""
+    _, press = np.unique(presses, return_inverse=True)
+    load = np.bincount(press.reshape(-1), (told**2).sum(axis=1))
+    answer = np.bincount(press.reshape(-1), (said * told).sum(axis=1))
+    loaded = load > 1e-6 * load.max(initial=0.0)
+    if not loaded.any():
+        return 0.0
+    error = answer[loaded] / load[loaded] - 1
+    return float((load[loaded] * error**2).sum() / load[loaded].sum())
+
+
+Pieces = tuple[Array, Array, Array, Array]
+
+STATED_SPREAD_ONE_SIGMA, TWO_SIGMA = 0.6827, 0.9545
+TRIED = STATED_SPREAD_ONE_SIGMA + np.linspace(-0.08, 0.08, 17)
+STATED_SPREAD_ROWS_PER_LEVEL = 60
+LEVELS = 5
+PRIOR_ROWS = 3.0
+
+
+class StatedSpread:
+    """Factors on a stated spread, so that it holds its share of held-out errors.
+
+    Attributes
+    ----------
+    knots_, factors_ : ndarray, shape (l, k)
+        Logarithm of the stated spread, and of the factor there.
+    """
+
+    knots_: Array
+    factors_: Array
+
+    def fit(self, spread: Array, residuals: Array) -> StatedSpread:
+        """Learn from spreads and errors (s, k) of rows that the method had not seen."""
+        stated = np.log(np.maximum(spread, np.finfo(np.float64).tiny))
+        size = np.log(np.maximum(np.abs(residuals), 1e-12 + 1e-3 * np.abs(residuals).mean(axis=0)))
+        count = int(np.clip(len(stated) // STATED_SPREAD_ROWS_PER_LEVEL, 1, LEVELS))
+        self.knots_ = np.empty((count, stated.shape[1]))
+        self.factors_ = np.empty_like(self.knots_)
+        order = np.argsort(stated, axis=0, kind='stable')
+        for level, rows in enumerate(np.array_split(order, count)):
+            self.knots_[level] = np.take_along_axis(stated, rows, axis=0).mean(axis=0)
+            ratio = np.take_along_axis(size - stated, rows, axis=0)
+            trust = len(rows) / (len(rows) + PRIOR_ROWS)
+            self.factors_[level] = trust * _fair(ratio)
+        return self
+
+    def __call__(self, spread: Array) -> Array:
+        """Spreads (s, k) that hold what they say."""
+        if len(self.knots_) == 1:
+            return np.asarray(spread * np.exp(self.factors_[0]))
+        stated = np.log(np.maximum(spread, np.finfo(np.float64).tiny))
+        factor = np.empty_like(stated)
+        for k in range(stated.shape[1]):
+            factor[:, k] = np.interp(stated[:, k], self.knots_[:, k], self.factors_[:, k])
+        return np.asarray(np.exp(stated + factor))
+
+
+def _fair(ratio: Array) -> Array:
+    """Factor (k,) at which shares inside one and two sigma are least off those of a normal.
+
+    Of errors over what was stated (s, k); both are logarithms. Where tails are heavier than
+    normal not both shares can hold.
+    """
+    count = len(ratio)
+    # one more than the sample's own share: the finite-sample step of conformal methods
+    shares = np.minimum(TRIED * (count + 1) / count, 1.0)
+    factors = np.quantile(ratio, shares, axis=0)
+    inside = (ratio[:, None] <= factors + np.log(2.0)).mean(axis=0)
+    off = np.maximum(np.abs(TRIED - STATED_SPREAD_ONE_SIGMA)[:, None], np.abs(inside - TWO_SIGMA))
+    return np.asarray(np.take_along_axis(factors, off.argmin(axis=0)[None], axis=0)[0])
+
+
+def pieces(knots: Array, factors: Array) -> Pieces:
+    """What `widen` takes of `StatedSpread`: first factor, knots, their distances and slopes."""
+    widths = np.maximum(np.diff(knots, axis=0), 0.0)
+    rise = np.diff(factors, axis=0)
+    slopes = np.where(widths > 1e-9, rise / np.maximum(widths, 1e-9), 0.0)
+    return factors[0], knots[:-1], widths, slopes
+
+
+def widen(cov: Array, floor: Array, scale: Pieces) -> None:
+    """Add a floor to covariances and scale them as `pieces` say, in place.
+
+    Parameters
+    ----------
+    cov, floor : ndarray, shape (s, c, c) and (c, c)
+        (Unit squared.)
+    scale : tuple of ndarray
+        Of `pieces`.
+
+    Examples
+    --------
+    Sigmas of 1 are half of what they should be, those of 3 and more are right:
+
+    >>> scale = pieces(np.log([[1.0], [3.0]]), np.log([[2.0], [1.0]]))
+    >>> cov = np.array([[[1.0]], [[16.0]]])
+    >>> widen(cov, np.zeros((1, 1)), scale)
+    >>> cov.ravel().round(9).tolist()
+    [4.0, 16.0]
+    """
+    first, knots, widths, slopes = scale
+    if available():
+        widen_rows(cov, floor, first, knots, widths, slopes)
+        return
+    cov += floor
+    beyond = np.log(np.sqrt(np.diagonal(cov, axis1=1, axis2=2)))[:, None] - knots
+    beyond = np.minimum(np.maximum(beyond, 0.0), widths)
+    factor = np.exp(first + np.add.reduce(beyond * slopes, axis=1))
+    cov *= factor[:, :, None] * factor[:, None, :]
+
+
+@compiled
+def widen_rows(
+    cov: Array, floor: Array, first: Array, knots: Array, widths: Array, slopes: Array
+) -> None:
+    """`widen` by loops: first (c,) is the logarithm of the factor at small sigmas.
+
+    Its pieces begin at knots, in the logarithm of the sigma, are as long as widths and as steep
+    as slopes (l, c).
+    """
+    count = len(first)
+    factor = np.empty(count)
+    for s in range(len(cov)):
+        for a in range(count):
+            for b in range(count):
+                cov[s, a, b] += floor[a, b]
+        for a in range(count):
+            sigma, total = math.log(math.sqrt(cov[s, a, a])), 0.0
+            for piece in range(len(knots)):
+                beyond = min(max(sigma - knots[piece, a], 0.0), widths[piece, a])
+                total += beyond * slopes[piece, a]
+            factor[a] = math.exp(first[a] + total)
+        for a in range(count):
+            for b in range(count):
+                cov[s, a, b] *= factor[a] * factor[b]
+
+
+BEYOND = 1.1  # times the largest that was told: so far a curve may be gone on with
+UNTOLD = 0.5  # error of what lies beyond, in parts of it
+
+
+def guessed(values: Array, most: float) -> Array | None:
+    """What values may err by, since they lie beyond what was told.
+
+    Parameters
+    ----------
+    values : ndarray, shape (...)
+        Answers, 0 or more, in any unit.
+    most : float
+        The largest that a fit was told, in the same unit.
+
+    Returns
+    -------
+    ndarray, shape (...), or None
+        In the same unit, half of what lies beyond, 0 where a value is known; None: all are.
+
+    Examples
+    --------
+    >>> guessed(np.array([1.0, 2.2, 3.2]), 2.0).tolist()
+    [0.0, 0.0, 0.5]
+    """
+    known = BEYOND * most
+    if not np.count_nonzero(values > known):
+        return None
+    return np.asarray(UNTOLD * np.maximum(values - known, 0.0))

@@ -1,0 +1,600 @@
+"""The steps of `press_descent`, channel by channel, for a compiler."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from scipy import fft
+
+from tactile_ros.physics.compiled import compiled
+from tactile_ros.physics.coverage import symmetry
+from tactile_ros.physics.magnetic_sheet import moved_dipole_series, powers
+from tactile_ros.physics.punch_dents import PunchDents
+
+if TYPE_CHECKING:
+    Singles = npt.NDArray[np.float32]
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tactile_ros.physics.magnetic_sheet import Sheet
+    from tactile_ros.types import Array, Bools, Integers, Outline
+
+COARSE = (3, 1)  # cells from place to place along x and y, across which bands change
+REACH = 0.45  # of the sheet: places from its middle
+RIM = 2e-3  # m, that the rim of a head moves from turn to turn
+TURNS = (6, 40)
+BOTH = 2  # powers of depth in which turns of dipoles count
+AT_ONCE = 12  # channels
+
+
+@dataclass
+class Head:
+    """One outline: its label, order of symmetry, radius (m), loads, and first row of the bank."""
+
+    label: int
+    order: int
+    radius: float
+    points: Array
+    loads: Array
+    turns: int
+    first: int
+
+    @property
+    def sector(self) -> float:
+        """Turn after which it looks the same (rad)."""
+        return 2 * np.pi / max(self.order, 1)
+
+
+class PressBank:
+    """Templates of heads on one sheet.
+
+    Parameters
+    ----------
+    sheet : Sheet
+        At rest.
+    dents : PunchDents
+        Of the body that it is in.
+    chips : ndarray, shape (t, 3)
+        Hall elements (m).
+    responses : ndarray, shape (t, 3, 3)
+        Field in sensor axes -> readings of a chip.
+    turning : float
+        Share of the body's turns that dipoles follow.
+    outlines : sequence of Outline
+        Heads; a label is an index into them.
+
+    Attributes
+    ----------
+    heads : list of Head
+        In the order of the outlines.
+    places : tuple of ndarray
+        Nodes along x and y (m).
+    table : ndarray, shape (turns, x, y, 3, t 3)
+        Spline coefficients for the powers 1 to 3 of the depth (T / m, T / m2, T / m3).
+    """
+
+    def __init__(
+        self,
+        sheet: Sheet,
+        dents: PunchDents,
+        chips: Array,
+        responses: Array,
+        turning: float,
+        outlines: Sequence[Outline],
+    ) -> None:
+        self.sheet, self.dents, self.turning = sheet, dents, turning
+        self.heads: list[Head] = []
+        rows = 0
+        for label, outline in enumerate(outlines):
+            points, loads = dents.loads(outline)
+            order = symmetry(outline)
+            radius = float(np.linalg.norm(np.concatenate(outline.loops), axis=1).max())
+            wanted = 2 * np.pi / max(order, 1) * radius / RIM
+            turns = 1 if order == 0 else int(np.clip(np.ceil(wanted), *TURNS))
+            self.heads.append(Head(label, order, radius, points, loads, turns, rows))
+            rows += turns
+        self.step = dents.pitch * np.array(COARSE)
+        self.half = np.array(
+            [int(REACH * len(line)) // c for line, c in zip(sheet.lines, COARSE, strict=True)]
+        )
+        self.table = self._table(chips, responses)
+
+    @property
+    def nodes(self) -> tuple[Array, Array]:
+        """Places along x and y (m)."""
+        x, y = (
+            step * np.arange(-half, half + 1)
+            for step, half in zip(self.step, self.half, strict=True)
+        )
+        return x, y
+
+    def _table(self, chips: Array, responses: Array) -> Array:
+        """Spline coefficients of all heads and turns."""
+        spectra = [self._spectra(head, i) for head in self.heads for i in range(head.turns)]
+        channels = 3 * len(chips)
+        sides = 2 * self.half + 1
+        table = np.empty((len(spectra), *sides, 3, channels), np.float32)
+        for power in (1, 2, 3):
+            dent = np.stack([one[power - 1] for one in spectra], axis=-1)  # kx, ky, product, row
+            per = AT_ONCE // 3
+            for first in range(0, len(chips), per):
+                part = slice(first, first + per)
+                kernel = self._kernel(chips[part], responses[part], power)
+                found = np.matmul(kernel, dent)
+                table[..., power - 1, 3 * first : 3 * first + kernel.shape[2]] = self._cut(found)
+        for head in self.heads:
+            rows = slice(head.first, head.first + head.turns)
+            table[rows] = _spline_in_turn(table[rows])
+        return table
+
+    def _terms(self, power: int) -> list[tuple[tuple[int, ...], int, int, float]]:
+        """Products of images, with the axis of the moment, power of movement and size."""
+        axis = self.sheet.axis
+        found = [(_factors(k), axis, power, 1.0) for k in powers(power)]
+        if self.turning == 0 or power > BOTH:
+            return found
+        once = [(3, 2, 1.0)] if axis == 1 else [(4, 0, 1.0), (3, 1, -1.0)]
+        for turn, toward, sign in once:
+            size = sign * self.turning
+            found += [((*_factors(k), turn), toward, power - 1, size) for k in powers(power - 1)]
+        if power == BOTH:
+            twice = [((3, 4), 0, 0.5), ((3, 3), 1, -0.5)]
+            twice = twice if axis == 1 else [((3, 3), 2, -0.5), ((4, 4), 2, -0.5)]
+            found += [(both, to, 0, size * self.turning**2) for both, to, size in twice]
+        return found
+
+    def _spectra(self, head: Head, turn: int) -> list[Array]:
+        """Spectra (kx, ky, product) of products of a dent's images, for each power of depth."""
+        pose = np.array([0.0, 0.0, turn * head.sector / head.turns])
+        images = self.dents.images(head.points, head.loads, pose).astype(np.float32)
+        found = []
+        for power in (1, 2, 3):
+            made = [np.prod(images[list(what)], axis=0) for what, _, _, _ in self._terms(power)]
+            flat = np.concatenate(made)  # product and level
+            spectrum = np.conj(fft.rfft2(flat)).astype(np.complex64)
+            found.append(np.moveaxis(spectrum, 0, -1))
+        return found
+
+    def _kernel(self, chips: Array, responses: Array, power: int) -> Array:
+        """Spectra (kx, ky, channel, product) of what products do to chips, at all cells."""
+        x, y = self.sheet.lines
+        cells = np.stack(np.meshgrid(x, y, self.sheet.levels, indexing='ij'), axis=-1)
+        r = chips[:, None, None, None] - cells
+        moment = self.sheet.moments[None, :, None]
+        series = {
+            (axis, order): moved_dipole_series(r, moment, axis, order)
+            for axis, order in {(axis, order) for _, axis, order, _ in self._terms(power)}
+        }
+        at = [self.dents.index(line, i) for i, line in enumerate((x, y))]
+        n, terms = self.dents.count, self._terms(power)
+        full = np.zeros((len(terms), 2, len(chips), 3, n, n), np.float32)
+        for i, (what, axis, order, size) in enumerate(terms):
+            i0, i1, i2 = (sum(f == j for f in what) for j in range(3))
+            found = size * series[axis, order][powers(order).index((i0, i1, i2))]
+            read = np.einsum('tij,jtxyl->ltixy', responses, found)
+            full[i][..., at[0][:, None], at[1][None]] = read
+        flat = full.reshape(2 * len(terms), 3 * len(chips), n, n)
+        spectrum = fft.rfft2(flat).astype(np.complex64)
+        return np.ascontiguousarray(np.moveaxis(spectrum, (0, 1), (3, 2)))
+
+    def _cut(self, spectrum: Array) -> Array:
+        """Spline coefficients (row, x, y, channel) at the places, from spectra over all cells."""
+        n, count = self.dents.count, self.dents.count // COARSE[0]
+        folded = spectrum.reshape(COARSE[0], count, *spectrum.shape[1:]).sum(axis=0)
+        folded *= _gain(fft.fftfreq(count), folded, 0) / COARSE[0]
+        rows = np.arange(-self.half[0], self.half[0] + 1)
+        found = fft.ifft(folded, axis=0)[rows]
+        found *= _gain(fft.rfftfreq(n), found, 1)
+        columns = np.arange(-self.half[1], self.half[1] + 1)
+        smooth = fft.irfft(found, n, axis=1)[:, columns]
+        return np.moveaxis(smooth, -1, 0)
+
+    def at(self, head: Integers, poses: Array) -> Array:
+        """Templates by power of depth, and how they change with the pose.
+
+        Parameters
+        ----------
+        head : ndarray, shape (n,)
+            Numbers of heads.
+        poses : ndarray, shape (n, 3)
+            Places (m) and turns (rad).
+
+        Returns
+        -------
+        ndarray, shape (n, 4, 3, t 3)
+            Value, and its change with x, y (per m) and turn (per rad), for each power of depth;
+            beyond the places it stays as at their edge.
+        """
+        sides = 2 * self.half + 1
+        first, per_turn, turns = (self.about[head, i] for i in range(3))
+        at = np.empty((len(head), 3))
+        at[:, 0] = poses[:, 2] * per_turn
+        at[:, 1:] = np.clip(poses[:, :2] / self.step + self.half, 1.0, sides - 2.0 - 1e-9)
+        low = np.floor(at)
+        weight, slope = _spline(at - low)
+        slope[:, 0] *= per_turn[:, None].astype(np.float32)
+        slope[:, 1:] *= (1 / self.step)[:, None].astype(np.float32)
+        rows = low.astype(np.int64)[:, :, None] + np.arange(-1, 3)
+        turn = first.astype(np.int64)[:, None] + rows[:, 0] % turns.astype(np.int64)[:, None]
+        index = (turn[:, :, None, None] * sides[0] + rows[:, 1, None, :, None]) * sides[1]
+        return self._mixed(weight, slope, index + rows[:, 2, None, None, :])
+
+    def _mixed(self, weight: Array, slope: Array, index: Integers) -> Array:
+        """Rows at an index (n, 4, 4, 4) with weights and slopes (n, 3, 4); see `at`.
+
+        Sums are written out, so that compiled loops have the same bits.
+        """
+        (wt, wx, wy), (st, sx, sy) = (np.moveaxis(w, 1, 0)[..., None] for w in (weight, slope))
+        found = np.zeros((len(index), 4, 3 * self.table.shape[-1]), np.float32)
+        for i in range(4):
+            plane = np.zeros((3, *found[:, 0].shape), np.float32)
+            for j in range(4):
+                row = self.flat[index[:, i, j]]
+                value = sum(wy[:, k] * row[:, k] for k in range(4))
+                plane[0] += wx[:, j] * value
+                plane[1] += sx[:, j] * value
+                plane[2] += wx[:, j] * sum(sy[:, k] * row[:, k] for k in range(4))
+            for k in range(3):
+                found[:, k] += wt[:, i] * plane[k]
+            found[:, 3] += st[:, i] * plane[0]
+        return found.reshape(len(index), 4, 3, -1)
+
+    @cached_property
+    def flat(self) -> npt.NDArray[np.float32]:
+        """Table with a row for each node."""
+        return np.asarray(self.table.reshape(-1, 3 * self.table.shape[-1]), np.float32)
+
+    @cached_property
+    def about(self) -> Array:
+        """First row, rows per radian, and rows of each head, shape (heads, 3)."""
+        return np.array(
+            [
+                [head.first, head.turns / head.sector if head.order else 0.0, head.turns]
+                for head in self.heads
+            ]
+        )
+
+    @cached_property
+    def grid(self) -> Array:
+        """Steps (m) along x and y, and places from the middle to the edge."""
+        return np.array([*self.step, *self.half], float)
+
+    def at_nodes(self) -> Array:
+        """Templates at all nodes, shape (turns, x, y, 3, t 3)."""
+        found = self.table
+        for axis in (1, 2):
+            edge = [(1, 1) if i == axis else (0, 0) for i in range(found.ndim)]
+            wide = np.moveaxis(np.pad(found, edge, mode='edge'), axis, 0)
+            found = np.moveaxis((wide[:-2] + 4 * wide[1:-1] + wide[2:]) / 6, 0, axis)
+        for head in self.heads:
+            rows = slice(head.first, head.first + head.turns)
+            part = found[rows]
+            found[rows] = (np.roll(part, 1, axis=0) + 4 * part + np.roll(part, -1, axis=0)) / 6
+        return found
+
+
+def _factors(exponents: tuple[int, int, int]) -> tuple[int, ...]:
+    """Numbers of the components of a product."""
+    return tuple(i for i, count in enumerate(exponents) for _ in range(count))
+
+
+def _spline_in_turn(rows: Array) -> Array:
+    """Spline coefficients of values (n, ...) that return to themselves."""
+    if len(rows) == 1:
+        return rows
+    spectrum = fft.rfft(rows, axis=0)
+    spectrum *= _gain(fft.rfftfreq(len(rows)), spectrum, 0)
+    return np.asarray(fft.irfft(spectrum, len(rows), axis=0), np.float32)
+
+
+def _gain(wave: Array, like: Array, axis: int) -> Array:
+    """What turns the spectrum of values into that of spline coefficients, along one axis."""
+    shape = [1] * like.ndim
+    shape[axis] = -1
+    gain: Array = np.asarray(3 / (2 + np.cos(2 * np.pi * wave)), np.float32).reshape(shape)  # type: ignore[assignment]
+    return gain
+
+
+def _spline(part: Array) -> tuple[Array, Array]:
+    """Weights (..., 4) of a cubic spline's coefficients, and their slopes, for parts of a step."""
+    t, u = part, 1.0 - part
+    weight = [
+        u * u * u, 3.0 * t * t * t - 6.0 * t * t + 4.0, 3.0 * u * u * u - 6.0 * u * u + 4.0,
+        t * t * t,
+    ]  # fmt: skip
+    slope = [-3.0 * u * u, 9.0 * t * t - 12.0 * t, 12.0 * u - 9.0 * u * u, 3.0 * t * t]
+    found = (np.stack(one, axis=-1) / 6.0 for one in (weight, slope))
+    first, second = (np.asarray(one, np.float32) for one in found)
+    return first, second  # type: ignore[return-value]
+
+
+@compiled
+def spline_rows(t: float, value: Singles, slope: Singles) -> None:
+    """Weights (4,) of a cubic spline's coefficients, and their slopes; both are filled."""
+    u = 1.0 - t
+    value[0], value[3] = u * u * u / 6.0, t * t * t / 6.0
+    value[1] = (3.0 * t * t * t - 6.0 * t * t + 4.0) / 6.0
+    value[2] = (3.0 * u * u * u - 6.0 * u * u + 4.0) / 6.0
+    slope[0], slope[3] = -3.0 * u * u / 6.0, 3.0 * t * t / 6.0
+    slope[1] = (9.0 * t * t - 12.0 * t) / 6.0
+    slope[2] = (12.0 * u - 9.0 * u * u) / 6.0
+
+
+@compiled
+def faint(weight: float, slope: float) -> bool:
+    """Whether a row's share is lost in the rounding of singles: at nodes one in four is."""
+    return abs(weight) + abs(slope) < 1e-15
+
+
+@compiled
+def plane_rows(
+    flat: Singles, first: int, stride: int, weight: Singles, slope: Singles, work: Singles
+) -> None:
+    """Sixteen neighbouring rows of a table as one, and its slopes; `work` (3, r) is filled."""
+    v0, v1, v2, v3 = weight[1, 0], weight[1, 1], weight[1, 2], weight[1, 3]
+    u0, u1, u2, u3 = slope[1, 0], slope[1, 1], slope[1, 2], slope[1, 3]
+    work[:] = 0
+    for j in range(4):
+        w, s = weight[0, j], slope[0, j]
+        if faint(w, s):
+            continue
+        row = first + j * stride
+        a, b, c, d = flat[row], flat[row + 1], flat[row + 2], flat[row + 3]
+        for k in range(work.shape[1]):
+            value = v0 * a[k] + v1 * b[k] + v2 * c[k] + v3 * d[k]
+            work[0, k] += w * value
+            work[1, k] += s * value
+            work[2, k] += w * (u0 * a[k] + u1 * b[k] + u2 * c[k] + u3 * d[k])
+
+
+@compiled
+def template_rows(
+    flat: Singles, grid: Array, about: Array, pose: Array, work: Singles, parts: Singles
+) -> None:
+    """One template and its slopes, as of `PressBank.at`; `parts` (4, 3 d) is filled."""
+    weight, slope = np.empty((3, 4), np.float32), np.empty((3, 4), np.float32)
+    turn = pose[2] * about[1]
+    x = min(max(pose[0] / grid[0] + grid[2], 1.0), 2.0 * grid[2] - 1.0 - 1e-9)
+    y = min(max(pose[1] / grid[1] + grid[3], 1.0), 2.0 * grid[3] - 1.0 - 1e-9)
+    low_turn, low_x, low_y = np.floor(turn), np.floor(x), np.floor(y)
+    spline_rows(turn - low_turn, weight[0], slope[0])
+    spline_rows(x - low_x, weight[1], slope[1])
+    spline_rows(y - low_y, weight[2], slope[2])
+    for k in range(4):
+        slope[0, k] *= np.float32(about[1])
+        slope[1, k] *= np.float32(1.0 / grid[0])
+        slope[2, k] *= np.float32(1.0 / grid[1])
+    nx, ny, turns = 2 * int(grid[2]) + 1, 2 * int(grid[3]) + 1, int(about[2])
+    parts[:] = 0
+    last = -1
+    for i in range(4):
+        w, s = weight[0, i], slope[0, i]
+        if faint(w, s):
+            continue
+        row = int(about[0]) + (int(low_turn) + i - 1) % turns
+        if row != last:  # round heads have one
+            first = (row * nx + int(low_x) - 1) * ny + int(low_y) - 1
+            plane_rows(flat, first, ny, weight[1:], slope[1:], work)
+        last = row
+        for k in range(work.shape[1]):
+            parts[0, k] += w * work[0, k]
+            parts[1, k] += w * work[1, k]
+            parts[2, k] += w * work[2, k]
+            parts[3, k] += s * work[0, k]
+
+
+@compiled
+def cleared_rows(rows: Array, span: Array) -> None:
+    """What a uniform field could have added (3, d) is taken out of rows (n, d), in place."""
+    for j in range(len(rows)):
+        a, b, c = 0.0, 0.0, 0.0
+        for k in range(rows.shape[1]):
+            a += rows[j, k] * span[0, k]
+            b += rows[j, k] * span[1, k]
+            c += rows[j, k] * span[2, k]
+        for k in range(rows.shape[1]):
+            rows[j, k] -= a * span[0, k] + b * span[1, k] + c * span[2, k]
+
+
+@compiled
+def depth_rows(
+    parts: Singles, powers: Array, usual: float, weight: Array, span: Array, wanted: Array
+) -> float:
+    """Depth over the usual one at which a template is as strong as the press."""
+    d = len(wanted)
+    p, q, r = powers[0] * usual, powers[1] * usual**2, powers[2] * usual**3
+    row = np.empty((1, d))
+    for k in range(d):
+        row[0, k] = p * parts[0, k] + q * parts[0, d + k] + r * parts[0, 2 * d + k]
+        row[0, k] *= weight[k]
+    cleared_rows(row, span)
+    told, size = 0.0, 0.0
+    for k in range(d):
+        told += row[0, k] * wanted[k]
+        size += row[0, k] * row[0, k]
+    return told / size
+
+
+@compiled
+def plain_rows(parts: Singles, powers: Array, a: float, plain: Array) -> None:
+    """Pattern at a depth and its slopes with place, turn and depth; `plain` (5, d) is filled."""
+    d = plain.shape[1]
+    p, q, r = powers[0] * a, powers[1] * a**2, powers[2] * a**3
+    for j in range(4):
+        for k in range(d):
+            plain[j, k] = p * parts[j, k] + q * parts[j, d + k] + r * parts[j, 2 * d + k]
+    p, q, r = powers[0], 2 * powers[1] * a, 3 * powers[2] * a**2
+    for k in range(d):
+        plain[4, k] = p * parts[0, k] + q * parts[0, d + k] + r * parts[0, 2 * d + k]
+
+
+@compiled
+def solved_rows(normal: Array, right: Array, move: Array) -> None:
+    """Solution (4,) of equations with a symmetric matrix, by Cholesky; `move` is filled."""
+    low = np.zeros((4, 4))
+    for i in range(4):
+        for j in range(i + 1):
+            total = normal[i, j]
+            for k in range(j):
+                total -= low[i, k] * low[j, k]
+            low[i, j] = np.sqrt(total) if i == j else total / low[j, j]
+    for i in range(4):
+        move[i] = right[i]
+        for k in range(i):
+            move[i] -= low[i, k] * move[k]
+        move[i] /= low[i, i]
+    for i in range(3, -1, -1):
+        for k in range(i + 1, 4):
+            move[i] -= low[k, i] * move[k]
+        move[i] /= low[i, i]
+
+
+@compiled
+def misfit_rows(
+    plain: Array, weight: Array, span: Array, wanted: Array, damping: float, rows: Array,
+    normal: Array, scale: Array, move: Array,
+) -> tuple[float, float]:  # fmt: skip
+    """Cost, and what a step promises; normal matrix, its scale and the step are filled."""
+    d = len(wanted)
+    for j in range(5):
+        for k in range(d):
+            rows[j, k] = plain[j, k] * weight[k]
+    cleared_rows(rows, span)
+    cost, right, scaled = 0.0, np.zeros(4), np.zeros(4)
+    normal[:] = 0.0
+    for k in range(d):
+        miss = wanted[k] - rows[0, k]
+        cost += miss * miss
+        for i in range(4):
+            right[i] += rows[i + 1, k] * miss
+            for j in range(i + 1):
+                normal[i, j] += rows[i + 1, k] * rows[j + 1, k]
+    for i in range(4):
+        scale[i] = np.sqrt(normal[i, i]) + 1e-30
+        scaled[i] = right[i] / scale[i]
+    for i in range(4):
+        for j in range(i + 1):
+            normal[i, j] /= scale[i] * scale[j]
+            normal[j, i] = normal[i, j]
+        normal[i, i] += damping
+    solved_rows(normal, scaled, move)
+    promised = 0.0
+    for i in range(4):
+        promised += scaled[i] * move[i]
+        move[i] /= scale[i]
+    return cost, promised
+
+
+@compiled
+def moved_rows(pose: Array, move: Array, limit: Array, tried: Array) -> None:
+    """A pose after a step, as of `press_descent.moved`; `tried` (4,) is filled."""
+    for i in range(3):
+        tried[i] = pose[i] + min(max(move[i], -limit[i]), limit[i])
+    ratio = min(max(1.0 + move[3] / pose[3], limit[3]), limit[4])
+    tried[3] = min(max(pose[3] * ratio, limit[5]), limit[6])
+
+
+@compiled
+def begun_rows(
+    flat: Singles, grid: Array, about: Array, head: Integers, limit: Array, stop: Array,
+    weight: Array, span: Array, wanted: Array, powers: Array, work: Singles, parts: Singles,
+    rows: Array, pose: Array, cost: Array, normal: Array, scale: Array, plain: Array,
+    move: Array, promised: Array,
+) -> None:  # fmt: skip
+    """Descents (s) at their beginning, at depths that fit; all from `pose` on is filled."""
+    for i in range(len(head)):
+        template_rows(flat, grid, about[head[i]], pose[i], work, parts)
+        ratio = depth_rows(parts, powers, pose[i, 3], weight, span, wanted)
+        pose[i, 3] = min(max(pose[i, 3] * max(ratio, stop[2]), limit[5]), limit[6])
+        plain_rows(parts, powers, pose[i, 3], plain[i])
+        cost[i], promised[i] = misfit_rows(
+            plain[i], weight, span, wanted, stop[3], rows, normal[i], scale[i], move[i]
+        )
+
+
+@compiled
+def worth_rows(
+    cost: Array, promised: Array, head: Integers, stop: Array, own: Array, active: Bools
+) -> bool:
+    """Whether any descent may still change what is said, and which: `active` is updated."""
+    best = cost.min()
+    own[:] = np.inf
+    for i in range(len(cost)):
+        own[head[i]] = min(own[head[i]], cost[i])
+    for i in range(len(cost)):
+        lively = promised[i] > max(stop[0], stop[1] * (cost[i] - best))
+        active[i] = active[i] and lively and cost[i] - 2.0 * promised[i] <= own[head[i]]
+    return bool(active.any())
+
+
+@compiled
+def kept_rows(normal: Array, scale: Array, whole: Array, change: Array) -> float:
+    """Share of what a whole step promises that a change of the pose keeps."""
+    gain, top = 0.0, 0.0
+    for i in range(4):
+        pull, back = 0.0, 0.0
+        for j in range(4):
+            pull += normal[i, j] * whole[j] * scale[j]
+            back += normal[i, j] * change[j] * scale[j]
+        gain += change[i] * scale[i] * (2 * pull - back)
+        top += whole[i] * scale[i] * pull
+    return gain / max(top, 1e-300)
+
+
+@compiled
+def finished_rows(
+    promised: Array, move: Array, limit: Array, stop: Array, normal: Array, scale: Array,
+    pose: Array, cost: Array, plain: Array,
+) -> None:  # fmt: skip
+    """Last steps, so short that a straight line tells what they do; from `pose` on is updated."""
+    tried = np.empty(4)
+    for i in range(len(cost)):
+        if promised[i] > stop[0]:
+            continue
+        moved_rows(pose[i], move[i], limit, tried)
+        cost[i] -= promised[i] * kept_rows(normal[i], scale[i], move[i], tried - pose[i])
+        for j in range(4):
+            change = tried[j] - pose[i, j]
+            for k in range(plain.shape[2]):
+                plain[i, 0, k] += change * plain[i, j + 1, k]
+        pose[i] = tried
+
+
+@compiled
+def descend_rows(
+    flat: Singles, grid: Array, about: Array, head: Integers, limit: Array, stop: Array,
+    rounds: int, weight: Array, span: Array, wanted: Array, powers: Array,
+    pose: Array, cost: Array, normal: Array, scale: Array, plain: Array,
+) -> None:  # fmt: skip
+    """Descents (s) of one press: `press_descent.descend`; all from `pose` on is filled."""
+    s, d = len(head), len(wanted)
+    work, parts = np.empty((3, 3 * d), np.float32), np.empty((4, 3 * d), np.float32)
+    rows, flatter, own = np.empty((5, d)), np.empty((5, d)), np.empty(len(about))
+    move, promised, active = np.empty((s, 4)), np.empty(s), np.ones(s, np.bool_)
+    steep, size, step, tried = np.empty((4, 4)), np.empty(4), np.empty(4), np.empty(4)
+    begun_rows(
+        flat, grid, about, head, limit, stop, weight, span, wanted, powers, work, parts, rows,
+        pose, cost, normal, scale, plain, move, promised,
+    )  # fmt: skip
+    for _ in range(rounds):
+        if not worth_rows(cost, promised, head, stop, own, active):
+            break
+        for i in np.flatnonzero(active):
+            moved_rows(pose[i], move[i], limit, tried)
+            template_rows(flat, grid, about[head[i]], tried, work, parts)
+            plain_rows(parts, powers, tried[3], flatter)
+            new, more = misfit_rows(
+                flatter, weight, span, wanted, stop[3], rows, steep, size, step
+            )
+            if new < cost[i]:
+                pose[i], move[i], cost[i], promised[i] = tried, step, new, more
+                normal[i], scale[i], plain[i] = steep, size, flatter
+            else:
+                move[i] *= stop[4]
+                promised[i] *= stop[4]
+    finished_rows(promised, move, limit, stop, normal, scale, pose, cost, plain)

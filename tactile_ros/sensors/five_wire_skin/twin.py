@@ -1,0 +1,168 @@
+"""The five-wire skin behind a microcontroller on a serial port, real or simulated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from tactile_ros.devices.connections import FramedConnection, open_framed, simulate_framed
+from tactile_ros.devices.framed_protocol import five_wires
+from tactile_ros.enrolment import REST_S, Programme, Touches, growing_loads, playing, recorded
+from tactile_ros.sensors.five_wire_skin.config import layout
+from tactile_ros.types import Array
+from tactile_ros.types.config_fields import whole
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tactile_ros.devices.simulated_serial import FramedTwin
+    from tactile_ros.devices.timestamps import VirtualClock
+    from tactile_ros.enrolment import Truth
+    from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig
+    from tactile_ros.types import Array, Device, Recording
+
+NOISE = 5e-4  # of the supply
+AT_ONE_NEWTON, EXPONENT = 2000.0, 0.7  # Velostat (ohm, 1)
+MIDDLE = 0.3  # resistance from the sheet's middle to its border, in squares
+BORDER = 12.5e-3  # nothing is pressed nearer to the border
+PRESSES = 40
+EVERY, STROKE = 3, 25e-3  # every third press is drawn over the sheet, by about so much
+
+
+@dataclass(frozen=True)
+class Strokes(Programme):
+    """Presses that move over the sheet while they last.
+
+    Attributes
+    ----------
+    moved : ndarray, shape (n, 3)
+        From the beginning of a press to its end (m).
+    """
+
+    moved: Array = field(default_factory=lambda: np.zeros((1, 3)))
+
+    def at(self, times: npt.ArrayLike) -> Touches:
+        """Touches at times (s,) in seconds since the start."""
+        touches = super().at(times)
+        t = np.mod(np.asarray(times, np.float64), self.duration_s) - REST_S
+        share = np.clip((t % self.period_s) / (self.period_s - self.pause_s), 0.0, 1.0)
+        row = np.clip(touches.press, 0, len(self.moved) - 1)
+        position = touches.position + share[:, None] * self.moved[row]
+        return Touches(touches.press, position, touches.force, touches.share)
+
+
+def reading(config: FiveWireSkinConfig, touches: Touches) -> Array:
+    """Readings (s, 1, c), fractions of the supply: u_AC, u_BD, R0 / (R0 + R).
+
+    A third excitation has A and B at the supply and C and D at 0.
+    """
+    touched = touches.force[:, 2] > 0
+    x, y = (np.nan_to_num(touches.position[:, :2]) / config.size).T
+    u_ac, u_bd = 1 - (x + y) / 2, 0.5 + (x - y) / 2
+    sheet = config.sheet_resistance * MIDDLE * 16 * x * (1 - x) * y * (1 - y)
+    load = np.where(touched, touches.force[:, 2], 1.0)
+    resistance = sheet + AT_ONE_NEWTON * load**-EXPONENT
+    divider = config.reference_resistance / (config.reference_resistance + resistance)
+    known = [u_ac, u_bd, divider, 1 - y][: len(config.channels)]
+    read = np.stack(known, axis=-1) * touched[:, None]
+    return np.broadcast_to(read[:, None], (len(read), len(config.positions), len(known)))
+
+
+def truth(touches: Touches) -> Truth:
+    """Place, and the force along z, the only one that is seen."""
+    force = touches.force.copy()
+    force[:, :2] = np.nan
+    return {'position': touches.position, 'force': force}
+
+
+def programme(config: FiveWireSkinConfig, seed: int, count: int) -> Strokes:
+    """Presses of 1..15 N, as in [5], all over the sheet but for its border; some are drawn."""
+    rng = np.random.default_rng(seed)
+    margin = np.minimum(BORDER, config.size / 8)
+    place = margin + (config.size - 2 * margin) * rng.uniform(0, 1, (count, 2))
+    load = growing_loads(count, 1.0, 15.0, rng)
+    turn, drawn = rng.uniform(0, 2 * np.pi, count), np.arange(count) % EVERY == EVERY - 1
+    away = STROKE * np.column_stack([np.cos(turn), np.sin(turn)]) * drawn[:, None]
+    end = np.clip(place + away, margin, config.size - margin)
+    flat = np.zeros(count)
+    return Strokes(
+        np.column_stack([place, flat]),
+        load[:, None] * np.array([0.0, 0.0, 1.0]),
+        moved=np.column_stack([end - place, flat]),
+    )
+
+
+def presses(
+    config: FiveWireSkinConfig, seed: int = 0, count: int = PRESSES, noise: float | None = None
+) -> Recording:
+    """Readings of `count` presses with their truth: position and normal force.
+
+    Parameters
+    ----------
+    config : FiveWireSkinConfig
+        Of the sensor.
+    seed : int
+        Of places, loads and noise.
+    count : int
+        Presses (n).
+    noise : float or None
+        Of a channel (fraction of the supply); None: half a thousandth.
+
+    Returns
+    -------
+    Recording
+        One stream that begins with a tare.
+    """
+    return recorded(
+        layout(config),
+        programme(config, seed, count),
+        lambda touches: reading(config, touches),
+        truth,
+        NOISE if noise is None else noise,
+        seed,
+        (0.0, 1.0),
+    )
+
+
+def signal(config: FiveWireSkinConfig, seed: int = 0) -> Callable[[float], Array]:
+    """The readings of `presses` without noise, over time (s), again and again."""
+    return playing(presses(config, seed, noise=0.0))
+
+
+@dataclass(frozen=True)
+class FiveWireSkinConnection(FramedConnection):
+    """A microcontroller that excites the corners in turn and sends its counts in frames."""
+
+    # the converter of the PIC18F25K80 that [5] used
+    full_count: int = whole(4095, 'count of the converter at the supply', 1, 0xFFFF)
+
+
+def open_skin(
+    config: FiveWireSkinConfig, connection: FiveWireSkinConnection, clock_ns: Callable[[], int]
+) -> Device:
+    """Skin of `config` at `connection`, with stamps from `clock_ns`; not opened yet."""
+    payload = five_wires(connection.full_count, len(config.channels))
+    return open_framed(layout(config), connection, payload, 1 / connection.full_count, clock_ns)
+
+
+def simulate_skin(
+    config: FiveWireSkinConfig,
+    connection: FiveWireSkinConnection,
+    signal: Callable[[float], Array] | None = None,
+    seed: int = 0,
+    clock: VirtualClock | None = None,
+) -> FramedTwin:
+    """Twin of a skin that plays `signal`, or a simple one of its own; not entered yet."""
+    return simulate_framed(
+        layout(config),
+        connection,
+        five_wires(connection.full_count, len(config.channels)),
+        1 / connection.full_count,
+        signal(config, seed) if signal is None else signal,
+        NOISE if config.noise is None else config.noise,
+        seed,
+        clock,
+    )

@@ -1,0 +1,138 @@
+"""The magnet pad on an I2C bus or on a serial port, real or simulated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.devices.connections import ChipConnection, ChipSensor
+from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
+from tactile_ros.physics.dipoles import in_chip_axes
+from tactile_ros.physics.magnet_blocks import EXACT
+from tactile_ros.sensors.magnet_pad.body_model import (
+    NOISE,
+    blocks_of,
+    by_tip,
+    field_choice,
+    movement,
+)
+from tactile_ros.sensors.magnet_pad.config import layout
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tactile_ros.enrolment import Truth
+    from tactile_ros.physics.magnet_blocks import Blocks
+    from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
+    from tactile_ros.types import Array, Recording
+
+PLAY = 0.3  # of a place about its cell's centre, in distances of cells
+PRESSES = 60
+
+
+def carried(config: MagnetPadConfig, touches: Touches) -> tuple[Array, Array]:
+    """Shifts (m) and turns (rad) of the magnets, shape (s, m, 3) both."""
+    count = len(config.magnet_positions)
+    moved, turned = np.zeros((2, len(touches.press), count, 3))
+    rows = np.flatnonzero(touches.press >= 0)
+    # the body is linear: a press is computed once, whatever its load
+    _, first, which = np.unique(touches.press[rows], return_index=True, return_inverse=True)
+    first, share = rows[first], touches.share[rows, None, None]
+    full = touches.force[first] / touches.share[first, None]
+    shift, turn = movement(config, by_tip(config, touches.position[first], full))
+    moved[rows], turned[rows] = share * shift[which], share * turn[which]
+    return moved, turned
+
+
+def blocks_for(config: MagnetPadConfig, programme: Programme, noise: float = NOISE) -> Blocks:
+    """Magnets in the cheapest model that presses at their full load need."""
+    presses = by_tip(config, programme.positions, programme.forces)
+    return blocks_of(config, field_choice(config, presses, noise).size[0])
+
+
+def reading(config: MagnetPadConfig, touches: Touches, blocks: Blocks | None = None) -> Array:
+    """Readings (s, t, 3) (T) of the magnets, exact or in a model, where a press has moved them."""
+    blocks = blocks_of(config, EXACT) if blocks is None else blocks
+    field = blocks.field(config.positions, *carried(config, touches))
+    return in_chip_axes(field, config.rotations)
+
+
+def truth(config: MagnetPadConfig, touches: Touches) -> Truth:
+    """Place, nearest cell, force."""
+    place = np.nan_to_num(touches.position)
+    far = np.linalg.norm(place[:, None] - config.cells, axis=2)
+    cell = np.where(touches.press >= 0, far.argmin(axis=1), -1)
+    return {'position': touches.position, 'cell': cell, 'force': touches.force}
+
+
+def programme(config: MagnetPadConfig, seed: int, count: int, cone: float = 0.0) -> Programme:
+    """Presses in all cells in random order, along the normal or inside a cone (rad) about it."""
+    rng = np.random.default_rng(seed)
+    rounds = -(-count // len(config.cells))
+    cell = np.concatenate([rng.permutation(len(config.cells)) for _ in range(rounds)])[:count]
+    around = np.arctan2(config.cells[:, 2], config.cells[:, 1])
+    step = config.length / max(len(np.unique(np.round(config.cells[:, 0], 6))), 1)
+    x = config.cells[cell, 0] + PLAY * step * rng.uniform(-0.5, 0.5, count)
+    angle = around[cell] + PLAY * 0.7 * rng.uniform(-0.5, 0.5, count)
+    normal = np.column_stack([np.zeros(count), np.cos(angle), np.sin(angle)])
+    across = rng.normal(size=(count, 3))
+    across -= (across * normal).sum(axis=1, keepdims=True) * normal
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    lean = cone * rng.uniform(0, 1, (count, 1))
+    force = growing_loads(count, 1.5, 10.0, rng)[rng.permutation(count), None]
+    direction = np.cos(lean) * normal + np.sin(lean) * across
+    return Programme(np.column_stack([x, config.radius * normal[:, 1:]]), force * direction)
+
+
+def presses(
+    config: MagnetPadConfig,
+    seed: int = 0,
+    count: int = PRESSES,
+    noise: float | None = None,
+    cone: float = 0.0,
+) -> Recording:
+    """Readings of `count` presses with their truth: position, cell and force.
+
+    Parameters
+    ----------
+    config : MagnetPadConfig
+        Of the sensor.
+    seed : int
+        Of places, loads and noise.
+    count : int
+        Presses (n).
+    noise : float or None
+        Of a channel (T); None: that of the chips.
+    cone : float
+        Largest angle of the force to the surface's normal (rad); [2] has pi / 4.
+
+    Returns
+    -------
+    Recording
+        One stream that begins with a tare.
+    """
+    played = programme(config, seed, count, cone)
+    blocks = blocks_for(config, played)
+    return recorded(
+        layout(config),
+        played,
+        lambda touches: reading(config, touches, blocks),
+        lambda touches: truth(config, touches),
+        NOISE if noise is None else noise,
+        seed,
+    )
+
+
+def signal(config: MagnetPadConfig, seed: int = 0) -> Callable[[float], Array]:
+    """The readings of `presses` without noise, over time (s), again and again."""
+    return playing(presses(config, seed, noise=0.0))
+
+
+@dataclass(frozen=True)
+class MagnetPadConnection(ChipConnection):
+    """Two chips on one I2C bus, 0x0C and 0x0D, or a microcontroller that reads them."""
+
+
+PAD = ChipSensor(layout, signal, NOISE)

@@ -1,0 +1,361 @@
+"""The data collection of [1]: which heads come down where, and how often.
+
+Nine heads (square, triangle and circle of 10, 15 and 20 mm) at twenty-five places evenly over the
+skin, thirty presses each; three bars in six postures. [1] gives neither the places nor the sizes
+of the bars, and of its twelve heads (rectangles, too) no drawing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.devices.connections import ChipConnection, ChipSensor
+from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
+from tactile_ros.sensors.multipole_skin.config import HEADS, layout
+from tactile_ros.sensors.multipole_skin.specimen import POWERS, Specimen
+from tactile_ros.types import Outline, Recording
+from tactile_ros.types.config_fields import whole, whole_numbers
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import numpy.typing as npt
+
+    from tactile_ros.enrolment import Truth
+    from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
+    from tactile_ros.types import Array, Integers, Outline, Recording
+
+NOISE = 4e-6  # T
+PLAY = 0.25  # of a place about the middle, in sheet sizes
+DEPTH = (0.3e-3, 0.9e-3)  # m
+PRESSES = 24
+SPECIMEN = 8  # the one skin that all scenes press
+
+
+@dataclass(frozen=True)
+class Pressing:
+    """Presses (n) of flat heads.
+
+    Attributes
+    ----------
+    heads : tuple of Outline
+        That press.
+    labels : ndarray, shape (n,)
+        Indices into them.
+    poses : ndarray, shape (n, 3)
+        Places (m) and turns (rad).
+    depths : ndarray, shape (n,)
+        At full load (m).
+    """
+
+    heads: tuple[Outline, ...]
+    labels: Integers
+    poses: Array
+    depths: Array
+
+
+def played(specimen: Specimen, pressing: Pressing, noise: float, seed: int) -> Recording:
+    """Presses one after the other, with rest between them.
+
+    Parameters
+    ----------
+    specimen : Specimen
+        That is pressed.
+    pressing : Pressing
+        By what.
+    noise : float
+        Of a channel (T).
+    seed : int
+        Of the noise.
+
+    Returns
+    -------
+    Recording
+        One stream that begins with a tare, with truth: label, yaw, position, force.
+    """
+    labels, poses, depths = pressing.labels, pressing.poses, pressing.depths
+    heads = [pressing.heads[label] for label in labels.tolist()]
+    stiffness = np.array([specimen.stiffness(head) for head in heads])
+    terms = [specimen.terms(*one, float(depths.max())) for one in zip(heads, poses, strict=True)]
+    parts = depths[:, None, None, None] ** POWERS[:, None, None] * np.array(terms)
+    place = np.column_stack([poses[:, :2], np.full(len(depths), specimen.top)])
+    rest = specimen.rest()
+
+    def reading(touches: Touches) -> Array:
+        shares = touches.share[:, None] ** POWERS
+        return np.asarray(rest + np.einsum('sp,sptc->stc', shares, parts[touches.press]))
+
+    def truth(touches: Touches) -> Truth:
+        touched = touches.press >= 0
+        return {
+            'position': touches.position,
+            'force': touches.force,
+            'label': np.where(touched, labels[touches.press], -1),
+            'yaw': np.where(touched, poses[touches.press, 2], np.nan),
+        }
+
+    programme = Programme(place, (stiffness * depths)[:, None] * np.array([0.0, 0.0, 1.0]))
+    return recorded(layout(specimen.config), programme, reading, truth, noise, seed)
+
+
+def presses(
+    config: MultipoleSkinConfig, seed: int = 0, count: int = PRESSES, noise: float | None = None
+) -> Recording:
+    """Readings of `count` presses with their truth: label, yaw, position and force.
+
+    Parameters
+    ----------
+    config : MultipoleSkinConfig
+        Of the sensor; its `objects` press, or the heads of [1] where it has none.
+    seed : int
+        Of heads, places, turns, depths and noise.
+    count : int
+        Presses (n).
+    noise : float or None
+        Of a channel (T); None: that of the chips.
+
+    Returns
+    -------
+    Recording
+        One stream that begins with a tare; always of the same specimen.
+    """
+    rng = np.random.default_rng(seed)
+    heads = config.objects or HEADS
+    place = PLAY * config.sheet_size * rng.uniform(-1, 1, (count, 2))
+    poses = np.column_stack([place, rng.uniform(-np.pi, np.pi, count)])
+    depths = growing_loads(count, *DEPTH, rng)[rng.permutation(count)]
+    pressing = Pressing(heads, rng.integers(len(heads), size=count), poses, depths)
+    specimen = Specimen(config, seed=SPECIMEN)
+    return played(specimen, pressing, NOISE if noise is None else noise, seed)
+
+
+def signal(config: MultipoleSkinConfig, seed: int = 0) -> Callable[[float], Array]:
+    """The readings of `presses` without noise, over time (s), again and again."""
+    return playing(presses(config, seed, noise=0.0))
+
+
+CLUSTERS, CHIPS = 5, 4
+
+
+@dataclass(frozen=True)
+class MultipoleSkinConnection(ChipConnection):
+    """Five clusters of four chips behind one switch, or a microcontroller that reads them.
+
+    The default addresses each cluster by a channel of a switch at 0x70, and its four chips by
+    their pins, 0x0C to 0x0F.
+    """
+
+    addresses: tuple[int, ...] = whole_numbers(
+        (0x0C, 0x0D, 0x0E, 0x0F) * CLUSTERS, 'address of each chip', 8, 0x77
+    )
+    mux_addresses: tuple[int, ...] = whole_numbers(
+        (0x70,), 'switch of each chip, or of all; 0: none', 0, 0x77
+    )
+    mux_channels: tuple[int, ...] = whole_numbers(
+        tuple(i // CHIPS for i in range(CLUSTERS * CHIPS)),
+        'channel of the switch for each chip, or for all', 0, 7,
+    )  # fmt: skip
+    gain: int = whole(5, 'GAIN_SEL; 0 has the largest range, 7 the finest step', 0, 7)
+
+
+SKIN = ChipSensor(layout, signal, NOISE)
+
+
+NEW = Outline('bar_20x6', (1e-3 * np.array([[-10, -3], [10, -3], [10, 3], [-10, 3]], float),))
+KNOWN = 3  # heads that press
+BEFORE, TAUGHT, AFTER = 6, 5, 16  # presses of the scene
+SHOTS = 3  # presses from which the new head is learned
+CALIBRATING = 12  # presses of one head
+SPAN = 18e-3  # m, of places from the middle
+SCENE_DEPTH = (0.4e-3, 0.8e-3)
+RETURNS = 5e-5, 0.01  # m and rad, by which the new head comes back
+
+
+def _anywhere(rng: np.random.Generator, count: int) -> Array:
+    """Poses (n, 3) at random."""
+    return np.column_stack([rng.uniform(-SPAN, SPAN, (count, 2)), rng.uniform(-3, 3, count)])
+
+
+def one_head(config: MultipoleSkinConfig, seed: int = 0) -> Recording:
+    """Presses of the first head alone, by which the skin is calibrated; truth is known."""
+    rng = np.random.default_rng([1, seed])
+    poses, depths = _anywhere(rng, CALIBRATING), rng.uniform(*SCENE_DEPTH, CALIBRATING)
+    labels = np.zeros(CALIBRATING, np.int64)
+    pressing = Pressing(config.objects, labels, poses, depths)
+    return played(Specimen(config, seed=SPECIMEN), pressing, NOISE, seed)
+
+
+def new_head(config: MultipoleSkinConfig, seed: int = 0, noise: float | None = None) -> Recording:
+    """Three heads anywhere; then a new one again and again at one place; then all four.
+
+    Parameters
+    ----------
+    config : MultipoleSkinConfig
+        Of the sensor; of its `objects` three press.
+    seed : int
+        Of presses and noise.
+    noise : float or None
+        Of a channel (T); None: that of the chips.
+
+    Returns
+    -------
+    Recording
+        With truth; the label of the new head follows those of `objects`.
+    """
+    rng = np.random.default_rng([2, seed])
+    heads, new = len(config.objects), len(config.objects)
+    known = rng.permutation(heads)[:KNOWN]
+    mixed = np.append(known, new)[rng.permutation(np.arange(AFTER) % (KNOWN + 1))]
+    labels = np.concatenate([rng.choice(known, BEFORE), np.full(TAUGHT, new), mixed])
+    poses = _anywhere(rng, len(labels))
+    again = labels == new
+    apart = np.array([RETURNS[0], RETURNS[0], RETURNS[1]])
+    poses[again] = poses[BEFORE] + apart * rng.normal(size=(int(again.sum()), 3))
+    depths = rng.uniform(*SCENE_DEPTH, len(labels))
+    sigma = NOISE if noise is None else noise
+    pressing = Pressing((*config.objects, NEW), labels, poses, depths)
+    return played(Specimen(config, seed=SPECIMEN), pressing, sigma, seed)
+
+
+SIZES = (10e-3, 15e-3, 20e-3)  # m
+SAMPLES = 30  # presses of a head at a place
+POSTURES = tuple(np.radians([0.0, 30.0, 60.0, 90.0, 120.0, 150.0]))
+TARE = 5  # frames before each press
+RISE = (4.0, 12.0)  # frames in which a head comes down
+PAUSE_S = 2.0
+
+
+def _regular(name: str, corners: int, radius: float, turn: float = 0.0) -> Outline:
+    """A regular polygon."""
+    angle = turn + 2 * np.pi * np.arange(corners) / corners
+    return Outline(name, (radius * np.column_stack([np.cos(angle), np.sin(angle)]),))
+
+
+def _box(name: str, length: float, width: float) -> Outline:
+    """A rectangle."""
+    return Outline(name, (np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [length, width] / 2,))
+
+
+def nine_heads() -> tuple[Outline, ...]:
+    """Squares, triangles and circles of three sizes: edge, edge and diameter."""
+    found = []
+    for size in SIZES:
+        mm = round(1e3 * size)
+        found.append(_box(f'square_{mm}', size, size))
+        found.append(_regular(f'triangle_{mm}', 3, size / np.sqrt(3), np.pi / 2))
+        found.append(_regular(f'circle_{mm}', 48, size / 2))
+    return tuple(found)
+
+
+def bars() -> tuple[Outline, ...]:
+    """Three bars, which press in six postures."""
+    sizes = ((30e-3, 5e-3), (25e-3, 6e-3), (35e-3, 4e-3))
+    return tuple(_box(f'bar_{1e3 * a:.0f}x{1e3 * b:.0f}', a, b) for a, b in sizes)
+
+
+def stations() -> Array:
+    """Twenty-five places evenly over the skin, shape (25, 2) (m)."""
+    line = 11e-3 * np.arange(-2, 3)
+    return np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+
+
+def collected(
+    specimen: Specimen,
+    heads: Sequence[Outline],
+    places: Array,
+    seed: int,
+    samples: int = SAMPLES,
+    turns: Sequence[float] = (0.0,),
+    noise: float = NOISE,
+) -> Recording:
+    """Every head at every place and turn, some presses each.
+
+    Parameters
+    ----------
+    specimen : Specimen
+        That is pressed.
+    heads : sequence of Outline
+        `label` is an index into them.
+    places : ndarray, shape (p, 2)
+        Of their origins (m).
+    seed : int
+        Of depths, speeds and noise.
+    samples : int
+        Presses of a head at a place and turn.
+    turns : sequence of float
+        Of the heads (rad).
+    noise : float
+        Of a channel (T).
+
+    Returns
+    -------
+    Recording
+        A stream for each press: tare rows, then a window of its frames; head by head, place by
+        place, turn by turn.
+    """
+    config, rng = specimen.config, np.random.default_rng([47, seed])
+    what = np.array([
+        [label, *place, turn] for label in range(len(heads)) for place in places for turn in turns
+    ])  # fmt: skip
+    terms = np.array([specimen.terms(heads[int(row[0])], row[1:]) for row in what])
+    presses = np.repeat(np.arange(len(what)), samples)
+    depths = _courses(rng, len(presses), config.window)
+    change = np.einsum('nwp,nptc->nwtc', depths[..., None] ** POWERS, terms[presses])
+    rows = TARE + config.window
+    values = np.tile(specimen.rest(), (len(presses), rows, 1, 1))
+    values[:, TARE:] += change
+    values += noise * rng.normal(size=values.shape)
+    stiffness = np.array([specimen.stiffness(head) for head in heads])
+    return _recording(specimen, what[presses], values, stiffness, depths)
+
+
+def _courses(rng: np.random.Generator, count: int, window: int) -> Array:
+    """Depths (n, w) of heads that come down at some speed and then hold (m)."""
+    begun, rise = rng.uniform(0.3, 1.0, (count, 1)), rng.uniform(*RISE, (count, 1))
+    whole = rng.uniform(*DEPTH, (count, 1))
+    return np.asarray(whole * np.clip((np.arange(window) + begun) / rise, 0.0, 1.0))
+
+
+def _recording(
+    specimen: Specimen, what: Array, values: Array, stiffness: Array, depths: Array
+) -> Recording:
+    """Streams of presses (n) of label, place and turn (n, 4), with their truth."""
+    count, rows = values.shape[:2]
+    pressed = np.arange(rows) >= TARE
+    touched = np.tile(pressed, count)
+
+    def every(column: Array, blank: float) -> Array:
+        each = np.repeat(column, rows, axis=0)
+        shape = (-1,) + (1,) * (each.ndim - 1)
+        return np.where(touched.reshape(shape), each, blank)
+
+    force = np.zeros((count, rows, 3))
+    force[:, pressed, 2] = stiffness[what[:, 0].astype(int), None] * depths
+    place = np.column_stack([what[:, 1:3], np.full(count, specimen.top)])
+    truth: dict[str, npt.ArrayLike] = {
+        'label': every(what[:, 0], -1).astype(np.int64),
+        'position': every(place, np.nan),
+        'yaw': every(what[:, 3], np.nan),
+        'force': force.reshape(-1, 3),
+        'in_contact': touched.astype(np.int8),
+        'repetition': np.repeat(np.arange(count), rows),
+    }
+    step = 1e9 / specimen.config.rate_hz
+    pause = np.repeat(np.arange(count), rows) * (1e9 * PAUSE_S)
+    return Recording.from_arrays(
+        layout(specimen.config),
+        values.reshape(count * rows, *values.shape[2:]),
+        stamp_ns=np.round(np.arange(count * rows) * step + pause).astype(np.int64),
+        stream=np.repeat(np.arange(count), rows),
+        tare=~touched,
+        truth=truth,
+    )
+
+
+def windows_of(recording: Recording, window: int) -> Array:
+    """Changes of field since the tare of every press, shape (n, window, d) (T)."""
+    values = recording.values.reshape(-1, TARE + window, recording.values[0].size)
+    return np.asarray(values[:, TARE:] - values[:, :TARE].mean(axis=1, keepdims=True))
