@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tactile_ros.estimators.few_shot import (
-    RANK,
+    SHAPE_RANK,
     PressVectors,
     Supports,
     averaged,
@@ -32,7 +32,7 @@ def supports(
     return Supports(
         np.array(labels), patterns, np.tile(powers, (n, 1)), np.full(n, 5.0), np.ones(n),
         np.zeros((n, 3, D)), np.tile(bends, (n, 1, 1)), np.full((n, D), np.nan),
-        np.zeros((n, RANK, D)), np.arange(n),
+        np.zeros((n, SHAPE_RANK, D)), np.arange(n),
     )  # fmt: skip
 
 
@@ -48,7 +48,7 @@ def test_noise_where_shapes_do_nothing_is_not_learned() -> None:
     rng = np.random.default_rng(1)
     parts = terms(1)
     one = np.ones(3)
-    factors = np.zeros((1, RANK, D))
+    factors = np.zeros((1, SHAPE_RANK, D))
     factors[0, 0] = terms(2)[0]
     true = parts[0] + 0.7 * factors[0, 0]
     seen = true + NOISE * rng.normal(size=D)
