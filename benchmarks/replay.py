@@ -208,9 +208,9 @@ def write_bag(path: Path, pipeline: Pipeline, recording: Recording) -> None:
         for row in range(len(recording)):
             frame = recording.frame(row)
             if row % (10 * RATE_HZ) == 10:
-                rest = Frame(frame.stamp_ns, row, recording.values[row])
+                rest = Frame(frame.stamp_ns, row, recording.values[row], averaged=0)
                 put('/baseline', messages.frame(rest), frame.stamp_ns)
-                pipeline.tare([rest], doubted=False)
+                pipeline.tare([rest])
             put('/frame', messages.frame(frame), frame.stamp_ns + 1_000_000)
             state = pipeline.process(frame)
             put('/contacts', messages.contacts(frame, state), frame.stamp_ns + 2_000_000)

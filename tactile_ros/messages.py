@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal, Protocol, cast
 
 import numpy as np
@@ -199,7 +200,7 @@ def is_valid(frame: Frame) -> bool:
 
 
 def fill_frame(message: FrameMessage, frame: Frame, frame_id: str) -> None:
-    """Write one reading (or a baseline) into a fresh TactileFrame."""
+    """Write one reading into a fresh TactileFrame."""
     fill_header(message.header, frame.stamp_ns, frame_id)
     message.sequence = frame.sequence
     message.device_time_ns = frame.device_time_ns
@@ -210,6 +211,18 @@ def fill_frame(message: FrameMessage, frame: Frame, frame_id: str) -> None:
     if frame.status is not None and np.any(frame.status):
         message.status = packed_bits(frame.status)
     message.valid = is_valid(frame)
+
+
+def fill_baseline(message: FrameMessage, baseline: Frame, frame_id: str) -> None:
+    """Write a baseline into a fresh TactileFrame: no clock reads it, `device_time_ns` counts."""
+    fill_frame(message, baseline, frame_id)
+    message.device_time_ns = baseline.averaged
+
+
+def read_baseline(message: FrameMessage, shape: tuple[int, int]) -> Frame:
+    """Frame of a message of the topic `baseline`, with the number of frames it is the mean of."""
+    frame = read_frame(message, shape)
+    return replace(frame, device_time_ns=0, averaged=frame.device_time_ns)
 
 
 def read_frame(message: FrameMessage, shape: tuple[int, int]) -> Frame:

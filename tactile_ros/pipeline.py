@@ -354,6 +354,11 @@ class Pipeline:
         Of the same config.
     estimation : Estimation
         Features and estimators of the sensor.
+
+    Attributes
+    ----------
+    tare_frames : int
+        Frames that the baseline is the mean of; 0: it is that of the fit.
     """
 
     def __init__(
@@ -365,7 +370,7 @@ class Pipeline:
         self.estimation = estimation
         self.rest_ = self._unknown_rest()
         self.left_out_: dict[str, float] = {}
-        self._doubt = 0.0
+        self.tare_frames = 0
         self.reset()
 
     def reset(self) -> None:
@@ -377,18 +382,22 @@ class Pipeline:
         return Rest.unknown(self.layout.shape, self.config.noise, warms)
 
     def _tracker(self) -> BaselineTracker:
-        return BaselineTracker(self.rest_.level, self._tracking(), self._doubt)
+        return BaselineTracker(self.rest_.level, self._tracking(), self._tare_variance)
 
-    def tare(self, frames: Sequence[Frame], *, doubted: bool = True) -> None:
+    @property
+    def _tare_variance(self) -> float:
+        """Variance of the last tare's baseline over that of a frame; 0: it is that of the fit."""
+        return 1 / self.tare_frames if self.tare_frames else 0.0
+
+    def tare(self, frames: Sequence[Frame]) -> None:
         """Replace the baseline by the mean of resting frames; an error leaves it as it was.
 
         Parameters
         ----------
         frames : sequence of Frame
             At least one, of this sensor's shape, with a taxel that was read; NaN and unusable
-            taxels are left out. A pipeline fitted without a baseline takes none.
-        doubted : bool
-            Whether covariances hold its noise; a replay is not told of how many frames it was.
+            taxels are left out; covariances hold the noise of so many frames, and of as many as
+            each is the mean of. A pipeline fitted without a baseline takes none.
 
         Raises ValueError if there is no such frame, or the fit wanted no baseline.
         """
@@ -396,7 +405,8 @@ class Pipeline:
         rows = [frame_readings(frame, self.layout, self.estimation) for frame in frames]
         beside = [self.rest_.beside(usable, chips) for usable, _, chips in rows]
         self.rest_ = self.rest_.tared_by(np.concatenate(beside))
-        self._doubt = 1 / len(frames) if doubted else 0.0
+        counts = [frame.averaged for frame in frames]
+        self.tare_frames = sum(counts) if all(counts) else 0
         self.stream.rebase(self._tracker())
 
     @property
@@ -493,7 +503,7 @@ class Pipeline:
 
     def _conditioned_rows(self, recording: Recording, usable: Array, bits: Bytes) -> Signals:
         """Conditioned frames of a recording."""
-        start = self.rest_.level, self._tracking(), self.rest_.dead, self._doubt
+        start = self.rest_.level, self._tracking(), self.rest_.dead, self._tare_variance
         read = usable, bits, recording.temperature_c
         beside = self.rest_.beside(usable, recording.temperature_c)
         base, doubt, restart, tare = stream_baselines(recording, beside, *start)
@@ -544,7 +554,7 @@ class Pipeline:
         resting, ordered = resting_rows(joined), are_ordered(recordings)
         seen = joined.stamp_ns, joined.restarts, ordered, joined.temperature_c
         self.rest_ = rest.learn(usable, resting, *seen)
-        self._doubt = 0.0
+        self.tare_frames = 0
         signals = self._whole_rows(joined, usable, bits)
         touched = signals.delta[signals.good & touched_rows(joined)]
         firm = signals.delta[signals.good & firm_rows(joined)]
@@ -622,7 +632,7 @@ class Pipeline:
         Raises CalibrationError if it is damaged, hostile, of another sensor, version or shape.
         """
         pipeline = cls.__new__(cls)
-        pipeline.sensor, pipeline._doubt = sensor, 0.0
+        pipeline.sensor, pipeline.tare_frames = sensor, 0
         for name, part in read_parts(path, sensor, classes).items():
             setattr(pipeline, name, part)
         try:

@@ -136,6 +136,13 @@ def test_frame_round_trip_is_exact(made: SimpleNamespace, status: np.ndarray | N
     assert status is None or (got.status == status).all()
 
 
+def test_baseline_round_trip_keeps_the_number_of_frames(made: SimpleNamespace) -> None:
+    message = made.frame()
+    messages.fill_baseline(message, Frame(5, 41, np.ones((5, 3)), averaged=30), 'thumb')
+    got = messages.read_baseline(made.wire(message), (5, 3))
+    assert (got.sequence, got.averaged, got.device_time_ns) == (41, 30, 0)
+
+
 def test_frame_with_nan_is_not_valid(made: SimpleNamespace) -> None:
     values = np.zeros((5, 3))
     values[2, 1] = np.nan

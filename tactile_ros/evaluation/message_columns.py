@@ -25,14 +25,15 @@ PATCH_VECTORS = ('position', 'normal', 'force')
 class FrameRows(NamedTuple):
     """Frames as columns.
 
-    `rows` (n,) are their places among the messages; `stamp_ns`, `sequence` (n,), `values`
-    (n, t, c), `temperature_c` (n, t), NaN unknown, `status` (n, t); `damaged` and `misfits` are
-    counts of messages that are in no row.
+    `rows` (n,) are their places among the messages; `stamp_ns`, `sequence`, `device_time_ns` (n,),
+    `values` (n, t, c), `temperature_c` (n, t), NaN unknown, `status` (n, t); `damaged`
+    and `misfits` are counts of messages that are in no row.
     """
 
     rows: Integers
     stamp_ns: Integers
     sequence: Integers
+    device_time_ns: Integers
     values: Array
     temperature_c: Array
     status: Bytes
@@ -45,6 +46,7 @@ class FrameRows(NamedTuple):
             rows=self.rows[kept],
             stamp_ns=self.stamp_ns[kept],
             sequence=self.sequence[kept],
+            device_time_ns=self.device_time_ns[kept],
             values=self.values[kept],
             temperature_c=self.temperature_c[kept],
             status=self.status[kept],
@@ -68,18 +70,21 @@ def read_frames(messages: Sequence[bytes], shape: tuple[int, int]) -> FrameRows:
     count = len(messages)
     values = np.empty((count, taxels * channels))
     chips, bits = np.full((count, taxels), np.nan), np.zeros((count, taxels), np.uint8)
-    stamps, sequence = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    stamps, sequence, device = (np.zeros(count, np.int64) for _ in range(3))
     there = np.zeros(count, bool)
     for rows, columns in good:
         there[rows] = True
         stamps[rows], values[rows] = stamps_of(columns), columns['values']
         sequence[rows] = columns['sequence'].astype(np.int64)
+        device[rows] = columns['device_time_ns'].astype(np.int64)
         if columns['temperature_c'].shape[1]:
             chips[rows] = columns['temperature_c']
         if columns['status'].shape[1]:
             bits[rows] = columns['status']
     table = values.reshape(count, taxels, channels)
-    every = FrameRows(np.arange(count), stamps, sequence, table, chips, bits, damaged, misfits)
+    every = FrameRows(
+        np.arange(count), stamps, sequence, device, table, chips, bits, damaged, misfits
+    )
     return every if there.all() else every.select(there)
 
 

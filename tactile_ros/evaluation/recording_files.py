@@ -30,7 +30,7 @@ from tactile_ros.evaluation.truth import (
     other_truth,
     unknown,
 )
-from tactile_ros.messages import read_contacts, read_frame, read_layout
+from tactile_ros.messages import read_baseline, read_contacts, read_frame, read_layout
 from tactile_ros.types import (
     STATE_FIELDS,
     TRUTH_KEYS,
@@ -624,9 +624,10 @@ def _frames(
 ) -> list[Frame]:
     """Frames of messages; those of another shape are counted."""
     found, refused, reason = [], 0, ''
+    read = read_baseline if what == 'baselines' else read_frame
     for item in heard:
         try:
-            found.append(read_frame(item.message, layout.shape))  # type: ignore[arg-type]
+            found.append(read(item.message, layout.shape))  # type: ignore[arg-type]
         except ValueError as err:
             refused, reason = refused + 1, str(err)
     if refused:

@@ -67,7 +67,7 @@ class Follower:
                 self.pipeline.reset()
             baseline = piece.baselines.get(int(rows[first]))
             if baseline is not None:
-                self.pipeline.tare([baseline], doubted=False)
+                self.pipeline.tare([baseline])
             whole = int(rows[last - 1]) + 1 - int(rows[first]) == last - first
             chosen = (
                 slice(int(rows[first]), int(rows[last - 1]) + 1) if whole else rows[first:last]
@@ -292,7 +292,7 @@ def presses_in(loaded: LoadedRecording, pipeline: Pipeline) -> list[Press]:
             pipeline.reset()
             watch = PressWatch(window_of(pipeline))
         for baseline in waiting.get(row, []):
-            pipeline.tare([baseline], doubted=False)
+            pipeline.tare([baseline])
         if restart or row in waiting:
             guard.begin()
         frame = recording.frame(row)
@@ -571,7 +571,7 @@ def _process(
         if begins:
             pipeline.reset()
         for baseline in waiting.get(row, []):
-            pipeline.tare([baseline], doubted=False)  # also an equal one: a tare restarts memory
+            pipeline.tare([baseline])  # also an equal one: a tare restarts memory
         if changes.before(frame, pipeline) or begins or row in waiting:
             guard.begin()
         begin = clock_ns()

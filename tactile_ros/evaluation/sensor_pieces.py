@@ -258,7 +258,10 @@ class SensorPieces:
         for i, sequence in enumerate(rows.sequence.tolist()):
             self._tare_stream += sequence < self._tare_sequence
             self._tare_sequence = sequence
-            frame = Frame(int(rows.stamp_ns[i]), sequence, rows.values[i], None, rows.status[i])
+            stamp_ns, count = int(rows.stamp_ns[i]), int(rows.device_time_ns[i])
+            frame = Frame(
+                stamp_ns, sequence, rows.values[i], None, rows.status[i], averaged=count
+            )
             self._baselines.append((self._tare_stream, frame))
 
     @property

@@ -268,7 +268,7 @@ class ContactStage:
         if not frames:
             return False, self._refusal()
         try:
-            self.pipeline.tare(frames, doubted=False)  # as its replay, which is not told
+            self.pipeline.tare(frames)
         except ValueError as err:
             return False, str(err)
         self._guard.begin()
@@ -294,9 +294,8 @@ class ContactStage:
         chips = self.pipeline.baseline_temperature_c
         known = chips is not None and bool(np.isfinite(chips).any())
         warm = np.array(chips) if known else None
-        return Frame(
-            frame.stamp_ns, sequence, np.array(self.pipeline.baseline), temperature_c=warm
-        )
+        level, count = np.array(self.pipeline.baseline), self.pipeline.tare_frames
+        return Frame(frame.stamp_ns, sequence, level, temperature_c=warm, averaged=count)
 
 
 def _is_damaged(state: ContactState) -> bool:

@@ -297,7 +297,7 @@ class ContactNode(ManagedNode):
     def _publish_baseline(self, frame: Frame) -> None:
         """Baseline in use, latched."""
         message = TactileFrame()
-        messages.fill_frame(message, frame, self._frame_id)
+        messages.fill_baseline(message, frame, self._frame_id)
         self._baseline.publish(message)
 
     def _on_tare(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

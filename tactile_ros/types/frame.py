@@ -191,6 +191,9 @@ class Frame:
         The device's own clock, unwrapped; 0: it has none.
     dropped : int
         Frames known lost since activation.
+    averaged : int
+        Frames that the values are the mean of: 1, a reading; more, the baseline of a tare; 0, a
+        baseline without tare noise (of a fit, or of a bag that does not say).
     """
 
     stamp_ns: int | None
@@ -200,6 +203,7 @@ class Frame:
     status: Bytes | None = None
     device_time_ns: int = 0
     dropped: int = 0
+    averaged: int = 1
 
     def __post_init__(self) -> None:
         """Refuse values that are no (t, c) table."""

@@ -39,12 +39,14 @@ class ToyPipeline:
         self.stream = None
         self.baseline = np.full((1, 1), baseline)
         self.baseline_temperature_c = None
+        self.tare_frames = 0
         self.resets = 0
 
     def reset(self) -> None:
         self.resets += 1
 
-    def tare(self, frames: list[Frame], *, doubted: bool) -> None:
+    def tare(self, frames: list[Frame]) -> None:
+        self.tare_frames = len(frames)
         self.baseline = np.mean([f.values for f in frames], axis=0)
 
     def process(self, frame: Frame) -> object:

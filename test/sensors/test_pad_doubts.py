@@ -162,7 +162,7 @@ def test_the_noise_of_a_tare_of_one_frame_is_stated() -> None:
     known().reset()
     state = known().process(few.frame(5))
     np.testing.assert_array_equal(state.force_cov, batch.force_cov[5])
-    known().tare([few.frame(0)], doubted=False)
+    known().tare([dataclasses.replace(few.frame(0), averaged=0)])
     assert known().process(few.frame(5)).force_cov[2, 2] < state.force_cov[2, 2]
 
 

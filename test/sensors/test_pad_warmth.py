@@ -179,9 +179,15 @@ def test_a_tare_brings_its_temperature_live_in_a_file_and_in_a_bag(
     stage = ContactStage(SPEC.load(tmp_path / 'tared.npz'), 10, False, told.append)
     state = stage.process(seen.frame(REST + 9))
     other = SPEC.load(tmp_path / 'pad.npz')
-    other.tare(told, doubted=False)
+    other.tare(told)
     np.testing.assert_array_equal(other.process(seen.frame(REST + 9)).force, state.force)
+    assert stage.tare()[0]
+    state = stage.process(seen.frame(REST + 10))
+    other.tare(told[-1:])
+    replayed = other.process(seen.frame(REST + 10))
+    assert told[-1].averaged == other.tare_frames == 1
+    np.testing.assert_array_equal(replayed.force_cov, state.force_cov)
     blind = SPEC.load(tmp_path / 'pad.npz')
-    blind.tare([Frame(None, 0, told[0].values)], doubted=False)
+    blind.tare([Frame(None, 0, told[0].values, averaged=0)])
     assert np.isnan(blind.baseline_temperature_c).all()
     assert not np.array_equal(blind.process(seen.frame(REST + 9)).force, state.force)
