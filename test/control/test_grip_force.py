@@ -22,7 +22,134 @@ from tactile_ros.control import (
     qb_softhand,
 )
 from tactile_ros.control.force_pi import FARTHEST
-from tactile_ros.types import Array
+from tactile_ros.control.grip_force import GripWatch, refuse_step
+from tactile_ros.types import Array, ContactState
+
+
+def state(force: tuple[float, float, float], valid: bool = True, slip: int = 0) -> ContactState:
+    known = {
+        'force': np.array([force]), 'valid': np.array([valid]),
+        'slip': np.array([slip], np.int8),
+    }  # fmt: skip
+    return ContactState.assemble(2, known)
+
+
+def test_forces_come_from_states() -> None:
+    given = GripInput.of(
+        [state((3.0, 4.0, 2.0), slip=1), None, state((np.nan, np.nan, 1.0), valid=False)],
+        [0.0, 1.0, 0.01], [0.2], 0.0,
+    )  # fmt: skip
+    np.testing.assert_array_equal(given.normal, [2.0, np.nan, 1.0])
+    np.testing.assert_array_equal(given.tangential, [5.0, np.nan, np.nan])
+    assert given.valid.tolist() == [True, False, False]
+    assert given.slip.tolist() == [1, -1, 0]
+
+
+def test_misfits_are_named() -> None:
+    with pytest.raises(ValueError, match=r'age of GripInput must have shape \(1,\)'):
+        GripInput.of([None], [0.0, 0.0], [0.2], 0.0)
+    given = GripInput.of([None], [0.0], [0.2], 0.0)
+    with pytest.raises(ValueError, match=r'closure of GripInput must have shape \(2,\)'):
+        given.refuse_misfit(1, 2)
+    with pytest.raises(ValueError, match=r'normal of GripInput must have shape \(3,\)'):
+        given.refuse_misfit(3, 1)
+    given.refuse_misfit(1, 1)
+    crossed = dataclasses.replace(given, new=np.zeros(2, bool))
+    with pytest.raises(ValueError, match=r'new of GripInput must have shape \(1,\)'):
+        crossed.refuse_misfit(1, 1)
+
+
+CONFIG = GripConfig()
+GOOD = GripInput(
+    np.array([1.0, 2.0]), np.array([0.1, 0.2]), np.array([True, True]),
+    np.zeros(2, np.int8), np.array([0.01, 0.02]), np.array([0.3, 0.3]), 0.03,
+)  # fmt: skip
+
+
+def judged(config: GripConfig = CONFIG, **change: object) -> tuple[str, GripWatch]:
+    watch = GripWatch(config, 2)
+    given = dataclasses.replace(GOOD, **change)  # type: ignore[arg-type]
+    return watch.judge(given, given.normal.tolist(), [True, True]), watch
+
+
+def test_good_inputs_pass_with_the_oldest_age() -> None:
+    why, watch = judged()
+    assert not why
+    assert watch.good == [True, True]
+    assert watch.age == 0.03
+
+
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ({'age': np.array([0.2, 0.0])}, 'finger 0 is stale (0.200 s)'),
+        ({'age': np.array([0.0, -0.5])}, 'finger 1 is stale (-0.500 s)'),
+        ({'age': np.array([np.nan, 0.0])}, 'finger 0 is stale (nan s)'),
+        ({'valid': np.array([True, False])}, 'finger 1 says that it is not valid'),
+        ({'normal': np.array([np.nan, 1.0])}, 'finger 0 gives a force that is not a number'),
+        ({'normal': np.array([1.0, np.inf])}, 'finger 1 gives a force that is not a number'),
+        ({'closure_age': 0.2}, 'joint states are stale (0.200 s)'),
+        ({'closure': np.array([0.3, np.nan])}, 'closure of drive 1 is not a number'),
+        ({'blocked': 'no order yet'}, 'no order yet'),
+        ({'blocked': 'no order yet', 'age': np.full(2, np.inf)}, 'no order yet'),
+    ],
+)
+def test_each_refusal_has_its_sentence(change: dict[str, object], sentence: str) -> None:
+    why, _ = judged(dataclasses.replace(CONFIG, fewest_fingers=2), **change)
+    assert why == sentence
+
+
+def test_one_finger_of_two_is_enough_unless_told() -> None:
+    why, watch = judged(valid=np.array([True, False]))
+    assert not why
+    assert watch.good == [True, False]
+
+
+def test_a_hand_without_joint_states_may_be_allowed() -> None:
+    config = dataclasses.replace(CONFIG, closure_required=False)
+    assert not judged(config, closure_age=np.inf, closure=np.full(2, np.nan))[0]
+    assert judged(config, blocked='no order yet')[0] == 'no order yet'
+
+
+@pytest.mark.parametrize('dt', [0.0, -0.01, np.nan, np.inf, 0.2])
+def test_time_steps_that_cannot_be(dt: float) -> None:
+    assert refuse_step(dt, 0.1).startswith('time step must be above 0 and at most 0.100 s')
+    assert not refuse_step(0.01, 0.1)
+
+
+def grip_input(force: float) -> GripInput:
+    return GripInput(
+        np.array([force, np.nan]), np.array([0.1, 0.1]), np.array([True, True]),
+        np.zeros(2, np.int8), np.array([0.02, 0.01]), np.array([0.3, 0.3]), 0.0,
+    )  # fmt: skip
+
+
+def test_every_field_is_told_in_its_shape() -> None:
+    law = GripForce(GripConfig(), (0, 1))
+    law.enable()
+    law.grasp(2.0)
+    for _ in range(5):
+        made = law.step(grip_input(1.0), 0.01)
+    assert set(vars(made)) == {field.name for field in dataclasses.fields(GripStep)}
+    assert made.force[0] == 1.0
+    assert np.isnan(made.force[1])
+    assert made.touching.tolist() == [True, False]
+    assert made.touching.dtype == made.slipping.dtype == bool
+    assert made.load[0] == 0.1
+    assert made.input_age == 0.02
+    for name in ('closure', 'stiffness', 'stiffness_std'):
+        assert getattr(made, name).shape == (2,)
+
+
+def test_a_later_step_does_not_change_it() -> None:
+    law = GripForce(GripConfig(), (0, 1))
+    law.enable()
+    law.grasp(2.0)
+    first = law.step(grip_input(0.0), 0.01)
+    kept = first.closure.copy()
+    law.step(grip_input(0.0), 0.01)
+    np.testing.assert_array_equal(first.closure, kept)
+
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 NEAR = 1e-12

@@ -1,0 +1,239 @@
+"""The fake hand moves as late, as slowly and as far as it is told to."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactile_ros.hands import load_hand
+from tactile_ros.hands.joints import HandJoints, HandWatch, JointGuard, MockHand, taking_part
+from tactile_ros.types import JointLimits
+
+HAND = load_hand('joint_trajectory')
+LIMITS = HAND.driver.limits
+MEASURED = np.array([0.3, 0.5])
+
+
+def joints() -> HandJoints:
+    return HandJoints(HAND, ['left', 'right'])
+
+
+def test_the_first_command_is_the_measured_posture_whatever_the_path() -> None:
+    made = joints()
+    closures = made.closures_of(MEASURED).tolist()
+    sent = made.command(closures, [0.0, 0.0], MEASURED, 0.01, 0.01)
+    np.testing.assert_allclose(sent.position, MEASURED, atol=1e-12)
+    assert not sent.limited
+    assert np.isnan(sent.effort).all()
+
+
+def test_a_drive_that_only_lacks_time_is_not_stopped_and_one_at_its_offset_is() -> None:
+    made = joints()
+    start = made.closures_of(MEASURED)
+    made.command(start.tolist(), [0.0, 0.0], MEASURED, 0.01, 0.01)
+    near = made.command((start + 0.1).tolist(), [0.0, 0.0], MEASURED, 0.01, 0.01)
+    assert near.limited
+    np.testing.assert_allclose(near.position - MEASURED, LIMITS.velocity * 0.01)
+    np.testing.assert_allclose(near.reach, start + 0.1)
+    np.testing.assert_allclose(near.closure, made.closures_of(near.position), atol=1e-9)
+    far = made.command((start + 2.0).tolist(), [0.0, 0.0], MEASURED, 0.01, 0.01)
+    assert (far.reach < start + 1.0).all()
+
+
+def test_speed_of_the_slowest_joint_is_that_of_the_hand() -> None:
+    slopes = [np.abs(finger.slope).max() for finger in HAND.fingers.values()]
+    assert joints().fastest == pytest.approx(1.0 / max(slopes), rel=0.2)
+
+
+def test_sensors_that_take_part_are_those_of_the_fingers() -> None:
+    assert taking_part(HAND, ()) == (['left', 'right'], ['left', 'right'])
+    assert taking_part(HAND, ('right',)) == (['right'], ['right'])
+    with pytest.raises(ValueError, match="fingers must be of left, right; received 'nose'"):
+        taking_part(HAND, ('nose',))
+
+
+TEST_JOINT_GUARD_LIMITS = JointLimits(
+    np.array([-0.5, 0.0]), np.array([1.0, 2.0]), np.array([2.0, 1.0]), np.ones(2)
+)
+OFFSET = 0.3
+STILL = np.array([0.2, 0.5])
+ANYTHING = st.lists(
+    st.one_of(st.floats(allow_nan=True, allow_infinity=True), st.floats(-3, 3)),
+    min_size=2, max_size=2,
+)  # fmt: skip
+INSIDE = st.tuples(st.floats(-0.5, 1.0), st.floats(0.0, 2.0))
+
+
+def guard(start: object = None) -> JointGuard:
+    made = JointGuard(('a', 'b'), TEST_JOINT_GUARD_LIMITS, OFFSET)
+    if start is not None:
+        made.start(np.array(start))
+    return made
+
+
+@given(INSIDE, st.lists(st.tuples(ANYTHING, ANYTHING, st.floats(0.0, 0.1)), max_size=20))
+def test_limits_speed_and_offset_hold_at_once_or_nothing_is_sent(
+    start: tuple[float, float], steps: list[tuple[list[float], list[float], float]]
+) -> None:
+    made = guard(start)
+    before = made.last
+    np.testing.assert_array_equal(before, start)
+    for wanted, felt, dt in steps:
+        measured = np.array(felt)
+        if made.refusal(measured, dt):
+            with pytest.raises(ValueError, match='was measured'):
+                made.step(np.array(wanted), measured, dt)
+            continue
+        position, _ = made.step(np.array(wanted), measured, dt)
+        assert (position >= TEST_JOINT_GUARD_LIMITS.lower).all()
+        assert (position <= TEST_JOINT_GUARD_LIMITS.upper).all()
+        assert (np.abs(position - before) <= TEST_JOINT_GUARD_LIMITS.velocity * dt + 1e-12).all()
+        assert (np.abs(position - measured) <= OFFSET + 1e-12).all()
+        before = position
+
+
+def test_a_target_stays_near_the_measured_joint() -> None:
+    made = guard(STILL)
+    for _ in range(100):
+        position, limited = made.step(np.array([0.9, 0.6]), STILL, 0.05)
+    np.testing.assert_allclose(position, [0.5, 0.6])
+    assert limited
+
+
+def test_a_joint_that_is_pushed_away_takes_its_target_with_it() -> None:
+    made, measured = guard(STILL), STILL.copy()
+    for _ in range(20):
+        measured = measured - 0.02
+        assert not made.refusal(measured, 0.05)
+        position, _ = made.step(STILL, measured, 0.05)
+        assert (np.abs(position - measured) <= OFFSET + 1e-12).all()
+    np.testing.assert_allclose(position, measured + OFFSET)
+
+
+def test_a_joint_that_jumps_is_refused_and_named() -> None:
+    made = guard(STILL)
+    assert made.refusal(STILL + np.array([0.0, 1.2]), 0.01) == (
+        'b was measured 1.200 from its last command; at most 0.3 may lie between them'
+    )
+    assert made.refusal(np.array([np.nan, 0.5]), 0.01).startswith('a was measured at nan')
+    assert not made.refusal(STILL, 0.01)
+
+
+def test_a_start_beyond_the_limits_is_refused_and_no_more_than_slack_is_clipped() -> None:
+    made = guard()
+    assert made.refusal(np.array([2.5, 0.5]), 0.01) == (
+        'a was measured at 2.500, beyond its limits -0.5 and 1'
+    )
+    # a twentieth of the range
+    assert not made.refusal(np.array([1.07, -0.09]), 0.01)
+    assert made.refusal(np.array([1.08, 0.0]), 0.01)
+    made.start(np.array([1.07, -0.09]))
+    np.testing.assert_array_equal(made.last, [1.0, 0.0])
+
+
+def test_a_first_command_is_no_further_from_the_joint_than_any_other() -> None:
+    made = JointGuard(('a', 'b'), TEST_JOINT_GUARD_LIMITS, 0.01)
+    assert made.refusal(np.array([1.05, 0.5]), 0.01)
+    measured = np.array([1.009, 0.5])
+    assert not made.refusal(measured, 0.01)
+    made.start(measured)
+    position, _ = made.step(measured, measured, 0.01)
+    np.testing.assert_array_equal(position, [1.0, 0.5])
+
+
+def test_a_target_that_may_be_sent_is_not_limited_and_nan_keeps_the_last() -> None:
+    made = guard(STILL)
+    position, limited = made.step(STILL + 0.01, STILL, 0.05)
+    np.testing.assert_array_equal(position, STILL + 0.01)
+    assert not limited
+    position, limited = made.step(np.array([np.nan, 0.5]), STILL, 0.05)
+    np.testing.assert_allclose(position, [0.21, 0.5])
+    assert limited
+
+
+@pytest.mark.parametrize('dt', [-0.1, np.nan])
+def test_without_a_start_or_time_nothing_is_admitted(dt: float) -> None:
+    made = guard()
+    with pytest.raises(ValueError, match='needs a measured start'):
+        made.step(np.zeros(2), np.zeros(2), 0.01)
+    made.start(np.zeros(2))
+    with pytest.raises(ValueError, match='dt of 0 or more'):
+        made.step(np.zeros(2), np.zeros(2), dt)
+    made.stop()
+    with pytest.raises(ValueError, match='needs a measured start'):
+        made.step(np.zeros(2), np.zeros(2), 0.01)
+
+
+SLACK = np.array([0.05, 0.05])
+
+
+def watch() -> HandWatch:
+    return HandWatch(('a', 'b'), SLACK, 0.3)
+
+
+def test_the_same_posture_again_and_again_while_commands_move_is_frozen() -> None:
+    made, still = watch(), np.array([0.2, 0.5])
+    for k in range(50):
+        made.hear(still)
+        made.send(still + np.array([0.01 * k, 0.0]), 0.01 * k)
+        assert bool(made.frozen(0.01 * k)) == (k > 36)  # further than the slack since 0.06 s
+    assert made.frozen(0.5) == 'joint states are frozen (0.440 s) while commands move'
+    made.hear(still + np.array([0.0, 1e-6]))
+    assert not made.frozen(0.51)
+    made.forget()
+    assert not made.frozen(9.0)
+
+
+def test_a_hand_at_rest_and_one_that_flickers_are_not() -> None:
+    rest, blocked = watch(), watch()
+    for k in range(500):
+        rest.hear(np.array([0.2, 0.5]))
+        rest.send(np.array([0.2, 0.5]) + 0.02 * np.sin(k), 0.01 * k)
+        blocked.hear(np.array([0.2, 0.5 + 1e-6 * (k % 2)]))
+        blocked.send(np.array([0.6, 0.5]), 0.01 * k)
+        assert not rest.frozen(0.01 * k)
+        assert not blocked.frozen(0.01 * k)
+
+
+def test_a_hand_that_was_moved_by_others_is_named_and_one_on_its_way_is_not() -> None:
+    made = watch()
+    assert not made.strayed()
+    made.hear(np.array([0.2, 0.5]))
+    made.send(np.array([0.4, 0.5]), 0.0)
+    for on_its_way in ([0.3, 0.5], [0.4, 0.54], [0.44, 0.5]):
+        made.hear(np.array(on_its_way))
+        assert not made.strayed()
+    made.hear(np.array([0.4, 1.38]))
+    assert made.strayed() == 'b came back 0.880 from its last command: it was moved by others'
+
+
+TEST_MOCK_HAND_LIMITS = JointLimits(np.zeros(2), np.ones(2), np.array([100.0, 0.5]), np.ones(2))
+
+
+def test_a_position_loop_follows_with_its_lag_and_its_speed() -> None:
+    hand = MockHand(TEST_MOCK_HAND_LIMITS, np.zeros(2), lag_s=0.1)
+    hand.command(np.array([0.8, 0.8]))
+    for _ in range(100):
+        position = hand.step(0.001)
+    assert position[0] == pytest.approx(0.8 * (1 - np.exp(-1)), rel=1e-9)
+    assert position[1] == pytest.approx(0.05)
+
+
+def test_a_command_acts_after_the_dead_time_and_arrives_at_the_horizon() -> None:
+    hand = MockHand(TEST_MOCK_HAND_LIMITS, np.zeros(2), dead_time_s=0.1)
+    hand.command(np.array([0.4, 0.0]), 0.2)
+    track = [hand.step(0.01)[0] for _ in range(40)]
+    assert track[8] == 0
+    assert track[19] == pytest.approx(0.22, abs=0.03)
+    assert track[30] == pytest.approx(0.4, abs=1e-6)
+
+
+def test_it_stops_at_its_limits() -> None:
+    hand = MockHand(TEST_MOCK_HAND_LIMITS, np.full(2, 5.0))
+    np.testing.assert_array_equal(hand.position, [1.0, 1.0])
+    hand.command(np.array([-3.0, 9.0]))
+    for _ in range(500):
+        position = hand.step(0.01)
+    np.testing.assert_allclose(position, [0.0, 1.0], atol=1e-9)
