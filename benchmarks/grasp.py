@@ -20,7 +20,7 @@ from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
 from tactile_ros.simulation.engine import load_engine
-from tactile_ros.simulation.load_scene import KINDS, Handling
+from tactile_ros.simulation.scenes import KINDS, Handling
 from tactile_ros.types import Array, Bools, Integers
 
 if TYPE_CHECKING:

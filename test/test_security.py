@@ -179,7 +179,7 @@ def test_what_is_written_goes_through_it() -> None:
 
 def test_the_page_says_the_caps_that_the_code_has() -> None:
     from tactile_ros import calibration as calibrations
-    from tactile_ros.cli.sources import MOST_YAML_BYTES
+    from tactile_ros.cli.console import MOST_YAML_BYTES
     from tactile_ros.evaluation import recording_files as recordings
     from tactile_ros.evaluation.container import LARGEST_CHUNK
     from tactile_ros.evaluation.recording_files import MOST_ROWS

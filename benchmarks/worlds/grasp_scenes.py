@@ -13,9 +13,8 @@ from tactile_ros.evaluation.benchmark import Row, within
 from tactile_ros.evaluation.drawing import standalone
 from tactile_ros.evaluation.svg import Plot
 from tactile_ros.nodes.grip_loop import GripStage
-from tactile_ros.simulation.grasp_scene import KINDS as THINGS
-from tactile_ros.simulation.grasp_scene import named
-from tactile_ros.simulation.load_scene import KINDS, Handling
+from tactile_ros.simulation.scenes import KINDS, Handling, named
+from tactile_ros.simulation.scenes import KINDS as THINGS
 from tactile_ros.simulation.trials import GENTLE, Trials, grips, unseen
 
 if TYPE_CHECKING:
@@ -23,9 +22,7 @@ if TYPE_CHECKING:
 
     from tactile_ros.control import GripConfig
     from tactile_ros.hands import HandDescription
-    from tactile_ros.simulation.balloon_scene import Held
-    from tactile_ros.simulation.grasp_scene import Grasped
-    from tactile_ros.simulation.load_scene import Carried
+    from tactile_ros.simulation.scenes import Carried, Grasped, Held
     from tactile_ros.simulation.trials import Watcher
 
 GRASPS = {'quick': 1, 'normal': 3, 'full': 50}  # of each object

@@ -7,6 +7,7 @@ part is right where it went to its place.
 from __future__ import annotations
 
 from itertools import product
+from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -19,16 +20,8 @@ from tactile_ros.conditioning.faults import frame_readings, judged_rows
 from tactile_ros.conditioning.viscoelastic import Creep
 from tactile_ros.evaluation import array_figures
 from tactile_ros.evaluation.benchmark import Row, within
+from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
-from tactile_ros.simulation import grippers
-from tactile_ros.simulation.pick_and_place import (
-    DEPOSIT_CLEARANCE,
-    Gripper,
-    Picked,
-    even_loads,
-    turn_between,
-)
-from tactile_ros.simulation.taxel_scene import TaxelScene, TaxelSkin
 from tactile_ros.types import Frame, Recording
 
 if TYPE_CHECKING:
@@ -36,7 +29,11 @@ if TYPE_CHECKING:
 
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Array
+    from test.reference.pick_world import Gripper, Picked, TaxelSkin
 
+pick_world = load_source(
+    Path(__file__).parents[2] / 'test' / 'reference' / 'pick_world.py', 'bench taxel_array'
+)
 SEED = 4  # of what is not of a world
 WORLDS = 300  # seeds of skins and picks
 PICKS = {'quick': (1, 2), 'normal': (2, 15), 'full': (8, 100)}  # worlds, picks of each
@@ -51,9 +48,9 @@ def sorted_parts(extent: str) -> tuple[list[Row], dict[str, str], list[int]]:
     """Pick and place with the paper's grippers, drawings of what they felt, seeds of worlds."""
     worlds, count = PICKS[extent]
     kinds = {
-        'washer': (grippers.magnet_gripper(), 1.5, 3.0, (10.0, 30.0), 3e-3, 5),
-        'tube': (grippers.suction_cup(), 8.0, 20.0, (10.0, 40.0), 2e-3, 0),
-        'jaw': (grippers.jaw(), 0.05, 0.1, (4.0, 10.0), 4e-3, 20),
+        'washer': (pick_world.magnet_gripper(), 1.5, 3.0, (10.0, 30.0), 3e-3, 5),
+        'tube': (pick_world.suction_cup(), 8.0, 20.0, (10.0, 40.0), 2e-3, 0),
+        'jaw': (pick_world.jaw(), 0.05, 0.1, (4.0, 10.0), 4e-3, 20),
     }
     if extent == 'quick':
         del kinds['tube']
@@ -88,7 +85,7 @@ def _tube_rows(picks: list[list[Picked]], limit: float) -> list[Row]:
     if not picks:
         return []
     turn = [
-        np.rad2deg(turn_between(float(p.state.yaw), float(p.pose[2]), 1))
+        np.rad2deg(pick_world.turn_between(float(p.state.yaw), float(p.pose[2]), 1))
         for part in picks
         for p in part
     ]
@@ -102,10 +99,10 @@ def _world(kind: tuple, seed: int) -> Gripper:
     """One gripper with a skin of its own."""
     config, half_load, top, force, play, broken = kind
     rng = np.random.default_rng(seed)
-    skin = TaxelSkin.drawn(len(config.positions), half_load, rng, broken)
-    taught = even_loads(SPEC.layout(config), config.areas, skin, rng, top)
+    skin = pick_world.TaxelSkin.drawn(len(config.positions), half_load, rng, broken)
+    taught = pick_world.even_loads(SPEC.layout(config), config.areas, skin, rng, top)
     pipeline = SPEC.pipeline(config).fit(taught)
-    return Gripper(config, TaxelScene(config), skin, pipeline, force, play)
+    return pick_world.Gripper(config, pick_world.TaxelScene(config), skin, pipeline, force, play)
 
 
 def _placed(
@@ -139,7 +136,7 @@ def _limit(grips: list[Gripper], picks: list[list[Picked]]) -> float:
                 if part != pick.part
             )
             turn = _turn_sigma(gripper, pick, sigma)
-            right.append(ndtr(apart / 2) * (2 * ndtr(DEPOSIT_CLEARANCE / turn) - 1))
+            right.append(ndtr(apart / 2) * (2 * ndtr(pick_world.DEPOSIT_CLEARANCE / turn) - 1))
     return 100 * float(np.mean(right))
 
 

@@ -21,8 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import tactile_ros
-from tactile_ros.cli.destination import refuse_unwritable
-from tactile_ros.cli.table import show
+from tactile_ros.cli.console import refuse_unwritable, show
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.benchmark import COLUMNS
 from tactile_ros.evaluation.sources import load_source

@@ -16,11 +16,15 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactile_ros.cli import models
-from tactile_ros.cli.destination import refuse_unwritable
-from tactile_ros.cli.sources import find, fit_layout, read_config
-from tactile_ros.cli.table import show, show_json
-from tactile_ros.cli.working import working
+from tactile_ros.cli.console import (
+    find,
+    fit_layout,
+    read_config,
+    refuse_unwritable,
+    show,
+    show_json,
+    working,
+)
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.told_rests import alike, with_rests
 from tactile_ros.sensors import load_sensor
@@ -29,6 +33,31 @@ if TYPE_CHECKING:
     import argparse
 
     from tactile_ros.pipeline import Pipeline
+    from tactile_ros.types import Report
+
+LACK, FOUND = 'not told: ', 'found: '
+KINDS = ('model: ', 'term: ', LACK, FOUND)
+
+
+def sentences(report: Report) -> list[str]:
+    """What a report says of models and terms, and what it lacks, a sentence for each."""
+    said = []
+    for name, found in report.items():
+        if name.startswith('model: '):
+            said.append(
+                f'{name}; it errs by {found["worst_error"]:.2g} at most, '
+                f'noise is {found["noise"]:.2g}'
+            )
+        elif name.startswith('term: '):
+            said.append(
+                f'{name}; estimated it widens errors {found["costs"]:.3g} times, '
+                f'left out it would {found["buys"]:.3g} times'
+            )
+        elif name.startswith((LACK, FOUND)):
+            figures = ', '.join(f'{what} {value:.3g}' for what, value in found.items())
+            said.append(f'{name}; {figures}' if figures else name)
+    return said
+
 
 COLUMNS = (
     'target',
@@ -85,7 +114,7 @@ def run(options: argparse.Namespace) -> int:
         print(left_out(pipeline), file=sys.stderr)
     if not pipeline.rest_.tared:
         print(UNTARED, file=sys.stderr)
-    for sentence in (*slip_sentence(pipeline), *models.sentences(pipeline.report)):
+    for sentence in (*slip_sentence(pipeline), *sentences(pipeline.report)):
         print(sentence, file=sys.stderr if options.json else sys.stdout)
     if not options.json:
         seconds = time.perf_counter() - began
@@ -134,5 +163,5 @@ def report_rows(pipeline: Pipeline) -> list[tuple[str | float | int | None, ...]
             int(found.get('rows', 0)),
         )
         for target, found in pipeline.report.items()
-        if target != 'left_out' and not target.startswith(models.KINDS)
+        if target != 'left_out' and not target.startswith(KINDS)
     ]

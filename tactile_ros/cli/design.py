@@ -14,9 +14,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactile_ros.cli.sources import read_config
-from tactile_ros.cli.table import as_objects, show
-from tactile_ros.cli.working import working
+from tactile_ros.cli.console import as_objects, read_config, show, working
 from tactile_ros.sensors import designable, load_sensor
 
 if TYPE_CHECKING:

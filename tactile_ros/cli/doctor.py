@@ -12,25 +12,358 @@ example:
 
 from __future__ import annotations
 
+import importlib.util
 import json
+import os
 import time
 from argparse import ArgumentTypeError
 from contextlib import ExitStack
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactile_ros.cli.machine import BAD, NOTE, Finding, buses, packages, probe, serial_ports
-from tactile_ros.cli.table import show
-from tactile_ros.cli.trial import findings, watch
-from tactile_ros.cli.working import working
+import numpy as np
+
+from tactile_ros.cli.console import show, working
+from tactile_ros.devices.mlx90393 import MUX_ADDRESSES, Command
 from tactile_ros.devices.transport import I2cBus, list_buses, list_ports
-from tactile_ros.errors import MissingPackageError, TactileError
+from tactile_ros.errors import (
+    DeviceError,
+    DeviceTimeout,
+    MissingPackageError,
+    NotAcknowledged,
+    TactileError,
+)
 from tactile_ros.sensors import load_sensor
+from tactile_ros.types import TaxelStatus
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Callable, Sequence
 
-    from tactile_ros.types import Device
+    from tactile_ros.devices.transport import I2cBus
+    from tactile_ros.types import Array, Device, Frame, Layout
+
+OK, NOTE, WARN, BAD = 'ok', 'note', 'warn', 'bad'
+CHIP_ADDRESSES = range(0x0C, 0x1C)  # of all variants of the MLX90393
+MOST_LATENCY_MS = 1
+RULES = '/etc/udev/rules.d/60-tactile.rules'
+PACKAGES = {
+    'serial': 'serial ports need pyserial: pip install pyserial',
+    'smbus2': 'I2C buses need smbus2: pip install smbus2',
+    'rclpy': 'nodes need ROS 2: source its setup.bash',
+}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at.
+
+    Attributes
+    ----------
+    where : str
+        Port, bus, package, or quantity.
+    state : str
+        ok; note: nothing to do; warn: works, but should be changed; bad: does not work.
+    what : str
+        What was found.
+    remedy : str
+        What to do, in one sentence; empty: nothing.
+    """
+
+    where: str
+    state: str
+    what: str
+    remedy: str = ''
+
+
+def packages() -> list[Finding]:
+    """Optional packages that sensors and nodes need."""
+    found = []
+    for name, remedy in PACKAGES.items():
+        there = importlib.util.find_spec(name) is not None
+        what = 'installed' if there else 'not installed'
+        found.append(Finding(name, OK if there else WARN, what, '' if there else remedy))
+    return found
+
+
+def permission(path: Path, group: str, rule: str) -> Finding:
+    """Whether this user may read and write a device file, and otherwise how to allow it.
+
+    Parameters
+    ----------
+    path : Path
+        Of the device file.
+    group : str
+        That such files usually belong to.
+    rule : str
+        udev rule that gives the file to that group.
+    """
+    if not path.exists():
+        return Finding(str(path), BAD, 'does not exist', 'plug it in, or name another one')
+    if os.access(path, os.R_OK | os.W_OK):
+        return Finding(str(path), OK, 'may be read and written')
+    try:
+        owner = path.group()
+    except KeyError:  # a group without a name, as in containers
+        owner = str(path.stat().st_gid)
+    if owner in ('root', 'nogroup'):
+        remedy = (
+            f"put the udev rule '{rule}' into {RULES}, reload by `sudo udevadm control --reload`"
+        )
+        return Finding(str(path), BAD, f'belongs to the group {owner}', remedy + ' and replug')
+    remedy = f'add yourself to its group: `sudo usermod -aG {owner} $USER`, and log in again'
+    return Finding(str(path), BAD, f'only the group {owner or group} may use it', remedy)
+
+
+def port_rule(name: str, root: Path) -> str:
+    """Rule (udev) for the port of a name such as ttyACM0."""
+    match = 'SUBSYSTEM=="tty"'
+    device = root / 'sys/class/tty' / name / 'device'
+    for folder in (device / '..', device / '../..', device / '../../..'):
+        vendor, product = folder / 'idVendor', folder / 'idProduct'
+        if vendor.is_file() and product.is_file():
+            ids = vendor.read_text().strip(), product.read_text().strip()
+            match += f', ATTRS{{idVendor}}=="{ids[0]}", ATTRS{{idProduct}}=="{ids[1]}"'
+            break
+    return f'{match}, GROUP="dialout", MODE="0660"'
+
+
+def latency(name: str, root: Path) -> Finding | None:
+    """How long the USB converter of a port keeps bytes back; None where it has no such timer."""
+    timer = root / 'sys/class/tty' / name / 'device/latency_timer'
+    if not timer.is_file():
+        return None
+    text = timer.read_text().strip()
+    milliseconds = int(text) if text.isdigit() else 0
+    what = f'its converter keeps bytes back for up to {milliseconds} ms'
+    if milliseconds <= MOST_LATENCY_MS:
+        return Finding(f'/dev/{name} latency', OK, what)
+    remedy = (
+        f'write 1 into {timer} as root, and for ever by the udev rule '
+        f'\'ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", '
+        f'ATTR{{latency_timer}}="1"\' in {RULES}'
+    )
+    return Finding(f'/dev/{name} latency', WARN, what, remedy)
+
+
+def serial_ports(names: Sequence[str], root: Path = Path('/')) -> list[Finding]:
+    """Every serial port: permission and latency timer."""
+    found: list[Finding] = []
+    for name in names:
+        path = root / name.lstrip('/')
+        found.append(permission(path, 'dialout', port_rule(path.name, root)))
+        timer = latency(path.name, root)
+        found += [timer] if timer is not None else []
+    return found or [
+        Finding('serial ports', NOTE, 'this machine has none', 'plug a board in, if you have one')
+    ]
+
+
+def buses(names: Sequence[str]) -> list[Finding]:
+    """Every I2C bus: permission."""
+    rule = 'KERNEL=="i2c-[0-9]*", GROUP="i2c", MODE="0660"'
+    found = [permission(Path(name), 'i2c', rule) for name in names]
+    remedy = 'where chips are wired to this machine: enable the bus and load the module i2c-dev'
+    return found or [Finding('I2C buses', NOTE, 'this machine shows none', remedy)]
+
+
+def probe(bus: I2cBus) -> Finding:
+    """Who answers on a bus: NOP to the addresses of the chips, one byte read from switches.
+
+    Neither changes anything in a chip or switch of these kinds.
+    """
+    try:
+        bus.open()
+        chips = [a for a in CHIP_ADDRESSES if _answers(bus, a, bytes((Command.NOP,)))]
+        switches = [a for a in MUX_ADDRESSES if _answers(bus, a, b'')]
+    except DeviceError as err:
+        return Finding(bus.path, BAD, 'cannot be asked', str(err))
+    finally:
+        bus.close()
+    named = [f'{a:#04x}' for a in chips] + [f'{a:#04x} (switch)' for a in switches]
+    if named:
+        return Finding(bus.path, OK, f'answers come from {", ".join(named)}')
+    remedy = 'check power, ground, SDA and SCL, and pull-ups of the chips'
+    return Finding(bus.path, WARN, 'nobody answers at the addresses of chips and switches', remedy)
+
+
+def _answers(bus: I2cBus, address: int, data: bytes) -> bool:
+    """Whether somebody acknowledges an address."""
+    try:
+        bus.transfer(address, data, 1)
+    except NotAcknowledged:
+        return False
+    return True
+
+
+READ_S = 0.5
+SLOW, IRREGULAR = 0.8, 0.5
+NOISY = 10.0
+TO_SIGMA = 1.4826 / np.sqrt(6)  # median of |second differences| -> standard deviation
+TROUBLES = {
+    'nacks': 'check the wires and the addresses of the chips',
+    'resets': 'check the supply: chips lose it for moments',
+    'bus_errors': 'check pull-ups and wires of the bus',
+    'stalls': 'check the supply and the wires',
+    'crc_errors': 'check cable and baud rate: bytes arrive damaged',
+    'framing_errors': 'check cable and baud rate: bytes arrive damaged',
+    'dropped': 'close what else uses the processor, or lower the rate: frames are lost',
+    'reconnects': 'check the plug: the port comes and goes',
+    'clock_jumps': 'check the supply of the board: its clock jumps',
+}
+# a quiet chip repeats itself now and then
+RARELY = 0.05
+MARKS = {
+    TaxelStatus.SATURATED: 'lower the gain, or keep magnets away',
+    TaxelStatus.WRAPPED: 'lower the gain, or keep magnets away',
+    TaxelStatus.STUCK: 'switch the sensor off and on; replace what stays stuck',
+    TaxelStatus.ERROR: 'check the wires and the supply of these taxels',
+    TaxelStatus.STALE: 'lower the rate of the board: it outruns its chips',
+}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What was read.
+
+    Attributes
+    ----------
+    layout : Layout
+        Of the sensor.
+    frames : list of Frame
+        In their order.
+    failure : str
+        Why it could not be opened or fell silent; empty: it did not.
+    counters : dict of str to int
+        Of the driver.
+    """
+
+    layout: Layout
+    frames: list[Frame]
+    failure: str
+    counters: dict[str, int]
+
+
+def watch(
+    device: Device, seconds: float, monotonic: Callable[[], float] = time.monotonic
+) -> Trial:
+    """Open a device and read it for so many seconds; no failure is raised."""
+    frames: list[Frame] = []
+    failure = ''
+    try:
+        with device:
+            end = monotonic() + seconds
+            while monotonic() < end:
+                try:
+                    frames.append(device.read(READ_S))
+                    failure = ''
+                except DeviceTimeout as err:
+                    failure = str(err)
+    except TactileError as err:
+        failure = str(err)
+    counted = getattr(device, 'counters', None)
+    counters: dict[str, int] = {} if counted is None else dict(counted())
+    return Trial(device.layout, frames, failure, counters)
+
+
+def findings(trial: Trial) -> list[Finding]:
+    """What a trial says and what to do."""
+    if len(trial.frames) < 4:
+        what = f'{len(trial.frames)} frames came'
+        remedy = trial.failure or 'check that the sensor is powered and is this kind of sensor'
+        return [Finding('frames', BAD, what, remedy), *_troubles(trial)]
+    broken = [Finding('connection', BAD, 'fell silent', trial.failure)] if trial.failure else []
+    return [*broken, *_pace(trial), _noise(trial), _temperature(trial), *_marks(trial),
+            *_troubles(trial)]  # fmt: skip
+
+
+def _pace(trial: Trial) -> list[Finding]:
+    """Rate and jitter, from the stamps."""
+    gaps = np.diff([frame.stamp_ns or 0 for frame in trial.frames]) * 1e-9
+    rate, jitter = 1.0 / gaps.mean(), float(gaps.std())
+    nominal = trial.layout.rate_hz
+    what = f'{rate:.4g} Hz, nominal {nominal:g} Hz'
+    slow = rate < SLOW * nominal
+    remedy = 'set rate_hz to what the sensor does, or find what holds it up (latency timer, bus)'
+    irregular = jitter * nominal > IRREGULAR
+    calm = 'close what else uses the processor, lower the latency timer of the port'
+    return [
+        Finding('rate', WARN if slow else OK, what, remedy if slow else ''),
+        Finding(
+            'jitter',
+            WARN if irregular else OK,
+            f'{1e3 * jitter:.3g} ms',
+            calm if irregular else '',
+        ),
+    ]
+
+
+def noise_of(trial: Trial) -> Array:
+    """Noise of every taxel and channel, shape (t, c) (unit of values), whatever moves slowly."""
+    values = np.array([frame.values for frame in trial.frames])
+    noise: Array = TO_SIGMA * np.nanmedian(np.abs(np.diff(values, 2, axis=0)), axis=0)
+    return noise
+
+
+def _step(trial: Trial) -> float:
+    """Smallest change of any reading, that of the converter where it is coarse; inf: none."""
+    steps = np.abs(np.diff([frame.values for frame in trial.frames], axis=0))
+    return float(np.min(steps, where=steps > 0, initial=np.inf))
+
+
+def _noise(trial: Trial) -> Finding:
+    """Noise of the taxels, and those that differ from the others."""
+    with np.errstate(all='ignore'):
+        noise = noise_of(trial)
+    unit = trial.layout.unit if trial.layout.unit != '1' else 'of full scale'
+    usual = np.nanmedian(noise, axis=0)
+    told = ', '.join(f'{c} {x:.2g}' for c, x in zip(trial.layout.channels, usual, strict=True))
+    step = _step(trial)
+    odd = np.flatnonzero((noise > NOISY * np.maximum(usual, step)).any(axis=1))
+    # readings of a coarse converter may stand still at rest
+    fine = bool((usual > 2 * step).any())
+    silent = np.flatnonzero((noise == 0).all(axis=1)).tolist() if fine else []
+    what = f'{told} {unit} (standard deviation, median of the taxels)'
+    if len(odd):
+        remedy = f'check taxels {odd.tolist()}: they are over {NOISY:g} times as noisy as the rest'
+        return Finding('noise', WARN, what, remedy)
+    if silent:
+        return Finding('noise', WARN, what, f'check taxels {silent}: their readings never change')
+    return Finding('noise', OK, what)
+
+
+def _temperature(trial: Trial) -> Finding:
+    """Temperature of the chips."""
+    warm = trial.frames[-1].temperature_c
+    if warm is None or not np.isfinite(warm).any():
+        return Finding('temperature', NOTE, 'not measured')
+    return Finding('temperature', OK, f'{np.nanmin(warm):.1f} to {np.nanmax(warm):.1f} C')
+
+
+def _marks(trial: Trial) -> list[Finding]:
+    """Taxels that were marked."""
+    bits = np.array([np.zeros(trial.layout.shape[0], np.uint8) if f.status is None else f.status
+                     for f in trial.frames])  # fmt: skip
+    found = []
+    for bit, remedy in MARKS.items():
+        share = (bits & int(bit) > 0).mean(axis=0)
+        taxels = np.flatnonzero(share > (RARELY if bit == TaxelStatus.STALE else 0)).tolist()
+        if taxels:
+            state = BAD if share.max() > 0.5 else WARN
+            what = f'taxels {taxels}, in up to {100 * share.max():.2g} % of the frames'
+            found.append(Finding(str(bit.name).lower(), state, what, remedy))
+    return found
+
+
+def _troubles(trial: Trial) -> list[Finding]:
+    """What the driver counted."""
+    return [
+        Finding(name.replace('_', ' '), WARN, str(trial.counters[name]), remedy)
+        for name, remedy in TROUBLES.items()
+        if trial.counters.get(name)
+    ]
+
 
 LONGEST_S = 3600
 COLUMNS = ('what', 'state', 'found', 'to do')

@@ -17,9 +17,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactile_ros.cli.destination import refuse_unwritable
-from tactile_ros.cli.sources import find
-from tactile_ros.cli.working import working
+from tactile_ros.cli.console import find, refuse_unwritable, working
 from tactile_ros.enrolment import Allowed, learn, recording_of, window_of
 from tactile_ros.errors import RecordingError, TactileError
 from tactile_ros.evaluation.fleet import open_calibration

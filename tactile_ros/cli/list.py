@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from tactile_ros.cli.table import show, show_json
+from tactile_ros.cli.console import show, show_json
 from tactile_ros.sensors import list_sensors, load_sensor
 
 if TYPE_CHECKING:

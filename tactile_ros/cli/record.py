@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactile_ros.cli.destination import refuse_unwritable
+from tactile_ros.cli.console import refuse_unwritable
 from tactile_ros.errors import RecordingError, TactileError
 from tactile_ros.evaluation.recording_files import load
 from tactile_ros.nodes.graph import Graph, Process

@@ -20,11 +20,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.cli import models
-from tactile_ros.cli.destination import refuse_no_pictures, refuse_unwritable
-from tactile_ros.cli.progress import Progress
-from tactile_ros.cli.table import show, show_json
-from tactile_ros.cli.working import working
+from tactile_ros.cli import calibrate
+from tactile_ros.cli.console import (
+    Progress,
+    refuse_no_pictures,
+    refuse_unwritable,
+    show,
+    show_json,
+    working,
+)
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import fleet
 from tactile_ros.evaluation.benchmark import environment
@@ -151,7 +155,7 @@ def _report(
 
     datasets = [dataset_of(one) for outcome in outcomes for one in outcome.tallies]
     failed = [f'Left out: {outcome.failure}' for outcome in outcomes if outcome.failure]
-    notes = dict.fromkeys(said for p in pipelines for said in models.sentences(p.report))
+    notes = dict.fromkeys(said for p in pipelines for said in calibrate.sentences(p.report))
     digests = {
         f'calibration {path.name}': pipeline.digest
         for path, pipeline in zip(options.calibration, pipelines, strict=True)

@@ -19,8 +19,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactile_ros.cli.destination import refuse_no_pictures, refuse_unwritable
-from tactile_ros.cli.table import show, show_json
+from tactile_ros.cli.console import refuse_no_pictures, refuse_unwritable, show, show_json
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.bench_files import gather
 from tactile_ros.evaluation.package_report import title_of, write_package_report

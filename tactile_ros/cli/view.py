@@ -22,8 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.cli.destination import refuse_unwritable
-from tactile_ros.cli.working import working
+from tactile_ros.cli.console import refuse_unwritable, working
 from tactile_ros.errors import DeviceTimeout, MissingPackageError, RecordingError
 from tactile_ros.evaluation.fleet import open_calibration
 from tactile_ros.evaluation.recording_files import load

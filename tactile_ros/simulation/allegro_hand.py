@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.hands import load_hand
-from tactile_ros.simulation.hand_model import HandModel, pad_friction, servo
+from tactile_ros.simulation.mjcf import HandModel, pad_friction, servo
 
 if TYPE_CHECKING:
     from tactile_ros.hands.description import Finger

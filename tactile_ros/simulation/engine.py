@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import importlib
+import os
+from ctypes.util import find_library
 from typing import TYPE_CHECKING
 
 from tactile_ros.errors import MissingPackageError
 
 if TYPE_CHECKING:
+    from pathlib import Path
     from types import ModuleType
+
+    from tactile_ros.simulation.hand_world import HandWorld
 
 TIME_STEP = 1e-3  # s
 
@@ -62,3 +67,116 @@ def scene_text(bodies: str, rest: str) -> str:
   </worldbody>
   {rest}
 </mujoco>"""
+
+
+SIZE = (240, 320)  # rows, columns
+COLOURS = 64
+EMPTY = '<mujoco><worldbody/></mujoco>'
+NO_SCREEN = 'pictures of scenes need OpenGL without a screen: EGL or OSMesa of Mesa'
+
+
+def prefer_no_screen() -> None:
+    """Let MuJoCo draw without a screen, where a library for that is here; before its import."""
+    for name, library in (('egl', 'EGL'), ('osmesa', 'OSMesa')):
+        if find_library(library):
+            os.environ.setdefault('MUJOCO_GL', name)
+
+
+def why_not() -> str:
+    """Why nothing can be drawn here, in a sentence; empty: it can."""
+    engine = load_engine()
+    try:
+        _pillow()
+        engine.Renderer(engine.MjModel.from_xml_string(EMPTY), 8, 8).close()
+    except MissingPackageError as error:
+        return str(error)
+    except Exception:
+        return NO_SCREEN
+    return ''
+
+
+class Film:
+    """Pictures of a world, to be saved as a GIF.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Pictures per simulated second.
+    look_at : tuple of float
+        What the camera looks at (m).
+    distance, azimuth, elevation : float
+        Of the camera (m, degrees).
+    speed_up : float
+        Simulated over shown time.
+    """
+
+    def __init__(
+        self,
+        rate_hz: float,
+        look_at: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        distance: float = 0.35,
+        azimuth: float = 120.0,
+        elevation: float = -20.0,
+        speed_up: float = 1.0,
+    ) -> None:
+        self._period, self._shown = 1.0 / rate_hz, 1.0 / rate_hz / speed_up
+        self._view = (look_at, distance, azimuth, elevation)
+        self._due = 0.0
+        self._renderer: object = None
+        self.pictures: list[object] = []
+
+    def __call__(self, world: HandWorld) -> None:
+        """Take a picture, if it is time.
+
+        Raises
+        ------
+        MissingPackageError
+            If nothing here can draw; the sentence says what is missing.
+        """
+        if world.time < self._due:
+            return
+        self._due = world.time + self._period
+        engine = load_engine()
+        if self._renderer is None:
+            self._renderer = _renderer(engine, world)
+        camera = engine.MjvCamera()
+        camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = self._view
+        self._renderer.update_scene(world.data, camera)  # type: ignore[attr-defined]
+        self.pictures.append(self._renderer.render())  # type: ignore[attr-defined]
+
+    def save(self, path: Path) -> Path:
+        """Write the GIF and let the renderer go."""
+        image = _pillow()
+        frames = [
+            image.fromarray(picture).quantize(COLOURS)  # type: ignore[attr-defined]
+            for picture in self.pictures
+        ]
+        frames[0].save(
+            path, save_all=True, append_images=frames[1:], duration=1e3 * self._shown, loop=0
+        )
+        self.close()
+        return path
+
+    def close(self) -> None:
+        """Let the renderer go."""
+        renderer, self._renderer = self._renderer, None
+        if renderer is not None:
+            renderer.close()  # type: ignore[attr-defined]
+
+
+def _renderer(engine: object, world: HandWorld) -> object:
+    """What draws; one sentence where nothing can."""
+    try:
+        return engine.Renderer(world.model, *SIZE)  # type: ignore[attr-defined]
+    except Exception as error:  # each library of OpenGL has errors of its own
+        raise MissingPackageError(NO_SCREEN) from error
+
+
+def _pillow() -> object:
+    """Pillow's images."""
+    try:
+        from PIL import Image
+    except ImportError as error:
+        msg = 'GIFs of scenes need Pillow: pip install pillow'
+        raise MissingPackageError(msg) from error
+    return Image

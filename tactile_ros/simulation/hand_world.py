@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from tactile_ros.control import GripStep
-    from tactile_ros.simulation.fingertip import Fingertip
-    from tactile_ros.simulation.hand_model import HandModel
+    from tactile_ros.simulation.mjcf import HandModel
+    from tactile_ros.simulation.skins import Fingertip
     from tactile_ros.types import Array, ContactState, GripCommand
 
 

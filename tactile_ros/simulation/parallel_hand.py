@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, cast
 
 from tactile_ros.control import GripConfig
 from tactile_ros.hands.description import parse
-from tactile_ros.simulation.hand_model import HandModel, pad_friction, servo
+from tactile_ros.simulation.mjcf import HandModel, pad_friction, servo
 
 if TYPE_CHECKING:
     from tactile_ros.hands.drivers import JointTrajectoryHand

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from tactile_ros.hands.description import parse
-from tactile_ros.simulation.hand_model import HandModel, pad_friction, servo
+from tactile_ros.simulation.mjcf import HandModel, pad_friction, servo
 
 JOINT = 'qbhand1_synergy_joint'
 DIGITS = {'thumb': (-1, 0.0), 'index': (1, 0.012), 'middle': (1, -0.012)}  # side, height (m)

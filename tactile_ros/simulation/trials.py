@@ -15,12 +15,16 @@ from tactile_ros.sensors.gradiometer.config import GradiometerConfig
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.simulation import skins
 from tactile_ros.simulation.allegro_hand import allegro_hand
-from tactile_ros.simulation.balloon_scene import BalloonScene, SinglePixel
-from tactile_ros.simulation.fingertip import AVERAGED, Fingertip
-from tactile_ros.simulation.grasp_scene import GraspScene
 from tactile_ros.simulation.hand_world import Rig
-from tactile_ros.simulation.load_scene import FRICTION, LoadScene
 from tactile_ros.simulation.parallel_hand import parallel_hand
+from tactile_ros.simulation.scenes import (
+    FRICTION,
+    BalloonScene,
+    GraspScene,
+    LoadScene,
+    SinglePixel,
+)
+from tactile_ros.simulation.skins import AVERAGED, Fingertip
 from tactile_ros.simulation.soft_hand import soft_hand
 
 if TYPE_CHECKING:
@@ -28,12 +32,10 @@ if TYPE_CHECKING:
 
     from tactile_ros.hands import HandDescription
     from tactile_ros.pipeline import Pipeline
-    from tactile_ros.simulation.balloon_scene import Held
-    from tactile_ros.simulation.fingertip import Skin
-    from tactile_ros.simulation.grasp_scene import Grasped
-    from tactile_ros.simulation.hand_model import HandModel
+    from tactile_ros.simulation.hand_models import HandModel
     from tactile_ros.simulation.hand_world import GraspStage, HandWorld
-    from tactile_ros.simulation.load_scene import Carried, Handling
+    from tactile_ros.simulation.scenes import Carried, Grasped, Handling, Held
+    from tactile_ros.simulation.skins import Skin
 
     Watcher = Callable[[HandWorld], None]
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactile_ros.cli import bench, demo, destination
+from tactile_ros.cli import bench, console, demo
+from tactile_ros.cli.console import MOST_YAML_BYTES, read_config
 from tactile_ros.cli.main import COMMANDS, main, parser, sentence
-from tactile_ros.cli.sources import MOST_YAML_BYTES, read_config
 from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.recording_files import load_recording, save_recording
 from tactile_ros.sensors import list_sensors, load_sensor
@@ -397,7 +397,7 @@ def test_nobody_reads_what_is_printed() -> None:
 def test_a_report_without_anything_to_draw_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(destination, 'find_browser', lambda: 'chromium')
+    monkeypatch.setattr(console, 'find_browser', lambda: 'chromium')
     BenchResult('plain', 'tactile bench plain', [0], [Row('one figure', 'mm', 1.0)]).write(
         tmp_path
     )

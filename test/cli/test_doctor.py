@@ -11,19 +11,22 @@ import numpy as np
 import pytest
 
 from tactile_ros.cli import doctor
-from tactile_ros.cli.machine import (
+from tactile_ros.cli.doctor import (
     BAD,
     NOTE,
     OK,
     WARN,
     Finding,
+    Trial,
     buses,
+    findings,
+    noise_of,
     permission,
     probe,
     serial_ports,
+    watch,
 )
 from tactile_ros.cli.main import main
-from tactile_ros.cli.trial import Trial, findings, noise_of, watch
 from tactile_ros.devices.mlx90393 import ChipPlace
 from tactile_ros.devices.simulated_i2c import SimulatedChip, SimulatedI2cBus
 from tactile_ros.devices.timestamps import VirtualClock

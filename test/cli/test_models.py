@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tactile_ros.cli.calibrate import sentences
 from tactile_ros.cli.main import main
-from tactile_ros.cli.models import sentences
 from tactile_ros.enrolment import thinned
 from tactile_ros.evaluation.recording_files import save_recording
 from tactile_ros.sensors import load_sensor

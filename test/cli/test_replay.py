@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tactile_ros.cli import destination
+from tactile_ros.cli import console
+from tactile_ros.cli.console import Progress
 from tactile_ros.cli.main import main
-from tactile_ros.cli.progress import Progress
 from tactile_ros.evaluation import fleet, pictures
 from tactile_ros.evaluation.recording_files import save_recording
 from tactile_ros.sensors import load_sensor
@@ -71,7 +71,7 @@ def test_the_report_and_its_pictures_come_from_the_same_run(
     monkeypatch.setattr(
         pictures, 'photograph', lambda _, path, size: taken.append(path.name) or path
     )
-    monkeypatch.setattr(destination, 'find_browser', lambda: 'chromium')
+    monkeypatch.setattr(console, 'find_browser', lambda: 'chromium')
     heard: list[Job] = []
     one_by_one = fleet.tally
     monkeypatch.setattr(fleet, 'tally', lambda job: heard.append(job) or one_by_one(job))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.cli import twin_demo
+from tactile_ros.cli import demo
 from tactile_ros.cli.main import main
 from tactile_ros.evaluation.recording_files import load
 from tactile_ros.sensors import load_sensor
@@ -37,10 +37,11 @@ def test_a_twin_goes_through_the_real_graph(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(twin_demo, 'MOST_ROWS', 300)
+    monkeypatch.setattr(demo, 'MOST_ROWS', 300)
+    run_twin = demo.run_twin
     monkeypatch.setattr(
         'tactile_ros.cli.demo.run_twin',
-        lambda key, output, seed, as_json: twin_demo.run_twin(
+        lambda key, output, seed, as_json: run_twin(
             key, output, seed, 4.0, as_json=as_json
         ),
     )
@@ -76,8 +77,8 @@ def test_a_new_head_is_taught_while_the_twin_of_a_skin_plays(
         spec.pipeline(config).fit(replace(train, truth=known)).save(path)
         return spec.load(path)
 
-    monkeypatch.setattr(twin_demo, 'fit', of_presses)
-    assert twin_demo.run_twin('multipole_skin', tmp_path, 0, 17.0) == 0
+    monkeypatch.setattr(demo, 'fit_twin', of_presses)
+    assert demo.run_twin('multipole_skin', tmp_path, 0, 17.0) == 0
     said = capsys.readouterr()
     assert "enrolling it as 'bar_20x6'" in said.err
     assert apart(said.out) < ROUNDING
@@ -95,8 +96,8 @@ def test_a_new_head_is_taught_while_the_twin_of_a_skin_plays(
 def test_the_calibration_is_of_other_presses(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(twin_demo, 'MOST_ROWS', 500)
-    pipeline = twin_demo.fit('taxel_array', 1, tmp_path / 'c.npz')
+    monkeypatch.setattr(demo, 'MOST_ROWS', 500)
+    pipeline = demo.fit_twin('taxel_array', 1, tmp_path / 'c.npz')
     assert pipeline.calibrated
     assert np.isfinite(pipeline.baseline).all()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import threading
 
-from tactile_ros.cli.working import working
+from tactile_ros.cli.console import working
 
 
 class Heard(io.StringIO):

@@ -15,7 +15,7 @@ from tactile_ros.evaluation.array_figures import (
     placed,
     taxel_corners,
 )
-from tactile_ros.simulation import grippers
+from test.reference import pick_world
 
 
 def paths(svg: str, kind: str) -> list[str]:
@@ -24,7 +24,9 @@ def paths(svg: str, kind: str) -> list[str]:
     return [e.get('d', '') for e in root.iter() if e.get('class') == kind]
 
 
-@pytest.mark.parametrize('build', [grippers.magnet_gripper, grippers.suction_cup, grippers.jaw])
+@pytest.mark.parametrize(
+    'build', [pick_world.magnet_gripper, pick_world.suction_cup, pick_world.jaw]
+)
 def test_an_object_lies_over_its_taxels(build: object) -> None:
     config = build()  # type: ignore[operator]
     corners = taxel_corners(config.positions, config.areas, config.taxel_outlines)

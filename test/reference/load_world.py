@@ -13,7 +13,7 @@ from collections import deque
 import numpy as np
 
 from tactile_ros.control import GripInput, GripStep
-from tactile_ros.simulation.load_scene import FINGERS, GRAVITY, KINETIC, Handling
+from tactile_ros.simulation.scenes import FINGERS, GRAVITY, KINETIC, Handling
 
 FINE = 5e-4  # s
 DROPPED = 0.02  # m

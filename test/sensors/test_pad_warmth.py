@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactile_ros.cli.models import sentences
+from tactile_ros.cli.calibrate import sentences
 from tactile_ros.evaluation.sources import load_source
 from tactile_ros.nodes.contact_loop import ContactStage
 from tactile_ros.physics.temperature import REMANENCE_SLOPE

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactile_ros.cli.models import sentences
+from tactile_ros.cli.calibrate import sentences
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Recording
 

@@ -10,9 +10,8 @@ import pytest
 
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.taxel_array.config import grid_positions, radial_positions, sectors
-from tactile_ros.simulation.pick_and_place import even_loads
-from tactile_ros.simulation.taxel_scene import TaxelScene, TaxelSkin
 from tactile_ros.types import Recording
+from test.reference.pick_world import TaxelScene, TaxelSkin, even_loads
 
 SPEC = load_sensor('taxel_array')
 PITCH, FRAMES = 2e-3, 40

@@ -10,13 +10,12 @@ import pytest
 from tactile_ros.physics import compiled
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
-from tactile_ros.simulation import grippers
-from tactile_ros.simulation.pick_and_place import even_loads
-from tactile_ros.simulation.taxel_scene import TaxelScene, TaxelSkin
 from tactile_ros.types import STATE_FIELDS, ContactStates, Frame, Recording
+from test.reference import pick_world
+from test.reference.pick_world import TaxelScene, TaxelSkin, even_loads
 
 SPEC = load_sensor('taxel_array')
-CONFIG = grippers.magnet_gripper()
+CONFIG = pick_world.magnet_gripper()
 BROKEN = 5
 
 

@@ -13,25 +13,22 @@ from tactile_ros.errors import MissingPackageError
 from tactile_ros.hands.drivers import TRAJECTORY
 from tactile_ros.nodes.grip_loop import GripStage
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-from tactile_ros.simulation import balloon_scene, load_scene
+from tactile_ros.simulation import scenes
 from tactile_ros.simulation.allegro_hand import allegro_hand, on_half_cylinder
-from tactile_ros.simulation.engine import load_engine, scene_text
-from tactile_ros.simulation.film import Film
-from tactile_ros.simulation.fingertip import AVERAGED, Fingertip
-from tactile_ros.simulation.grasp_scene import Touched, mistaken, named
+from tactile_ros.simulation.engine import Film, load_engine, scene_text
 from tactile_ros.simulation.hand_world import HandWorld, Rig, message
-from tactile_ros.simulation.load_scene import Handling
-from tactile_ros.simulation.objects import solid
+from tactile_ros.simulation.mjcf import solid
 from tactile_ros.simulation.parallel_hand import LAG, parallel_hand
-from tactile_ros.simulation.skins import gradiometer_presses, magnet_pad_skin
+from tactile_ros.simulation.scenes import Handling, Touched, mistaken, named
+from tactile_ros.simulation.skins import AVERAGED, Fingertip, gradiometer_presses, magnet_pad_skin
 from tactile_ros.simulation.soft_hand import soft_hand
 from tactile_ros.simulation.trials import Tips, Trials, fitted, grips
 from tactile_ros.types import GripCommand
 
 if TYPE_CHECKING:
     from tactile_ros.hands import HandDescription
-    from tactile_ros.simulation.hand_model import HandModel
     from tactile_ros.simulation.hand_world import Decided
+    from tactile_ros.simulation.mjcf import HandModel
 
 mujoco = pytest.importorskip('mujoco', reason='simulated hands need MuJoCo')
 
@@ -130,7 +127,7 @@ def test_two_fingers_hold_a_cube_by_what_their_bytes_say(trials: Trials) -> None
 
 
 def test_a_scene_repeats_itself(trials: Trials, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(load_scene, 'CARRIES', 1.0)
+    monkeypatch.setattr(scenes, 'CARRIES', 1.0)
     handling = Handling.draw('slippery', 2)
     grip = grips(5.0)['adaptive']
     first, second = (trials.carry(handling, 2, grip) for _ in range(2))
@@ -151,8 +148,8 @@ def test_an_adaptive_grip_holds_what_a_fixed_force_drops(trials: Trials) -> None
 def test_a_magnet_leaves_the_gradiometer_alone_and_not_one_pixel(
     trials: Trials, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(balloon_scene, 'COMES', 6.0)
-    monkeypatch.setattr(balloon_scene, 'CLOSES', 6.5)
+    monkeypatch.setattr(scenes, 'COMES', 6.0)
+    monkeypatch.setattr(scenes, 'CLOSES', 6.5)
     held, single = trials.balloon(single=False), trials.balloon(single=True)
     assert held.error_until(0.05) < 0.02 * 3.5
     assert held.fate == 'held'
@@ -166,10 +163,10 @@ def test_the_field_of_the_magnet_is_that_of_the_figure(trials: Trials) -> None:
     with Tips(trials.gentle, ['thumb'], 0) as tips:
         config = GripConfig(rate_hz=25.0)
         rig = Rig(hand, tips, stage(hand.description, config, ['thumb']), config.rate_hz)
-        scene = balloon_scene.BalloonScene(rig)
+        scene = scenes.BalloonScene(rig)
         assert not scene._field(0.0, np.zeros((1, 3)), np.eye(3)).any()
-        share = (balloon_scene.FAR - 0.05) / (balloon_scene.FAR - balloon_scene.NEAR)
-        scene._begins = -share * balloon_scene.COMES
+        share = (scenes.FAR - 0.05) / (scenes.FAR - scenes.NEAR)
+        scene._begins = -share * scenes.COMES
         field = scene._field(0.0, np.zeros((1, 3)), np.eye(3))
     assert scene.distance == pytest.approx(0.05)
     assert np.linalg.norm(field) == pytest.approx(3e-3)

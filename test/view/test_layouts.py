@@ -10,7 +10,7 @@ import yaml
 
 from tactile_ros.evaluation.definitions import all_types
 from tactile_ros.types import ContactState
-from tactile_ros.view.scalars import grip_scalars, state_scalars
+from tactile_ros.view.viewer import grip_scalars, state_scalars
 
 CONFIG = Path(__file__).parents[2] / 'config'
 OWN = {'/scene', '/taxels', '/state', '/grip'}

@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 
 from tactile_ros.types import ContactState, Frame, Layout
-from tactile_ros.view.scalars import grip_scalars, json_schema, state_scalars
-from tactile_ros.view.scene import (
+from tactile_ros.view.viewer import (
     COLD,
     FORCE,
     GREY,
     METRES_PER_NEWTON,
     SLIPPING,
     WARM,
+    grip_scalars,
+    json_schema,
     scene_of,
+    state_scalars,
 )
 
 PLACES = np.array([[0.0, 0.0, 0.0], [4e-3, 0.0, 0.0]])

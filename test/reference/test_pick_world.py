@@ -1,20 +1,23 @@
-"""Parts gripped at random in a world of points, recognised and sorted."""
+"""Parts gripped at random in a world of points: grippers, recognition, the bound for tubes."""
 
 from __future__ import annotations
 
 import dataclasses
 from functools import lru_cache
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
 
+from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig, grid_positions
-from tactile_ros.simulation import grippers
-from tactile_ros.simulation.pick_and_place import Gripper, even_loads, turn_between
-from tactile_ros.simulation.taxel_scene import TaxelScene, TaxelSkin
 from tactile_ros.types import Outline, Recording
+from test.reference import pick_world
+from test.reference.pick_world import Gripper, TaxelScene, TaxelSkin, even_loads, turn_between
 
+PICKS = Path(__file__).parents[2] / 'benchmarks' / 'worlds' / 'taxel_picks.py'
 SPEC = load_sensor('taxel_array')
 TURN = 2 * np.pi * np.arange(96) / 96
 RIM = np.column_stack([np.cos(TURN), np.sin(TURN)])
@@ -58,7 +61,7 @@ def test_washers_come_onto_their_stacks(broken: int) -> None:
 
 def test_tubes_of_a_narrow_contact_come_into_their_deposits() -> None:
     # fits of a narrow contact far off the cup are as near to some readings: they are unlikely
-    config = grippers.suction_cup()
+    config = pick_world.suction_cup()
     rng = np.random.default_rng(301)
     skin = TaxelSkin.drawn(16, 8.0, rng)
     taught = even_loads(SPEC.layout(config), config.areas, skin, rng, 20.0)
@@ -100,3 +103,57 @@ def test_turns_are_compared_within_their_symmetry(
     found: float, true: float, order: int, wanted: float
 ) -> None:
     assert turn_between(found, true, order) == pytest.approx(wanted, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('build', 'taxels'),
+    [(pick_world.magnet_gripper, 72), (pick_world.suction_cup, 16), (pick_world.jaw, 2000)],
+)
+def test_points_stand_for_the_areas_of_their_taxels(build: object, taxels: int) -> None:
+    config = build()  # type: ignore[operator]
+    assert len(config.positions) == taxels
+    scene = TaxelScene(config)
+    area = np.bincount(scene.owner, scene.part, taxels)
+    np.testing.assert_allclose(area, config.areas, rtol=1e-9)
+    for axis in (0, 1):
+        centre = np.bincount(scene.owner, scene.part * scene.points[:, axis], taxels) / area
+        np.testing.assert_allclose(centre, config.positions[:, axis], atol=1.5e-4)
+
+
+def test_rings_are_five_millimetres_wide() -> None:
+    inner = np.array([radius for _, radius in pick_world.RINGS])
+    np.testing.assert_allclose(np.diff(inner), pick_world.PITCH)
+    assert sum(count for count, _ in pick_world.RINGS) == 72
+
+
+@pytest.fixture(scope='module')
+def bench() -> ModuleType:
+    return load_source(PICKS, 'a test')
+
+
+def limit(bench: ModuleType, bends: tuple[float, float], noise: float = 5e-4) -> float:
+    """Of four tubes that lie somewhere."""
+    config = dataclasses.replace(pick_world.suction_cup(), objects=pick_world.tubes(bends))
+    scene, rng = TaxelScene(config), np.random.default_rng(5)
+    skin = dataclasses.replace(TaxelSkin.drawn(16, 8.0, rng), noise=noise)
+    gripper = SimpleNamespace(config=config, scene=scene, skin=skin)
+    poses = np.column_stack([rng.uniform(-2e-3, 2e-3, (4, 2)), rng.uniform(-np.pi, np.pi, 4)])
+    picks = [
+        SimpleNamespace(
+            part=i % 2, pose=pose, loads=scene.loads(config.objects[i % 2], pose, 20.0)
+        )
+        for i, pose in enumerate(poses)
+    ]
+    return float(bench._limit([gripper], [picks]))
+
+
+def test_bends_far_apart_are_all_told(bench: ModuleType) -> None:
+    assert limit(bench, (90.0, 135.0)) == pytest.approx(100.0, abs=1e-6)
+
+
+def test_bends_that_are_alike_are_told_by_a_coin(bench: ModuleType) -> None:
+    assert limit(bench, (90.0, 90.02)) == pytest.approx(50.0, abs=4.0)
+
+
+def test_noise_brings_the_bound_down(bench: ModuleType) -> None:
+    assert 80.0 < limit(bench, (90.0, 100.0), noise=0.01) < 97.0

@@ -1,0 +1,570 @@
+"""An object in the hand grows heavier, or its surface slippery: who holds it, and how hard.
+
+Two fingers with gradiometers hold a cube by friction. It is handed over within half a second;
+then its mass grows from 0.1 to 0.5 kg, or the friction of both pads is halved at once. A pad that
+slides has 15 % less friction than one that sticks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import erfc, sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.signal import medfilt
+from scipy.spatial.transform import Rotation
+
+from tactile_ros.control import GripPhase
+from tactile_ros.physics.dipoles import SCALE, dipole_field
+from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
+from tactile_ros.simulation.allegro_hand import on_half_cylinder
+from tactile_ros.simulation.hand_world import HandWorld
+from tactile_ros.simulation.mjcf import CUBE, STILL, balloon, solid
+from tactile_ros.simulation.parallel_hand import OPEN
+from tactile_ros.simulation.soft_hand import REACH
+
+if TYPE_CHECKING:
+    from tactile_ros.simulation.hand_world import Decided, Rig
+    from tactile_ros.simulation.mjcf import HandModel
+    from tactile_ros.simulation.skins import Fingertip
+    from tactile_ros.types import Array, Bools, ContactState, Frame, Recording
+
+FAR, NEAR = 0.1, 0.014  # m
+FIELD, AT = 3e-3, 0.05  # T at m
+COMES, CLOSES = 20.0, 8.0  # s
+FORCE = 1.0  # N
+SOFT, LOSSES = 100.0, 3.0  # of each side of a balloon (N/m, N s/m)
+FROM = np.array([0.8, 0.0, -0.6])  # of the magnet, in sensor axes: above the finger and behind it
+MOMENT = FIELD * AT**3 / (2 * SCALE)  # A m2, along its way
+DEGREES = (1, 2, 3)
+RELEASED, CRUSHED = 0.1, 3.0  # of the force that was asked for
+MAGNET = """
+    <body name="magnet" mocap="true">
+      <geom type="cylinder" size="0.006 0.006" rgba="0.5 0.5 0.55 1" contype="0" conaffinity="0"/>
+    </body>"""
+
+
+class SinglePixel:
+    """Force from Bz of one pixel under the disc's middle, by a polynomial: [3] compares with such.
+
+    Parameters
+    ----------
+    presses : Recording
+        Of a calibration, which begins with its tare.
+
+    Notes
+    -----
+    The sensor has no pixel there; the mean of its four is what one there would read, and the shear
+    of the disc cancels in it to first order.
+    """
+
+    def __init__(self, presses: Recording) -> None:
+        told = presses.values[:, :, 1].mean(axis=1)
+        change = told - told[presses.tare].mean()
+        self._scale = float(np.abs(change).max())
+        force = np.asarray(presses.truth['force'], np.float64)[:, 2]
+        found = np.linalg.lstsq(self._rows(change), force, rcond=None)[0]
+        self._weights = np.asarray(found, np.float64)
+        self._rest = np.nan
+
+    def _rows(self, change: Array) -> Array:
+        return np.stack([(change / self._scale) ** n for n in DEGREES], axis=-1)
+
+    def tare(self, frame: Frame) -> None:
+        """Take a resting frame."""
+        self._rest = float(frame.values[:, 1].mean())
+
+    def __call__(self, frame: Frame) -> Array:
+        """Force (3,) (N) along z; across it nothing is told."""
+        change = np.asarray(frame.values[:, 1].mean() - self._rest)
+        return np.array([0.0, 0.0, float(self._rows(change) @ self._weights)])
+
+
+@dataclass(frozen=True)
+class Held:
+    """A balloon and a magnet.
+
+    Attributes
+    ----------
+    distance : ndarray, shape (s,)
+        Of the magnet from the sensor (m); decreasing.
+    force, told : ndarray, shape (s,)
+        True force of the thumb, and what the reading says (N).
+    valid : ndarray of bool, shape (s,)
+        Whether the reading may be used for control.
+    seconds : float
+        Simulated (s).
+    """
+
+    distance: Array
+    force: Array
+    told: Array
+    valid: Bools
+    seconds: float
+
+    def error_until(self, distance: float) -> float:
+        """Largest error of the true force (N) while the magnet is at least so far (m)."""
+        far = self.distance >= distance
+        return float(np.abs(self.force[far] - FORCE).max())
+
+    @property
+    def invalid_from(self) -> float:
+        """Distance (m) below which no reading is valid any more; NaN: there is none."""
+        last = int(np.flatnonzero(self.valid)[-1]) if self.valid.any() else -1
+        return float(self.distance[last + 1]) if last + 1 < len(self.valid) else np.nan
+
+    @property
+    def fate(self) -> str:
+        """What came of the balloon."""
+        for i, force in enumerate(self.force):
+            if force < RELEASED * FORCE:
+                return f'released at {1e3 * self.distance[i]:.0f} mm'
+            if force > CRUSHED * FORCE:
+                return f'crushed at {1e3 * self.distance[i]:.0f} mm'
+        return 'held'
+
+
+class BalloonScene:
+    """The hand, the balloon and the magnet.
+
+    Parameters
+    ----------
+    rig : Rig
+        The soft hand, with the thumb's gradiometer alone.
+    pixel : SinglePixel or None
+        Read so; None: by the pipeline.
+    """
+
+    def __init__(self, rig: Rig, pixel: SinglePixel | None = None) -> None:
+        thing = balloon(SOFT, LOSSES, (0.0, REACH, 0.0)) + MAGNET
+        self.world = HandWorld(rig, thing, field=self._field)
+        (self._finger,) = rig.tips
+        self._begins = np.inf
+        self._rows: list[tuple[float, float, float, bool]] = []
+        self._pixel = pixel
+        if pixel is not None:
+            pixel.tare(rig.tips[self._finger].frame)
+            self.world.read_force = self._one_pixel
+
+    def _one_pixel(self, _: str, tip: Fingertip, __: ContactState) -> tuple[Array, bool]:
+        assert self._pixel is not None
+        return self._pixel(tip.frame), True
+
+    @property
+    def distance(self) -> float:
+        """Of the magnet from the sensor (m)."""
+        share = min(max((self.world.time - self._begins) / COMES, 0.0), 1.0)
+        return FAR + share * (NEAR - FAR)
+
+    def _field(self, _: float, elements: Array, axes: Array) -> Array:
+        """Field (t, 3) (T) of the magnet in sensor axes; none before it comes."""
+        centre = elements.mean(axis=0)
+        place = centre + axes @ (self.distance * FROM)
+        self.world.data.mocap_pos[0] = place
+        if not np.isfinite(self._begins):
+            return np.zeros_like(elements)
+        moment = axes @ (MOMENT * FROM)
+        return np.asarray(dipole_field(elements, place[None], moment[None]) @ axes)
+
+    def hold(self) -> Held:
+        """Close on the balloon, and let the magnet come."""
+        world, stage = self.world, self.world.stage
+        stage.enable()
+        world.run(0.08)
+        stage.grasp(FORCE, [], 0.0, False)
+        world.run(CLOSES)
+        self._begins = world.time
+        world.run(COMES, self._watch)
+        rows = np.array(self._rows, np.float64)
+        return Held(rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3] > 0, world.time)
+
+    def _watch(self, world: HandWorld, decided: Decided) -> None:
+        """Keep a row."""
+        felt = world.felt[self._finger]
+        told, valid = world.read_force(self._finger, world.tips[self._finger], felt.state)
+        self._rows.append((self.distance, float(felt.force[2]), float(told[2]), valid))
+
+
+KINDS = ('cube', 'sphere', 'mouse')
+MASS = 0.1  # kg
+GRAVITY = 9.81
+PULL, RISE = 2.0, 0.2  # N; s
+TILT, ASIDE = np.deg2rad(12.0), 6e-3  # of the grasp's axis; m, across it
+GRASP_CLOSES, SETTLES, AFTER, PULLED = 8.0, 2.0, 0.5, 1.2  # s; the first at most
+AWAY = 0.015  # m, beyond which an object has left its place
+PRESSING = 0.1  # N
+SMOOTHED = 3  # control steps, by whose median a force is judged
+SETTLED = 0.05  # of the target
+STEADY = 1.0  # s at the end, whose mean is the steady force
+
+
+@dataclass(frozen=True)
+class Grasped:
+    """How a grasp went.
+
+    Attributes
+    ----------
+    touched : bool
+        Whether all fingers touched and the hand came to hold.
+    held : bool
+        Whether the object stayed through the pull.
+    contacts : list of Touched
+        Of every pad that tells places, while the object was held.
+    overshoot, steady : float
+        True force of all fingers together, shares of the target.
+    settled : float
+        Time from load until it stays within 5 % (s).
+    trace : ndarray, shape (s, 1 + 2 f)
+        Time (s), true normal forces and targets of all fingers (N).
+    seconds : float
+        Simulated (s).
+    """
+
+    touched: bool
+    held: bool
+    contacts: list[Touched]
+    overshoot: float
+    steady: float
+    settled: float
+    trace: Array
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Touched:
+    """A contact that lasts.
+
+    Attributes
+    ----------
+    place, told : ndarray, shape (3,)
+        The true one, and what the mean of 25 frames tells (m); NaN untouched.
+    cov : ndarray, shape (3, 3)
+        Of the latter, as it says of itself (m2).
+    """
+
+    place: Array
+    told: Array
+    cov: Array
+
+
+@dataclass(frozen=True)
+class Named:
+    """Which cell of a pad is touched.
+
+    Attributes
+    ----------
+    true, told : int
+        The nearest one, and the pad's answer; -1 untouched.
+    error : float
+        Of the place (m).
+    chance : float
+        That noise alone carries the place into another cell.
+    """
+
+    true: int
+    told: int
+    error: float
+    chance: float
+
+
+def named(touched: Touched, cells: Array) -> Named:
+    """Judge a contact by cells (n, 3) (m)."""
+    true, told = (
+        int(((cells - at) ** 2).sum(axis=1).argmin()) if np.isfinite(at).all() else -1
+        for at in (touched.place, touched.told)
+    )
+    error = float(np.linalg.norm(touched.told - touched.place))
+    known = true >= 0 and np.isfinite(touched.cov).all()
+    return Named(true, told, error, mistaken(cells, touched.place, touched.cov) if known else 1.0)
+
+
+def random_pose(hand: HandModel, kind: str, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Place (3,) (m) and turn (4,) (w, x, y, z) of an object between thumb and fingers."""
+    axis = np.array(hand.across) / np.linalg.norm(hand.across)
+    level = np.linalg.svd(axis[None])[2][1:]
+    place = np.array(hand.centre) + level.T @ rng.uniform(-ASIDE, ASIDE, 2)
+    if kind == 'sphere':
+        return place, np.array([1.0, 0.0, 0.0, 0.0])
+    tilt = rng.uniform(-TILT, TILT, 2)
+    along = axis + level.T @ np.tan(tilt)
+    along /= np.linalg.norm(along)
+    side = np.cross(along, rng.normal(size=3))
+    side /= np.linalg.norm(side)
+    return place, _quaternion(np.column_stack([side, along, np.cross(side, along)]))
+
+
+def _quaternion(turn: Array) -> Array:
+    """Of a rotation matrix (3, 3)."""
+    x, y, z, w = Rotation.from_matrix(turn).as_quat()
+    return np.array([w, x, y, z])
+
+
+def mistaken(cells: Array, place: Array, cov: Array) -> float:
+    """Chance that a place with errors of a covariance is taken for another cell.
+
+    Parameters
+    ----------
+    cells : ndarray, shape (n, 3)
+        Centres (m).
+    place : ndarray, shape (3,)
+        The true one (m).
+    cov : ndarray, shape (3, 3)
+        Of the error (m2).
+
+    Returns
+    -------
+    float
+        Across the nearest border alone, as one normal error tells.
+
+    Examples
+    --------
+    >>> pair = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    >>> mistaken(pair, np.array([0.0, 0.3, 0.0]), np.eye(3))
+    0.5
+    """
+    near = cells[np.argsort(((cells - place) ** 2).sum(axis=1))[:2]]
+    across = (near[1] - near[0]) / np.linalg.norm(near[1] - near[0])
+    border = float(across @ (near.mean(axis=0) - place))
+    sigma = float(np.sqrt(across @ cov @ across))
+    return 0.5 * erfc(border / sigma / sqrt(2.0)) if sigma > 0 else float(border < 0)
+
+
+class GraspScene:
+    """One object in the hand.
+
+    Parameters
+    ----------
+    rig : Rig
+        With any hand.
+    kind : str
+        Of the object.
+    seed : int
+        Of its pose and the pull.
+    """
+
+    def __init__(self, rig: Rig, kind: str, seed: int) -> None:
+        self._rng = np.random.default_rng([seed, KINDS.index(kind)])
+        self._config = next(iter(rig.tips.values())).skin.config
+        place, turn = random_pose(rig.hand, kind, self._rng)
+        thing = solid(kind, MASS, tuple(place), tuple(turn))
+        self.world = HandWorld(rig, thing, STILL, self._on_pad)
+        direction = self._rng.normal(size=3)
+        self._pulls = PULL * direction / np.linalg.norm(direction)
+        self._object = self.world.data.body('object').id
+        self._handed_over = np.inf
+        self._rows: list[list[float]] = []
+        self._phases: list[GripPhase] = []
+
+    def _on_pad(self, place: Array, _: Array) -> Array:
+        """Where a crowned pad's contact lies on the half cylinder, if it is one."""
+        if isinstance(self._config, MagnetPadConfig):
+            return on_half_cylinder(place, self._config.radius, self._config.length)
+        return place
+
+    def grasp(self, force: float) -> Grasped:
+        """Grasp at a force (N), of the thumb, and pull."""
+        world, stage = self.world, self.world.stage
+        stage.enable()
+        world.run(0.05)
+        stage.grasp(force, [], 0.0, False)
+        world.run(GRASP_CLOSES, self._until_engaged)
+        world.before_step = self._outside
+        world.data.eq_active[0] = 0
+        world.run(GRASP_CLOSES, self._until_hold)
+        touched = bool(self._phases[-1] == GripPhase.HOLD)
+        world.run(SETTLES, self._watch)
+        contacts = self._contacts()
+        start = world.data.body('object').xpos.copy()
+        self._handed_over = world.time
+        world.run(PULLED)
+        away = float(np.linalg.norm(world.data.body('object').xpos - start))
+        trace = np.array(self._rows)
+        stayed = away < AWAY
+        settling = self._settling(trace)
+        return Grasped(touched, stayed, contacts, *settling, trace, world.time)
+
+    def _watch(self, world: HandWorld, decided: Decided) -> None:
+        """Keep a row."""
+        forces = [float(felt.force[2]) for felt in world.felt.values()]
+        self._rows.append([world.time, *forces, *decided.made.target_force.tolist()])
+        self._phases.append(decided.made.phase)
+
+    def _until_engaged(self, world: HandWorld, decided: Decided) -> bool:
+        """Watch until all pads press, or the hand holds what it has."""
+        pressing = all(felt.force[2] > PRESSING for felt in world.felt.values())
+        loads = decided.made.phase >= GripPhase.LOAD and pressing
+        return self._until_hold(world, decided) or loads
+
+    def _until_hold(self, world: HandWorld, decided: Decided) -> bool:
+        """Watch until the hand holds."""
+        self._watch(world, decided)
+        return decided.made.phase >= GripPhase.HOLD
+
+    def _outside(self) -> None:
+        """What bears the object's weight until it is handed over, and what pulls it then."""
+        since = self.world.time - self._handed_over
+        given = min(max(since / RISE, 0.0), 1.0)
+        pulled = min(max(since - AFTER, 0.0) / RISE, 1.0)
+        force = self.world.data.xfrc_applied[self._object]
+        force[:3] = pulled * self._pulls
+        force[2] += (1.0 - given) * MASS * GRAVITY
+
+    def _contacts(self) -> list[Touched]:
+        """Contacts of all pads, as they last."""
+        found = []
+        for name, felt in self.world.felt.items():
+            state = self.world.tips[name].lasting()
+            if state is not None:
+                found.append(Touched(felt.place, state.position, state.position_cov))
+        return found
+
+    def _settling(self, trace: Array) -> tuple[float, float, float]:
+        """Overshoot, steady error and settling time of the sum of all forces."""
+        count = (trace.shape[1] - 1) // 2
+        phases = np.array(self._phases)
+        begins = int(np.argmax(phases >= GripPhase.LOAD))
+        final = trace[-1, 1 + count :].sum()
+        if not final > 0:
+            return np.nan, np.nan, np.nan
+        total = trace[:, 1 : 1 + count].sum(axis=1)
+        # the engine loses the contact of two ellipsoids for single steps
+        share = medfilt(total, SMOOTHED) / final - 1.0
+        steady = abs(float(share[trace[:, 0] > trace[-1, 0] - STEADY].mean()))
+        off = np.flatnonzero(np.abs(share) > SETTLED)
+        settled = trace[min(off[-1] + 1, len(trace) - 1), 0] - trace[begins, 0]
+        return float(share[begins:].max()), steady, float(settled)
+
+
+CHANGES = ('heavier', 'slippery')
+FINGERS = 2
+FRICTION = (0.5, 1.0)  # of objects before anything changes
+KINETIC, SLIDES = 0.85, 2e-3  # of the friction at rest; m/s
+HANDED_OVER = 0.5  # s
+LOAD_CLOSES, CARRIES = 1.5, 3.5  # s
+START_GAP = 2e-3  # m, of the pads from the cube at the start
+LOST = 0.45 * CUBE
+
+
+@dataclass(frozen=True)
+class Handling:
+    """What happens to an object in the hand.
+
+    Attributes
+    ----------
+    friction, later_friction : float
+        Coefficient before and from `change` on.
+    mass, later_mass : float
+        Before, and after it has grown (kg).
+    change, growth : float
+        When it changes after the hand-over begins, and how long it takes to grow (s).
+    """
+
+    friction: float
+    later_friction: float
+    mass: float
+    later_mass: float
+    change: float
+    growth: float
+
+    @classmethod
+    def draw(cls, kind: str, seed: int) -> Handling:
+        """One of a kind, 'heavier' or 'slippery'."""
+        rng = np.random.default_rng([seed, CHANGES.index(kind)])
+        friction, change = rng.uniform(*FRICTION), rng.uniform(1.0, 2.0)
+        growth = rng.uniform(0.3, 1.5)
+        if kind == 'heavier':
+            return cls(friction, friction, 0.1, 0.5, change, growth)
+        mass = rng.uniform(0.1, 0.5)
+        return cls(friction, 0.5 * friction, mass, mass, change, growth)
+
+    @property
+    def needed(self) -> float:
+        """Normal force of a finger that holds it throughout, without dynamics (N)."""
+        early = self.mass / self.friction
+        return GRAVITY / FINGERS * max(early, self.later_mass / self.later_friction)
+
+
+@dataclass(frozen=True)
+class Carried:
+    """How a hold went.
+
+    Attributes
+    ----------
+    held : bool
+        Whether the object was still in the hand at the end.
+    mean_force : float
+        True normal force of a finger from the hand-over to the end or the drop (N).
+    slid : float
+        How far the object came down (m).
+    trace : ndarray, shape (s, 5)
+        Time (s), true normal and tangential force and target of the left finger (N), way down (m).
+    seconds : float
+        Simulated (s).
+    """
+
+    held: bool
+    mean_force: float
+    slid: float
+    trace: Array
+    seconds: float
+
+
+class LoadScene:
+    """The hand, the cube, and what happens to it.
+
+    Parameters
+    ----------
+    rig : Rig
+        With the parallel hand.
+    handling : Handling
+        What happens.
+    """
+
+    def __init__(self, rig: Rig, handling: Handling) -> None:
+        self.handling = handling
+        self.world = HandWorld(rig, solid('cube', handling.mass), STILL)
+        self.world.before_step = self._load
+        self._object = self.world.data.body('object').id
+        self._inertia = self.world.model.body_inertia[self._object] / handling.mass
+        self._pads = [self.world.model.geom(pad).id for pad in rig.hand.pads.values()]
+        self._begins = np.inf
+        self._rows: list[list[float]] = []
+        self.world.put(np.full(FINGERS, OPEN - 0.5 * CUBE - START_GAP))
+
+    def carry(self, force: float, adapt: bool) -> Carried:
+        """Close at a force (N), take the object over, and hold it through what happens."""
+        stage, world = self.world.stage, self.world
+        stage.enable()
+        world.run(0.05)
+        stage.grasp(force, [], 0.0, adapt)
+        world.run(LOAD_CLOSES)
+        world.data.eq_active[0] = 0
+        self._begins = world.time
+        world.run(CARRIES, self._watch)
+        trace = np.array(self._rows)
+        slid = float(trace[-1, 4])
+        return Carried(slid < LOST, float(trace[:, 1].mean()), slid, trace, world.time)
+
+    def _load(self) -> None:
+        """Mass, support and friction of this instant."""
+        world, handling = self.world, self.handling
+        since = world.time - self._begins
+        grown = min(max((since - handling.change) / handling.growth, 0.0), 1.0)
+        mass = handling.mass + grown * (handling.later_mass - handling.mass)
+        world.model.body_mass[self._object] = mass
+        world.model.body_inertia[self._object] = mass * self._inertia
+        support = 1.0 - min(max(since / HANDED_OVER, 0.0), 1.0)
+        world.data.xfrc_applied[self._object, 2] = support * mass * GRAVITY
+        friction = handling.friction if since < handling.change else handling.later_friction
+        slides = abs(world.data.qvel[-6 + 2]) > SLIDES
+        world.model.geom_friction[self._pads, 0] = friction * (KINETIC if slides else 1.0)
+
+    def _watch(self, world: HandWorld, decided: Decided) -> bool:
+        """Keep a row; the end, where the object is lost."""
+        felt = world.felt['left'].force
+        fallen = -float(world.data.body('object').xpos[2])
+        target = float(decided.made.target_force[0])
+        across = float(np.hypot(felt[0], felt[1]))
+        self._rows.append([world.time - self._begins, float(felt[2]), across, target, fallen])
+        return fallen > LOST
