@@ -31,7 +31,7 @@ def nothing() -> Touches:
 
 
 def model(key: str, touches: Touches) -> np.ndarray:
-    values = import_module(f'tactile_ros.sensors.{key}.signal').reading(
+    values = import_module(f'tactile_ros.sensors.{key}.twin').reading(
         load_sensor(key).config(), touches
     )
     return np.asarray(values[0])
@@ -77,8 +77,9 @@ class TestSignal:
 
     def test_the_signal_is_the_presses_without_noise(self, key: str) -> None:
         spec = load_sensor(key)
-        module = import_module(f'tactile_ros.sensors.{key}.signal')
-        signal, plain = module.signal(spec.config(), 3), spec.presses(spec.config(), 3, noise=0.0)
+        module = import_module(f'tactile_ros.sensors.{key}.twin')
+        signal = module.demo_signal(spec.config(), 3)
+        plain = spec.presses(spec.config(), 3, noise=0.0)
         for row in (0, 120, 260):
             t = row / plain.layout.rate_hz
             np.testing.assert_array_equal(signal(t), plain.values[row])

@@ -127,7 +127,7 @@ def presses(
     )
 
 
-def signal(config: FiveWireSkinConfig, seed: int = 0) -> Callable[[float], Array]:
+def demo_signal(config: FiveWireSkinConfig, seed: int = 0) -> Callable[[float], Array]:
     """The readings of `presses` without noise, over time (s), again and again."""
     return playing(presses(config, seed, noise=0.0))
 
@@ -161,7 +161,7 @@ def simulate_skin(
         connection,
         five_wires(connection.full_count, len(config.channels)),
         1 / connection.full_count,
-        signal(config, seed) if signal is None else signal,
+        demo_signal(config, seed) if signal is None else signal,
         NOISE if config.noise is None else config.noise,
         seed,
         clock,

@@ -265,7 +265,7 @@ def presses(
     )
 
 
-def signal(config: GradiometerConfig, seed: int = 0) -> Callable[[float], Array]:
+def demo_signal(config: GradiometerConfig, seed: int = 0) -> Callable[[float], Array]:
     """The readings of `presses` without noise, over time (s), again and again."""
     return playing(presses(config, seed, noise=0.0))
 
@@ -303,7 +303,7 @@ def simulate_gradiometer(
     """Twin of a gradiometer that plays `signal`, or signal of its own; not entered yet."""
     temperature_c = None
     if signal is None:
-        signal, temperature_c = signal(config, seed), temperature(config)
+        signal, temperature_c = demo_signal(config, seed), temperature(config)
     return simulate_framed(
         layout(config),
         connection,

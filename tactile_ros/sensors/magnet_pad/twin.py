@@ -125,7 +125,7 @@ def presses(
     )
 
 
-def signal(config: MagnetPadConfig, seed: int = 0) -> Callable[[float], Array]:
+def demo_signal(config: MagnetPadConfig, seed: int = 0) -> Callable[[float], Array]:
     """The readings of `presses` without noise, over time (s), again and again."""
     return playing(presses(config, seed, noise=0.0))
 
@@ -135,4 +135,4 @@ class MagnetPadConnection(ChipConnection):
     """Two chips on one I2C bus, 0x0C and 0x0D, or a microcontroller that reads them."""
 
 
-PAD = ChipSensor(layout, signal, NOISE)
+PAD = ChipSensor(layout, demo_signal, NOISE)

@@ -132,7 +132,7 @@ def presses(
     return played(specimen, pressing, NOISE if noise is None else noise, seed)
 
 
-def signal(config: MultipoleSkinConfig, seed: int = 0) -> Callable[[float], Array]:
+def demo_signal(config: MultipoleSkinConfig, seed: int = 0) -> Callable[[float], Array]:
     """The readings of `presses` without noise, over time (s), again and again."""
     return playing(presses(config, seed, noise=0.0))
 
@@ -161,7 +161,7 @@ class MultipoleSkinConnection(ChipConnection):
     gain: int = whole(5, 'GAIN_SEL; 0 has the largest range, 7 the finest step', 0, 7)
 
 
-SKIN = ChipSensor(layout, signal, NOISE)
+SKIN = ChipSensor(layout, demo_signal, NOISE)
 
 
 NEW = Outline('bar_20x6', (1e-3 * np.array([[-10, -3], [10, -3], [10, 3], [-10, 3]], float),))

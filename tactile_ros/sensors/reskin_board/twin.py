@@ -84,7 +84,7 @@ def presses(
     )
 
 
-def signal(config: ReskinBoardConfig, seed: int = 0) -> Callable[[float], Array]:
+def demo_signal(config: ReskinBoardConfig, seed: int = 0) -> Callable[[float], Array]:
     """The readings of `presses` without noise, over time (s), again and again."""
     return playing(presses(config, seed, noise=0.0))
 
@@ -119,7 +119,7 @@ def simulate_board(
     """Twin of a board that plays `signal`, or a simple one of its own; not entered yet."""
     return ReskinTwin(
         layout(config),
-        signal(config, seed) if signal is None else signal,
+        demo_signal(config, seed) if signal is None else signal,
         noise=NOISE if config.noise is None else config.noise,
         seed=seed,
         clock=clock,

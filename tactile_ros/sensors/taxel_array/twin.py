@@ -193,7 +193,7 @@ def presses(
     )
 
 
-def signal(config: TaxelArrayConfig, seed: int = 0) -> Callable[[float], Array]:
+def demo_signal(config: TaxelArrayConfig, seed: int = 0) -> Callable[[float], Array]:
     """The readings of `presses` without noise, over time (s), again and again."""
     return playing(presses(config, seed, noise=0.0))
 
@@ -226,7 +226,7 @@ def simulate_array(
         connection,
         taxel_matrix(len(config.positions), connection.full_count),
         1 / connection.full_count,
-        signal(config, seed) if signal is None else signal,
+        demo_signal(config, seed) if signal is None else signal,
         NOISE if config.noise is None else config.noise,
         seed,
         clock,
