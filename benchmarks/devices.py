@@ -16,6 +16,24 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.harness.driver_speed import (
+    bus_rows,
+    decoding_rows,
+    memory_rows,
+    processor_s,
+    resident_kib,
+)
+from benchmarks.harness.fault_trials import STORM, STORMS, Road, Trial, suffer, ways
+from benchmarks.harness.fuzz import (
+    PIECE,
+    BoardSubject,
+    FramedSubject,
+    Fuzzed,
+    suffer_answers,
+    suffer_bytes,
+)
+from benchmarks.harness.rows import BenchResult, Row
+from reference import hidden_damage
 from tactile_ros.cli.record import wait_for_frames
 from tactile_ros.devices.framed_protocol import (
     five_wires,
@@ -24,31 +42,11 @@ from tactile_ros.devices.framed_protocol import (
     three_axis_chips,
 )
 from tactile_ros.devices.simulated_serial import BYTE_FAULTS
-from tactile_ros.evaluation.benchmark import BenchResult, Row
-from tactile_ros.evaluation.driver_speed import (
-    bus_rows,
-    decoding_rows,
-    memory_rows,
-    processor_s,
-    resident_kib,
-)
-from tactile_ros.evaluation.fault_trials import STORM, STORMS, Road, Trial, suffer, ways
-from tactile_ros.evaluation.hostile_bytes import (
-    PIECE,
-    BoardSubject,
-    FramedSubject,
-    Fuzzed,
-    suffer_bytes,
-)
-from tactile_ros.evaluation.hostile_chips import suffer_answers
 from tactile_ros.evaluation.recording_files import load
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.processes import Running
 from tactile_ros.sensors import list_sensors, load_sensor
 
-REFERENCE = Path(__file__).resolve().parents[1] / 'test' / 'reference'
-HIDDEN = load_source(REFERENCE / 'hidden_damage.py', 'bench devices')
 STRINGS = {'quick': 2_000, 'normal': 1_000_000, 'full': 1_000_000}
 DECODED = {'quick': 20_000, 'normal': 1_000_000, 'full': 1_000_000}
 NODE_S = {'quick': (3.0, 3.0), 'normal': (10.0, 100.0), 'full': (10.0, 100.0)}  # 100 Hz, 1 kHz
@@ -206,7 +204,7 @@ def _hidden(extent: str) -> list[Row]:
     trials = 50 if extent == 'quick' else 1000
     rows = []
     for kind in BYTE_FAULTS:
-        found = HIDDEN.hidden_damage(values, kind, 0, trials)
+        found = hidden_damage.hidden_damage(values, kind, 0, trials)
         rows.append(
             Row(f'ReSkin frames {kind}: delivered, numbers wrong', '%', 100 * found.passed)
         )

@@ -10,15 +10,12 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.errors import MissingPackageError
-from tactile_ros.evaluation.benchmark import BenchResult, Row
+from benchmarks.harness.rows import BenchResult, Row
 from tactile_ros.evaluation.drawing import standalone
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.evaluation.svg import Plot
 from tactile_ros.physics.fidelity import SHARE, Choice, Model, choose, region
 from tactile_ros.physics.grid_table import GridTable
@@ -40,7 +37,6 @@ if TYPE_CHECKING:
 
 SEEDS = [0]
 SPECIMENS = {'quick': (41,), 'normal': (41, 42), 'full': (41, 42, 43, 44, 45)}
-WORLD = Path(__file__).resolve().parents[1] / 'test' / 'reference' / 'gradiometer_world.py'
 NOISE = {'gradiometer': 3e-6, 'magnet_pad': 4e-6, 'multipole_skin': 4e-6}
 MICRO = 1e6
 BATCH = {'quick': 200, 'normal': 200, 'full': 1000}
@@ -158,9 +154,10 @@ def skin_rows(config: MultipoleSkinConfig, heads: int) -> tuple[list[Row], list[
 def world() -> ModuleType | None:
     """Specimens of a gradiometer with fields of magpylib; None without it or the sources."""
     try:
-        return load_source(WORLD, 'bench fidelity')
-    except MissingPackageError:
+        from reference import gradiometer_world
+    except ImportError:
         return None
+    return gradiometer_world
 
 
 def estimated(module: ModuleType, extent: str) -> list[Row]:

@@ -8,13 +8,12 @@ as printed is the linear formula and the network of [5] on its 16 squares.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.evaluation.benchmark import BenchResult, Row, within
-from tactile_ros.evaluation.sources import load_source
+from benchmarks.harness.rows import BenchResult, Row, within
+from benchmarks.worlds import five_wire_figures, five_wire_trials
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -22,11 +21,7 @@ if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Recording
 
-TRIALS, FIGURES = (
-    load_source(Path(__file__).parent / 'worlds' / f'{name}.py', 'bench five_wire_skin')
-    for name in ('five_wire_trials', 'five_wire_figures')
-)
-SENSOR, LAYOUT = TRIALS.SENSOR, TRIALS.LAYOUT
+SENSOR, LAYOUT = five_wire_trials.SENSOR, five_wire_trials.LAYOUT
 SEEDS = {'quick': 1, 'normal': 3, 'full': 10}
 SECONDS = {'quick': np.inf, 'normal': 120.0, 'full': np.inf}
 FIRST_SEED = 1000
@@ -38,17 +33,20 @@ ONE, TWO = 68.27, 95.45  # per cent of errors inside one and two sigma
 def run(extent: str, command: str) -> BenchResult:
     """Measure places and forces over several worlds of both kinds."""
     quick = extent == 'quick'
-    known = TRIALS.world_module('five_wire_world'), TRIALS.world_module('five_wire_sheet')
+    known = (
+        five_wire_trials.world_module('five_wire_world'),
+        five_wire_trials.world_module('five_wire_sheet'),
+    )
     compared = METHODS[:-1] if quick else METHODS
     seeds, found, spreads, streams, methods = [], [], [], [], []
     for seed in within(SECONDS[extent], range(FIRST_SEED, FIRST_SEED + SEEDS[extent])):
         kinds = (known[1].SheetWorld, known[0].FiveWireWorld)
         for kind in kinds[: 1 if quick else 2]:
-            figures, covered = TRIALS.world_figures(known[0], kind(seed), seed, quick)
+            figures, covered = five_wire_trials.world_figures(known[0], kind(seed), seed, quick)
             found.append(figures)
             spreads.append(covered)
         if not quick:
-            streams.append(TRIALS.creep_figures(known[1], seed))
+            streams.append(five_wire_trials.creep_figures(known[1], seed))
         methods.append({name: _judged(known, seed, name) for name in compared})
         seeds.append(seed)
     mean = {key: float(np.mean([one[key] for one in found])) for key in found[0]}
@@ -62,7 +60,7 @@ def run(extent: str, command: str) -> BenchResult:
     result = BenchResult('five_wire_skin', command, seeds, rows, notes)
     if not quick:
         world = known[0].FiveWireWorld(seeds[0])
-        drawings, ways = FIGURES.drawn(known[0], world, seeds[0])
+        drawings, ways = five_wire_figures.drawn(known[0], world, seeds[0])
         result.drawings.update(drawings)
         result.rows.extend(ways)
     return result
@@ -76,9 +74,15 @@ def _judged(
     world, rng = sheets.SheetWorld(seed), np.random.default_rng(seed + 100)
     where, load = rng.uniform(12.5e-3, 87.5e-3, (FEW, 2)), rng.uniform(1, 15, FEW)
     test = grids.touches(world, LAYOUT, where, load, seed + 200)
-    fit = SENSOR.pipeline(estimator=name).fit(TRIALS.calibration(grids, world, 7, seed + 300))
-    told = TRIALS.judged(fit, test)
-    return TRIALS.length(told.place), TRIALS.rms(told.force), _single(fit, test)
+    fit = SENSOR.pipeline(estimator=name).fit(
+        five_wire_trials.calibration(grids, world, 7, seed + 300)
+    )
+    told = five_wire_trials.judged(fit, test)
+    return (
+        five_wire_trials.length(told.place),
+        five_wire_trials.rms(told.force),
+        _single(fit, test),
+    )
 
 
 def _methods(found: list[dict[str | None, tuple[float, float, float]]]) -> list[Row]:
@@ -95,7 +99,10 @@ def _methods(found: list[dict[str | None, tuple[float, float, float]]]) -> list[
 def _single(pipeline: Pipeline, test: Recording) -> float:
     """Microseconds of a frame alone."""
     frames = [test.frame(row) for row in range(60)]
-    least = min(TRIALS.seconds_of(lambda: [pipeline.process(f) for f in frames]) for _ in range(5))
+    least = min(
+        five_wire_trials.seconds_of(lambda: [pipeline.process(f) for f in frames])
+        for _ in range(5)
+    )
     return 1e6 * least / len(frames)
 
 

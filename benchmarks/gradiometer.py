@@ -8,15 +8,14 @@ learns from far more points than ours. The bound is that of Cramer and Rao with 
 from __future__ import annotations
 
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.harness.rows import BenchResult, Row
+from benchmarks.worlds import gradiometer_surroundings, gradiometer_trials
 from tactile_ros.estimators.polynomial_force import PolynomialForce
-from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.drawing import standalone
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.evaluation.svg import Plot
 from tactile_ros.types import Frame
 
@@ -27,14 +26,9 @@ if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Array, Recording
 
-TRIALS, SURROUNDINGS = (
-    load_source(Path(__file__).parent / 'worlds' / f'{name}.py', 'bench gradiometer')
-    for name in ('gradiometer_trials', 'gradiometer_surroundings')
-)
-SENSOR, SPECIMENS = TRIALS.SENSOR, TRIALS.SPECIMENS
-MILLI, FULL = TRIALS.MILLI, TRIALS.FULL
+SENSOR, SPECIMENS = gradiometer_trials.SENSOR, gradiometer_trials.SPECIMENS
+MILLI, FULL = gradiometer_trials.MILLI, gradiometer_trials.FULL
 MANY = {'quick': 600, 'normal': 13_000, 'full': 13_000}
-WORLD = Path(__file__).resolve().parents[1] / 'test' / 'reference' / 'gradiometer_world.py'
 MICRO, STEP = 1e6, 1e-7
 PAPER_NOISE = 3e-6  # T, of one sample of 220 us at room temperature [3]
 SAMPLE_MS = 0.22
@@ -74,16 +68,18 @@ def accuracy(world: ModuleType, ours: Pipeline, extent: str) -> list[Row]:
         sound[: world.rest] = False
         table.append((recording.values[sound].reshape(-1, 8), recording.truth['force'][sound]))
     chains = {
-        name: TRIALS.rms(PolynomialForce(name).fit(*table[0]).predict(table[1][0]) - table[1][1])
+        name: gradiometer_trials.rms(
+            PolynomialForce(name).fit(*table[0]).predict(table[1][0]) - table[1][1]
+        )
         for name in ('squares', 'huber_l1')
     }
     better = min(chains.values(), key=lambda error: float((error**2).sum()))
     full = SENSOR.pipeline(world.config).fit(many)
     shift = world.shifts(2000, np.random.default_rng([2, 5]))
-    least = TRIALS.rms(bound(world, shift))
+    least = gradiometer_trials.rms(bound(world, shift))
     rows = []
     for points, pipeline, share in ((300, ours, (0.2, 0.2, 1.0)), (MANY[extent], full, None)):
-        found = TRIALS.rms(TRIALS.errors(pipeline, test, world.rest)[0])
+        found = gradiometer_trials.rms(gradiometer_trials.errors(pipeline, test, world.rest)[0])
         for i, axis in enumerate('xyz'):
             aim = 1.2 * least[i] if share is None else share[i] * better[i]
             rows.append(
@@ -103,7 +99,9 @@ def precision(world: ModuleType, pipeline: Pipeline) -> list[Row]:
     for name, depth in (('a light touch', 0.03), ('mid load', 0.5)):
         place = np.array([[0.05 * world.gap, 0.03 * world.gap, -depth * world.depth]])
         shift = np.concatenate([np.zeros((world.rest, 3)), np.repeat(place, 2000, axis=0)])
-        states, asked = TRIALS.judged(pipeline, world.recorded(shift, 21, still()), world.rest)
+        states, asked = gradiometer_trials.judged(
+            pipeline, world.recorded(shift, 21, still()), world.rest
+        )
         least = bound(world, place)[0]
         found = states.force[asked].std(axis=0)
         worst = int(np.argmax(found / least))
@@ -127,7 +125,9 @@ def table_one(module: ModuleType, extent: str) -> tuple[list[Row], str]:
         pipeline = SENSOR.pipeline(world.config).fit(world.record(1000, 3))
         place = np.array([[0.0, 0.0, -0.03 * world.depth]])
         shift = np.concatenate([np.zeros((world.rest, 3)), np.repeat(place, 2000, axis=0)])
-        states, asked = TRIALS.judged(pipeline, world.recorded(shift, 22, still()), world.rest)
+        states, asked = gradiometer_trials.judged(
+            pipeline, world.recorded(shift, 22, still()), world.rest
+        )
         force = MILLI * states.force[asked, 2]
         least = MILLI * bound(world, place)[0, 2]
         what = f'Fz noise, {count} x {SAMPLE_MS} ms averaged'
@@ -196,7 +196,7 @@ def cost(ours: Pipeline, world: ModuleType) -> list[Row]:
 def _fz(world: ModuleType, name: str) -> tuple[Pipeline, Recording, Array, Array]:
     """An estimator of 300 points, what judges it, its loads (N) and its errors of Fz (mN)."""
     pipeline, test = SENSOR.pipeline(world.config, name), world.record(1000, 2)
-    states, asked = TRIALS.judged(pipeline.fit(world.record(300, 1)), test, world.rest)
+    states, asked = gradiometer_trials.judged(pipeline.fit(world.record(300, 1)), test, world.rest)
     error = MILLI * np.abs(states.force - test.truth['force'])[asked, 2]
     return pipeline, test, test.truth['force'][asked, 2], error
 
@@ -210,9 +210,9 @@ def speeds(
         pipeline, test, load, error = _fz(world, name)
         frame = Frame(None, 0, test.values[100])
         spent = least_us(lambda p=pipeline, f=frame: p.process(f))  # type: ignore[misc]
-        found[name] = spent, float(TRIALS.rms(error[:, None])[0])
+        found[name] = spent, float(gradiometer_trials.rms(error[:, None])[0])
         said[name] = load, np.maximum(error, 1e-3)
-        more = [float(TRIALS.rms(_fz(other, name)[3][:, None])[0]) for other in others]
+        more = [float(gradiometer_trials.rms(_fz(other, name)[3][:, None])[0]) for other in others]
         seeds[name] = (found[name][1], *more)
     told = 'Time of a frame through the whole pipeline against the error of Fz, 300 points each.'
     high = 2 * max(error for _, error in found.values())
@@ -244,8 +244,8 @@ def run(extent: str, command: str) -> BenchResult:
     ours = SENSOR.pipeline(world.config).fit(world.record(300, 1))
     rows = accuracy(world, ours, extent)
     ranges, noise = table_one(module, extent)
-    rows += [*ranges, *SURROUNDINGS.leaks(world, module, ours)]
-    around, specimens = SURROUNDINGS.surroundings(module, extent)
+    rows += [*ranges, *gradiometer_surroundings.leaks(world, module, ours)]
+    around, specimens = gradiometer_surroundings.surroundings(module, extent)
     rows += [*around, *cost(ours, world)]
     notes = [
         f'peer: the better of converged Huber + L1 and SVD of the chain, {MANY[extent]} points',
@@ -260,11 +260,13 @@ def run(extent: str, command: str) -> BenchResult:
     if extent == 'quick':
         notes.append('quick: at one temperature, one count of averages, two estimators')
     else:
-        thermal, drawings['temperature'] = SURROUNDINGS.warmth(module)
+        thermal, drawings['temperature'] = gradiometer_surroundings.warmth(module)
         rows += thermal
     return BenchResult('gradiometer', command, [11], rows, notes, drawings)
 
 
 def _module() -> ModuleType:
     """The world, which needs magpylib and the sources."""
-    return load_source(WORLD, 'bench gradiometer')
+    from reference import gradiometer_world
+
+    return gradiometer_world

@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.harness.rows import BenchResult, Row
+from benchmarks.worlds import grasp_scenes, grip_faults
 from tactile_ros.control import GripConfig, GripForce, GripPhase, qb_softhand
 from tactile_ros.errors import MissingPackageError
-from tactile_ros.evaluation.benchmark import BenchResult, Row
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
 from tactile_ros.simulation.engine import load_engine
 from tactile_ros.simulation.scenes import KINDS, Handling
@@ -26,14 +25,9 @@ from tactile_ros.types import Array, Bools, Integers
 if TYPE_CHECKING:
     from types import ModuleType
 
-    from worlds.grasp_scenes import Found
-
+    from benchmarks.worlds.grasp_scenes import Found
     from tactile_ros.types import Recording
 
-WORLD = Path(__file__).parents[1] / 'test' / 'reference' / 'grip_world.py'
-FAULTS = Path(__file__).parent / 'worlds' / 'grip_faults.py'
-LOAD_WORLD = WORLD.with_name('load_world.py')
-SCENES = Path(__file__).parent / 'worlds' / 'grasp_scenes.py'
 SEEDS = {'quick': 1, 'normal': 10, 'full': 40}
 LOADS = {'quick': 2, 'normal': 100, 'full': 200}  # of either kind
 BLOCKS = 5  # of their seeds, each of which gives a value
@@ -68,7 +62,7 @@ class Judged:
 def run(extent: str, command: str) -> BenchResult:
     """Measure everything."""
     seeds = list(range(SEEDS[extent]))
-    suffered, reactions, drawn = load_source(FAULTS, 'bench grasp').fault_rows(extent)
+    suffered, reactions, drawn = grip_faults.fault_rows(extent)
     rows = [
         *_slip_rows(seeds), *_loop_rows(seeds), *_load_rows(LOADS[extent]),
         *suffered,
@@ -95,14 +89,13 @@ def run(extent: str, command: str) -> BenchResult:
 
 def _scenes(extent: str) -> Found:
     """Scenes of MuJoCo, where it is installed."""
-    module = load_source(SCENES, 'bench grasp')
     if extent == 'quick':
-        return module.Found(notes=['quick: scenes of MuJoCo are left out'])
+        return grasp_scenes.Found(notes=['quick: scenes of MuJoCo are left out'])
     try:
         load_engine()
     except MissingPackageError as error:
-        return module.Found(notes=[f'Scenes are left out: {error}.'])
-    return module.run(extent)
+        return grasp_scenes.Found(notes=[f'Scenes are left out: {error}.'])
+    return grasp_scenes.run(extent)
 
 
 def _slip_rows(seeds: list[int]) -> list[Row]:
@@ -203,7 +196,8 @@ def _threshold(slips: Array, holds: Array) -> float:
 
 def _loop_rows(seeds: list[int]) -> list[Row]:
     """Overshoot, settling and steady error of both hands."""
-    world = load_source(WORLD, 'bench grasp')
+    from reference import grip_world as world
+
     rows = []
     for name, (config, hand, stiffnesses, settled, seconds) in HANDS.items():
         found = np.array(
@@ -226,7 +220,7 @@ def _grip(
     module: ModuleType, config: GripConfig, about: dict[str, float], seconds: float
 ) -> tuple[float, float, float]:
     """Overshoot, settling time (s) and steady error of one grasp, shares of the target."""
-    world = module.GripWorld(**about)
+    world = grasp_scenes.GripWorld(**about)
     law = GripForce(config, (0,))
     law.enable()
     law.grasp(TARGET, adapt=False)
@@ -245,7 +239,8 @@ def _grip(
 
 def _load_rows(count: int) -> list[Row]:
     """Drops and mean force of three grips, of objects that grow heavier or slippery in hand."""
-    world = load_source(LOAD_WORLD, 'bench grasp')
+    from reference import load_world as world
+
     fresh = range(FRESH, FRESH + count)
     loads = {i: [Handling.draw(kind, i) for kind in KINDS] for i in fresh}
     fixed = float(np.quantile([load.needed for pair in loads.values() for load in pair], HELD))
@@ -290,7 +285,7 @@ def _carry(
     module: ModuleType, load: object, seed: int, config: GripConfig, force: float, adapt: bool
 ) -> tuple[float, float]:
     """Whether an object was dropped, and the mean force (N) until then."""
-    world = module.LoadWorld(load, seed, force)
+    world = grasp_scenes.LoadWorld(load, seed, force)
     law = GripForce(config, (0,))
     law.enable()
     law.grasp(force, adapt)

@@ -19,25 +19,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.harness.rows import BenchResult, Row
+from benchmarks.worlds import grip_delay_plot, grip_rig, grip_scenes, grip_waits
 from tactile_ros.control import GripConfig, GripForce, GripInput
-from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.metrics import Spread, spread
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.nodes.graph import Graph, Process, Value
 from tactile_ros.nodes.processes import Running
 
 if TYPE_CHECKING:
-    from worlds.grip_scenes import Scene
-    from worlds.grip_waits import Waits
-
+    from benchmarks.worlds.grip_scenes import Scene
+    from benchmarks.worlds.grip_waits import Waits
     from tactile_ros.types import Array, Integers
 
-PLOT, RIG, SCENES, WAITS = (
-    load_source(Path(__file__).parent / 'worlds' / f'{name}.py', 'bench latency')
-    for name in ('grip_delay_plot', 'grip_rig', 'grip_scenes', 'grip_waits')
-)
-ROADS = Path(__file__).parents[1] / 'test' / 'reference' / 'grip_roads.py'
 SECONDS = {'quick': 2.0, 'normal': 5.0, 'full': 60.0}
+FOLDER = Path(__file__).parents[1]
 STEPS = {'quick': 2_000, 'normal': 20_000, 'full': 50_000}
 WARM_S = 1.5
 PLAIN = "stack, polynomial of the disc's place"
@@ -53,9 +48,8 @@ ENTRY = (
     'from tactile_ros.nodes.__main__ import main; main()'
 )
 NOTE = (
-    'from pathlib import Path\n'
-    'from tactile_ros.evaluation.sources import load_source\n'
-    'load_source(Path({source!r}), "bench latency").note({threads!r})\n'
+    'import sys; sys.path.append({folder!r})\n'
+    'from benchmarks.worlds import grip_waits; grip_waits.note({threads!r})\n'
 )
 BUSY = (
     'import threading\n'
@@ -82,7 +76,7 @@ class Measured(Process):
 
     def command(self) -> list[str]:
         """Command line."""
-        note = NOTE.format(source=WAITS.__file__, threads=self.threads) if self.threads else ''
+        note = NOTE.format(folder=str(FOLDER), threads=self.threads) if self.threads else ''
         entry = ENTRY.format(more=note + BUSY * self.busy)
         return [sys.executable, '-c', entry, self.executable, '--ros-args', *self.ros_arguments()]
 
@@ -126,7 +120,7 @@ def run(extent: str, command: str) -> BenchResult:
     for what, found in runs.items():
         rows += _rows(what, found)
         notes.append(f'{what}: {_histogram(found)}{_cause(found)}')
-    with RIG.Helper(RIG.difference(ROADS)) as helper:
+    with grip_rig.Helper(grip_rig.difference) as helper:
         apart = float(helper.hear())
     rows += [
         Row('roads: largest difference of commands', '1', apart, bound=0.0, aim=1e-9),
@@ -134,24 +128,26 @@ def run(extent: str, command: str) -> BenchResult:
     ]
     if extent == 'quick':
         notes.append('quick: the polynomial in one process alone')
-    tails = PLOT.drawn({what: found.delay for what, found in runs.items()}, 1e3 * LATE_S)
+    tails = grip_delay_plot.drawn(
+        {what: found.delay for what, found in runs.items()}, 1e3 * LATE_S
+    )
     return BenchResult('latency', command, [0], rows, notes, {'tails': tails})
 
 
 def _runs(folder: Path, seconds: float, quick: bool) -> dict[str, Run]:
     """Every run by its name; where it shall be quick the first alone."""
-    plain = SCENES.gradiometer_scene(folder / 'plain', estimator='polynomial')
+    plain = grip_scenes.gradiometer_scene(folder / 'plain', estimator='polynomial')
     first = {PLAIN: measure(folder / 'plain', plain, seconds)}
     if quick:
         return first
-    fast, slow = SCENES.gradiometer_scene(folder), SCENES.skin_scene(folder)
+    fast, slow = grip_scenes.gradiometer_scene(folder), grip_scenes.skin_scene(folder)
     return {
         **first,
         'stack': measure(folder, fast, seconds),
         'stack, a second busy thread': measure(folder, fast, seconds, busy=True),
         'stack, a service is called': measure(folder, fast, seconds, called=True),
         'three nodes over DDS': measure(folder, fast, seconds, stack=False),
-        f'stack, 4 fingers x {SCENES.CHIPS} chips at 100 Hz': measure(folder, slow, seconds),
+        f'stack, 4 fingers x {grip_scenes.CHIPS} chips at 100 Hz': measure(folder, slow, seconds),
     }
 
 
@@ -200,7 +196,7 @@ def _cause(run: Run) -> str:
     if run.waits is not None:
         return f'{late}; {run.waits.tell()}'
     if not np.isfinite(run.busiest):
-        return f'{late}; {WAITS.UNTOLD}'
+        return f'{late}; {grip_waits.UNTOLD}'
     share = 100 * run.busiest
     return (
         f'{late}; while other programs had the processor, the busiest thread of the first process '
@@ -221,11 +217,11 @@ def measure(
     calls = 0
     with ExitStack() as held:
         board = held.enter_context(
-            RIG.Helper(RIG.boards(scene.encode, len(scene.fingers), scene.rate_hz))
+            grip_rig.Helper(grip_rig.boards(scene.encode, len(scene.fingers), scene.rate_hz))
         )
-        hand = held.enter_context(RIG.Helper(RIG.listener))
+        hand = held.enter_context(grip_rig.Helper(grip_rig.listener))
         asking = (
-            held.enter_context(RIG.Helper(RIG.caller('/grip_node/get_parameters')))
+            held.enter_context(grip_rig.Helper(grip_rig.caller('/grip_node/get_parameters')))
             if called
             else None
         )
@@ -240,21 +236,21 @@ def measure(
                 hand.hear()
             time.sleep(WARM_S)
             pids = [running.pid(graph.name_of(process)) for process in graph.processes]
-            before = RIG.kept_waiting(pids[0])
-            begin, spent = time.time_ns(), -sum(map(RIG.processor_seconds, pids))
+            before = grip_rig.kept_waiting(pids[0])
+            begin, spent = time.time_ns(), -sum(map(grip_rig.processor_seconds, pids))
             threads = [int(line) for line in noted.read_text('ascii').split()]
-            slept = WAITS.asleep(pids[0], threads, seconds)
-            end, spent = time.time_ns(), spent + sum(map(RIG.processor_seconds, pids))
+            slept = grip_waits.asleep(pids[0], threads, seconds)
+            end, spent = time.time_ns(), spent + sum(map(grip_rig.processor_seconds, pids))
             ended = _ended(running)
             if ended:
                 return Run(NOTHING, NOTHING, np.nan, 0.0, why=ended)
-            after = RIG.kept_waiting(pids[0])
+            after = grip_rig.kept_waiting(pids[0])
             written, heard = board.end(), hand.end()
             if asking is not None:
                 calls = asking.end()
     delay, received, answered = _delays(written, heard, begin, end)
-    cores, busiest = spent * RIG.NS / (end - begin), RIG.busiest(before, after)
-    waits = WAITS.waits_of(threads, before, after, slept, (end - begin) / RIG.NS)
+    cores, busiest = spent * grip_rig.NS / (end - begin), grip_rig.busiest(before, after)
+    waits = grip_waits.waits_of(threads, before, after, slept, (end - begin) / grip_rig.NS)
     return Run(delay, received, cores, answered, busiest, calls, heard.refusal, waits)
 
 

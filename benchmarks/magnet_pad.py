@@ -12,31 +12,43 @@ import sys
 import time
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.harness.plots import drawings
+from benchmarks.harness.rows import BenchResult, Row, within
+from benchmarks.worlds import magnet_pad_sessions as pads
 from tactile_ros.estimators.grid_knn import CellKnn
-from tactile_ros.evaluation.benchmark import BenchResult, Row, within
-from tactile_ros.evaluation.cells import accuracy, average_euclidean_error, confusion
-from tactile_ros.evaluation.coverage import WITHIN, Coverage, coverage, coverage_by_thirds
-from tactile_ros.evaluation.metrics import AXES
-from tactile_ros.evaluation.pad_figures import drawings
-from tactile_ros.evaluation.sources import load_source
+from tactile_ros.evaluation.metrics import (
+    AXES,
+    WITHIN,
+    Coverage,
+    accuracy,
+    average_euclidean_error,
+    confusion,
+    coverage,
+    coverage_by_thirds,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from worlds.magnet_pad_sessions import Session
-
+    from benchmarks.worlds.magnet_pad_sessions import Session
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import ContactStates
 
-FILE = Path(__file__).parent / 'worlds' / 'magnet_pad_sessions.py'
-PAD = load_source(FILE, 'bench magnet_pad')
-SPEC, GRIDS, STRAY, REST = PAD.SPEC, PAD.GRIDS, PAD.STRAY, PAD.REST
-LEARN, JUDGE, WORLD_SEED = PAD.LEARN, PAD.JUDGE, PAD.WORLD_SEED
+SPEC, GRIDS, STRAY, REST = (
+    pads.SPEC,
+    pads.GRIDS,
+    pads.STRAY,
+    pads.REST,
+)
+LEARN, JUDGE, WORLD_SEED = (
+    pads.LEARN,
+    pads.JUDGE,
+    pads.WORLD_SEED,
+)
 PRESSES = {'quick': 200, 'normal': 600, 'full': 1200}
 SWEEP = {'quick': 400, 'normal': 1200, 'full': 4000}  # presses that neighbours alone share
 PAPER = {6: 99.0, 15: 99.0, 25: 92.0}
@@ -57,7 +69,7 @@ def run(extent: str, command: str) -> BenchResult:
     for name, part in parts(extent).items():
         sys.stderr.write(f'{time.monotonic() - began:5.0f} s  {name} ...\n')
         rows += part()
-    said, voted, test = PAD.pair(15, 1.0, count)
+    said, voted, test = pads.pair(15, 1.0, count)
     costs = {row.what[9:]: (row.us_single or 1.0, row.ours or 0.0) for row in rows
              if row.what.startswith('place by ')}  # fmt: skip
     named = {'neighbours': voted, 'ours': said.cell[REST:]}
@@ -90,24 +102,24 @@ def parts(extent: str) -> dict[str, Callable[[], list[Row]]]:
 def _cells(cells: int, spread: float, count: int) -> list[Row]:
     """Cells and places with touches near the centres and anywhere."""
     where = 'near the centre' if spread < 1 else 'anywhere'
-    ours, peer, seconds = PAD.learned(cells, spread, count)
-    said, voted, test = PAD.pair(cells, spread, count)
-    stray = PAD.session(cells, count, spread, JUDGE, stray=STRAY)
-    place, cell, met = PAD.bounds(cells, spread, test, stray)
+    ours, peer, seconds = pads.learned(cells, spread, count)
+    said, voted, test = pads.pair(cells, spread, count)
+    stray = pads.session(cells, count, spread, JUDGE, stray=STRAY)
+    place, cell, met = pads.bounds(cells, spread, test, stray)
     far = 1e3 * np.linalg.norm(test.config.cells[voted] - test.touches.place, axis=1).mean()
-    single, batch = PAD.times(ours, test.recording)
+    single, batch = pads.times(ours, test.recording)
     name = f'{cells} cells, {where}'
     return [
-        Row(f'{name}: cells right', '%', PAD.right(said, test), 'high',
+        Row(f'{name}: cells right', '%', pads.right(said, test), 'high',
             PAPER[cells] if spread < 1 else None, accuracy(voted, test.touches.cell), cell,
             100 - 1.2 * (100 - cell), single, batch),
-        Row(f'{name}: place', 'mm', PAD.away(said, test), peer=float(far), bound=place,
+        Row(f'{name}: place', 'mm', pads.away(said, test), peer=float(far), bound=place,
             aim=min(1.5 * place, far / 6) if spread == 1.0 else 1.5 * place),
         Row(f'{name}: average Euclidean error', 'mm',
             average_euclidean_error(said.cell[REST:], test.touches.cell, test.config.cells),
             peer=average_euclidean_error(voted, test.touches.cell, test.config.cells)),
         Row(f'{name}: cells right, 0.5 mT outside', '%',
-            PAD.right(ours.process_batch(stray.recording), stray), 'high',
+            pads.right(ours.process_batch(stray.recording), stray), 'high',
             peer=accuracy(peer.predict(stray.change), stray.touches.cell), bound=met,
             aim=met - 1.5 if spread < 1 else None),
         Row(f'{name}: fit', 's', seconds, aim=20.0),
@@ -116,14 +128,17 @@ def _cells(cells: int, spread: float, count: int) -> list[Row]:
 
 def _coverage(count: int) -> list[Row]:
     """Distance of shares inside one and two sigma from a Gaussian's: components and thirds."""
-    ours, test = PAD.learned(15, 1.0, count)[0], PAD.session(15, 3 * count, 1.0, JUDGE)
+    ours, test = (
+        pads.learned(15, 1.0, count)[0],
+        pads.session(15, 3 * count, 1.0, JUDGE),
+    )
     return _covered(ours, test)
 
 
 def _specimen(seed: int, count: int) -> list[Row]:
     """Coverage of another specimen: the means over components, overall and by thirds."""
-    train = PAD.session(15, count, 1.0, LEARN + 10 * seed, specimen=seed)
-    test = PAD.session(15, 2 * count, 1.0, JUDGE + 10 * seed, specimen=seed)
+    train = pads.session(15, count, 1.0, LEARN + 10 * seed, specimen=seed)
+    test = pads.session(15, 2 * count, 1.0, JUDGE + 10 * seed, specimen=seed)
     rows = _covered(SPEC.pipeline(train.config).fit(train.recording), test)
     worst = max(rows, key=lambda row: (row.ours or 0.0) - (row.aim or 0.0))
     return [replace(worst, what=f'specimen {seed}, worst of {len(rows)}: {worst.what}')]
@@ -154,7 +169,7 @@ def _neighbours(extent: str) -> list[Row]:
     sweep = [(k, share, 2.0) for share in (20, 50, 80) for k in (1, 5, 10)]
     sweep += [(5, 50, 1.0), (5, 50, np.inf)]
     for cells in GRIDS:
-        whole = PAD.session(cells, count, 0.4, LEARN)
+        whole = pads.session(cells, count, 0.4, LEARN)
         order = np.random.default_rng(0).permutation(count)
         for k, share, power in sweep if extent == 'full' else [(1, 20, 2.0), (5, 50, 2.0)]:
             seen, new = np.split(order, [len(order) * share // 100])
@@ -174,20 +189,24 @@ def _neighbours(extent: str) -> list[Row]:
 
 def _probes(count: int, extent: str) -> list[Row]:
     """Table 1 of [2]: trained on one probe, on two and on all, judged on each."""
-    each = {p: PAD.session(15, count // 3, 0.4, 10 + p, tip=p / 2e3) for p in PROBES}
-    fresh = {p: PAD.session(15, count // 3, 0.4, 50 + p, tip=p / 2e3) for p in PROBES}
+    each = {
+        p: pads.session(15, count // 3, 0.4, 10 + p, tip=p / 2e3) for p in PROBES
+    }
+    fresh = {
+        p: pads.session(15, count // 3, 0.4, 50 + p, tip=p / 2e3) for p in PROBES
+    }
     learned = [(p,) for p in PROBES] + [(2, 14), PROBES]
     learned += [(2, 6), (6, 14)] if extent == 'full' else []
     rows = []
     for known in learned:
-        ours, peer = PAD.joined(*(each[p] for p in known))
+        ours, peer = pads.joined(*(each[p] for p in known))
         for p in PROBES:
             one, names = fresh[p], ' and '.join(map(str, known)) if len(known) < 4 else 'all'
             printed = TABLE_1[PROBES.index(known[0])][PROBES.index(p)]
             printed = printed if len(known) == 1 else 97 if len(known) == 4 else None
             rows.append(
                 Row(f'15 cells, {p} mm probe, learned on {names} mm: cells right', '%',
-                    PAD.right(ours.process_batch(one.recording), one), 'high', printed,
+                    pads.right(ours.process_batch(one.recording), one), 'high', printed,
                     accuracy(peer.predict(one.change), one.touches.cell)))  # fmt: skip
     return rows
 
@@ -197,27 +216,42 @@ def _cone(count: int) -> list[Row]:
     rows, kept = [], []
     for probe, printed in ((2, 92.0), (6, 96.0), (None, 93.0)):
         sizes = [probe] if probe else [2, 6]
-        train = [PAD.session(15, count, 0.4, 20 + p, tip=p / 2e3, cone=CONE) for p in sizes]
-        test = [PAD.session(15, count, 0.4, 30 + p, tip=p / 2e3, cone=CONE) for p in sizes]
-        ours, peer = PAD.joined(*train)
+        train = [
+            pads.session(15, count, 0.4, 20 + p, tip=p / 2e3, cone=CONE)
+            for p in sizes
+        ]
+        test = [
+            pads.session(15, count, 0.4, 30 + p, tip=p / 2e3, cone=CONE)
+            for p in sizes
+        ]
+        ours, peer = pads.joined(*train)
         said = [(ours.process_batch(t.recording), t) for t in test]
         name = f'15 cells, cone of 45 degrees, {probe or "2 and 6"} mm'
         voted = np.mean([accuracy(peer.predict(t.change), t.touches.cell) for t in test])
-        rows.append(Row(f'{name}: cells right', '%', float(np.mean([PAD.right(*s) for s in said])),
+        right = float(np.mean([pads.right(*s) for s in said]))
+        rows.append(Row(f'{name}: cells right', '%', right,
                         'high', printed, float(voted)))  # fmt: skip
-        kept.append(Row(f'{name}: place', 'mm', float(np.mean([PAD.away(*s) for s in said]))))
+        kept.append(
+            Row(
+                f'{name}: place',
+                'mm',
+                float(np.mean([pads.away(*s) for s in said])),
+            )
+        )
     return rows + kept
 
 
 def _sessions(count: int) -> list[Row]:
     """A mount that was not learned from."""
     mounts = [
-        PAD.session(15, count // 3, 0.4, seed, mount=1e-4, remounted=seed, number=seed)
+        pads.session(
+            15, count // 3, 0.4, seed, mount=1e-4, remounted=seed, number=seed
+        )
         for seed in range(1, 4)
     ]
-    fresh = PAD.session(15, count, 0.4, 9, mount=1e-4, remounted=9)
-    ours, peer = PAD.joined(*mounts)
-    right = PAD.right(ours.process_batch(fresh.recording), fresh)
+    fresh = pads.session(15, count, 0.4, 9, mount=1e-4, remounted=9)
+    ours, peer = pads.joined(*mounts)
+    right = pads.right(ours.process_batch(fresh.recording), fresh)
     voted = accuracy(peer.predict(fresh.change), fresh.touches.cell)
     what = '15 cells, a new mount where three are known: cells right'
     return [Row(what, '%', right, 'high', peer=voted, aim=97.0)]
@@ -240,18 +274,20 @@ def _untrained(count: int, extent: str) -> list[Row]:
         cases += [(seed, FEW, plain, 0.0, half, 0.9), (seed, FEW, other, 0.0, body, 2.0)]
     rows = []
     for seed, presses, pad, stray, what, aim in cases:
-        test = PAD.session(15, presses, 1.0, JUDGE, stray=stray, specimen=seed, **pad)
+        test = pads.session(
+            15, presses, 1.0, JUDGE, stray=stray, specimen=seed, **pad
+        )
         ours = SPEC.pipeline(test.config).fit(test.recording.select(test.recording.tare))
-        away = PAD.away(ours.process_batch(test.recording), test)
+        away = pads.away(ours.process_batch(test.recording), test)
         rows.append(Row(f'rest frames only, specimen {seed}, {what}: place', 'mm', away, aim=aim))
     return rows
 
 
 def _warm(count: int) -> list[Row]:
     """Warmer than at the tare; peer: the same readings where chips tell no temperature."""
-    ours, rows, usual = PAD.learned(15, 1.0, count)[0], [], (np.inf, np.inf)
+    ours, rows, usual = pads.learned(15, 1.0, count)[0], [], (np.inf, np.inf)
     for rise in WARMER:
-        test = PAD.session(15, count, 1.0, JUDGE, warm=rise)
+        test = pads.session(15, count, 1.0, JUDGE, warm=rise)
         blind = replace(test.recording, temperature_c=None)
         told, untold = (_judged(ours.process_batch(one), test) for one in (test.recording, blind))
         usual = usual if rise else told[:2]
@@ -271,13 +307,16 @@ def _judged(said: ContactStates, test: Session) -> tuple[float, float, Coverage]
     """Mean error of places (mm), that of Fz (N, root mean square), and what its sigmas hold."""
     error = said.force[REST:, 2] - test.touches.force[:, 2]
     held = coverage(error, said.force_cov[REST:, 2, 2], np.arange(len(error)), 2)
-    return PAD.away(said, test), float(np.sqrt((error**2).mean())), held
+    return pads.away(said, test), float(np.sqrt((error**2).mean())), held
 
 
 def _speed(count: int, seeds: tuple[int, ...]) -> list[Row]:
     """The neighbours of [2] on 10 000 samples, and the inversion, alone (us)."""
-    ours, _, _ = PAD.learned(15, 1.0, count)
-    many, test = PAD.session(15, 10_000, 1.0, 5), PAD.session(15, 200, 1.0, 6)
+    ours, _, _ = pads.learned(15, 1.0, count)
+    many, test = (
+        pads.session(15, 10_000, 1.0, 5),
+        pads.session(15, 200, 1.0, 6),
+    )
     knn = CellKnn(5).fit(many.change, many.touches.cell)
     alone = [test.change[i : i + 1] for i in range(200)]
     inversion, cells = ours.estimation.inversion_, test.config.cells
@@ -285,14 +324,16 @@ def _speed(count: int, seeds: tuple[int, ...]) -> list[Row]:
     for name in (None, 'ridge', 'grid_knn', 'kernel_ridge', 'perceptron'):
         away, right, force = [], [], []
         for seed in within(ALIKE_S, seeds):
-            train, fresh = (PAD.session(15, count, 1.0, seed + part) for part in (LEARN, JUDGE))
+            train, fresh = (
+                pads.session(15, count, 1.0, seed + part) for part in (LEARN, JUDGE)
+            )
             own = name is None and seed == 0
             one = ours if own else SPEC.pipeline(test.config, name).fit(train.recording)
             said = one.process_batch(fresh.recording)
-            away.append(PAD.away(said, fresh))
-            right.append(PAD.right(said, fresh))
-            force.append(PAD.off_force(said, fresh))
-        single, batch = PAD.times(one, fresh.recording)
+            away.append(pads.away(said, fresh))
+            right.append(pads.right(said, fresh))
+            force.append(pads.off_force(said, fresh))
+        single, batch = pads.times(one, fresh.recording)
         title = 'table Gauss-Newton' if name is None else name.replace('_', ' ')
         rows.append(
             Row(f'place by {title}', 'mm', float(np.mean(away)), us_single=single,
@@ -312,9 +353,9 @@ def _speed(count: int, seeds: tuple[int, ...]) -> list[Row]:
             )  # fmt: skip
     rows += [
         Row('five neighbours among 10 000, one frame', 'us',
-            PAD.least_us(knn.predict, alone), aim=20.0),
+            pads.least_us(knn.predict, alone), aim=20.0),
         Row('inversion, one frame', 'us',
-            PAD.least_us(lambda x: inversion.invert(x, cells), alone), aim=60.0),
+            pads.least_us(lambda x: inversion.invert(x, cells), alone), aim=60.0),
     ]  # fmt: skip
     return rows
 

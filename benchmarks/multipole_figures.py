@@ -8,14 +8,12 @@ the answer hangs: heads press all around the middle of cluster A1. Skins have no
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.evaluation.benchmark import BenchResult, Row
+from benchmarks.harness.rows import BenchResult, Row
 from tactile_ros.evaluation.drawing import standalone
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.evaluation.svg import Plot
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
 from tactile_ros.sensors.multipole_skin.specimen import NONE, POWERS, Specimen, snr
@@ -27,7 +25,6 @@ if TYPE_CHECKING:
 
     from tactile_ros.types import Array
 
-WORLD = Path(__file__).resolve().parents[1] / 'test' / 'reference' / 'multipole_world.py'
 METHODS = ('M1', 'M2', 'M3', 'M4')
 ANGLE = np.linspace(0, 2 * np.pi, 48, endpoint=False)
 HEAD = Outline('tapered', (2e-3 * np.column_stack([np.cos(ANGLE), np.sin(ANGLE)]),))
@@ -45,7 +42,8 @@ def run(extent: str, command: str) -> BenchResult:
     line = np.linspace(-REACH, REACH, AROUND[extent])
     places = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
     depths = DEEPEST * np.linspace(0.02, 1.0, 50)
-    world = load_source(WORLD, 'bench multipole_figures')
+    from reference import multipole_world as world
+
     rows, a1, a2 = [], {}, {}
     for kind, skin in skins.items():
         rows += _rows(kind, skin, places, world)

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.harness.driver_speed import processor_s
+from benchmarks.harness.rows import BenchResult, Row
 from tactile_ros.cli.record import wait_for_frames
 from tactile_ros.enrolment import playing
-from tactile_ros.evaluation.benchmark import BenchResult, Row
-from tactile_ros.evaluation.driver_speed import processor_s
 from tactile_ros.evaluation.metrics import Spread, latency
 from tactile_ros.evaluation.recording_files import load
 from tactile_ros.evaluation.replay import replay

@@ -9,36 +9,32 @@ for every seed; heads that are to be new are in no training.
 from __future__ import annotations
 
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.harness.rows import BenchResult, Row, within
+from benchmarks.worlds import multipole_presses
 from tactile_ros.estimators.few_shot import press_vectors
-from tactile_ros.evaluation.benchmark import BenchResult, Row, within
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.physics import compiled
 from tactile_ros.types import Frame
 
 if TYPE_CHECKING:
     from types import ModuleType
 
-    from worlds.multipole_presses import Trials
-
+    from benchmarks.worlds.multipole_presses import Trials
     from tactile_ros.types import Array
 
-FILE = Path(__file__).parent / 'worlds' / 'multipole_presses.py'
-PRESSES = load_source(FILE, 'bench multipole_skin')
 SECONDS = {'quick': np.inf, 'normal': 400.0, 'full': np.inf}  # of all worlds
 AGAIN = 30  # of which the fastest counts
 
 
 def run(extent: str, command: str) -> BenchResult:
     """Shapes, poses and disturbances in every world, then time."""
-    world, size = PRESSES.world_module(), PRESSES.EXTENTS[extent]
+    world, size = multipole_presses.world_module(), multipole_presses.EXTENTS[extent]
     trials, found = [], []
     for seed in within(SECONDS[extent], size.seeds):
-        trials.append(PRESSES.Trials(world, seed, size))
+        trials.append(multipole_presses.Trials(world, seed, size))
         found.append(trials[-1].all(tables=size.whole and seed == size.seeds[0]))
     names = {name for one in found for name in one}
 

@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from benchmarks.harness.rows import BenchResult, Row, within
+from benchmarks.worlds import multipole_trials as trials
 from tactile_ros.estimators.few_shot import press_vectors, seen_classes, support_scores
-from tactile_ros.evaluation.benchmark import BenchResult, Row, within
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin.recogniser import pronet
 
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     from tactile_ros.sensors.multipole_skin.recogniser import Recogniser
     from tactile_ros.types import Array, Integers
 
-TRIALS = Path(__file__).resolve().parent / 'worlds' / 'multipole_trials.py'
 SENSOR = load_sensor('multipole_skin')
 SEED = 1  # of the split that the networks were trained with
 ASKED = 101  # seed of presses that they were not
@@ -46,7 +44,6 @@ CALIBRATING = 20
 
 def run(extent: str, command: str) -> BenchResult:
     """Shapes at held-out places, new heads, postures of a bar, then time."""
-    trials = load_source(TRIALS, 'bench pronet')
     world = trials.world_module()
     skin = world.World(trials.SKIN)
     ours = recogniser(world, skin) if OUR_TASKS[extent] else None

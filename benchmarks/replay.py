@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.harness.rows import BenchResult, Row
 from tactile_ros.evaluation.bag import BagWriter
 from tactile_ros.evaluation.bag_pieces import BagPieces
-from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.definitions import all_types
 from tactile_ros.evaluation.recording_files import load
 from tactile_ros.evaluation.replay import replay

@@ -10,16 +10,15 @@ from __future__ import annotations
 import time
 import warnings
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.harness.rows import BenchResult, Row, shortest, within
+from benchmarks.worlds import reskin_peers
+from reference import hidden_damage
 from tactile_ros.devices.simulated_serial import BYTE_FAULTS
-from tactile_ros.evaluation.benchmark import BenchResult, Row, shortest, within
-from tactile_ros.evaluation.coverage import ONE_SIGMA
-from tactile_ros.evaluation.metrics import target_errors
-from tactile_ros.evaluation.sources import load_source
+from tactile_ros.evaluation.metrics import ONE_SIGMA, target_errors
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Array, Recording
 
@@ -31,11 +30,8 @@ if TYPE_CHECKING:
 SEEDS = {'quick': 1, 'normal': 3, 'full': 5}
 SECONDS = {'quick': np.inf, 'normal': 45.0, 'full': np.inf}  # of each kind of split
 BATCH = 10_000
-REFERENCE = Path(__file__).resolve().parents[1] / 'test' / 'reference'
-HIDDEN = load_source(REFERENCE / 'hidden_damage.py', 'bench reskin')
 COMPARED = ('ridge', 'grid_knn')
 BRIEF = ('place', 'shear')  # of a quick run, the first split of each
-PEERS = load_source(Path(__file__).parent / 'worlds' / 'reskin_peers.py', 'bench reskin')
 PUBLISHED = {'place': 0.5, 'normal': 0.27, 'shear': 0.12}
 
 
@@ -219,7 +215,7 @@ def _tried(sensor: object, split: Split, extent: str, others: tuple[str, ...]) -
     for other in sorted({*others} - {pipeline.estimators[split.target]}):
         fit = _fit(sensor, split, other)
         found[other] = _figure(_errors(fit, split)[0], split.target), *_times(fit, split.test)
-    asked = PEERS.peers(extent) if extent != 'quick' or split.target == 'position' else {}
+    asked = reskin_peers.peers(extent) if extent != 'quick' or split.target == 'position' else {}
     peers = {name: _peer(make, split) for name, make in asked.items()}
     figure = _figure(_errors(pipeline, split)[0], split.target)
     return Tried(pipeline, seconds, figure, found, peers)
@@ -330,7 +326,7 @@ def _damage(recording: Recording, extent: str) -> list[Row]:
     """Share of damaged frames that the board's format, without a checksum, cannot show."""
     trials = 50 if extent == 'quick' else 1000
     values = recording.values[:500]
-    found = [HIDDEN.hidden_damage(values, kind, 0, trials) for kind in BYTE_FAULTS]
+    found = [hidden_damage.hidden_damage(values, kind, 0, trials) for kind in BYTE_FAULTS]
     rows = [
         Row(f'frames {f.kind}: delivered with wrong numbers', '%', 100 * f.passed) for f in found
     ]

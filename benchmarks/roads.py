@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_ros.evaluation.benchmark import BenchResult, Row
-from tactile_ros.evaluation.driver_speed import processor_s
+from benchmarks.harness.driver_speed import processor_s
+from benchmarks.harness.rows import BenchResult, Row
 from tactile_ros.evaluation.metrics import Spread, latency
 from tactile_ros.evaluation.recording_files import load, save_recording
 from tactile_ros.evaluation.replay import replay

@@ -8,17 +8,15 @@ through what is pressed.
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.errors import MissingPackageError
+from benchmarks.harness import plots
+from benchmarks.harness.rows import BenchResult, Row
+from benchmarks.worlds import taxel_picks, taxel_skins, taxel_trust
 from tactile_ros.estimators.coverage_model import TaxelPoints
-from tactile_ros.evaluation import array_figures
-from tactile_ros.evaluation.benchmark import BenchResult, Row
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors.taxel_array.config import grid_positions
 from tactile_ros.types import Outline, Recording
 
@@ -32,12 +30,7 @@ COUNTS = {'quick': 20, 'normal': 200, 'full': 1000}
 RADII = ((16e-3, 8e-3), (14e-3, 6.5e-3), (12e-3, 5e-3), (18e-3, 9e-3), (10e-3, 4e-3))
 BAD = (3, 17, 30, 44, 61)
 PITCH, TAXELS = 5e-3, 72
-SKINS, TRUST, PICKS = (
-    Path(__file__).resolve().parent / 'worlds' / f'{name}.py'
-    for name in ('taxel_skins', 'taxel_trust', 'taxel_picks')
-)
-PICKING = load_source(PICKS, 'bench taxel_array')
-SPEC, SEED = PICKING.SPEC, PICKING.SEED
+SPEC, SEED = taxel_picks.SPEC, taxel_picks.SEED
 
 
 def run(extent: str, command: str) -> BenchResult:
@@ -56,7 +49,7 @@ def run(extent: str, command: str) -> BenchResult:
     plain = _threshold_and_circle(force, label, place)
     spread, paper_spread = _spreads(pipeline, config)
     total = np.abs(states.force[:, 2] / force.sum(axis=1) - 1)
-    single = PICKING.frame_us(pipeline, recording)
+    single = taxel_picks.frame_us(pipeline, recording)
     rows = [
         Row('washers of 5 types, 5 bad taxels: recognised', '%', 100 * float(right.mean()),
             'high', paper=95.0, peer=plain[0], aim=99.0, us_single=single, us_batch=batch),
@@ -72,11 +65,11 @@ def run(extent: str, command: str) -> BenchResult:
              'peer: polynomial with a free constant; threshold and circle fit',
              'bound of picked tubes: a rule of Bayes that knows skin and pressures',
              'bound of coverage: the noise of one reading of a half covered taxel']  # fmt: skip
-    sorted_rows, drawings, worlds = PICKING.sorted_parts(extent)
+    sorted_rows, drawings, worlds = taxel_picks.sorted_parts(extent)
     rows += sorted_rows
     drawings['equilibration'] = _draw_spread(pipeline, config)
     covers = _covers(pipeline)
-    drawings['coverage'] = array_figures.costs(
+    drawings['coverage'] = plots.costs(
         covers, ('time for 72 taxels (us)', 'error of the covered part'),
         'Time and error of models of coverage',
     )  # fmt: skip
@@ -111,10 +104,9 @@ def _skins(extent: str) -> tuple[list[Row], list[str], list[int]]:
         )
         return [], [left], []
     try:
-        skins, trust = (load_source(path, 'bench taxel_array') for path in (SKINS, TRUST))
-        rows = skins.rows(extent) + trust.rows(extent)
-        return rows, notes, [*skins.SEEDS.values(), trust.SEED]
-    except MissingPackageError as error:  # installed without the tests
+        rows = taxel_skins.rows(extent) + taxel_trust.rows(extent)
+        return rows, notes, [*taxel_skins.SEEDS.values(), taxel_trust.SEED]
+    except ImportError as error:  # installed without the tests
         return [], [f'without the rows beside bounds: {error}'], []
 
 
@@ -230,7 +222,7 @@ def _draw_spread(pipeline: Pipeline, config: object) -> str:
         name: (load, 100 * np.abs(of.std(axis=1) / of.mean(axis=1)))
         for name, of in (('outputs', raw), ('polynomial, free constant', paper), ('ours', ours))
     }
-    return array_figures.curves(
+    return plots.curves(
         lines, ('load of every taxel (N)', 'spread (%)'),
         'Spread of equally loaded taxels over the load', log_y=True,
     )  # fmt: skip
@@ -304,7 +296,7 @@ def _hold() -> tuple[str, dict[str, float]]:
         miss = 100 * (np.nanmean(states.taxel_force, axis=1) / 20.0 - held / 20.0)
         lines[name] = (0.1 * np.arange(len(held))[::10] - 2.0, miss[::10])
         drift[name] = float(np.ptp(np.convolve(miss[30:1220], np.ones(20) / 20, 'valid')))
-    drawn = array_figures.curves(
+    drawn = plots.curves(
         lines, ('time since the load (s)', 'error (% of the load)'),
         'Error of the force over a hold of 120 s and after it',
     )  # fmt: skip

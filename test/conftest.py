@@ -7,15 +7,18 @@ import os
 import re
 import shutil
 import socket
+import subprocess
 import tempfile
+from html import escape
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
 DOMAINS = range(1, 101)
 FIRST_PORT = 21_000
@@ -67,7 +70,7 @@ def needing(package: str) -> list[str]:
     found = {path for path, text in texts.items() if own.search(text)}
     for _ in texts:
         worlds = '|'.join(path.stem for path in found if path.parent.name == 'reference') or '-'
-        uses = re.compile(rf'^from test\.reference\b.*\b(?:{worlds})\b', re.MULTILINE)
+        uses = re.compile(rf'^from reference\b.*\b(?:{worlds})\b', re.MULTILINE)
         more = {path for path, text in texts.items() if uses.search(text)} - found
         if not more:
             break
@@ -106,7 +109,7 @@ def patience() -> Iterator[None]:
 @pytest.fixture(scope='session')
 def taught_skin(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Calibration of a multipole skin that knows five heads; not to be written."""
-    from test.reference import enrolled_skin
+    from reference import enrolled_skin
 
     path = tmp_path_factory.mktemp('skin') / 'skin.npz'
     enrolled_skin.five_heads().save(path)
@@ -117,3 +120,49 @@ def taught_skin(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def own_skin(taught_skin: Path, tmp_path: Path) -> Path:
     """A copy that may be written."""
     return Path(shutil.copyfile(taught_skin, tmp_path / 'own.npz'))
+
+
+BROWSERS = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable', 'chrome')
+BROWSER_FLAGS = (
+    '--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
+    '--disable-sync', '--disable-background-networking', '--disable-component-update',
+    '--hide-scrollbars',
+)  # fmt: skip
+# in a frame of its own: no window of a headless browser is narrower than 500 pixels
+PROBE = """<script>addEventListener('load', () => {
+  const page = document.querySelector('iframe').contentDocument, found = document.documentElement;
+  const boxes = [...page.querySelectorAll('.scroll')];
+  found.dataset.seen = [
+    page.documentElement.scrollWidth, page.documentElement.clientWidth,
+    boxes.filter(box => box.scrollWidth > box.clientWidth + 1).length,
+    page.querySelectorAll('svg.plot').length,
+    [...page.images].filter(image => image.naturalWidth > 0).length,
+  ].join(' ');
+})</script>"""
+
+
+@pytest.fixture
+def framed(tmp_path: Path) -> Callable[[str, int], SimpleNamespace]:
+    """What a browser makes of a page of a width: its width, tables cut off, plots, images."""
+    found = [path for name in BROWSERS if (path := shutil.which(name))]
+    if not found:
+        pytest.skip('chromium is not installed')
+    command = [found[0], *BROWSER_FLAGS]
+
+    def show(page: str, width: int) -> SimpleNamespace:
+        outer = tmp_path / 'outer.html'
+        frame = f'<iframe style="border:0;width:{width}px" srcdoc="{escape(page)}"></iframe>'
+        outer.write_text(f'<body>{frame}{PROBE}</body>', 'utf-8')
+        flags = ['--enable-logging=stderr', f'--user-data-dir={tmp_path}/user', '--dump-dom']
+        done = subprocess.run(
+            [*command, *flags, outer.as_uri()],
+            capture_output=True, text=True, timeout=120, check=True,
+        )  # fmt: skip
+        seen = re.search(r'data-seen="([\d ]+)"', done.stdout)
+        assert seen is not None
+        names = ('wide', 'window', 'cut', 'plots', 'images')
+        told = dict(zip(names, map(int, seen[1].split()), strict=True))
+        lines = [line for line in done.stderr.splitlines() if 'CONSOLE' in line]
+        return SimpleNamespace(**told, complaints='\n'.join(lines))
+
+    return show

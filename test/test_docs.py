@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from reference.help_examples import PAGES, ROOT, blocks, examples, lines
 from tactile_ros.cli import demo
 from tactile_ros.cli.design import sensor_parser
 from tactile_ros.cli.main import COMMANDS, parser
 from tactile_ros.sensors import designable, load_sensor
-from test.reference.help_examples import PAGES, ROOT, blocks, examples, lines
 
 INLINE = re.compile(r'`(?:\.venv/bin/)?tactile ([a-z]+)([^`]*)`')
 FLAG = re.compile(r'(?<!\S)--[a-z][a-z-]*')

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from reference import enrolled_skin
 from tactile_ros.enrolment import (
     BLOCK,
     LONGEST,
@@ -25,7 +26,6 @@ from tactile_ros.enrolment import (
 )
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame, Layout
-from test.reference import enrolled_skin
 
 if TYPE_CHECKING:
     from tactile_ros.enrolment import Press

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from test.reference import oracle
+from reference import oracle
 
 RELATIVE = 1e-6  # of a column's largest value: fits iterate, and processors round differently
 

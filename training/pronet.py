@@ -24,15 +24,13 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 from torch import nn
 
-from tactile_ros.evaluation.sources import load_source
-
 if TYPE_CHECKING:
     from types import ModuleType
 
     from tactile_ros.types import Array
 
 ROOT = Path(__file__).resolve().parents[1]
-TRIALS = ROOT / 'benchmarks' / 'worlds' / 'multipole_trials.py'
+sys.path += [str(ROOT), str(ROOT / 'test')]
 SHIPPED = ROOT / 'tactile_ros' / 'sensors' / 'multipole_skin'
 UNIT = 1e-4  # T, of what enters the first layer
 FAINT = 2e-6  # T, below which a window is not brought to a size of one
@@ -305,7 +303,8 @@ def main() -> None:
     if options.what == 'both':
         sys.exit(side_by_side())
     torch.set_num_threads(1)
-    trials = load_source(TRIALS, 'training of Pronet')
+    from benchmarks.worlds import multipole_trials as trials
+
     skin = trials.world_module().World(trials.SKIN)
     train = shapes if options.what == 'shapes' else postures
     train(trials, skin, options)

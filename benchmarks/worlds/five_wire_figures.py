@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.harness import plots
+from benchmarks.harness.rows import Row
+from benchmarks.worlds import five_wire_trials
 from tactile_ros.estimators.potential_map import HarmonicMap
 from tactile_ros.estimators.rbf_force import ThinPlate
-from tactile_ros.evaluation import array_figures
-from tactile_ros.evaluation.benchmark import Row
 from tactile_ros.evaluation.drawing import standalone
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.evaluation.svg import Plot
 from tactile_ros.physics.resistive import linear_place, sheet_potential
 
@@ -22,21 +21,20 @@ if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Array, Recording
 
-TRIALS = load_source(Path(__file__).with_name('five_wire_trials.py'), 'bench five_wire_skin')
-SENSOR, LAYOUT = TRIALS.SENSOR, TRIALS.LAYOUT
+SENSOR, LAYOUT = five_wire_trials.SENSOR, five_wire_trials.LAYOUT
 SIZE = np.array([0.1, 0.1])
 STEPS = np.array([0.02, 0.05, 0.1, 0.2, 0.4])  # mm, of the shades of a map
 
 
 def drawn(grids: ModuleType, world: object, seed: int) -> tuple[dict[str, str], list[Row]]:
     """Maps of place error, curves of force before and after, error against time with its rows."""
-    train = TRIALS.calibration(grids, world, 5, seed)
+    train = five_wire_trials.calibration(grids, world, 5, seed)
     ours, linear = SENSOR.pipeline().fit(train), SENSOR.pipeline(estimator='printed').fit(train)
     line = np.linspace(13e-3, 87e-3, 25)
     where = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
     test = grids.touches(world, LAYOUT, where, np.full(len(where), 8.0), seed + 1)
-    loads, before, said = TRIALS.at_squares(
-        SENSOR.pipeline().fit(TRIALS.calibration(grids, world, 4, seed)), grids, world
+    loads, before, said = five_wire_trials.at_squares(
+        SENSOR.pipeline().fit(five_wire_trials.calibration(grids, world, 4, seed)), grids, world
     )
     ways = _costs(train, test)
     labels = ('one frame (us)', 'mean error (mm)')
@@ -45,7 +43,7 @@ def drawn(grids: ModuleType, world: object, seed: int) -> tuple[dict[str, str], 
         'place_map': _map(ours, test, STEPS, 'Place error of the harmonic map, 25 points'),
         'before': _lines(loads, before, 'R / R0', 'Resistance at the 16 squares over the load'),
         'after': _lines(loads, said, 'estimate (N)', 'Force at the 16 squares over the load'),
-        'cost': array_figures.costs(ways, labels, 'Error against time'),
+        'cost': plots.costs(ways, labels, 'Error against time'),
     }
     told = 'place from two potentials, 25 points'
     rows = [
@@ -66,7 +64,7 @@ def _lines(loads: Array, told: Array, label: str, words: str) -> str:
         plot.mark(float(loads[at]), float(row[at]), up, f'fill c{across}')
     for n, place in enumerate(np.linspace(12.5, 87.5, 4)):
         plot.text(0.0, None, f'x = {place:g} mm', kind=f'key c{n}', row=n)
-        plot.text(8.0, None, f'{array_figures.GLYPHS[n]} y = {place:g} mm', row=n)
+        plot.text(8.0, None, f'{plots.GLYPHS[n]} y = {place:g} mm', row=n)
     return standalone(plot)
 
 
@@ -74,7 +72,7 @@ def _map(pipeline: Pipeline, test: Recording, steps: Array, told: str) -> str:
     """Errors over the sheet, darker where they are larger."""
     touched = test.truth['in_contact'] == 1
     place = 1e3 * test.truth['position'][touched, :2]
-    error = np.linalg.norm(TRIALS.judged(pipeline, test).place, axis=1)
+    error = np.linalg.norm(five_wire_trials.judged(pipeline, test).place, axis=1)
     shades = ', '.join(f'{step:g}' for step in steps)
     plot = Plot.plan((0.0, 100.0), (0.0, 100.0), '(mm)', f'{told}; shades above {shades} mm')
     kinds = [f's{n}' for n in np.searchsorted(steps, error)]
@@ -90,9 +88,11 @@ def _costs(train: Recording, test: Recording) -> dict[str, tuple[float, float]]:
     told, points = test.truth['position'][fresh, :2], {}
     given = test.values[fresh, 0, :2]
 
-    def measure(predict: object, some: int = TRIALS.FRESH) -> tuple[float, float]:
+    def measure(predict: object, some: int = five_wire_trials.FRESH) -> tuple[float, float]:
         error = 1e3 * np.linalg.norm(predict(given[:some]) - told[:some], axis=1).mean()
-        seconds = min(TRIALS.seconds_of(lambda: predict(given[:1])) for _ in range(min(some, 200)))
+        seconds = min(
+            five_wire_trials.seconds_of(lambda: predict(given[:1])) for _ in range(min(some, 200))
+        )
         return 1e6 * seconds, float(error)
 
     for name, way in ways.items():

@@ -7,13 +7,12 @@ are what the noise of their readings makes by itself.
 from __future__ import annotations
 
 import time
-from pathlib import Path
+from importlib import import_module
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from tactile_ros.estimators.rbf_force import ThinPlate
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Recording
 
 FRESH = 1500  # touches that judge
-FOLDER = Path(__file__).resolve().parents[2] / 'test' / 'reference'
 SENSOR = load_sensor('five_wire_skin')
 LAYOUT = SENSOR.layout(SENSOR.config())
 
@@ -227,4 +225,4 @@ def seconds_of(work: object) -> float:
 
 def world_module(name: str) -> ModuleType:
     """A world that the tests use too."""
-    return load_source(FOLDER / f'{name}.py', 'bench five_wire_skin')
+    return import_module(f'reference.{name}')

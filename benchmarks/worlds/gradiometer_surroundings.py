@@ -5,15 +5,14 @@ What a sigma promises is judged here too, with nothing around and beside magnets
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.harness.rows import Row, within
+from benchmarks.worlds import gradiometer_trials
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
-from tactile_ros.evaluation.benchmark import Row, within
 from tactile_ros.evaluation.drawing import standalone
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.evaluation.svg import Plot
 
 if TYPE_CHECKING:
@@ -22,9 +21,8 @@ if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Array, Recording
 
-TRIALS = load_source(Path(__file__).with_name('gradiometer_trials.py'), 'bench gradiometer')
-SENSOR, SPECIMENS = TRIALS.SENSOR, TRIALS.SPECIMENS
-MILLI, FULL = TRIALS.MILLI, TRIALS.FULL
+SENSOR, SPECIMENS = gradiometer_trials.SENSOR, gradiometer_trials.SPECIMENS
+MILLI, FULL = gradiometer_trials.MILLI, gradiometer_trials.FULL
 SECONDS = {'quick': np.inf, 'normal': 40.0, 'full': np.inf}  # of all specimens
 WARM = 1000  # presses of a calibration over temperatures
 MAGNETS, BESIDE = 24, 40  # of each specimen, and presses beside each
@@ -47,10 +45,10 @@ def leaks(world: ModuleType, module: ModuleType, ours: Pipeline) -> list[Row]:
         moved = world.record(1000, 2, module.Scene(stray=tuple(UNIFORM * np.eye(3)[i])))
         for k, pipeline in enumerate((ours, gained)):
             (a, first), (b, second) = (
-                TRIALS.judged(pipeline, r, world.rest) for r in (clean, moved)
+                gradiometer_trials.judged(pipeline, r, world.rest) for r in (clean, moved)
             )
             asked = first & second
-            found[k, i] = TRIALS.rms((b.force - a.force)[asked]).max()
+            found[k, i] = gradiometer_trials.rms((b.force - a.force)[asked]).max()
     percent = 100 * found / FULL
     for i, axis in enumerate('xyz'):
         what = f'leak of 2 mT along {axis}'
@@ -95,14 +93,18 @@ def warmth(module: ModuleType) -> tuple[list[Row], str]:
         'disc lags behind': module.Scene(span=50.0, ramp_s=600.0),
     }
     blind = SENSOR.pipeline(world.config).fit(world.record(WARM, 4))
-    cold = TRIALS.rms(TRIALS.errors(blind, world.record(1000, 5), world.rest)[0])
+    cold = gradiometer_trials.rms(
+        gradiometer_trials.errors(blind, world.record(1000, 5), world.rest)[0]
+    )
     fits = {
         name: SENSOR.pipeline(world.config).fit(world.record(WARM, 4, scene))
         for name, scene in scenes.items()
     }
     rows = []
     for name, scene in scenes.items():
-        hot = TRIALS.rms(TRIALS.errors(fits[name], world.record(1000, 5, scene), world.rest)[0])
+        hot = gradiometer_trials.rms(
+            gradiometer_trials.errors(fits[name], world.record(1000, 5, scene), world.rest)[0]
+        )
         ratio = float((hot / cold).max())
         rows.append(Row(f'0..50 C over isothermal, {name}', '1', ratio, aim=1.5))
     good, scene = next(iter(fits.values())), next(iter(scenes.values()))
@@ -111,9 +113,11 @@ def warmth(module: ModuleType) -> tuple[list[Row], str]:
     found = {'not compensated': blind, 'alpha and beta of [3], fitted': chain, 'ours': good}
     said = {}
     for name, pipeline in found.items():
-        error = TRIALS.errors(pipeline, test, world.rest)[0]
-        rows.append(Row(f'Fz over 0..50 C, {name}', 'mN', MILLI * float(TRIALS.rms(error)[2])))
-        asked = TRIALS.judged(pipeline, test, world.rest)[1]
+        error = gradiometer_trials.errors(pipeline, test, world.rest)[0]
+        rows.append(
+            Row(f'Fz over 0..50 C, {name}', 'mN', MILLI * float(gradiometer_trials.rms(error)[2]))
+        )
+        asked = gradiometer_trials.judged(pipeline, test, world.rest)[1]
         assert test.temperature_c is not None
         said[name] = test.temperature_c[asked, 0], MILLI * error[:, 2]
     return rows, drifts(said)
@@ -128,7 +132,11 @@ def drifts(said: dict[str, tuple[Array, Array]]) -> str:
         keep = np.abs(error) < high
         plot.dots(warm[keep][:400], error[keep][:400], f'c{k}')
         plot.text(
-            11, None, f'{name}: {TRIALS.rms(error[:, None])[0]:.3g} mN rms', row=k, kind=f'c{k}'
+            11,
+            None,
+            f'{name}: {gradiometer_trials.rms(error[:, None])[0]:.3g} mN rms',
+            row=k,
+            kind=f'c{k}',
         )
     return standalone(plot)
 
@@ -141,10 +149,10 @@ def surroundings(module: ModuleType, extent: str) -> tuple[list[Row], list[int]]
         world, draw = module.World(seed), 1000 * seed
         seeds.append(seed)
         pipeline = SENSOR.pipeline(world.config).fit(world.record(PRESSES, draw + 1))
-        clean.append(TRIALS.errors(pipeline, world.record(2000, draw + 2), world.rest))
+        clean.append(gradiometer_trials.errors(pipeline, world.record(2000, draw + 2), world.rest))
         for k in range(MAGNETS):
             near = world.record(BESIDE, draw + 100 + k, module.Scene(magnet=14e-3))
-            magnets.append(TRIALS.errors(pipeline, near, world.rest))
+            magnets.append(gradiometer_trials.errors(pipeline, near, world.rest))
         strong = world.record(
             1000, draw + 7, module.Scene(stray=(0.0, 0.0, 0.3 * limit_of(world)))
         )
@@ -208,7 +216,7 @@ def widths(found: list[tuple[Array, Array]]) -> list[Row]:
     for i, answer in enumerate(ANSWERS[:3]):
         what = f'{answer}, magnet at 14 mm'
         told = error[np.isfinite(error[:, i]), i]
-        rows.append(Row(f'{what}, rms', 'mN', MILLI * float(TRIALS.rms(told))))
+        rows.append(Row(f'{what}, rms', 'mN', MILLI * float(gradiometer_trials.rms(told))))
         ratio = np.nanmedian(sigma[:, i]) / (np.nanmedian(np.abs(error[:, i])) / MEDIAN)
         rows.append(Row(f'{what}, median sigma over what medians of errors ask for', '1', ratio))
     return rows

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
-from tactile_ros.evaluation.benchmark import Row, within
+from benchmarks.harness.rows import Row, within
 from tactile_ros.evaluation.drawing import standalone
 from tactile_ros.evaluation.svg import Plot
 from tactile_ros.nodes.grip_loop import GripStage

@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.harness.rows import Row
+from benchmarks.worlds import grip_fault_plot
 from tactile_ros.control import GripPhase
-from tactile_ros.evaluation.benchmark import Row
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.hands.drivers import read_command
 from tactile_ros.nodes.graph import Graph, Grasping, Process, grasping
 from tactile_ros.nodes.processes import Running
@@ -38,7 +38,6 @@ SENSOR = 'taxel_array'
 HANDS = {'joint_trajectory': ('left', 'right'), 'allegro_v5': ('index', 'thumb')}
 TARGET = 2.0  # N
 LEAST, LARGEST = 0.5, 1.2  # of it: neither dropped nor crushed
-PLOT = Path(__file__).with_name('grip_fault_plot.py')
 STALE_S = 0.1  # as in GripConfig
 WATCHED_S = 0.8
 PATIENCE_S = 40.0
@@ -254,7 +253,6 @@ def _restart(scene: Scene, name: str, process: Process) -> None:
 
 def fault_rows(extent: str) -> tuple[list[Row], list[str], dict[str, str]]:
     """Rows of every fault (quick: of the first and of one death, of one hand), told and drawn."""
-    plot = load_source(PLOT, 'bench grasp')
     traces: dict[str, list[Suffered]] = {}
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     rows: list[Row] = []
@@ -267,14 +265,14 @@ def fault_rows(extent: str) -> tuple[list[Row], list[str], dict[str, str]]:
             for fault in faults(scene)[: 1 if extent == 'quick' else None]:
                 scene.hold()
                 found, sentence, trace = _suffer(scene, fault)
-                traces.setdefault(hand, []).append(plot.Suffered(*trace))
+                traces.setdefault(hand, []).append(grip_fault_plot.Suffered(*trace))
                 rows += [replace(row, what=f'{hand}: {row.what}') for row in found]
                 told.append(f'{hand}: {sentence}')
             for phase in KILLED_IN[-1:] if extent == 'quick' else KILLED_IN:
                 found, sentence = _killed(scene, phase)
                 rows += [replace(row, what=f'{hand}: {row.what}') for row in found]
                 told.append(f'{hand}: {sentence}')
-    drawing = plot.drawn(traces, TARGET, (LEAST * TARGET, LARGEST * TARGET), STALE_S)
+    drawing = grip_fault_plot.drawn(traces, TARGET, (LEAST * TARGET, LARGEST * TARGET), STALE_S)
     return rows, told, {'faults': drawing}
 
 

@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.devices.simulated_serial import SimulatedSerialPort
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.types import Integers
 
 if TYPE_CHECKING:
@@ -271,25 +270,21 @@ class Spun:
         rclpy.try_shutdown()
 
 
-def difference(roads: Path) -> Callable[[Connection], None]:
-    """Work that plays the same press on every road; the largest difference of commands."""
+def difference(pipe: Connection) -> None:
+    """Play the same press on every road and send the largest difference of commands."""
+    from reference import grip_roads
+    from tactile_ros.nodes import grip_node
 
-    def work(pipe: Connection) -> None:
-        from tactile_ros.nodes import grip_node
-
-        module = load_source(roads, 'bench latency')
-        with TemporaryDirectory() as folder:
-            press = module.learnt_press(Path(folder) / 'force.npz')
-            alone = module.offline(press)
-            found = []
-            for direct in (True, False):
-                clock, ros = module.Clock(), Spun()
-                grip_node.time = SimpleNamespace(monotonic=clock.monotonic)
-                found.append(module.lived(ros, press, clock, direct))
-                ros.close()
-        pipe.send(max(float(np.abs(live - alone).max()) for live in found))
-
-    return work
+    with TemporaryDirectory() as folder:
+        press = grip_roads.learnt_press(Path(folder) / 'force.npz')
+        alone = grip_roads.offline(press)
+        found = []
+        for direct in (True, False):
+            clock, ros = grip_roads.Clock(), Spun()
+            grip_node.time = SimpleNamespace(monotonic=clock.monotonic)
+            found.append(grip_roads.lived(ros, press, clock, direct))
+            ros.close()
+    pipe.send(max(float(np.abs(live - alone).max()) for live in found))
 
 
 def kept_waiting(pid: int) -> dict[int, tuple[float, float]]:

@@ -9,15 +9,13 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.estimators.gaussian_sum_table import Linearised, TouchMixture
 from tactile_ros.estimators.grid_knn import CellKnn
-from tactile_ros.evaluation.cells import accuracy
-from tactile_ros.evaluation.sources import load_source
+from tactile_ros.evaluation.metrics import accuracy
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig, surface_cells
 
@@ -28,7 +26,6 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, ContactStates, Integers, Recording
 
 SPEC = load_sensor('magnet_pad')
-WORLD = Path(__file__).resolve().parents[2] / 'test' / 'reference' / 'magnet_pad_world.py'
 GRIDS = {6: (3, 2), 15: (5, 3), 25: (5, 5)}
 STRAY, TIP, REST = 0.5e-3, 3e-3, 60
 DENSE = {0.1: 2500, 1.0: 6000}
@@ -170,7 +167,9 @@ def least_us(call: object, inputs: list[Array]) -> float:
 
 def _world() -> ModuleType:
     """The world, which needs magpylib and the sources."""
-    return load_source(WORLD, 'bench magnet_pad')
+    from reference import magnet_pad_world
+
+    return magnet_pad_world
 
 
 def _config(cells: int) -> MagnetPadConfig:

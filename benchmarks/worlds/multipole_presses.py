@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.evaluation.sources import load_source
+from benchmarks.worlds import multipole_trials
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Recording
 
@@ -22,8 +21,6 @@ if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Array, Integers
 
-WORLD = Path(__file__).resolve().parents[2] / 'test' / 'reference' / 'multipole_world.py'
-TRIALS = Path(__file__).with_name('multipole_trials.py')
 SENSOR = load_sensor('multipole_skin')
 SPAN = 22e-3  # m, of places from the middle
 DEPTH = (0.3e-3, 0.9e-3)  # m
@@ -125,7 +122,7 @@ class Trials:
         disturbed = share(self.ours.process_batch(moved).label[ends] == labels)
         found = {
             'zero': right, 'stray': right - disturbed,
-            **load_source(TRIALS, 'bench').reliability(states.label_probability[ends], named),
+            **multipole_trials.reliability(states.label_probability[ends], named),
             'unnamed': share(states.label[ends] == -1),
             'sigma 1': share((off < 1)[np.isfinite(off)]),
             'sigma 2': share((off < 2)[np.isfinite(off)]),
@@ -311,4 +308,6 @@ def share(right: Array) -> float:
 
 def world_module() -> ModuleType:
     """The world, which needs the sources."""
-    return load_source(WORLD, 'bench multipole_skin')
+    from reference import multipole_world
+
+    return multipole_world

@@ -7,14 +7,12 @@ A task takes some classes at one place: a few presses of each are known, the oth
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.prototypes import Prototypes
-from tactile_ros.evaluation.sources import load_source
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -24,7 +22,6 @@ if TYPE_CHECKING:
 
     from tactile_ros.types import Array, Integers, Outline
 
-WORLD = Path(__file__).resolve().parents[2] / 'test' / 'reference' / 'multipole_world.py'
 SKIN = 100  # seed of the skin that the networks are trained on
 DEPTH = (0.3e-3, 0.9e-3)  # m
 SAMPLES = 30  # presses of a head at a place
@@ -57,7 +54,9 @@ class Samples:
 
 def world_module() -> ModuleType:
     """The world, which needs the sources."""
-    return load_source(WORLD, 'trials of the multipole skin')
+    from reference import multipole_world
+
+    return multipole_world
 
 
 def collection(

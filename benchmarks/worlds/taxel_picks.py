@@ -7,7 +7,6 @@ part is right where it went to its place.
 from __future__ import annotations
 
 from itertools import product
-from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -15,25 +14,22 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.special import ndtr
 
+from benchmarks.harness import plots
+from benchmarks.harness.rows import Row, within
+from reference import pick_world
 from tactile_ros.conditioning.baseline import BaselineTracker, Tracking
 from tactile_ros.conditioning.faults import frame_readings, judged_rows
 from tactile_ros.conditioning.viscoelastic import Creep
-from tactile_ros.evaluation import array_figures
-from tactile_ros.evaluation.benchmark import Row, within
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame, Recording
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from reference.pick_world import Gripper, Picked, TaxelSkin
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Array
-    from test.reference.pick_world import Gripper, Picked, TaxelSkin
 
-pick_world = load_source(
-    Path(__file__).parents[2] / 'test' / 'reference' / 'pick_world.py', 'bench taxel_array'
-)
 SEED = 4  # of what is not of a world
 WORLDS = 300  # seeds of skins and picks
 PICKS = {'quick': (1, 2), 'normal': (2, 15), 'full': (8, 100)}  # worlds, picks of each
@@ -243,18 +239,18 @@ def _conditioning(gripper: Gripper) -> float:
 
 def _draw_pick(config: object, pick: Picked) -> str:
     """A part as it was felt, found, and as it lay."""
-    part = array_figures.edges_of(config.objects[pick.part])  # type: ignore[attr-defined]
-    corners = array_figures.taxel_corners(
+    part = plots.edges_of(config.objects[pick.part])  # type: ignore[attr-defined]
+    corners = plots.taxel_corners(
         config.positions, config.areas, config.taxel_outlines  # type: ignore[attr-defined]
     )  # fmt: skip
     found: list[Array] = []
     if pick.state.label >= 0:
         pose = pick.state.object_pose
         turn = np.arctan2(pose[1, 0], pose[0, 0])
-        shown = array_figures.edges_of(config.objects[pick.state.label])  # type: ignore[attr-defined]
-        found = array_figures.placed(shown, np.array([*pose[:2, 3], turn]))
+        shown = plots.edges_of(config.objects[pick.state.label])  # type: ignore[attr-defined]
+        found = plots.placed(shown, np.array([*pose[:2, 3], turn]))
     pressure = pick.state.taxel_force / config.areas  # type: ignore[attr-defined]
     told = 'Pressure on the taxels, the object as it lies and as it was found'
-    return array_figures.object_map(
-        corners, pressure, found, array_figures.placed(part, pick.pose), told
+    return plots.object_map(
+        corners, pressure, found, plots.placed(part, pick.pose), told
     )

@@ -7,13 +7,11 @@ and Rao, from differences of the world itself, for the noise of the converter.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.evaluation.benchmark import Row
-from tactile_ros.evaluation.sources import load_source
+from benchmarks.harness.rows import Row
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Outline, Recording
 
@@ -24,7 +22,6 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array
 
 COUNTS = {'normal': 40, 'full': 400}  # of each kind
-WORLD = Path(__file__).resolve().parents[2] / 'test' / 'reference' / 'taxel_world.py'
 SPEC = load_sensor('taxel_array')
 SEEDS = {'tubes': 101, 'jaw': 102, 'washers': 103, 'hold': 104, 'cup': 120}
 RADIUS, BEND = 10e-3, np.pi / 2
@@ -44,7 +41,9 @@ def rows(extent: str) -> list[Row]:
 
 def _world() -> ModuleType:
     """The world of the tests, which is not installed."""
-    return load_source(WORLD, 'bench taxel_array')
+    from reference import taxel_world
+
+    return taxel_world
 
 
 def _own(array: object, pose: Array) -> tuple[Array, Array]:

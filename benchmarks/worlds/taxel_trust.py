@@ -6,13 +6,11 @@ What is counted is each component inside one and two sigma, overall and in each 
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.evaluation.benchmark import Row
-from tactile_ros.evaluation.sources import load_source
+from benchmarks.harness.rows import Row
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Outline, Recording
 
@@ -22,7 +20,6 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array
 
 COUNTS = {'normal': 60, 'full': 400}  # placed parts of each world
-WORLD = Path(__file__).resolve().parents[2] / 'test' / 'reference' / 'taxel_world.py'
 SPEC = load_sensor('taxel_array')
 SEED = 905
 LAYOUTS = ('rings', 'matrix', 'jaw')
@@ -44,7 +41,8 @@ def rows(extent: str) -> list[Row]:
 
 def gathered(count: int) -> dict[str, tuple[Array, Array]]:
     """Errors and their sigmas (n,) of every component, over all worlds."""
-    world = load_source(WORLD, 'bench taxel_array')
+    from reference import taxel_world as world
+
     parts = [
         told_in(world, layout, law, SEED + 10 * i + k, count)
         for i, layout in enumerate(LAYOUTS)

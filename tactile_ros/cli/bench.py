@@ -10,6 +10,7 @@ example:
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import shlex
@@ -22,16 +23,14 @@ from typing import TYPE_CHECKING
 
 import tactile_ros
 from tactile_ros.cli.console import refuse_unwritable, show
-from tactile_ros.errors import TactileError
-from tactile_ros.evaluation.benchmark import COLUMNS
-from tactile_ros.evaluation.sources import load_source
+from tactile_ros.errors import MissingPackageError
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
     from types import ModuleType
 
-    from tactile_ros.evaluation.benchmark import BenchResult
+    from benchmarks.harness.rows import BenchResult
 
 LONGEST = (  # which begin
     'devices', 'grasp', 'gradiometer', 'taxel_array', 'magnet_pad', 'reskin', 'multipole_skin',
@@ -53,7 +52,7 @@ def folder() -> Path | None:
 def names() -> list[str]:
     """Names of all benches; none where they are not installed."""
     place = folder()
-    return [] if place is None else sorted(path.stem for path in place.glob('*.py'))
+    return [] if place is None else sorted(path.stem for path in place.glob('[!_]*.py'))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -68,16 +67,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='print the tables as JSON')
 
 
-def load(name: str) -> ModuleType:
-    """Module of a bench."""
+def load(name: str, needed_by: str) -> ModuleType:
+    """Import `benchmarks.<name>`; its worlds are the packages `benchmarks` and `reference`.
+
+    Raises
+    ------
+    MissingPackageError
+        If the benches, or a package that they import, are not installed.
+    """
     place = folder()
     if place is None:
-        msg = 'the benches are not installed; run `tactile bench` from a clone of the sources'
-        raise TactileError(msg)
-    if name not in names():
+        msg = f'the benches are not installed; run {needed_by} from a clone of the sources'
+        raise MissingPackageError(msg)
+    for path in (str(place.parent), str(place.parent / 'test')):
+        if path not in sys.path:
+            sys.path.append(path)
+    try:
+        return importlib.import_module(f'benchmarks.{name}')
+    except ImportError as error:
+        msg = f'{needed_by} needs {error.name or name}: {error}'
+        raise MissingPackageError(msg) from error
+
+
+def load_bench(name: str) -> ModuleType:
+    """Module of a bench."""
+    if folder() and name not in names():
         msg = f'bench must be all or one of {", ".join(names())}; received {name!r}'
         raise ValueError(msg)
-    return load_source(place / f'{name}.py', f'bench {name}')
+    return load(name, f'`tactile bench {name}`')
 
 
 def run(options: argparse.Namespace) -> int:
@@ -88,7 +105,7 @@ def run(options: argparse.Namespace) -> int:
     results = options.results or Path('benchmarks') / 'results'
     extent = 'quick' if options.quick else 'full' if options.full else 'normal'
     chosen = names() if options.name == 'all' else [options.name]
-    benches = {name: load(name) for name in chosen or ['all']}
+    benches = {name: load_bench(name) for name in chosen or ['all']}
     for name in benches:
         refuse_unwritable(results / f'{name}.json')
         if options.figures:
@@ -99,7 +116,11 @@ def run(options: argparse.Namespace) -> int:
     for name, bench in benches.items():
         began, spent_s = time.perf_counter(), own_processor_s()
         print(f'bench {name} ({extent}) ...', file=sys.stderr, flush=True)
-        result = bench.run(extent, shlex.join(['tactile', *_words(name, extent)]))
+        try:
+            result = bench.run(extent, shlex.join(['tactile', *_words(name, extent)]))
+        except ImportError as error:
+            msg = f'bench {name} needs {error.name}: {error}'
+            raise MissingPackageError(msg) from error
         drawn = result.draw(options.figures) if options.figures else []
         path, seconds = result.write(results), time.perf_counter() - began
         spent_s = own_processor_s() - spent_s
@@ -121,7 +142,8 @@ def own_processor_s() -> float:
 
 def tell(result: BenchResult, drawn: Sequence[Path]) -> None:
     """Print the table of a bench, its notes, and what it drew."""
-    show(COLUMNS, [row.cells() for row in result.rows], title=f'{result.bench}: {result.command}')
+    columns = load('harness.rows', '`tactile bench`').COLUMNS
+    show(columns, [row.cells() for row in result.rows], title=f'{result.bench}: {result.command}')
     for note in result.notes:
         print(f'  {note}')
     for path in drawn:

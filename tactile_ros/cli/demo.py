@@ -32,11 +32,9 @@ from tactile_ros.cli.console import show, show_json
 from tactile_ros.cli.record import wait, wait_for_frames
 from tactile_ros.cli.replay import evaluate, print_result
 from tactile_ros.errors import TactileError
-from tactile_ros.evaluation.benchmark import COLUMNS, BenchResult, environment
 from tactile_ros.evaluation.recording_files import load, save_recording
 from tactile_ros.evaluation.replay import replay
-from tactile_ros.evaluation.result import Dataset, Result, answer
-from tactile_ros.evaluation.sources import load_source
+from tactile_ros.evaluation.result import Dataset, Result, answer, environment
 from tactile_ros.sensors import load_sensor
 from tactile_ros.simulation.engine import Film, prefer_no_screen, why_not
 
@@ -44,7 +42,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable
 
-    from tactile_ros.evaluation.benchmark import Row
+    from benchmarks.harness.rows import Row
     from tactile_ros.evaluation.recording_files import LoadedRecording
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.sensors.registry import TwinLesson
@@ -282,26 +280,23 @@ def run_grasps(output: Path, seed: int, as_json: bool = False) -> int:
         If MuJoCo is missing, or the scenes are not installed.
     """
     began = time.perf_counter()
-    place = bench.folder()
-    if place is None:
-        msg = 'the scenes are not installed; run `tactile demo grasp` from a clone of the sources'
-        raise TactileError(msg)
+    scenes = bench.load('worlds.grasp_scenes', NEEDED_BY)
+    tables = bench.load('harness.rows', NEEDED_BY)
     prefer_no_screen()
     sentence = why_not()
     made = {} if sentence else films()
-    scenes = load_source(place / 'worlds' / 'grasp_scenes.py', 'demo grasp')
     print('calibrating fingertips, then a minute or two of scenes', file=sys.stderr, flush=True)
     found = scenes.run('quick', seed, made)
-    rows, told, drawn = _faults(place)
+    rows, told, drawn = _faults()
     rows, told, drawn = found.rows + rows, found.notes + told, {**found.drawings, **drawn}
     command = f'tactile demo grasp --seed {seed}'
-    result = BenchResult('grasp', command, [seed], rows, told, drawn)
+    result = tables.BenchResult('grasp', command, [seed], rows, told, drawn)
     cells, aside = [row.cells() for row in result.rows], sys.stdout
     if as_json:
-        show_json(COLUMNS, cells)
+        show_json(tables.COLUMNS, cells)
         aside = sys.stderr
     else:
-        show(COLUMNS, cells, title=f'grasp: {command}')
+        show(tables.COLUMNS, cells, title=f'grasp: {command}')
     for note in result.notes:
         print(f'  {note}', file=aside)
     output.mkdir(parents=True, exist_ok=True)
@@ -315,16 +310,17 @@ def run_grasps(output: Path, seed: int, as_json: bool = False) -> int:
     return 0
 
 
-def _faults(place: Path) -> tuple[list[Row], list[str], dict[str, str]]:
+def _faults() -> tuple[list[Row], list[str], dict[str, str]]:
     """Scene 4: faults of a grasp through the graph of nodes, where there is ROS."""
     if importlib.util.find_spec('rclpy') is None:
         return [], ['Faults during a grasp are left out: they need ROS 2.'], {}
     print('faults during a grasp through the nodes', file=sys.stderr, flush=True)
-    module = load_source(place / 'worlds' / 'grip_faults.py', 'demo grasp')
+    module = bench.load('worlds.grip_faults', NEEDED_BY)
     rows, told, drawn = module.fault_rows('quick')
     return list(rows), list(told), dict(drawn)
 
 
+NEEDED_BY = '`tactile demo grasp`'
 SENSOR = 'reskin_board'
 HELD_PLACES = 0.2
 TOUCHES_PLAYED = 300

@@ -31,11 +31,18 @@ from tactile_ros.cli.console import (
 )
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import fleet
-from tactile_ros.evaluation.benchmark import environment
 from tactile_ros.evaluation.fleet import Job, open_calibration
 from tactile_ros.evaluation.metrics import clocks_apart, frames_dropped, given_targets
 from tactile_ros.evaluation.replay import replay
-from tactile_ros.evaluation.result import Answer, Dataset, Result, answer, table, unjudged
+from tactile_ros.evaluation.result import (
+    Answer,
+    Dataset,
+    Result,
+    answer,
+    environment,
+    table,
+    unjudged,
+)
 from tactile_ros.evaluation.truth import DEFAULT_TRUTH
 
 if TYPE_CHECKING:

@@ -19,17 +19,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tactile_ros.cli import bench
 from tactile_ros.cli.console import refuse_no_pictures, refuse_unwritable, show, show_json
 from tactile_ros.errors import TactileError
-from tactile_ros.evaluation.bench_files import gather
-from tactile_ros.evaluation.package_report import title_of, write_package_report
-from tactile_ros.evaluation.pictures import write_pictures
-from tactile_ros.evaluation.summary_table import markdown
 
 if TYPE_CHECKING:
     import argparse
 
-    from tactile_ros.evaluation.bench_files import BenchFile
+    from benchmarks.harness.rows import BenchFile
 
 RESULTS = Path('benchmarks') / 'results'
 COLUMNS = ('bench', 'figures', 'aims', 'held', 'missed', 'what is missed')
@@ -55,22 +52,24 @@ def run(options: argparse.Namespace) -> int:
     refuse_unwritable(output)
     if options.png:
         refuse_no_pictures(options.png)
-    files, problems = gather(options.results)
+    page = bench.load('harness.package_page', '`tactile report`')
+    files, problems = bench.load('harness.rows', '`tactile report`').gather(options.results)
     if not files:
         msg = f'{"; ".join(problems)}; `tactile bench all` makes results'
         raise TactileError(msg)
     command = shlex.join(['tactile', 'report', *map(str, options.results), '-o', str(output)])
-    write_package_report(output, files, problems, command)
+    page.write_package_report(output, files, problems, command)
     if options.markdown:
-        _print_markdown(files)
+        _print_markdown(*page.markdown(files))
     else:
-        (show_json if options.json else show)(COLUMNS, [row_of(file) for file in files])
+        rows = [row_of(file, page.title_of(file.result.bench)) for file in files]
+        (show_json if options.json else show)(COLUMNS, rows)
     for problem in problems:
         print(f'  left out: {problem}', file=sys.stderr)
     print(f'report: {output}', file=sys.stderr)
     if options.png:
         drawn = False
-        for picture in write_pictures(options.png, files):
+        for picture in page.write_pictures(options.png, files):
             drawn = True
             print(f'picture: {picture}', file=sys.stderr, flush=True)
         if not drawn:
@@ -78,20 +77,19 @@ def run(options: argparse.Namespace) -> int:
     return int(bool(problems))
 
 
-def _print_markdown(files: list[BenchFile]) -> None:
+def _print_markdown(lines: list[str], missing: list[str]) -> None:
     """The figures that stand for the package."""
-    lines, missing = markdown(files)
     print('\n'.join(lines))
     for row in missing:
         print(f'  not among the results: {row}', file=sys.stderr)
 
 
-def row_of(file: BenchFile) -> tuple[str | int, ...]:
+def row_of(file: BenchFile, title: str) -> tuple[str | int, ...]:
     """A bench in a row of the table."""
     rows = file.result.rows
     aims = [row for row in rows if row.held is not None]
     missed = [row.what.strip() for row in aims if not row.held]
     return (
-        title_of(file.result.bench), len(rows), len(aims), len(aims) - len(missed), len(missed),
+        title, len(rows), len(aims), len(aims) - len(missed), len(missed),
         '; '.join(missed[:2]) + ('; ...' if len(missed) > 2 else ''),
     )  # fmt: skip

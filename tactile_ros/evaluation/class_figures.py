@@ -10,7 +10,7 @@ from tactile_ros.evaluation.figure import Figure
 from tactile_ros.evaluation.svg import Plot
 
 if TYPE_CHECKING:
-    from tactile_ros.evaluation.named import Named
+    from tactile_ros.evaluation.metrics import Named
     from tactile_ros.evaluation.result import Dataset
     from tactile_ros.types import Array
 

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.evaluation.metrics import TARGETS, judge
-from tactile_ros.evaluation.named import named_rows
+from tactile_ros.evaluation.metrics import TARGETS, judge, named_rows
 from tactile_ros.types import groups_of
 from tactile_ros.types.recording import BLOCKS
 

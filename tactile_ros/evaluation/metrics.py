@@ -7,14 +7,221 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+from scipy import stats
 
-from tactile_ros.evaluation.coverage import Coverage, coverage
 from tactile_ros.types import Array, Bools, Integers, groups_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
+    from tactile_ros.evaluation.tally import ClassTally
     from tactile_ros.types import ContactStates, Recording
+
+ONE_SIGMA, TWO_SIGMA = 0.6826894921370859, 0.9544997361036416
+WITHIN = {1: ONE_SIGMA, 2: TWO_SIGMA}
+THIRDS = ('least third', 'middle third', 'largest third')
+TOLERANCE = 0.05
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Share of errors inside one or two standard deviations of their own estimate.
+
+    Attributes
+    ----------
+    share : float
+        0..1; 0.683 or 0.954 where covariances tell the truth; NaN without covariances.
+    low, high : float
+        What is accepted: the same to within 5 points, or the 95 % binomial interval over the
+        groups where that is wider.
+    count, groups : int
+        Errors, and the groups that they come from.
+    """
+
+    share: float
+    low: float
+    high: float
+    count: int
+    groups: int
+
+    @property
+    def honest(self) -> bool:
+        """Whether the share is one that is accepted."""
+        return self.low <= self.share <= self.high
+
+
+def coverage(error: Array, variance: Array, groups: Integers, sigmas: int = 1) -> Coverage:
+    """Compare errors with the variances that were stated for them.
+
+    Parameters
+    ----------
+    error, variance : ndarray, shape (n,)
+        Of one component (unit, unit squared); NaN is left out.
+    groups : ndarray, shape (n,)
+        What errors have in common: place, press cycle, recording.
+    sigmas : int
+        Standard deviations, inside which errors are counted: 1 or 2.
+
+    Returns
+    -------
+    Coverage
+        With the interval that as many independent groups allow.
+    """
+    known = np.isfinite(error) & np.isfinite(variance)
+    count, aimed = int(known.sum()), WITHIN[sigmas]
+    if not count:
+        return Coverage(float('nan'), aimed - TOLERANCE, aimed + TOLERANCE, 0, 0)
+    inside = np.abs(error[known]) <= sigmas * np.sqrt(variance[known])
+    number = len(np.unique(groups[known]))
+    low, high = stats.binom.interval(0.95, number, aimed)
+    return Coverage(
+        float(inside.mean()),
+        min(float(low) / number, aimed - TOLERANCE),
+        max(float(high) / number, aimed + TOLERANCE),
+        count,
+        number,
+    )
+
+
+def coverage_by_thirds(
+    error: Array, variance: Array, groups: Integers
+) -> dict[tuple[str, int], Coverage]:
+    """Coverage overall and within each third of the stated variance, at one and two sigma.
+
+    Parameters
+    ----------
+    error, variance : ndarray, shape (n,)
+        Of one component (unit, unit squared); NaN is left out.
+    groups : ndarray, shape (n,)
+        As for `coverage`.
+
+    Returns
+    -------
+    dict of (part, sigmas) to Coverage
+        Parts are 'overall' and the `THIRDS`.
+    """
+    known = np.flatnonzero(np.isfinite(error) & np.isfinite(variance))
+    order = known[np.argsort(variance[known], kind='stable')]
+    parts = {
+        'overall': order,
+        **dict(zip(THIRDS, np.array_split(order, len(THIRDS)), strict=True)),
+    }
+    return {
+        (part, sigmas): coverage(error[rows], variance[rows], groups[rows], sigmas)
+        for part, rows in parts.items()
+        for sigmas in WITHIN
+    }
+
+
+def accuracy(said: Integers, true: Integers) -> float:
+    """Share of touches (s,) whose cell is named rightly (%).
+
+    Examples
+    --------
+    >>> accuracy(np.array([0, 1, 1, -1]), np.array([0, 1, 2, 2]))
+    50.0
+    """
+    return 100 * float((said == true).mean())
+
+
+def confusion(said: Integers, true: Integers, count: int) -> Array:
+    """Share (n, n) of the touches of each true cell (row) that was named so (column) (%).
+
+    Rows of cells that were never touched are NaN; touches without a name lack from the sum.
+
+    Examples
+    --------
+    >>> confusion(np.array([0, 1, 1, -1]), np.array([0, 0, 1, 1]), 2).tolist()
+    [[50.0, 50.0], [0.0, 50.0]]
+    """
+    table = np.zeros((count, count + 1))
+    np.add.at(table, (true, np.where(said < 0, count, said)), 1.0)
+    touched = table.sum(axis=1, keepdims=True)
+    return np.asarray(100 * table[:, :count] / np.where(touched > 0, touched, np.nan))
+
+
+def average_euclidean_error(said: Integers, true: Integers, centres: Array) -> float:
+    """Mean distance of the named cell's centre from the true one's, seen from above (mm).
+
+    Examples
+    --------
+    >>> centres = np.array([[0.0, 0.0, 0.0], [3e-3, 4e-3, 9.0]])
+    >>> average_euclidean_error(np.array([0, 0]), np.array([0, 1]), centres)
+    2.5
+    """
+    apart = centres[said, :2] - centres[true, :2]
+    return 1e3 * float(np.hypot(apart[:, 0], apart[:, 1]).mean())
+
+
+KINDS = ('cell', 'label')
+
+
+@dataclass(frozen=True)
+class Named:
+    """What one estimator named on the rows whose truth is known.
+
+    Attributes
+    ----------
+    name : str
+        'cell' or 'label'.
+    true, said : ndarray of int, shape (n,)
+        Indices; -1 said: none or abstained, or not valid.
+    tally : ClassTally or None
+        Of all rows, where `true` and `said` are some of them.
+    """
+
+    name: str
+    true: Integers
+    said: Integers
+    tally: ClassTally | None = None
+
+    @property
+    def right(self) -> float:
+        """Share that is named rightly (%); none counts as wrong."""
+        return 100 * self.tally.share if self.tally else accuracy(self.said, self.true)
+
+    @property
+    def abstained(self) -> float:
+        """Share without a name (%)."""
+        if self.tally:
+            return 100 * self.tally.abstained / self.count
+        return 100 * float((self.said < 0).mean())
+
+    @property
+    def count(self) -> int:
+        """Rows whose truth is known."""
+        known = self.tally
+        return known.right + known.wrong + known.abstained if known else len(self.true)
+
+    @property
+    def table(self) -> Array:
+        """Share (n, n) (%) of each true class (row) that was named so (column)."""
+        count = int(max(self.true.max(), self.said.max())) + 1
+        return confusion(self.said, self.true, count)
+
+
+def named_rows(
+    truth: Mapping[str, npt.NDArray[np.generic]], states: ContactStates
+) -> Iterator[tuple[str, Integers, Integers]]:
+    """Kind, true and said classes (n,) of the rows (s) that truth knows; -1 said: none."""
+    for name in KINDS:
+        if name not in truth:
+            continue
+        true = np.asarray(truth[name], np.int64)
+        said = np.where(states.valid, getattr(states, name), -1).astype(np.int64)
+        rows = true >= 0
+        if rows.any():
+            yield name, true[rows], said[rows]
+
+
+def named(recording: Recording, states: ContactStates) -> tuple[Named, ...]:
+    """Classes that are both known and named in at least one row."""
+    return tuple(
+        Named(name, true, said)
+        for name, true, said in named_rows(recording.truth, states)
+        if (said >= 0).any()
+    )
+
 
 PLACE = 1e-5
 MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from html import escape
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,6 @@ MOST_DIGITS = 12
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from tactile_ros.evaluation.bench_files import Picture
     from tactile_ros.evaluation.figure import Figure
 
 
@@ -110,13 +108,3 @@ def _rounded(value: float, digits: int) -> str:
     whole = abs(value) >= 10**digits
     text = f'{value:,.0f}' if whole or abs(value) >= 1000 else f'{value:.{digits}g}'
     return text.replace('-', '−')
-
-
-def image_of(picture: Picture) -> str:
-    """A bench's own drawing as an image: nothing in it can run or fetch."""
-    data = base64.b64encode(picture.svg).decode()
-    return (
-        f'<img alt="{escape(picture.told or picture.name)}" '
-        f'width="{picture.size[0]:.0f}" height="{picture.size[1]:.0f}" '
-        f'src="data:image/svg+xml;base64,{data}">'
-    )

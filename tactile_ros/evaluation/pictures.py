@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING
 
 from tactile_ros.evaluation.browser import photograph
 from tactile_ros.evaluation.figures import colours_of, figures_of
-from tactile_ros.evaluation.page import image_of, key_of
-from tactile_ros.evaluation.pareto import contests, pareto
+from tactile_ros.evaluation.page import key_of
 from tactile_ros.evaluation.stylesheet import STYLE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
     from pathlib import Path
 
-    from tactile_ros.evaluation.bench_files import BenchFile
     from tactile_ros.evaluation.figure import Figure
     from tactile_ros.evaluation.result import Result
 
@@ -43,10 +41,10 @@ def figure_page(figure: Figure) -> tuple[str, tuple[int, int]]:
     high = sum(b * wide / a + 10 for a, b in sizes)
     key = KEY if figure.key else 0
     body = f'<h3>{escape(figure.title)}</h3>{key_of(figure)}{figure.drawing}'
-    return _page(body), (round(wide) + 2 * MARGIN, round(high) + HEADLINE + key + 2 * MARGIN)
+    return light_page(body), (round(wide) + 2 * MARGIN, round(high) + HEADLINE + key + 2 * MARGIN)
 
 
-def _page(body: str) -> str:
+def light_page(body: str) -> str:
     """A page in light colours, whatever the reader prefers."""
     light = STYLE.replace('prefers-color-scheme: dark', 'not all').replace('light dark', 'light')
     return (
@@ -68,16 +66,3 @@ def write_drawings(folder: Path, result: Result) -> Iterable[Path]:
     colours = colours_of(result)
     for dataset in result.datasets:
         yield from write_figures(folder, figures_of(dataset, colours), dataset.name)
-
-
-def write_pictures(folder: Path, files: Sequence[BenchFile]) -> Iterable[Path]:
-    """Write the drawings of all benches as PNG; yield each path when it is there."""
-    rows = [row for file in files for row in file.result.rows]
-    yield from write_figures(folder, map(pareto, contests(rows)))
-    for file in files:
-        for picture in file.pictures:
-            name = f'{file.result.bench}_{file_name(picture.name)}.png'
-            size = round(picture.size[0]), round(picture.size[1])
-            image = image_of(picture).replace('<img', '<img style="margin:0"')
-            page = _page(image).replace(f'padding: {MARGIN}px', 'padding: 0')
-            yield photograph(page, folder / name, size)

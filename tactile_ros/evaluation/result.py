@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+import os
+import platform
+import sys
 from dataclasses import dataclass, field
+from importlib import metadata
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.evaluation.metrics import TARGETS, Spread, spread, target_errors
-from tactile_ros.evaluation.named import Named, named
+from tactile_ros import __version__
+from tactile_ros.evaluation.metrics import TARGETS, Named, Spread, named, spread, target_errors
 from tactile_ros.types import Array
 
 if TYPE_CHECKING:
@@ -19,6 +23,7 @@ if TYPE_CHECKING:
     from tactile_ros.evaluation.recording_files import LoadedRecording
     from tactile_ros.evaluation.replay import Agreement, Replayed
 
+PACKAGES = ('numpy', 'scipy', 'rosbags', 'ros-rclpy', 'numba', 'scikit-learn')
 Cell = str | float | int | None
 
 COLUMNS = (
@@ -251,3 +256,20 @@ def table(result: Result) -> tuple[list[str], list[list[Cell]]]:
 
 def _known(cell: Cell) -> bool:
     return cell is not None and not (isinstance(cell, float) and np.isnan(cell))
+
+
+def environment() -> dict[str, str]:
+    """Machine and versions that the figures belong to."""
+    found = {
+        'tactile_ros': __version__,
+        'python': sys.version.split()[0],
+        'machine': platform.machine(),
+        'cores': str(os.cpu_count()),
+        'system': f'{platform.system()} {platform.release()}',
+    }
+    for package in PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = 'not installed'
+    return found

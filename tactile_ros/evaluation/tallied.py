@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.evaluation.metrics import TARGETS, Judged, place_groups, summarised
-from tactile_ros.evaluation.named import Named
+from tactile_ros.evaluation.metrics import TARGETS, Judged, Named, place_groups, summarised
 from tactile_ros.evaluation.result import Answer, Dataset
 
 if TYPE_CHECKING:

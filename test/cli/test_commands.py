@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.harness.rows import BenchResult, Row
 from tactile_ros.cli import bench, console, demo
 from tactile_ros.cli.console import MOST_YAML_BYTES, read_config
 from tactile_ros.cli.main import COMMANDS, main, parser, sentence
-from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.recording_files import load_recording, save_recording
 from tactile_ros.sensors import list_sensors, load_sensor
 
 BENCHES = ', '.join(
-    sorted(path.stem for path in (Path(__file__).parents[2] / 'benchmarks').glob('*.py'))
+    sorted(path.stem for path in (Path(__file__).parents[2] / 'benchmarks').glob('[!_]*.py'))
 )
 
 
@@ -376,7 +376,7 @@ def test_benches_as_json_are_alone_on_stdout(
         def run(extent: str, command: str) -> BenchResult:
             return BenchResult('roads', command, [1], [Row(f'of {extent}', 'mm', 1.0, aim=0.5)])
 
-    monkeypatch.setattr(bench, 'load', lambda _: Made)
+    monkeypatch.setattr(bench, 'load_bench', lambda _: Made)
     words = ['bench', 'roads', '--quick', '--json', '--results', str(tmp_path)]
     assert main(words) == 0
     (told,) = json.loads(capsys.readouterr().out)

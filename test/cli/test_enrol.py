@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from reference import enrolled_skin
 from tactile_ros.cli.main import main
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.recording_files import LoadedRecording, save_recording
 from tactile_ros.evaluation.replay import presses_in
 from tactile_ros.types import Frame, Recording
-from test.reference import enrolled_skin
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -14,18 +14,18 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
+from benchmarks.harness.rows import BenchResult, Row
+from benchmarks.replay import write_bag
+from reference import enrolled_skin
+from reference.help_examples import examples, typed_on_pages
 from tactile_ros.cli import calibrate, view
 from tactile_ros.cli.main import main
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.evaluation import browser
 from tactile_ros.evaluation.bag import BagWriter
-from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.definitions import all_types
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import STATE_FIELDS
-from test.reference import enrolled_skin
-from test.reference.help_examples import examples, typed_on_pages
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Recording
 
-BENCHES = Path(__file__).parents[2] / 'benchmarks'
 STEP_NS = 10_000_000
 START_NS = 1_700_000_000_000_000_000
 MOST_ROWS = 1200
@@ -91,7 +90,6 @@ def in_time(recording: Recording) -> Recording:
 
 def write_bags(folder: Path, recording: Recording, pipeline: Pipeline) -> None:
     """Bags of live runs, as a recorder hears them."""
-    write_bag = load_source(BENCHES / 'replay.py', 'a test').write_bag
     names = 'out/demo/bags/place', 'bags/one', 'bags/two', 'my_bag', 'another_bag'
     for number, name in enumerate(names):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -143,7 +141,6 @@ def place(tmp_path_factory: pytest.TempPathFactory, taught_skin: Path) -> Path:
     write_bags(folder, spatial.select(slice(800, None)), pipeline)
     skin = enrolled_skin.SPEC.load(taught_skin)
     skin.save(folder / 'skin.npz')
-    write_bag = load_source(BENCHES / 'replay.py', 'a test').write_bag
     write_bag(folder / 'out/my_bag', skin, in_time(enrolled_skin.new_head(3)))
     (folder / 'my_board.yaml').write_text('rate_hz: 100.0\n')
     (folder / 'my_pad.yaml').write_text('shear_modulus: 4.0e4\n')

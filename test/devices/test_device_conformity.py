@@ -7,10 +7,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from benchmarks.harness.fault_trials import RATE_HZ, STORM, STORMS, Road, suffer, usable, ways
 from tactile_ros.devices.simulated_i2c import ChipArrayTwin
 from tactile_ros.devices.simulated_serial import BYTE_FAULTS, FramedTwin, ReskinTwin, SerialTwin
 from tactile_ros.errors import DeviceError, DeviceTimeout
-from tactile_ros.evaluation.fault_trials import RATE_HZ, STORM, STORMS, Road, suffer, usable, ways
 from tactile_ros.sensors import list_sensors, load_sensor
 from tactile_ros.types import TaxelStatus
 

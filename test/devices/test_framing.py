@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from reference.hidden_damage import hidden_damage
 from tactile_ros.devices.reskin_protocol import Decoded, ReskinDecoder, encode, frame_bytes
 from tactile_ros.devices.simulated_serial import damage
-from test.reference.hidden_damage import hidden_damage
 
 seeds = st.integers(0, 2**32 - 1)
 QUANTUM = np.array([2.4e-6, 2.4e-6, 3.872e-6])

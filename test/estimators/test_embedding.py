@@ -7,12 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.sources import load_source
+from benchmarks.worlds import multipole_trials as trials
 from tactile_ros.sensors.multipole_skin import recogniser
 
 pytest.importorskip('onnxruntime')
-ROOT = Path(__file__).resolve().parents[2]
-trials = load_source(ROOT / 'benchmarks' / 'worlds' / 'multipole_trials.py', 'this test')
 
 
 @pytest.mark.parametrize('what', recogniser.TRAINED)
@@ -53,7 +51,7 @@ def test_what_is_not_trained_is_refused() -> None:
 
 
 def test_files_are_small() -> None:
-    folder = ROOT / 'tactile_ros' / 'sensors' / 'multipole_skin'
+    folder = Path(recogniser.__file__).parent
     assert sum(path.stat().st_size for path in folder.glob('*.onnx')) < 1_000_000
 
 

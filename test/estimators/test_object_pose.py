@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from reference import taxel_world
 from tactile_ros.estimators.coverage_model import PlaceTable, TaxelPoints, variant_of
 from tactile_ros.estimators.object_pose import ObjectPose
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.types import Outline
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-PATH = Path(__file__).parents[1] / 'reference' / 'taxel_world.py'
 
 
 @lru_cache
 def world() -> ModuleType:
-    return load_source(PATH, 'a test')
+    return taxel_world
 
 
 def own_frame(

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import re
-import subprocess
-from html import escape
-from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from tactile_ros.errors import MissingPackageError
-from tactile_ros.evaluation import browser
 from tactile_ros.evaluation.bag import BagWriter
 from tactile_ros.evaluation.definitions import all_types
 
@@ -148,43 +142,3 @@ def write_bag(make: MessageMaker) -> Callable[..., Path]:
         return path
 
     return write
-
-
-# in a frame of its own: no window of a headless browser is narrower than 500 pixels
-PROBE = """<script>addEventListener('load', () => {
-  const page = document.querySelector('iframe').contentDocument, found = document.documentElement;
-  const boxes = [...page.querySelectorAll('.scroll')];
-  found.dataset.seen = [
-    page.documentElement.scrollWidth, page.documentElement.clientWidth,
-    boxes.filter(box => box.scrollWidth > box.clientWidth + 1).length,
-    page.querySelectorAll('svg.plot').length,
-    [...page.images].filter(image => image.naturalWidth > 0).length,
-  ].join(' ');
-})</script>"""
-
-
-@pytest.fixture
-def framed(tmp_path: Path) -> Callable[[str, int], SimpleNamespace]:
-    """What a browser makes of a page of a width: its width, tables cut off, plots, images."""
-    try:
-        command = [browser.find_browser(), *browser.FLAGS]
-    except MissingPackageError:
-        pytest.skip('chromium is not installed')
-
-    def show(page: str, width: int) -> SimpleNamespace:
-        outer = tmp_path / 'outer.html'
-        frame = f'<iframe style="border:0;width:{width}px" srcdoc="{escape(page)}"></iframe>'
-        outer.write_text(f'<body>{frame}{PROBE}</body>', 'utf-8')
-        flags = ['--enable-logging=stderr', f'--user-data-dir={tmp_path}/user', '--dump-dom']
-        done = subprocess.run(
-            [*command, *flags, outer.as_uri()],
-            capture_output=True, text=True, timeout=120, check=True,
-        )  # fmt: skip
-        seen = re.search(r'data-seen="([\d ]+)"', done.stdout)
-        assert seen is not None
-        names = ('wide', 'window', 'cut', 'plots', 'images')
-        told = dict(zip(names, map(int, seen[1].split()), strict=True))
-        lines = [line for line in done.stderr.splitlines() if 'CONSOLE' in line]
-        return SimpleNamespace(**told, complaints='\n'.join(lines))
-
-    return show

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.evaluation.cells import accuracy, average_euclidean_error, confusion
+from tactile_ros.evaluation.metrics import accuracy, average_euclidean_error, confusion
 
 CENTRES = 1e-3 * np.array([[0.0, 0, 5], [8.0, 0, 5], [8.0, 6, 1]])
 TRUE = np.array([0, 0, 0, 1, 1, 2])

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from reference import enrolled_skin
 from tactile_ros.evaluation.recording_files import LiveContacts, LoadedRecording, read_changes
 from tactile_ros.evaluation.replay import replay
 from tactile_ros.nodes.contact_loop import ContactStage
 from tactile_ros.nodes.enrolment_server import Change, EnrolStage, Learned, Lesson
 from tactile_ros.types import STATE_FIELDS, ContactState, ContactStates, Frame, Recording
-from test.reference import enrolled_skin
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tactile_ros.evaluation.coverage import ONE_SIGMA, coverage, coverage_by_thirds
+from tactile_ros.evaluation.metrics import ONE_SIGMA, coverage, coverage_by_thirds
 
 
 def test_coverage_of_true_covariances_is_accepted_and_of_boasting_ones_is_not() -> None:

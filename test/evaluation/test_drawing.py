@@ -7,12 +7,10 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from tactile_ros.evaluation.benchmark import BenchResult
+from benchmarks.harness.rows import BenchResult
+from benchmarks.worlds import grip_delay_plot, grip_fault_plot
 from tactile_ros.evaluation.drawing import standalone
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.evaluation.svg import Plot
-
-WORLDS = Path(__file__).parents[2] / 'benchmarks' / 'worlds'
 
 
 def plot() -> Plot:
@@ -54,7 +52,7 @@ def test_a_bench_writes_its_drawings(tmp_path: Path) -> None:
 
 
 def test_faults_of_a_grasp_are_drawn_also_where_nothing_reacted_or_was_heard() -> None:
-    world = load_source(WORLDS / 'grip_fault_plot.py', 'a test')
+    world = grip_fault_plot
     at, none = np.linspace(0.01, 0.5, 50), np.zeros(0)
     suffered = [
         world.Suffered(at, np.full(50, 2.0), 0.1),
@@ -68,7 +66,7 @@ def test_faults_of_a_grasp_are_drawn_also_where_nothing_reacted_or_was_heard() -
 
 
 def test_tails_of_delays_are_drawn_for_runs_with_and_without_a_command() -> None:
-    world = load_source(WORLDS / 'grip_delay_plot.py', 'a test')
+    world = grip_delay_plot
     delay = np.append(np.full(99, 2e-3), np.nan)
     text = world.drawn({'stack': delay, 'three nodes': np.full(1, np.nan)}, 1.0)
     ET.fromstring(text)

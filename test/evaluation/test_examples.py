@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from benchmarks.harness.rows import BenchResult, Row
 from tactile_ros.cli.main import COMMANDS, main
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.evaluation import browser
-from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.drawing import standalone
 from tactile_ros.evaluation.svg import Plot
 from tactile_ros.sensors import load_sensor

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from tactile_ros.evaluation import fleet
-from tactile_ros.evaluation.benchmark import environment
 from tactile_ros.evaluation.fleet import Job, Outcome, merged, save, table, tally, tally_all
 from tactile_ros.evaluation.recording_files import save_recording
+from tactile_ros.evaluation.result import environment
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ import pytest
 from tactile_ros.evaluation import kept_rows
 from tactile_ros.evaluation.answer_tally import AnswerTally
 from tactile_ros.evaluation.kept_rows import AnswerRows, Rows, SensorRows
-from tactile_ros.evaluation.metrics import target_errors
-from tactile_ros.evaluation.named import named
+from tactile_ros.evaluation.metrics import named, target_errors
 from tactile_ros.evaluation.replay import Agreement
 from tactile_ros.evaluation.report import render
 from tactile_ros.evaluation.result import Result, table

@@ -11,8 +11,7 @@ import pytest
 from tactile_ros.evaluation.class_figures import confusions
 from tactile_ros.evaluation.figures import figures_of, headline
 from tactile_ros.evaluation.memory_figures import drift, hysteresis
-from tactile_ros.evaluation.metrics import target_errors
-from tactile_ros.evaluation.named import named
+from tactile_ros.evaluation.metrics import named, target_errors
 from tactile_ros.evaluation.replay import Agreement
 from tactile_ros.evaluation.report import figure_text, render, write_report
 from tactile_ros.evaluation.result import Answer, Dataset, Result, table

@@ -14,6 +14,7 @@ from rclpy.action import ActionClient
 from rclpy.node import Node
 from std_msgs.msg import String
 
+from reference import enrolled_skin
 from tactile_ros.action import Enrol
 from tactile_ros.messages import fill_frame
 from tactile_ros.msg import TactileContacts, TactileFrame
@@ -23,7 +24,6 @@ from tactile_ros.nodes.enrolment_server import EnrolClient, Lesson
 from tactile_ros.nodes.lifecycle import data, latched
 from tactile_ros.sensors import load_sensor
 from tactile_ros.srv import ForgetContact
-from test.reference import enrolled_skin
 
 if TYPE_CHECKING:
     from collections.abc import Callable

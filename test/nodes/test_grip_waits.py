@@ -12,14 +12,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.sources import load_source
+from benchmarks.worlds import grip_waits
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-WAITS = load_source(
-    Path(__file__).parents[2] / 'benchmarks' / 'worlds' / 'grip_waits.py', 'a test'
-)
 PATIENCE_S = 20.0
 
 
@@ -45,9 +42,9 @@ def sleepers() -> Iterator[dict[str, int]]:
     deadline = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline and not (
         len(ids) == 2
-        and WAITS.LOCK in _where(ids['lock'])
-        and _where(ids['bytes']) not in WAITS.AWAKE
-        and WAITS.LOCK not in _where(ids['bytes'])
+        and grip_waits.LOCK in _where(ids['lock'])
+        and _where(ids['bytes']) not in grip_waits.AWAKE
+        and grip_waits.LOCK not in _where(ids['bytes'])
     ):
         if not Path('/proc/self/wchan').exists():
             break
@@ -62,38 +59,38 @@ def sleepers() -> Iterator[dict[str, int]]:
 
 
 def _where(thread: int) -> str:
-    return WAITS._where(Path(f'/proc/{os.getpid()}/task/{thread}/wchan'))
+    return grip_waits._where(Path(f'/proc/{os.getpid()}/task/{thread}/wchan'))
 
 
 def test_threads_asleep_are_told_apart(sleepers: dict[str, int]) -> None:
     if _where(sleepers['lock']) in ('', '0'):
         pytest.skip('this system does not tell where threads sleep')
     me = os.getpid()
-    assert WAITS.asleep(me, [sleepers['lock']], 0.05) == (1.0, 0.0)
-    assert WAITS.asleep(me, [sleepers['bytes']], 0.05) == (0.0, 1.0)
-    assert WAITS.asleep(me, list(sleepers.values()), 0.05) == (0.5, 0.5)
-    assert np.isnan(WAITS.asleep(me, [], 0.01)).all()
+    assert grip_waits.asleep(me, [sleepers['lock']], 0.05) == (1.0, 0.0)
+    assert grip_waits.asleep(me, [sleepers['bytes']], 0.05) == (0.0, 1.0)
+    assert grip_waits.asleep(me, list(sleepers.values()), 0.05) == (0.5, 0.5)
+    assert np.isnan(grip_waits.asleep(me, [], 0.01)).all()
 
 
 def test_shares_are_of_the_threads_that_read_alone() -> None:
     before = {1: (1.0, 0.1), 2: (2.0, 0.2), 3: (0.0, 0.0)}
     after = {1: (1.5, 0.2), 2: (3.0, 0.5), 3: (9.0, 9.0)}
-    waits = WAITS.waits_of([1, 2, 4], before, after, (0.25, 0.05), 2.0)
+    waits = grip_waits.waits_of([1, 2, 4], before, after, (0.25, 0.05), 2.0)
     assert (waits.ran, waits.ready) == (pytest.approx(0.375), pytest.approx(0.1))
     assert waits.tell() == (
         'the threads that read and answer, of the time: ran for 38 %, were ready without a '
         'processor for 10 %, slept until a lock was free for 25 %, slept until bytes came for 5 %'
     )
-    assert 'bytes' in WAITS.waits_of([4], before, after, (0.0, 0.0), 2.0).tell()
-    assert WAITS.waits_of([4], before, after, (np.nan, np.nan), 2.0) is None
+    assert 'bytes' in grip_waits.waits_of([4], before, after, (0.0, 0.0), 2.0).tell()
+    assert grip_waits.waits_of([4], before, after, (np.nan, np.nan), 2.0) is None
 
 
 def test_what_the_system_does_not_tell_is_not_zero() -> None:
     none = {1: (0.0, 0.0)}
-    assert WAITS.waits_of([1], none, none, WAITS.asleep(0, [1], 0.01), 1.0) is None
-    found = WAITS.waits_of([1], none, none, (0.25, 0.5), 1.0)
+    assert grip_waits.waits_of([1], none, none, grip_waits.asleep(0, [1], 0.01), 1.0) is None
+    found = grip_waits.waits_of([1], none, none, (0.25, 0.5), 1.0)
     assert found.tell() == (
         'the threads that read and answer, of the time: slept until a lock was free for 25 %, '
         'slept until bytes came for 50 %'
     )
-    assert WAITS.Waits(*[np.nan] * 4).tell() == WAITS.UNTOLD
+    assert grip_waits.Waits(*[np.nan] * 4).tell() == grip_waits.UNTOLD

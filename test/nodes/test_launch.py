@@ -12,13 +12,13 @@ from types import ModuleType, SimpleNamespace
 import pytest
 import yaml
 
+from reference.help_examples import PAGES, lines
 from tactile_ros.control import GripConfig
 from tactile_ros.nodes.contact_node import ContactOptions
 from tactile_ros.nodes.graph import Grasping, Playing, Setting, replaying
 from tactile_ros.nodes.parameters import GripOptions, Schema
 from tactile_ros.nodes.sensor_node import SensorOptions
 from tactile_ros.sensors import list_sensors, load_sensor
-from test.reference.help_examples import PAGES, lines
 
 ROOT = Path(__file__).parents[2]
 LAUNCH = 'ros2 launch tactile_ros '

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from rclpy.node import Node
 
+from reference import grip_roads
 from tactile_ros.devices.reskin_protocol import encode
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.msg import TactileContacts
 from tactile_ros.nodes import grip_node, lifecycle, stack
 from tactile_ros.nodes.lifecycle import data
@@ -73,7 +73,7 @@ def test_contacts_without_a_frame_on_the_wire(
 
 @pytest.fixture(scope='module')
 def roads() -> ModuleType:
-    return load_source(Path(__file__).parents[1] / 'reference' / 'grip_roads.py', 'a test')
+    return grip_roads
 
 
 @pytest.fixture(scope='module')

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from reference import multipole_world as world
 from tactile_ros.physics import magnetic_sheet
 from tactile_ros.physics.bonded_layer import punch_pressure
 from tactile_ros.physics.dipoles import dipole_field
@@ -18,7 +19,6 @@ from tactile_ros.physics.magnetic_sheet import (
     powers,
 )
 from tactile_ros.physics.punch_dents import PunchDents
-from test.reference import multipole_world as world
 
 
 def body(poisson: float = 0.49) -> Layer:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from reference import multipole_world as world
 from tactile_ros.physics.flat_punch import FlatPunch
 from tactile_ros.physics.layer_response import Layer
 from tactile_ros.physics.magnetic_sheet import Sheet
 from tactile_ros.physics.punch_dents import PunchDents
 from tactile_ros.physics.punched_carpet import PunchedCarpet
-from test.reference import multipole_world as world
 
 LAYER = Layer(4e-3, 69e3 / 2.98, 0.49)
 HEIGHTS = np.array([2.4e-3, 3.6e-3])

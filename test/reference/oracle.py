@@ -31,7 +31,7 @@ Sides = tuple[object, Recording, Recording]
 
 def gradiometer() -> Sides:
     """A specimen in a stray field after its calibration."""
-    from test.reference.gradiometer_world import Scene, World
+    from reference.gradiometer_world import Scene, World
 
     world = World(3)
     scene = Scene(stray=(3e-4, -2e-4, 4e-4))
@@ -40,7 +40,7 @@ def gradiometer() -> Sides:
 
 def magnet_pad() -> Sides:
     """A specimen touched within its cells, from 1.5 to 10 N."""
-    from test.reference.magnet_pad_world import PadWorld, Touches
+    from reference.magnet_pad_world import PadWorld, Touches
 
     spec = load_sensor('magnet_pad')
     config = spec.config()
@@ -55,7 +55,7 @@ def magnet_pad() -> Sides:
 
 def five_wire_skin() -> Sides:
     """A stream of presses on an uneven sheet with a film that creeps."""
-    from test.reference.five_wire_sheet import SheetWorld, pressed
+    from reference.five_wire_sheet import SheetWorld, pressed
 
     spec = load_sensor('five_wire_skin')
     config = dataclasses.replace(spec.config(), size=np.array([0.1, 0.1]))

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 from functools import lru_cache
-from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.sources import load_source
+from benchmarks.worlds import taxel_picks
+from reference import pick_world
+from reference.pick_world import Gripper, TaxelScene, TaxelSkin, even_loads, turn_between
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig, grid_positions
 from tactile_ros.types import Outline, Recording
-from test.reference import pick_world
-from test.reference.pick_world import Gripper, TaxelScene, TaxelSkin, even_loads, turn_between
 
-PICKS = Path(__file__).parents[2] / 'benchmarks' / 'worlds' / 'taxel_picks.py'
 SPEC = load_sensor('taxel_array')
 TURN = 2 * np.pi * np.arange(96) / 96
 RIM = np.column_stack([np.cos(TURN), np.sin(TURN)])
@@ -128,7 +126,7 @@ def test_rings_are_five_millimetres_wide() -> None:
 
 @pytest.fixture(scope='module')
 def bench() -> ModuleType:
-    return load_source(PICKS, 'a test')
+    return taxel_picks
 
 
 def limit(bench: ModuleType, bends: tuple[float, float], noise: float = 5e-4) -> float:

@@ -78,7 +78,7 @@ def test_the_program_of_the_page_estimates_from_its_twin(home: Path) -> None:
 
 def test_its_driver_passes_the_trials_of_faults(home: Path) -> None:
     code = f"""
-from tactile_ros.evaluation.fault_trials import Road, suffer
+from benchmarks.harness.fault_trials import Road, suffer
 from tactile_ros.sensors import load_sensor
 
 for fault in {BYTE_FAULTS!r}:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.interpolate import LinearNDInterpolator
 
+from reference import five_wire_world as grids
 from tactile_ros.estimators.potential_map import HarmonicMap
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.physics.sheet_outline import OutlineMesh, rolled, unrolled, within
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Array
@@ -20,9 +18,6 @@ PHASES = [([0, 1, 2], [float(v) for v in np.roll([1.0, 0.0, 0.5], k)]) for k in 
 CORNERS = np.array([[0.01, 0.0], [0.12, 0.01], [0.1, 0.1], [0.0, 0.08]])
 SENSOR = load_sensor('five_wire_skin')
 CONFIG = SENSOR.config(size=np.array([0.12, 0.1]), positions=np.array([[0.06, 0.05, 0.0]]))
-grids = load_source(
-    Path(__file__).parents[1] / 'reference' / 'five_wire_world.py', 'the curved panel'
-)
 
 
 class Panel:

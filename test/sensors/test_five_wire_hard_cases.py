@@ -7,18 +7,16 @@ from __future__ import annotations
 
 import dataclasses
 from functools import lru_cache
-from pathlib import Path
+from importlib import import_module
 from types import ModuleType
 
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import ContactStates, Frame, FrameStatus, Recording
 
-FOLDER = Path(__file__).parents[1] / 'reference'
 SENSOR = load_sensor('five_wire_skin')
 LAYOUT = SENSOR.layout(SENSOR.config())
 RATE_NS = 40_000_000  # of the world's frames
@@ -28,7 +26,7 @@ HELD_S, AFTER = 120.0, 250  # a hold, and frames after what went wrong in it
 @lru_cache
 def world_of(name: str) -> ModuleType:
     """Module of a world."""
-    return load_source(FOLDER / f'{name}.py', 'a test')
+    return import_module(f'reference.{name}')
 
 
 @lru_cache

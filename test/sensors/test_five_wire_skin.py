@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import time
 from functools import lru_cache
-from pathlib import Path
+from importlib import import_module
 from types import ModuleType
 
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Recording, Signals
 
-FOLDER = Path(__file__).parents[1] / 'reference'
-
 
 def world_of(name: str) -> ModuleType:
     """Module of a world."""
-    return load_source(FOLDER / f'{name}.py', 'a test')
+    return import_module(f'reference.{name}')
 
 
 reference, sheets = world_of('five_wire_world'), world_of('five_wire_sheet')

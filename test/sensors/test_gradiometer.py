@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from reference import gradiometer_world as made
 from tactile_ros.errors import NotCalibratedError
 from tactile_ros.estimators.disc_model import UniformField
 from tactile_ros.estimators.disturbance_magnet import (
@@ -23,7 +24,6 @@ from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer.temperature import ThermalMemory, lagging
 from tactile_ros.types import Frame, FrameStatus, Recording, Signals
-from test.reference import gradiometer_world as made
 
 SENSOR = load_sensor('gradiometer')
 SEED = 31

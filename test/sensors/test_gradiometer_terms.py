@@ -6,10 +6,10 @@ import dataclasses
 
 import numpy as np
 
+from reference import gradiometer_world as made
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer.field_change import MOST_MARGIN, margins
 from tactile_ros.types import Recording, Signals
-from test.reference import gradiometer_world as made
 
 SENSOR = load_sensor('gradiometer')
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from reference import gradiometer_world as made
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer.target import bent, ends, grown
 from tactile_ros.sensors.gradiometer.temperature import (
@@ -20,7 +21,6 @@ from tactile_ros.sensors.gradiometer.temperature import (
     wandering,
 )
 from tactile_ros.types import FrameStatus, Recording, Signals
-from test.reference import gradiometer_world as made
 
 if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pytest
 
+from reference import gradiometer_world as made
 from tactile_ros.calibration import read, write
 from tactile_ros.errors import CalibrationError
 from tactile_ros.pipeline import Pipeline
@@ -20,7 +21,6 @@ from tactile_ros.sensors.gradiometer.temperature import (
     thermometer_noise,
 )
 from tactile_ros.types import Recording, Signals
-from test.reference import gradiometer_world as made
 
 if TYPE_CHECKING:
     from pathlib import Path

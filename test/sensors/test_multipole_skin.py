@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from reference import multipole_world as world
 from tactile_ros.enrolment import Allowed, learn
 from tactile_ros.estimators.few_shot import PressVectors, press_vector, press_vectors
 from tactile_ros.physics import compiled
@@ -18,7 +19,6 @@ from tactile_ros.sensors.multipole_skin.estimation import WindowMemory, find_win
 from tactile_ros.sensors.multipole_skin.press_fit import _stated
 from tactile_ros.sensors.multipole_skin.recogniser import witnesses
 from tactile_ros.types import Frame, Outline, Recording, Signals
-from test.reference import multipole_world as world
 
 if TYPE_CHECKING:
     from pathlib import Path

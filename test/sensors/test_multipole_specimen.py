@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from reference import multipole_world as world
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin import specimen
 from tactile_ros.sensors.multipole_skin.press_fit import drawn_skin
 from tactile_ros.sensors.multipole_skin.specimen import NONE, Flaws, Specimen, snr
 from tactile_ros.sensors.multipole_skin.twin import NOISE
-from test.reference import multipole_world as world
 
 CONFIG = load_sensor('multipole_skin').config()
 WHOLE = Specimen(CONFIG, NONE)  # type: ignore[arg-type]

@@ -5,12 +5,11 @@ from __future__ import annotations
 import copy
 import dataclasses
 from functools import lru_cache
-from pathlib import Path
+from importlib import import_module
 
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.magnet_pad.covariance import KIND, LoadReach, growth
@@ -18,8 +17,7 @@ from tactile_ros.sensors.magnet_pad.nominal_estimator import Unfelt
 from tactile_ros.types import ContactStates, FrameStatus, Recording
 
 pytest.importorskip('magpylib')
-FILE = Path(__file__).parents[1] / 'reference' / 'magnet_pad_world.py'
-reference = load_source(FILE, 'a test')
+reference = import_module('reference.magnet_pad_world')
 SPEC = load_sensor('magnet_pad')
 CONFIG = SPEC.config()
 REST, TABLE = 60, 'table_gauss_newton'

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.coverage import WITHIN, Coverage, coverage_by_thirds
-from tactile_ros.evaluation.sources import load_source
+from tactile_ros.evaluation.metrics import WITHIN, Coverage, coverage_by_thirds
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.magnet_pad.covariance import KIND, LEANS
@@ -18,8 +18,7 @@ from tactile_ros.sensors.magnet_pad.nominal_estimator import NominalPad
 from tactile_ros.types import ContactStates, FrameStatus, Recording
 
 pytest.importorskip('magpylib')
-FILE = Path(__file__).parents[1] / 'reference' / 'magnet_pad_world.py'
-reference = load_source(FILE, 'a test')
+reference = import_module('reference.magnet_pad_world')
 SPEC = load_sensor('magnet_pad')
 CONFIG = SPEC.config()
 LAYOUT = SPEC.layout(CONFIG)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tactile_ros.cli.calibrate import sentences
-from tactile_ros.evaluation.sources import load_source
 from tactile_ros.nodes.contact_loop import ContactStage
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
 from tactile_ros.pipeline import Pipeline
@@ -18,8 +18,7 @@ from tactile_ros.sensors.magnet_pad.temperature import UNSURE, Warmth
 from tactile_ros.types import ContactStates, Frame, Recording, TaxelStatus
 
 pytest.importorskip('magpylib')
-FILE = Path(__file__).parents[1] / 'reference' / 'magnet_pad_world.py'
-reference = load_source(FILE, 'a test')
+reference = import_module('reference.magnet_pad_world')
 SPEC = load_sensor('magnet_pad')
 CONFIG = SPEC.config()
 LAYOUT = SPEC.layout(CONFIG)

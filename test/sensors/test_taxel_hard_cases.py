@@ -10,12 +10,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from reference.pick_world import turn_between
 from tactile_ros.physics.parts import part_pressure, washer
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig, grid_positions
 from tactile_ros.types import Frame, FrameStatus, Outline, Recording
-from test.reference.pick_world import turn_between
 
 SPEC = load_sensor('taxel_array')
 ROWS, COLUMNS, PITCH = 16, 18, 2e-3

@@ -8,10 +8,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from reference.pick_world import TaxelScene, TaxelSkin, even_loads
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.taxel_array.config import grid_positions, radial_positions, sectors
 from tactile_ros.types import Recording
-from test.reference.pick_world import TaxelScene, TaxelSkin, even_loads
 
 SPEC = load_sensor('taxel_array')
 PITCH, FRAMES = 2e-3, 40

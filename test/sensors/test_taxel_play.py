@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.sources import load_source
+from reference import taxel_world
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import ContactStates, Recording
 
-WORLD = load_source(Path(__file__).parents[1] / 'reference' / 'taxel_world.py', 'a test')
 SPEC = load_sensor('taxel_array')
 RATES = (20.0, 100.0, 2000.0)
 TOP, PLAY, TAXELS = 3.0, 0.02, 4
 UNEVEN = np.array([1.0, 0.7, 0.4, 0.15])  # of the largest load: other levels of a law
-ARRAY = WORLD.radial((8e-3, 25e-3), (TAXELS,))
+ARRAY = taxel_world.radial((8e-3, 25e-3), (TAXELS,))
 
 
 def presses(seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -37,11 +35,12 @@ def recorded(rate: float, seed: int, count: int, shares: np.ndarray) -> Recordin
     corners, loads = presses(seed, count)
     time = np.arange(round(corners[-1] * rate)) / rate
     force = np.interp(time, corners, loads)[:, None] * shares
-    skin = WORLD.Skin(7, TAXELS, 1.5, play=PLAY, bits=14)
+    skin = taxel_world.Skin(7, TAXELS, 1.5, play=PLAY, bits=14)
     values = skin.read(force, np.random.default_rng(seed))
     truth = {'taxel_force': force, 'in_contact': (force[:, 0] > 0).astype(np.int8)}
     return Recording.from_arrays(
-        SPEC.layout(WORLD.config(ARRAY)), values, stamp_ns=np.round(1e9 * time).astype(np.int64),
+        SPEC.layout(taxel_world.config(ARRAY)), values,
+        stamp_ns=np.round(1e9 * time).astype(np.int64),
         stream=np.zeros(len(time), int), tare=time < 0.5, truth=truth,
     )  # fmt: skip
 
@@ -49,7 +48,7 @@ def recorded(rate: float, seed: int, count: int, shares: np.ndarray) -> Recordin
 @lru_cache
 def told(rate: float) -> tuple[Pipeline, ContactStates, Recording]:
     """Pipeline that learned at a rate, and what it says of other presses read at that rate."""
-    pipeline = SPEC.pipeline(WORLD.config(ARRAY)).fit(recorded(rate, 1, 8, np.ones(TAXELS)))
+    pipeline = SPEC.pipeline(taxel_world.config(ARRAY)).fit(recorded(rate, 1, 8, np.ones(TAXELS)))
     asked = recorded(rate, 2, 3, UNEVEN)
     return pipeline, pipeline.process_batch(asked), asked
 

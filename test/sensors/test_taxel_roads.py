@@ -7,12 +7,12 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from reference import pick_world
+from reference.pick_world import TaxelScene, TaxelSkin, even_loads
 from tactile_ros.physics import compiled
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import STATE_FIELDS, ContactStates, Frame, Recording
-from test.reference import pick_world
-from test.reference.pick_world import TaxelScene, TaxelSkin, even_loads
 
 SPEC = load_sensor('taxel_array')
 CONFIG = pick_world.magnet_gripper()

@@ -4,25 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 from functools import lru_cache
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.sources import load_source
+from reference import taxel_world
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame, Recording, TaxelStatus
 
-PATH = Path(__file__).parents[1] / 'reference' / 'taxel_world.py'
 SPEC = load_sensor('taxel_array')
 TOP, RATE = 3.0, 20.0
 
 
 @lru_cache
 def world() -> ModuleType:
-    return load_source(PATH, 'a test')
+    return taxel_world
 
 
 @lru_cache

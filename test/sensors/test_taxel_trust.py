@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.sources import load_source
+from benchmarks.worlds import taxel_trust
 
-TRUST = Path(__file__).parents[2] / 'benchmarks' / 'worlds' / 'taxel_trust.py'
 COMPONENTS = ('x', 'y', 'turn', 'total force')
 
 
 @lru_cache
 def gathered() -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    found: dict[str, tuple[np.ndarray, np.ndarray]] = load_source(TRUST, 'a test').gathered(30)
+    found: dict[str, tuple[np.ndarray, np.ndarray]] = taxel_trust.gathered(30)
     return found
 
 

@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.array_figures import (
+from benchmarks.harness.plots import (
     costs,
     curves,
     edges_of,
@@ -15,7 +15,7 @@ from tactile_ros.evaluation.array_figures import (
     placed,
     taxel_corners,
 )
-from test.reference import pick_world
+from reference import pick_world
 
 
 def paths(svg: str, kind: str) -> list[str]:

@@ -3,9 +3,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from tactile_ros.evaluation.bench_files import BenchFile
-from tactile_ros.evaluation.benchmark import BenchResult, Row
-from tactile_ros.evaluation.summary_table import COLUMNS, HEADLINES, markdown
+from benchmarks.harness.package_page import HEADLINES, SUMMARY_COLUMNS, markdown
+from benchmarks.harness.rows import BenchFile, BenchResult, Row
 
 README = Path(__file__).parents[2] / 'README.md'
 
@@ -33,7 +32,7 @@ def test_rows_are_found_by_their_beginnings_and_misses_are_marked() -> None:
 def test_the_table_of_the_readme_is_this_one() -> None:
     table = re.findall(r'^\| .* \|$', README.read_text().split('## Results')[1], re.MULTILINE)
     rows = [cells(line) for line in table]
-    assert rows[0] == list(COLUMNS)
+    assert rows[0] == list(SUMMARY_COLUMNS)
     assert [(row[0], row[1]) for row in rows[2:]] == [(h.of, h.words) for h in HEADLINES]
     for row in rows[2:]:
         ours = float(row[5].split('**')[1].replace(',', '').replace('−', '-'))

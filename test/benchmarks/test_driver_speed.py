@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from tactile_ros.evaluation.driver_speed import bus_rows, decoding_rows, memory_rows, resident_kib
+from benchmarks.harness.driver_speed import bus_rows, decoding_rows, memory_rows, resident_kib
 
 
 def test_twenty_chips_use_the_bus() -> None:

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.harness.fuzz import PIECE, cut
+from benchmarks.harness.rows import Row, shortest
 from tactile_ros.devices import framed_protocol, reskin_protocol
 from tactile_ros.devices.framed_protocol import (
     FramedDecoder,
@@ -25,8 +27,6 @@ from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings, Decoder, clust
 from tactile_ros.devices.reskin_protocol import ReskinDecoder
 from tactile_ros.devices.simulated_i2c import ChipArrayTwin
 from tactile_ros.devices.timestamps import VirtualClock
-from tactile_ros.evaluation.benchmark import Row, shortest
-from tactile_ros.evaluation.hostile_bytes import PIECE, cut
 from tactile_ros.types import Layout
 
 if TYPE_CHECKING:

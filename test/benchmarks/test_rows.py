@@ -7,7 +7,7 @@ from itertools import count
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.benchmark import within
+from benchmarks.harness.rows import within
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.harness.fuzz import suffer_answers
 from tactile_ros.devices import fault_flags
-from tactile_ros.evaluation.hostile_chips import suffer_answers
 from tactile_ros.types import TaxelStatus
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from benchmarks.harness.fuzz import BoardSubject, FramedSubject, suffer_bytes
 from tactile_ros.devices import framed_protocol
 from tactile_ros.devices.framed_protocol import three_axis_chips
-from tactile_ros.evaluation.hostile_bytes import BoardSubject, FramedSubject, suffer_bytes
 
 
 def test_a_framed_decoder_delivers_nothing_wrong() -> None:

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from tactile_ros.evaluation.pad_figures import drawings
+from benchmarks.harness.plots import drawings
 
 
 def test_every_plot_is_an_svg() -> None:

@@ -12,16 +12,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from benchmarks.harness.package_page import (
+    Method,
+    contests,
+    front,
+    headline,
+    pareto,
+    render_package,
+    strip,
+)
+from benchmarks.harness.rows import BenchFile, BenchResult, Row, gather, read_bench
 from tactile_ros.cli.main import main
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.evaluation import browser
-from tactile_ros.evaluation.bench_files import BenchFile, gather, read_bench
-from tactile_ros.evaluation.benchmark import BenchResult, Row
 from tactile_ros.evaluation.drawing import standalone
-from tactile_ros.evaluation.package_report import headline, render_package
-from tactile_ros.evaluation.pareto import Method, contests, front, pareto
 from tactile_ros.evaluation.pictures import figure_page, write_figures
-from tactile_ros.evaluation.seed_strip import strip
 from tactile_ros.evaluation.svg import Plot
 
 if TYPE_CHECKING:

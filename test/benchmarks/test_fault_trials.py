@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.fault_trials import RATE_HZ, Road, suffer, telling, usable, ways
+from benchmarks.harness.fault_trials import RATE_HZ, Road, suffer, telling, usable, ways
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame, TaxelStatus
 

@@ -1,0 +1,1 @@
+"""Benches: figures beside those of the papers, of peers, of bounds and aims."""

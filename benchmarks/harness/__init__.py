@@ -1,0 +1,1 @@
+"""Tooling of the benches: rows, faults, fuzz tests, drawings and the page of all results."""
