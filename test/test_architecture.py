@@ -107,11 +107,6 @@ def test_names_sizes_and_purity(path: Path) -> None:
         assert not used & {'time', 'random', 'datetime'}, f'{inside} reads a clock or chance'
 
 
-def test_sources_that_are_loaded_by_path_have_names_of_their_own() -> None:
-    stems = [path.stem for path in (*BENCHES, *(ROOT / 'test' / 'reference').glob('*.py'))]
-    assert len(stems) == len({*stems})
-
-
 def test_nothing_unpickles() -> None:
     for path in SOURCES:
         names = {name.split('.')[0] for name, _ in imports_of(path)}
