@@ -17,9 +17,8 @@ import numpy as np
 from benchmarks.harness.rows import BenchResult, Row
 from tactile_ros.evaluation.drawing import standalone
 from tactile_ros.evaluation.svg import Plot
-from tactile_ros.physics.fidelity import SHARE, Choice, Model, choose, region
-from tactile_ros.physics.grid_table import GridTable
-from tactile_ros.physics.scene_terms import Worth
+from tactile_ros.physics.fidelity import SHARE, Choice, Model, Worth, choose, region
+from tactile_ros.physics.field_table import GridTable
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer import twin as gradiometer
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig

@@ -14,7 +14,13 @@ import numpy.typing as npt
 
 from tactile_ros import calibration
 from tactile_ros.calibration import flatten, write
-from tactile_ros.conditioning.baseline import BaselineTracker, Tracking, stream_baselines
+from tactile_ros.conditioning.baseline import (
+    BaselineTracker,
+    Rest,
+    Stream,
+    Tracking,
+    stream_baselines,
+)
 from tactile_ros.conditioning.faults import (
     dead_throughout,
     frame_faults,
@@ -24,8 +30,6 @@ from tactile_ros.conditioning.faults import (
     usable_readings,
     usable_rows,
 )
-from tactile_ros.conditioning.rest import Rest
-from tactile_ros.conditioning.stream import Stream
 from tactile_ros.errors import CalibrationError
 from tactile_ros.types import (
     STATE_FIELDS,
@@ -134,7 +138,7 @@ def conditioned(
         Of all frames.
     """
     usable, bits, chips = read
-    (base, warmth), doubt = rest.parted(levels[0]), levels[1]
+    (base, warmth), doubt = rest.split(levels[0]), levels[1]
     delta = usable - base if rest.tared else usable
     if warmth is not None and rest.tared:
         delta = delta - estimation.warmed(base, warmth, chips)  # type: ignore[attr-defined]
@@ -403,7 +407,7 @@ class Pipeline:
         """
         refuse_tare(self.sensor, self.layout, self.rest_.tared, frames)
         rows = [frame_readings(frame, self.layout, self.estimation) for frame in frames]
-        beside = [self.rest_.beside(usable, chips) for usable, _, chips in rows]
+        beside = [self.rest_.with_temperature(usable, chips) for usable, _, chips in rows]
         self.rest_ = self.rest_.tared_by(np.concatenate(beside))
         counts = [frame.averaged for frame in frames]
         self.tare_frames = sum(counts) if all(counts) else 0
@@ -412,13 +416,13 @@ class Pipeline:
     @property
     def baseline(self) -> Array:
         """Baseline in use now, shape (t, c); NaN: none yet, or dead in the fit."""
-        level, dead = self.rest_.parted(self.stream.tracker.baseline)[0], self.rest_.dead
+        level, dead = self.rest_.split(self.stream.tracker.baseline)[0], self.rest_.dead
         return level.copy() if dead is None else np.where(dead[:, None], np.nan, level)
 
     @property
     def baseline_temperature_c(self) -> Array | None:
         """What chips (t,) told with the baseline, NaN: nothing; None: it is not heeded."""
-        return self.rest_.parted(self.stream.tracker.baseline.copy())[1]
+        return self.rest_.split(self.stream.tracker.baseline.copy())[1]
 
     def process(self, frame: Frame) -> ContactState:
         """Estimate from the next frame of the stream.
@@ -469,7 +473,7 @@ class Pipeline:
         if self.stream.is_over(stamp_ns):
             self.reset()
         restart = self.stream.admit(stamp_ns, len(bits))
-        levels = self.stream.tracker.follow(self.rest_.beside(usable, chips), stamp_ns)
+        levels = self.stream.tracker.follow(self.rest_.with_temperature(usable, chips), stamp_ns)
         read, when = (usable, bits, chips), (stamp_ns, restart)
         signals = conditioned(self.rest_, self.estimation, read, when, levels)
         return self._estimate(signals, bits, self.stream)
@@ -505,7 +509,7 @@ class Pipeline:
         """Conditioned frames of a recording."""
         start = self.rest_.level, self._tracking(), self.rest_.dead, self._tare_variance
         read = usable, bits, recording.temperature_c
-        beside = self.rest_.beside(usable, recording.temperature_c)
+        beside = self.rest_.with_temperature(usable, recording.temperature_c)
         base, doubt, restart, tare = stream_baselines(recording, beside, *start)
         known = read, (recording.stamp_ns, restart), (base, doubt), tare
         signals = conditioned(self.rest_, self.estimation, *known)

@@ -13,7 +13,7 @@ from tactile_ros.estimators.potential_map import HarmonicMap
 from tactile_ros.estimators.rbf_force import ThinPlate
 from tactile_ros.evaluation.drawing import standalone
 from tactile_ros.evaluation.svg import Plot
-from tactile_ros.physics.resistive import linear_place, sheet_potential
+from tactile_ros.physics.resistive_sheet import linear_place, sheet_potential
 
 if TYPE_CHECKING:
     from types import ModuleType

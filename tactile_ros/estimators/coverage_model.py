@@ -9,8 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.physics.compiled import available, compiled
-from tactile_ros.physics.coverage import CoverageTable, RadialTable, symmetry, taxel_points
-from tactile_ros.physics.tubes import HALF_SPACE, contact_profile, nearest_axis
+from tactile_ros.physics.coverage import (
+    HALF_SPACE,
+    CoverageTable,
+    RadialTable,
+    contact_profile,
+    nearest_axis,
+    symmetry,
+    taxel_points,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from tactile_ros.estimators.polynomial_ridge import times
-from tactile_ros.physics.disc_table import COLUMNS, ROWS, disc_table, reach_under, table_disc
+from tactile_ros.physics.field_table import COLUMNS, ROWS, disc_table, reach_under, table_disc
 from tactile_ros.types import Array, Integers
 
 ENTRY = 0.01  # what the config is uncertain by, of gains and crossed axes

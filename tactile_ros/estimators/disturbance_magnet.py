@@ -18,7 +18,7 @@ from tactile_ros.estimators.covariance import CalibratedCovariance
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge, product_rows, spread
 from tactile_ros.estimators.regression import group_folds
 from tactile_ros.physics.compiled import available, compiled
-from tactile_ros.physics.dipoles import dipole_field
+from tactile_ros.physics.magnetics import dipole_field
 from tactile_ros.types import Array, Bools, Integers
 
 INEXACT = 0.05  # of what a magnet does: slopes differ from place to place, and bend

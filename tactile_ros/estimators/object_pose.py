@@ -30,7 +30,7 @@ from tactile_ros.estimators.coverage_model import (
 from tactile_ros.estimators.coverage_templates import FEW_TAXELS, CoverageTemplates
 from tactile_ros.estimators.place_descent import covariance_of, descend_places
 from tactile_ros.physics.compiled import available
-from tactile_ros.physics.tubes import HALF_SPACE, SPRINGS
+from tactile_ros.physics.coverage import HALF_SPACE, SPRINGS
 from tactile_ros.types import Array, Bools, Integers
 
 if TYPE_CHECKING:

@@ -32,7 +32,7 @@ from tactile_ros.estimators.smooth_fields import (
     steady_places,
 )
 from tactile_ros.physics.compiled import available
-from tactile_ros.physics.resistive import SeriesResistance
+from tactile_ros.physics.resistive_sheet import SeriesResistance
 from tactile_ros.types import Array, Integers
 
 BEYOND = 0.15  # of the range of the logarithm, in which the curve goes on

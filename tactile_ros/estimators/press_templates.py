@@ -12,8 +12,8 @@ from scipy import fft
 
 from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.coverage import symmetry
-from tactile_ros.physics.magnetic_sheet import moved_dipole_series, powers
-from tactile_ros.physics.punch_dents import PunchDents
+from tactile_ros.physics.elastomer import PunchDents
+from tactile_ros.physics.magnet_sheet import moved_dipole_series, powers
 
 if TYPE_CHECKING:
     Singles = npt.NDArray[np.float32]
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from tactile_ros.physics.magnetic_sheet import Sheet
+    from tactile_ros.physics.magnet_sheet import Sheet
     from tactile_ros.types import Array, Bools, Integers, Outline
 
 COARSE = (3, 1)  # cells from place to place along x and y, across which bands change

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.estimators.press_templates import PressBank
-from tactile_ros.physics.layer_response import Layer
-from tactile_ros.physics.magnetic_sheet import Sheet
-from tactile_ros.physics.punch_dents import PunchDents
+from tactile_ros.physics.elastomer import Layer, PunchDents
+from tactile_ros.physics.magnet_sheet import Sheet
 from tactile_ros.types import Array, Outline
 
 if TYPE_CHECKING:

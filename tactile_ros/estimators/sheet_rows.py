@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from tactile_ros.physics.compiled import compiled
-from tactile_ros.physics.resistive import LEAST_LOG, NEAREST
+from tactile_ros.physics.resistive_sheet import LEAST_LOG, NEAREST
 from tactile_ros.types import Array
 
 

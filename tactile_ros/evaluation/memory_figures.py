@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.conditioning.turns import dead_band, last_turns
+from tactile_ros.conditioning.loading_direction import dead_band, loading_signs
 from tactile_ros.evaluation.figure import Figure, title_of
 from tactile_ros.evaluation.svg import Plot
 from tactile_ros.types import Array, Bools
@@ -61,7 +61,7 @@ def _directions(target: TargetErrors, time: Array) -> tuple[Bools, Bools]:
     force, step = target.truth[:, :1], np.diff(time)
     usual = float(np.nanmedian(step[step > 0])) if (step > 0).any() else 0.0
     anew = np.concatenate([[True], ~((step > 0) & (step < PAUSE * usual))])
-    way, band = last_turns(force, anew)[:, 0], dead_band(force)[0]
+    way, band = loading_signs(force, anew)[:, 0], dead_band(force)[0]
     begins = anew | (np.diff(way, prepend=0.0) != 0)
     run, first = np.cumsum(begins) - 1, np.flatnonzero(begins)
     high = np.fmax.reduceat(force[:, 0], first)[run]

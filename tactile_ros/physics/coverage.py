@@ -11,10 +11,304 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.types import Array, Integers, Outline
+from tactile_ros.types import Array, Bools, Integers, Outline
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+
+def inside(loops: Sequence[Array], points: Array) -> Bools:
+    """Points (n, 2) that an odd number of edges of the loops lies to the right of.
+
+    Examples
+    --------
+    >>> square = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+    >>> inside([square], np.array([[0.5, 0.5], [1.5, 0.5]])).tolist()
+    [True, False]
+    """
+    odd = np.zeros(len(points), bool)
+    x, y = points[:, :1], points[:, 1:]
+    for loop in loops:
+        (x0, y0), (x1, y1) = loop.T, np.roll(loop, -1, axis=0).T
+        spans = (y0 > y) != (y1 > y)
+        rise = np.where(y1 == y0, 1.0, y1 - y0)
+        crossing = spans & (x < x0 + (y - y0) * (x1 - x0) / rise)
+        odd ^= crossing.sum(axis=1) % 2 == 1
+    return odd
+
+
+def grid_inside(loops: Sequence[Array], pitch: float) -> Array:
+    """Points (n, 2) of a square grid that lie inside; n times pitch squared is the area.
+
+    Examples
+    --------
+    >>> square = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+    >>> len(grid_inside([square], 0.1))
+    100
+    """
+    corners = np.concatenate(list(loops))
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    x, y = (np.arange(low[i] + pitch / 2, high[i], pitch) for i in (0, 1))
+    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    return grid[inside(loops, grid)]
+
+
+SUNK = 0.5  # of a tube's radius: half the width of its contact
+
+
+def part_pressure(part: Outline, points: Array) -> Array:
+    """Pressure of a part at points of its own frame, 1 at most.
+
+    Parameters
+    ----------
+    part : Outline
+        Flat, or an angle tube of a radius `thickness`.
+    points : ndarray, shape (n, 2)
+        In the part's frame (m).
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Even under a flat part; under a tube what a circle sinks in below its chord.
+
+    Examples
+    --------
+    >>> square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
+    >>> part_pressure(Outline('square', (square,)), np.array([[0.0, 0.0], [2.0, 0.0]])).tolist()
+    [1.0, 0.0]
+    """
+    if part.bend is None:
+        return inside(part.loops, points).astype(np.float64)
+    x, y = points.T
+    radius = float(part.thickness or 0.0)
+    chord = np.sqrt(1 - SUNK**2) * radius
+    found = np.zeros(len(x))
+    for turn in (0.0, part.bend):
+        along = np.cos(turn) * x + np.sin(turn) * y
+        across = np.cos(turn) * y - np.sin(turn) * x
+        depth = np.sqrt(np.maximum(radius**2 - across**2, 0.0)) - chord
+        there = (along > 0) & (depth > 0)
+        found = np.maximum(found, np.where(there, depth / (radius - chord), 0.0))
+    return found
+
+
+def washer(name: str, outer: float, inner: float, corners: int = 96) -> Outline:
+    """Outline of a washer of two radii (m)."""
+    turn = 2 * np.pi * np.arange(corners) / corners
+    rim = np.column_stack([np.cos(turn), np.sin(turn)])
+    return Outline(name, (outer * rim, (inner * rim)[::-1]))
+
+
+def read_parts(text: str) -> tuple[Outline, ...]:
+    """Parts of a text.
+
+    Parameters
+    ----------
+    text : str
+        Parts apart by semicolons: `washer OUTER INNER` (radii in mm), `tube BEND RADIUS` (degrees
+        and mm), `polygon X Y X Y ...` (corners in mm, counter-clockwise). Empty: none.
+
+    Returns
+    -------
+    tuple of Outline
+        Named by their text.
+
+    Raises
+    ------
+    ValueError
+        If a part cannot be read.
+
+    Examples
+    --------
+    >>> [part.name for part in read_parts('washer 16 8; tube 90 9')]
+    ['washer_16_8', 'tube_90_9']
+    """
+    return tuple(_part(words.split()) for words in text.split(';') if words.strip())
+
+
+def _part(words: list[str]) -> Outline:
+    """One part of its words."""
+    name = '_'.join(words)
+    try:
+        sizes = [float(word) for word in words[1:]]
+        if words[0] == 'washer' and len(sizes) == 2 and sizes[0] > sizes[1] > 0:
+            return washer(name, 1e-3 * sizes[0], 1e-3 * sizes[1])
+        if words[0] == 'tube' and len(sizes) == 2 and sizes[1] > 0:
+            return Outline(name, (), 1e-3 * sizes[1], float(np.deg2rad(sizes[0])))
+        if words[0] == 'polygon' and len(sizes) >= 6 and len(sizes) % 2 == 0:
+            return Outline(words[0], (1e-3 * np.reshape(sizes, (-1, 2)),))
+    except ValueError as err:
+        msg = f'parts must be numbers after their kind; received {" ".join(words)!r}'
+        raise ValueError(msg) from err
+    msg = (
+        'parts must be "washer OUTER INNER", "tube BEND RADIUS" or "polygon X Y X Y X Y ..." in '
+        f'mm and degrees, apart by semicolons; received {" ".join(words)!r}'
+    )
+    raise ValueError(msg)
+
+
+PROFILES = ('strip', 'half-space', 'springs')
+STRIP, HALF_SPACE, SPRINGS = range(3)
+
+
+def nearest_axis(u: Array, v: Array, bend: float) -> tuple[Array, Array, Array]:
+    """Distance of points from the nearer half-axis, and the direction away from it.
+
+    Parameters
+    ----------
+    u, v : ndarray, shape (...)
+        Points in the tube's frame, one axis along +u (m).
+    bend : float
+        Of the other axis (rad).
+
+    Returns
+    -------
+    distance, across_u, across_v : ndarray, shape (...)
+        Distance (m), and the unit vector from the axis to the point.
+
+    Examples
+    --------
+    >>> distance, _, across = nearest_axis(np.array([2.0]), np.array([-0.5]), np.pi / 2)
+    >>> float(distance[0]), float(across[0])
+    (0.5, -1.0)
+    """
+    cos, sin = np.cos(bend), np.sin(bend)
+    along = np.maximum(cos * u + sin * v, 0.0)
+    first_u = u - np.maximum(u, 0.0)
+    other_u, other_v = u - cos * along, v - sin * along
+    first = first_u**2 + v**2
+    other = other_u**2 + other_v**2
+    nearer = first <= other
+    across_u, across_v = np.where(nearer, first_u, other_u), np.where(nearer, v, other_v)
+    distance = np.sqrt(np.minimum(first, other)) + 1e-12
+    return distance, across_u / distance, across_v / distance
+
+
+def contact_profile(
+    distance: Array, half_width: Array, blur: float, profile: int, radius: float
+) -> tuple[Array, Array, Array]:
+    """Mean pressure, 1 at most without blur, across a line of contact.
+
+    Parameters
+    ----------
+    distance : ndarray, shape (...)
+        From the axis (m).
+    half_width : ndarray, shape (...)
+        Of the contact, below the radius (m).
+    blur : float
+        Half the way across the axis that the mean is taken over (m).
+    profile : int
+        Index into `PROFILES`.
+    radius : float
+        Of the cylinder (m).
+
+    Returns
+    -------
+    value, by_distance, by_width : ndarray, shape (...)
+        Mean, and its slopes (1/m).
+
+    Examples
+    --------
+    >>> contact_profile(np.array([0.0, 3.0]), np.array([2.0]), 0.5, 0, 4.0)[0].tolist()
+    [1.0, 0.0]
+    """
+    whole = _springs if profile == SPRINGS else _strip if profile == STRIP else _half_space
+    above, here, rise = whole(distance + blur, half_width, radius)
+    below, there, fall = whole(distance - blur, half_width, radius)
+    per = 0.5 / blur
+    return per * (above - below), per * (here - there), per * (rise - fall)
+
+
+def _strip(z: Array, w: Array, radius: float) -> tuple[Array, Array, Array]:
+    """Integral of the profile from 0 to z, the profile, and the integral's slope with w."""
+    inner = np.minimum(np.maximum(z, -w), w)
+    inside = inner == z
+    return inner, inside * 1.0, np.where(inside, 0.0, np.sign(inner))
+
+
+def _half_space(z: Array, w: Array, radius: float) -> tuple[Array, Array, Array]:
+    """As of `_strip`: the square root of 1 - z^2 / w^2."""
+    q = np.minimum(np.maximum(z / w, -1.0), 1.0)
+    root = np.sqrt(1.0 - q * q)
+    arc = np.arcsin(q)
+    return 0.5 * w * (q * root + arc), root, 0.5 * (arc - q * root)
+
+
+def _springs(z: Array, w: Array, radius: float) -> tuple[Array, Array, Array]:
+    """As of `_strip`: how deep a circle lies under its chord, in parts of the deepest."""
+    inner = np.minimum(np.maximum(z, -w), w)
+    chord = np.sqrt(radius**2 - w * w)
+    root = np.sqrt(radius**2 - inner * inner)
+    deepest = radius - chord
+    area = 0.5 * (inner * root + radius**2 * np.arcsin(inner / radius)) - inner * chord
+    rise = w / chord
+    return area / deepest, (root - chord) / deepest, (inner - area / deepest) * rise / deepest
+
+
+LEAST = 0.05  # of a taxel's whole output: no correction is larger than its inverse
+
+
+def area_current(area: Array, law: Array) -> Array:
+    """Current at an area, p1 + p2 A + p3 exp(-A / p4).
+
+    Parameters
+    ----------
+    area : ndarray
+        Pressed (m2).
+    law : ndarray, shape (4,)
+        p1, p2 (1 / m2), p3 and p4 (m2); the unit of p1 and p3 is that of the current.
+
+    Returns
+    -------
+    ndarray
+        Of the shape of `area`.
+
+    Notes
+    -----
+    [4] Eq. (2).
+
+    Examples
+    --------
+    >>> float(area_current(np.array(0.0), np.array([1.0, 0.0, -1.0, 1e-5])))
+    0.0
+    """
+    p1, p2, p3, p4 = law
+    return np.asarray(p1 + p2 * area + p3 * np.exp(-area / p4))
+
+
+def law_of_response(gain: float, t1: float, ti: float, td: float) -> Array:
+    """p1..p4 of the step response K (1 + (t - T1)/TI + (TD/T1 + T1/TI - 1) exp(-t/T1)).
+
+    Notes
+    -----
+    [4] Eq. (1) with the area for the time: T1, TI and TD are areas (m2).
+    """
+    return np.array([gain * (1 - t1 / ti), gain / ti, gain * (td / t1 + t1 / ti - 1), t1])
+
+
+def area_share(area: Array, whole: Array, law: Array) -> Array:
+    """Output of taxels of which only a part is pressed, over that of the whole at the same load.
+
+    Parameters
+    ----------
+    area, whole : ndarray, shape (..., t) and (t,)
+        Pressed, and of the taxels (m2).
+    law : ndarray, shape (4,)
+        As in `area_current`.
+
+    Returns
+    -------
+    ndarray, shape (..., t)
+        At least 0.05: less says nothing about the load.
+
+    Examples
+    --------
+    >>> area_share(np.array([1e-5]), np.array([2e-5]), np.array([0.0, 1.0, 0.0, 1.0])).tolist()
+    [0.5]
+    """
+    part = np.clip(area, 0.0, whole)
+    return np.asarray(np.maximum(area_current(part, law) / area_current(whole, law), LEAST))
+
 
 NODES = 280  # of the longer side of a table
 TURNS = (0.71, 1.37, 2.29)  # no symmetry of a polygon of few corners

@@ -9,10 +9,129 @@ away, where closed forms cancel, that of a dipole.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from tactile_ros.physics.dipoles import dipole_field, magnet_moment
+from tactile_ros.physics.fidelity import DIPOLE_COST, DISC_COST, Model
 from tactile_ros.types import Array
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+VACUUM_PERMEABILITY = 4e-7 * np.pi  # T m / A
+SCALE = VACUUM_PERMEABILITY / (4 * np.pi)
+
+
+def magnet_moment(remanence: float, volume: float) -> float:
+    """Moment of a magnet (A m2) from its remanence (T) and volume (m3).
+
+    Examples
+    --------
+    >>> round(1e3 * magnet_moment(1.4, 4e-9), 2)
+    4.46
+    """
+    return remanence * volume / VACUUM_PERMEABILITY
+
+
+def dipole_field(points: Array, places: Array, moments: Array) -> Array:
+    """Sum of the fields of dipoles.
+
+    Parameters
+    ----------
+    points : ndarray, shape (..., t, 3)
+        Where the field is wanted (m).
+    places : ndarray, shape (..., m, 3)
+        Where the dipoles are (m); not at a point.
+    moments : ndarray, shape (..., m, 3)
+        Their moments (A m2).
+
+    Returns
+    -------
+    ndarray, shape (..., t, 3)
+        Flux density (T).
+
+    Examples
+    --------
+    >>> up = np.array([[0.0, 0.0, 1.0]])
+    >>> near, far = (dipole_field(x * up, 0 * up, up)[0, 2] for x in (0.1, 0.2))
+    >>> round(float(near / far), 9)
+    8.0
+    """
+    r = points[..., :, None, :] - places[..., None, :, :]
+    moment = moments[..., None, :, :]
+    near = 1 / np.einsum('...i,...i->...', r, r)
+    along = 3 * near * np.einsum('...i,...i->...', moment, r)
+    weight = SCALE * near * np.sqrt(near)
+    field: Array = np.einsum('...mi,...m->...i', along[..., None] * r - moment, weight)
+    return field
+
+
+def field_of_many(points: Array, places: Array, moments: Array) -> Array:
+    """The same as `dipole_field` for points (t, 3) and dipoles (m, 3) that fill a cache.
+
+    Examples
+    --------
+    >>> points, places = np.eye(3), -np.eye(3)
+    >>> found = field_of_many(points, places, points)
+    >>> bool(np.allclose(found, dipole_field(points, places, points), rtol=1e-12))
+    True
+    """
+    at, along = np.ascontiguousarray(places.T), np.ascontiguousarray(moments.T)
+    field = np.empty(points.shape)
+    for row, point in enumerate(points):
+        x, y, z = (point[i] - at[i] for i in range(3))
+        squared = x * x + y * y + z * z
+        near = 1 / (squared * np.sqrt(squared))
+        far = 3 * near * (along[0] * x + along[1] * y + along[2] * z) / squared
+        field[row] = [far @ r - near @ m for r, m in zip((x, y, z), along, strict=True)]
+    return SCALE * field
+
+
+def dipole_gradients(points: Array, places: Array, moments: Array) -> Array:
+    """Change of the field at each point with the place of each dipole.
+
+    Parameters
+    ----------
+    points : ndarray, shape (t, 3)
+        Where the field is wanted (m).
+    places, moments : ndarray, shape (m, 3)
+        Dipoles (m, A m2).
+
+    Returns
+    -------
+    ndarray, shape (t, 3, m, 3)
+        d B[t, i] / d place[m, j] (T / m).
+
+    Examples
+    --------
+    >>> up = np.array([[0.0, 0.0, 1.0]])
+    >>> moved = dipole_field(up, 1e-6 * up, up) - dipole_field(up, 0 * up, up)
+    >>> slope = dipole_gradients(up, 0 * up, up)[0, 2, 0, 2]
+    >>> bool(np.isclose(slope, 1e6 * moved[0, 2], rtol=1e-4))
+    True
+    """
+    r = points[:, None, :] - places[None]
+    near = 1 / np.linalg.norm(r, axis=-1)[..., None, None]
+    along = np.sum(moments[None] * r, axis=-1)[..., None, None]
+    m, ri, rj = moments[None, :, :, None], r[..., :, None], r[..., None, :]
+    mj = moments[None, :, None, :]
+    by_point = (
+        SCALE
+        * 3
+        * ((m * rj + mj * ri + along * np.eye(3)) * near**5 - 5 * along * ri * rj * near**7)
+    )
+    return np.moveaxis(-by_point, 1, 2)
+
+
+def in_chip_axes(field: Array, rotations: Array | None) -> Array:
+    """Fields (..., t, 3) in sensor axes as chips turned by `rotations` (t, 3, 3) read them."""
+    if rotations is None:
+        return field
+    turned: Array = np.einsum('tji,...tj->...ti', rotations, field)
+    return turned
+
 
 FAR = 100.0  # sizes from which a magnet is a dipole
 EDGE = 1e-9  # sizes: how near to an edge the field still rises
@@ -253,3 +372,217 @@ def uniform_stray(points: Array, field: Array) -> Array:
 def dipole_stray(points: Array, place: Array, moment: Array) -> Array:
     """Stray field (t, 3) (T) at points (t, 3) of a magnet of a moment (3,) (A m2) at (3,) (m)."""
     return dipole_field(points, place[None], moment[None])
+
+
+EXACT = 0  # edge nodes: the closed form of a block
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Magnets of one size.
+
+    Attributes
+    ----------
+    centres : ndarray, shape (m, 3)
+        At rest (m).
+    frames : ndarray, shape (m, 3, 3)
+        Columns are a magnet's own axes; the third is that of its magnetisation.
+    size : ndarray, shape (3,)
+        Edges along the own axes (m).
+    remanence : float
+        Of all (T).
+    edge_nodes : int
+        Dipoles along an edge of a block: 1, 2 (eight dipoles) or more; `EXACT`: its closed form.
+    """
+
+    centres: Array
+    frames: Array
+    size: Array
+    remanence: float
+    edge_nodes: int = 2
+
+    @classmethod
+    def along(
+        cls, centres: Array, axes: Array, size: Array, remanence: float, edge_nodes: int = 2
+    ) -> Blocks:
+        """Magnets with directions of magnetisation `axes` (m, 3), x edges as near x as can be."""
+        third = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+        lead = np.where(np.abs(third[:, :1]) < 0.9, np.eye(3)[0], np.eye(3)[1])
+        first = lead - (lead * third).sum(axis=1, keepdims=True) * third
+        first /= np.linalg.norm(first, axis=1, keepdims=True)
+        frames = np.stack([first, np.cross(third, first), third], axis=2)
+        return cls(np.asarray(centres), frames, np.asarray(size), remanence, edge_nodes)
+
+    def field(self, points: Array, moved: Array, turned: Array) -> Array:
+        """Flux density of the blocks where a body has carried them.
+
+        Parameters
+        ----------
+        points : ndarray, shape (t, 3)
+            Where it is wanted (m).
+        moved : ndarray, shape (s, m, 3)
+            Displacements of the centres (m).
+        turned : ndarray, shape (s, m, 3)
+            Rotation vectors (rad).
+
+        Returns
+        -------
+        ndarray, shape (s, t, 3)
+            Flux density (T).
+        """
+        spin = rotations(turned)
+        places = self.centres + moved
+        if self.edge_nodes == EXACT:
+            return self._exact(points, places, spin)
+        nodes, shares = gauss_points(self.edge_nodes)
+        offsets = np.einsum('mij,nj->mni', self.frames, nodes * self.size)
+        at = places[:, :, None] + np.einsum('smij,mnj->smni', spin, offsets)
+        moment = magnet_moment(self.remanence, float(np.prod(self.size)))
+        axes = np.einsum('smij,mj->smi', spin, moment * self.frames[:, :, 2])
+        moments = axes[:, :, None] * shares[:, None]
+        flat = (len(moved), -1, 3)
+        return dipole_field(points, at.reshape(flat), moments.reshape(flat))
+
+    def _exact(self, points: Array, places: Array, spin: Array) -> Array:
+        """Field (s, t, 3) (T) at points (t, 3) of blocks at (s, m, 3) with spins (s, m, 3, 3)."""
+        field = np.zeros((len(places), len(points), 3))
+        polarisation = np.array([0.0, 0.0, self.remanence])
+        for m, frame in enumerate(self.frames):
+            turn = spin[:, m] @ frame
+            own = np.einsum('sji,stj->sti', turn, points - places[:, m, None])
+            field += np.einsum('sij,stj->sti', turn, cuboid_field(own, self.size, polarisation))
+        return field
+
+    def carried(self, displacement: Callable[[Array], Array]) -> tuple[Array, Array]:
+        """Displacement and turn (rad) of every block in a body.
+
+        Parameters
+        ----------
+        displacement : callable
+            Of points (n, 3): shape (s, n, 3) (m).
+
+        Returns
+        -------
+        moved, turned : ndarray, shape (s, m, 3)
+            Means over the faces (m), and half the curl from face to face (rad).
+        """
+        half = 0.5 * self.size
+        faces = np.concatenate([np.diag(half), -np.diag(half)])
+        points = self.centres[:, None] + np.einsum('mij,nj->mni', self.frames, faces)
+        u = displacement(points.reshape(-1, 3))
+        u = u.reshape(len(u), len(self.centres), 2, 3, 3)
+        slope = (u[:, :, 0] - u[:, :, 1]) / self.size[:, None]
+        # slope[j] is the derivative along own axis j; the curl in sensor axes
+        curl = np.cross(np.moveaxis(self.frames, 2, 1)[None], slope).sum(axis=2)
+        return u.mean(axis=(2, 3)), 0.5 * curl
+
+
+def gauss_points(edge_nodes: int) -> tuple[Array, Array]:
+    """Gauss points (n, 3) of a block of edges 1, and their shares (n,) of its volume.
+
+    Examples
+    --------
+    >>> points, shares = gauss_points(2)
+    >>> len(points), round(float(points.max()), 4), round(float(shares.sum()), 9)
+    (8, 0.2887, 1.0)
+    """
+    node, weight = np.polynomial.legendre.leggauss(edge_nodes)
+    grid = np.stack(np.meshgrid(*[0.5 * node] * 3, indexing='ij'), axis=-1).reshape(-1, 3)
+    shares = np.einsum('i,j,k->ijk', *[0.5 * weight] * 3).reshape(-1)
+    return grid, shares
+
+
+def rotations(vectors: Array) -> Array:
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) (rad), by Rodrigues.
+
+    Examples
+    --------
+    >>> rotations(np.array([0.0, 0.0, np.pi / 2])).round(9)[:, 0] + 0.0
+    array([0., 1., 0.])
+    """
+    angle = np.linalg.norm(vectors, axis=-1)[..., None, None]
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    zero = np.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    cross = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    once, twice = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    turned: Array = np.eye(3) + once * cross + twice * (cross @ cross)
+    return turned
+
+
+Disc = tuple[float, float, float]
+RINGS = ((1, 1, 1), (2, 1, 4), (2, 2, 5), (3, 2, 6), (3, 4, 8), (4, 5, 12))
+
+
+def disc_dipoles(
+    diameter: float, height: float, rings: tuple[int, int, int]
+) -> tuple[Array, Array]:
+    """Dipoles that stand for a disc.
+
+    Parameters
+    ----------
+    diameter, height : float
+        Of the disc (m).
+    rings : tuple of int
+        Levels of the height, rings on each, dipoles on a ring; (1, 1, 1): one at the centre.
+
+    Returns
+    -------
+    places : ndarray, shape (m, 3)
+        From the centre (m).
+    shares : ndarray, shape (m,)
+        Of the moment.
+
+    Examples
+    --------
+    >>> places, shares = disc_dipoles(2e-3, 1e-3, (2, 2, 5))
+    >>> len(places), round(float(shares.sum()), 12)
+    (20, 1.0)
+    """
+    levels, count, around = rings
+    z, wz = np.polynomial.legendre.leggauss(levels)
+    square, wr = np.polynomial.legendre.leggauss(count)
+    radius = np.sqrt((square + 1) / 2) * (diameter / 2 if around > 1 else 0.0)
+    # rings are turned against each other, lest they share their corners
+    turn = 2 * np.pi * (np.arange(around) + 0.5 * np.arange(levels * count)[:, None]) / around
+    tall, wide = np.repeat(z * height / 2, count)[:, None], np.tile(radius, levels)[:, None]
+    places = np.stack([wide * np.cos(turn), wide * np.sin(turn), tall + 0 * turn], axis=-1)
+    weight = np.repeat(wz, count) * np.tile(wr, levels) / 4
+    return places.reshape(-1, 3), np.repeat(weight / around, around)
+
+
+def on_pixels(pixels: Array, own_field: Callable[[Array], Array]) -> Callable[[Array], Array]:
+    """Readings (s, t, 3) of discs at states (s, 5) from a field (n, 3) in their own axes."""
+
+    def readings(states: Array) -> Array:
+        turn = tilt_rotation(states[:, 3:])
+        apart = pixels[None] - states[:, None, :3]
+        own = np.einsum('sji,stj->sti', turn, apart)
+        field = own_field(own.reshape(-1, 3)).reshape(own.shape)
+        return np.asarray(np.einsum('sij,stj->sti', turn, field))
+
+    return readings
+
+
+def dipole_disc(pixels: Array, disc: Disc, rings: tuple[int, int, int]) -> Model:
+    """Some dipoles at pixels (t, 3)."""
+    diameter, height, remanence = disc
+    places, shares = disc_dipoles(diameter, height, rings)
+    moment = magnet_moment(remanence, float(np.pi / 4 * diameter**2 * height))
+    moments = moment * shares[:, None] * np.array([0.0, 0.0, 1.0])
+    name = f'{len(places)} dipoles' if len(places) > 1 else 'dipole'
+    cost = DIPOLE_COST * len(places) * len(pixels)
+
+    def field(own: Array) -> Array:
+        return dipole_field(own, places, moments)
+
+    return Model(name, on_pixels(pixels, field), cost, size=rings)
+
+
+def exact_disc(pixels: Array, disc: Disc) -> Model:
+    """The closed form at pixels (t, 3)."""
+
+    def readings(states: Array) -> Array:
+        return disc_on_pixels(pixels, states[:, :3], states[:, 3:], disc)
+
+    return Model('exact', readings, DISC_COST * len(pixels))

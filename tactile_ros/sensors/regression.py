@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.conditioning.history import History
+from tactile_ros.conditioning.fading_memory import FadingMemory
 from tactile_ros.estimators.covariance import CalibratedCovariance, GainSpread
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.kernel_ridge import KernelRidge, RestingState
@@ -260,9 +260,9 @@ class Regression:
         slip = {} if self.slip_ is None else {'slip': self.slip_.report_}
         return {**plain, **past, **slip}
 
-    def start(self) -> History:
+    def start(self) -> FadingMemory:
         """Fresh memory of a stream."""
-        return History(np.array(TIME_CONSTANTS))
+        return FadingMemory(np.array(TIME_CONSTANTS))
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component.
@@ -307,7 +307,7 @@ class Regression:
         ----------
         signals : Signals
             Conditioned frames.
-        memory : History
+        memory : FadingMemory
             Of the stream; moves on.
 
         Returns
@@ -315,7 +315,7 @@ class Regression:
         dict of str to ndarray, shape (s, 3) or (s, 3, 3)
             One entry and its covariance for each target.
         """
-        assert isinstance(memory, History)
+        assert isinstance(memory, FadingMemory)
         now = signals.delta.reshape(-1, self.width)
         rest = signals.baseline.reshape(now.shape)
         known: Columns = {}
@@ -358,7 +358,9 @@ class Regression:
         )
 
     @staticmethod
-    def _with_history(now: Array, stamp_ns: Integers, restart: Bools, memory: History) -> Array:
+    def _with_history(
+        now: Array, stamp_ns: Integers, restart: Bools, memory: FadingMemory
+    ) -> Array:
         """Change of field, how far it is from its fading means, and room: (s, d + m d + 1)."""
         if len(now) == 1:
             if restart[0]:

@@ -16,7 +16,7 @@ from scipy.signal import medfilt
 from scipy.spatial.transform import Rotation
 
 from tactile_ros.control import GripPhase
-from tactile_ros.physics.dipoles import SCALE, dipole_field
+from tactile_ros.physics.magnetics import SCALE, dipole_field
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.simulation.allegro_hand import on_half_cylinder
 from tactile_ros.simulation.hand_world import HandWorld

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.enrolment import Programme, Touches, growing_loads, recorded, thinned
-from tactile_ros.physics.dipoles import in_chip_axes
+from tactile_ros.physics.magnetics import in_chip_axes
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer import twin as disc

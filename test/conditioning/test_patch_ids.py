@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.conditioning.patch_ids import PatchIds
+from tactile_ros.conditioning.contact import PatchIds
 
 X = np.arange(12.0)
 

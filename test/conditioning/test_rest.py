@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.conditioning.rest import Rest
+from tactile_ros.conditioning.baseline import Rest
 
 SHAPE = (2, 3)
 ROWS = 200
@@ -38,21 +38,21 @@ def test_a_baseline_has_the_temperatures_of_its_frames_where_they_are_heeded() -
     plain, warm = (Rest.unknown(SHAPE, 0.1, warms) for warms in (False, True))
     given = values, rows, None, no_restarts(), True, chips
     assert plain.learn(*given).temperature_c is None
-    assert plain.beside(values, chips) is values
-    assert plain.parted(values) == (values, None)
+    assert plain.with_temperature(values, chips) is values
+    assert plain.split(values) == (values, None)
     learned = warm.learn(*given)
     np.testing.assert_allclose(learned.temperature_c, [20.0, 22.0])
     np.testing.assert_array_equal(learned.baseline, plain.learn(*given).baseline)
     assert learned.level.shape == (2, 4)
-    level, told = learned.parted(learned.level)
+    level, told = learned.split(learned.level)
     np.testing.assert_array_equal(level, learned.baseline)
     np.testing.assert_array_equal(told, learned.temperature_c)
-    tared = learned.tared_by(learned.beside(values[-9:], chips[-9:]))
+    tared = learned.tared_by(learned.with_temperature(values[-9:], chips[-9:]))
     np.testing.assert_allclose(tared.baseline, values[-9:].mean(axis=0))
     np.testing.assert_allclose(tared.temperature_c, 90.0)
-    assert np.isnan(learned.tared_by(learned.beside(values, None)).temperature_c).all()
+    assert np.isnan(learned.tared_by(learned.with_temperature(values, None)).temperature_c).all()
     with pytest.raises(ValueError, match='usable reading'):
-        learned.tared_by(learned.beside(np.full((4, *SHAPE), np.nan), chips[:4]))
+        learned.tared_by(learned.with_temperature(np.full((4, *SHAPE), np.nan), chips[:4]))
 
 
 def test_what_no_chip_can_have_and_chips_of_dead_taxels_tell_no_temperature() -> None:
@@ -64,7 +64,7 @@ def test_what_no_chip_can_have_and_chips_of_dead_taxels_tell_no_temperature() ->
     np.testing.assert_allclose(learned.temperature_c, 20.0)
     partly = learned.threshold(values[:0], dead=np.array([False, True]))
     np.testing.assert_allclose(partly.level[:, -1], [20.0, np.nan])
-    told = partly.tared_by(partly.beside(values[:9], chips[:9])).temperature_c
+    told = partly.tared_by(partly.with_temperature(values[:9], chips[:9])).temperature_c
     np.testing.assert_allclose(told, [20.0, np.nan])
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.conditioning.baseline import BaselineTracker
-from tactile_ros.conditioning.stream import Stream
+from tactile_ros.conditioning.baseline import BaselineTracker, Stream
 
 
 def new_stream() -> Stream:

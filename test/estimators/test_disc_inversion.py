@@ -10,7 +10,7 @@ from tactile_ros.estimators.disc_inversion import DiscInversion
 from tactile_ros.estimators.disc_model import UniformField
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
 from tactile_ros.estimators.regression import Standardisation
-from tactile_ros.physics.disc_table import disc_table, table_disc
+from tactile_ros.physics.field_table import disc_table, table_disc
 from tactile_ros.physics.magnetics import disc_on_pixels
 
 PIXELS = 1e-3 * np.array([[-1, -1, 0], [1, -1, 0], [-1, 1, 0], [1, 1, 0]], float)

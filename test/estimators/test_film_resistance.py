@@ -7,7 +7,7 @@ import pytest
 
 from tactile_ros.estimators import power_law_force
 from tactile_ros.estimators.power_law_force import FilmResistance, PowerForce
-from tactile_ros.physics.resistive import SeriesResistance
+from tactile_ros.physics.resistive_sheet import SeriesResistance
 
 
 def readings(places: np.ndarray, force: np.ndarray, seed: int) -> np.ndarray:

@@ -10,7 +10,7 @@ from tactile_ros.estimators.covariance import StatedSpread
 from tactile_ros.estimators.potential_map import HarmonicMap
 from tactile_ros.estimators.power_law_force import MeanCurve, PowerForce
 from tactile_ros.estimators.rbf_force import RbfForce, ThinPlate, k_means
-from tactile_ros.physics.resistive import SeriesResistance
+from tactile_ros.physics.resistive_sheet import SeriesResistance
 from tactile_ros.types import Estimator
 
 SIZE = np.array([0.1, 0.1])

@@ -13,7 +13,7 @@ from tactile_ros.estimators.potential_map import (
     SheetPotentials,
     shift_at,
 )
-from tactile_ros.physics.resistive import sheet_potential
+from tactile_ros.physics.resistive_sheet import sheet_potential
 
 SIZE, NOISE = np.array([0.25, 0.2]), 2.5e-4
 CORNERS = np.array([[1.0, 0.4, 0.0, 0.55], [0.6, 1.0, 0.45, 0.0]])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tactile_ros.conditioning.viscoelastic import step_response
-from tactile_ros.physics.area_law import area_current, area_share, law_of_response
+from tactile_ros.physics.coverage import area_current, area_share, law_of_response
 
 LAW = law_of_response(2.0, 20e-6, 400e-6, 5e-6)
 

@@ -8,17 +8,15 @@ import numpy as np
 import pytest
 
 from reference import multipole_world as world
-from tactile_ros.physics import magnetic_sheet
-from tactile_ros.physics.bonded_layer import punch_pressure
-from tactile_ros.physics.dipoles import dipole_field
-from tactile_ros.physics.layer_response import Layer
-from tactile_ros.physics.magnetic_sheet import (
+from tactile_ros.physics import magnet_sheet
+from tactile_ros.physics.elastomer import Layer, PunchDents, punch_pressure
+from tactile_ros.physics.magnet_sheet import (
     Sheet,
     inverse_distance_series,
     moved_dipole_series,
     powers,
 )
-from tactile_ros.physics.punch_dents import PunchDents
+from tactile_ros.physics.magnetics import dipole_field
 
 
 def body(poisson: float = 0.49) -> Layer:
@@ -130,7 +128,7 @@ def test_bands_are_integrated_to_their_edges(
     chips = np.column_stack([rng.uniform(-2e-2, 2e-2, (9, 2)), np.full(9, -1.5e-3)])
 
     def change(cells: int) -> np.ndarray:
-        monkeypatch.setattr(magnetic_sheet, 'CELLS', cells)
+        monkeypatch.setattr(magnet_sheet, 'CELLS', cells)
         kinds = np.full(12, 0.1)
         skin = Sheet(np.array([75e-3, 75e-3]), 2e-3, 2e-3, pole_pitch, 'M4', kinds, 3e-4)
         away = skin.dipoles[0][:, :2] - [3e-3, -5e-3]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.physics.dipoles import (
+from tactile_ros.physics.magnetics import (
     VACUUM_PERMEABILITY,
     dipole_field,
     dipole_gradients,

@@ -9,16 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tactile_ros.physics.disc_models import (
-    RINGS,
-    SHAPES,
-    dipole_disc,
-    disc_dipoles,
-    exact_disc,
-    table_disc_model,
-    table_reach,
-)
 from tactile_ros.physics.fidelity import SHARE, Choice, Model, choose, rate, region
+from tactile_ros.physics.field_table import SHAPES, table_disc_model, table_reach
+from tactile_ros.physics.magnetics import RINGS, dipole_disc, disc_dipoles, exact_disc
 
 PIXELS = 1e-3 * np.array([[-1, -1, 0], [1, -1, 0], [-1, 1, 0], [1, 1, 0]], float)
 DISC = (2e-3, 1e-3, 1.4)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.physics.flat_punch import FlatPunch
-from tactile_ros.physics.layer_response import Layer
+from tactile_ros.physics.elastomer import FlatPunch, Layer
 
 RADIUS, SHEAR = 6e-3, 3e4
 

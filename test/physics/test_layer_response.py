@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.physics.elastomer import point_load
-from tactile_ros.physics.layer_response import Layer
+from tactile_ros.physics.elastomer import Layer, point_load
 
 G, H = 0.1e6, 4e-3
 LAYER = Layer(H, G, 0.49)

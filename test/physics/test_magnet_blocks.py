@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tactile_ros.physics.magnet_blocks import EXACT, Blocks, rotations
-from tactile_ros.physics.magnetics import cuboid_field
+from tactile_ros.physics.magnetics import EXACT, Blocks, cuboid_field, rotations
 
 SIZE = np.array([2e-3, 2e-3, 1e-3])
 CHIP = np.array([[0.0, 0.0, 0.0], [3e-3, -2e-3, 0.0]])

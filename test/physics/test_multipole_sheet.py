@@ -6,8 +6,7 @@ import magpylib
 import numpy as np
 import pytest
 
-from tactile_ros.physics.magnetic_sheet import Sheet
-from tactile_ros.physics.multipole_sheet import carpet, carried_field, harmonics
+from tactile_ros.physics.magnet_sheet import Sheet, carpet, carried_field, harmonics
 
 SIZE = np.array([60e-3, 75e-3, 2e-3])
 PITCH = 75e-3 / 8

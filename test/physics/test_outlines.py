@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.physics.outlines import grid_inside, inside
+from tactile_ros.physics.coverage import grid_inside, inside
 
 SQUARE = np.array([[-2, -2], [2, -2], [2, 2], [-2, 2.0]])
 HOLE = 0.5 * SQUARE[::-1]

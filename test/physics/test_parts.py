@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.physics.parts import part_pressure, read_parts, washer
+from tactile_ros.physics.coverage import part_pressure, read_parts, washer
 from tactile_ros.types import Outline
 
 

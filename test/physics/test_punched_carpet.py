@@ -5,11 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from reference import multipole_world as world
-from tactile_ros.physics.flat_punch import FlatPunch
-from tactile_ros.physics.layer_response import Layer
-from tactile_ros.physics.magnetic_sheet import Sheet
-from tactile_ros.physics.punch_dents import PunchDents
-from tactile_ros.physics.punched_carpet import PunchedCarpet
+from tactile_ros.physics.elastomer import FlatPunch, Layer, PunchDents, PunchedCarpet
+from tactile_ros.physics.magnet_sheet import Sheet
 
 LAYER = Layer(4e-3, 69e3 / 2.98, 0.49)
 HEIGHTS = np.array([2.4e-3, 3.6e-3])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.physics.resistive import (
+from tactile_ros.physics.resistive_sheet import (
     SeriesResistance,
     linear_place,
     linear_potentials,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.physics.scene_terms import Term, worth
+from tactile_ros.physics.fidelity import Term, worth
 
 RNG = np.random.default_rng(3)
 SLOPES = RNG.normal(size=(5, 8, 3))

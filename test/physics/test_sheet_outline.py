@@ -5,8 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.physics.resistive import sheet_potential
-from tactile_ros.physics.sheet_outline import OutlineMesh, rolled, unrolled, within
+from tactile_ros.physics.resistive_sheet import (
+    OutlineMesh,
+    rolled,
+    sheet_potential,
+    unrolled,
+    within,
+)
 
 SQUARE = 0.1 * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 KITE = np.array([[0.0, 0.0], [0.11, 0.01], [0.09, 0.1], [-0.01, 0.08]])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.physics.tubes import (
+from tactile_ros.physics.coverage import (
     HALF_SPACE,
     PROFILES,
     SPRINGS,

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.physics.outlines import inside
-from tactile_ros.physics.parts import part_pressure, washer
+from tactile_ros.physics.coverage import inside, part_pressure, washer
 from tactile_ros.sensors.taxel_array.config import (
     TaxelArrayConfig,
     grid_positions,

@@ -19,8 +19,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.estimators.disc_model import UniformField
-from tactile_ros.physics.disc_models import exact_disc
-from tactile_ros.physics.magnetics import uniform_stray
+from tactile_ros.physics.magnetics import exact_disc, uniform_stray
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
 from tactile_ros.sensors.gradiometer import twin as gradiometer
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig

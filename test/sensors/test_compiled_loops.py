@@ -106,7 +106,6 @@ def test_without_a_compiler_the_numbers_are_the_same(
 FIRST_FRAMES = """
 import sys
 from dataclasses import replace
-from tactile_ros.physics.compiled import Lazy
 from tactile_ros.enrolment import thinned
 from tactile_ros.sensors import load_sensor
 
@@ -114,8 +113,7 @@ def built():
     loops = set()
     for name, module in list(sys.modules.items()):
         if name.startswith('tactile_ros'):
-            for key, value in vars(module).items():
-                loop = value.built if isinstance(value, Lazy) else value
+            for key, loop in vars(module).items():
                 loops |= {f'{name}.{key}{kind}' for kind in getattr(loop, 'signatures', ())}
     return loops
 

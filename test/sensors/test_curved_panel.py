@@ -8,7 +8,7 @@ from scipy.interpolate import LinearNDInterpolator
 
 from reference import five_wire_world as grids
 from tactile_ros.estimators.potential_map import HarmonicMap
-from tactile_ros.physics.sheet_outline import OutlineMesh, rolled, unrolled, within
+from tactile_ros.physics.resistive_sheet import OutlineMesh, rolled, unrolled, within
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Array
 

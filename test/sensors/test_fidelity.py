@@ -12,10 +12,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tactile_ros.enrolment import Touches
-from tactile_ros.physics.disc_models import exact_disc, table_disc_model
-from tactile_ros.physics.disc_table import reach_under
 from tactile_ros.physics.fidelity import SHARE, rate
-from tactile_ros.physics.magnet_blocks import EXACT
+from tactile_ros.physics.field_table import reach_under, table_disc_model
+from tactile_ros.physics.magnetics import EXACT, exact_disc
 from tactile_ros.sensors.gradiometer import twin as gradiometer
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
 from tactile_ros.sensors.magnet_pad import body_model

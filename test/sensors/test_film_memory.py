@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.conditioning.history import History
+from tactile_ros.conditioning.fading_memory import FadingMemory
 from tactile_ros.sensors.five_wire_skin.force import Creep, FilmMemory
 
 TAUS = np.array([0.3, 4.0])
@@ -38,7 +38,7 @@ def test_frames_are_batches_and_arrays_are_the_compiled_loop() -> None:
 def test_a_past_that_counts_wherever_it_was_is_the_history() -> None:
     force, places, stamps, restart = stream()
     found = FilmMemory(TAUS, np.inf)(force, places, stamps, restart)
-    told = History(TAUS)(force[:, None], stamps, restart)[:, :, 0]
+    told = FadingMemory(TAUS)(force[:, None], stamps, restart)[:, :, 0]
     np.testing.assert_allclose(found, told, atol=1e-9)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.physics.disc_models import exact_disc
+from tactile_ros.physics.magnetics import exact_disc
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import FrameStatus, Recording

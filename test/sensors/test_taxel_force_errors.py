@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.conditioning.equilibration import Equilibration
-from tactile_ros.conditioning.turns import last_turns
+from tactile_ros.conditioning.loading_direction import loading_signs
 from tactile_ros.sensors.taxel_array.taxel_force import (
     LEVELS,
     ForceErrors,
@@ -56,7 +56,9 @@ def test_hysteresis_is_found_and_makes_sums_err_to_one_side(play: float) -> None
     force = (top[:, None] * ramp).ravel()[:, None] * np.repeat(pressed, len(ramp), axis=0)
     law = Equilibration('polynomial').fit(force / 4, force, np.arange(len(force)))
     restart = np.arange(len(force)) == 0
-    miss = -play * last_turns(force, restart) * force + 3e-3 * force * rng.normal(size=force.shape)
+    miss = -play * loading_signs(force, restart) * force + 3e-3 * force * rng.normal(
+        size=force.shape
+    )
     found = force_errors(miss, force, law, 0.25, restart)
     assert found.alike[1] == pytest.approx(play, abs=1e-3)
     assert (force_errors(miss, force, law, 0.25).alike[1] == 0).all()

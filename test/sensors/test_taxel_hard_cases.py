@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from reference.pick_world import turn_between
-from tactile_ros.physics.parts import part_pressure, washer
+from tactile_ros.physics.coverage import part_pressure, washer
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig, grid_positions

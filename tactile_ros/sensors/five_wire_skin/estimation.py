@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tactile_ros.physics.resistive import SeriesResistance
+from tactile_ros.physics.resistive_sheet import SeriesResistance
 from tactile_ros.sensors.five_wire_skin.contact_gate import DIVIDER, Touch, impossible
 from tactile_ros.sensors.five_wire_skin.force import CLASSES as FORCE_CLASSES
 from tactile_ros.sensors.five_wire_skin.force import (
@@ -35,7 +35,7 @@ from tactile_ros.sensors.regression import (
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from tactile_ros.conditioning.history import History
+    from tactile_ros.conditioning.fading_memory import FadingMemory
     from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig
     from tactile_ros.types import Array, Bools, Columns, Estimator, Integers, Report, Signals
 
@@ -154,7 +154,7 @@ class FiveWireEstimation:
         contact = {'contact': self.touch_.report_} if self.touch_.report_ else {}
         return {**known, **contact, **self.untold_}
 
-    def start(self) -> History | FilmMemory:
+    def start(self) -> FadingMemory | FilmMemory:
         """Fresh memory of a stream."""
         if self.others_ is not None:
             return self.others_.start()
@@ -215,7 +215,7 @@ class FiveWireEstimation:
         ----------
         signals : Signals
             Conditioned frames; `in_contact` is set by what the divider says.
-        memory : History or FilmMemory
+        memory : FadingMemory or FilmMemory
             Of the stream; moves on.
 
         Returns

@@ -16,7 +16,7 @@ from tactile_ros.estimators.rbf_force import RbfForce
 from tactile_ros.estimators.regression import ColumnView, Ridge
 from tactile_ros.estimators.smooth_fields import SmoothFields
 from tactile_ros.physics.compiled import compiled
-from tactile_ros.physics.resistive import SeriesResistance
+from tactile_ros.physics.resistive_sheet import SeriesResistance
 from tactile_ros.sensors.five_wire_skin.contact_gate import CONSTANT
 from tactile_ros.types import Array, Bools, Estimator, FrameStatus, Integers
 

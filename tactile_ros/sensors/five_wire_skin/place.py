@@ -11,7 +11,7 @@ from tactile_ros.estimators.perceptron import Perceptron
 from tactile_ros.estimators.potential_map import HarmonicMap, SheetPotentials
 from tactile_ros.estimators.rbf_force import ThinPlate
 from tactile_ros.estimators.regression import ColumnView, Ridge, predict_rows
-from tactile_ros.physics.resistive import linear_place
+from tactile_ros.physics.resistive_sheet import linear_place
 from tactile_ros.sensors.five_wire_skin.contact_gate import CONSTANT
 from tactile_ros.types import Array, Estimator, Integers
 

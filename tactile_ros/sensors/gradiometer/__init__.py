@@ -19,8 +19,7 @@ from tactile_ros.estimators.disturbance_magnet import NearbyMagnets, StrayField
 from tactile_ros.estimators.polynomial_force import PolynomialForce, WarmChain
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge, WarmPolynomial
 from tactile_ros.estimators.regression import ColumnView
-from tactile_ros.physics.fidelity import Choice, Rated
-from tactile_ros.physics.scene_terms import Worth
+from tactile_ros.physics.fidelity import Choice, Rated, Worth
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig, layout
 from tactile_ros.sensors.gradiometer.estimation import GradiometerEstimation, Reach
 from tactile_ros.sensors.gradiometer.field_change import Features, Readings

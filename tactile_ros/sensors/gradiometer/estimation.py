@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.conditioning.baseline import learned_doubt
+from tactile_ros.conditioning.baseline import training_baseline_variance
 from tactile_ros.estimators.disc_model import ENTRY
 from tactile_ros.estimators.disturbance_magnet import (
     DIRECTIONS,
@@ -367,7 +367,7 @@ class GradiometerEstimation:
         stray = np.asarray(truth.get('stray_field', np.full((len(rest), 3), np.nan)), float)
         features = self.features_ = Features(self.config, self.estimator == 'history')
         features.silent_ = int(np.count_nonzero(aged.good & ~signals.good))
-        self.doubt_ = learned_doubt(signals.baseline, signals.doubt)
+        self.doubt_ = training_baseline_variance(signals.baseline, signals.doubt)
         modelled = self.estimator in (None, 'history', *MODELS)
         force = np.asarray(truth.get('force', np.full((len(rest), 3), np.nan)), float)
         change = features.fit(signals, stray, rest, ~rest & modelled, force)

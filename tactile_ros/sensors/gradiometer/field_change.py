@@ -35,8 +35,7 @@ from tactile_ros.sensors.gradiometer.twin import LEAST_NOISE, field_model, terms
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tactile_ros.physics.fidelity import Choice
-    from tactile_ros.physics.scene_terms import Worth
+    from tactile_ros.physics.fidelity import Choice, Worth
     from tactile_ros.sensors.gradiometer.config import GradiometerConfig
     from tactile_ros.types import Array, Bools, Columns, Integers, Signals
 

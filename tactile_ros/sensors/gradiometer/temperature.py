@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.conditioning.history import History
+from tactile_ros.conditioning.fading_memory import FadingMemory
 from tactile_ros.estimators.disc_model import UniformField
 from tactile_ros.physics.temperature import hall_sensitivity
 from tactile_ros.types import Array, Bools, Integers, Signals
@@ -231,7 +231,7 @@ class ThermalMemory:
     """
 
     def __init__(self, lag: float, wander: Array | None = None) -> None:
-        self.history = History(np.array([lag])) if lag > 0 else None
+        self.history = FadingMemory(np.array([lag])) if lag > 0 else None
         self.wander = np.zeros((3, 1)) if wander is None else wander
         self.first: Array | None = None
         self.last: tuple[int, float] | None = None
@@ -449,7 +449,7 @@ class StreamMemory:
     ) -> None:
         self.thermal = ThermalMemory(lag, wander)
         self.slower = None if lag_is_told else ThermalMemory(ANY_LAG, wander)
-        self.places = History(PAST)
+        self.places = FadingMemory(PAST)
         self._last = LastTold()
 
     def with_temperatures(self, signals: Signals) -> Signals:

@@ -10,18 +10,15 @@ import numpy as np
 from tactile_ros.devices.connections import FramedConnection, open_framed, simulate_framed
 from tactile_ros.devices.framed_protocol import gradiometer
 from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
-from tactile_ros.physics.dipoles import dipole_field, in_chip_axes
-from tactile_ros.physics.disc_models import (
+from tactile_ros.physics.fidelity import Choice, Model, Term, Worth, choose, region, worth
+from tactile_ros.physics.field_table import SHAPES, reach_under, table_disc_model, table_reach
+from tactile_ros.physics.magnetics import (
     RINGS,
-    SHAPES,
     dipole_disc,
+    dipole_field,
     exact_disc,
-    table_disc_model,
-    table_reach,
+    in_chip_axes,
 )
-from tactile_ros.physics.disc_table import reach_under
-from tactile_ros.physics.fidelity import Choice, Model, choose, region
-from tactile_ros.physics.scene_terms import Term, Worth, worth
 from tactile_ros.physics.temperature import (
     CALIBRATED_AT,
     EXPANSION,

@@ -14,11 +14,19 @@ from scipy.interpolate import RectBivariateSpline
 
 from tactile_ros.estimators.kernel_ridge import gaussian
 from tactile_ros.estimators.smooth_fields import Moments
-from tactile_ros.physics.dipoles import in_chip_axes
 from tactile_ros.physics.elastomer import disc_press
-from tactile_ros.physics.fidelity import BLOCK_COST, DIPOLE_COST, Choice, Model, choose, region
-from tactile_ros.physics.magnet_blocks import EXACT, Blocks
-from tactile_ros.physics.scene_terms import Term, Worth, worth
+from tactile_ros.physics.fidelity import (
+    BLOCK_COST,
+    DIPOLE_COST,
+    Choice,
+    Model,
+    Term,
+    Worth,
+    choose,
+    region,
+    worth,
+)
+from tactile_ros.physics.magnetics import EXACT, Blocks, in_chip_axes
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
 from tactile_ros.types import Array, Bools, Integers
 

@@ -19,8 +19,7 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
-from tactile_ros.physics.dipoles import in_chip_axes
-from tactile_ros.physics.magnet_blocks import Blocks
+from tactile_ros.physics.magnetics import Blocks, in_chip_axes
 from tactile_ros.sensors.magnet_pad.body_model import Presses, change_of_field
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.types import Array, Integers, Table

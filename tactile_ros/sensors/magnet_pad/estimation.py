@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.conditioning.history import History
+from tactile_ros.conditioning.fading_memory import FadingMemory
 from tactile_ros.estimators.covariance import StatedSpread
-from tactile_ros.physics.fidelity import Choice, Rated
-from tactile_ros.physics.scene_terms import Worth
+from tactile_ros.physics.fidelity import Choice, Rated, Worth
 from tactile_ros.sensors.magnet_pad.body_model import PadResponse, nominal_choice, terms
 from tactile_ros.sensors.magnet_pad.covariance import (
     Doubts,
@@ -201,7 +200,7 @@ class Localisation(Regressed):
         """Targets of every row; see `Regression`."""
         x = signals.delta.reshape(len(signals.good), self.width)
         if self.nominal_:
-            assert isinstance(memory, History)
+            assert isinstance(memory, FadingMemory)
             rest = signals.in_contact == 0
             known = self._pad.estimate(x, rest, self.tares_.doubt(signals))
             self.tares_.warm(known, signals, x, lambda y, rows: self._pad.estimate(y, rest[rows]))

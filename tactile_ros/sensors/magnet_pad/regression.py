@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.conditioning.baseline import learned_doubt
+from tactile_ros.conditioning.baseline import training_baseline_variance
 from tactile_ros.estimators.covariance import CalibratedCovariance
 from tactile_ros.estimators.gaussian_sum_table import Blame, TouchTable
 from tactile_ros.estimators.kernel_ridge import PatternRidge
@@ -165,7 +165,7 @@ class TareNoise:
         good = signals.good
         self.noise_ = noise_of_rest(signals)
         doubt = None if signals.doubt is None else signals.doubt[good]
-        self.doubt_ = learned_doubt(signals.baseline[good], doubt)
+        self.doubt_ = training_baseline_variance(signals.baseline[good], doubt)
         return self
 
     def doubt(self, signals: Signals) -> Array:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.conditioning.rest import sound
+from tactile_ros.conditioning.baseline import plausible_temperature
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ class Warmth:
 
         What may be the noise of thermometers is taken for it, and what no chip can be for untold.
         """
-        apart = sound(now_c) - then_c
+        apart = plausible_temperature(now_c) - then_c
         told = np.isfinite(apart)
         count = np.count_nonzero(told, axis=1)
         rise = np.where(told, apart, 0.0).sum(axis=1) / np.maximum(count, 1)

@@ -9,8 +9,7 @@ import numpy as np
 
 from tactile_ros.devices.connections import ChipConnection, ChipSensor
 from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
-from tactile_ros.physics.dipoles import in_chip_axes
-from tactile_ros.physics.magnet_blocks import EXACT
+from tactile_ros.physics.magnetics import EXACT, in_chip_axes
 from tactile_ros.sensors.magnet_pad.body_model import (
     NOISE,
     blocks_of,
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from tactile_ros.enrolment import Truth
-    from tactile_ros.physics.magnet_blocks import Blocks
+    from tactile_ros.physics.magnetics import Blocks
     from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
     from tactile_ros.types import Array, Recording
 

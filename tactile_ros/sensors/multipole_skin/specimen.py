@@ -16,13 +16,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tactile_ros.estimators.sheet_calibration import bands_of
-from tactile_ros.physics.dipoles import field_of_many, in_chip_axes
+from tactile_ros.physics.elastomer import FlatPunch, Layer, PunchedCarpet
 from tactile_ros.physics.fidelity import BLOCK_COST, DIPOLE_COST, Choice, Model, choose, region
-from tactile_ros.physics.flat_punch import FlatPunch
-from tactile_ros.physics.layer_response import Layer
-from tactile_ros.physics.magnetic_sheet import Sheet
-from tactile_ros.physics.multipole_sheet import carpet, carried_field, harmonics
-from tactile_ros.physics.punched_carpet import PunchedCarpet
+from tactile_ros.physics.magnet_sheet import Sheet, carpet, carried_field, harmonics
+from tactile_ros.physics.magnetics import field_of_many, in_chip_axes
 
 if TYPE_CHECKING:
     from collections.abc import Callable

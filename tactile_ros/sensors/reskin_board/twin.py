@@ -10,7 +10,7 @@ import numpy as np
 from tactile_ros.devices.serial_board import ReskinBoard, uart_transfer_s
 from tactile_ros.devices.simulated_serial import ReskinTwin
 from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
-from tactile_ros.physics.dipoles import dipole_field, in_chip_axes
+from tactile_ros.physics.magnetics import dipole_field, in_chip_axes
 from tactile_ros.sensors.reskin_board.config import PITCH, layout
 
 if TYPE_CHECKING:

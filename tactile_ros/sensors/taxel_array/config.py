@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_ros.physics.parts import read_parts
+from tactile_ros.physics.coverage import read_parts
 from tactile_ros.types import Array, Layout, Outline
 from tactile_ros.types.config_fields import (
     Outlines,
@@ -82,7 +82,7 @@ class TaxelArrayConfig:
     objects : tuple of Outline
         Parts that may be gripped; `label` is an index into them.
     parts : str
-        The same as a text, for ROS parameters: see `physics.parts.read_parts`; `objects` win.
+        The same as a text, for ROS parameters: see `physics.coverage.read_parts`; `objects` win.
     most_contacts : int
         Patches of a frame that are reported (k), the strongest.
     crosstalk : str

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from tactile_ros.conditioning.equilibration import LAWS, Equilibration, silent_taxels
+from tactile_ros.conditioning.fading_memory import FadingMemory
 from tactile_ros.conditioning.faults import UNUSABLE
-from tactile_ros.conditioning.history import History
 from tactile_ros.conditioning.viscoelastic import Creep
 from tactile_ros.estimators.covariance import BEYOND
 from tactile_ros.estimators.object_pose import ObjectPose
-from tactile_ros.physics.area_law import area_share
+from tactile_ros.physics.coverage import area_share
 from tactile_ros.physics.crosstalk import alone, divided, without_floating, without_grounded
 from tactile_ros.sensors.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.sensors.regression import ESTIMATORS as REGRESSION_ESTIMATORS
@@ -48,8 +48,8 @@ from tactile_ros.types import FrameStatus, TaxelStatus
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from tactile_ros.conditioning.contact import PatchIds
     from tactile_ros.conditioning.equilibration import Equilibration
-    from tactile_ros.conditioning.patch_ids import PatchIds
     from tactile_ros.conditioning.viscoelastic import CreepState
     from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
     from tactile_ros.types import (
@@ -176,7 +176,7 @@ def area_correction(
     return corrected
 
 
-class Memory(History):
+class Memory(FadingMemory):
     """The past of regressors, strains of the skin, ids of patches, level of the last tare.
 
     A baseline that follows what rests would follow a skin that creeps back as well, and take it

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.conditioning.patch_ids import PatchIds
+from tactile_ros.conditioning.contact import PatchIds
 from tactile_ros.estimators.contact_patches import PatchFinder
 from tactile_ros.physics.compiled import available
 from tactile_ros.sensors.taxel_array.taxel_force import judged_row

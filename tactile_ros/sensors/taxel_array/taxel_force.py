@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tactile_ros.conditioning.equilibration import FREEDOM, Equilibration
-from tactile_ros.conditioning.turns import last_turns, presses
+from tactile_ros.conditioning.loading_direction import loading_signs, presses
 from tactile_ros.conditioning.viscoelastic import Creep, strains
 from tactile_ros.estimators.covariance import BEYOND, UNTOLD
 from tactile_ros.physics.compiled import available, compiled
@@ -93,7 +93,7 @@ def force_errors(
     own, alike = _by_level(miss, force, borne, level)
     play = np.zeros(len(own)) if restart is None else _hysteresis(
         np.where(borne, miss, 0.0), np.where(borne, force, 0.0), np.where(borne, level, -1),
-        last_turns(force, restart), presses(force, restart),
+        loading_signs(force, restart), presses(force, restart),
     )  # fmt: skip
     both = np.stack([np.sqrt(np.maximum(alike**2 - play**2, 0.0)), play])
     own *= _unseen(borne, FREEDOM[law.name])

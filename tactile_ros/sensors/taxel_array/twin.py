@@ -10,8 +10,7 @@ import numpy as np
 from tactile_ros.devices.connections import FramedConnection, open_framed, simulate_framed
 from tactile_ros.devices.framed_protocol import taxel_matrix
 from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
-from tactile_ros.physics.coverage import symmetry, taxel_points
-from tactile_ros.physics.parts import part_pressure
+from tactile_ros.physics.coverage import part_pressure, symmetry, taxel_points
 from tactile_ros.sensors.taxel_array.config import layout
 from tactile_ros.types import Array, Integers
 from tactile_ros.types.config_fields import whole

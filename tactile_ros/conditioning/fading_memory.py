@@ -19,7 +19,7 @@ SECONDS_PER_NS = 1e-9
 FEW = 64  # frames up to which each is taken by itself: to the last bit as they are live
 
 
-class History:
+class FadingMemory:
     """Fading means of one stream, one frame at a time or many at once with the same numbers.
 
     Parameters
@@ -39,7 +39,7 @@ class History:
 
     Examples
     --------
-    >>> history = History(np.array([0.5]))
+    >>> history = FadingMemory(np.array([0.5]))
     >>> for stamp_ns in (0, 500_000_000, 1_000_000_000):
     ...     mean = history.step(np.ones(1), stamp_ns)
     >>> round(float(mean[0, 0]), 3)
@@ -47,9 +47,9 @@ class History:
     """
 
     def __init__(self, time_constants: Array) -> None:
-        self.time_constants = as_shape('time_constants of History', time_constants, (-1,))
+        self.time_constants = as_shape('time_constants of FadingMemory', time_constants, (-1,))
         if not (self.time_constants > 0).all():
-            msg = f'time_constants of History must be positive; received {time_constants}'
+            msg = f'time_constants of FadingMemory must be positive; received {time_constants}'
             raise ValueError(msg)
         self._rate = -SECONDS_PER_NS / self.time_constants[:, None]
         self.reset()

@@ -20,7 +20,7 @@ LEAST, MOST = 1e-3, 0.1  # of the largest load: bounds of a dead band
 EXTREMES = 10.0  # sigmas between the extremes of a million rows of noise
 
 
-class Turns:
+class LoadingDirection:
     """Which way loads of one stream last went, one row at a time or many with the same signs.
 
     It knows no time and no rate: gaps, pauses and other rates leave it as it is.
@@ -32,7 +32,7 @@ class Turns:
 
     Examples
     --------
-    >>> turns = Turns(np.array([0.5]))
+    >>> turns = LoadingDirection(np.array([0.5]))
     >>> load = np.array([[0.0, 1.0, 0.9, np.nan, 2.0, 1.2]]).T
     >>> turns(load, np.arange(6) == 0)[:, 0].tolist()
     [0.0, 1.0, 1.0, 1.0, 1.0, -1.0]
@@ -93,16 +93,16 @@ def dead_band(load: Array) -> Array:
     return np.asarray(band)
 
 
-def last_turns(load: Array, restart: Bools) -> Array:
+def loading_signs(load: Array, restart: Bools) -> Array:
     """1 where loads (s, c) grew when they last moved, -1 where they fell, 0 unknown.
 
     Examples
     --------
     >>> load = np.array([[0.0, 1, 2, 2, 1, 1]]).T
-    >>> last_turns(load, np.arange(6) == 0)[:, 0].tolist()
+    >>> loading_signs(load, np.arange(6) == 0)[:, 0].tolist()
     [0.0, 1.0, 1.0, 1.0, -1.0, -1.0]
     """
-    return Turns(dead_band(load))(load, restart)
+    return LoadingDirection(dead_band(load))(load, restart)
 
 
 def presses(load: Array, restart: Bools) -> Integers:
@@ -121,6 +121,6 @@ def presses(load: Array, restart: Bools) -> Integers:
     since = np.maximum.accumulate(np.where(restart, index[:, 0], 0))[:, None]
     held = np.where(row >= since, np.take_along_axis(load, np.maximum(row, 0), 0), 0.0)
     total = np.where(known.any(axis=1), held.sum(axis=1), np.nan)[:, None]
-    grows = last_turns(total, restart)[:, 0] > 0
+    grows = loading_signs(total, restart)[:, 0] > 0
     first = grows & ~np.concatenate([[False], grows[:-1]])
     return np.asarray(np.cumsum(first | restart), np.int64)

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tactile_ros.conditioning.history import History
+from tactile_ros.conditioning.fading_memory import FadingMemory
 from tactile_ros.types import Array, Bools, Integers
 
 TAUS = np.array([0.05, 0.3, 3.0, 30.0])
@@ -49,7 +49,7 @@ def stream(count: int, width: int, seed: int) -> tuple[Array, Integers, Bools]:
     return change, stamp_ns, restart
 
 
-def live(history: History, change: Array, stamp_ns: Integers, restart: Bools) -> Array:
+def live(history: FadingMemory, change: Array, stamp_ns: Integers, restart: Bools) -> Array:
     """Means frame by frame, as a stream comes in."""
     means = []
     for x, t, again in zip(change, stamp_ns, restart, strict=True):
@@ -62,28 +62,30 @@ def live(history: History, change: Array, stamp_ns: Integers, restart: Bools) ->
 @pytest.mark.parametrize('count', [1, 2, 3, 17, 500])
 def test_batch_is_the_plain_loop(count: int) -> None:
     rows = stream(count, 3, seed=count)
-    np.testing.assert_allclose(History(TAUS)(*rows), plain_means(*rows, TAUS), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        FadingMemory(TAUS)(*rows), plain_means(*rows, TAUS), rtol=0, atol=1e-9
+    )
 
 
 def test_live_is_batch() -> None:
     rows = stream(400, 5, seed=1)
     np.testing.assert_allclose(
-        live(History(TAUS), *rows), History(TAUS)(*rows), rtol=0, atol=1e-12
+        live(FadingMemory(TAUS), *rows), FadingMemory(TAUS)(*rows), rtol=0, atol=1e-12
     )
 
 
 def test_few_frames_at_once_are_live_to_the_last_bit() -> None:
     rows = stream(200, 5, seed=1)
-    history = History(TAUS)
+    history = FadingMemory(TAUS)
     edges = [0, 1, 3, 10, 74, 138, 200]
     pieces = [history(*(column[a:b] for column in rows)) for a, b in pairwise(edges)]
-    np.testing.assert_array_equal(np.concatenate(pieces), live(History(TAUS), *rows))
+    np.testing.assert_array_equal(np.concatenate(pieces), live(FadingMemory(TAUS), *rows))
 
 
 def test_pieces_of_a_stream_give_the_whole() -> None:
     change, stamp_ns, restart = stream(300, 4, seed=2)
-    whole = History(TAUS)(change, stamp_ns, restart)
-    history = History(TAUS)
+    whole = FadingMemory(TAUS)(change, stamp_ns, restart)
+    history = FadingMemory(TAUS)
     edges = [0, 1, 7, 7, 100, 101, 290, 300]
     pieces = [history(change[a:b], stamp_ns[a:b], restart[a:b]) for a, b in pairwise(edges)]
     np.testing.assert_allclose(np.concatenate(pieces), whole, rtol=0, atol=1e-12)
@@ -101,16 +103,16 @@ def test_frames_that_are_not_newer_and_values_that_are_missing() -> None:
     expected = plain_means(change, stamp_ns, restart, TAUS)
     assert np.isfinite(expected).all()
     np.testing.assert_allclose(
-        History(TAUS)(change, stamp_ns, restart), expected, rtol=0, atol=1e-9
+        FadingMemory(TAUS)(change, stamp_ns, restart), expected, rtol=0, atol=1e-9
     )
-    history = History(TAUS)
+    history = FadingMemory(TAUS)
     parts = [
         history(change[a:b], stamp_ns[a:b], restart[a:b])
         for a, b in ((0, 55), (55, 58), (58, 120), (120, 121), (121, 300))
     ]
     np.testing.assert_allclose(np.concatenate(parts), expected, rtol=0, atol=1e-9)
     np.testing.assert_allclose(
-        live(History(TAUS), change, stamp_ns, restart), expected, rtol=0, atol=1e-9
+        live(FadingMemory(TAUS), change, stamp_ns, restart), expected, rtol=0, atol=1e-9
     )
 
 
@@ -119,8 +121,8 @@ def test_a_stamp_of_another_stream_may_lie_before() -> None:
     moved = stamp_ns.copy()
     moved[restart.cumsum() > 0] -= 10**15
     np.testing.assert_allclose(
-        History(TAUS)(change, moved, restart),
-        History(TAUS)(change, stamp_ns, restart),
+        FadingMemory(TAUS)(change, moved, restart),
+        FadingMemory(TAUS)(change, stamp_ns, restart),
         rtol=0,
         atol=1e-12,
     )
@@ -132,19 +134,19 @@ def test_lost_frames_of_a_ramp_change_nothing() -> None:
     keep = np.random.default_rng(5).random(200) < 0.3
     keep[[0, -1]] = True
     restart = np.zeros(200, bool)
-    whole = History(TAUS)(change, stamp_ns, restart)
-    thinned = History(TAUS)(change[keep], stamp_ns[keep], restart[keep])
+    whole = FadingMemory(TAUS)(change, stamp_ns, restart)
+    thinned = FadingMemory(TAUS)(change[keep], stamp_ns[keep], restart[keep])
     np.testing.assert_allclose(thinned, whole[keep], rtol=0, atol=1e-9)
 
 
 def test_rest_leaves_no_trace_of_its_length() -> None:
     change, stamp_ns, _ = stream(50, 3, seed=6)
     restart = np.zeros(50, bool)
-    prompt = History(TAUS)(
+    prompt = FadingMemory(TAUS)(
         np.r_[np.zeros((1, 3)), change], np.r_[0, stamp_ns], np.r_[True, restart]
     )
     rest_ns = np.arange(0, 60_000_000_000, 100_000_000)
-    late = History(TAUS)(
+    late = FadingMemory(TAUS)(
         np.r_[np.zeros((len(rest_ns), 3)), change],
         np.r_[rest_ns - rest_ns[-1], stamp_ns],
         np.zeros(len(rest_ns) + 50, bool),
@@ -155,12 +157,12 @@ def test_rest_leaves_no_trace_of_its_length() -> None:
 
 def test_a_held_change_is_reached() -> None:
     stamp_ns = np.array([0, 1, 10**12, 2 * 10**12])
-    means = History(TAUS)(np.ones((4, 1)), stamp_ns, np.zeros(4, bool))
+    means = FadingMemory(TAUS)(np.ones((4, 1)), stamp_ns, np.zeros(4, bool))
     np.testing.assert_allclose(means[-1], 1.0, rtol=0, atol=1e-9)
 
 
 def test_an_empty_batch_is_empty() -> None:
-    history = History(TAUS)
+    history = FadingMemory(TAUS)
     nothing = history(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, bool))
     assert nothing.shape == (0, 4, 3)
 
@@ -168,14 +170,14 @@ def test_an_empty_batch_is_empty() -> None:
 @pytest.mark.parametrize('taus', [[0.0], [-1.0, 1.0], [np.nan]])
 def test_time_constants_are_positive(taus: list[float]) -> None:
     with pytest.raises(ValueError, match='must be positive'):
-        History(np.array(taus))
+        FadingMemory(np.array(taus))
 
 
 def test_how_far_the_means_are_behind() -> None:
     change, stamp_ns, _ = stream(40, 3, seed=9)
     change[7, 1] = np.nan
     stamp_ns[20] = stamp_ns[19]
-    one, other = History(TAUS), History(TAUS)
+    one, other = FadingMemory(TAUS), FadingMemory(TAUS)
     for x, t in zip(change, stamp_ns, strict=True):
         means = one.step(x.copy(), int(t))
         np.testing.assert_allclose(other.behind(x.copy(), int(t)), x - means, atol=1e-12)
@@ -183,7 +185,7 @@ def test_how_far_the_means_are_behind() -> None:
 
 def test_an_array_that_is_used_again_does_not_change_the_past() -> None:
     change, stamp_ns, _ = stream(20, 3, 0)
-    history, other = History(TAUS), History(TAUS)
+    history, other = FadingMemory(TAUS), FadingMemory(TAUS)
     reused = np.empty(3)
     for x, t in zip(change, stamp_ns, strict=True):
         reused[:] = x

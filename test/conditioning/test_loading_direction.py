@@ -7,7 +7,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tactile_ros.conditioning.turns import Turns, dead_band, last_turns, presses
+from tactile_ros.conditioning.loading_direction import (
+    LoadingDirection,
+    dead_band,
+    loading_signs,
+    presses,
+)
 from tactile_ros.types import Array
 
 TOP, SECONDS = 3.0, 24.0
@@ -50,7 +55,7 @@ def test_signs_are_those_of_the_corners_at_any_rate(rate: float, noise: float) -
     time, load = read(rate, noise)
     band = dead_band(load)[0]
     assert 0.5 * 10 * noise <= band <= max(2 * 10 * noise, 2e-3 * TOP)
-    signs, wanted = last_turns(load, begins(len(time)))[:, 0], truth(time, band + 8 * noise)
+    signs, wanted = loading_signs(load, begins(len(time)))[:, 0], truth(time, band + 8 * noise)
     known = np.isfinite(wanted)
     assert known.mean() > 0.9
     assert (signs == wanted)[known].all()
@@ -64,16 +69,16 @@ def test_neighbouring_rows_would_not_tell_the_slow_ramps() -> None:
 @pytest.mark.parametrize('rate', RATES)
 def test_lost_rows_keep_the_sign_and_change_no_other(rate: float) -> None:
     time, load = read(rate)
-    whole = last_turns(load, begins(len(time)))
+    whole = loading_signs(load, begins(len(time)))
     lost = np.random.default_rng(2).uniform(size=len(time)) < 0.3
     lost[0] = False
     gappy = load.copy()
     gappy[lost] = np.nan
-    signs = Turns(dead_band(load))(gappy, begins(len(time)))
+    signs = LoadingDirection(dead_band(load))(gappy, begins(len(time)))
     late = np.abs(signs - whole)[:, 0] > 0  # a row whose turn was lost is told by the next
     assert late.sum() <= 12
     assert (signs[1:][lost[1:]] == signs[:-1][lost[1:]]).all()
-    without = Turns(dead_band(load))(load[~lost], begins(int((~lost).sum())))
+    without = LoadingDirection(dead_band(load))(load[~lost], begins(int((~lost).sum())))
     assert (without == signs[~lost]).all()
 
 
@@ -81,7 +86,7 @@ def test_noise_of_a_rest_or_a_hold_turns_nothing() -> None:
     load = np.concatenate([np.zeros(100_000), np.linspace(0, TOP, 50), np.full(100_000, TOP)])
     rng = np.random.default_rng(3)
     load += 4e-3 * TOP * rng.normal(size=len(load))
-    signs = last_turns(load[:, None], begins(len(load)))[:, 0]
+    signs = loading_signs(load[:, None], begins(len(load)))[:, 0]
     assert (signs[:100_000] == 0).all()
     assert (signs[100_050:] == 1).all()
 
@@ -92,7 +97,7 @@ def test_a_stream_row_by_row_has_the_signs_of_a_batch() -> None:
     load[500:520, 0] = np.nan
     restart = np.isin(np.arange(len(load)), (0, 900))
     band = np.array([0.06, 0.06, 0.06])
-    whole, live = Turns(band)(load, restart), Turns(band)
+    whole, live = LoadingDirection(band)(load, restart), LoadingDirection(band)
     rows = [live(load[i : i + 1], restart[i : i + 1]) for i in range(len(load))]
     assert (np.concatenate(rows) == whole).all()
     assert set(np.unique(whole[:, :2])) == {-1.0, 0.0, 1.0}
@@ -103,8 +108,8 @@ def test_a_stream_row_by_row_has_the_signs_of_a_batch() -> None:
 def test_pauses_and_other_clocks_do_not_matter() -> None:
     time, load = read(100.0)
     held = (time > 2.6) & (time < 3.9)  # nothing moves meanwhile
-    whole = last_turns(load, begins(len(time)))
-    assert (last_turns(load[~held], begins(int((~held).sum()))) == whole[~held]).all()
+    whole = loading_signs(load, begins(len(time)))
+    assert (loading_signs(load[~held], begins(int((~held).sum()))) == whole[~held]).all()
 
 
 @pytest.mark.parametrize('rate', RATES)

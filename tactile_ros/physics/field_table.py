@@ -7,14 +7,145 @@ in which the field is smooth at the axis, and its columns heights.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tactile_ros.physics.grid_table import cubic_weights, linear_weights
-from tactile_ros.physics.magnetics import axial_cylinder, tilt_rotation
+from tactile_ros.physics.fidelity import CUBIC_COST, LINEAR_COST, Model
+from tactile_ros.physics.magnetics import Disc, axial_cylinder, on_pixels, tilt_rotation
 from tactile_ros.types import Array
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tactile_ros.types import Integers
+
+
+def cubic_weights(position: Array, count: int) -> tuple[Integers, Array, Array]:
+    """First of four nodes, Lagrange's weights and their slopes.
+
+    Parameters
+    ----------
+    position : ndarray, shape (...)
+        In steps from the first of `count` nodes.
+    count : int
+        Nodes, four at least.
+
+    Returns
+    -------
+    first : ndarray of int, shape (...)
+        Index.
+    weights, slopes : ndarray, shape (4, ...)
+        Of the four nodes from there on; slopes over a step.
+    """
+    first = np.clip(np.floor(position).astype(np.int64) - 1, 0, count - 4)
+    u = position - first - 1
+    a, b, c = u + 1, u - 1, u - 2
+    weights = np.stack([-u * b * c / 6, a * b * c / 2, -a * u * c / 2, a * u * b / 6])
+    slopes = np.stack(
+        [
+            -(b * c + u * c + u * b) / 6,
+            (b * c + a * c + a * b) / 2,
+            -(u * c + a * c + a * u) / 2,
+            (u * b + a * b + a * u) / 6,
+        ]
+    )
+    return first, weights, slopes
+
+
+def linear_weights(position: Array, count: int) -> tuple[Integers, Array, Array]:
+    """First of two nodes, their weights and slopes (2, ...); see `cubic_weights`."""
+    first = np.clip(np.floor(position).astype(np.int64), 0, count - 2)
+    u = position - first
+    one = np.ones_like(u)
+    return first, np.stack([1 - u, u]), np.stack([-one, one])
+
+
+@dataclass(frozen=True)
+class GridTable:
+    """Values on a regular grid of d axes.
+
+    Attributes
+    ----------
+    low, high : ndarray, shape (d,)
+        First and last node of every axis.
+    values : ndarray, shape (n1, ..., nd, c)
+        Four nodes at least along every axis.
+
+    Examples
+    --------
+    >>> table = GridTable.of(lambda p: p**3, np.zeros(1), np.ones(1), (5,))
+    >>> table.at(np.array([[0.3]])).round(12).tolist()
+    [[0.027]]
+    """
+
+    low: Array
+    high: Array
+    values: Array
+
+    @classmethod
+    def of(
+        cls,
+        function: Callable[[Array], Array],
+        low: Array,
+        high: Array,
+        shape: tuple[int, ...],
+    ) -> GridTable:
+        """Tabulate a function of points (s, d) with values (s, c) on a grid of `shape`."""
+        axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, shape, strict=True)]
+        nodes = np.stack(np.meshgrid(*axes, indexing='ij'), axis=-1)
+        found = function(nodes.reshape(-1, len(shape)))
+        return cls(np.asarray(low), np.asarray(high), found.reshape(*shape, -1))
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Nodes along every axis."""
+        return self.values.shape[:-1]
+
+    def _near(self, points: Array) -> tuple[Array, list[Array], list[Array]]:
+        """Values (s, 4, ..., 4, c) of the nodes around points, their weights and slopes (4, s)."""
+        index: list[Integers] = []
+        weights, slopes = [], []
+        dims = len(self.shape)
+        for axis, count in enumerate(self.shape):
+            step = (self.high[axis] - self.low[axis]) / (count - 1)
+            first, weight, slope = cubic_weights((points[:, axis] - self.low[axis]) / step, count)
+            weights.append(weight)
+            slopes.append(slope / step)
+            shape = [1] * (dims + 1)
+            shape[0], shape[axis + 1] = len(points), 4
+            index.append((first[:, None] + np.arange(4)).reshape(shape))
+        return self.values[tuple(index)], weights, slopes
+
+    def at(self, points: Array) -> Array:
+        """Values (s, c) at points (s, d); beyond the grid the last cell's cubic goes on."""
+        near, weights, _ = self._near(points)
+        return _fold(near, weights)
+
+    def with_slopes(self, points: Array) -> tuple[Array, Array]:
+        """Values (s, c) at points (s, d), and their slopes (s, c, d) over the coordinates."""
+        near, weights, slopes = self._near(points)
+        steep = [
+            _fold(near, [*weights[:i], slopes[i], *weights[i + 1 :]]) for i in range(len(weights))
+        ]
+        return _fold(near, weights), np.stack(steep, axis=-1)
+
+
+def _fold(near: Array, weights: list[Array]) -> Array:
+    """Weighed sum (s, c) of nodes (s, 4, ..., 4, c), axis after axis."""
+    for weight in weights:
+        near = np.einsum('sa...,as->s...', near, weight)
+    return near
+
+
 ROWS, COLUMNS = 128, 96
+SHAPES = (
+    (13, 9), (25, 17), (37, 25), (49, 33), (73, 49), (97, 65), (128, 96), (161, 113), (193, 129),
+    (257, 193),
+)  # fmt: skip
 
 
 def reach_under(pixels: Array, gap: float, height: float) -> tuple[float, float, float]:
@@ -171,3 +302,36 @@ def table_disc(
     slope[..., 3] += steep[..., 1] * z - steep[..., 2] * y
     slope[..., 4] += steep[..., 2] * x - steep[..., 0] * z
     return field, slope
+
+
+def table_disc_model(
+    pixels: Array,
+    disc: Disc,
+    reach: tuple[float, float, float],
+    shape: tuple[int, int],
+    degree: int = 3,
+) -> Model:
+    """Table of a shape, linear or cubic (degree 3), at pixels (t, 3); built when first needed."""
+    diameter, height, remanence = disc
+    kind, cost = ('cubic', CUBIC_COST) if degree == 3 else ('linear', LINEAR_COST)
+
+    @cache
+    def built() -> tuple[Array, Array]:
+        return disc_table(diameter, height, reach, shape)
+
+    def field(own: Array) -> Array:
+        return remanence * table_at(own, *built(), degree)
+
+    name = f'{kind} table {shape[0]} x {shape[1]}'
+    numbers = 2 * shape[0] * shape[1]
+    return Model(name, on_pixels(pixels, field), cost * len(pixels), numbers, shape)
+
+
+def table_reach(pixels: Array, states: Array) -> tuple[float, float, float]:
+    """Reach of a table that holds discs at states (s, 5) over pixels (t, 3), with some room."""
+    turn = tilt_rotation(states[:, 3:])
+    own = np.einsum('sji,stj->sti', turn, pixels[None] - states[:, None, :3])
+    depth = -own[..., 2]
+    room = 0.05 * float(np.ptp(depth))
+    far = 1.05 * float(np.hypot(own[..., 0], own[..., 1]).max())
+    return far, float(depth.min()) - room, float(depth.max()) + room
