@@ -78,8 +78,8 @@ class FramedSubject:
 
     def feed(self, data: bytes) -> list[bytes]:
         """What is decoded."""
-        readings = self._decoder.feed(data).readings
-        return [np.asarray(row, np.float64).tobytes() for row in readings.counts]
+        counts = self._decoder.feed(data).counts
+        return [np.asarray(row, np.float64).tobytes() for row in counts]
 
     @property
     def held(self) -> int:

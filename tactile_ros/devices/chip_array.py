@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, TypeVar, cast, get_args
 
 import numpy as np
 
-from tactile_ros.devices.fault_flags import ReadingWatch
+from tactile_ros.devices.fault_flags import ChipFaultDetector
 from tactile_ros.devices.mlx90393 import (
     EXIT_WAIT_S,
     RESET_WAIT_S,
@@ -21,9 +21,8 @@ from tactile_ros.devices.mlx90393 import (
     Switches,
     refuse_conflicts,
 )
-from tactile_ros.devices.serial_board import Opened
 from tactile_ros.errors import DeviceError, DeviceTimeout, NotAcknowledged
-from tactile_ros.types import Bools, Frame, Layout, TaxelStatus
+from tactile_ros.types import Bools, Closing, Frame, Layout, TaxelStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -344,7 +343,7 @@ POLLS_PER_CONVERSION = 8
 CLOCK_RESET_NS = 1_000_000_000
 
 
-class ChipArray(Opened):
+class ChipArray(Closing):
     """The chips as a `Device`: a context manager whose `read` gives frames.
 
     Parameters
@@ -367,7 +366,7 @@ class ChipArray(Opened):
     monotonic_ns, sleep : callable
         Time for all waiting (ns), and what lets it pass (s).
     stuck_after, saturation_margin, jump : int, float, float
-        See `ReadingWatch`.
+        See `ChipFaultDetector`.
     conversion_margin : float
         Share of the nominal conversion time that is waited in addition, for slow oscillators.
     bus_hz : float
@@ -418,7 +417,7 @@ class ChipArray(Opened):
         self._buses = tuple(buses)
         self._chips = _make_chips(buses, places, settings)
         self._decoder = Decoder(settings, np.zeros(len(places)))
-        self._watch = ReadingWatch(
+        self._faults = ChipFaultDetector(
             len(places), settings.full_scale, saturation_margin, jump, stuck_after
         )
         self._answers = bytearray(settings.answer_bytes * len(places))
@@ -458,7 +457,7 @@ class ChipArray(Opened):
         except DeviceError:
             self.close()
             raise
-        self._watch.forget()
+        self._faults.forget()
         self._last_stamp_ns = None
         self._care.begin()
         if all(chip.lost for chip in self._chips):
@@ -474,6 +473,11 @@ class ChipArray(Opened):
         self._sequence = sequence
         self._opened = True
         self._next_ns = self._monotonic_ns()
+
+    def __enter__(self) -> ChipArray:
+        """Open."""
+        self.open()
+        return self
 
     def close(self) -> None:
         """Stop the chips and let the buses go."""
@@ -585,7 +589,7 @@ class ChipArray(Opened):
         _, codes = self._decoder.words(self._answers)
         values, temperature_c = self._decoder.values(codes)
         fresh = np.array([chip.fresh for chip in self._chips])
-        status = self._watch.judge(codes, values, good, fresh)
+        status = self._faults.status(codes, values, good, fresh)
         if not good.all():
             status[~good] = TaxelStatus.ERROR
             values[~good] = np.nan

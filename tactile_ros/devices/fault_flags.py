@@ -1,24 +1,19 @@
-"""Flags of chips whose readings cannot be trusted: saturated, wrapped, stuck, repeated.
-
-A chip's code wraps beyond its range instead of clipping, so that a reading far outside looks like
-one inside; only the way there tells.
-"""
+"""Status bits of readings that cannot be trusted: saturated, wrapped, stuck, stale."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.types import Array, Bools, Bytes, TaxelStatus
 
-if TYPE_CHECKING:
-    from tactile_ros.devices.mlx90393 import Words
+LEAST_VOTES = 100  # readings
 
 
-class StillWatch:
-    """Counts runs of identical readings.
+class StuckDetector:
+    """Runs of identical readings, judged by how often a taxel repeated itself before.
 
     Parameters
     ----------
@@ -26,38 +21,36 @@ class StillWatch:
         Count of taxels t.
     stuck_after : int
         Identical readings in a row before a taxel counts as stuck.
-    chance : float
-        A run of repeats is believed to be the taxel's own quiet down to this probability, from
-        the repeats it had before the run. Runs that were judged stuck are not learnt.
+    stuck_chance, stale_chance : float
+        A taxel is stuck, or its reading stale, where its run of repeats is less probable than
+        that, from the repeats that it had before. Runs of stuck taxels are not learnt.
     others : float
         A repeat counts only where at least this share of all taxels changed: a board that is
         still as a whole says nothing about one taxel.
-    doubt : float
-        The same probability from which on a repeat is doubted.
-    changes : int
+    least_changes : int
         A taxel that has not changed so often yet is not judged: it may rest since the start.
 
     Notes
     -----
-    What counts as quiet is the larger of two shares: repeats among all readings, and repeats
-    among those that follow a repeat, since a taxel that rests between touches has few long runs.
+    The probability of a repeat is the larger of two shares: repeats among all readings, and
+    repeats among those that follow a repeat, since a taxel that rests between touches has few long
+    runs.
     """
 
     def __init__(
         self,
         taxels: int,
         stuck_after: int = 10,
-        chance: float = 1e-6,
+        stuck_chance: float = 1e-6,
         others: float = 0.0,
-        doubt: float = 1e-3,
-        changes: int = 0,
+        stale_chance: float = 1e-3,
+        least_changes: int = 0,
     ) -> None:
-        """See the class."""
         self._stuck_after = stuck_after
-        self._log_chance = np.log(chance)
-        self._log_doubt = np.log(doubt)
+        self._log_stuck = np.log(stuck_chance)
+        self._log_stale = np.log(stale_chance)
         self._others = others * taxels
-        self._changes = changes
+        self._least_changes = least_changes
         self._readings: npt.NDArray[Any] | None = None
         self._run = np.zeros(taxels)
         self._runs = np.zeros(taxels)
@@ -69,7 +62,7 @@ class StillWatch:
         self._run[taxels] = 0
 
     def follow(
-        self, readings: npt.NDArray[Any], good: Bools | None = None, telling: bool = True
+        self, readings: npt.NDArray[Any], measured: Bools | None = None, informative: bool = True
     ) -> Bools:
         """Take the next readings.
 
@@ -77,10 +70,10 @@ class StillWatch:
         ----------
         readings : ndarray, shape (t, c)
             As the taxels sent them.
-        good : ndarray, shape (t,), or None
+        measured : ndarray, shape (t,), or None
             Taxels that were read; None: all.
-        telling : bool
-            Whether a repeat of these readings says anything; False at the ends of the range.
+        informative : bool
+            Whether a repeat of these readings counts; False at the ends of the range.
 
         Returns
         -------
@@ -91,55 +84,52 @@ class StillWatch:
             self._readings = readings.copy()
             return np.zeros(len(readings), bool)
         same: Bools = (readings == self._readings).all(axis=1)
-        if good is None and not np.count_nonzero(same) and not np.count_nonzero(self._run):
+        if measured is None and not np.count_nonzero(same) and not np.count_nonzero(self._run):
             self._changed += 1.0  # as usual
             self._readings[:] = readings
             return same
         changed = ~same
-        if good is not None:
-            same &= good
-            changed &= good
+        if measured is not None:
+            same &= measured
+            changed &= measured
         if self._run.any():
-            self._learn(changed)
+            honest = changed & ~self.stuck()
+            self._repeats[honest] += self._run[honest]
+            self._runs[honest] += self._run[honest] > 0
+            self._run[changed] = 0
         self._changed += changed
-        if telling and np.count_nonzero(changed) >= self._others:
+        if informative and np.count_nonzero(changed) >= self._others:
             self._run += same
         self._readings[changed] = readings[changed]
         return same
 
-    def _learn(self, ended: Bools) -> None:
-        """Remember the runs of taxels that change now, those judged stuck apart."""
-        honest = ended & ~self.stuck()
-        self._repeats[honest] += self._run[honest]
-        self._runs[honest] += self._run[honest] > 0
-        self._run[ended] = 0
+    def follow_frames(self, readings: Array, informative: Bools | None = None) -> Bytes:
+        """Bits of `TaxelStatus`, shape (s, t), of readings (s, t, c); `informative` (s,)."""
+        status = np.zeros(readings.shape[:2], np.uint8)
+        for i, frame in enumerate(readings):
+            if self.follow(frame, None, informative is None or bool(informative[i])).any():
+                status[i] = self.status()
+        return status
 
-    def doubtful(self) -> Bools:
-        """Taxels, shape (t,), that repeat themselves now and seldom did: perhaps stuck."""
-        return self._unlikely(self._log_doubt)
-
-    def marks(self) -> Bytes:
-        """Bits of `TaxelStatus`, shape (t,): STALE where doubtful, STUCK where stuck."""
-        stale = self.doubtful() * np.uint8(TaxelStatus.STALE)
+    def status(self) -> Bytes:
+        """Bits of `TaxelStatus`, shape (t,): STALE and STUCK."""
+        stale = self._unlikely(self._log_stale) * np.uint8(TaxelStatus.STALE)
         return np.asarray(stale | self.stuck() * np.uint8(TaxelStatus.STUCK), np.uint8)
 
     def stuck(self) -> Bools:
         """Taxels, shape (t,), whose run of repeats is longer than their own noise explains."""
-        return self._unlikely(self._log_chance) & (self._run + 1 >= self._stuck_after)
+        return self._unlikely(self._log_stuck) & (self._run + 1 >= self._stuck_after)
 
     def _unlikely(self, log_chance: float) -> Bools:
-        """Taxels whose run is less likely than that by what they did before."""
+        """Taxels whose run is less probable than that."""
         share = (self._repeats + 0.5) / (self._repeats + self._changed + 1)
         again = (self._repeats - self._runs + share) / (self._repeats + 1)
         unlikely = self._run * np.log(np.maximum(share, again)) < log_chance
-        return np.asarray(unlikely & (self._changed >= self._changes), np.bool_)
+        return np.asarray(unlikely & (self._changed >= self._least_changes), np.bool_)
 
 
-LEAST_DOUBT = 100
-
-
-class ReadingWatch:
-    """Remembers each chip's readings and judges the next ones by them.
+class ChipFaultDetector:
+    """Flags of three-axis chips, each judged by its own readings before.
 
     Parameters
     ----------
@@ -150,15 +140,17 @@ class ReadingWatch:
     margin : float
         Share of the range, at its ends, that counts as saturated.
     jump : float
-        Largest change from one reading to the next that is believed, as a share of `full_scale`.
-    stuck_after, chance : int, float
-        See `StillWatch`.
+        Largest change from one reading to the next that is trusted, as a share of `full_scale`.
+    stuck_after, stuck_chance : int, float
+        See `StuckDetector`.
 
     Notes
     -----
-    A chip whose reading jumped stays WRAPPED until it reads near its last trusted value again, or
-    has read elsewhere more often in a row than it was ever trusted (and 100 times at least), or
-    `forget` is called: nothing else tells a wrap from a magnet that was put on.
+    A chip's code wraps beyond its range instead of clipping: a reading far outside looks like one
+    inside, and only the way there distinguishes them. A chip whose reading jumped stays WRAPPED
+    until it reads near its last trusted value again, or has read elsewhere more often in a row
+    than it was ever trusted (and 100 times at least), or `forget` is called: nothing else
+    distinguishes a wrap from a magnet that was put on.
     """
 
     def __init__(
@@ -168,30 +160,31 @@ class ReadingWatch:
         margin: float = 0.02,
         jump: float = 0.5,
         stuck_after: int = 10,
-        chance: float = 1e-6,
+        stuck_chance: float = 1e-6,
     ) -> None:
-        """See the class."""
-        if not (0 <= margin < 1 and 0 < jump <= 1 and stuck_after > 1 and 0 < chance < 1):
+        if not (0 <= margin < 1 and 0 < jump <= 1 and stuck_after > 1 and 0 < stuck_chance < 1):
             msg = (
-                'margin, jump and chance of ReadingWatch must be shares and stuck_after 2 or '
-                f'more; received {margin}, {jump}, {chance}, {stuck_after}'
+                'margin, jump and stuck_chance of ChipFaultDetector must be shares and '
+                f'stuck_after 2 or more; received {margin}, {jump}, {stuck_chance}, {stuck_after}'
             )
             raise ValueError(msg)
         self._limit = full_scale * (1 - margin)
         self._jump = full_scale * jump
-        self._still = StillWatch(taxels, stuck_after, chance)
+        self._stuck = StuckDetector(taxels, stuck_after, stuck_chance)
         self._trusted = np.full((taxels, 3), np.nan)
-        self._trust = np.zeros(taxels, np.int64)
-        self._doubt = np.zeros(taxels, np.int64)
+        self._votes_for = np.zeros(taxels, np.int64)
+        self._votes_against = np.zeros(taxels, np.int64)
 
-    def forget(self, chips: Bools | slice = slice(None)) -> None:
-        """Trust the next reading of these chips, whatever it is, as after a reset or at rest."""
-        self._trusted[chips] = np.nan
-        self._trust[chips] = self._doubt[chips] = 0
-        self._still.forget(chips)
+    def forget(self) -> None:
+        """Trust the next readings, whatever they are, as after a reset or at rest."""
+        self._trusted[:] = np.nan
+        self._votes_for[:] = self._votes_against[:] = 0
+        self._stuck.forget()
 
-    def judge(self, codes: Words, values: Array, good: Bools, fresh: Bools) -> Bytes:
-        """Judge one frame.
+    def status(
+        self, codes: npt.NDArray[np.uint16], values: Array, measured: Bools, fresh: Bools
+    ) -> Bytes:
+        """Bits of `TaxelStatus`, shape (t,), of one frame; 0 for chips that were not read.
 
         Parameters
         ----------
@@ -199,36 +192,32 @@ class ReadingWatch:
             As the chips sent them.
         values : ndarray, shape (t, 3)
             The same as fields (T).
-        good : ndarray, shape (t,)
+        measured : ndarray, shape (t,)
             Chips that were read.
         fresh : ndarray, shape (t,)
             Chips that had time for a new measurement since they were read last.
-
-        Returns
-        -------
-        ndarray, shape (t,)
-            Bits of `TaxelStatus`; 0 for chips that were not read.
         """
         saturated = (np.abs(values) >= self._limit).any(axis=1)
-        jumped = self._jumped(values, good & ~saturated)
-        repeated = self._still.follow(codes, good)
+        wrapped = self._wrapped(values, measured & ~saturated)
+        repeated = self._stuck.follow(codes, measured)
         status = saturated * np.uint8(TaxelStatus.SATURATED)
-        status |= jumped * np.uint8(TaxelStatus.WRAPPED)
+        status |= wrapped * np.uint8(TaxelStatus.WRAPPED)
         if repeated.any():
             status |= (repeated & ~fresh) * np.uint8(TaxelStatus.STALE)
-            status |= self._still.marks()
-        return np.where(good, status, 0).astype(np.uint8)
+            status |= self._stuck.status()
+        return np.where(measured, status, 0).astype(np.uint8)
 
-    def _jumped(self, values: Array, usable: Bools) -> Bools:
-        """Which chips are far from where they were trusted."""
+    def _wrapped(self, values: Array, usable: Bools) -> Bools:
+        """Chips that jumped away from their last trusted reading."""
         jumped: Bools = (np.abs(values - self._trusted) > self._jump).any(axis=1) & usable
         if jumped.any():
-            self._doubt += jumped
-            outvoted = jumped & (self._doubt > np.maximum(self._trust, LEAST_DOUBT))
-            self._trust[outvoted] = self._doubt[outvoted]
+            self._votes_against += jumped
+            enough = self._votes_against > np.maximum(self._votes_for, LEAST_VOTES)
+            outvoted = jumped & enough
+            self._votes_for[outvoted] = self._votes_against[outvoted]
             jumped &= ~outvoted
         trusted = usable & ~jumped
         self._trusted[trusted] = values[trusted]
-        self._trust += trusted
-        self._doubt[trusted] = 0
+        self._votes_for += trusted
+        self._votes_against[trusted] = 0
         return jumped

@@ -1,13 +1,28 @@
-"""When frames were taken: clocks, and a board's own clock unwrapped and tied to the host's."""
+"""When frames were taken: clocks, stamps by arrival, stamps by a board's own clock."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
+
+WRAP_US = 2**32
+NS_PER_US = 1000
+OSCILLATOR_SHARE = 0.01  # oscillators of microcontrollers agree with the host's to this share
+QUARTZ_SHARE = 2e-4  # and quartz to this one
+# frames that came together over so long were kept back: their age is unknown
+KEPT_BACK_NS = 20_000_000
+CLOCK_RESET_NS = 1_000_000_000
+LONG_GAP = 3  # periods
+SHORTEST_STALL_NS = 20_000_000
+TOLERANCE_NS = 50_000_000
+# so long, and in so many reads, bytes are late before the host's clock counts as stepped
+WINDOW_NS = 1_000_000_000
+WINDOW_READS = 10
 
 
 class Clock(Protocol):
-    """What tells the time and lets it pass."""
+    """A clock that lets time pass."""
 
     def now_ns(self) -> int:
         """Time now (ns)."""
@@ -31,12 +46,7 @@ class SystemClock:
 
 
 class VirtualClock:
-    """A clock that moves when somebody sleeps or lets time pass.
-
-    Parameters
-    ----------
-    start_ns : int
-        Its first reading (ns).
+    """A clock that moves when somebody sleeps.
 
     Examples
     --------
@@ -59,23 +69,13 @@ class VirtualClock:
 
 
 class LeadingClock:
-    """A clock that may run a little ahead of another, so that many short waits cost one.
+    """A clock that runs at most `lead_s` ahead of another, so that many short waits cost one.
 
-    Parameters
-    ----------
-    clock : Clock
-        The clock that is followed.
-    lead_s : float
-        How far ahead it may run (s); beyond that it waits for the other.
-
-    Notes
-    -----
     A machine wakes from a wait of 0.1 ms some 0.06 ms late; a simulated bus that waited for each
     of its bytes would be slower than the real one.
     """
 
     def __init__(self, clock: Clock, lead_s: float = 1e-3) -> None:
-        """See the class."""
         self._clock = clock
         self._lead_ns = round(lead_s * 1e9)
         self._ahead_ns = clock.now_ns()
@@ -92,21 +92,68 @@ class LeadingClock:
             self._clock.sleep(lead_ns * 1e-9)
 
 
-WRAP_US = 2**32
-NS_PER_US = 1000
-# oscillators of microcontrollers agree with the host's to this share
-CREEP = 0.01
-# and quartz to this one
-QUARTZ = 2e-4
-# frames that came together over so long were kept back: their age is unknown
-KEPT_BACK_NS = 20_000_000
-CLOCK_RESET_NS = 1_000_000_000
-LONG_GAP = 3
-SHORTEST_STALL_NS = 20_000_000
-TOLERANCE_NS = 50_000_000
-# so long, and in so many reads, bytes must be late before the host's clock is said to have stepped
-WINDOW_NS = 1_000_000_000
-WINDOW_READS = 10
+class ArrivalTime:
+    """Stamps of frames by their arrival, for boards without a clock.
+
+    Parameters
+    ----------
+    period_ns : int
+        Nominal period of frames (ns).
+
+    Attributes
+    ----------
+    suspected : int
+        Frames that are missing by the spacing of stamps alone; a host or board that pauses looks
+        the same.
+    """
+
+    def __init__(self, period_ns: int) -> None:
+        self.suspected = 0
+        self._period_ns = period_ns
+        self._last_ns: int | None = None
+        self._usual_ns = 0.0
+
+    def restart(self) -> None:
+        """Forget the usual spacing, as after a reconnection."""
+        self._usual_ns = 0.0
+
+    def follow(self, lost: Sequence[int], now_ns: int) -> list[int]:
+        """Stamps of the frames of one read.
+
+        Parameters
+        ----------
+        lost : sequence of int
+            Frames known lost before each of s.
+        now_ns : int
+            When the last of them was whole (ns).
+
+        Returns
+        -------
+        list of int
+            s stamps, one period apart, closer where the time since the last frame is shorter;
+            always increasing, also when the clock stands still. Only a clock that went back by
+            more than a second starts anew.
+        """
+        before_ns, spacing, frames = self._last_ns, self._period_ns, sum(lost) + len(lost)
+        end_ns = now_ns
+        if before_ns is not None and now_ns >= before_ns - CLOCK_RESET_NS:
+            spacing = max(1, min(spacing, (now_ns - before_ns) // frames))
+            end_ns = max(now_ns, before_ns + spacing * frames)
+        stamps = [end_ns]
+        for gap in reversed(lost[1:]):
+            stamps.append(stamps[-1] - spacing * (1 + gap))
+        stamps.reverse()
+        if before_ns is not None:
+            self._suspect((stamps[0] - before_ns) / (1 + lost[0]))
+        self._last_ns = end_ns
+        return stamps
+
+    def _suspect(self, gap_ns: float) -> None:
+        # frames that were kept back come at once: their spacing is not the board's
+        usual_ns = max(self._usual_ns or gap_ns, self._period_ns / 2)
+        if gap_ns > LONG_GAP * usual_ns:
+            self.suspected += round(gap_ns / usual_ns) - 1
+        self._usual_ns = usual_ns + 0.05 * (min(gap_ns, LONG_GAP * usual_ns) - usual_ns)
 
 
 class Moments(NamedTuple):
@@ -128,7 +175,7 @@ class Moments(NamedTuple):
 
 
 class DeviceTime:
-    """Follows a 32 bit microsecond clock and ties it to the host's.
+    """A board's 32 bit microsecond clock, unwrapped and tied to the host's.
 
     Parameters
     ----------
@@ -147,8 +194,8 @@ class DeviceTime:
     Notes
     -----
     Bytes come late, never early, so the host's time less the board's is lowest for the promptest
-    frame. A stamp is the board's time plus that lowest difference, which creeps up by 1 % to
-    follow oscillators that differ. So bursts and a late reader do not shift stamps.
+    frame. A stamp is the board's time plus that lowest offset, which creeps up by 1 % to follow
+    oscillators that differ. So bursts and a late reader do not shift stamps.
 
     A read of several frames over more than 20 ms comes from a reader that is behind, for all that
     one sees as late as the port's buffer is long. It can show that others were late, not that the
@@ -157,15 +204,13 @@ class DeviceTime:
 
     A host clock that went back by more than 50 ms starts anew, and so do stamps. One that stepped
     ahead makes all bytes late: where the promptest of a second and 10 reads is more than 50 ms
-    late, it is the new tie; more than a second is believed at once.
+    late, it is the new tie; more than a second counts at once.
 
     Where the board's clock jumps, or its port was away, the unwrapped time goes on by the time
-    that passed on the host. A jump is told from a stall by the time that passed here, with a
-    tolerance of 50 ms.
+    that passed on the host, which also distinguishes a jump from a stall, to 50 ms.
     """
 
     def __init__(self, period_ns: int) -> None:
-        """See the class."""
         self.clock_jumps = 0
         self.stalls = 0
         self.clock_steps = 0
@@ -175,29 +220,24 @@ class DeviceTime:
         self._offset_ns: int | None = None
         self._now_ns = 0
         self._stamp_ns: int | None = None
-        self._prompt = _Promptest()
+        self._begin_window(0)
 
     def restart(self) -> None:
         """Expect another origin of the board's clock, as after a reconnection."""
         self._raw_us = None
         self._offset_ns = None
 
-    def follow(self, time_us: list[int], lost: list[int], now_ns: int) -> Moments:
+    def follow(self, time_us: list[int], lost: Sequence[int], now_ns: int) -> Moments:
         """Times of the frames of one read.
 
         Parameters
         ----------
         time_us : list of int
             The board's clock at s frames (microseconds), wrapping at 2^32; s at least 1.
-        lost : list of int
+        lost : sequence of int
             Frames known lost before each.
         now_ns : int
             When the last frame was whole (ns), less its time on the wire.
-
-        Returns
-        -------
-        Moments
-            s of each.
         """
         elapsed_ns = max(0, now_ns - self._now_ns)
         before_ns = self._device_ns
@@ -208,13 +248,18 @@ class DeviceTime:
             self._device_ns += self._step(raw_us, gap, elapsed_ns)
             self._raw_us = raw_us
             device_ns.append(self._device_ns)
-        passed_ns = self._device_ns - before_ns
         behind = len(time_us) > 1 and self._device_ns - device_ns[0] > KEPT_BACK_NS
-        offset_ns = self._tie(now_ns, passed_ns, behind)
+        offset_ns = self._tie(now_ns, self._device_ns - before_ns, behind)
         self._now_ns = now_ns
-        stamps = self._stamps(device_ns, offset_ns)
+        stamps = []
+        for one_ns in device_ns:
+            stamp_ns = one_ns + offset_ns
+            if self._stamp_ns is not None:
+                stamp_ns = max(stamp_ns, self._stamp_ns + 1)
+            self._stamp_ns = stamp_ns
+            stamps.append(stamp_ns)
         # 0 would say that there is no clock
-        return Moments([max(1, time_ns) for time_ns in device_ns], stamps, repeated)
+        return Moments([max(1, one_ns) for one_ns in device_ns], stamps, repeated)
 
     def _step(self, raw_us: int, lost: int, elapsed_ns: int) -> int:
         """Time since the frame before (ns)."""
@@ -224,9 +269,7 @@ class DeviceTime:
         step_ns = step_us * NS_PER_US
         usual_ns = self._period_ns * (lost + 1)
         allowed_ns = max(SHORTEST_STALL_NS, LONG_GAP * usual_ns) + usual_ns
-        if not self._period_ns:
-            allowed_ns = CLOCK_RESET_NS
-        if step_ns <= allowed_ns:
+        if step_ns <= (allowed_ns if self._period_ns else CLOCK_RESET_NS):
             return step_ns
         if step_us < WRAP_US // 2 and step_ns <= elapsed_ns + TOLERANCE_NS:
             self.stalls += 1
@@ -242,55 +285,34 @@ class DeviceTime:
         if went_back:
             self._stamp_ns = None
         if self._offset_ns is None:
-            self._prompt.begin(now_ns)
+            self._begin_window(now_ns)
             self.clock_steps += went_back
         elif behind and offset_ns >= self._offset_ns:
-            self._prompt.begin(now_ns)
-            offset_ns = min(offset_ns, self._offset_ns + int(QUARTZ * passed_ns))
+            self._begin_window(now_ns)
+            offset_ns = min(offset_ns, self._offset_ns + int(QUARTZ_SHARE * passed_ns))
         elif went_back or abs(offset_ns - self._offset_ns) > CLOCK_RESET_NS:
-            self._prompt.begin(now_ns)
+            self._begin_window(now_ns)
             self.clock_steps += 1
         else:
-            lowest_ns = self._prompt.lowest(offset_ns, now_ns)
+            lowest_ns = self._lowest_of_window(offset_ns, now_ns)
             if lowest_ns is not None and lowest_ns > self._offset_ns + TOLERANCE_NS:
                 self._offset_ns = lowest_ns
                 self.clock_steps += 1
-            creep_ns = int(CREEP * passed_ns)
-            offset_ns = min(offset_ns, self._offset_ns + creep_ns)
+            offset_ns = min(offset_ns, self._offset_ns + int(OSCILLATOR_SHARE * passed_ns))
         self._offset_ns = offset_ns
         return offset_ns
 
-    def _stamps(self, device_ns: list[int], offset_ns: int) -> list[int]:
-        """The host's times, each later than the one before."""
-        stamps = []
-        for time_ns in device_ns:
-            stamp_ns = time_ns + offset_ns
-            if self._stamp_ns is not None:
-                stamp_ns = max(stamp_ns, self._stamp_ns + 1)
-            self._stamp_ns = stamp_ns
-            stamps.append(stamp_ns)
-        return stamps
-
-
-class _Promptest:
-    """Lowest difference of the clocks over each second."""
-
-    def __init__(self) -> None:
-        """See the class."""
-        self.begin(0)
-
-    def begin(self, now_ns: int) -> None:
-        """Begin a second."""
-        self._begun_ns = now_ns
+    def _begin_window(self, now_ns: int) -> None:
+        self._window_ns = now_ns
         self._lowest_ns: int | None = None
         self._reads = 0
 
-    def lowest(self, offset_ns: int, now_ns: int) -> int | None:
-        """Take the difference of one read; the lowest (ns) where a second ends with it."""
+    def _lowest_of_window(self, offset_ns: int, now_ns: int) -> int | None:
+        """Lowest offset (ns) of a second, where a second ends with this read."""
         lowest_ns = offset_ns if self._lowest_ns is None else min(self._lowest_ns, offset_ns)
         self._lowest_ns = lowest_ns
         self._reads += 1
-        if now_ns - self._begun_ns < WINDOW_NS or self._reads < WINDOW_READS:
+        if now_ns - self._window_ns < WINDOW_NS or self._reads < WINDOW_READS:
             return None
-        self.begin(now_ns)
+        self._begin_window(now_ns)
         return lowest_ns

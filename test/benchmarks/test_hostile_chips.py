@@ -26,8 +26,8 @@ def test_random_status_bytes_let_no_wrong_reading_pass() -> None:
 
 def test_a_driver_that_marks_nothing_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        fault_flags.ReadingWatch,
-        'judge',
+        fault_flags.ChipFaultDetector,
+        'status',
         lambda self, codes, values, good, fresh: np.where(good, 0, TaxelStatus.ERROR),
     )
     assert suffer_answers(1000, 3, False, np.random.default_rng(1)).beyond > 0

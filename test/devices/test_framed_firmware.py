@@ -95,7 +95,7 @@ def test_the_sketch_s_stream_is_read(tmp_path: Path) -> None:
     assert steps.tolist() == [750, 1000, 1000, 2000, *[1000] * 14]
     assert (np.diff(decoded.time_us) < 0).sum() == 1
     want = [[0, 100], [200, 300], [400, 500], [600, 32767]]
-    assert decoded.readings.counts[5].tolist() == want
-    assert decoded.readings.status[5].tolist() == [0, 0, 0, TaxelStatus.SATURATED]
-    assert decoded.readings.temperature_c is not None
-    assert np.isnan(decoded.readings.temperature_c).all()
+    assert decoded.counts[5].tolist() == want
+    assert decoded.status[5].tolist() == [0, 0, 0, TaxelStatus.SATURATED]
+    assert decoded.temperature_c is not None
+    assert np.isnan(decoded.temperature_c).all()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.devices.serial_board import ReskinBoard, uart_transfer_s
+from tactile_ros.devices.serial_board import ReskinBoard
 from tactile_ros.devices.simulated_serial import ReskinTwin
 from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.physics.magnetics import dipole_field, in_chip_axes
@@ -93,7 +93,6 @@ def open_board(
     config: ReskinBoardConfig, connection: ReskinBoardConnection, clock_ns: Callable[[], int]
 ) -> ReskinBoard:
     """Board of `config` at `connection`, with stamps from `clock_ns`; not opened yet."""
-    chips = len(config.positions)
     return ReskinBoard(
         connection.port,
         layout(config),
@@ -102,7 +101,7 @@ def open_board(
         clock=clock_ns
         if connection.clock_rate == 1.0
         else faster(clock_ns, connection.clock_rate),
-        transfer_s=0.0 if connection.native_usb else uart_transfer_s(chips, connection.baud),
+        native_usb=connection.native_usb,
         quantum=connection.step,
         mark_repeats=connection.mark_repeats,
         conversion_s=connection.conversion,

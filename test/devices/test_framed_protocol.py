@@ -15,7 +15,6 @@ from tactile_ros.devices.framed_protocol import (
     MOST_BYTES,
     FramedDecoder,
     Payload,
-    Readings,
     encode,
     five_wires,
     frame_bytes,
@@ -68,7 +67,7 @@ def test_bytes_of_the_page_are_the_codec_s() -> None:
     ]
     assert [data.hex(' ') for data in ours] == [data.hex(' ') for data in told]
     decoded = FramedDecoder(gradiometer()).feed(told[0])
-    assert decoded.readings.counts[0].tolist() == COUNTS.tolist()
+    assert decoded.counts[0].tolist() == COUNTS.tolist()
     assert decoded.time_us == [16_909_060]
 
 
@@ -79,7 +78,7 @@ def test_what_is_encoded_is_decoded(payload: Payload) -> None:
     data = encode(payload, counts, 2**32 - 3, 2**32 - 5 + np.arange(50), warm)
     decoder = FramedDecoder(payload)
     decoded = decoder.feed(data)
-    readings = decoded.readings
+    readings = decoded
     np.testing.assert_array_equal(readings.counts, counts)
     assert readings.counts.dtype == np.float64
     assert decoded.time_us == ((2**32 - 5 + np.arange(50)) % 2**32).tolist()
@@ -107,7 +106,7 @@ def test_bits_are_packed_lowest_first() -> None:
 def test_limits_of_the_converter_and_what_a_chip_says_become_status() -> None:
     counts = np.array([[5, 5, 5], [32767, 0, 0], [0, -32767, 0], [7, 7, 7], [8, 8, 8]])
     data = encode(three_axis_chips(5), counts, 0, 0, 20.0, [0, 1, 0, 2, 3])
-    readings = FramedDecoder(three_axis_chips(5)).feed(data).readings
+    readings = FramedDecoder(three_axis_chips(5)).feed(data)
     stale, error, saturated = TaxelStatus.STALE, TaxelStatus.ERROR, TaxelStatus.SATURATED
     assert readings.status[0].tolist() == [0, stale | saturated, saturated, error, error]
     assert np.isnan(readings.counts[0, 3:]).all()
@@ -116,14 +115,14 @@ def test_limits_of_the_converter_and_what_a_chip_says_become_status() -> None:
     full = FramedDecoder(taxel_matrix(4)).feed(
         encode(taxel_matrix(4), [[0], [1022], [1023], [9]], 0, 0)
     )
-    assert full.readings.status[0].tolist() == [0, 0, saturated, 0]
+    assert full.status[0].tolist() == [0, 0, saturated, 0]
     twelve = five_wires(4095)
     wires = FramedDecoder(twelve).feed(encode(twelve, [[0, 4094, 4095]], 0, 0))
-    assert wires.readings.status[0].tolist() == [saturated]
+    assert wires.status[0].tolist() == [saturated]
 
 
 def test_a_temperature_that_was_not_measured_is_nan() -> None:
-    readings = FramedDecoder(gradiometer()).feed(encode(gradiometer(), COUNTS, 0, 0)).readings
+    readings = FramedDecoder(gradiometer()).feed(encode(gradiometer(), COUNTS, 0, 0))
     assert readings.temperature_c is not None
     assert np.isnan(readings.temperature_c).all()
 
@@ -141,8 +140,8 @@ def test_any_cut_gives_the_same(payload: Payload) -> None:
     for cut in (1, 2, 7, 13, 100):
         decoder = FramedDecoder(payload)
         parts = [decoder.feed(data[i : i + cut]) for i in range(0, len(data), cut)]
-        got = np.concatenate([part.readings.counts for part in parts])
-        np.testing.assert_array_equal(got, want.readings.counts)
+        got = np.concatenate([part.counts for part in parts])
+        np.testing.assert_array_equal(got, want.counts)
         assert [lost for part in parts for lost in part.lost] == want.lost
         assert decoder.counts == whole.counts
         assert decoder.pending == whole.pending
@@ -158,7 +157,7 @@ def test_damage_is_never_delivered_and_costs_one_good_frame_at_most(
         frames = stream(payload, 9, trial)
         data = b''.join([*frames[:4], damage(frames[4], kind, rng), *frames[5:]])
         decoder = FramedDecoder(payload)
-        readings = decoder.feed(data).readings
+        readings = decoder.feed(data)
         sent = {one.tobytes() for one in some(payload, 9, trial).astype(np.float64)}
         got = [one.tobytes() for one in readings.counts]
         assert set(got) <= sent
@@ -267,10 +266,9 @@ def test_no_bytes_raise_and_none_are_believed_wrongly(
     )
     cut = draw.draw(st.integers(1, 300))
     decoder = FramedDecoder(payload)
-    parts = [decoder.feed(data[i : i + cut]).readings for i in range(0, len(data), cut)]
+    parts = [decoder.feed(data[i : i + cut]) for i in range(0, len(data), cut)]
     sent = some(payload, 4).astype(np.float64)
     for readings in parts:
-        assert isinstance(readings, Readings)
         for row in readings.counts:
             assert any(np.array_equal(row, good) for good in sent)
     # after anything at all, the next frames are found

@@ -5,8 +5,10 @@ from __future__ import annotations
 import itertools
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from tactile_ros.devices.timestamps import DeviceTime
+from tactile_ros.devices.timestamps import ArrivalTime, DeviceTime
 
 MS = 1_000_000
 
@@ -131,3 +133,34 @@ def test_a_reader_that_never_catches_up_does_not_shift_stamps() -> None:
     assert clock.clock_steps == 0
     # in time again, one by one
     assert one(clock, 19_901_000, start + 19_901 * MS)[1] == start + 19_901 * MS
+
+
+def arrival_stamps(lost: list[int], now: int, last: int | None, period: int) -> list[int]:
+    """Stamps of frames that came now, after one that came at `last`."""
+    arrivals = ArrivalTime(period)
+    if last is not None:
+        assert arrivals.follow([0], last) == [last]
+    return arrivals.follow(lost, now)
+
+
+@given(
+    st.lists(st.integers(0, 5), min_size=1, max_size=20),
+    st.integers(0, 10**12),
+    st.one_of(st.none(), st.integers(0, 10**12)),
+)
+def test_arrival_stamps_always_increase(lost: list[int], now: int, last: int | None) -> None:
+    stamps = arrival_stamps(lost, now, last, 2_500_000)
+    assert len(stamps) == len(lost)
+    restarted = last is not None and now < last - 10**9
+    before = [] if last is None or restarted else [last]
+    assert all(b > a for a, b in itertools.pairwise([*before, *stamps]))
+    assert stamps[-1] <= now or (last is not None and stamps[-1] <= last + sum(lost) + 20)
+
+
+def test_arrival_stamps_leave_room_for_lost_frames_and_never_reach_back() -> None:
+    none, some = [0, 0, 0], [0, 2, 0]
+    assert arrival_stamps(none, 100 * MS, None, 2 * MS) == [96 * MS, 98 * MS, 100 * MS]
+    assert arrival_stamps(some, 100 * MS, 0, 2 * MS) == [92 * MS, 98 * MS, 100 * MS]
+    assert arrival_stamps(none, 100 * MS, 97 * MS, 2 * MS) == [98 * MS, 99 * MS, 100 * MS]
+    assert arrival_stamps(none, 100, 100, 2 * MS) == [101, 102, 103]
+    assert arrival_stamps(none, 100 * MS, 5000 * MS, MS) == [98 * MS, 99 * MS, 100 * MS]

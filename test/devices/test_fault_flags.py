@@ -1,0 +1,222 @@
+"""Status bits: stuck taxels among living ones, ends of the range, wraps and repeats."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_ros.devices.fault_flags import ChipFaultDetector, StuckDetector
+from tactile_ros.types import TaxelStatus
+
+STALE, STUCK = TaxelStatus.STALE, TaxelStatus.STUCK
+FULL = np.array([5e-3, 5e-3, 8e-3])
+
+
+def follow(readings: np.ndarray, others: float = 0.0) -> np.ndarray:
+    """Stuck taxels after each row of readings, shape (s, t)."""
+    detector = StuckDetector(readings.shape[1], others=others)
+    stuck = []
+    for row in readings:
+        detector.follow(row)
+        stuck.append(detector.stuck())
+    return np.array(stuck)
+
+
+def noisy(rows: int, taxels: int = 4) -> np.ndarray:
+    return np.random.default_rng(0).normal(size=(rows, taxels, 3))
+
+
+def test_a_taxel_that_stops_among_others_is_stuck_from_the_tenth_alike_until_it_moves() -> None:
+    readings = noisy(100)
+    readings[60:80, 2] = readings[60, 2]
+    stuck = follow(readings, others=0.5)
+    assert np.flatnonzero(stuck[:, 2]).tolist() == list(range(69, 80))
+    assert not np.delete(stuck, 2, axis=1).any()
+
+
+@pytest.mark.parametrize(
+    ('changes', 'unmarked'), [(0, 9), (1, 4), (5, 2), (14, 2), (15, 1), (499, 1), (500, 0)]
+)
+def test_so_many_repeats_pass_before_they_are_doubted(changes: int, unmarked: int) -> None:
+    detector = StuckDetector(1)
+    readings = noisy(changes + 1, 1)
+    for row in readings:
+        detector.follow(row)
+    marked = []
+    for _ in range(10):
+        detector.follow(readings[-1])
+        marked.append(bool(detector.status().any()))
+    assert marked == [False] * unmarked + [True] * (10 - unmarked)
+
+
+def test_a_board_that_is_still_as_a_whole_has_no_stuck_taxel() -> None:
+    readings = noisy(200)
+    readings[60:] = readings[60]
+    assert not follow(readings, others=0.5).any()
+    assert follow(readings).all(axis=1)[-1]
+
+
+def test_a_taxel_that_always_repeats_itself_often_is_only_quiet() -> None:
+    readings = noisy(400)
+    readings[:, 1] = np.repeat(noisy(50)[:, 1], 8, axis=0)
+    readings[300:312, 1] = readings[300, 1]
+    assert not follow(readings, others=0.5)[:, 1].any()
+
+
+def test_rest_between_touches_is_learnt_as_a_whole() -> None:
+    """After a rest of 1000 readings one of 300 is no wonder, however lively the touch was."""
+    readings = np.concatenate([np.repeat(noisy(1), 1000, axis=0), noisy(200)])
+    readings = np.concatenate([readings, np.repeat(readings[-1:], 300, axis=0)])
+    detector = StuckDetector(1, least_changes=10)
+    for row in readings[:, :1]:
+        detector.follow(row)
+        assert not detector.status().any()
+
+
+def test_what_never_changed_is_not_judged_where_changes_are_asked_for() -> None:
+    def first(changes: int, moving: int) -> int:
+        detector = StuckDetector(1, least_changes=changes)
+        for row in noisy(moving, 1):
+            detector.follow(row)
+        for count in range(100):
+            detector.follow(np.zeros((1, 3)))
+            if detector.stuck().any():
+                return count
+        return -1
+
+    assert first(10, 5) == -1
+    assert first(0, 5) == first(5, 5) == 9
+
+
+def test_repeats_that_tell_nothing_are_not_counted_and_end_a_run() -> None:
+    detector = StuckDetector(1)
+    rows = noisy(60, 1)
+    for row in rows:
+        detector.follow(row)
+    for _ in range(50):
+        detector.follow(rows[-1], informative=False)
+    assert not detector.status().any()
+    for _ in range(20):
+        detector.follow(rows[-1])
+    assert detector.status().tolist() == [STALE | STUCK]
+    detector.follow(np.zeros((1, 3)), informative=False)
+    assert not detector.status().any()
+
+
+def test_taxels_that_were_not_read_keep_their_run() -> None:
+    detector = StuckDetector(1)
+    good = np.ones(1, bool)
+    for row in noisy(60, 1):
+        detector.follow(row, good)
+    for _ in range(9):
+        assert not detector.stuck().any()
+        detector.follow(np.zeros((1, 3)), ~good)
+        detector.follow(row, good)
+    assert detector.stuck().all()
+    detector.forget()
+    assert not detector.stuck().any()
+
+
+def test_a_fault_that_comes_and_goes_is_found_as_soon_every_time() -> None:
+    readings = noisy(5000)
+    for start in range(100, 5000, 1000):
+        readings[start : start + 900, 2] = readings[start, 2]
+    stuck = follow(readings, others=0.5)[:, 2].reshape(5, 1000)
+    assert (stuck.sum(axis=1) == stuck[0].sum()).all()
+    assert stuck[0].sum() >= 880
+
+
+class Reader:
+    """A detector over one chip, fed with x alone."""
+
+    def __init__(self, **more: float) -> None:
+        self.detector = ChipFaultDetector(1, FULL, **more)  # type: ignore[arg-type]
+
+    def __call__(self, share: float, fresh: bool = True, good: bool = True) -> int:
+        values = np.array([[share * FULL[0], 1e-3, 0.0]])
+        codes = np.array([[round(share * 32768), 7, 0]], np.int64).astype(np.uint16)
+        return int(self.detector.status(codes, values, np.array([good]), np.array([fresh]))[0])
+
+
+def test_the_ends_of_the_range_are_saturated() -> None:
+    read = Reader(margin=0.02, jump=1.0)
+    assert read(0.97) == 0
+    assert read(0.981) == TaxelStatus.SATURATED
+    assert Reader(margin=0.02)(-0.999) == TaxelStatus.SATURATED
+    assert read(0.5) == 0
+
+
+def test_a_slow_way_over_the_edge_is_a_wrap_until_it_comes_back() -> None:
+    read = Reader()
+    way = [*np.arange(0.0, 1.6, 0.05), *np.arange(1.6, -0.01, -0.05)]
+    for true in way:
+        status = read((true + 1) % 2 - 1)
+        assert (status == 0) == (true < 0.98), true
+        assert status in (0, TaxelStatus.SATURATED, TaxelStatus.WRAPPED)
+
+
+def test_a_jump_is_not_believed_and_its_return_is() -> None:
+    read = Reader(jump=0.5)
+    assert [read(x) for x in (0.1, 0.4, -0.2, -0.75, -0.7, 0.0)] == [
+        0, 0, TaxelStatus.WRAPPED, TaxelStatus.WRAPPED, TaxelStatus.WRAPPED, 0,
+    ]  # fmt: skip
+
+
+def test_what_lasts_longer_than_it_was_trusted_is_believed() -> None:
+    read = Reader()
+    read(0.0)
+    statuses = [read(0.8) for _ in range(150)]
+    assert all(status & TaxelStatus.WRAPPED for status in statuses[:100])
+    assert not any(status & TaxelStatus.WRAPPED for status in statuses[100:])
+    read = Reader()
+    read(0.0)
+    read.detector.forget()
+    assert read(0.8) == 0
+
+
+def test_repeats_are_stale_only_when_there_was_no_time() -> None:
+    read = Reader()
+    assert read(0.1) == 0
+    assert read(0.1, fresh=False) == TaxelStatus.STALE
+    assert read(0.1) == 0
+    assert read(0.2, fresh=False) == 0
+
+
+@pytest.mark.parametrize(('readings', 'unmarked'), [(600, 1), (100, 2)])
+def test_a_repeat_of_a_chip_that_never_did_so_is_soon_stale(readings: int, unmarked: int) -> None:
+    read = Reader()
+    assert not any([read(1e-3 * (i % 7)) for i in range(readings)])
+    marks = [read(0.3) for _ in range(12)]
+    assert marks == [*[0] * unmarked, *[STALE] * (9 - unmarked), *[STALE | STUCK] * 3]
+    assert read(0.31) == 0
+
+
+@pytest.mark.parametrize(('quiet', 'after'), [(1, 10), (8, 105)])
+def test_a_chip_is_stuck_when_its_own_noise_does_not_explain_it(quiet: int, after: int) -> None:
+    """`quiet` readings alike are usual for this chip; more of them are needed to condemn it."""
+    read = Reader(stuck_after=10)
+    for i in range(200):
+        marks = [read(1e-3 * (i % 7)) for _ in range(quiet)]
+        assert not any(marks) or i == 0  # nothing is known of a chip that has not changed yet
+    statuses = [read(0.3) for _ in range(200)]
+    first = statuses.index(STUCK | STALE) + 1
+    assert first == pytest.approx(after, abs=2)
+    assert set(statuses[first:]) == {STUCK | STALE}
+    doubted = statuses.index(STALE) + 1
+    assert doubted == pytest.approx({10: 3, 105: 53}[after], abs=1)
+    assert read(0.31) == 0
+
+
+def test_chips_that_were_not_read_are_not_judged() -> None:
+    read = Reader()
+    read(0.1)
+    assert read(0.999, good=False) == 0
+    assert read(0.1) == 0
+
+
+@pytest.mark.parametrize(
+    'wrong', [{'margin': 1.0}, {'jump': 0.0}, {'stuck_after': 1}, {'stuck_chance': 0.0}]
+)
+def test_parameters_are_shares(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match='of ChipFaultDetector must be shares and stuck_after 2'):
+        Reader(**wrong)
