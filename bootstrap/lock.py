@@ -1,6 +1,7 @@
 """Write the lock files: one version of everything, with hashes, for CPython 3.10 to 3.14 on Linux.
 
 Run by `make lock` only, when a requirement changes; it needs uv, which set-up itself does not.
+Versions stay what they are as long as they can; a lock file that is removed is resolved anew.
 """
 
 from __future__ import annotations
@@ -38,8 +39,12 @@ def resolve(names: list[str], constraints: str, *options: str) -> dict[str, str]
         command += ['--python-version', '3.10', '--generate-hashes', '--no-header']
         command += ['--no-annotate', '-c', 'constraints.txt', '--allow-unsafe']
         command += [str(LOCKS / f'{name}.in') for name in names]
-        done = subprocess.run(command, cwd=folder, check=True, stdout=subprocess.PIPE, text=True)
-    entries = re.split(r'\n(?=\S)', done.stdout.strip())
+        output = Path(folder, 'lock.txt')  # uv prefers the versions that stand there
+        stored = (LOCKS / f'{name}.txt' for name in names)
+        output.write_text('\n'.join(path.read_text() for path in stored if path.exists()))
+        subprocess.run([*command, '-o', str(output)], cwd=folder, check=True)
+        text = output.read_text().strip()
+    entries = re.split(r'\n(?=\S)', text)
     return {simplify(entry).split(' \\')[0]: simplify(entry) for entry in entries}
 
 

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 import tactile_ros
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ('msg', 'srv', 'action', 'benchmarks', 'config')  # in share/tactile_ros of a wheel
@@ -44,6 +49,95 @@ def test_executables_have_their_modules() -> None:
         path = ROOT / 'tactile_ros' / (module.replace('.', '/') + '.py')
         assert path.exists(), f'{module} is installed as an executable'
         assert 'def main(' in path.read_text()
+
+
+# Where a distribution has another name than its module.
+MODULES = {
+    'foxglove_sdk': 'foxglove', 'pillow': 'PIL', 'pyserial': 'serial', 'pyyaml': 'yaml',
+    'scikit_learn': 'sklearn',
+}  # fmt: skip
+# Declared without an import: what starts nodes, tests and builds, and what bags are written with.
+STARTED = {
+    'action_msgs': 'goals of actions carry its messages',
+    'lifecycle_msgs': 'states of lifecycle nodes are its messages',
+    'ros2bag': 'the command `ros2 bag`, which reads and writes the same bags',
+    'ros2launch': 'the command `ros2 launch`',
+    'rosbag2_storage_mcap': 'its plugin for them',
+    'rosidl_default_runtime': 'libraries of the generated messages',
+    'tf2_ros': 'its static_transform_publisher is started by launch files',
+}
+TOOLS = {'mypy', 'pytest_xdist', 'ruff', 'types_pyserial', 'types_pyyaml'}
+PENDING = {'jinja2', 'mcap'}  # of pages and of bags
+
+
+def imported(*folders: str) -> set[str]:
+    """Top-level modules that the sources of folders import, also by their name as a text."""
+    found: set[str] = set()
+    for path in (path for folder in folders for path in (ROOT / folder).rglob('*.py')):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                found |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                found.add(node.module)
+            elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith('import_module'):
+                found |= {arg.value for arg in node.args if isinstance(arg, ast.Constant)}
+    places = ('benchmarks', 'test')
+    own = {path.stem for place in places for path in (ROOT / place).rglob('*.py')}
+    own |= {*places, 'tactile_ros', 'reference', 'worlds', 'harness', 'google', 'outer_rows'}
+    top = {name.split('.')[0] for name in found}
+    return top - {*sys.stdlib_module_names} - own
+
+
+def modules(requirements: Iterable[str]) -> set[str]:
+    """Modules of requirements such as `mujoco>=3.3`."""
+    names = {re.split(r'[\[<>=; ]', line)[0].lower().replace('-', '_') for line in requirements}
+    return {MODULES.get(name, name) for name in names if name and not name.startswith('#')}
+
+
+def lock(name: str) -> list[str]:
+    return (ROOT / 'bootstrap' / 'locks' / f'{name}.in').read_text().splitlines()
+
+
+def ros_packages(*tags: str) -> set[str]:
+    tree = ET.parse(ROOT / 'package.xml')
+    return {element.text or '' for tag in tags for element in tree.iter(tag)}
+
+
+def test_dependencies_are_imported_and_declared() -> None:
+    tomllib = pytest.importorskip('tomllib')
+    project = tomllib.loads((ROOT / 'pyproject.toml').read_text())['project']
+    extras = project['optional-dependencies']
+    declared = modules(
+        [*project['dependencies'], *(one for each in extras.values() for one in each)]
+    )
+    ros = ros_packages('depend', 'exec_depend')
+    ros_modules = {name for name in ros if not name.startswith('python3-')}
+    product = imported('tactile_ros', 'training', 'launch')
+    assert declared - product <= PENDING, 'declared in pyproject.toml and imported nowhere'
+    assert product - declared - ros_modules == set(), 'imported and declared nowhere'
+    assert ros_modules - product <= set(STARTED), 'declared in package.xml and imported nowhere'
+    of_debian = modules(name.removeprefix('python3-') for name in ros - ros_modules)
+    assert of_debian <= declared | {'serial', 'yaml'}
+    assert modules(project['dependencies']) <= of_debian
+
+
+def test_lock_files_hold_what_is_imported() -> None:
+    tomllib = pytest.importorskip('tomllib')
+    project = tomllib.loads((ROOT / 'pyproject.toml').read_text())['project']
+    extras = project['optional-dependencies']
+    demo = [*project['dependencies']]
+    for extra in ('cli', 'devices', 'embedding', 'evaluation', 'numba'):
+        demo += extras.get(extra, [])
+    core = modules(lock('core'))
+    assert core == modules(demo)
+    tested = modules(lock('test'))
+    anywhere = imported('tactile_ros', 'benchmarks', 'test')
+    assert tested - TOOLS <= anywhere
+    of_ros = {
+        name.replace('-', '_') for name in ros_packages('depend', 'exec_depend', 'test_depend')
+    }
+    missing = anywhere - core - tested - of_ros - modules(extras['train']) - {'packaging'}
+    assert missing == set()
 
 
 def fresh(code: str, cwd: Path) -> str:

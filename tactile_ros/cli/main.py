@@ -41,6 +41,14 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
+def complete(top: argparse.ArgumentParser) -> None:
+    """Answer a shell that asks what could follow, where argcomplete is installed, and end."""
+    if '_ARGCOMPLETE' in os.environ:
+        from argcomplete import autocomplete
+
+        autocomplete(top)
+
+
 def sentence(error: Exception) -> str:
     """What went wrong, without the number that the system gives it."""
     if isinstance(error, OSError) and error.strerror:
@@ -57,7 +65,9 @@ def main(arguments: list[str] | None = None) -> int:
     int
         0 done, 1 failed, 2 wrong use, 130 interrupted, 141 nobody reads what it prints.
     """
-    options, unknown = parser().parse_known_args(arguments)
+    top = parser()
+    complete(top)
+    options, unknown = top.parse_known_args(arguments)
     if unknown:  # argparse would show the usage of `tactile`, which has no options
         options.refuse(f'unrecognized arguments: {" ".join(unknown)}')
     try:

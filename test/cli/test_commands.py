@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -415,3 +416,14 @@ def test_benches_beside_each_other_hear_their_own_nodes_alone(
     assert 0 <= min(domains) <= max(domains) < 102
     monkeypatch.delenv('ROS_DOMAIN_ID')
     assert bench.domain_of(names[0], names)['ROS_DOMAIN_ID'] == '1'
+
+
+def test_tab_completes_commands(tmp_path: Path) -> None:
+    pytest.importorskip('argcomplete')
+    asked = {
+        '_ARGCOMPLETE': '1', '_ARGCOMPLETE_IFS': ' ', 'COMP_LINE': 'tactile rep',
+        'COMP_POINT': '11', '_ARGCOMPLETE_STDOUT_FILENAME': str(tmp_path / 'answer'),
+    }  # fmt: skip
+    code = 'from tactile_ros.cli.main import main; main()'
+    subprocess.run([sys.executable, '-c', code], env={**os.environ, **asked}, check=False)
+    assert (tmp_path / 'answer').read_text().split() == ['replay', 'report']
