@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_ros.physics.compiled import available, compiled
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Bools, Integers
 
 REACH = 3.0  # of the way to the nearest taxel: no neighbour lies farther
@@ -64,8 +64,9 @@ def neighbours(positions: Array) -> Integers:
     return np.asarray(pairs[~blocked], np.int64)
 
 
+@compiled
 def connected(counts: Integers, others: Integers) -> Integers:
-    """Component of each of n nodes.
+    """Component of each of n nodes, numbered by their first nodes.
 
     Parameters
     ----------
@@ -74,47 +75,29 @@ def connected(counts: Integers, others: Integers) -> Integers:
     others : ndarray of int
         Where they end, node after node.
 
-    Returns
-    -------
-    ndarray of int, shape (n,)
-        Numbered by their first nodes.
-
     Examples
     --------
     >>> connected(np.array([1, 0, 0, 1, 0]), np.array([2, 4])).tolist()
     [0, 1, 0, 2, 2]
     """
-    from scipy.sparse import csr_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    starts = np.zeros(len(counts) + 1, np.int32)
-    np.cumsum(counts, out=starts[1:])
-    links = (np.ones(len(others)), others.astype(np.int32), starts)
-    graph = csr_matrix(links, shape=(len(counts), len(counts)))
-    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
-
-
-def flooded(near: list[list[int]], nodes: list[int], count: int) -> tuple[list[int], int]:
-    """Component of a few of `count` nodes, numbered by their first nodes, and how many there are.
-
-    It is quicker than a graph.
-    """
-    label = [-2] * count
-    for node in nodes:
-        label[node] = -1
-    number = -1
-    for node in nodes:
-        if label[node] != -1:
-            continue
-        number += 1
-        label[node] = number
-        front = [node]
-        while front:
-            for other in near[front.pop()]:
-                if label[other] == -1:
-                    label[other] = number
-                    front.append(other)
-    return label, number + 1
+    root, link = np.arange(len(counts)), 0
+    for node in range(len(counts)):
+        for _ in range(counts[node]):
+            a, b = node, others[link]
+            link += 1
+            while root[a] != a:
+                a = root[a]
+            while root[b] != b:
+                b = root[b]
+            root[max(a, b)] = min(a, b)
+    label, number = np.empty(len(counts), np.int64), 0
+    for node in range(len(counts)):
+        if root[node] == node:
+            label[node] = number
+            number += 1
+        else:  # the root of an earlier node
+            label[node] = label[root[node]]
+    return label
 
 
 SECOND = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])  # places of second powers among powers
@@ -198,7 +181,6 @@ FEW_TAXELS = 4  # have none
 OPEN = 2.4  # rad without a neighbour: a taxel at the rim, where a body is cut off on one side
 LAYER = 3.0  # neighbours of a taxel, on average: with less the taxels lie in a line
 BLOCK = 200_000  # taxels of frames that are looked at in one go
-FEW = 250  # touched taxels up to which a loop is quicker than a sparse graph
 
 
 @dataclass(frozen=True)
@@ -272,8 +254,8 @@ class PatchFinder:
         self.size = float(np.median(areas))
         self._rim = np.array([self._is_rim(i) for i in range(len(positions))])
         self._across = None if 2 * len(self.pairs) > LAYER * len(positions) else self._lines()
-        if available():  # built now, not under a frame
-            self._looped(areas, areas, np.ones(len(areas), bool))
+        self._lone(areas, areas, np.ones(len(areas), bool))  # compiled now, not under a frame
+        connected(*np.zeros((2, 1), np.int64))
 
     def find(self, load: Array, variance: Array, touched: Bools) -> Patches:
         """Patches of frames.
@@ -302,17 +284,13 @@ class PatchFinder:
 
     def _block(self, load: Array, variance: Array, touched: Bools) -> Patches:
         """Patches of as many frames as fit."""
-        if len(load) == 1 and available():
-            alone = self._looped(load[0], variance[0], touched[0])
+        if len(load) == 1:
+            alone = self._lone(load[0], variance[0], touched[0])
             if alone is not None:
                 return alone
         node = np.flatnonzero(touched)
         if not len(node):
             return self._nothing(load.shape)
-        if len(load) == 1 and len(node) <= FEW:
-            alone = self._alone(load[0], variance[0], node)
-            if alone is not None:
-                return alone
         row, taxel = np.divmod(node, load.shape[1])
         weight = np.maximum(load.reshape(-1)[node], LEAST)
         patch = self._parted(node, taxel, weight / self.areas[taxel], len(load))
@@ -344,8 +322,8 @@ class PatchFinder:
             blank[2:5].reshape(*tail, 3), blank[5:14].reshape(*tail, 3, 3), blank[14],
         )  # fmt: skip
 
-    def _looped(self, load: Array, variance: Array, touched: Bools) -> Patches | None:
-        """As `_alone`, by compiled loops, of any count of taxels."""
+    def _lone(self, load: Array, variance: Array, touched: Bools) -> Patches | None:
+        """The one patch of one frame; None: there are several or none."""
         found = self._nothing((1, len(load)))
         count, total, spread, area = lone_patch(
             self._links, self._first, self.areas, self._powers, JOINED, LEAST,
@@ -357,33 +335,6 @@ class PatchFinder:
         found.label[0, touched] = 0
         found.count[0] = 1
         found.load[0, 0], found.variance[0, 0], found.area[0, 0] = total, spread, area
-        return found
-
-    def _alone(self, load: Array, variance: Array, taxel: Integers) -> Patches | None:
-        """The one patch of one frame, quickly; None: there are several."""
-        weight = np.maximum(load[taxel], LEAST)
-        pressure = weight / self.areas[taxel]
-        core = taxel[pressure > JOINED * pressure.max()]
-        for nodes in (taxel,) if len(core) == len(taxel) else (taxel, core):
-            if flooded(self._near, nodes.tolist(), len(load))[1] > 1:
-                return None
-        powers, own = self._powers[taxel], variance[taxel][:, None]
-        terms = [weight[:, None] * powers[:, :4], own * powers, self.areas[taxel, None]]
-        # taxel by taxel, as batches add: the same to the last bit, which no matrix product is
-        told = np.add.reduce(np.concatenate(terms, axis=1), axis=0)
-        first, sums = told[:4], told[4:14]
-        total, spread = first[0], sums[0]
-        centre = first[1:] / total
-        mixed = centre[:, None] * sums[1:4]
-        cov = sums[SECOND] - mixed - mixed.T + spread * centre[:, None] * centre
-        cov /= total * total
-        found = self._nothing((1, len(load)))
-        found.label[0, taxel] = 0
-        self._blur_one(cov, load, found.label[0] == 0, len(taxel))
-        found.count[0] = 1
-        found.load[0, 0], found.variance[0, 0] = total, spread
-        found.position[0, 0], found.position_cov[0, 0] = centre, cov
-        found.area[0, 0] = told[14]
         return found
 
     def _blur_one(self, cov: Array, load: Array, touched: Bools, count: int) -> None:
@@ -471,9 +422,6 @@ class PatchFinder:
     def _connected(self, node: Integers, taxel: Integers, rows: int) -> Integers:
         """Component of each touched taxel (n,), numbered by their first ones."""
         taxels = len(self.positions)
-        if rows == 1 and len(node) <= FEW:
-            label, _ = flooded(self._near, node.tolist(), taxels)
-            return np.array([label[i] for i in node.tolist()], np.int64)
         number = np.full(rows * taxels, -1)
         number[node] = np.arange(len(node))
         others = number[self._ahead[taxel] + (node - taxel)[:, None]]

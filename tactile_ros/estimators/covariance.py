@@ -1,20 +1,49 @@
-"""Answers that are larger than any that a fit was told: from there on a curve is a guess."""
+"""Covariances of estimates: learned from what drives errors, scaled on held-out groups."""
 
 from __future__ import annotations
 
 import math
-from functools import cached_property
 
 import numpy as np
 
 from tactile_ros.estimators.regression import Standardisation, fitted, group_folds, training_rows
-from tactile_ros.physics.compiled import available, compiled
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Integers, as_shape
 
 ONE_SIGMA = 0.6827
 NEWTON_STEPS = 25
 FEW_ROWS = 60
 ROWS_PER_LEVEL = 80
+
+
+@compiled
+def spread_rows(
+    x: Array, mean: Array, gain: Array, low: Array, high: Array, weights: Array, knots: Array,
+    factors: Array, sigma: Array,
+) -> None:  # fmt: skip
+    """Multiply sigmas (s, k) by exponentials of squares of features (s, d), scaled by level."""
+    width, outputs = x.shape[1], weights.shape[1]
+    z = np.ones(1 + width)
+    for s in range(len(x)):
+        if np.isnan(x[s]).any():
+            sigma[s, :] = np.nan
+            continue
+        for i in range(width):
+            z[1 + i] = min(max((x[s, i] - mean[i]) * gain[i], low[i]), high[i])
+        for k in range(outputs):
+            total = 0.0
+            for i in range(1 + width):
+                for j in range(1 + width):
+                    total += z[i] * z[j] * weights[i * (1 + width) + j, k]
+            total += math.log(sigma[s, k])
+            at = 0
+            while at + 1 < len(knots) and total >= knots[at + 1, k]:
+                at += 1
+            factor = factors[at, k]
+            if at + 1 < len(knots) and total > knots[0, k]:
+                step = knots[at + 1, k] - knots[at, k]
+                factor += (factors[at + 1, k] - factor) * (total - knots[at, k]) / step
+            sigma[s, k] = math.exp(total + factor)
 
 
 class CalibratedCovariance:
@@ -108,7 +137,6 @@ class CalibratedCovariance:
         best = int(np.argmin([_deviance(size, spread) for spread in found]))
         spread = found[best]
         self.weights_ = _regress(terms, size, tried[best])
-        vars(self).pop('_unscaled', None)
         spread += told
         self._scale(spread, np.log(size) + told)
         sigma = np.exp(self._sigma(spread))
@@ -149,20 +177,15 @@ class CalibratedCovariance:
             As in the fit.
         """
         fitted(self, 'correlation_')
-        if np.shape(drivers)[1:] != self.low_.shape:
-            drivers = as_shape('drivers', drivers, (-1, len(self.low_)))
-        low, high, weights = self._unscaled
-        moved = drivers - self.drivers_.mean_
-        spread = _squares(moved, low, high) @ weights  # NaN where a driver is
-        sigma = self._sigma(spread if stated is None else spread + np.log(stated))
-        return np.asarray(np.exp(sigma, out=sigma))
-
-    @cached_property
-    def _unscaled(self) -> tuple[Array, Array, Array]:
-        """Range and weights for drivers less their mean: a frame has no time to scale them."""
-        spread, scale = self.drivers_.spread_, np.concatenate([np.ones(1), self.drivers_.gain_])
-        weights = np.outer(scale, scale).reshape(-1, 1) * self.weights_
-        return self.low_ * spread, self.high_ * spread, weights
+        drivers = np.ascontiguousarray(as_shape('drivers', drivers, (-1, len(self.low_))))
+        sigma = np.ones((len(drivers), self.weights_.shape[1]))
+        if stated is not None:
+            sigma[:] = stated
+        spread_rows(
+            drivers, self.drivers_.mean_, self.drivers_.gain_, self.low_, self.high_,
+            self.weights_, self.knots_, self.factors_, sigma,
+        )  # fmt: skip
+        return sigma
 
     def _scale(self, spread: Array, size: Array) -> None:
         """Measure, at each level of the spread, the scale that holds 68.27 % of the sizes.
@@ -180,21 +203,14 @@ class CalibratedCovariance:
             # One more than the sample's own share: the finite-sample step of conformal methods.
             share = min(ONE_SIGMA * (len(rows) + 1) / len(rows), 1.0)
             self.factors_[level] = np.quantile(inside, share, axis=0)
-        vars(self).pop('_levels', None)
 
     def _sigma(self, spread: Array) -> Array:
         """Logarithm of sigma at a logarithm of the spread, shape (s, k) both."""
         sigma = np.empty_like(spread)
-        for k, (knots, factors) in enumerate(self._levels):
-            sigma[:, k] = np.interp(spread[:, k], knots, factors)
+        for k in range(sigma.shape[1]):
+            sigma[:, k] = np.interp(spread[:, k], self.knots_[:, k], self.factors_[:, k])
         sigma += spread
         return sigma
-
-    @cached_property
-    def _levels(self) -> list[tuple[Array, Array]]:
-        """Knots and factors of each component, each in one piece."""
-        pairs = zip(self.knots_.T, self.factors_.T, strict=True)
-        return [(knots.copy(), factors.copy()) for knots, factors in pairs]
 
 
 def _least(size: Array) -> Array:
@@ -461,14 +477,7 @@ def widen(cov: Array, floor: Array, scale: Pieces) -> None:
     [4.0, 16.0]
     """
     first, knots, widths, slopes = scale
-    if available():
-        widen_rows(cov, floor, first, knots, widths, slopes)
-        return
-    cov += floor
-    beyond = np.log(np.sqrt(np.diagonal(cov, axis1=1, axis2=2)))[:, None] - knots
-    beyond = np.minimum(np.maximum(beyond, 0.0), widths)
-    factor = np.exp(first + np.add.reduce(beyond * slopes, axis=1))
-    cov *= factor[:, :, None] * factor[:, None, :]
+    widen_rows(cov, floor, first, knots, widths, slopes)
 
 
 @compiled

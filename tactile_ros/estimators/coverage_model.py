@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.physics.compiled import available, compiled
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.coverage import (
     HALF_SPACE,
     CoverageTable,
@@ -119,8 +119,39 @@ FINENESS = 5.0  # nodes for the width of one of many taxels
 FEW_FINENESS = 16.0  # of one of few, of which each must tell more
 MOST_NODES = 120  # of a side
 CUBIC = np.array([[0, -1, 2, -1], [2, 0, -5, 3], [0, 1, 4, -3], [0, 0, -1, 1]]) / 2.0
-SLOPE = np.pad(CUBIC[:, 1:] * np.array([1.0, 2.0, 3.0]), ((0, 0), (0, 1)))
-POWERS = np.stack([CUBIC, SLOPE])  # weights of four nodes, and their slopes, by powers
+
+
+@compiled
+def weights_of(t: float, value: Array, slope: Array) -> None:
+    """Weights of four nodes at a place between the middle two, and their slopes."""
+    t = min(max(t, -1.0), 2.0)
+    for k in range(4):
+        a, b, c, d = CUBIC[k, 0], CUBIC[k, 1], CUBIC[k, 2], CUBIC[k, 3]
+        value[k] = a + b * t + c * t * t + d * t * t * t
+        slope[k] = b + 2.0 * c * t + 3.0 * d * t * t
+
+
+@compiled
+def seen_at(
+    rows: Array, side: int, low: Array, pitch: float, scale: float, x: float, y: float,
+    stack: Array,
+) -> None:  # fmt: skip
+    """Slopes and covered area (3, t) at a place (m): `PlaceTable.seen`; `stack` is filled."""
+    along, over, up, rise = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
+    fx, fy = (x - low[0]) / pitch, (y - low[1]) / pitch
+    i = min(max(int(fx), 1), side - 3)
+    j = min(max(int(fy), 1), side - 3)
+    weights_of(fx - i, along, over)
+    weights_of(fy - j, up, rise)
+    stack[:] = 0.0
+    for m in range(4):
+        for n in range(4):
+            node = rows[(j + m - 1) * side + i + n - 1]
+            by_x, by_y, own = up[m] * over[n] * scale, rise[m] * scale * along[n], up[m] * along[n]
+            for k in range(len(node)):
+                stack[0, k] += by_x * node[k]
+                stack[1, k] += by_y * node[k]
+                stack[2, k] += own * node[k]
 
 
 class PlaceTable:
@@ -165,32 +196,17 @@ class PlaceTable:
             for y in self.low[1] + line
         ]
         self.rows: Array = np.concatenate(rows)
-        self._offsets = (side * np.arange(-1, 3)[:, None] + np.arange(-1, 3)).reshape(-1)
         self.scale = variant.unit[0] / self.pitch
 
     def seen(self, x: float, y: float) -> Array:
         """Slopes and covered area (3, t) at a place (m), as of `TaxelPoints.seen`."""
-        last = self.side - 3
-        fx, fy = (x - self.low[0]) / self.pitch, (y - self.low[1]) / self.pitch
-        i, j = min(max(int(fx), 1), last), min(max(int(fy), 1), last)
-        tables = POWERS @ np.array([_powers(fx - i), _powers(fy - j)]).T
-        (along, over), (up, rise) = tables[:, :, 0], tables[:, :, 1]
-        weights = np.empty((3, 4, 4))
-        np.multiply(up[:, None], over * self.scale, out=weights[0])
-        np.multiply(rise[:, None] * self.scale, along, out=weights[1])
-        np.multiply(up[:, None], along, out=weights[2])
-        near = self.rows[self._offsets + (j * self.side + i)]
-        return np.asarray(weights.reshape(3, 16) @ near)
+        stack = np.empty((3, self.rows.shape[1]))
+        seen_at(self.rows, self.side, self.low, self.pitch, self.scale, x, y, stack)
+        return stack
 
     def all_seen(self, places: Array) -> Array:
         """The same of places (k, 2), shape (3, k, t)."""
         return np.stack([self.seen(float(x), float(y)) for x, y in places], axis=1)
-
-
-def _powers(t: float) -> tuple[float, float, float, float]:
-    """Of a place between the middle two of four nodes."""
-    t = min(max(t, -1.0), 2.0)
-    return 1.0, t, t * t, t * t * t
 
 
 CUT = 3.0  # sigma at which a taxel's misfit stops to count
@@ -199,6 +215,34 @@ SLACK = 1.0  # of a quarter of the taxels' least misfit: what the model may stil
 WEAK = 1e-4  # of a sigma per step: what nothing tells stays where it is
 WELL = 0.5  # of the largest cover: taxels that tell the pressure
 PRIOR = 2.0  # taxels' worth of trust in the stated errors
+
+
+@compiled
+def pressure_of(force: Array, variance: Array, usable: Bools, cover: Array) -> float:
+    """Pressure at which a descent begins: `first_pressure`."""
+    most, count = cover.max(), 0
+    ratio = np.empty(len(cover))
+    for k in range(len(cover)):
+        if usable[k] and cover[k] > WELL * most:
+            ratio[count] = force[k] / cover[k]
+            count += 1
+    if count > 4:
+        middle = np.sort(ratio[:count])[count // 2]
+        if middle > 0:
+            return float(middle)
+    told, area = 0.0, 0.0
+    for k in range(len(cover)):
+        weight = cover[k] * usable[k] / variance[k]
+        told += weight * force[k]
+        area += weight * cover[k]
+    return max(told, 1e-12) / max(area, 1e-300)
+
+
+@compiled
+def excess_of(squared: Array, usable: Bools, count: int, least: float) -> float:
+    """By how much a quarter of the misfits is above what is stated: `Readings.excess`."""
+    size = float(np.sort(squared * usable)[len(squared) - count // 4 - 1])
+    return float(SLACK * max(size**0.5 - least, 0.0))
 
 
 @dataclass
@@ -230,8 +274,7 @@ class Readings:
 
     def excess(self, squared: Array) -> float:
         """By how much the misfit that a quarter of (t,) exceeds is above what is stated."""
-        size = np.sort(squared * self.usable)[-(self.count // 4) - 1]
-        return float(SLACK * max(size**0.5 - self.least, 0.0))
+        return excess_of(squared, self.usable, self.count, self.least)
 
 
 @dataclass
@@ -269,15 +312,10 @@ class Fits:
 
 def first_pressure(readings: Readings, cover: Array) -> float:
     """Pressure by the median of taxels that are well covered; of few, by least squares."""
-    well = np.flatnonzero(readings.usable & (cover > WELL * cover.max()))
-    if len(well) > 4:
-        some = np.sort(readings.force[well] / cover[well])
-        if some[len(some) // 2] > 0:
-            return float(some[len(some) // 2])
-    w = cover * readings.usable / readings.variance
-    return max(float(w @ readings.force), 1e-12) / max(float(w @ cover), 1e-300)
+    return pressure_of(readings.force, readings.variance, readings.usable, cover)
 
 
+@compiled
 def misfit(
     y: Array, cover: Array, pressure: float, weight: Array, present: float
 ) -> tuple[int, int, float]:
@@ -294,20 +332,6 @@ def misfit(
     present : float
         Least force, read or expected, that tells.
     """
-    if available():
-        return misfit_row(y, cover, pressure, weight, present)
-    expected = pressure * cover
-    told = (weight > 0) & (np.maximum(y, expected) > present)
-    wrong = (np.square(y - expected) * weight)[told]
-    far = int(np.count_nonzero(wrong > (2 * CUT) ** 2))
-    return len(wrong), far, float(np.minimum(wrong, CUT**2).sum())
-
-
-@compiled
-def misfit_row(
-    y: Array, cover: Array, pressure: float, weight: Array, present: float
-) -> tuple[int, int, float]:
-    """As `misfit`, taxel by taxel."""
     count, far, total = 0, 0, 0.0
     for k in range(len(y)):
         expected = pressure * cover[k]

@@ -22,7 +22,7 @@ from tactile_ros.estimators.coverage_model import (
     tried_poses,
     variant_of,
 )
-from tactile_ros.physics.compiled import available, compiled
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.coverage import mistakable_turns
 
 if TYPE_CHECKING:
@@ -250,7 +250,7 @@ class CoverageTemplates:
         if close is None or not len(close) or scores.max() < ENOUGH:
             close, near = np.arange(len(what)), unit
             scores = unit @ shape
-        elif available() and not self.vague:
+        elif not self.vague:
             taken = np.empty(MOST_STARTS, np.int64)
             count = likeliest(unit, close, scores, what, shape, CLOSER, NEAR, EXACT, TURN, taken)
             return what[taken[:count]]

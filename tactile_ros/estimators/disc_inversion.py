@@ -22,145 +22,16 @@ from tactile_ros.estimators.disc_model import (
     WEAKENING,
     WEAKER,
     DiscModel,
+    disc_row,
     heats,
 )
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge, times
-from tactile_ros.physics.compiled import available, compiled
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array
 
 CALMER, WILDER, DAMPING, LONGEST = 0.2, 8.0, 1e-3, 0.25
 # both ways often end in one minimum: rounding must not choose between them
 CLEARLY = 1 - 1e-6
-
-
-@compiled
-def lagrange(u: float) -> tuple[float, ...]:
-    """Weights of four nodes at -1, 0, 1, 2, and their slopes."""
-    a, b, c = u + 1, u - 1, u - 2
-    return (
-        -u * b * c / 6,
-        a * b * c / 2,
-        -a * u * c / 2,
-        a * u * b / 6,
-        -(b * c + u * c + u * b) / 6,
-        (b * c + a * c + a * b) / 2,
-        -(u * c + a * c + a * u) / 2,
-        (u * b + a * b + a * u) / 6,
-    )
-
-
-@compiled
-def table_point(
-    x: float, y: float, z: float, table: Array, grid: Array
-) -> tuple[float, float, float, float, float, float]:
-    """Radial field over distance and axial field; their slopes over the distance, and depth."""
-    p, q = (x * x + y * y) / grid[0] + 1, (-z - grid[1]) / grid[2]
-    i = min(max(math.floor(p) - 1, 0), table.shape[0] - 4)
-    j = min(max(math.floor(q) - 1, 0), table.shape[1] - 4)
-    wi, wj = lagrange(p - i - 1), lagrange(q - j - 1)
-    f = g = fs = gs = fz = gz = 0.0
-    for a in range(4):
-        rf = rg = tf = tg = 0.0
-        for b in range(4):
-            near, far = table[i + a, j + b, 0], table[i + a, j + b, 1]
-            rf += near * wj[b]
-            rg += far * wj[b]
-            tf += near * wj[b + 4]
-            tg += far * wj[b + 4]
-        f += rf * wi[a]
-        g += rg * wi[a]
-        fs += rf * wi[a + 4]
-        gs += rg * wi[a + 4]
-        fz += tf * wi[a]
-        gz += tg * wi[a]
-    fs, gs = fs * (2 / grid[0]), gs * (2 / grid[0])
-    return f, g, fs, gs, fz / -grid[2], gz / -grid[2]
-
-
-@compiled
-def turned(a: float, b: float, turn: Array) -> None:
-    """Rotation (3, 3) by turns about x and y (rad)."""
-    angle = math.hypot(a, b)
-    half = 0.5 * angle
-    sine = math.sin(angle) / angle if angle > 0 else 1.0
-    share = math.sin(half) / half if angle > 0 else 1.0
-    versine = 0.5 * share * share
-    turn[0, 0], turn[1, 1] = 1 - versine * b * b, 1 - versine * a * a
-    turn[2, 2] = math.cos(angle)
-    turn[0, 1] = turn[1, 0] = versine * a * b
-    turn[0, 2], turn[2, 0] = sine * b, -sine * b
-    turn[1, 2], turn[2, 1] = -sine * a, sine * a
-
-
-@compiled
-def pixel_field(
-    apart: Array, turn: Array, table: Array, grid: Array, work: Array, slope: Array
-) -> tuple[float, float, float]:
-    """Field of a turned disc at a point apart (3,) of it, and its slopes (3, 5)."""
-    x = turn[0, 0] * apart[0] + turn[1, 0] * apart[1] + turn[2, 0] * apart[2]
-    y = turn[0, 1] * apart[0] + turn[1, 1] * apart[1] + turn[2, 1] * apart[2]
-    z = turn[0, 2] * apart[0] + turn[1, 2] * apart[1] + turn[2, 2] * apart[2]
-    f, g, fs, gs, fz, gz = table_point(x, y, z, table, grid)
-    own, half = work[:3], work[3:6]
-    own[0, 0], own[1, 1], own[0, 1], own[1, 0] = (
-        f + x * x * fs,
-        f + y * y * fs,
-        x * y * fs,
-        x * y * fs,
-    )
-    own[0, 2], own[1, 2], own[2, 0], own[2, 1], own[2, 2] = x * fz, y * fz, x * gs, y * gs, gz
-    bx = turn[0, 0] * f * x + turn[0, 1] * f * y + turn[0, 2] * g
-    by = turn[1, 0] * f * x + turn[1, 1] * f * y + turn[1, 2] * g
-    bz = turn[2, 0] * f * x + turn[2, 1] * f * y + turn[2, 2] * g
-    for i in range(3):
-        for k in range(3):
-            half[i, k] = turn[i, 0] * own[0, k] + turn[i, 1] * own[1, k] + turn[i, 2] * own[2, k]
-    for i in range(3):
-        for k in range(3):
-            slope[i, k] = -(
-                half[i, 0] * turn[k, 0] + half[i, 1] * turn[k, 1] + half[i, 2] * turn[k, 2]
-            )
-    slope[0, 3], slope[1, 3], slope[2, 3] = 0.0, -bz, by
-    slope[0, 4], slope[1, 4], slope[2, 4] = bz, 0.0, -bx
-    for i in range(3):
-        slope[i, 3] += slope[i, 2] * apart[1] - slope[i, 1] * apart[2]
-        slope[i, 4] += slope[i, 0] * apart[2] - slope[i, 2] * apart[0]
-    return bx, by, bz
-
-
-@compiled
-def disc_row(
-    place: Array, warm: float, disc: Array, pixels: Array, axes: Array, table: Array, grid: Array,
-    work: Array, slope: Array, seen: Array, steep: Array,
-) -> None:  # fmt: skip
-    """Readings (n,) of a disc at a place (u,), and their slopes (n, u)."""
-    unknowns = len(place)
-    gap, coupling = disc[0], disc[4]
-    x, y = gap * place[0] + disc[1], gap * place[1] + disc[2]
-    z = gap * place[2] + disc[3]
-    lean = coupling * (1 - disc[8] * place[2])
-    a, b = -lean * place[1] + disc[5], lean * place[0] + disc[6]
-    if unknowns == 5:
-        a, b = a + place[3], b + place[4]
-    turn, apart = work[6:9], work[9]
-    turned(a, b, turn)
-    strength = 1 + disc[7] * warm
-    channels = len(axes) // len(pixels)
-    for p in range(len(pixels)):
-        apart[0], apart[1], apart[2] = pixels[p, 0] - x, pixels[p, 1] - y, pixels[p, 2] - z
-        bx, by, bz = pixel_field(apart, turn, table, grid, work, slope)
-        for i in range(3):
-            for k in range(3):
-                slope[i, k] *= gap
-            slope[i, 0] += lean * slope[i, 4]
-            slope[i, 1] -= lean * slope[i, 3]
-            sideways = place[0] * slope[i, 4] - place[1] * slope[i, 3]
-            slope[i, 2] -= coupling * disc[8] * sideways
-        for n in range(p * channels, (p + 1) * channels):
-            ax, ay, az = axes[n, 0] * strength, axes[n, 1] * strength, axes[n, 2] * strength
-            seen[n] = ax * bx + ay * by + az * bz
-            for k in range(unknowns):
-                steep[n, k] = ax * slope[0, k] + ay * slope[1, k] + az * slope[2, k]
 
 
 @compiled
@@ -262,6 +133,21 @@ def descend_row(
         else:
             damping *= WILDER
     return square
+
+
+@compiled
+def descend_rows(
+    rows: Array, warm: Array, places: Array, sigma: Array, steps: int, disc: Array, pixels: Array,
+    axes: Array, table: Array, grid: Array, rest: Array, projection: Array, prior: Array,
+    least: Array, most: Array, errors: Array,
+) -> None:  # fmt: skip
+    """Move places (s, u) of readings (s, n) by damped steps; errors over sigma (s, m)."""
+    work = np.empty((10, 3))
+    for s in range(len(rows)):
+        descend_row(
+            rows[s], warm[s], places[s], sigma[s], steps, disc, pixels, axes, table, grid, rest,
+            projection, prior, least, most, errors[s], work,
+        )  # fmt: skip
 
 
 @compiled
@@ -445,9 +331,9 @@ class DiscInversion(DiscModel):
 
     def _crossing(self, place: Array, heat: Array) -> Array:
         """How differences change with gains and crossed axes, shape (s, m, n, 3)."""
-        field, _ = self._fields(place, heat)
+        field = self._fields(place, heat)
         if not self.absolute_:
-            field = field - self._fields(np.zeros((1, 3)), np.zeros(1))[0]
+            field = field - self._fields(np.zeros((1, 3)), np.zeros(1))
         size = CROSSED * float(self.disc[3] * (1 + REMANENCE * self.found_[1]))
         field = size * np.repeat(field, len(self.axes) // len(self.pixels), axis=1)
         return np.asarray(np.einsum('nm,sni->smni', self.projection_, field))
@@ -475,68 +361,14 @@ class DiscInversion(DiscModel):
 
     def _descend(self, rows: Array, heat: Array, place: Array, steps: int) -> tuple[Array, Array]:
         """Places and errors over sigma (s, m) after damped steps: Marquardt, J. SIAM 11, 1963."""
-        sigma, prior = self._sigma(rows), self._prior()
-        damping = np.full((len(rows), 1), DAMPING)
-        seen, slope = self.field(place, heat)
-        error = (rows - seen) @ self.projection_ / sigma
-        cost = (error**2).sum(axis=1) + place**2 @ prior
-        for _ in range(steps):
-            inner = np.einsum('nm,sni->smi', self.projection_, slope) / sigma[..., None]
-            normal = np.einsum('smi,smj->sij', inner, inner) + np.diag(prior)
-            pull = np.einsum('smi,sm->si', inner, error) - prior * place
-            trial = self._moved(place, normal, pull, damping)
-            there, steep = self.field(trial, heat)
-            miss = (rows - there) @ self.projection_ / sigma
-            price = (miss**2).sum(axis=1) + trial**2 @ prior
-            better = price <= cost * (1 + 1e-9)
-            cost = np.where(better, price, cost)
-            better = better[:, None]
-            place, error = np.where(better, trial, place), np.where(better, miss, error)
-            slope = np.where(better[..., None], steep, slope)
-            damping = np.where(better, damping * CALMER, damping * WILDER)
-        return place, error
-
-    def _moved(self, place: Array, normal: Array, pull: Array, damping: Array) -> Array:
-        """Places after one damped step, inside the table."""
-        index = np.arange(self.unknowns)
-        damped = normal.copy()
-        damped[:, index, index] *= 1 + damping
-        move = np.linalg.solve(damped, pull[..., None])[..., 0]
-        longest = np.abs(move).max(axis=1, keepdims=True)
-        moved = place + move * np.minimum(1.0, LONGEST / np.maximum(longest, 1e-12))
-        return self._inside(moved)
-
-    def _found(self, rows: Array, heat: Array) -> tuple[Array, Array]:
-        """Places of readings and errors; begun again from rest where they explain little."""
-        again = np.zeros((len(rows), self.unknowns))
-        if self.start_ is None:
-            near, steps = again, STEPS
-        else:
-            near, steps = self._inside(self.start_.predict(rows @ self.projection_)), FEW_STEPS
-        place, miss = self._descend(rows, heat, near, steps)
-        cost = (miss**2).sum(axis=1)
-        doubtful = cost > self.doubt_
-        if np.count_nonzero(doubtful):
-            other, gap = self._descend(rows[doubtful], heat[doubtful], again[doubtful], STEPS)
-            better = ((gap**2).sum(axis=1) < CLEARLY * cost[doubtful])[:, None]
-            place[doubtful] = np.where(better, other, place[doubtful])
-            miss[doubtful] = np.where(better, gap, miss[doubtful])
-        return place, miss
-
-    def _compiled(self, rows: Array, heat: Array) -> tuple[Array, Array, Array]:
-        """The same by compiled loops, with the readings that are left over."""
-        if self.start_ is None:
-            near, steps = np.zeros((len(rows), self.unknowns)), STEPS
-        else:
-            near, steps = self.start_.predict(times(rows, self.projection_)), FEW_STEPS
-        rest, left = np.empty((len(rows), self.projection_.shape[1])), np.empty(rows.shape)
+        place, error = place.copy(), np.empty((len(rows), self.projection_.shape[1]))
         (geometry, axes), (prior, least, most) = self._model, self._bounds
-        find_rows(
-            rows, heat, near, self.sigma_, RIGHT, steps, STEPS, self.doubt_, geometry,
+        descend_rows(
+            np.ascontiguousarray(rows), heat, place, self._sigma(rows)[:, 0], steps, geometry,
             self.pixels, axes, self.table, self.grid, self._offset, self.projection_, prior,
-            least, most, rest, left,
+            least, most, error,
         )  # fmt: skip
-        return near, rest, left
+        return place, error
 
     def invert(self, change: Array, warm: Array | None = None) -> tuple[Array, Array]:
         """Places and what they leave unexplained.
@@ -560,14 +392,19 @@ class DiscInversion(DiscModel):
     def explain(self, change: Array, warm: Array | None = None) -> tuple[Array, Array, Array]:
         """Place and rest as in `invert`, and readings (s, n) (T) less those of the disc there."""
         heat = heats(change, warm)
-        if available():
-            return self._compiled(np.ascontiguousarray(change), heat)
-        lost = ~np.asarray(np.isfinite(change)).all(axis=1)
-        rows = np.where(lost.reshape(-1, 1), 0.0, change)
-        place, miss = self._found(rows, heat)
-        rest, left = miss * self._sigma(rows), rows - self.field(place, heat)[0]
-        place[lost], rest[lost], left[lost] = np.nan, np.nan, np.nan
-        return place, rest, left
+        rows = np.ascontiguousarray(change)
+        if self.start_ is None:
+            near, steps = np.zeros((len(rows), self.unknowns)), STEPS
+        else:
+            near, steps = self.start_.predict(times(rows, self.projection_)), FEW_STEPS
+        rest, left = np.empty((len(rows), self.projection_.shape[1])), np.empty(rows.shape)
+        (geometry, axes), (prior, least, most) = self._model, self._bounds
+        find_rows(
+            rows, heat, near, self.sigma_, RIGHT, steps, STEPS, self.doubt_, geometry,
+            self.pixels, axes, self.table, self.grid, self._offset, self.projection_, prior,
+            least, most, rest, left,
+        )  # fmt: skip
+        return near, rest, left
 
 
 def _some(change: Array, warm: Array | None, drift: Array | None) -> tuple[Array, Array, Array]:

@@ -7,13 +7,15 @@ gains and crossed axes of the channels.
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
 
 from tactile_ros.estimators.polynomial_ridge import times
-from tactile_ros.physics.field_table import COLUMNS, ROWS, disc_table, reach_under, table_disc
+from tactile_ros.physics.compiled import compiled
+from tactile_ros.physics.field_table import COLUMNS, ROWS, disc_table, reach_under
 from tactile_ros.types import Array, Integers
 
 ENTRY = 0.01  # what the config is uncertain by, of gains and crossed axes
@@ -113,6 +115,149 @@ class UniformField:
         inverse = np.full(self.response_.shape, np.nan)
         inverse[:, seen] = np.linalg.pinv(self.response_[:, seen]).T
         return inverse
+
+
+@compiled
+def lagrange(u: float) -> tuple[float, ...]:
+    """Weights of four nodes at -1, 0, 1, 2, and their slopes."""
+    a, b, c = u + 1, u - 1, u - 2
+    return (
+        -u * b * c / 6,
+        a * b * c / 2,
+        -a * u * c / 2,
+        a * u * b / 6,
+        -(b * c + u * c + u * b) / 6,
+        (b * c + a * c + a * b) / 2,
+        -(u * c + a * c + a * u) / 2,
+        (u * b + a * b + a * u) / 6,
+    )
+
+
+@compiled
+def table_point(
+    x: float, y: float, z: float, table: Array, grid: Array
+) -> tuple[float, float, float, float, float, float]:
+    """Radial field over distance and axial field; their slopes over the distance, and depth."""
+    p, q = (x * x + y * y) / grid[0] + 1, (-z - grid[1]) / grid[2]
+    i = min(max(math.floor(p) - 1, 0), table.shape[0] - 4)
+    j = min(max(math.floor(q) - 1, 0), table.shape[1] - 4)
+    wi, wj = lagrange(p - i - 1), lagrange(q - j - 1)
+    f = g = fs = gs = fz = gz = 0.0
+    for a in range(4):
+        rf = rg = tf = tg = 0.0
+        for b in range(4):
+            near, far = table[i + a, j + b, 0], table[i + a, j + b, 1]
+            rf += near * wj[b]
+            rg += far * wj[b]
+            tf += near * wj[b + 4]
+            tg += far * wj[b + 4]
+        f += rf * wi[a]
+        g += rg * wi[a]
+        fs += rf * wi[a + 4]
+        gs += rg * wi[a + 4]
+        fz += tf * wi[a]
+        gz += tg * wi[a]
+    fs, gs = fs * (2 / grid[0]), gs * (2 / grid[0])
+    return f, g, fs, gs, fz / -grid[2], gz / -grid[2]
+
+
+@compiled
+def turned(a: float, b: float, turn: Array) -> None:
+    """Rotation (3, 3) by turns about x and y (rad)."""
+    angle = math.hypot(a, b)
+    half = 0.5 * angle
+    sine = math.sin(angle) / angle if angle > 0 else 1.0
+    share = math.sin(half) / half if angle > 0 else 1.0
+    versine = 0.5 * share * share
+    turn[0, 0], turn[1, 1] = 1 - versine * b * b, 1 - versine * a * a
+    turn[2, 2] = math.cos(angle)
+    turn[0, 1] = turn[1, 0] = versine * a * b
+    turn[0, 2], turn[2, 0] = sine * b, -sine * b
+    turn[1, 2], turn[2, 1] = -sine * a, sine * a
+
+
+@compiled
+def pixel_field(
+    apart: Array, turn: Array, table: Array, grid: Array, work: Array, slope: Array
+) -> tuple[float, float, float]:
+    """Field of a turned disc at a point apart (3,) of it, and its slopes (3, 5)."""
+    x = turn[0, 0] * apart[0] + turn[1, 0] * apart[1] + turn[2, 0] * apart[2]
+    y = turn[0, 1] * apart[0] + turn[1, 1] * apart[1] + turn[2, 1] * apart[2]
+    z = turn[0, 2] * apart[0] + turn[1, 2] * apart[1] + turn[2, 2] * apart[2]
+    f, g, fs, gs, fz, gz = table_point(x, y, z, table, grid)
+    own, half = work[:3], work[3:6]
+    own[0, 0], own[1, 1], own[0, 1], own[1, 0] = (
+        f + x * x * fs,
+        f + y * y * fs,
+        x * y * fs,
+        x * y * fs,
+    )
+    own[0, 2], own[1, 2], own[2, 0], own[2, 1], own[2, 2] = x * fz, y * fz, x * gs, y * gs, gz
+    bx = turn[0, 0] * f * x + turn[0, 1] * f * y + turn[0, 2] * g
+    by = turn[1, 0] * f * x + turn[1, 1] * f * y + turn[1, 2] * g
+    bz = turn[2, 0] * f * x + turn[2, 1] * f * y + turn[2, 2] * g
+    for i in range(3):
+        for k in range(3):
+            half[i, k] = turn[i, 0] * own[0, k] + turn[i, 1] * own[1, k] + turn[i, 2] * own[2, k]
+    for i in range(3):
+        for k in range(3):
+            slope[i, k] = -(
+                half[i, 0] * turn[k, 0] + half[i, 1] * turn[k, 1] + half[i, 2] * turn[k, 2]
+            )
+    slope[0, 3], slope[1, 3], slope[2, 3] = 0.0, -bz, by
+    slope[0, 4], slope[1, 4], slope[2, 4] = bz, 0.0, -bx
+    for i in range(3):
+        slope[i, 3] += slope[i, 2] * apart[1] - slope[i, 1] * apart[2]
+        slope[i, 4] += slope[i, 0] * apart[2] - slope[i, 2] * apart[0]
+    return bx, by, bz
+
+
+@compiled
+def disc_row(
+    place: Array, warm: float, disc: Array, pixels: Array, axes: Array, table: Array, grid: Array,
+    work: Array, slope: Array, seen: Array, steep: Array,
+) -> None:  # fmt: skip
+    """Readings (n,) of a disc at a place (u,), and their slopes (n, u)."""
+    unknowns = len(place)
+    gap, coupling = disc[0], disc[4]
+    x, y = gap * place[0] + disc[1], gap * place[1] + disc[2]
+    z = gap * place[2] + disc[3]
+    lean = coupling * (1 - disc[8] * place[2])
+    a, b = -lean * place[1] + disc[5], lean * place[0] + disc[6]
+    if unknowns == 5:
+        a, b = a + place[3], b + place[4]
+    turn, apart = work[6:9], work[9]
+    turned(a, b, turn)
+    strength = 1 + disc[7] * warm
+    channels = len(axes) // len(pixels)
+    for p in range(len(pixels)):
+        apart[0], apart[1], apart[2] = pixels[p, 0] - x, pixels[p, 1] - y, pixels[p, 2] - z
+        bx, by, bz = pixel_field(apart, turn, table, grid, work, slope)
+        for i in range(3):
+            for k in range(3):
+                slope[i, k] *= gap
+            slope[i, 0] += lean * slope[i, 4]
+            slope[i, 1] -= lean * slope[i, 3]
+            sideways = place[0] * slope[i, 4] - place[1] * slope[i, 3]
+            slope[i, 2] -= coupling * disc[8] * sideways
+        for n in range(p * channels, (p + 1) * channels):
+            ax, ay, az = axes[n, 0] * strength, axes[n, 1] * strength, axes[n, 2] * strength
+            seen[n] = ax * bx + ay * by + az * bz
+            for k in range(unknowns):
+                steep[n, k] = ax * slope[0, k] + ay * slope[1, k] + az * slope[2, k]
+
+
+@compiled
+def disc_rows(
+    places: Array, warm: Array, disc: Array, pixels: Array, axes: Array, table: Array, grid: Array,
+    seen: Array, steep: Array,
+) -> None:  # fmt: skip
+    """Readings (s, n) of discs at places (s, u), and their slopes (s, n, u)."""
+    work, slope = np.empty((10, 3)), np.empty((3, 5))
+    for s in range(len(places)):
+        disc_row(
+            places[s], warm[s], disc, pixels, axes, table, grid, work, slope, seen[s], steep[s]
+        )
 
 
 GAP, REMANENCE, REST, LEANING, COUPLING, DEEPER = 0.1, 0.1, 0.08, 0.03, 0.3, 0.5
@@ -274,29 +419,22 @@ class DiscModel:
         return np.asarray(rest[0])
 
     def _absolute(self, place: Array, heat: Array) -> tuple[Array, Array]:
-        axes = self._model[1]
-        field, slope = self._fields(place, heat)
-        channels = len(axes) // len(self.pixels)
-        field, slope = np.repeat(field, channels, axis=1), np.repeat(slope, channels, axis=1)
-        readings = np.einsum('ni,sni->sn', axes, field)
-        return readings, np.einsum('ni,snij->snj', axes, slope[..., : place.shape[1]])
+        return self._along(self._model[1], place, heat)
 
-    def _fields(self, place: Array, heat: Array) -> tuple[Array, Array]:
-        """Field of a disc of 1 T at pixels (s, t, 3), and its slopes (s, t, 3, 5)."""
-        gap, x, y, z, coupling, *lean, weaker, deeper = self._model[0]
-        centre = gap * place[:, :3] + np.array([x, y, z])
-        turn = coupling * (1 - deeper * place[:, 2])
-        tilts = np.stack([-turn * place[:, 1], turn * place[:, 0]], axis=1) + np.array(lean)
-        if place.shape[1] == 5:
-            tilts = tilts + place[:, 3:]
-        field, slope = table_disc(self.pixels, centre, tilts, self.table, self.grid)
-        px, py, turn = (one[:, None, None] for one in (place[:, 0], place[:, 1], turn))
-        slope[..., :3] *= gap
-        slope[..., 0] += turn * slope[..., 4]
-        slope[..., 1] -= turn * slope[..., 3]
-        slope[..., 2] -= coupling * deeper * (px * slope[..., 4] - py * slope[..., 3])
-        strength = (1 + weaker * heat)[:, None, None]
-        return field * strength, slope * strength[..., None]
+    def _along(self, axes: Array, place: Array, heat: Array) -> tuple[Array, Array]:
+        """Readings (s, n) along axes (n, 3) with their strengths, and slopes (s, n, 3 or 5)."""
+        seen = np.empty((len(place), len(axes)))
+        steep = np.empty((*seen.shape, place.shape[1]))
+        disc_rows(
+            np.ascontiguousarray(place), heat, self._model[0], self.pixels, axes, self.table,
+            self.grid, seen, steep,
+        )  # fmt: skip
+        return seen, steep
+
+    def _fields(self, place: Array, heat: Array) -> Array:
+        """Field of a disc of 1 T at pixels (s, t, 3)."""
+        every = np.tile(np.eye(3), (len(self.pixels), 1))
+        return self._along(every, place, heat)[0].reshape(len(place), -1, 3)
 
     def _inside(self, place: Array) -> Array:
         """Places (s, 3 or 5) that the table knows."""

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_ros.estimators.covariance import CalibratedCovariance
-from tactile_ros.estimators.polynomial_ridge import PolynomialRidge, product_rows, spread
+from tactile_ros.estimators.polynomial_ridge import PolynomialRidge, product_rows
 from tactile_ros.estimators.regression import group_folds
-from tactile_ros.physics.compiled import available, compiled
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.magnetics import dipole_field
 from tactile_ros.types import Array, Bools, Integers
 
@@ -35,17 +35,17 @@ def crossed(a: Array, b: Array, c: Array) -> None:
             c[i, j] = total
 
 
+@compiled
 def whitened(
-    square: Array | float, even: Array | float, blur: Array | float, left: Array, shown: Array,
-    level: Array, seen: Array, right: Array,
-) -> Array | float:  # fmt: skip
+    square: float, even: float, blur: float, left: Array, shown: Array, level: Array, seen: Array,
+    right: Array,
+) -> float:  # fmt: skip
     """Log likelihood of what is left (r,); `right` (r, 1 + k) becomes it and answers, whitened.
 
     `shown` and `level`, of shape (r + k, r + k), are covariances that a field of strength 1, and
-    an even one, give to what is left and to answers. Arrays may have further axes, for many such
-    at once: rounding is the same.
+    an even one, give to what is left and to answers.
     """
-    count, evidence = len(left), 0.0 * square
+    count, evidence = len(left), 0.0
     for i in range(count):
         for j in range(i + 1):
             total = square * shown[i, j] + even * level[i, j]
@@ -55,7 +55,7 @@ def whitened(
             seen[i, j] = np.sqrt(total) if i == j else total / seen[j, j]
         for k in range(right.shape[1]):
             at = count + k - 1
-            total = square * shown[i, at] + even * level[i, at] if k > 0 else 0 * square + left[i]
+            total = square * shown[i, at] + even * level[i, at] if k > 0 else left[i]
             for n in range(i):
                 total = total - seen[i, n] * right[n, k]
             right[i, k] = total / seen[i, i]
@@ -63,10 +63,10 @@ def whitened(
     return evidence
 
 
+@compiled
 def answered(
-    square: Array | float, even: Array | float, shown: Array, level: Array, right: Array,
-    told: Array, doubt: Array,
-) -> None:  # fmt: skip
+    square: float, even: float, shown: Array, level: Array, right: Array, told: Array, doubt: Array
+) -> None:
     """Answers (k,) and their covariance (k, k), of `right` of `whitened`."""
     count = len(right)
     for k in range(len(told)):
@@ -80,9 +80,6 @@ def answered(
                 total = total - right[i, 1 + k] * right[i, 1 + n]
             doubt[k, n] = total
             doubt[n, k] = total
-
-
-whitened_row, answered_row = compiled(whitened), compiled(answered)
 
 
 @compiled
@@ -142,8 +139,8 @@ def weighed_rows(
         for j in range(len(share)):
             square = strength[s, j] ** 2
             blur = noise[s] ** 2 + INEXACT**2 * square
-            evidence = whitened_row(square, even[s], blur, shows, shown, level, seen, right)
-            answered_row(square, even[s], shown, level, right, told[j], doubt[j])
+            evidence = whitened(square, even[s], blur, shows, shown, level, seen, right)
+            answered(square, even[s], shown, level, right, told[j], doubt[j])
             share[j] = usual[s, j] + evidence
         mixed(share, told, doubt, mean[s], cov[s])
 
@@ -269,25 +266,11 @@ class NearbyMagnets:
         # what the disc's place takes up shows nothing, and would pass for a weak magnet
         ways = np.swapaxes(np.linalg.svd(rest)[0][..., : width - FREEDOMS], 1, 2)
         field = self.shape @ self.shape.T
-        if available():
-            count = answer.shape[1]
-            mean, cov = np.empty((len(left), count)), np.empty((len(left), count, count))
-            ways, rest, answer = (np.ascontiguousarray(part) for part in (ways, rest, answer))
-            weighed_rows(ways, rest, answer, field, left, noise, strength, even, usual, mean, cov)
-            return mean, cov
-        steep = np.concatenate([_product(ways, rest), answer], axis=1)
-        flat = np.swapaxes(steep, 1, 2)
-        shown, level = _product(_product(steep, field[None]), flat), _product(steep, flat)
-        told, doubt, evidence = _conditioned(
-            strength**2, even[:, None], noise[:, None] ** 2,
-            _product(ways, left[..., None])[..., 0], shown, level,
-        )  # fmt: skip
-        share = np.exp(usual + evidence - (usual + evidence).max(axis=1, keepdims=True))
-        share = (share / share.sum(axis=1, keepdims=True))[..., None]
-        mean = (share * told).sum(axis=1)
-        apart = told - mean[:, None]
-        doubt = doubt + apart[..., :, None] * apart[..., None, :]
-        return mean, np.asarray((share[..., None] * doubt).sum(axis=1))
+        count = answer.shape[1]
+        mean, cov = np.empty((len(left), count)), np.empty((len(left), count, count))
+        ways, rest, answer = (np.ascontiguousarray(part) for part in (ways, rest, answer))
+        weighed_rows(ways, rest, answer, field, left, noise, strength, even, usual, mean, cov)
+        return mean, cov
 
 
 def _usual(strength: Array, expected: Array) -> Array:
@@ -301,29 +284,6 @@ def _usual(strength: Array, expected: Array) -> Array:
     far = np.where(apart > 0, near, 1.0)
     near, far = (one / (one.sum(axis=1, keepdims=True) + 1e-300) for one in (near, far))
     return np.asarray(np.log(NEAR * near + (1 - NEAR) * far + 1e-300))
-
-
-def _product(a: Array, b: Array) -> Array:
-    """Products (s, i, j) of a (s, i, n) and b (s, n, j), added up in the order of the loops."""
-    total = a[:, :, :1] * b[:, :1]
-    for n in range(1, a.shape[2]):
-        total = total + a[:, :, n : n + 1] * b[:, n : n + 1]
-    return np.asarray(total)
-
-
-def _conditioned(
-    square: Array, even: Array, noise: Array, left: Array, shown: Array, level: Array
-) -> tuple[Array, Array, Array]:
-    """Answers (s, j, k) given what is left (s, r), their covariances, and its likelihood."""
-    count, answers = left.shape[1], shown.shape[1] - left.shape[1]
-    many = square.shape
-    seen, right = np.empty((count, count, *many)), np.empty((count, 1 + answers, *many))
-    told, doubt = np.empty((answers, *many)), np.empty((answers, answers, *many))
-    left, shown, level = (np.moveaxis(one, 0, -1)[..., None] for one in (left, shown, level))
-    blur = noise + INEXACT**2 * square
-    evidence = whitened(square, even, blur, left, shown, level, seen, right)
-    answered(square, even, shown, level, right, told, doubt)
-    return np.moveaxis(told, 0, -1), np.moveaxis(doubt, (0, 1), (-2, -1)), np.asarray(evidence)
 
 
 def magnet_fields(pixels: Array, response: Array, distance: float = REACH) -> Array:
@@ -513,7 +473,7 @@ class StrayField:
         """
         usual, count = self.usual_field_.predict(place), uniform.shape[1]
         field, left = uniform - usual[:, :count], rest - usual[:, count:]
-        sigma = np.maximum(spread(self.spread_, place), LEAST)
+        sigma = np.maximum(self.spread_.sigma(place), LEAST)
         odd = ((left / sigma) ** 2).mean(axis=1)
         size = np.sqrt(np.maximum((field**2).sum(axis=1) - self.blind_**2, 0.0))
         near = (odd > self.usual_) | (size > 0)

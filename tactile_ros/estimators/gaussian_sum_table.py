@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tactile_ros.estimators.regression import fitted
-from tactile_ros.physics.compiled import available, compiled
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Integers
 
 
@@ -264,10 +264,6 @@ class TouchMixture:
             # a row at a time: the same bits alone and among others
             z = np.matmul(x[:, None], self.metric)[:, 0]
         index = self._nearest(z)
-        return self._loops(z, index) if available() else self._arrays(z, index)
-
-    def _loops(self, z: Array, index: Integers) -> Posterior:
-        """By compiled loops over rows."""
         rows, near, count = len(z), index.shape[1], self.count
         outcome = np.empty((rows, count + 2))
         cov = np.zeros((rows, self.told, self.told))
@@ -277,42 +273,9 @@ class TouchMixture:
             outcome[:, :count], cov, outcome[:, count], outcome[:, count + 1], parts, weight
         )
 
-    def _arrays(self, z: Array, index: Integers) -> Posterior:
-        """By whole arrays; the same numbers to rounding."""
-        rows, channels, freedoms, count = *z.shape, self.freedoms, self.count
-        near = index.shape[1]
-        piece = self.table.take(index, axis=0)
-        ends = np.cumsum([channels, freedoms * channels, count * freedoms, count])
-        away = z[:, None] - piece[:, :, :channels]
-        gains = piece[:, :, ends[0] : ends[1]].reshape(rows, near, freedoms, channels)
-        leads = piece[:, :, ends[1] : ends[2]].reshape(rows, near, count, freedoms)
-        # in the order of the loops: what a touch explains cancels most of what is away
-        inside = np.cumsum(gains * away[:, :, None], axis=3)[..., -1:]
-        squares = np.concatenate([away * away, -inside[..., 0] * inside[..., 0]], axis=2)
-        misfit = np.cumsum(squares, axis=2)[..., -1] * piece[:, :, -2]
-        likely = piece[:, :, -1] - 0.5 * misfit
-        best = likely.max(axis=1)
-        weight = np.exp(likely - best[:, None])
-        total = weight.sum(axis=1)
-        weight /= total[:, None]
-        parts = piece[:, :, ends[2] : ends[3]] + np.matmul(leads, inside)[..., 0]
-        mean = np.matmul(weight[:, None], parts)[:, 0]
-        own = leads * np.sqrt(weight / piece[:, :, -2])[..., None, None]
-        cov = self._covariance(own, weight, parts - mean[:, None])
-        return Posterior(mean, cov, best + np.log(total), misfit.min(axis=1), parts, weight)
-
     def _nearest(self, z: Array) -> Integers:
         index = self.tree.query(z, k=self.neighbours, eps=self.slack)[1]
         return np.asarray(index.reshape(len(z), self.neighbours))
-
-    def _covariance(self, leads: Array, weight: Array, apart: Array) -> Array:
-        """Within the rows of the table and between them, shape (s, c, c)."""
-        told, (rows, near, _, freedoms) = self.told, leads.shape
-        wide = np.empty((rows, told, near * (freedoms + 1)))
-        split = near * freedoms
-        wide[:, :, :split] = leads[:, :, :told].transpose(0, 2, 1, 3).reshape(rows, told, split)
-        wide[:, :, split:] = (apart[:, :, :told] * np.sqrt(weight)[..., None]).transpose(0, 2, 1)
-        return np.asarray(np.matmul(wide, wide.transpose(0, 2, 1)))
 
     def at_large(self, x: Array, centres: Array) -> tuple[Array, Array, Array]:
         """Answers of features (s, d) that are wrong by an amount which nobody knows.
@@ -355,13 +318,8 @@ class TouchMixture:
         """Share (s, n) of the parts that are nearest to each of some centres (n, 3)."""
         rows = len(seen.parts)
         shares = np.zeros((rows, len(centres)))
-        if available():
-            share_rows(seen.parts, seen.weight, centres, shares)
-            return shares
-        near = seen.parts[:, :, :3] @ centres.T - 0.5 * (centres**2).sum(axis=1)
-        named = near.argmax(axis=2) + np.arange(rows)[:, None] * len(centres)
-        total = np.bincount(named.ravel(), seen.weight.ravel(), shares.size)
-        return np.asarray(total.reshape(shares.shape), np.float64)
+        share_rows(seen.parts, seen.weight, centres, shares)
+        return shares
 
 
 def _metric(channels: int, common: Array | None, strength: float) -> tuple[Array, float]:

@@ -24,12 +24,14 @@ from tactile_ros.estimators.coverage_model import (
     Readings,
     TaxelPoints,
     Variant,
+    excess_of,
     first_pressure,
     misfit,
+    pressure_of,
+    seen_at,
 )
 from tactile_ros.estimators.coverage_templates import FEW_TAXELS, CoverageTemplates
-from tactile_ros.estimators.place_descent import covariance_of, descend_places
-from tactile_ros.physics.compiled import available
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.coverage import HALF_SPACE, SPRINGS
 from tactile_ros.types import Array, Bools, Integers
 
@@ -43,7 +45,125 @@ if TYPE_CHECKING:
         TaxelPoints,
         Variant,
     )
-    from tactile_ros.types import Array, Outline
+    from tactile_ros.types import Array, Bools, Outline
+
+
+@compiled
+def added(stack: Array, share: Array, miss: Array, normal: Array, pull: Array) -> None:
+    """Matrix (3, 3) and right side (3,) of least squares; both are filled."""
+    normal[:] = 0.0
+    pull[:] = 0.0
+    for k in range(len(share)):
+        for m in range(3):
+            tall = stack[m, k] * share[k]
+            pull[m] += tall * miss[k]
+            for n in range(m + 1):
+                normal[m, n] += tall * stack[n, k]
+    for m in range(3):
+        normal[m, m] += WEAK
+        for n in range(m):
+            normal[n, m] = normal[m, n]
+
+
+@compiled
+def inverse_of(a: Array, inverse: Array) -> None:
+    """Inverse of a symmetric matrix (3, 3), by cofactors; it is filled."""
+    p, q, r, s, t, u = a[0, 0], a[0, 1], a[0, 2], a[1, 1], a[1, 2], a[2, 2]
+    inverse[0, 0], inverse[1, 1], inverse[2, 2] = s * u - t * t, p * u - r * r, p * s - q * q
+    inverse[0, 1] = inverse[1, 0] = r * t - q * u
+    inverse[0, 2] = inverse[2, 0] = q * t - r * s
+    inverse[1, 2] = inverse[2, 1] = q * r - p * t
+    inverse /= p * inverse[0, 0] + q * inverse[0, 1] + r * inverse[0, 2]
+
+
+@compiled
+def weighed(
+    stack: Array, variance: Array, usable: Bools, squared: Array, edge: float, floor: float,
+    rough: float, share: Array, weight: Array,
+) -> None:  # fmt: skip
+    """Weights (t,) of squared misfits, robust ones and such without what is rough; filled."""
+    for k in range(len(share)):
+        edges = edge * (stack[0, k] ** 2 + stack[1, k] ** 2) + floor
+        near = usable[k] / (variance[k] + edges + rough**2)
+        far = max(1.0 - squared[k] * near / (2 * CUT) ** 2, 0.0)
+        share[k] = near * far * far
+        weight[k] = usable[k] / (variance[k] + edges)
+
+
+@compiled
+def step_of(normal: Array, pull: Array, move: Array) -> None:
+    """Step (3,) of least squares, none beyond 1; filled."""
+    inverse = np.empty((3, 3))
+    inverse_of(normal, inverse)
+    for m in range(3):
+        total = 0.0
+        for n in range(3):
+            total += inverse[m, n] * pull[n]
+        move[m] = min(max(total, -1.0), 1.0)
+
+
+@compiled
+def descend_rows(
+    rows: Array, side: int, low: Array, pitch: float, scale: float,
+    force: Array, variance: Array, usable: Bools, top: float, count: int, least: float,
+    found: Array, step: float, edge: float, floor: float, rounds: int, loose: Array, final: bool,
+    stack: Array, share: Array, cover: Array, normal: Array,
+) -> float:  # fmt: skip
+    """Cost of a descent: `descend_places`; `found` (x, y, pressure) and what follows is filled."""
+    miss, weight, pull, move = np.empty(len(force)), np.empty(len(force)), np.empty(3), np.empty(3)
+    rough = 0.0
+    for i in range(rounds):
+        seen_at(rows, side, low, pitch, scale, found[0], found[1], stack)
+        if i == 0:
+            found[2] = pressure_of(force, variance, usable, stack[2])
+        stack *= found[2]
+        miss[:] = force - stack[2]
+        squared = miss * miss
+        rough = excess_of(squared, usable, count, least)
+        if i < len(loose):
+            rough = max(rough, loose[i] * top)
+        weighed(stack, variance, usable, squared, edge, floor, rough, share, weight)
+        added(stack, share, miss, normal, pull)
+        step_of(normal, pull, move)
+        found[0] += move[0] * step
+        found[1] += move[1] * step
+        found[2] *= max(1.0 + move[2], 0.3)
+        if i >= len(loose) and max(abs(move[0]), abs(move[1])) < CLOSE:
+            break
+    cost = 0.0
+    for k in range(len(force)):
+        left = miss[k] - (move[0] * stack[0, k] + move[1] * stack[1, k] + move[2] * stack[2, k])
+        near = weight[k] if final or not weight[k] else 1.0 / (1.0 / weight[k] + rough**2)
+        cost += min(left * left * near, CUT**2)
+        cover[k] = (force[k] - left) / found[2]
+    return cost
+
+
+def descend_places(
+    variant: Variant,
+    start: Array,
+    readings: Readings,
+    rounds: int,
+    loose: Sequence[float],
+    final: bool,
+) -> Fits:
+    """Descend with one variant from (x, y); see `Descent.run`."""
+    places, step = variant.places, float(variant.unit[0])
+    assert places is not None
+    taxels = len(readings.force)
+    stack, share, cover = np.empty((3, taxels)), np.empty(taxels), np.empty(taxels)
+    found, normal = np.array([start[0], start[1], 0.0]), np.empty((3, 3))
+    cost = descend_rows(
+        places.rows, places.side, places.low, places.pitch, places.scale, readings.force,
+        readings.variance, readings.usable, readings.top, readings.count, readings.least,
+        found, step, places.error.edge, places.error.floor * readings.top**2, rounds,
+        np.array(loose), final, stack, share, cover, normal,
+    )  # fmt: skip
+    return Fits(
+        variant, 0, found[None, :2], found[2:], np.array([cost]), cover[None], normal[None],
+        stack[:, None], share[None],
+    )  # fmt: skip
+
 
 BROKEN = 0.05  # of the taxels, which then read anything up to the largest force
 UNIFORM = 12.0  # over the squared width of an even prior: what it knows
@@ -138,11 +258,6 @@ def fit_of(fits: Fits, i: int, readings: Readings, points: TaxelPoints) -> Fit:
 
 def _covariance(fits: Fits, i: int, readings: Readings) -> Array:
     """Of parameters, half from misfits where they are, half from their common size."""
-    if available() and fits.variant.places is not None:
-        return covariance_of(
-            fits.normal[i], fits.slopes[:, i], fits.share[i], readings.force, fits.cover[i],
-            float(fits.pressure[i]),
-        )  # fmt: skip
     inverse = np.linalg.inv(fits.normal[i])
     share, j = fits.share[i], fits.slopes[:, i]
     miss = readings.force - fits.pressure[i] * fits.cover[i]

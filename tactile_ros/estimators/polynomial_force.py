@@ -13,9 +13,8 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from tactile_ros.estimators.polynomial_ridge import summed
-from tactile_ros.estimators.regression import fitted, predict_rows, training_rows
-from tactile_ros.physics.compiled import available, compiled
+from tactile_ros.estimators.regression import fitted, training_rows
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Integers, as_shape
 
 LEAST_SHARE = 1e-10
@@ -108,8 +107,6 @@ class PolynomialForce:
         """
         fitted(self, 'weights_')
         width = int(np.sqrt(2 * len(self.mean_))) // 3 * 2
-        if not available():
-            return predict_rows(x, width, self._answer)
         x = as_shape('x of predict', x, (-1, width))
         y = np.empty((len(x), len(self.level_)))
         weights, level = self._folded
@@ -121,11 +118,6 @@ class PolynomialForce:
         """Weights (p, k) and level (k,) of features that are not standardised."""
         weights = np.ascontiguousarray(self.weights_ / self.spread_[:, None])
         return weights, np.asarray(self.level_ - self.mean_ @ weights)
-
-    def _answer(self, x: Array) -> Array:
-        raw = products(gradient_field(x) / self.size_)
-        weights, level = self._folded
-        return summed(raw, weights, level)
 
 
 def gradient_field(x: Array) -> Array:

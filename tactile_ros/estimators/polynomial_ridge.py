@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import combinations_with_replacement
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,27 +18,12 @@ from tactile_ros.estimators.regression import (
     fitted,
     group_folds,
     held_out_each,
-    predict_rows,
     ridge_weights,
+    standardised,
     training_rows,
 )
-from tactile_ros.physics.compiled import available, compiled
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Integers, as_shape
-
-if TYPE_CHECKING:
-    from tactile_ros.estimators.covariance import CalibratedCovariance
-
-FEW = 32  # rows that are quicker in one piece
-
-
-@compiled
-def standardised(x: Array, mean: Array, gain: Array, low: Array, high: Array, z: Array) -> bool:
-    """Features (d,) over their spreads, held inside what was seen; False where one is missing."""
-    for i in range(len(x)):
-        if not math.isfinite(x[i]):
-            return False
-        z[i] = min(max((x[i] - mean[i]) * gain[i], low[i]), high[i])
-    return True
 
 
 @compiled
@@ -64,34 +48,6 @@ def polynomial_rows(
 
 
 @compiled
-def spread_rows(
-    x: Array, mean: Array, gain: Array, low: Array, high: Array, weights: Array, knots: Array,
-    factors: Array, sigma: Array,
-) -> None:  # fmt: skip
-    """Multiply sigmas (s, k) by exponentials of squares of features (s, d), scaled by level."""
-    width, outputs = x.shape[1], weights.shape[1]
-    z = np.ones(1 + width)
-    for s in range(len(x)):
-        if not standardised(x[s], mean, gain, low, high, z[1:]):
-            sigma[s, :] = np.nan
-            continue
-        for k in range(outputs):
-            total = 0.0
-            for i in range(1 + width):
-                for j in range(1 + width):
-                    total += z[i] * z[j] * weights[i * (1 + width) + j, k]
-            total += math.log(sigma[s, k])
-            at = 0
-            while at + 1 < len(knots) and total >= knots[at + 1, k]:
-                at += 1
-            factor = factors[at, k]
-            if at + 1 < len(knots) and total > knots[0, k]:
-                step = knots[at + 1, k] - knots[at, k]
-                factor += (factors[at + 1, k] - factor) * (total - knots[at, k]) / step
-            sigma[s, k] = math.exp(total + factor)
-
-
-@compiled
 def product_rows(x: Array, matrix: Array, y: Array) -> None:
     """Products (s, m) of rows (s, n) and a matrix (n, m), added up in the order of n."""
     for s in range(len(x)):
@@ -102,49 +58,11 @@ def product_rows(x: Array, matrix: Array, y: Array) -> None:
             y[s, m] = total
 
 
-def summed(terms: Array, weights: Array, level: Array | float = 0.0) -> Array:
-    """Level (k,) and terms (s, p) times weights (p, k), added up in the order of the loops.
-
-    Where weights cancel, another order would be seen in the sum.
-
-    Examples
-    --------
-    >>> summed(np.array([[1.0, 2.0]]), np.array([[3.0], [4.0]]), np.ones(1))
-    array([[12.]])
-    """
-    answer = np.zeros((len(terms), weights.shape[1])) + level
-    if len(terms) > FEW:
-        for term, weight in zip(terms.T, weights, strict=True):
-            answer += term[:, None] * weight
-        return answer
-    parts = np.concatenate([answer[None], terms.T[:, :, None] * weights[:, None]])
-    return np.asarray(np.add.accumulate(parts, axis=0)[-1])
-
-
 def times(x: Array, matrix: Array) -> Array:
     """Rows (s, n) times a matrix (n, m): the same bits for one row as for many."""
-    if not available():
-        return summed(x, matrix)
     y = np.empty((len(x), matrix.shape[1]))
     product_rows(np.ascontiguousarray(x), matrix, y)
     return y
-
-
-def spread(covariance: CalibratedCovariance, drivers: Array, stated: Array | None = None) -> Array:
-    """Standard deviations (s, k) that a fitted covariance states for drivers (s, f).
-
-    With what was stated beforehand (s, k), where its fit had such.
-    """
-    if not available():
-        return covariance.sigma(drivers, stated)
-    sigma, scale = np.ones((len(drivers), covariance.weights_.shape[1])), covariance.drivers_
-    if stated is not None:
-        sigma[:] = stated
-    spread_rows(
-        drivers, scale.mean_, scale.gain_, covariance.low_, covariance.high_,
-        covariance.weights_, covariance.knots_, covariance.factors_, sigma,
-    )  # fmt: skip
-    return sigma
 
 
 STRENGTHS = 10.0 ** np.arange(-12.0, -1.0)
@@ -239,8 +157,6 @@ class PolynomialRidge:
     def predict(self, x: Array) -> Array:
         """Evaluate the polynomials, shape (s, k), of features (s, d); see `Estimator`."""
         fitted(self, 'degree_')
-        if not available():
-            return predict_rows(x, len(self.limit_), self._answer)
         x = as_shape('x of predict', x, (-1, len(self.limit_)))
         y = np.empty((len(x), len(self.level_)))
         scale, (factors, weights, level) = self.scale_, self._folded
@@ -258,19 +174,6 @@ class PolynomialRidge:
         factors = (np.ascontiguousarray(pairs[:, 0]), np.ascontiguousarray(pairs[:, 1]))
         return factors, weights, np.asarray(self.level_ - self.terms_.mean_ @ weights)
 
-    def _answer(self, x: Array) -> Array:
-        z = np.minimum(np.maximum(self.scale_(x), -self.limit_), self.limit_)
-        (lower, last), weights, level = self._folded
-        terms = np.empty((len(z), len(lower)))
-        width = z.shape[1]
-        terms[:, :width] = z
-        first = width
-        while first < len(lower):  # all terms whose lower factors are known
-            known = lower[first:] >= first
-            end = first + int(np.argmax(known)) if known.any() else len(lower)
-            terms[:, first:end] = terms[:, lower[first:end]] * z[:, last[first:end]]
-            first = end
-        return summed(terms, weights, level)
 
 
 def count_terms(width: int, degree: int, slow: int = 0) -> int:
@@ -319,7 +222,7 @@ def _kept(name: tuple[int, ...], first_slow: int) -> bool:
     return slow == 0 or (slow <= 2 and len(name) <= 3)
 
 
-DEGREES, WARM_POLYNOMIAL_FEW = (3, 4, 5), 6  # of what is eliminated; rows for one of its terms
+DEGREES, FEW = (3, 4, 5), 6  # of what is eliminated; rows for one of its terms
 ROUNDS, STEP = 8, 1e-4
 MOST_ROWS = 1500
 MOST = 1.6  # of the logarithm of a stiffness
@@ -430,7 +333,7 @@ def _degree(x: Array) -> int:
     """Highest degree of which x (s, d) has rows enough."""
     terms = {degree: math.comb(x.shape[1] + degree, degree) for degree in DEGREES}
     return max(
-        (n for n, count in terms.items() if WARM_POLYNOMIAL_FEW * count <= len(x)),
+        (n for n, count in terms.items() if FEW * count <= len(x)),
         default=DEGREES[0],
     )
 

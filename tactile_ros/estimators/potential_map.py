@@ -17,10 +17,14 @@ import numpy.typing as npt
 
 from tactile_ros.estimators.model_selection import at_corners, caution, left_out
 from tactile_ros.estimators.regression import fitted, predict_rows, training_rows
-from tactile_ros.estimators.sheet_rows import place_rows
 from tactile_ros.estimators.smooth_fields import GRID as CELLS
-from tactile_ros.estimators.smooth_fields import Moments, ToldPlaces, at_places, grid_places
-from tactile_ros.physics.compiled import available
+from tactile_ros.estimators.smooth_fields import (
+    Moments,
+    ToldPlaces,
+    at_places,
+    grid_places,
+    place_rows,
+)
 from tactile_ros.types import Array, Integers
 
 Kind = Literal['polynomials', 'sides', 'border']
@@ -241,28 +245,6 @@ def likeliest_of(kind: Kind, size: Array, known: ToldPlaces) -> PotentialFit:
 NODES = 61  # along an edge of the sheet
 
 
-def shift_at(share: Array, table: Array) -> Array:
-    """Shifts (s, 2) at places (s, 2) on the unit square, from a table (n + 2, n + 2, 2)."""
-    deep = np.fmin(np.fmax(share, 0.0), 1.0) * (len(table) - 3)
-    node = np.minimum(deep.astype(np.int64), len(table) - 4)
-    t = deep - node
-    square = t * t
-    cube = square * t
-    weights = np.stack(
-        [
-            square - 0.5 * (t + cube),
-            1.0 - 2.5 * square + 1.5 * cube,
-            0.5 * t + 2.0 * square - 1.5 * cube,
-            0.5 * (cube - square),
-        ],
-        axis=2,
-    )
-    four = np.arange(4)
-    near = table[node[:, 0, None, None] + four[:, None], node[:, 1, None, None] + four]
-    # no product of matrices: its sums run otherwise for one frame than for many
-    return np.asarray(np.einsum('si,sj,sijk->sk', weights[:, 0], weights[:, 1], near))
-
-
 DEGREE = 11
 GRID = 41
 MARGIN = 0.15  # beyond what was touched, in halves of the longer edge
@@ -344,32 +326,15 @@ class HarmonicMap:
 
         The covariance is of noise and calibration together.
         """
-        if available():
-            place, covariance = np.empty((len(x), 2)), np.empty((len(x), 2, 2))
-            known = (self.range_, OUTSIDE, self._table, self.size, self.shift_, self.roots_)
-            place_rows(x, *known, place, covariance)
-            return place, covariance
-        rough = self._rough(x)
-        place = np.minimum(
-            np.maximum(rough + shift_at(rough / self.size, self.shift_), 0), self.size
-        )
-        cell = (np.fmax(place / self.size, 0.0) * (CELLS - 1) + 0.5).astype(np.int64)
-        root = self.roots_[cell[:, 0], cell[:, 1]]
-        covariance = np.einsum('sij,skj->sik', root, root)
-        return place, covariance + 0.0 * place[:, :1, None]
+        place, covariance = np.empty((len(x), 2)), np.empty((len(x), 2, 2))
+        known = (self.range_, OUTSIDE, self._table, self.size, self.shift_, self.roots_)
+        place_rows(x, *known, place, covariance)
+        return place, covariance
 
     def stated(self, x: Array) -> tuple[Array, Array]:
         """Places (s, 2) and spreads of their errors (s, 2) (m)."""
         place, covariance = self.place(x)
         return place, np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-
-    def _rough(self, x: Array) -> Array:
-        """Places (s, 2) (m) by the polynomials alone."""
-        u = (x[:, :2] - self.range_[0]) / self.range_[1]
-        powers = np.minimum(np.maximum(u, -OUTSIDE), OUTSIDE)[:, :, None] ** _RISING
-        # no product of matrices: its sums run otherwise for one frame than for many
-        known = np.einsum('si,sj,ijk->sk', powers[:, 0], powers[:, 1], self._table)
-        return np.asarray(np.minimum(np.maximum(known, 0.0), self.size))
 
     @cached_property
     def _table(self) -> Array:

@@ -9,7 +9,6 @@ import numpy as np
 
 from tactile_ros.estimators.model_selection import at_corners, caution, left_out
 from tactile_ros.estimators.regression import fitted, predict_rows, training_rows
-from tactile_ros.estimators.sheet_rows import force_rows
 from tactile_ros.estimators.smooth_fields import (
     EXPECTED,
     GRID,
@@ -24,6 +23,7 @@ from tactile_ros.estimators.smooth_fields import (
     SpreadCells,
     by_places,
     cosines_at,
+    force_rows,
     grid_places,
     likeliest,
     peak,
@@ -31,7 +31,6 @@ from tactile_ros.estimators.smooth_fields import (
     shape_table,
     steady_places,
 )
-from tactile_ros.physics.compiled import available
 from tactile_ros.physics.resistive_sheet import SeriesResistance
 from tactile_ros.types import Array, Integers
 
@@ -164,23 +163,9 @@ class PowerCurve:
         resistance : ndarray, shape (s,)
             R, in units of the divider's.
         """
-        if available():
-            force, spread = np.empty(len(places)), np.empty(len(places))
-            force_rows(places, resistance, self.table, *self._law, force, spread)
-            return force, spread
-        low, high, middle = self.range
-        inside = np.fmin(np.fmax(places, 0.0), 1.0)
-        waves = np.cos(inside[:, :, None] * WIDEST)
-        # no product of matrices: its sums run otherwise for one frame than for many
-        known = np.einsum('si,sj,ijk->sk', waves[:, 0], waves[:, 1], self.table)
-        film = np.fmin(np.fmax(resistance - known[:, 4] - self.series.at(inside), low), high)
-        level = np.log(film) - middle
-        power = known[:, 0] + level * (known[:, 1] + level * self.bend)
-        power += known[:, 2] / film
-        power += known[:, 3] * film
-        force = np.exp(np.minimum(power, self.most))
-        spread = force * self.cells.at(inside, level)
-        return force + self.gap, spread
+        force, spread = np.empty(len(places)), np.empty(len(places))
+        force_rows(places, resistance, self.table, *self._law, force, spread)
+        return force, spread
 
     @cached_property
     def _law(self) -> tuple[Array, Array, Array]:

@@ -14,14 +14,14 @@ import numpy as np
 
 from tactile_ros.estimators.few_shot import SHAPE_RANK, USUAL_SPREAD, Supports, orthonormal
 from tactile_ros.estimators.press_templates import cleared_rows, descend_rows, solved_rows
-from tactile_ros.physics.compiled import available, compiled
+from tactile_ros.physics.compiled import compiled
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from tactile_ros.estimators.few_shot import PressVectors
     from tactile_ros.estimators.press_templates import PressBank
-    from tactile_ros.types import Array, Bools, Integers
+    from tactile_ros.types import Array, Integers
 
     Singles = npt.NDArray[np.float32]
 
@@ -36,224 +36,14 @@ DAMPING = 1e-4
 STOP = np.array([CLOSE, BEHIND, FAINTEST, DAMPING, SHRUNK])  # as loops take them
 
 
-@dataclass(frozen=True)
-class Weighed:
-    """Presses (n), over the deviations of their readings.
-
-    Attributes
-    ----------
-    weight, wanted : ndarray, shape (n, d)
-        One over deviations, and weighted patterns less what a uniform field could have added.
-    span : ndarray, shape (n, d, 3)
-        Orthonormal weighted patterns of such a field.
-    powers : ndarray, shape (n, 3)
-        As in `PressVectors`.
-    """
-
-    weight: Array
-    wanted: Array
-    span: Array
-    powers: Array
-
-    def cleared(self, press: Integers, rows: Array) -> Array:
-        """Rows (s, r, d) of some presses, less what a uniform field could have added."""
-        span = self.span[press]
-        return np.asarray(rows - np.matmul(np.matmul(rows, span), np.swapaxes(span, 1, 2)))
-
-
-@dataclass
-class Descents:
-    """Where s descents are.
-
-    Attributes
-    ----------
-    pose : ndarray, shape (s, 4)
-        Place (m), turn (rad) and depth (m).
-    cost : ndarray, shape (s,)
-        Squared misfit over its variance.
-    normal, scale : ndarray, shape (s, 4, 4) and (s, 4)
-        Matrix of the steps in units in which its diagonal is about 1; what they are.
-    plain : ndarray, shape (s, 5, d)
-        Pattern (T), and its slopes with the pose.
-    """
-
-    pose: Array
-    cost: Array
-    normal: Array
-    scale: Array
-    plain: Array
-
-
 def limits(shallowest: float, deepest: float) -> Array:
     """Of steps of a descent, and of depths (m)."""
     return np.array([*LONGEST, *RATIO, shallowest, deepest])
 
 
-def weigh(pattern: Array, variance: Array, common: Array, powers: Array) -> Weighed:
-    """Presses with patterns and variances (n, d); `common` (d, 3) is what a uniform field does."""
-    weight = 1 / np.sqrt(variance)
-    # what a uniform field could have added is taken out of weighted patterns
-    span = orthonormal(weight[:, :, None] * common)
-    wanted = pattern * weight
-    wanted = wanted - np.einsum('ndk,nk->nd', span, np.einsum('ndk,nd->nk', span, wanted))
-    return Weighed(weight, wanted, span, powers)
-
-
-def descend(
-    bank: PressBank, weighed: Weighed, press: Integers, head: Integers, pose: Array, limit: Array
-) -> Descents:
-    """Descend from some poses.
-
-    Parameters
-    ----------
-    bank : PressBank
-        Templates.
-    weighed : Weighed
-        Presses (n).
-    press, head : ndarray, shape (s,)
-        Press and head of each descent; presses in rising order.
-    pose : ndarray, shape (s, 4)
-        Where it begins; the depth is one that is usual.
-    limit : ndarray, shape (7,)
-        Of `limits`.
-    """
-    found, step, promised = _begun(bank, weighed, press, head, pose, limit)
-    active = np.ones(len(press), bool)
-    for _ in range(ROUNDS):
-        active &= _worth(found.cost, promised, press, head)
-        if not active.any():
-            break
-        rows = np.flatnonzero(active)
-        tried = moved(found.pose[rows], step[rows], limit)
-        parts = np.asarray(bank.at(head[rows], tried[:, :3]), np.float64)
-        new, new_step, more = _misfit(weighed, press[rows], tried, parts)
-        better = new.cost < found.cost[rows]
-        step[rows[~better]] *= SHRUNK
-        promised[rows[~better]] *= SHRUNK
-        taken = rows[better]
-        step[taken], promised[taken] = new_step[better], more[better]
-        for name in ('pose', 'cost', 'normal', 'scale', 'plain'):
-            getattr(found, name)[taken] = getattr(new, name)[better]
-    _finish(found, step, promised, limit)
-    return found
-
-
-def moved(pose: Array, step: Array, limit: Array) -> Array:
-    """Poses (s, 4) after steps, each no longer than a template reaches."""
-    tried = pose + np.clip(step, [*-limit[:3], 0.0], [*limit[:3], 0.0])
-    ratio = np.clip(1 + step[:, 3] / pose[:, 3], limit[3], limit[4])
-    tried[:, 3] = np.clip(pose[:, 3] * ratio, limit[5], limit[6])
-    return np.asarray(tried)
-
-
-def _begun(
-    bank: PressBank, weighed: Weighed, press: Integers, head: Integers, pose: Array, limit: Array
-) -> tuple[Descents, Array, Array]:
-    """Descents at their beginning, at depths that fit; their steps and what these promise."""
-    parts = np.asarray(bank.at(head, pose[:, :3]), np.float64)
-    a, p = pose[:, 3:], weighed.powers[press]
-    row = np.matmul((p * np.concatenate([a, a**2, a**3], axis=1))[:, None], parts[:, 0])
-    row = weighed.cleared(press, row * weighed.weight[press][:, None])[:, 0]
-    share = np.einsum('nd,nd->n', row, weighed.wanted[press]) / np.einsum('nd,nd->n', row, row)
-    depth = np.clip(a[:, 0] * np.maximum(share, FAINTEST), limit[5], limit[6])
-    return _misfit(weighed, press, np.column_stack([pose[:, :3], depth]), parts)
-
-
-def _worth(cost: Array, promised: Array, press: Integers, head: Integers) -> Bools:
-    """Which descents may still change what is said."""
-    best = np.full((press.max() + 1, head.max() + 1), np.inf)
-    np.minimum.at(best, (press, head), cost)
-    behind = cost - best.min(axis=1)[press]
-    lively = promised > np.maximum(CLOSE, BEHIND * behind)
-    return np.asarray(lively & (cost - 2 * promised <= best[press, head]))
-
-
-def _misfit(
-    weighed: Weighed, press: Integers, pose: Array, parts: Array
-) -> tuple[Descents, Array, Array]:
-    """Descents at poses with templates (s, 4, 3, d), their steps and what these promise."""
-    a, p = pose[:, 3:], weighed.powers[press]
-    raised = p * np.concatenate([a, a**2, a**3], axis=1)
-    slope = p * np.concatenate([np.ones_like(a), 2 * a, 3 * a**2], axis=1)
-    values = np.matmul(raised[:, None, None], parts)[:, :, 0]
-    plain = np.concatenate([values, np.matmul(slope[:, None], parts[:, 0])], axis=1)
-    rows = weighed.cleared(press, plain * weighed.weight[press][:, None])
-    miss, j = weighed.wanted[press] - rows[:, 0], rows[:, 1:]
-    normal = np.matmul(j, np.swapaxes(j, 1, 2))
-    scale = np.sqrt(np.einsum('nii->ni', normal)) + 1e-30
-    normal = normal / scale[:, :, None] / scale[:, None] + DAMPING * np.eye(4)
-    right = np.matmul(j, miss[..., None]) / scale[..., None]
-    step = np.linalg.solve(normal, right)
-    promised = (right * step).sum(axis=(1, 2))
-    found = Descents(pose, np.einsum('nd,nd->n', miss, miss), normal, scale, plain)
-    return found, step[..., 0] / scale, promised
-
-
-def _finish(found: Descents, step: Array, promised: Array, limit: Array) -> None:
-    """Last steps, so short that a straight line tells what they do, clipped or whole."""
-    rows = np.flatnonzero(promised <= CLOSE)
-    tried = moved(found.pose[rows], step[rows], limit)
-    change = tried - found.pose[rows]
-    found.plain[rows, 0] += np.einsum('si,sid->sd', change, found.plain[rows, 1:])
-    gain = _kept(found.normal[rows], found.scale[rows], step[rows], change, promised[rows])
-    found.pose[rows], found.cost[rows] = tried, found.cost[rows] - gain
-
-
-def _kept(normal: Array, scale: Array, step: Array, change: Array, promised: Array) -> Array:
-    """What changes (s, 4) of a pose keep of what whole steps promise.
-
-    Along a parabola whose top is the whole step, for each direction: 2 u N w - u N u.
-    """
-    whole, part = step * scale, change * scale
-    pull = np.matmul(normal, whole[..., None])[..., 0]
-    back = np.matmul(normal, part[..., None])[..., 0]
-    gain = (part * (2 * pull - back)).sum(axis=1)
-    top = (whole * pull).sum(axis=1)
-    return np.asarray(promised * gain / np.maximum(top, 1e-300))
-
-
-SHAPE_MISFIT_DAMPING = 1e-4  # of slopes of unit length
+MIXTURE_DAMPING = 1e-4  # of slopes of unit length
 TINY = 1e-30
 FEWEST = 1e-3  # degrees of freedom
-
-
-def shape_misfits(miss: Array, slopes: Array, away: Array) -> Array:
-    """What mixtures of other heads explain of misfits, over what chance would let them.
-
-    Parameters
-    ----------
-    miss : ndarray, shape (n, d)
-        What the best head leaves of each press, over the deviations of readings and less what a
-        uniform field could have added.
-    slopes : ndarray, shape (n, 4, d)
-        Of its pattern with the pose, alike.
-    away : ndarray, shape (n, h, d)
-        From its pattern to those of all heads, of which it is one, alike.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        About 1 where it is that head; 1 where there is no other.
-
-    Notes
-    -----
-    Weights of a mixture have a deviation of 1 about 0: 1 is the whole way to another head.
-    """
-    if away.shape[1] == 1:
-        return np.ones(len(miss))
-    if available():
-        found = np.empty(len(miss))
-        shape_rows(miss, slopes, away, found)
-        return found
-    free = slopes / (np.linalg.norm(slopes, axis=2, keepdims=True) + TINY)
-    rows = np.concatenate([free, away], axis=1)
-    own = np.repeat([SHAPE_MISFIT_DAMPING, 1.0], [slopes.shape[1], away.shape[1]])
-    low = np.linalg.cholesky(np.matmul(rows, np.swapaxes(rows, 1, 2)) + np.diag(own))
-    # what slopes explain comes first and does not count
-    back = np.linalg.inv(low)[:, slopes.shape[1] :]
-    gain = np.square(np.matmul(back, np.matmul(rows, miss[..., None]))).sum(axis=(1, 2))
-    freedom = away.shape[1] - np.square(back[:, :, slopes.shape[1] :]).sum(axis=(1, 2))
-    return np.asarray(gain / np.maximum(freedom, FEWEST))
 
 
 @compiled
@@ -294,11 +84,31 @@ def solve_rows(low: Array, first: int, right: Array) -> float:
 
 @compiled
 def shape_rows(miss: Array, slopes: Array, away: Array, found: Array) -> None:
-    """The same press by press; `found` (n,) is filled."""
+    """What mixtures of other heads explain of misfits, over what chance would let them.
+
+    Parameters
+    ----------
+    miss : ndarray, shape (n, d)
+        What the best head leaves of each press, over the deviations of readings and less what a
+        uniform field could have added.
+    slopes : ndarray, shape (n, 4, d)
+        Of its pattern with the pose, alike.
+    away : ndarray, shape (n, h, d)
+        From its pattern to those of all heads, of which it is one, alike.
+    found : ndarray, shape (n,)
+        Filled: about 1 where it is that head; 1 where there is no other.
+
+    Notes
+    -----
+    Weights of a mixture have a deviation of 1 about 0: 1 is the whole way to another head.
+    """
+    if away.shape[1] == 1:
+        found[:] = 1.0
+        return
     free, heads = slopes.shape[1], away.shape[1]
     rows, low = np.empty((free + heads, miss.shape[1])), np.empty((free + heads, free + heads + 1))
     own, unit = np.ones(free + heads), np.empty(free + heads)
-    own[:free] = SHAPE_MISFIT_DAMPING
+    own[:free] = MIXTURE_DAMPING
     for n in range(len(miss)):
         for i in range(free):
             rows[i] = slopes[n, i] / (np.sqrt((slopes[n, i] * slopes[n, i]).sum()) + TINY)
@@ -681,17 +491,6 @@ class PressSearch:
         """The same on this skin."""
         # one by one, so that a press has the same starts alone and among others
         start = np.array([self._starts(own) for own in presses.pattern @ self.cleared])
-        if available():
-            return self._looped(presses, start)
-        press, head = np.divmod(np.arange(start.size // 4), len(self.heads))
-        variance = self.variance(presses)
-        weighed = weigh(presses.pattern, variance, self.common, presses.powers)
-        start = start.reshape(-1, 4)
-        found = descend(self.bank, weighed, press, self.heads[head], start, self.limit)
-        return self._best(found, np.log(variance).sum(axis=1), weighed)
-
-    def _looped(self, presses: PressVectors, start: Array) -> Matches:
-        """The same by compiled loops, press by press."""
         bank, (n, d), heads = self.bank, presses.pattern.shape, len(self.first)
         noise = presses.variance(self.noise, self.still)
         plain = np.empty((n, heads, 5, d))
@@ -713,36 +512,11 @@ class PressSearch:
         own = (own / (np.sqrt(own @ own) + 1e-30)).astype(np.float32)
         seen = np.asarray(self.spans @ own, np.float32)
         pose = np.full((len(self.heads), 4), USUAL * self.body)
-        if available():
-            near = np.zeros(PLACES, np.int64)
-            places_rows(seen, self.rank, near)
-            score = np.asarray(self.units[near] @ own, np.float32)
-            starts_rows(score, self.first, self.turns, self.turn, self.places[near], pose)
-            return pose
-        spread = np.square(seen).reshape(self.rank, -1).sum(axis=0)
-        near = np.argpartition(-spread, PLACES)[:PLACES]
-        score = np.negative(self.units[near] @ own)
-        for i, (first, turns) in enumerate(zip(self.first, self.turns, strict=True)):
-            part = score[:, first : first + turns]
-            best = np.argpartition(part, STARTS - 1, axis=None)[:STARTS]
-            where, turn = np.divmod(best, turns)
-            rows = slice(STARTS * i, STARTS * (i + 1))
-            pose[rows, :2], pose[rows, 2] = self.places[near[where]], turn * self.turn[i]
+        near = np.zeros(PLACES, np.int64)
+        places_rows(seen, self.rank, near)
+        score = np.asarray(self.units[near] @ own, np.float32)
+        starts_rows(score, self.first, self.turns, self.turn, self.places[near], pose)
         return pose
-
-    def _best(self, found: Descents, level: Array, weighed: Weighed) -> Matches:
-        """The best descent of every head, of `STARTS` each, for every press."""
-        count = len(level)
-        which = found.cost.reshape(-1, STARTS).argmin(axis=1)
-        rows = STARTS * np.arange(len(which)) + which
-        scale = found.scale[rows]
-        cov = np.linalg.inv(found.normal[rows]) / scale[:, :, None] / scale[:, None]
-        cost, pose, cov, plain = (
-            one.reshape(count, -1, *one.shape[1:])
-            for one in (found.cost[rows], found.pose[rows], cov, found.plain[rows])
-        )
-        slopes, fitted = plain[:, :, 1:], plain[:, :, 0]
-        return Matches(cost, pose, cov, slopes, fitted, level, _misfits(cost, plain, weighed))
 
 
 def joined(parts: list[Matches]) -> Matches:
@@ -750,15 +524,6 @@ def joined(parts: list[Matches]) -> Matches:
     return Matches(
         *(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(Matches))
     )
-
-
-def _misfits(cost: Array, plain: Array, weighed: Weighed) -> Array:
-    """Misfit of the likeliest head's shape (n,), from patterns and slopes (n, heads, 5, d)."""
-    each = np.arange(len(cost))
-    best = plain[each, cost.argmin(axis=1)]
-    rows = np.concatenate([best, plain[:, :, 0] - best[:, :1]], axis=1)
-    rows = weighed.cleared(each, rows * weighed.weight[:, None])
-    return shape_misfits(weighed.wanted - rows[:, 0], rows[:, 1:5], rows[:, 5:])
 
 
 def _leading(gram: Array, rank: int) -> Array:

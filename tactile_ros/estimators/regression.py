@@ -8,6 +8,7 @@ less on presses of a skin whose state has moved on.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.errors import NotCalibratedError
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Bools, Estimator, Integers, as_shape
 
 if TYPE_CHECKING:
@@ -138,6 +140,16 @@ def fitted(estimator: object, attribute: str) -> None:
 
 
 SPREAD_FLOOR = 1e-9
+
+
+@compiled
+def standardised(x: Array, mean: Array, gain: Array, low: Array, high: Array, z: Array) -> bool:
+    """Features (d,) over their spreads, held inside what was seen; False where one is missing."""
+    for i in range(len(x)):
+        if not math.isfinite(x[i]):
+            return False
+        z[i] = min(max((x[i] - mean[i]) * gain[i], low[i]), high[i])
+    return True
 
 
 class Standardisation:

@@ -39,7 +39,7 @@ def test_how_deep_a_press_is_hardly_matters_and_noise_alone_is_not_blown_up() ->
 def test_a_network_says_what_made_it() -> None:
     for what in recogniser.TRAINED:
         made = recogniser.pronet(what).session.get_modelmeta().custom_metadata_map
-        assert made['made by'].startswith('training/recogniser.py --seed 1')
+        assert made['made by'].startswith('training/pronet.py --seed 1')
         places = [int(place) for place in made['places learned from'].split()]
         learned = trials.split_places(1)[0] if what == 'shapes' else np.arange(25)
         np.testing.assert_array_equal(places, learned)

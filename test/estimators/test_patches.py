@@ -7,7 +7,6 @@ from time import perf_counter_ns
 import numpy as np
 import pytest
 
-from tactile_ros.estimators import contact_patches
 from tactile_ros.estimators.contact_patches import PatchFinder, connected, neighbours
 from tactile_ros.sensors.taxel_array.config import grid_positions, radial_positions
 
@@ -85,12 +84,7 @@ def test_patches_are_those_of_a_slow_flood(share: float) -> None:
         np.testing.assert_allclose(kept, sorted(total, reverse=True))
 
 
-@pytest.mark.parametrize('with_compiler', [True, False])
-def test_one_frame_alone_says_what_it_says_among_others_to_the_last_bit(
-    with_compiler: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    if not with_compiler:
-        monkeypatch.setattr(contact_patches.compiled, 'available', lambda: False)
+def test_one_frame_alone_says_what_it_says_among_others_to_the_last_bit() -> None:
     rng = np.random.default_rng(3)
     positions = radial_positions() + rng.normal(0.0, 1e-4, (16, 3))
     finder = PatchFinder(positions, rng.uniform(1e-5, 2e-5, 16), 2)

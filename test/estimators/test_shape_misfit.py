@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from tactile_ros.estimators.press_search import shape_misfits
-from tactile_ros.physics import compiled
+from tactile_ros.estimators.press_search import shape_rows
 
 HEADS, READINGS = 4, 40
 RNG = np.random.default_rng(3)
@@ -18,7 +16,9 @@ def misfits(miss: np.ndarray) -> np.ndarray:
     """Of presses (n, d) whose best head is the first one; it is round: no slope with its turn."""
     n = len(miss)
     slopes, away = np.tile(SLOPES, (n, 1, 1)), np.tile(FITTED - FITTED[0], (n, 1, 1))
-    return shape_misfits(miss, slopes, away)
+    found = np.empty(n)
+    shape_rows(miss, slopes, away, found)
+    return found
 
 
 def test_noise_is_about_one_and_a_shape_between_two_heads_is_far_more() -> None:
@@ -35,13 +35,7 @@ def test_a_press_aside_or_deeper_is_no_other_shape() -> None:
 
 
 def test_a_head_without_another_has_a_misfit_of_one() -> None:
-    alone = shape_misfits(np.ones((2, READINGS)), np.tile(SLOPES, (2, 1, 1)), np.zeros((2, 1, 40)))
+    alone = np.empty(2)
+    slopes, away = np.tile(SLOPES, (2, 1, 1)), np.zeros((2, 1, READINGS))
+    shape_rows(np.ones((2, READINGS)), slopes, away, alone)
     assert alone.tolist() == [1.0, 1.0]
-
-
-@pytest.mark.skipif(not compiled.available(), reason='numba is not installed')
-def test_compiled_loops_say_what_arrays_say(monkeypatch: pytest.MonkeyPatch) -> None:
-    miss = RNG.normal(size=(5, READINGS))
-    looped = misfits(miss)
-    monkeypatch.setattr(compiled, 'AVAILABLE', False)
-    np.testing.assert_allclose(looped, misfits(miss), rtol=1e-12)

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from tactile_ros.estimators.potential_map import HarmonicMap
 from tactile_ros.estimators.power_law_force import PowerForce
 from tactile_ros.estimators.smooth_fields import by_places, steady_places
-from tactile_ros.physics import compiled
 
-needs_compiler = pytest.mark.skipif(not compiled.available(), reason='numba is not installed')
 SIZE = np.array([0.1, 0.08])
 RNG = np.random.default_rng(11)
 
@@ -23,8 +20,7 @@ def map_and_potentials() -> tuple[HarmonicMap, np.ndarray]:
     return HarmonicMap(SIZE).fit(told, places), RNG.uniform(-0.2, 1.2, (300, 3))
 
 
-@needs_compiler
-def test_places_are_those_of_the_arrays(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_place_has_the_same_bits_alone() -> None:
     found, x = map_and_potentials()
     x[5, 1] = np.nan
     place, cov = found.place(x)
@@ -33,14 +29,9 @@ def test_places_are_those_of_the_arrays(monkeypatch: pytest.MonkeyPatch) -> None
     alone = [found.place(x[i : i + 1]) for i in range(len(x))]
     np.testing.assert_array_equal(np.concatenate([one[0] for one in alone]), place)
     np.testing.assert_array_equal(np.concatenate([one[1] for one in alone]), cov)
-    monkeypatch.setattr(compiled, 'AVAILABLE', False)
-    other, spread = found.place(x)
-    np.testing.assert_allclose(place, other, rtol=1e-12, atol=1e-14)
-    np.testing.assert_allclose(cov, spread, rtol=1e-12)
 
 
-@needs_compiler
-def test_forces_are_those_of_the_arrays(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_force_has_the_same_bits_alone() -> None:
     place, force = RNG.uniform(0.1, 0.9, (300, 2)), RNG.uniform(1, 15, 300)
     film = 2 * np.exp(0.3 * np.sin(3 * place[:, 0])) * force**-0.7
     found = PowerForce(2.5e-4).fit(np.column_stack([place, film]), force[:, None])
@@ -48,10 +39,6 @@ def test_forces_are_those_of_the_arrays(monkeypatch: pytest.MonkeyPatch) -> None
     said, spread = found.at(places, resistance)
     one = found.at(places[7:8].copy(), resistance[7:8].copy())
     assert (one[0][0], one[1][0]) == (said[7], spread[7])
-    monkeypatch.setattr(compiled, 'AVAILABLE', False)
-    other, wide = found.at(places, resistance)
-    np.testing.assert_allclose(said, other, rtol=1e-12)
-    np.testing.assert_allclose(spread, wide, rtol=1e-12)
 
 
 def test_places_are_steadied_where_groups_are_of_one_place() -> None:

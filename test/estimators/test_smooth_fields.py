@@ -6,11 +6,8 @@ import numpy as np
 
 from tactile_ros.estimators.smooth_fields import (
     EXPECTED,
-    GRID,
     Moments,
     SmoothFields,
-    SpreadCells,
-    grid_places,
     prior_spread,
 )
 
@@ -62,12 +59,3 @@ def test_a_table_of_weights_says_what_the_terms_say() -> None:
     waves = own.waves(places)
     said = np.einsum('si,sj,ijk->sk', waves[:, 0], waves[:, 1], own.table(weights))
     np.testing.assert_allclose(said, own.terms(places) @ weights, atol=1e-12)
-
-
-def test_cells_tell_their_own_middle_and_stay_inside() -> None:
-    levels, places = 5, grid_places()
-    spreads = np.arange(GRID * GRID * levels, dtype=float)
-    cells = SpreadCells(spreads, levels, -1.0, 1.0)
-    some = np.array([0, 7, GRID * GRID - 1])
-    said = cells.at(places[some], np.array([-1.0, 0.0, 1.0]))
-    np.testing.assert_array_equal(said, [spreads[0], spreads[7 * levels + 2], spreads[-1]])

@@ -6,101 +6,20 @@ covariance, which spans decades, the largest of its own row.
 
 from __future__ import annotations
 
-import dataclasses
 import subprocess
 import sys
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pytest
 
-from tactile_ros.enrolment import thinned
 from tactile_ros.physics import compiled
-from tactile_ros.sensors import load_sensor
-from tactile_ros.types import STATE_FIELDS, ContactStates, Recording
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from tactile_ros.pipeline import Pipeline
 
 pytestmark = pytest.mark.skipif(not compiled.available(), reason='numba is not installed')
-SAME = 1e-12
-WILD = 1e-11  # of frames that are no touch's: their inversions are worse conditioned
-NO_TOUCH = (17, 3)  # every which row, from which on
-CASES = [
-    ('gradiometer', 'history'),
-    ('gradiometer', 'inversion_tilt'),
-    ('gradiometer', 'polynomial'),
-    ('magnet_pad', 'table_gauss_newton'),
-    ('magnet_pad', 'nominal'),
-    ('taxel_array', None),
-    ('five_wire_skin', None),
-]
 PRESSES = {'gradiometer': 12, 'magnet_pad': 30, 'taxel_array': 12, 'five_wire_skin': 30}
-
-
-def recording(key: str, seed: int) -> Recording:
-    """Presses of the sensor's own programme, with its magnets and temperatures."""
-    sensor = load_sensor(key)
-    return thinned(sensor.presses(sensor.config(), seed, PRESSES[key]))
-
-
-def eventful(key: str) -> Recording:
-    """Fresh presses: in uniform fields, with lost readings, and such as are no touch's."""
-    fresh, rng = recording(key, 2), np.random.default_rng(3)
-    values, rows = fresh.values.copy(), np.arange(len(fresh))
-    met = (rows % 5 == 1)[:, None, None]
-    values += met * 0.3e-3 * rng.normal(size=(len(rows), 1, values.shape[2]))
-    odd = rows % NO_TOUCH[0] == NO_TOUCH[1]
-    values[odd] += 1e-3 * rng.normal(size=values[odd].shape)
-    values[rows % 31 == 5, 0] = np.nan
-    return dataclasses.replace(fresh, values=values)
-
-
-def refuse_difference(one: ContactStates, other: ContactStates) -> None:
-    """Whole numbers are equal, floats within `SAME` (or `WILD`) of the scale of their quantity."""
-    wild = np.arange(len(one.valid)) % NO_TOUCH[0] == NO_TOUCH[1]
-    same = np.where(wild, WILD, SAME)
-    for name in STATE_FIELDS:
-        a, b = np.asarray(getattr(one, name)), np.asarray(getattr(other, name))
-        if a.dtype.kind != 'f':
-            np.testing.assert_array_equal(a, b, err_msg=name)
-            continue
-        size = np.abs(np.nan_to_num(a)).reshape(len(a), -1).max(axis=1, initial=0.0)
-        scale = size if name.endswith('_cov') else size.max() + 0 * size
-        np.testing.assert_array_equal(np.isnan(a), np.isnan(b), err_msg=name)
-        apart = np.nan_to_num(np.abs(a - b)).reshape(len(a), -1).max(axis=1, initial=0.0)
-        assert (apart <= same * scale).all(), (name, (apart - same * scale).max())
-
-
-def live(pipeline: Pipeline, recording: Recording) -> ContactStates:
-    """States of the first hundred frames, one after the other."""
-    pipeline.reset()
-    states = [pipeline.process(recording.frame(row)) for row in range(100)]
-    return ContactStates(
-        **{name: np.stack([getattr(state, name) for state in states]) for name in STATE_FIELDS}
-    )
-
-
-@pytest.mark.parametrize(('key', 'estimator'), CASES)
-def test_without_a_compiler_the_numbers_are_the_same(
-    key: str, estimator: str | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pipeline = load_sensor(key).pipeline(estimator=estimator).fit(recording(key, 1))
-    fresh = eventful(key)
-    assert fresh.tare is not None
-    pipeline.tare([fresh.frame(row) for row in np.flatnonzero(fresh.tare)])
-    batches, frames = [], []
-    for available in (True, False):
-        monkeypatch.setattr(compiled, 'AVAILABLE', available)
-        batches.append(pipeline.process_batch(fresh))
-        frames.append(live(pipeline, fresh))
-    felt = np.isfinite(batches[0].force[batches[0].in_contact == 1])
-    # the chain of [3] says nothing of force beside the strongest magnets
-    assert felt[:, felt.any(axis=0)].all(axis=1).mean() > 0.85
-    refuse_difference(*batches)
-    refuse_difference(*frames)
 
 
 FIRST_FRAMES = """

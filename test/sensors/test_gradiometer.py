@@ -19,7 +19,6 @@ from tactile_ros.estimators.disturbance_magnet import (
 )
 from tactile_ros.estimators.polynomial_force import WarmChain
 from tactile_ros.estimators.polynomial_ridge import WarmPolynomial
-from tactile_ros.physics import compiled
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer.temperature import ThermalMemory, lagging
@@ -95,10 +94,7 @@ def test_live_and_batch_have_the_same_bits(magnet: float) -> None:
     for name in ('force', 'force_cov', 'torque', 'torque_cov', 'stray_field'):
         said = np.stack([getattr(one, name) for one in live])
         batch = getattr(many, name)[world().rest :]
-        if compiled.available():
-            np.testing.assert_array_equal(said, batch)
-        else:
-            np.testing.assert_allclose(said, batch, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(said, batch, rtol=1e-9, atol=1e-15)
 
 
 @pytest.mark.parametrize('ramp_s', [0.0, 600.0])
@@ -267,11 +263,7 @@ def test_what_hides_of_a_magnet_follows_from_what_shows() -> None:
     assert np.linalg.eigvalsh(cov).min() >= -1e-18
 
 
-def test_magnets_weighed_by_loops_are_those_weighed_by_arrays(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    if not compiled.available():
-        pytest.skip('numba is not installed')
+def test_magnets_are_weighed_alone_as_among_others() -> None:
     rng = np.random.default_rng(4)
     slopes = rng.normal(size=(50, 13, 6)) * np.r_[np.full(7, 50.0), np.ones(6)][:, None]
     magnets = NearbyMagnets(np.eye(6) / 2 + 0.1, 0.1).fit(rng.normal(size=(50, 3)), slopes)
@@ -283,11 +275,6 @@ def test_magnets_weighed_by_loops_are_those_weighed_by_arrays(
     ]
     for k in range(2):
         np.testing.assert_array_equal(np.concatenate([one[k] for one in alone]), loops[k])
-    monkeypatch.setattr(compiled, 'AVAILABLE', False)
-    arrays = magnets.error(*seen, *sizes, 0.01)
-    np.testing.assert_allclose(loops[0], arrays[0], rtol=1e-12, atol=1e-12 * loops[0].std())
-    size = np.abs(loops[1]).max(axis=(1, 2), keepdims=True)
-    assert (np.abs(loops[1] - arrays[1]) < 1e-12 * size).all()
 
 
 def test_magnets_have_no_shape_along_uniform_fields() -> None:

@@ -12,7 +12,6 @@ import pytest
 from reference import multipole_world as world
 from tactile_ros.enrolment import Allowed, learn
 from tactile_ros.estimators.few_shot import PressVectors, press_vector, press_vectors
-from tactile_ros.physics import compiled
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin import estimation
 from tactile_ros.sensors.multipole_skin.estimation import WindowMemory, find_windows, press_numbers
@@ -176,29 +175,6 @@ def test_depths_stay_where_a_template_holds(trial: Trial) -> None:
     assert depth.min() > 0.0
     assert depth.max() <= 0.5 + 1e-9
     assert found.cost.min() > 1e3  # and it is no press of any head
-
-
-@pytest.mark.skipif(not compiled.available(), reason='numba is not installed')
-def test_compiled_descents_say_what_arrays_say(
-    trial: Trial, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    recogniser = trial.pipeline.estimation.recogniser_  # type: ignore[attr-defined]
-    values = trial.test.values.reshape(-1, ROWS, 60)
-    tared = values[:, world.TARE :] - values[:, : world.TARE].mean(axis=1, keepdims=True)
-    presses = press_vectors(list(tared), recogniser.basis)
-    fast = recogniser.search.find(presses)
-    monkeypatch.setattr(compiled, 'AVAILABLE', False)
-    slow = recogniser.search.find(presses)
-    np.testing.assert_allclose(fast.cost, slow.cost, rtol=1e-12)
-    scale = np.array([1e-2, 1e-2, 1.0, 1e-3])
-    np.testing.assert_allclose(fast.pose / scale, slow.pose / scale, atol=1e-11)
-    np.testing.assert_allclose(1e3 * fast.fitted, 1e3 * slow.fitted, atol=1e-12)
-    np.testing.assert_allclose(fast.slopes, slow.slopes, atol=1e-12)
-    np.testing.assert_allclose(fast.level, slow.level, rtol=1e-12)
-    np.testing.assert_allclose(fast.misfit, slow.misfit, rtol=1e-11)
-    deviation = np.sqrt(np.einsum('nhii->nhi', slow.cov))
-    whole = deviation[..., None] * deviation[..., None, :]
-    np.testing.assert_allclose(fast.cov / whole, slow.cov / whole, atol=1e-11)
 
 
 def test_a_warm_up_answers_windows_of_a_stream_too(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.conditioning.contact import contact_scale
-from tactile_ros.physics.compiled import available, compiled
+from tactile_ros.physics.compiled import compiled
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -130,14 +130,9 @@ class Touch:
         own noise to every frame.
         """
         moved = signals.baseline[:, 0] - self.rest_
-        if available():
-            x = signals.values[:, 0].copy()
-            settle_rows(x, moved, self.doubt_, self.quiet_)
-            return x
-        x, square = signals.values[:, 0], moved * moved
-        share = np.fmax(1.0 - self.doubt_ / (square + TINY), 0.0) * self.quiet_
-        known = np.where(square < np.inf, share * moved, 0.0)
-        return np.asarray(np.minimum(np.maximum(x - known, LEAST), POSSIBLE))
+        x = signals.values[:, 0].copy()
+        settle_rows(x, moved, self.doubt_, self.quiet_)
+        return x
 
     def _felt(self, x: Array) -> Array:
         """Distance (s,) of the divider's reading from its rest."""

@@ -13,7 +13,7 @@ from tactile_ros.estimators.kernel_ridge import KernelRidge
 from tactile_ros.estimators.model_selection import Selection, select
 from tactile_ros.estimators.perceptron import Perceptron
 from tactile_ros.estimators.polynomial_force import PolynomialForce, WarmChain
-from tactile_ros.estimators.polynomial_ridge import PolynomialRidge, WarmPolynomial, spread
+from tactile_ros.estimators.polynomial_ridge import PolynomialRidge, WarmPolynomial
 from tactile_ros.estimators.regression import ColumnView, Ridge
 from tactile_ros.sensors.gradiometer.temperature import LEAST_RANGE
 from tactile_ros.types import Array
@@ -312,7 +312,7 @@ class Target:
             (Unit of the target, and squared.)
         """
         mean = (self.estimator_.predict(x) - shift) * self.unit_
-        sigma = spread(self.covariance_, drivers, noise) * self.unit_
+        sigma = self.covariance_.sigma(drivers, noise) * self.unit_
         cov = sigma[:, :, None] * sigma[:, None, :] * self.covariance_.correlation_
         if np.count_nonzero(far > 1):
             cov = grown(cov, self.bend_ * self.unit_, far)

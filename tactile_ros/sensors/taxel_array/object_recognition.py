@@ -9,7 +9,6 @@ import numpy as np
 
 from tactile_ros.conditioning.contact import PatchIds
 from tactile_ros.estimators.contact_patches import PatchFinder
-from tactile_ros.physics.compiled import available
 from tactile_ros.sensors.taxel_array.taxel_force import judged_row
 from tactile_ros.types import Array, Bools, FrameStatus, TaxelStatus
 
@@ -105,7 +104,9 @@ def _weigh(
     """Total force of row i with what its object hides, and taxels that contradict the object."""
     verdict = np.empty(len(row), np.int64)
     own = row if summed is None else summed[0][i]
-    hidden, seen, variance, count = _judged(row, own, found, able, areas, verdict)
+    hidden, seen, variance, count = judged_row(
+        row, own, found.cover, found.pressure, able, areas, COVERED, MUTE, LOUD, verdict
+    )
     if summed is not None and (count < len(row) or changed):
         known['force'][i, 2] = seen + max(hidden, 0.0)
         # what is hidden follows the pressure that the seen ones tell
@@ -148,22 +149,6 @@ def _write(known: Columns, i: int, found: Found) -> None:
     known['position_cov'][i] = cov[:3, :3]
     if found.order > 0:
         known['yaw'][i], known['yaw_std'][i] = yaw, np.sqrt(found.cov[2, 2])
-
-
-def _judged(
-    row: Array, own: Array, found: Found, able: Bools, areas: Array, verdict: Integers
-) -> tuple[float, float, float, int]:
-    """As `judged_row`: what a recognised object hides, and what is seen and agrees with it."""
-    cover, pressure = found.cover, found.pressure
-    if available():
-        shares = (COVERED, MUTE, LOUD)
-        return judged_row(row, own, cover, pressure, able, areas, *shares, verdict)
-    mute = (cover > COVERED * areas) & (row < MUTE * pressure * cover)
-    verdict[:] = (cover < 1e-3 * areas) & (row > LOUD * pressure * areas)
-    verdict -= mute
-    clear = able & (verdict == 0)
-    hidden = float(pressure * cover[mute | ~able].sum())
-    return hidden, float(row[clear].sum()), float(own[clear].sum()), int(clear.sum())
 
 
 def _mark(known: Columns, i: int, verdict: Integers) -> None:

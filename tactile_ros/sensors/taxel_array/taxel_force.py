@@ -17,7 +17,7 @@ from tactile_ros.conditioning.equilibration import FREEDOM, Equilibration
 from tactile_ros.conditioning.loading_direction import loading_signs, presses
 from tactile_ros.conditioning.viscoelastic import Creep, strains
 from tactile_ros.estimators.covariance import BEYOND, UNTOLD
-from tactile_ros.physics.compiled import available, compiled
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array
 
 if TYPE_CHECKING:
@@ -325,10 +325,9 @@ class Gaps:
         level = np.searchsorted(LEVELS, share)
         untold = untold_parts(share)
         parts = own[level] if untold is None else np.hypot(own[level], untold)
-        if available():
-            load, variance = np.empty(forces.shape), np.empty(forces.shape)
-            if filled_rows(forces, *self.beside, parts, idle, GUESSED, load, variance):
-                return load, variance, _shared(load, level, alike, untold)
+        load, variance = np.empty(forces.shape), np.empty(forces.shape)
+        if filled_rows(forces, *self.beside, parts, idle, GUESSED, load, variance):
+            return load, variance, _shared(load, level, alike, untold)
         filled = self.filled(forces)
         unknown = np.isnan(filled)
         load = np.where(unknown, 0.0, filled) if np.count_nonzero(unknown) else filled
