@@ -1,8 +1,4 @@
-"""Compiled loops and arrays give the same numbers, and no frame waits for the compiler.
-
-The scale of a quantity is the largest size that any of its components has in the recording; of a
-covariance, which spans decades, the largest of its own row.
-"""
+"""No frame waits for the compiler: fits and loads build what frames need."""
 
 from __future__ import annotations
 
