@@ -29,4 +29,4 @@ def test_without_the_sources_it_says_where_the_scenes_are(
 ) -> None:
     monkeypatch.setattr(bench, 'folder', lambda: None)
     assert main(['demo', 'grasp', '--output', str(tmp_path)]) == 1
-    assert 'the scenes are not installed' in capsys.readouterr().err
+    assert 'are not installed; run `tactile demo grasp` from a clone' in capsys.readouterr().err
