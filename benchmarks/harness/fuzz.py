@@ -288,7 +288,7 @@ def suffer_answers(
     bus = HostileBus(twin.buses[0], length, 1 if status_only else length, rng)
     array = ChipArray(
         [I2cBus('hostile', smbus=bus)], places, layout, settings,
-        clock_ns=clock.now_ns, monotonic_ns=clock.now_ns, sleep=clock.sleep,
+        clock_ns=clock.now_ns, clock=clock,
     )  # fmt: skip
     found = HostileChips()
     with twin, array:

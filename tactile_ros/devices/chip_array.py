@@ -1,10 +1,14 @@
-"""Many MLX90393 on I2C buses and behind switches, read as one sensor."""
+"""Many MLX90393 on I2C buses and behind switches, read as one sensor.
+
+`ChipArray` measures, `ChipSupervisor` isolates chips that fail and sets them up again, and
+`check_bus_capacity` refuses rates that the buses cannot carry.
+"""
 
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Literal, TypeVar, cast, get_args
+from collections.abc import Callable, Sequence
+from typing import Literal, TypeVar, cast, get_args
 
 import numpy as np
 
@@ -21,167 +25,31 @@ from tactile_ros.devices.mlx90393 import (
     Switches,
     refuse_conflicts,
 )
+from tactile_ros.devices.timestamps import CLOCK_RESET_NS, Clock, SystemClock
+from tactile_ros.devices.transport import I2cBus
 from tactile_ros.errors import DeviceError, DeviceTimeout, NotAcknowledged
 from tactile_ros.types import Bools, Closing, Frame, Layout, TaxelStatus
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings
-    from tactile_ros.devices.transport import I2cBus
-
-BITS_PER_BYTE = 9
-COMMAND_BYTES = STATUS_BYTES = MASK_BYTES = 1
-
-
-class _SwitchWrites:
-    """A bus that only counts what is written to its switches."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def transfer(self, address: int, data: bytes, count: int) -> bytes:
-        """Count a write."""
-        self.count += 1
-        return bytes(count)
-
-
-def exchange_bits(written: int, answered: int = 0) -> int:
-    """Clocks of one exchange: so many bytes written, then so many answered."""
-    parts = (written, answered) if answered else (written,)
-    return 1 + sum(1 + BITS_PER_BYTE * (1 + count) for count in parts)
-
-
-def switch_bits(places: Sequence[ChipPlace]) -> list[int]:
-    """Clocks of the switches before each chip, one a place, when all are visited in turn."""
-    buses = {place.bus: _SwitchWrites() for place in places}
-    switches = {
-        number: Switches(
-            cast('I2cBus', bus),
-            sorted({p.mux for p in places if p.bus == number and p.mux is not None}),
-        )
-        for number, bus in buses.items()
-    }
-    bits: list[int] = []
-    for place in (*places, *places):
-        before = buses[place.bus].count
-        switches[place.bus].select(place.mux, place.channel)
-        bits.append((buses[place.bus].count - before) * exchange_bits(MASK_BYTES))
-    return bits[len(places) :]
-
-
-def carried_hz(
-    places: Sequence[ChipPlace], settings: ChipSettings, burst: bool, bus_hz: float
-) -> float:
-    """Most frames a second that chips and buses carry, read by one thread.
-
-    Parameters
-    ----------
-    places : sequence of ChipPlace
-        Where the chips are, in the order in which they are read.
-    settings : ChipSettings
-        Of all chips; they take the nominal time for a measurement.
-    burst : bool
-        Whether chips measure without end; otherwise all are started, then all are read.
-    bus_hz : float
-        Clock of the buses (Hz).
-
-    Returns
-    -------
-    float
-        Frames per second.
-    """
-    switching = switch_bits(places)
-    reading = exchange_bits(COMMAND_BYTES, settings.answer_bytes)
-    if burst:
-        wire_s = (sum(switching) + len(places) * reading) / bus_hz
-        return 1 / max(wire_s, settings.conversion_s)
-    now_s, ready_s = 0.0, []
-    for bits in switching:
-        now_s += (bits + exchange_bits(COMMAND_BYTES, STATUS_BYTES)) / bus_hz
-        ready_s.append(now_s + settings.conversion_s)
-    for bits, ready in zip(switching, ready_s, strict=True):
-        now_s = max(now_s + bits / bus_hz, ready) + reading / bus_hz
-    return 1 / now_s
-
-
-def check_bus_capacity(
-    places: Sequence[ChipPlace],
-    settings: ChipSettings,
-    burst: bool,
-    rate_hz: float,
-    bus_hz: float,
-) -> None:
-    """Refuse a rate that chips and buses cannot carry.
-
-    Parameters
-    ----------
-    places, settings, burst, bus_hz
-        As in `carried_hz`.
-    rate_hz : float
-        Frames a second; not a number: as many as there are.
-
-    Raises
-    ------
-    ValueError
-        If it is more; names both rates and what the second follows from.
-    """
-    carried = carried_hz(places, settings, burst, bus_hz)
-    if not rate_hz > carried:
-        return
-    behind = sum(place.mux is not None for place in places)
-    switched = f', {behind} of them behind switches' if behind else ''
-    faster = 'the conversion' if burst else "the conversion, read in mode 'burst'"
-    msg = (
-        f'{len(places)} chips{switched} at {rate_hz:g} Hz must fit their I2C bus: in mode '
-        f'{"burst" if burst else "single"} a bus of {bus_hz / 1e3:g} kHz and conversions of '
-        f'{1e3 * settings.conversion_s:.3g} ms carry {carried:.4g} Hz; lower the rate, shorten '
-        f'{faster}, or raise bus_clock where bus and adapter allow it'
-    )
-    raise ValueError(msg)
-
-
 T = TypeVar('T')
+Mode = Literal['single', 'burst']
 
 FIRST_RETRY_S = 0.02
 LONGEST_RETRY_S = 0.2
+POLLS_PER_CONVERSION = 8
+BITS_PER_BYTE = 9  # with the acknowledgement
+COUNTERS = {
+    'resets': 'running chips that said they had been reset (their supply broke down)',
+    'reconfigured': 'chips that were set up again',
+    'nacks': 'transfers that nothing answered',
+    'not_ready': 'reads that came before their measurement was ready',
+    'refused': 'commands that a chip refused, registers that did not keep what was written',
+    'stalls': 'measurements that did not become ready in time',
+    'bus_errors': 'failures of a whole bus',
+    'dropped': 'frames in which no chip could be read',
+}
 
 
-@dataclass
-class ArrayCounts:
-    """What the driver has seen.
-
-    Attributes
-    ----------
-    resets : int
-        Times that a running chip said it had been reset (its supply broke down).
-    reconfigured : int
-        Times that a chip was set up again.
-    nacks : int
-        Transfers that nothing answered.
-    not_ready : int
-        Reads that came before their measurement was ready.
-    refused : int
-        Commands that a chip refused, and registers that did not keep what was written.
-    stalls : int
-        Measurements that did not become ready in time.
-    bus_errors : int
-        Failures of a whole bus.
-    dropped : int
-        Frames in which no chip could be read.
-    """
-
-    resets: int = 0
-    reconfigured: int = 0
-    nacks: int = 0
-    not_ready: int = 0
-    refused: int = 0
-    stalls: int = 0
-    bus_errors: int = 0
-    dropped: int = 0
-
-
-class ChipCare:
+class ChipSupervisor:
     """Keeps chips running: exchanges that may fail, and chips that come back.
 
     Parameters
@@ -192,39 +60,30 @@ class ChipCare:
         Whether chips are started in burst mode when they are set up.
     wait_ns : int
         Time from the start of a measurement to its reading (ns).
-    monotonic_ns, sleep : callable
-        Time (ns), and what lets it pass (s).
+    clock : Clock
+        Of all waiting.
 
     Attributes
     ----------
-    counts : ArrayCounts
-        What was seen.
+    counts : dict of str to int
+        By the names in `COUNTERS`.
     failure : str
         The last one, in a sentence.
     """
 
-    def __init__(
-        self,
-        chips: Sequence[Chip],
-        burst: bool,
-        wait_ns: int,
-        monotonic_ns: Callable[[], int],
-        sleep: Callable[[float], None],
-    ) -> None:
-        """See the class."""
-        self.counts = ArrayCounts()
+    def __init__(self, chips: Sequence[Chip], burst: bool, wait_ns: int, clock: Clock) -> None:
+        self.counts = dict.fromkeys(COUNTERS, 0)
         self.failure = ''
         self._chips = chips
         self._burst = burst
         self._wait_ns = wait_ns
-        self._monotonic_ns = monotonic_ns
-        self._sleep = sleep
+        self._clock = clock
 
     def begin(self) -> None:
         """Set all chips up, as after opening."""
         for chip in self._chips:
             chip.lost, chip.losses, chip.pause_s = True, 0, 0.0
-            chip.retry_ns = self._monotonic_ns()
+            chip.retry_ns = self._clock.now_ns()
             chip.switches.forget()
         self.bring_back()
 
@@ -240,68 +99,49 @@ class ChipCare:
         try:
             return action()
         except NotAcknowledged as err:
-            self.failure = str(err)
-            self.counts.nacks += 1
             chip.switches.forget()
             # the answer that was lost may have told of a reset
-            self.lose(chip)
+            self.fail(chip, 'nacks', str(err))
         except CommandRefused as err:
-            self.failure = str(err)
-            self.counts.refused += 1
-            self.lose(chip)
+            self.fail(chip, 'refused', str(err))
         except DeviceError as err:
             self.failure = str(err)
-            self._lose_bus(chip.bus)
+            self.counts['bus_errors'] += 1
+            for other in self._chips:
+                if other.bus is chip.bus:
+                    other.switches.forget()
+                    self._lose(other, at_once=False)
         return None
 
-    def lose(self, chip: Chip, at_once: bool = True) -> None:
-        """Note that a chip has to be set up again: at once, and after growing pauses then."""
+    def fail(self, chip: Chip, counter: str, failure: str) -> None:
+        """Count a failure of one chip, which has to be set up again."""
+        self.failure = failure
+        self.counts[counter] += 1
+        self._lose(chip)
+
+    def _lose(self, chip: Chip, at_once: bool = True) -> None:
+        """Set a chip up again: at once, and after growing pauses then."""
         chip.losses += 1
-        pause = min(max(2 * chip.pause_s, FIRST_RETRY_S), LONGEST_RETRY_S)
+        pause_s = min(max(2 * chip.pause_s, FIRST_RETRY_S), LONGEST_RETRY_S)
         if at_once and chip.losses == 1:
-            pause = 0.0
-        chip.lost, chip.pause_s = True, pause
-        chip.retry_ns = self._monotonic_ns() + round(pause * 1e9)
-
-    def _lose_bus(self, bus: I2cBus) -> None:
-        """Note that all chips of a bus have to be set up again."""
-        self.counts.bus_errors += 1
-        for chip in self._chips:
-            if chip.bus is bus:
-                chip.switches.forget()
-                self.lose(chip, at_once=False)
-
-    def refused(self, chip: Chip, status: int) -> bool:
-        """Whether a chip that should start does not; it is set up again then."""
-        if self.was_reset(chip, status):
-            return True
-        if status & Status.ERROR:
-            self.failure = f'chip {chip.place} refuses to measure (status {status:#04x})'
-            self.counts.refused += 1
-            self.lose(chip)
-        return bool(status & Status.ERROR)
+            pause_s = 0.0
+        chip.lost, chip.pause_s = True, pause_s
+        chip.retry_ns = self._clock.now_ns() + round(pause_s * 1e9)
 
     def was_reset(self, chip: Chip, status: int) -> bool:
         """Whether a chip lost its settings; it gets them back before the next frame."""
-        if status & Status.RESET:
-            self.failure = f'chip {chip.place} was reset: its supply broke down'
-            self.counts.resets += 1
-            self.lose(chip)
-        return bool(status & Status.RESET)
-
-    def stalled(self, chip: Chip) -> None:
-        """Note that a measurement did not become ready in time."""
-        self.failure = f'chip {chip.place} does not finish measuring'
-        self.counts.stalls += 1
-        self.lose(chip)
+        if not status & Status.RESET:
+            return False
+        self.fail(chip, 'resets', f'chip {chip.place} was reset: its supply broke down')
+        return True
 
     def bring_back(self) -> None:
         """Set up the lost chips whose time has come, all together."""
-        now_ns = self._monotonic_ns()
+        now_ns = self._clock.now_ns()
         lost = [chip for chip in self._chips if chip.lost and chip.retry_ns <= now_ns]
         if not lost:
             return
-        lost = self._each(lost, _open_bus)
+        lost = self._each(lost, lambda chip: chip.bus.open())
         lost = self._each(lost, Chip.exit, EXIT_WAIT_S)
         lost = self._each(lost, Chip.reset, RESET_WAIT_S)
         self._each(lost, self._set_up)
@@ -310,7 +150,7 @@ class ChipCare:
         self, chips: list[Chip], action: Callable[[Chip], object], wait_s: float = 0.0
     ) -> list[Chip]:
         """Do something with every chip, then wait; the chips with which it went well."""
-        begun_ns = self._monotonic_ns()
+        begun_ns = self._clock.now_ns()
         done = []
         for chip in chips:
             # a bus that failed for one chip is not tried for the next
@@ -319,7 +159,7 @@ class ChipCare:
             if self.attempt(chip, lambda chip=chip: (action(chip),)) is not None:  # type: ignore[misc]
                 done.append(chip)
         if done:
-            self._sleep(wait_s)
+            self._clock.sleep(wait_s)
         return done
 
     def _set_up(self, chip: Chip) -> None:
@@ -328,19 +168,9 @@ class ChipCare:
         chip.configure()
         if self._burst:
             chip.start_burst()
-        self.counts.reconfigured += again
+        self.counts['reconfigured'] += again
         chip.lost = False
-        chip.ready_ns = self._monotonic_ns() + self._wait_ns
-
-
-def _open_bus(chip: Chip) -> None:
-    """Open the bus of a chip, where it is not."""
-    chip.bus.open()
-
-
-Mode = Literal['single', 'burst']
-POLLS_PER_CONVERSION = 8
-CLOCK_RESET_NS = 1_000_000_000
+        chip.ready_ns = self._clock.now_ns() + self._wait_ns
 
 
 class ChipArray(Closing):
@@ -351,7 +181,7 @@ class ChipArray(Closing):
     buses : sequence of I2cBus
         Not opened yet; this driver opens and closes them.
     places : sequence of ChipPlace
-        Where the chips are reached, in the order of the layout's taxels.
+        Where the chips are, in the order of the layout's taxels.
     layout : Layout
         Of the sensor; 3 channels.
     settings : ChipSettings
@@ -363,8 +193,8 @@ class ChipArray(Closing):
         Frames per second, held by waiting; None or NaN: as fast as bus and chips allow.
     clock_ns : callable
         Gives the stamps (ns).
-    monotonic_ns, sleep : callable
-        Time for all waiting (ns), and what lets it pass (s).
+    clock : Clock
+        Of all waiting.
     stuck_after, saturation_margin, jump : int, float, float
         See `ChipFaultDetector`.
     conversion_margin : float
@@ -392,30 +222,32 @@ class ChipArray(Closing):
         mode: Mode = 'single',
         rate_hz: float | None = None,
         clock_ns: Callable[[], int] = time.monotonic_ns,
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
-        sleep: Callable[[float], None] = time.sleep,
+        clock: Clock | None = None,
         stuck_after: int = 10,
         saturation_margin: float = 0.02,
         jump: float = 0.5,
         conversion_margin: float = 0.05,
         bus_hz: float = 0.0,
     ) -> None:
-        """See the class."""
         settings = ChipSettings() if settings is None else settings
         _refuse_misfits(buses, places, layout, mode)
+        self._burst = mode == 'burst'
         if bus_hz > 0 and rate_hz is not None:
-            check_bus_capacity(places, settings, mode == 'burst', rate_hz, bus_hz)
+            check_bus_capacity(places, settings, self._burst, rate_hz, bus_hz)
         self._layout = layout
         self._settings = settings
-        self._burst = mode == 'burst'
         self._period_ns = round(1e9 / rate_hz) if rate_hz and rate_hz > 0 else 0
         self._clock_ns = clock_ns
-        self._monotonic_ns = monotonic_ns
-        self._sleep = sleep
+        self._clock = clock = SystemClock() if clock is None else clock
         self._conversion_ns = round(settings.conversion_s * 1e9)
         self._wait_ns = round(self._conversion_ns * (1 + conversion_margin))
         self._buses = tuple(buses)
-        self._chips = _make_chips(buses, places, settings)
+        switches = [
+            Switches(bus, [place for place in places if place.bus == number])
+            for number, bus in enumerate(buses)
+        ]
+        self._chips = [Chip(p, buses[p.bus], switches[p.bus], settings) for p in places]
+        self._supervisor = ChipSupervisor(self._chips, self._burst, self._wait_ns, clock)
         self._decoder = Decoder(settings, np.zeros(len(places)))
         self._faults = ChipFaultDetector(
             len(places), settings.full_scale, saturation_margin, jump, stuck_after
@@ -425,8 +257,6 @@ class ChipArray(Closing):
         self._sequence = 0
         self._last_stamp_ns: int | None = None
         self._next_ns = 0
-        self._care = ChipCare(self._chips, self._burst, self._wait_ns, monotonic_ns, sleep)
-        self.counts = self._care.counts
 
     @property
     def layout(self) -> Layout:
@@ -439,8 +269,13 @@ class ChipArray(Closing):
         return tuple(chip.place for chip in self._chips if chip.lost)
 
     def counters(self) -> dict[str, int]:
-        """What was counted since the driver was made, and how many chips are missing now."""
-        return {**asdict(self.counts), 'missing': len(self.missing)}
+        """Counts since the driver was made, by `COUNTERS`, and how many chips are missing now."""
+        return {**self._supervisor.counts, 'missing': len(self.missing)}
+
+    def __enter__(self) -> ChipArray:
+        """Open."""
+        self.open()
+        return self
 
     def open(self) -> None:
         """Open the buses, reset and configure the chips, and measure once.
@@ -459,30 +294,25 @@ class ChipArray(Closing):
             raise
         self._faults.forget()
         self._last_stamp_ns = None
-        self._care.begin()
+        self._supervisor.begin()
         if all(chip.lost for chip in self._chips):
             # one transfer that failed is no missing sensor
             self._wait_until(max(chip.retry_ns for chip in self._chips))
-            self._care.bring_back()
+            self._supervisor.bring_back()
         if all(chip.lost for chip in self._chips):
             self.close()
-            raise DeviceError(self._care.failure)
-        # not handed out: what the first real frame is compared with
+            raise DeviceError(self._supervisor.failure)
+        # not handed out: the first real frame is compared with it
         sequence = self._sequence
         self._measure()
         self._sequence = sequence
         self._opened = True
-        self._next_ns = self._monotonic_ns()
-
-    def __enter__(self) -> ChipArray:
-        """Open."""
-        self.open()
-        return self
+        self._next_ns = self._clock.now_ns()
 
     def close(self) -> None:
         """Stop the chips and let the buses go."""
         self._opened = False
-        self._care.end()
+        self._supervisor.end()
         for bus in self._buses:
             bus.close()
 
@@ -509,27 +339,27 @@ class ChipArray(Closing):
         if not self._opened:
             msg = f'chips on {", ".join(bus.path for bus in self._buses)} are not open'
             raise DeviceError(msg)
-        deadline_ns = self._monotonic_ns() + round(timeout * 1e9)
+        deadline_ns = self._clock.now_ns() + round(timeout * 1e9)
         self._wait_until(self._next_ns)
-        self._next_ns = max(self._next_ns + self._period_ns, self._monotonic_ns())
+        self._next_ns = max(self._next_ns + self._period_ns, self._clock.now_ns())
         while True:
-            self._care.bring_back()
+            self._supervisor.bring_back()
             frame = self._measure()
             if frame is not None:
                 return frame
             self._sequence += 1
-            self.counts.dropped += 1
-            remaining = (deadline_ns - self._monotonic_ns()) * 1e-9
+            self._supervisor.counts['dropped'] += 1
+            remaining = (deadline_ns - self._clock.now_ns()) * 1e-9
             if remaining <= 0:
-                msg = f'{self._care.failure}; trying again'
+                msg = f'{self._supervisor.failure}; trying again'
                 raise DeviceTimeout(msg)
-            self._sleep(min(FIRST_RETRY_S, remaining))
+            self._clock.sleep(min(FIRST_RETRY_S, remaining))
 
     def _wait_until(self, time_ns: int) -> None:
         """Let time pass up to an instant."""
-        remaining_ns = time_ns - self._monotonic_ns()
+        remaining_ns = time_ns - self._clock.now_ns()
         if remaining_ns > 0:
-            self._sleep(remaining_ns * 1e-9)
+            self._clock.sleep(remaining_ns * 1e-9)
 
     def _measure(self) -> Frame | None:
         """One frame; None when no chip could be read."""
@@ -537,40 +367,46 @@ class ChipArray(Closing):
             for chip in self._chips:
                 self._start(chip)
         size = self._settings.answer_bytes
-        good = np.zeros(len(self._chips), bool)
+        measured = np.zeros(len(self._chips), bool)
         for i, chip in enumerate(self._chips):
             answer = None if chip.lost or chip.ready_ns == 0 else self._fetch(chip)
             if answer is not None:
                 self._answers[i * size : (i + 1) * size] = answer
-                good[i] = True
-        return self._frame(good) if good.any() else None
+                measured[i] = True
+        return self._frame(measured) if measured.any() else None
 
     def _start(self, chip: Chip) -> None:
         """Start one measurement of a chip."""
         chip.ready_ns = 0
         if chip.lost:
             return
-        status = self._care.attempt(chip, chip.start_single)
-        if status is not None and not self._care.refused(chip, status):
-            chip.started_ns = self._monotonic_ns()
-            chip.ready_ns = chip.started_ns + self._wait_ns
+        status = self._supervisor.attempt(chip, chip.start_single)
+        if status is None or self._supervisor.was_reset(chip, status):
+            return
+        if status & Status.ERROR:
+            failure = f'chip {chip.place} refuses to measure (status {status:#04x})'
+            self._supervisor.fail(chip, 'refused', failure)
+            return
+        chip.started_ns = self._clock.now_ns()
+        chip.ready_ns = chip.started_ns + self._wait_ns
 
     def _fetch(self, chip: Chip) -> bytes | None:
         """Answer of a chip when its measurement is ready, polled for one more conversion."""
         self._wait_until(chip.ready_ns)
         while True:
-            asked_ns = self._monotonic_ns()
-            answer = self._care.attempt(chip, chip.read)
-            if answer is None or self._care.was_reset(chip, answer[0]):
+            asked_ns = self._clock.now_ns()
+            answer = self._supervisor.attempt(chip, chip.read)
+            if answer is None or self._supervisor.was_reset(chip, answer[0]):
                 return None
             if not answer[0] & Status.ERROR:
                 self._note(chip, asked_ns)
                 return answer
-            self.counts.not_ready += 1
-            if self._monotonic_ns() >= chip.ready_ns + self._conversion_ns:
-                self._care.stalled(chip)
+            self._supervisor.counts['not_ready'] += 1
+            if self._clock.now_ns() >= chip.ready_ns + self._conversion_ns:
+                failure = f'chip {chip.place} does not finish measuring'
+                self._supervisor.fail(chip, 'stalls', failure)
                 return None
-            self._sleep(self._conversion_ns * 1e-9 / POLLS_PER_CONVERSION)
+            self._clock.sleep(self._conversion_ns * 1e-9 / POLLS_PER_CONVERSION)
 
     def _note(self, chip: Chip, asked_ns: int) -> None:
         """Remember when a chip was read, and so when it was measured."""
@@ -582,29 +418,28 @@ class ChipArray(Closing):
             chip.started_ns = asked_ns - self._conversion_ns * 3 // 2
             chip.ready_ns = asked_ns + self._wait_ns
 
-    def _frame(self, good: Bools) -> Frame:
-        """What was read, as numbers with flags and a stamp."""
-        stamp_ns = self._stamp_ns(good)
+    def _frame(self, measured: Bools) -> Frame:
+        """Numbers with flags and a stamp."""
+        stamp_ns = self._stamp_ns(measured)
         self._decoder.set_tref(tuple(chip.tref for chip in self._chips))
         _, codes = self._decoder.words(self._answers)
         values, temperature_c = self._decoder.values(codes)
         fresh = np.array([chip.fresh for chip in self._chips])
-        status = self._faults.status(codes, values, good, fresh)
-        if not good.all():
-            status[~good] = TaxelStatus.ERROR
-            values[~good] = np.nan
+        status = self._faults.status(codes, values, measured, fresh)
+        if not measured.all():
+            status[~measured] = TaxelStatus.ERROR
+            values[~measured] = np.nan
             if temperature_c is not None:
-                temperature_c[~good] = np.nan
+                temperature_c[~measured] = np.nan
         sequence, self._sequence = self._sequence, self._sequence + 1
-        return Frame(
-            stamp_ns, sequence, values, temperature_c, status, dropped=self.counts.dropped
-        )
+        dropped = self._supervisor.counts['dropped']
+        return Frame(stamp_ns, sequence, values, temperature_c, status, dropped=dropped)
 
-    def _stamp_ns(self, good: Bools) -> int:
+    def _stamp_ns(self, measured: Bools) -> int:
         """Middle of the measurements on the clock of stamps; always later than the last."""
-        started = [chip.started_ns for chip, ok in zip(self._chips, good, strict=True) if ok]
+        started = [chip.started_ns for chip, ok in zip(self._chips, measured, strict=True) if ok]
         middle_ns = (min(started) + max(started) + self._conversion_ns) // 2
-        stamp_ns = self._clock_ns() - (self._monotonic_ns() - middle_ns)
+        stamp_ns = self._clock_ns() - (self._clock.now_ns() - middle_ns)
         last_ns = self._last_stamp_ns
         if last_ns is not None and last_ns - CLOCK_RESET_NS < stamp_ns <= last_ns:
             stamp_ns = last_ns + 1
@@ -631,12 +466,100 @@ def _refuse_misfits(
     refuse_conflicts(places)
 
 
-def _make_chips(
-    buses: Sequence[I2cBus], places: Sequence[ChipPlace], settings: ChipSettings
-) -> list[Chip]:
-    """Chips with the switches of their buses."""
-    switches = []
-    for number, bus in enumerate(buses):
-        muxes = {p.mux for p in places if p.bus == number and p.mux is not None}
-        switches.append(Switches(bus, sorted(muxes)))
-    return [Chip(p, buses[p.bus], switches[p.bus], settings) for p in places]
+def exchange_bits(written: int, answered: int = 0) -> int:
+    """Clocks of one exchange: so many bytes written, then so many answered.
+
+    Every byte takes 9 clocks; start, repeated start and stop take one each.
+    """
+    parts = (written, answered) if answered else (written,)
+    return 1 + sum(1 + BITS_PER_BYTE * (1 + count) for count in parts)
+
+
+class _WriteCounter:
+    """A bus that only counts what is written to its switches."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def transfer(self, address: int, data: bytes, count: int) -> bytes:
+        self.count += 1
+        return bytes(count)
+
+
+def switch_bits(places: Sequence[ChipPlace]) -> list[int]:
+    """Clocks of the switches before each chip, one a place, when all are visited in turn."""
+    bits: list[int] = []
+    counter = _WriteCounter()
+    switches = {
+        number: Switches(cast('I2cBus', counter), [p for p in places if p.bus == number])
+        for number in {place.bus for place in places}
+    }
+    for place in (*places, *places):
+        before = counter.count
+        switches[place.bus].select(place)
+        bits.append((counter.count - before) * exchange_bits(1))
+    return bits[len(places) :]
+
+
+def carried_hz(
+    places: Sequence[ChipPlace], settings: ChipSettings, burst: bool, bus_hz: float
+) -> float:
+    """Most frames a second that chips and buses carry, read by one thread.
+
+    Parameters
+    ----------
+    places : sequence of ChipPlace
+        Where the chips are, in the order in which they are read.
+    settings : ChipSettings
+        Of all chips; they take the nominal time for a measurement.
+    burst : bool
+        Whether chips measure without end; otherwise all are started, then all are read.
+    bus_hz : float
+        Clock of the buses (Hz).
+
+    Notes
+    -----
+    By the clocks of every exchange and the conversions. Gaps of the adapter and clock stretching
+    come on top, so that only what can never be is refused.
+    """
+    switching = switch_bits(places)
+    reading = exchange_bits(1, settings.answer_bytes)
+    if burst:
+        wire_s = (sum(switching) + len(places) * reading) / bus_hz
+        return 1 / max(wire_s, settings.conversion_s)
+    now_s, ready_s = 0.0, []
+    for bits in switching:
+        now_s += (bits + exchange_bits(1, 1)) / bus_hz
+        ready_s.append(now_s + settings.conversion_s)
+    for bits, ready in zip(switching, ready_s, strict=True):
+        now_s = max(now_s + bits / bus_hz, ready) + reading / bus_hz
+    return 1 / now_s
+
+
+def check_bus_capacity(
+    places: Sequence[ChipPlace],
+    settings: ChipSettings,
+    burst: bool,
+    rate_hz: float,
+    bus_hz: float,
+) -> None:
+    """Refuse a rate that chips and buses cannot carry; a rate that is NaN is not checked.
+
+    Raises
+    ------
+    ValueError
+        If it is more than `carried_hz`; names both rates and the cause of the second.
+    """
+    carried = carried_hz(places, settings, burst, bus_hz)
+    if not rate_hz > carried:
+        return
+    behind = sum(place.mux is not None for place in places)
+    switched = f', {behind} of them behind switches' if behind else ''
+    faster = 'the conversion' if burst else "the conversion, read in mode 'burst'"
+    msg = (
+        f'{len(places)} chips{switched} at {rate_hz:g} Hz must fit their I2C bus: in mode '
+        f'{"burst" if burst else "single"} a bus of {bus_hz / 1e3:g} kHz and conversions of '
+        f'{1e3 * settings.conversion_s:.3g} ms carry {carried:.4g} Hz; lower the rate, shorten '
+        f'{faster}, or raise bus_clock where bus and adapter allow it'
+    )
+    raise ValueError(msg)

@@ -6,20 +6,17 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from tactile_ros.devices.transport import I2cBus
 from tactile_ros.errors import DeviceError
 from tactile_ros.types import Array, Bytes
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from tactile_ros.devices.transport import I2cBus
 
 Words = npt.NDArray[np.uint16]
 
@@ -27,6 +24,8 @@ RESET_WAIT_S = 2e-3  # power-on reset takes 1.6 ms at most
 EXIT_WAIT_S = 1e-3
 ADDRESSES = range(0x08, 0x78)
 DEFAULT_ADDRESS = 0x0C
+MUX_ADDRESSES = range(0x70, 0x78)
+CHANNELS = range(8)
 TREF_REGISTER = 0x24
 OFFSET_REGISTERS = (0x04, 0x05, 0x06)
 GAINS = np.array([5.0, 4.0, 3.0, 2.5, 2.0, 5 / 3, 4 / 3, 1.0])  # of GAIN_SEL 0..7
@@ -69,7 +68,7 @@ class Status(IntEnum):
 
 
 class RegisterField(NamedTuple):
-    """Bits of a register: where they are and how many."""
+    """Bits of a register: place and count."""
 
     register: int
     shift: int
@@ -103,7 +102,7 @@ OSR2 = RegisterField(0x02, 11, 2)
 
 @dataclass(frozen=True)
 class ChipSettings:
-    """How a chip measures.
+    """Settings of a chip.
 
     Attributes
     ----------
@@ -159,10 +158,6 @@ class ChipSettings:
                 f'received {self.resolution}'
             )
             raise ValueError(msg)
-        self._check_filter()
-
-    def _check_filter(self) -> None:
-        """Refuse or warn of fast filters."""
         pair = (self.digital_filter, self.oversampling)
         if self.hallconf == 0xC and pair in self.forbidden:
             msg = (
@@ -172,7 +167,7 @@ class ChipSettings:
             raise ValueError(msg)
         if self.digital_filter < 2:
             msg = f'digital_filter below 2 is known to give wrong readings; {pair[0]} was chosen'
-            warnings.warn(msg, stacklevel=4)
+            warnings.warn(msg, stacklevel=3)
 
     @property
     def axes(self) -> int:
@@ -191,14 +186,19 @@ class ChipSettings:
         return conversion_time(self.oversampling, self.digital_filter, 3, osr2)
 
     @property
+    def tesla_per_count(self) -> Array:
+        """Step of x, y, z, shape (3,) (T)."""
+        return tesla_per_lsb(self.gain, self.resolution, self.hallconf)
+
+    @property
     def full_scale(self) -> Array:
         """Field of x, y, z at which the code wraps, shape (3,) (T)."""
-        lsb = tesla_per_lsb(self.gain, self.resolution, self.hallconf)
-        return np.asarray(lsb * FULL_SCALE_LSB[list(self.resolution)], np.float64)
+        full: Array = self.tesla_per_count * FULL_SCALE_LSB[list(self.resolution)]
+        return full
 
     @property
     def fields(self) -> tuple[tuple[RegisterField, int], ...]:
-        """What has to stand in the registers; all other bits are the factory's."""
+        """Values that the registers need; all other bits are the factory's."""
         plain = (
             (HALLCONF, self.hallconf),
             (GAIN_SEL, self.gain),
@@ -229,7 +229,7 @@ def conversion_time(
     magnetic_axes: int = 3,
     temperature_oversampling: int | None = None,
 ) -> float:
-    """Nominal time of one measurement.
+    """Nominal time of one measurement (s); oscillators differ by a few percent.
 
     Parameters
     ----------
@@ -239,11 +239,6 @@ def conversion_time(
         How many of x, y, z are measured.
     temperature_oversampling : int or None
         OSR2; None: the temperature is not measured.
-
-    Returns
-    -------
-    float
-        Time (s); oscillators differ by a few percent.
 
     Notes
     -----
@@ -262,28 +257,6 @@ def tesla_per_lsb(gain: int, resolution: tuple[int, int, int], hallconf: int = 0
     return np.asarray(step * 2.0 ** np.asarray(resolution), np.float64)
 
 
-def codes_of_zero(settings: ChipSettings) -> tuple[Words, Array]:
-    """What turns codes into counts: added modulo 2^16, then subtracted; shapes (3,).
-
-    Resolutions 0 and 1 are two's complement, 2 and 3 and compensated codes are offset.
-    """
-    zero = CODE_OF_ZERO[list(settings.resolution)]
-    if settings.temperature_compensation:
-        zero = np.full(3, 0x8000)
-    added = np.where(zero == 0, 0x8000, 0).astype(np.uint16)
-    return added, np.where(zero == 0, 0x8000, zero).astype(np.float64)
-
-
-def register_read(register: int) -> bytes:
-    """Command that reads a register; three bytes answer."""
-    return bytes((Command.READ_REGISTER, register << 2))
-
-
-def register_write(register: int, word: int) -> bytes:
-    """Command that writes a register; one byte answers."""
-    return bytes((Command.WRITE_REGISTER, word >> 8, word & 0xFF, register << 2))
-
-
 class Decoder:
     """Answers of many chips to READ, as numbers.
 
@@ -296,16 +269,19 @@ class Decoder:
     """
 
     def __init__(self, settings: ChipSettings, tref: npt.ArrayLike) -> None:
-        """See the class."""
         self._size = settings.answer_bytes
-        self._temperature = settings.temperature
-        self._first = first = self._size // 2 - 3
-        self._added = np.zeros(first + 3, np.uint16)
+        self._first = first = int(settings.temperature)
+        # resolutions 0 and 1 are two's complement, 2 and 3 and compensated codes are offset
+        zero = CODE_OF_ZERO[list(settings.resolution)]
+        if settings.temperature_compensation:
+            zero = np.full(3, 0x8000)
+        self._added = np.zeros(first + 3, np.uint16)  # modulo 2^16
+        self._added[first:] = np.where(zero == 0, 0x8000, 0)
         self._subtracted = np.empty((np.size(tref), first + 3))
-        self._step = np.full(first + 3, 1 / LSB_PER_DEGREE)
-        self._added[first:], self._subtracted[:, first:] = codes_of_zero(settings)
+        self._subtracted[:, first:] = np.where(zero == 0, 0x8000, zero)
         self.set_tref(tref)
-        self._step[first:] = tesla_per_lsb(settings.gain, settings.resolution, settings.hallconf)
+        self._step = np.full(first + 3, 1 / LSB_PER_DEGREE)
+        self._step[first:] = settings.tesla_per_count
 
     def set_tref(self, tref: npt.ArrayLike) -> None:
         """Replace the reference words, shape (t,), as when a chip was exchanged."""
@@ -321,26 +297,19 @@ class Decoder:
     def values(self, codes: Words) -> tuple[Array, Array | None]:
         """Flux density, shape (t, 3) (T), and temperature, shape (t,) (degrees Celsius) or None.
 
-        Parameters
-        ----------
-        codes : ndarray, shape (t, 4) or (t, 3)
-            From `words`: t, x, y, z, or x, y, z.
+        Codes are those of `words`: t, x, y, z, or x, y, z.
         """
         table: Array = (codes + self._added).astype(np.float64)
         table -= self._subtracted
         table *= self._step
-        if self._temperature:
+        if self._first:
             return table[:, 1:], table[:, 0]
         return table, None
 
 
-MUX_ADDRESSES = range(0x70, 0x78)
-CHANNELS = range(8)
-
-
 @dataclass(frozen=True)
 class ChipPlace:
-    """Where a chip is reached.
+    """Address of a chip.
 
     Attributes
     ----------
@@ -413,28 +382,29 @@ class Switches:
     Parameters
     ----------
     bus : I2cBus
-        What carries the writes.
-    addresses : sequence of int
-        All switches of the bus that have chips behind them.
+        Carries the writes.
+    places : sequence of ChipPlace
+        All chips of the bus.
     """
 
-    def __init__(self, bus: I2cBus, addresses: Sequence[int] = ()) -> None:
-        """See the class."""
+    def __init__(self, bus: I2cBus, places: Sequence[ChipPlace] = ()) -> None:
         self._bus = bus
-        self._open: dict[int, int | None] = dict.fromkeys(addresses)
+        muxes = sorted({place.mux for place in places if place.mux is not None})
+        self._open: dict[int, int | None] = dict.fromkeys(muxes)  # None: unknown
 
     def forget(self) -> None:
-        """Believe nothing of what is open, as after a failure."""
+        """Assume nothing of what is open, as after a failure."""
         self._open = dict.fromkeys(self._open)
 
-    def select(self, mux: int | None, channel: int | None) -> None:
-        """Open a channel and close those of other switches; chips directly on the bus need none.
+    def select(self, place: ChipPlace) -> None:
+        """Open the channel of a chip and close those of other switches.
 
         Raises
         ------
         NotAcknowledged
             If a switch does not answer.
         """
+        mux, channel = place.mux, place.channel
         if mux is None or channel is None or self._open.get(mux) == 1 << channel:
             return
         for other, mask in self._open.items():
@@ -454,18 +424,7 @@ class CommandRefused(DeviceError):
 
 
 class Chip:
-    """A chip, the road to it, and what the driver remembers of it.
-
-    Parameters
-    ----------
-    place : ChipPlace
-        Where it is reached.
-    bus : I2cBus
-        Its bus.
-    switches : Switches
-        Those of its bus.
-    settings : ChipSettings
-        How it shall measure.
+    """One chip on its bus, and what a driver remembers of it.
 
     Attributes
     ----------
@@ -488,7 +447,6 @@ class Chip:
     def __init__(
         self, place: ChipPlace, bus: I2cBus, switches: Switches, settings: ChipSettings
     ) -> None:
-        """See the class."""
         self.place = place
         self.bus = bus
         self.switches = switches
@@ -509,7 +467,7 @@ class Chip:
 
     def ask(self, command: bytes, count: int) -> bytes:
         """Exchange bytes with the chip, through its switch."""
-        self.switches.select(self.place.mux, self.place.channel)
+        self.switches.select(self.place)
         return self.bus.transfer(self.place.address, command, count)
 
     def start_single(self) -> int:
@@ -544,37 +502,39 @@ class Chip:
         if not status & Status.RESET:
             msg = f'chip {self.place} was not reset (status {status:#04x}): is it an MLX90393?'
             raise CommandRefused(msg)
-        words: dict[int, int] = {}
+        before: dict[int, int] = {}
         wanted: dict[int, int] = {}
         for field, value in self._settings.fields:
-            if field.register not in words:
-                words[field.register] = self._register(field.register)
-                wanted[field.register] = words[field.register]
-            wanted[field.register] = field.put(wanted[field.register], value)
+            if field.register not in before:
+                before[field.register] = self._read_register(field.register)
+            word = wanted.get(field.register, before[field.register])
+            wanted[field.register] = field.put(word, value)
         for register, word in wanted.items():
-            if word != words[register]:
-                self._write(register, word)
-        self.tref = self._register(TREF_REGISTER)
+            if word != before[register]:
+                self._write_register(register, word)
+        self.tref = self._read_register(TREF_REGISTER)
         self.configured = True
 
-    def _register(self, register: int) -> int:
+    def _read_register(self, register: int) -> int:
         """Word of a register."""
-        status, high, low = self.ask(register_read(register), 3)
-        self._refuse(status, f'read register {register:#04x}')
+        command = bytes((Command.READ_REGISTER, register << 2))
+        status, high, low = self.ask(command, 3)
+        self._check(status, f'read register {register:#04x}')
         return high << 8 | low
 
-    def _write(self, register: int, word: int) -> None:
+    def _write_register(self, register: int, word: int) -> None:
         """Write a register and read it back."""
-        (status,) = self.ask(register_write(register, word), 1)
-        self._refuse(status, f'write register {register:#04x}')
-        kept = self._register(register)
+        command = bytes((Command.WRITE_REGISTER, word >> 8, word & 0xFF, register << 2))
+        (status,) = self.ask(command, 1)
+        self._check(status, f'write register {register:#04x}')
+        kept = self._read_register(register)
         if kept != word:
             msg = (
                 f'chip {self.place} keeps {kept:#06x} in register {register:#04x}, not {word:#06x}'
             )
             raise CommandRefused(msg)
 
-    def _refuse(self, status: int, what: str) -> None:
+    def _check(self, status: int, what: str) -> None:
         """Raise where a command was rejected or the chip has reset in between."""
         if status & (Status.ERROR | Status.RESET):
             msg = f'chip {self.place} did not {what} (status {status:#04x})'

@@ -1,4 +1,4 @@
-"""Simulated I2C bus with chips and switches: takes smbus2's messages and charges their time."""
+"""Simulated I2C buses with MLX90393 chips and switches, for the real driver and its messages."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import ctypes
 import errno
 import os
 from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from types import TracebackType
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.devices.chip_array import ChipArray, Mode
+from tactile_ros.devices.chip_array import BITS_PER_BYTE, ChipArray, Mode
 from tactile_ros.devices.mlx90393 import (
     BURST_DATA_RATE,
     CODE_OF_ZERO,
@@ -30,6 +32,7 @@ from tactile_ros.devices.mlx90393 import (
     TREF_REGISTER,
     TYPICAL_TREF,
     ChipPlace,
+    ChipSettings,
     Command,
     Status,
     conversion_time,
@@ -40,22 +43,30 @@ from tactile_ros.devices.transport import I2cBus
 from tactile_ros.types import Array, Layout
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from types import TracebackType
-
-    from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings
-    from tactile_ros.devices.timestamps import Clock
     from tactile_ros.devices.transport import I2cMessage
 
+READING = 0x0001  # I2C_M_RD
 POWER_ON_NS = 1_600_000
 # gain 1x, HALLCONF 0xC, everything else 0 but the offsets' and thermometer's words
 FACTORY = {0x00: 0x007C, 0x02: 0x0000, 0x04: 0x0000, 0x05: 0x0000, 0x06: 0x0000}
 BURST_STEP_S = 20e-3
 NEVER_NS = 1 << 62
 
+BUS_FAULTS = ('stuck_bus', 'unplug')
+CHIP_FAULTS = ('nack', 'brown_out', 'stuck_chip', 'saturation', 'wrap', 'stall')
+RELIEF = 'none'
+UNPLUGGED_NS = 1_000_000_000
+SATURATED = 0.995  # of the range
+WRAPPED = 1.25
+MEASURING = (Command.START_SINGLE, Command.READ)
+
+
+def _ignore(fault: str) -> None:
+    """Count nothing."""
+
 
 class SimulatedChip:
-    """One chip: registers, modes, conversions and status byte.
+    """One MLX90393: registers, modes, conversions, status byte and faults.
 
     Parameters
     ----------
@@ -67,6 +78,15 @@ class SimulatedChip:
         Standard deviation of x, y, z (T).
     tolerance : float
         Largest share by which its oscillator is wrong.
+    on_fault : callable
+        Receives the name of each fault that happens.
+
+    Attributes
+    ----------
+    registers : dict of int to int
+        Words that are not 0.
+    pending : dict of str to int
+        Faults of `CHIP_FAULTS` that wait for its next commands.
     """
 
     def __init__(
@@ -75,11 +95,13 @@ class SimulatedChip:
         rng: np.random.Generator,
         noise: Array,
         tolerance: float = 0.03,
+        on_fault: Callable[[str], None] = _ignore,
     ) -> None:
-        """See the class."""
+        self.pending = dict.fromkeys(CHIP_FAULTS, 0)
         self._sample = sample
         self._rng = rng
         self._noise = noise
+        self._on_fault = on_fault
         self._oscillator = 1 + tolerance * float(rng.uniform(-1, 1))
         self._stored = {**FACTORY, TREF_REGISTER: TYPICAL_TREF + int(rng.integers(-300, 300))}
         self._answer = b''
@@ -88,7 +110,7 @@ class SimulatedChip:
     def power_up(self, now_ns: int) -> None:
         """Start as after its supply came back; the chip answers 1.6 ms later."""
         self.registers = dict(self._stored)
-        self._scale = self._scaling()
+        self._rescale()
         self._mode = 0
         self._axes = 0
         self._began_ns = NEVER_NS
@@ -103,66 +125,63 @@ class SimulatedChip:
         """Whether it answers to its address."""
         return now_ns >= self._awake_ns
 
-    @property
-    def conversion_ns(self) -> int:
-        """Time of one measurement with its own oscillator (ns)."""
-        register = self.registers.get(0x02, 0)
-        axes = (self._axes & 0xE).bit_count()
-        osr2 = OSR2.get(register) if self._axes & 1 else None
-        nominal = conversion_time(OSR.get(register), DIG_FILT.get(register), axes, osr2)
-        return round(nominal * self._oscillator * 1e9)
-
-    def stall(self) -> None:
-        """Never finish the measurement that runs."""
-        self._began_ns = NEVER_NS
-
-    @property
-    def configured(self) -> bool:
-        """Whether its registers are others than at the factory."""
-        return self.registers != self._stored
-
-    @property
-    def measuring(self) -> bool:
-        """Whether a measurement was begun and not read yet."""
-        return self._began_ns < NEVER_NS
-
     def write(self, data: bytes, now_ns: int) -> None:
         """Take a command; its answer waits to be read."""
         opcode, low = data[0] & 0xF0, data[0] & 0x0F
+        if opcode in MEASURING and self.registers != self._stored and self._suffers('brown_out'):
+            self.power_up(now_ns - POWER_ON_NS)
+        running = self._began_ns < NEVER_NS and self.registers != self._stored
+        if opcode in MEASURING and running and self._suffers('stall'):
+            self._began_ns = NEVER_NS
         body = b''
         fine = True
         if opcode in (Command.START_BURST, Command.START_SINGLE):
             fine = self._start(opcode, low, now_ns)
         elif opcode == Command.READ:
             fine, body = self._read(low, now_ns)
-        elif opcode == Command.READ_REGISTER and len(data) == 2:
-            fine, body = self._read_register(data[1] >> 2)
-        elif opcode == Command.WRITE_REGISTER and len(data) == 4:
-            fine = self._write_register(data[3] >> 2, data[1] << 8 | data[2])
         elif opcode == Command.EXIT:
             self._mode, self._began_ns = 0, NEVER_NS
         elif opcode == Command.RESET:
             self.power_up(now_ns)
             return
-        elif opcode in (Command.RECALL, Command.STORE):
-            fine = self._memory(opcode)
         else:
-            # wake-on-change is not simulated; unknown commands are acknowledged and refused
-            fine = opcode == Command.NOP
-        self._answer = bytes((self._status(fine, len(body)),)) + body
+            fine, body = self._access(opcode, data)
+        status = self._mode | (0 if fine else Status.ERROR) | max(0, len(body) // 2 - 1)
+        if self._was_reset:  # said once
+            status |= Status.RESET
+            self._was_reset = False
+        self._answer = bytes((status,)) + body
 
     def read(self, count: int) -> bytes:
         """Bytes of the answer; beyond it the bus floats high."""
         taken, self._answer = self._answer[:count], self._answer[count:]
         return taken.ljust(count, b'\xff')
 
-    def _status(self, fine: bool, count: int) -> int:
-        """Status byte; RESET is told once."""
-        status = self._mode | (0 if fine else Status.ERROR)
-        if self._was_reset:
-            status |= Status.RESET
-            self._was_reset = False
-        return status | max(0, count // 2 - 1)
+    def _suffers(self, fault: str) -> bool:
+        """Whether a fault befalls it now; it is counted then."""
+        if not self.pending[fault]:
+            return False
+        self.pending[fault] -= 1
+        self._on_fault(fault)
+        return True
+
+    def _access(self, opcode: int, data: bytes) -> tuple[bool, bytes]:
+        """Registers and their memory, refused in burst mode, and what it refuses always."""
+        free = not self._mode & Status.BURST
+        if opcode == Command.READ_REGISTER and len(data) == 2:
+            return free, self.registers.get(data[1] >> 2, 0).to_bytes(2, 'big')
+        if opcode == Command.STORE and free:
+            self._stored = dict(self.registers)
+        elif opcode == Command.RECALL and free:
+            self.registers = dict(self._stored)
+        elif opcode == Command.WRITE_REGISTER and len(data) == 4:
+            if free:
+                self.registers[data[3] >> 2] = data[1] << 8 | data[2]
+        else:
+            # wake-on-change is not simulated; unknown commands are acknowledged and refused
+            return opcode == Command.NOP, b''
+        self._rescale()
+        return free, b''
 
     def _start(self, opcode: int, axes: int, now_ns: int) -> bool:
         """Start measuring, once or without end; refused while it measures without end."""
@@ -171,122 +190,69 @@ class SimulatedChip:
         self._mode = int(Status.SINGLE if opcode == Command.START_SINGLE else Status.BURST)
         self._axes = axes or 0xF
         self._began_ns, self._taken = now_ns, 0
-        settings = (self.registers.get(0x01, 0), self.registers.get(0x02, 0), opcode, self._axes)
+        second, third = self.registers.get(0x01, 0), self.registers.get(0x02, 0)
+        settings = (second, third, opcode, self._axes)
         if settings != self._timed:
             self._timed = settings
-            self._conversion_ns, self._period_ns = self.conversion_ns, self._period()
+            osr2 = OSR2.get(third) if self._axes & 1 else None
+            magnetic = (self._axes & 0xE).bit_count()
+            nominal_s = conversion_time(OSR.get(third), DIG_FILT.get(third), magnetic, osr2)
+            self._conversion_ns = round(nominal_s * self._oscillator * 1e9)
+            pause_s = BURST_STEP_S * BURST_DATA_RATE.get(second)
+            pause_ns = round(pause_s * 1e9) if self._mode & Status.BURST else 0
+            self._period_ns = max(self._conversion_ns, pause_ns)
         return True
 
     def _read(self, axes: int, now_ns: int) -> tuple[bool, bytes]:
         """Data of the last measurement; refused while it is not ready or was read already."""
-        size = 2 * (axes or 0xF).bit_count()
-        done = self._done(now_ns)
-        if done <= self._taken:
-            return False, self._chosen(axes, size)
-        self._taken = done
-        end_ns = self._began_ns + done * self._period_ns
-        self._data = self._convert(end_ns - self._conversion_ns // 2)
-        if self._mode & Status.SINGLE:
-            self._mode, self._began_ns = 0, NEVER_NS
-        return True, self._chosen(axes, size)
-
-    def _period(self) -> int:
-        """Time from one measurement to the next (ns)."""
-        pause_s = BURST_STEP_S * BURST_DATA_RATE.get(self.registers.get(0x01, 0))
-        if not self._mode & Status.BURST:
-            pause_s = 0.0
-        return max(self.conversion_ns, round(pause_s * 1e9))
-
-    def _done(self, now_ns: int) -> int:
-        """Measurements that are finished since the start."""
-        if not self.measuring or now_ns < self._began_ns:
-            return 0
-        count = (now_ns - self._began_ns) // self._period_ns
-        return min(count, 1) if self._mode & Status.SINGLE else count
-
-    def _chosen(self, axes: int, size: int) -> bytes:
-        """Words of the axes that were asked for, of t, x, y, z."""
-        if axes in (0, 0xF):
-            return self._data
+        done = 0
+        if self._began_ns <= now_ns:
+            done = (now_ns - self._began_ns) // self._period_ns
+            done = min(done, 1) if self._mode & Status.SINGLE else done
+        fresh = done > self._taken
+        if fresh:
+            self._taken = done
+            end_ns = self._began_ns + done * self._period_ns
+            if not self._suffers('stuck_chip'):
+                self._data = self._convert(end_ns - self._conversion_ns // 2)
+            if self._mode & Status.SINGLE:
+                self._mode, self._began_ns = 0, NEVER_NS
         words = [self._data[2 * i : 2 * i + 2] for i in range(4) if (axes or 0xF) >> i & 1]
-        return b''.join(words)[:size]
+        return fresh, b''.join(words)
 
     def _convert(self, time_ns: int) -> bytes:
-        """Measure: noise, steps, the range that wraps, and the code of the registers."""
+        """Measure t, x, y, z: noise, steps, the range that wraps, the code of the registers."""
         field, temperature_c = self._sample(time_ns)
-        zero, lsb, _ = self._scale
-        counts = np.empty(4)
         noise = self._rng.standard_normal(4)
+        counts = np.empty(4)
         counts[0] = self._stored[TREF_REGISTER] + noise[0]
         counts[0] += (temperature_c - REFERENCE_C) * LSB_PER_DEGREE
-        counts[1:] = (field + self._noise * noise[1:]) / lsb
-        codes = np.rint(self._distorted(counts))
-        codes[1:] += zero
+        counts[1:] = (field + self._noise * noise[1:]) / self._lsb
+        if self._suffers('saturation'):
+            counts[1] = SATURATED * self._full_scale[0]
+        elif self._suffers('wrap'):
+            counts[1] += WRAPPED * self._full_scale[0]
+        codes = np.rint(counts)
+        codes[1:] += self._zero
         return (codes.astype(np.int64) & 0xFFFF).astype('>u2').tobytes()
 
-    def _distorted(self, counts: Array) -> Array:
-        """Counts of t, x, y, z as they are; a chip that fails changes them."""
-        return counts
-
-    @property
-    def full_scale(self) -> Array:
-        """Counts at which x, y, z wrap, shape (3,)."""
-        return self._scale[2]
-
-    def _scaling(self) -> tuple[Array, Array, Array]:
-        """Code of zero, step (T) and range of x, y, z by the registers."""
+    def _rescale(self) -> None:
+        """Code of zero, step (T) and range (counts) of x, y, z by the registers."""
         third = self.registers.get(0x02, 0)
         resolution = RES_X.get(third), RES_Y.get(third), RES_Z.get(third)
         register = self.registers.get(0x00, 0)
         hallconf = 0xC if HALLCONF.get(register) else 0x0
-        lsb = tesla_per_lsb(GAIN_SEL.get(register), resolution, hallconf)
-        zero = CODE_OF_ZERO[list(resolution)].astype(np.float64)
+        self._lsb = tesla_per_lsb(GAIN_SEL.get(register), resolution, hallconf)
+        self._zero = CODE_OF_ZERO[list(resolution)].astype(np.float64)
         if TCMP_EN.get(self.registers.get(0x01, 0)):
-            zero = np.full(3, 32768.0)
-        return zero, lsb, FULL_SCALE_LSB[list(resolution)].astype(np.float64)
-
-    def _read_register(self, register: int) -> tuple[bool, bytes]:
-        """Word of a register; refused in burst mode."""
-        word = self.registers.get(register, 0)
-        return not self._mode & Status.BURST, word.to_bytes(2, 'big')
-
-    def _write_register(self, register: int, word: int) -> bool:
-        """Replace a word; refused in burst mode."""
-        if self._mode & Status.BURST:
-            return False
-        self.registers[register] = word
-        self._scale = self._scaling()
-        return True
-
-    def _memory(self, opcode: int) -> bool:
-        """Store the registers where they survive, or recall them; refused in burst mode."""
-        if self._mode & Status.BURST:
-            return False
-        if opcode == Command.STORE:
-            self._stored = dict(self.registers)
-        else:
-            self.registers = dict(self._stored)
-            self._scale = self._scaling()
-        return True
-
-
-BITS_PER_BYTE = 9  # with the acknowledgement
-READING = 0x0001  # I2C_M_RD
-
-
-def _nothing() -> None:
-    """Nothing is to be done."""
-
-
-def _ignore(fault: str) -> None:
-    """Nobody counts."""
+            self._zero = np.full(3, 32768.0)
+        self._full_scale = FULL_SCALE_LSB[list(resolution)].astype(np.float64)
 
 
 class SimulatedMux:
     """A TCA9548A: one byte, whose bits open channels."""
 
     def __init__(self) -> None:
-        """See the class."""
         self.mask = 0
 
     def write(self, data: bytes, now_ns: int) -> None:
@@ -294,7 +260,7 @@ class SimulatedMux:
         self.mask = data[-1] if data else self.mask
 
     def read(self, count: int) -> bytes:
-        """Tell which are open."""
+        """Channels that are open."""
         return bytes((self.mask,)) * count
 
 
@@ -306,7 +272,7 @@ class SimulatedI2cBus:
     clock : Clock
         Passes while bytes are on the wire.
     chips : mapping of ChipPlace to SimulatedChip
-        Who is there.
+        All on this bus.
     hertz : float
         Clock of the bus (Hz).
     timeout_s : float
@@ -314,7 +280,7 @@ class SimulatedI2cBus:
     on_transfer : callable
         Called before each transfer.
     on_fault : callable
-        Told the name of a fault that happens on the bus.
+        Receives the name of each fault that happens on the bus.
 
     Attributes
     ----------
@@ -339,10 +305,9 @@ class SimulatedI2cBus:
         chips: Mapping[ChipPlace, SimulatedChip],
         hertz: float = 400e3,
         timeout_s: float = 0.02,
-        on_transfer: Callable[[], None] = _nothing,
+        on_transfer: Callable[[], None] = lambda: None,
         on_fault: Callable[[str], None] = _ignore,
     ) -> None:
-        """See the class."""
         self._clock = clock
         self._chips = dict(chips)
         self._at: dict[int, list[tuple[ChipPlace, SimulatedChip]]] = {}
@@ -400,27 +365,24 @@ class SimulatedI2cBus:
 
     def _listeners(self, address: int, now_ns: int) -> list[SimulatedMux | SimulatedChip]:
         """Who acknowledges an address now."""
-        found: list[SimulatedMux | SimulatedChip] = []
+        listeners: list[SimulatedMux | SimulatedChip] = []
         if address in self._muxes:
-            found.append(self._muxes[address])
+            listeners.append(self._muxes[address])
         for place, chip in self._at.get(address, ()):
-            if self._reached(place) and self._answers(place, chip, now_ns):
-                found.append(chip)
-        return found
+            if not self._is_open(place):
+                continue
+            if self.silent.get(place, 0):
+                self.silent[place] -= 1
+                self._on_fault('nack')
+            elif chip.awake(now_ns):
+                listeners.append(chip)
+        return listeners
 
-    def _reached(self, place: ChipPlace) -> bool:
+    def _is_open(self, place: ChipPlace) -> bool:
         """Whether the channel of a place is open."""
         if place.mux is None or place.channel is None:
             return True
         return bool(self._muxes[place.mux].mask >> place.channel & 1)
-
-    def _answers(self, place: ChipPlace, chip: SimulatedChip, now_ns: int) -> bool:
-        """Whether a chip acknowledges now."""
-        if self.silent and self.silent.get(place, 0):
-            self.silent[place] -= 1
-            self._on_fault('nack')
-            return False
-        return chip.awake(now_ns)
 
 
 def _carry(
@@ -437,17 +399,8 @@ def _carry(
     ctypes.memmove(message.buf, wires, message.len)
 
 
-BUS_FAULTS = ('stuck_bus', 'unplug')
-RELIEF = 'none'
-CHIP_FAULTS = ('nack', 'brown_out', 'stuck_chip', 'saturation', 'wrap', 'stall')
-UNPLUGGED_NS = 1_000_000_000
-SATURATED = 0.995
-WRAPPED = 1.25
-MEASURING = (Command.START_SINGLE, Command.READ)
-
-
 class ChipArrayTwin:
-    """A twin that the real driver reads through the real messages of smbus2.
+    """A twin of chips on buses that the real driver reads through the real messages of smbus2.
 
     Parameters
     ----------
@@ -470,7 +423,7 @@ class ChipArrayTwin:
     signal_step_s : float
         The signal is asked for at multiples of this (s), once for all chips.
     clock : Clock or None
-        What bus and chips run on; None: the machine's.
+        Of bus and chips; None: the machine's.
     seed : int
         Of noise, oscillators, references and of which chip suffers a fault.
 
@@ -507,7 +460,6 @@ class ChipArrayTwin:
         clock: Clock | None = None,
         seed: int = 0,
     ) -> None:
-        """See the class."""
         self.injected = dict.fromkeys(self.faults, 0)
         virtual = isinstance(clock, VirtualClock)
         self._clock: Clock = LeadingClock(clock or SystemClock(), 0.0 if virtual else 1e-3)
@@ -526,38 +478,29 @@ class ChipArrayTwin:
         self._rng = np.random.default_rng(seed)
         spread = np.broadcast_to(np.asarray(noise, np.float64), (3,))
         self._chips = [
-            SuffererChip(self, i, np.random.default_rng((seed, i)), spread, tolerance)
+            SimulatedChip(
+                lambda time_ns, i=i: self._sample(i, time_ns),  # type: ignore[misc]
+                np.random.default_rng((seed, i)), spread, tolerance, self._count,
+            )
             for i in range(len(self._places))
-        ]
-        count = 1 + max(place.bus for place in self._places)
-        self.buses = [self._bus(number, hertz) for number in range(count)]
-
-    def _bus(self, number: int, hertz: float) -> SimulatedI2cBus:
-        """One bus with its chips."""
-        chips = {
-            place: chip
-            for place, chip in zip(self._places, self._chips, strict=True)
-            if place.bus == number
-        }
-        return SimulatedI2cBus(
-            self._clock, chips, hertz, on_transfer=self._befall, on_fault=self.count
-        )
+        ]  # fmt: skip
+        on_bus = list(zip(self._places, self._chips, strict=True))
+        self.buses = [
+            SimulatedI2cBus(
+                self._clock,
+                {place: chip for place, chip in on_bus if place.bus == number},
+                hertz, on_transfer=self._hand_out, on_fault=self._count,
+            )
+            for number in range(1 + max(place.bus for place in self._places))
+        ]  # fmt: skip
 
     def device(self, clock_ns: Callable[[], int]) -> ChipArray:
         """The real driver on this twin's buses, stamped by `clock_ns`; not yet entered."""
-        buses = [I2cBus(f'simulated-{i}', smbus=bus) for i, bus in enumerate(self.buses)]
         return ChipArray(
-            buses,
-            self._places,
-            self._layout,
-            self._settings,
-            self._mode,
-            self._rate_hz,
-            bus_hz=self._hertz,
-            clock_ns=clock_ns,
-            monotonic_ns=self._clock.now_ns,
-            sleep=self._clock.sleep,
-        )
+            [I2cBus(f'simulated-{i}', smbus=bus) for i, bus in enumerate(self.buses)],
+            self._places, self._layout, self._settings, self._mode, self._rate_hz,
+            clock_ns=clock_ns, clock=self._clock, bus_hz=self._hertz,
+        )  # fmt: skip
 
     def __enter__(self) -> ChipArrayTwin:
         """Begin: the signal's time is 0 now."""
@@ -571,10 +514,6 @@ class ChipArrayTwin:
         trace: TracebackType | None,
     ) -> None:
         """End; nothing is held."""
-
-    def count(self, fault: str) -> None:
-        """Note that a fault has happened."""
-        self.injected[fault] += 1
 
     def inject(self, fault: str, count: int = 1, chip: int | None = None) -> None:
         """Let the next `count` transfers or measurements suffer a fault; from any thread.
@@ -606,102 +545,46 @@ class ChipArrayTwin:
         """Withdraw the faults that wait, at the next transfer; an unplugging takes its course."""
         self._waiting.append((RELIEF, 0, 0))
 
-    def _befall(self) -> None:
+    def _count(self, fault: str) -> None:
+        self.injected[fault] += 1
+
+    def _hand_out(self) -> None:
         """Hand out the faults that wait, in the thread that reads."""
         while self._waiting:
             fault, count, victim = self._waiting.popleft()
+            place, chip = self._places[victim], self._chips[victim]
+            bus = self.buses[place.bus]
             if fault == RELIEF:
                 self._withdraw()
-                continue
-            place = self._places[victim]
-            bus = self.buses[place.bus]
-            if fault == 'stuck_bus':
+            elif fault == 'stuck_bus':
                 bus.stuck += count
             elif fault == 'unplug':
-                self._unplug(bus, count)
+                now_ns = self._clock.now_ns()
+                bus.gone_until_ns = max(now_ns, bus.gone_until_ns) + count * UNPLUGGED_NS
+                bus.power_down(bus.gone_until_ns)
+                self.injected['unplug'] += count
             elif fault == 'nack':
                 bus.silent[place] = bus.silent.get(place, 0) + count
             else:
-                self._chips[victim].pending[fault] += count
+                chip.pending[fault] += count
 
     def _withdraw(self) -> None:
-        """Forget what was handed out and has not happened."""
+        """Forget faults that were handed out and have not happened."""
         for bus in self.buses:
             bus.stuck = 0
             bus.silent.clear()
         for chip in self._chips:
             chip.pending = dict.fromkeys(CHIP_FAULTS, 0)
 
-    def _unplug(self, bus: SimulatedI2cBus, count: int) -> None:
-        """Take the adapter away for a second each, and the supply with it."""
-        now_ns = self._clock.now_ns()
-        bus.gone_until_ns = max(now_ns, bus.gone_until_ns) + count * UNPLUGGED_NS
-        bus.power_down(bus.gone_until_ns)
-        self.injected['unplug'] += count
-
-    def sample(self, chip: int, time_ns: int) -> tuple[Array, float]:
+    def _sample(self, chip: int, time_ns: int) -> tuple[Array, float]:
         """Flux density, shape (3,) (T), and temperature (degrees Celsius) at a chip."""
         step = round((time_ns - self._start_ns) * 1e-9 / self._step_s)
         if self._held is None or self._held[0] != step:
             t = step * self._step_s
             field = np.asarray(self._signal(t), np.float64)
-            warmth = np.full(len(self._chips), 25.0)
+            temperature = np.full(len(self._chips), 25.0)
             if self._temperature_c is not None:
-                warmth[:] = self._temperature_c(t)
-            self._held = step, field, warmth
-        _, field, warmth = self._held
-        return field[chip], float(warmth[chip])
-
-
-class SuffererChip(SimulatedChip):
-    """A simulated chip whose measurements and supply can fail.
-
-    Attributes
-    ----------
-    pending : dict
-        Faults that wait for its next commands, by name.
-    """
-
-    def __init__(
-        self,
-        twin: ChipArrayTwin,
-        number: int,
-        rng: np.random.Generator,
-        noise: Array,
-        tolerance: float,
-    ) -> None:
-        """See the class."""
-        self.pending = dict.fromkeys(CHIP_FAULTS, 0)
-        self._twin = twin
-        super().__init__(lambda time_ns: twin.sample(number, time_ns), rng, noise, tolerance)
-
-    def _suffers(self, fault: str) -> bool:
-        """Whether a fault befalls it now; it is counted then."""
-        if not self.pending[fault]:
-            return False
-        self.pending[fault] -= 1
-        self._twin.count(fault)
-        return True
-
-    def write(self, data: bytes, now_ns: int) -> None:
-        """Take a command, after the supply failed where it has to."""
-        running = self.configured and data[0] & 0xF0 in MEASURING
-        if running and self._suffers('brown_out'):
-            self.power_up(now_ns - POWER_ON_NS)
-        if running and self.measuring and self._suffers('stall'):
-            self.stall()
-        super().write(data, now_ns)
-
-    def _convert(self, time_ns: int) -> bytes:
-        """Measure, or repeat what was measured last."""
-        if self._suffers('stuck_chip'):
-            return self._data
-        return super()._convert(time_ns)
-
-    def _distorted(self, counts: Array) -> Array:
-        """Counts of t, x, y, z with x at the end of the range or beyond it."""
-        if self._suffers('saturation'):
-            counts[1] = SATURATED * self.full_scale[0]
-        elif self._suffers('wrap'):
-            counts[1] += WRAPPED * self.full_scale[0]
-        return counts
+                temperature[:] = self._temperature_c(t)
+            self._held = step, field, temperature
+        _, field, temperature = self._held
+        return field[chip], float(temperature[chip])

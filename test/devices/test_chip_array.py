@@ -83,8 +83,7 @@ def driver(script: Script, clock: VirtualClock, mode: Mode = 'single') -> ChipAr
         ChipSettings(),
         mode,
         clock_ns=lambda: EPOCH_NS + clock.now_ns(),
-        monotonic_ns=clock.now_ns,
-        sleep=clock.sleep,
+        clock=clock,
     )
 
 
@@ -553,8 +552,7 @@ def test_all_are_started_and_then_read_with_one_write_a_switch(mode: Mode, expec
         layout_of(4),
         mode=mode,
         clock_ns=clock.now_ns,
-        monotonic_ns=clock.now_ns,
-        sleep=clock.sleep,
+        clock=clock,
     )
     with array:
         for _ in range(3):

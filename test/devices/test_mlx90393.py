@@ -20,8 +20,6 @@ from tactile_ros.devices.mlx90393 import (
     ChipSettings,
     Decoder,
     conversion_time,
-    register_read,
-    register_write,
     tesla_per_lsb,
 )
 
@@ -91,12 +89,6 @@ def test_fields_lie_where_the_datasheet_puts_them() -> None:
         word = field.put(word, value)
     assert word == 0b10_11_10_01_101_01
     assert GAIN_SEL.put(HALLCONF.put(0, 0xC), 7) == 0x7C
-
-
-def test_commands_of_registers() -> None:
-    assert register_read(0x02) == bytes.fromhex('50 08')
-    assert register_read(0x24) == bytes.fromhex('50 90')
-    assert register_write(0x02, 0x1A2B) == bytes.fromhex('60 1A 2B 08')
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,10 @@ class Writes:
         pass
 
 
+def behind(mux: int, channel: int = 0) -> ChipPlace:
+    return ChipPlace(0x0C, 0, mux, channel)
+
+
 @pytest.fixture
 def wires() -> Writes:
     return Writes()
@@ -41,33 +45,33 @@ def bus(wires: Writes) -> I2cBus:
 
 
 def test_only_changes_are_written(wires: Writes, bus: I2cBus) -> None:
-    switches = Switches(bus, [0x70])
+    switches = Switches(bus, [behind(0x70)])
     for channel in (0, 0, 3, 3, 7):
-        switches.select(0x70, channel)
-    switches.select(None, None)
+        switches.select(behind(0x70, channel))
+    switches.select(ChipPlace())
     assert wires.seen == [(0x70, b'\x01'), (0x70, b'\x08'), (0x70, b'\x80')]
 
 
 def test_the_other_switch_is_closed_first(wires: Writes, bus: I2cBus) -> None:
-    switches = Switches(bus, [0x70, 0x71])
-    switches.select(0x70, 1)
-    switches.select(0x71, 2)
-    switches.select(0x71, 3)
+    switches = Switches(bus, [behind(0x71), behind(0x70)])
+    switches.select(behind(0x70, 1))
+    switches.select(behind(0x71, 2))
+    switches.select(behind(0x71, 3))
     assert wires.seen == [
         (0x71, b'\x00'), (0x70, b'\x02'), (0x70, b'\x00'), (0x71, b'\x04'), (0x71, b'\x08'),
     ]  # fmt: skip
 
 
 def test_what_failed_is_written_again(wires: Writes, bus: I2cBus) -> None:
-    switches = Switches(bus, [0x70])
-    switches.select(0x70, 1)
+    switches = Switches(bus, [behind(0x70)])
+    switches.select(behind(0x70, 1))
     wires.silent = True
     with pytest.raises(NotAcknowledged, match='nothing answers at 0x70'):
-        switches.select(0x70, 2)
+        switches.select(behind(0x70, 2))
     wires.silent = False
-    switches.select(0x70, 1)
+    switches.select(behind(0x70, 1))
     switches.forget()
-    switches.select(0x70, 1)
+    switches.select(behind(0x70, 1))
     assert wires.seen == [(0x70, b'\x02')] * 3
 
 
