@@ -1,32 +1,36 @@
-"""Connections of sensors: port and baud rate of the framed protocol, I2C buses of chips."""
+"""Connections of sensors: port and baud rate of the framed protocol, I2C buses of chips.
+
+`DeviceFactory` opens a sensor at its connection, or simulates it there.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar, cast
+from typing import Generic, Protocol, TypeVar, cast
+
+import numpy.typing as npt
 
 from tactile_ros.devices.chip_array import ChipArray, Mode
-from tactile_ros.devices.framed_protocol import three_axis_chips
-from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings, tesla_per_lsb
+from tactile_ros.devices.framed_protocol import Payload, three_axis_chips
+from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings
 from tactile_ros.devices.serial_board import FramedBoard
 from tactile_ros.devices.simulated_i2c import ChipArrayTwin
 from tactile_ros.devices.simulated_serial import FramedTwin
+from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.devices.transport import I2cBus
+from tactile_ros.types import Array, Device, Layout, Twin
 from tactile_ros.types.config_fields import admit, switch, text_of, texts, whole, whole_numbers
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy.typing as npt
-
-    from tactile_ros.devices.framed_protocol import Payload
-    from tactile_ros.devices.timestamps import VirtualClock
-    from tactile_ros.types import Array, Device, Layout, Twin
+DIRECT = 0  # in place of a switch's address
+FASTEST_HZ = 400_000
 
 
 @dataclass(frozen=True)
 class FramedConnection:
-    """A serial port that carries the framed protocol.
+    """A microcontroller that sends the framed protocol over a serial port.
+
+    A sensor's own connection says `payload` and `scale`.
 
     Attributes
     ----------
@@ -46,111 +50,57 @@ class FramedConnection:
         """Check values once, at the door."""
         admit(self)
 
+    def payload(self, layout: Layout) -> Payload:
+        """Content of the frames."""
+        raise NotImplementedError
 
-def open_framed(
-    layout: Layout,
-    connection: FramedConnection,
-    payload: Payload,
-    scale: npt.ArrayLike,
-    clock_ns: Callable[[], int],
-) -> FramedBoard:
-    """Driver of a board that speaks the framed protocol; not opened yet.
+    def scale(self) -> npt.ArrayLike:
+        """Unit of the layout per count, broadcast to (t, c)."""
+        raise NotImplementedError
 
-    Parameters
-    ----------
-    layout : Layout
-        Of the sensor.
-    connection : FramedConnection
-        Its port.
-    payload : Payload
-        What the frames carry.
-    scale : array_like, broadcast to (t, c)
-        Unit of the layout per count.
-    clock_ns : callable
-        Gives the stamps (ns).
+    def open(self, layout: Layout, clock_ns: Callable[[], int]) -> Device:
+        """Driver with stamps from `clock_ns` (ns); not opened yet.
 
-    Returns
-    -------
-    FramedBoard
-        A `Device`.
+        Raises
+        ------
+        ValueError
+            If port or buses cannot carry the layout's rate, or do not fit its taxels.
+        """
+        return FramedBoard(
+            self.port, layout, self.payload(layout), self.scale(),
+            baud=self.baud, native_usb=self.native_usb, clock=clock_ns,
+        )  # fmt: skip
 
-    Raises
-    ------
-    ValueError
-        If the port cannot carry the rate, or payload and layout differ.
-    """
-    return FramedBoard(
-        connection.port,
-        layout,
-        payload,
-        scale,
-        baud=connection.baud,
-        native_usb=connection.native_usb,
-        clock=clock_ns,
-    )
+    def simulate(
+        self,
+        layout: Layout,
+        signal: Callable[[float], Array],
+        noise: float | Array,
+        seed: int,
+        clock: VirtualClock | None = None,
+        temperature_c: Callable[[float], Array] | None = None,
+    ) -> Twin:
+        """Twin on a pseudo-terminal or simulated buses; not entered yet.
 
-
-def simulate_framed(
-    layout: Layout,
-    connection: FramedConnection,
-    payload: Payload,
-    scale: npt.ArrayLike,
-    signal: Callable[[float], Array],
-    noise: float | Array,
-    seed: int,
-    clock: VirtualClock | None = None,
-    temperature_c: Callable[[float], Array] | None = None,
-) -> FramedTwin:
-    """Twin of that board on a pseudo-terminal; not entered yet.
-
-    Parameters
-    ----------
-    layout, connection, payload, scale
-        As in `open_framed`; the connection's port is not used.
-    signal : callable
-        Time (s) -> values, shape (t, c) (unit of the layout).
-    noise : float or ndarray, shape (c,)
-        Standard deviation of a reading (unit of the layout).
-    seed : int
-        Of noise and faults.
-    clock : VirtualClock or None
-        What the board runs on; None: the machine's.
-    temperature_c : callable or None
-        Time (s) -> chip temperatures (t,) (degrees Celsius); None: 25.
-
-    Returns
-    -------
-    FramedTwin
-        A `Twin`.
-    """
-    return FramedTwin(
-        layout,
-        payload,
-        scale,
-        signal,
-        noise=noise,
-        temperature_c=temperature_c,
-        seed=seed,
-        clock=clock,
-        baud=connection.baud,
-        native_usb=connection.native_usb,
-    )
-
-
-DIRECT = 0  # in place of a switch's address
-FASTEST_HZ = 400_000
-
-
-class Noisy(Protocol):
-    """A config that says how noisy its sensor is."""
-
-    @property
-    def noise(self) -> float | Array | None:
-        """Standard deviation of a channel (T); None: unknown."""
-        ...
-
-
-Config = TypeVar('Config', bound=Noisy)
+        Parameters
+        ----------
+        layout : Layout
+            Of the sensor; port and paths of buses are not used.
+        signal : callable
+            Time (s) -> values, shape (t, c) (unit of the layout).
+        noise : float or ndarray, shape (c,)
+            Standard deviation of a reading (unit of the layout).
+        seed : int
+            Of noise and faults.
+        clock : VirtualClock or None
+            Of the board or the buses; None: the machine's.
+        temperature_c : callable or None
+            Time (s) -> chip temperatures (t,) (degrees Celsius); None: 25.
+        """
+        return FramedTwin(
+            layout, self.payload(layout), self.scale(), signal, noise, temperature_c, seed, clock,
+            baud=self.baud, native_usb=self.native_usb,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -172,10 +122,10 @@ class ChipConnection(FramedConnection):
         all chips.
     mux_channels : tuple of int
         For each chip the channel of that switch; one number: for all chips.
-    mode : str
-        'single': all chips start together; 'burst': each measures without end.
     bus_clock : int
         Clock of the I2C buses (Hz), which the rate of frames has to fit; 0: unknown, not checked.
+    mode : str
+        'single': all chips start together; 'burst': each measures without end.
     gain, resolution, digital_filter, oversampling, temperature, hallconf
         Of the chips; see `ChipSettings`.
     """
@@ -201,7 +151,7 @@ class ChipConnection(FramedConnection):
 
     @property
     def settings(self) -> ChipSettings:
-        """How the chips measure."""
+        """Settings of the chips."""
         return ChipSettings(
             gain=self.gain,
             resolution=cast('tuple[int, int, int]', self.resolution),
@@ -212,19 +162,17 @@ class ChipConnection(FramedConnection):
         )
 
     def places(self, chips: int) -> list[ChipPlace]:
-        """Where each of so many chips is reached.
+        """Place of each of so many chips.
 
         Raises
         ------
         ValueError
             If there are more or fewer addresses, switches or channels than chips.
         """
-        bus = self._for_each('bus_of_chip', chips)
-        mux, channel = (
-            self._for_each('mux_addresses', chips),
-            self._for_each('mux_channels', chips),
-        )
-        addresses = self._for_each('addresses', chips, spread=False)
+        bus = _for_each('bus_of_chip', self.bus_of_chip, chips)
+        mux = _for_each('mux_addresses', self.mux_addresses, chips)
+        channel = _for_each('mux_channels', self.mux_channels, chips)
+        addresses = _for_each('addresses', self.addresses, chips, spread=False)
         if max(bus) >= len(self.buses):
             msg = (
                 f'bus_of_chip must be 0 to {len(self.buses) - 1}, a number in buses '
@@ -238,152 +186,121 @@ class ChipConnection(FramedConnection):
             for i in range(chips)
         ]
 
-    def _for_each(self, name: str, chips: int, spread: bool = True) -> tuple[int, ...]:
-        """The numbers of a field, one for each chip."""
-        numbers: tuple[int, ...] = getattr(self, name)
-        if spread and len(numbers) == 1:
-            return numbers * chips
-        if len(numbers) != chips:
-            msg = f'{name} must have one number for each of {chips} chips; received {len(numbers)}'
-            raise ValueError(msg)
-        return numbers
+    def payload(self, layout: Layout) -> Payload:
+        """Content of the frames where the chips are behind a serial port."""
+        return three_axis_chips(layout.shape[0])
 
-    @property
-    def measuring(self) -> Mode:
-        """How the chips are read, for the driver."""
-        return 'burst' if self.mode == 'burst' else 'single'
-
-    @property
-    def tesla_per_count(self) -> npt.ArrayLike:
+    def scale(self) -> npt.ArrayLike:
         """Step of x, y, z (T) at these settings, shape (3,)."""
-        settings = self.settings
-        return tesla_per_lsb(settings.gain, settings.resolution, settings.hallconf)
+        return self.settings.tesla_per_count
+
+    def open(self, layout: Layout, clock_ns: Callable[[], int]) -> Device:
+        """See `FramedConnection.open`."""
+        if self.transport == 'serial':
+            return super().open(layout, clock_ns)
+        return ChipArray(
+            [I2cBus(path) for path in self.buses],
+            self.places(layout.shape[0]),
+            layout,
+            self.settings,
+            mode=cast('Mode', self.mode),
+            rate_hz=layout.rate_hz,
+            clock_ns=clock_ns,
+            bus_hz=self.bus_clock,
+        )
+
+    def simulate(
+        self,
+        layout: Layout,
+        signal: Callable[[float], Array],
+        noise: float | Array,
+        seed: int,
+        clock: VirtualClock | None = None,
+        temperature_c: Callable[[float], Array] | None = None,
+    ) -> Twin:
+        """See `FramedConnection.simulate`; the signal is in chip axes."""
+        if self.transport == 'serial':
+            return super().simulate(layout, signal, noise, seed, clock, temperature_c)
+        return ChipArrayTwin(
+            self.places(layout.shape[0]),
+            layout,
+            signal,
+            temperature_c,
+            settings=self.settings,
+            mode=cast('Mode', self.mode),
+            rate_hz=layout.rate_hz,
+            noise=noise,
+            hertz=self.bus_clock or FASTEST_HZ,
+            clock=clock,
+            seed=seed,
+        )
 
 
-def open_chips(
-    layout: Layout, connection: ChipConnection, clock_ns: Callable[[], int]
-) -> ChipArray | FramedBoard:
-    """Driver of chips over I2C or behind a serial port; not opened yet.
-
-    Parameters
-    ----------
-    layout : Layout
-        Of the sensor: t chips.
-    connection : ChipConnection
-        Where they are reached.
-    clock_ns : callable
-        Gives the stamps (ns).
-
-    Returns
-    -------
-    ChipArray or FramedBoard
-        A `Device`.
-
-    Raises
-    ------
-    ValueError
-        If the places do not fit the chips, or port or buses cannot carry the rate.
-    """
-    chips = layout.shape[0]
-    if connection.transport == 'serial':
-        payload = three_axis_chips(chips)
-        return open_framed(layout, connection, payload, connection.tesla_per_count, clock_ns)
-    return ChipArray(
-        [I2cBus(path) for path in connection.buses],
-        connection.places(chips),
-        layout,
-        connection.settings,
-        mode=connection.measuring,
-        rate_hz=layout.rate_hz,
-        clock_ns=clock_ns,
-        bus_hz=connection.bus_clock,
-    )
+def _for_each(
+    name: str, numbers: tuple[int, ...], chips: int, spread: bool = True
+) -> tuple[int, ...]:
+    """The numbers of a field, one for each chip."""
+    if spread and len(numbers) == 1:
+        return numbers * chips
+    if len(numbers) != chips:
+        msg = f'{name} must have one number for each of {chips} chips; received {len(numbers)}'
+        raise ValueError(msg)
+    return numbers
 
 
-def simulate_chips(
-    layout: Layout,
-    connection: ChipConnection,
-    signal: Callable[[float], Array],
-    noise: float | Array,
-    seed: int,
-    clock: VirtualClock | None = None,
-) -> ChipArrayTwin | FramedTwin:
-    """Twin of those chips, on simulated buses or on a pseudo-terminal; not entered yet.
+class Noisy(Protocol):
+    """A config with the noise of its sensor."""
 
-    Parameters
-    ----------
-    layout, connection
-        As in `open_chips`; ports and paths of buses are not used.
-    signal : callable
-        Time (s) -> flux density in chip axes, shape (t, 3) (T).
-    noise : float or ndarray, shape (3,)
-        Standard deviation of a reading (T).
-    seed : int
-        Of noise, oscillators and faults.
-    clock : VirtualClock or None
-        What buses or board run on; None: the machine's.
+    @property
+    def noise(self) -> float | Array | None:
+        """Standard deviation of a channel (unit of the layout); None: unknown."""
+        ...
 
-    Returns
-    -------
-    ChipArrayTwin or FramedTwin
-        A `Twin`.
-    """
-    chips = layout.shape[0]
-    if connection.transport == 'serial':
-        payload, scale = three_axis_chips(chips), connection.tesla_per_count
-        return simulate_framed(layout, connection, payload, scale, signal, noise, seed, clock)
-    return ChipArrayTwin(
-        connection.places(chips),
-        layout,
-        signal,
-        settings=connection.settings,
-        mode=connection.measuring,
-        rate_hz=layout.rate_hz,
-        noise=noise,
-        hertz=connection.bus_clock or FASTEST_HZ,
-        clock=clock,
-        seed=seed,
-    )
+
+Config = TypeVar('Config', bound=Noisy)
 
 
 @dataclass(frozen=True)
-class ChipSensor(Generic[Config]):
-    """How one kind of sensor of chips is opened and simulated.
+class DeviceFactory(Generic[Config]):
+    """Opens the driver of one kind of sensor, or its twin.
 
     Attributes
     ----------
     layout : callable
         Layout of a config.
     signal : callable
-        Of a config and a seed: time (s) -> flux density, shape (t, 3) (T), that a twin plays.
+        Of a config and a seed: time (s) -> values (t, c) (unit of the layout), that a twin plays.
     noise : float
-        Standard deviation of a reading (T) where the config says none.
+        Standard deviation of a reading (unit of the layout) where the config says none.
+    temperature : callable or None
+        Of a config: time (s) -> chip temperatures (t,) (degrees Celsius), that go with `signal`.
     """
 
     layout: Callable[[Config], Layout]
     signal: Callable[[Config, int], Callable[[float], Array]]
     noise: float
+    temperature: Callable[[Config], Callable[[float], Array]] | None = None
 
     def open(
-        self, config: Config, connection: ChipConnection, clock_ns: Callable[[], int]
+        self, config: Config, connection: FramedConnection, clock_ns: Callable[[], int]
     ) -> Device:
         """Driver of `config` at `connection`, with stamps from `clock_ns`; not opened yet."""
-        return open_chips(self.layout(config), connection, clock_ns)
+        return connection.open(self.layout(config), clock_ns)
 
     def simulate(
         self,
         config: Config,
-        connection: ChipConnection,
+        connection: FramedConnection,
         signal: Callable[[float], Array] | None = None,
         seed: int = 0,
         clock: VirtualClock | None = None,
     ) -> Twin:
         """Twin that plays `signal`, or the sensor's own; not entered yet."""
-        return simulate_chips(
-            self.layout(config),
-            connection,
-            self.signal(config, seed) if signal is None else signal,
-            self.noise if config.noise is None else config.noise,
-            seed,
-            clock,
-        )
+        temperature_c = None
+        if signal is None:
+            signal = self.signal(config, seed)
+            if self.temperature is not None:
+                temperature_c = self.temperature(config)
+        noise = self.noise if config.noise is None else config.noise
+        layout = self.layout(config)
+        return connection.simulate(layout, signal, noise, seed, clock, temperature_c)

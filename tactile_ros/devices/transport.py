@@ -9,70 +9,24 @@ import select
 import termios
 import time
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Protocol
 
 from tactile_ros.errors import DeviceError, DeviceTimeout, MissingPackageError, NotAcknowledged
 
 if TYPE_CHECKING:
-    from types import ModuleType
-
     import serial
     from smbus2 import i2c_msg
 
     I2cMessage = i2c_msg
 
+READ_BYTES = 4096
 WAITS_S = 0.1  # the least that terminals wait for
 LOOK_S = 1.0
-
-
-class WaitingReads:
-    """Settings by which reads wait, for `WAITS_S` at most: no call but them lets go of the lock.
-
-    A busy thread takes Python's lock at each call more. Another program may open the port all the
-    same and let reads wait for ever, as those that look for modems do; that is undone.
-
-    Parameters
-    ----------
-    terminal : int
-        Descriptor.
-
-    Raises
-    ------
-    termios.error
-        If the device is gone.
-    """
-
-    def __init__(self, terminal: int) -> None:
-        """See the class."""
-        wanted = termios.tcgetattr(terminal)
-        wanted[6][termios.VMIN], wanted[6][termios.VTIME] = 0, round(10 * WAITS_S)
-        termios.tcsetattr(terminal, termios.TCSANOW, wanted)
-        os.set_blocking(terminal, True)
-        self._terminal = terminal
-        self._wanted = termios.tcgetattr(terminal)
-        self._due_s = 0.0
-
-    def read(self, count: int) -> bytes:
-        """At most so many bytes; none where none came in time, or the device is gone."""
-        if time.monotonic() >= self._due_s:
-            self._restore()
-        data = os.read(self._terminal, count)
-        # while bytes come every read returns: now and then is enough
-        self._due_s = time.monotonic() + LOOK_S if data else 0.0
-        return data
-
-    def _restore(self) -> None:
-        """Undo what another program has set."""
-        if termios.tcgetattr(self._terminal) != self._wanted:
-            termios.tcsetattr(self._terminal, termios.TCSANOW, self._wanted)
-
-
-READ_BYTES = 4096
 I2C_TIMEOUT = 0x0702  # linux/i2c-dev.h, in units of 10 ms
 
 
 def _pyserial() -> ModuleType:
-    """The package, where it is needed."""
     try:
         import serial
         import serial.tools.list_ports
@@ -82,12 +36,26 @@ def _pyserial() -> ModuleType:
     return serial
 
 
+def _smbus2() -> ModuleType:
+    try:
+        import smbus2
+    except ImportError as err:
+        msg = 'I2C buses need smbus2: pip install smbus2 (or apt install python3-smbus2)'
+        raise MissingPackageError(msg) from err
+    return smbus2
+
+
 def list_ports() -> list[str]:
     """Names of the serial ports that this machine has."""
     return sorted(port.device for port in _pyserial().tools.list_ports.comports())
 
 
-def _choice() -> str:
+def list_buses() -> list[str]:
+    """Paths of the I2C buses that this machine has."""
+    return sorted(str(path) for path in Path('/dev').glob('i2c-*'))
+
+
+def _port_choice() -> str:
     """The ports that exist, as the end of a sentence."""
     ports = list_ports()
     if not ports:
@@ -95,18 +63,25 @@ def _choice() -> str:
     return f'ports here: {", ".join(ports)}'
 
 
-def _refusal(port: str, err: OSError) -> str:
-    """Why a port could not be opened and what to do, in one sentence."""
-    if err.errno == errno.ENOENT:
-        return f'port {port} does not exist; {_choice()}'
-    if err.errno in (errno.EAGAIN, errno.EBUSY):
-        return f'port {port} is busy: close the program that reads it; {_choice()}'
-    if err.errno in (errno.EACCES, errno.EPERM):
-        return (
-            f'port {port} may not be opened by this user: '
-            f'add the user to the group dialout and log in again; {_choice()}'
-        )
-    return f'port {port} cannot be opened ({err}); {_choice()}'
+def _bus_choice() -> str:
+    """The buses that exist, as the end of a sentence."""
+    buses = list_buses()
+    if not buses:
+        return 'this machine shows no I2C bus: enable it and load the module i2c-dev'
+    return f'buses here: {", ".join(buses)}'
+
+
+def _refusal(what: str, group: str, choice: str, err: OSError) -> DeviceError:
+    """Why a port or bus could not be opened and what to do, in one sentence."""
+    if err.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+        why = 'does not exist'
+    elif err.errno in (errno.EAGAIN, errno.EBUSY):
+        why = 'is busy: close the program that reads it'
+    elif err.errno in (errno.EACCES, errno.EPERM):
+        why = f'may not be opened by this user: add the user to the group {group} and log in again'
+    else:
+        why = f'cannot be opened ({err})'
+    return DeviceError(f'{what} {why}; {choice}')
 
 
 class SerialPort:
@@ -121,12 +96,11 @@ class SerialPort:
     """
 
     def __init__(self, port: str, baud: int = 115200) -> None:
-        """See the class."""
         self.port = port
         self.baud = baud
         self._serial: serial.Serial | None = None
         self._poll: select.poll | None = None
-        self._reads: WaitingReads | None = None
+        self._terminal: _WaitingTerminal | None = None
 
     @property
     def is_open(self) -> bool:
@@ -148,18 +122,19 @@ class SerialPort:
         pyserial, device = _pyserial(), None
         try:
             device = pyserial.Serial(self.port, self.baud, timeout=0, exclusive=True)
-            reads = WaitingReads(device.fileno())
+            terminal = _WaitingTerminal(device.fileno())
         except (OSError, ValueError, termios.error) as err:  # also of a port that goes meanwhile
             if device is not None:
                 device.close()
             failure = err if isinstance(err, OSError) else OSError(str(err))
-            raise DeviceError(_refusal(self.port, failure)) from err
-        self._serial, self._reads, self._poll = device, reads, select.poll()
+            name = f'port {self.port}'
+            raise _refusal(name, 'dialout', _port_choice(), failure) from err
+        self._serial, self._terminal, self._poll = device, terminal, select.poll()
         self._poll.register(device.fileno(), select.POLLIN)
 
     def close(self) -> None:
         """Let the port go; closing twice is allowed."""
-        device, self._serial, self._reads, self._poll = self._serial, None, None, None
+        device, self._serial, self._terminal, self._poll = self._serial, None, None, None
         if device is not None:
             device.close()
 
@@ -181,27 +156,21 @@ class SerialPort:
         DeviceError
             If the port is not open or is gone; it is closed then.
         """
-        reads, poll = self._reads, self._poll  # here still where another thread closes
-        if reads is None or poll is None:
+        terminal, poll = self._terminal, self._poll  # here still where another thread closes
+        if terminal is None or poll is None:
             msg = f'port {self.port} is not open'
             raise DeviceError(msg)
         try:
             if timeout < WAITS_S and not poll.poll(max(0.0, timeout) * 1e3):
                 return b''
-            data = reads.read(READ_BYTES)
+            data = terminal.read(READ_BYTES)
             if not data and poll.poll(0):  # gone, unless bytes have come between the two
-                data = reads.read(READ_BYTES)
+                data = terminal.read(READ_BYTES)
                 if not data:
                     raise self._lost()
         except (OSError, termios.error) as err:
             raise self._lost() from err
         return data
-
-    def _lost(self) -> DeviceError:
-        """Close, and say why."""
-        self.close()
-        msg = f'port {self.port} was unplugged or taken by another program; {_choice()}'
-        return DeviceError(msg)
 
     def write(self, data: bytes) -> None:
         """Send bytes to the device.
@@ -217,48 +186,44 @@ class SerialPort:
         try:
             self._serial.write(data)
         except OSError as err:
-            self.close()
-            msg = f'port {self.port} was unplugged; {_choice()}'
-            raise DeviceError(msg) from err
+            raise self._lost() from err
+
+    def _lost(self) -> DeviceError:
+        """Close, and say why."""
+        self.close()
+        why = 'was unplugged or taken by another program'
+        return DeviceError(f'port {self.port} {why}; {_port_choice()}')
 
 
-def _smbus2() -> ModuleType:
-    """The package, where it is needed."""
-    try:
-        import smbus2
-    except ImportError as err:
-        msg = 'I2C buses need smbus2: pip install smbus2 (or apt install python3-smbus2)'
-        raise MissingPackageError(msg) from err
-    return smbus2
+class _WaitingTerminal:
+    """A terminal whose reads wait for their first byte, `WAITS_S` at most.
 
+    No call but such reads lets go of Python's lock: a busy thread takes it at each call more.
+    Another program may open the port all the same and let reads wait for ever, as those that look
+    for modems do; that is undone.
+    """
 
-def list_buses() -> list[str]:
-    """Paths of the I2C buses that this machine has."""
-    return sorted(str(path) for path in Path('/dev').glob('i2c-*'))
+    def __init__(self, terminal: int) -> None:
+        wanted = termios.tcgetattr(terminal)
+        wanted[6][termios.VMIN], wanted[6][termios.VTIME] = 0, round(10 * WAITS_S)
+        termios.tcsetattr(terminal, termios.TCSANOW, wanted)
+        os.set_blocking(terminal, True)
+        self._terminal = terminal
+        self._wanted = termios.tcgetattr(terminal)
+        self._due_s = 0.0
 
-
-def _bus_choice() -> str:
-    """The buses that exist, as the end of a sentence."""
-    buses = list_buses()
-    if not buses:
-        return 'this machine shows no I2C bus: enable it and load the module i2c-dev'
-    return f'buses here: {", ".join(buses)}'
-
-
-def _bus_refusal(path: str, err: OSError) -> str:
-    """Why a bus could not be opened and what to do, in one sentence."""
-    if err.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
-        return f'bus {path} does not exist; {_bus_choice()}'
-    if err.errno in (errno.EACCES, errno.EPERM):
-        return (
-            f'bus {path} may not be opened by this user: '
-            f'add the user to the group i2c and log in again; {_bus_choice()}'
-        )
-    return f'bus {path} cannot be opened ({err}); {_bus_choice()}'
+    def read(self, count: int) -> bytes:
+        """At most so many bytes; none where none came in time, or the device is gone."""
+        if time.monotonic() >= self._due_s and termios.tcgetattr(self._terminal) != self._wanted:
+            termios.tcsetattr(self._terminal, termios.TCSANOW, self._wanted)
+        data = os.read(self._terminal, count)
+        # while bytes come every read returns: now and then is enough
+        self._due_s = time.monotonic() + LOOK_S if data else 0.0
+        return data
 
 
 class BusMaster(Protocol):
-    """What carries messages: an smbus2.SMBus, or what stands in for it."""
+    """Carrier of messages: an smbus2.SMBus, or what stands in for it."""
 
     def i2c_rdwr(self, *messages: I2cMessage) -> None:
         """Carry messages in one transaction, a repeated start between them."""
@@ -277,13 +242,12 @@ class I2cBus:
     path : str
         Device path, such as /dev/i2c-1; a name for sentences where `smbus` is given.
     smbus : BusMaster or None
-        What carries the messages; None: smbus2 on `path`.
+        Carries the messages; None: smbus2 on `path`.
     timeout_s : float
         Longest time that the adapter may hold a transfer (s), in steps of 10 ms.
     """
 
     def __init__(self, path: str, smbus: BusMaster | None = None, timeout_s: float = 0.02) -> None:
-        """See the class."""
         self.path = path
         self._given = smbus
         self._timeout_s = timeout_s
@@ -318,7 +282,8 @@ class I2cBus:
             fcntl.ioctl(bus.fd, I2C_TIMEOUT, max(1, round(self._timeout_s * 100)))
         except OSError as err:
             bus.close()
-            raise DeviceError(_bus_refusal(self.path, err)) from err
+            name = f'bus {self.path}'
+            raise _refusal(name, 'i2c', _bus_choice(), err) from err
         self._master = bus
 
     def close(self) -> None:
@@ -373,8 +338,8 @@ class I2cBus:
         return tuple(parts)
 
     def _failure(self, address: int, err: OSError) -> DeviceError:
-        """What an error of a transfer means."""
-        # EIO: what adapters report that tell no causes
+        """Meaning of an error of a transfer."""
+        # EIO: adapters report it that tell no causes
         if err.errno in (errno.EREMOTEIO, errno.ENXIO, errno.EIO):
             return NotAcknowledged(
                 f'nothing answers at {address:#04x} on bus {self.path}: '

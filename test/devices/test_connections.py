@@ -1,23 +1,131 @@
-"""Boards of the framed protocol: what their port cannot carry."""
+"""Connections: what they let in, where they find chips, and what cannot be carried."""
 
 from __future__ import annotations
 
 import dataclasses
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from tactile_ros.devices.connections import FramedConnection, open_framed
-from tactile_ros.devices.framed_protocol import gradiometer
+from tactile_ros.devices.chip_array import ChipArray
+from tactile_ros.devices.connections import ChipConnection, DeviceFactory, FramedConnection
+from tactile_ros.devices.framed_protocol import Payload, gradiometer
+from tactile_ros.devices.mlx90393 import ChipPlace
+from tactile_ros.devices.serial_board import FramedBoard
+from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.types import Layout
 
+FOUR = Layout(np.zeros((4, 3)), ('Bx', 'By', 'Bz'), 'T', rate_hz=50.0)
+ADDRESSES = (0x0C, 0x0D, 0x0E, 0x0F)
 
-def test_a_rate_that_does_not_fit_is_refused_with_both_named() -> None:
+
+def test_places_directly_on_buses() -> None:
+    connection = ChipConnection(
+        buses=('/dev/i2c-1', '/dev/i2c-2'), bus_of_chip=(0, 0, 1, 1), addresses=(12, 13, 12, 13)
+    )
+    wanted = [ChipPlace(12, 0), ChipPlace(13, 0), ChipPlace(12, 1), ChipPlace(13, 1)]
+    assert connection.places(4) == wanted
+
+
+def test_places_behind_switches() -> None:
+    connection = ChipConnection(
+        addresses=ADDRESSES, mux_addresses=(0x70, 0x70, 0, 0x71), mux_channels=(0, 1, 0, 7)
+    )
+    assert connection.places(4) == [
+        ChipPlace(0x0C, 0, 0x70, 0),
+        ChipPlace(0x0D, 0, 0x70, 1),
+        ChipPlace(0x0E, 0),
+        ChipPlace(0x0F, 0, 0x71, 7),
+    ]
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'words'),
+    [
+        (
+            {'addresses': (12, 13)},
+            'addresses must have one number for each of 4 chips; received 2',
+        ),
+        ({'addresses': (12,)}, 'addresses must have one number for each of 4 chips'),
+        ({'bus_of_chip': (0, 0)}, 'bus_of_chip must have one number for each of 4 chips'),
+        ({'bus_of_chip': (1,)}, 'bus_of_chip must be 0 to 0, a number in buses /dev/i2c-1'),
+        ({'mux_addresses': (0x20,)}, 'mux and channel of ChipPlace must be 0x70 to 0x77'),
+        ({'addresses': (12, 12, 13, 14)}, 'must differ; two would answer'),
+    ],
+)
+def test_places_that_cannot_be_are_refused(wrong: dict[str, object], words: str) -> None:
+    connection = dataclasses.replace(ChipConnection(addresses=ADDRESSES), **wrong)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=words):
+        connection.open(FOUR, time.monotonic_ns)
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'words'),
+    [
+        (
+            {'transport': 'spi'},
+            "transport of ChipConnection must be one of i2c, serial; received 's",
+        ),
+        ({'mode': 'slow'}, 'mode of ChipConnection must be one of single, burst'),
+        ({'gain': 8}, 'gain of ChipConnection must be a whole number from 0 to 7'),
+        ({'resolution': (0, 0)}, 'resolution of ChipConnection must have shape'),
+        ({'baud': 300}, 'baud of ChipConnection must be a whole number from 1200'),
+        ({'buses': ()}, 'buses of ChipConnection must be one text or more'),
+    ],
+)
+def test_values_that_cannot_be_are_refused(wrong: dict[str, object], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        ChipConnection(**wrong)  # type: ignore[arg-type]
+
+
+def test_the_transport_chooses_the_driver() -> None:
+    connection = ChipConnection(addresses=ADDRESSES)
+    assert isinstance(connection.open(FOUR, time.monotonic_ns), ChipArray)
+    serial = dataclasses.replace(connection, transport='serial')
+    assert isinstance(serial.open(FOUR, time.monotonic_ns), FramedBoard)
+
+
+def test_steps_of_counts_follow_the_settings() -> None:
+    coarse, fine = ChipConnection(gain=1, resolution=(2, 2, 2)), ChipConnection(gain=1)
+    np.testing.assert_allclose(coarse.scale(), 2 * np.asarray(fine.scale()))
+    np.testing.assert_allclose(coarse.scale(), [2.4032e-6, 2.4032e-6, 3.872e-6], rtol=1e-3)
+
+
+class Gradiometer(FramedConnection):
+    """Four pixels, 1 uT a count."""
+
+    def payload(self, layout: Layout) -> Payload:
+        return gradiometer()
+
+    def scale(self) -> float:
+        return 1e-6
+
+
+def test_a_baud_rate_that_does_not_fit_is_refused_with_both_rates() -> None:
     fast = Layout(np.zeros((4, 3)), ('Bx', 'Bz'), 'T', rate_hz=1000.0)
-    slow_port = FramedConnection(baud=115_200)
+    slow_port = Gradiometer(baud=115_200)
     # 38 bytes of a frame 1000 times a second; ten bits for each byte
     with pytest.raises(ValueError, match=r'38000 .*11520'):
-        open_framed(fast, slow_port, gradiometer(), 1e-6, time.monotonic_ns)
-    usb = dataclasses.replace(slow_port, native_usb=True)
-    open_framed(fast, usb, gradiometer(), 1e-6, time.monotonic_ns)
+        slow_port.open(fast, time.monotonic_ns)
+    dataclasses.replace(slow_port, native_usb=True).open(fast, time.monotonic_ns)
+
+
+def test_device_factory_plays_its_own_signal_and_temperature() -> None:
+    layout = Layout(np.zeros((4, 3)), ('Bx', 'Bz'), 'T', rate_hz=100.0)
+    factory = DeviceFactory(
+        lambda config: layout,
+        lambda config, seed: lambda t: np.full((4, 2), 1e-3 * seed),
+        1e-9,
+        lambda config: lambda t: np.full(4, 31.0),
+    )
+    config = SimpleNamespace(noise=None)
+    for signal, field, celsius in ((None, 2e-3, 31.0), (lambda t: np.ones((4, 2)), 1.0, 25.0)):
+        clock = VirtualClock()
+        twin = factory.simulate(config, Gradiometer(), signal, 2, clock)
+        with twin, twin.device(clock.now_ns) as board:
+            twin.play(1)
+            frame = board.read(5.0)
+        np.testing.assert_allclose(frame.values, min(field, 32767e-6), atol=1e-6)
+        assert frame.temperature_c.tolist() == [celsius] * 4

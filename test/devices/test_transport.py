@@ -92,8 +92,8 @@ def test_a_busy_port_says_so(port: SimulatedSerialPort) -> None:
 
 @pytest.mark.usefixtures('two_ports')
 def test_other_refusals() -> None:
-    forbidden = transport._refusal('/dev/ttyA', PermissionError(errno.EACCES, 'no'))
-    assert 'add the user to the group dialout' in forbidden
+    forbidden = transport._refusal('port', 'dialout', '', PermissionError(errno.EACCES, 'no'))
+    assert 'add the user to the group dialout' in str(forbidden)
     with pytest.raises(DeviceError, match='port /dev/null cannot be opened'):
         SerialPort('/dev/null').open()
 
@@ -134,7 +134,7 @@ def test_a_program_that_lets_reads_wait_for_ever_is_undone(port: SimulatedSerial
 def test_closing_while_another_thread_reads_is_a_sentence(port: SimulatedSerialPort) -> None:
     line = SerialPort(port.port)
     line.open()
-    reads = line._reads
+    reads = line._terminal
     assert reads is not None
     inside = threading.Event()
 
@@ -146,7 +146,7 @@ def test_closing_while_another_thread_reads_is_a_sentence(port: SimulatedSerialP
             line.close()
             return reads.read(count)
 
-    line._reads = Closed()  # type: ignore[assignment]
+    line._terminal = Closed()  # type: ignore[assignment]
     with pytest.raises(DeviceError, match='was unplugged or taken'):
         line.read(0.25)
     assert inside.is_set()

@@ -19,12 +19,7 @@ from tactile_ros.sensors.five_wire_skin.estimation import (
     ESTIMATORS,
     FiveWireEstimation,
 )
-from tactile_ros.sensors.five_wire_skin.twin import (
-    FiveWireSkinConnection,
-    open_skin,
-    presses,
-    simulate_skin,
-)
+from tactile_ros.sensors.five_wire_skin.twin import SKIN, FiveWireSkinConnection, presses
 from tactile_ros.sensors.registry import SensorSpec
 
 SENSOR = SensorSpec(
@@ -37,8 +32,8 @@ SENSOR = SensorSpec(
     layout=layout,
     estimation=FiveWireEstimation,
     estimator_names=ESTIMATORS,
-    open=open_skin,
-    simulate=simulate_skin,
+    open=SKIN.open,
+    simulate=SKIN.simulate,
     presses=presses,
     classes=(FiveWireSkinConfig, *CLASSES),
     recordings=dict,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.devices.connections import FramedConnection, open_framed, simulate_framed
+from tactile_ros.devices.connections import DeviceFactory, FramedConnection
 from tactile_ros.devices.framed_protocol import five_wires
 from tactile_ros.enrolment import REST_S, Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.sensors.five_wire_skin.config import layout
@@ -18,11 +18,10 @@ from tactile_ros.types.config_fields import whole
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tactile_ros.devices.simulated_serial import FramedTwin
-    from tactile_ros.devices.timestamps import VirtualClock
+    from tactile_ros.devices.framed_protocol import Payload
     from tactile_ros.enrolment import Truth
     from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig
-    from tactile_ros.types import Array, Device, Recording
+    from tactile_ros.types import Array, Layout, Recording
 
 NOISE = 5e-4  # of the supply
 AT_ONE_NEWTON, EXPONENT = 2000.0, 0.7  # Velostat (ohm, 1)
@@ -139,30 +138,13 @@ class FiveWireSkinConnection(FramedConnection):
     # the converter of the PIC18F25K80 that [5] used
     full_count: int = whole(4095, 'count of the converter at the supply', 1, 0xFFFF)
 
+    def payload(self, layout: Layout) -> Payload:
+        """Counts of all wires."""
+        return five_wires(self.full_count, layout.shape[1])
 
-def open_skin(
-    config: FiveWireSkinConfig, connection: FiveWireSkinConnection, clock_ns: Callable[[], int]
-) -> Device:
-    """Skin of `config` at `connection`, with stamps from `clock_ns`; not opened yet."""
-    payload = five_wires(connection.full_count, len(config.channels))
-    return open_framed(layout(config), connection, payload, 1 / connection.full_count, clock_ns)
+    def scale(self) -> float:
+        """Share of the supply per count."""
+        return 1 / self.full_count
 
 
-def simulate_skin(
-    config: FiveWireSkinConfig,
-    connection: FiveWireSkinConnection,
-    signal: Callable[[float], Array] | None = None,
-    seed: int = 0,
-    clock: VirtualClock | None = None,
-) -> FramedTwin:
-    """Twin of a skin that plays `signal`, or a simple one of its own; not entered yet."""
-    return simulate_framed(
-        layout(config),
-        connection,
-        five_wires(connection.full_count, len(config.channels)),
-        1 / connection.full_count,
-        demo_signal(config, seed) if signal is None else signal,
-        NOISE if config.noise is None else config.noise,
-        seed,
-        clock,
-    )
+SKIN = DeviceFactory(layout, demo_signal, NOISE)

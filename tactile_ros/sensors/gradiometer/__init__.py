@@ -25,12 +25,7 @@ from tactile_ros.sensors.gradiometer.estimation import GradiometerEstimation, Re
 from tactile_ros.sensors.gradiometer.field_change import Features, Readings
 from tactile_ros.sensors.gradiometer.target import ESTIMATORS, Target
 from tactile_ros.sensors.gradiometer.temperature import WarmRest
-from tactile_ros.sensors.gradiometer.twin import (
-    GradiometerConnection,
-    open_gradiometer,
-    presses,
-    simulate_gradiometer,
-)
+from tactile_ros.sensors.gradiometer.twin import GRADIOMETER, GradiometerConnection, presses
 from tactile_ros.sensors.registry import SensorSpec
 from tactile_ros.sensors.regression import CLASSES
 
@@ -65,8 +60,8 @@ SENSOR = SensorSpec(
     layout=layout,
     estimation=GradiometerEstimation,
     estimator_names=ESTIMATORS,
-    open=open_gradiometer,
-    simulate=simulate_gradiometer,
+    open=GRADIOMETER.open,
+    simulate=GRADIOMETER.simulate,
     presses=presses,
     classes=(GradiometerConfig, *OWN, *CLASSES),
     recordings=dict,

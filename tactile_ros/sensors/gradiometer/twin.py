@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.devices.connections import FramedConnection, open_framed, simulate_framed
+from tactile_ros.devices.connections import DeviceFactory, FramedConnection
 from tactile_ros.devices.framed_protocol import gradiometer
 from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.physics.fidelity import Choice, Model, Term, Worth, choose, region, worth
@@ -33,11 +33,10 @@ from tactile_ros.types.config_fields import number
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tactile_ros.devices.simulated_serial import FramedTwin
-    from tactile_ros.devices.timestamps import VirtualClock
+    from tactile_ros.devices.framed_protocol import Payload
     from tactile_ros.enrolment import Truth
     from tactile_ros.sensors.gradiometer.config import GradiometerConfig
-    from tactile_ros.types import Array, Device, Recording
+    from tactile_ros.types import Array, Layout, Recording
 
 FIDELITY_ASIDE, SINKS, RISES = 0.45, 0.6, 0.05  # of the gap [3]
 LEANS = 0.1  # rad
@@ -281,34 +280,13 @@ class GradiometerConnection(FramedConnection):
 
     tesla_per_count: float = number(2.5e-6, 'step of a reading', 'T', 1e-9, 1e-3)
 
+    def payload(self, layout: Layout) -> Payload:
+        """Eight counts and the temperature."""
+        return gradiometer()
 
-def open_gradiometer(
-    config: GradiometerConfig, connection: GradiometerConnection, clock_ns: Callable[[], int]
-) -> Device:
-    """Gradiometer of `config` at `connection`, with stamps from `clock_ns`; not opened yet."""
-    scale = connection.tesla_per_count
-    return open_framed(layout(config), connection, gradiometer(), scale, clock_ns)
+    def scale(self) -> float:
+        """Step of a reading (T)."""
+        return self.tesla_per_count
 
 
-def simulate_gradiometer(
-    config: GradiometerConfig,
-    connection: GradiometerConnection,
-    signal: Callable[[float], Array] | None = None,
-    seed: int = 0,
-    clock: VirtualClock | None = None,
-) -> FramedTwin:
-    """Twin of a gradiometer that plays `signal`, or signal of its own; not entered yet."""
-    temperature_c = None
-    if signal is None:
-        signal, temperature_c = demo_signal(config, seed), temperature(config)
-    return simulate_framed(
-        layout(config),
-        connection,
-        gradiometer(),
-        connection.tesla_per_count,
-        signal,
-        NOISE if config.noise is None else config.noise,
-        seed,
-        clock,
-        temperature_c,
-    )
+GRADIOMETER = DeviceFactory(layout, demo_signal, NOISE, temperature)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.devices.connections import ChipConnection, ChipSensor
+from tactile_ros.devices.connections import ChipConnection, DeviceFactory
 from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.physics.magnetics import EXACT, in_chip_axes
 from tactile_ros.sensors.magnet_pad.body_model import (
@@ -134,4 +134,4 @@ class MagnetPadConnection(ChipConnection):
     """Two chips on one I2C bus, 0x0C and 0x0D, or a microcontroller that reads them."""
 
 
-PAD = ChipSensor(layout, demo_signal, NOISE)
+PAD = DeviceFactory(layout, demo_signal, NOISE)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.devices.connections import ChipConnection, ChipSensor
+from tactile_ros.devices.connections import ChipConnection, DeviceFactory
 from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.sensors.multipole_skin.config import HEADS, layout
 from tactile_ros.sensors.multipole_skin.specimen import POWERS, Specimen
@@ -161,7 +161,7 @@ class MultipoleSkinConnection(ChipConnection):
     gain: int = whole(5, 'GAIN_SEL; 0 has the largest range, 7 the finest step', 0, 7)
 
 
-SKIN = ChipSensor(layout, demo_signal, NOISE)
+SKIN = DeviceFactory(layout, demo_signal, NOISE)
 
 
 NEW = Outline('bar_20x6', (1e-3 * np.array([[-10, -3], [10, -3], [10, 3], [-10, 3]], float),))

@@ -16,12 +16,7 @@ import numpy as np
 from tactile_ros.sensors.registry import SensorSpec
 from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig, grid_positions, layout
 from tactile_ros.sensors.taxel_array.estimation import CLASSES, ESTIMATORS, TaxelRegression
-from tactile_ros.sensors.taxel_array.twin import (
-    TaxelArrayConnection,
-    open_array,
-    presses,
-    simulate_array,
-)
+from tactile_ros.sensors.taxel_array.twin import ARRAY, TaxelArrayConnection, presses
 from tactile_ros.types import Outline
 
 SENSOR = SensorSpec(
@@ -34,8 +29,8 @@ SENSOR = SensorSpec(
     layout=layout,
     estimation=TaxelRegression,
     estimator_names=ESTIMATORS,
-    open=open_array,
-    simulate=simulate_array,
+    open=ARRAY.open,
+    simulate=ARRAY.simulate,
     presses=presses,
     classes=(TaxelArrayConfig, Outline, *CLASSES),
     recordings=dict,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.devices.connections import FramedConnection, open_framed, simulate_framed
+from tactile_ros.devices.connections import DeviceFactory, FramedConnection
 from tactile_ros.devices.framed_protocol import taxel_matrix
 from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
 from tactile_ros.physics.coverage import part_pressure, symmetry, taxel_points
@@ -18,11 +18,10 @@ from tactile_ros.types.config_fields import whole
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tactile_ros.devices.simulated_serial import FramedTwin
-    from tactile_ros.devices.timestamps import VirtualClock
+    from tactile_ros.devices.framed_protocol import Payload
     from tactile_ros.enrolment import Touches, Truth
     from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
-    from tactile_ros.types import Array, Device, Recording
+    from tactile_ros.types import Array, Layout, Recording
 
 POINTS = 49  # of a taxel
 PLAY = 0.25  # of the array's reach: how far from its middle a part is placed
@@ -203,30 +202,13 @@ class TaxelArrayConnection(FramedConnection):
 
     full_count: int = whole(1023, 'count of the converter at its full range', 1, 1023)
 
+    def payload(self, layout: Layout) -> Payload:
+        """Counts of all taxels."""
+        return taxel_matrix(layout.shape[0], self.full_count)
 
-def open_array(
-    config: TaxelArrayConfig, connection: TaxelArrayConnection, clock_ns: Callable[[], int]
-) -> Device:
-    """Array of `config` at `connection`, with stamps from `clock_ns`; not opened yet."""
-    payload = taxel_matrix(len(config.positions), connection.full_count)
-    return open_framed(layout(config), connection, payload, 1 / connection.full_count, clock_ns)
+    def scale(self) -> float:
+        """Share of the range per count."""
+        return 1 / self.full_count
 
 
-def simulate_array(
-    config: TaxelArrayConfig,
-    connection: TaxelArrayConnection,
-    signal: Callable[[float], Array] | None = None,
-    seed: int = 0,
-    clock: VirtualClock | None = None,
-) -> FramedTwin:
-    """Twin of an array that plays `signal`, or a simple one of its own; not entered yet."""
-    return simulate_framed(
-        layout(config),
-        connection,
-        taxel_matrix(len(config.positions), connection.full_count),
-        1 / connection.full_count,
-        demo_signal(config, seed) if signal is None else signal,
-        NOISE if config.noise is None else config.noise,
-        seed,
-        clock,
-    )
+ARRAY = DeviceFactory(layout, demo_signal, NOISE)
