@@ -419,7 +419,7 @@ def window_of(pipeline: Pipeline) -> int:
         If the sensor recognises no presses.
     """
     window = getattr(pipeline.config, 'window', None)
-    if window is None or not hasattr(pipeline.estimation, 'enrol'):
+    if window is None or not pipeline.estimation.learns_classes:
         msg = f'{pipeline.sensor} learns no classes from presses'
         raise ValueError(msg)
     return int(window)

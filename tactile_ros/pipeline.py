@@ -1,11 +1,13 @@
-"""Frame -> conditioning -> features -> estimators -> ContactState; one frame and batch agree.
+"""Pipeline of one sensor: condition frames, estimate, assemble states; fit, tare, save and load.
 
 The pipeline is the same for every sensor: faults, baseline, contact, streams and files. What is
-peculiar to a sensor, its features and estimators, is an `Estimation` that its folder brings.
+peculiar to a sensor, its features and estimators, is an `Estimation` that its folder brings. One
+frame, a stretch of frames and a whole recording go the same way and agree.
 """
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -13,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 
 from tactile_ros import calibration
-from tactile_ros.calibration import flatten, write
 from tactile_ros.conditioning.baseline import (
     BaselineTracker,
     Rest,
@@ -24,11 +25,10 @@ from tactile_ros.conditioning.baseline import (
 from tactile_ros.conditioning.faults import (
     dead_throughout,
     frame_faults,
-    frame_readings,
-    judged_rows,
     set_aside,
-    usable_readings,
+    taxel_faults,
     usable_rows,
+    without_faults,
 )
 from tactile_ros.errors import CalibrationError
 from tactile_ros.types import (
@@ -49,300 +49,28 @@ from tactile_ros.types import (
     SensorConfig,
     Signals,
     TaxelStatus,
+    field_shape,
     groups_of,
     join,
 )
-from tactile_ros.types.recording import (
-    are_ordered,
-    firm_rows,
-    left_out,
-    refuse_foreign,
-    refuse_other_shape,
-    refuse_tare,
-    resting_rows,
-    touched_rows,
-)
+from tactile_ros.types.recording import are_ordered, firm_rows, resting_rows, touched_rows
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-MEASURES_OF_NOTHING = frozenset({'force', 'torque', 'taxel_force', 'deformation'})
-ALWAYS = frozenset(
-    {'stray_field', 'force_cov', 'torque_cov', 'slip', 'slip_probability', 'status'}
-)
-FORBIDS_USE = int(
-    FrameStatus.NOT_CALIBRATED | FrameStatus.BAD_TAXELS | FrameStatus.SATURATED | FrameStatus.STALE
-)
-NOT_CALIBRATED, NO_BASELINE = int(FrameStatus.NOT_CALIBRATED), int(FrameStatus.NO_BASELINE)
-FLAT_NORMAL = np.array([[[0.0, 0.0, 1.0]]])
-
-
-def apply_contact(known: Columns, contact: npt.NDArray[np.int8], good: Bools) -> None:
-    """Blank what unusable and untouched frames cannot tell; forces of the untouched are 0.
-
-    Parameters
-    ----------
-    known : dict of str to ndarray, shape (s, ...)
-        Estimates; changed in place.
-    contact : ndarray, shape (s,)
-        1, 0, -1 unknown.
-    good : ndarray, shape (s,)
-        Rows that may be estimated from.
-    """
-    untouched = contact == 0
-    spoilt, free = np.count_nonzero(good) < len(good), np.count_nonzero(untouched) > 0
-    if not (spoilt or free):
-        return
-    for name in known:
-        if name in ('status', 'taxel_status', 'valid'):
-            continue
-        column, blank = known[name], STATE_FIELDS[name][2]
-        if free and name in MEASURES_OF_NOTHING:
-            column[untouched] = np.where(np.isnan(column[untouched]), np.nan, 0.0)
-        elif free and name not in ALWAYS:
-            column[untouched] = blank
-        if spoilt:
-            column[~good] = blank
-
-
-def conditioned(
-    rest: Rest,
-    estimation: Estimation,
-    read: tuple[Array, Bytes, Array | None],
-    when: tuple[Integers | None, Bools],
-    levels: tuple[Array, Array],
-    tare: Bools | None = None,
-) -> Signals:
-    """Frames less their baseline, with what they say about contact.
-
-    Parameters
-    ----------
-    rest : Rest
-        Of the pipeline.
-    estimation : Estimation
-        Of its sensor.
-    read : tuple of ndarray, shapes (s, t, c), (s, t) and (s, t), the last of them or None
-        Readings, NaN where unusable (unit of values); bits of `TaxelStatus`; what the chips told
-        (degrees Celsius).
-    when : tuple of ndarray, shapes (s,), or None, and (s,)
-        Stamps; rows before which memory is forgotten.
-    levels : tuple of ndarray, shapes (s, t, ...) and (s,)
-        Baselines as `Rest.level` has them, and their variance over that of a frame.
-    tare : ndarray, shape (s,), or None
-        Rows that are known to rest.
-
-    Returns
-    -------
-    Signals
-        Of all frames.
-    """
-    usable, bits, chips = read
-    (base, warmth), doubt = rest.split(levels[0]), levels[1]
-    delta = usable - base if rest.tared else usable
-    if warmth is not None and rest.tared:
-        delta = delta - estimation.warmed(base, warmth, chips)  # type: ignore[attr-defined]
-    good, seen = judged_rows(estimation, bits, delta, base)
-    contact = rest.contact(seen, good, tare)
-    return Signals(
-        usable, delta, base, chips, *when, contact, good,
-        doubt=doubt, rest_temperature_c=warmth,
-    )  # fmt: skip
-
-
-def told(estimation: Estimation, signals: Signals) -> Signals:
-    """Frames with what the sensor itself says of contact, if it does not show in every channel."""
-    contact = getattr(estimation, 'contact', None)
-    return signals if contact is None else replace(signals, in_contact=contact(signals))
-
-
-def add_flags(known: Columns, signals: Signals, bits: Bytes, lacks: int) -> None:
-    """Say of every frame what is wrong with it, and whether it may be used for control.
-
-    Parameters
-    ----------
-    known : dict of str to ndarray, shape (s, ...)
-        Estimates; changed in place. A `status`, `taxel_status` or `valid` of the estimators' own
-        is kept beside the rest.
-    signals : Signals
-        Conditioned frames.
-    bits : ndarray, shape (s, t)
-        Of `TaxelStatus`.
-    lacks : int
-        Of `lacking`.
-    """
-    flags = np.array([lacks], np.int64).repeat(len(bits))
-    if 'status' in known:
-        flags = flags | known['status'].astype(np.int64)
-    if np.count_nonzero(bits):
-        flags = flags | frame_faults(bits)
-    # good readings without the baseline that they need say nothing: their change is NaN
-    seeing, missing = signals.good, np.isnan(signals.delta)
-    if np.count_nonzero(missing):
-        seeing = seeing & ~missing.any(axis=(1, 2))
-        lost = np.isnan(signals.baseline).any(axis=(1, 2))
-        flags = flags | lost * np.int64(NO_BASELINE)
-    known['in_contact'] = signals.in_contact
-    found = known.get('taxel_status')
-    known['taxel_status'] = bits if found is None else bits | found.astype(np.uint8)
-    known['status'] = flags
-    usable = known.get('valid', True)
-    known['valid'] = seeing & (flags & FORBIDS_USE == 0) & usable
-
-
-def lacking(calibrated: bool, tared: bool) -> int:
-    """Bits of `FrameStatus` for what a pipeline lacks in all frames."""
-    return (0 if calibrated else NOT_CALIBRATED) | (0 if tared else NO_BASELINE)
-
-
-def add_dead(known: Columns, bits: Bytes, dead: Bools) -> None:
-    """Say which taxels (t,) are dead, and that nothing is measured there; `known` is changed."""
-    found = known.get('taxel_status', bits).astype(np.uint8)
-    known['taxel_status'] = np.asarray(found | dead * np.uint8(TaxelStatus.DEAD), np.uint8)
-    for name in ('taxel_force', 'deformation'):
-        if name in known:
-            known[name][:, dead] = np.nan
-
-
-def add_patches(known: Columns, number: Integers) -> None:
-    """List the one patch that a position or a force speaks of; sensors may bring their own.
-
-    Parameters
-    ----------
-    known : dict of str to ndarray, shape (s, ...)
-        Estimates; changed in place.
-    number : ndarray, shape (s,)
-        Id of the patch, -1 where nothing touches.
-    """
-    if 'contacts_id' in known or not ('position' in known or 'force' in known):
-        return
-    there = number >= 0
-    everywhere = np.count_nonzero(there) == len(there)
-    known['contacts_id'] = number[:, None]
-    normal = FLAT_NORMAL.repeat(len(number), axis=0)
-    known['contacts_normal'] = normal if everywhere else _where(there, normal)
-    for name in ('position', 'position_cov', 'force', 'force_cov'):
-        if name in known:
-            column = known[name][:, None]
-            known[f'contacts_{name}'] = column if everywhere else _where(there, column)
-
-
-def _where(there: Bools, column: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
-    """A column with NaN where nothing is there."""
-    shape = (-1,) + (1,) * (column.ndim - 1)
-    return np.where(there.reshape(shape), column, np.nan)
-
-
+ERROR = np.uint8(TaxelStatus.ERROR)
+BAD_TAXELS, NO_BASELINE = int(FrameStatus.BAD_TAXELS), int(FrameStatus.NO_BASELINE)
+NOT_CALIBRATED = int(FrameStatus.NOT_CALIBRATED)
+FORBIDS_USE = NOT_CALIBRATED | BAD_TAXELS | int(FrameStatus.SATURATED | FrameStatus.STALE)
+ZERO_UNTOUCHED = frozenset({'force', 'torque', 'taxel_force', 'deformation'})
+KEPT_UNTOUCHED = frozenset({'stray_field', 'force_cov', 'torque_cov', 'slip', 'slip_probability'})
+STATUS = frozenset({'status', 'taxel_status', 'valid', 'in_contact'})
 PARTS = ('config', 'layout', 'rest_', 'estimation', 'left_out_')
-OWN_CLASSES = {'Layout': Layout, 'Rest': Rest}
 TARED = ('rest_/baseline.', 'rest_/temperature_c.')  # what a tare changes
-# As no other dimension is likely to be: an array of a wrong shape must not fit by chance.
+# as no other dimension is likely to be: an array of a wrong shape must not fit by chance
 REHEARSED = 13
 WARM_C, HOT_C = 30.0, 200.0  # the second beyond those of any fit
-
-
-def parts_to_arrays(sensor: str, parts: Mapping[str, object]) -> calibration.Arrays:
-    """Flatten the parts of a pipeline of `sensor`."""
-    arrays = calibration.flatten(sensor, 'sensor')
-    for name in PARTS:
-        arrays.update(calibration.flatten(parts[name], name))
-    return arrays
-
-
-def identity(arrays: calibration.Arrays) -> str:
-    """SHA-256 of a calibration, its baseline left out: a tare does not change it (hex)."""
-    return calibration.digest({k: v for k, v in arrays.items() if not k.startswith(TARED)})
-
-
-def read_parts(path: str | Path, sensor: str, classes: Mapping[str, type]) -> dict[str, object]:
-    """Parts of a pipeline from a file that is not trusted.
-
-    Parameters
-    ----------
-    path : str or Path
-        A calibration file.
-    sensor : str
-        Key of the sensor that it must be of.
-    classes : mapping of str to type
-        Classes of the sensor that may be built.
-
-    Returns
-    -------
-    dict of str to object
-        One entry for each of `PARTS`.
-
-    Raises
-    ------
-    CalibrationError
-        If the file is damaged, hostile, of another sensor, version or shape.
-    """
-    arrays = calibration.read(path)
-    allowed = {**OWN_CLASSES, **classes}
-    try:
-        found = calibration.restore(arrays, 'sensor', {})
-        if found != sensor:
-            msg = f'calibration {path} must be of {sensor}; it is of {str(found)[:60]!r}'
-            raise CalibrationError(msg)
-        parts = {name: calibration.restore(arrays, name, allowed) for name in PARTS}
-        _refuse_misfit(path, parts, classes)
-    except (ValueError, TypeError, OverflowError, AttributeError, LookupError) as error:
-        msg = f'calibration {path} is damaged ({error}); calibrate again'
-        raise CalibrationError(msg) from error
-    return parts
-
-
-def rehearse(layout: Layout, rest: Rest, use: Callable[[Recording], ContactStates]) -> None:
-    """Use a pipeline at rest and at a touch, with and without a tare, stamps and temperatures.
-
-    Parameters
-    ----------
-    layout, rest : Layout, Rest
-        Parts of the pipeline.
-    use : callable
-        Uses everything that the pipeline has, on a recording.
-
-    Raises
-    ------
-    Exception
-        Of any kind: whatever arrays of a wrong shape or kind run into.
-    """
-    touched = np.arange(REHEARSED) > 0
-    touch = np.where(touched[:, None, None], 10 * rest.scale, 0.0)
-    values = np.nan_to_num(rest.baseline + touch)
-    stamps, warm = np.arange(REHEARSED), np.full(values.shape[:2], WARM_C)
-    hot = np.full(values.shape[:2], HOT_C)
-    for tare, stamp_ns, temperature_c in (
-        (None, None, None), (None, stamps, warm),
-        (~touched, None, warm), (~touched, stamps, None), (~touched, stamps, hot),
-    ):  # fmt: skip
-        told = Recording.from_arrays(
-            layout, values, stamp_ns, temperature_c=temperature_c, tare=tare
-        )
-        use(told).refuse_misfit(layout.shape[0])
-
-
-def _refuse_misfit(
-    path: str | Path, parts: Mapping[str, object], classes: Mapping[str, type]
-) -> None:
-    """Refuse parts of other kinds or shapes than a pipeline's."""
-    layout, rest = parts['layout'], parts['rest_']
-    whole = isinstance(layout, Layout) and isinstance(rest, Rest)
-    known = all(type(parts[name]) in classes.values() for name in ('config', 'estimation'))
-    if not (whole and known):
-        msg = f'calibration {path} lacks a layout, a rest level or estimators; calibrate again'
-        raise CalibrationError(msg)
-    counts = parts['left_out_']
-    if not (isinstance(counts, dict) and all(isinstance(n, float) for n in counts.values())):
-        msg = f'what the fit left out is no table of counts in calibration {path}; calibrate again'
-        raise CalibrationError(msg)
-    shapes = dict.fromkeys(('baseline', 'noise', 'scale'), layout.shape)  # type: ignore[attr-defined]
-    if rest.temperature_c is not None:  # type: ignore[attr-defined]
-        shapes['temperature_c'] = layout.shape[:1]  # type: ignore[attr-defined]
-    for name, wanted in shapes.items():
-        found = np.shape(getattr(rest, name))
-        if found != wanted:
-            msg = f'{name} of calibration {path} must have shape {wanted}; received {found}'
-            raise CalibrationError(msg)
 
 
 class Pipeline:
@@ -363,27 +91,36 @@ class Pipeline:
     ----------
     tare_frames : int
         Frames that the baseline is the mean of; 0: it is that of the fit.
+    failures : int
+        Frames at which the estimation raised: each has the status ERROR at every taxel, and the
+        estimation's memory begins anew after it.
+    failure : str
+        Why the last of them failed; empty: there is none.
     """
 
     def __init__(
         self, sensor: str, config: SensorConfig, layout: Layout, estimation: Estimation
     ) -> None:
-        self.sensor = sensor
-        self.config = config
-        self.layout = layout
-        self.estimation = estimation
+        self.sensor, self.config, self.layout, self.estimation = sensor, config, layout, estimation
         self.rest_ = self._unknown_rest()
         self.left_out_: dict[str, float] = {}
-        self.tare_frames = 0
+        self.tare_frames, self.failures, self.failure = 0, 0, ''
         self.reset()
 
     def reset(self) -> None:
         """Forget the stream's state; the baseline of the last tare or fit stays."""
-        self.stream = Stream(self._tracker(), self.estimation.start())
+        self.stream = self._new_stream()
+
+    def _new_stream(self) -> Stream:
+        return Stream(self._tracker(), self.estimation.start())
 
     def _unknown_rest(self) -> Rest:
-        warms = hasattr(self.estimation, 'warmed')
-        return Rest.unknown(self.layout.shape, self.config.noise, warms)
+        uses_temperature = self.estimation.uses_temperature
+        return Rest.unknown(self.layout.shape, self.config.noise, uses_temperature)
+
+    def _tracking(self) -> Tracking | None:
+        follows = self.config.track_baseline and self.rest_.tared
+        return Tracking(self.rest_.scale) if follows else None
 
     def _tracker(self) -> BaselineTracker:
         return BaselineTracker(self.rest_.level, self._tracking(), self._tare_variance)
@@ -405,10 +142,20 @@ class Pipeline:
 
         Raises ValueError if there is no such frame, or the fit wanted no baseline.
         """
-        refuse_tare(self.sensor, self.layout, self.rest_.tared, frames)
-        rows = [frame_readings(frame, self.layout, self.estimation) for frame in frames]
-        beside = [self.rest_.with_temperature(usable, chips) for usable, _, chips in rows]
-        self.rest_ = self.rest_.tared_by(np.concatenate(beside))
+        if not self.rest_.tared:
+            msg = (
+                'tare of a pipeline must follow a fit with tare rows or in_contact 0; '
+                'this one was fitted on readings without a baseline'
+            )
+            raise ValueError(msg)
+        if not frames:
+            msg = 'frames of tare must hold at least one resting frame; received none'
+            raise ValueError(msg)
+        for frame in frames:
+            self._check_shape(np.shape(frame.values))
+        rows = [self._frame_readings(frame) for frame in frames]
+        levels = [self.rest_.with_temperature(usable, chips) for usable, _, chips in rows]
+        self.rest_ = self.rest_.tared_by(np.concatenate(levels))
         counts = [frame.averaged for frame in frames]
         self.tare_frames = sum(counts) if all(counts) else 0
         self.stream.rebase(self._tracker())
@@ -421,7 +168,7 @@ class Pipeline:
 
     @property
     def baseline_temperature_c(self) -> Array | None:
-        """What chips (t,) told with the baseline, NaN: nothing; None: it is not heeded."""
+        """Chip temperatures (t,) of the baseline, NaN: unknown; None: the sensor uses none."""
         return self.rest_.split(self.stream.tracker.baseline.copy())[1]
 
     def process(self, frame: Frame) -> ContactState:
@@ -439,11 +186,19 @@ class Pipeline:
 
         Raises ValueError if the frame's shape differs from the layout.
         """
-        refuse_other_shape(self.sensor, self.layout, np.shape(frame.values))
-        usable, bits, chips = frame_readings(frame, self.layout, self.estimation)
-        usable, bits = set_aside(usable, bits, self.rest_.dead)
+        return self._process(frame, fails=False)
+
+    def process_failed(self, frame: Frame) -> ContactState:
+        """Repeat a run in which the estimation raised at this frame, whatever it does now."""
+        return self._process(frame, fails=True)
+
+    def _process(self, frame: Frame, fails: bool) -> ContactState:
+        """Estimate from a frame; one of which nothing was read cannot fail."""
+        self._check_shape(np.shape(frame.values))
+        usable, bits, chips = self._frame_readings(frame)
         stamp_ns = None if frame.stamp_ns is None else np.array([frame.stamp_ns], np.int64)
-        known = self._follow(usable, bits, chips, stamp_ns)
+        fails = fails and not (bits & ERROR).all()
+        known = self._follow(usable, bits, chips, stamp_ns, fails)
         return ContactState.assemble(bits.shape[1], known)
 
     def process_next(self, recording: Recording) -> ContactStates:
@@ -452,7 +207,7 @@ class Pipeline:
         Parameters
         ----------
         recording : Recording
-            One frame or more of one stream; what it tells of streams and tares is not heeded.
+            One frame or more of one stream; its columns `stream` and `tare` are not used.
 
         Returns
         -------
@@ -461,22 +216,10 @@ class Pipeline:
 
         Raises ValueError if the shape, the unit or a channel differs from the layout.
         """
-        refuse_foreign(self.sensor, self.layout, recording)
-        usable, bits = self._readings(recording)
+        self.check_layout(recording)
+        usable, bits = self._readings(recording.values, recording.status, self.rest_.dead)
         known = self._follow(usable, bits, recording.temperature_c, recording.stamp_ns)
         return ContactStates.assemble(len(recording), bits.shape[1], known)
-
-    def _follow(
-        self, usable: Array, bits: Bytes, chips: Array | None, stamp_ns: Integers | None
-    ) -> Columns:
-        """State attributes of the next frames of the stream, a new one if time went back."""
-        if self.stream.is_over(stamp_ns):
-            self.reset()
-        restart = self.stream.admit(stamp_ns, len(bits))
-        levels = self.stream.tracker.follow(self.rest_.with_temperature(usable, chips), stamp_ns)
-        read, when = (usable, bits, chips), (stamp_ns, restart)
-        signals = conditioned(self.rest_, self.estimation, read, when, levels)
-        return self._estimate(signals, bits, self.stream)
 
     def process_batch(self, recording: Recording) -> ContactStates:
         """Estimate from every frame of a recording, starting from `reset()`.
@@ -493,44 +236,211 @@ class Pipeline:
 
         Raises ValueError if the shape, the unit or a channel differs from the layout.
         """
-        refuse_foreign(self.sensor, self.layout, recording)
-        usable, bits = self._readings(recording)
-        signals = self._conditioned_rows(recording, usable, bits)
-        stream = Stream(self._tracker(), self.estimation.start())
-        known = self._estimate(signals, bits, stream)
+        self.check_layout(recording)
+        return self._process_batch(recording, strict=False)
+
+    def _process_batch(self, recording: Recording, strict: bool) -> ContactStates:
+        usable, bits = self._readings(recording.values, recording.status, self.rest_.dead)
+        signals = self._condition_rows(recording, usable, bits)
+        known = self._estimate(signals, bits, self._new_stream(), strict=strict)
         return ContactStates.assemble(len(recording), bits.shape[1], known)
 
-    def _readings(self, recording: Recording) -> tuple[Array, Bytes]:
-        """Readings of a recording, NaN where unusable, and why."""
-        usable, bits = usable_readings(self.estimation, recording, self.layout)
-        return set_aside(usable, bits, self.rest_.dead)
+    # -- condition ---------------------------------------------------------------------------
 
-    def _conditioned_rows(self, recording: Recording, usable: Array, bits: Bytes) -> Signals:
+    def _readings(
+        self, values: Array, status: Bytes | None, dead: Bools | None
+    ) -> tuple[Array, Bytes]:
+        """Readings (s, t, c), NaN where they must not be used, and bits (s, t) that say why."""
+        bits = taxel_faults(values, status, self.layout)
+        usable = without_faults(values, bits)
+        wrong = self.estimation.implausible_taxels(usable)
+        if wrong is not None and np.count_nonzero(wrong):
+            bits = np.asarray(bits | wrong * ERROR, np.uint8)
+            usable = np.where(wrong[..., None], np.nan, usable)
+        return set_aside(usable, bits, dead)
+
+    def _frame_readings(self, frame: Frame) -> tuple[Array, Bytes, Array | None]:
+        """Readings, bits and chip temperatures of a frame, as a batch of one."""
+        columns: list[npt.NDArray[np.generic] | None] = []
+        taxels = self.layout.shape[0]
+        for name, value, kind in (
+            ('status', frame.status, np.uint8),
+            ('temperature_c', frame.temperature_c, np.float64),
+        ):
+            column = None if value is None else np.array(value, kind)  # a copy: the state keeps it
+            if column is not None and column.shape != (taxels,):
+                msg = f'{name} of Frame must have shape ({taxels},); received {column.shape}'
+                raise ValueError(msg)
+            columns.append(None if column is None else column[None])
+        values = np.asarray(frame.values, np.float64)[None]
+        return *self._readings(values, columns[0], self.rest_.dead), columns[1]  # type: ignore[arg-type, return-value]
+
+    def _follow(
+        self,
+        usable: Array,
+        bits: Bytes,
+        chips: Array | None,
+        stamp_ns: Integers | None,
+        fails: bool = False,
+    ) -> Columns:
+        """State attributes of the next frames of the stream, a new one if time went back."""
+        if self.stream.is_over(stamp_ns):
+            self.reset()
+        restart = self.stream.admit(stamp_ns, len(bits))
+        beside = self.rest_.with_temperature(usable, chips)
+        levels, variance = self.stream.tracker.follow(beside, stamp_ns)
+        signals = self._condition(usable, bits, chips, stamp_ns, restart, levels, variance)
+        return self._estimate(signals, bits, self.stream, fails=fails)
+
+    def _condition_rows(self, recording: Recording, usable: Array, bits: Bytes) -> Signals:
         """Conditioned frames of a recording."""
-        start = self.rest_.level, self._tracking(), self.rest_.dead, self._tare_variance
-        read = usable, bits, recording.temperature_c
-        beside = self.rest_.with_temperature(usable, recording.temperature_c)
-        base, doubt, restart, tare = stream_baselines(recording, beside, *start)
-        known = read, (recording.stamp_ns, restart), (base, doubt), tare
-        signals = conditioned(self.rest_, self.estimation, *known)
+        chips, rest = recording.temperature_c, self.rest_
+        levels, variance, restart, tare = stream_baselines(
+            recording, rest.with_temperature(usable, chips), rest.level, self._tracking(),
+            rest.dead, self._tare_variance,
+        )  # fmt: skip
+        signals = self._condition(
+            usable, bits, chips, recording.stamp_ns, restart, levels, variance, tare
+        )
         return replace(signals, begins=recording.restarts, tare=recording.tare)
 
-    def _estimate(self, signals: Signals, bits: Bytes, stream: Stream) -> Columns:
+    def _condition(
+        self,
+        usable: Array,
+        bits: Bytes,
+        chips: Array | None,
+        stamp_ns: Integers | None,
+        restart: Bools,
+        levels: Array,
+        variance: Array,
+        tare: Bools | None = None,
+    ) -> Signals:
+        """Frames less their baseline, with what the readings say about contact."""
+        rest = self.rest_
+        base, reference_c = rest.split(levels)
+        delta = usable - base if rest.tared else usable
+        if reference_c is not None and rest.tared:
+            delta = delta - self.estimation.thermal_drift(base, reference_c, chips)
+        good, felt = usable_rows(bits), delta
+        some = self.estimation.estimable_rows(bits) if np.count_nonzero(bits) else None
+        if some is not None:
+            good, felt = some, np.where(np.isnan(delta) & np.isfinite(base), 0.0, delta)
+        contact = rest.contact(felt, good, tare)
+        return Signals(
+            usable, delta, base, chips, stamp_ns, restart, contact, good,
+            baseline_variance=variance, rest_temperature_c=reference_c,
+        )  # fmt: skip
+
+    # -- estimate ----------------------------------------------------------------------------
+
+    def _estimate(
+        self,
+        signals: Signals,
+        bits: Bytes,
+        stream: Stream,
+        strict: bool = False,
+        fails: bool = False,
+    ) -> Columns:
         """State attributes of conditioned frames; the one road for live and batch."""
         if not len(bits):
             return {}
-        signals = told(self.estimation, signals)
-        contact = signals.in_contact
-        known = self.estimation.estimate(signals, stream.memory)
-        apply_contact(known, contact, signals.good)
-        lacks = lacking(calibrated=self.calibrated, tared=self.rest_.tared)
-        add_flags(known, signals, bits, lacks)
+        known, failed = self._answers(signals, stream, strict, fails)
+        contact, restart = known['in_contact'].astype(np.int8), signals.restart
+        if np.count_nonzero(failed):
+            restart = restart | np.append(False, failed[:-1])
+            if failed[-1]:
+                stream.rebase(stream.tracker)
         in_time = signals.stamp_ns is not None and self.rest_.tared
-        number = stream.ids.number(contact, signals.restart, in_time, signals.begins)
-        add_patches(known, number if in_time else np.where(signals.good, number, -1))
-        if self.rest_.dead is not None:
-            add_dead(known, bits, self.rest_.dead)
+        number = stream.ids.number(contact, restart, in_time, signals.begins)
+        shown = ~failed if in_time else signals.good & ~failed
+        apply_contact(known, contact, signals.good)
+        self._add_flags(known, signals, bits)
+        add_patches(known, np.where(shown, number, -1))
+        dead = self.rest_.dead
+        if dead is not None:
+            known['taxel_status'] = known['taxel_status'] | dead * np.uint8(TaxelStatus.DEAD)  # type: ignore[operator]
+            for name in {'taxel_force', 'deformation'} & known.keys():
+                known[name][:, dead] = np.nan
         return known
+
+    def _answers(
+        self, signals: Signals, stream: Stream, strict: bool, fails: bool
+    ) -> tuple[Columns, Bools]:
+        """Answers of the estimation, and the rows (s,) at which it raised.
+
+        What raises is halved until it is one frame, what succeeds is doubled.
+        """
+        count, taxels = signals.values.shape[:2]
+        parts, lengths, failed = [], [], np.zeros(count, bool)
+        first, size = 0, count
+        while first < count:
+            part = signals
+            if first or size < count:
+                after_failure = first > 0 and bool(failed[first - 1])
+                part = signals.select(slice(first, first + size), after_failure)
+            before = deepcopy(stream.memory) if len(part.good) > 1 and not strict else None
+            try:
+                parts.append(self._answer(part, stream, fails))
+                size *= 2
+            except Exception as error:
+                if strict or isinstance(error, MemoryError):
+                    raise
+                if len(part.good) > 1:
+                    stream.memory, size = before, len(part.good) // 2
+                    continue
+                self.failures += 1
+                self.failure = f'{type(error).__name__}: {error}'
+                stream.memory = self.estimation.start()
+                failed[first] = True
+                parts.append(
+                    {
+                        'taxel_status': np.full((1, taxels), ERROR),
+                        'status': np.array([BAD_TAXELS]),
+                        'in_contact': np.array([-1], np.int8),
+                    }
+                )
+            lengths.append(len(part.good))
+            first += len(part.good)
+        return (parts[0] if len(parts) == 1 else _join_columns(parts, lengths, taxels)), failed
+
+    def _answer(self, signals: Signals, stream: Stream, fails: bool) -> Columns:
+        """Answer of the estimation to some frames, with the contact that the sensor says."""
+        contact = self.estimation.contact_from_sensor(signals)
+        known = self.estimation.estimate(replace(signals, in_contact=contact), stream.memory)
+        known['in_contact'] = contact
+        if fails:
+            msg = 'it failed in the live run'
+            raise ArithmeticError(msg)
+        return known
+
+    # -- assemble ----------------------------------------------------------------------------
+
+    def _add_flags(self, known: Columns, signals: Signals, bits: Bytes) -> None:
+        """Say of every frame what is wrong with it, and whether it may be used for control.
+
+        A `status`, `taxel_status` or `valid` of the estimation's own is kept beside the rest.
+        """
+        missing = (0 if self.calibrated else NOT_CALIBRATED) | (
+            0 if self.rest_.tared else NO_BASELINE
+        )
+        flags = np.full(len(bits), missing, np.int64)
+        if 'status' in known:
+            flags |= known['status'].astype(np.int64)
+        if np.count_nonzero(bits):
+            flags |= frame_faults(bits)
+        # good readings without the baseline that they need say nothing: their change is NaN
+        usable, unknown = signals.good, np.isnan(signals.delta)
+        if 'valid' in known:
+            usable = usable & known['valid'].astype(bool)
+        if np.count_nonzero(unknown):
+            usable = usable & ~unknown.any(axis=(1, 2))
+            flags |= np.isnan(signals.baseline).any(axis=(1, 2)) * np.int64(NO_BASELINE)
+        found = known.get('taxel_status')
+        known['taxel_status'] = bits if found is None else bits | found.astype(np.uint8)
+        known['status'] = flags
+        known['valid'] = usable & (flags & FORBIDS_USE == 0)
+
+    # -- fit ---------------------------------------------------------------------------------
 
     def fit(self, *recordings: Recording) -> Pipeline:
         """Learn baseline, noise, contact threshold and estimators from recordings.
@@ -547,17 +457,16 @@ class Pipeline:
 
         Raises ValueError if there is no recording, or a shape, a unit or a channel differs.
         """
-        refuse_foreign(self.sensor, self.layout, *recordings)
+        self.check_layout(*recordings)
         joined = join(recordings)
-        usable, bits = usable_readings(self.estimation, joined, self.layout)
+        usable, bits = self._readings(joined.values, joined.status, None)
         dead = dead_throughout(bits)
         usable, bits = set_aside(usable, bits, dead)
-        rest = self._unknown_rest()
-        if rest.temperature_c is not None:  # the threshold is learned before their slope
-            self.estimation.forget_warmth()  # type: ignore[attr-defined]
-        resting, ordered = resting_rows(joined), are_ordered(recordings)
-        seen = joined.stamp_ns, joined.restarts, ordered, joined.temperature_c
-        self.rest_ = rest.learn(usable, resting, *seen)
+        self.estimation.begin_fit()
+        self.rest_ = self._unknown_rest().learn(
+            usable, resting_rows(joined), joined.stamp_ns, joined.restarts,
+            are_ordered(recordings), joined.temperature_c,
+        )  # fmt: skip
         self.tare_frames = 0
         signals = self._whole_rows(joined, usable, bits)
         touched = signals.delta[signals.good & touched_rows(joined)]
@@ -566,21 +475,36 @@ class Pipeline:
         # once more with the threshold of contact: the baseline moves as it will in use
         signals = self._whole_rows(joined, usable, bits)
         self.estimation.fit(signals, joined.truth, groups_of(joined))
-        counts = left_out(recordings, joined, usable_rows(bits), signals.good, self.estimators)
-        gone = {} if dead is None else {'taxels faulty in every row': float(dead.sum())}
-        self.left_out_ = {**gone, **counts}
+        self.left_out_ = {} if dead is None else {'taxels faulty in every row': float(dead.sum())}
+        self.left_out_ |= self._unused(recordings, joined, usable_rows(bits), signals.good)
         self.warm_up()
         return self
 
     def _whole_rows(self, joined: Recording, usable: Array, bits: Bytes) -> Signals:
         """Conditioned frames; those without a baseline are not to be learned from."""
-        signals = self._conditioned_rows(joined, usable, bits)
+        signals = self._condition_rows(joined, usable, bits)
         whole = ~np.isnan(signals.delta).any(axis=(1, 2))
         return replace(signals, good=signals.good & whole)
 
-    def _tracking(self) -> Tracking | None:
-        follows = self.config.track_baseline and self.rest_.tared
-        return Tracking(self.rest_.scale) if follows else None
+    def _unused(
+        self, recordings: Sequence[Recording], joined: Recording, whole: Bools, good: Bools
+    ) -> dict[str, float]:
+        """Counts of what a fit did not learn from, and of truth that it did not learn."""
+        counts = {
+            'rows with a faulty taxel': int((~whole).sum()),
+            'rows without a baseline': int((whole & ~good).sum()),
+        }
+        if joined.stamp_ns is None:
+            stamped = sum(len(r) for r in recordings if r.stamp_ns is not None)
+            counts['stamps, since a recording has none'] = stamped
+        counts = {name: count for name, count in counts.items() if count}
+        for key in sorted((joined.truth.keys() & STATE_FIELDS.keys()) - {'in_contact'}):
+            column = joined.truth[key]
+            known = np.isfinite(column) if column.dtype.kind == 'f' else column != -1
+            if key not in self.estimators and known.any():
+                rows = known.reshape(len(known), -1).any(axis=1) & good
+                counts[f'usable rows that tell {key}, which was not learned'] = int(rows.sum())
+        return {name: float(count) for name, count in counts.items()}
 
     @property
     def calibrated(self) -> bool:
@@ -601,33 +525,65 @@ class Pipeline:
     @property
     def label_names(self) -> tuple[str, ...]:
         """Names of the classes that it can recognise."""
-        return tuple(getattr(self.estimation, 'label_names', ()))
+        return tuple(self.estimation.label_names)
 
     def enrol(self, recording: Recording, label: str) -> None:
         """Learn a class from presses; ValueError if they are too weak, clipped or none."""
-        enrol = getattr(self.estimation, 'enrol', None)
-        if enrol is None:
+        if not self.estimation.learns_classes:
             msg = f'{self.sensor} recognises no classes; received {label!r} to enrol'
             raise ValueError(msg)
-        refuse_foreign(self.sensor, self.layout, recording)
-        enrol(self._conditioned_rows(recording, *self._readings(recording)), label)
+        self.check_layout(recording)
+        usable, bits = self._readings(recording.values, recording.status, self.rest_.dead)
+        self.estimation.enrol(self._condition_rows(recording, usable, bits), label)
 
     def forget(self, label: str) -> None:
         """Undo an enrolment by name."""
-        forget = getattr(self.estimation, 'forget', None)
-        if forget is None or label not in self.label_names:
+        if not self.estimation.learns_classes or label not in self.label_names:
             msg = f'label of forget must be one of {self.label_names}; received {label!r}'
             raise ValueError(msg)
-        forget(label)
+        self.estimation.forget(label)
+
+    def _check_shape(self, shape: tuple[int, ...]) -> None:
+        """Refuse frames of another shape than the layout's."""
+        if shape != self.layout.shape:
+            msg = (
+                f'frames of {self.sensor} must have shape {self.layout.shape} (t, c) as its '
+                f'config says; received {shape}'
+            )
+            raise ValueError(msg)
+
+    def check_layout(self, *recordings: Recording) -> None:
+        """Raise ValueError if there is no recording, or its shape, unit or channels differ."""
+        if not recordings:
+            msg = 'recordings of fit must hold at least one Recording; received none'
+            raise ValueError(msg)
+        for found in (recording.layout for recording in recordings):
+            self._check_shape(found.shape)
+            if (found.unit, found.channels) != (self.layout.unit, self.layout.channels):
+                msg = (
+                    f'frames of {self.sensor} must have channels '
+                    f'{", ".join(self.layout.channels)} in {self.layout.unit}; received '
+                    f'{", ".join(found.channels)} in {found.unit}'
+                )
+                raise ValueError(msg)
+
+    # -- save and load -----------------------------------------------------------------------
+
+    def _arrays(self) -> calibration.Arrays:
+        arrays = calibration.flatten(self.sensor, 'sensor')
+        for name in PARTS:
+            arrays |= calibration.flatten(vars(self)[name], name)
+        return arrays
 
     @property
     def digest(self) -> str:
         """SHA-256 of the calibration (hex); a tare does not change it."""
-        return identity(parts_to_arrays(self.sensor, vars(self)))
+        arrays = {k: v for k, v in self._arrays().items() if not k.startswith(TARED)}
+        return calibration.digest(arrays)
 
     def save(self, path: str | Path) -> None:
         """Write the calibration to one .npz, atomically."""
-        write(path, parts_to_arrays(self.sensor, vars(self)))
+        calibration.write(path, self._arrays())
 
     @classmethod
     def load(cls, path: str | Path, sensor: str, classes: Mapping[str, type]) -> Pipeline:
@@ -635,10 +591,20 @@ class Pipeline:
 
         Raises CalibrationError if it is damaged, hostile, of another sensor, version or shape.
         """
+        arrays = calibration.read(path)
         pipeline = cls.__new__(cls)
-        pipeline.sensor, pipeline.tare_frames = sensor, 0
-        for name, part in read_parts(path, sensor, classes).items():
-            setattr(pipeline, name, part)
+        try:
+            found = calibration.restore(arrays, 'sensor', {})
+            if found != sensor:
+                msg = f'calibration {path} must be of {sensor}; it is of {str(found)[:60]!r}'
+                raise CalibrationError(msg)
+            allowed = {'Layout': Layout, 'Rest': Rest, **classes}
+            parts = {name: calibration.restore(arrays, name, allowed) for name in PARTS}
+            _refuse_misfit(path, parts, classes)
+        except (ValueError, TypeError, OverflowError, AttributeError, LookupError) as error:
+            msg = f'calibration {path} is damaged ({error}); calibrate again'
+            raise CalibrationError(msg) from error
+        vars(pipeline).update(parts, sensor=sensor, tare_frames=0, failures=0, failure='')
         try:
             pipeline.warm_up()
         except Exception as error:
@@ -649,8 +615,111 @@ class Pipeline:
     def warm_up(self) -> None:
         """Use everything once, so that no frame waits for a table or a compiler.
 
-        A fit and a load end with it; the stream is forgotten as by `reset`.
+        A fit and a load end with it: at rest and at a touch, with and without a tare, stamps and
+        temperatures. The stream is forgotten as by `reset`.
         """
         self.reset()
-        flatten([self.report, self.estimators, self.label_names], 'tables')
-        rehearse(self.layout, self.rest_, self.process_batch)
+        calibration.flatten([self.report, self.estimators, self.label_names], 'tables')
+        touched = np.arange(REHEARSED) > 0
+        touch = np.where(touched[:, None, None], 10 * self.rest_.scale, 0.0)
+        values = np.nan_to_num(self.rest_.baseline + touch)
+        stamps, warm = np.arange(REHEARSED), np.full(values.shape[:2], WARM_C)
+        for tare, stamp_ns, temperature_c in (
+            (None, None, None), (None, stamps, warm), (~touched, None, warm),
+            (~touched, stamps, None), (~touched, stamps, np.full(values.shape[:2], HOT_C)),
+        ):  # fmt: skip
+            recording = Recording.from_arrays(
+                self.layout, values, stamp_ns, temperature_c=temperature_c, tare=tare
+            )
+            states = self._process_batch(recording, strict=True)
+            states.refuse_misfit(self.layout.shape[0])
+
+
+def _refuse_misfit(
+    path: str | Path, parts: Mapping[str, object], classes: Mapping[str, type]
+) -> None:
+    """Refuse parts of other kinds or shapes than a pipeline's."""
+    layout, rest, counts = parts['layout'], parts['rest_'], parts['left_out_']
+    known = all(type(parts[name]) in classes.values() for name in ('config', 'estimation'))
+    if not (isinstance(layout, Layout) and isinstance(rest, Rest) and known):
+        msg = f'calibration {path} lacks a layout, a rest level or estimators; calibrate again'
+        raise CalibrationError(msg)
+    if not (isinstance(counts, dict) and all(isinstance(n, float) for n in counts.values())):
+        msg = f'what the fit left out is no table of counts in calibration {path}; calibrate again'
+        raise CalibrationError(msg)
+    arrays = {'baseline': rest.baseline, 'noise': rest.noise, 'scale': rest.scale}
+    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(arrays, layout.shape)
+    if rest.temperature_c is not None:
+        arrays['temperature_c'], shapes['temperature_c'] = rest.temperature_c, layout.shape[:1]
+    for name, wanted in shapes.items():
+        if np.shape(arrays[name]) != wanted:
+            found = np.shape(arrays[name])
+            msg = f'{name} of calibration {path} must have shape {wanted}; received {found}'
+            raise CalibrationError(msg)
+
+
+def _join_columns(parts: Sequence[Columns], lengths: Sequence[int], taxels: int) -> Columns:
+    """Columns of rows that follow one another; what a part does not estimate is unknown there."""
+    patches = max(part['contacts_id'].shape[1] if 'contacts_id' in part else 1 for part in parts)
+    joined: Columns = {}
+    ends = np.cumsum(lengths)
+    for name in {name for part in parts for name in part}:
+        _, kind, blank = STATE_FIELDS[name]
+        column: npt.NDArray[np.generic]
+        column = np.full((ends[-1], *field_shape(name, taxels, patches)), blank, kind)
+        for part, end, length in zip(parts, ends, lengths, strict=True):
+            if name in part:
+                found = part[name]
+                column[(slice(end - length, end), *map(slice, found.shape[1:]))] = found
+        joined[name] = column
+    return joined
+
+
+def apply_contact(known: Columns, contact: npt.NDArray[np.int8], good: Bools) -> None:
+    """Blank what unusable and untouched frames cannot tell; forces of the untouched are 0.
+
+    Parameters
+    ----------
+    known : dict of str to ndarray, shape (s, ...)
+        Estimates; changed in place.
+    contact, good : ndarray, shape (s,)
+        1, 0, -1 unknown; rows that may be estimated from.
+    """
+    untouched = contact == 0
+    spoilt, free = np.count_nonzero(good) < len(good), np.count_nonzero(untouched) > 0
+    if not (spoilt or free):
+        return
+    for name in known.keys() - STATUS:
+        column, blank = known[name], STATE_FIELDS[name][2]
+        if free and name in ZERO_UNTOUCHED:
+            column[untouched] = np.where(np.isnan(column[untouched]), np.nan, 0.0)
+        elif free and name not in KEPT_UNTOUCHED:
+            column[untouched] = blank
+        if spoilt:
+            column[~good] = blank
+
+
+def add_patches(known: Columns, number: Integers) -> None:
+    """List the one patch that a position or a force speaks of; sensors may bring their own.
+
+    Parameters
+    ----------
+    known : dict of str to ndarray, shape (s, ...)
+        Estimates; changed in place.
+    number : ndarray, shape (s,)
+        Id of the patch, -1 where nothing touches.
+    """
+    if 'contacts_id' in known or not ('position' in known or 'force' in known):
+        return
+    known['contacts_id'] = number[:, None]
+    normal = np.repeat([[[0.0, 0.0, 1.0]]], len(number), axis=0)
+    columns = {'normal': normal} | {
+        name: known[name][:, None]
+        for name in ('position', 'position_cov', 'force', 'force_cov')
+        if name in known
+    }
+    touched = number >= 0
+    everywhere = np.count_nonzero(touched) == len(touched)
+    for name, column in columns.items():
+        rows = touched.reshape(-1, *[1] * (column.ndim - 1))
+        known[f'contacts_{name}'] = column if everywhere else np.where(rows, column, np.nan)

@@ -16,7 +16,7 @@ BENCHES = sorted((ROOT / 'benchmarks').rglob('*.py'))
 FLOORS = {
     'physics': 1, 'types': 1, 'errors': 1,
     'conditioning': 2, 'estimators': 2, 'control': 2, 'devices': 2, 'messages': 2,
-    'calibration': 2, 'pipeline': 3, 'enrolment': 3, 'frame_guard': 4,
+    'calibration': 2, 'pipeline': 3, 'enrolment': 3,
     'sensors': 4, 'hands': 4, 'simulation': 5, 'evaluation': 5, 'view': 5, 'nodes': 6, 'cli': 6,
 }  # fmt: skip
 PLAIN = {'calibration', 'types', 'errors', 'pipeline'}  # vocabulary, not rooms

@@ -18,7 +18,7 @@ from benchmarks.harness import plots
 from benchmarks.harness.rows import Row, within
 from reference import pick_world
 from tactile_ros.conditioning.baseline import BaselineTracker, Tracking
-from tactile_ros.conditioning.faults import frame_readings, judged_rows
+from tactile_ros.conditioning.faults import taxel_faults, usable_rows, without_faults
 from tactile_ros.conditioning.viscoelastic import Creep
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame, Recording
@@ -226,12 +226,12 @@ def _conditioning(gripper: Gripper) -> float:
     values = gripper.skin.read(np.full((1, taxels), 0.01), np.random.default_rng(SEED))[0]
     first, times = np.zeros(1, bool), []
     for i in range(1, 200):
-        frame, stamp = Frame(i * 10_000_000, i, values), np.array([i * 10_000_000])
+        stamp = np.array([i * 10_000_000])
         began = perf_counter()
-        usable, bits, _ = frame_readings(frame, pipeline.layout)
+        bits = taxel_faults(values[None], None, pipeline.layout)
+        usable = without_faults(values[None], bits)
         delta = usable - tracker(usable, stamp)
-        good, told = judged_rows(pipeline.estimation, bits, delta, usable)
-        pipeline.rest_.contact(told, good, None)
+        pipeline.rest_.contact(delta, usable_rows(bits), None)
         creep.undo(law.forces(delta[..., 0]), stamp, first, state)
         times.append(perf_counter() - began)
     return 1e6 * min(times)

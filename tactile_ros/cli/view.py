@@ -26,7 +26,7 @@ from tactile_ros.cli.console import refuse_unwritable, working
 from tactile_ros.errors import DeviceTimeout, MissingPackageError, RecordingError
 from tactile_ros.evaluation.fleet import open_calibration
 from tactile_ros.evaluation.recording_files import load
-from tactile_ros.evaluation.replay import estimated
+from tactile_ros.evaluation.replay import failure_problems
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import ContactStates
 from tactile_ros.view.viewer import Viewer
@@ -146,8 +146,9 @@ def played(loaded: LoadedRecording, pipeline: Pipeline | None) -> Iterator[Shown
     count, taxels = len(recording), len(recording.layout.positions)
     if pipeline is not None:
         with working(f'estimating {count} frames'):
-            states, failed = estimated(recording, pipeline)
-        for sentence in failed:
+            failures = pipeline.failures
+            states = pipeline.process_batch(recording)
+        for sentence in failure_problems(pipeline, failures):
             print(f'  {loaded.name}: {sentence}', file=sys.stderr)
         rows = np.arange(count)
     elif loaded.contacts is not None:

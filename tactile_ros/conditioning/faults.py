@@ -5,17 +5,14 @@ from __future__ import annotations
 from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from tactile_ros.types import (
     Array,
     Bools,
     Bytes,
-    Frame,
     FrameStatus,
     Integers,
     Layout,
-    Recording,
     TaxelStatus,
 )
 
@@ -72,27 +69,6 @@ def taxel_faults(values: Array, status: Bytes | None, layout: Layout) -> Bytes:
     return np.asarray(bits if status is None else bits | status, np.uint8)
 
 
-def refused_readings(estimation: object, values: Array, bits: Bytes) -> tuple[Array, Bytes]:
-    """Readings (s, t, c), NaN with ERROR where the sensor says that they cannot be.
-
-    Its `impossible(values)`, where it has one, says so of every taxel (s, t).
-    """
-    asked = getattr(estimation, 'impossible', None)
-    wrong = None if asked is None else asked(values)
-    if wrong is None or not np.count_nonzero(wrong):
-        return values, bits
-    bits = np.asarray(bits | wrong * np.uint8(TaxelStatus.ERROR), np.uint8)
-    return np.where(wrong[..., None], np.nan, values), bits
-
-
-def usable_readings(
-    estimation: object, recording: Recording, layout: Layout
-) -> tuple[Array, Bytes]:
-    """Readings (s, t, c) of a recording, NaN where they must not be used, and why (s, t)."""
-    bits = taxel_faults(recording.values, recording.status, layout)
-    return refused_readings(estimation, without_faults(recording.values, bits), bits)
-
-
 def without_faults(values: Array, bits: Bytes) -> Array:
     """Readings (s, t, c) with NaN at taxels that must not be used."""
     if not np.count_nonzero(bits):
@@ -131,77 +107,3 @@ def usable_rows(bits: Bytes) -> Bools:
     if not np.count_nonzero(bits):
         return ~np.zeros(len(bits), bool)  # a third of the price of np.ones
     return np.asarray(~(bits & UNUSABLE).any(axis=1))
-
-
-def judged_rows(estimation: object, bits: Bytes, delta: Array, base: Array) -> tuple[Bools, Array]:
-    """Frames that may be estimated from, and the deviations that tell contact.
-
-    Parameters
-    ----------
-    estimation : object
-        Its `sees_enough(bits)`, where it has one, says which frames (s,) tell enough without
-        their faulty taxels; else every taxel is needed.
-    bits : ndarray, shape (s, t)
-        Of `TaxelStatus`.
-    delta, base : ndarray, shape (s, t, c)
-        Deviations from the baseline, and the baseline (unit of values); NaN: unknown.
-
-    Returns
-    -------
-    good : ndarray, shape (s,)
-        Whether to estimate.
-    told : ndarray, shape (s, t, c)
-        Deviations; 0 of a taxel that was not read and need not be.
-    """
-    enough = getattr(estimation, 'sees_enough', None)
-    if enough is None or not np.count_nonzero(bits):
-        return usable_rows(bits), delta
-    return enough(bits), np.where(np.isnan(delta) & np.isfinite(base), 0.0, delta)
-
-
-def frame_readings(
-    frame: Frame, layout: Layout, estimation: object = None
-) -> tuple[Array, Bytes, Array | None]:
-    """What a frame says, as a batch of one.
-
-    Parameters
-    ----------
-    frame : Frame
-        Of t taxels and c channels.
-    layout : Layout
-        As in `taxel_faults`.
-    estimation : object
-        As in `refused_readings`.
-
-    Returns
-    -------
-    values : ndarray, shape (1, t, c)
-        Readings (unit of values), NaN at taxels that must not be used.
-    bits : ndarray, shape (1, t)
-        Of `taxel_faults`.
-    temperature_c : ndarray, shape (1, t), or None
-        What the chips report.
-
-    Raises
-    ------
-    ValueError
-        If status or temperatures are not one per taxel.
-    """
-    values = np.asarray(frame.values, np.float64)[None]
-    status = _row('status', frame.status, values.shape[1], np.uint8)
-    chips = _row('temperature_c', frame.temperature_c, values.shape[1], np.float64)
-    bits = taxel_faults(values, status, layout)
-    return *refused_readings(estimation, without_faults(values, bits), bits), chips
-
-
-def _row(
-    name: str, value: npt.ArrayLike | None, taxels: int, dtype: type[Number]
-) -> npt.NDArray[Number] | None:
-    """A column of one frame, shape (1, t), None where it has none."""
-    if value is None:
-        return None
-    row = np.array(value, dtype)  # a copy: the state keeps it
-    if row.shape != (taxels,):
-        msg = f'{name} of Frame must have shape ({taxels},); received {row.shape}'
-        raise ValueError(msg)
-    return row[None]

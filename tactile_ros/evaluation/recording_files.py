@@ -379,16 +379,11 @@ class LiveContacts:
     log_ns: Integers
     unmatched: int
 
-    def as_taken(self, recording: Recording) -> Recording:
-        """The recording as the live run took it: frames that failed there count as lost."""
+    @property
+    def failed(self) -> Integers:
+        """Rows of which the live run could use no taxel, or whose estimation raised."""
         error = np.uint8(TaxelStatus.ERROR)
-        failed = self.rows[(self.states.taxel_status & error).all(axis=1)]
-        if not len(failed):
-            return recording
-        shape = (len(recording), recording.layout.shape[0])
-        status = np.zeros(shape, np.uint8) if recording.status is None else recording.status.copy()
-        status[failed] |= error
-        return replace(recording, status=status)
+        return self.rows[(self.states.taxel_status & error).all(axis=1)]
 
 
 @dataclass(frozen=True)
@@ -582,7 +577,6 @@ def _sensor(
         problems,
     )
     live = _live(heard.get(f'{space}/contacts', []), place, index, problems)
-    recording = recording if live is None else live.as_taken(recording)
     told = heard.get(f'{space}/calibration', [])
     digests = [d for m in told for d in _digests(m)]
     return LoadedRecording(

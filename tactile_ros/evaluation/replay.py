@@ -20,9 +20,7 @@ import numpy.typing as npt
 from tactile_ros.enrolment import EVERYTHING, Press, PressWatch, learn, recording_of, window_of
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.recording_files import ClassChange
-from tactile_ros.frame_guard import ERROR, FrameGuard, sentence_of, unknown
 from tactile_ros.types import STATE_FIELDS, ContactState, ContactStates, Frame, Recording
-from tactile_ros.types.recording import refuse_foreign
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -45,21 +43,23 @@ class Follower:
     def __init__(self, pipeline: Pipeline) -> None:
         self.pipeline = copy(pipeline)
         self.pipeline.reset()
-        self.guard = FrameGuard(self.pipeline)
+        self.pipeline.failures = 0
         self._stream = -1
 
     def __call__(self, piece: Piece) -> ContactStates:
         """States of every row of the next piece; unknown where the live node saw no frame."""
         recording, rows = piece.recording, piece.rows
         taxels = recording.layout.shape[0]
-        refuse_foreign(self.pipeline.sensor, self.pipeline.layout, recording)
+        self.pipeline.check_layout(recording)
         if not len(rows):
             return ContactStates.assemble(len(recording), taxels, {})
         assert recording.stream is not None
         stream = recording.stream[rows]
         fresh = np.diff(stream, prepend=self._stream) != 0
         self._stream = int(stream[-1])
-        cuts = fresh | np.isin(rows, list(piece.baselines))
+        failed = np.isin(rows, () if piece.live is None else piece.live.failed)
+        cuts = fresh | np.isin(rows, list(piece.baselines)) | failed
+        cuts[1:] |= failed[:-1]
         edges = np.unique([0, *np.flatnonzero(cuts).tolist(), len(rows)]).tolist()
         parts: list[ContactStates] = []
         for first, last in pairwise(edges):
@@ -68,48 +68,18 @@ class Follower:
             baseline = piece.baselines.get(int(rows[first]))
             if baseline is not None:
                 self.pipeline.tare([baseline])
+            if failed[first]:
+                frame = recording.frame(int(rows[first]))
+                parts.append(batch_of(self.pipeline.process_failed(frame)))
+                continue
             whole = int(rows[last - 1]) + 1 - int(rows[first]) == last - first
             chosen = (
                 slice(int(rows[first]), int(rows[last - 1]) + 1) if whole else rows[first:last]
             )
-            parts += self._answers(recording.select(chosen))
+            parts.append(self.pipeline.process_next(recording.select(chosen)))
         if len(parts) == 1 and len(rows) == len(recording):
             return parts[0]
         return gathered(parts, rows, len(recording), taxels)
-
-    def _answers(self, recording: Recording) -> list[ContactStates]:
-        """States of the next frames of one stretch, in parts; a failing one costs itself alone.
-
-        What fails is halved, what succeeds is doubled: one failing frame costs about three times
-        the stretch, and where every frame fails each is tried twice.
-        """
-        parts: list[ContactStates] = []
-        first, size = 0, len(recording)
-        while first < len(recording):
-            part = recording.select(slice(first, first + size))
-            states = self._tried(part)
-            if states is None and len(part) > 1:
-                size = len(part) // 2
-                continue
-            if states is None:
-                self.guard.begin()
-                states, size = batch_of(self.guard.process(part.frame(0))), 1
-            else:
-                size *= 2
-            parts.append(states)
-            first += len(part)
-        return parts
-
-    def _tried(self, recording: Recording) -> ContactStates | None:
-        """States of the next frames; None, and nothing has happened: one of them fails."""
-        before = deepcopy(self.pipeline.stream)
-        try:
-            return self.pipeline.process_next(recording)
-        except MemoryError:
-            raise
-        except Exception:  # whatever an estimator makes of a frame
-            self.pipeline.stream = before
-            return None
 
 
 def batch_of(state: ContactState) -> ContactStates:
@@ -140,81 +110,12 @@ def gathered(
     return ContactStates.assemble(samples, taxels, known)
 
 
-def estimated(recording: Recording, pipeline: Pipeline) -> tuple[ContactStates, tuple[str, ...]]:
-    """States as `process_batch` gives them, whatever an estimator makes of single frames.
-
-    Parameters
-    ----------
-    recording : Recording
-        Of the pipeline's shape.
-    pipeline : Pipeline
-        Stays as it is.
-
-    Returns
-    -------
-    states : ContactStates
-        One for each row; a frame that fails has the status ERROR at every taxel, as live.
-    problems : tuple of str
-        How many frames failed, and why the first of them did.
-
-    Raises ValueError if the shape, the unit or a channel differs from the layout.
-    """
-    refuse_foreign(pipeline.sensor, pipeline.layout, recording)
-    states, reason = _tried(recording, pipeline)
-    if states is not None:
-        return states, ()
-    rows = np.array(_failing(recording, pipeline), np.int64)
-    states, _ = _tried(_marked(recording, rows), pipeline)
-    if states is None:  # not even as lost ones: the others go on without them
-        states = _without(recording, rows, pipeline)
-    return states, (sentence_of(len(rows), reason),)
-
-
-def _tried(recording: Recording, pipeline: Pipeline) -> tuple[ContactStates | None, str]:
-    """States of all rows, or why there are none."""
-    try:
-        return pipeline.process_batch(recording), ''
-    except MemoryError:
-        raise
-    except Exception as err:  # whatever an estimator makes of a frame
-        return None, f'{type(err).__name__}: {err}'
-
-
-def _failing(recording: Recording, pipeline: Pipeline) -> list[int]:
-    """Rows that fail alone; parts that a tare lies before are not tared.
-
-    What fails is halved, what succeeds is doubled, as a `Follower` does.
-    """
-    failing: list[int] = []
-    first, size = 0, len(recording)
-    while first < len(recording):
-        part = recording.select(slice(first, first + size))
-        fails = _tried(part, pipeline)[0] is None
-        if fails and len(part) > 1:
-            size = len(part) // 2
-            continue
-        failing += [first] * fails
-        size = 1 if fails else 2 * size
-        first += len(part)
-    return failing
-
-
-def _marked(recording: Recording, rows: Integers) -> Recording:
-    """A recording of which no taxel of these rows is to be used."""
-    count, taxels = len(recording), recording.layout.shape[0]
-    known = recording.status
-    status = np.zeros((count, taxels), np.uint8) if known is None else known.copy()
-    status[rows] |= ERROR
-    return replace(recording, status=status)
-
-
-def _without(recording: Recording, rows: Integers, pipeline: Pipeline) -> ContactStates:
-    """States of the other rows, as if these had not been read."""
-    count, taxels = len(recording), recording.layout.shape[0]
-    rest = np.setdiff1d(np.arange(count), rows)
-    parts = [pipeline.process_batch(recording.select(rest))] if len(rest) else []
-    parts += [batch_of(unknown(taxels))] * len(rows)
-    return gathered(parts, np.concatenate([rest, rows]), count, taxels)
+def failure_problems(pipeline: Pipeline, before: int = 0) -> tuple[str, ...]:
+    """Sentence about the frames that could not be estimated, beyond so many."""
+    count = pipeline.failures - before
+    if not count:
+        return ()
+    return (f'{count} frames cannot be estimated and count as lost ({pipeline.failure})',)
 
 
 def baselines_by_row(
@@ -286,21 +187,20 @@ def presses_in(loaded: LoadedRecording, pipeline: Pipeline) -> list[Press]:
     rows = np.arange(len(recording))
     waiting = baselines_by_row(recording, rows, loaded.baselines)
     found: list[Press | None] = []
-    watch, guard = PressWatch(window_of(pipeline)), FrameGuard(pipeline)
+    watch, failures = PressWatch(window_of(pipeline)), pipeline.failures
     for row, restart in zip(rows.tolist(), recording.restarts, strict=True):
         if restart:
             pipeline.reset()
             watch = PressWatch(window_of(pipeline))
         for baseline in waiting.get(row, []):
             pipeline.tare([baseline])
-        if restart or row in waiting:
-            guard.begin()
         frame = recording.frame(row)
-        state = guard.process(frame)
+        state = pipeline.process(frame)
         found.append(watch(frame, int(state.in_contact), pipeline.baseline))
     presses = [press for press in found if press is not None]
-    if guard.failures and not presses:
-        raise RecordingError(' '.join(guard.problems))
+    problems = failure_problems(pipeline, failures)
+    if problems and not presses:
+        raise RecordingError(' '.join(problems))
     return presses
 
 
@@ -460,17 +360,21 @@ def replay(
     _refuse_other_shape(recording, pipeline)
     pipeline = as_it_began(loaded, as_live(loaded.calibrations, pipeline))
     problems = calibration_problems(loaded.calibrations, pipeline, loaded.changes)
+    failures = pipeline.failures
     changes = Repetition(recording, loaded.changes)
     if live is None and not loaded.baselines:
         begin = clock_ns()
-        states, failed = estimated(recording, pipeline)
+        states = pipeline.process_batch(recording)
+        problems += failure_problems(pipeline, failures)
         batch = (clock_ns() - begin) / 1000 / max(len(recording), 1)
         single = single_cost(recording, pipeline, clock_ns)
-        return Replayed(states, single, None, (*problems, *failed), batch)
+        return Replayed(states, single, None, problems, batch)
     rows = np.arange(len(recording)) if live is None else np.unique(live.rows)
-    guard = FrameGuard(pipeline)
-    singles, micro = _process(recording, rows, loaded.baselines, guard, changes, clock_ns)
-    problems += (*changes.problems, *guard.problems)
+    failed = () if live is None else live.failed
+    singles, micro = _process(
+        recording, rows, loaded.baselines, failed, pipeline, changes, clock_ns
+    )
+    problems += (*changes.problems, *failure_problems(pipeline, failures))
     found = [batch_of(state) for state in singles]
     states = gathered(found, rows, len(recording), recording.layout.shape[0])
     if live is None:
@@ -510,11 +414,10 @@ def single_cost(
     """Wall time of one frame processed alone (microseconds): the median of some frames."""
     spent = []
     pipeline.reset()
-    guard = FrameGuard(pipeline)
     for row in range(min(len(recording), frames)):
         frame = recording.frame(row)
         begin = clock_ns()
-        guard.process(frame)
+        pipeline.process(frame)
         spent.append(clock_ns() - begin)
     return float(np.median(spent)) / 1000 if spent else float('nan')
 
@@ -554,7 +457,8 @@ def _process(
     recording: Recording,
     rows: Integers,
     baselines: Sequence[Frame],
-    guard: FrameGuard,
+    failed: Integers | tuple[()],
+    pipeline: Pipeline,
     changes: Repetition,
     clock_ns: Callable[[], int],
 ) -> tuple[list[ContactState], float]:
@@ -564,7 +468,7 @@ def _process(
     """
     streams = np.cumsum(recording.restarts)
     waiting = baselines_by_row(recording, rows, baselines)
-    found, spent, last, pipeline = [], [], -1, guard.pipeline
+    found, spent, last, lost = [], [], -1, set(np.asarray(failed).tolist())
     for row in rows.tolist():
         frame = recording.frame(row)
         begins = last < 0 or streams[row] != streams[last]
@@ -572,10 +476,10 @@ def _process(
             pipeline.reset()
         for baseline in waiting.get(row, []):
             pipeline.tare([baseline])  # also an equal one: a tare restarts memory
-        if changes.before(frame, pipeline) or begins or row in waiting:
-            guard.begin()
+        changes.before(frame, pipeline)
+        process = pipeline.process_failed if row in lost else pipeline.process
         begin = clock_ns()
-        found.append(guard.process(frame))
+        found.append(process(frame))
         spent.append(clock_ns() - begin)
         changes.after(frame, pipeline)
         last = row

@@ -160,7 +160,6 @@ class SensorPieces:
         until = FOREVER if final and not self.frames.logs else logs[-1] + HORIZON_NS
         index, around = self._index(rows, until)
         live = self._live(index, until, logs[-1])
-        recording = recording if live is None else live.as_taken(recording)
         truth = self.truth.of(recording, index, around, logs[-1], until)
         seen = np.arange(len(recording)) if live is None else np.unique(live.rows)
         baselines = self._tares(recording, seen, until)

@@ -20,6 +20,7 @@ from tactile_ros.evaluation.replay import (
     as_live,
     calibration_problems,
     compare,
+    failure_problems,
     left_out,
     replay,
     single_cost,
@@ -151,7 +152,7 @@ class _Sensor:
             said = calibration_problems(digests, self.followers[name].pipeline)
             answers.append(replace(
                 answer, us_single=self.singles.get(name, float('nan')),
-                problems=(*said, *self.followers[name].guard.problems,
+                problems=(*said, *failure_problems(self.followers[name].pipeline),
                           *left_out(answer.agreement), *unjudged_targets(answer)),
             ))  # fmt: skip
         return without_latency(SensorTally(

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.conditioning.faults import DAMAGED, SAYS_NOTHING
-from tactile_ros.frame_guard import FrameGuard
-from tactile_ros.types import Frame, FrameStatus
+from tactile_ros.types import Frame, FrameStatus, Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -111,7 +110,7 @@ class ContactStage:
         self._tared = False
         # The service comes from another thread than the frames in the one-process road.
         self._lock = threading.Lock()
-        self._guard = FrameGuard(pipeline, on_failure)
+        self._on_failure = on_failure
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -121,7 +120,7 @@ class ContactStage:
     @property
     def failures(self) -> int:
         """Frames that could not be estimated."""
-        return self._guard.failures
+        return self.pipeline.failures
 
     def set_tare_frames(self, count: int) -> None:
         """Average so many frames in the next tare."""
@@ -136,7 +135,6 @@ class ContactStage:
 
     def _forget(self) -> None:
         self.pipeline.reset()
-        self._guard.begin()
         self._seen.clear()
         self.tally = Tally()
 
@@ -153,7 +151,9 @@ class ContactStage:
                 self._forget()
             if not self.tally.frames and self._has_baseline:
                 self._on_baseline(self._baseline(frame, frame.sequence))
-            state = self._guard.process(frame)
+            failures = self.pipeline.failures
+            state = self.pipeline.process(frame)
+            self._report_failures(failures)
             self._remember(frame, state)
             if self._watch is not None:
                 self._watch(frame, state)
@@ -163,11 +163,21 @@ class ContactStage:
         """Estimate from the next frames: the same numbers as one by one, and cheaper."""
         with self._lock:
             if len(frames) > 1 and self._is_one_stretch(frames):
-                states = self._guard.process_all(frames)
+                failures = self.pipeline.failures
+                recording = Recording.from_frames(self.pipeline.layout, frames)
+                states = list(self.pipeline.process_next(recording))
+                self._report_failures(failures)
                 for frame, state in zip(frames, states, strict=True):
                     self._remember(frame, state)
                 return states
         return [self.process(frame) for frame in frames]
+
+    def _report_failures(self, before: int) -> None:
+        """Say that frames could not be estimated."""
+        count = self.pipeline.failures - before
+        if count:
+            frames = 'a frame' if count == 1 else f'{count} frames'
+            self._on_failure(f'{frames} cannot be estimated ({self.pipeline.failure})')
 
     def _is_one_stretch(self, frames: Sequence[Frame]) -> bool:
         """Nothing begins with any of these frames, and nobody watches them one by one."""
@@ -203,7 +213,6 @@ class ContactStage:
         """
         with self._lock:
             self.pipeline.estimation = estimation
-            self._guard.begin()
             return self.tally.stamp_ns
 
     @property
@@ -271,7 +280,6 @@ class ContactStage:
             self.pipeline.tare(frames)
         except ValueError as err:
             return False, str(err)
-        self._guard.begin()
         self._tared = True
         self.tally.tares += 1
         self.tally.tare_ns = frames[-1].stamp_ns

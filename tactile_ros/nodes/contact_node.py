@@ -105,7 +105,7 @@ class ContactNode(ManagedNode):
         self._previous = 0
         self._frame_id = ''
         self._tare = self.create_service(Trigger, '~/tare', self._on_tare)
-        learns = hasattr(self._spec.estimation, 'enrol')
+        learns = self._spec.pipeline().estimation.learns_classes
         self._enrol = EnrolServer(self) if learns else None
         self._digest = ''
 
@@ -291,7 +291,7 @@ class ContactNode(ManagedNode):
 
     def _label_name(self, label: int) -> str:
         """Name of a class, where the sensor has classes."""
-        names = getattr(self._pipeline, 'label_names', ())
+        names = () if self._pipeline is None else self._pipeline.label_names
         return names[label] if 0 <= label < len(names) else ''
 
     def _publish_baseline(self, frame: Frame) -> None:

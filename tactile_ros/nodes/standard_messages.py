@@ -108,7 +108,7 @@ class StandardTopics:
         self._surface: Publisher | None = None
         if hasattr(spec.config(), 'objects'):
             self._object = node.managed_publisher(PoseWithCovarianceStamped, 'object_pose', data())
-        if hasattr(spec.estimation, 'surface'):
+        if spec.pipeline().estimation.has_surface:
             self._surface = node.managed_publisher(PointCloud2, 'surface', data())
         offered = self._wrench, self._markers, self._object, self._surface
         self._offered = [publisher for publisher in offered if publisher is not None]

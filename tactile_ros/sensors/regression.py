@@ -15,7 +15,7 @@ from tactile_ros.estimators.model_selection import select
 from tactile_ros.estimators.perceptron import Perceptron
 from tactile_ros.estimators.regression import Ridge, Standardisation
 from tactile_ros.estimators.slip_detector import FEWEST, MatchedSubspace
-from tactile_ros.types import Array, Bools, Estimator, Integers
+from tactile_ros.types import Array, Bools, Estimation, Estimator, Integers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -223,7 +223,7 @@ BLOCK = 1024  # rows whose history stays in the cache
 MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
 
 
-class Regression:
+class Regression(Estimation):
     """Regressors of one sensor, each for the components of one target that truth tells.
 
     Parameters

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from types import TracebackType
 
-    from tactile_ros.types.frame import Array, Frame, Integers, Layout
+    from tactile_ros.types.contact import ContactState
+    from tactile_ros.types.frame import Bytes, Frame, Layout
 
 Report = dict[str, dict[str, float]]
 
@@ -43,12 +44,11 @@ class Signals:
         Rows of `restart` at which a stream begins, and the ids of its patches; None: none does.
     tare : ndarray, shape (s,), or None
         Rows that a recording calls resting; None: it does not tell.
-    doubt : ndarray, shape (s,), or None
+    baseline_variance : ndarray, shape (s,), or None
         Variance of the baseline over that of a frame at rest: one over the frames of its tare; 0
         where the fit's own is used. None: 0.
     rest_temperature_c : ndarray, shape (s, t), or None
-        What the chips told when the baseline was read, NaN: nothing; None: the estimation does
-        not heed it.
+        Chip temperatures of the baseline, NaN: unknown; None: the estimation uses none.
     """
 
     values: Array
@@ -61,8 +61,16 @@ class Signals:
     good: Bools
     begins: Bools | None = None
     tare: Bools | None = None
-    doubt: Array | None = None
+    baseline_variance: Array | None = None
     rest_temperature_c: Array | None = None
+
+    def select(self, rows: slice, after_failure: bool = False) -> Signals:
+        """Rows that follow one another; memory begins anew where the frame before failed."""
+        columns = {f.name: getattr(self, f.name) for f in fields(self)}
+        part = Signals(**{name: None if x is None else x[rows] for name, x in columns.items()})  # type: ignore[arg-type]
+        if not after_failure:
+            return part
+        return replace(part, restart=part.restart | (np.arange(len(part.restart)) == 0))
 
 
 class SensorConfig(Protocol):
@@ -84,39 +92,80 @@ class SensorConfig(Protocol):
         ...
 
 
-class Estimation(Protocol):
-    """Features and estimators of one sensor.
+class Estimation:
+    """Features and estimators of one sensor; a sensor overrides the hooks that it needs.
 
-    An estimation may also have `contact(signals)`, which gives `in_contact` (s,) anew before
-    `estimate`, for sensors on which contact does not show in every channel: 1, 0, and -1 in rows
-    that are not good. A `fit` sees contact as the pipeline judged it. With `impossible(values)` it
-    names taxels (s, t) of readings (s, t, c) that no sensor can give: they count as not read,
-    also in baselines. With `warmed(baseline, then_c, now_c)` it tells how baselines (s, t, c) have
-    changed (s, t, c) since the chips told the temperatures `then_c` (s, t), now that they tell
-    `now_c` (s, t) or None; `delta` is less by that; its `forget_warmth()` is called before a fit.
+    Attributes
+    ----------
+    uses_temperature : bool
+        Baselines hold the temperatures of their chips, and `thermal_drift` is asked.
+    learns_classes : bool
+        `enrol` and `forget` work.
+    has_surface : bool
+        `surface` works.
     """
+
+    uses_temperature: ClassVar[bool] = False
+    learns_classes: ClassVar[bool] = False
+    has_surface: ClassVar[bool] = False
 
     @property
     def estimators(self) -> dict[str, str]:
         """Name of the estimator in use for each target."""
-        ...
+        return {}
 
     @property
     def report(self) -> Report:
         """Errors on held-out groups for each target."""
-        ...
+        return {}
+
+    @property
+    def label_names(self) -> tuple[str, ...]:
+        """Names of the classes that it can recognise."""
+        return ()
+
+    def begin_fit(self) -> None:
+        """Forget what conditioning used of an earlier fit, before the baseline is learned."""
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn from conditioned frames; `groups` has 'group' and 'session' (s,)."""
-        ...
+        raise NotImplementedError
 
     def start(self) -> object:
         """Fresh memory of a stream."""
-        ...
+        return None
+
+    def implausible_taxels(self, values: Array) -> Bools | None:
+        """Taxels (s, t) whose readings (s, t, c) no sensor can give: they count as not read."""
+
+    def estimable_rows(self, bits: Bytes) -> Bools | None:
+        """Rows (s,) that can be estimated from in spite of taxel faults; None: those without."""
+
+    def thermal_drift(
+        self, baseline: Array, reference_c: Array, temperature_c: Array | None
+    ) -> Array:
+        """Change of baselines (s, t, c) that were read at `reference_c` (s, t), NaN: unknown."""
+        raise NotImplementedError
+
+    def contact_from_sensor(self, signals: Signals) -> npt.NDArray[np.int8]:
+        """Contact (s,), 1, 0, -1: for sensors on which it does not show in every channel."""
+        return signals.in_contact
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
-        """State attributes (s, ...) for every row; those of unusable rows are ignored."""
-        ...
+        """State attributes (s, ...) for every row; those of unusable rows are not used."""
+        raise NotImplementedError
+
+    def enrol(self, signals: Signals, label: str) -> None:
+        """Learn a class from presses; ValueError if they are too weak, clipped or none."""
+        raise NotImplementedError
+
+    def forget(self, label: str) -> None:
+        """Undo an enrolment by name."""
+        raise NotImplementedError
+
+    def surface(self, state: ContactState) -> Array:
+        """Points of the touched surface (t, 3) (m), NaN where nothing touches."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)

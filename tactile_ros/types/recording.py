@@ -418,6 +418,20 @@ class Recording:
         recording._refuse_unordered_stamps()
         return recording
 
+    @classmethod
+    def from_frames(cls, layout: Layout, frames: Sequence[Frame]) -> Recording:
+        """Frames of one stream; stamps and temperatures are in all of them or in none."""
+        clean = np.zeros(layout.shape[0], np.uint8)
+        stamps = [frame.stamp_ns for frame in frames]
+        chips = [frame.temperature_c for frame in frames if frame.temperature_c is not None]
+        return cls.from_arrays(
+            layout,
+            np.stack([frame.values for frame in frames]),
+            None if None in stamps else np.array(stamps, np.int64),
+            temperature_c=np.stack(chips) if chips else None,
+            status=np.stack([clean if f.status is None else f.status for f in frames]),
+        )
+
     def _refuse_unordered_stamps(self) -> None:
         """Stamps increase inside a stream; across streams they need not."""
         if self.stamp_ns is None or len(self) < 2:

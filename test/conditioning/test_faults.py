@@ -10,12 +10,11 @@ from hypothesis.extra import numpy as arrays
 
 from tactile_ros.conditioning.faults import (
     frame_faults,
-    frame_readings,
     taxel_faults,
     usable_rows,
     without_faults,
 )
-from tactile_ros.types import Frame, FrameStatus, Layout, TaxelStatus
+from tactile_ros.types import FrameStatus, Layout, TaxelStatus
 
 LIMIT = np.array([1.0, np.inf])
 
@@ -97,26 +96,3 @@ def test_a_chip_whose_field_is_exactly_0_on_all_axes_is_dead() -> None:
 )
 def test_bits_of_taxels_become_bits_of_the_frame(bits: list[int], flags: int) -> None:
     assert frame_faults(np.array([bits], np.uint8)).tolist() == [flags]
-
-
-def test_a_frame_is_a_batch_of_one() -> None:
-    frame = Frame(0, 0, np.array([[0.0, 0], [2, 0], [0, 0]]), np.zeros(3), np.array([0, 0, 8]))
-    values, bits, chips = frame_readings(frame, layout())
-    assert bits.tolist() == [[0, TaxelStatus.SATURATED, TaxelStatus.ERROR]]
-    assert np.isnan(values[0]).all(axis=1).tolist() == [False, True, True]
-    assert chips is not None
-    assert chips.shape == (1, 3)
-
-
-def test_bits_of_a_frame_do_not_follow_its_array() -> None:
-    status = np.zeros(3, np.uint8)
-    _, bits, _ = frame_readings(Frame(0, 0, np.zeros((3, 2)), status=status), layout())
-    status[:] = 8
-    assert not bits.any()
-
-
-@pytest.mark.parametrize('name', ['status', 'temperature_c'])
-def test_columns_of_a_frame_are_one_per_taxel(name: str) -> None:
-    frame = Frame(0, 0, np.zeros((3, 2)), **{name: np.zeros(1)})
-    with pytest.raises(ValueError, match=rf'{name} of Frame must have shape \(3,\)'):
-        frame_readings(frame, layout())

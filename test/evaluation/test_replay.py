@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation import replay as replay_module
 from tactile_ros.evaluation.bag import BagWriter
 from tactile_ros.evaluation.recording_files import LiveContacts, LoadedRecording, load
 from tactile_ros.evaluation.replay import Follower, as_live, compare, replay
@@ -250,7 +249,7 @@ def test_a_frame_that_fails_costs_itself_alone(
     healthy = kind.estimate
 
     def estimate(self: object, signals: Signals, memory: object) -> Columns:
-        """Fails at frames that count as lost, too, and when it has changed its memory."""
+        """Fails when it has changed its memory."""
         known = healthy(self, signals, memory)
         if np.isin(signals.stamp_ns, stamps).any():
             msg = 'Singular matrix'
@@ -283,15 +282,15 @@ def plain(spatial: Recording) -> Recording:
 
 
 def fail_at(
-    monkeypatch: pytest.MonkeyPatch, pipeline: Pipeline, stamps: object, when_lost: bool
+    monkeypatch: pytest.MonkeyPatch, pipeline: Pipeline, stamps: object
 ) -> list[int]:
-    """Let the estimator fail at frames, and where `when_lost` even as lost ones; rows it saw."""
+    """Let the estimator fail at frames; rows it saw."""
     kind, seen = type(pipeline.estimation), []
     healthy = kind.estimate
 
     def estimate(self: object, signals: Signals, memory: object) -> Columns:
         seen.append(len(signals.good))
-        if (np.isin(signals.stamp_ns, stamps) & (signals.good | when_lost)).any():
+        if np.isin(signals.stamp_ns, stamps).any():
             msg = 'Singular matrix'
             raise np.linalg.LinAlgError(msg)
         return healthy(self, signals, memory)
@@ -300,16 +299,13 @@ def fail_at(
     return seen
 
 
-@pytest.mark.parametrize('when_lost', [False, True])
 def test_a_frame_that_fails_costs_itself_alone_without_a_live_run_too(
-    when_lost: bool, spatial: Recording, fitted: Pipeline, monkeypatch: pytest.MonkeyPatch
+    spatial: Recording, fitted: Pipeline, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recording, failing = plain(spatial), [1, 21, 101, 103, 329]  # touches
     others = np.setdiff1d(np.arange(len(recording)), failing)
-    # a frame that fails even as a lost one was not read at all
-    without = fitted.process_batch(recording.select(others)).position
-    wanted = without if when_lost else fitted.process_batch(recording).position[others]
-    fail_at(monkeypatch, fitted, recording.stamp_ns[failing], when_lost)
+    wanted = fitted.process_batch(recording).position[others]
+    fail_at(monkeypatch, fitted, recording.stamp_ns[failing])
     found = replay(LoadedRecording('plain', recording), fitted)
     said = '5 frames cannot be estimated and count as lost (LinAlgError: Singular matrix)'
     assert found.problems == (said,)
@@ -324,13 +320,13 @@ def test_where_every_frame_fails_all_are_lost_and_other_boards_are_refused(
     spatial: Recording, fitted: Pipeline, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recording = plain(spatial)
-    fail_at(monkeypatch, fitted, recording.stamp_ns, when_lost=True)
+    fail_at(monkeypatch, fitted, recording.stamp_ns)
     found = replay(LoadedRecording('plain', recording), fitted)
     assert found.problems[0].startswith('330 frames cannot be estimated')
     assert not found.states.valid.any()
     with pytest.raises(ValueError, match='received Bx, By, Bz in count'):
-        replay_module.estimated(
-            replace(recording, layout=replace(recording.layout, unit='count')), fitted
+        fitted.process_batch(
+            replace(recording, layout=replace(recording.layout, unit='count'))
         )
 
 
@@ -338,8 +334,9 @@ def test_a_bag_of_which_every_frame_fails_takes_a_few_times_its_frames(
     spatial: Recording, fitted: Pipeline, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recording = plain(spatial)
-    seen = fail_at(monkeypatch, fitted, recording.stamp_ns, when_lost=True)
-    piece = SimpleNamespace(recording=recording, rows=np.arange(len(recording)), baselines={})
+    seen = fail_at(monkeypatch, fitted, recording.stamp_ns)
+    rows = np.arange(len(recording))
+    piece = SimpleNamespace(recording=recording, rows=rows, baselines={}, live=None)
     assert not Follower(fitted)(piece).valid.any()
     assert sum(seen) < 6 * len(recording)
 

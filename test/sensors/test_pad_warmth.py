@@ -152,7 +152,8 @@ def test_one_chip_may_tell_nothing_and_that_of_a_dead_taxel_may_stand_still() ->
         warmth = pipeline.estimation.tares_.warmth_
         assert warmth.thermometer_ == pytest.approx(1.0, rel=0.2)
         warmth.thermometer_ = 0.0
-        conditioned = pipeline._conditioned_rows(given[1], *pipeline._readings(given[1]))
+        read = pipeline._readings(given[1].values, given[1].status, pipeline.rest_.dead)
+        conditioned = pipeline._condition_rows(given[1], *read)
         rises.append(warmth.rise(conditioned.rest_temperature_c, conditioned.temperature_c)[REST:])
     np.testing.assert_allclose(rises, 5.0, atol=0.1)
 

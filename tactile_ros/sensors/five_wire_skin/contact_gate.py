@@ -42,14 +42,14 @@ def settle_rows(x: Array, moved: Array, doubt: Array, quiet: Bools) -> None:
             x[s, i] = min(max(x[s, i], LEAST), POSSIBLE)
 
 
-def impossible(values: Array) -> Bools:
+def implausible_taxels(values: Array) -> Bools:
     """Readings (..., c) of which no wire can read so much or so little, or a divider at its end.
 
     Examples
     --------
-    >>> impossible(np.array([[0.5, 0.5, 0.9], [0.5, 0.5, 1.0], [3.0, 0.5, 0.2]])).tolist()
+    >>> implausible_taxels(np.array([[0.5, 0.5, 0.9], [0.5, 0.5, 1.0], [3.0, 0.5, 0.2]])).tolist()
     [False, True, True]
-    >>> impossible(np.array([[0.5, -0.5, 0.2]])).tolist()
+    >>> implausible_taxels(np.array([[0.5, -0.5, 0.2]])).tolist()
     [True]
     """
     beyond = (values > POSSIBLE) | (values < BELOW)

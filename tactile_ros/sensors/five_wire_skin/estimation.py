@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tactile_ros.physics.resistive_sheet import SeriesResistance
-from tactile_ros.sensors.five_wire_skin.contact_gate import DIVIDER, Touch, impossible
+from tactile_ros.sensors.five_wire_skin.contact_gate import DIVIDER, Touch, implausible_taxels
 from tactile_ros.sensors.five_wire_skin.force import CLASSES as FORCE_CLASSES
 from tactile_ros.sensors.five_wire_skin.force import (
     Creep,
@@ -31,6 +31,7 @@ from tactile_ros.sensors.regression import (
     untold_loads,
     untold_past,
 )
+from tactile_ros.types import Estimation
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -101,7 +102,7 @@ ROUNDS = 5  # in which a static curve and its past settle
 USEFUL = 0.9  # of the spread of shear; a regressor that leaves more knows nothing of it
 
 
-class FiveWireEstimation:
+class FiveWireEstimation(Estimation):
     """Estimators of the five-wire skin.
 
     Parameters
@@ -194,11 +195,11 @@ class FiveWireEstimation:
         self._learn_force(signals, x, force, kept)
         self._learn_shear(signals, x, force, group, groups)
 
-    def impossible(self, values: Array) -> Bools:
+    def implausible_taxels(self, values: Array) -> Bools:
         """Taxels (s, t) of readings (s, t, c) that no wire can read: a short, a loose wire."""
-        return impossible(values)
+        return implausible_taxels(values)
 
-    def contact(self, signals: Signals) -> npt.NDArray[np.int8]:
+    def contact_from_sensor(self, signals: Signals) -> npt.NDArray[np.int8]:
         """Whether anything touches (s,): 1, 0, -1 unknown; the divider alone tells.
 
         Parameters

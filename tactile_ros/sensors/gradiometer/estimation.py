@@ -34,7 +34,7 @@ from tactile_ros.sensors.gradiometer.temperature import (
     lately_told,
 )
 from tactile_ros.sensors.regression import known_columns
-from tactile_ros.types import Array, FrameStatus
+from tactile_ros.types import Array, Estimation, FrameStatus
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -207,7 +207,7 @@ def tare_doubt(
     wider : ndarray, shape (s, k, k)
         Changed in place.
     """
-    doubt = signals.doubt
+    doubt = signals.baseline_variance
     if doubt is None or not np.count_nonzero(doubt):
         return
     rows = np.flatnonzero((doubt > 0) & (doubt + learned > 1 / MANY))
@@ -306,7 +306,7 @@ SIMULATED, DISTANCES, MOMENTS = 900, (10e-3, 20e-3), (-3.0, -1.0)  # m, decades 
 LEAST = 1e-6  # of a component's spread: what noise does at least
 
 
-class GradiometerEstimation:
+class GradiometerEstimation(Estimation):
     """Estimators of one gradiometer.
 
     Parameters
@@ -367,7 +367,7 @@ class GradiometerEstimation:
         stray = np.asarray(truth.get('stray_field', np.full((len(rest), 3), np.nan)), float)
         features = self.features_ = Features(self.config, self.estimator == 'history')
         features.silent_ = int(np.count_nonzero(aged.good & ~signals.good))
-        self.doubt_ = training_baseline_variance(signals.baseline, signals.doubt)
+        self.doubt_ = training_baseline_variance(signals.baseline, signals.baseline_variance)
         modelled = self.estimator in (None, 'history', *MODELS)
         force = np.asarray(truth.get('force', np.full((len(rest), 3), np.nan)), float)
         change = features.fit(signals, stray, rest, ~rest & modelled, force)

@@ -221,7 +221,7 @@ class Localisation(Regressed):
         assert self.doubts_.unfelt_ is not None
         return self.doubts_.unfelt_(x)
 
-    def contact(self, signals: Signals) -> npt.NDArray[np.int8]:
+    def contact_from_sensor(self, signals: Signals) -> npt.NDArray[np.int8]:
         """What touches (s,): a uniform field that came after the tare does not."""
         known, telling = signals.in_contact, self._telling
         if telling is None or telling.part is None:

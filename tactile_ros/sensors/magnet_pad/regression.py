@@ -164,13 +164,14 @@ class TareNoise:
         """Learn from conditioned frames."""
         good = signals.good
         self.noise_ = noise_of_rest(signals)
-        doubt = None if signals.doubt is None else signals.doubt[good]
+        doubt = None if signals.baseline_variance is None else signals.baseline_variance[good]
         self.doubt_ = training_baseline_variance(signals.baseline[good], doubt)
         return self
 
     def doubt(self, signals: Signals) -> Array:
         """Variance (s,) of the baseline over a frame's: in use and in the fit; 0 for its own."""
-        own = np.zeros(len(signals.good)) if signals.doubt is None else signals.doubt
+        own = signals.baseline_variance
+        own = np.zeros(len(signals.good)) if own is None else own
         return np.asarray(np.where(own > 0, own + self.doubt_, 0.0))
 
     def shake(self, known: Columns, signals: Signals, heads: Sequence[Head], width: int) -> None:
@@ -226,11 +227,15 @@ class Tared:
 
     tares_: TareNoise
 
-    def warmed(self, base: Array, then_c: Array, now_c: Array | None) -> Array:
-        """Change of baselines since the chips told other temperatures."""
-        return self.tares_.warmth_.change(base, then_c, now_c)
+    uses_temperature = True
 
-    def forget_warmth(self) -> None:
+    def thermal_drift(
+        self, baseline: Array, reference_c: Array, temperature_c: Array | None
+    ) -> Array:
+        """Change of baselines with the temperature of the chips."""
+        return self.tares_.warmth_.change(baseline, reference_c, temperature_c)
+
+    def begin_fit(self) -> None:
         """Before a fit: it begins with magnets of neodymium, whatever was learned before."""
         self.tares_.warmth_ = Warmth()
 

@@ -22,6 +22,7 @@ from tactile_ros.sensors.multipole_skin.recogniser import (
     best_network,
 )
 from tactile_ros.sensors.regression import Recognition
+from tactile_ros.types import Estimation
 
 if TYPE_CHECKING:
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
@@ -381,7 +382,7 @@ DEEP = 1e-3  # m, by which the face of a pressed skin is uncertain
 MOST_LEARNED = 1500  # windows
 
 
-class MultipoleEstimation:
+class MultipoleEstimation(Estimation):
     """Estimators of one multipole skin.
 
     Parameters
@@ -405,6 +406,8 @@ class MultipoleEstimation:
     names_ : tuple of str
         Of enrolled classes.
     """
+
+    learns_classes = True
 
     def __init__(self, config: MultipoleSkinConfig, estimator: str | None = None) -> None:
         self.frames_ = Recognition(config, None if estimator in NETWORKS else estimator)

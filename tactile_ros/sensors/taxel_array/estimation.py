@@ -340,7 +340,7 @@ class TaxelRegression(Regression):
         Whether the total force is the sum of the taxels'.
     """
 
-    impossible = staticmethod(below_ground)
+    has_surface = True
 
     def __init__(self, config: SensorConfig, estimator: str | None = None) -> None:
         super().__init__(config, None if estimator in LAWS else estimator, channels=1)
@@ -507,7 +507,11 @@ class TaxelRegression(Regression):
             return True
         return own < min(head.report_['held_out_rmse'] for head in learned)
 
-    def sees_enough(self, bits: Bytes) -> Bools:
+    def implausible_taxels(self, values: Array) -> Bools:
+        """Taxels (s, t) that read below ground."""
+        return below_ground(values)
+
+    def estimable_rows(self, bits: Bytes) -> Bools:
         """Frames (s,) of which so many taxels (s, t) may be used that the rest tells enough."""
         faulty: Array = np.mean((bits & UNUSABLE) > 0, axis=1)
         regressed = self.only not in ('', *LAWS)  # regressors alone need every taxel
