@@ -18,7 +18,7 @@ from benchmarks.harness.rows import BenchResult, Row
 from tactile_ros.evaluation.drawing import standalone
 from tactile_ros.evaluation.svg import Plot
 from tactile_ros.physics.fidelity import SHARE, Choice, Model, Worth, choose, region
-from tactile_ros.physics.field_table import GridTable
+from tactile_ros.physics.field_table import cubic_weights
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer import twin as gradiometer
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
@@ -30,6 +30,7 @@ from tactile_ros.sensors.multipole_skin import specimen as skin
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import ModuleType
 
     from tactile_ros.types import Array
@@ -93,6 +94,31 @@ def pad_region(config: MagnetPadConfig, count: int) -> Array:
     return region(low, high, count)
 
 
+def cubic_table(
+    function: Callable[[Array], Array], low: Array, high: Array, shape: tuple[int, ...]
+) -> Callable[[Array], Array]:
+    """Cubic interpolation (s, c) at points (s, d) in a function's values on a regular grid."""
+    axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, shape, strict=True)]
+    nodes = np.stack(np.meshgrid(*axes, indexing='ij'), axis=-1).reshape(-1, len(shape))
+    values = function(nodes).reshape(*shape, -1)
+    step = (high - low) / (np.array(shape) - 1)
+
+    def table(points: Array) -> Array:
+        index, weights = [], []
+        for axis, count in enumerate(shape):
+            first, weight, _ = cubic_weights((points[:, axis] - low[axis]) / step[axis], count)
+            place = [len(points)] + [1] * len(shape)
+            place[axis + 1] = 4
+            index.append((first[:, None] + np.arange(4)).reshape(place))
+            weights.append(weight)
+        near = values[tuple(index)]
+        for weight in weights:
+            near = np.einsum('sa...,as->s...', near, weight)
+        return near
+
+    return table
+
+
 def touch_tables(config: MagnetPadConfig, noise: float) -> tuple[Choice, list[Model]]:
     """Choice among tables over the touches, whose values are exact mechanics and fields."""
     field = pad.block_field(config, 0)
@@ -104,11 +130,11 @@ def touch_tables(config: MagnetPadConfig, noise: float) -> tuple[Choice, list[Mo
     states = pad_region(config, 200)
     low, high = states.min(axis=0), states.max(axis=0)
     exact = Model('exact mechanics and blocks', readings, 1e5)
-    models = []
+    models, width = [], exact.readings(states[:1]).size
     for shape in GRIDS:
-        table = GridTable.of(readings, low, high, shape)
+        table = cubic_table(readings, low, high, shape)
         name = f'cubic table {shape[0]} x {shape[1]} x {shape[2]}'
-        models.append(Model(name, table.at, 64.0 * 6 * 2 + 200, table.values.size, shape))
+        models.append(Model(name, table, 64.0 * 6 * 2 + 200, int(np.prod(shape)) * width, shape))
     return choose(models, exact, states, noise, every=True), [*models, exact]
 
 

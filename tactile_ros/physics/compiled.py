@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypeVar, cast
 
 try:
     import numba
 except ImportError:
-    numba = None
+    numba = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -63,4 +63,4 @@ def compiled(function: Function) -> Function:
     source = Path(code.co_filename)
     content = source.read_bytes() if source.is_file() else b''
     DIGESTS[id(built)] = digest + hashlib.sha256(content).hexdigest()
-    return built  # type: ignore[no-any-return]
+    return cast('Function', built)

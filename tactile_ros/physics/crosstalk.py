@@ -35,17 +35,9 @@ def divided(conductance: Array) -> Array:
 
 
 def grounded_output(conductance: Array) -> Array:
-    """Outputs of a matrix whose rows are all driven, those not selected to ground.
+    """Outputs (..., r, c) of a matrix whose rows are all driven, those not selected to ground.
 
-    Parameters
-    ----------
-    conductance : ndarray, shape (..., r, c)
-        Of the crossings (1 / R0).
-
-    Returns
-    -------
-    ndarray, shape (..., r, c)
-        u_ij = g_ij / (1 + sum_k g_kj): the other crossings of a column pull it down.
+    u_ij = g_ij / (1 + sum_k g_kj): the other crossings of a column pull it down.
 
     Examples
     --------
@@ -68,39 +60,21 @@ def without_grounded(output: Array) -> Array:
 
 
 def floating_conductance(conductance: Array) -> Array:
-    """What is measured between a row and a column while all other lines float.
+    """Conductance (r, c) (1 / R0) between a row and a column while all other lines float.
 
-    Parameters
-    ----------
-    conductance : ndarray, shape (r, c)
-        Of the crossings (1 / R0).
-
-    Returns
-    -------
-    ndarray, shape (r, c)
-        G_ij = 1 / (M_ii + M_jj - 2 M_ij), with M the inverse of the Laplacian of the network of
-        r + c lines: no less than g_ij, since every sneak path adds to it.
+    G_ij = 1 / (M_ii + M_jj - 2 M_ij), with M the inverse of the Laplacian of the network of r + c
+    lines: no less than g_ij, since every sneak path adds to it.
 
     Examples
     --------
     >>> floating_conductance(np.ones((2, 2))).round(3).tolist()
     [[1.333, 1.333], [1.333, 1.333]]
     """
-    return _between(_inverse(conductance), len(conductance))
+    return np.asarray(1.0 / _apart(_inverse(conductance), len(conductance)))
 
 
 def without_floating(measured: Array) -> Array:
-    """Conductances of the crossings behind what is measured while all other lines float.
-
-    Parameters
-    ----------
-    measured : ndarray, shape (r, c)
-        Of every crossing (1 / R0).
-
-    Returns
-    -------
-    ndarray, shape (r, c)
-        Of the crossings (1 / R0).
+    """Conductances (r, c) of the crossings behind what `floating_conductance` gives (1 / R0).
 
     Notes
     -----
@@ -115,20 +89,20 @@ def without_floating(measured: Array) -> Array:
         return np.zeros(measured.shape)
     wanted = np.maximum(measured, 0.0) / top
     highest = np.maximum(wanted, FLOOR)
-    found = highest.copy()
+    crossing = highest.copy()
     for _ in range(ROUNDS):
-        inverse = _inverse(found)
-        seen = _between(inverse, len(found))
-        wrong = seen - wanted
-        if np.abs(wrong).max() < CLOSE:
+        inverse = _inverse(crossing)
+        seen = 1.0 / _apart(inverse, len(crossing))
+        residual = seen - wanted
+        if np.abs(residual).max() < CLOSE:
             break
-        step = np.clip(_descended(inverse, seen, found, wrong), -LONGEST, 1.0)
-        found = np.clip(found * np.exp(step), NOTHING, highest)
-    return np.where(found > FLOOR, found, 0.0) * top
+        step = np.clip(_descended(inverse, seen, crossing, residual), -LONGEST, 1.0)
+        crossing = np.clip(crossing * np.exp(step), NOTHING, highest)
+    return np.where(crossing > FLOOR, crossing, 0.0) * top
 
 
 def _laplacian(conductance: Array) -> Array:
-    """Of a network (r + c, r + c): rows first."""
+    """Laplacian of a network (r + c, r + c): rows first."""
     rows, columns = conductance.shape
     network = np.zeros((rows + columns, rows + columns))
     network[:rows, rows:] = -conductance
@@ -146,36 +120,26 @@ def _inverse(conductance: Array) -> Array:
     return np.asarray(np.linalg.inv(network))
 
 
-def _between(inverse: Array, rows: int) -> Array:
-    """Conductance (r, c) between rows and columns."""
-    return np.asarray(1.0 / _apart(inverse, rows))
-
-
 def _apart(matrix: Array, rows: int) -> Array:
     """m_ii + m_jj - 2 m_ij for rows i and columns j."""
     diagonal = np.diag(matrix)
     return np.asarray(diagonal[:rows, None] + diagonal[None, rows:] - 2 * matrix[:rows, rows:])
 
 
-def _descended(inverse: Array, seen: Array, found: Array, wrong: Array) -> Array:
-    """Change of logarithms that brings what is seen down by what is wrong, least squares."""
-    rows = len(seen)
+def _descended(inverse: Array, seen: Array, crossing: Array, residual: Array) -> Array:
+    """Change of logarithms of conductances that takes the residual away, least squares."""
 
-    def ahead(change: Array) -> Array:
-        turned = inverse @ _laplacian(found * change) @ inverse
-        return np.asarray(seen**2 * _apart(turned, rows))
+    def applied(change: Array) -> Array:
+        return _apart(inverse @ _laplacian(change) @ inverse, len(seen))
 
-    def back(change: Array) -> Array:
-        turned = inverse @ _laplacian(seen**2 * change) @ inverse
-        return np.asarray(found * _apart(turned, rows))
-
-    left = -back(wrong)
+    left = -crossing * applied(seen**2 * residual)
     step, way = np.zeros(seen.shape), left.copy()
     size = first = float(np.square(left).sum())
     for _ in range(STEPS):
         if size <= ENOUGH * first:
             break
-        turned = back(ahead(way)) + DAMPING * way
+        ahead = seen**2 * applied(crossing * way)
+        turned = crossing * applied(seen**2 * ahead) + DAMPING * way
         length = size / float((way * turned).sum())
         step += length * way
         left -= length * turned

@@ -1,8 +1,12 @@
-"""Which model a scene needs: the cheapest whose error is below a third of the noise.
+"""Fidelity that a scene needs: the cheapest model, and the terms that pay.
 
 Models are measured, not believed: each is compared with the exact one over the region of states
-that a scene may visit. What counts is the worst error there, in units of the noise. Costs are
-counts of operations, so that a choice is the same on every machine; times belong to benches.
+that a scene may visit, and serves if its worst error there is below a third of the noise. Costs
+are counts of operations, so that a choice is the same on every machine; times belong to benches.
+
+A term (a stray field, a temperature) that is estimated from the same readings takes precision from
+what is wanted; left out, it becomes a bias. The Cramer-Rao bound and the bias of least squares say
+which is larger (Kay, Fundamentals of Statistical Signal Processing, 1993, ch. 3).
 """
 
 from __future__ import annotations
@@ -17,146 +21,13 @@ from tactile_ros.types import Array
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-BOUNDED = 1e3  # spreads: what an unknown that is not told by readings is held to
-
-SOLVABLE = 1e-12
-
-
-@dataclass(frozen=True)
-class Term:
-    """Something outside of what is wanted that changes readings.
-
-    Attributes
-    ----------
-    name : str
-        As reports name it.
-    columns : ndarray, shape (s, n, q)
-        Change of the readings with each of its q unknowns.
-    spread : float
-        Standard deviation of the unknowns in the scene.
-    """
-
-    name: str
-    columns: Array
-    spread: float
-
-
-@dataclass(frozen=True)
-class Worth:
-    """A term beside a model that has none.
-
-    Attributes
-    ----------
-    name : str
-        Of the term.
-    unknowns : int
-        That it adds.
-    reads : float
-        Change of a reading by it (rms; unit of the noise).
-    without, within : float
-        Rms error of what is wanted when it is left out, and when it is estimated.
-    alone : float
-        Rms error of what is wanted in a scene that has no such thing.
-    """
-
-    name: str
-    unknowns: int
-    reads: float
-    without: float
-    within: float
-    alone: float
-
-    @property
-    def report(self) -> dict[str, dict[str, float]]:
-        """As calibrations and reports name it."""
-        figures = {'costs': self.cost, 'buys': self.buys, 'unknowns': float(self.unknowns)}
-        return {f'term: {self.name}': figures}
-
-    @property
-    def pays(self) -> bool:
-        """Whether the scene is estimated better with the term."""
-        return self.within < self.without
-
-    @property
-    def cost(self) -> float:
-        """Error in a scene without such a thing, over that of a model without the term."""
-        return self.within / self.alone
-
-    @property
-    def buys(self) -> float:
-        """Error of a model without the term, over that with it, in a scene that has it."""
-        return self.without / self.within
-
-
-def worth(
-    slopes: Array, noise: float, terms: Sequence[Term], wanted: int | None = None
-) -> tuple[Worth, ...]:
-    """Weigh each term by itself.
-
-    Parameters
-    ----------
-    slopes : ndarray, shape (s, n, p)
-        Change of n readings with what is unknown anyway, in s states of a scene.
-    noise : float
-        Of a reading.
-    terms : sequence of Term
-        To be weighed.
-    wanted : int or None
-        The first so many of the p unknowns count, in one unit; None: all.
-
-    Returns
-    -------
-    tuple of Worth
-        In the order of the terms.
-
-    Examples
-    --------
-    >>> two = np.array([[[1.0], [0.0]]])
-    >>> both = Term('offset of both', np.array([[[1.0], [1.0]]]), 3.0)
-    >>> (found,) = worth(two, 1.0, [both])
-    >>> round(found.without, 3), round(found.within, 3), round(found.alone, 3)
-    (3.162, 1.414, 1.0)
-    """
-    count = slopes.shape[2] if wanted is None else wanted
-    own = np.linalg.pinv(slopes)[:, :count]
-    alone = noise**2 * (own**2).sum(axis=(1, 2))
-    found = []
-    for term in terms:
-        bias = term.spread**2 * ((own @ term.columns) ** 2).sum(axis=(1, 2))
-        within = noise**2 * _bound(slopes, term, noise, count)
-        reads = term.spread * np.sqrt((term.columns**2).sum(axis=2).mean())
-        found.append(
-            Worth(
-                term.name,
-                term.columns.shape[2],
-                float(reads),
-                float(np.sqrt((alone + bias).mean())),
-                float(np.sqrt(within.mean())),
-                float(np.sqrt(alone.mean())),
-            )
-        )
-    return tuple(found)
-
-
-def _bound(slopes: Array, term: Term, noise: float, wanted: int) -> Array:
-    """Variance (s,) of what is wanted over that of the noise, when a term is unknown."""
-    both = np.concatenate([slopes, term.columns], axis=2)
-    normal = np.swapaxes(both, 1, 2) @ both
-    held = np.arange(slopes.shape[2], both.shape[2])
-    normal[:, held, held] += (noise / (BOUNDED * term.spread)) ** 2
-    # in units of their own size columns stay solvable; one that no reading sees counts for nothing
-    own = np.diagonal(normal, axis1=1, axis2=2)
-    size = np.where(own > 0, 1 / np.sqrt(np.where(own > 0, own, 1.0)), 0.0)
-    normal = normal * size[:, :, None] * size[:, None] + SOLVABLE * np.eye(both.shape[2])
-    variance = size**2 * np.diagonal(np.linalg.inv(normal), axis1=1, axis2=2)
-    return np.asarray(variance[:, :wanted].sum(axis=1))
-
-
 SHARE = 1 / 3  # of the noise
 # Operations at one point, counted in the code, a root or quotient as four.
 DIPOLE_COST = 40.0
 LINEAR_COST, CUBIC_COST = 60.0, 150.0  # two components over two axes
 DISC_COST, BLOCK_COST = 700.0, 1000.0  # closed forms
+BOUNDED = 1e3  # sigmas of a term within which an unobservable unknown is held
+SOLVABLE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -186,16 +57,10 @@ class Model:
 
 @dataclass(frozen=True)
 class Rated:
-    """A model beside the exact one.
+    """Errors of a model beside the exact one.
 
-    Attributes
-    ----------
-    name, operations, numbers, size : str, float, int and tuple of int
-        Of the model.
-    rms, worst : float
-        Error over the scene (unit of the noise).
-    share : float
-        Worst error over the noise of its channel.
+    `rms` and `worst` are over the scene (unit of the noise), `share` is the worst error over the
+    noise of its channel; the others are those of the model.
     """
 
     name: str
@@ -209,17 +74,7 @@ class Rated:
 
 @dataclass(frozen=True)
 class Choice:
-    """The model that a scene needs.
-
-    Attributes
-    ----------
-    name, size : str and tuple of int
-        Of the model.
-    noise : float
-        Of a reading, the least of the channels.
-    rated : tuple of Rated
-        Every model that was measured, by cost.
-    """
+    """Model that a scene needs, least noise of a channel, and every model measured, by cost."""
 
     name: str
     size: tuple[int, ...]
@@ -233,34 +88,14 @@ class Choice:
 
     @property
     def report(self) -> dict[str, dict[str, float]]:
-        """The choice as calibrations and reports name it."""
-        found = self.chosen
-        return {
-            f'model: {self.name}': {
-                'worst_error': found.worst,
-                'rms_error': found.rms,
-                'noise': self.noise,
-                'operations': found.operations,
-            }
-        }
+        """Choice as calibrations and reports name it."""
+        chosen = self.chosen
+        figures = {'worst_error': chosen.worst, 'rms_error': chosen.rms, 'noise': self.noise}
+        return {f'model: {self.name}': {**figures, 'operations': chosen.operations}}
 
 
 def region(low: Array, high: Array, count: int, seed: int = 0) -> Array:
-    """States of a box: its corners and random ones.
-
-    Parameters
-    ----------
-    low, high : ndarray, shape (d,)
-        Of the box.
-    count : int
-        Random states (n).
-    seed : int
-        Of the random states.
-
-    Returns
-    -------
-    ndarray, shape (2^d + n, d)
-        Corners first.
+    """States (2^d + n, d) of a box `low`, `high` (d,): its corners, then n random ones.
 
     Examples
     --------
@@ -294,13 +129,9 @@ def choose(
     noise : float or ndarray, shape (n,)
         Of a reading.
     share : float
-        Of the noise that an error may reach.
+        Of the noise that an error may be.
     every : bool
         Measure all models, not only those up to the one that is chosen.
-
-    Returns
-    -------
-    Choice
 
     Raises
     ------
@@ -321,17 +152,17 @@ def choose(
         msg = f'noise of a scene must be above 0; received {noise}'
         raise ValueError(msg)
     rated: list[Rated] = []
-    found, truth = (exact.name, exact.size), exact.readings(states)
+    chosen, truth = exact, exact.readings(states)
     for model in sorted(models, key=lambda m: (m.operations, m.numbers)):
         cheaper = model.operations < exact.operations
-        if not (every or (cheaper and found[0] == exact.name)):
+        if not (every or (cheaper and chosen is exact)):
             break
         rated.append(rate(model, truth, states, sigma))
-        if cheaper and rated[-1].share <= share and found[0] == exact.name:
-            found = model.name, model.size
-    if every or found[0] == exact.name:
+        if cheaper and rated[-1].share <= share and chosen is exact:
+            chosen = model
+    if every or chosen is exact:
         rated.append(Rated(exact.name, exact.operations, exact.numbers, exact.size, 0.0, 0.0, 0.0))
-    return Choice(*found, float(sigma.min()), tuple(rated))
+    return Choice(chosen.name, chosen.size, float(sigma.min()), tuple(rated))
 
 
 def rate(model: Model, truth: Array, states: Array, noise: Array) -> Rated:
@@ -340,3 +171,118 @@ def rate(model: Model, truth: Array, states: Array, noise: Array) -> Rated:
     rms, worst = float(np.sqrt((error**2).mean())), float(error.max())
     share = float((error / noise).max())
     return Rated(model.name, model.operations, model.numbers, model.size, rms, worst, share)
+
+
+@dataclass(frozen=True)
+class Term:
+    """Disturbance of readings.
+
+    Attributes
+    ----------
+    name : str
+        As reports name it.
+    columns : ndarray, shape (s, n, q)
+        Change of the readings with each of its q unknowns.
+    spread : float
+        Standard deviation of the unknowns in the scene.
+    """
+
+    name: str
+    columns: Array
+    spread: float
+
+
+@dataclass(frozen=True)
+class Worth:
+    """Gain of estimating a term.
+
+    Attributes
+    ----------
+    name, unknowns : str and int
+        Of the term, and how many it adds.
+    reads : float
+        Change of a reading by it (rms; unit of the noise).
+    without, within : float
+        Rms error of what is wanted when it is left out, and when it is estimated.
+    alone : float
+        Rms error of what is wanted in a scene that has no such disturbance.
+    """
+
+    name: str
+    unknowns: int
+    reads: float
+    without: float
+    within: float
+    alone: float
+
+    @property
+    def report(self) -> dict[str, dict[str, float]]:
+        """Gain as calibrations and reports name it."""
+        figures = {'costs': self.cost, 'buys': self.buys, 'unknowns': float(self.unknowns)}
+        return {f'term: {self.name}': figures}
+
+    @property
+    def pays(self) -> bool:
+        """True if the scene is estimated better with the term."""
+        return self.within < self.without
+
+    @property
+    def cost(self) -> float:
+        """Error in a scene without the disturbance, over that of a model without the term."""
+        return self.within / self.alone
+
+    @property
+    def buys(self) -> float:
+        """Error of a model without the term over that with it, in a scene that has it."""
+        return self.without / self.within
+
+
+def worth(
+    slopes: Array, noise: float, terms: Sequence[Term], wanted: int | None = None
+) -> tuple[Worth, ...]:
+    """Weigh each term by itself.
+
+    Parameters
+    ----------
+    slopes : ndarray, shape (s, n, p)
+        Change of n readings with what is unknown anyway, in s states of a scene.
+    noise : float
+        Of a reading.
+    terms : sequence of Term
+        To be weighed.
+    wanted : int or None
+        The first so many of the p unknowns count, in one unit; None: all.
+
+    Examples
+    --------
+    >>> two = np.array([[[1.0], [0.0]]])
+    >>> both = Term('offset of both', np.array([[[1.0], [1.0]]]), 3.0)
+    >>> (found,) = worth(two, 1.0, [both])
+    >>> round(found.without, 3), round(found.within, 3), round(found.alone, 3)
+    (3.162, 1.414, 1.0)
+    """
+    count = slopes.shape[2] if wanted is None else wanted
+    own = np.linalg.pinv(slopes)[:, :count]
+    alone = noise**2 * (own**2).sum(axis=(1, 2))
+    weighed = []
+    for term in terms:
+        bias = term.spread**2 * ((own @ term.columns) ** 2).sum(axis=(1, 2))
+        reads = term.spread * np.sqrt((term.columns**2).sum(axis=2).mean())
+        squares = alone + bias, noise**2 * _bound(slopes, term, noise, count), alone
+        errors = [float(np.sqrt(square.mean())) for square in squares]
+        weighed.append(Worth(term.name, term.columns.shape[2], float(reads), *errors))
+    return tuple(weighed)
+
+
+def _bound(slopes: Array, term: Term, noise: float, wanted: int) -> Array:
+    """Variance (s,) of what is wanted over that of the noise, when a term is unknown."""
+    both = np.concatenate([slopes, term.columns], axis=2)
+    normal = np.swapaxes(both, 1, 2) @ both
+    held = np.arange(slopes.shape[2], both.shape[2])
+    normal[:, held, held] += (noise / (BOUNDED * term.spread)) ** 2
+    # in units of their own size columns stay solvable; one that no reading sees counts for nothing
+    own = np.diagonal(normal, axis1=1, axis2=2)
+    size = np.where(own > 0, 1 / np.sqrt(np.where(own > 0, own, 1.0)), 0.0)
+    normal = normal * size[:, :, None] * size[:, None] + SOLVABLE * np.eye(both.shape[2])
+    variance = size**2 * np.diagonal(np.linalg.inv(normal), axis1=1, axis2=2)
+    return np.asarray(variance[:, :wanted].sum(axis=1))

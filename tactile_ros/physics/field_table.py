@@ -7,52 +7,35 @@ in which the field is smooth at the axis, and its columns heights.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from tactile_ros.physics.fidelity import CUBIC_COST, LINEAR_COST, Model
 from tactile_ros.physics.magnetics import Disc, axial_cylinder, on_pixels, tilt_rotation
-from tactile_ros.types import Array
+from tactile_ros.types import Array, Integers
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tactile_ros.types import Integers
+ROWS, COLUMNS = 128, 96
+SHAPES = (
+    (13, 9), (25, 17), (37, 25), (49, 33), (73, 49), (97, 65), (128, 96), (161, 113), (193, 129),
+    (257, 193),
+)  # fmt: skip
 
 
 def cubic_weights(position: Array, count: int) -> tuple[Integers, Array, Array]:
-    """First of four nodes, Lagrange's weights and their slopes.
+    """First of four nodes (...), Lagrange's weights (4, ...) and their slopes over a step.
 
-    Parameters
-    ----------
-    position : ndarray, shape (...)
-        In steps from the first of `count` nodes.
-    count : int
-        Nodes, four at least.
-
-    Returns
-    -------
-    first : ndarray of int, shape (...)
-        Index.
-    weights, slopes : ndarray, shape (4, ...)
-        Of the four nodes from there on; slopes over a step.
+    `position` (...) is in steps from the first of `count` nodes, four at least; polynomials of
+    the third degree come back exactly, and near an edge the last four nodes are taken.
     """
     first = np.clip(np.floor(position).astype(np.int64) - 1, 0, count - 4)
     u = position - first - 1
     a, b, c = u + 1, u - 1, u - 2
     weights = np.stack([-u * b * c / 6, a * b * c / 2, -a * u * c / 2, a * u * b / 6])
-    slopes = np.stack(
-        [
-            -(b * c + u * c + u * b) / 6,
-            (b * c + a * c + a * b) / 2,
-            -(u * c + a * c + a * u) / 2,
-            (u * b + a * b + a * u) / 6,
-        ]
-    )
+    slopes = np.stack([
+        -(b * c + u * c + u * b) / 6, (b * c + a * c + a * b) / 2,
+        -(u * c + a * c + a * u) / 2, (u * b + a * b + a * u) / 6,
+    ])  # fmt: skip
     return first, weights, slopes
 
 
@@ -64,108 +47,24 @@ def linear_weights(position: Array, count: int) -> tuple[Integers, Array, Array]
     return first, np.stack([1 - u, u]), np.stack([-one, one])
 
 
-@dataclass(frozen=True)
-class GridTable:
-    """Values on a regular grid of d axes.
-
-    Attributes
-    ----------
-    low, high : ndarray, shape (d,)
-        First and last node of every axis.
-    values : ndarray, shape (n1, ..., nd, c)
-        Four nodes at least along every axis.
-
-    Examples
-    --------
-    >>> table = GridTable.of(lambda p: p**3, np.zeros(1), np.ones(1), (5,))
-    >>> table.at(np.array([[0.3]])).round(12).tolist()
-    [[0.027]]
-    """
-
-    low: Array
-    high: Array
-    values: Array
-
-    @classmethod
-    def of(
-        cls,
-        function: Callable[[Array], Array],
-        low: Array,
-        high: Array,
-        shape: tuple[int, ...],
-    ) -> GridTable:
-        """Tabulate a function of points (s, d) with values (s, c) on a grid of `shape`."""
-        axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, shape, strict=True)]
-        nodes = np.stack(np.meshgrid(*axes, indexing='ij'), axis=-1)
-        found = function(nodes.reshape(-1, len(shape)))
-        return cls(np.asarray(low), np.asarray(high), found.reshape(*shape, -1))
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Nodes along every axis."""
-        return self.values.shape[:-1]
-
-    def _near(self, points: Array) -> tuple[Array, list[Array], list[Array]]:
-        """Values (s, 4, ..., 4, c) of the nodes around points, their weights and slopes (4, s)."""
-        index: list[Integers] = []
-        weights, slopes = [], []
-        dims = len(self.shape)
-        for axis, count in enumerate(self.shape):
-            step = (self.high[axis] - self.low[axis]) / (count - 1)
-            first, weight, slope = cubic_weights((points[:, axis] - self.low[axis]) / step, count)
-            weights.append(weight)
-            slopes.append(slope / step)
-            shape = [1] * (dims + 1)
-            shape[0], shape[axis + 1] = len(points), 4
-            index.append((first[:, None] + np.arange(4)).reshape(shape))
-        return self.values[tuple(index)], weights, slopes
-
-    def at(self, points: Array) -> Array:
-        """Values (s, c) at points (s, d); beyond the grid the last cell's cubic goes on."""
-        near, weights, _ = self._near(points)
-        return _fold(near, weights)
-
-    def with_slopes(self, points: Array) -> tuple[Array, Array]:
-        """Values (s, c) at points (s, d), and their slopes (s, c, d) over the coordinates."""
-        near, weights, slopes = self._near(points)
-        steep = [
-            _fold(near, [*weights[:i], slopes[i], *weights[i + 1 :]]) for i in range(len(weights))
-        ]
-        return _fold(near, weights), np.stack(steep, axis=-1)
-
-
-def _fold(near: Array, weights: list[Array]) -> Array:
-    """Weighed sum (s, c) of nodes (s, 4, ..., 4, c), axis after axis."""
-    for weight in weights:
-        near = np.einsum('sa...,as->s...', near, weight)
-    return near
-
-
-ROWS, COLUMNS = 128, 96
-SHAPES = (
-    (13, 9), (25, 17), (37, 25), (49, 33), (73, 49), (97, 65), (128, 96), (161, 113), (193, 129),
-    (257, 193),
-)  # fmt: skip
-
-
 def reach_under(pixels: Array, gap: float, height: float) -> tuple[float, float, float]:
     """Reach of a table for an inversion: 0.1 to 1.8 gaps over pixels (t, 3), 1.2 to any side.
 
-    Parameters
-    ----------
-    pixels : ndarray, shape (t, 3)
-        (m).
-    gap, height : float
-        Pixels to the near face of the disc at rest, and height of the disc (m).
-
-    Returns
-    -------
-    tuple of float
-        As `disc_table` takes it.
+    `gap` is from the pixels to the near face of the disc at rest, `height` that of the disc (m).
     """
     wide = float(np.hypot(*np.abs(pixels[:, :2]).max(axis=0)) + 1.2 * gap)
     low = float(pixels[:, 2].max())
     return wide, 0.1 * gap - low + height / 2, 1.8 * gap - low + height / 2
+
+
+def table_reach(pixels: Array, states: Array) -> tuple[float, float, float]:
+    """Reach of a table that holds discs at states (s, 5) over pixels (t, 3), with some room."""
+    turn = tilt_rotation(states[:, 3:])
+    own = np.einsum('sji,stj->sti', turn, pixels[None] - states[:, None, :3])
+    depth = -own[..., 2]
+    room = 0.05 * float(np.ptp(depth))
+    far = 1.05 * float(np.hypot(own[..., 0], own[..., 1]).max())
+    return far, float(depth.min()) - room, float(depth.max()) + room
 
 
 def disc_table(
@@ -199,14 +98,14 @@ def disc_table(
     squares = step * np.arange(-1.0, rows - 1)
     depth = least + rise * np.arange(columns)
     rho = np.sqrt(np.maximum(squares, 1e-6 * step))[:, None] * np.ones(columns)
-    radial, axial = axial_cylinder(rho, -depth * np.ones_like(rho), diameter, height, 1.0)
+    radial, axial = axial_cylinder(rho, -depth * np.ones_like(rho), diameter, height)
     table = np.stack([radial / rho, axial], axis=-1)
     # even in the distance is smooth in its square: the row below 0 continues the next three
     table[0] = 4 * table[1] - 6 * table[2] + 4 * table[3] - table[4]
     return table, np.array([step, least, rise, float(columns)])
 
 
-def table_field(own: Array, table: Array, grid: Array) -> tuple[Array, Array]:
+def table_field(own: Array, table: Array, grid: Array, degree: int = 3) -> tuple[Array, Array]:
     """Field of a disc of 1 T in its own axes, and how it changes with the place.
 
     Parameters
@@ -215,6 +114,8 @@ def table_field(own: Array, table: Array, grid: Array) -> tuple[Array, Array]:
         Points under the disc, from its centre (m).
     table, grid : ndarray
         Of `disc_table`.
+    degree : int
+        Of the interpolation: 3, or 1 for the rule of four nodes, which is coarser.
 
     Returns
     -------
@@ -225,9 +126,11 @@ def table_field(own: Array, table: Array, grid: Array) -> tuple[Array, Array]:
     """
     step, least, rise, _ = grid
     x, y = own[:, 0], own[:, 1]
-    i, wi, si = cubic_weights((x * x + y * y) / step + 1, table.shape[0])
-    j, wj, sj = cubic_weights((-own[:, 2] - least) / rise, table.shape[1])
-    near = table[i[:, None, None] + np.arange(4)[:, None], j[:, None, None] + np.arange(4)]
+    weigh = cubic_weights if degree == 3 else linear_weights
+    i, wi, si = weigh((x * x + y * y) / step + 1, table.shape[0])
+    j, wj, sj = weigh((-own[:, 2] - least) / rise, table.shape[1])
+    nodes = np.arange(len(wi))
+    near = table[i[:, None, None] + nodes[:, None], j[:, None, None] + nodes]
     rows = np.einsum('nabk,bn->ank', near, wj)
     f, g = np.einsum('ank,an->kn', rows, wi)
     fs, gs = np.einsum('ank,an->kn', rows, si) * (2 / step)
@@ -239,30 +142,6 @@ def table_field(own: Array, table: Array, grid: Array) -> tuple[Array, Array]:
     slope[:, 0, 2], slope[:, 1, 2] = x * fz, y * fz
     slope[:, 2, 0], slope[:, 2, 1], slope[:, 2, 2] = x * gs, y * gs, gz
     return field, slope
-
-
-def table_at(own: Array, table: Array, grid: Array, degree: int = 3) -> Array:
-    """Field (n, 3) (T) of a disc of 1 T at points (n, 3) (m) of its own axes, without slopes.
-
-    Parameters
-    ----------
-    own, table, grid : ndarray
-        As of `table_field`.
-    degree : int
-        Of the interpolation: 3, or 1 for the plane rule of four nodes, which is coarser.
-    """
-    step, least, rise, _ = grid
-    x, y = own[:, 0], own[:, 1]
-    weigh = cubic_weights if degree == 3 else linear_weights
-    i, wi, _ = weigh((x * x + y * y) / step + 1, table.shape[0])
-    j, wj, _ = weigh((-own[:, 2] - least) / rise, table.shape[1])
-    nodes, columns = len(wi), table.shape[1]
-    # the nodes of a row lie side by side: each is one piece of memory
-    pieces = sliding_window_view(table.reshape(-1), 2 * nodes)[::2]
-    near = pieces[(i * columns + j)[:, None] + columns * np.arange(nodes)]
-    row = np.einsum('nak,an->nk', near, wi).reshape(-1, nodes, 2)
-    f, g = np.einsum('nbk,bn->kn', row, wj)
-    return np.stack([f * x, f * y, g], axis=1)
 
 
 def table_disc(
@@ -293,14 +172,12 @@ def table_disc(
     field = np.einsum('sij,stj->sti', turn, flat.reshape(own.shape))
     steep = steep.reshape(*own.shape, 3)
     steep = np.einsum('sij,stjk,slk->stil', turn, steep, turn)
-    slope = np.empty((*own.shape, 5))
+    slope = np.zeros((*own.shape, 5))
     slope[..., :3] = -steep
-    # the turn of the field itself, and the change of place in the disc's axes
-    slope[..., 0, 3], slope[..., 1, 3], slope[..., 2, 3] = 0.0, -field[..., 2], field[..., 1]
-    slope[..., 0, 4], slope[..., 1, 4], slope[..., 2, 4] = field[..., 2], 0.0, -field[..., 0]
-    x, y, z = (apart[..., None, k] for k in range(3))
-    slope[..., 3] += steep[..., 1] * z - steep[..., 2] * y
-    slope[..., 4] += steep[..., 2] * x - steep[..., 0] * z
+    # a turn about an axis turns the field itself, and moves the place in the disc's axes
+    for k, axis in enumerate(np.eye(3)[:2]):
+        moved = np.cross(apart, axis)
+        slope[..., 3 + k] = np.cross(axis, field) + np.einsum('stij,stj->sti', steep, moved)
     return field, slope
 
 
@@ -320,18 +197,8 @@ def table_disc_model(
         return disc_table(diameter, height, reach, shape)
 
     def field(own: Array) -> Array:
-        return remanence * table_at(own, *built(), degree)
+        return remanence * table_field(own, *built(), degree)[0]
 
     name = f'{kind} table {shape[0]} x {shape[1]}'
     numbers = 2 * shape[0] * shape[1]
     return Model(name, on_pixels(pixels, field), cost * len(pixels), numbers, shape)
-
-
-def table_reach(pixels: Array, states: Array) -> tuple[float, float, float]:
-    """Reach of a table that holds discs at states (s, 5) over pixels (t, 3), with some room."""
-    turn = tilt_rotation(states[:, 3:])
-    own = np.einsum('sji,stj->sti', turn, pixels[None] - states[:, None, :3])
-    depth = -own[..., 2]
-    room = 0.05 * float(np.ptp(depth))
-    far = 1.05 * float(np.hypot(own[..., 0], own[..., 1]).max())
-    return far, float(depth.min()) - room, float(depth.max()) + room

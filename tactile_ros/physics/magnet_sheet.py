@@ -1,9 +1,12 @@
-"""A magnetised sheet with bands of alternating poles: as a carpet of dipoles, or its harmonics.
+"""Magnetised sheet on a soft layer: its field at rest, and how the field changes when dented.
 
-A sheet that gives way is a carpet of dipoles that its body carries. Far from its edges an
-alternating sheet is a sum of odd harmonics, each of which fades with the distance over its own
-length (Halbach, Nucl. Instrum. Methods 169, 1980): one cosine soon is enough. At rest it has a
-closed form, `magnetic_sheet`.
+A sheet is magnetised as in [1]: M1 along z; M2 along y; M3 and M4 along y in bands of changing
+sign, as folding leaves them. At rest it has a closed form. A sheet that gives way is a carpet of
+dipoles that its body carries and turns; what a movement u does to the field is a Taylor series in
+u, of which each term is a product of a tensor of the chip and dipole with a power of u: as both
+depend on places alone, one Fourier transform gives the answers to one dent at all places. Far from
+its edges an alternating sheet is a sum of odd harmonics, each of which fades with the distance
+over its own length (Halbach, Nucl. Instrum. Methods 169, 1980).
 """
 
 from __future__ import annotations
@@ -12,27 +15,24 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise, product
 from math import factorial
-from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
-from tactile_ros.physics.magnetics import SCALE, cuboid_field, dipole_field, magnet_moment
-
-if TYPE_CHECKING:
-    from tactile_ros.types import Array
+from tactile_ros.physics.magnetics import SCALE, cuboid_field, each_dipole_field, magnet_moment
+from tactile_ros.types import Array, Integers
 
 CELLS = 60  # of the sheet along its longer edge
 LEVELS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)  # Gauss points of the sheet's thickness
-ORDERS = (1, 2, 3)
 STILL = 0.001  # of the largest movement: dipoles that hardly move are left out
 NEAR_EDGE = 4  # rows of cells that have a weight of their own around an edge of a band
 SLIVER = 1e-9  # m, narrower than which a band is none
+ROUNDING = 1e-9
+Exponents = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """A magnetised sheet above chips.
+    """Magnetised sheet above chips, and its dipoles on a grid of cells on two levels.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Sheet:
     magnetisation : str
         'M1' to 'M4'.
     strengths : ndarray, shape (b,)
-        Remanence (T) of bands from -y to +y; the last one holds for those beyond.
+        Remanence (T) of bands from -y to +y; the last one holds for further bands.
     shift : float
         Of the bands along y (m).
     """
@@ -63,12 +63,10 @@ class Sheet:
         """Edge of a cell (m)."""
         return float(np.max(self.size)) / CELLS
 
-    @cached_property
-    def lines(self) -> tuple[Array, Array]:
-        """Centres of cells along x and y (m), on one grid that has its middle at the origin."""
-        counts = np.maximum(np.rint(np.asarray(self.size) / self.pitch), 1).astype(int)
-        x, y = (self.pitch * (np.arange(n) - (n - 1) / 2) for n in counts)
-        return x, y
+    @property
+    def axis(self) -> int:
+        """Axis of magnetisation."""
+        return 2 if self.magnetisation == 'M1' else 1
 
     @property
     def levels(self) -> Array:
@@ -76,55 +74,11 @@ class Sheet:
         return np.asarray(self.low + self.thickness * LEVELS)
 
     @cached_property
-    def remanence(self) -> Array:
-        """Remanence along the direction of magnetisation in each row of cells (T), shape (y,)."""
-        return np.asarray(self.shares @ self.strengths)
-
-    @cached_property
-    def shares(self) -> Array:
-        """Weight of each row of cells in an integral over each band, with its sign (y, b)."""
-        found = np.zeros((len(self.lines[1]), len(self.strengths)))
-        for band, low, high, sign in self.bands:
-            found[:, band] += sign * (self._up_to(high) - self._up_to(low))
-        return found
-
-    def _up_to(self, edge: float) -> Array:
-        """Weight of each row of cells in an integral from the sheet's end to an edge (m).
-
-        Midpoints, but around the edge as integrates cubics: there what midpoints leave out does
-        not cancel (Euler and Maclaurin).
-        """
-        line = self.lines[1]
-        order = min(NEAR_EDGE, len(line))
-        away = (edge - line[0]) / self.pitch
-        first = int(np.clip(np.floor(away) - 1, 0, len(line) - order))
-        weight = np.where(np.arange(len(line)) < first, 1.0, 0.0)
-        weight[first : first + order] = _edge_weights(away - first, order)
-        return weight
-
-    @property
-    def axis(self) -> int:
-        """Axis of magnetisation."""
-        return 2 if self.magnetisation == 'M1' else 1
-
-    @cached_property
-    def moments(self) -> Array:
-        """Moment of a dipole in each row of cells (A m2), shape (y,)."""
-        volume = self.pitch**2 * self.thickness / len(LEVELS)
-        return np.array([magnet_moment(r, volume) for r in self.remanence])
-
-    @cached_property
-    def dipoles(self) -> tuple[Array, Array]:
-        """Places (m) and moments (A m2), shape (x y 2, 3) each."""
-        x, y = self.lines
-        places = np.stack(np.meshgrid(x, y, self.levels, indexing='ij'), axis=-1)
-        moments = np.zeros_like(places)
-        moments[..., self.axis] = self.moments[None, :, None]
-        return places.reshape(-1, 3), moments.reshape(-1, 3)
-
-    def field(self, points: Array) -> Array:
-        """Flux density at rest (T), shape (..., 3), at points (..., 3) (m)."""
-        return np.asarray(np.tensordot(self.strengths, self.band_fields(points), axes=1))
+    def lines(self) -> tuple[Array, Array]:
+        """Centres of cells along x and y (m), on one grid that has its middle at the origin."""
+        counts = np.maximum(np.rint(np.asarray(self.size) / self.pitch), 1).astype(int)
+        x, y = (self.pitch * (np.arange(n) - (n - 1) / 2) for n in counts)
+        return x, y
 
     @cached_property
     def bands(self) -> list[tuple[int, float, float, float]]:
@@ -143,27 +97,59 @@ class Sheet:
             if high - low > SLIVER
         ]
 
+    @cached_property
+    def shares(self) -> Array:
+        """Weight of each row of cells in an integral over each band, with its sign (y, b)."""
+        weights = np.zeros((len(self.lines[1]), len(self.strengths)))
+        for band, low, high, sign in self.bands:
+            weights[:, band] += sign * (self._up_to(high) - self._up_to(low))
+        return weights
+
+    def _up_to(self, edge: float) -> Array:
+        """Weight of each row of cells in an integral from the sheet's end to an edge (m).
+
+        Midpoints, but around the edge as integrates cubics: there what midpoints leave out does
+        not cancel (Euler and Maclaurin).
+        """
+        line = self.lines[1]
+        order = min(NEAR_EDGE, len(line))
+        away = (edge - line[0]) / self.pitch
+        first = int(np.clip(np.floor(away) - 1, 0, len(line) - order))
+        weight = np.where(np.arange(len(line)) < first, 1.0, 0.0)
+        weight[first : first + order] = _edge_weights(away - first, order)
+        return weight
+
+    @property
+    def cell_volume(self) -> float:
+        """Volume that a dipole stands for (m3)."""
+        return self.pitch**2 * self.thickness / len(LEVELS)
+
+    @cached_property
+    def moments(self) -> Array:
+        """Moment of a dipole in each row of cells (A m2), shape (y,)."""
+        return magnet_moment(1.0, self.cell_volume) * np.asarray(self.shares @ self.strengths)
+
+    @cached_property
+    def dipoles(self) -> tuple[Array, Array]:
+        """Places (m) and moments (A m2), shape (x y 2, 3) each."""
+        x, y = self.lines
+        places = np.stack(np.meshgrid(x, y, self.levels, indexing='ij'), axis=-1)
+        moments = np.zeros_like(places)
+        moments[..., self.axis] = self.moments[None, :, None]
+        return places.reshape(-1, 3), moments.reshape(-1, 3)
+
+    def field(self, points: Array) -> Array:
+        """Flux density at rest (T), shape (..., 3), at points (..., 3) (m)."""
+        return np.asarray(np.tensordot(self.strengths, self.band_fields(points), axes=1))
+
     def band_fields(self, points: Array) -> Array:
         """Flux density at rest (1) for a remanence of one in each band, shape (b, ..., 3)."""
-        found = np.zeros((len(self.strengths), *points.shape))
+        fields = np.zeros((len(self.strengths), *points.shape))
         for band, low, high, sign in self.bands:
             centre = np.array([0.0, (low + high) / 2, self.low + self.thickness / 2])
             edges = np.array([self.size[0], high - low, self.thickness])
-            found[band] += cuboid_field(points - centre, edges, sign * np.eye(3)[self.axis])
-        return found
-
-    def dented(self, points: Array, moved: Array, turned: Array) -> Array:
-        """Flux density (T), shape (t, 3), where a body has carried the dipoles.
-
-        Parameters
-        ----------
-        points : ndarray, shape (t, 3)
-            Where it is wanted (m).
-        moved, turned : ndarray, shape (x y 2, 3)
-            Movements (m) and small turns (rad) of the dipoles.
-        """
-        places, moments = self.dipoles
-        return dipole_field(points, places + moved, moments + np.cross(turned, moments))
+            fields[band] += cuboid_field(points - centre, edges, sign * np.eye(3)[self.axis])
+        return fields
 
     def band_changes(self, points: Array, moved: Array, turned: Array) -> Array:
         """Change of the field by a dent for a remanence of one in each band, shape (b, t, 3).
@@ -181,12 +167,12 @@ class Sheet:
         unit = np.eye(3)[self.axis]
         spun = unit + np.cross(turned[rows], unit)
         spun = spun + 0.5 * np.cross(turned[rows], spun - unit)
-        volume = self.pitch**2 * self.thickness / len(LEVELS)
         y = rows // len(LEVELS) % len(self.lines[1])
-        share = magnet_moment(1.0, volume) * self.shares[y]
+        share = magnet_moment(1.0, self.cell_volume) * self.shares[y]
         after = each_dipole_field(points, places + moved[rows], spun)
-        change = after - each_dipole_field(points, places, np.broadcast_to(unit, places.shape))
-        return np.moveaxis(np.tensordot(change, share, axes=(1, 0)), -1, 0)
+        before = each_dipole_field(points, places, np.broadcast_to(unit, places.shape))
+        change = [(b - a) @ share for a, b in zip(before, after, strict=True)]
+        return np.moveaxis(np.stack(change, axis=1), -1, 0)
 
 
 def _edge_weights(edge: float, order: int) -> Array:
@@ -197,41 +183,18 @@ def _edge_weights(edge: float, order: int) -> Array:
     slope = m * left ** np.maximum(m - 1, 0)
     third = m * (m - 1) * (m - 2) * left ** np.maximum(m - 3, 0)
     wanted = whole + slope / 24 - 7 * third / 5760
-    return np.asarray(
-        np.linalg.solve(np.vander(m.astype(float), order, increasing=True).T, wanted)
-    )
+    nodes = np.vander(m.astype(float), order, increasing=True)
+    return np.asarray(np.linalg.solve(nodes.T, wanted))
 
 
-def each_dipole_field(points: Array, places: Array, moments: Array) -> Array:
-    """Field of each dipole (m, 3) (A m2) at points (t, 3) (m), shape (t, m, 3) (T)."""
-    x, y, z = (points[:, i, None] - places[:, i] for i in range(3))
-    squared = x * x + y * y + z * z
-    near = SCALE / (squared * np.sqrt(squared))
-    along = 3 * (x * moments[:, 0] + y * moments[:, 1] + z * moments[:, 2]) / squared
-    each = [near * (along * r - moments[:, i]) for i, r in enumerate((x, y, z))]
-    return np.stack(each, axis=-1)
-
-
-def powers(order: int) -> list[tuple[int, int, int]]:
+def powers(order: int) -> list[Exponents]:
     """Exponents of all products of `order` components of a movement."""
     some = range(order + 1)
     return [(i, j, k) for i, j, k in product(some, some, some) if i + j + k == order]
 
 
-def inverse_distance_series(r: Array, order: int) -> dict[tuple[int, int, int], Array]:
-    """Taylor coefficients of 1 / |r| by exponents, up to an order.
-
-    Parameters
-    ----------
-    r : ndarray, shape (..., 3)
-        Where the series is taken; not 0.
-    order : int
-        Highest sum of exponents.
-
-    Returns
-    -------
-    dict of tuple to ndarray, shape (...)
-        Derivatives over factorials.
+def inverse_distance_series(r: Array, order: int) -> dict[Exponents, Array]:
+    """Taylor coefficients (...) of 1 / |r| at r (..., 3) by exponents, up to an order.
 
     Notes
     -----
@@ -240,24 +203,24 @@ def inverse_distance_series(r: Array, order: int) -> dict[tuple[int, int, int], 
 
     Examples
     --------
-    >>> found = inverse_distance_series(np.array([2.0, 0.0, 0.0]), 2)
-    >>> [float(found[k]) for k in ((0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 2, 0))]
+    >>> series = inverse_distance_series(np.array([2.0, 0.0, 0.0]), 2)
+    >>> [float(series[k]) for k in ((0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 2, 0))]
     [0.5, -0.25, 0.125, -0.0625]
     """
     squared = (r * r).sum(axis=-1)
-    found = {(0, 0, 0): 1 / np.sqrt(squared)}
+    series: dict[Exponents, Array] = {(0, 0, 0): 1 / np.sqrt(squared)}
     for n in range(1, order + 1):
         for k in powers(n):
             total = np.zeros_like(squared)
             for i in range(3):
                 once = tuple(k[j] - (i == j) for j in range(3))
                 twice = tuple(k[j] - 2 * (i == j) for j in range(3))
-                if once in found:
-                    total = total + (2 * n - 1) * r[..., i] * found[once]  # type: ignore[index]
-                if twice in found:
-                    total = total + (n - 1) * found[twice]  # type: ignore[index]
-            found[k] = -total / (n * squared)
-    return found
+                if once in series:
+                    total = total + (2 * n - 1) * r[..., i] * series[once]  # type: ignore[index]
+                if twice in series:
+                    total = total + (n - 1) * series[twice]  # type: ignore[index]
+            series[k] = -total / (n * squared)
+    return series
 
 
 def moved_dipole_series(r: Array, moment: Array, axis: int, order: int) -> Array:
@@ -290,9 +253,6 @@ def moved_dipole_series(r: Array, moment: Array, axis: int, order: int) -> Array
     return np.stack(rows)
 
 
-ROUNDING = 1e-9
-
-
 def carpet(sheet: Sheet, pitch: float, levels: int = 1, points: int = 1) -> tuple[Array, Array]:
     """Places (m) and moments (A m2), (g, 3) each, of a carpet of dipoles.
 
@@ -320,17 +280,22 @@ def carpet(sheet: Sheet, pitch: float, levels: int = 1, points: int = 1) -> tupl
     return places.reshape(-1, 3), moments.reshape(-1, 3)
 
 
+def _nodes(low: Array, high: Array, pitch: float, points: int) -> tuple[Array, Array, Integers]:
+    """Gauss points (n,) of parts about `pitch` wide of intervals (b,), their widths and owners."""
+    # bands of one width have as many parts, however their edges round
+    counts = np.maximum(np.floor((high - low) / pitch + 0.5 + ROUNDING), 1).astype(np.int64)
+    owner = np.repeat(np.arange(len(counts)), counts)
+    part = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+    wide = ((high - low) / counts)[owner]
+    node, share = np.polynomial.legendre.leggauss(points)
+    at = (low[owner] + (part + 0.5) * wide)[:, None] + 0.5 * wide[:, None] * node
+    return at.reshape(-1), (0.5 * wide[:, None] * share).reshape(-1), np.repeat(owner, points)
+
+
 def harmonics(sheet: Sheet, points: Array, count: int) -> Array:
     """Field (..., 3) (T) of an M4 without edges, all bands of which are as strong as the first.
 
-    Parameters
-    ----------
-    sheet : Sheet
-        At rest.
-    points : ndarray, shape (..., 3)
-        Outside of the sheet (m).
-    count : int
-        Odd harmonics: 1, 3, 5 and so on.
+    `points` (..., 3) lie outside of the sheet (m); `count` is that of odd harmonics: 1, 3 ...
     """
     half = sheet.thickness / 2
     phase = points[..., 1] + sheet.size[1] / 2
@@ -343,28 +308,3 @@ def harmonics(sheet: Sheet, points: Array, count: int) -> Array:
         field[..., 1] -= strength * np.sin(k * phase)
         field[..., 2] -= np.sign(above) * strength * np.cos(k * phase)
     return field
-
-
-def _middles(low: Array, high: Array, pitch: float) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Middles (n,) of equal parts, about `pitch` wide, of intervals (b,), and whose each is."""
-    # bands of one width have as many parts, however their edges round
-    counts = np.maximum(np.floor((high - low) / pitch + 0.5 + ROUNDING), 1).astype(np.int64)
-    owner = np.repeat(np.arange(len(counts)), counts)
-    part = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
-    return low[owner] + (part + 0.5) * ((high - low) / counts)[owner], owner
-
-
-def _nodes(
-    low: Array, high: Array, pitch: float, points: int
-) -> tuple[Array, Array, npt.NDArray[np.int64]]:
-    """Gauss points (n,) of the parts of `_middles`, how wide each counts, and whose it is."""
-    middle, owner = _middles(low, high, pitch)
-    wide = (high - low)[owner] / np.bincount(owner)[owner]
-    node, share = np.polynomial.legendre.leggauss(points)
-    at = (middle[:, None] + 0.5 * wide[:, None] * node).reshape(-1)
-    return at, (0.5 * wide[:, None] * share).reshape(-1), np.repeat(owner, points)
-
-
-def carried_field(points: Array, places: Array, moments: Array, moved: Array) -> Array:
-    """Field (t, 3) (T) at points (t, 3) of dipoles (g, 3) that a body has moved by (g, 3) (m)."""
-    return dipole_field(points, places + moved, moments)

@@ -11,7 +11,7 @@ from tactile_ros.estimators.disc_model import UniformField
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge
 from tactile_ros.estimators.regression import Standardisation
 from tactile_ros.physics.field_table import disc_table, table_disc
-from tactile_ros.physics.magnetics import disc_on_pixels
+from tactile_ros.physics.magnetics import exact_disc
 
 PIXELS = 1e-3 * np.array([[-1, -1, 0], [1, -1, 0], [-1, 1, 0], [1, 1, 0]], float)
 AXES = np.tile(np.eye(3)[[0, 2]], (4, 1))
@@ -28,7 +28,7 @@ def shifts(count: int, seed: int = 0) -> np.ndarray:
 def readings(shift: np.ndarray, gap: float = GAP, remanence: float = 1.0) -> np.ndarray:
     centre = shift + np.array([0, 0, gap + 0.5e-3])
     disc = (DISC[0], DISC[1], remanence)
-    field = disc_on_pixels(PIXELS, centre, np.zeros((len(shift), 2)), disc)
+    field = exact_disc(PIXELS, disc).readings(np.pad(centre, ((0, 0), (0, 2))))
     return field[..., [0, 2]].reshape(len(shift), -1)
 
 
@@ -43,7 +43,7 @@ def test_the_table_is_the_disc_and_its_slopes_are_its_changes() -> None:
     place = shifts(300) + np.array([0, 0, 3e-3])
     tilt = np.random.default_rng(1).normal(scale=0.05, size=(300, 2))
     field, slope = table_disc(PIXELS, place, tilt, table, grid)
-    exact = disc_on_pixels(PIXELS, place, tilt, (2e-3, 1e-3, 1.0))
+    exact = exact_disc(PIXELS, (2e-3, 1e-3, 1.0)).readings(np.hstack([place, tilt]))
     assert np.abs(field - exact).max() < 2e-6
     assert np.sqrt(((field - exact) ** 2).mean()) < 1e-7
     for k in range(3):

@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 from tactile_ros.estimators.sheet_calibration import bands_of
 from tactile_ros.physics.elastomer import FlatPunch, Layer, PunchedCarpet
 from tactile_ros.physics.fidelity import BLOCK_COST, DIPOLE_COST, Choice, Model, choose, region
-from tactile_ros.physics.magnet_sheet import Sheet, carpet, carried_field, harmonics
-from tactile_ros.physics.magnetics import field_of_many, in_chip_axes
+from tactile_ros.physics.magnet_sheet import Sheet, carpet, harmonics
+from tactile_ros.physics.magnetics import dipole_field, in_chip_axes
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -64,10 +64,9 @@ def rest_model(config: MultipoleSkinConfig, noise: float) -> tuple[Choice, list[
 
     def dipoles(pitch: float, levels: int) -> Model:
         places, moments = carpet(sheet, pitch, levels)
-        still = np.zeros_like(places)
         return Model(
             f'{len(places)} dipoles',
-            shifted(lambda at: carried_field(at, places, moments, still)),
+            shifted(lambda at: dipole_field(at, places, moments)),
             DIPOLE_COST * len(places) * count,
             size=(len(places),),
         )
@@ -118,9 +117,7 @@ class PressedSheet:
         count = 2 * int(np.ceil(MARGIN * sheet.size.max() / pitch / 2)) + 1
         line = pitch * (np.arange(count) - count // 2)
         self.line, self.levels = line, np.unique(self.places[:, 2])
-        self.rest = carried_field(
-            config.positions, self.places, self.moments, np.zeros_like(self.places)
-        )
+        self.rest = dipole_field(config.positions, self.places, self.moments)
 
     def readings(self, states: Array) -> Array:
         """Changes (s, n) (T) of heads at x, y, sunk by a depth: states (s, 3) (m)."""
@@ -129,7 +126,7 @@ class PressedSheet:
     def change(self, x: float, y: float, depth: float) -> Array:
         """Change (n,) (T) of one head."""
         moved = self.movement(x, y, depth)
-        field = carried_field(self.config.positions, self.places, self.moments, moved)
+        field = dipole_field(self.config.positions, self.places + moved, self.moments)
         return in_chip_axes(field - self.rest, self.config.rotations).reshape(-1)
 
     def movement(self, x: float, y: float, depth: float) -> Array:
@@ -138,11 +135,11 @@ class PressedSheet:
             return self._exact(x, y, depth)
         # the map is centred on the head, so that its squares cover it alike everywhere
         covered = np.hypot(*np.meshgrid(self.line, self.line)) <= RADIUS
-        tractions = self._tractions(covered, depth)
+        pressure = self._pressure(covered, depth)
         moved = np.zeros_like(self.places)
         for level in self.levels:
             here = np.isclose(self.places[:, 2], level)
-            shift = self._map(tractions, self.layer.thickness - self._below(float(level)))
+            shift = self._map(pressure, self.layer.thickness - self._below(float(level)))
             moved[here] = self._between(shift, self.places[here, :2] - np.array([x, y]))
         return moved
 
@@ -164,21 +161,21 @@ class PressedSheet:
             moved[here] = depth * np.column_stack([side * away[:, None], up])
         return moved
 
-    def _tractions(self, covered: Bools, depth: float) -> Array:
-        """What a head exerts on squares (ny, nx, 3) (Pa); for springs how deep they sink (m)."""
+    def _pressure(self, covered: Bools, depth: float) -> Array:
+        """Pressure of a head on squares (ny, nx) (Pa); for springs how deep they sink (m)."""
         if self.law == 'half-space':
             return self.layer.punch(covered, self.pitch, depth)
-        even: Array = -depth * covered[..., None] * np.array([0.0, 0.0, 1.0])
+        even = np.asarray(depth * covered, np.float64)
         if self.law == 'springs':
             return even
         sunk = self.layer.displacement(even, self.pitch, self.layer.thickness)
         return np.asarray(-depth / sunk[covered][:, 2].mean() * even)
 
-    def _map(self, tractions: Array, z: float) -> Array:
+    def _map(self, pressure: Array, z: float) -> Array:
         """Displacement (ny, nx, 3) at a height (m) over the base."""
         if self.law == 'springs':
-            return np.asarray(tractions * (z / self.body))
-        return self.layer.displacement(tractions, self.pitch, z)
+            return np.asarray(-pressure[..., None] * np.array([0.0, 0.0, z / self.body]))
+        return self.layer.displacement(pressure, self.pitch, z)
 
     def _between(self, shift: Array, at: Array) -> Array:
         """A map (ny, nx, 3) at places (g, 2) from its middle, linear between squares."""
@@ -372,11 +369,11 @@ class Specimen:
         """Change of the field (t, 3) where the body has carried the dipoles."""
         turned = self.flaws.turning * turned
         moments = self.moments + np.cross(turned, self.moments) if turned.any() else self.moments
-        return field_of_many(self.chips, self.places + moved, moments) - self._unpressed
+        return dipole_field(self.chips, self.places + moved, moments) - self._unpressed
 
     def _field(self, moments: Array) -> Array:
         """Field (t, 3) of the carpet at rest."""
-        return field_of_many(self.chips, self.places, moments)
+        return dipole_field(self.chips, self.places, moments)
 
     def _read(self, field: Array) -> Array:
         """What chips say of fields (..., t, 3)."""

@@ -1,85 +1,107 @@
-"""Bonded layers, sheets and dents against slow references written apart."""
+"""Magnetised sheets against magpylib and one another."""
 
 from __future__ import annotations
 
 from itertools import pairwise
 
+import magpylib
 import numpy as np
 import pytest
 
 from reference import multipole_world as world
 from tactile_ros.physics import magnet_sheet
-from tactile_ros.physics.elastomer import Layer, PunchDents, punch_pressure
+from tactile_ros.physics.elastomer import Layer, PunchDents
 from tactile_ros.physics.magnet_sheet import (
     Sheet,
+    carpet,
+    harmonics,
     inverse_distance_series,
     moved_dipole_series,
     powers,
 )
 from tactile_ros.physics.magnetics import dipole_field
 
-
-def body(poisson: float = 0.49) -> Layer:
-    return Layer(4e-3, 69e3 / (2 * (1 + poisson)), poisson)
-
-
-BODY = body()
-SQUARE = 5e-3 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
+SIZE = np.array([60e-3, 75e-3, 2e-3])
+PITCH = 75e-3 / 8
+KINDS = ('M1', 'M2', 'M3', 'M4')
+UNDER = np.random.default_rng(0).uniform([-0.03, -0.03, -8e-3], [0.03, 0.03, -3.5e-3], (60, 3))
 
 
-def sheet(kind: str = 'M4') -> Sheet:
+def sheet_of(kind: str, size: np.ndarray = SIZE, pitch: float = PITCH) -> Sheet:
+    """A sheet whose middle is the origin."""
+    return Sheet(size[:2], -size[2] / 2, size[2], pitch, kind, np.full(2, 0.1))
+
+
+def truth(sheet: Sheet, points: np.ndarray) -> np.ndarray:
+    """The same sheet of magpylib's blocks."""
+    count = {'M1': 1, 'M2': 1, 'M3': 2, 'M4': 8}[sheet.magnetisation]
+    width = SIZE[1] / count
+    field = np.zeros((len(points), 3))
+    for i in range(count):
+        sign = {'M3': (-1, 1), 'M4': (1, -1) * 4}.get(sheet.magnetisation, (1,))[i]
+        axis = (0, 0, 1) if sheet.magnetisation == 'M1' else (0, 1, 0)
+        field += magpylib.magnet.Cuboid(
+            dimension=(SIZE[0], width, SIZE[2]),
+            polarization=0.1 * sign * np.array(axis),
+            position=(0, -SIZE[1] / 2 + (i + 0.5) * width, 0),
+        ).getB(points)
+    return field
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_a_sheet_is_its_blocks(kind: str) -> None:
+    sheet = sheet_of(kind)
+    np.testing.assert_allclose(sheet.field(UNDER), truth(sheet, UNDER), atol=1e-12)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_a_finer_carpet_of_dipoles_is_nearer(kind: str) -> None:
+    sheet = sheet_of(kind)
+    exact = sheet.field(UNDER)
+    error = []
+    for pitch, levels in ((4e-3, 1), (2e-3, 2), (1e-3, 2)):
+        places, moments = carpet(sheet, pitch, levels)
+        error.append(np.abs(dipole_field(UNDER, places, moments) - exact).max())
+    # middles of cells: the square of the pitch
+    assert error[2] < 0.06 * error[0]
+    assert error[2] < 0.01 * np.abs(exact).max()
+
+
+def test_a_carpet_has_the_moment_of_the_sheet() -> None:
+    for kind, whole in (('M1', 1.0), ('M2', 1.0), ('M3', 0.0), ('M4', 0.0)):
+        _, moments = carpet(sheet_of(kind), 3e-3, 2)
+        wanted = 0.1 / (4e-7 * np.pi) * SIZE.prod() * whole
+        assert np.abs(moments.sum(axis=0)).max() == pytest.approx(wanted, abs=1e-12)
+
+
+def test_bands_that_do_not_fill_the_sheet_end_with_it() -> None:
+    _, low, high, signs = zip(*sheet_of('M4', pitch=20e-3).bands, strict=True)
+    np.testing.assert_allclose(1e3 * np.array(low), [-37.5, -17.5, 2.5, 22.5])
+    np.testing.assert_allclose(1e3 * np.array(high), [-17.5, 2.5, 22.5, 37.5])
+    assert signs == (1, -1, 1, -1)
+
+
+def test_without_edges_a_few_harmonics_are_enough() -> None:
+    # 400 bands wide and long: the middle does not know of edges
+    sheet = sheet_of('M4', np.array([4.0, 400 * PITCH, 2e-3]))
+    points = np.concatenate([UNDER, UNDER * [1, 1, -1]])
+    exact = sheet.field(points)
+    error = [np.abs(harmonics(sheet, points, n) - exact).max() for n in (1, 2, 4, 8)]
+    assert error[0] > error[1] > error[2] > 0.99 * error[3]
+    assert error[3] < 1e-3 * np.abs(exact).max()
+
+
+def test_a_body_that_carries_the_whole_sheet_moves_its_field() -> None:
+    sheet = sheet_of('M4')
+    places, moments = carpet(sheet, 1e-3, 2)
+    shift = np.array([3e-4, -5e-4, -6e-4])
+    moved = dipole_field(UNDER, places + shift, moments)
+    exact = sheet.field(UNDER - shift)
+    assert np.abs(moved - exact).max() < 0.015 * np.abs(exact).max()
+
+
+def square_sheet(kind: str = 'M4') -> Sheet:
     return Sheet(np.array([75e-3, 75e-3]), 2e-3, 2e-3, 75e-3 / 8, kind, np.full(9, 0.1))
-
-
-def test_a_layer_holds_to_its_base() -> None:
-    k = np.geomspace(10, 1e5, 30)
-    across, up = BODY.pressed(k, np.array([0.0]))
-    assert np.abs(across).max() < 1e-18
-    assert np.abs(up).max() < 1e-18
-
-
-def close(found: np.ndarray, wanted: np.ndarray) -> None:
-    np.testing.assert_allclose(found, wanted, atol=0.01 * np.abs(wanted).max())
-
-
-@pytest.mark.parametrize('poisson', [0.0, 0.3, 0.49])
-def test_waves_agree_with_finite_elements(poisson: float) -> None:
-    waves = world.body_waves(4e-3, 69e3, poisson, 2e-3)
-    k = 2 * np.pi * np.abs(np.fft.fftfreq(world.SIDE, world.GRID))[1:40]
-    heights = 2e-3 + 2e-3 * world.LEVELS
-    across, up = body(poisson).pressed(k, np.append(heights, 4e-3))
-    for level in range(3):
-        # along x alone: movement is i times `across`
-        close(waves[level, 1:40, 0].imag, across[:, level])
-        close(waves[6 + level, 1:40, 0].real, up[:, level])
-    close(waves[-1, 1:40, 0].real, up[:, 3])
-
-
-def test_the_squeeze_moves_more_than_the_dent() -> None:
-    # half-spaces and springs have the wrong sign here; 0.75 mm for each mm at the edge
-    dents = PunchDents(sheet(), 0.0, BODY)
-    images = dents.images(*dents.loads(world.box('', 10e-3, 10e-3)), np.zeros(3))
-    n = dents.count
-    line = (np.arange(n) + 0.5 - n * (np.arange(n) >= n // 2)) * dents.pitch
-    outward = images[0, 0, :, 0] * np.sign(line)
-    inside, outside = np.abs(line) < 5e-3, (np.abs(line) > 5e-3) & (np.abs(line) < 9e-3)
-    assert outward[inside].min() > -0.05
-    assert 0.4 < outward.max() < 1.0
-    assert outward[outside].max() > np.abs(images[2, 0]).max() * 0.9
-
-
-def test_a_punch_is_flat_and_heavier_at_its_rim() -> None:
-    points, loads = punch_pressure((SQUARE,), BODY)
-    assert loads.min() > 0
-    rim = np.abs(points).max(axis=1) > 4.6e-3
-    assert loads[rim].mean() > loads[~rim].mean()
-    smaller = punch_pressure((0.5 * SQUARE,), BODY)[1].sum()
-    assert loads.sum() > 4 * smaller  # a bonded layer stiffens with the area
-
-
-def test_an_outline_without_area_is_refused() -> None:
-    with pytest.raises(ValueError, match='must cover an area'):
-        punch_pressure((np.outer([0.0, 1e-3, 2e-3], [1.0, 0.0]),), BODY)
 
 
 def test_series_of_a_moved_dipole_converge() -> None:
@@ -103,17 +125,19 @@ def test_series_of_the_inverse_distance_obey_laplace() -> None:
 @pytest.mark.parametrize('kind', ['M1', 'M2', 'M3', 'M4'])
 def test_resting_fields_are_those_of_a_sum_of_dipoles(kind: str) -> None:
     skin = world.World(0, world.IDEAL, kind)
-    own = sheet(kind).field(skin.config.positions)
+    own = square_sheet(kind).field(skin.config.positions)
     assert np.abs(own - skin.rest()).max() < 0.01 * np.abs(own).max()
 
 
 def test_a_dented_sheet_changes_as_its_dipoles_say() -> None:
-    one, chips = sheet(), world.SENSOR.config().positions
-    dents = PunchDents(one, 0.0, BODY)
+    one, chips = square_sheet(), world.SENSOR.config().positions
+    dents = PunchDents(one, 0.0, Layer(4e-3, 69e3 / 2.98, 0.49))
     images = dents.images(*dents.loads(world.box('', 10e-3, 8e-3)), np.array([3e-3, 1e-3, 0.4]))
     flat = dents.on_sheet(one, images)
     moved = 0.5e-3 * flat[:3].T
-    exact = one.dented(chips, moved, 0 * moved) - one.dented(chips, 0 * moved, 0 * moved)
+    places, moments = one.dipoles
+    rest, dented = (dipole_field(chips, at, moments) for at in (places, places + moved))
+    exact = dented - rest
     bands = one.band_changes(chips, moved, 0 * moved)
     found = np.tensordot(one.strengths, bands, axes=1)
     assert np.abs(found - exact).max() < 0.02 * np.abs(exact).max()
@@ -141,7 +165,7 @@ def test_bands_are_integrated_to_their_edges(
 
 
 def test_weights_around_an_edge_integrate_cubics() -> None:
-    skin = sheet()
+    skin = square_sheet()
     line, pitch = skin.lines[1], skin.pitch
     for edge in (-20e-3, 0.3e-3, 11.9e-3, 37.5e-3):
         weight = skin._up_to(edge)
