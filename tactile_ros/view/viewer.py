@@ -20,19 +20,24 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from foxglove import messages
-    from foxglove.websocket import WebSocketServer
 
-    from tactile_ros.types import Array, ContactState, Frame, Layout
+    from tactile_ros.types import ContactState, Frame, Layout
 
 Rgba = tuple[float, float, float, float]
+Scalars = dict[str, 'float | int | str | None']
 GREY: Rgba = (0.6, 0.6, 0.6, 0.5)
 COLD, WARM = np.array([0.23, 0.42, 0.75]), np.array([0.97, 0.45, 0.13])
 CONTACT: Rgba = (0.97, 0.45, 0.13, 0.55)
 FORCE: Rgba = (0.13, 0.45, 0.95, 0.95)
 SLIPPING: Rgba = (0.9, 0.1, 0.25, 0.95)
+COLOURS = ('red', 'green', 'blue', 'alpha')
 METRES_PER_NEWTON = 5e-3
 LEAST_SIGMA, MOST_SIGMA = 3e-4, 5e-3  # m, of a contact's ball
 ARROW = 0.35  # length of the largest change of field, as a part of the skin
+SHAFT, HEAD, HEAD_PART = 6e-4, 1.5e-3, 0.25  # diameters of an arrow (m), part of its length
+WORDS = 3e-3  # m, height of letters
+HOST = '127.0.0.1'  # this machine alone
+FADE, LEAST = 0.999, 1e-12  # of the change that has the full colour: from frame to frame, at least
 
 
 @dataclass(frozen=True)
@@ -55,7 +60,7 @@ class Arrow:
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything that is shown of one frame."""
+    """Everything that is shown of one frame, in the sensor frame."""
 
     balls: list[Ball]
     arrows: list[Arrow]
@@ -63,124 +68,72 @@ class Scene:
 
 
 def scene_of(layout: Layout, frame: Frame, rest: Array, state: ContactState, most: float) -> Scene:
-    """Taxels with what they feel, contacts with two sigmas, and forces.
+    """Taxels with what they feel since `rest` (t, c), contacts with two sigmas, and forces.
 
-    Parameters
-    ----------
-    layout : Layout
-        Of t taxels.
-    frame : Frame
-        The readings.
-    rest : ndarray, shape (t, c)
-        Readings of the untouched skin (unit of the layout).
-    state : ContactState
-        Of the frame; what is not estimated is not shown.
-    most : float
-        Change that has the full colour (unit of the layout).
-
-    Returns
-    -------
-    Scene
-        In the sensor frame.
+    A change of `most` (unit of the layout) has the full colour.
     """
     change = frame.values - rest
-    balls = [*_taxels(layout, change, most), *_contacts(state)]
-    return Scene(balls, [*_fields(layout, change, most), *_forces(state)], _words(state))
-
-
-def size_of(layout: Layout) -> float:
-    """Half the usual distance between taxels (m)."""
     apart = np.linalg.norm(layout.positions[:, None] - layout.positions[None], axis=-1)
-    apart = apart[apart > 0]
-    return 0.5 * float(apart.min()) if apart.size else 2e-3
-
-
-def _taxels(layout: Layout, change: Array, most: float) -> list[Ball]:
-    """A ball for each taxel, warmer the more it feels; grey where nothing is known."""
-    half = np.full(3, 0.35 * size_of(layout))
-    return [
-        Ball(place, half, (red, green, blue, 0.9))
+    pitch = float(apart[apart > 0].min()) if (apart > 0).any() else 4e-3
+    balls = [
+        Ball(place, np.full(3, 0.175 * pitch), (red, green, blue, 0.9))
         for place, (red, green, blue) in zip(
-            layout.positions, warmth(change, most).tolist(), strict=True
+            layout.positions, shade(change, most).tolist(), strict=True
         )
     ]
+    arrows = []
+    if layout.unit == 'T' and len(layout.channels) == 3:
+        length = ARROW * max(float(np.ptp(layout.positions, axis=0).max()), 2 * pitch) / most
+        turned = change if layout.rotations is None else np.einsum(
+            'tij,tj->ti', layout.rotations, change
+        )  # fmt: skip
+        arrows = [
+            Arrow(place, along * length, GREY)
+            for place, along in zip(layout.positions, turned, strict=True)
+            if np.isfinite(along).all()
+        ]
+    words = [f'{name} {int(getattr(state, name))}' for name in ('label', 'cell')
+             if getattr(state, name) >= 0] + ['slips'] * int(state.slip == 1)  # fmt: skip
+    return Scene([*balls, *_contacts(state)], [*arrows, *_forces(state)], ', '.join(words))
 
 
-def warmth(change: Array, most: float) -> Array:
-    """Colours (t, 3), 0 to 1, of a change (t, c): from cold to warm at `most`, grey unknown."""
+def shade(change: Array, most: float) -> Array:
+    """Colours (t, 3), 0 to 1, of a change (t, c): cold to warm at `most`, grey not measured."""
     share = np.clip(np.linalg.norm(change, axis=1) / most, 0.0, 1.0)[:, None]
     return np.where(np.isnan(share), GREY[:3], COLD + share * (WARM - COLD))
 
 
-def _fields(layout: Layout, change: Array, most: float) -> list[Arrow]:
-    """The change of field at chips with three axes, turned into the sensor's."""
-    if layout.unit != 'T' or len(layout.channels) != 3:
-        return []
-    turned = change
-    if layout.rotations is not None:
-        turned = np.einsum('tij,tj->ti', layout.rotations, change)
-    reach = ARROW * max(float(np.ptp(layout.positions, axis=0).max()), 4 * size_of(layout))
-    return [
-        Arrow(place, along * reach / most, GREY)
-        for place, along in zip(layout.positions, turned, strict=True)
-        if np.isfinite(along).all()
-    ]
-
-
 def _contacts(state: ContactState) -> list[Ball]:
-    """Contacts of two sigmas."""
+    """Contacts of two sigmas, such that they can be seen."""
     if state.in_contact == 0:
         return []
-    told = [(c.position, c.position_cov) for c in state.contacts]
-    told = told or [(state.position, state.position_cov)]
-    return [
-        Ball(np.nan_to_num(place), _half_axes(cov), CONTACT)
-        for place, cov in told
-        if np.isfinite(place[:2]).all()
-    ]
+    balls = []
+    patches = [(one.position, one.position_cov) for one in state.contacts]
+    for place, cov in patches or [(state.position, state.position_cov)]:
+        if np.isfinite(place[:2]).all():
+            sigma = np.nan_to_num(_sigma(cov), nan=LEAST_SIGMA)
+            half_axes = 2 * np.clip(sigma, LEAST_SIGMA, MOST_SIGMA)
+            balls.append(Ball(np.nan_to_num(place), half_axes, CONTACT))
+    return balls
 
 
-def _half_axes(cov: Array) -> Array:
-    """Two sigmas along x, y, z (m), such that they can be seen."""
+def _sigma(cov: Array) -> Array:
     with np.errstate(invalid='ignore'):
-        sigma = np.sqrt(np.diagonal(cov))
-    half: Array = 2 * np.clip(np.nan_to_num(sigma, nan=LEAST_SIGMA), LEAST_SIGMA, MOST_SIGMA)
-    return half
+        return np.asarray(np.sqrt(np.diagonal(cov)))
 
 
 def _forces(state: ContactState) -> list[Arrow]:
     """Forces of the contacts, or the whole one at the contact."""
-    colour = SLIPPING if state.slip == 1 else FORCE
-    told = [(c.position, c.force) for c in state.contacts if np.isfinite(c.force).any()]
-    told = told or [(state.position, state.force)]
+    patches = [(one.position, one.force) for one in state.contacts if np.isfinite(one.force).any()]
     return [
-        Arrow(np.nan_to_num(place), METRES_PER_NEWTON * np.nan_to_num(force), colour)
-        for place, force in told
+        Arrow(
+            np.nan_to_num(place),
+            METRES_PER_NEWTON * np.nan_to_num(force),
+            SLIPPING if state.slip == 1 else FORCE,
+        )
+        for place, force in patches or [(state.position, state.force)]
         if np.nan_to_num(force).any()
     ]
-
-
-def _words(state: ContactState) -> str:
-    """What is recognised, in a word or two."""
-    said = [f'label {int(state.label)}'] if state.label >= 0 else []
-    said += [f'cell {int(state.cell)}'] if state.cell >= 0 else []
-    said += ['slips'] if state.slip == 1 else []
-    return ', '.join(said)
-
-
-SECOND_NS = 1_000_000_000
-COLOURS = ('red', 'green', 'blue', 'alpha')
-SHAFT, HEAD = 6e-4, 1.5e-3  # m, diameters of an arrow
-HEAD_PART = 0.25  # of an arrow's length
-WORDS = 3e-3  # m, height of letters
-
-
-def stamp(stamp_ns: int) -> messages.Timestamp:
-    """A time."""
-    from foxglove import messages
-
-    seconds, rest = divmod(stamp_ns, SECOND_NS)
-    return messages.Timestamp(sec=seconds, nsec=rest)
 
 
 def cloud(layout: Layout, change: Array, most: float, stamp_ns: int) -> messages.PointCloud:
@@ -193,24 +146,22 @@ def cloud(layout: Layout, change: Array, most: float, stamp_ns: int) -> messages
 
     names = ['x', 'y', 'z', *(f'change_{channel}' for channel in layout.channels), 'change']
     size = np.linalg.norm(change, axis=1, keepdims=True)
-    kinds = messages.PackedElementFieldNumericType
+    shades = np.rint(255 * np.column_stack([shade(change, most), np.ones(len(change))]))
     row = np.dtype([*((name, '<f8') for name in names), *((name, 'u1') for name in COLOURS)])
     table = np.zeros(len(change), row)
-    for name, column in zip(names, np.hstack([layout.positions, change, size]).T, strict=True):
+    columns = [*np.hstack([layout.positions, change, size]).T, *shades.T]
+    for name, column in zip((*names, *COLOURS), columns, strict=True):
         table[name] = column
-    shades = np.column_stack([warmth(change, most), np.ones(len(change))])
-    for name, column in zip(COLOURS, np.rint(255 * shades).T, strict=True):
-        table[name] = column
-    offsets = {name: at for name, (_, at, *_) in (row.fields or {}).items()}
+    kinds = messages.PackedElementFieldNumericType
     return messages.PointCloud(
-        timestamp=stamp(stamp_ns),
+        timestamp=_stamp(stamp_ns),
         frame_id=layout.frame_id,
         point_stride=row.itemsize,
         fields=[
             messages.PackedElementField(
                 name=name, offset=at, type=kinds.Uint8 if name in COLOURS else kinds.Float64
             )
-            for name, at in offsets.items()
+            for name, (_, at, *_) in (row.fields or {}).items()
         ],
         data=table.tobytes(),
     )
@@ -220,33 +171,51 @@ def update(scene: Scene, frame_id: str, stamp_ns: int) -> messages.SceneUpdate:
     """A scene that takes the place of the one before."""
     from foxglove import messages
 
-    words = [
+    spheres = [
+        messages.SpherePrimitive(
+            pose=_pose(ball.middle), size=_vector(2 * ball.half_axes), color=_colour(ball.colour)
+        )
+        for ball in scene.balls
+    ]
+    arrows = []
+    for arrow in scene.arrows:
+        length = float(np.linalg.norm(arrow.along))
+        if length > 0:
+            arrows.append(
+                messages.ArrowPrimitive(
+                    pose=_pose(arrow.start, arrow.along / length),
+                    shaft_length=(1 - HEAD_PART) * length,
+                    shaft_diameter=SHAFT,
+                    head_length=HEAD_PART * length,
+                    head_diameter=HEAD,
+                    color=_colour(arrow.colour),
+                )
+            )
+    texts = [
         messages.TextPrimitive(
             pose=_pose(scene.balls[-1].middle + np.array([0.0, 0.0, 2 * WORDS])),
             billboard=True, font_size=WORDS, color=_colour((0.5, 0.5, 0.5, 1.0)), text=scene.words,
         )
     ] if scene.words and scene.balls else []  # fmt: skip
     entity = messages.SceneEntity(
-        timestamp=stamp(stamp_ns),
-        frame_id=frame_id,
-        id='sensor',
-        spheres=[_ball(ball) for ball in scene.balls],
-        arrows=[arrow for one in scene.arrows if (arrow := _arrow(one)) is not None],
-        texts=words,
-    )
+        timestamp=_stamp(stamp_ns), frame_id=frame_id, id='sensor', spheres=spheres,
+        arrows=arrows, texts=texts,
+    )  # fmt: skip
     return messages.SceneUpdate(entities=[entity])
 
 
-def _pose(place: Array, turn: Array | None = None) -> messages.Pose:
-    """A pose; without a turn (x, y, z, w) that of the sensor."""
+def _stamp(stamp_ns: int) -> messages.Timestamp:
     from foxglove import messages
 
-    x, y, z = place.tolist()
-    a, b, c, d = (0.0, 0.0, 0.0, 1.0) if turn is None else turn.tolist()
-    return messages.Pose(
-        position=messages.Vector3(x=x, y=y, z=z),
-        orientation=messages.Quaternion(x=a, y=b, z=c, w=d),
-    )
+    seconds, rest = divmod(stamp_ns, 1_000_000_000)
+    return messages.Timestamp(sec=seconds, nsec=rest)
+
+
+def _vector(values: Array) -> messages.Vector3:
+    from foxglove import messages
+
+    x, y, z = values.tolist()
+    return messages.Vector3(x=x, y=y, z=z)
 
 
 def _colour(rgba: Rgba) -> messages.Color:
@@ -256,47 +225,19 @@ def _colour(rgba: Rgba) -> messages.Color:
     return messages.Color(r=red, g=green, b=blue, a=alpha)
 
 
-def _ball(ball: Ball) -> messages.SpherePrimitive:
+def _pose(place: Array, along: Array | None = None) -> messages.Pose:
+    """A pose in the sensor frame; arrows are drawn along its x axis, here a unit vector."""
     from foxglove import messages
 
-    x, y, z = (2 * ball.half_axes).tolist()
-    return messages.SpherePrimitive(
-        pose=_pose(ball.middle), size=messages.Vector3(x=x, y=y, z=z), color=_colour(ball.colour)
+    turn = Rotation.identity()
+    if along is not None:
+        level = float(np.hypot(along[0], along[1]))
+        angles = [np.arctan2(along[1], along[0]), -np.arctan2(along[2], level)]
+        turn = Rotation.from_euler('ZY', angles)
+    x, y, z, w = turn.as_quat().tolist()
+    return messages.Pose(
+        position=_vector(place), orientation=messages.Quaternion(x=x, y=y, z=z, w=w)
     )
-
-
-def _arrow(arrow: Arrow) -> messages.ArrowPrimitive | None:
-    """An arrow; None where it has no length."""
-    from foxglove import messages
-
-    length = float(np.linalg.norm(arrow.along))
-    if not length > 0:
-        return None
-    return messages.ArrowPrimitive(
-        pose=_pose(arrow.start, _turn(arrow.along / length)),
-        shaft_length=(1 - HEAD_PART) * length,
-        shaft_diameter=SHAFT,
-        head_length=HEAD_PART * length,
-        head_diameter=HEAD,
-        color=_colour(arrow.colour),
-    )
-
-
-def _turn(along: Array) -> Array:
-    """Quaternion (x, y, z, w) from the x axis, along which arrows are drawn, to a unit vector."""
-    axis = np.cross([1.0, 0.0, 0.0], along)
-    sine, cosine = float(np.linalg.norm(axis)), float(along[0])
-    if sine < 1e-12:
-        return np.array([0.0, 0.0, 0.0, 1.0] if cosine > 0 else [0.0, 0.0, 1.0, 0.0])
-    turn = Rotation.from_rotvec(axis / sine * np.arctan2(sine, cosine))
-    return np.asarray(turn.as_quat())
-
-
-Scalars = dict[str, 'float | int | None']
-VECTORS = ('force', 'torque', 'position', 'stray_field')
-SCALARS = ('yaw', 'slip_probability', 'cell_probability', 'label_probability')
-CHOICES = ('in_contact', 'slip', 'cell', 'label', 'status')
-AXES = 'xyz'
 
 
 class GripMessage(Protocol):
@@ -314,45 +255,34 @@ class GripMessage(Protocol):
 
 
 def state_scalars(state: ContactState) -> Scalars:
-    """Every number of a state that a plot may show.
+    """Every number of a state that a plot may show, by name: force_x, force_x_sigma, slip, ...
 
-    Parameters
-    ----------
-    state : ContactState
-        Of a frame; SI units.
-
-    Returns
-    -------
-    dict of str to number or None
-        force_x, force_x_sigma, ..., in_contact, slip, ...; None: not estimated.
+    SI units; None: not estimated.
     """
-    found: Scalars = {}
-    for name in VECTORS:
-        for axis, value in zip(AXES, getattr(state, name), strict=True):
-            found[f'{name}_{axis}'] = _known(value)
-    for name in ('force', 'position'):
-        with np.errstate(invalid='ignore'):
-            sigma: Array = np.sqrt(np.diagonal(getattr(state, f'{name}_cov')))
-        for axis, value in zip(AXES, sigma, strict=True):
-            found[f'{name}_{axis}_sigma'] = _known(value)
-    found |= {name: _known(getattr(state, name)) for name in SCALARS}
-    found |= {name: int(getattr(state, name)) for name in CHOICES}
-    found['valid'] = int(state.valid)
-    return found
+    scalars: Scalars = {'valid': int(state.valid)}
+    for name in ('force', 'torque', 'position', 'stray_field'):
+        for axis, value in zip('xyz', getattr(state, name), strict=True):
+            scalars[f'{name}_{axis}'] = _finite(value)
+    for name, cov in (('force', state.force_cov), ('position', state.position_cov)):
+        for axis, value in zip('xyz', _sigma(cov), strict=True):
+            scalars[f'{name}_{axis}_sigma'] = _finite(value)
+    for name in ('yaw', 'slip_probability', 'cell_probability', 'label_probability'):
+        scalars[name] = _finite(getattr(state, name))
+    for name in ('in_contact', 'slip', 'cell', 'label', 'status'):
+        scalars[name] = int(getattr(state, name))
+    return scalars
 
 
-def grip_scalars(grip: GripMessage) -> dict[str, float | int | str | None]:
+def grip_scalars(grip: GripMessage) -> Scalars:
     """Every number of a GripState by finger, its phase and why nothing was sent."""
-    found: dict[str, float | int | str | None] = {
-        'phase': int(grip.phase),
-        'limited': int(grip.limited),
-        'refusal': str(grip.refusal),
-        'input_age': _known(grip.input_age),
-    }
+    scalars: Scalars = {
+        'phase': int(grip.phase), 'limited': int(grip.limited), 'refusal': str(grip.refusal),
+        'input_age': _finite(grip.input_age),
+    }  # fmt: skip
     for name in ('target_force', 'force', 'friction', 'slip_margin'):
         for finger, value in zip(grip.fingers, getattr(grip, name), strict=False):
-            found[f'{finger}_{name}'] = _known(value)
-    return found
+            scalars[f'{finger}_{name}'] = _finite(value)
+    return scalars
 
 
 def json_schema(message: Mapping[str, object]) -> dict[str, object]:
@@ -364,15 +294,9 @@ def json_schema(message: Mapping[str, object]) -> dict[str, object]:
     return {'type': 'object', 'title': 'tactile_ros', 'properties': kinds}
 
 
-def _known(value: float | Array) -> float | None:
+def _finite(value: float) -> float | None:
     """A number, or None for NaN: json has none."""
-    number = float(value)
-    return number if np.isfinite(number) else None
-
-
-HOST = '127.0.0.1'  # this machine alone
-FADE = 0.999  # of the full colour, from one frame to the next
-LEAST = 1e-12  # change that has the full colour at least (unit of the layout)
+    return float(value) if np.isfinite(value) else None
 
 
 class Seen:
@@ -421,63 +345,51 @@ class Viewer(Closing):
             msg = 'tactile view needs foxglove-sdk: pip install foxglove-sdk'
             raise MissingPackageError(msg) from error
         self._foxglove, self._kinds = foxglove, channels
-        self._held = ExitStack()
-        self._context = foxglove.Context()
-        self._channels: dict[str, Callable[..., None]] = {}
+        self._context, self._held = foxglove.Context(), ExitStack()
+        self._logs: dict[str, Callable[..., None]] = {}
         self._seen: dict[str, Seen] = {}
+        self.address = ''  # where viewers connect; empty without a server
         try:
             if file is not None:
                 self._held.enter_context(foxglove.open_mcap(str(file), context=self._context))
-            self._server = None if port is None else self._serve(port)
+            if port is not None:
+                server = foxglove.start_server(
+                    name='tactile_ros', host=HOST, port=port, context=self._context
+                )
+                self._held.callback(server.stop)
+                self.address = f'ws://{HOST}:{server.port}'
         except (OSError, RuntimeError) as error:
             self._held.close()
             msg = f'nothing can be shown at port {port} or in {file}: {error}'
             raise TactileError(msg) from error
 
-    def _serve(self, port: int) -> WebSocketServer:
-        server = self._foxglove.start_server(
-            name='tactile_ros', host=HOST, port=port, context=self._context
-        )
-        self._held.callback(server.stop)
-        return server
-
     def close(self) -> None:
         """Close the server and the file."""
         self._held.close()
 
-    @property
-    def address(self) -> str:
-        """Where viewers connect; empty without a server."""
-        return '' if self._server is None else f'ws://{HOST}:{self._server.port}'
-
     def show(self, name: str, layout: Layout, frame: Frame, state: ContactState) -> None:
         """Show one frame of the sensor `name` ('' where there is but one)."""
-        seen = self._seen.setdefault(name, Seen())
-        rest, most = seen.scale(frame, state)
-        stamp = frame.stamp_ns or 0
-        points = cloud(layout, frame.values - rest, most, stamp)
-        shown = update(scene_of(layout, frame, rest, state, most), layout.frame_id, stamp)
-        self._log('PointCloud', f'{name}/taxels', points, stamp)
-        self._log('SceneUpdate', f'{name}/scene', shown, stamp)
-        self._log('', f'{name}/state', state_scalars(state), stamp)
+        rest, most = self._seen.setdefault(name, Seen()).scale(frame, state)
+        stamp_ns = frame.stamp_ns or 0
+        scene = scene_of(layout, frame, rest, state, most)
+        points = cloud(layout, frame.values - rest, most, stamp_ns)
+        self._log(f'{name}/taxels', points, stamp_ns, 'PointCloud')
+        shown = update(scene, layout.frame_id, stamp_ns)
+        self._log(f'{name}/scene', shown, stamp_ns, 'SceneUpdate')
+        self._log(f'{name}/state', state_scalars(state), stamp_ns)
 
     def grip(self, name: str, grip: GripMessage, stamp_ns: int) -> None:
         """Show the state of a grip."""
-        self._log('', f'{name}/grip', grip_scalars(grip), stamp_ns)
+        self._log(f'{name}/grip', grip_scalars(grip), stamp_ns)
 
-    def _log(self, kind: str, topic: str, message: object, stamp_ns: int) -> None:
-        """One message on its channel, which is made when it is first needed."""
+    def _log(self, topic: str, message: object, stamp_ns: int, kind: str = '') -> None:
+        """One message of a kind of Foxglove, or json, on a channel made when first needed."""
         topic = topic if topic.startswith('/') else f'/{topic}'
-        if topic not in self._channels:
-            self._channels[topic] = self._channel(kind, topic, message)
-        self._channels[topic](message, log_time=stamp_ns or None)
-
-    def _channel(self, kind: str, topic: str, message: object) -> Callable[..., None]:
-        """Where to log messages of one of Foxglove's kinds, or json."""
-        if kind:
-            made = getattr(self._kinds, f'{kind}Channel')(topic, context=self._context)
-        else:
-            schema = json_schema(message if isinstance(message, dict) else {})
-            made = self._foxglove.Channel(topic, schema=schema, context=self._context)
-        log: Callable[..., None] = made.log
-        return log
+        if topic not in self._logs:
+            if kind:
+                channel = getattr(self._kinds, f'{kind}Channel')(topic, context=self._context)
+            else:
+                schema = json_schema(message if isinstance(message, dict) else {})
+                channel = self._foxglove.Channel(topic, schema=schema, context=self._context)
+            self._logs[topic] = channel.log
+        self._logs[topic](message, log_time=stamp_ns or None)
