@@ -57,24 +57,12 @@ PACKAGES = {
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at.
+    """One thing that was looked at."""
 
-    Attributes
-    ----------
-    where : str
-        Port, bus, package, or quantity.
-    state : str
-        ok; note: nothing to do; warn: works, but should be changed; bad: does not work.
-    what : str
-        What was found.
-    remedy : str
-        What to do, in one sentence; empty: nothing.
-    """
-
-    where: str
-    state: str
-    what: str
-    remedy: str = ''
+    where: str  # port, bus, package, or quantity
+    state: str  # ok; note: nothing to do; warn: works, but should be changed; bad: does not work
+    what: str  # what was found
+    remedy: str = ''  # what to do, in one sentence; empty: nothing
 
 
 def packages() -> list[Finding]:
@@ -225,24 +213,12 @@ MARKS = {
 
 @dataclass(frozen=True)
 class Trial:
-    """What was read.
+    """What was read."""
 
-    Attributes
-    ----------
-    layout : Layout
-        Of the sensor.
-    frames : list of Frame
-        In their order.
-    failure : str
-        Why it could not be opened or fell silent; empty: it did not.
-    counters : dict of str to int
-        Of the driver.
-    """
-
-    layout: Layout
-    frames: list[Frame]
-    failure: str
-    counters: dict[str, int]
+    layout: Layout  # of the sensor
+    frames: list[Frame]  # in their order
+    failure: str  # why it could not be opened or fell silent; empty: it did not
+    counters: dict[str, int]  # of the driver
 
 
 def watch(

@@ -67,41 +67,22 @@ class GraspStage(Stage, Protocol):
 
 @dataclass(frozen=True)
 class Felt:
-    """A pad at one instant.
+    """A pad at one instant."""
 
-    Attributes
-    ----------
-    force, place : ndarray, shape (3,)
-        True contact force and its centre in the sensor frame (N, m); 0 and NaN untouched.
-    state : ContactState
-        What sensor and pipeline made of it.
-    """
-
+    # (3,) true contact force and its centre in the sensor frame (N, m); 0 and NaN untouched
     force: Array
     place: Array
-    state: ContactState
+    state: ContactState  # what sensor and pipeline made of it
 
 
 @dataclass(frozen=True)
 class Rig:
-    """A hand with all that feels and moves it.
+    """A hand with all that feels and moves it."""
 
-    Attributes
-    ----------
-    hand : HandModel
-        The hand.
-    tips : mapping of str to Fingertip
-        By sensor, tared; the order is that of the stage's fingers.
-    stage : GraspStage
-        That controls, of the same hand.
-    rate_hz : float
-        Of the controller (Hz).
-    """
-
-    hand: HandModel
-    tips: Mapping[str, Fingertip]
-    stage: GraspStage
-    rate_hz: float
+    hand: HandModel  # the hand
+    tips: Mapping[str, Fingertip]  # by sensor, tared; the order is that of the stage's fingers
+    stage: GraspStage  # that controls, of the same hand
+    rate_hz: float  # of the controller (Hz)
 
 
 class HandWorld:

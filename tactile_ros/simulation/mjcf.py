@@ -13,37 +13,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class HandModel:
-    """A hand and how it answers.
+    """A hand and how it answers."""
 
-    Attributes
-    ----------
-    description : HandDescription
-        Driver, fingers and their sensors; joints and position actuators of the model have the
-        names of the driver's joints.
-    bodies, rest : str
-        MJCF inside of `worldbody`, and beside it.
-    pads : mapping of str to str
-        For each sensor the pad's geom. A site of the same name is the sensor frame, z out of the
-        skin.
-    dead_time : float
-        From a command's arrival until the drives follow it (s).
-    lag : float
-        Time constant of the drives (s).
-    centre, across : tuple of float
-        Where things are grasped (m), and along which direction.
-    stiffness : float
-        Largest force over closure of a finger on a stiff object (N).
-    """
-
+    # driver, fingers and their sensors; joints and position actuators of the model have the
+    # names of the driver's joints
     description: HandDescription
-    bodies: str
+    bodies: str  # MJCF inside of `worldbody`, and beside it
     rest: str
+    # for each sensor the pad's geom. A site of the same name is the sensor frame, z out of
+    # the skin
     pads: Mapping[str, str]
-    dead_time: float
-    lag: float
-    centre: tuple[float, ...]
+    dead_time: float  # from a command's arrival until the drives follow it (s)
+    lag: float  # time constant of the drives (s)
+    centre: tuple[float, ...]  # where things are grasped (m), and along which direction
     across: tuple[float, ...]
-    stiffness: float
+    stiffness: float  # largest force over closure of a finger on a stiff object (N)
 
 
 def pad_friction(friction: float) -> str:

@@ -83,25 +83,13 @@ class SinglePixel:
 
 @dataclass(frozen=True)
 class Held:
-    """A balloon and a magnet.
+    """A balloon and a magnet."""
 
-    Attributes
-    ----------
-    distance : ndarray, shape (s,)
-        Of the magnet from the sensor (m); decreasing.
-    force, told : ndarray, shape (s,)
-        True force of the thumb, and what the reading says (N).
-    valid : ndarray of bool, shape (s,)
-        Whether the reading may be used for control.
-    seconds : float
-        Simulated (s).
-    """
-
-    distance: Array
-    force: Array
+    distance: Array  # (s,) of the magnet from the sensor (m); decreasing
+    force: Array  # (s,) true force of the thumb, and what the reading says (N)
     told: Array
-    valid: Bools
-    seconds: float
+    valid: Bools  # (s,) whether the reading may be used for control
+    seconds: float  # simulated (s)
 
     def error_until(self, distance: float) -> float:
         """Largest error of the true force (N) while the magnet is at least so far (m)."""
@@ -201,71 +189,35 @@ STEADY = 1.0  # s at the end, whose mean is the steady force
 
 @dataclass(frozen=True)
 class Grasped:
-    """How a grasp went.
+    """How a grasp went."""
 
-    Attributes
-    ----------
-    touched : bool
-        Whether all fingers touched and the hand came to hold.
-    held : bool
-        Whether the object stayed through the pull.
-    contacts : list of Touched
-        Of every pad that tells places, while the object was held.
-    overshoot, steady : float
-        True force of all fingers together, shares of the target.
-    settled : float
-        Time from load until it stays within 5 % (s).
-    trace : ndarray, shape (s, 1 + 2 f)
-        Time (s), true normal forces and targets of all fingers (N).
-    seconds : float
-        Simulated (s).
-    """
-
-    touched: bool
-    held: bool
-    contacts: list[Touched]
-    overshoot: float
+    touched: bool  # whether all fingers touched and the hand came to hold
+    held: bool  # whether the object stayed through the pull
+    contacts: list[Touched]  # of every pad that tells places, while the object was held
+    overshoot: float  # true force of all fingers together, shares of the target
     steady: float
-    settled: float
-    trace: Array
-    seconds: float
+    settled: float  # time from load until it stays within 5 % (s)
+    trace: Array  # (s, 1 + 2 f) time (s), true normal forces and targets of all fingers (N)
+    seconds: float  # simulated (s)
 
 
 @dataclass(frozen=True)
 class Touched:
-    """A contact that lasts.
+    """A contact that lasts."""
 
-    Attributes
-    ----------
-    place, told : ndarray, shape (3,)
-        The true one, and what the mean of 25 frames tells (m); NaN untouched.
-    cov : ndarray, shape (3, 3)
-        Of the latter, as it says of itself (m2).
-    """
-
-    place: Array
+    place: Array  # (3,) the true one, and what the mean of 25 frames tells (m); NaN untouched
     told: Array
-    cov: Array
+    cov: Array  # (3, 3) of the latter, as it says of itself (m2)
 
 
 @dataclass(frozen=True)
 class Named:
-    """Which cell of a pad is touched.
+    """Which cell of a pad is touched."""
 
-    Attributes
-    ----------
-    true, told : int
-        The nearest one, and the pad's answer; -1 untouched.
-    error : float
-        Of the place (m).
-    chance : float
-        That noise alone carries the place into another cell.
-    """
-
-    true: int
+    true: int  # the nearest one, and the pad's answer; -1 untouched
     told: int
-    error: float
-    chance: float
+    error: float  # of the place (m)
+    chance: float  # that noise alone carries the place into another cell
 
 
 def named(touched: Touched, cells: Array) -> Named:
@@ -448,23 +400,13 @@ LOST = 0.45 * CUBE
 
 @dataclass(frozen=True)
 class Handling:
-    """What happens to an object in the hand.
+    """What happens to an object in the hand."""
 
-    Attributes
-    ----------
-    friction, later_friction : float
-        Coefficient before and from `change` on.
-    mass, later_mass : float
-        Before, and after it has grown (kg).
-    change, growth : float
-        When it changes after the hand-over begins, and how long it takes to grow (s).
-    """
-
-    friction: float
+    friction: float  # coefficient before and from `change` on
     later_friction: float
-    mass: float
+    mass: float  # before, and after it has grown (kg)
     later_mass: float
-    change: float
+    change: float  # when it changes after the hand-over begins, and how long it takes to grow (s)
     growth: float
 
     @classmethod
@@ -487,27 +429,16 @@ class Handling:
 
 @dataclass(frozen=True)
 class Carried:
-    """How a hold went.
+    """How a hold went."""
 
-    Attributes
-    ----------
-    held : bool
-        Whether the object was still in the hand at the end.
-    mean_force : float
-        True normal force of a finger from the hand-over to the end or the drop (N).
-    slid : float
-        How far the object came down (m).
-    trace : ndarray, shape (s, 5)
-        Time (s), true normal and tangential force and target of the left finger (N), way down (m).
-    seconds : float
-        Simulated (s).
-    """
-
-    held: bool
+    held: bool  # whether the object was still in the hand at the end
+    # true normal force of a finger from the hand-over to the end or the drop (N)
     mean_force: float
-    slid: float
+    slid: float  # how far the object came down (m)
+    # (s, 5) time (s), true normal and tangential force and target of the left finger (N),
+    # way down (m)
     trace: Array
-    seconds: float
+    seconds: float  # simulated (s)
 
 
 class LoadScene:

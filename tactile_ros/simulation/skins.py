@@ -44,28 +44,15 @@ AVERAGED = 25  # frames of a contact that lasts
 
 @dataclass(frozen=True)
 class Skin:
-    """How a kind of sensor is read in a scene.
+    """How a kind of sensor is read in a scene."""
 
-    Attributes
-    ----------
-    spec : SensorSpec
-        Of the sensor.
-    config : SensorConfig
-        Of this one.
-    connection : object
-        How its board is connected.
-    signal : callable
-        Readings (t, c) in the unit of the sensor for a contact's place (3,) (m) and force (3,) (N)
-        in the sensor frame, and the field of what is around, (t, 3) (T) in the same axes.
-    model : str
-        Which model of the sensor `physics.fidelity` picked for the signal.
-    """
-
-    spec: SensorSpec
-    config: SensorConfig
-    connection: object
+    spec: SensorSpec  # of the sensor
+    config: SensorConfig  # of this one
+    connection: object  # how its board is connected
+    # readings (t, c) in the unit of the sensor for a contact's place (3,) (m) and force (3,)
+    # (N) in the sensor frame, and the field of what is around, (t, 3) (T) in the same axes
     signal: Callable[[Array, Array, Array], Array]
-    model: str
+    model: str  # which model of the sensor `physics.fidelity` picked for the signal
 
 
 class Fingertip(Closing):

@@ -184,21 +184,11 @@ class Trials:
 
 @dataclass(frozen=True)
 class Grip:
-    """How a load is gripped.
+    """How a load is gripped."""
 
-    Attributes
-    ----------
-    config : GripConfig
-        Of the law.
-    force : float
-        At which it begins (N).
-    adapt : bool
-        Whether slip and load raise it.
-    """
-
-    config: GripConfig
-    force: float
-    adapt: bool
+    config: GripConfig  # of the law
+    force: float  # at which it begins (N)
+    adapt: bool  # whether slip and load raise it
 
 
 def grips(fixed: float) -> dict[str, Grip]:
