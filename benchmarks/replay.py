@@ -20,12 +20,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks.harness.rows import BenchResult, Row
-from tactile_ros.evaluation.bag import BagWriter
-from tactile_ros.evaluation.bag_pieces import BagPieces
-from tactile_ros.evaluation.definitions import all_types
-from tactile_ros.evaluation.recording_files import load
+from tactile_ros.evaluation.bag import BagWriter, all_types
+from tactile_ros.evaluation.fleet import evaluate_bag
+from tactile_ros.evaluation.recording_files import Bag, load
 from tactile_ros.evaluation.replay import replay
-from tactile_ros.evaluation.sensor_tally import tally_bag
 from tactile_ros.messages import fill_contacts
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame, Recording
@@ -46,9 +44,9 @@ SEED = 0
 PEAK = (
     'import sys; from pathlib import Path;'
     'from tactile_ros.sensors import load_sensor;'
-    'from tactile_ros.evaluation.sensor_tally import tally_bag;'
+    'from tactile_ros.evaluation.fleet import evaluate_bag;'
     'bag, calibration = map(Path, sys.argv[1:]);'
-    'tally_bag(bag, {"c": load_sensor("reskin_board").load(calibration)});'
+    'evaluate_bag(bag, {"c": load_sensor("reskin_board").load(calibration)});'
     # the kernel's own count: that of getrusage begins with the parent's
     'print(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0])'
 )
@@ -241,12 +239,12 @@ def timed(what: Callable[[], object], repeats: int) -> Timed:
 
 def _rows(bag: Path, pipeline: Pipeline, frames: int, repeats: int) -> list[Row]:
     """Figures of one bag."""
-    ours = timed(lambda: tally_bag(bag, {'c': pipeline}), repeats)
-    read = timed(lambda: sum(1 for _ in BagPieces(bag)), repeats)
+    ours = timed(lambda: evaluate_bag(bag, {'c': pipeline}), repeats)
+    read = timed(lambda: sum(1 for _ in Bag(bag)), repeats)
     theirs = timed(lambda: _by_rosbags(bag), repeats)
-    (tally,) = ours.result
+    (found,) = ours.result
     whole = _whole(bag, pipeline)
-    part = tally.answers[0].targets['position'].errors.spread
+    part = found.answers[0].target('position').spread
     each = 1e6 * ours.seconds / frames
     return [
         Row('replay against real time', 'ratio', frames / RATE_HZ / ours.seconds, 'high',
@@ -254,7 +252,7 @@ def _rows(bag: Path, pipeline: Pipeline, frames: int, repeats: int) -> list[Row]
         Row('replay against reading by rosbags', 'ratio', ours.seconds / theirs.seconds, aim=3.0),
         Row('of it: reading into arrays', 'us', 1e6 * read.seconds / frames,
             peer=1e6 * theirs.seconds / frames),
-        Row('largest difference to live contacts', '1', tally.answers[0].agreement.largest,
+        Row('largest difference to live contacts', '1', found.answers[0].agreement.largest,
             bound=0.0, aim=1e-9),
         Row('mean error of place, pieces less whole', 'm', abs(part.mean - whole), bound=0.0,
             aim=1e-12),

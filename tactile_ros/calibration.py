@@ -291,7 +291,7 @@ def read(path: str | Path) -> Arrays:
     """
     target = Path(path)
     try:
-        arrays = _members(target)
+        arrays = plain_arrays(target, MOST_MEMBERS, MOST_BYTES)
     except FileNotFoundError as error:
         msg = f'calibration {target} does not exist; make one with `tactile calibrate`'
         raise CalibrationError(msg) from error
@@ -306,8 +306,16 @@ def read(path: str | Path) -> Arrays:
     return arrays
 
 
-def _members(target: Path) -> Arrays:
-    """Arrays of all members by name."""
+def plain_arrays(target: Path, most_members: int, most_bytes: int) -> Arrays:
+    """Arrays of all members of an .npz by name, read without trust; raises `DAMAGE`.
+
+    Parameters
+    ----------
+    target : Path
+        Of the file.
+    most_members, most_bytes : int
+        Caps on what it may unpack to.
+    """
     if target.exists() and not target.is_file():
         msg = 'it is no file'
         raise ValueError(msg)
@@ -315,7 +323,7 @@ def _members(target: Path) -> Arrays:
         _refuse_long_directory(file)
         with zipfile.ZipFile(file) as archive:
             listed = archive.infolist()
-            _refuse_bombs(target, listed)
+            _refuse_bombs(listed, most_members, most_bytes)
             arrays: Arrays = {}
             for member in listed:
                 with archive.open(member) as stream:
@@ -340,22 +348,24 @@ def _refuse_long_directory(file: io.BufferedReader) -> None:
     file.seek(0)
 
 
-def _refuse_bombs(target: Path, listed: Sequence[zipfile.ZipInfo]) -> None:
+def _refuse_bombs(
+    listed: Sequence[zipfile.ZipInfo], most_members: int, most_bytes: int
+) -> None:
     """Cap the count, the names and the unpacked size of members before unpacking any."""
     unpacked = sum(member.file_size for member in listed)
-    if len(listed) > MOST_MEMBERS or unpacked > MOST_BYTES:
+    if len(listed) > most_members or unpacked > most_bytes:
         msg = (
-            f'calibration {target} must hold at most {MOST_MEMBERS} members and {MOST_BYTES} '
+            f'it must hold at most {most_members} members and {most_bytes} '
             f'bytes; received {len(listed)} and {unpacked}'
         )
-        raise CalibrationError(msg)
+        raise ValueError(msg)
     seen: set[str] = set()
     for member in listed:
         name = member.filename
         plain = NAME.fullmatch(name) and '..' not in name and not name.startswith('/')
         if not plain or name in seen or member.compress_type not in PLAIN:
-            msg = f'calibration {target} holds a member named {name[:40]!r}; refused'
-            raise CalibrationError(msg)
+            msg = f'it holds a member named {name[:40]!r}; refused'
+            raise ValueError(msg)
         seen.add(name)
 
 

@@ -186,7 +186,7 @@ def test_an_installed_wheel_finds_its_definitions_and_benches(
     monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
     code = (
         'from tactile_ros.cli.bench import folder, names\n'
-        'from tactile_ros.evaluation.definitions import message_folder\n'
+        'from tactile_ros.evaluation.bag import message_folder\n'
         'print(message_folder(), folder(), *names(), sep="\\n")'
     )
     share = prefix / 'share' / 'tactile_ros'

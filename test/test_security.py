@@ -17,7 +17,7 @@ from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.recording_files import load_recording, save_recording
 from tactile_ros.evaluation.report import render
 from tactile_ros.evaluation.result import Dataset, Result
-from tactile_ros.evaluation.truth import _label
+from tactile_ros.evaluation.truth import held_labels
 from tactile_ros.types import Layout, Recording, admit_name
 from tactile_ros.types.frame import MOST_CHARACTERS
 
@@ -128,7 +128,7 @@ def named(field: str, name: str) -> None:
     """Use a name where it comes in."""
     plain = Layout(np.zeros((1, 3)), ('x',), 'T')
     if field == 'label':
-        _label(name)
+        held_labels([name], np.zeros(1, np.int64), np.zeros(1, np.int64), ())
     else:
         dataclasses.replace(plain, **{field: (name,) if field == 'channels' else name})  # type: ignore[arg-type]
 
@@ -181,7 +181,7 @@ def test_the_page_says_the_caps_that_the_code_has() -> None:
     from tactile_ros import calibration as calibrations
     from tactile_ros.cli.console import MOST_YAML_BYTES
     from tactile_ros.evaluation import recording_files as recordings
-    from tactile_ros.evaluation.container import LARGEST_CHUNK
+    from tactile_ros.evaluation.bag import LARGEST_CHUNK
     from tactile_ros.evaluation.recording_files import MOST_ROWS
 
     page = (ROOT / 'docs' / 'security.md').read_text()

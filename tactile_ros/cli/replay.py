@@ -15,10 +15,9 @@ import os
 import shlex
 import sys
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from tactile_ros.cli import calibrate
 from tactile_ros.cli.console import (
@@ -32,17 +31,7 @@ from tactile_ros.cli.console import (
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import fleet
 from tactile_ros.evaluation.fleet import Job, open_calibration
-from tactile_ros.evaluation.metrics import clocks_apart, frames_dropped, given_targets
-from tactile_ros.evaluation.replay import replay
-from tactile_ros.evaluation.result import (
-    Answer,
-    Dataset,
-    Result,
-    answer,
-    environment,
-    table,
-    unjudged,
-)
+from tactile_ros.evaluation.result import Dataset, Result, environment, table
 from tactile_ros.evaluation.truth import DEFAULT_TRUTH
 
 if TYPE_CHECKING:
@@ -51,7 +40,6 @@ if TYPE_CHECKING:
     from tactile_ros.evaluation.fleet import Outcome
     from tactile_ros.evaluation.recording_files import LoadedRecording
     from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Array
 
 
 def seconds(text: str) -> float:
@@ -100,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
     recordings = list(dict.fromkeys(options.recordings))
     alone = working('replaying') if len(recordings) == 1 else nullcontext()
     with alone, Progress(len(recordings)) as progress:
-        outcomes = fleet.tally_all(
+        outcomes = fleet.run_jobs(
             [_job(name, options) for name in recordings],
             options.jobs,
             options.scheduler,
@@ -128,7 +116,6 @@ def _job(name: str, options: argparse.Namespace) -> Job:
         tuple(options.truth) or DEFAULT_TRUTH,
         None if options.tolerance is None else round(options.tolerance * 1e9),
         None if options.delay is None else round(options.delay * 1e9),
-        drawn=bool(options.report or options.png),
     )
 
 
@@ -137,7 +124,7 @@ def print_outcomes(outcomes: list[Outcome], *, as_json: bool) -> None:
     columns, rows = fleet.table(outcomes)
     said = sys.stderr if as_json else sys.stdout
     (show_json if as_json else show)(columns, rows)
-    for one in (one for outcome in outcomes for one in outcome.tallies):
+    for one in (one for outcome in outcomes for one in outcome.results):
         sentences = [f'{topic}: {how}' for topic, how in one.association.items()]
         for found in one.answers:
             if found.agreement is not None:
@@ -158,9 +145,8 @@ def _report(
     """Write the report and its pictures, as far as they are asked for."""
     from tactile_ros.evaluation.pictures import write_drawings
     from tactile_ros.evaluation.report import write_report
-    from tactile_ros.evaluation.tallied import dataset_of
 
-    datasets = [dataset_of(one) for outcome in outcomes for one in outcome.tallies]
+    datasets = [fleet.for_report(one) for outcome in outcomes for one in outcome.results]
     failed = [f'Left out: {outcome.failure}' for outcome in outcomes if outcome.failure]
     notes = dict.fromkeys(said for p in pipelines for said in calibrate.sentences(p.report))
     digests = {
@@ -181,42 +167,14 @@ def evaluate(
     loaded: LoadedRecording, pipelines: list[Pipeline], summary: str = '', name: str = ''
 ) -> Dataset:
     """Answers of every pipeline of the recording's shape, the first one's agreement with live."""
-    answers: list[Answer] = []
-    agreement, problems = None, list(loaded.problems)
-    for pipeline in pipelines:
-        if pipeline.layout.shape != loaded.recording.layout.shape:
-            continue
-        replayed = replay(loaded, pipeline)
-        label = ', '.join(dict.fromkeys(pipeline.estimators.values())) or 'not calibrated'
-        found = answer(label, loaded, replayed)
-        answers.append(found)
-        counts = {target.name: target.spread.count for target in found.targets}
-        problems += unjudged(label, counts, given_targets(replayed.states))
-        if len(answers) == 1:
-            agreement = replayed.agreement
-            problems += replayed.problems
-    if not answers:
-        shape = loaded.recording.layout.shape
-        msg = f'{loaded.name} has {shape} taxels and channels, which no calibration is for'
-        raise RecordingError(msg)
-    recording = loaded.recording
-    live = loaded.contacts
-    stamps = recording.stamp_ns
-    delay: Array = np.zeros(0)
-    if live is not None and stamps is not None:
-        delay = np.asarray((live.log_ns - stamps[live.rows]) * 1e-9, np.float64)
-        if told := clocks_apart(len(delay), int((delay < 0).sum())):
-            delay, problems = np.zeros(0), [*problems, *told]
-    return Dataset(
+    found = fleet.evaluate(loaded, {str(i): one for i, one in enumerate(pipelines)})
+    first = found.answers[0]
+    return replace(
+        found,
         name=name or loaded.name,
         summary=summary,
-        answers=tuple(answers),
-        frames=len(recording),
-        dropped=frames_dropped(recording.sequence, recording.restarts),
-        chips=recording.layout.positions,
-        latency_s=delay,
-        agreement=agreement,
-        problems=tuple(problems),
+        agreement=first.agreement,
+        problems=(*found.problems, *first.problems),
     )
 
 

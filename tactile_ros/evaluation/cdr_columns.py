@@ -2,36 +2,40 @@
 
 Messages whose texts and lists have the same lengths hold each field at the same place. So one
 message of a kind is walked through by its type's definition, and the others of that kind are cut
-at the same places. What does not fit goes through rosbags once and is tried again; what rosbags
-cannot read either is damaged.
+at the same places: 5 us for the three messages of a frame (20 chips, contacts, truth), where
+rosbags takes 130 us; a replay at 500 x real time has 20 us in all. What does not fit goes through
+rosbags once and is tried again; what rosbags cannot read either is damaged.
 
 Notes
 -----
-XCDR version 1, little-endian, as ROS 2 writes it: 4 bytes in front, primitives aligned to their
-size from there on, a length of 4 bytes before a text (which ends with a zero) and a list.
+XCDR version 1, little-endian, as ROS 2 writes it: 4 bytes in front, numbers aligned to their size
+from there on, a length of 4 bytes before a text (which ends with a zero) and a list.
 """
 
 from __future__ import annotations
 
+import re
 import struct
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.evaluation.definitions import all_types
+from tactile_ros.evaluation.bag import all_types
+from tactile_ros.types import STATE_FIELDS, field_shape
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Container, Sequence
 
-    from tactile_ros.types import Bytes, Integers
+    from tactile_ros.types import Array, Bytes, Integers
 
-FRONT = b'\x00\x01'  # of little-endian CDR; two more bytes follow that mean nothing
-FRONT_SIZE = 4
+FRAME = 'tactile_ros/msg/TactileFrame'
+CONTACTS = 'tactile_ros/msg/TactileContacts'
+Columns = dict[str, npt.NDArray[np.generic]]
+
+FRONT_BYTES = 4
 MOST_ENTRIES = 4096  # of a list of messages, each of which has columns of its own
 BASE, NAME, ARRAY, SEQUENCE = 1, 2, 3, 4  # kinds of a field in rosbags
-Columns = dict[str, npt.NDArray[np.generic]]
 NUMBERS = {
     'bool': '?', 'byte': 'u1', 'char': 'u1', 'int8': 'i1', 'uint8': 'u1', 'int16': '<i2',
     'uint16': '<u2', 'int32': '<i4', 'uint32': '<u4', 'int64': '<i8', 'uint64': '<u8',
@@ -39,7 +43,7 @@ NUMBERS = {
 }  # fmt: skip
 
 
-class Unlike(Exception):
+class UnlikeError(Exception):
     """Bytes that are no message of the type, or of a form that has no columns."""
 
 
@@ -54,107 +58,80 @@ class Group(NamedTuple):
     columns: Columns
 
 
-@dataclass
-class Places:
-    """Where the fields of one kind of message are.
+class MessageLayout:
+    """Places of the fields of one message, and of the lengths in it that make its kind.
 
-    Attributes
-    ----------
-    numbers : dict
-        Path -> place, type of the number, count; None: no list.
-    lengths : list of int
-        Places of the lengths that make the kind.
+    Raises UnlikeError if it has none: it is cut, too long, big-endian, or holds what has no
+    columns.
     """
 
-    numbers: dict[str, tuple[int, str, int | None]] = field(default_factory=dict)
-    lengths: list[int] = field(default_factory=list)
+    def __init__(self, data: bytes, type_name: str) -> None:
+        self.data, self.at = data, FRONT_BYTES
+        self.lengths: list[int] = []
+        self.formats: dict[str, tuple[int, str, int | None]] = {}
+        if data[:2] != b'\x00\x01':
+            raise UnlikeError
+        self._message(type_name, '')
+        if len(data) - self.at > 3:  # some middleware fills up to a multiple of 4
+            raise UnlikeError
 
-
-class _Walk:
-    """Goes through one message by the definition of its type."""
-
-    def __init__(self, data: bytes) -> None:
-        self.data = data
-        self.at = FRONT_SIZE
-        self.places = Places()
-        self.fields = all_types().fielddefs
-
-    def message(self, type_name: str, path: str) -> None:
-        """Every field of a message."""
-        for name, (kind, what) in self.fields[type_name][1]:
+    def _message(self, type_name: str, path: str) -> None:
+        for name, (kind, what) in all_types().fielddefs[type_name][1]:
             self._field(f'{path}{name}', int(kind), what)
 
     def _field(self, path: str, kind: int, what: object) -> None:
-        if kind == BASE:
-            self._plain(path, what[0], None)  # type: ignore[index]
-        elif kind == NAME:
-            self.message(str(what), f'{path}.')
+        if kind == NAME:
+            self._message(str(what), f'{path}.')
+        elif kind == BASE:
+            (name, _) = cast('tuple[str, int]', what)
+            text = name == 'string'
+            self._number(path, 'uint8' if text else name, self._length() if text else None)
         else:
-            entry, length = cast('tuple[tuple[int, object], int]', what)
-            count = self._length() if kind == SEQUENCE else length
-            self._list(path, int(entry[0]), entry[1], count)
+            (entry_kind, entry), count = cast('tuple[tuple[int, object], int]', what)
+            count = self._length() if kind == SEQUENCE else count
+            if entry_kind == BASE and cast('tuple[str, int]', entry)[0] != 'string':
+                self._number(path, cast('tuple[str, int]', entry)[0], count)
+                return
+            if count > MOST_ENTRIES:
+                raise UnlikeError
+            for i in range(count):
+                self._field(f'{path}.{i}', int(entry_kind), entry)
 
-    def _list(self, path: str, kind: int, what: object, count: int) -> None:
-        """Entries of a list: numbers as one column, messages and texts as columns each."""
-        number = kind == BASE and what[0] in NUMBERS  # type: ignore[index]
-        if number:
-            self._plain(path, what[0], count)  # type: ignore[index]
-            return
-        if count > MOST_ENTRIES:
-            raise Unlike
-        for i in range(count):
-            self._field(f'{path}.{i}', kind, what)
-
-    def _plain(self, path: str, name: str, count: int | None) -> None:
-        """A number, a list of numbers, or a text."""
-        if name == 'string':
-            count = self._length()
-            self._take(path, 'u1', 1, count)
-        elif name in NUMBERS:
-            self._take(path, NUMBERS[name], np.dtype(NUMBERS[name]).itemsize, count)
-        else:
-            raise Unlike
-
-    def _length(self) -> int:
-        self._align(4)
-        if self.at + 4 > len(self.data):
-            raise Unlike
-        self.places.lengths.append(self.at)
-        (length,) = struct.unpack_from('<I', self.data, self.at)
-        self.at += 4
-        return int(length)
-
-    def _take(self, path: str, form: str, size: int, count: int | None) -> None:
+    def _number(self, path: str, name: str, count: int | None) -> None:
+        """Place a number, or a list of numbers."""
+        if name not in NUMBERS:
+            raise UnlikeError
+        form = NUMBERS[name]
+        size = np.dtype(form).itemsize
         if count != 0:
-            self._align(size)
-        self.places.numbers[path] = (self.at, form, count)
+            self.at += (FRONT_BYTES - self.at) % size
+        self.formats[path] = self.at, form, count
         self.at += size * (1 if count is None else count)
         if self.at > len(self.data):
-            raise Unlike
+            raise UnlikeError
 
-    def _align(self, size: int) -> None:
-        self.at += (FRONT_SIZE - self.at) % size
+    def _length(self) -> int:
+        """Length of a text or of a list."""
+        self.at += (FRONT_BYTES - self.at) % 4
+        if self.at + 4 > len(self.data):
+            raise UnlikeError
+        self.lengths.append(self.at)
+        self.at += 4
+        return int(struct.unpack_from('<I', self.data, self.at - 4)[0])
 
-
-def places_of(data: bytes, type_name: str) -> Places:
-    """Places of the fields of one message.
-
-    Raises
-    ------
-    Unlike
-        If it has none: it is cut, too long, not little-endian, or holds what has no columns.
-    """
-    walk = _Walk(data)
-    if data[:2] != FRONT:
-        raise Unlike
-    walk.message(type_name, '')
-    if len(data) - walk.at > 3:  # some middleware fills up to a multiple of 4
-        raise Unlike
-    return walk.places
+    def columns(self, block: Bytes) -> Columns:
+        """Fields of messages (n, bytes) of this kind."""
+        columns: Columns = {}
+        for path, (at, form, count) in self.formats.items():
+            width = np.dtype(form).itemsize * (1 if count is None else count)
+            part = np.ascontiguousarray(block[:, at : at + width])
+            values = part.view(form) if width else part.astype(form)
+            columns[path] = values[:, 0] if count is None else values
+        return columns
 
 
 def read_columns(messages: Sequence[bytes], type_name: str) -> tuple[list[Group], int]:
-    """Columns of serialised messages.
+    """Columns of serialised messages; what has no columns goes through rosbags once.
 
     Parameters
     ----------
@@ -168,55 +145,31 @@ def read_columns(messages: Sequence[bytes], type_name: str) -> tuple[list[Group]
     groups : list of Group
         One for each kind of message.
     damaged : int
-        Messages that nobody can read; they are in no group.
+        Messages that rosbags cannot read either; they are in no group.
     """
     sizes = np.array([len(data) for data in messages], np.int64)
     groups: list[Group] = []
-    refused: list[int] = []
+    damaged = 0
     for size in np.unique(sizes).tolist():
         rows = np.flatnonzero(sizes == size)
-        block = np.frombuffer(b''.join([messages[i] for i in rows.tolist()]), np.uint8)
-        _cut(messages, rows, block.reshape(len(rows), size), type_name, groups, refused)
-    damaged = 0
-    for row in refused:
-        again = _by_rosbags(messages[row], type_name)
-        damaged += again is None
-        groups += [] if again is None else [Group(np.array([row]), again)]
+        joined = b''.join([messages[i] for i in rows.tolist()])
+        block = np.frombuffer(joined, np.uint8).reshape(len(rows), size)
+        while len(rows):
+            first = int(rows[0])
+            same = np.zeros(len(rows), bool)
+            same[0] = True
+            try:
+                places = MessageLayout(messages[first], type_name)
+                marks = [0, 1, *(at + i for at in places.lengths for i in range(4))]
+                same = (block[:, marks] == block[0, marks]).all(axis=1)
+                alike = block if same.all() else block[same]
+                groups.append(Group(rows[same], places.columns(alike)))
+            except UnlikeError:
+                columns = _by_rosbags(messages[first], type_name)
+                damaged += columns is None
+                groups += [] if columns is None else [Group(rows[:1], columns)]
+            rows, block = rows[~same], block[~same]
     return groups, damaged
-
-
-def _cut(
-    messages: Sequence[bytes],
-    rows: Integers,
-    block: Bytes,
-    type_name: str,
-    groups: list[Group],
-    refused: list[int],
-) -> None:
-    """Sort messages of one size, `block` (n, size), by kind and cut each kind."""
-    while len(rows):
-        try:
-            places = places_of(messages[int(rows[0])], type_name)
-        except Unlike:
-            refused.append(int(rows[0]))
-            rows, block = rows[1:], block[1:]
-            continue
-        marks = [0, 1, *(at + i for at in places.lengths for i in range(4))]
-        same = (block[:, marks] == block[0, marks]).all(axis=1)
-        alike = block if same.all() else block[same]
-        groups.append(Group(rows[same], _columns(alike, places)))
-        rows, block = rows[~same], block[~same]
-
-
-def _columns(block: Bytes, places: Places) -> Columns:
-    """Fields of messages of one kind."""
-    found: Columns = {}
-    for path, (at, form, count) in places.numbers.items():
-        width = np.dtype(form).itemsize * (1 if count is None else count)
-        column = np.ascontiguousarray(block[:, at : at + width])
-        values = column.view(form) if width else column.astype(form)
-        found[path] = values[:, 0] if count is None else values
-    return found
 
 
 def _by_rosbags(data: bytes, type_name: str) -> Columns | None:
@@ -224,11 +177,189 @@ def _by_rosbags(data: bytes, type_name: str) -> Columns | None:
     store = all_types()
     try:
         fresh = bytes(store.serialize_cdr(store.deserialize_cdr(data, type_name), type_name))
-        return _columns(np.frombuffer(fresh, np.uint8)[None], places_of(fresh, type_name))
-    except Exception:
+        places = MessageLayout(fresh, type_name)
+    except Exception:  # whatever rosbags makes of it
         return None
+    return places.columns(np.frombuffer(fresh, np.uint8)[None])
 
 
 def text_at(column: npt.NDArray[np.generic], row: int) -> str:
     """Text of one message, from its column of bytes (n, k)."""
     return bytes(column[row].tobytes()).rstrip(b'\0').decode('utf-8', 'replace')
+
+
+def stamps_of(columns: Columns) -> Integers:
+    """Times of headers, shape (n,) (ns)."""
+    seconds = columns['header.stamp.sec'].astype(np.int64)
+    return np.asarray(seconds * 1_000_000_000 + columns['header.stamp.nanosec'].astype(np.int64))
+
+
+def vectors_of(columns: Columns, path: str) -> Array:
+    """Points or vectors, shape (n, 3)."""
+    return np.stack([columns[f'{path}.{axis}'] for axis in 'xyz'], axis=1)
+
+
+class Rows(NamedTuple):
+    """Messages as arrays.
+
+    `rows` (n,) are their places among all, `arrays` have n entries each; `damaged` and `misfits`
+    are counts of messages that are in no row.
+    """
+
+    rows: Integers
+    arrays: Columns
+    damaged: int
+    misfits: int
+
+
+def read_rows(
+    messages: Sequence[bytes],
+    type_name: str,
+    convert: Callable[[Columns], Columns],
+    fits: Callable[[Columns], bool] = lambda _: True,
+) -> Rows:
+    """Arrays of serialised messages of one type; without any row there is no array."""
+    groups, damaged = read_columns(messages, type_name)
+    good = [group for group in groups if fits(group.columns)]
+    misfits = sum(len(g.rows) for g in groups) - sum(len(g.rows) for g in good)
+    parts = [convert(group.columns) for group in good]
+    if len(good) == 1:
+        return Rows(good[0].rows, parts[0], damaged, misfits)
+    rows = np.concatenate([np.zeros(0, np.int64), *(group.rows for group in good)])
+    order = np.argsort(rows, kind='stable')
+    arrays = {key: column[order] for key, column in join(parts).items()}
+    return Rows(rows[order], arrays, damaged, misfits)
+
+
+def join(parts: Sequence[Columns]) -> Columns:
+    """Columns of all parts, one after another; lists of patches get the length of the longest."""
+    patches = max([1, *(p['contacts_id'].shape[1] for p in parts if 'contacts_id' in p)])
+    return {
+        key: np.concatenate([widened(key, part[key], patches) for part in parts])
+        for key in (parts[0] if parts else ())
+    }
+
+
+def widened(name: str, column: npt.NDArray[np.generic], patches: int) -> npt.NDArray[np.generic]:
+    """State attribute with room for so many patches; others as they are."""
+    shape, _, fill = STATE_FIELDS.get(name, ((), None, None))
+    if shape[:1] != ('k',) or column.shape[1] >= patches:
+        return column
+    wide = np.full((len(column), patches, *column.shape[2:]), fill, column.dtype)
+    wide[:, : column.shape[1]] = column
+    return wide
+
+
+def read_frames(messages: Sequence[bytes], shape: tuple[int, int]) -> Rows:
+    """Frames of serialised TactileFrames.
+
+    Parameters
+    ----------
+    messages : sequence of bytes
+        CDR, s of them.
+    shape : tuple of int
+        Taxels and channels (t, c); frames of another are counted as misfits.
+
+    Returns
+    -------
+    Rows
+        `stamp_ns`, `sequence`, `device_time_ns` (n,), `values` (n, t, c), `temperature_c` (n, t),
+        NaN unknown, `status` (n, t).
+    """
+    taxels, channels = shape
+
+    def fits(columns: Columns) -> bool:
+        lengths = {columns[name].shape[1] for name in ('temperature_c', 'status')}
+        return columns['values'].shape[1] == taxels * channels and lengths <= {0, taxels}
+
+    def convert(columns: Columns) -> Columns:
+        count = len(columns['sequence'])
+        chips, bits = columns['temperature_c'], columns['status']
+        return {
+            'stamp_ns': stamps_of(columns),
+            'sequence': columns['sequence'].astype(np.int64),
+            'device_time_ns': columns['device_time_ns'].astype(np.int64),
+            'values': columns['values'].reshape(count, taxels, channels),
+            'temperature_c': chips if chips.shape[1] else np.full((count, taxels), np.nan),
+            'status': bits if bits.shape[1] else np.zeros((count, taxels), np.uint8),
+        }
+
+    return read_rows(messages, FRAME, convert, fits)
+
+
+PER_TAXEL = ('taxel_force', 'deformation', 'taxel_status')
+VECTORS = {'force': 'wrench.force', 'torque': 'wrench.torque', 'stray_field': 'stray_field'}
+BLOCKS = {'force_cov': slice(0, 3), 'torque_cov': slice(3, 6)}
+
+
+def read_contacts(
+    messages: Sequence[bytes], taxels: int, wanted: Container[str] = STATE_FIELDS
+) -> Rows:
+    """Arrays of serialised TactileContacts, as `messages.read_contacts` gives them.
+
+    Parameters
+    ----------
+    messages : sequence of bytes
+        CDR, s of them.
+    taxels : int
+        Count t; messages of another are counted as misfits.
+    wanted : container of str
+        State attributes to read.
+    """
+
+    def fits(columns: Columns) -> bool:
+        return all(columns[name].shape[1] in (0, taxels) for name in PER_TAXEL)
+
+    def convert(columns: Columns) -> Columns:
+        count, ids = len(columns['sequence']), _patch_ids(columns)
+        patches = max(1, int((ids >= 0).sum(axis=1).max(initial=0)))
+        arrays: Columns = {'stamp_ns': stamps_of(columns)}
+        for name in ('sequence', 'session', 'repetition'):
+            arrays[name] = columns[name].astype(np.int64)
+        for name, (_, dtype, fill) in STATE_FIELDS.items():
+            if name in wanted:
+                arrays[name] = np.full((count, *field_shape(name, taxels, patches)), fill, dtype)
+                values = _state_values(columns, name)
+                if values.size:
+                    arrays[name][:] = values
+        _fill_patches(arrays, columns, ids)
+        return arrays
+
+    return read_rows(messages, CONTACTS, convert, fits)
+
+
+def _state_values(columns: Columns, name: str) -> npt.NDArray[np.generic]:
+    """State attribute as the message has it; empty: not at all."""
+    if name in VECTORS:
+        return vectors_of(columns, VECTORS[name])
+    if name in BLOCKS:
+        return columns['wrench_covariance'].reshape(-1, 6, 6)[:, BLOCKS[name], BLOCKS[name]]
+    return columns.get(name, np.zeros(0))
+
+
+def _patch_ids(columns: Columns) -> Integers:
+    """Ids of the patches, shape (n, k)."""
+    ids = [columns[name] for name in columns if re.fullmatch(r'contacts\.\d+\.id', name)]
+    count = len(columns['sequence'])
+    return np.stack(ids, axis=1).astype(np.int64) if ids else np.zeros((count, 0), np.int64)
+
+
+def _fill_patches(arrays: Columns, columns: Columns, ids: Integers) -> None:
+    """Fill in patches in their order; the position is that of the first, or of a last of id -1."""
+    listed = ids >= 0
+    slot = np.cumsum(listed, axis=1) - 1
+    last = ids.shape[1] - 1
+    for k in range(ids.shape[1]):
+        rows = np.flatnonzero(listed[:, k])
+        values: Columns = {'id': ids[:, k]}
+        for name in ('position', 'normal', 'force'):
+            values[name] = vectors_of(columns, f'contacts.{k}.{name}')
+        for name in ('position', 'force'):
+            values[f'{name}_cov'] = columns[f'contacts.{k}.{name}_covariance'].reshape(-1, 3, 3)
+        if 'contacts_id' in arrays:
+            for name, column in values.items():
+                arrays[f'contacts_{name}'][rows, slot[rows, k]] = column[rows]
+        holds = np.ones(len(ids), bool) if k == 0 else ~listed[:, k]
+        for name in ('position', 'position_cov') if k in (0, last) else ():
+            if name in arrays:
+                arrays[name][holds] = values[name][holds]

@@ -14,7 +14,6 @@ from tactile_ros.types import Array, Bools, Integers, groups_of
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from tactile_ros.evaluation.tally import ClassTally
     from tactile_ros.types import ContactStates, Recording
 
 ONE_SIGMA, TWO_SIGMA = 0.6826894921370859, 0.9544997361036416
@@ -166,32 +165,26 @@ class Named:
         'cell' or 'label'.
     true, said : ndarray of int, shape (n,)
         Indices; -1 said: none or abstained, or not valid.
-    tally : ClassTally or None
-        Of all rows, where `true` and `said` are some of them.
     """
 
     name: str
     true: Integers
     said: Integers
-    tally: ClassTally | None = None
 
     @property
     def right(self) -> float:
         """Share that is named rightly (%); none counts as wrong."""
-        return 100 * self.tally.share if self.tally else accuracy(self.said, self.true)
+        return accuracy(self.said, self.true)
 
     @property
     def abstained(self) -> float:
         """Share without a name (%)."""
-        if self.tally:
-            return 100 * self.tally.abstained / self.count
         return 100 * float((self.said < 0).mean())
 
     @property
     def count(self) -> int:
         """Rows whose truth is known."""
-        known = self.tally
-        return known.right + known.wrong + known.abstained if known else len(self.true)
+        return len(self.true)
 
     @property
     def table(self) -> Array:

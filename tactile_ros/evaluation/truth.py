@@ -1,16 +1,10 @@
-"""By how much one signal is later than another, with how well that is known. Pure.
-
-The delay of truth on a clock or a bus of its own is told by the signals themselves: where the
-skin feels, the load cell reads. Each stretch of the recording gives one estimate, the peak of the
-normalised cross-correlation; their median is the answer, and their scatter its uncertainty, so
-that a few stretches in which nothing or something else happened do no harm.
-"""
+"""Reference values (truth) beside the frames: by sequence or stamp, or by the nearest time."""
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -18,86 +12,32 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.spatial.transform import Rotation
 
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation.cdr_columns import Columns, read_columns, text_at
-from tactile_ros.evaluation.message_columns import read_contact_rows, stamps_of, vectors_of
-from tactile_ros.evaluation.topics import CONTACTS, STRING
-from tactile_ros.evaluation.waiting import Waiting
-from tactile_ros.messages import stamp_ns
+from tactile_ros.evaluation.bag import BagContent, MessageBuffer, read_bag
+from tactile_ros.evaluation.cdr_columns import (
+    CONTACTS,
+    FRAME,
+    Columns,
+    Rows,
+    read_columns,
+    read_contacts,
+    read_rows,
+    stamps_of,
+    text_at,
+    vectors_of,
+)
 from tactile_ros.types import TRUTH_KEYS, Array, Integers, admit_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
 
-    from tactile_ros.evaluation.bag_messages import Heard
-    from tactile_ros.evaluation.bag_reader import Taker
-    from tactile_ros.messages import HeaderMessage
-    from tactile_ros.types import Array, Bools, Integers, Recording
-
-
-class Told(NamedTuple):
-    """What n messages say: their places among all, times (ns), truth by key, and the damaged."""
-
-    rows: Integers
-    times: Integers
-    truth: Columns
-    damaged: int
-
-
-def read_told(messages: Sequence[bytes], type_name: str) -> Told:
-    """Truth of serialised messages of one of the types of `READERS`."""
-    groups, damaged = read_columns(messages, type_name)
-    if not groups:
-        return Told(np.zeros(0, np.int64), np.zeros(0, np.int64), {}, damaged)
-    rows = np.concatenate([group.rows for group in groups])
-    times = np.concatenate([stamps_of(group.columns) for group in groups])
-    parts = [READERS[type_name](group.columns) for group in groups]
-    order = np.argsort(rows, kind='stable')
-    truth: Columns = {
-        key: np.concatenate([part[key] for part in parts])[order] for key in parts[0]
-    }
-    return Told(rows[order], times[order], truth, damaged)
-
-
-def read_texts(messages: Sequence[bytes]) -> tuple[Integers, list[str], int]:
-    """Texts of serialised std_msgs/String: places among all, texts, and the damaged."""
-    groups, damaged = read_columns(messages, 'std_msgs/msg/String')
-    found = {
-        int(row): text_at(group.columns['data'], i)
-        for group in groups
-        for i, row in enumerate(group.rows)
-    }
-    rows = np.array(sorted(found), np.int64)
-    return rows, [found[row] for row in rows.tolist()], damaged
-
-
-def _wrench(columns: Columns) -> dict[str, Array]:
-    """Force and torque of WrenchStamped."""
-    return {name: vectors_of(columns, f'wrench.{name}') for name in ('force', 'torque')}
-
-
-def _pose(columns: Columns) -> dict[str, Array]:
-    """Position and pose of PoseStamped, with or without covariance."""
-    path = 'pose.pose' if 'pose.pose.position.x' in columns else 'pose'
-    place = vectors_of(columns, f'{path}.position')
-    turn = np.stack([columns[f'{path}.orientation.{axis}'] for axis in 'xyzw'], axis=1)
-    matrix = np.full((len(place), 4, 4), np.nan)
-    matrix[:, :3, 3] = place
-    matrix[:, 3] = 0.0, 0.0, 0.0, 1.0
-    known = np.isfinite(turn).all(axis=1) & (np.linalg.norm(turn, axis=1) > 0)
-    if known.any():
-        matrix[known, :3, :3] = Rotation.from_quat(turn[known]).as_matrix()
-    return {'position': place, 'object_pose': matrix}
-
-
-READERS: dict[str, Callable[[Columns], dict[str, Array]]] = {
-    'geometry_msgs/msg/WrenchStamped': _wrench,
-    'geometry_msgs/msg/PoseStamped': _pose,
-    'geometry_msgs/msg/PoseWithCovarianceStamped': _pose,
-}
-
+    from tactile_ros.evaluation.bag import Taker
+    from tactile_ros.types import Bools, Recording
 
 DEFAULT_TRUTH = ('truth/contacts', 'truth/object_pose')
+STRING = 'std_msgs/msg/String'
 UNFOUND, ELSEWHERE = -1, -2  # in place of a row
+KEPT_NS = 2_000_000_000  # of log time that truth waits for frames that are heard after it
 
 
 @dataclass(frozen=True)
@@ -119,79 +59,14 @@ class Association:
     known: Mapping[str, str] = field(default_factory=dict)
 
 
+def ends_as(topic: str, name: str) -> bool:
+    """Whether a topic is the named one, absolute or relative to some namespace."""
+    return topic == name or (not name.startswith('/') and topic.endswith(f'/{name}'))
+
+
 def unknown(values: npt.NDArray[np.generic]) -> Bools:
     """Where truth is NaN or -1."""
     return np.isnan(values) if values.dtype.kind == 'f' else np.asarray(values == -1)
-
-
-def contacts_truth(
-    arrays: Columns,
-    recording: Recording,
-    index: dict[tuple[int, int], int],
-    tolerance: int | None = None,
-    around: Integers | None = None,
-) -> tuple[Columns, Bools]:
-    """Truth that came as TactileContacts.
-
-    Parameters
-    ----------
-    arrays : dict of str to ndarray, shape (n, ...)
-        As `messages.read_contacts` gives them.
-    recording : Recording
-        Of s frames.
-    index : dict
-        Row of a frame by its stamp (ns) and sequence; ELSEWHERE: of one that is not in the
-        recording, but of the same stream.
-    tolerance : int or None
-        Largest distance in time (ns); None: half a frame.
-    around : ndarray, shape (m,), or None
-        Stamps of such frames (ns): what is nearest to one of them is not of the recording.
-
-    Returns
-    -------
-    truth : dict of str to ndarray, shape (s, ...)
-        Keys of which something is known; NaN or -1 elsewhere.
-    found : ndarray, shape (n,)
-        Messages that belong to a frame.
-
-    Notes
-    -----
-    A message belongs to the frame of its stamp and sequence; without a stamp to that of its
-    sequence; else to the frame nearest in time.
-    """
-    stamps = arrays['stamp_ns'].astype(np.int64)
-    sequence = arrays['sequence'].astype(np.int64)
-    keys = zip(stamps.tolist(), sequence.tolist(), strict=True)
-    rows = np.array([index.get(key, UNFOUND) for key in keys], np.int64)
-    by_sequence = {key[1]: row for key, row in index.items()}
-    unstamped = (rows == UNFOUND) & (stamps == 0)
-    rows[unstamped] = [by_sequence.get(k, UNFOUND) for k in sequence[unstamped].tolist()]
-    timed = (rows == UNFOUND) & (stamps != 0)
-    if timed.any() and recording.stamp_ns is not None:
-        if tolerance is None:
-            tolerance = half_step(recording.stamp_ns)
-        frames = recording.stamp_ns
-        frames = frames if around is None else np.concatenate([frames, around])
-        near = nearest(frames, stamps[timed], tolerance)
-        rows[timed] = np.where(near < len(recording), near, ELSEWHERE)
-    kept = rows >= 0
-    truth: Columns = {}
-    for key in TRUTH_KEYS:
-        if key in arrays and _known(arrays[key][kept]):
-            truth[key] = _blank(arrays[key], len(recording))
-            truth[key][rows[kept]] = arrays[key][kept]
-    return truth, kept
-
-
-def _known(values: npt.NDArray[np.generic]) -> bool:
-    """Whether anything is told."""
-    return bool(np.isfinite(values).any() if values.dtype.kind == 'f' else (values != -1).any())
-
-
-def _blank(like: npt.NDArray[np.generic], samples: int) -> npt.NDArray[np.generic]:
-    """An unknown column."""
-    fill = np.nan if like.dtype.kind == 'f' else -1
-    return np.full((samples, *like.shape[1:]), fill, like.dtype)
 
 
 def half_step(times: Integers) -> int:
@@ -228,195 +103,175 @@ def nearest(times: Integers, asked: Integers, tolerance: int) -> Integers:
     return np.where(distance <= tolerance, order[best], -1).astype(np.int64)
 
 
-def other_truth(
-    heard: list[Heard], recording: Recording, names: tuple[str, ...]
-) -> tuple[Columns, tuple[str, ...], int]:
-    """Truth that came as standard messages: nearest in time, text until the next one.
-
-    Parameters
-    ----------
-    heard : list of Heard
-        Of one topic.
-    recording : Recording
-        Of s frames.
-    names : tuple of str
-        Names of labels so far.
-
-    Returns
-    -------
-    truth : dict of str to ndarray, shape (s, ...)
-        NaN or -1 where unknown.
-    names : tuple of str
-        Names of labels; `label` counts in them.
-    lost : int
-        Messages near no frame.
-    """
-    if recording.stamp_ns is None or not heard:
-        return {}, names, len(heard)
-    if heard[0].type_name == 'std_msgs/msg/String':
-        truth, names = _labels(heard, recording.stamp_ns, names)
-        return truth, names, 0
-    read = TRUTH_TOPICS_READERS[heard[0].type_name]
-    times = np.array([stamp_ns(_header(h)) for h in heard], np.int64)
-    parts = [read(h.message) for h in heard]
-    told = {key: np.stack([part[key] for part in parts]) for key in parts[0]}
-    columns, found = nearest_truth(told, times, recording.stamp_ns)
-    return columns, names, int((~found).sum())
-
-
 def nearest_truth(
-    told: Mapping[str, npt.NDArray[np.generic]],
-    times: Integers,
-    frames: Integers,
-    tolerance: int | None = None,
+    truth: Columns, times: Integers, frames: Integers, tolerance: int
 ) -> tuple[Columns, Bools]:
-    """What was told nearest in time to each frame.
-
-    Parameters
-    ----------
-    told : dict of str to ndarray, shape (n, ...)
-        Truth by key.
-    times : ndarray, shape (n,)
-        When it was true (ns, of the frames' clock).
-    frames : ndarray, shape (s,)
-        Acquisition times (ns).
-    tolerance : int or None
-        Largest distance (ns); None: half a step of frames or truth, whichever is longer.
-
-    Returns
-    -------
-    truth : dict of str to ndarray, shape (s, ...)
-        NaN where nothing is near.
-    found : ndarray, shape (n,)
-        What is near some frame.
-    """
-    if tolerance is None:
-        tolerance = max(half_step(times), half_step(frames))
+    """Truth (n, ...) of times (n,) nearest to each frame (s,) (ns); which of it is near any."""
     rows = nearest(times, frames, tolerance)
     columns: Columns = {}
-    for key, values in told.items():
+    for key, values in truth.items():
         near = rows.reshape(-1, *[1] * (values.ndim - 1)) >= 0
         columns[key] = np.where(near, values[rows], np.nan)
     return columns, nearest(frames, times, tolerance) >= 0
 
 
-def _header(heard: Heard) -> HeaderMessage:
-    return cast('HeaderMessage', heard.message.header)  # type: ignore[attr-defined]
+def contacts_truth(
+    arrays: Columns,
+    recording: Recording,
+    index: Mapping[tuple[int, int], int],
+    tolerance: int,
+    around: Integers,
+) -> tuple[Columns, Bools]:
+    """Truth that came as TactileContacts.
 
+    Parameters
+    ----------
+    arrays : dict of str to ndarray, shape (n, ...)
+        As `read_contacts` gives them.
+    recording : Recording
+        Of s frames.
+    index : dict
+        Row of a frame by its stamp (ns) and sequence; ELSEWHERE: of one that is not in the
+        recording, but of the same stream.
+    tolerance : int
+        Largest distance in time (ns).
+    around : ndarray, shape (m,)
+        Stamps of such frames (ns): what is nearest to one of them is not of the recording.
 
-def _labels(
-    heard: list[Heard], frames: Integers, names: tuple[str, ...]
-) -> tuple[Columns, tuple[str, ...]]:
-    """Names that hold from when they were heard until the next; an empty one is unknown."""
-    told = [str(h.message.data) for h in heard]  # type: ignore[attr-defined]
-    times = np.array([h.log_ns for h in heard], np.int64)
-    return held_labels(told, times, frames, names)
+    Returns
+    -------
+    truth : dict of str to ndarray, shape (s, ...)
+        Keys of which something is known; NaN or -1 elsewhere.
+    found : ndarray, shape (n,)
+        Messages that belong to a frame.
+
+    Notes
+    -----
+    A message belongs to the frame of its stamp and sequence; without a stamp to that of its
+    sequence; else to the frame nearest in time.
+    """
+    assert recording.stamp_ns is not None
+    stamps = arrays['stamp_ns'].astype(np.int64)
+    sequence = arrays['sequence'].astype(np.int64)
+    keys = zip(stamps.tolist(), sequence.tolist(), strict=True)
+    rows = np.array([index.get(key, UNFOUND) for key in keys], np.int64)
+    by_sequence = {key[1]: row for key, row in index.items()}
+    unstamped = (rows == UNFOUND) & (stamps == 0)
+    rows[unstamped] = [by_sequence.get(k, UNFOUND) for k in sequence[unstamped].tolist()]
+    timed = (rows == UNFOUND) & (stamps != 0)
+    near = nearest(np.concatenate([recording.stamp_ns, around]), stamps[timed], tolerance)
+    rows[timed] = np.where(near < len(recording), near, ELSEWHERE)
+    kept = rows >= 0
+    truth: Columns = {}
+    for key in TRUTH_KEYS:
+        if key in arrays and not unknown(arrays[key][kept]).all():
+            column = arrays[key]
+            fill = np.nan if column.dtype.kind == 'f' else -1
+            truth[key] = np.full((len(recording), *column.shape[1:]), fill, column.dtype)
+            truth[key][rows[kept]] = column[kept]
+    return truth, kept
 
 
 def held_labels(
-    told: list[str], times: Integers, frames: Integers, names: tuple[str, ...]
+    texts: Sequence[str], times: Integers, frames: Integers, names: tuple[str, ...]
 ) -> tuple[Columns, tuple[str, ...]]:
-    """Labels of frames (s,) from n names and when each was heard (ns), as `other_truth`."""
-    told = [_label(name) for name in told]
-    names = tuple(dict.fromkeys([*names, *filter(None, told)]))
-    index = np.array([names.index(name) if name else -1 for name in told], np.int64)
+    """Labels of frames (s,) from n texts and when each was heard (ns), until the next one.
+
+    Returns the truth, -1 where a text is empty, and the names in which `label` counts.
+    Raises RecordingError where a text can be no name.
+    """
+    try:
+        labels = [admit_name('label of a recording', text) for text in texts]
+    except ValueError as err:
+        raise RecordingError(str(err)) from err
+    names = tuple(dict.fromkeys([*names, *filter(None, labels)]))
+    index = np.array([names.index(label) if label else -1 for label in labels], np.int64)
     order = np.argsort(times, kind='stable')
     last = np.searchsorted(times[order], frames, side='right') - 1
     return {'label': np.where(last >= 0, index[order][last], -1)}, names
 
 
-def _label(name: str) -> str:
-    """A label that fits the pattern of names."""
-    try:
-        return admit_name('label of a recording', name)
-    except ValueError as err:
-        raise RecordingError(str(err)) from err
+def _wrench(columns: Columns) -> Columns:
+    """Force and torque of WrenchStamped, with its time."""
+    truth: Columns = {name: vectors_of(columns, f'wrench.{name}') for name in ('force', 'torque')}
+    return {'stamp_ns': stamps_of(columns), **truth}
 
 
-def _vector(xyz: object) -> Array:
-    return np.array([getattr(xyz, axis) for axis in 'xyz'], np.float64)
+def _pose(columns: Columns) -> Columns:
+    """Position and pose of PoseStamped, with or without covariance, with its time."""
+    path = 'pose.pose' if 'pose.pose.position.x' in columns else 'pose'
+    position = vectors_of(columns, f'{path}.position')
+    turn = np.stack([columns[f'{path}.orientation.{axis}'] for axis in 'xyzw'], axis=1)
+    matrix = np.full((len(position), 4, 4), np.nan)
+    matrix[:, :3, 3] = position
+    matrix[:, 3] = 0.0, 0.0, 0.0, 1.0
+    measured = np.isfinite(turn).all(axis=1) & (np.linalg.norm(turn, axis=1) > 0)
+    if measured.any():
+        matrix[measured, :3, :3] = Rotation.from_quat(turn[measured]).as_matrix()
+    return {'stamp_ns': stamps_of(columns), 'position': position, 'object_pose': matrix}
 
 
-def _truth_topics_wrench(message: object) -> dict[str, Array]:
-    """Force and torque of a WrenchStamped."""
-    wrench = message.wrench  # type: ignore[attr-defined]
-    return {'force': _vector(wrench.force), 'torque': _vector(wrench.torque)}
-
-
-def _truth_topics_pose(message: object) -> dict[str, Array]:
-    """Position and pose of a PoseStamped, with or without covariance."""
-    pose = message.pose  # type: ignore[attr-defined]
-    pose = getattr(pose, 'pose', pose)
-    turn = pose.orientation
-    quaternion = np.array([turn.x, turn.y, turn.z, turn.w], np.float64)
-    matrix = np.full((4, 4), np.nan)
-    matrix[:3, 3] = _vector(pose.position)
-    matrix[3] = 0.0, 0.0, 0.0, 1.0
-    if np.isfinite(quaternion).all() and np.linalg.norm(quaternion) > 0:
-        matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
-    return {'position': matrix[:3, 3], 'object_pose': matrix}
-
-
-TRUTH_TOPICS_READERS: dict[str, Callable[[object], dict[str, Array]]] = {
-    'geometry_msgs/msg/WrenchStamped': _truth_topics_wrench,
-    'geometry_msgs/msg/PoseStamped': _truth_topics_pose,
-    'geometry_msgs/msg/PoseWithCovarianceStamped': _truth_topics_pose,
+STANDARD: dict[str, Callable[[Columns], Columns]] = {
+    'geometry_msgs/msg/WrenchStamped': _wrench,
+    'geometry_msgs/msg/PoseStamped': _pose,
+    'geometry_msgs/msg/PoseWithCovarianceStamped': _pose,
 }
+TRUTH_TYPES = (*STANDARD, STRING, CONTACTS)
 
 
-def is_truth_type(type_name: str) -> bool:
-    """Whether truth can come as this type."""
-    return type_name in (
-        *TRUTH_TOPICS_READERS,
-        'std_msgs/msg/String',
-        'tactile_ros/msg/TactileContacts',
-    )
+def read_standard(messages: Sequence[bytes], type_name: str) -> Rows:
+    """Truth by key, and `stamp_ns`, of serialised messages of one of the types of `STANDARD`."""
+    return read_rows(messages, type_name, STANDARD[type_name])
 
 
-Index = dict[tuple[int, int], int]
-TRUTH = frozenset(TRUTH_KEYS)
-KEPT_NS = 2_000_000_000  # of log time that truth waits for frames that are heard after it
+def read_texts(messages: Sequence[bytes]) -> tuple[Integers, list[str]]:
+    """Places among all, and texts, of serialised std_msgs/String that can be read."""
+    groups, _ = read_columns(messages, STRING)
+    texts = {
+        int(row): text_at(group.columns['data'], i)
+        for group in groups
+        for i, row in enumerate(group.rows)
+    }
+    rows = sorted(texts)
+    return np.array(rows, np.int64), [texts[row] for row in rows]
 
 
-class TruthPieces:
-    """Gathers what is true about one sensor.
-
-    Parameters
-    ----------
-    association : Association
-        Tolerance, and delays by topic.
-    """
+class TruthTopics:
+    """Topics that tell the truth about one sensor, associated with its frames piece by piece."""
 
     def __init__(self, association: Association) -> None:
         self.association = association
         self.names: tuple[str, ...] = ()
         self.lost: Counter[str] = Counter()
-        self.tolerances: dict[str, int] = {}
-        self._queues: dict[str, Waiting] = {}
+        self._tolerances: dict[str, int] = {}
+        self._buffers: dict[str, MessageBuffer] = {}
 
     @property
     def sentences(self) -> dict[str, str]:
         """How each topic was brought together with frames."""
-        found = {}
-        for topic, queue in self._queues.items():
-            if queue.type_name == STRING:
-                found[topic] = 'holds from when it was heard until the next'
-                continue
+        sentences = {}
+        for topic, buffer in self._buffers.items():
             asked = self.association.tolerance_ns
-            within = self.tolerances.get(topic) if asked is None else asked
-            if within is not None:
+            within = self._tolerances.get(topic) if asked is None else asked
+            if buffer.type_name == STRING:
+                sentences[topic] = 'holds from when it was heard until the next'
+            elif within is not None:
                 delay = self.association.delays.get(topic, 0)
-                known = self.association.known.get(topic, '')
-                late = f'{delay * 1e-6:.3g} ms late{known}'
-                found[topic] = f'within {within * 1e-6:.3g} ms, {late}'
-        return found
+                late = f'{delay * 1e-6:.3g} ms late{self.association.known.get(topic, "")}'
+                sentences[topic] = f'within {within * 1e-6:.3g} ms, {late}'
+        return sentences
 
     def taker(self, topic: str, type_name: str) -> Taker:
         """Who takes the messages of a topic."""
-        return self._queues.setdefault(topic, Waiting(type_name)).append
+        return self._buffers.setdefault(topic, MessageBuffer(type_name)).append
 
-    def of(
-        self, recording: Recording, index: Index, around: Integers, last_ns: int, until: int
+    def beside(
+        self,
+        recording: Recording,
+        index: Mapping[tuple[int, int], int],
+        around: Integers,
+        last_ns: int,
+        until: int,
     ) -> Columns:
         """Truth beside the frames of a piece; a later topic fills what an earlier left unknown.
 
@@ -424,79 +279,74 @@ class TruthPieces:
         ----------
         recording : Recording
             Of s frames, the last of which was heard at `last_ns`.
-        index : dict
-            Row of a frame by stamp and sequence.
-        around : ndarray, shape (m,)
-            Stamps of frames shortly before and after the piece (ns).
+        index, around
+            As of `contacts_truth`: frames shortly before and after the piece, too.
         last_ns, until : int
             Log times (ns); what is heard after `until` is not looked at.
         """
         merged: Columns = {}
         assert recording.stamp_ns is not None
-        for topic, queue in self._queues.items():
-            count = queue.heard_by(until)
-            if queue.type_name == STRING:
-                part = self._labels(topic, queue, count, recording.stamp_ns)
+        frames = recording.stamp_ns
+        near = np.concatenate([frames, around])
+        for topic, buffer in self._buffers.items():
+            count = buffer.heard_by(until)
+            if buffer.type_name == STRING:
+                part = self._labels(topic, buffer, count, frames)
             else:
-                part, used = self._nearest(topic, queue, count, recording, index, around)
-                queue.use(np.flatnonzero(used).tolist())
+                if buffer.type_name == CONTACTS:
+                    taxels = recording.layout.shape[0]
+                    rows = read_contacts(buffer.data[:count], taxels, TRUTH_KEYS)
+                else:
+                    rows = read_standard(buffer.data[:count], buffer.type_name)
+                self._leave_out(topic, buffer, rows.rows, count)
+                if not len(rows.rows):
+                    continue
+                if buffer.type_name == CONTACTS:
+                    tolerance = self._tolerance(topic, near, near)
+                    part, used = contacts_truth(rows.arrays, recording, index, tolerance, around)
+                else:
+                    times = rows.arrays.pop('stamp_ns').astype(np.int64)
+                    times -= self.association.delays.get(topic, 0)
+                    tolerance = self._tolerance(topic, times, near)
+                    part, used = nearest_truth(rows.arrays, times, frames, tolerance)
+                buffer.used.update(np.flatnonzero(used).tolist())
                 # at the end of the bag nothing waits any longer
                 late = until if until > last_ns + KEPT_NS else last_ns - KEPT_NS
-                self.lost[f'messages of {topic} belong to no frame'] += queue.forget_before(late)
+                self.lost[f'messages of {topic} belong to no frame'] += buffer.forget_before(late)
             for key, value in part.items():
                 known = merged.get(key, value)
                 merged[key] = np.where(unknown(known), value, known)
         return merged
 
-    def _nearest(
-        self,
-        topic: str,
-        queue: Waiting,
-        count: int,
-        recording: Recording,
-        index: Index,
-        around: Integers,
-    ) -> tuple[Columns, Bools]:
-        """Truth by stamp and sequence, or by the nearest time; which messages were of use."""
-        assert recording.stamp_ns is not None
-        frames = recording.stamp_ns
-        near = np.concatenate([frames, around])
-        if queue.type_name == CONTACTS:
-            found = read_contact_rows(queue.data[:count], recording.layout.shape[0], TRUTH)
-            self._leave_out(topic, queue, found.rows, count)
-            tolerance = self._tolerance(topic, near, near)
-            return contacts_truth(found.arrays, recording, index, tolerance, around)
-        told = read_told(queue.data[:count], queue.type_name)
-        self._leave_out(topic, queue, told.rows, count)
-        times = told.times - self.association.delays.get(topic, 0)
-        return nearest_truth(told.truth, times, frames, self._tolerance(topic, times, near))
-
-    def _leave_out(self, topic: str, queue: Waiting, rows: Integers, count: int) -> None:
+    def _leave_out(self, topic: str, buffer: MessageBuffer, rows: Integers, count: int) -> None:
         """Forget messages that cannot be read or do not fit."""
         if len(rows) < count:
             self.lost[f'messages of {topic} are damaged or do not fit'] += count - len(rows)
-            queue.keep(rows.tolist(), count)
+            buffer.keep(rows.tolist(), count)
 
     def _tolerance(self, topic: str, times: Integers, frames: Integers) -> int:
         """Largest distance in time (ns): as asked, else half a step of the first piece."""
         if self.association.tolerance_ns is not None:
             return self.association.tolerance_ns
-        if topic not in self.tolerances and len(times) > 1:
-            self.tolerances[topic] = max(half_step(times), half_step(frames))
-        return self.tolerances.get(topic, half_step(frames))
+        if topic not in self._tolerances and len(times) > 1:
+            self._tolerances[topic] = max(half_step(times), half_step(frames))
+        return self._tolerances.get(topic, half_step(frames))
 
-    def _labels(self, topic: str, queue: Waiting, count: int, frames: Integers) -> Columns:
+    def _labels(self, topic: str, buffer: MessageBuffer, count: int, frames: Integers) -> Columns:
         """Names that hold until the next one; the last one before the next piece is kept."""
-        rows, texts, _ = read_texts(queue.data[:count])
-        self._leave_out(topic, queue, rows, count)
-        times = np.array(queue.logs[: len(rows)], np.int64)
+        rows, texts = read_texts(buffer.data[:count])
+        self._leave_out(topic, buffer, rows, count)
+        times = np.array(buffer.logs[: len(rows)], np.int64)
         if not len(times):
             return {}
         part, self.names = held_labels(texts, times, frames, self.names)
-        past = int(np.searchsorted(times, frames[-1], side='right')) - 1
-        queue.take(max(past, 0))
+        buffer.take(max(int(np.searchsorted(times, frames[-1], side='right')) - 1, 0))
         return part
 
+
+# Delay of a signal behind another: each stretch of the recording gives one estimate, the peak of
+# the normalised cross-correlation; their median is the answer, and their scatter its uncertainty,
+# so that a few stretches in which nothing or something else happened do no harm.
 
 MOST_NS = 500_000_000
 STRETCH_NS = 4_000_000_000
@@ -506,6 +356,8 @@ FEWEST = 3
 FINEST = 0.2  # steps: how far off a peak between two steps may be in every stretch alike
 QUIET = 0.1  # of the usual scatter: a stretch in which nothing happens
 MAD, MEDIAN = 1.4826, 1.2533  # scatter of a normal variable from its median; of a median
+MOST_FRAMES = 12_000
+MOST_TRUTH = 200_000
 
 
 @dataclass(frozen=True)
@@ -519,7 +371,7 @@ class Delay:
     correlation : float
         Median of the peaks, 0..1.
     stretches : int
-        That told it.
+        That count in the median.
     """
 
     delay_ns: float
@@ -528,8 +380,8 @@ class Delay:
     stretches: int
 
     @property
-    def told(self) -> bool:
-        """Whether there is a delay that stands out of its uncertainty."""
+    def significant(self) -> bool:
+        """Whether the delay stands out of its uncertainty."""
         return abs(self.delay_ns) > 3 * self.std_ns
 
 
@@ -548,7 +400,7 @@ def estimate_delay(
     Returns
     -------
     Delay or None
-        None where fewer than three stretches of four seconds tell it.
+        None where fewer than three stretches of four seconds correlate.
 
     Notes
     -----
@@ -560,26 +412,26 @@ def estimate_delay(
     step = max(min(steps), LEAST_STEP_NS)
     begin = max(int(times[0]), int(late_times[0]) + MOST_NS)
     end = min(int(times[-1]), int(late_times[-1]) - MOST_NS)
-    reach, length = round(MOST_NS / step), round(STRETCH_NS / step)
+    most, length = round(MOST_NS / step), round(STRETCH_NS / step)
     count = int((end - begin) // step)
     if count < FEWEST * length:
         return None
-    grid = np.arange(-reach, count + reach) * step
-    one = np.interp(grid[reach:-reach], times - begin, signal)
+    grid = np.arange(-most, count + most) * step
+    one = np.interp(grid[most:-most], times - begin, signal)
     other = np.interp(grid, late_times - begin, late_signal)
     usual = float(np.std(one)), float(np.std(other))
-    found = []
+    peaks = []
     for first in range(0, count - length + 1, length):
-        part, late = one[first : first + length], other[first : first + length + 2 * reach]
+        part, late = one[first : first + length], other[first : first + length + 2 * most]
         if part.std() > QUIET * usual[0] and late.std() > QUIET * usual[1]:
-            found.append(_peak(part, late))
-    good = np.array([(lag, top) for lag, top in found if top >= LEAST_CORRELATION])
+            peaks.append(_peak(part, late))
+    good = np.array([(lag, top) for lag, top in peaks if top >= LEAST_CORRELATION])
     if len(good) < FEWEST:
         return None
     lag = float(np.median(good[:, 0]))
     scatter = MAD * float(np.median(np.abs(good[:, 0] - lag)))
     std = max(scatter, FINEST) * MEDIAN / np.sqrt(len(good))
-    return Delay((lag - reach) * step, float(std) * step, float(np.median(good[:, 1])), len(good))
+    return Delay((lag - most) * step, float(std) * step, float(np.median(good[:, 1])), len(good))
 
 
 def _peak(part: Array, late: Array) -> tuple[float, float]:
@@ -596,3 +448,112 @@ def _peak(part: Array, late: Array) -> tuple[float, float]:
     left, middle, right = match[top - 1 : top + 2]
     bend = left - 2 * middle + right
     return top + (0.5 * (left - right) / bend if bend < 0 else 0.0), float(middle)
+
+
+def truth_delays(path: Path, truth_topics: Sequence[str]) -> dict[str, Delay | None]:
+    """Delay of every topic of standard messages that tell the truth; None: not known.
+
+    Truth that names its frame (TactileContacts with the frame's stamp or sequence) has none.
+
+    Parameters
+    ----------
+    path : Path
+        Of a bag; at most its first 12 000 frames are read.
+    truth_topics : sequence of str
+        As of `recording_files.load`.
+    """
+    frames: dict[str, MessageBuffer] = {}
+    truth: dict[str, MessageBuffer] = {}
+    content = BagContent()
+
+    def may_be_late(topic: str, kind: str) -> bool:
+        return kind in STANDARD and any(ends_as(topic, name) for name in truth_topics)
+
+    def taker(topic: str, kind: str) -> Taker | None:
+        if topic.endswith('/frame') and kind == FRAME:
+            return frames.setdefault(topic, MessageBuffer(kind)).append
+        if may_be_late(topic, kind):
+            return truth.setdefault(topic, MessageBuffer(kind)).append
+        return None
+
+    for _ in read_bag(path, content, taker):
+        topics = content.announced.items()
+        if topics and not any(may_be_late(*item) for item in topics):
+            return {}
+        heard, measured = (
+            max((len(buffer.logs) for buffer in group.values()), default=0)
+            for group in (frames, truth)
+        )
+        if heard >= MOST_FRAMES or measured >= MOST_TRUTH:
+            break
+    return {topic: _delay(topic, buffer, frames) for topic, buffer in truth.items()}
+
+
+def _delay(topic: str, buffer: MessageBuffer, frames: dict[str, MessageBuffer]) -> Delay | None:
+    """Delay of one topic behind the frames of its sensor."""
+    near = [t for t in frames if topic.startswith(t.removesuffix('frame'))] or list(frames)
+    late = read_standard(buffer.data, buffer.type_name)
+    if not near or not len(late.rows):
+        return None
+    own = frames[max(near, key=len)]
+    groups, _ = read_columns(own.data, FRAME)
+    widest = max((group.columns['values'].shape[1] for group in groups), default=0)
+    groups = [group for group in groups if group.columns['values'].shape[1] == widest]
+    if not groups:
+        return None
+    values = np.concatenate([group.columns['values'] for group in groups])
+    times = np.concatenate([stamps_of(group.columns) for group in groups])
+    logs = np.array(own.logs)[np.concatenate([group.rows for group in groups])]
+    away = np.sqrt((np.nan_to_num(values - np.nanmedian(values, axis=0)) ** 2).sum(axis=1))
+    level = _level(late.arrays)
+    known = np.isfinite(level)
+    if not known.any():
+        return None
+    late_times = late.arrays['stamp_ns'].astype(np.int64)[known]
+    heard = np.array(buffer.logs)[late.rows][known]
+    # clocks that were never set to one another differ by what the recorder heard of them
+    apart = int(np.median(late_times - heard)) - int(np.median(times - logs))
+    order, late_order = np.argsort(times, kind='stable'), np.argsort(late_times, kind='stable')
+    found = estimate_delay(
+        times[order], away[order], late_times[late_order] - apart, level[known][late_order]
+    )
+    if found is None:
+        return None
+    return Delay(found.delay_ns + apart, found.std_ns, found.correlation, found.stretches)
+
+
+def _level(truth: Columns) -> Array:
+    """One number for each message: the size of a force, or the height of a probe."""
+    if 'force' in truth:
+        force = np.asarray(truth['force'], np.float64)
+        return np.asarray(np.sqrt(np.nansum(force**2, axis=1)))
+    return np.asarray(truth['position'], np.float64)[:, 2]
+
+
+def associate(
+    path: Path, truth_topics: Sequence[str], tolerance_ns: int | None, delay_ns: int | None
+) -> Association:
+    """How truth goes with the frames of a bag: as asked, else with the delays of the signals.
+
+    Parameters
+    ----------
+    path : Path
+        Of the bag.
+    truth_topics : sequence of str
+        As of `recording_files.load`.
+    tolerance_ns, delay_ns : int or None
+        None: half a step; estimated.
+    """
+    delays, known = {}, {}
+    for topic, delay in truth_delays(path, truth_topics).items():
+        if delay_ns is not None:
+            delays[topic], known[topic] = delay_ns, ' as was said'
+        elif delay is None:
+            known[topic] = ' (assumed: the signals do not tell)'
+        else:
+            delays[topic] = round(delay.delay_ns) if delay.significant else 0
+            known[topic] = (
+                f' (estimated: {delay.delay_ns * 1e-6:.3g} +- {delay.std_ns * 1e-6:.2g} ms from '
+                f'{delay.stretches} stretches, correlation {delay.correlation:.2f})'
+            )
+    return Association(tolerance_ns, delays, known)

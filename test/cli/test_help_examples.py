@@ -22,8 +22,7 @@ from tactile_ros.cli import calibrate, view
 from tactile_ros.cli.main import main
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.evaluation import browser
-from tactile_ros.evaluation.bag import BagWriter
-from tactile_ros.evaluation.definitions import all_types
+from tactile_ros.evaluation.bag import BagWriter, all_types
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import STATE_FIELDS
 

@@ -73,8 +73,8 @@ def test_the_report_and_its_pictures_come_from_the_same_run(
     )
     monkeypatch.setattr(console, 'find_browser', lambda: 'chromium')
     heard: list[Job] = []
-    one_by_one = fleet.tally
-    monkeypatch.setattr(fleet, 'tally', lambda job: heard.append(job) or one_by_one(job))
+    one_by_one = fleet.run_job
+    monkeypatch.setattr(fleet, 'run_job', lambda job: heard.append(job) or one_by_one(job))
     calibrations = ['--calibration', str(folder / 'a.npz'), '--calibration', str(folder / 'b.npz')]
     page = tmp_path / 'page.html'
     code = main(

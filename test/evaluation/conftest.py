@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.bag import BagWriter
-from tactile_ros.evaluation.definitions import all_types
+from tactile_ros.evaluation.bag import BagWriter, all_types
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -7,10 +7,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.cdr_columns import Unlike, places_of, read_columns, text_at
-from tactile_ros.evaluation.message_columns import read_contact_rows, read_frames
-from tactile_ros.evaluation.truth import read_told
-from tactile_ros.messages import read_contacts, read_frame
+from tactile_ros import messages as live
+from tactile_ros.evaluation.cdr_columns import (
+    MessageLayout,
+    UnlikeError,
+    read_columns,
+    read_contacts,
+    read_frames,
+    text_at,
+)
+from tactile_ros.evaluation.truth import read_standard
 
 if TYPE_CHECKING:
     from types import SimpleNamespace
@@ -40,8 +46,8 @@ def contacts(make: SimpleNamespace, seed: int) -> object:
 
 def test_contacts_are_those_of_rosbags(make: SimpleNamespace) -> None:
     messages = [contacts(make, seed) for seed in range(60)]
-    found = read_contact_rows([make.cdr(m) for m in messages], TAXELS)
-    slow = read_contacts(messages, TAXELS)
+    found = read_contacts([make.cdr(m) for m in messages], TAXELS)
+    slow = live.read_contacts(messages, TAXELS)
     assert found.rows.tolist() == list(range(60))
     assert (found.damaged, found.misfits) == (0, 0)
     for name, column in found.arrays.items():
@@ -64,13 +70,14 @@ def test_frames_are_those_of_rosbags(make: SimpleNamespace) -> None:
     messages = frames(make, 70)
     found = read_frames([make.cdr(m) for m in messages], (TAXELS, 3))
     for k, message in enumerate(messages):
-        slow = read_frame(message, (TAXELS, 3))
-        assert (found.stamp_ns[k], found.sequence[k]) == (slow.stamp_ns, slow.sequence)
-        np.testing.assert_array_equal(found.values[k], slow.values)
+        slow = live.read_frame(message, (TAXELS, 3))
+        assert found.arrays['stamp_ns'][k] == slow.stamp_ns
+        assert found.arrays['sequence'][k] == slow.sequence
+        np.testing.assert_array_equal(found.arrays['values'][k], slow.values)
         chips = np.full(TAXELS, np.nan) if slow.temperature_c is None else slow.temperature_c
-        np.testing.assert_array_equal(found.temperature_c[k], chips)
+        np.testing.assert_array_equal(found.arrays['temperature_c'][k], chips)
         bits = np.zeros(TAXELS) if slow.status is None else slow.status
-        np.testing.assert_array_equal(found.status[k], bits)
+        np.testing.assert_array_equal(found.arrays['status'][k], bits)
 
 
 def test_what_is_cut_or_of_another_board_is_counted(make: SimpleNamespace) -> None:
@@ -78,25 +85,25 @@ def test_what_is_cut_or_of_another_board_is_counted(make: SimpleNamespace) -> No
     other = make.cdr(make.frame(9, np.zeros(6), 5))
     found = read_frames([whole[0], whole[1][:-30], b'', other, *whole[2:]], (TAXELS, 3))
     assert found.rows.tolist() == [0, 4, 5, 6, 7, 8, 9]
-    assert found.sequence.tolist() == [0, 2, 3, 4, 5, 6, 7]
+    assert found.arrays['sequence'].tolist() == [0, 2, 3, 4, 5, 6, 7]
     assert (found.damaged, found.misfits) == (2, 1)
 
 
 def test_big_endian_messages_go_through_rosbags(make: SimpleNamespace) -> None:
     (message,) = frames(make, 1)
     data = bytes(make.store.serialize_cdr(message, FRAME, little_endian=False))
-    with pytest.raises(Unlike):
-        places_of(data, FRAME)
+    with pytest.raises(UnlikeError):
+        MessageLayout(data, FRAME)
     found = read_frames([data], (TAXELS, 3))
-    np.testing.assert_array_equal(found.values[0].ravel(), message.values)
+    np.testing.assert_array_equal(found.arrays['values'][0].ravel(), message.values)
 
 
 def test_a_length_that_cannot_be_is_refused_and_not_believed(make: SimpleNamespace) -> None:
     data = bytearray(make.cdr(contacts(make, 0)))
-    at = places_of(bytes(data), CONTACTS).lengths[2]  # of the list of patches
+    at = MessageLayout(bytes(data), CONTACTS).lengths[2]  # of the list of patches
     data[at : at + 4] = b'\xff\xff\xff\x7f'
-    with pytest.raises(Unlike):
-        places_of(bytes(data), CONTACTS)
+    with pytest.raises(UnlikeError):
+        MessageLayout(bytes(data), CONTACTS)
     assert read_columns([bytes(data)], CONTACTS) == ([], 1)
 
 
@@ -106,9 +113,9 @@ def test_load_cells_probes_and_texts(make: SimpleNamespace) -> None:
     wrench = make.WrenchStamped(
         header=make.header(123456789012), wrench=make.Wrench(force=push, torque=turn)
     )
-    told = read_told([make.cdr(wrench)] * 2, 'geometry_msgs/msg/WrenchStamped')
-    assert told.times.tolist() == [123456789012] * 2
-    assert told.truth['force'].tolist() == [[1.0, 2.0, 3.0]] * 2
+    told = read_standard([make.cdr(wrench)] * 2, 'geometry_msgs/msg/WrenchStamped')
+    assert told.arrays['stamp_ns'].tolist() == [123456789012] * 2
+    assert told.arrays['force'].tolist() == [[1.0, 2.0, 3.0]] * 2
     pose = make.Pose(
         position=make.Point(x=1.0, y=2.0, z=3.0),
         orientation=make.Quaternion(x=0.0, y=0.0, z=1.0, w=0.0),
@@ -121,8 +128,8 @@ def test_load_cells_probes_and_texts(make: SimpleNamespace) -> None:
             orientation=make.Quaternion(x=0.0, y=0.0, z=0.0, w=0.0),
         ),
     )
-    told = read_told([make.cdr(probe), make.cdr(nowhere)], 'geometry_msgs/msg/PoseStamped')
-    np.testing.assert_allclose(np.diag(told.truth['object_pose'][0]), [-1, -1, 1, 1])
-    assert np.isnan(told.truth['object_pose'][1, :3, :3]).all()
+    told = read_standard([make.cdr(probe), make.cdr(nowhere)], 'geometry_msgs/msg/PoseStamped')
+    np.testing.assert_allclose(np.diag(told.arrays['object_pose'][0]), [-1, -1, 1, 1])
+    assert np.isnan(told.arrays['object_pose'][1, :3, :3]).all()
     (group,), _ = read_columns([make.cdr(make.String(data='mug'))], 'std_msgs/msg/String')
     assert text_at(group.columns['data'], 0) == 'mug'

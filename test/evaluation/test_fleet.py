@@ -6,22 +6,48 @@ import json
 import os
 import shutil
 import signal
-from dataclasses import replace
+from array import array
+from copy import copy
+from dataclasses import astuple, replace
+from itertools import count
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation import fleet
-from tactile_ros.evaluation.fleet import Job, Outcome, merged, save, table, tally, tally_all
-from tactile_ros.evaluation.recording_files import save_recording
+from tactile_ros.cli.replay import evaluate
+from tactile_ros.errors import RecordingError
+from tactile_ros.evaluation import fleet, recording_files
+from tactile_ros.evaluation.bag import BagWriter
+from tactile_ros.evaluation.figures import figures_of
+from tactile_ros.evaluation.fleet import (
+    Job,
+    Outcome,
+    evaluate_bag,
+    for_report,
+    pooled,
+    run_job,
+    run_jobs,
+    save,
+    table,
+)
+from tactile_ros.evaluation.metrics import frames_dropped, target_errors
+from tactile_ros.evaluation.recording_files import ClassesChangedError, load, save_recording
+from tactile_ros.evaluation.replay import replay
 from tactile_ros.evaluation.result import environment
+from tactile_ros.evaluation.truth import Association
+from tactile_ros.messages import fill_contacts
 from tactile_ros.sensors import load_sensor
+from tactile_ros.types import Frame
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+    from types import SimpleNamespace
 
+    from tactile_ros.evaluation.fleet import SensorResult
+    from tactile_ros.evaluation.result import Dataset
+    from tactile_ros.pipeline import Pipeline
 
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> Path:
@@ -47,10 +73,9 @@ def numbers(outcomes: list[Outcome]) -> list[object]:
     """Everything but times."""
     return [
         [
-            (one.name, one.frames, one.dropped, one.problems, answer.calibration, answer.classes,
-             {n: (t.errors.total, t.errors.squares, t.errors.bins.tolist(), t.inside)
-              for n, t in answer.targets.items()})
-            for one in outcome.tallies for answer in one.answers
+            (one.name, one.frames, one.dropped, one.problems, answer.calibration, answer.hits,
+             repr([(t.name, t.spread, t.coverage) for t in answer.targets]))
+            for one in outcome.results for answer in one.answers
         ] or 'failed'
         for outcome in outcomes
     ]  # fmt: skip
@@ -59,12 +84,12 @@ def numbers(outcomes: list[Outcome]) -> list[object]:
 def test_a_failed_recording_is_an_outcome_and_the_rest_is_merged(folder: Path) -> None:
     heard: list[str] = []
     jobs = jobs_of(folder, 'one', 'broken', 'two', 'rows.npz', 'missing')
-    found = tally_all(jobs, done=lambda outcome: heard.append(outcome.job.recording))
+    found = run_jobs(jobs, done=lambda outcome: heard.append(outcome.job.recording))
     assert heard == [job.recording for job in jobs]
     assert [bool(outcome.failure) for outcome in found] == [False, True, False, False, True]
     assert 'holds no bag' in found[1].failure
     assert 'does not exist' in found[4].failure
-    whole = merged(found)
+    whole = pooled(found)
     assert whole is not None
     assert whole.frames == 40 + 28 + 200
     assert whole.dropped == 2
@@ -72,7 +97,7 @@ def test_a_failed_recording_is_an_outcome_and_the_rest_is_merged(folder: Path) -
     twice = replace(jobs[0], calibrations=(str(folder / 'a.npz'), str(folder / 'again' / 'a.npz')))
     (folder / 'again').mkdir(exist_ok=True)
     shutil.copy(*twice.calibrations)
-    (one,) = tally(twice).tallies
+    (one,) = run_job(twice).results
     assert [answer.calibration for answer in one.answers] == list(twice.calibrations)
     columns, rows = table(found)
     assert len(rows) == 4 * 2
@@ -80,12 +105,13 @@ def test_a_failed_recording_is_an_outcome_and_the_rest_is_merged(folder: Path) -
 
 
 def test_the_result_is_saved_with_what_can_be_added_up(folder: Path, tmp_path: Path) -> None:
-    found = tally_all(jobs_of(folder, 'rows.npz', 'broken', 'two'))
+    found = run_jobs(jobs_of(folder, 'rows.npz', 'broken', 'two'))
     text, arrays = save(tmp_path / 'out', found, 'tactile replay', environment())
     document = json.loads(text.read_text())
     parts = [one['answers'][0]['targets']['position'] for one in document['recordings']]
     whole = document['all']['answers'][0]['targets']['position']
-    assert sum(int(part['sum'], 16) for part in parts) == int(whole['sum'], 16)
+    for name in ('count', 'sum', 'sum_of_squares'):
+        assert sum(part[name] for part in parts) == pytest.approx(whole[name], rel=1e-12)
     assert list(document['failed']) == [str(folder / 'broken')]
     with np.load(arrays, allow_pickle=False) as stored:
         assert stored['0/0/position'].sum() == parts[0]['count'] > 0
@@ -94,8 +120,8 @@ def test_the_result_is_saved_with_what_can_be_added_up(folder: Path, tmp_path: P
 
 def test_processes_find_the_same(folder: Path) -> None:
     jobs = jobs_of(folder, 'one', 'broken', 'two')
-    together = tally_all(jobs, workers=2)
-    assert numbers(together) == numbers(tally_all(jobs))
+    together = run_jobs(jobs, workers=2)
+    assert numbers(together) == numbers(run_jobs(jobs))
     assert [bool(outcome.failure) for outcome in together] == [False, True, False]
 
 
@@ -119,7 +145,7 @@ def test_a_process_that_dies_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         return []
 
     monkeypatch.setattr(fleet, '_pool', pool)
-    found = tally_all(jobs, workers=2)
+    found = run_jobs(jobs, workers=2)
     assert found[0].failure == 'deadly: the process that read it died'
     assert not found[1].failure
 
@@ -138,6 +164,273 @@ def test_a_dask_cluster_of_two_processes_finds_the_same(folder: Path) -> None:
                 os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
             heard.append(outcome)
 
-        found = tally_all(jobs, scheduler=cluster.scheduler_address, done=done)
+        found = run_jobs(jobs, scheduler=cluster.scheduler_address, done=done)
     assert len(heard) == len(jobs)
-    assert numbers(found) == numbers(tally_all(jobs))
+    assert numbers(found) == numbers(run_jobs(jobs))
+
+
+STEP_NS = 20_000_000
+TRUTH = ('truth/contacts', 'wrench', 'label')
+FRAMES = 330
+
+
+@pytest.fixture(scope='module')
+def pipeline() -> Pipeline:
+    spec = load_sensor('reskin_board')
+    return spec.pipeline(estimator='ridge').fit(spec.recordings()['spatial'].select(slice(0, 900)))
+
+
+class LiveRun:
+    """A live run with all that happens: tares, lost and unseen frames, a restart, three truths."""
+
+    def __init__(self, path: Path, make: SimpleNamespace, pipeline: Pipeline) -> None:
+        self.make, self.pipeline = make, copy(pipeline)  # its tares are its own
+        self.spatial = load_sensor('reskin_board').recordings()['spatial']
+        self.rng = np.random.default_rng(5)
+        with BagWriter(path) as self.bag:
+            self.put('/layout', make.layout(), 1)
+            self.put('/calibration', make.String(data=pipeline.digest), 1)
+            self.pipeline.reset()
+            for k in range(FRAMES):
+                self.step(k)
+
+    def put(self, topic: str, message: object, log_ns: int) -> None:
+        for name, value in vars(message).items():
+            if isinstance(value, array):
+                setattr(message, name, np.array(value))
+        self.bag.write(topic, message.__msgtype__, log_ns, self.make.cdr(message))
+
+    def step(self, k: int) -> None:
+        restarted = k >= 200
+        number = k - 200 if restarted else k
+        touch = k // 11 * 2 + (k % 11 >= 8)
+        values = self.spatial.values[touch] + self.rng.normal(0, 1e-7, (5, 3))
+        log_ns = 10**9 + k * STEP_NS
+        frame = Frame(log_ns + (3600 * 10**9 if not restarted else 0), number, values)
+        if restarted and number == 0:
+            self.pipeline.reset()
+        if k % 33 == 5:
+            rest = self.make.frame(number, values, frame.stamp_ns)
+            self.put('/baseline', rest, log_ns)
+            self.pipeline.tare([frame])
+        if k % 50 != 49:
+            self.put('/frame', self.make.frame(number, values, frame.stamp_ns), log_ns + 1)
+        if k % 40 != 39 and k % 50 != 49:
+            state = self.pipeline.process(frame)
+            message = self.make.contacts(number, frame.stamp_ns)
+            fill_contacts(message, state, lambda: self.make.contacts(0, 0).contacts[0])
+            self.put('/contacts', message, log_ns + 5_000_000)
+        self.truth(k, touch, frame, log_ns)
+
+    def truth(self, k: int, touch: int, frame: Frame, log_ns: int) -> None:
+        place = self.spatial.truth['position'][touch]
+        message = self.make.contacts(frame.sequence, frame.stamp_ns, place)
+        message.in_contact = int(k % 11 >= 8)
+        self.put('/truth/contacts', message, log_ns + 7_000_000)
+        push = self.make.Vector3(x=0.0, y=0.0, z=float(touch % 2))
+        none = self.make.Vector3(x=np.nan, y=np.nan, z=np.nan)
+        for late in (0, 7_000_000, 14_000_000):
+            wrench = self.make.WrenchStamped(
+                header=self.make.header(frame.stamp_ns + late),
+                wrench=self.make.Wrench(force=push, torque=none),
+            )
+            self.put('/wrench', wrench, log_ns + late)
+        if k % 60 == 3:
+            self.put('/label', self.make.String(data=('mug', 'nut')[k % 2]), log_ns)
+
+
+@pytest.fixture(scope='module')
+def bag(
+    tmp_path_factory: pytest.TempPathFactory, make: SimpleNamespace, pipeline: Pipeline
+) -> Path:
+    path = tmp_path_factory.mktemp('bags') / 'live'
+    LiveRun(path, make, pipeline)
+    return path
+
+
+def judged(path: Path, pipeline: Pipeline, **options: object) -> SensorResult:
+    clock = count(0, 1000)
+    (found,) = evaluate_bag(path, {'c': pipeline}, TRUTH, clock_ns=lambda: next(clock), **options)
+    return found
+
+
+def same(one: SensorResult, other: SensorResult) -> None:
+    """Counts are equal, figures up to the rounding of products of one row and of many."""
+    assert (one.frames, one.dropped) == (other.frames, other.dropped)
+    for a, b in zip(one.answers, other.answers, strict=True):
+        assert a.agreement is not None
+        assert b.agreement is not None
+        assert a.agreement.frames == b.agreement.frames
+        assert max(a.agreement.largest, b.agreement.largest) <= 1e-12
+        assert a.hits == b.hits
+        for mine, theirs in zip(a.targets, b.targets, strict=True):
+            assert (mine.name, mine.missed, mine.invalid) == (
+                theirs.name, theirs.missed, theirs.invalid,
+            )  # fmt: skip
+            figures, others = astuple(mine.spread), astuple(theirs.spread)
+            assert figures == pytest.approx(others, rel=1e-12, nan_ok=True)
+            assert astuple(mine.coverage) == pytest.approx(astuple(theirs.coverage), nan_ok=True)
+            assert np.array_equal(mine.groups, theirs.groups)
+    assert sorted(one.problems) == sorted(other.problems)
+
+
+@pytest.fixture
+def in_pieces(monkeypatch: pytest.MonkeyPatch) -> Callable[[int, int], None]:
+    def change(frames: int, horizon_ns: int) -> None:
+        monkeypatch.setattr(recording_files, 'PIECE', frames)
+        monkeypatch.setattr(recording_files, 'HORIZON_NS', horizon_ns)
+
+    return change
+
+
+@pytest.mark.parametrize('frames', [1, 7, 64, 200])
+def test_pieces_of_any_length_are_the_whole(
+    bag: Path, pipeline: Pipeline, in_pieces: Callable[[int, int], None], frames: int
+) -> None:
+    whole = judged(bag, pipeline)
+    in_pieces(frames, 300_000_000)
+    same(judged(bag, pipeline), whole)
+
+
+def test_the_whole_is_what_the_road_through_memory_finds(bag: Path, pipeline: Pipeline) -> None:
+    found = judged(bag, pipeline)
+    (loaded,) = load(bag, None, TRUTH).recordings
+    slow = replay(loaded, pipeline)
+    assert found.frames == len(loaded.recording) == FRAMES - 6
+    assert found.dropped == frames_dropped(loaded.recording.sequence, loaded.recording.restarts)
+    (answer,) = found.answers
+    assert answer.agreement is not None
+    assert answer.agreement.largest <= 1e-12
+    assert slow.agreement is not None
+    assert answer.agreement.without_contacts == slow.agreement.without_contacts > 0
+    for target, expected in zip(
+        answer.targets, target_errors(loaded.recording, slow.states), strict=True
+    ):
+        assert (target.name, target.missed, target.invalid) == (
+            expected.name, expected.missed, expected.invalid,
+        )  # fmt: skip
+        assert target.spread.count == expected.spread.count
+        assert target.spread.rms == pytest.approx(expected.spread.rms, rel=1e-9, nan_ok=True)
+    assert answer.hits['in_contact']['right'] > 100
+
+
+@pytest.mark.parametrize('frames', [7, 4096])
+def test_the_report_of_pieces_is_that_of_the_bag_in_memory(
+    bag: Path, pipeline: Pipeline, in_pieces: Callable[[int, int], None], frames: int
+) -> None:
+    (loaded,) = load(bag, None, TRUTH).recordings
+    whole = evaluate(loaded, [copy(pipeline)])
+    in_pieces(frames, 300_000_000)
+    pieces = for_report(judged(bag, pipeline))
+    assert (pieces.frames, pieces.dropped) == (whole.frames, whole.dropped)
+    assert np.array_equal(pieces.latency_s, whole.latency_s)
+    (told,) = (text for text in pieces.problems if text.startswith('no latency'))
+    assert told in whole.problems  # its frames are an hour ahead of the recorder
+    assert np.array_equal(pieces.chips, whole.chips)
+    (mine,), (theirs,) = pieces.answers, whole.answers
+    assert [target.name for target in mine.targets] == [target.name for target in theirs.targets]
+    for one, other in zip(mine.targets, theirs.targets, strict=True):
+        for name in ('truth', 'estimate', 'error', 'variance'):
+            found, expected = getattr(one, name), getattr(other, name)
+            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-15)
+        for name in ('rows', 'time_s', 'groups'):
+            assert np.array_equal(getattr(one, name), getattr(other, name)), name
+        assert (one.missed, one.invalid) == (other.missed, other.invalid)
+        assert astuple(one.coverage) == pytest.approx(astuple(other.coverage), nan_ok=True)
+        assert astuple(one.spread) == pytest.approx(astuple(other.spread), rel=1e-9, nan_ok=True)
+    drawn, expected = (captions(one) for one in (pieces, whole))
+    assert drawn == expected
+    assert len(drawn) > 3
+
+
+def captions(dataset: Dataset) -> list[tuple[str, str]]:
+    """Headlines and findings, but for times."""
+    untimed = (replace(answer, us_single=1.0) for answer in dataset.answers)
+    figures = figures_of(replace(dataset, answers=tuple(untimed)), {'ridge': 'c0'})
+    return [(figure.title, figure.caption) for figure in figures]
+
+
+def test_a_tolerance_is_kept_and_told(bag: Path, pipeline: Pipeline) -> None:
+    found = judged(bag, pipeline)
+    assert found.association['/wrench'] == 'within 10 ms, 0 ms late'
+    assert found.association['/label'].startswith('holds')
+    narrow = judged(bag, pipeline, association=Association(1))
+    assert narrow.association['/wrench'] == 'within 1e-06 ms, 0 ms late'
+    wide = found.answers[0].target('force_z')
+    assert narrow.answers[0].target('force_z').missed == wide.missed
+    lost = [problem for problem in narrow.problems if '/wrench' in problem]
+    assert lost == [f'{2 * FRAMES + 6} messages of /wrench belong to no frame']
+
+
+def test_labels_count_as_the_pipeline_numbers_them(bag: Path, pipeline: Pipeline) -> None:
+    assert 'label' not in judged(bag, pipeline).answers[0].hits  # it knows no mug
+
+
+def test_a_bag_of_another_board_is_refused(write_bag: Callable[..., Path], tmp_path: Path) -> None:
+    spec = load_sensor('reskin_board')
+    other = spec.pipeline()
+    path = write_bag(tmp_path / 'bag')
+    if other.layout.shape == (5, 3):
+        other = load_sensor('gradiometer').pipeline()
+    with pytest.raises(RecordingError, match='which no calibration is for'):
+        evaluate_bag(path, {'c': other})
+
+
+def test_contacts_without_a_frame_are_counted_once(
+    make: SimpleNamespace,
+    pipeline: Pipeline,
+    tmp_path: Path,
+    in_pieces: Callable[[int, int], None],
+) -> None:
+    path = tmp_path / 'bag'
+    with BagWriter(path) as bag:
+        bag.write('/layout', 'tactile_ros/msg/TactileLayout', 1, make.cdr(make.layout()))
+        for k in range(40):
+            frame = make.frame(k, np.zeros(15), k * STEP_NS + 1)
+            about = make.contacts(k if k % 10 else 1000 + k, k * STEP_NS + 1)
+            bag.write('/frame', frame.__msgtype__, k * STEP_NS + 2, make.cdr(frame))
+            bag.write('/contacts', about.__msgtype__, k * STEP_NS + 3, make.cdr(about))
+    in_pieces(6, 100_000_000)
+    found = judged(path, pipeline)
+    assert '4 contacts are about frames that were not recorded' in found.problems
+    (answer,) = found.answers
+    assert answer.agreement is not None
+    assert (answer.agreement.frames, answer.agreement.without_contacts) == (36, 4)
+
+
+def test_a_run_that_learned_a_class_is_held_in_memory(
+    make: SimpleNamespace, pipeline: Pipeline, tmp_path: Path
+) -> None:
+    path = tmp_path / 'bag'
+    told = {'sha256': 'a' * 64, 'enrolled': 'mug', 'presses': [[1, 2]], 'after_ns': 5}
+    with BagWriter(path) as bag:
+        bag.write('/layout', 'tactile_ros/msg/TactileLayout', 1, make.cdr(make.layout()))
+        for k in range(9):
+            frame = make.frame(k, np.zeros(15), k * STEP_NS + 1)
+            bag.write('/frame', frame.__msgtype__, k * STEP_NS + 2, make.cdr(frame))
+        text = make.String(data=json.dumps(told))
+        bag.write('/calibration', text.__msgtype__, 9 * STEP_NS, make.cdr(text))
+    with pytest.raises(ClassesChangedError):
+        judged(path, pipeline)
+    pipeline.save(tmp_path / 'c.npz')
+    outcome = run_job(Job(str(path), (str(tmp_path / 'c.npz'),)))
+    assert outcome.failure == ''
+    assert outcome.results[0].frames == 9
+
+
+def test_what_is_cut_off_is_judged_as_far_as_it_goes(
+    bag: Path, pipeline: Pipeline, tmp_path: Path
+) -> None:
+    data = next(bag.glob('*.mcap')).read_bytes()
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(data[: len(data) // 2])
+    found = judged(cut, pipeline)
+    assert 100 < found.frames < FRAMES
+    assert any('cut off' in problem for problem in found.problems)
+
+
+def test_an_empty_bag_holds_no_frames(pipeline: Pipeline, tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bag'):
+        pass
+    with pytest.raises(RecordingError, match='holds no frames that could be read'):
+        judged(tmp_path / 'bag', pipeline)

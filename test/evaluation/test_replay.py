@@ -1,5 +1,9 @@
+"""Each baseline of a live run comes in before the frame that it held for."""
+
 from __future__ import annotations
 
+import json
+import queue
 from array import array
 from copy import deepcopy
 from dataclasses import replace
@@ -10,14 +14,29 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from reference import enrolled_skin
 from tactile_ros.evaluation.bag import BagWriter
-from tactile_ros.evaluation.recording_files import LiveContacts, LoadedRecording, load
-from tactile_ros.evaluation.replay import Follower, as_live, compare, replay
-from tactile_ros.evaluation.sensor_tally import tally_bag
+from tactile_ros.evaluation.fleet import evaluate_bag
+from tactile_ros.evaluation.recording_files import (
+    LiveContacts,
+    LoadedRecording,
+    load,
+    read_changes,
+)
+from tactile_ros.evaluation.replay import BaselineQueue, Follower, as_live, compare, replay
 from tactile_ros.messages import fill_contacts
 from tactile_ros.nodes.contact_loop import ContactStage
+from tactile_ros.nodes.enrolment_server import Change, EnrolStage, Learned, Lesson
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import STATE_FIELDS, ContactStates, Frame, Recording, TaxelStatus
+from tactile_ros.types import (
+    STATE_FIELDS,
+    ContactState,
+    ContactStates,
+    Frame,
+    Layout,
+    Recording,
+    TaxelStatus,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -159,7 +178,7 @@ def test_frames_that_failed_live_count_as_lost_in_the_replay(
     assert found.agreement.frames == len(frames)
     assert found.agreement.largest <= 1e-12
     assert np.flatnonzero(~found.states.valid).tolist() == [9, 40, 41, 150]
-    (tally,) = tally_bag(path, {'c': fresh}, ('truth/contacts',))
+    (tally,) = evaluate_bag(path, {'c': fresh}, ('truth/contacts',))
     assert tally.answers[0].agreement.largest <= 1e-12
     assert tally.answers[0].agreement.frames == len(frames)
 
@@ -262,7 +281,7 @@ def test_a_frame_that_fails_costs_itself_alone(
     monkeypatch.setattr(kind, 'estimate', estimate)
     (loaded,) = load(path).recordings
     slow = replay(loaded, deepcopy(fresh))
-    (answer,) = tally_bag(path, {'c': fresh})[0].answers
+    (answer,) = evaluate_bag(path, {'c': fresh})[0].answers
     said = '5 frames cannot be estimated and count as lost (LinAlgError: Singular matrix)'
     assert said in slow.problems
     assert said in answer.problems
@@ -281,9 +300,7 @@ def plain(spatial: Recording) -> Recording:
     return replace(part, stamp_ns=10**9 + rows * STEP_NS, sequence=rows, stream=0 * rows)
 
 
-def fail_at(
-    monkeypatch: pytest.MonkeyPatch, pipeline: Pipeline, stamps: object
-) -> list[int]:
+def fail_at(monkeypatch: pytest.MonkeyPatch, pipeline: Pipeline, stamps: object) -> list[int]:
     """Let the estimator fail at frames; rows it saw."""
     kind, seen = type(pipeline.estimation), []
     healthy = kind.estimate
@@ -325,9 +342,7 @@ def test_where_every_frame_fails_all_are_lost_and_other_boards_are_refused(
     assert found.problems[0].startswith('330 frames cannot be estimated')
     assert not found.states.valid.any()
     with pytest.raises(ValueError, match='received Bx, By, Bz in count'):
-        fitted.process_batch(
-            replace(recording, layout=replace(recording.layout, unit='count'))
-        )
+        fitted.process_batch(replace(recording, layout=replace(recording.layout, unit='count')))
 
 
 def test_a_bag_of_which_every_frame_fails_takes_a_few_times_its_frames(
@@ -335,8 +350,7 @@ def test_a_bag_of_which_every_frame_fails_takes_a_few_times_its_frames(
 ) -> None:
     recording = plain(spatial)
     seen = fail_at(monkeypatch, fitted, recording.stamp_ns)
-    rows = np.arange(len(recording))
-    piece = SimpleNamespace(recording=recording, rows=rows, baselines={}, live=None)
+    piece = LoadedRecording('plain', replace(recording, tare=None))
     assert not Follower(fitted)(piece).valid.any()
     assert sum(seen) < 6 * len(recording)
 
@@ -365,3 +379,192 @@ def test_a_live_run_without_tracking_is_replayed_without(
     assert not replay(still, fitted).problems
     foreign = LoadedRecording('x', spatial, calibrations=('0' * 64,))
     assert as_live(foreign.calibrations, fitted) is fitted
+
+
+LAYOUT = Layout(np.zeros((1, 3)), ('p',), '1')
+
+
+def counted(sequence: list[int], stamped: bool = True) -> Recording:
+    """Frames whose counter begins anew where it goes back."""
+    rows = np.arange(len(sequence))
+    stamps = 1000 + 10 * rows if stamped else None
+    stream = np.cumsum(np.diff(sequence, prepend=sequence[0]) < 0)
+    return Recording.from_arrays(
+        LAYOUT, np.zeros((len(rows), 1, 1)), stamps, sequence=np.array(sequence), stream=stream
+    )
+
+
+def baseline_frame(stamp_ns: int | None, sequence: int, level: float = 0.0) -> Frame:
+    return Frame(stamp_ns, sequence, np.full((1, 1), level))
+
+
+@pytest.mark.parametrize(
+    ('baselines', 'expected'),
+    [
+        ([(1000, 0)], {0: 0}),  # in use when the run began
+        ([(1020, 3)], {3: 0}),  # a tare of frames up to 2
+        ([(1010, 3)], {3: 0}),  # frame 2 was processed and not averaged
+        ([(1060, 3)], {7: 0}),  # the first of the run, after the counter began anew
+        ([(1000, 0), (1040, 0), (1060, 3)], {0: 0, 4: 1, 7: 2}),
+        ([(1020, 3), (9999, 1)], {3: 0, 5: 1}),  # of no frame: by its sequence
+        ([(1020, 3), (1020, 3)], {3: 1}),  # the last of two
+        ([(1070, 4)], {}),  # for a frame that never came
+    ],
+)
+def test_a_baseline_is_of_the_stream_of_its_stamp(
+    baselines: list[tuple[int, int]], expected: dict[int, int]
+) -> None:
+    recording = counted([0, 1, 2, 3, 0, 1, 2, 3])
+    told = [baseline_frame(*one, level=i) for i, one in enumerate(baselines)]
+    found = BaselineQueue().by_row(recording, np.arange(8), told)
+    assert {row: int(one.values[0, 0]) for row, one in found.items()} == expected
+
+
+def test_without_stamps_sequences_alone_tell() -> None:
+    recording = counted([0, 1, 2, 0, 1, 2], stamped=False)
+    told = [baseline_frame(None, 1, 0.0), baseline_frame(None, 0, 1.0)]
+    found = BaselineQueue().by_row(recording, np.arange(6), told)
+    assert sorted(found) == [1, 3]
+    assert BaselineQueue().by_row(recording, np.arange(0), told) == {}
+
+
+SPEC = enrolled_skin.SPEC
+PATIENCE_S = 20.0
+
+
+class Run:
+    """A live run without ROS: frames, states, what was announced."""
+
+    def __init__(self, path: Path) -> None:
+        enrolled_skin.five_heads().save(path)
+        self.first = SPEC.load(path)
+        self.path = path
+        self.presses = enrolled_skin.new_head()
+        self.frames: list[Frame] = []
+        self.states: list[ContactState] = []
+        self.baselines: list[Frame] = []
+        self.told: list[str] = []
+        self.stage = ContactStage(SPEC.load(path), 10, True, self.baselines.append)
+        self.classes = EnrolStage(
+            self.stage, str(path), SPEC.load, self.first.digest, self._announce
+        )
+        self._announce()
+
+    def _announce(self, change: Change | None = None) -> None:
+        told = {} if change is None else change.told()
+        self.told.append(json.dumps({'sha256': self.stage.pipeline.digest, **told}))
+
+    def press(self, number: int) -> None:
+        for row in enrolled_skin.press_of(self.presses, number):
+            self.frames.append(enrolled_skin.frame_of(len(self.frames), row))
+            self.states.append(self.stage.process(self.frames[-1]))
+
+    def learn(self, label: str, numbers: tuple[int, ...], replace: bool = False) -> Learned:
+        ended: queue.Queue[Learned] = queue.Queue()
+        self.classes.begin(
+            Lesson(label, len(numbers), PATIENCE_S, replace), lambda *_: None, ended.put
+        )
+        for number in numbers:
+            self.press(number)
+        return ended.get(timeout=PATIENCE_S)
+
+    def loaded(self) -> LoadedRecording:
+        rows = np.arange(len(self.frames))
+        recording = Recording.from_arrays(
+            self.presses.layout, [f.values for f in self.frames],
+            stamp_ns=[f.stamp_ns for f in self.frames], sequence=rows,
+        )  # fmt: skip
+        columns = {
+            name: np.array([getattr(state, name) for state in self.states])
+            for name, (shape, _, _) in STATE_FIELDS.items() if shape[:1] != ('k',)
+        }  # fmt: skip
+        states = ContactStates.assemble(len(rows), 20, columns)
+        return LoadedRecording(
+            'run', recording, LiveContacts(rows, states, rows, 0), tuple(self.baselines),
+            tuple(dict.fromkeys(json.loads(text)['sha256'] for text in self.told)),
+            read_changes(self.told),
+        )  # fmt: skip
+
+
+@pytest.fixture(scope='module')
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    made = Run(tmp_path_factory.mktemp('run') / 'skin.npz')
+    made.press(0)
+    assert made.learn('mug', (1, 2)).success
+    made.press(3)
+    assert made.classes.forget('mug')[0]
+    made.press(4)
+    assert made.learn('cup', (5,)).success
+    made.press(6)
+    return made
+
+
+def named(states: ContactStates) -> list[int]:
+    return states.label[states.label >= 0].tolist()
+
+
+def test_a_replay_learns_and_forgets_where_the_live_run_did(run: Run) -> None:
+    loaded = run.loaded()
+    # with the calibration that it began with, and with the one that it left
+    for pipeline in (run.first, SPEC.load(run.path)):
+        before = pipeline.digest
+        replayed = replay(loaded, pipeline)
+        assert replayed.problems == ()
+        for name in ('label', 'label_probability', 'in_contact', 'status'):
+            assert replayed.agreement is not None
+            assert replayed.agreement.differences[name] == 0, name
+        assert 5 in named(replayed.states)
+        assert pipeline.digest == before
+    changed = [(change.label, len(change.presses)) for change in loaded.changes]
+    assert changed == [('mug', 2), ('mug', 0), ('cup', 1)]
+
+
+def test_without_the_changes_it_is_another_run(run: Run) -> None:
+    replayed = replay(replace(run.loaded(), changes=()), run.first)
+    assert 5 not in named(replayed.states)
+    assert 'several calibrations' in replayed.problems[0]
+
+
+def test_presses_that_were_not_recorded_are_told(run: Run) -> None:
+    loaded = run.loaded()
+    late = loaded.recording.select(slice(300, None))
+    live = loaded.contacts
+    assert live is not None
+    rows = np.arange(len(late))
+    states = ContactStates.assemble(len(rows), 20, {})
+    part = replace(loaded, recording=late, contacts=LiveContacts(rows, states, rows, 0))
+    said = replay(part, run.first).problems
+    assert any("'mug' could not be learned" in sentence for sentence in said)
+
+
+@pytest.mark.parametrize(
+    'text',
+    ['', '[]', '{}', '{"enrolled": 3}', '{"enrolled": "mug"}', 'nan', '{"enrolled": "mug", '
+     '"sha256": "x", "presses": [1]}', '[' * 10_000],
+)  # fmt: skip
+def test_announcements_that_make_no_sense_tell_no_change(text: str) -> None:
+    assert read_changes([text]) == ()
+
+
+def test_a_file_that_changed_since_is_not_overwritten(run: Run, tmp_path: Path) -> None:
+    other = Run(tmp_path / 'skin.npz')
+    SPEC.load(run.path).save(other.path)
+    content = other.path.read_bytes()
+    learned = other.learn('mug', (1,))
+    assert not learned.success
+    assert 'changed since it was read' in learned.message
+    assert other.path.read_bytes() == content
+
+
+def test_adding_and_replacing_presses(tmp_path: Path) -> None:
+    run = Run(tmp_path / 'skin.npz')
+    assert run.learn('mug', (1,)).success
+    added = run.learn('mug', (2, 3))
+    assert (added.success, added.index) == (True, 5)
+    count = SPEC.load(run.path).estimation.recogniser_.enrolled_.label  # type: ignore[attr-defined]
+    assert len(count) == 3
+    assert run.learn('mug', (4,), replace=True).success
+    count = SPEC.load(run.path).estimation.recogniser_.enrolled_.label  # type: ignore[attr-defined]
+    assert len(count) == 1
+    taken = run.learn('0', (5,))
+    assert "label of enrol must be new; '0' is known from the fit" in taken.message

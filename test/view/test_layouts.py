@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tactile_ros.evaluation.definitions import all_types
+from tactile_ros.evaluation.bag import all_types
 from tactile_ros.types import ContactState
 from tactile_ros.view.viewer import grip_scalars, state_scalars
 

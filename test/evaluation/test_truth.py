@@ -9,8 +9,7 @@ import pytest
 from scipy.special import expit
 
 from tactile_ros.evaluation.bag import BagWriter
-from tactile_ros.evaluation.fleet import Job, associated
-from tactile_ros.evaluation.survey import survey
+from tactile_ros.evaluation.truth import Delay, associate, estimate_delay, truth_delays
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -50,19 +49,19 @@ def bag(tmp_path_factory: pytest.TempPathFactory, make: SimpleNamespace) -> Path
 
 
 def test_the_delay_of_another_clock_is_told_with_its_uncertainty(bag: Path) -> None:
-    found = survey(bag, ['wrench'])
+    found = truth_delays(bag, ['wrench'])
     delay = found['/cell/wrench']
     assert delay is not None
-    assert delay.told
+    assert delay.significant
     assert delay.delay_ns - CLOCK_NS == pytest.approx(30e6, abs=0.2 * STEP_NS)
     assert delay.std_ns < 0.5 * STEP_NS
     assert delay.correlation > 0.9
 
 
 def test_what_was_asked_for_goes_first(bag: Path) -> None:
-    told = associated(bag, Job(str(bag), (), ('wrench',), 4_000_000, 7))
+    told = associate(bag, ('wrench',), 4_000_000, 7)
     assert (told.tolerance_ns, dict(told.delays)) == (4_000_000, {'/cell/wrench': 7})
-    found = associated(bag, Job(str(bag), (), ('wrench',)))
+    found = associate(bag, ('wrench',), None, None)
     assert found.delays['/cell/wrench'] - CLOCK_NS == pytest.approx(30e6, abs=0.2 * STEP_NS)
     assert 'estimated: 5e+06 +- ' in found.known['/cell/wrench']
 
@@ -70,4 +69,52 @@ def test_what_was_asked_for_goes_first(bag: Path) -> None:
 def test_truth_that_names_its_frames_has_no_delay(
     write_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
-    assert survey(write_bag(tmp_path / 'bag'), ['truth/contacts']) == {}
+    assert truth_delays(write_bag(tmp_path / 'bag'), ['truth/contacts']) == {}
+
+
+SECOND_NS = 1_000_000_000
+
+
+def presses(times: np.ndarray) -> np.ndarray:
+    """Presses of irregular length: smooth ramps, as a probe makes them (time in s)."""
+    rng = np.random.default_rng(3)
+    total = np.zeros(len(times))
+    for at in np.cumsum(rng.uniform(0.6, 1.8, 60)):
+        width = rng.uniform(0.1, 0.3)
+        rise = expit((times - at) / 0.02)
+        total += rng.uniform(0.5, 2) * rise * expit((at + width - times) / 0.02)
+    return total
+
+
+def read_delay(late_s: float, seed: int, noise: float = 0.05) -> Delay | None:
+    rng = np.random.default_rng(seed)
+    frames = np.arange(4000) * 0.01
+    frames = frames + rng.uniform(0, 0.001, 4000)
+    cell = np.arange(8000) * 0.005
+    skin = presses(frames) + noise * rng.normal(size=4000)
+    force = -3 * presses(cell - late_s) + noise * rng.normal(size=8000)
+    return estimate_delay(
+        (frames * SECOND_NS).astype(np.int64), skin, (cell * SECOND_NS).astype(np.int64), force
+    )
+
+
+@pytest.mark.parametrize('late_s', [-0.2, 0.0, 0.0137, 0.31])
+def test_a_delay_is_found_to_within_what_it_claims(late_s: float) -> None:
+    found = read_delay(late_s, seed=int(1000 * abs(late_s)))
+    assert found is not None
+    error = abs(found.delay_ns * 1e-9 - late_s)
+    assert error < 0.001
+    assert error < 5 * found.std_ns * 1e-9
+    assert found.significant == (late_s != 0.0)
+    assert found.stretches >= 8
+
+
+def test_signals_that_have_nothing_in_common_tell_nothing() -> None:
+    assert read_delay(0.1, seed=1, noise=30.0) is None
+
+
+def test_a_short_or_silent_recording_tells_nothing() -> None:
+    times = np.arange(100, dtype=np.int64) * 10_000_000
+    assert estimate_delay(times, np.zeros(100), times, np.zeros(100)) is None
+    times = np.arange(5000, dtype=np.int64) * 10_000_000
+    assert estimate_delay(times, np.zeros(5000), times, np.zeros(5000)) is None

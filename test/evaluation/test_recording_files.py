@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation.bag import BagWriter
+from tactile_ros.evaluation import bag
+from tactile_ros.evaluation.bag import BagWriter, all_types
 from tactile_ros.evaluation.recording_files import load, load_recording, save_recording
 from tactile_ros.evaluation.truth import nearest
 from tactile_ros.types import Layout, Recording
@@ -87,7 +88,7 @@ def test_a_pickle_is_refused_unopened(tmp_path: Path) -> None:
 
     hostile = tmp_path / 'hostile.npz'
     np.savez(hostile, values=np.array([Trap()], object))
-    with pytest.raises(RecordingError, match='holds object'):
+    with pytest.raises(RecordingError, match='no plain array'):
         load_recording(hostile)
 
 
@@ -99,12 +100,12 @@ def test_a_zip_bomb_is_refused_unpacked_size_unread(tmp_path: Path) -> None:
     entry = data.rindex(b'PK\x01\x02')
     data[entry + 24 : entry + 28] = (0xFFFFFFF0).to_bytes(4, 'little')
     hostile.write_bytes(data)
-    with pytest.raises(RecordingError, match='unpacks to 1 members of 4294967280 bytes'):
+    with pytest.raises(RecordingError, match=r'at most 64 members .* received 1 and 4294967280'):
         load_recording(hostile)
     with zipfile.ZipFile(hostile, 'w') as archive:
         for k in range(100):
             archive.writestr(f'{k}.npy', b'')
-    with pytest.raises(RecordingError, match='lists 100 members'):
+    with pytest.raises(RecordingError, match='received 100 and'):
         load_recording(hostile)
 
 
@@ -277,13 +278,11 @@ def test_a_foreign_bag_is_refused_with_what_it_holds(
 
 
 def test_messages_of_another_version_are_named_not_guessed(
-    write_bag: WriteBag, tmp_path: Path
+    write_bag: WriteBag, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = write_bag(tmp_path / 'bag', n=3)
-    file = path / 'bag_0.mcap'
-    text = file.read_bytes()
-    file.write_bytes(text.replace(b'float64 yaw_std\n', b'float64 yaw_dev\n'))
-    loaded = load(path)
+    ours = bag.schema_text
+    monkeypatch.setattr(bag, 'schema_text', lambda name: ours(name).replace('yaw_std', 'yaw_dev'))
+    loaded = load(write_bag(tmp_path / 'bag', n=3))
     assert loaded.recordings[0].contacts is None
     assert 'tactile_ros/msg/TactileContacts of the bag is of another version' in loaded.problems[0]
 
@@ -362,11 +361,8 @@ def test_a_bag_without_rosbags_is_one_sentence(
     import sys
 
     from tactile_ros.errors import MissingPackageError
-    from tactile_ros.evaluation import definitions
-
     path = write_bag(tmp_path / 'bag', n=3)
-    definitions.standard_types.cache_clear()
-    definitions.all_types.cache_clear()
+    all_types.cache_clear()
     monkeypatch.setitem(sys.modules, 'rosbags.typesys', None)
     with pytest.raises(MissingPackageError, match='pip install rosbags'):
         load(path)
