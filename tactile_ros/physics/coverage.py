@@ -1,7 +1,10 @@
-"""How much of a taxel an object covers: one table for an object, looked up at points of taxels.
+"""Coverage of taxels by objects: outlines, pressure under parts, and output of a covered taxel.
 
-A table holds what part of a small disc at a point the object covers, and its slope; one
-look-up with its slope replaces many points inside the disc.
+A table holds the part of a small disc at a point that an object covers, and its slope; one look-up
+with its slope replaces many points inside the disc. A cylinder that sinks into a bed of springs
+presses as deep as it lies under the surface, into an elastic half-space like the root of 1 - q^2
+(Hertz, q = distance / half width); a strip is even. [4] Fig. 1 and Eq. (2): the same force on a
+larger part of a taxel gives another current.
 """
 
 from __future__ import annotations
@@ -15,6 +18,20 @@ from tactile_ros.types import Array, Bools, Integers, Outline
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+SUNK = 0.5  # of a tube's radius: half the width of its contact
+PROFILES = ('strip', 'half-space', 'springs')
+STRIP, HALF_SPACE, SPRINGS = range(3)
+LEAST = 0.05  # of a taxel's whole output: no correction is larger than its inverse
+NODES = 280  # of the longer side of a table
+TURNS = (0.71, 1.37, 2.29)  # no symmetry of a polygon of few corners
+ALIKE = 0.015  # of the area: what a turn may change and still be called a symmetry
+MOST_FOLD = 12
+BESIDE = 0.1  # of a whole turn
+NEARLY = 0.35  # of the area: what a turn may change and still be taken for another
+FINER = 16  # lines across a node's cell
+SIDES = 48  # from which a round object is looked at
+FINE = 512  # points of a box for each part that a taxel is cut into
 
 
 def inside(loops: Sequence[Array], points: Array) -> Bools:
@@ -37,39 +54,11 @@ def inside(loops: Sequence[Array], points: Array) -> Bools:
     return odd
 
 
-def grid_inside(loops: Sequence[Array], pitch: float) -> Array:
-    """Points (n, 2) of a square grid that lie inside; n times pitch squared is the area.
-
-    Examples
-    --------
-    >>> square = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
-    >>> len(grid_inside([square], 0.1))
-    100
-    """
-    corners = np.concatenate(list(loops))
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    x, y = (np.arange(low[i] + pitch / 2, high[i], pitch) for i in (0, 1))
-    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    return grid[inside(loops, grid)]
-
-
-SUNK = 0.5  # of a tube's radius: half the width of its contact
-
-
 def part_pressure(part: Outline, points: Array) -> Array:
-    """Pressure of a part at points of its own frame, 1 at most.
+    """Pressure (n,) of a part at points (n, 2) (m) of its own frame, 1 at most.
 
-    Parameters
-    ----------
-    part : Outline
-        Flat, or an angle tube of a radius `thickness`.
-    points : ndarray, shape (n, 2)
-        In the part's frame (m).
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Even under a flat part; under a tube what a circle sinks in below its chord.
+    It is even under a flat part; under an angle tube of a radius `thickness` it is that of a
+    circle which sinks in below its chord.
 
     Examples
     --------
@@ -82,14 +71,14 @@ def part_pressure(part: Outline, points: Array) -> Array:
     x, y = points.T
     radius = float(part.thickness or 0.0)
     chord = np.sqrt(1 - SUNK**2) * radius
-    found = np.zeros(len(x))
+    pressure = np.zeros(len(x))
     for turn in (0.0, part.bend):
         along = np.cos(turn) * x + np.sin(turn) * y
         across = np.cos(turn) * y - np.sin(turn) * x
         depth = np.sqrt(np.maximum(radius**2 - across**2, 0.0)) - chord
         there = (along > 0) & (depth > 0)
-        found = np.maximum(found, np.where(there, depth / (radius - chord), 0.0))
-    return found
+        pressure = np.maximum(pressure, np.where(there, depth / (radius - chord), 0.0))
+    return pressure
 
 
 def washer(name: str, outer: float, inner: float, corners: int = 96) -> Outline:
@@ -100,18 +89,10 @@ def washer(name: str, outer: float, inner: float, corners: int = 96) -> Outline:
 
 
 def read_parts(text: str) -> tuple[Outline, ...]:
-    """Parts of a text.
+    """Parts of a text, named by their text.
 
-    Parameters
-    ----------
-    text : str
-        Parts apart by semicolons: `washer OUTER INNER` (radii in mm), `tube BEND RADIUS` (degrees
-        and mm), `polygon X Y X Y ...` (corners in mm, counter-clockwise). Empty: none.
-
-    Returns
-    -------
-    tuple of Outline
-        Named by their text.
+    Parts stand apart by semicolons: `washer OUTER INNER` (radii in mm), `tube BEND RADIUS`
+    (degrees and mm), `polygon X Y X Y ...` (corners in mm, counter-clockwise). Empty: none.
 
     Raises
     ------
@@ -147,24 +128,11 @@ def _part(words: list[str]) -> Outline:
     raise ValueError(msg)
 
 
-PROFILES = ('strip', 'half-space', 'springs')
-STRIP, HALF_SPACE, SPRINGS = range(3)
-
-
 def nearest_axis(u: Array, v: Array, bend: float) -> tuple[Array, Array, Array]:
-    """Distance of points from the nearer half-axis, and the direction away from it.
+    """Distance (m) of points from a tube's nearer half-axis, and the unit vector (u, v) to them.
 
-    Parameters
-    ----------
-    u, v : ndarray, shape (...)
-        Points in the tube's frame, one axis along +u (m).
-    bend : float
-        Of the other axis (rad).
-
-    Returns
-    -------
-    distance, across_u, across_v : ndarray, shape (...)
-        Distance (m), and the unit vector from the axis to the point.
+    `u`, `v` (...) are points in the tube's frame, one axis along +u (m), `bend` the angle of the
+    other (rad).
 
     Examples
     --------
@@ -245,27 +213,11 @@ def _springs(z: Array, w: Array, radius: float) -> tuple[Array, Array, Array]:
     return area / deepest, (root - chord) / deepest, (inner - area / deepest) * rise / deepest
 
 
-LEAST = 0.05  # of a taxel's whole output: no correction is larger than its inverse
-
-
 def area_current(area: Array, law: Array) -> Array:
-    """Current at an area, p1 + p2 A + p3 exp(-A / p4).
+    """Current at a pressed area (m2), p1 + p2 A + p3 exp(-A / p4), [4] Eq. (2).
 
-    Parameters
-    ----------
-    area : ndarray
-        Pressed (m2).
-    law : ndarray, shape (4,)
-        p1, p2 (1 / m2), p3 and p4 (m2); the unit of p1 and p3 is that of the current.
-
-    Returns
-    -------
-    ndarray
-        Of the shape of `area`.
-
-    Notes
-    -----
-    [4] Eq. (2).
+    `law` (4,) holds p1, p2 (1 / m2), p3 and p4 (m2); p1 and p3 have the unit of the current. It is
+    [4] Eq. (1), the step response of a PID element with a lag, with the area in place of time.
 
     Examples
     --------
@@ -276,30 +228,11 @@ def area_current(area: Array, law: Array) -> Array:
     return np.asarray(p1 + p2 * area + p3 * np.exp(-area / p4))
 
 
-def law_of_response(gain: float, t1: float, ti: float, td: float) -> Array:
-    """p1..p4 of the step response K (1 + (t - T1)/TI + (TD/T1 + T1/TI - 1) exp(-t/T1)).
-
-    Notes
-    -----
-    [4] Eq. (1) with the area for the time: T1, TI and TD are areas (m2).
-    """
-    return np.array([gain * (1 - t1 / ti), gain / ti, gain * (td / t1 + t1 / ti - 1), t1])
-
-
 def area_share(area: Array, whole: Array, law: Array) -> Array:
-    """Output of taxels of which only a part is pressed, over that of the whole at the same load.
+    """Output (..., t) of partly pressed taxels over that of the whole at the same load.
 
-    Parameters
-    ----------
-    area, whole : ndarray, shape (..., t) and (t,)
-        Pressed, and of the taxels (m2).
-    law : ndarray, shape (4,)
-        As in `area_current`.
-
-    Returns
-    -------
-    ndarray, shape (..., t)
-        At least 0.05: less says nothing about the load.
+    `area` (..., t) is pressed of the `whole` (t,) (m2), by a law as in `area_current`; the share
+    is at least 0.05: less says nothing about the load.
 
     Examples
     --------
@@ -308,17 +241,6 @@ def area_share(area: Array, whole: Array, law: Array) -> Array:
     """
     part = np.clip(area, 0.0, whole)
     return np.asarray(np.maximum(area_current(part, law) / area_current(whole, law), LEAST))
-
-
-NODES = 280  # of the longer side of a table
-TURNS = (0.71, 1.37, 2.29)  # no symmetry of a polygon of few corners
-ALIKE = 0.015  # of the area: what a turn may change and still be called a symmetry
-MOST_FOLD = 12
-BESIDE = 0.1  # of a whole turn
-NEARLY = 0.35  # of the area: what a turn may change and still be taken for another
-FINER = 16  # lines across a node's cell
-SIDES = 48  # from which a round object is looked at
-FINE = 512  # points of a box for each part that a taxel is cut into
 
 
 def raster(loops: Sequence[Array], x: Array, y: Array) -> Array:

@@ -1,9 +1,10 @@
-"""Potential of a weakly conducting sheet of any outline, by finite elements.
+"""Potentials and resistances of a weakly conducting sheet with a well conducting border.
 
-A curved panel that can be unrolled is a flat sheet with the outline of its development: what
-conducts along the surface does not feel the bend. Linear triangles carry the sheet, straight
-links its border; the equations are solved directly, because iteration stalls at border ratios of
-thousands.
+[5] Eq. (1): the potential of the sheet obeys Laplace's equation. Its missing equations are
+R = Rx + Rv + RE and V = Vcc R0 / (R0 + R). The border is a line of its own conductance, as uneven
+as silver paste is; the equations are solved directly, because iteration stalls at border ratios
+of thousands. A curved panel that can be unrolled is a flat sheet with the outline of its
+development: what conducts along the surface does not feel the bend.
 """
 
 from __future__ import annotations
@@ -16,32 +17,22 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import spsolve
 from scipy.spatial import Delaunay
 
-from tactile_ros.types import Array, Bools, Integers
+from tactile_ros.physics.coverage import inside
+from tactile_ros.types import Array, Integers
 
 EQUAL_AREA = 0.59  # radius of the disc of equal outer conductance, over the edge of a square
 LEAST_LOG = float(np.log(1.05))
 MOST_WIDTHS = 30.0  # beyond which the far side of a sheet does not count
 NEAREST = 1e-3  # of the edge: no touch counts as nearer to the border
+CLEAR = 0.6  # of the step: grid points that near to the border are left out
+THIN = 1e-6  # area of a triangle, over the step squared, below which it is none
 
 
 def linear_place(potentials: Array, size: Array) -> Array:
-    """Place at which ideal linear potentials have given values.
+    """Place (..., 2) (m from electrode A) at which ideal linear potentials have given values.
 
-    Parameters
-    ----------
-    potentials : ndarray, shape (..., 2)
-        u_AC (1 at A) and u_BD (1 at B), fractions of the supply.
-    size : ndarray, shape (2,)
-        Of the sheet (m).
-
-    Returns
-    -------
-    ndarray, shape (..., 2)
-        x, y from electrode A (m).
-
-    Notes
-    -----
-    [5] section 2.2.
+    `potentials` (..., 2) are u_AC (1 at A) and u_BD (1 at B), fractions of the supply; `size` (2,)
+    is that of the sheet (m). [5] section 2.2.
 
     Examples
     --------
@@ -49,26 +40,7 @@ def linear_place(potentials: Array, size: Array) -> Array:
     [0.075, 0.025]
     """
     mean, turn = 1.0 - potentials[..., 0], potentials[..., 1] - 0.5
-    place: Array = np.stack([mean + turn, mean - turn], axis=-1) * size
-    return place
-
-
-def linear_potentials(places: Array, size: Array) -> Array:
-    """Ideal potentials u_AC, u_BD (..., 2), fractions of the supply, at places (..., 2) (m)."""
-    share = places / size
-    x, y = share[..., 0], share[..., 1]
-    return np.stack([1.0 - (x + y) / 2, 0.5 + (x - y) / 2], axis=-1)
-
-
-def divider_resistance(divider: Array, reference: float) -> Array:
-    """Resistance R (ohm) from R0 / (R0 + R), shape (s,), and R0 (ohm).
-
-    Examples
-    --------
-    >>> divider_resistance(np.array([0.5, 0.25]), 1000.0).tolist()
-    [1000.0, 3000.0]
-    """
-    return reference * (1.0 / divider - 1.0)
+    return np.asarray(np.stack([mean + turn, mean - turn], axis=-1) * size)
 
 
 @dataclass(frozen=True)
@@ -125,7 +97,7 @@ class SeriesResistance:
 
 
 def touch_edge(film: Array, force: Array, edge: float, at_one: float, exponent: float) -> Array:
-    """Edge of a square touch whose force is known from elsewhere.
+    """Edge (s,) (m) of a square touch whose force is known from elsewhere.
 
     Parameters
     ----------
@@ -136,16 +108,12 @@ def touch_edge(film: Array, force: Array, edge: float, at_one: float, exponent: 
     edge : float
         Edge of the touches that the film was calibrated with (m).
     at_one, exponent : float
-        Of their law: at_one force ** -exponent (ohm).
-
-    Returns
-    -------
-    ndarray, shape (s,)
-        Edge (m); NaN where the exponent is 1, with which the size does not show.
+        Of their law: at_one force ** -exponent (ohm); NaN is returned for an exponent of 1, with
+        which the size does not show.
 
     Notes
     -----
-    The three readings alone do not tell the size: two give the place, because the mean of a
+    The three readings alone do not give the size: two give the place, because the mean of a
     harmonic potential over a disc is its value in the middle ([5] Eq. (1)), and the third is of
     force and size at once. With pressure F / A under a film of resistivity ~ pressure ** -b the
     film has at_one F ** -b (A / A0) ** (b - 1).
@@ -192,23 +160,15 @@ def sheet_potential(size: Array, shape: tuple[int, int], border: Array, corners:
     if not held.any():
         msg = 'corners of sheet_potential must hold at least one potential; received none'
         raise ValueError(msg)
-    first, second, weight = _links(size, shape, border)
-    count = shape[0] * shape[1]
-    row = np.concatenate([first, second, first, second])
-    column = np.concatenate([second, first, first, second])
-    value = np.concatenate([-weight, -weight, weight, weight])
-    matrix = coo_matrix((value, (row, column)), shape=(count, count)).tocsc()
-    number = np.arange(count).reshape(shape)
+    ends = _grid_links(size, shape, border)
+    number = np.arange(shape[0] * shape[1]).reshape(shape)
     fixed = np.array([number[0, 0], number[-1, 0], number[-1, -1], number[0, -1]])[held]
-    potential = np.zeros(count)
-    potential[fixed] = corners[held]
-    free = np.setdiff1d(np.arange(count), fixed)
-    current = -(matrix[free][:, fixed] @ potential[fixed])
-    potential[free] = spsolve(matrix[free][:, free], current)
-    return potential.reshape(shape)
+    return _solved(*ends, number.size, fixed, corners[held]).reshape(shape)
 
 
-def _links(size: Array, shape: tuple[int, int], border: Array) -> tuple[Integers, Integers, Array]:
+def _grid_links(
+    size: Array, shape: tuple[int, int], border: Array
+) -> tuple[Integers, Integers, Array]:
     """Both ends of every link between neighbouring nodes, and its conductance over the sheet's."""
     nx, ny = shape
     step = size / (np.array(shape) - 1)
@@ -230,13 +190,25 @@ def _links(size: Array, shape: tuple[int, int], border: Array) -> tuple[Integers
     return first, second, np.concatenate([along_x.ravel(), along_y.ravel()])
 
 
-CLEAR = 0.6  # of the step: grid points that near to the border are left out
-THIN = 1e-6  # area of a triangle, over the step squared, below which it is none
+def _solved(
+    first: Integers, second: Integers, weight: Array, count: int, held: Integers, level: Array
+) -> Array:
+    """Potentials (n,) of nodes joined by links of a conductance, some of them held at a level."""
+    row = np.concatenate([first, second, first, second])
+    column = np.concatenate([second, first, first, second])
+    value = np.concatenate([-weight, -weight, weight, weight])
+    matrix = coo_matrix((value, (row, column)), shape=(count, count)).tocsc()
+    potential = np.zeros(count)
+    potential[held] = level
+    free = np.setdiff1d(np.arange(count), held)
+    current = -(matrix[free][:, held] @ potential[held])
+    potential[free] = spsolve(matrix[free][:, free], current)
+    return potential
 
 
 @dataclass(frozen=True)
 class OutlineMesh:
-    """Triangles inside an outline; the first points lie along it.
+    """Triangles inside an outline, which carry a sheet; the first points lie along it.
 
     Attributes
     ----------
@@ -268,12 +240,12 @@ class OutlineMesh:
         axes = [np.arange(a + step / 2, b, step) for a, b in zip(low, high, strict=True)]
         grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
         apart = np.linalg.norm(grid[:, None] - border, axis=2).min(axis=1)
-        inner = grid[within(grid, outline) & (apart > CLEAR * step)]
+        inner = grid[inside([outline], grid) & (apart > CLEAR * step)]
         points = np.concatenate([border, inner])
         triangles = np.asarray(Delaunay(points).simplices, np.int64)
         a, b, c = points[triangles].transpose(1, 0, 2)
         area = 0.5 * np.abs(_cross(b - a, c - a))
-        kept = within((a + b + c) / 3, outline) & (area > THIN * step**2)
+        kept = inside([outline], (a + b + c) / 3) & (area > THIN * step**2)
         return cls(points, triangles[kept], len(border))
 
     def nearest(self, places: Array) -> Integers:
@@ -308,17 +280,7 @@ class OutlineMesh:
         if not len(held):
             msg = 'held of potential must name at least one point; received none'
             raise ValueError(msg)
-        first, second, weight = self._links(border)
-        ends = np.concatenate([first, second, first, second])
-        others = np.concatenate([second, first, first, second])
-        value = np.concatenate([-weight, -weight, weight, weight])
-        count = len(self.points)
-        matrix = coo_matrix((value, (ends, others)), shape=(count, count)).tocsc()
-        found = np.zeros(count)
-        found[held] = level
-        free = np.setdiff1d(np.arange(count), held)
-        found[free] = spsolve(matrix[free][:, free], -(matrix[free][:, held] @ found[held]))
-        return found
+        return _solved(*self._links(border), len(self.points), held, level)
 
     def _links(self, border: Array) -> tuple[Integers, Integers, Array]:
         """Both ends of every link, and its conductance over the sheet: cotangents, and silver."""
@@ -337,23 +299,6 @@ class OutlineMesh:
             np.concatenate([*second, ahead]),
             np.concatenate([*weight, border / length]),
         )
-
-
-def within(places: Array, outline: Array) -> Bools:
-    """Whether places (s, 2) lie inside a loop (k, 2): an odd number of edges to their right.
-
-    Examples
-    --------
-    >>> square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    >>> within(np.array([[0.5, 0.5], [1.5, 0.5]]), square).tolist()
-    [True, False]
-    """
-    x, y = places.T[:, :, None]
-    (ax, ay), (bx, by) = outline.T, np.roll(outline, -1, axis=0).T
-    spans = (ay > y) != (by > y)
-    rise = np.where(by == ay, 1.0, by - ay)
-    crossing = ax + (y - ay) / rise * (bx - ax)
-    return np.asarray((spans & (x < crossing)).sum(axis=1) % 2 == 1)
 
 
 def unrolled(places: Array, radius: float) -> Array:

@@ -29,7 +29,7 @@ def test_without_a_compiler_a_function_stays_what_it_is(monkeypatch: pytest.Monk
 @pytest.mark.skipif(not compiled.available(), reason='numba is not installed')
 @pytest.mark.parametrize('kind', [PolynomialForce, PolynomialRidge])
 def test_a_row_has_the_same_bits_alone(
-    kind: type[PolynomialForce] | type[PolynomialRidge]
+    kind: type[PolynomialForce] | type[PolynomialRidge],
 ) -> None:
     x = X.copy()
     model = kind().fit(x, Y)

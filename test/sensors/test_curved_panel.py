@@ -8,7 +8,8 @@ from scipy.interpolate import LinearNDInterpolator
 
 from reference import five_wire_world as grids
 from tactile_ros.estimators.potential_map import HarmonicMap
-from tactile_ros.physics.resistive_sheet import OutlineMesh, rolled, unrolled, within
+from tactile_ros.physics import coverage
+from tactile_ros.physics.resistive_sheet import OutlineMesh, rolled, unrolled
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Array
 
@@ -53,7 +54,7 @@ def inside(count: int, seed: int) -> Array:
     """Places (s, 2) at least 10 mm from the corners' own box, inside the outline (m)."""
     drawn = np.random.default_rng(seed).uniform([0.015, 0.015], [0.1, 0.08], (4 * count, 2))
     middle = CORNERS.mean(axis=0)
-    return drawn[within(drawn, middle + 0.8 * (CORNERS - middle))][:count]
+    return drawn[coverage.inside([middle + 0.8 * (CORNERS - middle)], drawn)][:count]
 
 
 @pytest.mark.parametrize('excited', [DIAGONALS, PHASES[:2]], ids=['diagonals', 'two_phases'])

@@ -1,0 +1,143 @@
+"""Parts on a plane: outlines, pressure of tubes, and the output of partly pressed taxels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_ros.conditioning.viscoelastic import step_response
+from tactile_ros.physics.coverage import (
+    HALF_SPACE,
+    PROFILES,
+    SPRINGS,
+    STRIP,
+    area_current,
+    area_share,
+    contact_profile,
+    inside,
+    nearest_axis,
+    part_pressure,
+    raster,
+    read_parts,
+    washer,
+)
+from tactile_ros.types import Outline
+
+SQUARE = np.array([[-2, -2], [2, -2], [2, 2], [-2, 2.0]])
+HOLE = 0.5 * SQUARE[::-1]
+RADIUS, WIDTH, BLUR = 10e-3, 4e-3, 0.4e-3
+
+
+def test_inside_a_square_with_a_hole() -> None:
+    points = np.array([[1.5, 0], [0, 0], [3, 0], [0, -1.5], [0.5, 0.9]])
+    assert inside([SQUARE], points).tolist() == [True, True, False, True, True]
+    assert inside([SQUARE, HOLE], points).tolist() == [True, False, False, True, False]
+
+
+def test_a_triangle_and_a_turned_square() -> None:
+    triangle = np.array([[0, 0], [1, 0], [0, 1.0]])
+    points = np.random.default_rng(0).uniform(-0.5, 1.5, (500, 2))
+    wanted = (points > 0).all(axis=1) & (points.sum(axis=1) < 1)
+    np.testing.assert_array_equal(inside([triangle], points), wanted)
+    diamond = np.array([[1, 0], [0, 1], [-1, 0], [0, -1.0]])
+    wanted = np.abs(points).sum(axis=1) < 1
+    np.testing.assert_array_equal(inside([diamond], points), wanted)
+
+
+def test_raster_is_that_of_its_points() -> None:
+    x, y = np.linspace(-3, 3, 31) + 1e-3, np.linspace(-3, 3, 23) + 1e-3
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    wanted = inside([SQUARE, HOLE], points).reshape(23, 31)
+    np.testing.assert_array_equal(raster([SQUARE, HOLE], x, y), wanted)
+
+
+def test_a_tube_sinks_in_by_what_its_circle_lies_below_its_chord() -> None:
+    tube = Outline('elbow', (), 8e-3, np.pi / 2)
+    across = np.array([0.0, 2e-3, 4e-3, 5e-3])
+    found = part_pressure(tube, np.column_stack([np.full(4, 20e-3), -across]))
+    depth = np.sqrt(64 - np.array([0, 4, 16, 16.0])) - np.sqrt(48)
+    np.testing.assert_allclose(found, depth / depth[0], atol=1e-12)
+    assert part_pressure(tube, np.array([[0.0, 30e-3], [-9e-3, -9e-3]])).tolist() == [1.0, 0.0]
+
+
+def test_a_washer_presses_between_its_radii() -> None:
+    points = 1e-3 * np.array([[0, 0], [7, 0], [0, -9], [10, 0.0]])
+    found = part_pressure(washer('washer', 9.5e-3, 5e-3), points)
+    assert found.tolist() == [0.0, 1.0, 1.0, 0.0]
+
+
+def test_parts_of_a_text() -> None:
+    parts = read_parts('washer 16 8;tube 135 9; polygon 0 0 10 0 0 10')
+    assert [part.name for part in parts] == ['washer_16_8', 'tube_135_9', 'polygon']
+    assert np.linalg.norm(parts[0].loops[0], axis=1).max() == pytest.approx(16e-3)
+    assert parts[1].bend == pytest.approx(0.75 * np.pi)
+    assert parts[1].thickness == pytest.approx(9e-3)
+    np.testing.assert_allclose(parts[2].loops[0], [[0, 0], [10e-3, 0], [0, 10e-3]])
+    assert read_parts(' ') == ()
+
+
+@pytest.mark.parametrize(
+    'text', ['washer 8 16', 'ring 1 2', 'tube 90', 'washer a b', 'polygon 1 2 3 4 5']
+)
+def test_a_part_that_cannot_be_read_is_named(text: str) -> None:
+    with pytest.raises(ValueError, match=text.split(maxsplit=1)[0]):
+        read_parts(text)
+
+
+def sharp(z: np.ndarray, profile: int) -> np.ndarray:
+    inside = np.abs(z) < WIDTH
+    if profile == STRIP:
+        return inside * 1.0
+    if profile == HALF_SPACE:
+        return np.sqrt(np.maximum(1 - (z / WIDTH) ** 2, 0))
+    chord = np.sqrt(RADIUS**2 - WIDTH**2)
+    return inside * (np.sqrt(np.maximum(RADIUS**2 - z**2, 0)) - chord) / (RADIUS - chord)
+
+
+@pytest.mark.parametrize('profile', range(len(PROFILES)))
+def test_the_mean_across_a_blur_is_that_of_many_points(profile: int) -> None:
+    z = np.linspace(0, 6e-3, 25)
+    off = BLUR * (np.linspace(-1, 1, 4001)[1:] - 1 / 4000)
+    mean = sharp(z[:, None] + off, profile).mean(axis=1)
+    value = contact_profile(z, np.array(WIDTH), BLUR, profile, RADIUS)[0]
+    np.testing.assert_allclose(value, mean, atol=1e-3)
+
+
+@pytest.mark.parametrize('profile', range(len(PROFILES)))
+def test_slopes_are_differences(profile: int) -> None:
+    z, w, step = np.linspace(0.1e-3, 5.3e-3, 17), np.full(17, WIDTH), 1e-8
+    _, by_z, by_w = contact_profile(z, w, BLUR, profile, RADIUS)
+    values = [
+        contact_profile(z + a * step, w + b * step, BLUR, profile, RADIUS)[0]
+        for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
+    ]
+    np.testing.assert_allclose(by_z, (values[0] - values[1]) / (2 * step), atol=1.0)
+    np.testing.assert_allclose(by_w, (values[2] - values[3]) / (2 * step), atol=1.0)
+
+
+def test_springs_and_a_shallow_circle_are_a_parabola() -> None:
+    z = np.linspace(0, 1e-3, 9)
+    value = contact_profile(z, np.array(1e-3), 1e-7, SPRINGS, 100e-3)[0]
+    np.testing.assert_allclose(value, 1 - (z / 1e-3) ** 2, atol=2e-4)
+
+
+def test_the_nearer_of_two_axes_counts_and_behind_them_the_origin() -> None:
+    u, v = np.array([3.0, 0.2, -1.0]), np.array([0.5, 3.0, -1.0])
+    distance, across_u, across_v = nearest_axis(u, v, np.pi / 2)
+    np.testing.assert_allclose(distance, [0.5, 0.2, np.sqrt(2)])
+    np.testing.assert_allclose(np.hypot(across_u, across_v), 1.0)
+    np.testing.assert_allclose(across_u[1], 1.0)
+
+
+def test_area_law_is_the_step_response_with_the_area_for_the_time() -> None:
+    gain, t1, ti, td = 2.0, 20e-6, 400e-6, 5e-6
+    law = np.array([gain * (1 - t1 / ti), gain / ti, gain * (td / t1 + t1 / ti - 1), t1])
+    area = np.linspace(0, 120e-6, 13)
+    np.testing.assert_allclose(
+        area_current(area, law), step_response(area, gain, t1, ti, td), rtol=1e-12
+    )
+    share = area_share(np.linspace(0, 110e-6, 20)[:, None], np.array([110e-6]), law)[:, 0]
+    assert (np.diff(share) > 0).all()
+    assert share[-1] == 1.0
+    linear = np.array([0.0, 1.0, 0.0, 1.0])
+    assert area_share(np.zeros((1, 1)), np.array([110e-6]), linear).tolist() == [[0.05]]
