@@ -52,23 +52,9 @@ COUNTERS = {
 class ChipSupervisor:
     """Keeps chips running: exchanges that may fail, and chips that come back.
 
-    Parameters
-    ----------
-    chips : sequence of Chip
-        Of all buses.
-    burst : bool
-        Whether chips are started in burst mode when they are set up.
-    wait_ns : int
-        Time from the start of a measurement to its reading (ns).
-    clock : Clock
-        Of all waiting.
-
-    Attributes
-    ----------
-    counts : dict of str to int
-        By the names in `COUNTERS`.
-    failure : str
-        The last one, in a sentence.
+    `burst`: chips are started in burst mode when they are set up; `wait_ns` passes from the start
+    of a measurement to its reading. `counts` go by the names in `COUNTERS`, `failure` is the last
+    one, in a sentence.
     """
 
     def __init__(self, chips: Sequence[Chip], burst: bool, wait_ns: int, clock: Clock) -> None:
@@ -184,17 +170,13 @@ class ChipArray(Closing):
         Where the chips are, in the order of the layout's taxels.
     layout : Layout
         Of the sensor; 3 channels.
-    settings : ChipSettings
-        Of all chips.
     mode : 'single' or 'burst'
         single: all chips are started, then all are read, so that they measure at nearly the same
         time. burst: chips measure without end, each at its own pace; the fastest.
     rate_hz : float or None
         Frames per second, held by waiting; None or NaN: as fast as bus and chips allow.
-    clock_ns : callable
-        Gives the stamps (ns).
-    clock : Clock
-        Of all waiting.
+    clock_ns, clock : callable, Clock
+        Gives the stamps (ns); of all waiting.
     stuck_after, saturation_margin, jump : int, float, float
         See `ChipFaultDetector`.
     conversion_margin : float
@@ -207,10 +189,8 @@ class ChipArray(Closing):
     ValueError
         If buses, places, layout and mode do not fit together, or the buses cannot carry the rate.
 
-    Notes
-    -----
-    Stamps are the middle of the measurement: the clock, less what has passed since. In burst mode
-    the age of a reading is known to half a conversion; its mean is taken.
+    Notes ----- Stamps are the middle of the measurement: the clock, less what has passed since. In
+    burst mode the age of a reading is known to half a conversion; its mean is taken.
     """
 
     def __init__(
@@ -317,17 +297,10 @@ class ChipArray(Closing):
             bus.close()
 
     def read(self, timeout: float) -> Frame:
-        """Measure with all chips.
+        """Measure with all chips; those that could not be read are NaN with ERROR.
 
-        Parameters
-        ----------
-        timeout : float
-            Longest wait (s) for chips and buses that fail; a frame that has begun is finished.
-
-        Returns
-        -------
-        Frame
-            Chips that could not be read are NaN with ERROR.
+        `timeout` is the longest wait (s) for chips and buses that fail; a frame that has begun is
+        finished.
 
         Raises
         ------
@@ -467,10 +440,7 @@ def _refuse_misfits(
 
 
 def exchange_bits(written: int, answered: int = 0) -> int:
-    """Clocks of one exchange: so many bytes written, then so many answered.
-
-    Every byte takes 9 clocks; start, repeated start and stop take one each.
-    """
+    """Clocks of one exchange: 9 a byte, one each for start, repeated start and stop."""
     parts = (written, answered) if answered else (written,)
     return 1 + sum(1 + BITS_PER_BYTE * (1 + count) for count in parts)
 
@@ -504,23 +474,12 @@ def switch_bits(places: Sequence[ChipPlace]) -> list[int]:
 def carried_hz(
     places: Sequence[ChipPlace], settings: ChipSettings, burst: bool, bus_hz: float
 ) -> float:
-    """Most frames a second that chips and buses carry, read by one thread.
-
-    Parameters
-    ----------
-    places : sequence of ChipPlace
-        Where the chips are, in the order in which they are read.
-    settings : ChipSettings
-        Of all chips; they take the nominal time for a measurement.
-    burst : bool
-        Whether chips measure without end; otherwise all are started, then all are read.
-    bus_hz : float
-        Clock of the buses (Hz).
+    """Most frames a second that chips, in the order of reading, and a bus of `bus_hz` carry.
 
     Notes
     -----
-    By the clocks of every exchange and the conversions. Gaps of the adapter and clock stretching
-    come on top, so that only what can never be is refused.
+    By the clocks of every exchange and the nominal conversions. Gaps of the adapter and clock
+    stretching come on top, so that only what can never be is refused.
     """
     switching = switch_bits(places)
     reading = exchange_bits(1, settings.answer_bytes)
@@ -537,19 +496,9 @@ def carried_hz(
 
 
 def check_bus_capacity(
-    places: Sequence[ChipPlace],
-    settings: ChipSettings,
-    burst: bool,
-    rate_hz: float,
-    bus_hz: float,
+    places: Sequence[ChipPlace], settings: ChipSettings, burst: bool, rate_hz: float, bus_hz: float
 ) -> None:
-    """Refuse a rate that chips and buses cannot carry; a rate that is NaN is not checked.
-
-    Raises
-    ------
-    ValueError
-        If it is more than `carried_hz`; names both rates and the cause of the second.
-    """
+    """Refuse a rate above `carried_hz`, naming both; a rate that is NaN is not checked."""
     carried = carried_hz(places, settings, burst, bus_hz)
     if not rate_hz > carried:
         return

@@ -31,15 +31,6 @@ class FramedConnection:
     """A microcontroller that sends the framed protocol over a serial port.
 
     A sensor's own connection says `payload` and `scale`.
-
-    Attributes
-    ----------
-    port : str
-        Device path.
-    baud : int
-        Baud rate; the rate of frames has to fit through it.
-    native_usb : bool
-        The port is USB from end to end, where the baud rate means nothing.
     """
 
     port: str = text_of('/dev/ttyACM0', 'serial port; /dev/serial/by-id/... survives replugging')
@@ -61,10 +52,8 @@ class FramedConnection:
     def open(self, layout: Layout, clock_ns: Callable[[], int]) -> Device:
         """Driver with stamps from `clock_ns` (ns); not opened yet.
 
-        Raises
-        ------
-        ValueError
-            If port or buses cannot carry the layout's rate, or do not fit its taxels.
+        A ValueError says that port or buses cannot carry the layout's rate, or do not fit its
+        taxels.
         """
         return FramedBoard(
             self.port, layout, self.payload(layout), self.scale(),
@@ -80,12 +69,10 @@ class FramedConnection:
         clock: VirtualClock | None = None,
         temperature_c: Callable[[float], Array] | None = None,
     ) -> Twin:
-        """Twin on a pseudo-terminal or simulated buses; not entered yet.
+        """Twin on a pseudo-terminal or simulated buses, whose paths are not used; not entered yet.
 
         Parameters
         ----------
-        layout : Layout
-            Of the sensor; port and paths of buses are not used.
         signal : callable
             Time (s) -> values, shape (t, c) (unit of the layout).
         noise : float or ndarray, shape (c,)
@@ -107,27 +94,8 @@ class FramedConnection:
 class ChipConnection(FramedConnection):
     """MLX90393 chips on I2C buses, or behind a microcontroller on a serial port.
 
-    Attributes
-    ----------
-    transport : str
-        'i2c' or 'serial'; the fields of the other one are not used, those of the chips always.
-    buses : tuple of str
-        Paths of the I2C buses.
-    bus_of_chip : tuple of int
-        For each chip which of the buses, counted from 0; one number: for all chips.
-    addresses : tuple of int
-        For each chip its address on the bus.
-    mux_addresses : tuple of int
-        For each chip the address of the switch (TCA9548A) it is behind, 0: none; one number: for
-        all chips.
-    mux_channels : tuple of int
-        For each chip the channel of that switch; one number: for all chips.
-    bus_clock : int
-        Clock of the I2C buses (Hz), which the rate of frames has to fit; 0: unknown, not checked.
-    mode : str
-        'single': all chips start together; 'burst': each measures without end.
-    gain, resolution, digital_filter, oversampling, temperature, hallconf
-        Of the chips; see `ChipSettings`.
+    Fields of the transport that is not chosen are not used, those of the chips always. A field of
+    `bus_of_chip`, `mux_addresses` and `mux_channels` may be one number for all chips.
     """
 
     transport: str = text_of('i2c', 'how the chips are reached', ('i2c', 'serial'))
@@ -154,7 +122,7 @@ class ChipConnection(FramedConnection):
         """Settings of the chips."""
         return ChipSettings(
             gain=self.gain,
-            resolution=cast('tuple[int, int, int]', self.resolution),
+            resolution=self.resolution,
             digital_filter=self.digital_filter,
             oversampling=self.oversampling,
             temperature=self.temperature,
@@ -162,13 +130,7 @@ class ChipConnection(FramedConnection):
         )
 
     def places(self, chips: int) -> list[ChipPlace]:
-        """Place of each of so many chips.
-
-        Raises
-        ------
-        ValueError
-            If there are more or fewer addresses, switches or channels than chips.
-        """
+        """Place of each of so many chips; ValueError where the numbers do not fit."""
         bus = _for_each('bus_of_chip', self.bus_of_chip, chips)
         mux = _for_each('mux_addresses', self.mux_addresses, chips)
         channel = _for_each('mux_channels', self.mux_channels, chips)
@@ -266,8 +228,6 @@ class DeviceFactory(Generic[Config]):
 
     Attributes
     ----------
-    layout : callable
-        Layout of a config.
     signal : callable
         Of a config and a seed: time (s) -> values (t, c) (unit of the layout), that a twin plays.
     noise : float

@@ -13,28 +13,24 @@ LEAST_VOTES = 100  # readings
 
 
 class StuckDetector:
-    """Runs of identical readings, judged by how often a taxel repeated itself before.
+    """Runs of identical readings of t taxels, judged by how often each repeated itself before.
 
     Parameters
     ----------
-    taxels : int
-        Count of taxels t.
     stuck_after : int
         Identical readings in a row before a taxel counts as stuck.
     stuck_chance, stale_chance : float
         A taxel is stuck, or its reading stale, where its run of repeats is less probable than
         that, from the repeats that it had before. Runs of stuck taxels are not learnt.
     others : float
-        A repeat counts only where at least this share of all taxels changed: a board that is
-        still as a whole says nothing about one taxel.
+        A repeat counts only where at least this share of all taxels changed: a board that is still
+        as a whole says nothing about one taxel.
     least_changes : int
         A taxel that has not changed so often yet is not judged: it may rest since the start.
 
-    Notes
-    -----
-    The probability of a repeat is the larger of two shares: repeats among all readings, and
-    repeats among those that follow a repeat, since a taxel that rests between touches has few long
-    runs.
+    Notes ----- The probability of a repeat is the larger of two shares: repeats among all
+    readings, and repeats among those that follow a repeat, since a taxel that rests between
+    touches has few long runs.
     """
 
     def __init__(
@@ -64,7 +60,7 @@ class StuckDetector:
     def follow(
         self, readings: npt.NDArray[Any], measured: Bools | None = None, informative: bool = True
     ) -> Bools:
-        """Take the next readings.
+        """Take the next readings; the taxels, shape (t,), that repeat their last one.
 
         Parameters
         ----------
@@ -74,11 +70,6 @@ class StuckDetector:
             Taxels that were read; None: all.
         informative : bool
             Whether a repeat of these readings counts; False at the ends of the range.
-
-        Returns
-        -------
-        ndarray, shape (t,)
-            Those that repeat their last reading.
         """
         if self._readings is None:
             self._readings = readings.copy()
@@ -129,12 +120,10 @@ class StuckDetector:
 
 
 class ChipFaultDetector:
-    """Flags of three-axis chips, each judged by its own readings before.
+    """Flags of t three-axis chips, each judged by its own readings before.
 
     Parameters
     ----------
-    taxels : int
-        Count of chips t.
     full_scale : ndarray, shape (3,)
         Field at which the code wraps (T).
     margin : float
@@ -144,13 +133,11 @@ class ChipFaultDetector:
     stuck_after, stuck_chance : int, float
         See `StuckDetector`.
 
-    Notes
-    -----
-    A chip's code wraps beyond its range instead of clipping: a reading far outside looks like one
-    inside, and only the way there distinguishes them. A chip whose reading jumped stays WRAPPED
-    until it reads near its last trusted value again, or has read elsewhere more often in a row
-    than it was ever trusted (and 100 times at least), or `forget` is called: nothing else
-    distinguishes a wrap from a magnet that was put on.
+    Notes ----- A chip's code wraps beyond its range instead of clipping: a reading far outside
+    looks like one inside, and only the way there distinguishes them. A chip whose reading jumped
+    stays WRAPPED until it reads near its last trusted value again, or has read elsewhere more
+    often in a row than it was ever trusted (and 100 times at least), or `forget` is called:
+    nothing else distinguishes a wrap from a magnet that was put on.
     """
 
     def __init__(
@@ -192,10 +179,9 @@ class ChipFaultDetector:
             As the chips sent them.
         values : ndarray, shape (t, 3)
             The same as fields (T).
-        measured : ndarray, shape (t,)
-            Chips that were read.
-        fresh : ndarray, shape (t,)
-            Chips that had time for a new measurement since they were read last.
+        measured, fresh : ndarray, shape (t,)
+            Chips that were read; those that had time for a new measurement since they were read
+            last.
         """
         saturated = (np.abs(values) >= self._limit).any(axis=1)
         wrapped = self._wrapped(values, measured & ~saturated)

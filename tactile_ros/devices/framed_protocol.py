@@ -61,10 +61,8 @@ class Payload:
     ----------
     kind : Kind
         Its number on the wire.
-    count : int
-        Pixels, taxels or chips (t).
-    channels : int
-        Counts of each (c).
+    count, channels : int
+        Pixels, taxels or chips (t), and counts of each (c).
     full_count : int
         Magnitude at which the converter clips.
     """
@@ -173,8 +171,6 @@ def encode(
 
     Parameters
     ----------
-    payload : Payload
-        Kind and count.
     counts : array_like of int, shape (t, c) or (s, t, c)
         Counts of the converter, clipped to its range.
     sequence : int
@@ -185,11 +181,6 @@ def encode(
         Chip temperature (degrees Celsius), where the kind carries it; NaN: not measured.
     states : array_like of int, broadcast to (s, t)
         Of chips: 0 new reading, 1 the same reading as before, 2 no answer.
-
-    Returns
-    -------
-    bytes
-        s frames, one after the other.
 
     Raises
     ------
@@ -247,19 +238,9 @@ def pack_bits(counts: npt.NDArray[np.uint16]) -> Bytes:
 
 
 def unpack_bits(packed: Bytes, count: int) -> npt.NDArray[np.uint16]:
-    """10 bit counts, lowest bit first: count i is bits 10 i to 10 i + 9 of the byte string.
+    """First `count` 10 bit counts, shape (s, t), of bytes (s, 5 n), lowest bit first.
 
-    Parameters
-    ----------
-    packed : ndarray, shape (s, 5 n)
-        Four counts in five bytes each.
-    count : int
-        Counts to take (t), at most 4 n.
-
-    Returns
-    -------
-    ndarray, shape (s, t)
-        Counts.
+    Count i is bits 10 i to 10 i + 9 of the byte string: four counts in five bytes.
     """
     samples, groups = len(packed), packed.shape[1] // 5
     five = packed.reshape(samples, groups, 5).astype(np.uint16)
@@ -280,12 +261,9 @@ class Decoded(NamedTuple):
     temperature_c : ndarray, shape (s, t), or None
         Chip temperature (degrees Celsius), NaN where not measured; None: none in this payload.
     status : ndarray, shape (s, t)
-        Bits of `TaxelStatus`: SATURATED at the converter's own limit, STALE and ERROR as the board
-        says.
-    time_us : list of int
-        The board's clock at each (microseconds), which wraps at 2^32.
-    lost : list of int
-        Frames known lost directly before each.
+        SATURATED at the converter's own limit, STALE and ERROR as the board says.
+    time_us, lost : list of int
+        The board's clock at each (microseconds), which wraps at 2^32; frames known lost before it.
     """
 
     counts: Array
@@ -313,28 +291,19 @@ class FramedCounts:
 
 
 class FramedDecoder:
-    """Bytes in, frames out; the same frames however the bytes are cut.
-
-    Parameters
-    ----------
-    payload : Payload
-        Content of the frames.
+    """Bytes in, frames of `payload` out; the same frames however the bytes are cut.
 
     Attributes
     ----------
-    counts : FramedCounts
-        Frames, losses and damage.
     foreign : str
         The foreign frame that came last since the last `reset`, in words; empty: none.
     foreign_frames : int
         Foreign frames since the last good frame.
 
-    Notes
-    -----
-    Every place where the head of `payload` stands is tried, also inside a frame whose CRC failed,
-    so that damage costs no good frame. What lies between good frames is searched for foreign
-    frames apart from that (`_skip`), which never delays a good one. At most one frame, and one
-    foreign frame, is held back.
+    Notes ----- Every place where the head of `payload` stands is tried, also inside a frame whose
+    CRC failed, so that damage costs no good frame. The bytes between good frames are searched for
+    foreign frames apart from that (`_skip`), which never delays a good one. At most one frame, and
+    one foreign frame, is held back.
     """
 
     def __init__(self, payload: Payload) -> None:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from tactile_ros.devices.transport import I2cBus
 from tactile_ros.errors import DeviceError
 from tactile_ros.types import Array, Bytes
+from tactile_ros.types.config_fields import admit, switch, whole, whole_numbers
 
 Words = npt.NDArray[np.uint16]
 
@@ -102,56 +103,31 @@ OSR2 = RegisterField(0x02, 11, 2)
 
 @dataclass(frozen=True)
 class ChipSettings:
-    """Settings of a chip.
+    """Settings of a chip; ValueError where a value is out of range or a combination is forbidden.
 
-    Attributes
-    ----------
-    gain : int
-        GAIN_SEL 0..7; 0 ('5x') has the coarsest step and the largest range, 7 ('1x') the finest.
-    resolution : tuple of int
-        RES of x, y, z, 0..3: every step doubles step and range.
-    digital_filter, oversampling : int
-        DIG_FILT 0..7 and OSR 0..3: less noise for more time.
-    temperature : bool
-        Whether the temperature is read with every sample.
-    temperature_oversampling : int
-        OSR2 0..3.
-    hallconf : int
-        Plate configuration, 0xC (factory) or 0.
-    temperature_compensation : bool
-        TCMP_EN: the chip corrects its own sensitivity; resolutions 0 and 1 only.
-    forbidden : tuple of (int, int)
-        Pairs of filter and oversampling that are refused at HALLCONF 0xC. The published list comes
-        from users' reports: change it where a datasheet says otherwise.
-
-    Raises
-    ------
-    ValueError
-        If a value is out of range or a combination is forbidden.
+    `FORBIDDEN_FILTERS` are from users' reports: set `any_filter` where a datasheet differs.
     """
 
-    gain: int = 1
-    resolution: tuple[int, int, int] = (2, 2, 2)
-    digital_filter: int = 2
-    oversampling: int = 0
-    temperature: bool = True
-    temperature_oversampling: int = 0
-    hallconf: int = 0xC
-    temperature_compensation: bool = False
-    forbidden: tuple[tuple[int, int], ...] = FORBIDDEN_FILTERS
+    gain: int = whole(1, 'GAIN_SEL; 0 has the largest range, 7 the finest step', 0, 7)
+    resolution: tuple[int, ...] = whole_numbers(
+        (2, 2, 2), 'RES of x, y, z: each doubles step and range', 0, 3, (3,)
+    )
+    digital_filter: int = whole(2, 'DIG_FILT; more is slower and has less noise', 0, 7)
+    oversampling: int = whole(0, 'OSR; more is slower and has less noise', 0, 3)
+    temperature: bool = switch(True, 'read the temperature with every sample')
+    temperature_oversampling: int = whole(0, 'OSR2', 0, 3)
+    hallconf: int = whole(0xC, 'HALLCONF, 12 (factory) or 0', 0, 0xC)
+    temperature_compensation: bool = switch(
+        False, 'TCMP_EN, the chip corrects its sensitivity; resolutions 0 and 1 only'
+    )
+    any_filter: bool = switch(False, 'allow filters that were reported to convert wrongly')
 
     def __post_init__(self) -> None:
         """Refuse what the chip cannot do; warn of what it does badly."""
-        _between('gain', self.gain, range(8))
-        _between('digital_filter', self.digital_filter, range(8))
-        _between('oversampling', self.oversampling, range(4))
-        _between('temperature_oversampling', self.temperature_oversampling, range(4))
-        _between('hallconf', self.hallconf, tuple(TESLA_PER_LSB))
-        if len(self.resolution) != 3:
-            msg = f'resolution of ChipSettings must name x, y and z; received {self.resolution}'
+        admit(self)
+        if self.hallconf not in TESLA_PER_LSB:
+            msg = f'hallconf of ChipSettings must be 0 or 12; received {self.hallconf}'
             raise ValueError(msg)
-        for value in self.resolution:
-            _between('resolution', value, range(4))
         if self.temperature_compensation and max(self.resolution) > 1:
             msg = (
                 'resolution of ChipSettings must be 0 or 1 with temperature compensation; '
@@ -159,10 +135,10 @@ class ChipSettings:
             )
             raise ValueError(msg)
         pair = (self.digital_filter, self.oversampling)
-        if self.hallconf == 0xC and pair in self.forbidden:
+        if self.hallconf == 0xC and pair in FORBIDDEN_FILTERS and not self.any_filter:
             msg = (
                 'digital_filter and oversampling of ChipSettings must not be '
-                f'{" or ".join(map(str, self.forbidden))} at HALLCONF 0xC; received {pair}'
+                f'{" or ".join(map(str, FORBIDDEN_FILTERS))} at HALLCONF 0xC; received {pair}'
             )
             raise ValueError(msg)
         if self.digital_filter < 2:
@@ -215,14 +191,6 @@ class ChipSettings:
         return plain + tuple((RegisterField(i, 0, 16), 0x8000) for i in OFFSET_REGISTERS)
 
 
-def _between(name: str, value: int, allowed: range | tuple[int, ...]) -> None:
-    """Refuse a setting that the chip does not have."""
-    if value not in allowed:
-        choice = f'{allowed[0]} to {allowed[-1]}' if isinstance(allowed, range) else str(allowed)
-        msg = f'{name} of ChipSettings must be {choice}; received {value}'
-        raise ValueError(msg)
-
-
 def conversion_time(
     oversampling: int,
     digital_filter: int,
@@ -231,18 +199,8 @@ def conversion_time(
 ) -> float:
     """Nominal time of one measurement (s); oscillators differ by a few percent.
 
-    Parameters
-    ----------
-    oversampling, digital_filter : int
-        OSR and DIG_FILT.
-    magnetic_axes : int
-        How many of x, y, z are measured.
-    temperature_oversampling : int or None
-        OSR2; None: the temperature is not measured.
-
-    Notes
-    -----
-    Reproduces the datasheet's table of x, y, z conversions within 0.01 ms.
+    `temperature_oversampling` (OSR2) is None where the temperature is not measured. Reproduces the
+    datasheet's table of x, y, z conversions within 0.01 ms.
     """
     axis = 0.067 + 0.064 * (1 << oversampling) * (2 + (1 << digital_filter))
     total = 0.49 + magnetic_axes * axis
@@ -251,7 +209,7 @@ def conversion_time(
     return total * 1e-3
 
 
-def tesla_per_lsb(gain: int, resolution: tuple[int, int, int], hallconf: int = 0xC) -> Array:
+def tesla_per_lsb(gain: int, resolution: tuple[int, ...], hallconf: int = 0xC) -> Array:
     """Step of x, y, z, shape (3,) (T), of GAIN_SEL, resolutions and HALLCONF."""
     step = np.array(TESLA_PER_LSB[hallconf]) * GAINS[gain]
     return np.asarray(step * 2.0 ** np.asarray(resolution), np.float64)
@@ -260,12 +218,7 @@ def tesla_per_lsb(gain: int, resolution: tuple[int, int, int], hallconf: int = 0
 class Decoder:
     """Answers of many chips to READ, as numbers.
 
-    Parameters
-    ----------
-    settings : ChipSettings
-        The same for all chips.
-    tref : array_like, shape (t,)
-        Reference word of every chip's thermometer, from register 0x24.
+    `tref`, shape (t,), are the reference words of the thermometers, from register 0x24.
     """
 
     def __init__(self, settings: ChipSettings, tref: npt.ArrayLike) -> None:
@@ -309,16 +262,9 @@ class Decoder:
 
 @dataclass(frozen=True)
 class ChipPlace:
-    """Address of a chip.
+    """Address of a chip: its own, the number of its bus, and the switch and channel it is behind.
 
-    Attributes
-    ----------
-    address : int
-        Its own, 7 bits.
-    bus : int
-        Number of its bus in the list of buses.
-    mux, channel : int or None
-        Switch (0x70 to 0x77) and channel (0 to 7) that it is behind; None: directly on the bus.
+    A chip directly on the bus has neither switch (0x70 to 0x77) nor channel (0 to 7).
     """
 
     address: int = DEFAULT_ADDRESS
@@ -357,13 +303,10 @@ def clusters(count: int = 5, chips: int = 4, mux: int = 0x70, bus: int = 0) -> l
 
 
 def refuse_conflicts(places: Sequence[ChipPlace]) -> None:
-    """Refuse places of which two would answer at once.
+    """Refuse places of which two would answer at once: a ValueError.
 
-    Raises
-    ------
-    ValueError
-        If two chips share a place, or one directly on a bus has the address of one behind a
-        switch or of a switch.
+    Two chips that share a place, or one directly on a bus with the address of one behind a switch
+    or of a switch.
     """
     taken: set[ChipPlace] = set()
     direct = {(place.bus, place.address) for place in places if place.mux is None}
@@ -379,12 +322,7 @@ def refuse_conflicts(places: Sequence[ChipPlace]) -> None:
 class Switches:
     """The switches of one bus: opens one channel of one of them, and writes only what changes.
 
-    Parameters
-    ----------
-    bus : I2cBus
-        Carries the writes.
-    places : sequence of ChipPlace
-        All chips of the bus.
+    `places` are all chips of the bus.
     """
 
     def __init__(self, bus: I2cBus, places: Sequence[ChipPlace] = ()) -> None:
@@ -397,13 +335,7 @@ class Switches:
         self._open = dict.fromkeys(self._open)
 
     def select(self, place: ChipPlace) -> None:
-        """Open the channel of a chip and close those of other switches.
-
-        Raises
-        ------
-        NotAcknowledged
-            If a switch does not answer.
-        """
+        """Open the channel of a chip and close those of other switches."""
         mux, channel = place.mux, place.channel
         if mux is None or channel is None or self._open.get(mux) == 1 << channel:
             return
@@ -424,25 +356,7 @@ class CommandRefused(DeviceError):
 
 
 class Chip:
-    """One chip on its bus, and what a driver remembers of it.
-
-    Attributes
-    ----------
-    tref : int
-        Its thermometer's reference word.
-    lost : bool
-        Whether it has to be reset before it is read again.
-    configured : bool
-        Whether it ever was.
-    losses : int
-        Times that it was lost since it was last read.
-    retry_ns, pause_s : int, float
-        When to try again, and how long the pause before that was.
-    started_ns, ready_ns, read_ns : int
-        When its measurement began, when the next is ready, when the last was asked for.
-    fresh : bool
-        Whether it had time for a new measurement between the last two readings.
-    """
+    """One chip on its bus, and what a driver remembers of it."""
 
     def __init__(
         self, place: ChipPlace, bus: I2cBus, switches: Switches, settings: ChipSettings
@@ -450,16 +364,16 @@ class Chip:
         self.place = place
         self.bus = bus
         self.switches = switches
-        self.tref = 0
-        self.lost = True
+        self.tref = 0  # its thermometer's reference word
+        self.lost = True  # it has to be reset before it is read again
         self.configured = False
-        self.losses = 0
+        self.losses = 0  # since it was last read
         self.retry_ns = 0
-        self.pause_s = 0.0
-        self.started_ns = 0
-        self.ready_ns = 0
-        self.read_ns = 0
-        self.fresh = True
+        self.pause_s = 0.0  # before it is tried again
+        self.started_ns = 0  # when its measurement began
+        self.ready_ns = 0  # when the next one is ready
+        self.read_ns = 0  # when the last one was asked for
+        self.fresh = True  # it had time for a new measurement between the last two readings
         self._settings = settings
         self._read = bytes((Command.READ | settings.axes,))
         self._single = bytes((Command.START_SINGLE | settings.axes,))

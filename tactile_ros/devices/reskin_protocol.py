@@ -68,11 +68,6 @@ def encode(values: npt.ArrayLike, temperature_c: npt.ArrayLike = 25.0) -> bytes:
     temperature_c : array_like, broadcast to (s, t)
         Chip temperature (degrees Celsius).
 
-    Returns
-    -------
-    bytes
-        s frames, one after the other.
-
     Raises
     ------
     ValueError
@@ -102,21 +97,9 @@ def words(rows: Bytes) -> Words:
 
 
 def readings(patterns: Words, error: Bools | None = None) -> tuple[Array, Array]:
-    """Patterns as numbers.
+    """Flux density (s, t, 3) (T) and temperature (s, t) (degrees Celsius) of patterns (s, t, 4).
 
-    Parameters
-    ----------
-    patterns : ndarray, shape (s, t, 4)
-        From `words`.
-    error : ndarray, shape (s, t), or None
-        Chips whose readings are replaced by NaN.
-
-    Returns
-    -------
-    values : ndarray, shape (s, t, 3)
-        Flux density (T).
-    temperature_c : ndarray, shape (s, t)
-        Chip temperature (degrees Celsius).
+    Readings of chips with `error` (s, t) are NaN.
     """
     if error is not None:
         patterns = np.where(error[..., None], _NAN, patterns)
@@ -125,27 +108,15 @@ def readings(patterns: Words, error: Bools | None = None) -> tuple[Array, Array]
 
 
 def plausible(patterns: Words, quantum: Array | None = None) -> tuple[Bools, Bools]:
-    """Chips whose readings a chip can give.
+    """Chips (s, t) whose readings, patterns (s, t, 4), are possible, and those that are natural.
 
-    Parameters
-    ----------
-    patterns : ndarray, shape (s, t, 4)
-        From `words`.
-    quantum : ndarray, shape (3,), or None
-        Step of the chips' readings (T): readings off that grid are damage.
+    Possible are finite readings with |B| < 150 mT, -40 < t < 125 (0 or at least 1e-6), and on the
+    grid of `quantum`, shape (3,), the step of the chips' readings (T), where it is given. Natural
+    are those of which no field is nonzero below 1 pT.
 
-    Returns
-    -------
-    possible : ndarray, shape (s, t)
-        Finite, |B| < 150 mT, -40 < t < 125 (0 or at least 1e-6), and on the grid.
-    natural : ndarray, shape (s, t)
-        Possible, and no field is nonzero below 1 pT.
-
-    Notes
-    -----
-    The patterns are compared as integers, which orders them as the numbers and is silent on NaN.
-    Misaligned frames are seldom natural: CR LF as the upper half of a float32 is 7e-33, and a
-    field with CR or LF as its highest byte (7e-33 .. 4e-31) is not possible either.
+    Notes ----- The patterns are compared as integers, which orders them as the numbers and is
+    silent on NaN. Misaligned frames are seldom natural: CR LF as the upper half of a float32 is
+    7e-33, and a field with CR or LF as its highest byte (7e-33 .. 4e-31) is not possible either.
     """
     magnitude = patterns & _MAGNITUDE
     usual = (magnitude - _SMALLEST) < _SPAN
@@ -226,19 +197,9 @@ class _Windows:
     """Windows of a frame's length that end in CR LF: the evidence for where frames begin.
 
     Evidence that a window is a frame: CR LF at its end, plausible fields, and a start that is
-    verified by the CR LF of the frame before it. Starts are taken in the order in which the bytes
+    verified by the CR LF of the frame before it, or by being one of the offsets `verified`. Chips
+    that are `faulty`, shape (t,), always pass. Starts are taken in the order in which the bytes
     show them, so that the outcome does not depend on how the bytes were cut.
-
-    Parameters
-    ----------
-    stream : bytes
-        Not yet decoded.
-    verified : list of int
-        Offsets that follow a frame's end although no CR LF shows it.
-    faulty : ndarray, shape (t,)
-        Chips that are faulty; they always pass.
-    quantum : ndarray, shape (3,), or None
-        As for `plausible`.
     """
 
     def __init__(
@@ -260,8 +221,8 @@ class _Windows:
     def start(self, length: int, synchronised: bool, odd_before: bool) -> _Start | None:
         """Earliest start that `length` bytes show; None when there is none yet.
 
-        Frames that were delivered before (`synchronised`), some with odd fields (`odd_before`),
-        make one frame enough to go on.
+        After frames that were delivered (`synchronised`), some with odd fields (`odd_before`), one
+        frame is enough to go on.
         """
         if not len(self._offsets):
             return None
@@ -341,10 +302,8 @@ class Decoded(NamedTuple):
 
     Attributes
     ----------
-    values : ndarray, shape (s, t, 3)
-        Flux density (T); NaN where `error`.
-    temperature_c : ndarray, shape (s, t)
-        Chip temperature (degrees Celsius); NaN where `error`.
+    values, temperature_c : ndarray, shapes (s, t, 3) and (s, t)
+        Flux density (T) and chip temperature (degrees Celsius); NaN where `error`.
     error : ndarray, shape (s, t)
         Chips that are faulty and implausible in this frame.
     lost : list of int
@@ -358,21 +317,15 @@ class Decoded(NamedTuple):
 
 
 class ReskinDecoder:
-    """Bytes in, frames out; the same frames however the bytes are cut.
+    """Bytes in, frames of 1 to 64 chips out; the same frames however the bytes are cut.
 
-    Parameters
-    ----------
-    chips : int
-        Chips of the board (t), 1 to 64.
-    quantum : array_like, shape (3,), or None
-        Step of the chips' readings (T), where it is exact; detects most flipped bits.
+    `quantum`, shape (3,), is the step of the chips' readings (T), where it is exact: it detects
+    most flipped bits.
 
-    Notes
-    -----
-    A frame with an implausible chip is not delivered, since the damage may extend further than
-    what can be seen. A chip that is implausible in three frames in a row, while most others are
-    not, is faulty: those and all later frames are delivered, with NaN and `error` wherever it is
-    implausible.
+    Notes ----- A frame with an implausible chip is not delivered, since the damage may extend
+    further than what can be seen. A chip that is implausible in three frames in a row, while most
+    others are not, is faulty: those and all later frames are delivered, with NaN and `error`
+    wherever it is implausible.
     """
 
     def __init__(self, chips: int, quantum: npt.ArrayLike | None = None) -> None:

@@ -41,12 +41,9 @@ LIVELY = 10
 
 
 def check_uart(what: str, size: int, rate_hz: float, baud: int) -> None:
-    """Refuse frames of `size` bytes that a UART cannot carry; a rate that is NaN is not checked.
+    """Refuse frames of `size` bytes that a UART cannot carry, naming the baud rate that is enough.
 
-    Raises
-    ------
-    ValueError
-        If they need more; names both byte rates and the baud rate that is enough.
+    A rate that is NaN is not checked.
     """
     needed, carried = size * rate_hz, baud / BITS_PER_BYTE
     if needed > carried:
@@ -134,13 +131,7 @@ class SerialBoard(Closing):
         return self
 
     def open(self) -> None:
-        """Open the port.
-
-        Raises
-        ------
-        DeviceError
-            If it is missing, busy or forbidden: one sentence with the ports that exist.
-        """
+        """Open the port; DeviceError in one sentence where it is missing, busy or forbidden."""
         if self._port.is_open:
             return
         self._port.open()
@@ -160,17 +151,7 @@ class SerialBoard(Closing):
         self._frames.clear()
 
     def read(self, timeout: float) -> Frame:
-        """Wait for the next frame, and for the port where it is unplugged.
-
-        Parameters
-        ----------
-        timeout : float
-            Longest wait (s).
-
-        Returns
-        -------
-        Frame
-            The oldest frame not read yet.
+        """Wait at most `timeout` (s) for the next frame, and for the port where it is unplugged.
 
         Raises
         ------
@@ -284,26 +265,17 @@ class ReskinBoard(SerialBoard):
         Step of the chips' readings (T), where it is exact; detects most flipped bits.
     mark_repeats : bool
         Mark readings that are equal to the last bit to the frame before as STALE. For boards that
-        poll faster than their chips convert; off by default, since a coarse recording at rest
-        repeats itself honestly.
+        poll faster than their chips convert; a coarse recording at rest repeats itself honestly.
     conversion_s : float
-        Time in which a chip measures (s); half of it is taken off the stamps, which are the middle
-        of the measurement then. 0: unknown.
+        Time in which a chip measures (s); half of it is taken off the stamps. 0: unknown.
 
-    Raises
-    ------
-    ValueError
-        If the layout has no 3 channels, or the port cannot carry the frames.
-
-    Notes
-    -----
-    A stamp is the arrival of the frame's last byte less its time on the wire and half of
-    `conversion_s`; the board has no clock.
-    `sequence` grows by one a frame and by the frames known lost: bytes skipped over the length of
-    a frame, at least one for a reconnection. Whole frames that a board never sent cannot be known;
-    `counters()['suspected']` compares stamps with their usual spacing: a paused host or board
-    looks the same, so those are not part of `sequence`. Chips that repeat themselves bit for bit
-    among others that change are STALE, and STUCK when it lasts (`StuckDetector`).
+    Notes ----- A stamp is the arrival of the frame's last byte less its time on the wire and half
+    of `conversion_s`; the board has no clock. `sequence` grows by one a frame and by the frames
+    known lost: bytes skipped over the length of a frame, at least one for a reconnection. Whole
+    frames that a board never sent cannot be known; `counters()['suspected']` compares stamps with
+    their usual spacing: a paused host or board looks the same, so those are not part of
+    `sequence`. Chips that repeat themselves bit for bit among others that change are STALE, and
+    STUCK when it lasts.
     """
 
     def __init__(
@@ -341,7 +313,7 @@ class ReskinBoard(SerialBoard):
         self._last[:] = np.nan
 
     def feed(self, data: bytes) -> None:
-        """Queue the frames that end in bytes that have just come, by the port or in its place."""
+        """See `SerialBoard.feed`."""
         now_ns = self._clock() - self._age_ns
         decoded = self._decoder.feed(data)
         if not decoded.lost:
@@ -389,19 +361,11 @@ class FramedBoard(SerialBoard):
     scale : array_like, broadcast to (t, c)
         Unit of the layout per count.
 
-    Raises
-    ------
-    ValueError
-        If payload and layout differ, a scale is not finite, or the port cannot carry the frames at
-        the layout's rate.
-
-    Notes
-    -----
-    Stamps follow the board's clock, tied to `clock` by the promptest frames (`DeviceTime`), less
-    the frame's time on the wire. `Frame.sequence` starts at 0 and grows by one a frame and by
-    those that the board's own counter says are lost, one at least for a reconnection or restart.
-    Pixels and chips that repeat themselves bit for bit among others that change are STALE, and
-    STUCK when it lasts (`StuckDetector`). A taxel or wire may rest on one count; all of them
+    Notes ----- Stamps follow the board's clock, tied to `clock` by the promptest frames
+    (`DeviceTime`), less the frame's time on the wire. `Frame.sequence` starts at 0 and grows by
+    one a frame and by those that the board's own counter says are lost, one at least for a
+    reconnection or restart. Pixels and chips that repeat themselves bit for bit among others that
+    change are STALE, and STUCK when it lasts. A taxel or wire may rest on one count; all of them
     together repeat themselves only where their one converter has frozen, or where nothing touches
     and all are at an end of its range, which is not judged.
     """
@@ -440,10 +404,7 @@ class FramedBoard(SerialBoard):
         self._marked = {'saturated': 0, 'stale': 0, 'stuck': 0}
 
     def counters(self) -> dict[str, int]:
-        """See `SerialBoard.counters`; also those of `DeviceTime`, and of readings by their mark.
-
-        `saturated`, `stale` and `stuck` are readings of taxels.
-        """
+        """See `SerialBoard.counters`; also jumps of the clock, and readings by their mark."""
         return {
             **super().counters(),
             'clock_jumps': self._time.clock_jumps,
@@ -458,13 +419,7 @@ class FramedBoard(SerialBoard):
         self._foreign_reported = False
 
     def feed(self, data: bytes) -> None:
-        """Queue the frames that end in bytes that have just come, by the port or in its place.
-
-        Raises
-        ------
-        DeviceError
-            If they are of another version, kind or count; once.
-        """
+        """See `SerialBoard.feed`; DeviceError, once, where frames of another kind come."""
         now_ns = self._clock() - self._age_ns
         self._bytes_came = True
         decoded = self._decoder.feed(data)

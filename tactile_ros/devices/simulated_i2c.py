@@ -7,7 +7,6 @@ import errno
 import os
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from types import TracebackType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,7 +39,7 @@ from tactile_ros.devices.mlx90393 import (
 )
 from tactile_ros.devices.timestamps import Clock, LeadingClock, SystemClock, VirtualClock
 from tactile_ros.devices.transport import I2cBus
-from tactile_ros.types import Array, Layout
+from tactile_ros.types import Array, Closing, Layout
 
 if TYPE_CHECKING:
     from tactile_ros.devices.transport import I2cMessage
@@ -83,8 +82,6 @@ class SimulatedChip:
 
     Attributes
     ----------
-    registers : dict of int to int
-        Words that are not 0.
     pending : dict of str to int
         Faults of `CHIP_FAULTS` that wait for its next commands.
     """
@@ -166,22 +163,16 @@ class SimulatedChip:
         return True
 
     def _access(self, opcode: int, data: bytes) -> tuple[bool, bytes]:
-        """Registers and their memory, refused in burst mode, and what it refuses always."""
+        """Registers, refused in burst mode; wake-on-change and memory are refused always."""
         free = not self._mode & Status.BURST
         if opcode == Command.READ_REGISTER and len(data) == 2:
             return free, self.registers.get(data[1] >> 2, 0).to_bytes(2, 'big')
-        if opcode == Command.STORE and free:
-            self._stored = dict(self.registers)
-        elif opcode == Command.RECALL and free:
-            self.registers = dict(self._stored)
-        elif opcode == Command.WRITE_REGISTER and len(data) == 4:
+        if opcode == Command.WRITE_REGISTER and len(data) == 4:
             if free:
                 self.registers[data[3] >> 2] = data[1] << 8 | data[2]
-        else:
-            # wake-on-change is not simulated; unknown commands are acknowledged and refused
-            return opcode == Command.NOP, b''
-        self._rescale()
-        return free, b''
+                self._rescale()
+            return free, b''
+        return opcode == Command.NOP, b''
 
     def _start(self, opcode: int, axes: int, now_ns: int) -> bool:
         """Start measuring, once or without end; refused while it measures without end."""
@@ -273,25 +264,10 @@ class SimulatedI2cBus:
         Passes while bytes are on the wire.
     chips : mapping of ChipPlace to SimulatedChip
         All on this bus.
-    hertz : float
-        Clock of the bus (Hz).
-    timeout_s : float
-        How long the adapter holds a transfer on a stuck bus (s).
-    on_transfer : callable
-        Called before each transfer.
-    on_fault : callable
-        Receives the name of each fault that happens on the bus.
-
-    Attributes
-    ----------
-    stuck : int
-        Transfers that will find the bus stuck.
-    silent : dict
-        Transfers that a chip will not acknowledge, by place.
-    gone_until_ns : int
-        When the adapter is plugged in again (ns).
-    busy_s : float
-        Time that bytes were on the wire (s).
+    hertz, timeout_s : float
+        Clock of the bus (Hz); how long the adapter holds a transfer on a stuck bus (s).
+    on_transfer, on_fault : callable
+        Called before each transfer; with the name of each fault that happens on the bus.
 
     Notes
     -----
@@ -318,10 +294,10 @@ class SimulatedI2cBus:
         self._timeout_s = timeout_s
         self._on_transfer = on_transfer
         self._on_fault = on_fault
-        self.stuck = 0
-        self.silent: dict[ChipPlace, int] = {}
-        self.gone_until_ns = 0
-        self.busy_s = 0.0
+        self.stuck = 0  # transfers that will find the bus stuck
+        self.silent: dict[ChipPlace, int] = {}  # transfers that will not be acknowledged
+        self.gone_until_ns = 0  # the adapter is unplugged until then
+        self.busy_s = 0.0  # bytes were on the wire
 
     def close(self) -> None:
         """Let go; nothing is held."""
@@ -399,21 +375,17 @@ def _carry(
     ctypes.memmove(message.buf, wires, message.len)
 
 
-class ChipArrayTwin:
+class ChipArrayTwin(Closing):
     """A twin of chips on buses that the real driver reads through the real messages of smbus2.
 
     Parameters
     ----------
-    places : sequence of ChipPlace
-        Where the chips are.
-    layout : Layout
-        Of the sensor.
+    places, layout, settings, mode, rate_hz
+        Of the driver, see `ChipArray`.
     signal : callable
         Time since the start (s) -> flux density in chip axes, shape (t, 3) (T).
     temperature_c : callable or None
         Time (s) -> chip temperatures, shape (t,) (degrees Celsius); None: 25.
-    settings, mode, rate_hz
-        Of the driver, see `ChipArray`.
     noise : float or array_like, shape (3,)
         Standard deviation of a reading (T).
     tolerance : float
@@ -427,19 +399,11 @@ class ChipArrayTwin:
     seed : int
         Of noise, oscillators, references and of which chip suffers a fault.
 
-    Attributes
-    ----------
-    injected : dict
-        How often each fault has happened.
-    buses : list of SimulatedI2cBus
-        The buses.
-
-    Notes
-    -----
-    Faults are counted as they happen. nack: transfers that a chip does not acknowledge; stuck_bus:
-    transfers; unplug: the adapter is gone for 1 s, and the chips lose their supply; brown_out: a
-    chip resets before its next command; stuck_chip, saturation, wrap, stall: measurements that
-    repeat the one before, lie at the end of the range or beyond it on x, or never end.
+    Notes ----- Faults are counted in `injected` as they happen. nack: transfers that a chip does
+    not acknowledge; stuck_bus: transfers; unplug: the adapter is gone for 1 s, and the chips lose
+    their supply; brown_out: a chip resets before its next command; stuck_chip, saturation, wrap,
+    stall: measurements that repeat the one before, lie at the end of the range or beyond it on x,
+    or never end.
     """
 
     faults = BUS_FAULTS + CHIP_FAULTS
@@ -507,30 +471,13 @@ class ChipArrayTwin:
         self._start_ns = self._clock.now_ns()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """End; nothing is held."""
 
     def inject(self, fault: str, count: int = 1, chip: int | None = None) -> None:
         """Let the next `count` transfers or measurements suffer a fault; from any thread.
 
-        Parameters
-        ----------
-        fault : str
-            One of `faults`.
-        count : int
-            How many.
-        chip : int or None
-            Which suffers, or whose bus; None: one by chance.
-
-        Raises
-        ------
-        ValueError
-            If the fault or the chip is unknown.
+        `chip` suffers, or its bus; None: one by chance. An unknown fault or chip is a ValueError.
         """
         if fault not in self.faults:
             msg = f'fault must be one of {", ".join(self.faults)}; received {fault!r}'

@@ -69,15 +69,8 @@ def damage(frame: bytes, kind: str, rng: np.random.Generator) -> bytes:
 class SimulatedSerialPort(Closing):
     """A port that programs open as they open a board's; the other end is ours.
 
-    Parameters
-    ----------
-    patience_s : float
-        Longest wait for a full port to be read (s).
-
-    Attributes
-    ----------
-    port : str
-        Path to open; it stays the same through `unplug` and `replug`.
+    `patience_s` is the longest wait for a full port to be read (s). The path `port` stays the same
+    through `unplug` and `replug`.
     """
 
     def __init__(self, patience_s: float = 5.0) -> None:
@@ -140,17 +133,10 @@ class SimulatedSerialPort(Closing):
     def send(self, data: bytes, timeout: float | None = None) -> None:
         """Write bytes as the board would; return when the port has taken them.
 
-        Parameters
-        ----------
-        data : bytes
-            Usually one frame.
-        timeout : float or None
-            Longest wait for a full port to be read (s); None: the port's own patience.
-
         Raises
         ------
         DeviceTimeout
-            If nobody reads: what was not taken is lost.
+            If nobody reads within `timeout` (s), or the port's own patience: the rest is lost.
         DeviceError
             If the port is unplugged.
         """
@@ -177,11 +163,6 @@ class SimulatedSerialPort(Closing):
             except BlockingIOError:
                 return 0
 
-    def received(self, timeout: float) -> bytes:
-        """Bytes that the reader sent to the board, waiting at most `timeout` (s) for the first."""
-        ready = self._poll(select.POLLIN, timeout) & select.POLLIN
-        return os.read(self._master, 4096) if ready else b''
-
 
 class SerialTwin(Closing):
     """A simulated board: port, pace, noise and faults of all kinds of boards.
@@ -202,17 +183,11 @@ class SerialTwin(Closing):
         Moved by `play`, which sends frames as fast as they are read; None: a thread sends them in
         real time between enter and exit.
 
-    Attributes
-    ----------
-    injected : dict of str to int
-        Faults that have happened; byte faults only where the frame was really damaged.
-    overruns : int
-        Writes that the program at the port did not take in 0.2 s; such frames are lost beyond
-        `injected`.
+    Notes ----- `injected` counts faults that have happened, byte faults only where the frame was
+    really damaged; `overruns` writes that the program at the port did not take in 0.2 s: those
+    frames are lost beyond `injected`. In real time, faults wait until a program has had the port
+    open for 0.1 s.
 
-    Notes
-    -----
-    In real time, faults wait until a program has had the port open for 0.1 s.
     stall: nothing is measured for 0.5 s. unplug: the port goes for 1 s, and the board starts anew.
     stuck_chip: one taxel repeats its last reading, or all do where one converter reads them
     (`one_converter`). saturation: one reads its limit.
@@ -295,10 +270,7 @@ class SerialTwin(Closing):
     def inject(self, fault: str, count: int = 1) -> None:
         """Let the next `count` frames suffer a fault, after those that are waiting already.
 
-        Raises
-        ------
-        ValueError
-            If the fault is none of `faults`, or more than 10 000 would wait.
+        A fault that is none of `faults`, or more than 10 000 that wait, is a ValueError.
         """
         if fault not in self.faults:
             msg = f'fault must be one of {", ".join(self.faults)}; received {fault!r}'

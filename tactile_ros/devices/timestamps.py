@@ -71,7 +71,7 @@ class VirtualClock:
 class LeadingClock:
     """A clock that runs at most `lead_s` ahead of another, so that many short waits cost one.
 
-    A machine wakes from a wait of 0.1 ms some 0.06 ms late; a simulated bus that waited for each
+    A machine wakes from a wait of 0.1 ms some 0.06 ms late: a simulated bus that waited for each
     of its bytes would be slower than the real one.
     """
 
@@ -95,16 +95,8 @@ class LeadingClock:
 class ArrivalTime:
     """Stamps of frames by their arrival, for boards without a clock.
 
-    Parameters
-    ----------
-    period_ns : int
-        Nominal period of frames (ns).
-
-    Attributes
-    ----------
-    suspected : int
-        Frames that are missing by the spacing of stamps alone; a host or board that pauses looks
-        the same.
+    `period_ns` is the nominal period of frames (ns). `suspected` counts frames that are missing by
+    the spacing of stamps alone; a host or board that pauses looks the same.
     """
 
     def __init__(self, period_ns: int) -> None:
@@ -131,8 +123,7 @@ class ArrivalTime:
         -------
         list of int
             s stamps, one period apart, closer where the time since the last frame is shorter;
-            always increasing, also when the clock stands still. Only a clock that went back by
-            more than a second starts anew.
+            always increasing, unless the clock went back by more than a second.
         """
         before_ns, spacing, frames = self._last_ns, self._period_ns, sum(lost) + len(lost)
         end_ns = now_ns
@@ -157,16 +148,9 @@ class ArrivalTime:
 
 
 class Moments(NamedTuple):
-    """When frames were taken.
+    """Times of frames by the board's clock, which never falls, and by the host's, which increases.
 
-    Attributes
-    ----------
-    device_ns : list of int
-        The board's clock, unwrapped: never falls.
-    stamp_ns : list of int
-        The host's clock: always increases.
-    repeated : list of bool
-        Whether the board says that this is the sample of the frame before.
+    `repeated`: the board says that this is the sample of the frame before.
     """
 
     device_ns: list[int]
@@ -177,10 +161,7 @@ class Moments(NamedTuple):
 class DeviceTime:
     """A board's 32 bit microsecond clock, unwrapped and tied to the host's.
 
-    Parameters
-    ----------
-    period_ns : int
-        Nominal period of frames (ns); 0: unknown.
+    `period_ns` is the nominal period of frames (ns); 0: unknown.
 
     Attributes
     ----------
@@ -191,16 +172,14 @@ class DeviceTime:
     clock_steps : int
         Times the host's clock stepped by more than 50 ms.
 
-    Notes
-    -----
-    Bytes come late, never early, so the host's time less the board's is lowest for the promptest
-    frame. A stamp is the board's time plus that lowest offset, which creeps up by 1 % to follow
-    oscillators that differ. So bursts and a late reader do not shift stamps.
+    Notes ----- Bytes come late, never early: the host's time less the board's is lowest for the
+    promptest frame. A stamp is the board's time plus that lowest offset, which creeps up by 1 % to
+    follow oscillators that differ. So bursts and a late reader do not shift stamps.
 
-    A read of several frames over more than 20 ms comes from a reader that is behind, for all that
-    one sees as late as the port's buffer is long. It can show that others were late, not that the
-    host's clock stepped: it neither ties anew, nor creeps by more than 0.02 %. So a reader that
-    never catches up loses frames, which are counted, and stamps those it has with their time.
+    A read of several frames over more than 20 ms comes from a reader that is behind: it can show
+    that others were late, not that the host's clock stepped. It neither ties anew, nor creeps by
+    more than 0.02 %, so that a reader that never catches up still stamps the frames it has with
+    their time.
 
     A host clock that went back by more than 50 ms starts anew, and so do stamps. One that stepped
     ahead makes all bytes late: where the promptest of a second and 10 reads is more than 50 ms
@@ -228,12 +207,12 @@ class DeviceTime:
         self._offset_ns = None
 
     def follow(self, time_us: list[int], lost: Sequence[int], now_ns: int) -> Moments:
-        """Times of the frames of one read.
+        """Times of the s frames of one read, s at least 1.
 
         Parameters
         ----------
         time_us : list of int
-            The board's clock at s frames (microseconds), wrapping at 2^32; s at least 1.
+            The board's clock at each frame (microseconds), wrapping at 2^32.
         lost : sequence of int
             Frames known lost before each.
         now_ns : int

@@ -87,12 +87,7 @@ def _refusal(what: str, group: str, choice: str, err: OSError) -> DeviceError:
 class SerialPort:
     """A serial port that is read by one program, blocking and without busy waiting.
 
-    Parameters
-    ----------
-    port : str
-        Device path; a path under /dev/serial/by-id survives replugging.
-    baud : int
-        Baud rate; native USB boards ignore it.
+    A path under /dev/serial/by-id survives replugging; native USB boards ignore the baud rate.
     """
 
     def __init__(self, port: str, baud: int = 115200) -> None:
@@ -110,12 +105,7 @@ class SerialPort:
     def open(self) -> None:
         """Hold the port for this program alone; what it had received before is discarded.
 
-        Raises
-        ------
-        DeviceError
-            If it is missing, busy or forbidden.
-        MissingPackageError
-            If pyserial is not installed.
+        A DeviceError says that it is missing, busy or forbidden.
         """
         if self._serial is not None:
             return
@@ -139,22 +129,10 @@ class SerialPort:
             device.close()
 
     def read(self, timeout: float) -> bytes:
-        """Wait for bytes and take all that there are.
+        """Wait at most `timeout` (s) for bytes and take all that there are, at most 4096.
 
-        Parameters
-        ----------
-        timeout : float
-            Longest wait for the first byte (s).
-
-        Returns
-        -------
-        bytes
-            At most 4096; none when nothing came in time, or within 0.1 s.
-
-        Raises
-        ------
-        DeviceError
-            If the port is not open or is gone; it is closed then.
+        None come where there were none in time, or within 0.1 s. A DeviceError says that the port
+        is not open or is gone; it is closed then.
         """
         terminal, poll = self._terminal, self._poll  # here still where another thread closes
         if terminal is None or poll is None:
@@ -171,22 +149,6 @@ class SerialPort:
         except (OSError, termios.error) as err:
             raise self._lost() from err
         return data
-
-    def write(self, data: bytes) -> None:
-        """Send bytes to the device.
-
-        Raises
-        ------
-        DeviceError
-            If the port is not open or is gone; it is closed then.
-        """
-        if self._serial is None:
-            msg = f'port {self.port} is not open'
-            raise DeviceError(msg)
-        try:
-            self._serial.write(data)
-        except OSError as err:
-            raise self._lost() from err
 
     def _lost(self) -> DeviceError:
         """Close, and say why."""
@@ -260,15 +222,7 @@ class I2cBus:
         return self._master is not None
 
     def open(self) -> None:
-        """Hold the bus.
-
-        Raises
-        ------
-        DeviceError
-            If it is missing or forbidden.
-        MissingPackageError
-            If smbus2 is not installed.
-        """
+        """Hold the bus; DeviceError where it is missing or forbidden."""
         if self._master is not None:
             return
         smbus2 = _smbus2()
@@ -302,12 +256,7 @@ class I2cBus:
         data : bytes
             Written first; none: only read.
         count : int
-            Bytes to read; 0: only write.
-
-        Returns
-        -------
-        bytes
-            `count` bytes.
+            Bytes to read and return; 0: only write.
 
         Raises
         ------

@@ -393,8 +393,7 @@ def test_a_stuck_chip_is_told_from_a_quiet_one(mode: Mode) -> None:
 
 @pytest.mark.parametrize('mode', ['single', 'burst'])
 @pytest.mark.parametrize(
-    ('fault', 'count', 'sentence'),
-    [('stuck_bus', 3, 'is stuck'), ('unplug', 1, 'was unplugged')],
+    ('fault', 'count', 'sentence'), [('stuck_bus', 3, 'is stuck'), ('unplug', 1, 'was unplugged')]
 )
 def test_a_bus_that_fails_is_named_and_recovers(
     fault: str, count: int, sentence: str, mode: Mode
@@ -545,10 +544,7 @@ class Tap:
 @pytest.mark.parametrize(
     ('mode', 'expected'),
     [
-        (
-            'single',
-            '70:01 0C:3f 0D:3f 70:02 0C:3f 0D:3f 70:01 0C:4f 0D:4f 70:02 0C:4f 0D:4f',
-        ),
+        ('single', '70:01 0C:3f 0D:3f 70:02 0C:3f 0D:3f 70:01 0C:4f 0D:4f 70:02 0C:4f 0D:4f'),
         ('burst', '70:01 0C:4f 0D:4f 70:02 0C:4f 0D:4f'),
     ],
 )

@@ -166,19 +166,19 @@ def test_fast_filters_are_warned_about(pair: tuple[int, int]) -> None:
     with pytest.warns(UserWarning, match='digital_filter below 2'):
         ChipSettings(digital_filter=0, oversampling=0, hallconf=0)
     with pytest.warns(UserWarning, match='digital_filter below 2'):
-        ChipSettings(digital_filter=1, oversampling=0, forbidden=())
+        ChipSettings(digital_filter=1, oversampling=0, any_filter=True)
 
 
 @pytest.mark.parametrize(
     ('change', 'sentence'),
     [
-        ({'gain': 8}, 'gain of ChipSettings must be 0 to 7; received 8'),
-        ({'resolution': (0, 0, 4)}, 'resolution of ChipSettings must be 0 to 3; received 4'),
-        ({'resolution': (0, 0)}, 'must name x, y and z'),
-        ({'digital_filter': -1}, 'digital_filter of ChipSettings must be 0 to 7; received -1'),
-        ({'oversampling': 4}, 'oversampling of ChipSettings must be 0 to 3'),
+        ({'gain': 8}, 'gain of ChipSettings must be a whole number from 0 to 7; received 8'),
+        ({'resolution': (0, 0, 4)}, 'resolution of ChipSettings must be finite and from 0 to 3'),
+        ({'resolution': (0, 0)}, 'resolution of ChipSettings must have shape'),
+        ({'digital_filter': -1}, 'digital_filter of ChipSettings must be a whole number from 0'),
+        ({'oversampling': 4}, 'oversampling of ChipSettings must be a whole number from 0 to 3'),
         ({'temperature_oversampling': 4}, 'temperature_oversampling of ChipSettings must be'),
-        ({'hallconf': 5}, r'hallconf of ChipSettings must be \(0, 12\); received 5'),
+        ({'hallconf': 5}, 'hallconf of ChipSettings must be 0 or 12; received 5'),
         (
             {'resolution': (0, 2, 0), 'temperature_compensation': True},
             'must be 0 or 1 with temperature compensation',
