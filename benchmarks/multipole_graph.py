@@ -22,7 +22,7 @@ from tactile_ros.enrolment import playing
 from tactile_ros.evaluation.metrics import Spread, latency
 from tactile_ros.evaluation.recording_files import load
 from tactile_ros.evaluation.replay import replay
-from tactile_ros.nodes.graph import Setting, sensing
+from tactile_ros.nodes.graph import SensorSetup, sensing
 from tactile_ros.nodes.processes import Running
 from tactile_ros.sensors import load_sensor
 
@@ -80,7 +80,7 @@ def _connection() -> object:
 def _live(folder: Path, path: Path, port: str, seconds: float, stack: bool) -> Road:
     """One live run, and the replay of its bag."""
     bag = folder / ('stack' if stack else 'processes')
-    setting = Setting(
+    setting = SensorSetup(
         sensor=SPEC.key, port=port, namespace=bag.name, calibration=str(path), bag=str(bag),
         stack=stack,
     )  # fmt: skip

@@ -17,7 +17,7 @@ from benchmarks.harness.rows import BenchResult, Row
 from tactile_ros.evaluation.metrics import Spread, latency
 from tactile_ros.evaluation.recording_files import load, save_recording
 from tactile_ros.evaluation.replay import replay
-from tactile_ros.nodes.graph import Setting, sensing
+from tactile_ros.nodes.graph import SensorSetup, sensing
 from tactile_ros.nodes.processes import Running
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Recording
@@ -75,7 +75,7 @@ def steady(recording: Recording, seconds: int) -> Recording:
 def _live(folder: Path, *, stack: bool) -> Road:
     """One live run, and the replay of its bag."""
     name = 'stack' if stack else 'processes'
-    setting = Setting(
+    setting = SensorSetup(
         sensor=SENSOR, source='recorded', port=str(folder / f'{name}.port'), namespace=name,
         recording=str(folder / 'rows.npz'), calibration=str(folder / 'calibration.npz'),
         bag=str(folder / name), stack=stack,

@@ -24,24 +24,12 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.ros_adapters import get_ros_node
 
 from launch import Event, LaunchContext, LaunchDescription, LaunchDescriptionEntity
-from tactile_ros.nodes.graph import Playing, replaying
-from tactile_ros.nodes.processes import TRUE_OR_FALSE, chosen, declared, node_of
-from tactile_ros.sensors import list_sensors
+from tactile_ros.nodes.graph import BagPlayback, replaying
+from tactile_ros.nodes.processes import chosen, declared, node_of
 
-DEFAULTS = Playing()
+DEFAULTS = BagPlayback()
 ON_ITS_WAY_S = 1.0  # for frames that the node has not taken yet
 LOOK_S = 0.2
-# of Playing: what it means, and what it may be
-ARGUMENTS: dict[str, tuple[str, list[str] | None]] = {
-    'bag': ('folder of the bag', None),
-    'calibration': ('calibration file (.npz); empty: contacts say NOT_CALIBRATED', None),
-    'sensor': ('key of the sensor', list_sensors()),
-    'namespace': ('namespace of the sensor in the bag', None),
-    'rate': ('recorded time over played time', None),
-    'delay': ('time before the first message (s), in which player and node find each other', None),
-    'params_file': ('YAML file of parameters; empty: none', None),
-    'autostart': ('configure and activate the node at start', TRUE_OR_FALSE),
-}
 
 
 def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
@@ -75,4 +63,4 @@ def once_heard(
 
 def generate_launch_description() -> LaunchDescription:
     """Arguments, then the graph."""
-    return LaunchDescription([*declared(DEFAULTS, ARGUMENTS), OpaqueFunction(function=start)])
+    return LaunchDescription([*declared(DEFAULTS), OpaqueFunction(function=start)])

@@ -14,34 +14,10 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
-from tactile_ros.nodes.graph import Setting, sensing
+from tactile_ros.nodes.graph import SensorSetup, sensing
 from tactile_ros.nodes.processes import TRUE_OR_FALSE, chosen, declared, node_of
-from tactile_ros.sensors import list_sensors
 
-DEFAULTS = Setting()
-# of Setting: what it means, and what it may be
-ARGUMENTS: dict[str, tuple[str, list[str] | None]] = {
-    'sensor': ('key of the sensor', list_sensors()),
-    'source': (
-        'where frames come from: the sensor, a recording in place of a board, a simulated twin',
-        ['hardware', 'recorded', 'simulated'],
-    ),
-    'port': ('serial port; where no board is used, one in a private folder', None),
-    'recording': ('recording to play: a name of a shipped one, or a file (.npz)', None),
-    'calibration': ('calibration file (.npz); empty: contacts say NOT_CALIBRATED', None),
-    'bag': ('folder to record into; empty: nothing is recorded', None),
-    'stack': ('sensor and contact in one process by direct calls', TRUE_OR_FALSE),
-    'tare': ('the player calls the tare before each touch', TRUE_OR_FALSE),
-    'speed_up': ('recorded time over played time', None),
-    'loop': ('the player begins again at the end', TRUE_OR_FALSE),
-    'seed': ('of a simulated twin: its signal, noise and faults', None),
-    'fault': ('that a simulated twin suffers at the start, as name or name:count', None),
-    'frame_id': ('name of the sensor frame in tf', None),
-    'namespace': ('namespace of nodes, topics and services: one sensor each', None),
-    'params_file': ('YAML file of parameters, as config/reskin_board.yaml; empty: none', None),
-    'use_sim_time': ('take time from /clock', TRUE_OR_FALSE),
-    'autostart': ('configure and activate the nodes at start', TRUE_OR_FALSE),
-}
+DEFAULTS = SensorSetup()
 POSE = {
     'parent_frame': ('', 'frame that the sensor is mounted on; empty: no static transform'),
     'x': ('0.0', 'pose of the sensor in parent_frame (m)'),
@@ -53,7 +29,7 @@ POSE = {
 }
 
 
-def setting_of(context: LaunchContext) -> Setting:
+def setting_of(context: LaunchContext) -> SensorSetup:
     """What the arguments choose."""
     setting = chosen(context, DEFAULTS)
     if LaunchConfiguration('simulated').perform(context) == 'true':
@@ -61,7 +37,7 @@ def setting_of(context: LaunchContext) -> Setting:
     return setting
 
 
-def mounting(context: LaunchContext, setting: Setting) -> list[Node]:
+def mounting(context: LaunchContext, setting: SensorSetup) -> list[Node]:
     """Static transform from the parent to the sensor frame, where a parent is named."""
     pose = {name: LaunchConfiguration(name).perform(context) for name in POSE}
     parent = pose.pop('parent_frame')
@@ -89,7 +65,7 @@ def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
 
 def generate_launch_description() -> LaunchDescription:
     """Arguments, then the graph."""
-    arguments = declared(DEFAULTS, ARGUMENTS)
+    arguments = declared(DEFAULTS)
     arguments += [
         DeclareLaunchArgument(name, default_value=default, description=description)
         for name, (default, description) in POSE.items()

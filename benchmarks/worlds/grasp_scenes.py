@@ -12,7 +12,7 @@ from scipy import stats
 from benchmarks.harness.rows import Row, within
 from tactile_ros.evaluation.drawing import standalone
 from tactile_ros.evaluation.svg import Plot
-from tactile_ros.nodes.grip_loop import GripStage
+from tactile_ros.nodes.grip_loop import GripLoop
 from tactile_ros.simulation.scenes import KINDS, Handling, named
 from tactile_ros.simulation.scenes import KINDS as THINGS
 from tactile_ros.simulation.trials import GENTLE, Trials, grips, unseen
@@ -46,9 +46,9 @@ class Found:
     drawings: dict[str, str] = field(default_factory=dict)
 
 
-def stage(hand: HandDescription, config: GripConfig, fingers: Iterable[str]) -> GripStage:
+def stage(hand: HandDescription, config: GripConfig, fingers: Iterable[str]) -> GripLoop:
     """The loop of grip_node."""
-    return GripStage(hand, config, list(fingers))
+    return GripLoop(hand, config, list(fingers))
 
 
 def run(extent: str, seed: int = FRESH, films: Mapping[str, Watcher] | None = None) -> Found:

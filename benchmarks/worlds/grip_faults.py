@@ -23,7 +23,7 @@ from benchmarks.harness.rows import Row
 from benchmarks.worlds import grip_fault_plot
 from tactile_ros.control import GripPhase
 from tactile_ros.hands.drivers import read_command
-from tactile_ros.nodes.graph import Graph, Grasping, Process, grasping
+from tactile_ros.nodes.graph import Graph, HandSetup, Process, grasping
 from tactile_ros.nodes.processes import Running
 from tactile_ros.sensors import load_sensor
 
@@ -93,8 +93,8 @@ class Scene:
         from tactile_ros.action import Grasp
         from tactile_ros.msg import GripState, TactileContacts
         from tactile_ros.nodes.grip_node import MESSAGES
-        from tactile_ros.nodes.lifecycle import data, end, start
-        from tactile_ros.nodes.mock_hand import MockHandNode
+        from tactile_ros.nodes.lifecycle import end, qos, start
+        from tactile_ros.nodes.mock_hand_node import MockHandNode
 
         folder = Path(held.enter_context(tempfile.TemporaryDirectory()))
         spec = load_sensor(SENSOR)
@@ -102,7 +102,7 @@ class Scene:
         self.fingers = HANDS[hand]
         for finger in self.fingers:
             pipeline.save(folder / f'{finger}.npz')
-        choice = Grasping(
+        choice = HandSetup(
             hand, mock_hand=True, fingers=','.join(self.fingers), source='simulated',
             sensor=SENSOR, calibrations=str(folder),
         )  # fmt: skip
@@ -123,11 +123,11 @@ class Scene:
         self.node.create_subscription(GripState, 'grip_node/state', self._on_state, 10)
         self._topic = self.hand._driver.topics[-1]
         kind = MESSAGES[self._topic.kind]
-        self.node.create_subscription(kind, self._topic.name, self._on_command, data())
+        self.node.create_subscription(kind, self._topic.name, self._on_command, qos())
         self.grasp = ActionClient(self.node, Grasp, 'grip_node/grasp')
         self.goal, self.opening = Grasp.Goal(target_force=TARGET), Grasp.Goal(target_force=0.0)
         contacts = f'{self.fingers[0]}/contacts'
-        self.spoof = self.node.create_publisher(TactileContacts, contacts, data())
+        self.spoof = self.node.create_publisher(TactileContacts, contacts, qos())
         self.contacts = TactileContacts
         graph = Graph(tuple(p for p in whole.processes if p.executable != 'mock_hand'))
         self.running = held.enter_context(

@@ -242,11 +242,11 @@ class Spun:
         """Start ROS with parameters."""
         import rclpy
 
-        from tactile_ros.nodes.lifecycle import serving
+        from tactile_ros.nodes.lifecycle import events_executor
 
         chosen = [text for parameter in parameters for text in ('-p', parameter)]
         rclpy.init(args=['--ros-args', *chosen])
-        self._executor, self._nodes = serving(), []
+        self._executor, self._nodes = events_executor(), []
 
     def add(self, node: object) -> object:
         """Spin a node too."""

@@ -261,13 +261,13 @@ def _different(paths: list[Path]) -> list[Pipeline]:
 
 def play(part: Part, output: Path) -> str:
     """Run the graph on one part and record its bag; what the player said at the end."""
-    from tactile_ros.nodes.graph import Setting, sensing
+    from tactile_ros.nodes.graph import SensorSetup, sensing
     from tactile_ros.nodes.processes import Running
 
     recording = output / 'recordings' / f'{part.name}.npz'
     recording.parent.mkdir(exist_ok=True)
     save_recording(part.played, recording)
-    setting = Setting(
+    setting = SensorSetup(
         sensor=SENSOR, source='recorded', port=str(output / f'{part.name}.port'),
         recording=str(recording), calibration=str(output / 'calibrations' / f'{part.name}.npz'),
         bag=str(output / 'bags' / part.name), speed_up=part.speed_up, namespace=part.name,
@@ -343,12 +343,12 @@ def _new_class(key: str) -> int:
 
 def play_twin(key: str, seed: int, output: Path, seconds: float, say: Say) -> None:
     """Run the graph on the twin and record it; teach it what its scene has to be learned."""
-    from tactile_ros.nodes.graph import Setting, sensing
+    from tactile_ros.nodes.graph import SensorSetup, sensing
     from tactile_ros.nodes.processes import Running
 
     spec, bag = load_sensor(key), output / 'bags' / key
     fast = spec.layout(spec.config(**spec.demo)).rate_hz > RATE_OF_PROCESSES
-    setting = Setting(
+    setting = SensorSetup(
         sensor=key, source='simulated', seed=seed, bag=str(bag), namespace=key, stack=fast,
         calibration=str(output / 'calibrations' / f'{key}.npz'),
     )  # fmt: skip
@@ -380,13 +380,13 @@ def teach(lesson: TwinLesson, number: int, namespace: str, say: Say) -> None:
     TactileError
         If it is not shown or not learned.
     """
-    from tactile_ros.nodes.enrolment_server import Lesson, enrolling
+    from tactile_ros.nodes.enrolment_server import EnrolRequest, enrolling
 
     with enrolling(namespace) as client:
         client.wait_for_truth(lambda truth: bool(truth.label == number), SHOWN_S)
         say(f'something unknown presses: enrolling it as {lesson.label!r}')
         learned = client.enrol(
-            Lesson(lesson.label, lesson.presses, LEARNED_S), lambda _, said: say(said)
+            EnrolRequest(lesson.label, lesson.presses, LEARNED_S), lambda _, said: say(said)
         )
     if not learned.success:
         raise TactileError(learned.message)

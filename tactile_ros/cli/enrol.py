@@ -110,7 +110,7 @@ def _presses(
 
 def _live(options: argparse.Namespace) -> int:
     """Ask contact_node."""
-    from tactile_ros.nodes.enrolment_server import Lesson, enrolling
+    from tactile_ros.nodes.enrolment_server import EnrolRequest, enrolling
 
     with enrolling(options.namespace) as client:
         if options.forget:
@@ -120,7 +120,7 @@ def _live(options: argparse.Namespace) -> int:
             with working('looking for a node that learns'):
                 client.wait_for_enrol()
             print(f'press, hold a moment, release: {presses} times', file=sys.stderr)
-            lesson = Lesson(options.label, presses, options.timeout, options.replace)
+            lesson = EnrolRequest(options.label, presses, options.timeout, options.replace)
             learned = client.enrol(lesson, lambda _, told: print(told, file=sys.stderr))
             done, said = learned.success, learned.message
     if not done:

@@ -105,11 +105,11 @@ def feed(viewer: Viewer, options: argparse.Namespace) -> None:
                 viewer.show(name, layout, frame, state)
     else:
         try:
-            from tactile_ros.nodes.watch import watch
+            from tactile_ros.nodes.viewer_node import run_viewer
         except ImportError as error:
             msg = 'topics need ROS 2; name a recording or --sensor, or use the road with make'
             raise MissingPackageError(msg) from error
-        watch(options.namespace or [''], viewer.show, viewer.grip, options.seconds)
+        run_viewer(options.namespace or [''], viewer.show, viewer.grip, options.seconds)
 
 
 def simulated(options: argparse.Namespace) -> Iterator[Shown]:

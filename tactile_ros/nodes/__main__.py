@@ -7,15 +7,15 @@ import signal
 import sys
 from importlib import import_module
 
-EXECUTABLES = (
-    'sensor_node',
-    'contact_node',
-    'grip_node',
-    'mock_hand',
-    'stack',
-    'record',
-    'player',
-)
+MODULES = {
+    'sensor_node': 'sensor_node',
+    'contact_node': 'contact_node',
+    'grip_node': 'grip_node',
+    'mock_hand': 'mock_hand_node',
+    'stack': 'stack',
+    'record': 'record_node',
+    'player': 'player_node',
+}
 
 
 def main() -> None:
@@ -26,9 +26,9 @@ def main() -> None:
 
     if STARTED_BY in os.environ:  # one that was started by hand outlives its shell
         end_with_parent()
-    if len(sys.argv) < 2 or sys.argv[1] not in EXECUTABLES:
-        sys.exit(f'name one of {", ".join(EXECUTABLES)}')
-    name = sys.argv.pop(1)
+    if len(sys.argv) < 2 or sys.argv[1] not in MODULES:
+        sys.exit(f'name one of {", ".join(MODULES)}')
+    name = MODULES[sys.argv.pop(1)]
     import_module(f'tactile_ros.nodes.{name}').main()
 
 

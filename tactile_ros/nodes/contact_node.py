@@ -13,18 +13,9 @@ from std_srvs.srv import Trigger
 from tactile_ros import messages
 from tactile_ros.enrolment import Allowed
 from tactile_ros.msg import TactileContact, TactileContacts, TactileFrame, TactileLayout
-from tactile_ros.nodes.contact_loop import ContactStage
-from tactile_ros.nodes.enrolment_server import EnrolServer, EnrolStage
-from tactile_ros.nodes.lifecycle import (
-    ManagedNode,
-    baselines,
-    data,
-    latched,
-    main_of,
-    overridable,
-    pairs,
-    serving,
-)
+from tactile_ros.nodes.contact_loop import ContactLoop
+from tactile_ros.nodes.enrolment_server import Enrolment, EnrolmentServer
+from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic, events_executor, main_of
 from tactile_ros.nodes.parameters import ContactOptions
 from tactile_ros.nodes.standard_messages import StandardTopics
 from tactile_ros.sensors import load_sensor
@@ -36,46 +27,22 @@ if TYPE_CHECKING:
     from rclpy.subscription import Subscription
     from rclpy.timer import Timer
 
-    from tactile_ros.nodes.enrolment_server import Change
+    from tactile_ros.nodes.enrolment_server import ClassChange
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import ContactState, Frame
 
 Message = TypeVar('Message')
-
-MOST_TOGETHER = 64
-
-
-def backlog(subscription: Subscription, kind: type[Message]) -> Iterator[Message]:
-    """Take what has come already, so that a node that is late catches up.
-
-    Executors are not told; they find nothing to take then, which they allow for.
-    """
-    handle = subscription.handle
-    with handle:
-        for _ in range(MOST_TOGETHER):
-            taken = handle.take_message(kind, False)
-            if taken is None:
-                return
-            yield taken[0]
-
-
 LISTENERS_PERIOD_S = 0.02
+MOST_TOGETHER = 64
 
 
 class ContactNode(ManagedNode):
     """Publish `contacts`, `baseline`, `calibration`, standard topics; serve `~/tare`.
 
-    Where classes are learned, also `~/enrol` and `~/forget`.
-
-    Parameters
-    ----------
-    direct : bool
-        Frames come by `take` from the same process instead of the topic `frame`.
-    downstream : callable or None
-        Takes the full name of `contacts`, every frame and its state, those that came together at
-        once, before they are published.
-    arguments : sequence of str
-        ROS arguments for this node alone.
+    Where classes are learned, also `~/enrol` and `~/forget`. `direct`: frames come by `take` from
+    the same process. `downstream` takes the full name of `contacts`, and all frames that came
+    together with their states, before they are published; `arguments` are ROS arguments for this
+    node alone.
     """
 
     def __init__(
@@ -85,29 +52,26 @@ class ContactNode(ManagedNode):
         arguments: Sequence[str] = (),
     ) -> None:
         super().__init__('contact_node', arguments)
-        self._stage: ContactStage | None = None
+        self._loop: ContactLoop | None = None
         self._unknown_as = ContactOptions().unknown_as
         self.declare(ContactOptions())
         self._spec = load_sensor(self.get_parameter('sensor').value)
         self.declare(self._spec.config())
-        self._contacts = self.managed_publisher(TactileContacts, 'contacts', data())
+        self._contacts = self.managed_publisher(TactileContacts, 'contacts')
         self._standard = StandardTopics(self, self._spec)
-        self._baseline = self.managed_publisher(TactileFrame, 'baseline', baselines())
-        self._calibration = self.managed_publisher(String, 'calibration', latched())
+        self._baseline = self.managed_publisher(TactileFrame, 'baseline')
+        self._calibration = self.managed_publisher(String, 'calibration')
         self._direct, self._downstream = direct, downstream
         self.topic = self.resolve_topic_name('contacts')
         self._active = False
         self._options = ContactOptions()
         self._pipeline: Pipeline | None = None
-        self._heard: list[Subscription] = []
         self._waiting: Timer | None = None
-        self._refusal = self._complaint = ''
-        self._previous = 0
-        self._frame_id = ''
+        self._refusal = self._complaint = self._digest = self._frame_id = ''
+        self._frames_before = 0
         self._tare = self.create_service(Trigger, '~/tare', self._on_tare)
         learns = self._spec.pipeline().estimation.learns_classes
-        self._enrol = EnrolServer(self) if learns else None
-        self._digest = ''
+        self._server = EnrolmentServer(self) if learns else None
 
     def configure(self) -> None:
         """Read the calibration; CalibrationError names what does not fit."""
@@ -129,21 +93,21 @@ class ContactNode(ManagedNode):
 
     def activate(self) -> None:
         """Announce the calibration and begin to listen."""
-        pipeline = self._pipeline
-        self._stage = ContactStage(
-            pipeline,
-            self.get_parameter('tare_frames').value,
-            self.get_parameter('allow_tare_in_contact').value,
+        live = self.options(ContactOptions)  # they may have changed since configure
+        self._loop = ContactLoop(
+            self._pipeline,
+            live.tare_frames,
+            live.allow_tare_in_contact,
             self._publish_baseline,
             self._complain,
         )
-        self._stage.reset()
+        self._loop.reset()
         self._refusal = self._complaint = ''
-        self._previous = 0
-        self._unknown_as = self.get_parameter('unknown_as').value
-        if self._enrol is not None:
-            self._enrol.stage = EnrolStage(
-                self._stage,
+        self._frames_before = 0
+        self._unknown_as = live.unknown_as
+        if self._server is not None:
+            self._server.enrolment = Enrolment(
+                self._loop,
                 self._options.calibration,
                 self._spec.load,
                 self._digest,
@@ -152,46 +116,31 @@ class ContactNode(ManagedNode):
             )
         self._announce()
         self._active = True
-        self._listen()
+        self.subscribe(TactileLayout, 'layout', self._on_layout)
+        if not self._direct:
+            self._waiting = self.steady_timer(LISTENERS_PERIOD_S, self._listen)
+            self._listen()
 
-    def _announce(self, change: Change | None = None) -> None:
+    def _announce(self, change: ClassChange | None = None) -> None:
         """Say which calibration is in use, and how it changed."""
         pipeline = self._pipeline
         if change is not None:
             self._digest = change.digest
-        told = {
+        content = {
             'sha256': pipeline.digest,
             'sensor': pipeline.sensor,
             'estimators': dict(pipeline.estimators),
             'file': self._options.calibration,
-            **({} if change is None else change.told()),
+            **({} if change is None else change.announcement()),
         }
-        self._calibration.publish(String(data=json.dumps(told, sort_keys=True)))
+        self._calibration.publish(String(data=json.dumps(content, sort_keys=True)))
 
     def _listen(self) -> None:
-        """Subscribe to the sensor: to its frames once everybody hears what comes of them."""
-        told = self.create_subscription(TactileLayout, 'layout', self._on_layout, latched())
-        self._heard = [told]
-        if self._direct:
+        """Subscribe to frames once everybody hears what comes of them."""
+        if not self.is_heard():
             return
-        if self.is_heard():
-            self._listen_to_frames()
-        else:
-            self._waiting = self.steady_timer(LISTENERS_PERIOD_S, self._on_waiting)
-
-    def _listen_to_frames(self) -> None:
-        """Subscribe to `frame`."""
-        options = overridable()
-        self._incoming = self.create_subscription(
-            TactileFrame, 'frame', self._on_frame, data(), qos_overriding_options=options
-        )
-        self._heard.append(self._incoming)
-
-    def _on_waiting(self) -> None:
-        """Look whether everybody is there."""
-        if self.is_heard():
-            self._end_waiting()
-            self._listen_to_frames()
+        self._end_waiting()
+        self._incoming = self.subscribe(TactileFrame, 'frame', self._on_frame)
 
     def _end_waiting(self) -> None:
         """No timer runs once everybody is there, or while the node is not active."""
@@ -202,22 +151,19 @@ class ContactNode(ManagedNode):
     def deactivate(self) -> None:
         """Listen no more."""
         self._active = False
-        if self._enrol is not None:
-            self._enrol.close()
+        if self._server is not None:
+            self._server.close()
         self._end_waiting()
-        for subscription in self._heard:
-            self.destroy_subscription(subscription)
-        self._heard = []
 
     def destroy_node(self) -> None:
         """End the action with the node."""
-        if self._enrol is not None:
-            self._enrol.destroy()
+        if self._server is not None:
+            self._server.destroy()
         super().destroy_node()
 
     def cleanup(self) -> None:
         """Let the calibration go."""
-        self._pipeline = self._stage = None
+        self._pipeline = self._loop = None
 
     def is_heard(self) -> bool:
         """Everybody who must see the first contacts is there."""
@@ -231,12 +177,12 @@ class ContactNode(ManagedNode):
             self._complain(f'layout is malformed: {err}')
             return
         wanted = (self._pipeline.sensor, self._pipeline.layout.shape)
-        found = (layout.sensor, layout.shape)
+        received = (layout.sensor, layout.shape)
         self._refusal = ''
-        if found != wanted:
+        if received != wanted:
             self._refusal = (
                 f'the calibration is of {wanted[0]} with {wanted[1]} taxels and channels, '
-                f'the frames are of {found[0]} with {found[1]}: '
+                f'the frames are of {received[0]} with {received[1]}: '
                 'give the calibration of this sensor'
             )
             self._complain(self._refusal)
@@ -250,18 +196,18 @@ class ContactNode(ManagedNode):
     def _on_frame(self, message: TactileFrame) -> None:
         """Frames from the topic: one, and those that wait behind it."""
         frames = []
-        for one in (message, *backlog(self._incoming, TactileFrame)):
+        for one in (message, *drain_queue(self._incoming, TactileFrame)):
             try:
-                frames.append(messages.read_frame(one, self._stage.shape))
+                frames.append(messages.read_frame(one, self._pipeline.layout.shape))
             except ValueError as err:
-                self._stage.tally.refused += 1
+                self._loop.statistics.refused += 1
                 self._complain(f'{err}; the calibration is of {self._pipeline.sensor}')
         if not frames:
             return
         try:
             self.take(frames, message.header.frame_id)
         except Exception as err:  # frames that cannot be estimated end nothing
-            self._stage.tally.refused += len(frames)
+            self._loop.statistics.refused += len(frames)
             self._complain(f'frame {frames[0].sequence} failed: {type(err).__name__}: {err}')
 
     def take(self, frames: Sequence[Frame], frame_id: str) -> None:
@@ -269,35 +215,31 @@ class ContactNode(ManagedNode):
         if not self._active:
             return
         if self._refusal:
-            self._stage.tally.refused += len(frames)
+            self._loop.statistics.refused += len(frames)
             return
         self._frame_id = frame_id
-        states = self._stage.process_all(frames)
+        states = self._loop.process_all(frames)
         if self._downstream is not None:
             self._downstream(self.topic, frames, states)
         for frame, state in zip(frames, states, strict=True):
-            self._publish(frame, state, frame_id)
+            if self._contacts.get_subscription_count():
+                self._publish(frame, state)
+            self._standard.publish(frame, state, frame_id, self._pipeline, self._unknown_as)
 
-    def _publish(self, frame: Frame, state: ContactState, frame_id: str) -> None:
-        """Contacts and standard messages, each where somebody listens."""
-        if self._contacts.get_subscription_count():
-            message = TactileContacts()
-            messages.fill_contacts(message, state, TactileContact)
-            messages.fill_header(message.header, frame.stamp_ns, frame_id)
-            message.sequence = frame.sequence
-            message.label_name = self._label_name(int(state.label))
-            self._contacts.publish(message)
-        self._standard.publish(frame, state, frame_id, self._pipeline, self._unknown_as)
+    def _publish(self, frame: Frame, state: ContactState) -> None:
+        """Publish contacts."""
+        message = TactileContacts()
+        messages.fill_contacts(message, state, TactileContact)
+        messages.fill_header(message.header, frame.stamp_ns, self._frame_id)
+        message.sequence = frame.sequence
+        names, label = self._pipeline.label_names, int(state.label)
+        message.label_name = names[label] if 0 <= label < len(names) else ''
+        self._contacts.publish(message)
 
-    def _label_name(self, label: int) -> str:
-        """Name of a class, where the sensor has classes."""
-        names = () if self._pipeline is None else self._pipeline.label_names
-        return names[label] if 0 <= label < len(names) else ''
-
-    def _publish_baseline(self, frame: Frame) -> None:
-        """Baseline in use, latched."""
+    def _publish_baseline(self, baseline: Frame) -> None:
+        """Publish the baseline in use, latched."""
         message = TactileFrame()
-        messages.fill_baseline(message, frame, self._frame_id)
+        messages.fill_baseline(message, baseline, self._frame_id)
         self._baseline.publish(message)
 
     def _on_tare(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -305,70 +247,68 @@ class ContactNode(ManagedNode):
         if not self._active:
             response.message = 'tare needs an active node: activate it first'
             return response
-        response.success, response.message = self._stage.tare()
+        response.success, response.message = self._loop.tare()
         return response
 
     def apply(self, changes: dict[str, object]) -> None:
-        """Let the rules of the tare, and what is told of the unknown, change while it runs."""
+        """Let the rules of the tare, and the value of the unknown, change while it runs."""
         self._unknown_as = changes.get('unknown_as', self._unknown_as)
-        if self._stage is None:
+        if self._loop is None:
             return
         if 'tare_frames' in changes:
-            self._stage.set_tare_frames(changes['tare_frames'])
+            self._loop.set_tare_frames(changes['tare_frames'])
         if 'allow_tare_in_contact' in changes:
-            self._stage.tare_in_contact = changes['allow_tare_in_contact']
+            self._loop.tare_in_contact = changes['allow_tare_in_contact']
 
     def diagnose(self) -> DiagnosticStatus:
         """Rate, validity, tares and what wrench says for the unknown."""
-        tally = self._stage.tally
-        rate, self._previous = max(0, tally.frames - self._previous), tally.frames
-        reasons = [bit.name for bit in FrameStatus if tally.status & bit]
+        counts = self._loop.statistics
+        rate = max(0, counts.frames - self._frames_before)
+        self._frames_before = counts.frames
+        status = 0 if counts.state is None else int(counts.state.status)
         level, sentence = DiagnosticStatus.OK, f'{rate} frames in the last second'
         if self._refusal:
             level, sentence = DiagnosticStatus.ERROR, self._refusal
-        elif not tally.frames:
+        elif not counts.frames:
             level, sentence = DiagnosticStatus.STALE, 'no frame came yet'
         elif not rate:
             level, sentence = DiagnosticStatus.ERROR, 'no frame came in the last second'
-        elif reasons:
-            level, sentence = DiagnosticStatus.WARN, ' '.join([sentence, *reasons])
-        status = DiagnosticStatus(level=level, name='contact', message=sentence)
-        status.hardware_id = self._spec.key
-        status.values = pairs(
-            {
-                'rate (Hz)': rate,
-                'frames': tally.frames,
-                'valid': tally.valid,
-                'refused': tally.refused,
-                'failed': self._stage.failures,
-                'in contact': tally.in_contact,
-                'tares': tally.tares,
-                'tare state': tally.tare_state,
-                'baseline age (s)': tally.baseline_age_s,
-                'baseline tracking': self._tracking(),
-                'faulty taxels': tally.flagged,
-                'unknown in wrench': self.get_parameter('unknown_as').value,
-                'calibration': self._options.calibration or 'none',
-            }
-        )
-        return status
-
-    def _tracking(self) -> str:
-        """Whether the baseline follows drift now."""
-        if not self._pipeline.config.track_baseline:
-            return 'off'
-        return 'frozen in contact' if self._stage.is_touching else 'on'
+        elif status:
+            level = DiagnosticStatus.WARN
+            sentence = ' '.join([sentence, *(b.name for b in FrameStatus if status & b)])
+        tracking = 'frozen in contact' if self._loop.is_touching else 'on'
+        values = {
+            'rate (Hz)': rate,
+            'frames': counts.frames,
+            'valid': counts.valid,
+            'refused': counts.refused,
+            'failed': self._loop.failures,
+            'in contact': counts.in_contact,
+            'tares': counts.tares,
+            'tare state': counts.tare_state,
+            'baseline age (s)': counts.baseline_age_s,
+            'baseline tracking': tracking if self._pipeline.config.track_baseline else 'off',
+            'faulty taxels': counts.faulty_taxels,
+            'unknown in wrench': self.get_parameter('unknown_as').value,
+            'calibration': self._options.calibration or 'none',
+        }
+        return diagnostic('contact', sentence, values, level, self._spec.key)
 
 
-def build() -> Sequence[ManagedNode]:
-    """The node of this executable."""
-    return [ContactNode()]
+def drain_queue(subscription: Subscription, kind: type[Message]) -> Iterator[Message]:
+    """Messages that wait behind the one just handed over, so that a node that is late catches up.
+
+    Executors are not told; they find nothing to take then, which they allow for.
+    """
+    handle = subscription.handle
+    with handle:
+        for _ in range(MOST_TOGETHER):
+            taken = handle.take_message(kind, False)
+            if taken is None:
+                return
+            yield taken[0]
 
 
 def main() -> None:
     """Run contact_node until it is told to stop."""
-    main_of(build, serving)
-
-
-if __name__ == '__main__':
-    main()
+    main_of(lambda: [ContactNode()], events_executor)

@@ -1,4 +1,4 @@
-"""What runs: one description for the launch files, for `tactile demo` and for the tests.
+"""Graphs of processes: one description for the launch files, `tactile demo` and the tests.
 
 Plain data, no rclpy. `processes` starts a graph where there is no `ros2 launch`.
 """
@@ -14,21 +14,21 @@ import tempfile
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, TypeVar
 
-from tactile_ros.hands import load_hand
-from tactile_ros.sensors import load_sensor
+from tactile_ros.hands import list_hands, load_hand
+from tactile_ros.sensors import list_sensors, load_sensor
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
 PACKAGE = 'tactile_ros'
-
 PORT = '/dev/ttyACM0'
 SIMULATED_PORT = 'board'
 
 Value = bool | int | float | str | list[float] | list[str]
-Source = Literal['hardware', 'recorded', 'simulated']
+SOURCES = ('hardware', 'recorded', 'simulated')
+T = TypeVar('T')
 
 
 @cache
@@ -43,18 +43,8 @@ def private_folder() -> Path:
 class Process:
     """One executable of the package.
 
-    Attributes
-    ----------
-    executable : str
-        In lib/tactile_ros, and the module of the same name in tactile_ros/nodes.
-    parameters : dict
-        Of every node of the process that has a parameter of that name.
-    namespace : str
-        Of its nodes; empty: none.
-    remappings : dict
-        Topic or service names, from -> to.
-    params_file : str
-        YAML file of parameters; what `parameters` says wins.
+    `parameters` hold for every node of the process that has one of that name, and win over those
+    of `params_file`; `remappings` of topics and services are from -> to.
     """
 
     executable: str
@@ -74,14 +64,14 @@ class Process:
     def ros_arguments(self) -> list[str]:
         """Command line after --ros-args."""
         space = self.namespace.strip('/')
-        found = ['-r', f'__ns:=/{space}'] if space else []
+        arguments = ['-r', f'__ns:=/{space}'] if space else []
         for old, new in self.remappings.items():
-            found += ['-r', f'{old}:={new}']
+            arguments += ['-r', f'{old}:={new}']
         if self.params_file:
-            found += ['--params-file', self.params_file]
+            arguments += ['--params-file', self.params_file]
         for name, value in self.parameters.items():
-            found += ['-p', f'{name}:={yaml_text(value)}']
-        return found
+            arguments += ['-p', f'{name}:={yaml_text(value)}']
+        return arguments
 
     def command(self) -> list[str]:
         """Command line with this interpreter, which finds the package as it found this module."""
@@ -110,13 +100,7 @@ class Graph:
         return process.executable if len(same) < 2 else f'{space}/{process.executable}'
 
     def with_parameters(self, node: str, values: Mapping[str, Value]) -> Graph:
-        """The same graph with further parameters of one node, wherever it runs.
-
-        Raises
-        ------
-        KeyError
-            If no process has that node.
-        """
+        """The same graph with further parameters of one node; KeyError if none has that node."""
         home = next((p for p in self.processes if node in p.nodes), None)
         if home is None:
             raise KeyError(node)
@@ -124,56 +108,59 @@ class Graph:
         return Graph(tuple(changed if p is home else p for p in self.processes))
 
 
+def choice(default: T, text: str, choices: Sequence[str] = ()) -> T:
+    """Field that a user chooses, as an argument of a launch file."""
+    return field(default=default, metadata={'help': text, 'choices': tuple(choices)})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Everywhere:
+    """Choices that hold for all processes of a graph; their defaults stay unsaid."""
+
+    namespace: str = choice(
+        '', 'namespace of nodes, topics and services; below that of a hand lie its fingers'
+    )
+    params_file: str = choice('', 'YAML file of parameters, as those in config; empty: none')
+    use_sim_time: bool = choice(False, 'take time from /clock')
+    autostart: bool = choice(True, 'configure and activate the nodes at start')
+
+    def chosen(self, *names: str) -> dict[str, Value]:
+        """Values that differ from the defaults; the rest is left to the parameter file."""
+        return {n: getattr(self, n) for n in names if getattr(self, n) != getattr(type(self), n)}
+
+    def placed(self, process: Process) -> Process:
+        """A process with what holds for all."""
+        return replace(
+            process,
+            parameters={**self.chosen('use_sim_time', 'autostart'), **process.parameters},
+            namespace=self.namespace,
+            params_file=self.params_file,
+        )
+
+
 @dataclass(frozen=True)
-class Setting:
-    """What a user chooses about a graph.
+class SensorSetup(Everywhere):
+    """Graph of one sensor."""
 
-    Attributes
-    ----------
-    sensor : str
-        Key of the sensor.
-    source : str
-        'hardware': the sensor itself; 'recorded': a player of `recording` takes the place of its
-        board; 'simulated': a twin answers its bytes and says the truth.
-    port : str
-        Serial port, where the sensor has one; of a player: where the simulated port appears.
-    recording : str
-        Name of a shipped recording, or a file (.npz).
-    calibration : str
-        File (.npz); empty: not calibrated.
-    bag : str
-        Folder to record into; empty: nothing is recorded.
-    stack : bool
-        Sensor and contact in one process by direct calls.
-    tare : bool
-        The player calls the tare before each touch.
-    speed_up : float
-        Recorded over played time; inf: as fast as the graph goes.
-    loop : bool
-        The player begins again at the end.
-    seed : int
-        Of a twin.
-    fault : str
-        That a twin suffers at the start, `name` or `name:count`; empty: none.
-    """
-
-    sensor: str = 'reskin_board'
-    source: Source = 'hardware'
-    port: str = PORT
-    recording: str = 'spatial'
-    calibration: str = ''
-    bag: str = ''
-    stack: bool = False
-    tare: bool = True
-    speed_up: float = 1.0
-    loop: bool = False
-    seed: int = 0
-    fault: str = ''
-    frame_id: str = 'tactile_sensor'
-    namespace: str = ''
-    params_file: str = ''
-    use_sim_time: bool = False
-    autostart: bool = True
+    sensor: str = choice('reskin_board', 'key of the sensor', list_sensors())
+    source: str = choice(
+        'hardware',
+        'where frames come from: the sensor, a recording in place of a board, a simulated twin',
+        SOURCES,
+    )
+    port: str = choice(PORT, 'serial port; where no board is used, one in a private folder')
+    recording: str = choice(
+        'spatial', 'recording to play: a name of a shipped one, or a file (.npz)'
+    )
+    calibration: str = choice('', 'calibration file (.npz); empty: contacts say NOT_CALIBRATED')
+    bag: str = choice('', 'folder to record into; empty: nothing is recorded')
+    stack: bool = choice(False, 'sensor and contact in one process by direct calls')
+    tare: bool = choice(True, 'the player calls the tare before each touch')
+    speed_up: float = choice(1.0, 'recorded time over played time; inf: as fast as the graph goes')
+    loop: bool = choice(False, 'the player begins again at the end')
+    seed: int = choice(0, 'of a simulated twin: its signal, noise and faults')
+    fault: str = choice('', 'that a simulated twin suffers at the start, as name or name:count')
+    frame_id: str = choice('tactile_sensor', 'name of the sensor frame in tf')
 
     @property
     def place(self) -> str:
@@ -183,10 +170,101 @@ class Setting:
         name = '_'.join([SIMULATED_PORT, *self.namespace.strip('/').split('/')]).rstrip('_')
         return str(private_folder() / name)
 
-    def chosen(self, *names: str) -> dict[str, Value]:
-        """What differs from the defaults; the rest is left to the parameter file."""
-        asked = {name: getattr(self, name) for name in names}
-        return {name: v for name, v in asked.items() if v != getattr(type(self), name)}
+
+@dataclass(frozen=True)
+class HandSetup(Everywhere):
+    """Graph of a hand with sensors."""
+
+    hand: str = choice(
+        'allegro_v5', f'one of {", ".join(list_hands())}, or a .yaml that describes a hand'
+    )
+    mock_hand: bool = choice(False, "a fake takes the place of the hand's driver")
+    fingers: str = choice('', 'sensors that take part, parted by commas; empty: all of the hand')
+    sensor: str = choice('reskin_board', 'key of the sensors', list_sensors())
+    source: str = choice(
+        'hardware',
+        'where frames come from: the sensors, recordings in place of boards, simulated twins',
+        SOURCES,
+    )
+    ports: str = choice(
+        '',
+        'serial ports in the order of the fingers, with commas; empty: /dev/ttyACM0 and on',
+    )
+    calibrations: str = choice('', 'folder with <finger>.npz; empty: contacts say NOT_CALIBRATED')
+    stack: bool = choice(False, 'sensors, contacts and grip in one process by direct calls')
+    use_robot_description: bool = choice(
+        True,
+        'take limits, and pads whose frame is a link, from robot_description where it comes',
+    )
+    wait_for_robot_description: bool = choice(False, 'send nothing before it has come')
+    seed: int = choice(0, 'of the simulated twins, counted up from finger to finger')
+
+    def sensors(self) -> list[str]:
+        """Names of the sensors that take part; ValueError if the hand carries no such one."""
+        carried = [name for f in load_hand(self.hand).fingers.values() for name in f.sensors]
+        wanted = [name.strip() for name in self.fingers.split(',') if name.strip()]
+        if not set(wanted) <= set(carried):
+            msg = f'fingers must be of {", ".join(carried)}; received {self.fingers!r}'
+            raise ValueError(msg)
+        return wanted or carried
+
+    def finger_setups(self) -> list[SensorSetup]:
+        """Graph of the sensor of each finger."""
+        ports = [port.strip() for port in self.ports.split(',') if port.strip()]
+        real = ports or (self.source == 'hardware' and not self.params_file)
+        found = []
+        for i, name in enumerate(self.sensors()):
+            own = ports[i] if i < len(ports) else PORT[:-1] + str(i)
+            file = str(Path(self.calibrations) / f'{name}.npz') if self.calibrations else ''
+            found.append(
+                SensorSetup(
+                    namespace='/'.join(filter(None, (self.namespace.strip('/'), name))),
+                    params_file=self.params_file,
+                    use_sim_time=self.use_sim_time,
+                    autostart=self.autostart,
+                    sensor=self.sensor,
+                    source=self.source,
+                    port=own if real else PORT,
+                    calibration=file,
+                    stack=self.stack,
+                    seed=self.seed + i,
+                    frame_id=f'{name}_tactile_link',
+                )
+            )
+        return found
+
+
+@dataclass(frozen=True)
+class BagPlayback(Everywhere):
+    """contact_node on the clock of a bag that `ros2 bag play` plays, in the bag's namespace."""
+
+    bag: str = choice('', 'folder of the bag')
+    calibration: str = choice('', 'calibration file (.npz); empty: contacts say NOT_CALIBRATED')
+    sensor: str = choice('reskin_board', 'key of the sensor', list_sensors())
+    rate: float = choice(1.0, 'recorded time over played time')
+    delay: float = choice(
+        3.0, 'time before the first message (s), in which player and node find each other'
+    )
+    use_sim_time: bool = field(default=True, init=False)
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topics that are played: frames and layout; everything else is said anew."""
+        space = self.namespace.strip('/')
+        return tuple(f'/{space}/{leaf}'.replace('//', '/') for leaf in ('frame', 'layout'))
+
+    def command(self) -> list[str]:
+        """Command line of the player, which publishes /clock; ValueError where it cannot be."""
+        if not self.bag:
+            msg = 'bag must be the folder of a bag; received none'
+            raise ValueError(msg)
+        if not (self.rate > 0 and self.delay >= 0):
+            msg = f'rate must be above 0 and delay 0 or more; received {self.rate}, {self.delay}'
+            raise ValueError(msg)
+        pace = ['--clock', '--rate', str(self.rate)]
+        pace += ['--delay', str(self.delay)] if self.delay else []  # the player refuses 0
+        pace += ['--wait-for-all-acked', '5000']  # ms: Fast DDS asks for it every 3 s
+        return ['ros2', 'bag', 'play', self.bag, *pace, '--topics', *self.topics]
 
 
 def yaml_text(value: Value) -> str:
@@ -206,124 +284,49 @@ def yaml_text(value: Value) -> str:
     return json.dumps(value)
 
 
-def sensing(setting: Setting) -> Graph:
+def sensing(setup: SensorSetup) -> Graph:
     """Sensor and contact, as two processes or as one; with player and recorder where asked.
 
     Whoever listens is there before the first frame: the recorder starts first, contact_node waits
     for those who hear it, sensor_node for those who hear it, and the player for all of them.
     """
-    recorded = setting.source == 'recorded'
-    hearing = int(bool(setting.bag)) + int(recorded)
-    contact: dict[str, Value] = {
-        **setting.chosen('sensor', 'calibration'),
-        'listeners': hearing,
-    }
-    sensor: dict[str, Value] = {
-        **setting.chosen('sensor', 'frame_id'),
-        **({'port': setting.place} if setting.place != PORT else {}),
-        'listeners': hearing + int(not setting.stack),
+    recorded = setup.source == 'recorded'
+    listeners = int(bool(setup.bag)) + int(recorded)
+    contact = {**setup.chosen('sensor', 'calibration'), 'listeners': listeners}
+    sensor = {
+        **setup.chosen('sensor', 'frame_id'),
+        **({'port': setup.place} if setup.place != PORT else {}),
+        'listeners': listeners + int(not setup.stack),
     }
     if recorded:
         # A recording has one resting row before a touch, and a hand that is known to be open.
         contact.update(tare_frames=1, allow_tare_in_contact=True)
         sensor.update(temperature_measured=False, discard_stale=False)
-    if setting.source == 'simulated':
-        sensor.update(simulated=True, **setting.chosen('seed', 'fault'))
-    processes = [Process('record', {'bag': setting.bag})] if setting.bag else []
-    if setting.stack:
+    if setup.source == 'simulated':
+        sensor.update(simulated=True, **setup.chosen('seed', 'fault'))
+    processes = [Process('record', {'bag': setup.bag})] if setup.bag else []
+    if setup.stack:
         processes.append(Process('stack', {**contact, **sensor}))
     else:
         processes += [Process('contact_node', contact), Process('sensor_node', sensor)]
     if recorded:
-        processes.append(_player(setting))
-    return Graph(tuple(placed(process, setting) for process in processes))
+        values: dict[str, Value] = {
+            **setup.chosen('sensor'),
+            'recording': setup.recording,
+            'port': setup.place,
+            'speed_up': float(setup.speed_up),
+            'tare': setup.tare,
+            'loop': setup.loop,
+            'listeners': int(bool(setup.bag)),
+        }
+        processes.append(Process('player', values))
+    return Graph(tuple(setup.placed(process) for process in processes))
 
 
-def placed(process: Process, setting: Setting) -> Process:
-    """A process with what holds for all."""
-    return replace(
-        process,
-        parameters={**setting.chosen('use_sim_time', 'autostart'), **process.parameters},
-        namespace=setting.namespace,
-        params_file=setting.params_file,
-    )
-
-
-def _player(setting: Setting) -> Process:
-    """The recording in the place of the board."""
-    values: dict[str, Value] = {
-        **setting.chosen('sensor'),
-        'recording': setting.recording,
-        'port': setting.place,
-        'speed_up': float(setting.speed_up),
-        'tare': setting.tare,
-        'loop': setting.loop,
-        'listeners': int(bool(setting.bag)),
-    }
-    return Process('player', values)
-
-
-@dataclass(frozen=True)
-class Grasping:
-    """What a user chooses about a hand with sensors.
-
-    Attributes
-    ----------
-    hand : str
-        Name of a hand in config/hands, or a .yaml that describes one.
-    mock_hand : bool
-        A fake takes the place of the hand's driver.
-    fingers : str
-        Sensors that take part, parted by commas; empty: all that the hand carries.
-    sensor, source : str
-        Key of the sensors, and where their frames come from, as in `Setting`.
-    ports : str
-        Serial ports in the order of the fingers, parted by commas; empty: /dev/ttyACM0 and on.
-    calibrations : str
-        Folder with a file <finger>.npz for each; empty: not calibrated.
-    stack : bool
-        Sensors, contacts and grip in one process by direct calls.
-    use_robot_description : bool
-        Limits and pads come from the topic `robot_description`, where there is one.
-    wait_for_robot_description : bool
-        Nothing is sent before it has come.
-    """
-
-    hand: str = 'allegro_v5'
-    mock_hand: bool = False
-    fingers: str = ''
-    sensor: str = 'reskin_board'
-    source: Source = 'hardware'
-    ports: str = ''
-    calibrations: str = ''
-    stack: bool = False
-    use_robot_description: bool = True
-    wait_for_robot_description: bool = False
-    seed: int = 0
-    namespace: str = ''
-    params_file: str = ''
-    use_sim_time: bool = False
-    autostart: bool = True
-
-    def finger(self, index: int, name: str) -> Setting:
-        """What holds for the sensor of one finger."""
-        ports = [port.strip() for port in self.ports.split(',') if port.strip()]
-        own = ports[index] if index < len(ports) else PORT[:-1] + str(index)
-        real = ports or (self.source == 'hardware' and not self.params_file)
-        file = Path(self.calibrations) / f'{name}.npz' if self.calibrations else ''
-        return Setting(
-            sensor=self.sensor,
-            source=self.source,
-            port=own if real else PORT,
-            calibration=str(file),
-            stack=self.stack,
-            seed=self.seed + index,
-            frame_id=f'{name}_tactile_link',
-            namespace='/'.join(filter(None, (self.namespace.strip('/'), name))),
-            params_file=self.params_file,
-            use_sim_time=self.use_sim_time,
-            autostart=self.autostart,
-        )
+def replaying(playback: BagPlayback) -> Graph:
+    """contact_node on simulated time; the player is no executable of this package."""
+    values = {**playback.chosen('sensor', 'calibration'), 'use_sim_time': True}
+    return Graph((playback.placed(Process('contact_node', values)),))
 
 
 def has_port(sensor: str) -> bool:
@@ -331,144 +334,34 @@ def has_port(sensor: str) -> bool:
     return 'serial' in load_sensor(sensor).transports[0]
 
 
-def sensors_of(choice: Grasping) -> list[str]:
-    """Names of the sensors that take part.
-
-    Raises
-    ------
-    ValueError
-        If there is no such hand, or it carries no such sensor.
-    """
-    hand = load_hand(choice.hand)
-    carried = [name for finger in hand.fingers.values() for name in finger.sensors]
-    wanted = [name.strip() for name in choice.fingers.split(',') if name.strip()]
-    if not set(wanted) <= set(carried):
-        msg = f'fingers must be of {", ".join(carried)}; received {choice.fingers!r}'
-        raise ValueError(msg)
-    return wanted or carried
-
-
-def stack_of(choice: Grasping) -> list[Process]:
+def stack_of(setup: HandSetup) -> list[Process]:
     """For each finger the process that would run its sensor alone by direct calls."""
-    settings = [replace(choice, stack=True).finger(i, n) for i, n in enumerate(sensors_of(choice))]
-    return [sensing(setting)['stack'] for setting in settings]
+    return [sensing(finger)['stack'] for finger in replace(setup, stack=True).finger_setups()]
 
 
-def grasping(choice: Grasping) -> Graph:
-    """The sensors of every finger, grip_node, and a fake hand where asked.
-
-    Raises
-    ------
-    ValueError
-        If there is no such hand, or it carries no such sensor.
-    """
-    sensors = sensors_of(choice)
-    hand: dict[str, Value] = {'hand': choice.hand}
-    if choice.mock_hand and choice.source == 'simulated' and has_port(choice.sensor):
-        places = [str(private_folder() / f'pressed_{name}') for name in sensors]
-        hand.update(sensor=choice.sensor, fingers=sensors, ports=places, seed=choice.seed)
-        choice = replace(choice, source='hardware', ports=','.join(places))
-    settings = [choice.finger(i, name) for i, name in enumerate(sensors)]
-    grip: dict[str, Value] = {'hand': choice.hand}
-    if choice.fingers.strip(', '):
+def grasping(setup: HandSetup) -> Graph:
+    """The sensors of every finger, grip_node, and a fake hand where asked."""
+    own = []
+    sensors = setup.sensors()
+    if setup.mock_hand:
+        hand: dict[str, Value] = {'hand': setup.hand}
+        if setup.source == 'simulated' and has_port(setup.sensor):
+            places = [str(private_folder() / f'pressed_{name}') for name in sensors]
+            hand.update(sensor=setup.sensor, fingers=sensors, ports=places, seed=setup.seed)
+            setup = replace(setup, source='hardware', ports=','.join(places))
+        own.append(Process('mock_hand', hand))
+    grip: dict[str, Value] = {'hand': setup.hand}
+    if setup.fingers.strip(', '):
         grip['fingers'] = sensors
-    for name in ('use_robot_description', 'wait_for_robot_description'):
-        if getattr(choice, name) != getattr(Grasping, name):
-            grip[name] = getattr(choice, name)
-    own = [Process('mock_hand', hand)] if choice.mock_hand else []
-    if choice.stack:
-        own.append(Process('stack', {**grip, **_of_a_stack(choice, settings)}))
-    else:
-        own.append(Process('grip_node', grip))
-    everywhere = Setting(
-        namespace=choice.namespace,
-        params_file=choice.params_file,
-        use_sim_time=choice.use_sim_time,
-        autostart=choice.autostart,
-    )
-    reading = [
-        process
-        for setting in settings
-        for process in sensing(setting).processes
-        if process.executable != 'stack'
-    ]
-    return Graph((*(placed(process, everywhere) for process in own), *reading))
-
-
-def _of_a_stack(choice: Grasping, settings: list[Setting]) -> dict[str, Value]:
-    """Parameters of a stack: what differs from its defaults."""
-    defaults = Grasping()
-    values: dict[str, Value] = {
-        name: getattr(choice, name)
-        for name in ('sensor', 'source', 'calibrations', 'seed')
-        if getattr(choice, name) != getattr(defaults, name)
-    }
-    places = [setting.place for setting in settings]
-    if choice.source != 'simulated' and set(places) != {PORT}:
-        values['ports'] = places
-    return values
-
-
-@dataclass(frozen=True)
-class Playing:
-    """What a user chooses about a bag that is played.
-
-    Attributes
-    ----------
-    bag : str
-        Folder of the bag.
-    calibration, sensor, namespace, params_file, autostart
-        As in `Setting`; the namespace is that of the sensor in the bag.
-    rate : float
-        Recorded time over played time.
-    delay : float
-        Time before the first message (s), in which player and node find each other.
-    """
-
-    bag: str = ''
-    calibration: str = ''
-    sensor: str = 'reskin_board'
-    namespace: str = ''
-    rate: float = 1.0
-    delay: float = 3.0
-    params_file: str = ''
-    autostart: bool = True
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        """What is played: frames and layout; everything else is said anew."""
-        space = self.namespace.strip('/')
-        return tuple(f'/{space}/{leaf}'.replace('//', '/') for leaf in ('frame', 'layout'))
-
-    def command(self) -> list[str]:
-        """Command line of the player, which publishes /clock.
-
-        Raises
-        ------
-        ValueError
-            If no bag is named, the rate is not above 0 or the delay is below.
-        """
-        if not self.bag:
-            msg = 'bag must be the folder of a bag; received none'
-            raise ValueError(msg)
-        if not (self.rate > 0 and self.delay >= 0):
-            msg = f'rate must be above 0 and delay 0 or more; received {self.rate}, {self.delay}'
-            raise ValueError(msg)
-        pace = ['--clock', '--rate', str(self.rate)]
-        pace += ['--delay', str(self.delay)] if self.delay else []  # the player refuses 0
-        pace += ['--wait-for-all-acked', '5000']  # ms: Fast DDS asks for it every 3 s
-        return ['ros2', 'bag', 'play', self.bag, *pace, '--topics', *self.topics]
-
-
-def replaying(choice: Playing) -> Graph:
-    """contact_node on simulated time; the player is no executable of this package."""
-    setting = Setting(
-        sensor=choice.sensor,
-        calibration=choice.calibration,
-        namespace=choice.namespace,
-        params_file=choice.params_file,
-        use_sim_time=True,
-        autostart=choice.autostart,
-    )
-    contact = Process('contact_node', setting.chosen('sensor', 'calibration'))
-    return Graph((placed(contact, setting),))
+    grip.update(setup.chosen('use_robot_description', 'wait_for_robot_description'))
+    fingers = setup.finger_setups()
+    if setup.stack:
+        grip.update(setup.chosen('sensor', 'source', 'calibrations', 'seed'))
+        ports = [finger.place for finger in fingers]
+        if setup.source != 'simulated' and set(ports) != {PORT}:
+            grip['ports'] = ports
+    own.append(Process('stack' if setup.stack else 'grip_node', grip))
+    processes = [setup.placed(process) for process in own]
+    for finger in fingers:
+        processes += [p for p in sensing(finger).processes if p.executable != 'stack']
+    return Graph(tuple(processes))

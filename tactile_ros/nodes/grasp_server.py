@@ -27,16 +27,8 @@ FEEDBACK_S = 0.02  # the least between two
 class GraspServer:
     """Serve grasps; all but `note` runs in the thread of the executor.
 
-    Parameters
-    ----------
-    node : Node
-        Whose action it is.
-    refuse : callable
-        Takes a goal, returns why it cannot be; empty: it can.
-    begin : callable
-        Takes a goal that was accepted; a ValueError ends it at once.
-    cancel : callable
-        Called when the client cancels.
+    `refuse` says why a goal cannot be (empty: it can); `begin` takes an accepted goal, which a
+    ValueError ends at once; `cancel` is called when the client cancels.
     """
 
     def __init__(

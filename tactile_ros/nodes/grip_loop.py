@@ -27,32 +27,34 @@ from tactile_ros.hands.joints import HandJoints, HandWatch, taking_part
 from tactile_ros.types import GripCommand
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from tactile_ros.control import GraspProgress, GripConfig, GripStep
     from tactile_ros.hands import HandDescription
     from tactile_ros.hands.kinematics import RobotDescription
     from tactile_ros.types import Array
 
+HOLDING = (GripPhase.LOAD, GripPhase.HOLD)
+EMPTY = (GraspOutcome.SLIPPED, GraspOutcome.NO_OBJECT)
+MOST_PERIODS = 3.0  # a process that slept does not catch up by one large step
+LEAST_SPACE = 0.5  # of the shortest time between two commands that a hand takes; frames jitter
+LATE = 1.5  # periods after which nobody is waited for
+# s: a loop that is a little late lacks no force, and a step of the clock would delay it further
+LEAST_LATE_S = 7.5e-3
+EARLY = 0.25  # of a period; frames jitter
+BACK = 2.0  # periods by which a stamp lies before its time where its clock was set back
+AHEAD_S = 2e-3  # a stamp may lie so far in the future: two clocks are read one after another
+OLDEST_S = 1.0  # first message that may tell that clocks agree
+STEP_S = 0.05  # change between wall and monotonic clock from one message to the next: a jump
+
 
 @dataclass(frozen=True)
 class Decision:
-    """What one step came to.
+    """One step: the law's, the command that is sent (None: nothing), and why what was not.
 
-    Attributes
-    ----------
-    made : GripStep
-        Of the law.
-    command : GripCommand or None
-        What is to be sent; None: nothing.
-    limited : bool
-        The law or the guard changed what was wanted.
-    refusal : str
-        Why the law's own command was not sent; empty: it was.
-    ended : GraspProgress or None
-        The grasp that ended in this step.
-    lost : str
-        Why what was held after its grasp is held no more, in the step that finds it; else empty.
+    `limited`: the law or the guard changed the command. `refusal`: why the law's own was not sent.
+    `ended`: the grasp that ended in this step. `lost`: why what was held after its grasp is held
+    no more, in the step that finds it. Both texts are empty otherwise.
     """
 
     made: GripStep
@@ -63,57 +65,11 @@ class Decision:
     lost: str
 
 
-def doubts(made: GripStep, dark: Mapping[str, bool], most: float) -> str:
-    """What is added to the sentence of a grasp that is held.
+class GripLoop:
+    """Control loop of a hand, one step at a time; ValueError where sensors or rate do not fit it.
 
-    Parameters
-    ----------
-    made : GripStep
-        The step that ended it.
-    dark : mapping of str to bool
-        Fingers that take part without a force, and whether one ever came.
-    most : float
-        Share of the force by which two sides may disagree.
-
-    Returns
-    -------
-    str
-        Empty where all is known.
-    """
-    unheard = [name for name, heard in dark.items() if not heard]
-    unknown = [name for name, heard in dark.items() if heard]
-    told = f'; nothing was ever heard of {", ".join(unheard)}' if unheard else ''
-    if unknown:
-        told += f'; the force of {", ".join(unknown)} is not known'
-    if made.disagreement > most:  # false of NaN
-        told += f'; the two sides disagree by {made.disagreement:.0%}: a sensor may be wrong'
-    return told
-
-
-HOLDING = (GripPhase.LOAD, GripPhase.HOLD)
-EMPTY = (GraspOutcome.SLIPPED, GraspOutcome.NO_OBJECT)
-MOST_PERIODS = 3.0  # a process that slept does not catch up by one large step
-LEAST_SPACE = 0.5  # of the shortest time between two commands that a hand takes; frames jitter
-
-
-class GripStage:
-    """The loop of a hand, one step at a time.
-
-    Parameters
-    ----------
-    hand : HandDescription
-        Which hand.
-    config : GripConfig
-        Gains and limits.
-    fingers : sequence of str
-        Sensors that take part, of those that the hand carries; empty: all.
-    robot : RobotDescription or None
-        Where a finger's frame is one of its links, its pad moves along its normal.
-
-    Raises
-    ------
-    ValueError
-        If a sensor is not the hand's, or the hand is slower than `rate_hz`.
+    `fingers` are the sensors that take part, of those that the hand carries (empty: all). Where a
+    finger's frame is a link of `robot`, its pad moves along its normal.
     """
 
     def __init__(
@@ -138,8 +94,8 @@ class GripStage:
         fastest = self._joints.fastest
         self.config = replace(config, closure_rate=min(config.closure_rate, fastest))
         sides = [hand.fingers[name].side for name in names]
-        told = sides if {1, -1} <= set(sides) else None
-        self._law = GripForce(self.config, self._drive_of, told)
+        opposed = sides if {1, -1} <= set(sides) else None
+        self._law = GripForce(self.config, self._drive_of, opposed)
         self._guard = self._joints.guard
         reaction = self.config.stale_age + config.dead_time + config.lag
         self._watch = HandWatch(hand.driver.joints, self._guard.slack, reaction)
@@ -205,13 +161,7 @@ class GripStage:
     def grasp(
         self, target_force: float, fingers: Sequence[str], timeout: float, adapt: bool
     ) -> None:
-        """Close until something is held; a target of 0 N opens.
-
-        Raises
-        ------
-        ValueError
-            If the force, the time or a finger cannot be.
-        """
+        """Close until something is held; a target of 0 N opens. ValueError: it cannot be."""
         self.admit(target_force, fingers, timeout)
         if self._law.phase == GripPhase.IDLE:
             self._forget_hand()
@@ -250,23 +200,11 @@ class GripStage:
     def step(
         self, now_s: float, stamp_ns: int, blocked: str = '', since: float | None = None
     ) -> Decision:
-        """One control step.
+        """One control step at a time (s) of a clock that never jumps.
 
-        Parameters
-        ----------
-        now_s : float
-            Time of a clock that never jumps (s).
-        stamp_ns : int
-            Time that a command carries (ns).
-        blocked : str
-            Why nothing may be sent whatever the law says; empty: nothing is in the way.
-        since : float or None
-            Time since the last step (s); None: by `now_s`.
-
-        Returns
-        -------
-        Decision
-            What is to be sent and published.
+        `stamp_ns` is what a command carries; `blocked` says why nothing may be sent whatever the
+        law says (empty: nothing is in the way); `since` is the time since the last step (s; None:
+        by `now_s`).
         """
         dt = self._within(now_s - self._stepped_s if since is None else since)
         # of the frames that a queue kept back many are stepped through at once: joints are not
@@ -375,25 +313,24 @@ class GripStage:
             self._law.release(progress.message if lost else '')
         if progress.outcome != GraspOutcome.HELD:
             return progress
-        told = doubts(made, self._dark(made), self.config.balance_high)
-        return replace(progress, message=progress.message + told)
+        return replace(progress, message=progress.message + self._caveats(made))
 
-    def _dark(self, made: GripStep) -> dict[str, bool]:
-        """Fingers that take part without a force that can be used, and whether any ever came."""
-        forces = zip(self.fingers, self._chosen, made.force.tolist(), strict=True)
-        dark = [i for i, (_, used, force) in enumerate(forces) if used and not isfinite(force)]
-        return {self.fingers[i]: self._touched_s[i] > -inf for i in dark}
+    def _caveats(self, made: GripStep) -> str:
+        """Doubts about a grasp that is held: fingers without a usable force, unequal sides."""
+        forces = zip(self.fingers, self._touched_s, self._chosen, made.force.tolist(), strict=True)
+        blind = [(name, t_s) for name, t_s, used, x in forces if used and not isfinite(x)]
+        unheard = [name for name, touched_s in blind if touched_s == -inf]
+        unknown = [name for name, touched_s in blind if touched_s > -inf]
+        text = f'; nothing was ever heard of {", ".join(unheard)}' if unheard else ''
+        if unknown:
+            text += f'; the force of {", ".join(unknown)} is not known'
+        if made.disagreement > self.config.balance_high:  # false of NaN
+            text += f'; the two sides disagree by {made.disagreement:.0%}: a sensor may be wrong'
+        return text
 
 
-LATE = 1.5  # periods after which nobody is waited for
-# s: a loop that is a little late lacks no force, and a step of the clock would delay it further
-LEAST_LATE_S = 7.5e-3
-EARLY = 0.25  # of a period; frames jitter
-BACK = 2.0  # periods by which a stamp lies before its time where its clock was set back
-
-
-class GripPace:
-    """Pace of one grip.
+class StepTrigger:
+    """Trigger of control steps by the forces of the fingers, else by the clock.
 
     Parameters
     ----------
@@ -411,14 +348,14 @@ class GripPace:
 
     Examples
     --------
-    >>> pace = GripPace(0.01, 0.015, 2)
+    >>> trigger = StepTrigger(0.01, 0.015, 2)
     >>> for finger in (0, 1):
-    ...     _ = pace.take(finger, None, 5.000)
-    >>> pace.step(5.000)
+    ...     _ = trigger.take(finger, None, 5.000)
+    >>> trigger.step(5.000)
     0.01
-    >>> pace.take(0, None, 5.010), pace.take(1, None, 5.011)  # when both are there
+    >>> trigger.take(0, None, 5.010), trigger.take(1, None, 5.011)  # when both are there
     (False, True)
-    >>> pace.is_late(5.014), pace.is_late(5.016)
+    >>> trigger.is_late(5.014), trigger.is_late(5.016)
     (False, True)
     """
 
@@ -433,21 +370,9 @@ class GripPace:
         self._due_ns = 0
 
     def take(self, finger: int, stamp_ns: int | None, now_s: float) -> bool:
-        """Note what came from a finger, and say whether a step is due.
+        """Note what came from a finger at `now_s`, and say whether a step is due.
 
-        Parameters
-        ----------
-        finger : int
-            Which.
-        stamp_ns : int or None
-            When it was measured (ns); None: its stamp is of another clock.
-        now_s : float
-            Time of the clock that never jumps (s).
-
-        Returns
-        -------
-        bool
-            Whether a step is due now.
+        Its stamp (ns) is None where it is of another clock.
         """
         self._came_s[finger], self._new[finger] = now_s, True
         newest = self.newest_ns
@@ -488,11 +413,6 @@ class GripPace:
         return since if isfinite(since) else self._period_s
 
 
-AHEAD_S = 2e-3  # a stamp may lie so far in the future: two clocks are read one after another
-OLDEST_S = 1.0  # first message that may tell that clocks agree
-STEP_S = 0.05  # change between wall and monotonic clock from one message to the next: a jump
-
-
 class StampAge:
     """Ages of one stream, from its stamps where clocks agree and from its arrival otherwise.
 
@@ -525,21 +445,14 @@ class StampAge:
         self._last_ns = 0
 
     def measured_s(self, stamp_ns: int, now_ns: int, now_s: float) -> float:
-        """When it was measured (s).
+        """Time (s) of the measurement on the clock that never jumps, never in the future.
 
         Parameters
         ----------
-        stamp_ns : int
-            Of the message (ns); 0: it has none.
-        now_ns : int
-            Time of the clock that stamps are of (ns).
+        stamp_ns, now_ns : int
+            Stamp of the message, 0: it has none, and time of the clock that stamps are of (ns).
         now_s : float
             Time of the clock that never jumps (s).
-
-        Returns
-        -------
-        float
-            Of the clock that never jumps; never in the future.
         """
         delay = 1e-9 * (now_ns - stamp_ns)
         ahead = 1e-9 * now_ns - now_s

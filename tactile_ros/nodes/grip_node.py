@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import GetParameters
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool
@@ -27,8 +27,8 @@ from tactile_ros.hands.kinematics import RobotDescription
 from tactile_ros.messages import packed, stamp_ns, vector
 from tactile_ros.msg import GripState, TactileContacts
 from tactile_ros.nodes.grasp_server import GraspServer
-from tactile_ros.nodes.grip_loop import LATE, GripPace, GripStage, StampAge
-from tactile_ros.nodes.lifecycle import ManagedNode, latched, main_of, pairs, serving
+from tactile_ros.nodes.grip_loop import LATE, GripLoop, StampAge, StepTrigger
+from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic, events_executor, main_of, qos
 from tactile_ros.nodes.parameters import GripOptions
 from tactile_ros.types import FrameStatus, GripCommand
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from rclpy.publisher import Publisher
-    from rclpy.subscription import Subscription
+    from rclpy.qos import QoSProfile
     from rclpy.timer import Timer
 
     from tactile_ros.action import Grasp
@@ -47,22 +47,21 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, ContactState, Frame, Integers
 
 ASK_PERIOD_S = 0.5
+STALE = int(FrameStatus.STALE)
+LAGS = (
+    'at {:g} Hz a point of the trajectory lies two periods ahead, which is more than horizon_s: '
+    'joints lag by 1.44 periods more, which the parameter lag must be told too'
+)
+WATCH_S = 1e-2  # how often the clock is looked at, at most
 STATES = 10  # joint states that may wait
 MESSAGES = {JOINT_STATE: JointState, NUMBERS: Float64MultiArray, TRAJECTORY: JointTrajectory}
 
 
-def newest(depth: int = 1) -> QoSProfile:
-    """Commands and states: reliable, and nothing old behind the newest."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.RELIABLE
-    )
-
-
 def sensed() -> QoSProfile:
     """Joint states of whatever driver: also of one that publishes as sensors do."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST, depth=STATES, reliability=ReliabilityPolicy.BEST_EFFORT
-    )
+    profile = qos(depth=STATES)
+    profile.reliability = ReliabilityPolicy.BEST_EFFORT
+    return profile
 
 
 def blank(kind: str) -> object:
@@ -75,19 +74,9 @@ def blank(kind: str) -> object:
 class HandLink:
     """Publishers and subscriptions of one hand while grip_node is active.
 
-    Parameters
-    ----------
-    node : ManagedNode
-        Whose they are.
-    hand : HandDescription
-        Which hand.
-    take : callable
-        Takes every measured posture (j,) and its stamp (ns).
-    learn : callable or None
-        Takes the `robot_description` where one comes, and says whether it is of this hand; after
-        a ValueError nothing is sent.
-    wait : bool
-        Nothing is sent before the description has come.
+    `take` gets every measured posture (j,) and its stamp (ns). `learn` gets the
+    `robot_description` where one comes, and says whether it is of this hand; after a ValueError
+    nothing is sent. With `wait` nothing is sent before it has come.
     """
 
     def __init__(
@@ -107,7 +96,7 @@ class HandLink:
         driver = hand.driver
         # one message for all commands: a fresh one costs as much as the law
         self._publishers: list[tuple[Publisher, Topic, object]] = [
-            (node.create_publisher(MESSAGES[t.kind], t.name, newest(3)), t, blank(t.kind))
+            (node.create_publisher(MESSAGES[t.kind], t.name, qos(depth=3)), t, blank(t.kind))
             for t in driver.topics
         ]
         self._heard = [
@@ -116,7 +105,7 @@ class HandLink:
         if learn is not None:
             self._heard.append(
                 node.create_subscription(
-                    String, 'robot_description', self._on_description, latched()
+                    String, 'robot_description', self._on_description, qos('robot_description')
                 )
             )
         self._client = self._timer = self._asked = None
@@ -208,26 +197,12 @@ class HandLink:
         self._end_asking()
 
 
-STALE = int(FrameStatus.STALE)
-LAGS = (
-    'at {:g} Hz a point of the trajectory lies two periods ahead, which is more than horizon_s: '
-    'joints lag by 1.44 periods more, which the parameter lag must be told too'
-)
-WATCH_S = 1e-2  # how often the clock is looked at, at most
-
-
-class GripTally:
-    """Steps and commands counted, and what the last step said.
-
-    Attributes
-    ----------
-    steps, commands, limited : int
-        Steps, those that sent something, and those in which it was changed.
-    """
+class GripDiagnostics:
+    """Steps and commands counted since the grip is active, and the last step."""
 
     def __init__(self) -> None:
         self.steps = self.commands = self.limited = 0
-        self._previous = 0
+        self._steps_before = 0
         self._refusal, self._phase, self._disagreement = '', GripPhase.IDLE, nan
 
     def note(self, decision: Decision) -> None:
@@ -241,32 +216,8 @@ class GripTally:
     def status(
         self, hand: str, config: GripConfig, enabled: bool, busy: bool, unheard: Sequence[str]
     ) -> DiagnosticStatus:
-        """Phase, rate, refusals, once a second."""
-        steps, self._previous = self.steps - self._previous, self.steps
-        level, sentence = self._said(steps, config, enabled, unheard)
-        status = DiagnosticStatus(level=level, name='grip', message=sentence)
-        status.hardware_id = hand
-        status.values = pairs(
-            {
-                'phase': self._phase.name,
-                'enabled': enabled,
-                'steps': self.steps,
-                'commands': self.commands,
-                'limited': self.limited,
-                'rate (Hz)': steps,
-                'nominal rate (Hz)': config.rate_hz,
-                'grasp under way': busy,
-                'refusal': self._refusal or 'none',
-                'disagreement of sides': self._disagreement,
-                'never heard': ', '.join(unheard) or 'none',
-            }
-        )
-        return status
-
-    def _said(
-        self, steps: int, config: GripConfig, enabled: bool, unheard: Sequence[str]
-    ) -> tuple[bytes, str]:
-        """Level and sentence: what is worst."""
+        """Phase, rate, refusals, once a second; the sentence says what is worst."""
+        steps, self._steps_before = self.steps - self._steps_before, self.steps
         level, sentence = DiagnosticStatus.OK, f'{self._phase.name}, {steps} steps a second'
         if self._refusal:
             level = DiagnosticStatus.WARN if enabled else DiagnosticStatus.OK
@@ -278,34 +229,44 @@ class GripTally:
             sentence += f'; the two sides disagree by {self._disagreement:.0%}'
         if self._phase == GripPhase.FAULT:
             level = DiagnosticStatus.ERROR
-        return level, sentence
+        values = {
+            'phase': self._phase.name,
+            'enabled': enabled,
+            'steps': self.steps,
+            'commands': self.commands,
+            'limited': self.limited,
+            'rate (Hz)': steps,
+            'nominal rate (Hz)': config.rate_hz,
+            'grasp under way': busy,
+            'refusal': self._refusal or 'none',
+            'disagreement of sides': self._disagreement,
+            'never heard': ', '.join(unheard) or 'none',
+        }
+        return diagnostic('grip', sentence, values, level, hand)
 
 
 class GripNode(ManagedNode):
     """Publish the hand's command and `~/state`; serve `~/grasp` and `~/enable`.
 
-    Attributes
-    ----------
-    direct : set of str
-        Topics, by their full names, whose contacts come by `take_states` from the same process.
+    `direct` holds the topics, by their full names, whose contacts come by `take_states` from the
+    same process.
     """
 
     def __init__(self) -> None:
         super().__init__('grip_node')
         self.direct: set[str] = set()
         self._link: HandLink | None = None
-        self._stage: GripStage | None = None
-        self._next: GripStage | None = None
+        self._loop: GripLoop | None = None
+        self._next: GripLoop | None = None
         self.declare(GripOptions())
         self._hand = load_hand(self.get_parameter('hand').value)
         self.declare(self._hand.driver, self._hand.driver.grip())
-        self._states = self.managed_publisher(GripState, '~/state', newest(10))
+        self._states = self.managed_publisher(GripState, '~/state', 10)
         self._enable = self.create_service(SetBool, '~/enable', self._on_enable)
         self._grasps = GraspServer(self, self._why_not, self._begin, self._cancel)
         self._options = GripOptions()
         self._config = GripConfig()
         self._described: HandDescription = self._hand
-        self._heard: list[Subscription] = []
         self._ticking: Timer | None = None
         self._enabled = False
         # Contacts of the same process come in the threads that read the sensors.
@@ -314,7 +275,7 @@ class GripNode(ManagedNode):
 
     def _forget(self) -> None:
         """Nothing has come, and nothing was done."""
-        self._tally = GripTally()
+        self._diagnosed = GripDiagnostics()
         self._sequences: dict[str, int] = {}
         self._ages: dict[str, StampAge] = {}
         self._joint_age = StampAge()
@@ -327,30 +288,25 @@ class GripNode(ManagedNode):
         self._described = described.paced(self._config.rate_hz)
         if self._described.driver != described.driver:
             self.get_logger().warning(LAGS.format(self._config.rate_hz))
-        GripStage(self._described, self._config, self._options.fingers)
+        GripLoop(self._described, self._config, self._options.fingers)
 
     def activate(self) -> None:
         """Listen to the fingers and the hand, and begin to step."""
         self._enabled = self._options.enabled
         self._forget()
-        self._next = GripStage(self._described, self._config, self._options.fingers)
-        self._stage = None
+        self._next = GripLoop(self._described, self._config, self._options.fingers)
+        self._loop = None
         self._renew()
         wait = self._options.wait_for_robot_description
         learn = self._on_robot if wait or self._options.use_robot_description else None
         self._link = HandLink(self, self._described, self._on_joints, learn, wait)
-        names = self._stage.fingers
+        names = self._loop.fingers
         period = 1.0 / self._config.rate_hz
-        self._pace = GripPace(period, LATE * self._config.slowest_period, len(names))
+        self._trigger = StepTrigger(period, LATE * self._config.slowest_period, len(names))
         topics = [self.topic_of(name) for name in names]
         self._fingers = {t: [i for i, one in enumerate(topics) if one == t] for t in topics}
-        self._heard = [
-            self.create_subscription(
-                TactileContacts, topic, partial(self._on_contacts, topic), newest()
-            )
-            for topic in self._fingers
-            if topic not in self.direct
-        ]
+        for topic in self._fingers.keys() - self.direct:
+            self.subscribe(TactileContacts, topic, partial(self._on_contacts, topic), 1)
         self._ticking = self.steady_timer(max(0.5 * period, WATCH_S), self._on_tick)
 
     def topic_of(self, finger: str) -> str:
@@ -366,18 +322,18 @@ class GripNode(ManagedNode):
         limits = robot.limits(driver.joints, driver.limits)
         limits = narrowed(limits, driver.limits, self._hand.driver.limits)
         hand = self._described.with_limits(limits)
-        self._next = GripStage(hand, self._config, self._options.fingers, robot)
+        self._next = GripLoop(hand, self._config, self._options.fingers, robot)
         self._renew()
         return True
 
     def _renew(self) -> None:
         """Take what a description said once nothing is gripped: limits change under no grip."""
         with self._lock:
-            if self._next is None or not (self._stage is None or self._stage.is_free):
+            if self._next is None or not (self._loop is None or self._loop.is_free):
                 return
-            self._stage, self._next = self._next, None
+            self._loop, self._next = self._next, None
             if self._enabled:
-                self._stage.enable()
+                self._loop.enable()
         self._grasps.tell()  # how it ended, where that is not told yet
         self._grasps.finish(GraspOutcome.FAULT, 'the grip began anew with its robot_description')
 
@@ -392,13 +348,10 @@ class GripNode(ManagedNode):
                 self._link = None
             self._enabled = False
         self._grasps.finish(GraspOutcome.FAULT, 'grip_node was deactivated')
-        for subscription in self._heard:
-            self.destroy_subscription(subscription)
-        self._heard = []
 
     def cleanup(self) -> None:
         """Forget the hand's state."""
-        self._stage = None
+        self._loop = None
 
     def destroy_node(self) -> None:
         """End the action before the node."""
@@ -408,7 +361,7 @@ class GripNode(ManagedNode):
     @property
     def unheard(self) -> list[str]:
         """Inputs of which nothing has come since the node is active."""
-        return [] if self._stage is None else self._stage.unheard
+        return [] if self._loop is None else self._loop.unheard
 
     def _on_contacts(self, topic: str, message: TactileContacts) -> None:
         """Contacts from a topic."""
@@ -444,36 +397,36 @@ class GripNode(ManagedNode):
             measured_s = age.measured_s(stamp_ns, now_ns, now_s)
             due = False
             for finger in self._fingers.get(topic, ()):
-                self._stage.take_touch(finger, *felt, measured_s)
-                due = self._pace.take(finger, stamp_ns if age.agrees else None, now_s)
+                self._loop.take_touch(finger, *felt, measured_s)
+                due = self._trigger.take(finger, stamp_ns if age.agrees else None, now_s)
             if due:
                 self._step(now_s, now_ns)
 
     def _on_joints(self, position: Array, stamp_ns: int) -> None:
         """Where the hand is."""
         with self._lock:
-            if self._stage is not None:
+            if self._loop is not None:
                 now_s = time.monotonic()
                 measured_s = self._joint_age.measured_s(stamp_ns, self.now_ns(), now_s)
-                self._stage.take_joints(position, measured_s)
+                self._loop.take_joints(position, measured_s)
 
     def _on_tick(self) -> None:
         """Step where forces fail to, and tell clients how their grasp goes."""
         with self._lock:
             now_s = time.monotonic()
-            if self._ticking is not None and self._pace.is_late(now_s):
+            if self._ticking is not None and self._trigger.is_late(now_s):
                 self._step(now_s, self.now_ns())
         self._renew()
         self._grasps.tell()
 
     def _step(self, now_s: float, now_ns: int) -> None:
         """One control step."""
-        answered_ns = self._pace.newest_ns or now_ns
-        since = self._pace.step(now_s)
-        decision = self._dated(self._stage.step(now_s, answered_ns, self._link.blocked, since))
+        answered_ns = self._trigger.newest_ns or now_ns
+        since = self._trigger.step(now_s)
+        decision = self._dated(self._loop.step(now_s, answered_ns, self._link.blocked, since))
         if decision.command is not None:
             self._link.send(decision.command)
-        self._tally.note(decision)
+        self._diagnosed.note(decision)
         if decision.lost:
             self.get_logger().error(decision.lost)
         if self._states.get_subscription_count():
@@ -495,11 +448,11 @@ class GripNode(ManagedNode):
     def _publish(self, decision: Decision, now_ns: int) -> None:
         """What was decided, as a message."""
         made = decision.made
-        message = GripState(phase=int(made.phase), fingers=self._stage.fingers)
+        message = GripState(phase=int(made.phase), fingers=self._loop.fingers)
         messages.fill_header(message.header, now_ns, '')
         message.target_force, message.force = packed(made.target_force), packed(made.force)
         message.friction, message.slip_margin = packed(made.friction), packed(made.slip_margin)
-        message.command = packed(self._stage.sent)
+        message.command = packed(self._loop.sent)
         message.limited, message.refusal = decision.limited, decision.refusal
         message.input_age = float(made.input_age)
         self._states.publish(message)
@@ -514,7 +467,7 @@ class GripNode(ManagedNode):
         if request.data != self._enabled:
             with self._lock:
                 self._enabled = request.data
-                (self._stage.enable if request.data else self._stage.disable)()
+                (self._loop.enable if request.data else self._loop.disable)()
             if not request.data:
                 self._grasps.finish(GraspOutcome.FAULT, 'the grip was disabled')
         return response
@@ -524,7 +477,7 @@ class GripNode(ManagedNode):
         if self._ticking is None or not self._enabled:
             return 'grip_node is not active' if self._ticking is None else 'the grip is disabled'
         try:
-            self._stage.admit(goal.target_force, goal.fingers, goal.timeout)
+            self._loop.admit(goal.target_force, goal.fingers, goal.timeout)
         except ValueError as err:
             return str(err)
         return ''
@@ -533,29 +486,20 @@ class GripNode(ManagedNode):
         """Begin a grasp, or open."""
         with self._lock:
             self._grasps.forget()
-            self._stage.grasp(goal.target_force, goal.fingers, goal.timeout, goal.adapt)
+            self._loop.grasp(goal.target_force, goal.fingers, goal.timeout, goal.adapt)
 
     def _cancel(self) -> None:
         """The client waits no more."""
         with self._lock:
-            self._stage.cancel()
+            self._loop.cancel()
 
     def diagnose(self) -> DiagnosticStatus:
         """Phase, rate, refusals."""
-        return self._tally.status(
+        return self._diagnosed.status(
             self._hand.name, self._config, self._enabled, self._grasps.is_busy, self.unheard
         )
 
 
-def build() -> Sequence[ManagedNode]:
-    """The node of this executable."""
-    return [GripNode()]
-
-
 def main() -> None:
     """Run grip_node until it is told to stop."""
-    main_of(build, serving)
-
-
-if __name__ == '__main__':
-    main()
+    main_of(lambda: [GripNode()], events_executor)

@@ -1,4 +1,4 @@
-"""What every node here does: parameters, autostart, one sentence for a failure, a clean exit."""
+"""Managed nodes: parameters, autostart, one sentence for a failure, diagnostics, a clean exit."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 import traceback
+from contextlib import suppress
 from typing import TYPE_CHECKING, TypeVar
 
 import rclpy
@@ -22,49 +23,16 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
 from tactile_ros.errors import TactileError
-from tactile_ros.nodes.parameters import Schema, refuse_or_accept
+from tactile_ros.nodes.parameters import Schema
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from rclpy.executors import Executor
     from rclpy.parameter import Parameter
     from rclpy.publisher import Publisher
-    from rclpy.qos import QoSProfile
+    from rclpy.subscription import Subscription
     from rclpy.timer import Timer
-
-LATCHED_TOPICS = ('layout', 'baseline', 'calibration')
-
-
-# A profile is made anew for each use: rclpy writes what a parameter overrides into it.
-
-
-def data() -> QoSProfile:
-    """Frames and contacts: reliable, the last 1000."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.RELIABLE
-    )
-
-
-def latched(depth: int = 1) -> QoSProfile:
-    """What describes the data: late subscribers get the last ones too."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    )
-
-
-def baselines() -> QoSProfile:
-    """A recorder must get every baseline, also of tares that follow one another closely."""
-    return latched(depth=100)
-
-
-def overridable() -> QoSOverridingOptions:
-    """Let `qos_overrides.<topic>.publisher.reliability` and its like change a profile."""
-    return QoSOverridingOptions.with_default_policies()
-
 
 T = TypeVar('T')
 SUCCESS = TransitionCallbackReturn.SUCCESS
@@ -73,17 +41,31 @@ DIAGNOSTICS_PERIOD_S = 1.0
 DRAIN_S = 3.0
 # Humble's rclpy has no callback after a change
 APPLIES_AFTERWARDS = hasattr(LifecycleNode, 'add_post_set_parameters_callback')
+# a recorder must get every baseline, also of tares that follow one another closely
+LATCHED_DEPTHS = {'layout': 1, 'baseline': 100, 'calibration': 1, 'robot_description': 1}
+
+
+def qos(topic: str = '', depth: int = 1000) -> QoSProfile:
+    """Quality of service of a topic: reliable; what describes the data reaches late subscribers.
+
+    A profile is made anew for each use: rclpy writes what a parameter overrides into it.
+    """
+    latched = topic in LATCHED_DEPTHS
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=LATCHED_DEPTHS.get(topic, depth),
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=durability,
+    )
 
 
 class ManagedNode(LifecycleNode):
     """Lifecycle node with declared, validated parameters and diagnostics at 1 Hz while active.
 
-    Parameters
-    ----------
-    name : str
-        Of the node.
-    arguments : sequence of str
-        ROS arguments for this node alone, which win over those of its process.
+    Subclasses override `configure`, `activate`, `deactivate`, `cleanup`, `check`, `apply`,
+    `diagnose`; the first four refuse by a TactileError or ValueError of one sentence. `arguments`
+    are ROS arguments for this node alone, which win over those of its process.
     """
 
     def __init__(self, name: str, arguments: Sequence[str] = ()) -> None:
@@ -91,6 +73,7 @@ class ManagedNode(LifecycleNode):
         self._schemas: list[Schema[object]] = []
         self._configured = False
         self._timer: Timer | None = None
+        self._inputs: list[Subscription] = []
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.finished = threading.Event()
         self.exit_code = 0
@@ -106,23 +89,59 @@ class ManagedNode(LifecycleNode):
         if first:
             self.add_on_set_parameters_callback(self._on_set_parameters)
             if APPLIES_AFTERWARDS:
-                self.add_post_set_parameters_callback(self._apply)
+                self.add_post_set_parameters_callback(self._on_parameters_set)
 
     def _on_set_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Validate; nothing takes effect here."""
-        result = refuse_or_accept(self, self._schemas, list(parameters), self._configured)
-        if result.successful:
-            try:
-                self.check({p.name: p.value for p in parameters})
-            except ValueError as err:
-                return SetParametersResult(successful=False, reason=str(err))
-            if not APPLIES_AFTERWARDS:
-                self._apply(parameters)
-        return result
+        wanted = {p.name: p.value for p in parameters}
+        try:
+            for schema in self._schemas:
+                schema.validate(self, wanted, self._configured)
+            self.check(wanted)
+        except ValueError as err:
+            return SetParametersResult(successful=False, reason=str(err))
+        if not APPLIES_AFTERWARDS:
+            self.apply(wanted)
+        return SetParametersResult(successful=True)
 
-    def _apply(self, parameters: Sequence[Parameter]) -> None:
+    def _on_parameters_set(self, parameters: Sequence[Parameter]) -> None:
         """Let accepted values take effect."""
         self.apply({p.name: p.value for p in parameters})
+
+    def options(self, kind: type[T]) -> T:
+        """Parameters in the dataclass that declared them."""
+        return next(s for s in self._schemas if isinstance(s.defaults, kind)).read(self)
+
+    def managed_publisher(self, kind: type, topic: str, depth: int = 1000) -> Publisher:
+        """Publisher that is silent while the node is not active; its QoS can be overridden."""
+        overridable = QoSOverridingOptions.with_default_policies()
+        return self.create_lifecycle_publisher(
+            kind, topic, qos(topic, depth), qos_overriding_options=overridable
+        )
+
+    def subscribe(
+        self,
+        kind: type,
+        topic: str,
+        callback: Callable[..., None],
+        depth: int = 1000,
+        raw: bool = False,
+    ) -> Subscription:
+        """Subscription that ends with deactivate; its QoS can be overridden."""
+        made = self.create_subscription(
+            kind,
+            topic,
+            callback,
+            qos(topic, depth),
+            raw=raw,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+        self._inputs.append(made)
+        return made
+
+    def steady_timer(self, period_s: float, callback: Callable[[], None]) -> Timer:
+        """Timer of real time, which runs also where simulated time stands still."""
+        return self.create_timer(period_s, callback, clock=self._steady)
 
     def check(self, changes: dict[str, object]) -> None:
         """Refuse values by a ValueError where their dataclass alone cannot know."""
@@ -130,25 +149,8 @@ class ManagedNode(LifecycleNode):
     def apply(self, changes: dict[str, object]) -> None:
         """Let live values that were accepted take effect."""
 
-    def options(self, kind: type[T]) -> T:
-        """Parameters in the dataclass that declared them."""
-        schema = next(s for s in self._schemas if isinstance(s.defaults, kind))
-        return schema.read(self)
-
-    def managed_publisher(self, kind: type, topic: str, profile: QoSProfile) -> Publisher:
-        """Publisher that is silent while the node is not active; its QoS can be overridden."""
-        return self.create_lifecycle_publisher(
-            kind, topic, profile, qos_overriding_options=overridable()
-        )
-
-    def steady_timer(self, period_s: float, callback: Callable[[], None]) -> Timer:
-        """Timer of real time, which runs also where simulated time stands still."""
-        return self.create_timer(period_s, callback, clock=self._steady)
-
-    # --- transitions: subclasses override configure, activate, deactivate, cleanup ---
-
     def configure(self) -> None:
-        """Get ready; raise TactileError or ValueError with a sentence to refuse."""
+        """Get ready."""
 
     def activate(self) -> None:
         """Begin; the publishers are enabled."""
@@ -159,27 +161,32 @@ class ManagedNode(LifecycleNode):
     def cleanup(self) -> None:
         """Give back what configure took."""
 
-    @property
-    def is_over(self) -> bool:
-        """Shut down already."""
-        return bool(self._state_machine.current_state[1] == 'finalized')
+    def diagnose(self) -> DiagnosticStatus:
+        """Status of the node, asked for once a second while active."""
+        return DiagnosticStatus()
 
     def lags(self) -> bool:
         """Whether messages may wait that must be taken before the process ends."""
         return False
 
-    def diagnose(self) -> DiagnosticStatus:
-        """Say how the node is; once a second while active."""
-        return DiagnosticStatus()
+    @property
+    def is_over(self) -> bool:
+        """Shut down already."""
+        return bool(self._state_machine.current_state[1] == 'finalized')
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Run configure; a refusal is logged as one sentence."""
-        return self._attempt(self.configure, super().on_configure, state, configured=True)
+        if not self._tried(self.configure):
+            self._tried(self.cleanup)
+            return FAILURE
+        self._configured = True
+        return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Enable the publishers and begin."""
         done = super().on_activate(state)
         if done == SUCCESS and not self._tried(self.activate):
+            self._end_inputs()
             super().on_deactivate(state)
             return FAILURE
         self._timer = self.steady_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics)
@@ -192,32 +199,23 @@ class ManagedNode(LifecycleNode):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Back to unconfigured."""
-        return self._attempt(self.cleanup, super().on_cleanup, state, configured=False)
+        return super().on_cleanup(state) if self._cleaned_up() else FAILURE
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """From any state to the end."""
         self._stop()
-        return self._attempt(self.cleanup, super().on_shutdown, state, configured=False)
+        return super().on_shutdown(state) if self._cleaned_up() else FAILURE
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Recover to unconfigured."""
         self._stop()
-        return self._attempt(self.cleanup, super().on_error, state, configured=False)
+        return super().on_error(state) if self._cleaned_up() else FAILURE
 
-    def _attempt(
-        self,
-        own: Callable[[], None],
-        inherited: Callable[[LifecycleState], TransitionCallbackReturn],
-        state: LifecycleState,
-        configured: bool,
-    ) -> TransitionCallbackReturn:
-        """Run one transition of the subclass and of the managed publishers."""
-        if not self._tried(own):
-            if configured:
-                self._tried(self.cleanup)
-            return FAILURE
-        self._configured = configured
-        return inherited(state)
+    def _cleaned_up(self) -> bool:
+        """Give back what configure took; whether that went well."""
+        done = self._tried(self.cleanup)
+        self._configured = self._configured and not done
+        return done
 
     def _tried(self, step: Callable[[], None]) -> bool:
         """Run a step; what it refuses is logged as its sentence."""
@@ -237,6 +235,12 @@ class ManagedNode(LifecycleNode):
             self.destroy_timer(self._timer)
             self._timer = None
             self.deactivate()
+            self._end_inputs()
+
+    def _end_inputs(self) -> None:
+        """End what `subscribe` began."""
+        while self._inputs:
+            self.destroy_subscription(self._inputs.pop())
 
     def _publish_diagnostics(self) -> None:
         """One message a second on /diagnostics."""
@@ -259,13 +263,22 @@ class ManagedNode(LifecycleNode):
         return time.time_ns()  # the same clock, without three objects made for it
 
 
-def pairs(values: dict[str, object]) -> list[KeyValue]:
-    """Values of a diagnostic status as text."""
+def diagnostic(
+    name: str,
+    message: str,
+    values: Mapping[str, object],
+    level: bytes = DiagnosticStatus.OK,
+    hardware_id: str = '',
+) -> DiagnosticStatus:
+    """Diagnostic status whose values are text."""
     texts = {k: f'{v:.6g}' if isinstance(v, float) else str(v) for k, v in values.items()}
-    return [KeyValue(key=key, value=text) for key, text in texts.items()]
+    pairs = [KeyValue(key=key, value=text) for key, text in texts.items()]
+    return DiagnosticStatus(
+        level=level, name=name, message=message, hardware_id=hardware_id, values=pairs
+    )
 
 
-def start(nodes: Sequence[ManagedNode]) -> None:
+def start(nodes: Iterable[ManagedNode]) -> None:
     """Configure and activate the nodes whose parameter `autostart` is true."""
     for node in nodes:
         if node.get_parameter('autostart').value and node.trigger_configure() == SUCCESS:
@@ -277,21 +290,10 @@ def run(
     args: Sequence[str] | None = None,
     serve: Callable[[], Executor] = SingleThreadedExecutor,
 ) -> int:
-    """Run nodes until SIGINT or SIGTERM; the body of every executable's main.
+    """Run nodes until SIGINT or SIGTERM, or until one has finished; return the exit code.
 
-    Parameters
-    ----------
-    build : callable
-        Makes the nodes, once rclpy is there.
-    args : sequence of str or None
-        Command line; None: that of the process.
-    serve : callable
-        Makes the executor.
-
-    Returns
-    -------
-    int
-        Exit code: 0 after a signal, that of a node that finished, 2 when a parameter cannot be.
+    `build` makes the nodes and `serve` the executor once rclpy is there. The code is 0 after a
+    signal, that of a node that finished, 2 when a parameter cannot be.
     """
     # A handler of ours: the context stays usable for the last words after Ctrl-C.
     try:
@@ -306,7 +308,7 @@ def run(
         nodes = list(build())
     except (TactileError, ValueError, ParameterException, InvalidParameterValueException) as err:
         rclpy.logging.get_logger('tactile_ros').fatal(str(err))
-        shut_down()
+        try_shutdown()
         return 2
     executor = serve()
     for node in nodes:
@@ -319,30 +321,23 @@ def run(
         for node in reversed(nodes):
             end(node)
         executor.shutdown()
-        shut_down()
+        # not rclpy.shutdown: to take off its handlers, which were never there, it sets the
+        # default for a moment, in which a second signal would kill
+        try_shutdown()
     return max(node.exit_code for node in nodes)
 
 
-def shut_down() -> None:
-    """End ROS in this process and leave its handlers of signals alone.
-
-    To take off its own, which were never there, rclpy sets the default for a moment, in which a
-    second signal would kill.
-    """
-    try_shutdown()
-
-
-def serving() -> Executor:
-    """Executor of a grip's process: that which wakes on events, where this ROS has it.
+def events_executor() -> Executor:
+    """Executor that wakes on events, where this ROS has it.
 
     The other looks at every service and timer of all nodes whenever something comes; with the
     nodes of a hand that takes milliseconds, in which their loops have to wait.
     """
-    try:
+    with suppress(ImportError):  # before Kilted
         from rclpy.experimental import EventsExecutor
-    except ImportError:  # before Kilted
-        return SingleThreadedExecutor()
-    return EventsExecutor()
+
+        return EventsExecutor()
+    return SingleThreadedExecutor()
 
 
 def spin(executor: Executor, done: Callable[[], bool]) -> None:

@@ -8,105 +8,82 @@ flattened row by row. A value that is not known (None) is NaN for a number, empt
 from __future__ import annotations
 
 from dataclasses import Field, dataclass, field, fields, replace
+from math import inf
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    SetParametersResult,
-)
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
 from tactile_ros.enrolment import Allowed
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from rclpy.node import Node
-    from rclpy.parameter import Parameter
+
+T = TypeVar('T')
+Value = Any  # what ROS holds: a scalar, an array, or None
+KINDS = {'bool': bool, 'int': int, 'float': float, 'str': str}
+TAILS = {'rotations': (3, 3), 'positions': (3,)}  # of arrays whose default is None
+WORDS = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
+
+
+def parameter(default: T, text: str, **metadata: object) -> T:
+    """Field of a node's options."""
+    return field(default=default, metadata={'help': text, **metadata})
 
 
 @dataclass(frozen=True)
 class NodeOptions:
     """Parameters of every node."""
 
-    autostart: bool = field(
-        default=True, metadata={'help': 'configure and activate at start', 'read_only': True}
-    )
+    autostart: bool = parameter(True, 'configure and activate at start', read_only=True)
 
 
 @dataclass(frozen=True)
 class OneSensorOptions(NodeOptions):
     """Parameters of every node of one sensor."""
 
-    sensor: str = field(
-        default='reskin_board', metadata={'help': 'key of the sensor', 'read_only': True}
-    )
+    sensor: str = parameter('reskin_board', 'key of the sensor', read_only=True)
 
 
 @dataclass(frozen=True)
 class SensorOptions(OneSensorOptions):
     """Parameters of sensor_node besides those of the sensor's config and connection."""
 
-    frame_id: str = field(
-        default='tactile_sensor', metadata={'help': 'name of the sensor frame in tf'}
+    frame_id: str = parameter('tactile_sensor', 'name of the sensor frame in tf')
+    serial: str = parameter('', 'which board; goes into layout')
+    listeners: int = parameter(
+        0, 'read nothing before so many subscriptions to frame are there', range=(0, 100)
     )
-    serial: str = field(default='', metadata={'help': 'which board; goes into layout'})
-    listeners: int = field(
-        default=0,
-        metadata={
-            'help': 'read nothing before so many subscriptions to frame are there',
-            'range': (0, 100),
-        },
+    queue: int = parameter(
+        100,
+        'frames that may wait to be published; in a full queue the oldest is dropped and counted',
+        range=(1, 100_000),
     )
-    queue: int = field(
-        default=100,
-        metadata={
-            'help': 'frames that may wait to be published; in a full queue the oldest is dropped '
-            'and counted',
-            'range': (1, 100_000),
-        },
+    discard_stale: bool = parameter(
+        True,
+        'discard what the port kept back before reading begins, since its age is unknown; false '
+        'where every byte counts, as of a recording that is played',
     )
-    discard_stale: bool = field(
-        default=True,
-        metadata={
-            'help': 'discard what the port kept back before reading begins, since its age is '
-            'unknown; false where every byte counts, as of a recording that is played'
-        },
+    magnetic_field: bool = parameter(
+        False, 'offer magnetic_field/chip_<i> of all chips; otherwise of those subscribed to'
     )
-    magnetic_field: bool = field(
-        default=False,
-        metadata={
-            'help': 'offer magnetic_field/chip_<i> of all chips; otherwise of those subscribed to'
-        },
+    image: bool = parameter(False, 'offer image of a matrix; otherwise where it is subscribed to')
+    simulated: bool = parameter(
+        False, 'a simulated twin answers the bytes of the sensor; no hardware'
     )
-    image: bool = field(
-        default=False,
-        metadata={'help': 'offer image of a matrix; otherwise where it is subscribed to'},
+    seed: int = parameter(0, 'of the twin: its signal, noise and faults', range=(0, 2**31 - 1))
+    scene: str = parameter(
+        'presses',
+        'what a twin plays: presses, or a lesson with something new in it',
+        choices=('presses', 'lesson'),
     )
-    simulated: bool = field(
-        default=False,
-        metadata={'help': 'a simulated twin answers the bytes of the sensor; no hardware'},
-    )
-    seed: int = field(
-        default=0,
-        metadata={'help': 'of the twin: its signal, noise and faults', 'range': (0, 2**31 - 1)},
-    )
-    scene: str = field(
-        default='presses',
-        metadata={
-            'help': 'what a twin plays: presses, or a lesson with something new in it',
-            'choices': ('presses', 'lesson'),
-        },
-    )
-    fault: str = field(
-        default='',
-        metadata={
-            'help': 'fault that the twin suffers each time this is set: name or name:count; none '
-            'withdraws those that wait',
-            'live': True,
-        },
+    fault: str = parameter(
+        '',
+        'fault that the twin suffers each time this is set: name or name:count; none withdraws '
+        'those that wait',
+        live=True,
     )
 
 
@@ -114,46 +91,29 @@ class SensorOptions(OneSensorOptions):
 class ContactOptions(OneSensorOptions):
     """Parameters of contact_node besides those of the sensor's config."""
 
-    calibration: str = field(
-        default='', metadata={'help': 'calibration file (.npz); empty: not calibrated'}
+    calibration: str = parameter('', 'calibration file (.npz); empty: not calibrated')
+    tare_frames: int = parameter(10, 'frames that a tare averages', range=(1, 10_000), live=True)
+    allow_tare_in_contact: bool = parameter(
+        False, 'take a tare also while something seems to touch', live=True
     )
-    tare_frames: int = field(
-        default=10,
-        metadata={'help': 'frames that a tare averages', 'range': (1, 10_000), 'live': True},
+    unknown_as: str = parameter(
+        'zero',
+        'what wrench says for components that are not estimated',
+        choices=('zero', 'nan'),
+        live=True,
     )
-    allow_tare_in_contact: bool = field(
-        default=False,
-        metadata={'help': 'take a tare also while something seems to touch', 'live': True},
+    most_lost: float = parameter(
+        Allowed.lost,
+        'share of the presses of known classes that a new one may take at most',
+        range=(0.0, 1.0),
     )
-    unknown_as: str = field(
-        default='zero',
-        metadata={
-            'help': 'what wrench says for components that are not estimated',
-            'choices': ('zero', 'nan'),
-            'live': True,
-        },
+    most_lost_there: float = parameter(
+        Allowed.lost_there,
+        'share of the other classes that a new one may take where it was pressed, a 95 % bound',
+        range=(0.0, 1.0),
     )
-    most_lost: float = field(
-        default=Allowed.lost,
-        metadata={
-            'help': 'share of the presses of known classes that a new one may take at most',
-            'range': (0.0, 1.0),
-        },
-    )
-    most_lost_there: float = field(
-        default=Allowed.lost_there,
-        metadata={
-            'help': 'share of the other classes that a new one may take where it was pressed, a '
-            '95 % bound',
-            'range': (0.0, 1.0),
-        },
-    )
-    listeners: int = field(
-        default=0,
-        metadata={
-            'help': 'process nothing before so many subscriptions to contacts are there',
-            'range': (0, 100),
-        },
+    listeners: int = parameter(
+        0, 'process nothing before so many subscriptions to contacts are there', range=(0, 100)
     )
 
 
@@ -161,60 +121,113 @@ class ContactOptions(OneSensorOptions):
 class GripOptions(NodeOptions):
     """Parameters of grip_node besides those of the law and of the hand's driver."""
 
-    hand: str = field(
-        default='allegro_v5',
-        metadata={
-            'help': 'name of a hand in config/hands, or a .yaml that describes one',
-            'read_only': True,
-        },
+    hand: str = parameter(
+        'allegro_v5',
+        'name of a hand in config/hands, or a .yaml that describes one',
+        read_only=True,
     )
-    fingers: tuple[str, ...] = field(
-        default=(),
-        metadata={'help': 'sensors that take part: <finger>/contacts; empty: all of the hand'},
+    fingers: tuple[str, ...] = parameter(
+        (), 'sensors that take part: <finger>/contacts; empty: all of the hand'
     )
-    enabled: bool = field(
-        default=True, metadata={'help': 'commands may be sent once active, as by ~/enable'}
+    enabled: bool = parameter(True, 'commands may be sent once active, as by ~/enable')
+    use_robot_description: bool = parameter(
+        True,
+        'take limits, and pads whose frame is a link, from robot_description where it comes and '
+        'names the joints of the hand',
     )
-    use_robot_description: bool = field(
-        default=True,
-        metadata={
-            'help': 'take limits, and pads whose frame is a link, from robot_description where it '
-            'comes and names the joints of the hand'
-        },
+    wait_for_robot_description: bool = parameter(False, 'nothing is sent before it has come')
+
+
+@dataclass(frozen=True)
+class StackOptions:
+    """Parameters that say what runs in the process of a stack; its nodes have their own."""
+
+    hand: str = parameter('', 'hand whose sensors and grip run here; empty: one sensor alone')
+    fingers: tuple[str, ...] = parameter((), 'sensors of the hand that take part; empty: all')
+    sensor: str = parameter('reskin_board', 'key of the sensors')
+    source: str = parameter(
+        'hardware', 'where frames come from', choices=('hardware', 'recorded', 'simulated')
     )
-    wait_for_robot_description: bool = field(
-        default=False, metadata={'help': 'nothing is sent before it has come'}
+    ports: tuple[str, ...] = parameter((), 'serial ports in the order of the fingers')
+    calibrations: str = parameter('', 'folder with <finger>.npz')
+    seed: int = parameter(0, 'of the twins, counted up by finger')
+    priority: int = parameter(
+        0,
+        'real-time priority of the process (SCHED_FIFO), where the system grants it; 0: none',
+        range=(0, 99),
     )
 
 
-T = TypeVar('T')
-# what ROS holds: a scalar, an array, or None
-Value = Any
-KINDS = {'bool': bool, 'int': int, 'float': float, 'str': str}
-# of arrays whose default is None
-TAILS = {'rotations': (3, 3), 'positions': (3,)}
-WORDS = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
+@dataclass(frozen=True)
+class MockHandOptions(NodeOptions):
+    """Parameters of mock_hand besides those of the hand's driver."""
+
+    hand: str = parameter(
+        'allegro_v5', 'name of a hand, or a .yaml that describes one', read_only=True
+    )
+    order: tuple[str, ...] = parameter(
+        (), "the controller's order of joints; empty: as its driver ships it"
+    )
+    dead_time_s: float = parameter(0.0, 'before a command acts', unit='s', range=(0.0, 2.0))
+    lag_s: float = parameter(
+        0.02, 'time constant of the position loop', unit='s', range=(1e-3, 2.0)
+    )
+    sensor: str = parameter('', 'key of the sensors that its closing presses; empty: none')
+    fingers: tuple[str, ...] = parameter((), 'sensors that are pressed; empty: all of the hand')
+    ports: tuple[str, ...] = parameter((), 'paths where their serial ports appear, in their order')
+    seed: int = parameter(0, 'of the sensors, counted up')
+    contact_at: float = parameter(
+        0.4, 'closure at which each finger touches', range=(0.0, 1.0), live=True
+    )
+    stiffness: float = parameter(
+        40.0, 'of what a finger touches', unit='N per closure', range=(0.0, 1e4), live=True
+    )
+    fault: str = parameter(
+        'none',
+        'silent: no joint states; frozen: the same again and again; partial: a joint is missing; '
+        'nan: positions are NaN',
+        choices=('none', 'silent', 'frozen', 'partial', 'nan'),
+        live=True,
+    )
 
 
-def _type_text(field: Field[Any]) -> str:
-    """Annotation of a field as text."""
-    return field.type if isinstance(field.type, str) else getattr(field.type, '__name__', '')
+@dataclass(frozen=True)
+class RecordOptions(NodeOptions):
+    """Parameters of record."""
+
+    bag: str = parameter('', 'folder of the bag; it must not exist yet')
+
+
+@dataclass(frozen=True)
+class PlayerOptions(NodeOptions):
+    """Parameters of player."""
+
+    recording: str = parameter('', 'a recording (.npz), or the name of one that is shipped')
+    sensor: str = parameter(
+        'reskin_board', 'key of the sensor whose recordings are shipped', read_only=True
+    )
+    port: str = parameter('', 'where the simulated port appears; empty: a private place, logged')
+    speed_up: float = parameter(1.0, 'recorded time over played time', range=(1e-3, inf))
+    rate_hz: float = parameter(400.0, 'rows without stamps', unit='Hz', range=(0.1, 1e9))
+    window: int = parameter(16, 'rows on their way at most', range=(1, 40))
+    loop: bool = parameter(False, 'begin again at the end')
+    tare: bool = parameter(True, 'call the tare after resting rows')
+    tare_service: str = parameter('contact_node/tare', 'name of the service')
+    wait_for: str = parameter(
+        'contacts', 'what says that a row is through', choices=('contacts', 'frame')
+    )
+    listeners: int = parameter(
+        0, 'subscriptions to truth/contacts before the start', range=(0, 100)
+    )
+    patience_s: float = parameter(30.0, 'longest wait for the graph', unit='s', range=(0.1, 1e6))
 
 
 @dataclass(frozen=True)
 class Entry:
     """One dataclass field as a ROS parameter.
 
-    Attributes
-    ----------
-    name : str
-        Of the field and of the parameter.
-    kind : type
-        bool, int, float or str; of the elements where it is an array.
-    array, optional : bool
-        Flattened; may be unknown.
-    tail : tuple of int
-        Trailing shape of the array.
+    An array is flattened, its elements are of `kind` and its trailing shape is `tail`; an optional
+    one may be unknown.
     """
 
     name: str
@@ -228,7 +241,7 @@ class Entry:
     @classmethod
     def of(cls, field: Field[Any], value: object) -> Entry | None:
         """Entry of a field; None where a field is no number, text or array of numbers."""
-        text = _type_text(field)
+        text = field.type if isinstance(field.type, str) else field.type.__name__
         array = 'Array' in text or 'tuple' in text.lower()
         name = 'float' if array else text.split('|')[0].strip()
         kind = str if 'str' in text and array else KINDS.get(name)
@@ -248,45 +261,37 @@ class Entry:
 
     def descriptor(self) -> ParameterDescriptor:
         """Description, unit, range and whether it may change."""
-        when = 'read at start' if self.metadata.get('read_only') else 'read at configure'
-        when = 'may change any time' if self.metadata.get('live') else when
-        unit = self.metadata.get('unit')
-        choices = self.metadata.get('choices')
-        parts = [self.metadata.get('help', self.name), f'unit {unit}' if unit else '']
-        parts += [f'one of {", ".join(choices)}' if choices else '', when]
+        about = self.metadata
+        when = 'read at start' if about.get('read_only') else 'read at configure'
+        parts = [
+            about.get('help', self.name),
+            f'unit {about["unit"]}' if about.get('unit') else '',
+            f'one of {", ".join(about["choices"])}' if about.get('choices') else '',
+            'may change any time' if about.get('live') else when,
+        ]
         described = ParameterDescriptor(
             description='; '.join(part for part in parts if part),
-            read_only=bool(self.metadata.get('read_only')),
+            read_only=bool(about.get('read_only')),
             # so that 100 is taken where 100.0 is meant, and [] where numbers may follow
             dynamic_typing=True,
         )
-        bounds = self.metadata.get('range')
-        if bounds is None or self.array or self.optional:
-            return described
-        lo, hi = bounds
-        if self.kind is float:
-            span = FloatingPointRange(from_value=float(lo), to_value=float(hi))
-            described.floating_point_range = [span]
-        elif self.kind is int:
-            described.integer_range = [IntegerRange(from_value=int(lo), to_value=int(hi))]
+        bounds = about.get('range')
+        if bounds is not None and not self.array and not self.optional:
+            low, high = map(self.kind, bounds)
+            if self.kind is float:
+                span = FloatingPointRange(from_value=low, to_value=high)
+                described.floating_point_range = [span]
+            elif self.kind is int:
+                described.integer_range = [IntegerRange(from_value=low, to_value=high)]
         return described
 
     def check(self, value: Value) -> object:
-        """The field's value for a ROS value.
-
-        Raises
-        ------
-        ValueError
-            With one sentence that names the parameter, what it must be, and what was received.
-        """
+        """Value of the dataclass for a value of ROS; ValueError with one sentence."""
         if self.array:
             return self._check_array([] if value is None else value)
-        fits = isinstance(value, self.kind) and not (self.kind is int and value is True)
-        if self.kind in (int, float) and isinstance(value, bool):
-            fits = False
-        elif self.kind is float and isinstance(value, int):
-            value, fits = float(value), True
-        if not fits:
+        if self.kind is float and type(value) is int:
+            value = float(value)
+        if type(value) is not self.kind:
             msg = f'{self.name} must be {WORDS[self.kind]}; received {value!r}'
             raise ValueError(msg)
         if self.optional and (value == '' or value != value):  # noqa: PLR0124
@@ -295,7 +300,7 @@ class Entry:
         return value
 
     def _check_bounds(self, value: Value) -> None:
-        """Range and choices of a scalar, range of every element of an array."""
+        """Refuse what is out of range, of an array any element, or no choice."""
         choices = self.metadata.get('choices')
         if choices and value not in choices:
             msg = f'{self.name} must be one of {", ".join(choices)}; received {value!r}'
@@ -331,8 +336,9 @@ class Schema(Generic[T]):
 
     def __init__(self, defaults: T) -> None:
         self.defaults = defaults
-        found = [Entry.of(f, getattr(defaults, f.name)) for f in fields(defaults)]  # type: ignore[arg-type]
-        self.entries = {entry.name: entry for entry in found if entry is not None}
+        pairs = [(f, getattr(defaults, f.name)) for f in fields(defaults)]  # type: ignore[arg-type]
+        entries = [Entry.of(field, value) for field, value in pairs]
+        self.entries = {entry.name: entry for entry in entries if entry is not None}
 
     def declare(self, node: Node) -> None:
         """Declare every field; rclpy refuses a name that another dataclass has already."""
@@ -340,59 +346,24 @@ class Schema(Generic[T]):
             node.declare_parameter(name, entry.ros_default, entry.descriptor())
 
     def read(self, node: Node) -> T:
-        """Dataclass of the node's parameters.
-
-        Raises
-        ------
-        ValueError
-            With the sentence for the first value that cannot be.
-        """
-        values = {name: node.get_parameter(name).value for name in self.entries}
-        return self.build(values)
+        """Dataclass of the node's parameters; ValueError for the first value that cannot be."""
+        return self.build({name: node.get_parameter(name).value for name in self.entries})
 
     def build(self, values: dict[str, Value]) -> T:
         """Dataclass with ROS values, checked by the ranges and by the dataclass itself."""
         checked = {name: self.entries[name].check(value) for name, value in values.items()}
         return replace(self.defaults, **checked)  # type: ignore[type-var]
 
+    def validate(self, node: Node, wanted: dict[str, Value], running: bool) -> None:
+        """Refuse changes of the node's parameters by a ValueError, without any effect.
 
-def refuse_or_accept(
-    node: Node, schemas: Sequence[Schema[object]], parameters: Sequence[Parameter], running: bool
-) -> SetParametersResult:
-    """Validate a change of parameters, without any effect.
-
-    Parameters
-    ----------
-    node : Node
-        Whose other parameters stay.
-    schemas : sequence of Schema
-        What the node declared.
-    parameters : sequence of Parameter
-        The wanted values.
-    running : bool
-        The node is configured: only live parameters may change.
-
-    Returns
-    -------
-    SetParametersResult
-        With one sentence when it is refused.
-    """
-    wanted = {p.name: p.value for p in parameters}
-    try:
-        for schema in schemas:
-            concerned = {n: wanted[n] for n in wanted if n in schema.entries}
-            _try(node, schema, concerned, running)
-    except ValueError as err:
-        return SetParametersResult(successful=False, reason=str(err))
-    return SetParametersResult(successful=True)
-
-
-def _try(node: Node, schema: Schema[object], wanted: dict[str, Value], running: bool) -> None:
-    """Build the dataclass with the wanted values; ValueError says what cannot be."""
-    fixed = sorted(n for n in wanted if not schema.entries[n].metadata.get('live'))
-    if running and fixed:
-        msg = f'{fixed[0]} is read at configure: deactivate and clean up first'
-        raise ValueError(msg)
-    if wanted:
-        now = {name: node.get_parameter(name).value for name in schema.entries}
-        schema.build({**now, **wanted})
+        While it is configured (`running`) only live parameters may change.
+        """
+        own = {name: value for name, value in wanted.items() if name in self.entries}
+        fixed = sorted(n for n in own if not self.entries[n].metadata.get('live'))
+        if running and fixed:
+            msg = f'{fixed[0]} is read at configure: deactivate and clean up first'
+            raise ValueError(msg)
+        if own:
+            now = {name: node.get_parameter(name).value for name in self.entries}
+            self.build({**now, **own})

@@ -1,4 +1,7 @@
-"""Processes of a graph: start them with this interpreter, hear them, stop them in order."""
+"""Start the processes of a graph: here with this interpreter, or by the launch files.
+
+`launch` comes with ROS 2 alone, so it is imported where it is used.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from tactile_ros.errors import TactileError
@@ -17,7 +20,6 @@ from tactile_ros.nodes.graph import PACKAGE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
-    from types import TracebackType
 
     from launch.actions import DeclareLaunchArgument
     from launch_ros.actions import Node
@@ -26,82 +28,18 @@ if TYPE_CHECKING:
     from tactile_ros.nodes.graph import Graph, Process
 
 T = TypeVar('T')
-TRUE_OR_FALSE = ['true', 'false']
-LEVELS = ['debug', 'info', 'warn', 'error', 'fatal']
-# what an argument means, and what it may be
-About = tuple[str, 'list[str] | None']
-
-
-def text_of(value: bool | float | str) -> str:
-    """A default as a launch argument."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def declared(defaults: object, about: Mapping[str, About]) -> list[DeclareLaunchArgument]:
-    """Arguments for fields of a dataclass, and `log_level`."""
-    from launch.actions import DeclareLaunchArgument
-
-    found = [
-        DeclareLaunchArgument(
-            name,
-            default_value=text_of(getattr(defaults, name)),
-            description=description,
-            **({'choices': choices} if choices else {}),
-        )
-        for name, (description, choices) in about.items()
-    ]
-    level = DeclareLaunchArgument(
-        'log_level', default_value='info', description='how much the nodes say', choices=LEVELS
-    )
-    return [*found, level]
-
-
-def chosen(context: LaunchContext, defaults: T) -> T:
-    """Dataclass of what the arguments say, each in the type of its default."""
-    from launch.substitutions import LaunchConfiguration
-
-    values: dict[str, Any] = {}
-    for field in fields(defaults):  # type: ignore[arg-type]
-        text = LaunchConfiguration(field.name).perform(context)
-        default = getattr(defaults, field.name)
-        is_switch = isinstance(default, bool)
-        values[field.name] = text == 'true' if is_switch else type(default)(text)
-    return type(defaults)(**values)
-
-
-def node_of(process: Process, log_level: str) -> Node:
-    """A process of the graph as an action."""
-    from launch_ros.actions import Node
-
-    files = [process.params_file] if process.params_file else []
-    return Node(
-        package=PACKAGE,
-        executable=process.executable,
-        namespace=process.namespace,
-        parameters=[*files, dict(process.parameters)],
-        remappings=list(process.remappings.items()),
-        arguments=['--ros-args', '--log-level', log_level],
-        output='screen',
-    )
-
-
 STOP_S = 20.0  # a recorder writes its index at the end
 STARTED_BY = 'TACTILE_STARTED_BY'  # environment variable: process id of who started a node
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 MOST_LINES = 2000
+TRUE_OR_FALSE = ['true', 'false']
+LEVELS = ['debug', 'info', 'warn', 'error', 'fatal']
 
 
 class Running:
     """Processes of a graph, by the names that it gives them; a context manager that stops them.
 
-    Parameters
-    ----------
-    graph : Graph
-        What to start.
-    environment : mapping or None
-        Changes to the environment of the processes.
-    hear : callable or None
-        Takes (executable, line) of everything that they print.
+    `environment` changes that of the processes; `hear` takes (executable, line) of all they print.
     """
 
     def __init__(
@@ -129,12 +67,7 @@ class Running:
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Stop all."""
         self.stop()
 
@@ -162,8 +95,7 @@ class Running:
 
     def _listen(self, name: str, child: subprocess.Popen[str]) -> None:
         """Keep and pass on what a process prints."""
-        if child.stdout is None:
-            return
+        assert child.stdout is not None
         with child.stdout:
             for line in child.stdout:
                 with self._spoken:
@@ -175,10 +107,7 @@ class Running:
     def wait_for_line(self, executable: str, text: str, timeout: float) -> str:
         """Wait until a process prints a line that holds `text`, and return it.
 
-        Raises
-        ------
-        TactileError
-            If it does not within `timeout` (s).
+        Raises TactileError if it does not within `timeout` (s).
         """
 
         def said() -> str | None:
@@ -199,10 +128,7 @@ class Running:
     def wait(self, executable: str, timeout: float) -> int:
         """Wait for a process to end by itself and return its exit code.
 
-        Raises
-        ------
-        TactileError
-            If it does not within `timeout` (s), or another process fails before.
+        Raises TactileError if it does not within `timeout` (s), or another process fails before.
         """
         deadline = time.monotonic() + timeout
         while True:
@@ -248,6 +174,15 @@ class Running:
         return codes
 
 
+def _ended(child: subprocess.Popen[str]) -> int:
+    """Exit code of a process that was told to stop; killed where it does not."""
+    try:
+        return child.wait(STOP_S)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        return child.wait()
+
+
 def end_with_parent() -> None:
     """Let the end of this process's parent, also by SIGKILL, end this process as SIGTERM does.
 
@@ -261,10 +196,48 @@ def end_with_parent() -> None:
         sys.exit('what started this node has ended')  # before it could tell
 
 
-def _ended(child: subprocess.Popen[str]) -> int:
-    """Exit code of a process that was told to stop; killed where it does not."""
-    try:
-        return child.wait(STOP_S)
-    except subprocess.TimeoutExpired:
-        child.kill()
-        return child.wait()
+def declared(defaults: object) -> list[DeclareLaunchArgument]:
+    """Launch arguments for the choices of a graph, and `log_level`."""
+    from launch.actions import DeclareLaunchArgument
+
+    def argument(name: str, default: object, text: str, choices: Sequence[str]) -> object:
+        value = str(default)
+        if isinstance(default, bool):
+            value, choices = value.lower(), TRUE_OR_FALSE
+        chosen = {'choices': list(choices)} if choices else {}
+        return DeclareLaunchArgument(name, default_value=value, description=text, **chosen)
+
+    arguments = [
+        argument(f.name, getattr(defaults, f.name), f.metadata['help'], f.metadata['choices'])
+        for f in fields(defaults)  # type: ignore[arg-type]
+        if f.metadata
+    ]
+    return [*arguments, argument('log_level', 'info', 'how much the nodes say', LEVELS)]
+
+
+def chosen(context: LaunchContext, defaults: T) -> T:
+    """Dataclass of what the arguments say, each in the type of its default."""
+    values: dict[str, Any] = {}
+    for field in fields(defaults):  # type: ignore[arg-type]
+        text = context.launch_configurations.get(field.name)
+        default = getattr(defaults, field.name)
+        if text is not None:
+            is_switch = isinstance(default, bool)
+            values[field.name] = text == 'true' if is_switch else type(default)(text)
+    return replace(defaults, **values)  # type: ignore[type-var]
+
+
+def node_of(process: Process, log_level: str) -> Node:
+    """A process of the graph as an action."""
+    from launch_ros.actions import Node
+
+    files = [process.params_file] if process.params_file else []
+    return Node(
+        package=PACKAGE,
+        executable=process.executable,
+        namespace=process.namespace,
+        parameters=[*files, dict(process.parameters)],
+        remappings=list(process.remappings.items()),
+        arguments=['--ros-args', '--log-level', log_level],
+        output='screen',
+    )

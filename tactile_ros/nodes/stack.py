@@ -10,17 +10,16 @@ from __future__ import annotations
 import gc
 import os
 import sys
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rclpy.node import Node
 
 from tactile_ros.nodes.contact_node import ContactNode
-from tactile_ros.nodes.graph import Grasping, sensors_of, stack_of
+from tactile_ros.nodes.graph import HandSetup, stack_of
 from tactile_ros.nodes.grip_node import GripNode
-from tactile_ros.nodes.lifecycle import ManagedNode, main_of, serving
-from tactile_ros.nodes.parameters import Schema
+from tactile_ros.nodes.lifecycle import ManagedNode, events_executor, main_of
+from tactile_ros.nodes.parameters import Schema, StackOptions
 from tactile_ros.nodes.sensor_node import SensorNode
 
 if TYPE_CHECKING:
@@ -30,54 +29,21 @@ if TYPE_CHECKING:
 
 # s; at the default of 5 ms a busy thread delays the loop by tens of milliseconds
 SWITCH_INTERVAL_S = 2e-4
-WARM_FRAMES = 100
+FRAMES_BEFORE_FREEZE = 100
 
 
-@dataclass(frozen=True)
-class StackOptions:
-    """Parameters that say what runs in the process; the nodes have their own."""
-
-    hand: str = field(
-        default='',
-        metadata={'help': 'hand whose sensors and grip run here; empty: one sensor alone'},
-    )
-    fingers: tuple[str, ...] = field(
-        default=(), metadata={'help': 'sensors of the hand that take part; empty: all'}
-    )
-    sensor: str = field(default='reskin_board', metadata={'help': 'key of the sensors'})
-    source: str = field(
-        default='hardware',
-        metadata={
-            'help': 'where frames come from',
-            'choices': ('hardware', 'recorded', 'simulated'),
-        },
-    )
-    ports: tuple[str, ...] = field(
-        default=(), metadata={'help': 'serial ports in the order of the fingers'}
-    )
-    calibrations: str = field(default='', metadata={'help': 'folder with <finger>.npz'})
-    seed: int = field(default=0, metadata={'help': 'of the twins, counted up by finger'})
-    priority: int = field(
-        default=0,
-        metadata={
-            'help': 'real-time priority of the process (SCHED_FIFO), where the system grants it; '
-            '0: none',
-            'range': (0, 99),
-        },
-    )
-
-
-def choice() -> Grasping:
-    """What the parameters of this process ask for."""
+def setup_of() -> HandSetup:
+    """Graph that the parameters of this process ask for."""
     node = Node('stack')
     schema = Schema(StackOptions())
     schema.declare(node)
-    options, space = schema.read(node), node.get_namespace()
-    refusal = raised(options.priority)
+    options = schema.read(node)
+    refusal = raise_priority(options.priority)
     if refusal:
         node.get_logger().warning(refusal)
+    namespace = node.get_namespace().strip('/')
     node.destroy_node()
-    return Grasping(
+    return HandSetup(
         hand=options.hand,
         fingers=','.join(options.fingers),
         sensor=options.sensor,
@@ -85,12 +51,12 @@ def choice() -> Grasping:
         ports=','.join(options.ports),
         calibrations=options.calibrations,
         seed=options.seed,
-        namespace=space.strip('/'),
+        namespace=namespace,
         stack=True,
     )
 
 
-def raised(priority: int) -> str:
+def raise_priority(priority: int) -> str:
     """Give the process a real-time priority; why not, empty: it has it, or none was asked for.
 
     All threads get it, and those that they start: one without it that holds Python's lock, and is
@@ -110,16 +76,16 @@ def raised(priority: int) -> str:
 
 
 def frozen_after(
-    take: Callable[[Sequence[Frame], str], None], frames: int = WARM_FRAMES
+    take: Callable[[Sequence[Frame], str], None], frames: int = FRAMES_BEFORE_FREEZE
 ) -> Callable[[Sequence[Frame], str], None]:
-    """Hand frames on and, once warm, keep the garbage collector off all that stays."""
+    """Hand frames on and, after some, keep the garbage collector off all that stays."""
     left = frames
 
-    def step(some: Sequence[Frame], frame_id: str) -> None:
+    def step(together: Sequence[Frame], frame_id: str) -> None:
         nonlocal left
-        take(some, frame_id)
+        take(together, frame_id)
         if left > 0:
-            left -= len(some)
+            left -= len(together)
             if left <= 0:
                 gc.collect()
                 gc.freeze()
@@ -128,19 +94,19 @@ def frozen_after(
 
 
 def build() -> Sequence[ManagedNode]:
-    """Who listens comes first: it is ready before the first frame."""
-    chosen = choice()
-    if not chosen.hand:
+    """Make the nodes; who listens comes first: it is ready before the first frame."""
+    setup = setup_of()
+    if not setup.hand:
         contact = ContactNode(direct=True)
         return [contact, SensorNode(frozen_after(contact.take), contact.is_heard)]
     grip = GripNode()
     contacts, sensors = [], []
-    for name, process in zip(sensors_of(chosen), stack_of(chosen), strict=True):
+    for name, process in zip(setup.sensors(), stack_of(setup), strict=True):
         if grip.topic_of(name) != f'/{process.namespace}/contacts':
             continue  # remapped: it has no sensor of its own
         own = process.ros_arguments()
         contact = ContactNode(True, grip.take_states, own)
-        # the collector rests once the first sensor is warm
+        # the collector rests once the first sensor has run for a while
         take = contact.take if contacts else frozen_after(contact.take)
         contacts.append(contact)
         sensors.append(SensorNode(take, contact.is_heard, own))
@@ -151,8 +117,4 @@ def build() -> Sequence[ManagedNode]:
 def main() -> None:
     """Run the stack until it is told to stop."""
     sys.setswitchinterval(SWITCH_INTERVAL_S)
-    main_of(build, serving)
-
-
-if __name__ == '__main__':
-    main()
+    main_of(build, events_executor)

@@ -1,33 +1,37 @@
-"""Standard messages for other tools: wrench, pose, surface, markers and views of a frame.
+"""Messages of a frame, a state and a truth for other tools: wrench, pose, markers, views.
 
 Each is filled only where somebody listens.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, WrenchStamped
 from sensor_msgs.msg import Image, MagneticField, PointCloud2, PointField
-from std_msgs.msg import ColorRGBA
+from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from tactile_ros import messages
-from tactile_ros.nodes.lifecycle import data
+from tactile_ros.msg import TactileContact, TactileContacts
+from tactile_ros.nodes.lifecycle import qos
+from tactile_ros.types import STATE_FIELDS, ContactStates
 
 if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.publisher import Publisher
-    from std_msgs.msg import Header
 
     from tactile_ros.messages import UnknownAs
     from tactile_ros.nodes.lifecycle import ManagedNode
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.sensors import SensorSpec
-    from tactile_ros.types import Array, ContactState, Frame, Integers, Layout
+    from tactile_ros.types import Array, ContactState, Frame, Integers, Layout, Recording
 
+LISTENERS_NS = 9_000_000  # of the stream, within which nobody is asked again whether he listens
+FIELD_TOPIC = 'magnetic_field/chip_{}'  # no part of a topic's name may begin with a digit
+IMAGE_TOPIC = 'image'
+SAME_LINE = 1e-6  # m: coordinates nearer than this are one row or column
 METRES_PER_NEWTON = 5e-3
 TAXEL_SIZE = 2e-3
 GREY = ColorRGBA(r=0.6, g=0.6, b=0.6, a=0.8)
@@ -35,84 +39,62 @@ ORANGE = ColorRGBA(r=1.0, g=0.5, b=0.0, a=0.9)
 BLUE = ColorRGBA(r=0.1, g=0.4, b=1.0, a=0.9)
 
 
-def _point(xyz: Array) -> Point:
-    """Point of three numbers."""
-    x, y, z = xyz.tolist()
-    return Point(x=x, y=y, z=z)
+class TruthMessages:
+    """Truth of a recording as TactileContacts; tare rows are untouched, the rest as stated.
 
-
-def _marker(header: Header, name: str, kind: int, color: ColorRGBA) -> Marker:
-    """Marker at the sensor's origin, not there yet."""
-    marker = Marker(header=header, ns=name, id=0, type=kind, action=Marker.DELETE, color=color)
-    marker.pose.orientation.w = 1.0
-    return marker
-
-
-def contact_markers(header: Header, layout: Layout, state: ContactState) -> MarkerArray:
-    """Taxels as points, the contact as a ball of two sigma, its force as an arrow.
-
-    Parameters
-    ----------
-    header : Header
-        Of the frame.
-    layout : Layout
-        Where the taxels are.
-    state : ContactState
-        What is not estimated is not shown.
-
-    Returns
-    -------
-    MarkerArray
-        Always the same three markers, deleted where there is nothing to show.
+    The clock of a twin's board begins with its signal, so it gives the row that a frame carries
+    however late the frame was sent and read; `start_ns` is the node's time at that beginning (ns).
     """
-    taxels = _marker(header, 'taxels', Marker.POINTS, GREY)
-    taxels.action = Marker.ADD
-    taxels.scale.x = taxels.scale.y = TAXEL_SIZE
-    taxels.points = [_point(xyz) for xyz in layout.positions]
-    ball = _marker(header, 'contact', Marker.SPHERE, ORANGE)
-    arrow = _marker(header, 'force', Marker.ARROW, BLUE)
-    place = np.where(np.isfinite(state.position), state.position, 0.0)
-    if np.isfinite(state.position).any() and state.in_contact != 0:
-        ball.action = Marker.ADD
-        ball.pose.position = _point(place)
-        sigma = np.sqrt(np.diagonal(state.position_cov))
-        size = 2 * np.where(np.isfinite(sigma), np.maximum(sigma, 5e-4), 1e-3)
-        ball.scale.x, ball.scale.y, ball.scale.z = size.tolist()
-    force = np.where(np.isfinite(state.force), state.force, 0.0)
-    if force.any():
-        arrow.action = Marker.ADD
-        arrow.points = [_point(place), _point(place + METRES_PER_NEWTON * force)]
-        arrow.scale.x, arrow.scale.y = 1e-3, 2e-3
-    return MarkerArray(markers=[taxels, ball, arrow])
+
+    def __init__(self, recording: Recording, start_ns: int = 0) -> None:
+        self._start_ns = start_ns
+        self._rate_hz, self._count = recording.layout.rate_hz, len(recording)
+        columns = {name: x for name, x in recording.truth.items() if name in STATE_FIELDS}
+        if recording.tare is not None:
+            touched = columns.get('in_contact', np.full(len(recording), -1)).astype(np.int64)
+            columns['in_contact'] = np.where(recording.tare & (touched < 0), 0, touched)
+        taxels = recording.layout.shape[0]
+        self._states = ContactStates.assemble(len(recording), taxels, columns)
+        groups = ('session', 'repetition')
+        self._groups = {n: recording.truth[n] for n in groups if n in recording.truth}
+
+    def row_at(self, stamp_ns: int, device_time_ns: int = 0) -> int:
+        """Row that was played at a time (ns), by the board's clock where it has one."""
+        since_ns = device_time_ns or stamp_ns - self._start_ns
+        return round(since_ns * 1e-9 * self._rate_hz) % self._count
+
+    def message(self, row: int, header: Header, sequence: int) -> TactileContacts:
+        """Truth of a row under the name of a frame."""
+        message = TactileContacts()
+        messages.fill_contacts(message, self._states[row], TactileContact)
+        message.header, message.sequence = header, sequence
+        for name, column in self._groups.items():
+            setattr(message, name, int(column[row]))
+        return message
 
 
-LOOK_NS = 9_000_000  # of the stream, within which nobody is asked again whether he listens
+def header_of(stamp_ns: int | None, frame_id: str) -> Header:
+    """Header of a time (ns; None: zero) and the name of a frame."""
+    header = Header()
+    messages.fill_header(header, stamp_ns, frame_id)
+    return header
 
 
 class StandardTopics:
-    """Publishers of one contact_node.
+    """Standard messages of one contact_node.
 
-    Parameters
-    ----------
-    node : ManagedNode
-        Whose publishers they are.
-    spec : SensorSpec
-        Of its sensor: without `objects` in the config there is no `object_pose`, and without
-        `surface` of the estimation no `surface`.
+    A sensor without `objects` in its config has no `object_pose`, and one whose estimation tells
+    no `surface` none of that name.
     """
 
     def __init__(self, node: ManagedNode, spec: SensorSpec) -> None:
-        self._wrench = node.managed_publisher(WrenchStamped, 'wrench', data())
-        self._markers = node.managed_publisher(MarkerArray, 'markers', data())
-        self._object: Publisher | None = None
-        self._surface: Publisher | None = None
+        kinds = {'wrench': WrenchStamped, 'markers': MarkerArray}
         if hasattr(spec.config(), 'objects'):
-            self._object = node.managed_publisher(PoseWithCovarianceStamped, 'object_pose', data())
+            kinds['object_pose'] = PoseWithCovarianceStamped
         if spec.pipeline().estimation.has_surface:
-            self._surface = node.managed_publisher(PointCloud2, 'surface', data())
-        offered = self._wrench, self._markers, self._object, self._surface
-        self._offered = [publisher for publisher in offered if publisher is not None]
-        self._looked_ns, self._heard = 0, False
+            kinds['surface'] = PointCloud2
+        self._publishers = {t: node.managed_publisher(kind, t) for t, kind in kinds.items()}
+        self._asked_ns, self._heard = 0, False
 
     def publish(
         self,
@@ -123,53 +105,81 @@ class StandardTopics:
         unknown_as: UnknownAs,
     ) -> None:
         """Publish a state, each message where somebody listens."""
-        if not self._is_heard(frame.stamp_ns or 0):
+        now_ns = frame.stamp_ns or 0
+        if not 0 < now_ns - self._asked_ns < LISTENERS_NS:
+            self._asked_ns = now_ns
+            self._heard = any(p.get_subscription_count() for p in self._publishers.values())
+        if not self._heard:
             return
-        if self._wrench.get_subscription_count():
-            wrench = WrenchStamped()
-            messages.fill_header(wrench.header, frame.stamp_ns, frame_id)
+        header = header_of(now_ns, frame_id)
+        for topic, publisher in self._publishers.items():
+            if not publisher.get_subscription_count():
+                continue
+            message = self._message(topic, header, state, pipeline, unknown_as)
+            if message is not None:
+                publisher.publish(message)
+
+    @staticmethod
+    def _message(
+        topic: str,
+        header: Header,
+        state: ContactState,
+        pipeline: Pipeline,
+        unknown_as: UnknownAs,
+    ) -> object | None:
+        """Message of a topic; None: there is nothing to say."""
+        if topic == 'wrench':
+            wrench = WrenchStamped(header=header)
             messages.fill_wrench(wrench, state, unknown_as)
-            self._wrench.publish(wrench)
-        if self._markers.get_subscription_count():
-            header = WrenchStamped().header
-            messages.fill_header(header, frame.stamp_ns, frame_id)
-            self._markers.publish(contact_markers(header, pipeline.layout, state))
-        if self._object is not None and self._object.get_subscription_count():
-            pose = PoseWithCovarianceStamped()
-            messages.fill_header(pose.header, frame.stamp_ns, frame_id)
-            if messages.fill_object_pose(pose, state):
-                self._object.publish(pose)
-        if self._surface is not None and self._surface.get_subscription_count():
-            cloud = PointCloud2()
-            messages.fill_header(cloud.header, frame.stamp_ns, frame_id)
-            messages.fill_surface(cloud, pipeline.estimation.surface(state), PointField)
-            self._surface.publish(cloud)
-
-    def _is_heard(self, stamp_ns: int) -> bool:
-        """Whether anybody listens; of a fast sensor not asked with every frame."""
-        if not 0 < stamp_ns - self._looked_ns < LOOK_NS:
-            self._looked_ns = stamp_ns
-            self._heard = any(one.get_subscription_count() for one in self._offered)
-        return self._heard
+            return wrench
+        if topic == 'markers':
+            return contact_markers(header, pipeline.layout, state)
+        if topic == 'object_pose':
+            pose = PoseWithCovarianceStamped(header=header)
+            return pose if messages.fill_object_pose(pose, state) else None
+        cloud = PointCloud2(header=header)
+        messages.fill_surface(cloud, pipeline.estimation.surface(state), PointField)
+        return cloud
 
 
-FIELD_TOPIC = 'magnetic_field/chip_{}'  # no part of a topic's name may begin with a digit
-IMAGE_TOPIC = 'image'
-SAME_LINE = 1e-6  # m: coordinates nearer than this are one row or column
-UNKNOWN = 0.0  # covariance of MagneticField: not known
+def contact_markers(header: Header, layout: Layout, state: ContactState) -> MarkerArray:
+    """Taxels as points, the contact as a ball of two sigma, its force as an arrow.
 
-
-@dataclass(frozen=True)
-class Grid:
-    """Taxels on a regular grid in x and y.
-
-    Attributes
-    ----------
-    height, width : int
-        Rows and columns.
-    taxels : ndarray, shape (height * width,)
-        Taxel of each place, row by row; the first row has the largest y, as one looks at the skin.
+    They are always the same three markers, deleted where there is nothing to show.
     """
+
+    def marker(name: str, kind: int, color: ColorRGBA) -> Marker:
+        made = Marker(header=header, ns=name, type=kind, action=Marker.DELETE, color=color)
+        made.pose.orientation.w = 1.0
+        return made
+
+    def point(xyz: Array) -> Point:
+        x, y, z = xyz.tolist()
+        return Point(x=x, y=y, z=z)
+
+    taxels = marker('taxels', Marker.POINTS, GREY)
+    taxels.action = Marker.ADD
+    taxels.scale.x = taxels.scale.y = TAXEL_SIZE
+    taxels.points = [point(xyz) for xyz in layout.positions]
+    ball = marker('contact', Marker.SPHERE, ORANGE)
+    arrow = marker('force', Marker.ARROW, BLUE)
+    place = np.nan_to_num(state.position, posinf=0.0, neginf=0.0)
+    if np.isfinite(state.position).any() and state.in_contact != 0:
+        ball.action = Marker.ADD
+        ball.pose.position = point(place)
+        sigma = np.sqrt(np.diagonal(state.position_cov))
+        size = 2 * np.where(np.isfinite(sigma), np.maximum(sigma, 5e-4), 1e-3)
+        ball.scale.x, ball.scale.y, ball.scale.z = size.tolist()
+    force = np.nan_to_num(state.force, posinf=0.0, neginf=0.0)
+    if force.any():
+        arrow.action = Marker.ADD
+        arrow.points = [point(place), point(place + METRES_PER_NEWTON * force)]
+        arrow.scale.x, arrow.scale.y = 1e-3, 2e-3
+    return MarkerArray(markers=[taxels, ball, arrow])
+
+
+class Grid(NamedTuple):
+    """Taxels (height * width,) on a regular grid, row by row; the first has the largest y."""
 
     height: int
     width: int
@@ -186,67 +196,39 @@ def grid_of(layout: Layout) -> Grid | None:
     height, width = len(ys), len(xs)
     place = (height - 1 - np.ravel(row)) * width + np.ravel(column)
     full = height * width == len(steps) == len(np.unique(place)) and min(height, width) > 1
-    if not (full and _even(xs) and _even(ys)):
+    if not full or max(np.ptp(np.diff(xs)), np.ptp(np.diff(ys))) > 2:
         return None
     return Grid(height, width, np.argsort(place))
 
 
-def _even(lines: Integers) -> bool:
-    """All lines are equally far from the next."""
-    gaps = np.diff(lines)
-    return bool(np.ptp(gaps) <= 2)
+class FrameViews:
+    """MagneticField of each three-axis chip and Image of a matrix, of one sensor.
 
-
-def is_magnetic(layout: Layout) -> bool:
-    """Taxels are three-axis magnetometers."""
-    return layout.unit == 'T' and len(layout.channels) == 3
-
-
-def in_sensor_axes(values: Array, layout: Layout) -> Array:
-    """Readings (t, 3) of chips turned from their own axes to the sensor's."""
-    if layout.rotations is None:
-        return values
-    turned: Array = np.einsum('tij,tj->ti', layout.rotations, values)
-    return turned
-
-
-class Views:
-    """Publishers of the views of one sensor.
-
-    Parameters
-    ----------
-    node : Node
-        Whose publishers they are.
-    layout : Layout
-        Of the sensor.
-    magnetic_field, image : bool
-        Make the publishers now; otherwise as soon as somebody subscribes (`look`).
+    Publishers are made now where asked for, otherwise as soon as somebody subscribes (`offer`).
     """
 
     def __init__(self, node: Node, layout: Layout, magnetic_field: bool, image: bool) -> None:
-        self._node = node
-        self._layout = layout
+        self._node, self._layout = node, layout
         self._grid = grid_of(layout)
         self._fields: dict[int, Publisher] = {}
         self._image: Publisher | None = None
-        self._offered = range(len(layout.positions)) if is_magnetic(layout) else range(0)
-        self.look(magnetic_field, image)
+        is_magnetic = layout.unit == 'T' and len(layout.channels) == 3
+        self._chips = range(len(layout.positions) if is_magnetic else 0)
+        self.offer(magnetic_field, image)
 
-    def look(self, magnetic_field: bool = False, image: bool = False) -> None:
+    def offer(self, magnetic_field: bool = False, image: bool = False) -> None:
         """Make the publishers that are asked for, or that somebody has subscribed to."""
+        count = self._node.count_subscribers
+        names = {i: FIELD_TOPIC.format(i) for i in self._chips if i not in self._fields}
         new = {
-            i: self._node.create_publisher(MagneticField, FIELD_TOPIC.format(i), data())
-            for i in self._offered
-            if i not in self._fields and (magnetic_field or self._is_wanted(FIELD_TOPIC.format(i)))
+            i: self._node.create_publisher(MagneticField, name, qos())
+            for i, name in names.items()
+            if magnetic_field or count(name)
         }
         # never changed in place: another thread publishes
         self._fields = {**self._fields, **new}
-        wanted = self._grid is not None and self._image is None
-        if wanted and (image or self._is_wanted(IMAGE_TOPIC)):
-            self._image = self._node.create_publisher(Image, IMAGE_TOPIC, data())
-
-    def _is_wanted(self, topic: str) -> bool:
-        return bool(self._node.count_subscribers(topic))
+        if self._grid is not None and self._image is None and (image or count(IMAGE_TOPIC)):
+            self._image = self._node.create_publisher(Image, IMAGE_TOPIC, qos())
 
     def close(self) -> None:
         """Remove the publishers."""
@@ -258,30 +240,30 @@ class Views:
         """Publish a frame's views where somebody listens."""
         heard = [i for i, p in self._fields.items() if p.get_subscription_count()]
         if heard:
-            self._publish_fields(frame, frame_id, heard)
+            header, field = header_of(frame.stamp_ns, frame_id), self.sensor_axes(frame.values)
+        for i in heard:
+            message = MagneticField(header=header, magnetic_field_covariance=np.zeros(9))
+            messages.fill_vector(message.magnetic_field, field[i])
+            self._fields[i].publish(message)
         if self._image is not None and self._image.get_subscription_count():
             self._image.publish(image_of(frame, self._grid, frame_id))
 
-    def _publish_fields(self, frame: Frame, frame_id: str, chips: list[int]) -> None:
-        """One message per chip (T), turned into the sensor's axes."""
-        field = in_sensor_axes(frame.values, self._layout)
-        for i in chips:
-            message = MagneticField()
-            messages.fill_header(message.header, frame.stamp_ns, frame_id)
-            x, y, z = field[i].tolist()
-            message.magnetic_field.x = x
-            message.magnetic_field.y = y
-            message.magnetic_field.z = z
-            message.magnetic_field_covariance = np.full(9, UNKNOWN)
-            self._fields[i].publish(message)
+    def sensor_axes(self, values: Array) -> Array:
+        """Readings (t, 3) of chips turned from their own axes to the sensor's."""
+        if self._layout.rotations is None:
+            return values
+        turned: Array = np.einsum('tij,tj->ti', self._layout.rotations, values)
+        return turned
 
 
 def image_of(frame: Frame, grid: Grid, frame_id: str) -> Image:
     """Image of a matrix, 32FC1: readings as they are (fractions, say)."""
-    pixels = np.ascontiguousarray(frame.values[grid.taxels, 0], '<f4')
-    message = Image(
-        height=grid.height, width=grid.width, encoding='32FC1', is_bigendian=0, step=4 * grid.width
+    return Image(
+        header=header_of(frame.stamp_ns, frame_id),
+        height=grid.height,
+        width=grid.width,
+        encoding='32FC1',
+        is_bigendian=0,
+        step=4 * grid.width,
+        data=np.ascontiguousarray(frame.values[grid.taxels, 0], '<f4').tobytes(),
     )
-    messages.fill_header(message.header, frame.stamp_ns, frame_id)
-    message.data = pixels.tobytes()
-    return message

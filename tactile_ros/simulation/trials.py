@@ -1,6 +1,6 @@
 """Trials of grasps: hands, calibrated fingertips and scenes put together, each with a seed.
 
-The controller comes as an argument, `nodes.grip_loop.GripStage`: that of grip_node without ROS.
+The controller comes as an argument, `nodes.grip_loop.GripLoop`: that of grip_node without ROS.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ from tactile_ros.evaluation.recording_files import (
 )
 from tactile_ros.evaluation.replay import BaselineQueue, Follower, as_live, compare, replay
 from tactile_ros.messages import fill_contacts
-from tactile_ros.nodes.contact_loop import ContactStage
+from tactile_ros.nodes.contact_loop import ContactLoop
 from tactile_ros.nodes.enrolment_server import Change, EnrolStage, Learned, Lesson
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import (
@@ -84,7 +84,7 @@ def record(
         def on_baseline(frame: Frame) -> None:
             put('baseline', make.frame(frame.sequence, frame.values, frame.stamp_ns))
 
-        stage = ContactStage(pipeline, 5, tare_in_contact=False, on_baseline=on_baseline)
+        stage = ContactLoop(pipeline, 5, tare_in_contact=False, on_baseline=on_baseline)
         stage.reset()
         put('layout', make.layout())
         put('calibration', make.String(data=f'{{"sha256": "{pipeline.digest}"}}'))
@@ -444,7 +444,7 @@ class Run:
         self.states: list[ContactState] = []
         self.baselines: list[Frame] = []
         self.told: list[str] = []
-        self.stage = ContactStage(SPEC.load(path), 10, True, self.baselines.append)
+        self.stage = ContactLoop(SPEC.load(path), 10, True, self.baselines.append)
         self.classes = EnrolStage(
             self.stage, str(path), SPEC.load, self.first.digest, self._announce
         )

@@ -15,7 +15,7 @@ from tactile_ros.conditioning.baseline import tare_means, tare_runs
 from tactile_ros.evaluation.recording_files import LiveContacts, LoadedRecording
 from tactile_ros.evaluation.replay import batch_of, gathered
 from tactile_ros.evaluation.told_rests import alike, with_rests
-from tactile_ros.nodes.contact_loop import ContactStage
+from tactile_ros.nodes.contact_loop import ContactLoop
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import ContactStates, Frame, Recording
 
@@ -48,7 +48,7 @@ def lived(
     """The same after a run without a calibration that was tared before some rows."""
     told: list[Frame] = []
     parts: list[ContactStates] = []
-    stage = ContactStage(SPEC.pipeline(), TARED, False, told.append)
+    stage = ContactLoop(SPEC.pipeline(), TARED, False, told.append)
     rows = np.setdiff1d(np.arange(len(recording)), unheard)
     for row in rows:
         if row in before:

@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip(
     'launch_testing',
     reason='launch_testing is not installed (it comes with ROS): launch files are tested on '
-    'stand-ins alone, by test/nodes/test_launch.py',
+    'stand-ins alone, by test/launch/test_launch.py',
 )
 
 HERE = Path(__file__).parent

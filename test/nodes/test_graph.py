@@ -5,20 +5,193 @@ from __future__ import annotations
 import math
 import subprocess
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 import yaml
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 
+from tactile_ros.action import Grasp
+from tactile_ros.control import GripConfig
 from tactile_ros.errors import TactileError
+from tactile_ros.msg import GripState, TactileContacts
 from tactile_ros.nodes.graph import (
     Graph,
+    HandSetup,
     Process,
-    Setting,
+    SensorSetup,
+    grasping,
     private_folder,
     sensing,
+    stack_of,
     yaml_text,
 )
+from tactile_ros.nodes.lifecycle import qos
 from tactile_ros.nodes.processes import Running
+from tactile_ros.sensors import load_sensor
+
+if TYPE_CHECKING:
+    from conftest import Ros
+
+PATIENCE_S = 120.0
+BOTH = {'fewest_fingers': 2, 'fault_time': 60.0}  # patient while the graph comes up
+
+
+def test_every_finger_has_its_namespace_port_and_calibration() -> None:
+    graph = grasping(HandSetup('allegro_v4', calibrations='/cal', namespace='/left/'))
+    assert [graph.name_of(p) for p in graph.processes[::2]] == [
+        'grip_node', 'left/index/sensor_node', 'left/middle/sensor_node', 'left/ring/sensor_node',
+        'left/thumb/sensor_node',
+    ]  # fmt: skip
+    assert graph['grip_node'].namespace == '/left/'
+    ring = {**graph.processes[5].parameters, **graph.processes[6].parameters}
+    assert ring['port'] == '/dev/ttyACM2'
+    assert ring['calibration'] == '/cal/ring.npz'
+    assert ring['frame_id'] == 'ring_tactile_link'
+
+
+def test_a_stack_is_one_process_that_knows_the_same_of_every_finger() -> None:
+    choice = HandSetup('allegro_v4', calibrations='/cal', namespace='/left/', stack=True, seed=3)
+    (stack,) = grasping(choice).processes
+    assert (stack.executable, stack.namespace) == ('stack', '/left/')
+    assert stack.nodes == ('grip_node', 'contact_node', 'sensor_node')
+    assert stack.parameters == {
+        'hand': 'allegro_v4', 'calibrations': '/cal', 'seed': 3,
+        'ports': [f'/dev/ttyACM{i}' for i in range(4)],
+    }  # fmt: skip
+    thumb = stack_of(choice)[3]
+    assert thumb.namespace == 'left/thumb'
+    assert thumb.parameters['port'] == '/dev/ttyACM3'
+    assert thumb.parameters['calibration'] == '/cal/thumb.npz'
+    played = grasping(HandSetup('joint_trajectory', source='recorded', stack=True))
+    assert [p.executable for p in played.processes] == ['stack', 'player', 'player']
+    places = [p.parameters['port'] for p in played.processes[1:]]
+    assert played['stack'].parameters['ports'] == places
+
+
+def test_ports_are_those_named_or_left_to_the_parameter_file() -> None:
+    named = grasping(HandSetup('joint_trajectory', ports='/dev/a, /dev/b'))
+    ports = [p.parameters.get('port') for p in named.processes if p.executable == 'sensor_node']
+    assert ports == ['/dev/a', '/dev/b']
+    left = grasping(HandSetup('joint_trajectory', params_file='hand.yaml'))
+    assert all('port' not in process.parameters for process in left.processes)
+    twins = grasping(HandSetup('joint_trajectory', source='simulated', seed=4))
+    sensors = [p.parameters for p in twins.processes if p.executable == 'sensor_node']
+    assert [(p['simulated'], p['seed']) for p in sensors] == [(True, 4), (True, 5)]
+
+
+def test_some_fingers_alone_take_part() -> None:
+    graph = grasping(HandSetup('allegro_v5', fingers='thumb,index', mock_hand=True))
+    assert graph['grip_node'].parameters['fingers'] == ['thumb', 'index']
+    assert graph['mock_hand'].parameters['hand'] == 'allegro_v5'
+    assert len(graph.processes) == 6
+    with pytest.raises(ValueError, match=r"fingers must be of index, .*; received 'nose'"):
+        grasping(HandSetup('allegro_v5', fingers='nose'))
+    with pytest.raises(ValueError, match='hand must be one of'):
+        grasping(HandSetup('none'))
+
+
+class Watcher(Node):
+    """Hears the grip and what goes to the hand."""
+
+    def __init__(self) -> None:
+        super().__init__('watcher')
+        self.states: list[GripState] = []
+        self.commands: list[Float64MultiArray] = []
+        self.create_subscription(GripState, 'grip_node/state', self.states.append, 10)
+        topic = '/allegro_hand_position_controller/commands'
+        self.create_subscription(Float64MultiArray, topic, self.commands.append, 10)
+
+
+def test_the_grip_of_a_fake_hand_starts_says_why_it_waits_and_ends(ros: Ros) -> None:
+    whole = grasping(HandSetup('allegro_v4', mock_hand=True, source='simulated'))
+    graph = Graph(whole.processes[:2])
+    ros.init()
+    watcher = ros.add(Watcher())
+    with Running(graph) as running:
+        assert ros.until(lambda: watcher.states, PATIENCE_S), running.lines
+        assert watcher.states[-1].fingers == ['index', 'middle', 'ring', 'thumb']
+        waits = 'no grasp was asked for'
+        assert ros.until(lambda: watcher.states[-1].refusal == waits, PATIENCE_S)
+        assert running.stop() == {'mock_hand': 0, 'grip_node': 0}
+    assert not watcher.commands
+    assert np.isnan(watcher.states[-1].command).all()
+
+
+@pytest.fixture(scope='module')
+def calibrations(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of both fingers of a gripper, on presses of another seed than those of the twins."""
+    folder = tmp_path_factory.mktemp('calibrations')
+    spec = load_sensor('reskin_board')
+    pipeline = spec.pipeline(estimator='ridge').fit(spec.presses(spec.config(), 7))
+    for finger in ('left', 'right'):
+        pipeline.save(folder / f'{finger}.npz')
+    return folder
+
+
+class User(Node):
+    """Asks for grasps."""
+
+    def __init__(self) -> None:
+        super().__init__('user')
+        self.states: list[GripState] = []
+        self.joints: list[JointState] = []
+        self.felt: set[str] = set()
+        for name in ('left', 'right'):
+            self.create_subscription(
+                TactileContacts, f'{name}/contacts', lambda _, n=name: self.felt.add(n), qos()
+            )
+        self.grasp = ActionClient(self, Grasp, 'grip_node/grasp')
+        self.create_subscription(GripState, 'grip_node/state', self.states.append, 10)
+        self.create_subscription(JointState, '/joint_states', self.joints.append, 10)
+
+    def pressed(self) -> np.ndarray:
+        """Forces (N) that the springs of the fake hand have at its newest posture."""
+        return 40.0 * (np.array(self.joints[-1].position) / 0.8 - 0.4)
+
+    def held(self, ros: Ros, force: float) -> Grasp.Result:
+        """Result of a grasp."""
+        sent = self.grasp.send_goal_async(Grasp.Goal(target_force=force, timeout=PATIENCE_S))
+        assert ros.until(sent.done, PATIENCE_S)
+        assert sent.result().accepted
+        ended = sent.result().get_result_async()
+        assert ros.until(ended.done, PATIENCE_S)
+        return ended.result().result
+
+
+@pytest.mark.parametrize('stack', [False, True])
+def test_a_grasp_is_held_through_the_whole_graph(
+    ros: Ros, calibrations: Path, stack: bool
+) -> None:
+    """Twins that the closing presses, their drivers, contacts, grip and fake hand, to `held`."""
+    choice = HandSetup(
+        'joint_trajectory', mock_hand=True, source='simulated', stack=stack,
+        calibrations=str(calibrations), seed=3,
+    )  # fmt: skip
+    graph = grasping(choice).with_parameters(
+        'grip_node', {'closing_rate': 1.0, 'stiffness_high': 60.0, 'stale_after': 0.5, **BOTH}
+    )
+    ros.init()
+    user = ros.add(User())
+    with Running(graph) as running:
+        assert ros.until(lambda: user.states, PATIENCE_S), running.lines
+        assert ros.until(lambda: len(user.felt) == 2, PATIENCE_S), running.lines
+        assert ros.until(lambda: user.joints, PATIENCE_S), running.lines
+        assert ros.until(user.grasp.server_is_ready, PATIENCE_S)
+        ended = user.held(ros, 2.0)
+        assert ended.outcome == Grasp.Result.HELD, (ended, running.lines)
+        # no object joins the springs: what they differ by stays, and the stronger side rules
+        most = 2.0 * (1.0 + GripConfig().balance_high)
+        assert 0.9 * 2.0 < max(ended.force) < 1.1 * most, ended.force
+        told = np.array(ended.force)
+        # of a machine that is busy the newest joint states come a little later than the result
+        assert ros.until(lambda: np.abs(user.pressed() - told).max() < 1.0), (user.pressed(), told)
+        assert user.held(ros, 0.0).message == 'the hand is open'
+        assert set(running.stop().values()) == {0}
 
 
 @pytest.mark.parametrize(
@@ -38,26 +211,26 @@ def names(graph: Graph) -> list[str]:
 
 
 def test_hardware_is_two_processes_or_one() -> None:
-    assert names(sensing(Setting())) == ['contact_node', 'sensor_node']
-    assert names(sensing(Setting(stack=True))) == ['stack']
+    assert names(sensing(SensorSetup())) == ['contact_node', 'sensor_node']
+    assert names(sensing(SensorSetup(stack=True))) == ['stack']
 
 
 def test_everybody_who_listens_is_waited_for() -> None:
-    graph = sensing(Setting(source='recorded', bag='bag'))
+    graph = sensing(SensorSetup(source='recorded', bag='bag'))
     assert names(graph) == ['record', 'contact_node', 'sensor_node', 'player']
     assert graph['contact_node'].parameters['listeners'] == 2
     assert graph['sensor_node'].parameters['listeners'] == 3
     assert graph['player'].parameters['listeners'] == 1
-    stack = sensing(Setting(source='recorded', bag='bag', stack=True))
+    stack = sensing(SensorSetup(source='recorded', bag='bag', stack=True))
     assert stack['stack'].parameters['listeners'] == 2
 
 
 def test_a_node_gets_parameters_wherever_it_runs() -> None:
     for stack in (False, True):
-        graph = sensing(Setting(stack=stack)).with_parameters('sensor_node', {'serial': 'A7'})
+        graph = sensing(SensorSetup(stack=stack)).with_parameters('sensor_node', {'serial': 'A7'})
         assert graph['stack' if stack else 'sensor_node'].parameters['serial'] == 'A7'
     with pytest.raises(KeyError):
-        sensing(Setting()).with_parameters('player', {})
+        sensing(SensorSetup()).with_parameters('player', {})
 
 
 def test_command_line() -> None:
@@ -78,10 +251,10 @@ def test_a_process_that_fails_is_named_with_its_words() -> None:
 
 
 def test_defaults_are_left_to_the_parameter_file() -> None:
-    graph = sensing(Setting(params_file='p.yaml'))
+    graph = sensing(SensorSetup(params_file='p.yaml'))
     assert set(graph['sensor_node'].parameters) == {'listeners'}
     assert set(graph['contact_node'].parameters) == {'listeners'}
-    named = sensing(Setting(port='/dev/x', calibration='c.npz', autostart=False))
+    named = sensing(SensorSetup(port='/dev/x', calibration='c.npz', autostart=False))
     assert named['sensor_node'].parameters['port'] == '/dev/x'
     assert named['contact_node'].parameters['calibration'] == 'c.npz'
     assert named['contact_node'].parameters['autostart'] is False
@@ -89,7 +262,7 @@ def test_defaults_are_left_to_the_parameter_file() -> None:
 
 def test_played_boards_do_not_share_a_port() -> None:
     ports = [
-        sensing(Setting(source='recorded', namespace=space))['player'].parameters['port']
+        sensing(SensorSetup(source='recorded', namespace=space))['player'].parameters['port']
         for space in ('', 'hand/thumb', '/hand/index/')
     ]
     assert [Path(port).name for port in ports] == [
@@ -103,7 +276,9 @@ def test_played_boards_do_not_share_a_port() -> None:
 
 @pytest.mark.parametrize('stack', [False, True])
 def test_simulated_is_the_twin_and_no_player(stack: bool) -> None:
-    chosen = Setting('gradiometer', 'simulated', bag='b', stack=stack, seed=3, fault='flipped:2')
+    chosen = SensorSetup(
+        'gradiometer', 'simulated', bag='b', stack=stack, seed=3, fault='flipped:2'
+    )
     graph = sensing(chosen)
     assert 'player' not in names(graph)
     got = graph['stack' if stack else 'sensor_node'].parameters

@@ -9,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 
 from tactile_ros.nodes import lifecycle
-from tactile_ros.nodes.lifecycle import ManagedNode, pairs
+from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic
 
 if TYPE_CHECKING:
     from conftest import Ros
@@ -94,6 +94,5 @@ def test_diagnostics_that_fail_are_diagnostics_too(
 
 
 def test_values_are_texts_of_few_digits() -> None:
-    assert [p.value for p in pairs({'a': 1 / 3, 'b': [1, 2], 'c': True})] == [
-        '0.333333', '[1, 2]', 'True',
-    ]  # fmt: skip
+    status = diagnostic('part', 'well', {'a': 1 / 3, 'b': [1, 2], 'c': True})
+    assert [pair.value for pair in status.values] == ['0.333333', '[1, 2]', 'True']

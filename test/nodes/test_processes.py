@@ -73,25 +73,19 @@ def test_a_node_whose_parent_is_gone_does_not_begin() -> None:
     assert done.stderr == 'what started this node has ended\n'
 
 
-def test_who_waits_in_vain_hears_what_the_others_said() -> None:
-    graph = Graph((Process('sensor_node', {'port': '/nowhere'}), Process('record')))
-    with Running(graph) as running:
-        running.wait_for_line('sensor_node', '/nowhere', PATIENCE_S)
-        with pytest.raises(
-            TactileError, match=r"say 'x' within 0.1 s; sensor_node said: .*/nowhere"
-        ):
-            running.wait_for_line('record', 'x', 0.1)
-
-
 def test_a_stop_while_a_node_starts_is_no_traceback() -> None:
     with Running(Graph((Process('sensor_node'),))) as running:
         running.stop()
     assert running.lines['sensor_node'] == []
 
 
-def test_many_signals_at_once_end_a_node_as_one_does() -> None:
-    with Running(Graph((Process('sensor_node', {'port': '/nowhere'}),))) as running:
+def test_who_waits_hears_what_the_others_said_and_many_signals_end_a_node_as_one() -> None:
+    graph = Graph((Process('sensor_node', {'port': '/nowhere'}), Process('record')))
+    with Running(graph) as running:
         running.wait_for_line('sensor_node', '/nowhere', PATIENCE_S)
+        sentence = r"say 'x' within 0.1 s; sensor_node said: .*/nowhere"
+        with pytest.raises(TactileError, match=sentence):
+            running.wait_for_line('record', 'x', 0.1)
         for _ in range(200_000):
             if not running.is_alive('sensor_node'):
                 break

@@ -20,9 +20,9 @@ from tactile_ros.messages import fill_frame, fill_header
 from tactile_ros.msg import TactileFrame
 from tactile_ros.nodes import lifecycle
 from tactile_ros.nodes.contact_node import ContactNode
-from tactile_ros.nodes.grip_loop import GripStage
+from tactile_ros.nodes.grip_loop import GripLoop
 from tactile_ros.nodes.grip_node import GripNode
-from tactile_ros.nodes.lifecycle import data
+from tactile_ros.nodes.lifecycle import qos
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame
 
@@ -89,10 +89,10 @@ class User(Node):
 
     def __init__(self) -> None:
         super().__init__('user')
-        self.frames = self.create_publisher(TactileFrame, 'left/frame', data())
+        self.frames = self.create_publisher(TactileFrame, 'left/frame', qos())
         self.joints = self.create_publisher(JointState, '/joint_states', 10)
         self.commands: list[JointTrajectory] = []
-        self.create_subscription(JointTrajectory, COMMANDS, self.commands.append, data())
+        self.create_subscription(JointTrajectory, COMMANDS, self.commands.append, qos())
 
 
 def lived(ros: Ros, press: Press, clock: Clock, direct: bool) -> np.ndarray:
@@ -108,11 +108,11 @@ def lived(ros: Ros, press: Press, clock: Clock, direct: bool) -> np.ndarray:
     grip.now_ns = lambda: clock.ns
     lifecycle.start([grip, contact])
     assert grip.count_subscribers('/left/contacts') == (0 if direct else 1)
-    assert ros.until(lambda: grip._tally.steps and user.count_publishers(COMMANDS))
+    assert ros.until(lambda: grip._diagnosed.steps and user.count_publishers(COMMANDS))
     if not direct:
         assert ros.until(user.frames.get_subscription_count)
         assert ros.until(contact._contacts.get_subscription_count)
-    grip._stage.grasp(2.0, (), 0.0, True)
+    grip._loop.grasp(2.0, (), 0.0, True)
     for row in range(ROWS):
         clock.ns = press.first_ns + (row + 1) * PERIOD_NS
         told(ros, user, grip, press.posture(row), clock.ns)
@@ -124,7 +124,7 @@ def lived(ros: Ros, press: Press, clock: Clock, direct: bool) -> np.ndarray:
             fill_frame(message, frame, 'left')
             user.frames.publish(message)
         assert ros.until(partial(has_taken, grip, row))
-    assert ros.until(lambda: len(user.commands) == grip._tally.commands)
+    assert ros.until(lambda: len(user.commands) == grip._diagnosed.commands)
     return np.array([message.points[0].positions for message in user.commands])
 
 
@@ -136,7 +136,7 @@ def told(ros: Ros, user: User, grip: GripNode, posture: list[float], stamp_ns: i
     user.joints.publish(message)
 
     def known() -> bool:
-        measured = grip._stage._measured
+        measured = grip._loop._measured
         return measured is not None and measured.tolist() == posture
 
     assert ros.until(known)
@@ -150,7 +150,7 @@ def has_taken(grip: GripNode, row: int) -> bool:
 def offline(press: Press) -> np.ndarray:
     """Commands without ROS, shape (s, j)."""
     hand = load_hand(HAND)
-    stage = GripStage(hand, hand.driver.grip(), ('left',))
+    stage = GripLoop(hand, hand.driver.grip(), ('left',))
     pipeline = load_sensor('reskin_board').load(press.calibration)
     stage.enable()
     stage.grasp(2.0, (), 0.0, True)

@@ -14,7 +14,7 @@ import pytest
 
 from tactile_ros.devices.simulated_serial import BYTE_FAULTS
 from tactile_ros.evaluation.recording_files import load
-from tactile_ros.nodes.graph import Setting, sensing
+from tactile_ros.nodes.graph import SensorSetup, sensing
 from tactile_ros.nodes.processes import Running
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -95,7 +95,7 @@ print('conforms')
 @pytest.mark.skipif(not INTERFACES, reason='without ROS 2')
 def test_it_runs_through_the_real_graph(home: Path, tmp_path: Path) -> None:
     bag = str(tmp_path / 'bag')
-    setting = Setting(sensor='pinch_pad', source='simulated', bag=bag, namespace='pinch')
+    setting = SensorSetup(sensor='pinch_pad', source='simulated', bag=bag, namespace='pinch')
     graph = sensing(setting)
     # this test listens too
     everybody = graph['sensor_node'].parameters['listeners'] + 1

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.cli.calibrate import sentences
-from tactile_ros.nodes.contact_loop import ContactStage
+from tactile_ros.nodes.contact_loop import ContactLoop
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
@@ -176,7 +176,7 @@ def test_a_tare_brings_its_temperature_live_in_a_file_and_in_a_bag(
         np.testing.assert_array_equal(live.force_cov, batch.force_cov[row])
     pipeline.save(tmp_path / 'tared.npz')
     told: list[Frame] = []
-    stage = ContactStage(SPEC.load(tmp_path / 'tared.npz'), 10, False, told.append)
+    stage = ContactLoop(SPEC.load(tmp_path / 'tared.npz'), 10, False, told.append)
     state = stage.process(seen.frame(REST + 9))
     other = SPEC.load(tmp_path / 'pad.npz')
     other.tare(told)

@@ -11,7 +11,7 @@ import pytest
 from tactile_ros.control import GripConfig, GripPhase
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.hands.drivers import TRAJECTORY
-from tactile_ros.nodes.grip_loop import GripStage
+from tactile_ros.nodes.grip_loop import GripLoop
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.simulation import scenes
 from tactile_ros.simulation.allegro_hand import allegro_hand, on_half_cylinder
@@ -35,8 +35,8 @@ mujoco = pytest.importorskip('mujoco', reason='simulated hands need MuJoCo')
 GRAVITY, MASS = 9.81, 0.1
 
 
-def stage(hand: HandDescription, config: GripConfig, fingers: list[str]) -> GripStage:
-    return GripStage(hand, config, fingers)
+def stage(hand: HandDescription, config: GripConfig, fingers: list[str]) -> GripLoop:
+    return GripLoop(hand, config, fingers)
 
 
 @pytest.fixture(scope='module')

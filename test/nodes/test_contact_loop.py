@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.nodes.contact_loop import ContactStage
+from tactile_ros.nodes.contact_loop import ContactLoop
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import (
     STATE_FIELDS,
@@ -64,11 +64,11 @@ class ToyPipeline:
         return ContactStates.assemble(1, 1, known)[0]
 
 
-def stage_of(baseline: float = 0.0, frames: int = 3, **options: bool) -> SimpleNamespace:
+def loop_of(baseline: float = 0.0, frames: int = 3, **options: bool) -> SimpleNamespace:
     """Stage with a way to feed values, and the baselines that it announced."""
     announced: list[tuple[int, float]] = []
     pipeline = ToyPipeline(baseline)
-    stage = ContactStage(
+    loop = ContactLoop(
         pipeline,
         frames,
         options.get('tare_in_contact', False),
@@ -79,56 +79,56 @@ def stage_of(baseline: float = 0.0, frames: int = 3, **options: bool) -> SimpleN
     def feed(*values: float, status: np.ndarray | None = None) -> None:
         for value in values:
             k = next(count)
-            stage.process(Frame(k, k, np.full((1, 1), float(value)), status=status))
+            loop.process(Frame(k, k, np.full((1, 1), float(value)), status=status))
 
-    return SimpleNamespace(stage=stage, pipeline=pipeline, feed=feed, announced=announced)
+    return SimpleNamespace(loop=loop, pipeline=pipeline, feed=feed, announced=announced)
 
 
 def test_the_first_tare_is_taken_whatever_touches() -> None:
-    made = stage_of(np.nan)
+    made = loop_of(np.nan)
     made.feed(5, 5, 8)
-    assert made.stage.tare() == (True, 'baseline of 3 frames, from sequence 3 on')
+    assert made.loop.tare() == (True, 'baseline of 3 frames, from sequence 3 on')
     assert made.announced == [(3, 6.0)]
 
 
 def test_a_later_tare_in_contact_is_refused_and_says_so() -> None:
-    made = stage_of()
+    made = loop_of()
     made.feed(0, 0)
-    assert made.stage.tare()[0]
+    assert made.loop.tare()[0]
     made.feed(0.5, 9)
-    done, message = made.stage.tare()
+    done, message = made.loop.tare()
     assert not done
     assert 'while something touches' in message
     assert made.pipeline.baseline[0, 0] == 0.0
 
 
 def test_frames_before_a_contact_are_no_rest_after_it() -> None:
-    made = stage_of()
+    made = loop_of()
     made.feed(0)
-    made.stage.tare()
+    made.loop.tare()
     made.feed(0.9, 9, 0.2, 0.4)
-    assert made.stage.tare() == (True, 'baseline of 2 frames, from sequence 5 on')
+    assert made.loop.tare() == (True, 'baseline of 2 frames, from sequence 5 on')
     assert made.announced[-1] == (5, pytest.approx(0.3))
 
 
 def test_tare_in_contact_where_it_is_allowed() -> None:
-    made = stage_of(frames=1, tare_in_contact=True)
+    made = loop_of(frames=1, tare_in_contact=True)
     made.feed(0)
-    made.stage.tare()
+    made.loop.tare()
     made.feed(9)
-    assert made.stage.tare()[0]
+    assert made.loop.tare()[0]
     assert made.announced[-1] == (2, 9.0)
 
 
 def test_no_frame_and_only_damaged_frames_are_refused() -> None:
-    made = stage_of()
-    assert 'none came yet' in made.stage.tare()[1]
+    made = loop_of()
+    assert 'none came yet' in made.loop.tare()[1]
     made.feed(0, 0, status=np.array([8], np.uint8))
-    done, message = made.stage.tare()
+    done, message = made.loop.tare()
     assert not done
     assert 'without damage' in message
     made.feed(0, 0, status=np.array([0], np.uint8))
-    assert made.stage.tare()[0]
+    assert made.loop.tare()[0]
 
 
 def test_a_dead_taxel_that_was_left_out_of_the_fit_does_not_hinder_a_tare() -> None:
@@ -138,103 +138,104 @@ def test_a_dead_taxel_that_was_left_out_of_the_fit_does_not_hinder_a_tare() -> N
     values[:, 2] = np.nan
     pipeline = spec.pipeline(estimator='ridge').fit(replace(spatial, values=values))
     announced: list[Frame] = []
-    stage = ContactStage(pipeline, 3, False, announced.append)
+    loop = ContactLoop(pipeline, 3, False, announced.append)
     for k in range(5):
-        stage.process(Frame(k, k, values[0] + 1e-6))
-    assert stage.tare()[0]
+        loop.process(Frame(k, k, values[0] + 1e-6))
+    assert loop.tare()[0]
     expected = np.where(np.arange(5)[:, None] == 2, np.nan, values[0] + 1e-6)
     np.testing.assert_allclose(announced[-1].values, expected)
     # what is announced can be taken back, as a replay does
     pipeline.tare([announced[-1]])
     np.testing.assert_allclose(pipeline.baseline, expected)
     # a chip that lived in the fit is damage
-    stage.reset()
-    stage.process(Frame(9, 9, np.where(np.arange(5)[:, None] == 1, np.nan, values[0])))
-    assert not stage.tare()[0]
+    loop.reset()
+    loop.process(Frame(9, 9, np.where(np.arange(5)[:, None] == 1, np.nan, values[0])))
+    assert not loop.tare()[0]
 
 
 def test_a_stale_taxel_makes_a_frame_invalid_and_none_new_hinders_a_tare() -> None:
     spec = load_sensor('reskin_board')
     spatial = spec.recordings()['spatial'].select(slice(0, 200))
-    stage = ContactStage(spec.pipeline(estimator='ridge').fit(spatial), 3, False, lambda _: None)
+    loop = ContactLoop(spec.pipeline(estimator='ridge').fit(spatial), 3, False, lambda _: None)
 
     def feed(sequence: int, stale: list[int]) -> bool:
         bits = np.isin(np.arange(5), stale) * np.uint8(TaxelStatus.STALE)
-        return bool(stage.process(Frame(sequence, sequence, spatial.values[0], status=bits)).valid)
+        return bool(loop.process(Frame(sequence, sequence, spatial.values[0], status=bits)).valid)
 
     assert not feed(0, [0, 1, 2, 3, 4])
-    assert not stage.tare()[0]
+    assert not loop.tare()[0]
     assert not feed(1, [3])
-    assert stage.tare()[0]
+    assert loop.tare()[0]
     assert feed(2, [])
 
 
 def test_every_stream_begins_with_its_baseline() -> None:
-    made = stage_of(2.0)
+    made = loop_of(2.0)
     made.feed(2, 2)
     assert made.announced == [(0, 2.0)]
-    made.stage.process(Frame(0, 0, np.full((1, 1), 2.0)))
+    made.loop.process(Frame(0, 0, np.full((1, 1), 2.0)))
     assert made.announced == [(0, 2.0), (0, 2.0)]
     assert made.pipeline.resets == 1
-    assert made.stage.tally.frames == 1
+    assert made.loop.statistics.frames == 1
 
 
 @pytest.mark.parametrize('baseline', [np.nan, 0.0])
 def test_no_baseline_is_not_announced(baseline: float) -> None:
-    made = stage_of(baseline)
+    made = loop_of(baseline)
     made.feed(0, 0)
     assert made.announced == []
 
 
 def test_faulty_taxels_are_named() -> None:
-    made = stage_of()
-    assert made.stage.tally.flagged == []
-    made.stage.tally.taxel_status = np.array([0, 4, 0, 2], np.uint8)
-    assert made.stage.tally.flagged == [1, 3]
+    made = loop_of()
+    assert made.loop.statistics.faulty_taxels == []
+    bits = np.array([0, 4, 0, 2], np.uint8)
+    made.loop.statistics.state = SimpleNamespace(taxel_status=bits)  # type: ignore[assignment]
+    assert made.loop.statistics.faulty_taxels == [1, 3]
 
 
 def test_fewer_tare_frames_from_now_on() -> None:
-    made = stage_of(frames=3)
+    made = loop_of(frames=3)
     made.feed(0.0, 0.3, 0.6)
-    made.stage.set_tare_frames(1)
-    made.stage.tare()
+    made.loop.set_tare_frames(1)
+    made.loop.tare()
     assert made.announced[-1] == (3, pytest.approx(0.6))
 
 
 def test_a_contact_ends_the_rest_also_when_its_frames_are_damaged() -> None:
-    made = stage_of()
+    made = loop_of()
     made.feed(0)
-    made.stage.tare()
+    made.loop.tare()
     made.feed(0.9)
     made.feed(9, status=np.array([1], np.uint8))
     made.feed(0.2)
-    assert made.stage.tare() == (True, 'baseline of 1 frames, from sequence 4 on')
+    assert made.loop.tare() == (True, 'baseline of 1 frames, from sequence 4 on')
     assert made.announced[-1] == (4, 0.2)
 
 
 def test_the_rule_holds_at_once_for_what_came_before_it() -> None:
-    made = stage_of(tare_in_contact=True)
+    made = loop_of(tare_in_contact=True)
     made.feed(0)
-    made.stage.tare()
+    made.loop.tare()
     made.feed(9, 9)
-    made.stage.tare_in_contact = False
-    done, message = made.stage.tare()
+    made.loop.tare_in_contact = False
+    done, message = made.loop.tare()
     assert not done
     assert 'while something touches' in message
-    made.stage.tare_in_contact = True
-    assert made.stage.tare() == (True, 'baseline of 3 frames, from sequence 3 on')
+    made.loop.tare_in_contact = True
+    assert made.loop.tare() == (True, 'baseline of 3 frames, from sequence 3 on')
 
 
 def test_diagnostics_know_the_age_of_the_baseline_and_how_the_tare_went() -> None:
-    made = stage_of()
-    assert np.isnan(made.stage.tally.baseline_age_s)
+    made = loop_of()
+    assert np.isnan(made.loop.statistics.baseline_age_s)
     made.feed(0, 0)
-    made.stage.tare()
-    assert 'from sequence 2 on' in made.stage.tally.tare_state
+    made.loop.tare()
+    assert 'from sequence 2 on' in made.loop.statistics.tare_state
     made.feed(0, 9)
-    assert made.stage.tally.baseline_age_s == pytest.approx(2e-9)
-    made.stage.tare()
-    assert made.stage.tally.tare_state.startswith('refused: tare is refused while something')
+    assert made.loop.statistics.baseline_age_s == pytest.approx(2e-9)
+    made.loop.tare()
+    assert made.loop.statistics.tare_state.startswith('refused: tare is refused while something')
 
 
 @pytest.mark.parametrize('follows', [True, False])
@@ -245,12 +246,12 @@ def test_a_held_touch_freezes_the_baseline_and_a_switch_stops_it(follows: bool) 
     )
     pipeline.config = replace(pipeline.config, track_baseline=follows)
     pipeline.reset()
-    stage = ContactStage(pipeline, 3, False, lambda _: None)
+    loop = ContactLoop(pipeline, 3, False, lambda _: None)
     rest, count = pipeline.baseline.copy(), iter(range(10_000))
 
     def hold(values: np.ndarray, seconds: int) -> list[int]:
         frames = [next(count) for _ in range(10 * seconds)]
-        return [int(stage.process(Frame(k * 10**8, k, values)).in_contact) for k in frames]
+        return [int(loop.process(Frame(k * 10**8, k, values)).in_contact) for k in frames]
 
     hold(rest, 3)
     assert set(hold(rest + 3e-3, 60)) == {1}
@@ -261,19 +262,19 @@ def test_a_held_touch_freezes_the_baseline_and_a_switch_stops_it(follows: bool) 
 
 
 def test_a_doubled_or_older_message_does_not_lift_the_guard() -> None:
-    made = stage_of()
+    made = loop_of()
     made.feed(0, 0, 0)
-    assert made.stage.tare()[0]
+    assert made.loop.tare()[0]
     made.feed(5, 5)
-    assert not made.stage.tare()[0]
+    assert not made.loop.tare()[0]
     for again in (4, 2):
-        made.stage.process(Frame(again, again, np.full((1, 1), 5.0)))
-        assert made.stage.is_touching
-        assert not made.stage.tare()[0]
+        made.loop.process(Frame(again, again, np.full((1, 1), 5.0)))
+        assert made.loop.is_touching
+        assert not made.loop.tare()[0]
     # activation does: nobody can tell a day's drift from a touch then
-    made.stage.reset()
-    made.stage.process(Frame(9, 9, np.full((1, 1), 5.0)))
-    assert made.stage.tare()[0]
+    made.loop.reset()
+    made.loop.process(Frame(9, 9, np.full((1, 1), 5.0)))
+    assert made.loop.tare()[0]
 
 
 def test_frames_that_waited_are_estimated_together_with_the_same_numbers() -> None:
@@ -282,27 +283,27 @@ def test_frames_that_waited_are_estimated_together_with_the_same_numbers() -> No
     frames = [recording.frame(k) for k in range(len(recording))]
     frames = [replace(f, sequence=k, stamp_ns=k * 10_000_000) for k, f in enumerate(frames)]
     frames[7] = replace(frames[7], status=np.full(4, TaxelStatus.STALE, np.uint8))
-    stages = [
-        ContactStage(spec.pipeline(), 3, tare_in_contact=False, on_baseline=lambda _: None)
+    loops = [
+        ContactLoop(spec.pipeline(), 3, tare_in_contact=False, on_baseline=lambda _: None)
         for _ in range(2)
     ]
-    one_by_one = [stages[0].process(frame) for frame in frames]
+    one_by_one = [loops[0].process(frame) for frame in frames]
     pieces = [frames[:1], frames[1:20], frames[20:21], frames[21:]]
-    together = [state for piece in pieces for state in stages[1].process_all(piece)]
+    together = [state for piece in pieces for state in loops[1].process_all(piece)]
     for alone, among in zip(one_by_one, together, strict=True):
         for name in STATE_FIELDS:
             told = getattr(among, name)
             np.testing.assert_allclose(told, getattr(alone, name), rtol=1e-9, atol=1e-12)
-    assert stages[0].tally.frames == stages[1].tally.frames == len(frames)
-    assert stages[0].tare() == stages[1].tare()
+    assert loops[0].statistics.frames == loops[1].statistics.frames == len(frames)
+    assert loops[0].tare() == loops[1].tare()
 
 
 def test_frames_that_begin_anew_are_not_estimated_together() -> None:
-    made = stage_of()
+    made = loop_of()
     frames = [Frame(k, k, np.zeros((1, 1))) for k in (4, 5, 0, 1)]
-    assert len(made.stage.process_all(frames)) == 4
-    assert made.stage.tally.sequence == 1
-    assert made.stage.tally.frames == 2
+    assert len(made.loop.process_all(frames)) == 4
+    assert made.loop.statistics.sequence == 1
+    assert made.loop.statistics.frames == 2
 
 
 class Touchy(Estimation):
@@ -354,10 +355,10 @@ def test_a_frame_that_fails_is_an_error_and_memory_begins_anew(key: str) -> None
         said: list[str] = []
         other = copy(pipeline)
         other.estimation = Touchy(other.estimation, stamps)
-        stage = ContactStage(other, 3, True, lambda _: None, said.append)
-        stage.reset()
+        loop = ContactLoop(other, 3, True, lambda _: None, said.append)
+        loop.reset()
         pieces = [frames[k : k + size] for k in range(0, len(frames), size)]
-        states = [state for piece in pieces for state in stage.process_all(piece)]
+        states = [state for piece in pieces for state in loop.process_all(piece)]
         assert np.isfinite([state.force[2] for state in states]).sum() == 96
         wanted = wanted or states
         for k, state in enumerate(states):
@@ -371,7 +372,7 @@ def test_a_frame_that_fails_is_an_error_and_memory_begins_anew(key: str) -> None
                     continue
                 told = getattr(state, name)
                 np.testing.assert_allclose(told, getattr(wanted[k], name), rtol=1e-9, atol=1e-12)
-        assert stage.failures == len(failing)
+        assert loop.failures == len(failing)
         assert 'cannot be estimated (LinAlgError: Singular matrix)' in said[0]
     batch = copy(pipeline)
     batch.estimation, batch.failures = Touchy(batch.estimation, stamps), 0
@@ -385,9 +386,9 @@ def test_a_frame_that_fails_is_an_error_and_memory_begins_anew(key: str) -> None
 
 def test_a_frame_of_another_shape_is_refused() -> None:
     pipeline, frames = fitted('reskin_board')
-    stage = ContactStage(copy(pipeline), 3, True, lambda _: None)
-    stage.reset()
+    loop = ContactLoop(copy(pipeline), 3, True, lambda _: None)
+    loop.reset()
     with pytest.raises(ValueError, match='shape'):
-        stage.process(replace(frames[0], values=np.zeros((7, 3))))
-    assert stage.failures == 0
-    assert stage.process(frames[1]).valid
+        loop.process(replace(frames[0], values=np.zeros((7, 3))))
+    assert loop.failures == 0
+    assert loop.process(frames[1]).valid

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from itertools import cycle, pairwise
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,22 +21,184 @@ from tactile_ros.action import Enrol
 from tactile_ros.messages import fill_frame
 from tactile_ros.msg import TactileContacts, TactileFrame
 from tactile_ros.nodes import lifecycle, stack
+from tactile_ros.nodes.contact_loop import ContactLoop
 from tactile_ros.nodes.contact_node import ContactNode
-from tactile_ros.nodes.enrolment_server import EnrolClient, Lesson
-from tactile_ros.nodes.lifecycle import data, latched
+from tactile_ros.nodes.enrolment_server import (
+    CLOSED,
+    Enrolment,
+    EnrolmentClient,
+    EnrolRequest,
+    EnrolResult,
+)
+from tactile_ros.nodes.lifecycle import qos
 from tactile_ros.sensors import load_sensor
 from tactile_ros.srv import ForgetContact
+from tactile_ros.types import ContactStates, Frame, Layout
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from conftest import Ros
 
     from tactile_ros.types import Recording
 
+LAYOUT = Layout(np.zeros((1, 3)), ('p',), '1')
+WINDOW = 2
+PATIENCE_S = 60.0
+PRESS = (0.0, 5.0, 5.0, 5.0, 0.0)
+
+
+class Skin:
+    """A pipeline that learns names; `gate` is passed on the way into a file."""
+
+    sensor, layout, digest = 'toy', LAYOUT, 'one and only'
+    config = SimpleNamespace(window=WINDOW)
+    report: dict[str, dict[str, float]] = {}  # noqa: RUF012
+
+    def __init__(self, gate: Callable[[], None] = lambda: None) -> None:
+        self.estimation = SimpleNamespace(enrol=True)
+        self.stream = None
+        self.label_names: tuple[str, ...] = ()
+        self.baseline = np.zeros((1, 1))
+        self.gate, self.saved = gate, 0
+
+    def reset(self) -> None:
+        """Nothing is remembered."""
+
+    def process(self, frame: Frame) -> object:
+        touched = np.array([int(frame.values[0, 0] > 1)])
+        known = {'in_contact': touched, 'valid': np.array([True]), 'status': np.array([0])}
+        return ContactStates.assemble(1, 1, known)[0]
+
+    def enrol(self, _: Recording, label: str) -> None:
+        if label.strip():
+            self.gate()
+        self.label_names = (*self.label_names, label)
+
+    def forget(self, label: str) -> None:
+        if label == 'odd':
+            msg = 'nobody foresaw this'
+            raise RuntimeError(msg)
+        self.label_names = tuple(name for name in self.label_names if name != label)
+
+    def save(self, _: str) -> None:
+        self.saved += 1
+
+
+class Room:
+    """A stream, a lesson beside it, and a gate that holds the lesson before it is learned."""
+
+    def __init__(self) -> None:
+        self.reached, self.opened, self.ended = (threading.Event() for _ in range(3))
+        self.learned: list[EnrolResult] = []
+        self.changes: list[object] = []
+        self.file = Skin(self.pass_gate)
+        self.stage = ContactLoop(Skin(), 3, False, lambda _: None)  # type: ignore[arg-type]
+        self.enrol = Enrolment(
+            self.stage, 'skin.npz', lambda _: self.file, Skin.digest, self.changes.append
+        )  # type: ignore[arg-type]
+        self.count = 0
+
+    def pass_gate(self) -> None:
+        self.reached.set()
+        assert self.opened.wait(PATIENCE_S)
+
+    def feed(self, *values: float) -> None:
+        for value in values:
+            self.stage.process(Frame(self.count, self.count, np.full((1, 1), value)))
+            self.count += 1
+
+    def begin(self) -> None:
+        """A lesson of one press, up to the gate."""
+
+        def end(learned: EnrolResult) -> None:
+            self.learned.append(learned)
+            self.ended.set()
+
+        self.enrol.begin(EnrolRequest('mug'), lambda *_: None, end)
+        self.feed(*PRESS)
+        assert self.reached.wait(PATIENCE_S)
+
+    def finish(self) -> EnrolResult:
+        self.opened.set()
+        assert self.ended.wait(PATIENCE_S)
+        return self.learned[0]
+
+
+@pytest.fixture
+def room() -> Iterator[Room]:
+    made = Room()
+    yield made
+    made.opened.set()
+    made.enrol.close()
+
+
+def test_no_frame_waits_while_a_class_is_judged(room: Room) -> None:
+    room.begin()
+    room.feed(*PRESS, *PRESS)  # would hang here
+    assert room.stage.statistics.frames == 3 * len(PRESS)
+    assert not room.ended.is_set()
+    assert room.finish().success
+    assert room.file.saved == len(room.changes) == 1
+
+
+def test_a_lesson_can_be_withdrawn_until_its_class_is_written(room: Room) -> None:
+    room.begin()
+    assert room.enrol.cancel()
+    assert room.finish() == EnrolResult(False, 'cancelled', cancelled=True)
+    assert (room.file.saved, room.changes) == (0, [])
+    assert not room.enrol.cancel()
+
+
+def test_a_class_that_is_being_written_is_not_withdrawn(room: Room) -> None:
+    refused: list[bool] = []
+    room.file.save = lambda _: refused.append(room.enrol.cancel())  # type: ignore[method-assign]
+    room.begin()
+    assert room.finish().success
+    assert refused == [False]
+    assert len(room.changes) == 1
+
+
+def test_whoever_asks_to_forget_hears_the_end_whatever_happens(room: Room) -> None:
+    assert room.enrol.forget('odd') == (False, 'RuntimeError: nobody foresaw this')
+    assert room.file.saved == 0
+    room.enrol.close()
+    assert room.enrol.forget('mug') == (False, CLOSED)
+
+
+def test_a_lesson_that_fails_in_an_unforeseen_way_says_so(room: Room) -> None:
+    room.file.save = lambda _: 1 / 0  # type: ignore[assignment, method-assign, return-value]
+    room.begin()
+    assert room.finish() == EnrolResult(False, 'ZeroDivisionError: division by zero')
+    assert room.changes == []
+
+
+def test_once_a_watch_is_taken_away_no_frame_is_in_it(room: Room) -> None:
+    order: list[str] = []
+
+    def watch(*_: object) -> None:
+        room.pass_gate()
+        order.append('watched')
+
+    def take_away() -> None:
+        room.stage.observe(None)
+        order.append('taken away')
+
+    room.stage.observe(watch)
+    stream, other = (threading.Thread(target=one) for one in (lambda: room.feed(0.0), take_away))
+    stream.start()
+    assert room.reached.wait(PATIENCE_S)
+    other.start()
+    other.join(0.05)  # time to go wrong in
+    room.opened.set()
+    for thread in (stream, other):
+        thread.join(PATIENCE_S)
+    assert order == ['watched', 'taken away']
+
+
 SPEC = load_sensor('multipole_skin')
-WINDOW = SPEC.config().window  # type: ignore[attr-defined]
+TEST_ENROLMENT_WINDOW = SPEC.config().window  # type: ignore[attr-defined]
 
 
 class Hand(Node):
@@ -47,11 +211,11 @@ class Hand(Node):
         self.told: list[Enrol.Feedback] = []
         self.presses = presses
         self.count = 0
-        self.frame = self.create_publisher(TactileFrame, 'frame', data())
-        self.create_subscription(TactileContacts, 'contacts', self.contacts.append, data())
+        self.frame = self.create_publisher(TactileFrame, 'frame', qos())
+        self.create_subscription(TactileContacts, 'contacts', self.contacts.append, qos())
         self.create_subscription(
             String, 'calibration', lambda m: self.calibrations.append(json.loads(m.data)),
-            latched(),
+            qos('layout'),
         )  # fmt: skip
         self.enrol = ActionClient(self, Enrol, 'contact_node/enrol')
         self.forget = self.create_client(ForgetContact, 'contact_node/forget')
@@ -220,7 +384,7 @@ def test_the_client_of_the_command_line_hears_every_press_and_the_end(
     ros: Ros, pair: tuple[ContactNode, Hand]
 ) -> None:
     _, hand = pair
-    client = EnrolClient()
+    client = EnrolmentClient()
     told: list[tuple[int, str]] = []
     try:
         with ThreadPoolExecutor(1) as pool:
@@ -230,7 +394,9 @@ def test_the_client_of_the_command_line_hears_every_press_and_the_end(
                 assert ros.until(future.done)
                 return future.result()
 
-            asked = pool.submit(client.enrol, Lesson('mug', 1), lambda *said: told.append(said))
+            asked = pool.submit(
+                client.enrol, EnrolRequest('mug', 1), lambda *said: told.append(said)
+            )
             number = cycle(range(8))
             # until one press fell wholly into the lesson
             assert ros.until(lambda: asked.done() or hand.press(ros, next(number)))
@@ -239,7 +405,7 @@ def test_the_client_of_the_command_line_hears_every_press_and_the_end(
             assert answer(client.forget, 'mug') == (
                 True, "'mug' forgotten; classes are 0, 1, 2, 3, 4"
             )  # fmt: skip
-            refused = answer(client.enrol, Lesson(' ', 1), print)
+            refused = answer(client.enrol, EnrolRequest(' ', 1), print)
             assert 'label of enrol must be a name' in refused.message
     finally:
         client.close()
@@ -263,14 +429,14 @@ def test_one_answer_stands_on_the_last_frame_of_each_window_of_a_twin(
     contact, sensor = (ros.add(node) for node in stack.build())
     listener = ros.add(Node('listener'))
     heard: list[TactileContacts] = []
-    listener.create_subscription(TactileContacts, 'contacts', heard.append, data())
+    listener.create_subscription(TactileContacts, 'contacts', heard.append, qos())
     lifecycle.start([contact, sensor])
     assert ros.until(lambda: sum(m.label >= 0 for m in heard) >= 8)
     held = 0
     for message in heard:
         held = held + 1 if message.in_contact == 1 else 0
         answered = message.label >= 0
-        assert not answered or held % WINDOW == 0, message.sequence
+        assert not answered or held % TEST_ENROLMENT_WINDOW == 0, message.sequence
         assert message.label_probability > 0 if answered else np.isnan(message.label_probability)
     onsets = [m for m, n in pairwise(heard) if m.in_contact < n.in_contact]
     assert onsets

@@ -1,4 +1,4 @@
-"""What a viewer hears: layouts, frames, contacts and grip states of namespaces, by topics."""
+"""Node of a viewer: layouts, frames with their contacts, and grip states of namespaces."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
 
 from tactile_ros import messages
 from tactile_ros.msg import GripState, TactileContacts, TactileFrame, TactileLayout
-from tactile_ros.nodes.lifecycle import data, latched, shut_down
-from tactile_ros.types import ContactState
+from tactile_ros.nodes.lifecycle import qos
+from tactile_ros.types import STATE_FIELDS, ContactState
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -29,66 +30,63 @@ WAITING = 100  # frames that wait for their contacts, or contacts for their fram
 LOOK_S = 0.1
 
 
-class WatchNode(Node):
-    """Pair frames with the contacts that name them, and hand both on.
+class ViewerNode(Node):
+    """Pair frames with the contacts that name them, and hand both on, per namespace.
 
-    Parameters
-    ----------
-    namespaces : sequence of str
-        One for each sensor.
-    show, grip : callable
-        Take (namespace, layout, frame, state), and (namespace, message, stamp in ns).
+    `show` takes (namespace, layout, frame, state), `show_grip` (namespace, message, stamp in ns).
     """
 
-    def __init__(self, namespaces: Sequence[str], show: Show, grip: ShowGrip) -> None:
+    def __init__(self, namespaces: Sequence[str], show: Show, show_grip: ShowGrip) -> None:
         super().__init__('tactile_view')
-        self._show, self._grip = show, grip
+        self._show, self._show_grip = show, show_grip
         self._layouts: dict[str, Layout] = {}
         self._waiting: dict[str, OrderedDict[int, dict[type, object]]] = {}
         for name in namespaces:
             self._waiting[name] = OrderedDict()
-            heard = (
-                (TactileLayout, 'layout', self._layout, latched()),
-                (TactileFrame, 'frame', self._half, data()),
-                (TactileContacts, 'contacts', self._half, data()),
-                (GripState, 'grip_node/state', self._state, data()),
+            inputs = (
+                (TactileLayout, 'layout', self._on_layout),
+                (TactileFrame, 'frame', self._on_half),
+                (TactileContacts, 'contacts', self._on_half),
+                (GripState, 'grip_node/state', self._on_grip),
             )
-            for kind, topic, call, quality in heard:
+            for kind, topic, callback in inputs:
                 path = f'{name}/{topic}' if name else topic
-                self.create_subscription(kind, path, partial(call, name), quality)
+                self.create_subscription(kind, path, partial(callback, name), qos(topic))
 
-    def _layout(self, name: str, message: TactileLayout) -> None:
+    def _on_layout(self, name: str, message: TactileLayout) -> None:
         self._layouts[name] = messages.read_layout(message)
 
-    def _half(self, name: str, message: TactileFrame | TactileContacts) -> None:
-        """A frame or its contacts, whichever comes first waits for the other."""
+    def _on_half(self, name: str, message: TactileFrame | TactileContacts) -> None:
+        """A frame or its contacts; whichever comes first waits for the other."""
         waiting = self._waiting[name]
         halves = waiting.setdefault(message.sequence, {})
         halves[type(message)] = message
         if len(halves) == 2:
             del waiting[message.sequence]
-            self._both(name, halves[TactileFrame], halves[TactileContacts])
+            self._show_both(name, halves[TactileFrame], halves[TactileContacts])
         while len(waiting) > WAITING:
             waiting.popitem(last=False)
 
-    def _both(self, name: str, frame: TactileFrame, contacts: TactileContacts) -> None:
+    def _show_both(self, name: str, frame: TactileFrame, contacts: TactileContacts) -> None:
         """Show them; without a layout nothing has a place yet."""
         layout = self._layouts.get(name)
         if layout is None:
             return
-        arrays = messages.read_contacts([contacts], len(layout.positions))
-        known = {k: v for k, v in arrays.items() if k in ContactState.__dataclass_fields__}
-        state = ContactState.assemble(len(layout.positions), known)
+        columns = messages.read_contacts([contacts], len(layout.positions))
+        columns = {name: x for name, x in columns.items() if name in STATE_FIELDS}
+        state = ContactState.assemble(len(layout.positions), columns)
         self._show(name, layout, messages.read_frame(frame, layout.shape), state)
 
-    def _state(self, name: str, message: GripState) -> None:
-        self._grip(name, message, messages.stamp_ns(message.header))
+    def _on_grip(self, name: str, message: GripState) -> None:
+        self._show_grip(name, message, messages.stamp_ns(message.header))
 
 
-def watch(namespaces: Sequence[str], show: Show, grip: ShowGrip, seconds: float | None) -> None:
+def run_viewer(
+    namespaces: Sequence[str], show: Show, show_grip: ShowGrip, seconds: float | None
+) -> None:
     """Listen until Ctrl-C, or for so many seconds."""
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node = WatchNode(namespaces, show, grip)
+    node = ViewerNode(namespaces, show, show_grip)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     end = float('inf') if seconds is None else time.monotonic() + seconds
@@ -97,4 +95,4 @@ def watch(namespaces: Sequence[str], show: Show, grip: ShowGrip, seconds: float 
             executor.spin_once(timeout_sec=LOOK_S)
     finally:
         node.destroy_node()
-        shut_down()
+        try_shutdown()

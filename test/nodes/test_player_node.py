@@ -1,4 +1,4 @@
-"""Playing without ROS: a driver in a thread stands for the graph."""
+"""Rows are recognised by order and content, also when some are lost or look alike."""
 
 from __future__ import annotations
 
@@ -9,13 +9,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from std_msgs.msg import Header
 
 from tactile_ros.devices.reskin_protocol import encode
 from tactile_ros.devices.serial_board import ReskinBoard
 from tactile_ros.errors import DeviceError, DeviceTimeout
-from tactile_ros.nodes import player
-from tactile_ros.nodes.player import Ledger, Performance, Score, Stopped, Tally
-from tactile_ros.types import Recording
+from tactile_ros.nodes import player_node as player
+from tactile_ros.nodes.parameters import PlayerOptions
+from tactile_ros.nodes.player_node import FrameMatcher, Playback, PlaybackCounts, Stopped
+from tactile_ros.nodes.standard_messages import TruthMessages
+from tactile_ros.types import Frame, Recording
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -27,7 +30,7 @@ PATIENCE_S = 120.0
 class Echo:
     """Reads the port and tells the ledger what came, as the graph does."""
 
-    def __init__(self, path: Path, recording: Recording, ledger: Ledger) -> None:
+    def __init__(self, path: Path, recording: Recording, ledger: FrameMatcher) -> None:
         self.board = ReskinBoard(str(path), recording.layout)
         self.ledger = ledger
         self.rows: list[int] = []
@@ -63,12 +66,15 @@ def short(touches: Recording) -> Recording:
 
 @pytest.fixture
 def echo(short: Recording, tmp_path: Path) -> Iterator[Echo]:
-    with Echo(tmp_path / 'port', short, Ledger()) as running:
+    with Echo(tmp_path / 'port', short, FrameMatcher()) as running:
         yield running
 
 
-def score_of(short: Recording, tmp_path: Path, patience_s: float = 10.0) -> Score:
-    return Score(short, str(tmp_path / 'port'), float('inf'), 1e6, 4, patience_s)
+def options_of(tmp_path: Path, patience_s: float = 10.0, loop: bool = False) -> PlayerOptions:
+    return PlayerOptions(
+        port=str(tmp_path / 'port'), speed_up=float('inf'), rate_hz=1e6, window=4,
+        patience_s=patience_s, loop=loop,
+    )  # fmt: skip
 
 
 def test_every_row_comes_back_and_every_rest_is_tared(
@@ -80,8 +86,8 @@ def test_every_row_comes_back_and_every_rest_is_tared(
         through.append(list(echo.rows))
         return len(through) != 2, 'not now'
 
-    played = Performance(score_of(short, tmp_path), echo.ledger, tare, lambda: '')
-    played.play(loop=False, on_end=tallies.append)
+    played = Playback(short, options_of(tmp_path), echo.ledger, tare, lambda: '')
+    played.play(tallies.append)
     assert echo.rows == list(range(12))
     # each tare is asked for after its resting row went through, and before the touch is sent
     assert [rows[-1] for rows in through] == [0, 2, 4, 6, 8, 10]
@@ -103,15 +109,15 @@ def test_what_the_graph_lacks_is_said(
         ahead[0] += PATIENCE_S  # only once the port is read, which takes a busy machine long
         return 'contact_node is missing'
 
-    played = Performance(score_of(short, tmp_path, PATIENCE_S), echo.ledger, None, missing)
+    played = Playback(short, options_of(tmp_path, PATIENCE_S), echo.ledger, None, missing)
     with pytest.raises(DeviceError, match='contact_node is missing'):
-        played.play(loop=False, on_end=print)
+        played.play(print)
 
 
 def test_a_port_that_nobody_reads_is_said(short: Recording, tmp_path: Path) -> None:
-    played = Performance(score_of(short, tmp_path, 0.2), Ledger(), None, lambda: '')
+    played = Playback(short, options_of(tmp_path, 0.2), FrameMatcher(), None, lambda: '')
     with pytest.raises(DeviceError, match='nobody opens the simulated port'):
-        played.play(loop=False, on_end=print)
+        played.play(print)
 
 
 def test_a_graph_that_falls_silent_is_given_up(
@@ -123,30 +129,32 @@ def test_a_graph_that_falls_silent_is_given_up(
         echo.deaf.set()
         return True, ''
 
-    played = Performance(score_of(short, tmp_path), echo.ledger, tare, lambda: '')
+    played = Playback(short, options_of(tmp_path), echo.ledger, tare, lambda: '')
     with pytest.raises(DeviceError, match='did not come back'):
-        played.play(loop=False, on_end=print)
+        played.play(print)
 
 
 def test_stop_ends_a_loop(short: Recording, tmp_path: Path, echo: Echo) -> None:
-    played = Performance(score_of(short, tmp_path), echo.ledger, None, lambda: '')
-    rounds: list[Tally] = []
+    played = Playback(short, options_of(tmp_path, loop=True), echo.ledger, None, lambda: '')
+    rounds: list[PlaybackCounts] = []
 
-    def count(tally: Tally) -> None:
+    def count(tally: PlaybackCounts) -> None:
         rounds.append(tally)
         if len(rounds) == 2:
             played.stop()
 
     with pytest.raises(Stopped):
-        played.play(loop=True, on_end=count)
+        played.play(count)
     assert rounds[-1].rows == 24
 
 
 def test_truth_of_tare_rows_is_untouched(short: Recording) -> None:
-    states = player.truth_states(short)
-    assert states.in_contact[short.tare].tolist() == [0] * 6
-    assert states.in_contact[~short.tare].tolist() == [-1] * 6
-    np.testing.assert_array_equal(states.position, short.truth['position'])
+    truth = TruthMessages(short)
+    rows = [truth.message(row, Header(), row) for row in range(len(short))]
+    assert [rows[row].in_contact for row in np.flatnonzero(short.tare)] == [0] * 6
+    assert [rows[row].in_contact for row in np.flatnonzero(~short.tare)] == [-1] * 6
+    contact = rows[1].contacts[0].position
+    np.testing.assert_array_equal([contact.x, contact.y, contact.z], short.truth['position'][1])
 
 
 def test_runs_of_resting_rows() -> None:
@@ -158,3 +166,65 @@ def test_runs_of_resting_rows() -> None:
 def test_values_as_the_driver_reads_them(short: Recording) -> None:
     got = player.as_received(encode(short.values[0]))
     np.testing.assert_allclose(got, short.values[0], atol=1e-10)
+
+
+def frame(sequence: int, value: float) -> Frame:
+    return Frame(sequence, sequence, np.full((1, 1), value))
+
+
+def sent(*values: float) -> FrameMatcher:
+    ledger = FrameMatcher()
+    for row, value in enumerate(values):
+        ledger.send(10 + row, np.full((1, 1), value))
+    return ledger
+
+
+def never() -> bool:
+    return False
+
+
+def test_rows_come_back_in_order_also_alike() -> None:
+    ledger = sent(1, 1, 2)
+    assert [ledger.match(frame(7 + i, v)) for i, v in enumerate((1, 1, 2))] == [10, 11, 12]
+    assert ledger.lost == 0
+
+
+def test_a_lost_row_is_counted_and_skipped() -> None:
+    ledger = sent(1, 2, 3)
+    assert ledger.match(frame(0, 3)) == 12
+    assert ledger.lost == 2
+    assert ledger.match(frame(1, 3)) is None
+
+
+def test_a_stranger_is_no_row() -> None:
+    ledger = sent(1)
+    assert ledger.match(frame(0, 5)) is None
+    assert ledger.match(frame(1, 1)) == 10
+
+
+def test_nan_is_recognised() -> None:
+    ledger = sent(np.nan)
+    assert ledger.match(frame(0, np.nan)) == 10
+
+
+def test_through_needs_both_the_frame_and_the_acknowledgement() -> None:
+    ledger = sent(1, 2)
+    ledger.acknowledge(5)
+    assert not ledger.is_through(0)
+    ledger.match(frame(5, 1))
+    assert ledger.is_through(0)
+    ledger.match(frame(6, 2))
+    assert not ledger.is_through(1)
+    ledger.acknowledge(6)
+    assert ledger.wait(1, 1.0, never)
+
+
+def test_waiting_ends_by_time_by_stop_and_by_giving_up() -> None:
+    ledger = sent(1)
+    assert not ledger.wait(0, 0.01, never)
+    stop = threading.Event()
+    threading.Timer(0.02, lambda: (stop.set(), ledger.wake())).start()
+    assert not ledger.wait(0, 5.0, stop.is_set)
+    assert ledger.give_up() == 1
+    assert ledger.lost == 1
+    assert ledger.wait(0, 0.0, never)

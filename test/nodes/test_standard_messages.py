@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,13 +13,86 @@ from sensor_msgs.msg import Image, MagneticField
 from tactile_ros.messages import read_frame
 from tactile_ros.msg import TactileFrame
 from tactile_ros.nodes import lifecycle
-from tactile_ros.nodes.lifecycle import data
+from tactile_ros.nodes.lifecycle import qos
 from tactile_ros.nodes.sensor_node import SensorNode
-from tactile_ros.nodes.standard_messages import grid_of, image_of, in_sensor_axes, is_magnetic
-from tactile_ros.types import Frame, Layout
+from tactile_ros.nodes.standard_messages import (
+    LISTENERS_NS,
+    FrameViews,
+    StandardTopics,
+    grid_of,
+    image_of,
+)
+from tactile_ros.sensors import load_sensor
+from tactile_ros.types import ContactState, Frame, Layout
 
 if TYPE_CHECKING:
     from conftest import Ros
+
+MS = 1_000_000
+BEGIN_NS = 5_000_000_000
+STATE = ContactState.assemble(5, {})
+
+
+class Publisher:
+    """Counts how often it is asked who listens, and what it sends."""
+
+    def __init__(self) -> None:
+        self.listeners = self.asked = 0
+        self.sent: list[object] = []
+        self.publish = self.sent.append
+
+    def get_subscription_count(self) -> int:
+        self.asked += 1
+        return self.listeners
+
+
+class Talk:
+    """Standard topics whose publishers are those."""
+
+    def __init__(self) -> None:
+        self.made: dict[str, Publisher] = {}
+        node = SimpleNamespace(managed_publisher=self.publisher)
+        self.topics = StandardTopics(node, load_sensor('reskin_board'))  # type: ignore[arg-type]
+        self.wrench = self.made['wrench']
+
+    def publisher(self, _: object, name: str) -> Publisher:
+        return self.made.setdefault(name, Publisher())
+
+    def say(self, at_ns: int) -> None:
+        frame = Frame(at_ns, 0, np.zeros((5, 3)))
+        self.topics.publish(frame, STATE, 'pad', None, 'nan')  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def talk() -> Talk:
+    return Talk()
+
+
+def test_a_fast_stream_asks_rarely_who_listens(talk: Talk) -> None:
+    for i in range(100):
+        talk.say(BEGIN_NS + i * MS)
+    assert talk.wrench.asked == 100 // (LISTENERS_NS // MS) + 1
+    assert not talk.wrench.sent
+
+
+def test_one_who_comes_is_heard_within_a_look_and_one_who_leaves_too(talk: Talk) -> None:
+    for i in range(40):
+        talk.wrench.listeners = int(5 <= i < 25)
+        talk.say(BEGIN_NS + i * MS)
+    stamps = [sent.header.stamp.nanosec // MS for sent in talk.wrench.sent]  # type: ignore[attr-defined]
+    assert 5 <= stamps[0] <= 5 + LISTENERS_NS // MS
+    assert stamps == list(range(stamps[0], 25))
+
+
+@pytest.mark.parametrize('step_ns', [10 * MS, 0, -MS])
+def test_slow_frames_and_clocks_that_stand_or_step_back_ask_every_time(
+    talk: Talk, step_ns: int
+) -> None:
+    for i in range(10):
+        talk.wrench.listeners = i % 2
+        talk.say(BEGIN_NS + i * step_ns)
+    assert len(talk.wrench.sent) == 5
+
 
 SQUARE = np.array([[x, y, 0] for y in range(3) for x in range(4)], float) * 2e-3
 QUARTER = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
@@ -58,10 +132,16 @@ def test_what_is_no_matrix_has_no_image(layout: Layout) -> None:
 
 def test_fields_are_turned_into_the_axes_of_the_sensor() -> None:
     layout = Layout(np.zeros((2, 3)), ('Bx', 'By', 'Bz'), 'T', np.array([np.eye(3), QUARTER]))
-    got = in_sensor_axes(np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 3.0]]), layout)
+    made: list[str] = []
+    node = SimpleNamespace(
+        create_publisher=lambda _, name, __: made.append(name), count_subscribers=lambda _: 0
+    )
+    views = FrameViews(node, layout, magnetic_field=True, image=True)  # type: ignore[arg-type]
+    assert made == ['magnetic_field/chip_0', 'magnetic_field/chip_1']
+    got = views.sensor_axes(np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 3.0]]))
     np.testing.assert_allclose(got, [[1, 2, 3], [-2, 1, 3]])
-    assert is_magnetic(layout)
-    assert not is_magnetic(Layout(np.zeros((2, 3)), ('Bx', 'Bz'), 'T'))
+    FrameViews(node, Layout(np.zeros((2, 3)), ('Bx', 'Bz'), 'T'), True, True)  # type: ignore[arg-type]
+    assert len(made) == 2
 
 
 def topics(node: Node) -> set[str]:
@@ -75,11 +155,11 @@ def test_a_subscription_makes_the_view_of_one_chip(ros: Ros) -> None:
     node, listener = ros.add(SensorNode()), ros.add(Node('listener'))
     fields: list[MagneticField] = []
     frames: list[TactileFrame] = []
-    listener.create_subscription(TactileFrame, 'frame', frames.append, data())
+    listener.create_subscription(TactileFrame, 'frame', frames.append, qos())
     lifecycle.start([node])
     assert ros.until(lambda: frames)
     assert not topics(node)
-    listener.create_subscription(MagneticField, 'magnetic_field/chip_2', fields.append, data())
+    listener.create_subscription(MagneticField, 'magnetic_field/chip_2', fields.append, qos())
     assert ros.until(lambda: len(fields) > 5)
     assert ros.until(lambda: topics(node) == {'/magnetic_field/chip_2'})
     by_stamp = {(m.header.stamp.sec, m.header.stamp.nanosec): m for m in frames}
@@ -101,6 +181,6 @@ def test_a_parameter_offers_the_image_of_a_matrix(ros: Ros) -> None:
     images: list[Image] = []
     lifecycle.start([node])
     assert ros.until(lambda: topics(node) == {'/image'})
-    listener.create_subscription(Image, 'image', images.append, data())
+    listener.create_subscription(Image, 'image', images.append, qos())
     assert ros.until(lambda: images)
     assert (images[0].height, images[0].width) == (4, 4)

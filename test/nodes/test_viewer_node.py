@@ -11,8 +11,8 @@ from rclpy.node import Node
 
 from tactile_ros import messages
 from tactile_ros.msg import GripState, TactileContact, TactileContacts, TactileFrame, TactileLayout
-from tactile_ros.nodes.lifecycle import data, latched
-from tactile_ros.nodes.watch import WAITING, WatchNode
+from tactile_ros.nodes.lifecycle import qos
+from tactile_ros.nodes.viewer_node import WAITING, ViewerNode
 from tactile_ros.types import ContactState, Frame, Layout
 
 if TYPE_CHECKING:
@@ -27,10 +27,10 @@ class Source(Node):
 
     def __init__(self, namespace: str) -> None:
         super().__init__('source', namespace=namespace)
-        self.layout = self.create_publisher(TactileLayout, 'layout', latched())
-        self.frame = self.create_publisher(TactileFrame, 'frame', data())
-        self.contacts = self.create_publisher(TactileContacts, 'contacts', data())
-        self.grip = self.create_publisher(GripState, 'grip_node/state', data())
+        self.layout = self.create_publisher(TactileLayout, 'layout', qos('layout'))
+        self.frame = self.create_publisher(TactileFrame, 'frame', qos())
+        self.contacts = self.create_publisher(TactileContacts, 'contacts', qos())
+        self.grip = self.create_publisher(GripState, 'grip_node/state', qos())
 
     def say_layout(self) -> None:
         message = TactileLayout()
@@ -62,8 +62,8 @@ def test_frames_come_with_their_own_contacts(ros: Ros) -> None:
     shown: list[tuple[str, Frame, ContactState]] = []
     grips: list[tuple[str, GripState, int]] = []
     ros.init()
-    watch = ros.add(
-        WatchNode(
+    viewer = ros.add(
+        ViewerNode(
             ['thumb'],
             lambda name, _, frame, state: shown.append((name, frame, state)),
             lambda *told: grips.append(told),
@@ -72,7 +72,7 @@ def test_frames_come_with_their_own_contacts(ros: Ros) -> None:
     source = ros.add(Source('thumb'))
     assert ros.until(lambda: heard_of(source) == 4)
     source.say_layout()
-    assert ros.until(lambda: watch._layouts)
+    assert ros.until(lambda: viewer._layouts)
     source.say_frame(2)
     source.say_frame(3)
     source.say_contacts(3)
@@ -82,23 +82,23 @@ def test_frames_come_with_their_own_contacts(ros: Ros) -> None:
     ((name, frame, state),) = shown
     assert (name, frame.sequence, state.force[2]) == ('thumb', 3, 3.0)
     assert grips[0][1].phase == GripState.HOLD
-    assert ros.until(lambda: list(watch._waiting['thumb']) in ([2, 9], [9, 2]))
+    assert ros.until(lambda: list(viewer._waiting['thumb']) in ([2, 9], [9, 2]))
 
 
 def test_without_a_layout_nothing_is_shown(ros: Ros) -> None:
     ros.init()
-    watch = WatchNode([''], lambda *_: pytest.fail('it has no place'), lambda *_: None)
-    ros.add(watch)
-    watch._half('', TactileContacts(sequence=1))
-    watch._half('', TactileFrame(sequence=1))
-    assert not watch._waiting['']
+    viewer = ViewerNode([''], lambda *_: pytest.fail('it has no place'), lambda *_: None)
+    ros.add(viewer)
+    viewer._on_half('', TactileContacts(sequence=1))
+    viewer._on_half('', TactileFrame(sequence=1))
+    assert not viewer._waiting['']
 
 
 def test_frames_without_contacts_are_forgotten(ros: Ros) -> None:
     ros.init()
-    watch = WatchNode([''], lambda *_: None, lambda *_: None)
-    ros.add(watch)
+    viewer = ViewerNode([''], lambda *_: None, lambda *_: None)
+    ros.add(viewer)
     for sequence in range(2 * WAITING):
-        watch._half('', TactileFrame(sequence=sequence))
-    assert len(watch._waiting['']) == WAITING
-    assert next(iter(watch._waiting[''])) == WAITING
+        viewer._on_half('', TactileFrame(sequence=sequence))
+    assert len(viewer._waiting['']) == WAITING
+    assert next(iter(viewer._waiting[''])) == WAITING

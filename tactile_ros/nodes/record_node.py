@@ -1,32 +1,23 @@
-"""record: what a replay needs, as it was heard, into a bag that survives a kill."""
+"""record: everything that a replay needs, as it was heard, into a bag that survives a kill."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
 
 import rclpy.subscription
-from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import String
 
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.bag import BagWriter
 from tactile_ros.msg import TactileContacts, TactileFrame, TactileLayout
-from tactile_ros.nodes.lifecycle import (
-    LATCHED_TOPICS,
-    ManagedNode,
-    baselines,
-    data,
-    main_of,
-    pairs,
-)
-from tactile_ros.nodes.parameters import NodeOptions
+from tactile_ros.nodes.lifecycle import LATCHED_DEPTHS, ManagedNode, diagnostic, main_of
+from tactile_ros.nodes.parameters import RecordOptions
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
-    from rclpy.subscription import Subscription
+    from diagnostic_msgs.msg import DiagnosticStatus
 
 TOPICS = {
     'layout': TactileLayout,
@@ -41,13 +32,6 @@ FLUSH_PERIOD_S = 0.2
 GIVES_INFO = hasattr(rclpy.subscription, 'MessageInfo')
 
 
-@dataclass(frozen=True)
-class RecordOptions(NodeOptions):
-    """Parameters of record."""
-
-    bag: str = field(default='', metadata={'help': 'folder of the bag; it must not exist yet'})
-
-
 class RecordNode(ManagedNode):
     """Write the topics of one sensor as the middleware gave them, without looking inside."""
 
@@ -55,8 +39,7 @@ class RecordNode(ManagedNode):
         super().__init__('record')
         self.declare(RecordOptions())
         self._writer: BagWriter | None = None
-        self._heard: list[Subscription] = []
-        self._taken = self._seen = 0
+        self._taken = self._taken_before = 0
 
     def configure(self) -> None:
         """Open the bag."""
@@ -68,28 +51,26 @@ class RecordNode(ManagedNode):
 
     def activate(self) -> None:
         """Subscribe to everything."""
-        self._heard = [self._subscribe(topic, kind) for topic, kind in TOPICS.items()]
+        for topic, kind in TOPICS.items():
+            self._record(topic, kind)
         self._flushing = self.steady_timer(FLUSH_PERIOD_S, self._writer.flush)
 
-    def _subscribe(self, topic: str, kind: type) -> Subscription:
-        """Subscription to serialised messages."""
-        latched = topic in LATCHED_TOPICS
-        name = self.resolve_topic_name(topic)
+    def _record(self, topic: str, kind: type) -> None:
+        """Subscribe to serialised messages of a topic."""
         type_name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
-        write = partial(self._write, name, type_name, latched)
+        latched = topic in LATCHED_DEPTHS
+        write = partial(self._write, self.resolve_topic_name(topic), type_name, latched)
         callback: Callable[..., None] = (
             (lambda data, info: write(data, info['received_timestamp']))
             if GIVES_INFO
             else (lambda data: write(data, 0))
         )
-        return self.create_subscription(
-            kind, topic, callback, baselines() if latched else data(), raw=True
-        )
+        self.subscribe(kind, topic, callback, raw=True)
 
     def _write(
         self, topic: str, type_name: str, latched: bool, data: bytes, received_ns: int
     ) -> None:
-        """One message, with the time at which the middleware received it."""
+        """Write one message, with the time at which the middleware received it."""
         simulated = self.get_parameter('use_sim_time').value
         stamp_ns = self.now_ns() if simulated or received_ns <= 0 else received_ns
         self._taken += 1
@@ -102,18 +83,15 @@ class RecordNode(ManagedNode):
 
     def lags(self) -> bool:
         """Messages came since this was asked last."""
-        more, self._seen = self._taken != self._seen, self._taken
+        more, self._taken_before = self._taken != self._taken_before, self._taken
         return more
 
     def deactivate(self) -> None:
-        """Listen no more and close the bag with its index."""
+        """Listen no more."""
         self.destroy_timer(self._flushing)
-        for subscription in self._heard:
-            self.destroy_subscription(subscription)
-        self._heard = []
 
     def cleanup(self) -> None:
-        """Close the bag."""
+        """Close the bag with its index."""
         if self._writer is not None:
             self._writer.close()
             total = sum(self._writer.counts.values())
@@ -122,20 +100,9 @@ class RecordNode(ManagedNode):
 
     def diagnose(self) -> DiagnosticStatus:
         """Messages per topic."""
-        status = DiagnosticStatus(name='record', message=f'{self._taken} messages')
-        status.values = pairs(dict(self._writer.counts))
-        return status
-
-
-def build() -> Sequence[ManagedNode]:
-    """The node of this executable."""
-    return [RecordNode()]
+        return diagnostic('record', f'{self._taken} messages', dict(self._writer.counts))
 
 
 def main() -> None:
     """Record until told to stop."""
-    main_of(build)
-
-
-if __name__ == '__main__':
-    main()
+    main_of(lambda: [RecordNode()])

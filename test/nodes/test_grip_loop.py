@@ -1,22 +1,40 @@
-"""The loop of a hand without ROS: joints inside limits whatever comes, grasps and their ends.
-
-The world is a spring in the way of each finger; its forces are not those of a real object, and
-nothing here says how well a grip holds.
-"""
+"""Ages of messages: by their stamps where clocks agree, by their arrival otherwise."""
 
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from std_srvs.srv import Trigger
 
+from tactile_ros.action import Grasp
 from tactile_ros.control import GraspOutcome, GripConfig, GripPhase
+from tactile_ros.devices.reskin_protocol import encode
 from tactile_ros.hands import load_hand
 from tactile_ros.hands.joints import MockHand, taking_part
-from tactile_ros.nodes.grip_loop import Decision, GripStage
+from tactile_ros.msg import GripState, TactileContacts
+from tactile_ros.nodes import lifecycle
+from tactile_ros.nodes.contact_node import ContactNode
+from tactile_ros.nodes.grip_loop import Decision, GripLoop, StampAge, StepTrigger
+from tactile_ros.nodes.grip_node import GripNode
+from tactile_ros.nodes.lifecycle import qos
+from tactile_ros.nodes.mock_hand_node import MockHandNode
+from tactile_ros.nodes.sensor_node import SensorNode
+from tactile_ros.sensors import load_sensor
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from conftest import Ros
+
+    from tactile_ros.devices.simulated_serial import SimulatedSerialPort
+    from tactile_ros.types import Recording
 
 HANDS = ['allegro_v4', 'allegro_v5', 'allegro_plexus', 'qb_softhand', 'qb_softhand_2m']
 
@@ -35,7 +53,7 @@ class World:
         )
         rest = self.hand.posture('open', np.clip(0.0, driver.lower, driver.upper))
         self.joints = MockHand(driver.limits, rest, lag_s=0.02)
-        self.stage = GripStage(self.hand, self.config)
+        self.stage = GripLoop(self.hand, self.config)
         self.stiffness, self.at = stiffness, at
         self.time_s = 0.0
         self.felt = self.told = True
@@ -598,6 +616,263 @@ def test_a_goal_that_cannot_be_is_one_sentence(goal: tuple, sentence: str) -> No
 def test_a_rate_that_the_hand_cannot_take_is_refused() -> None:
     hand = load_hand('qb_softhand')
     with pytest.raises(ValueError, match='rate_hz must be at most 25'):
-        GripStage(hand, GripConfig(rate_hz=100.0))
+        GripLoop(hand, GripConfig(rate_hz=100.0))
     with pytest.raises(ValueError, match="fingers must be of thumb, index, middle; received 'x'"):
-        GripStage(hand, hand.driver.grip(), ('x',))
+        GripLoop(hand, hand.driver.grip(), ('x',))
+
+
+PERIOD_NS = 10_000_000
+
+
+def pace(fingers: int = 1) -> StepTrigger:
+    return StepTrigger(0.01, 0.015, fingers)
+
+
+def steps(taken: StepTrigger, stamps_ns: list[int], delay_s: float = 0.0) -> list[float]:
+    """Times (s) between the steps that forces of one finger cause."""
+    found = []
+    for stamp_ns in stamps_ns:
+        now_s = 1e-9 * stamp_ns + delay_s
+        if taken.take(0, stamp_ns, now_s):
+            found.append(taken.step(now_s))
+    return found
+
+
+def test_every_force_of_its_rate_is_a_step_whatever_its_delay() -> None:
+    rng = np.random.default_rng(0)
+    stamps = [k * PERIOD_NS + int(rng.integers(-1_000_000, 1_000_000)) for k in range(1, 60)]
+    taken = pace()
+    made = steps(taken, stamps)
+    assert len(made) == len(stamps)
+    np.testing.assert_allclose(made[1:], 1e-9 * np.diff(stamps), atol=1e-12)
+
+
+@pytest.mark.parametrize('rate_hz', [150.0, 333.0, 1000.0])
+def test_a_hand_is_commanded_no_faster_than_its_rate(rate_hz: float) -> None:
+    stamps = [round(k * 1e9 / rate_hz) for k in range(1, int(2 * rate_hz))]
+    made = steps(pace(), stamps)
+    assert 195 <= len(made) <= 201
+
+
+def test_a_burst_of_late_forces_is_stepped_through() -> None:
+    taken = pace()
+    assert taken.take(0, PERIOD_NS, 0.01)
+    taken.step(0.01)
+    found = []
+    for k in range(2, 5):
+        assert taken.take(0, k * PERIOD_NS, 0.05)
+        found.append(taken.step(0.05))
+    assert found == pytest.approx([0.01] * 3)
+
+
+def test_a_finger_that_fell_silent_is_not_waited_for() -> None:
+    taken = pace(fingers=2)
+    assert taken.take(0, None, 0.991)  # of the other nothing was ever heard
+    assert taken.take(1, None, 0.991)
+    taken.step(0.991)
+    assert not taken.take(0, None, 1.0)
+    assert taken.take(1, None, 1.001)
+    taken.step(1.001)
+    assert not taken.take(1, None, 1.011)
+    assert taken.is_late(1.017)
+    assert taken.take(1, None, 1.021)
+
+
+def test_the_clock_steps_once_forces_fail_and_forces_take_over_again() -> None:
+    taken = pace()
+    assert taken.is_late(0.0)
+    taken.step(0.0)
+    assert not taken.is_late(0.014)
+    assert taken.is_late(0.016)
+    assert taken.step(0.016) == pytest.approx(0.016)
+    assert taken.take(0, 5 * PERIOD_NS, 0.03)
+    assert taken.step(0.03) == pytest.approx(0.014)
+
+
+def test_a_fast_loop_that_is_a_little_late_is_not_stepped_by_the_clock() -> None:
+    taken = StepTrigger(0.001, 0.015, 1)
+    taken.step(0.0)
+    assert not taken.is_late(0.005)
+    assert taken.is_late(0.010)  # at the next look at the clock, where forces fail
+
+
+@pytest.mark.parametrize('jump_ns', [-3_600_000_000_000, -300_000_000, 3_600_000_000_000])
+def test_a_clock_of_stamps_that_jumps_stops_nothing(jump_ns: int) -> None:
+    taken = pace()
+    taken.take(0, 100 * PERIOD_NS + 10**13, 1.0)
+    taken.step(1.0)
+    for k in range(1, 4):
+        now_s = 1.0 + 0.01 * k
+        assert taken.take(0, (100 + k) * PERIOD_NS + 10**13 + jump_ns, now_s)
+        since = taken.step(now_s)
+        assert since > 0
+    assert since == pytest.approx(0.01)
+
+
+STIFFNESS, CONTACT_AT = 40.0, 0.3  # N per closure; closure
+LEARNT = 72  # pulls that are fitted; the others are unseen
+PERIOD_S = 0.01  # as recorded
+TARE_ROWS = 10
+
+
+@pytest.fixture(scope='module')
+def pulls() -> Recording:
+    return load_sensor('reskin_board').recordings()['slip']
+
+
+@pytest.fixture(scope='module')
+def slip_calibration(pulls: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp('slip') / 'slip.npz'
+    sensor = load_sensor('reskin_board')
+    config = dataclasses.replace(sensor.config(), positions=pulls.layout.positions)
+    learnt = np.isin(pulls.stream, np.unique(pulls.stream)[:LEARNT])
+    sensor.pipeline(config, 'ridge').fit(pulls.select(learnt)).save(path)
+    return path
+
+
+def pull_of(pulls: Recording, slips: bool) -> np.ndarray:
+    """Readings of the first unseen pull that slips, or that holds."""
+    for stream in np.unique(pulls.stream)[LEARNT:]:
+        one = pulls.select(pulls.stream == stream)
+        if bool((one.truth['slip'] == 1).any()) == slips:
+            return one.values
+    raise AssertionError(slips)
+
+
+class Finger(Node):
+    """A board that sends a pull, and contacts that go on with the force of a spring."""
+
+    def __init__(self, rows: np.ndarray, hand: MockHandNode, port: SimulatedSerialPort) -> None:
+        super().__init__('finger')
+        self.rows, self.row, self.runs = rows, 0, True
+        self.hand, self.port = hand, port
+        self.contacts: list[TactileContacts] = []
+        self.states: list[GripState] = []
+        self.felt = self.create_publisher(TactileContacts, 'left/contacts', qos())
+        self.create_subscription(TactileContacts, 'contacts', self.hand_on, qos())
+        self.create_subscription(GripState, 'grip_node/state', self.states.append, 10)
+        self.tare = self.create_client(Trigger, 'contact_node/tare')
+        self.grasp = ActionClient(self, Grasp, 'grip_node/grasp')
+        self.create_timer(PERIOD_S, self.send)
+
+    def send(self) -> None:
+        """Bytes of the next row; the last of the tare again until the pull may begin."""
+        self.port.send(encode(self.rows[self.row]))
+        last = len(self.rows) if self.runs else TARE_ROWS
+        self.row = min(self.row + 1, last - 1)
+
+    def hand_on(self, message: TactileContacts) -> None:
+        """Contacts with the force that the recording does not have."""
+        self.contacts.append(message)
+        hand = self.hand._hand
+        closure = hand.fingers['left'].closure_of(self.hand.joints.position[hand.places('left')])
+        message.wrench.force.x = message.wrench.force.y = 0.0
+        message.wrench.force.z = STIFFNESS * max(0.0, closure - CONTACT_AT)
+        self.felt.publish(message)
+
+
+@pytest.mark.parametrize('slips', [True, False])
+def test_a_real_slip_raises_the_grip(
+    ros: Ros, pulls: Recording, port: SimulatedSerialPort, slip_calibration: Path, slips: bool
+) -> None:
+    places = ', '.join(f'{place:.6f}' for place in pulls.layout.positions.ravel())
+    ros.init(
+        'hand:=joint_trajectory', 'fingers:=[left]', f'calibration:={slip_calibration}',
+        f'port:={port.port}', f'positions:=[{places}]', 'discard_stale:=false', 'rate_hz:=100.0',
+        'tare_frames:=10', 'allow_tare_in_contact:=true', 'stiffness_high:=41.0',
+        'stale_after:=0.5',
+    )  # fmt: skip
+    nodes = MockHandNode(), SensorNode(), ContactNode(), GripNode()
+    for node in nodes:
+        ros.add(node)
+    mock, grip = nodes[0], nodes[-1]
+    lifecycle.start(list(nodes))
+    port.wait_for_reader()
+    finger = ros.add(Finger(pull_of(pulls, slips), mock, port))
+    finger.runs = False
+    assert ros.until(lambda: finger.row == TARE_ROWS - 1 and not grip.unheard)
+    assert ros.call(finger.tare, Trigger.Request()).success
+    assert ros.until(finger.grasp.server_is_ready)
+    sent = finger.grasp.send_goal_async(Grasp.Goal(target_force=2.0, adapt=True))
+    assert ros.until(sent.done)
+    ended = sent.result().get_result_async()
+    assert ros.until(ended.done)
+    assert ended.result().result.outcome == Grasp.Result.HELD
+    before = finger.states[-1]
+    held = mock.joints.position[0]
+    finger.contacts.clear()
+    finger.runs = True
+    assert ros.until(lambda: finger.row == len(finger.rows) - 1)
+    assert ros.until(lambda: len(finger.contacts) >= 0.95 * len(finger.rows))
+    assert any(message.slip == 1 for message in finger.contacts) == slips
+    after = finger.states[-1]
+    assert after.phase == GripPhase.HOLD
+    raised = after.target_force[0] / before.target_force[0]
+    assert (raised > 1.2) == slips
+    assert (after.command[0] > before.command[0] + 0.003) == slips
+    assert (mock.joints.position[0] > held + 0.003) == slips
+    if not slips:
+        assert raised == pytest.approx(1.0)
+
+
+WALL_NS = 1_700_000_000_000_000_000
+SECOND = 1_000_000_000
+
+
+def age(ages: StampAge, stamp_ns: int, at_s: float, wall_ns: int = WALL_NS) -> float:
+    """Age (s) of a message that comes `at_s` after the start."""
+    now_s = 100.0 + at_s
+    measured_s = ages.measured_s(stamp_ns, wall_ns + round(at_s * SECOND), now_s)
+    return now_s - measured_s
+
+
+def test_a_queue_that_keeps_frames_back_makes_them_old() -> None:
+    ages = StampAge()
+    assert age(ages, WALL_NS - 5_000_000, 0.0) == pytest.approx(0.005, abs=1e-6)
+    assert age(ages, WALL_NS, 3.0) == pytest.approx(3.0, abs=1e-6)
+    assert ages.agrees
+
+
+@pytest.mark.parametrize('stamp_ns', [0, WALL_NS - 3600 * SECOND, WALL_NS + SECOND])
+def test_another_clock_counts_from_arrival(stamp_ns: int) -> None:
+    ages = StampAge()
+    for k in range(3):
+        assert age(ages, stamp_ns + k * SECOND, float(k)) == 0.0
+    assert not ages.agrees
+
+
+@pytest.mark.parametrize('jump', [-3600, -1, 2, 3600])
+def test_a_wall_clock_that_jumps_makes_no_frame_old(jump: int) -> None:
+    ages = StampAge()
+    age(ages, WALL_NS - 5_000_000, 0.0)
+    jumped = WALL_NS + jump * SECOND
+    for k in range(1, 4):
+        # the first was stamped before the jump, the others after it
+        stamp_ns = (WALL_NS if k == 1 else jumped) + k * 10_000_000 - 5_000_000
+        assert age(ages, stamp_ns, 0.01 * k, jumped) <= 0.005 + 1e-6
+    assert ages.agrees
+
+
+def test_a_stamp_a_little_ahead_is_of_now() -> None:
+    ages = StampAge()
+    assert age(ages, WALL_NS + 1_000_000, 0.0) == 0.0
+    assert ages.agrees
+
+
+@pytest.mark.parametrize('back', [0.5, 0.9])
+def test_a_clock_that_steps_back_a_little_makes_messages_old_and_is_named(back: float) -> None:
+    ages = StampAge()
+    age(ages, WALL_NS - 5_000_000, 0.0)
+    for k in range(1, 4):
+        late = age(ages, WALL_NS + k * 10_000_000 - round(back * SECOND), 0.01 * k)
+        assert late == pytest.approx(back, abs=1e-6)
+        assert ages.back_s == pytest.approx(back, abs=0.05)
+    age(ages, WALL_NS + 35_000_000, 0.04)
+    assert ages.back_s == 0.0
+
+
+def test_a_clock_that_steps_far_back_counts_from_arrival_again() -> None:
+    ages = StampAge()
+    age(ages, WALL_NS - 5_000_000, 0.0)
+    assert age(ages, WALL_NS - 3600 * SECOND, 0.01) == 0.0
+    assert ages.back_s == pytest.approx(3600, abs=1)

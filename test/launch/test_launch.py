@@ -15,7 +15,7 @@ import yaml
 from reference.help_examples import PAGES, lines
 from tactile_ros.control import GripConfig
 from tactile_ros.nodes.contact_node import ContactOptions
-from tactile_ros.nodes.graph import Grasping, Playing, Setting, replaying
+from tactile_ros.nodes.graph import BagPlayback, HandSetup, SensorSetup, replaying
 from tactile_ros.nodes.parameters import GripOptions, Schema
 from tactile_ros.nodes.sensor_node import SensorOptions
 from tactile_ros.sensors import list_sensors, load_sensor
@@ -179,7 +179,7 @@ def test_every_choice_of_a_graph_is_an_argument() -> None:
     module = module_of('sensor.launch.py')
     declared = module.generate_launch_description().get_launch_arguments()
     names = {argument.name for argument in declared}
-    assert {field.name for field in fields(Setting)} <= names
+    assert {field.name for field in fields(SensorSetup)} <= names
     assert {'log_level', 'parent_frame'} <= names
 
 
@@ -197,7 +197,7 @@ def test_replay_plays_what_the_sensor_said() -> None:
     assert topic == '/thumb/frame'
     assert contact.node_executable == 'contact_node'
     words = [part.text for word in player.cmd for part in word]
-    assert words == Playing('bag', namespace='thumb').command()
+    assert words == BagPlayback('bag', namespace='thumb').command()
     assert words[-3:] == ['--topics', '/thumb/frame', '/thumb/layout']
     assert words[:5] == ['ros2', 'bag', 'play', 'bag', '--clock']
     if isinstance(contact, Record):
@@ -244,28 +244,29 @@ def test_a_replay_waits_for_its_node_and_ends_with_it(monkeypatch: pytest.Monkey
 
 def test_every_choice_of_a_replay_is_a_described_argument() -> None:
     declared = module_of('replay.launch.py').generate_launch_description().get_launch_arguments()
-    assert {field.name for field in fields(Playing)} | {'log_level'} == {a.name for a in declared}
+    choices = {field.name for field in fields(BagPlayback)} - {'use_sim_time'}
+    assert choices | {'log_level'} == {a.name for a in declared}
     assert all(len(argument.description) > 5 for argument in declared)
 
 
 def test_a_replay_needs_a_bag() -> None:
     with pytest.raises(ValueError, match='bag must be the folder of a bag'):
-        Playing().command()
+        BagPlayback().command()
 
 
 @pytest.mark.parametrize('wrong', [{'rate': 0.0}, {'rate': float('nan')}, {'delay': -1.0}])
 def test_a_replay_refuses_what_the_player_refuses(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match='rate must be above 0 and delay 0 or more'):
-        Playing('bag', **wrong).command()
+        BagPlayback('bag', **wrong).command()
 
 
 def test_a_replay_without_a_delay_names_none() -> None:
-    assert '--delay' in Playing('bag').command()
-    assert '--delay' not in Playing('bag', delay=0.0).command()
+    assert '--delay' in BagPlayback('bag').command()
+    assert '--delay' not in BagPlayback('bag', delay=0.0).command()
 
 
 def test_a_replay_runs_the_node_on_the_clock_of_the_bag() -> None:
-    (contact,) = replaying(Playing('b', calibration='c.npz', params_file='p.yaml')).processes
+    (contact,) = replaying(BagPlayback('b', calibration='c.npz', params_file='p.yaml')).processes
     assert contact.parameters == {'use_sim_time': True, 'calibration': 'c.npz'}
     assert contact.params_file == 'p.yaml'
 
@@ -283,7 +284,8 @@ def test_a_hand_is_one_argument() -> None:
 
 def test_every_choice_of_a_hand_is_a_described_argument() -> None:
     declared = module_of('grasp.launch.py').generate_launch_description().get_launch_arguments()
-    assert {field.name for field in fields(Grasping)} | {'log_level'} == {a.name for a in declared}
+    choices = {field.name for field in fields(HandSetup)}
+    assert choices | {'log_level'} == {a.name for a in declared}
     assert all(len(argument.description) > 5 for argument in declared)
 
 

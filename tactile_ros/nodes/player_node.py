@@ -1,0 +1,418 @@
+"""player: a recording through a board's own bytes into a running graph, with its truth beside it.
+
+Opens a simulated serial port, waits until the driver reads it, then sends row after row. Before
+each touch it streams the resting reading and calls the tare, as a hand does before it closes.
+Every step waits for what the graph shows (frames, contacts, the answer of the service), never for
+a time: the same recording gives the same numbers at every speed.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from std_srvs.srv import Trigger
+
+from tactile_ros import messages
+from tactile_ros.devices.player import Player
+from tactile_ros.devices.reskin_protocol import encode, readings, words
+from tactile_ros.devices.simulated_serial import SimulatedSerialPort
+from tactile_ros.errors import DeviceError, DeviceTimeout, TactileError
+from tactile_ros.evaluation.recording_files import load_recording
+from tactile_ros.msg import TactileContacts, TactileFrame
+from tactile_ros.nodes.graph import SIMULATED_PORT, private_folder
+from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic, main_of
+from tactile_ros.nodes.parameters import PlayerOptions
+from tactile_ros.nodes.standard_messages import TruthMessages
+from tactile_ros.sensors import load_sensor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from diagnostic_msgs.msg import DiagnosticStatus
+    from rclpy.client import Client
+
+    from tactile_ros.types import Array, Bools, Frame, Recording
+
+WARM_UP_ROWS = 4
+WARM_UP_STEP = 1e-7  # T; makes every row another one, far below the noise of a chip
+RETRY_S = 1.0
+LOST_S = 2.0
+MOST_LOST = 5
+
+
+class FrameMatcher:
+    """Match frames that come back to the rows that were sent, by order and content, not by time.
+
+    Safe to use from the sender and the listener. The position of a row is its place among the
+    `sent`; `lost` rows were overtaken by a later one, or given up.
+    """
+
+    def __init__(self) -> None:
+        self.sent = self.lost = 0
+        self._waiting: deque[tuple[int, int, Array]] = deque()
+        self._sequences: dict[int, int] = {}
+        self._settled = self._acknowledged = -1
+        self._changed = threading.Condition()
+
+    def send(self, row: int, values: Array) -> None:
+        """Note that a row goes out; `values`, shape (t, c), as the receiver will read them."""
+        with self._changed:
+            self._waiting.append((self.sent, row, values))
+            self.sent += 1
+
+    def match(self, frame: Frame) -> int | None:
+        """Row of a frame that came back; rows before it are lost, a stranger is None."""
+        with self._changed:
+            for steps, (position, row, values) in enumerate(self._waiting):
+                if np.array_equal(values, frame.values, equal_nan=True):
+                    for _ in range(steps + 1):
+                        self._waiting.popleft()
+                    self.lost += steps
+                    self._settled = position
+                    self._sequences[position] = frame.sequence
+                    self._changed.notify_all()
+                    return row
+        return None
+
+    def acknowledge(self, sequence: int) -> None:
+        """Note that all frames up to a sequence have gone through."""
+        with self._changed:
+            self._acknowledged = max(self._acknowledged, sequence)
+            self._changed.notify_all()
+
+    def is_through(self, position: int) -> bool:
+        """Whether the row at a position, and so all before it, went through or is lost."""
+        sequence = self._sequences.get(position, -1)
+        return self._settled >= position and self._acknowledged >= sequence
+
+    def wait(self, position: int, timeout: float, stopped: Callable[[], bool]) -> bool:
+        """Wait until a row is through; False when `timeout` (s) is over or work was stopped."""
+        with self._changed:
+            through = self._changed.wait_for(
+                lambda: stopped() or self.is_through(position), timeout
+            )
+            return through and not stopped()
+
+    def give_up(self) -> int:
+        """Count all rows on their way as lost; return how many they were."""
+        with self._changed:
+            count = len(self._waiting)
+            self.lost += count
+            self._waiting.clear()
+            self._settled = self.sent - 1
+            self._acknowledged = max([self._acknowledged, *self._sequences.values()])
+            return count
+
+    def wake(self) -> None:
+        """Let whoever waits look whether it shall stop."""
+        with self._changed:
+            self._changed.notify_all()
+
+
+class Stopped(TactileError):
+    """Playing was told to stop."""
+
+
+@dataclass
+class PlaybackCounts:
+    """Rows played and lost, time of playing and of the recording (s), tares done and refused."""
+
+    rows: int = 0
+    lost: int = 0
+    seconds: float = 0.0
+    recorded_s: float = 0.0
+    tares: int = 0
+    refused: int = 0
+    refusal: str = ''
+
+    def __str__(self) -> str:
+        """One line."""
+        faster = self.recorded_s / self.seconds if self.seconds else 0.0
+        speed = f', {faster:.3g} times the recorded speed' if faster else ''
+        return (
+            f'played {self.rows} rows in {self.seconds:.2f} s{speed}; {self.lost} lost; '
+            f'{self.tares} tares done, {self.refused} refused'
+        )
+
+
+def runs(tare: Bools) -> list[tuple[int, int, bool]]:
+    """First and last row (excluded) of the runs of resting and of other rows, in their order."""
+    edges = np.flatnonzero(np.diff(tare.astype(np.int8))) + 1
+    bounds = [0, *edges.tolist(), len(tare)]
+    return [(a, b, bool(tare[a])) for a, b in pairwise(bounds) if a < b]
+
+
+def as_received(data: bytes) -> Array:
+    """Values of one frame's bytes, shape (t, 3), as the driver reads them."""
+    values: Array = readings(words(np.frombuffer(data, np.uint8)[None]))[0][0]
+    return values
+
+
+class Playback:
+    """Play a recording in a thread of its own until its end or until stopped, without ROS.
+
+    `tare` takes a tare within some seconds and returns whether it was done and the answer; it is
+    called after every run of resting rows (None: rests are streamed, and nothing else). `missing`
+    says what the graph still lacks before the start, in words.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        options: PlayerOptions,
+        matcher: FrameMatcher,
+        tare: Callable[[float], tuple[bool, str]] | None,
+        missing: Callable[[], str],
+    ) -> None:
+        self.counts = PlaybackCounts()
+        self._recording, self._options, self._matcher = recording, options, matcher
+        self._tare, self._missing = tare, missing
+        self._stop = threading.Event()
+        self._rows: Iterator[int] = iter(())
+        self._lost_in_a_row = 0
+
+    def stop(self) -> None:
+        """End playing soon."""
+        self._stop.set()
+        self._matcher.wake()
+
+    def is_stopped(self) -> bool:
+        """Whether `stop` was called."""
+        return self._stop.is_set()
+
+    def play(self, on_end: Callable[[PlaybackCounts], None]) -> None:
+        """Offer the port, wait for the graph, warm up, play; again and again where `loop`.
+
+        Raises DeviceError if the graph does not answer, with what is missing, and Stopped by
+        `stop`.
+        """
+        options = self._options
+        link = Path(options.port)
+        with SimulatedSerialPort() as port:
+            self._port = port
+            link.parent.mkdir(parents=True, exist_ok=True)
+            link.unlink(missing_ok=True)
+            link.symlink_to(port.port)
+            try:
+                self._await(self._unread)
+                self._await(self._missing)
+                self._warm_up()
+                player = Player(self, options.speed_up, 1.0 / options.rate_hz)
+                self._once(player, on_end)
+                while options.loop:
+                    self._once(player, on_end)
+            finally:
+                link.unlink(missing_ok=True)
+
+    def send(self, data: bytes) -> None:
+        """Send one row once few enough are on their way."""
+        oldest = self._matcher.sent - self._options.window
+        if not self._is_through(oldest, LOST_S):
+            self._matcher.give_up()
+        self._matcher.send(next(self._rows), as_received(data))
+        self._port.send(data)
+
+    def _is_through(self, position: int, timeout: float) -> bool:
+        """Wait until a row is through; Stopped if told to stop meanwhile."""
+        through = self._matcher.wait(position, timeout, self.is_stopped)
+        if self.is_stopped():
+            raise Stopped
+        return through
+
+    def _unread(self) -> str:
+        """Why nothing can be played yet; empty where a driver has opened the port."""
+        try:
+            self._port.wait_for_reader(0.1)
+        except DeviceTimeout:
+            return 'nobody opens the simulated port: is sensor_node there?'
+        return ''
+
+    def _await(self, missing: Callable[[], str]) -> None:
+        """Wait until nothing is missing."""
+        deadline = time.monotonic() + self._options.patience_s
+        while missing():
+            if self._stop.wait(0.02):
+                raise Stopped
+            if time.monotonic() > deadline:
+                raise DeviceError(missing())
+
+    def _warm_up(self) -> None:
+        """Send resting rows, all different, until the last comes back: the driver locked on."""
+        tare = self._recording.tare
+        first = 0 if tare is None or not tare.any() else int(np.argmax(tare))
+        row = self._recording.values[first].copy()
+        deadline = time.monotonic() + self._options.patience_s
+        while True:
+            for _ in range(WARM_UP_ROWS):
+                row[0, 0] += WARM_UP_STEP
+                data = encode(row)
+                self._matcher.send(-1, as_received(data))
+                self._port.send(data)
+            if self._is_through(self._matcher.sent - 1, RETRY_S):
+                break
+            if time.monotonic() > deadline:
+                msg = f'no frame came back from {self._options.port}: are all nodes active?'
+                raise DeviceError(msg)
+        self._matcher.lost = 0
+
+    def _once(self, player: Player, on_end: Callable[[PlaybackCounts], None]) -> None:
+        """Play the whole recording, run by run."""
+        recording, counts = self._recording, self.counts
+        begin = time.monotonic()
+        tare = np.zeros(len(recording), bool) if recording.tare is None else recording.tare
+        for first, last, resting in runs(tare):
+            self._rows = iter(range(first, last))
+            stamps = None if recording.stamp_ns is None else recording.stamp_ns[first:last]
+            player.play(recording.values[first:last], stamps)
+            if resting and self._tare is not None:
+                self._settle()
+                self._take_tare()
+        self._settle()
+        counts.rows += len(recording)
+        counts.lost = self._matcher.lost
+        counts.seconds += time.monotonic() - begin
+        if recording.stamp_ns is not None:
+            counts.recorded_s += float(np.maximum(np.diff(recording.stamp_ns), 0).sum()) * 1e-9
+        on_end(counts)
+
+    def _settle(self) -> None:
+        """Wait until everything sent went through."""
+        if self._is_through(self._matcher.sent - 1, LOST_S):
+            self._lost_in_a_row = 0
+            return
+        self._matcher.give_up()
+        self._lost_in_a_row += 1
+        if self._lost_in_a_row >= MOST_LOST:
+            msg = f'{MOST_LOST} readings in a row did not come back: is the graph alive?'
+            raise DeviceError(msg)
+
+    def _take_tare(self) -> None:
+        """Take the tare and count the answer."""
+        done, message = self._tare(self._options.patience_s)
+        if self.is_stopped():
+            raise Stopped
+        if done:
+            self.counts.tares += 1
+        else:
+            self.counts.refused += 1
+            self.counts.refusal = message
+
+
+class PlayerNode(ManagedNode):
+    """Play a recording into a port; publish `truth/contacts` for the frames that come back."""
+
+    def __init__(self) -> None:
+        super().__init__('player')
+        self.declare(PlayerOptions())
+        self._truths = self.managed_publisher(TactileContacts, 'truth/contacts')
+        self._options = PlayerOptions()
+        self._recording: Recording | None = None
+        self._truth: TruthMessages | None = None
+        self._client: Client | None = None
+        self._playback: Playback | None = None
+        self._thread: threading.Thread | None = None
+        self._matcher = FrameMatcher()
+
+    def configure(self) -> None:
+        """Load the recording."""
+        self._options = self.options(PlayerOptions)
+        name = self._options.recording
+        shipped = load_sensor(self._options.sensor).recordings()
+        if not name:
+            msg = f'recording must be a file (.npz) or one of {", ".join(shipped)}; none was given'
+            raise ValueError(msg)
+        self._recording = shipped[name] if name in shipped else load_recording(name)
+        self._truth = TruthMessages(self._recording)
+        if self._options.tare:
+            self._client = self.create_client(Trigger, self._options.tare_service)
+
+    def activate(self) -> None:
+        """Listen to what comes back, and play in a thread."""
+        port = self._options.port or str(private_folder() / SIMULATED_PORT)
+        options = replace(self._options, port=port)
+        self._matcher = FrameMatcher()
+        self.subscribe(TactileFrame, 'frame', self._on_frame)
+        if options.wait_for == 'contacts':
+            self.subscribe(TactileContacts, 'contacts', self._on_contacts)
+        self.get_logger().info(f'the board appears at {port}')
+        tare = self._take_tare if options.tare else None
+        self._playback = Playback(self._recording, options, self._matcher, tare, self._missing)
+        self._thread = threading.Thread(target=self._play, name='player', daemon=True)
+        self._thread.start()
+
+    def deactivate(self) -> None:
+        """Stop playing."""
+        self._playback.stop()
+        self._thread.join()
+
+    def cleanup(self) -> None:
+        """Let the recording go."""
+        self._recording = self._truth = None
+
+    def _on_frame(self, message: TactileFrame) -> None:
+        """Find the row of a frame and publish its truth under the frame's name."""
+        frame = messages.read_frame(message, self._recording.layout.shape)
+        row = self._matcher.match(frame)
+        if self._options.wait_for == 'frame':
+            self._matcher.acknowledge(frame.sequence)
+        if row is not None and row >= 0 and self._truths.get_subscription_count():
+            self._truths.publish(self._truth.message(row, message.header, message.sequence))
+
+    def _on_contacts(self, message: TactileContacts) -> None:
+        """Acknowledge a frame that has gone through."""
+        self._matcher.acknowledge(message.sequence)
+
+    def _missing(self) -> str:
+        """Parts that the graph lacks, in words."""
+        if self._truths.get_subscription_count() < self._options.listeners:
+            return f'truth/contacts has fewer than {self._options.listeners} listeners'
+        if self._client is not None and not self._client.service_is_ready():
+            return f'service {self._client.srv_name} does not appear: is contact_node there?'
+        return ''
+
+    def _take_tare(self, timeout: float) -> tuple[bool, str]:
+        """Call the service from the player's thread; the executor's thread hears the answer."""
+        answered = threading.Event()
+        future = self._client.call_async(Trigger.Request())
+        future.add_done_callback(lambda _: answered.set())
+        waited = 0.0
+        while not answered.wait(0.1):
+            waited += 0.1
+            if self._playback.is_stopped() or waited > timeout:
+                return False, f'service {self._client.srv_name} does not answer'
+        answer = future.result()
+        return answer.success, answer.message
+
+    def _play(self) -> None:
+        """Play, and say how it went."""
+        try:
+            self._playback.play(self._tell)
+        except Stopped:
+            return
+        except (TactileError, OSError) as err:
+            self.get_logger().error(str(err))
+            self.exit_code = 1
+        self.finished.set()
+
+    def _tell(self, counts: PlaybackCounts) -> None:
+        """Log one line on what was played, one on what was refused."""
+        self.get_logger().info(str(counts))
+        if counts.refused:
+            self.get_logger().warning(f'the last refusal: {counts.refusal}')
+
+    def diagnose(self) -> DiagnosticStatus:
+        """Rows sent and lost."""
+        sent, lost = self._matcher.sent, self._matcher.lost
+        return diagnostic('player', f'{sent} rows sent', {'sent': sent, 'lost': lost})
+
+
+def main() -> None:
+    """Play until the end, or until told to stop."""
+    main_of(lambda: [PlayerNode()])
