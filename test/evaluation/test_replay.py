@@ -26,7 +26,7 @@ from tactile_ros.evaluation.recording_files import (
 from tactile_ros.evaluation.replay import BaselineQueue, Follower, as_live, compare, replay
 from tactile_ros.messages import fill_contacts
 from tactile_ros.nodes.contact_loop import ContactLoop
-from tactile_ros.nodes.enrolment_server import Change, EnrolStage, Learned, Lesson
+from tactile_ros.nodes.enrolment_server import ClassChange, Enrolment, EnrolRequest, EnrolResult
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import (
     STATE_FIELDS,
@@ -445,13 +445,13 @@ class Run:
         self.baselines: list[Frame] = []
         self.told: list[str] = []
         self.stage = ContactLoop(SPEC.load(path), 10, True, self.baselines.append)
-        self.classes = EnrolStage(
+        self.classes = Enrolment(
             self.stage, str(path), SPEC.load, self.first.digest, self._announce
         )
         self._announce()
 
-    def _announce(self, change: Change | None = None) -> None:
-        told = {} if change is None else change.told()
+    def _announce(self, change: ClassChange | None = None) -> None:
+        told = {} if change is None else change.announcement()
         self.told.append(json.dumps({'sha256': self.stage.pipeline.digest, **told}))
 
     def press(self, number: int) -> None:
@@ -459,10 +459,10 @@ class Run:
             self.frames.append(enrolled_skin.frame_of(len(self.frames), row))
             self.states.append(self.stage.process(self.frames[-1]))
 
-    def learn(self, label: str, numbers: tuple[int, ...], replace: bool = False) -> Learned:
-        ended: queue.Queue[Learned] = queue.Queue()
+    def learn(self, label: str, numbers: tuple[int, ...], replace: bool = False) -> EnrolResult:
+        ended: queue.Queue[EnrolResult] = queue.Queue()
         self.classes.begin(
-            Lesson(label, len(numbers), PATIENCE_S, replace), lambda *_: None, ended.put
+            EnrolRequest(label, len(numbers), PATIENCE_S, replace), lambda *_: None, ended.put
         )
         for number in numbers:
             self.press(number)
