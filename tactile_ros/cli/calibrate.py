@@ -26,7 +26,7 @@ from tactile_ros.cli.console import (
     working,
 )
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation.told_rests import alike, with_rests
+from tactile_ros.evaluation.replay import with_known_rests, with_tare_rows
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def run(options: argparse.Namespace) -> int:
     for name in options.recordings:
         with working(f'reading {name}'):
             found, problems = find(name, spec, spec.layout(config), options.truth)
-        rests = [with_rests(one) for one in found]
+        rests = [with_tare_rows(one) for one in found]
         loaded += [recording for recording, _ in rests]
         several = len(found) > 1
         told = [f'{one.name}: {said}' if several else said
@@ -103,7 +103,7 @@ def run(options: argparse.Namespace) -> int:
     began = time.perf_counter()
     pipeline = spec.pipeline(fit_layout(config, loaded[0].layout), options.estimator)
     with working(f'fitting {spec.key}'):
-        pipeline.fit(*alike(loaded))
+        pipeline.fit(*with_known_rests(loaded))
     if not pipeline.estimators:
         names = sorted({name for recording in loaded for name in recording.truth})
         msg = f'nothing in {", ".join(options.recordings)} can be learned: truth has '

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from tactile_ros.conditioning.faults import DAMAGED, SAYS_NOTHING, UNUSABLE, taxel_faults
 from tactile_ros.enrolment import EVERYTHING, Press, PressWatch, learn, recording_of, window_of
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.cdr_columns import join, widened
@@ -25,8 +26,10 @@ from tactile_ros.types import (
     ContactState,
     ContactStates,
     Frame,
+    FrameStatus,
     Recording,
 )
+from tactile_ros.types.recording import FIRM
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -38,6 +41,11 @@ if TYPE_CHECKING:
 
 NOT_IN_MESSAGES = ('object_pose', 'object_pose_cov')
 REMEMBERED = 1 << 16  # stamps of frames that a baseline may name
+FEWEST = 4  # frames of a tare: fewer tell no noise
+BRIDGED = 2  # rows between two frames of a tare: damaged, or not heard
+ENOUGH = 30  # frames of tares; fewer tell less than a truth that knows every rest
+STILL = 0.1  # of the frames, at which a load cell tells least
+CLEAR = 3.0  # standard errors of a mean force
 
 
 @dataclass(frozen=True)
@@ -497,3 +505,103 @@ def presses_in(loaded: LoadedRecording, pipeline: Pipeline) -> list[Press]:
     if problems and not found:
         raise RecordingError(' '.join(problems))
     return found
+
+
+def with_tare_rows(loaded: LoadedRecording) -> tuple[Recording, str]:
+    """Mark the frames that the live run of a bag tared on as tare rows of its recording.
+
+    A baseline says of how many frames it is the mean and which was the last: they are the newest
+    undamaged ones that the node processed.
+
+    Returns
+    -------
+    recording : Recording
+        The same where it has tare rows already, or no tare serves.
+    problem : str
+        How many tares do not serve, and why; empty if all do.
+    """
+    recording = loaded.recording
+    if recording.tare is not None or recording.stamp_ns is None or recording.sequence is None:
+        return recording, ''
+    rows = {stamp: row for row, stamp in enumerate(recording.stamp_ns.tolist())}
+    # the first baseline of a stream is no tare: it comes with the frame that it holds for
+    tares = [
+        (baseline, rows.get(baseline.stamp_ns or 0, -1))
+        for baseline in loaded.baselines
+        if baseline.averaged
+    ]
+    tares = [(one, row) for one, row in tares if row < 0 or recording.sequence[row] < one.sequence]
+    if not tares:
+        return recording, ''
+    sound = _undamaged(loaded)
+    begins = np.flatnonzero(recording.restarts)
+    rests = []
+    for baseline, last in tares:
+        first = int(begins[max(int(np.searchsorted(begins, last, 'right')) - 1, 0)])
+        rest = first + np.flatnonzero(sound[first : last + 1])[-baseline.averaged :]
+        far = np.flatnonzero(np.diff(rest) > BRIDGED + 1)  # of what lay before, nothing is known
+        rest = rest[far[-1] + 1 :] if len(far) else rest
+        rests += [rest] if len(rest) >= FEWEST else []
+    kept = [rest for rest in rests if not _is_under_load(recording, rest)]
+    tare = _as_rows(len(recording), kept)
+    lost = len(tares) - len(rests)
+    why = [f'{len(rests) - len(kept)} under load'] * (len(rests) > len(kept))
+    why += [f'{lost} of frames that are not in the bag, or fewer than {FEWEST}'] * bool(lost)
+    problem = f'{len(kept)} of {len(tares)} tares tell when nothing touched; {" and ".join(why)}'
+    touched = recording.truth.get('in_contact')
+    if touched is not None and (touched == 0).any() and 0 < np.count_nonzero(tare) < ENOUGH:
+        few = f'tares of fewer than {ENOUGH} frames in all are not heeded beside in_contact'
+        return recording, f'{problem}; {few}' if why else few
+    return (replace(recording, tare=tare) if tare.any() else recording), problem if why else ''
+
+
+def _undamaged(loaded: LoadedRecording) -> npt.NDArray[np.bool_]:
+    """Frames that a tare may take: by the contacts of the node, without any by the readings."""
+    recording, live = loaded.recording, loaded.contacts
+    if live is None:
+        faults = taxel_faults(recording.values, recording.status, recording.layout)
+        return np.asarray(~((faults & UNUSABLE) != 0).any(axis=1))
+    status, bits = live.states.status, live.states.taxel_status
+    silent = ((bits & SAYS_NOTHING) != 0).all(axis=1)
+    stale = (status & int(FrameStatus.STALE)) != 0
+    sound = np.zeros(len(recording), bool)
+    sound[live.rows] = ~(((status & DAMAGED) != 0) | (stale & silent))
+    return sound
+
+
+def _is_under_load(recording: Recording, rows: Integers) -> bool:
+    """Whether truth knows that something touched: it says so, or the force is clearly not 0."""
+    touched = recording.truth.get('in_contact')
+    if touched is not None and (touched[rows] == 1).any():
+        return True
+    if 'force' not in recording.truth:
+        return False
+    force = np.nan_to_num(recording.truth['force'].astype(np.float64))
+    size = np.linalg.norm(force, axis=1)
+    # a load cell has an offset of its own
+    force = force - np.median(force[size <= np.quantile(size, STILL)], axis=0)
+    away = float(np.linalg.norm(force[rows].mean(axis=0)))
+    sigma = float(np.linalg.norm(force[rows].std(axis=0))) / np.sqrt(len(rows))
+    return bool(away > FIRM * np.linalg.norm(force, axis=1).max() + CLEAR * sigma)
+
+
+def _as_rows(count: int, rests: Sequence[Integers]) -> npt.NDArray[np.bool_]:
+    """Rows (s,) of rests, and what lies between their frames; of two that meet the newer one."""
+    tare, until = np.zeros(count, bool), count + 1
+    for rest in sorted(rests, key=lambda rows: int(rows[-1]), reverse=True):
+        if rest[-1] + 1 < until:
+            until = int(rest[0])
+            tare[until : rest[-1] + 1] = True
+    return tare
+
+
+def with_known_rests(recordings: Sequence[Recording]) -> list[Recording]:
+    """Recordings of which all have tare rows if one has, where their truth knows the rests."""
+    if all(r.tare is None for r in recordings):
+        return [*recordings]
+    return [
+        replace(r, tare=np.asarray(r.truth['in_contact'] == 0))
+        if r.tare is None and 'in_contact' in r.truth
+        else r
+        for r in recordings
+    ]

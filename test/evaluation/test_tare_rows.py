@@ -13,8 +13,7 @@ from tactile_ros.cli import calibrate
 from tactile_ros.cli.main import main
 from tactile_ros.conditioning.baseline import tare_means, tare_runs
 from tactile_ros.evaluation.recording_files import LiveContacts, LoadedRecording
-from tactile_ros.evaluation.replay import batch_of, gathered
-from tactile_ros.evaluation.told_rests import alike, with_rests
+from tactile_ros.evaluation.replay import batch_of, gathered, with_known_rests, with_tare_rows
 from tactile_ros.nodes.contact_loop import ContactLoop
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import ContactStates, Frame, Recording
@@ -68,7 +67,7 @@ def serving(recording: Recording) -> np.ndarray:
 @pytest.mark.parametrize('contacts', [True, False])
 def test_the_frames_of_a_tare_are_its_rests(contacts: bool) -> None:
     recording, before = presses(0)
-    found, told = with_rests(lived(recording, before, contacts=contacts))
+    found, told = with_tare_rows(lived(recording, before, contacts=contacts))
     wanted = np.concatenate([row - TARED + np.arange(TARED) for row in before])
     assert not told
     assert np.flatnonzero(found.tare).tolist() == wanted.tolist()
@@ -83,7 +82,7 @@ def test_streams_that_begin_anew_have_rests_of_their_own() -> None:
         sequence=np.where(number < half, number, number - half),
         stream=(number >= half).astype(int),
     )
-    found, told = with_rests(lived(again, before))
+    found, told = with_tare_rows(lived(again, before))
     assert not told
     assert np.count_nonzero(found.tare) == PRESSES * TARED
 
@@ -102,7 +101,7 @@ def test_frames_of_which_something_is_wrong_do_not_hide_a_tare(what: str, back: 
     else:
         recording.values[row, 1] = 0.0
     run = lived(recording, before)
-    found, told = with_rests(run)
+    found, told = with_tare_rows(run)
     assert not told
     levels = np.stack([b.values for b in run.baselines])
     assert levels.shape == (PRESSES, 5, 3)
@@ -112,41 +111,33 @@ def test_frames_of_which_something_is_wrong_do_not_hide_a_tare(what: str, back: 
 
 def test_a_frame_that_the_node_never_heard_hides_no_tare() -> None:
     recording, before = presses(0)
-    found, told = with_rests(lived(recording, before, tuple((before - 4).tolist())))
+    found, told = with_tare_rows(lived(recording, before, tuple((before - 4).tolist())))
     assert not told
     assert len(serving(found)) == PRESSES
-
-
-def test_readings_that_stand_still_take_as_many_frames_as_the_others() -> None:
-    recording, before = presses(0)
-    recording.values[: before[0]] = recording.values[0]
-    found, _ = with_rests(lived(recording, before))
-    assert np.count_nonzero(found.tare) == PRESSES * TARED
 
 
 def test_a_tare_under_load_is_no_rest_and_is_told() -> None:
     recording, before = presses(0)
     also = np.append(before, before[3] + LONG // 2)
-    found, told = with_rests(lived(recording, also))
+    found, told = with_tare_rows(lived(recording, also))
     assert told == '12 of 13 tares tell when nothing touched; 1 under load'
     assert np.count_nonzero(found.tare) == PRESSES * TARED
 
 
-@pytest.mark.parametrize('off', [1e-8, np.nan])
-def test_a_baseline_that_no_frames_have_tells_nothing(off: float) -> None:
+def test_a_baseline_of_frames_that_are_not_in_the_bag_is_no_rest() -> None:
     recording, before = presses(0)
     run = lived(recording, before)
-    others = tuple(replace(b, values=b.values + off) for b in run.baselines)
-    found, told = with_rests(replace(run, baselines=others))
+    others = tuple(replace(b, stamp_ns=1) for b in run.baselines)
+    found, told = with_tare_rows(replace(run, baselines=others))
     assert found.tare is None
-    assert told.startswith('0 of 12 tares tell when nothing touched; 12 of frames that were not')
-    assert with_rests(LoadedRecording('x', recording)) == (recording, '')
+    assert told.startswith('0 of 12 tares tell when nothing touched; 12 of frames that are not in')
+    assert with_tare_rows(LoadedRecording('x', recording)) == (recording, '')
 
 
 def test_what_has_tare_rows_stays() -> None:
     recording, before = presses(0)
     known = replace(recording, tare=np.isin(np.arange(len(recording)), before))
-    assert with_rests(replace(lived(recording, before), recording=known))[0] is known
+    assert with_tare_rows(replace(lived(recording, before), recording=known))[0] is known
 
 
 def test_truth_that_is_always_there_puts_no_tare_under_load() -> None:
@@ -156,10 +147,10 @@ def test_truth_that_is_always_there_puts_no_tare_under_load() -> None:
     force[:, 2] += np.random.default_rng(3).normal(0, 0.03, count)
     always = {'position': np.zeros((count, 3)), 'label': np.ones(count, int), 'force': force}
     run = lived(replace(recording, truth=always), np.append(before, before[3] + LONG // 2))
-    found, told = with_rests(run)
+    found, told = with_tare_rows(run)
     assert told == '12 of 13 tares tell when nothing touched; 1 under load'
     assert np.count_nonzero(found.tare) == PRESSES * TARED
-    mid = with_rests(lived(replace(recording, truth=always), before + LONG // 2))
+    mid = with_tare_rows(lived(replace(recording, truth=always), before + LONG // 2))
     assert mid[0].tare is None
     assert mid[1].endswith('12 under load')
 
@@ -169,7 +160,7 @@ def test_a_press_between_two_frames_of_a_tare_is_no_rest() -> None:
     row = np.arange(len(recording)) % (REST + LONG)
     recording.status[row > REST, 0] = 2  # clipped all the press long
     run = replace(recording, truth={})
-    found, told = with_rests(lived(run, before[1:] - REST + 5))
+    found, told = with_tare_rows(lived(run, before[1:] - REST + 5))
     assert not told
     assert np.count_nonzero(found.tare) == (PRESSES - 1) * 5
     assert not (found.tare & (row >= REST)).any()
@@ -183,7 +174,7 @@ def test_of_tares_that_meet_the_newest_serves() -> None:
         recording.layout, values, stamp_ns=STEP_NS * (1 + count), sequence=count
     )
     run = lived(resting, np.arange(TARED, 200, TARED))
-    found, told = with_rests(run)
+    found, told = with_tare_rows(run)
     assert not told
     assert np.array_equal(serving(found)[-1], tare_means(values[180:190], np.zeros(10, int))[0])
 
@@ -194,38 +185,28 @@ def test_a_counter_that_began_anew_before_the_first_tare() -> None:
     again = replace(
         recording, sequence=np.where(number < 5, number, number - 5), stream=(number >= 5) * 1
     )
-    found, told = with_rests(lived(again, before[1:]))
+    found, told = with_tare_rows(lived(again, before[1:]))
     assert not told
     assert np.count_nonzero(found.tare) == (PRESSES - 1) * TARED
-
-
-def test_contacts_that_are_not_in_the_bag_hide_no_tare() -> None:
-    recording, before = presses(0)
-    run = lived(recording, before)
-    live = run.contacts
-    assert live is not None
-    kept = ~np.isin(live.rows, before - 3)
-    fewer = LiveContacts(live.rows[kept], live.states[kept], live.log_ns[kept], 0)
-    assert with_rests(replace(run, contacts=fewer))[1] == ''
 
 
 def test_few_tares_say_less_than_a_truth_that_knows_every_rest() -> None:
     recording, before = presses(0)
     touched = (recording.truth['force'][:, 2] > 0).astype(int)
     knowing = replace(recording, truth={**recording.truth, 'in_contact': touched})
-    kept, told = with_rests(lived(knowing, before[:2]))
+    kept, told = with_tare_rows(lived(knowing, before[:2]))
     assert kept.tare is None
     assert told == 'tares of fewer than 30 frames in all are not heeded beside in_contact'
-    assert with_rests(lived(knowing, before))[0].tare is not None
+    assert with_tare_rows(lived(knowing, before))[0].tare is not None
 
 
 def test_where_one_recording_has_tare_rows_others_have_their_rests() -> None:
     recording, before = presses(0)
     touched = (recording.truth['force'][:, 2] > 0).astype(int)
     knowing = replace(recording, truth={'in_contact': touched})
-    tared, _ = with_rests(lived(recording, before))
-    assert alike([knowing, recording]) == [knowing, recording]
-    first, second, third = alike([tared, knowing, recording])
+    tared, _ = with_tare_rows(lived(recording, before))
+    assert with_known_rests([knowing, recording]) == [knowing, recording]
+    first, second, third = with_known_rests([tared, knowing, recording])
     assert first is tared
     assert third is recording
     assert np.array_equal(second.tare, touched == 0)
@@ -234,11 +215,11 @@ def test_where_one_recording_has_tare_rows_others_have_their_rests() -> None:
 def test_a_load_cell_and_tares_are_enough_to_calibrate() -> None:
     learned, before = presses(0, drift=0.3)
     without = SPEC.pipeline(estimator='ridge').fit(learned)
-    ours = SPEC.pipeline(estimator='ridge').fit(with_rests(lived(learned, before))[0])
+    ours = SPEC.pipeline(estimator='ridge').fit(with_tare_rows(lived(learned, before))[0])
     assert not without.rest_.tared
     assert ours.rest_.tared
     fresh, again = presses(1, drift=0.3)
-    judged, _ = with_rests(lived(fresh, again))
+    judged, _ = with_tare_rows(lived(fresh, again))
     pressed = np.arange(len(fresh)) % (REST + LONG) >= REST  # since the tare of its press
 
     def error(found: np.ndarray) -> float:
