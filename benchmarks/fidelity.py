@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks.harness.rows import BenchResult, Row
-from tactile_ros.evaluation.drawing import standalone
-from tactile_ros.evaluation.svg import Plot
+from tactile_ros.evaluation.figures import Plot, standalone
 from tactile_ros.physics.fidelity import SHARE, Choice, Model, Worth, choose, region
 from tactile_ros.physics.field_table import cubic_weights
 from tactile_ros.sensors import load_sensor
@@ -236,7 +235,7 @@ def drawing(spots: list[Spot], limit: float, told: str) -> str:
     wide = min(every) / 2, 2.5 * max(every)
     tall = min(*errors, limit) / 8, min(5 * max(errors), 99e3)  # a label of 1e5 is too wide
     plot = Plot(wide, tall, 'time of a frame (µs)', 'worst error (µT)', (560, 360),
-                log_x=True, log_y=True, told=told)  # fmt: skip
+                log_x=True, log_y=True, description=told)  # fmt: skip
     plot.line(np.array(wide), np.full(2, limit), 'line ink')
     plot.text(wide[0], limit, 'a third of the noise', shift=-12)
     last: dict[str, tuple[float, float, bool]] = {}

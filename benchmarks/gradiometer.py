@@ -15,8 +15,7 @@ import numpy as np
 from benchmarks.harness.rows import BenchResult, Row
 from benchmarks.worlds import gradiometer_surroundings, gradiometer_trials
 from tactile_ros.estimators.polynomial_force import PolynomialForce
-from tactile_ros.evaluation.drawing import standalone
-from tactile_ros.evaluation.svg import Plot
+from tactile_ros.evaluation.figures import Plot, standalone
 from tactile_ros.types import Frame
 
 if TYPE_CHECKING:
@@ -147,7 +146,8 @@ def histogram(force: Array) -> str:
     edges = np.linspace(-1.5, 1.5, 41)
     heights = np.histogram(force, edges)[0] / len(force) / (edges[1] - edges[0])
     told = f'Fz about its mean, four averages, {force.std():.2f} mN rms; [3] has 2.7 mN.'
-    plot = Plot((-1.5, 1.5), (0, 1.15 * heights.max()), 'Fz (mN)', 'density (1/mN)', told=told)
+    plot = Plot((-1.5, 1.5), (0, 1.15 * heights.max()), 'Fz (mN)', 'density (1/mN)',
+                description=told)
     plot.bars(edges, heights, 'fill c0')
     plot.text(0.2, None, f'{force.std():.2f} mN rms ([3]: 2.7)')
     return standalone(plot)
@@ -218,13 +218,13 @@ def speeds(
     high = 2 * max(error for _, error in found.values())
     wide = 0.8 * min(us for us, _ in found.values()), 1.4 * max(us for us, _ in found.values())
     speed = Plot(wide, (0.05, high), 'time of a frame (us)', 'Fz rms (mN)', (480, 320),
-                 log_x=True, told=told, log_y=True)  # fmt: skip
+                 log_x=True, description=told, log_y=True)  # fmt: skip
     for k, (name, (us, error)) in enumerate(found.items()):
         speed.mark(us, error, k % 4, f'fill c{k % 4}')
         speed.text(us, error, name, 'middle', shift=-14)
     told = 'Error of Fz against load: the chain of [3] and the inversion, 300 points each.'
     top = float(said['inversion'][0].max())
-    load = Plot((0, top), (1e-3, high), 'Fz (N)', 'error of Fz (mN)', (480, 320), told=told,
+    load = Plot((0, top), (1e-3, high), 'Fz (N)', 'error of Fz (mN)', (480, 320), description=told,
                 log_y=True)  # fmt: skip
     for k, name in enumerate(DRAWN):
         load.dots(said[name][0][:500], said[name][1][:500], f'c{k}')

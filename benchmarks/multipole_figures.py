@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks.harness.rows import BenchResult, Row
-from tactile_ros.evaluation.drawing import standalone
-from tactile_ros.evaluation.svg import Plot
+from tactile_ros.evaluation.figures import Plot, standalone
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
 from tactile_ros.sensors.multipole_skin.specimen import NONE, POWERS, Specimen, snr
 from tactile_ros.sensors.multipole_skin.twin import NOISE
@@ -106,7 +105,7 @@ def _lines(depths: Array, curves: dict[str, Array], label: str, told: str) -> st
     """Curves over the depth, one for each method."""
     every = np.concatenate(list(curves.values()))
     low, high = min(0.0, float(every.min())), 1.05 * float(every.max())
-    plot = Plot((0.0, 1.25), (low, high), 'depth (mm)', label, (420, 280), told=told)
+    plot = Plot((0.0, 1.25), (low, high), 'depth (mm)', label, (420, 280), description=told)
     for i, (kind, curve) in enumerate(curves.items()):
         plot.line(1e3 * depths, curve, f'line c{i}')
         plot.text(1e3 * float(depths[-1]), float(curve[-1]), kind)
@@ -119,7 +118,7 @@ def _profile(skins: dict[str, Specimen]) -> str:
     height = skins['M4'].chips[:, 2].mean()
     points = np.column_stack([0 * y, y, np.full(len(y), height)])
     plot = Plot((-38, 38), (-16, 16), 'y (mm)', 'Bz at rest (mT)', (520, 280),
-                told='Field at rest in the plane of the chips, by method')  # fmt: skip
+                description='Field at rest in the plane of the chips, by method')  # fmt: skip
     for i, (kind, skin) in enumerate(skins.items()):
         field = 1e3 * skin.sheet.field(points)[:, 2]
         plot.line(1e3 * y, field, f'line c{i}')

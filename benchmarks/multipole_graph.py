@@ -19,7 +19,7 @@ from benchmarks.harness.driver_speed import processor_s
 from benchmarks.harness.rows import BenchResult, Row
 from tactile_ros.cli.record import wait_for_frames
 from tactile_ros.enrolment import playing
-from tactile_ros.evaluation.metrics import Spread, latency
+from tactile_ros.evaluation.metrics import Spread, spread
 from tactile_ros.evaluation.recording_files import load
 from tactile_ros.evaluation.replay import replay
 from tactile_ros.nodes.graph import SensorSetup, sensing
@@ -105,13 +105,13 @@ def _live(folder: Path, path: Path, port: str, seconds: float, stack: bool) -> R
     assert live is not None
     assert agreement is not None
     assert loaded.recording.stamp_ns is not None
-    stamps = loaded.recording.stamp_ns[live.rows]
+    delay = (live.log_ns - loaded.recording.stamp_ns[live.rows]) * 1e-9
     # by the frames that went through: a busy machine is late, and spends less meanwhile
     through = np.count_nonzero((live.log_ns > began_ns) & (live.log_ns <= ended_ns))
     cores = {node: RATE_HZ * cost / through for node, cost in spent.items()}
     answered = np.isfinite(live.states.position[:, 0])
     return Road(
-        cores, latency(live.log_ns, stamps), latency(live.log_ns[answered], stamps[answered]),
+        cores, spread(delay), spread(delay[answered]),
         agreement.without_contacts, int(answered.sum()), agreement.largest,
     )  # fmt: skip
 

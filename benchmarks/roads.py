@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.harness.driver_speed import processor_s
 from benchmarks.harness.rows import BenchResult, Row
-from tactile_ros.evaluation.metrics import Spread, latency
+from tactile_ros.evaluation.metrics import Spread, spread
 from tactile_ros.evaluation.recording_files import load, save_recording
 from tactile_ros.evaluation.replay import replay
 from tactile_ros.nodes.graph import SensorSetup, sensing
@@ -93,7 +93,7 @@ def _live(folder: Path, *, stack: bool) -> Road:
     assert replayed.agreement is not None
     lasted = 1e-9 * float(recording.stamp_ns[-1] - recording.stamp_ns[0])
     return Road(
-        latency(live.log_ns, recording.stamp_ns[live.rows]), spent / lasted,
+        spread((live.log_ns - recording.stamp_ns[live.rows]) * 1e-9), spent / lasted,
         replayed.agreement.without_contacts, replayed.agreement.largest, replayed.us_per_frame,
     )  # fmt: skip
 

@@ -15,8 +15,7 @@ import tactile_ros
 from tactile_ros.calibration import write_beside
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.recording_files import load_recording, save_recording
-from tactile_ros.evaluation.report import render
-from tactile_ros.evaluation.result import Dataset, Result
+from tactile_ros.evaluation.report import Dataset, Result, render
 from tactile_ros.evaluation.truth import held_labels
 from tactile_ros.types import Layout, Recording, admit_name
 from tactile_ros.types.frame import MOST_CHARACTERS

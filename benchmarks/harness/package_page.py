@@ -2,38 +2,37 @@
 
 from __future__ import annotations
 
-import base64
 from html import escape
 from itertools import groupby
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from markupsafe import Markup
 
 from tactile_ros import __version__
 from tactile_ros.calibration import write_beside
-from tactile_ros.evaluation.browser import photograph
-from tactile_ros.evaluation.figure import Figure
-from tactile_ros.evaluation.page import (
-    deviation,
-    document,
-    drawn,
-    facts,
-    listed,
+from tactile_ros.evaluation.figures import (
+    LEFT,
+    LETTER,
+    TOP,
+    Figure,
+    Plot,
+    file_name,
     number,
-    tiles,
-    unit_of,
+    rounded,
+    write_figures,
+    write_png,
 )
-from tactile_ros.evaluation.pictures import MARGIN, file_name, light_page, write_figures
-from tactile_ros.evaluation.svg import LEFT, TOP, Plot
+from tactile_ros.evaluation.report import render_page
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Iterable, Sequence
-    from pathlib import Path
 
-    from benchmarks.harness.rows import BenchFile, Picture, Row
+    from benchmarks.harness.rows import BenchFile, Row
 
-LETTER, HEIGHT = 6.4, 14.0  # pixels that a letter and a line of a label take
+HEIGHT = 14.0  # pixels of a line of a label
 LOG_RATIO = 20.0  # ratio of errors from which their axis is logarithmic
 Box = tuple[float, float, float, float]  # middle and size (pixels)
 SHIFTS = (-16.0, 18.0, -30.0, 32.0, -44.0, 46.0)  # pixels, of labels from their marks
@@ -112,7 +111,7 @@ def pareto(contest: Contest) -> Figure:
         text += ' Bars: one standard deviation over seeds.'
     if left := len(shown) - len(named):
         text += f' Marks without a name, since they lie close: {left}.'
-    return Figure(contest.title, text, str(plot), key)
+    return Figure(contest.title, text, (plot,), key)
 
 
 def _axes(contest: Contest, shown: list[Method]) -> Plot:
@@ -131,7 +130,7 @@ def _axes(contest: Contest, shown: list[Method]) -> Plot:
     return Plot(
         (us.min() / room, us.max() * room), (float(tall[0]), float(tall[1])),
         'time of a frame (µs)', f'{"value" if contest.high else "error"} {unit}',
-        (480, 330), log_x=True, log_y=log, told=f'Error against time: {contest.title}',
+        (480, 330), log_x=True, log_y=log, description=f'Error against time: {contest.title}',
     )  # fmt: skip
 
 
@@ -194,13 +193,13 @@ def _finding(contest: Contest, best: list[Method]) -> str:
 WIDTH, STRIP_HEIGHT, EDGE = 96.0, 12.0, 4.0
 
 
-def strip(row: Row) -> str:
+def strip(row: Row) -> Markup:
     """Dots at the values, a bar of one deviation to either side, a line at the aim.
 
     Empty where there are not several values, or all are one.
     """
     if not row.spread or row.ours is None:
-        return ''
+        return Markup()
     values = np.array(row.by_seed)
     bar = row.ours + row.spread * np.array([-1.0, 1.0])
     aim = [] if row.aim is None else [row.aim]
@@ -215,10 +214,10 @@ def strip(row: Row) -> str:
     line = ''.join(
         f'<path class="rule" d="M{x(value):.1f} 0V{STRIP_HEIGHT:g}"/>' for value in aim
     )
-    told = 'by seed: ' + ', '.join(number(value) for value in values.tolist())
-    return (
+    text = 'by seed: ' + ', '.join(number(value) for value in values.tolist())
+    return Markup(
         f'<svg class="strip" viewBox="0 0 {WIDTH:g} {STRIP_HEIGHT:g}" role="img" '
-        f'aria-label="{escape(told)}"><title>{escape(told)}</title>'
+        f'aria-label="{escape(text)}"><title>{escape(text)}</title>'
         f'<path class="line c0" d="M{x(bar[0]):.1f} {middle}H{x(bar[1]):.1f}"/>'
         f'<path class="dots c0" d="{dots}"/>{line}</svg>'
     )
@@ -366,76 +365,72 @@ TITLES = {
     'replay': 'Replay of bags',
 }  # in this order; others follow by name
 COLUMNS = ('published', 'peer', 'ours', 'bound', 'aim', '', 'µs, one', 'µs, of a batch')
-WIDE = 700.0  # pixels, from which a drawing takes a row of its own
 MARKS = {None: '', True: '✓ held', False: '✗ missed'}
-READING = (
-    'Published: the figure of the paper. Peer: the paper’s own method, or the best of the others, '
-    'in the same run; the notes of a bench say which. Bound: what no method can beat there.',
-    'An aim is held where ours is at most the aim, or at least where high is better. ± is one '
-    'standard deviation over seeds or held-out runs; under it dots are their values, the bar that '
-    'deviation to either side, the upright line the aim.',
-    'µs, one: a frame alone, as it comes from a sensor; µs, of a batch: a frame among many.',
-    'Benches that run side by side slow one another: take times from a bench that ran alone.',
-)
+
+
+def unit_of(unit: str) -> str:
+    """A unit as a page writes it; empty: a plain number."""
+    return {'1': '', 'us': 'µs', 'uT': 'µT'}.get(unit, unit)
+
+
+def deviation(value: float | None) -> str:
+    """A standard deviation behind its figure, with one digit; empty: none, or 0.
+
+    Examples
+    --------
+    >>> deviation(0.0123), deviation(11.8), deviation(None)
+    (' ± 0.01', ' ± 12', '')
+    """
+    return f' ± {rounded(value, 1)}' if value else ''
 
 
 def write_package_report(
     path: str | os.PathLike[str], files: Sequence[BenchFile], problems: Sequence[str], command: str
 ) -> Path:
-    """Write the page.
+    """Write the page (.html) of bench files; return its path.
 
     Parameters
     ----------
     path : path-like
-        Of the .html file; its folder is made.
+        Its folder is made.
     files : sequence of BenchFile
-        What benches found.
+        Results of benches.
     problems : sequence of str
-        What could not be read.
+        Sentences on what could not be read.
     command : str
         That makes this page again.
-
-    Returns
-    -------
-    Path
-        Of the file.
     """
     return write_beside(path, render_package(files, problems, command).encode())
 
 
 def render_package(files: Sequence[BenchFile], problems: Sequence[str], command: str) -> str:
-    """The whole document."""
-    files = sorted(files, key=_place)
-    title = f'tactile_ros {__version__}: what it reaches, and what it misses'
+    """HTML of the whole page."""
+    place = {name: i for i, name in enumerate(TITLES)}
+    files = sorted(files, key=lambda f: (place.get(f.result.bench, len(place)), f.result.bench))
     rows = [row for file in files for row in file.result.rows]
     aims = [row.held for row in rows if row.held is not None]
-    lead = (
-        f'{len(rows):,} figures of {len(files)} benches; {sum(aims)} of {len(aims)} aims are '
-        f'held, {len(aims) - sum(aims)} are missed.'
+    machines = groupby(
+        sorted(files, key=lambda file: sorted(file.environment.items())),
+        key=lambda file: file.environment,
     )
-    links = ' '.join(
-        f'<a href="#{_anchor(file)}">{escape(title_of(file.result.bench))}</a>' for file in files
-    )
-    return document(title, [
-        f'<header><h1>{escape(title)}</h1><p class="lead">{lead}</p></header>',
-        tiles(headline(files)),
-        f'<nav>{links}</nav>',
-        listed(problems, 'problems'),
-        _missed(files),
-        _speed(files),
-        *map(_bench, files),
-        _repeat(files, command),
-    ])  # fmt: skip
-
-
-def _place(file: BenchFile) -> tuple[int, str]:
-    """Where a bench stands on the page."""
-    name = file.result.bench
-    return ([*TITLES].index(name) if name in TITLES else len(TITLES), name)
-
-
-def _anchor(file: BenchFile) -> str:
-    return escape('bench-' + ''.join(c if c.isalnum() else '-' for c in file.result.bench))
+    return render_page(
+        Path(__file__).with_name('package.html'),
+        title=f'tactile_ros {__version__}: what it reaches, and what it misses',
+        headline=headline(files),
+        count=len(rows),
+        aims=len(aims),
+        held=sum(aims),
+        missed=[_missed(file, row) for file in files for row in file.result.rows
+                if row.held is False],
+        contests=[pareto(contest) for contest in contests(rows)],
+        benches=[_bench(file) for file in files],
+        problems=problems,
+        command=command,
+        machines=[
+            {'benches': ', '.join(file.result.bench for file in group), **environment}
+            for environment, group in machines
+        ],
+    )  # fmt: skip
 
 
 def title_of(bench: str) -> str:
@@ -447,103 +442,51 @@ def headline(files: Sequence[BenchFile]) -> list[tuple[str, str, str]]:
     """Key figures as (value, unit, words)."""
     rows = [row for file in files for row in file.result.rows]
     aims = [row.held for row in rows if row.held is not None]
-    papers = [row for row in rows if row.paper is not None and row.ours is not None]
-    better = sum(_beats(row, row.paper) for row in papers)
-    peers = [row for row in rows if row.peer is not None and row.ours is not None]
+    papers = [held for row in rows if (held := row.reaches(row.paper)) is not None]
+    peers = [held for row in rows if (held := row.reaches(row.peer)) is not None]
     return [
         (f'{sum(aims)}', f'of {len(aims)}', 'aims held'),
         (f'{len(aims) - sum(aims)}', '', 'aims missed'),
-        (f'{better}', f'of {len(papers)}', 'at least as good as published'),
-        (f'{sum(_beats(row, row.peer) for row in peers)}', f'of {len(peers)}',
-         'at least as good as the peer in the same run'),
-    ]  # fmt: skip
-
-
-def _beats(row: Row, other: float | None) -> bool:
-    """Whether ours is at least as good."""
-    if row.ours is None or other is None:
-        return False
-    return row.ours <= other if row.better == 'low' else row.ours >= other
-
-
-def _missed(files: Sequence[BenchFile]) -> str:
-    """Every aim that is missed, one under the other."""
-    lines = [
-        f'<tr><th class="what" scope="row">{escape(row.what.strip())}'
-        f'<br><small>{escape(title_of(file.result.bench))}</small></th>'
-        f'<td class="missed">{number(row.ours, row.aim)} {escape(unit_of(row.unit))}</td>'
-        f'<td>{"≤" if row.better == "low" else "≥"} {number(row.aim)}</td></tr>'
-        for file in files
-        for row in file.result.rows
-        if row.held is False
+        (f'{sum(papers)}', f'of {len(papers)}', 'at least as good as published'),
+        (f'{sum(peers)}', f'of {len(peers)}', 'at least as good as the peer in the same run'),
     ]
-    if not lines:
-        return ''
-    return (
-        '<section><h2>Aims missed</h2><p class="lead">What was aimed at and not reached in these '
-        'runs; everything else that had an aim is held.</p>'
-        '<div class="scroll"><table><thead><tr><th class="words">figure</th>'
-        '<th>ours</th><th>aim</th></tr></thead>'
-        f'<tbody>{"".join(lines)}</tbody></table></div></section>'
-    )
 
 
-def _speed(files: Sequence[BenchFile]) -> str:
-    """All methods on the same data, against their time."""
-    found = contests(row for file in files for row in file.result.rows)
-    if not found:
-        return ''
-    drawings = ''.join(drawn(pareto(contest)) for contest in found)
-    return (
-        '<section><h2>Speed against error</h2><p class="lead">Every drawing has one set of data '
-        f'and all methods that were tried on it.</p><div class="grid">{drawings}</div></section>'
-    )
+def _missed(file: BenchFile, row: Row) -> tuple[str, str, str, str]:
+    """Figure, bench, value and aim of an aim that is missed."""
+    ours = f'{number(row.ours, row.aim)} {unit_of(row.unit)}'
+    aim = f'{"≤" if row.better == "low" else "≥"} {number(row.aim)}'
+    return row.what.strip(), title_of(file.result.bench), ours, aim
 
 
-def _bench(file: BenchFile) -> str:
-    """Table, drawings and notes of a bench."""
-    result = file.result
-    judged = [row for row in result.rows if row.paper is not None or row.aim is not None]
-    others = [row for row in result.rows if row.paper is None and row.aim is None]
-    seeds = ', '.join(map(str, result.seed)) or 'none'
-    body = table(judged) if judged else ''
-    if others:
-        body += (
-            f'<details{"" if judged else " open"}><summary>{len(others)} figures without an '
-            f'aim</summary>{table(others)}</details>'
-        )
-    pictures = ''.join(map(_picture, file.pictures))
-    return (
-        f'<section id="{_anchor(file)}"><h2>{escape(title_of(result.bench))}</h2>'
-        f'<p class="lead"><code>{escape(result.command)}</code>, seeds {escape(seeds)}</p>'
-        f'{body}{f"<div class=grid>{pictures}</div>" if pictures else ""}'
-        f'{listed(result.notes, "notes")}</section>'
-    )
+def _bench(file: BenchFile) -> dict[str, object]:
+    """Tables and drawings of a bench for the template."""
+    rows = file.result.rows
+    anchor = ''.join(c if c.isalnum() else '-' for c in file.result.bench)
+    return {
+        'title': title_of(file.result.bench),
+        'anchor': f'bench-{anchor}',
+        'result': file.result,
+        'judged': table([row for row in rows if not row.paper is row.aim is None]),
+        'others': table([row for row in rows if row.paper is row.aim is None]),
+        'pictures': file.pictures,
+    }
 
 
-def table(rows: Sequence[Row]) -> str:
-    """Figures side by side; columns that nobody fills are left out."""
+def table(rows: Sequence[Row]) -> dict[str, object]:
+    """Rows of figures for the template; columns that nobody fills are left out."""
     cells = [_cells(row) for row in rows]
     kept = [i for i in range(len(COLUMNS)) if any(line[i] not in ('', '–') for line in cells)]
-    head = ''.join(f'<th scope="col">{COLUMNS[i]}</th>' for i in kept)
     lines = []
     for row, line in zip(rows, cells, strict=True):
         kinds = {2: 'ours', 5: {True: 'held', False: 'missed', None: ''}[row.held]}
-        drawings = {2: strip(row)}
-        told = ''.join(
-            f'<td class="{kinds.get(i, "")}">{escape(line[i])}{drawings.get(i, "")}</td>'
-            for i in kept
-        )
-        indent = ' under' if row.what.startswith(' ') else ''
-        unit = f' <small>{escape(unit_of(row.unit))}</small>' if unit_of(row.unit) else ''
-        lines.append(
-            f'<tr><th class="what{indent}" scope="row">{escape(row.what.strip())}{unit}</th>'
-            f'{told}</tr>'
-        )
-    return (
-        '<div class="scroll"><table><thead><tr><th class="words" scope="col">figure</th>'
-        f'{head}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
-    )
+        lines.append({
+            'under': row.what.startswith(' '),
+            'what': row.what.strip(),
+            'unit': unit_of(row.unit),
+            'cells': [(line[i], kinds.get(i, ''), strip(row) if i == 2 else '') for i in kept],
+        })  # fmt: skip
+    return {'columns': [COLUMNS[i] for i in kept], 'rows': lines}
 
 
 def _cells(row: Row) -> list[str]:
@@ -553,42 +496,6 @@ def _cells(row: Row) -> list[str]:
     return [*numbers, MARKS[row.held], number(row.us_single), number(row.us_batch)]
 
 
-def _picture(picture: Picture) -> str:
-    """A bench's own drawing and what it shows."""
-    wide = ' class="wide"' if picture.size[0] > WIDE else ''
-    return (
-        f'<figure{wide}><h3>{escape(picture.name)}</h3>{image_of(picture)}'
-        f'<figcaption>{escape(picture.told)}</figcaption></figure>'
-    )
-
-
-def _repeat(files: Sequence[BenchFile], command: str) -> str:
-    """How to repeat it, where it ran, and how to read it."""
-    commands = '\n'.join([*(file.result.command for file in files), command])
-    machines = groupby(
-        sorted(files, key=lambda file: sorted(file.environment.items())),
-        key=lambda file: file.environment,
-    )
-    told = ''.join(
-        facts({'benches': ', '.join(file.result.bench for file in group), **environment})
-        for environment, group in machines
-    )
-    return (
-        f'<section><h2>Repeat it</h2><pre>{escape(commands)}</pre>{told}</section>'
-        f'<section><h2>How to read this</h2>{listed(READING, "notes")}</section>'
-    )
-
-
-def image_of(picture: Picture) -> str:
-    """A bench's own drawing as an image: nothing in it can run or fetch."""
-    data = base64.b64encode(picture.svg).decode()
-    return (
-        f'<img alt="{escape(picture.told or picture.name)}" '
-        f'width="{picture.size[0]:.0f}" height="{picture.size[1]:.0f}" '
-        f'src="data:image/svg+xml;base64,{data}">'
-    )
-
-
 def write_pictures(folder: Path, files: Sequence[BenchFile]) -> Iterable[Path]:
     """Write the drawings of all benches as PNG; yield each path when it is there."""
     rows = [row for file in files for row in file.result.rows]
@@ -596,7 +503,4 @@ def write_pictures(folder: Path, files: Sequence[BenchFile]) -> Iterable[Path]:
     for file in files:
         for picture in file.pictures:
             name = f'{file.result.bench}_{file_name(picture.name)}.png'
-            size = round(picture.size[0]), round(picture.size[1])
-            image = image_of(picture).replace('<img', '<img style="margin:0"')
-            page = light_page(image).replace(f'padding: {MARGIN}px', 'padding: 0')
-            yield photograph(page, folder / name, size)
+            yield write_png(folder / name, picture.svg.decode(errors='replace'))

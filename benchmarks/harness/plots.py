@@ -6,10 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.evaluation.drawing import standalone
-from tactile_ros.evaluation.figure import MM
+from tactile_ros.evaluation.figures import MM, Plot, standalone
 from tactile_ros.evaluation.metrics import confusion
-from tactile_ros.evaluation.svg import Plot
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -44,7 +42,7 @@ def confusion_map(table: Array, told: str) -> str:
     """Share (n, n) (%) of each true cell that is named as each; empty below half a per cent."""
     count = len(table)
     ends = (-0.5, count - 0.5)
-    plot = Plot(ends, ends, 'named cell', 'true cell', (380, 380), told=told)
+    plot = Plot(ends, ends, 'named cell', 'true cell', (380, 380), description=told)
     true, named = np.nonzero(np.nan_to_num(table) >= 0.5)
     limits = (2.0, 5.0, 15.0, 40.0)
     kinds = [f's{1 + np.searchsorted(limits, share)}' for share in table[true, named]]
@@ -67,7 +65,7 @@ def cost_map(costs: Mapping[str, tuple[float, float]], told: str) -> str:
     time, error = np.array(list(costs.values())).T
     plot = Plot(
         (0.5 * time.min(), 3 * time.max()), (0.0, 1.15 * error.max()), 'time of a frame (us)',
-        'mean error of the place (mm)', (520, 320), log_x=True, told=told,
+        'mean error of the place (mm)', (520, 320), log_x=True, description=told,
     )  # fmt: skip
     for i, (name, (a, b)) in enumerate(costs.items()):
         plot.mark(a, b, i, f'fill c{i % 5}')
@@ -217,7 +215,7 @@ def curves(
     high = high * (high / low) ** room if log_y else high + room * (high - low)
     plot = Plot(
         (float(x.min()), float(x.max())), (low, high), *labels, (520, 320),
-        log_x=log_x, told=told, log_y=log_y,
+        log_x=log_x, description=told, log_y=log_y,
     )  # fmt: skip
     for i, (name, (u, v)) in enumerate(lines.items()):
         plot.line(u, v, f'line c{i % 5}')
@@ -233,7 +231,7 @@ def costs(points: Mapping[str, tuple[float, float]], labels: tuple[str, str], to
     x, y = np.array(list(points.values())).T
     plot = Plot(
         (0.5 * float(x.min()), 4 * float(x.max())), (0.4 * float(y.min()), 2 * float(y.max())),
-        *labels, (520, 320), log_x=True, told=told, log_y=True,
+        *labels, (520, 320), log_x=True, description=told, log_y=True,
     )  # fmt: skip
     for i, (name, (a, b)) in enumerate(points.items()):
         plot.mark(a, b, i, f'fill c{i % 5}')

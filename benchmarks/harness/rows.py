@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import math
 import re
@@ -14,7 +15,7 @@ import numpy as np
 
 from tactile_ros.calibration import write_beside
 from tactile_ros.errors import TactileError
-from tactile_ros.evaluation.result import environment
+from tactile_ros.evaluation.report import environment
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -72,9 +73,13 @@ class Row:
     @property
     def held(self) -> bool | None:
         """Whether the aim is held; None where there is none or nothing was measured."""
-        if self.aim is None or self.ours is None:
+        return self.reaches(self.aim)
+
+    def reaches(self, other: float | None) -> bool | None:
+        """Whether `ours` is at least as good as another figure; None without one of them."""
+        if other is None or self.ours is None:
             return None
-        return self.ours <= self.aim if self.better == 'low' else self.ours >= self.aim
+        return self.ours <= other if self.better == 'low' else self.ours >= other
 
     def cells(self) -> tuple[str | float | None, ...]:
         """Cells of the printed table, in the order of `COLUMNS`."""
@@ -277,7 +282,7 @@ class Picture:
 
     Attributes
     ----------
-    name, told : str
+    name, description : str
         Of the file; what it shows.
     svg : bytes
         Of the file.
@@ -286,9 +291,14 @@ class Picture:
     """
 
     name: str
-    told: str
+    description: str
     svg: bytes
     size: tuple[float, float]
+
+    @property
+    def base64(self) -> str:
+        """The drawing for the source of an image: nothing in it can run or fetch."""
+        return base64.b64encode(self.svg).decode()
 
 
 @dataclass(frozen=True)

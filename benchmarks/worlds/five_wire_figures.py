@@ -11,8 +11,7 @@ from benchmarks.harness.rows import Row
 from benchmarks.worlds import five_wire_trials
 from tactile_ros.estimators.potential_map import HarmonicMap
 from tactile_ros.estimators.rbf_force import ThinPlate
-from tactile_ros.evaluation.drawing import standalone
-from tactile_ros.evaluation.svg import Plot
+from tactile_ros.evaluation.figures import Plot, standalone
 from tactile_ros.physics.resistive_sheet import linear_place, sheet_potential
 
 if TYPE_CHECKING:
@@ -56,7 +55,7 @@ def drawn(grids: ModuleType, world: object, seed: int) -> tuple[dict[str, str], 
 def _lines(loads: Array, told: Array, label: str, words: str) -> str:
     """One line for each of 4 x 4 squares: colours tell x, marks tell y."""
     high = 1.5 * float(told.max())
-    plot = Plot((0.0, 15.5), (0.0, high), 'load (N)', label, (360, 300), told=words)
+    plot = Plot((0.0, 15.5), (0.0, high), 'load (N)', label, (360, 300), description=words)
     for n, row in enumerate(told):
         across, up = divmod(n, 4)
         at = up  # where resistances differ most

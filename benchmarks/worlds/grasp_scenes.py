@@ -10,8 +10,7 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.harness.rows import Row, within
-from tactile_ros.evaluation.drawing import standalone
-from tactile_ros.evaluation.svg import Plot
+from tactile_ros.evaluation.figures import Plot, standalone
 from tactile_ros.nodes.grip_loop import GripLoop
 from tactile_ros.simulation.scenes import KINDS, Handling, named
 from tactile_ros.simulation.scenes import KINDS as THINGS
@@ -93,7 +92,8 @@ def balloon(trials: Trials, found: Found, film: Watcher) -> None:
 def drawn_balloon(held: Held, single: Held) -> str:
     """Force over the magnet's distance, of both readings."""
     plot = Plot((10, 100), (0, 3.2), 'distance of the magnet (mm)', 'force of the thumb (N)',
-                (480, 320), told='Force over distance, gradiometer and one pixel')  # fmt: skip
+                (480, 320),
+                description='Force over distance, gradiometer and one pixel')  # fmt: skip
     for kind, one in (('line c0', held), ('line c1', single)):
         plot.line(1e3 * one.distance, np.minimum(one.force, 3.1), kind)
     plot.text(70.0, 1.1, 'gradiometer', 'start')
@@ -176,7 +176,8 @@ def drawn_grasp(grasp: Grasped) -> str:
     trace = grasp.trace
     count = (trace.shape[1] - 1) // 2
     plot = Plot((float(trace[0, 0]), float(trace[-1, 0])), (0, 1.25 * float(trace[:, 1:].max())),
-                'time (s)', 'normal force (N)', (480, 300), told='Forces of a grasp')  # fmt: skip
+                'time (s)', 'normal force (N)', (480, 300),
+                description='Forces of a grasp')  # fmt: skip
     for i in range(count):
         plot.line(trace[:, 0], trace[:, 1 + count + i], 'rule')
         plot.line(trace[:, 0], trace[:, 1 + i], f'line c{i}')
@@ -246,7 +247,7 @@ def blocks(carried: list[Carried], count: int) -> list[tuple[float, float]]:
 def drawn_loads(points: dict[str, tuple[float, float]]) -> str:
     """Drop rate over mean force."""
     plot = Plot((0, 10), (0, 100), 'mean force (N)', 'dropped (%)', (480, 320),
-                told='Drop rate over mean force')  # fmt: skip
+                description='Drop rate over mean force')  # fmt: skip
     for i, (name, (force, dropped)) in enumerate(points.items()):
         plot.mark(force, 100 * dropped, i, f'fill c{i}')
         plot.text(force, 100 * dropped, name, 'middle', shift=-12.0)

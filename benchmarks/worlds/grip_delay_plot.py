@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.evaluation.drawing import standalone
-from tactile_ros.evaluation.svg import Plot
+from tactile_ros.evaluation.figures import Plot, standalone
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,7 +23,7 @@ def drawn(delays: Mapping[str, Array], aim_ms: float) -> str:
     """Shares of frames that are later (%), of the delays (s) of every run; lost ones left out."""
     plot = Plot(RANGE_MS, (SHARES[-1], SHARES[0]), 'delay from bytes to command (ms)',
                 'frames that are later (%)', (520, 360), log_x=True, log_y=True,
-                told='Tails of the delays from bytes to command')  # fmt: skip
+                description='Tails of the delays from bytes to command')  # fmt: skip
     known = {name: delay[np.isfinite(delay)] for name, delay in delays.items()}
     for row, (name, delay) in enumerate(known.items()):
         kind = KINDS[row % len(KINDS)]

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.evaluation.drawing import standalone
-from tactile_ros.evaluation.svg import Plot
+from tactile_ros.evaluation.figures import Plot, standalone
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -48,7 +47,7 @@ def drawn(
     longest = MS * max(ends, default=1.0)
     plot = Plot((0.0, longest), (0.0, 1.4 * target), 'time after the fault (ms)',
                 'largest force of a finger (N)', (480, 300),
-                told='Force after each fault of a grasp')  # fmt: skip
+                description='Force after each fault of a grasp')  # fmt: skip
     for bound, told in zip(bounds, ('least', 'most'), strict=True):
         plot.line(np.array([0.0, longest]), np.full(2, bound), 'rule')
         plot.text(longest, bound, f'{told} that is allowed', 'end', shift=-9.0)

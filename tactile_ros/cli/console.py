@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.errors import RecordingError, TactileError
-from tactile_ros.evaluation.browser import find_browser
+from tactile_ros.evaluation.figures import check_png
 from tactile_ros.evaluation.recording_files import LoadedRecording, load
 from tactile_ros.types import Closing
 
@@ -183,9 +183,9 @@ def refuse_no_pictures(folder: Path) -> None:
     Raises
     ------
     TactileError
-        With the system's reason, or where there is no browser.
+        With the system's reason, or where a font or resvg is missing.
     """
-    find_browser()
+    check_png()
     refuse_unwritable(folder / 'picture.png')
 
 

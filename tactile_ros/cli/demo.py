@@ -36,7 +36,7 @@ from tactile_ros.cli.replay import evaluate, print_result
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.recording_files import load, save_recording
 from tactile_ros.evaluation.replay import replay
-from tactile_ros.evaluation.result import Dataset, Result, answer, environment
+from tactile_ros.evaluation.report import Dataset, Result, answer, environment
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
@@ -287,9 +287,9 @@ def judge(part: Part, output: Path, pipelines: list[Pipeline]) -> Dataset:
     first, *others = dataset.answers
     # the same frames with the first tare only, after the baseline of the calibration
     untared = replace(loaded, baselines=loaded.baselines[:2], contacts=None, calibrations=())
-    note = 'one tare at the start, then the baseline follows by itself'
     name = f'{first.name}, rest found alone'
-    alone = answer(name, loaded, replay(untared, pipelines[0]), note)
+    again = replay(untared, pipelines[0])
+    alone = answer(name, loaded.recording, again.states, again.us_per_frame, again.us_batch)
     latency = np.zeros(0) if part.in_time else dataset.latency_s
     return replace(dataset, answers=(first, alone, *others), latency_s=latency)
 

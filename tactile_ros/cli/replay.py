@@ -31,7 +31,7 @@ from tactile_ros.cli.console import (
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import fleet
 from tactile_ros.evaluation.fleet import Job, open_calibration
-from tactile_ros.evaluation.result import Dataset, Result, environment, table
+from tactile_ros.evaluation.report import Dataset, Result, environment, table
 from tactile_ros.evaluation.truth import DEFAULT_TRUTH
 
 if TYPE_CHECKING:
@@ -143,8 +143,7 @@ def _report(
     command: str,
 ) -> None:
     """Write the report and its pictures, as far as they are asked for."""
-    from tactile_ros.evaluation.pictures import write_drawings
-    from tactile_ros.evaluation.report import write_report
+    from tactile_ros.evaluation.report import write_pictures, write_report
 
     datasets = [fleet.for_report(one) for outcome in outcomes for one in outcome.results]
     failed = [f'Left out: {outcome.failure}' for outcome in outcomes if outcome.failure]
@@ -159,7 +158,7 @@ def _report(
         write_report(options.report, result)
         print(f'report: {options.report}', file=sys.stderr)
     if options.png:
-        for picture in write_drawings(options.png, result):
+        for picture in write_pictures(options.png, result):
             print(f'picture: {picture}', file=sys.stderr, flush=True)
 
 

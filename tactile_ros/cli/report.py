@@ -2,7 +2,7 @@
 
 Reads benchmarks/results/*.json, or the files and folders that are named (results of benches and
 saved replays), with the drawings that lie beside them. The page needs no network and no script.
-`--png` writes its drawings as pictures, for which a Chromium or Chrome must be installed;
+`--png` writes its drawings as pictures, rendered by resvg;
 `--markdown` prints the table of the README instead of that of the benches.
 
 example:

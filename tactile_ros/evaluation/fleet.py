@@ -27,16 +27,17 @@ from tactile_ros import calibration as files
 from tactile_ros.errors import MissingPackageError, RecordingError, TactileError
 from tactile_ros.evaluation.metrics import (
     TARGETS,
+    ClassErrors,
     Judged,
-    Named,
+    class_rows,
     clocks_apart,
     frames_dropped,
     given_targets,
     judge,
-    named_rows,
     place_groups,
     summarised,
     times_of,
+    unjudged,
 )
 from tactile_ros.evaluation.recording_files import (
     Bag,
@@ -46,7 +47,7 @@ from tactile_ros.evaluation.recording_files import (
     save_arrays,
 )
 from tactile_ros.evaluation.replay import Agreement, Follower, compare, single_cost
-from tactile_ros.evaluation.result import Answer, Dataset, unjudged
+from tactile_ros.evaluation.report import Answer, Dataset
 from tactile_ros.evaluation.truth import DEFAULT_TRUTH, Association, associate
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Integers, Recording, groups_of
@@ -179,7 +180,7 @@ class _Collected:
             if len(seen.rows):
                 seen = replace(seen, rows=seen.rows + first)
                 self.judged.setdefault(name, []).append(seen)
-        for kind, true, said in named_rows(truth, states):
+        for kind, true, said in class_rows(truth, states):
             self.named.setdefault(kind, []).append((true, said))
         for kind in (kind for kind in CLASSES if kind in truth):
             true = np.asarray(truth[kind])
@@ -199,7 +200,7 @@ class _Collected:
             targets.append(summarised(name, seen, own, times[seen.rows]))
         label = label_of(self.follower.began)
         named = (
-            Named(kind, *(np.concatenate(column) for column in zip(*parts, strict=True)))
+            ClassErrors(kind, *(np.concatenate(column) for column in zip(*parts, strict=True)))
             for kind, parts in self.named.items()
         )
         problems = self.follower.problems
@@ -207,7 +208,7 @@ class _Collected:
         return PipelineAnswer(
             label, tuple(targets), self.us_single,
             self.spent_ns / self.frames / 1000 if self.frames else float('nan'),
-            named=tuple(one for one in named if (one.said >= 0).any()),
+            classes=tuple(one for one in named if (one.said >= 0).any()),
             calibration=calibration, hits=self.hits, frames=self.frames, agreement=self.agreement,
             problems=problems,
         )  # fmt: skip

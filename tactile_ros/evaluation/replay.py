@@ -21,6 +21,7 @@ from tactile_ros.conditioning.faults import DAMAGED, SAYS_NOTHING, UNUSABLE, tax
 from tactile_ros.enrolment import EVERYTHING, Press, PressWatch, learn, recording_of, window_of
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.cdr_columns import join, widened
+from tactile_ros.evaluation.metrics import Agreement
 from tactile_ros.types import (
     STATE_FIELDS,
     ContactState,
@@ -46,51 +47,6 @@ BRIDGED = 2  # rows between two frames of a tare: damaged, or not heard
 ENOUGH = 30  # frames of tares; fewer tell less than a truth that knows every rest
 STILL = 0.1  # of the frames, at which a load cell tells least
 CLEAR = 3.0  # standard errors of a mean force
-
-
-@dataclass(frozen=True)
-class Agreement:
-    """Replay against the contacts of the live run.
-
-    Attributes
-    ----------
-    frames : int
-        Compared.
-    without_contacts : int
-        Frames that no contacts are about: the live node did not see them, they are left out.
-    differences : dict of str to float
-        Largest difference of each attribute (its unit); inf where only one of them knows it.
-    """
-
-    frames: int
-    without_contacts: int
-    differences: dict[str, float]
-
-    def __add__(self, other: Agreement) -> Agreement:
-        """Of both parts together."""
-        names = dict.fromkeys([*self.differences, *other.differences])
-        worst = {
-            name: max(self.differences.get(name, 0.0), other.differences.get(name, 0.0))
-            for name in names
-        }
-        missing = self.without_contacts + other.without_contacts
-        return Agreement(self.frames + other.frames, missing, worst)
-
-    @property
-    def largest(self) -> float:
-        """Largest difference of all; 0 where nothing was compared."""
-        return max(self.differences.values(), default=0.0)
-
-    @property
-    def worst(self) -> str:
-        """Attribute with the largest difference."""
-        return max(self.differences, key=lambda name: self.differences[name], default='')
-
-    @property
-    def problems(self) -> tuple[str, ...]:
-        """A sentence where frames have no contacts."""
-        count, reason = self.without_contacts, 'the live node did not see them'
-        return (f'{count} frames without contacts were left out: {reason}',) if count else ()
 
 
 @dataclass(frozen=True)

@@ -1,143 +1,317 @@
-"""One self-contained HTML file about an evaluation: no script, no network, light and dark."""
+"""Result of an evaluation as a table, as one self-contained HTML file and as pictures.
+
+The page has no script, needs no network, and is light or dark as the reader prefers.
+"""
 
 from __future__ import annotations
 
-from html import escape
+import math
+import os
+import platform
+import sys
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros import __version__
 from tactile_ros.calibration import write_beside
-from tactile_ros.evaluation.figures import colours_of, figures_of, headline
-from tactile_ros.evaluation.page import document, drawn, facts, listed, tiles
-from tactile_ros.evaluation.result import table
+from tactile_ros.evaluation import figures
+from tactile_ros.evaluation.figures import MM, Figure, number
+from tactile_ros.evaluation.metrics import (
+    ClassErrors,
+    Spread,
+    TargetErrors,
+    class_errors,
+    spread,
+    target_errors,
+)
+from tactile_ros.types import Array
 
 if TYPE_CHECKING:
-    import os
-    from pathlib import Path
+    from collections.abc import Iterable
 
-    from tactile_ros.evaluation.figure import Colours
-    from tactile_ros.evaluation.result import Cell, Dataset, Result
+    from tactile_ros.evaluation.metrics import Agreement
+    from tactile_ros.types import ContactStates, Recording
 
+Cell = str | float | int | None
+COLUMNS = (
+    'recording', 'estimator', 'place mean (mm)', 'p50', 'p95', 'normal RMSE (N)',
+    'shear RMSE (N)', 'place in 1 sigma (%)', 'force in 1 sigma (%)', 'named rightly (%)',
+    'groups', 'latency p50 (ms)', 'p99 (ms)', 'dropped', 'us/frame',
+)  # fmt: skip
 LOW_IS_BETTER = ('mean', 'p50', 'p95', 'RMSE', 'us/frame')
-SAME = 1e-9
-READING = (
-    'Place error is the distance in the plane between estimated and true place; RMSE is the root '
-    'mean square error of one component.',
-    'Inside one sigma counts components separately: 68.3 % where the covariances are right. '
-    'Accepted is that share to within 5 points, or the 95 % binomial interval over the groups '
-    '(places, press cycles) where that is wider.',
-    'Latency is from the frame’s acquisition stamp to the arrival of its contact in the bag. '
-    'Frames lost are gaps of the counter.',
-    'Frames that the pipeline called invalid, and those without an estimate, are in no error; '
-    'they are counted where there are any.',
-)
+PACKAGES = ('numpy', 'scipy', 'rosbags', 'ros-rclpy', 'numba', 'scikit-learn')
+SAME = 1e-9  # largest difference of a replay that repeats its live run
 
 
-def write_report(path: str | os.PathLike[str], result: Result) -> Path:
-    """Write the report.
+@dataclass(frozen=True)
+class Answer:
+    """Errors of one estimator, or of one way to use it, on one recording.
 
-    Parameters
+    Attributes
     ----------
-    path : path-like
-        Of the .html file; its folder is made.
-    result : Result
-        What was found.
-
-    Returns
-    -------
-    Path
-        Of the file.
+    name : str
+        Of the estimator.
+    targets : tuple of TargetErrors
+        Whatever truth could judge.
+    us_single, us_batch : float
+        Time per frame (microseconds), one by one and in a batch; NaN: not measured.
+    classes : tuple of ClassErrors
+        Cells and labels, where they have truth.
     """
-    return write_beside(path, render(result).encode())
+
+    name: str
+    targets: tuple[TargetErrors, ...]
+    us_single: float = float('nan')
+    us_batch: float = float('nan')
+    classes: tuple[ClassErrors, ...] = ()
+
+    def target(self, name: str) -> TargetErrors | None:
+        """Errors of one target; None where there are none."""
+        return next((t for t in self.targets if t.name == name), None)
+
+    @property
+    def shear_rms(self) -> float | None:
+        """RMS error of force along x and y, components pooled (N); None: not judged."""
+        parts = [t.spread for t in self.targets if t.name in ('force_x', 'force_y')]
+        count = sum(part.count for part in parts)
+        squares = sum(part.count * part.rms**2 for part in parts if part.count)
+        return math.sqrt(squares / count) if count else None
 
 
-def render(result: Result) -> str:
-    """The whole document."""
-    body = [
-        f'<header><h1>{escape(result.title)}</h1>'
-        f'<p class="lead">{escape(_lead(result))}</p></header>',
-        tiles(headline(result)),
-        _table(result),
-        *(_section(dataset, colours_of(result)) for dataset in result.datasets),
-        _repeat(result),
-    ]
-    return document(result.title, body)
+def answer(
+    name: str, recording: Recording, states: ContactStates, us_single: float, us_batch: float
+) -> Answer:
+    """Judge the states of a recording by its truth."""
+    targets, classes = target_errors(recording, states), class_errors(recording, states)
+    return Answer(name, targets, us_single, us_batch, classes)
 
 
-def _lead(result: Result) -> str:
-    """What was evaluated, in a sentence."""
-    frames = sum(dataset.frames for dataset in result.datasets)
-    answers = [answer for dataset in result.datasets for answer in dataset.answers]
-    names = [answer.name.split(',')[0] for answer in answers]
-    count = len(result.datasets)
-    recordings = 'one recording' if count == 1 else f'{count} recordings'
-    distinct = ', '.join(dict.fromkeys(names))
-    return f'{frames:,} frames of {recordings}; estimators: {distinct or "none"}.'
+@dataclass(frozen=True)
+class Dataset:
+    """One recording and all estimators on it.
+
+    Attributes
+    ----------
+    name, summary : str
+        Short name; content and held-out part, in a sentence.
+    answers : tuple of Answer
+        The one to be shown first, then those that it is compared with.
+    frames, dropped : int
+        Recorded; lost on the way.
+    chips : ndarray, shape (t, 3)
+        Taxel positions (m).
+    latency_s : ndarray, shape (n,)
+        From acquisition to contact (s); empty: not a live recording.
+    late : Spread or None
+        Of all contacts, where `latency_s` holds some of them.
+    agreement : Agreement or None
+        Of the replay with the live run.
+    problems : tuple of str
+        Sentences.
+    """
+
+    name: str
+    summary: str
+    answers: tuple[Answer, ...]
+    frames: int
+    dropped: int
+    chips: Array
+    latency_s: Array = field(default_factory=lambda: np.zeros(0))
+    late: Spread | None = None
+    agreement: Agreement | None = None
+    problems: tuple[str, ...] = ()
+
+    @property
+    def competitors(self) -> dict[str, Answer]:
+        """First answer of each name, as drawings compare them."""
+        first: dict[str, Answer] = {}
+        for answer in self.answers:
+            first.setdefault(answer.name, answer)
+        return first
+
+    @property
+    def latency(self) -> Spread:
+        """Summary of the latency (s)."""
+        return self.late or spread(self.latency_s)
+
+
+@dataclass(frozen=True)
+class Result:
+    """Everything that one evaluation found.
+
+    Attributes
+    ----------
+    title, command : str
+        Subject, and the exact command that repeats it.
+    environment : dict of str to str
+        Versions, machine, calibration.
+    datasets : tuple of Dataset
+        In the order of the report.
+    notes : tuple of str
+        Sentences for the end of the report.
+    """
+
+    title: str
+    command: str
+    environment: dict[str, str]
+    datasets: tuple[Dataset, ...]
+    notes: tuple[str, ...] = ()
+
+
+def environment() -> dict[str, str]:
+    """Machine and versions that figures belong to."""
+    versions = {}
+    for package in PACKAGES:
+        try:
+            versions[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            versions[package] = 'not installed'
+    return {
+        'tactile_ros': __version__,
+        'python': sys.version.split()[0],
+        'machine': platform.machine(),
+        'cores': str(os.cpu_count()),
+        'system': f'{platform.system()} {platform.release()}',
+        **versions,
+    }
+
+
+def table(result: Result) -> tuple[list[str], list[list[Cell]]]:
+    """Columns of the summary that have a value, and a row per recording and estimator."""
+    rows = [_table_row(d, a) for d in result.datasets for a in d.answers]
+    kept = [i for i in range(len(COLUMNS)) if any(_is_measured(row[i]) for row in rows)]
+    return [COLUMNS[i] for i in kept], [[row[i] for i in kept] for row in rows]
+
+
+def _table_row(dataset: Dataset, answer: Answer) -> list[Cell]:
+    """Cells of `COLUMNS`; None: not measured."""
+    place, normal = answer.target('position'), answer.target('force_z')
+    forces = [t.coverage for t in answer.targets if t.name.startswith('force')]
+    judged = sum(share.count for share in forces)
+    inside = sum(share.share * share.count for share in forces if share.count)
+    delay = dataset.latency
+    live = delay.count > 0 and answer is dataset.answers[0]
+    return [
+        dataset.name,
+        answer.name,
+        *([MM * v for v in (place.spread.mean, place.spread.p50, place.spread.p95)]
+          if place else [None] * 3),
+        normal.spread.rms if normal else None,
+        answer.shear_rms,
+        100 * place.coverage.share if place else None,
+        100 * inside / judged if judged else None,
+        answer.classes[0].right if answer.classes else None,
+        max((t.coverage.groups for t in answer.targets), default=None),
+        MM * delay.p50 if live else None,
+        MM * delay.p99 if live else None,
+        dataset.dropped,
+        answer.us_single,
+    ]  # fmt: skip
+
+
+def _is_measured(cell: Cell) -> bool:
+    return cell is not None and (isinstance(cell, str) or math.isfinite(cell))
 
 
 def figure_text(value: Cell, column: str) -> str:
-    """A cell of the table: as many digits as it deserves."""
-    if value is None or (isinstance(value, float) and not np.isfinite(value)):
+    """Cell of the table with as many digits as it deserves."""
+    if not _is_measured(value):
         return '–'
-    if isinstance(value, str):
-        return value
-    if isinstance(value, int):
-        return f'{value:,}'
-    digits = 0 if '%' in column else 1 if value >= 10 else 2
-    return f'{value:.{digits}f}'
-
-
-def _table(result: Result) -> str:
-    """Every estimator on every recording."""
-    columns, rows = table(result)
-    if not rows:
-        return ''
-    words = [all(isinstance(row[i], str) for row in rows) for i in range(len(columns))]
-    best = _best(columns, rows)
-    head = ''.join(
-        f'<th class="{"words" if w else ""}" scope="col">{escape(column)}</th>'
-        for column, w in zip(columns, words, strict=True)
-    )
-    lines = []
-    for number, row in enumerate(rows):
-        cells = []
-        for i, cell in enumerate(row):
-            tag = 'th scope="row"' if i == 0 else 'td'
-            kind = 'words' if words[i] else 'best' if (number, i) in best else ''
-            text = escape(figure_text(cell, columns[i]))
-            cells.append(f'<{tag} class="{kind}">{text}</{tag[:2]}>')
-        lines.append(f'<tr>{"".join(cells)}</tr>')
-    return (
-        '<h2>Summary</h2><p class="lead">One row per recording and estimator; the best of a '
-        f'recording is bold.</p><div class="scroll"><table><thead><tr>{head}</tr></thead>'
-        f'<tbody>{"".join(lines)}</tbody></table></div>'
-    )
+    if isinstance(value, float):
+        return f'{value:.{0 if "%" in column else 1 if value >= 10 else 2}f}'
+    return value if isinstance(value, str) else f'{value:,}'
 
 
 def _best(columns: list[str], rows: list[list[Cell]]) -> set[tuple[int, int]]:
-    """Cells that are the lowest of their recording, where several estimators compete."""
-    found = set()
-    for name in {row[0] for row in rows}:
-        group = [n for n, row in enumerate(rows) if row[0] == name]
-        for i, column in enumerate(columns):
-            if 'latency' in column or not any(word in column for word in LOW_IS_BETTER):
-                continue
-            known = [(row[i], n) for n in group if isinstance((row := rows[n])[i], float)]
-            if len(known) > 1:
-                found.add((min(known, key=lambda pair: float(pair[0] or 0.0))[1], i))
-    return found
+    """Cells (row, column) that are the lowest of their recording, where estimators compete."""
+    best = set()
+    for i, column in enumerate(columns):
+        if 'latency' in column or not any(word in column for word in LOW_IS_BETTER):
+            continue
+        for name in {row[0] for row in rows}:
+            group = [n for n, row in enumerate(rows) if row[0] == name]
+            values = {n: v for n in group if isinstance(v := rows[n][i], float)}
+            if len(values) > 1:
+                best.add((min(values, key=lambda n: values[n]), i))
+    return best
 
 
-def _section(dataset: Dataset, colours: Colours) -> str:
-    """One recording: what it is, what went wrong, and its drawings."""
-    figures = figures_of(dataset, colours) if dataset.answers else []
-    return (
-        f'<section><h2>{escape(dataset.name)}</h2>'
-        f'<p class="lead">{escape(dataset.summary)}</p>{_agreement(dataset)}'
-        f'{listed([*dataset.problems, *_left_out(dataset)], "problems")}'
-        f'<div class="grid">{"".join(map(drawn, figures))}</div></section>'
+def colours_of(result: Result) -> dict[str, str]:
+    """Colour of every estimator, the same throughout a report."""
+    names = dict.fromkeys(a.name for d in result.datasets for a in d.answers)
+    return {name: f'c{min(i, 4)}' for i, name in enumerate(names)}
+
+
+def figures_of(dataset: Dataset, colours: dict[str, str]) -> list[Figure]:
+    """Every figure that a recording has data for, each estimator in its colour."""
+    if not dataset.answers:
+        return []
+    answer, colour = dataset.answers[0], colours[dataset.answers[0].name]
+    forces = [t for n in ('force_z', 'force_x', 'force_y') if (t := answer.target(n)) and t.varies]
+    estimated = [target for target in forces if target.spread.count]
+    drawn: list[Figure | None] = []
+    if places := _compared(dataset, 'position'):
+        if (place := places.get(answer.name)) is not None:
+            drawn.append(figures.place_map(place, dataset.chips))
+        drawn.append(figures.place_histogram(places, colours))
+    drawn += [figures.force_scatter(target, colour) for target in estimated]
+    if stated := [target for target in answer.targets if target.coverage.count]:
+        drawn.append(figures.sigma_calibration(stated))
+    drawn.append(_speed(dataset, colours))
+    if dataset.latency.count:
+        total = dataset.frames + dataset.dropped
+        lost = f'{dataset.dropped} of {total} frames were lost on the way'
+        drawn.append(figures.latency_histogram(dataset.latency_s, dataset.latency, lost))
+    drawn += [figures.confusion_figure(errors) for errors in answer.classes]
+    drawn += [figures.hysteresis(target) for target in forces]
+    drawn += [figures.drift(target, colour) for target in forces]
+    drawn += [figures.force_trace(target, answer.name, colour) for target in estimated]
+    return [figure for figure in drawn if figure is not None]
+
+
+def _compared(dataset: Dataset, name: str) -> dict[str, TargetErrors]:
+    """Errors of a target by estimator, where it has any."""
+    found = {n: a.target(name) for n, a in dataset.competitors.items()}
+    return {n: target for n, target in found.items() if target and target.spread.count}
+
+
+def _speed(dataset: Dataset, colours: dict[str, str]) -> Figure | None:
+    """Error of every estimator against its time."""
+    if not dataset.answers[0].targets:
+        return None
+    name = dataset.answers[0].targets[0].name
+    unit = 'mean place error (mm)' if name == 'position' else 'RMSE (N)'
+    points = {
+        estimator: (us, figures.shown(target))
+        for estimator, target in _compared(dataset, name).items()
+        if (us := dataset.competitors[estimator].us_single) > 0
+    }
+    return figures.speed(points, unit, colours) if points else None
+
+
+def headline(result: Result) -> list[tuple[str, str, str]]:
+    """Key figures as (value, unit, words): the first answer of the first recording with each."""
+    wanted = (
+        ('position', 'mm', 'mean error of place'),
+        ('force_z', 'N', 'RMSE of normal force'),
+        ('force_x', 'N', 'RMSE of shear force'),
+        ('force_y', 'N', 'RMSE of shear force y'),
     )
+    found = []
+    for name, unit, words in wanted:
+        targets = [d.answers[0].target(name) for d in result.datasets if d.answers]
+        if judged := [t for t in targets if t and t.spread.count and t.varies]:
+            found.append((f'{figures.shown(judged[0]):.2f}', unit, words))
+    if delay := next((d.latency for d in result.datasets if d.latency.count), None):
+        p50, p99 = number(delay.p50 * MM), number(delay.p99 * MM)
+        found.append((p50, 'ms', f'latency (p99 {p99} ms)'))
+    lost = sum(d.dropped for d in result.datasets)
+    frames = sum(d.frames for d in result.datasets)
+    return [*found, (f'{lost}', '', f'of {lost + frames} frames lost')]
 
 
 def _left_out(dataset: Dataset) -> list[str]:
@@ -151,28 +325,70 @@ def _left_out(dataset: Dataset) -> list[str]:
     ]
 
 
-def _agreement(dataset: Dataset) -> str:
-    """Whether the replay gave the numbers of the live run."""
-    found = dataset.agreement
-    if found is None:
-        return ''
-    same = found.largest <= SAME
+def _agreement(found: Agreement) -> str:
+    """Verdict on replay and live run."""
     largest = f'{found.largest:.2g}'.replace('-', '−')
-    verdict = (
-        f'The replay gives the contacts of the live run in all {found.frames:,} frames: '
-        f'largest difference {largest}'
-        if same
-        else f'The replay differs from the live run by up to {largest} ({found.worst})'
-    )
+    verdict = f'The replay differs from the live run by up to {largest} ({found.worst})'
+    if found.largest <= SAME:
+        verdict = (
+            f'The replay gives the contacts of the live run in all {found.frames:,} frames: '
+            f'largest difference {largest}'
+        )
     if found.without_contacts:
         verdict += f'; {found.without_contacts:,} frames had no contacts and were left out'
-    return f'<p class="agreement {"good" if same else ""}">{escape(verdict)}.</p>'
+    return f'{verdict}.'
 
 
-def _repeat(result: Result) -> str:
-    """How to repeat it, where it ran, and how to read it."""
-    return (
-        f'<section><h2>Repeat it</h2><pre>{escape(result.command)}</pre>'
-        f'{facts(result.environment)}</section>'
-        f'<section><h2>How to read this</h2>{listed([*READING, *result.notes], "notes")}</section>'
-    )
+def render_page(template: Path, **values: object) -> str:
+    """HTML of a jinja2 template, which may import `page.html`; everything is escaped."""
+    import jinja2
+
+    folders = [Path(__file__).parent, template.parent]
+    pages = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(folders), autoescape=True, trim_blocks=True,
+        lstrip_blocks=True, undefined=jinja2.StrictUndefined,
+    )  # fmt: skip
+    return pages.get_template(template.name).render(style=figures.STYLE, **values) + '\n'
+
+
+def render(result: Result) -> str:
+    """HTML of the whole report."""
+    columns, rows = table(result)
+    best = _best(columns, rows)
+    words = [all(isinstance(row[i], str) for row in rows) for i in range(len(columns))]
+    cells = [
+        [
+            (figure_text(cell, columns[i]), 'words' if words[i] else 'best' * ((n, i) in best))
+            for i, cell in enumerate(row)
+        ]
+        for n, row in enumerate(rows)
+    ]
+    colours = colours_of(result)
+    sections = [
+        {
+            'dataset': dataset,
+            'verdict': _agreement(found) if (found := dataset.agreement) else '',
+            'same': found is not None and found.largest <= SAME,
+            'problems': [*dataset.problems, *_left_out(dataset)],
+            'figures': figures_of(dataset, colours),
+        }
+        for dataset in result.datasets
+    ]
+    names = dict.fromkeys(a.name.split(',')[0] for d in result.datasets for a in d.answers)
+    return render_page(
+        Path(__file__).with_name('report.html'), result=result, headline=headline(result),
+        columns=list(zip(columns, words, strict=True)), rows=cells, sections=sections,
+        estimators=', '.join(names) or 'none', frames=sum(d.frames for d in result.datasets),
+    )  # fmt: skip
+
+
+def write_report(path: str | os.PathLike[str], result: Result) -> Path:
+    """Write the report (.html); return its path."""
+    return write_beside(path, render(result).encode())
+
+
+def write_pictures(folder: Path, result: Result) -> Iterable[Path]:
+    """Write the figures of an evaluation as PNG, named after their recordings."""
+    colours = colours_of(result)
+    for dataset in result.datasets:
+        yield from figures.write_figures(folder, figures_of(dataset, colours), dataset.name)

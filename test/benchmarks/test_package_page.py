@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import re
+import sys
 from dataclasses import replace
-from html import escape
 from html.parser import HTMLParser
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from markupsafe import escape
 
 from benchmarks.harness.package_page import (
     Method,
@@ -23,11 +25,9 @@ from benchmarks.harness.package_page import (
 )
 from benchmarks.harness.rows import BenchFile, BenchResult, Row, gather, read_bench
 from tactile_ros.cli.main import main
-from tactile_ros.errors import MissingPackageError
-from tactile_ros.evaluation import browser
-from tactile_ros.evaluation.drawing import standalone
-from tactile_ros.evaluation.pictures import figure_page, write_figures
-from tactile_ros.evaluation.svg import Plot
+from tactile_ros.errors import MissingPackageError, TactileError
+from tactile_ros.evaluation import figures
+from tactile_ros.evaluation.figures import Plot, standalone, write_figures
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,10 +35,6 @@ if TYPE_CHECKING:
     from types import SimpleNamespace as Framed
 
 HOSTILE = '<script>alert(1)</script> & "quotes" \'too\''
-try:
-    BROWSER = browser.find_browser()
-except MissingPackageError:
-    BROWSER = ''
 COMPARED = 'place, unseen points'
 
 
@@ -59,7 +55,7 @@ def rows() -> list[Row]:
 def results(tmp_path: Path) -> Path:
     """A folder with two results and a drawing."""
     folder = tmp_path / 'results'
-    plot = Plot((0, 1), (0, 1), 'x', 'y', told=f'A map {HOSTILE}')
+    plot = Plot((0, 1), (0, 1), 'x', 'y', description=f'A map {HOSTILE}')
     plot.line(np.array([0.0, 1.0]), np.array([0.0, 1.0]), 'line c0')
     drawn = {'error_map': standalone(plot)}
     pad = BenchResult('magnet_pad', 'tactile bench magnet_pad', [1, 2], rows(), [HOSTILE], drawn)
@@ -89,7 +85,7 @@ def test_a_result_is_read_back_as_it_was_written(results: Path) -> None:
     assert found.result.seed == [1, 2]
     (picture,) = found.pictures
     assert picture.name == 'error map'
-    assert picture.told == f'A map {HOSTILE}'
+    assert picture.description == f'A map {HOSTILE}'
     assert picture.size == (360, 270)
 
 
@@ -226,7 +222,7 @@ def test_the_front_holds_whoever_nobody_beats_in_both() -> None:
     assert figure.title == COMPARED
     assert 'ridge errs least (0.4 mm) at 60 µs; kNN is fastest (20 µs)' in figure.caption
     assert 'deviation over seeds' in figure.caption
-    assert 'nan' not in str(figure)
+    assert 'nan' not in figure.drawing
     assert contests([*rows()[:1], *rows()[3:]]) == []
 
 
@@ -296,19 +292,32 @@ def test_values_over_seeds_are_drawn_wherever_there_are_several() -> None:
     assert '2 ± 17' in page
 
 
-def test_a_drawing_alone_fills_its_window() -> None:
-    page, (wide, high) = figure_page(pareto(contests(rows())[0]))
-    assert (wide, high) == (512, 428)
-    assert '<script' not in page
-    assert 'prefers-color-scheme: dark' not in page
-
-
-def test_without_a_browser_pictures_are_refused(
+def test_without_resvg_pictures_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv('PATH', str(tmp_path))
-    with pytest.raises(MissingPackageError, match='install chromium'):
+    monkeypatch.setitem(sys.modules, 'resvg_py', None)
+    with pytest.raises(MissingPackageError, match='pip install resvg-py'):
         list(write_figures(tmp_path, [pareto(contests(rows())[0])]))
+
+
+def test_without_fonts_pictures_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = pytest.importorskip('resvg_py')
+    blank = functools.partial(module.svg_to_bytes, skip_system_fonts=True)
+    monkeypatch.setattr(module, 'svg_to_bytes', blank)
+    with pytest.raises(MissingPackageError, match='pictures need a font'):
+        figures.check_png()
+
+
+@pytest.mark.parametrize('inside', ['<image href="/etc/x.png"/>', '<rect'])
+def test_drawings_that_are_none_or_hold_other_files_are_refused(
+    tmp_path: Path, inside: str
+) -> None:
+    pytest.importorskip('resvg_py')
+    svg = f'<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9">{inside}</svg>'
+    with pytest.raises(TactileError, match=r'x\.png'):
+        figures.write_png(tmp_path / 'x.png', svg)
 
 
 @pytest.mark.parametrize('width', [390, 1200])
@@ -323,9 +332,10 @@ def test_a_browser_shows_the_page(
     assert seen.complaints == ''
 
 
-@pytest.mark.skipif(not BROWSER, reason='chromium is not installed')
-def test_a_browser_makes_pictures(tmp_path: Path) -> None:
+def test_pictures_have_two_pixels_for_each_of_the_drawing(tmp_path: Path) -> None:
+    pytest.importorskip('resvg_py')
     (picture,) = write_figures(tmp_path / 'png', [pareto(contests(rows())[0])])
     head = picture.read_bytes()[:24]
+    assert picture.name == 'place_unseen_points.png'
     assert head[:8] == b'\x89PNG\r\n\x1a\n'
-    assert (int.from_bytes(head[16:20], 'big'), int.from_bytes(head[20:], 'big')) == (1024, 856)
+    assert (int.from_bytes(head[16:20], 'big'), int.from_bytes(head[20:], 'big')) == (1024, 836)

@@ -398,7 +398,7 @@ def test_nobody_reads_what_is_printed() -> None:
 def test_a_report_without_anything_to_draw_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(console, 'find_browser', lambda: 'chromium')
+    monkeypatch.setattr(console, 'check_png', lambda: None)
     BenchResult('plain', 'tactile bench plain', [0], [Row('one figure', 'mm', 1.0)]).write(
         tmp_path
     )

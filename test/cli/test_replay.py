@@ -14,7 +14,7 @@ import pytest
 from tactile_ros.cli import console
 from tactile_ros.cli.console import Progress
 from tactile_ros.cli.main import main
-from tactile_ros.evaluation import fleet, pictures
+from tactile_ros.evaluation import figures, fleet
 from tactile_ros.evaluation.recording_files import save_recording
 from tactile_ros.sensors import load_sensor
 
@@ -69,9 +69,9 @@ def test_the_report_and_its_pictures_come_from_the_same_run(
 ) -> None:  # fmt: skip
     taken: list[str] = []
     monkeypatch.setattr(
-        pictures, 'photograph', lambda _, path, size: taken.append(path.name) or path
+        figures, 'write_png', lambda path, _: taken.append(path.name) or path
     )
-    monkeypatch.setattr(console, 'find_browser', lambda: 'chromium')
+    monkeypatch.setattr(console, 'check_png', lambda: None)
     heard: list[Job] = []
     one_by_one = fleet.run_job
     monkeypatch.setattr(fleet, 'run_job', lambda job: heard.append(job) or one_by_one(job))

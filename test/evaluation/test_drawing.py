@@ -9,13 +9,12 @@ import numpy as np
 
 from benchmarks.harness.rows import BenchResult
 from benchmarks.worlds import grip_delay_plot, grip_fault_plot
-from tactile_ros.evaluation.drawing import standalone
-from tactile_ros.evaluation.svg import Plot
+from tactile_ros.evaluation.figures import Plot, standalone
 
 
 def plot() -> Plot:
     drawn = Plot(
-        (1, 100), (1e-3, 1e3), 'time', 'error', log_x=True, log_y=True, told='Error & time'
+        (1, 100), (1e-3, 1e3), 'time', 'error', log_x=True, log_y=True, description='Error & time'
     )
     drawn.line(np.array([1.0, 100.0]), np.array([1e-3, 1e3]), 'line c0')
     drawn.mark(10.0, 1.0, 0, 'fill c1')

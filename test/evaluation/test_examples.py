@@ -12,20 +12,13 @@ import pytest
 
 from benchmarks.harness.rows import BenchResult, Row
 from tactile_ros.cli.main import COMMANDS, main
-from tactile_ros.errors import MissingPackageError
-from tactile_ros.evaluation import browser
-from tactile_ros.evaluation.drawing import standalone
-from tactile_ros.evaluation.svg import Plot
+from tactile_ros.evaluation.figures import Plot, standalone
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-try:
-    BROWSER = browser.find_browser()
-except MissingPackageError:
-    BROWSER = ''
 # what an example is given besides, so that it ends by itself and soon
 ADDED = {
     'tactile replay bags/* --calibration a.npz --calibration b.npz --save out/compared': (
@@ -84,8 +77,8 @@ def test_examples_of_help_run(
 ) -> None:
     if ' view ' in line:
         pytest.importorskip('foxglove')
-    if '--png' in line and not BROWSER:
-        pytest.skip('chromium is not installed')
+    if '--png' in line:
+        pytest.importorskip('resvg_py')
     monkeypatch.chdir(place)
     words = shlex.split(f'{line} {ADDED.get(line, "")}')[1:]
     arguments = [path for word in words for path in (sorted(glob(word)) or [word])]  # noqa: PTH207

@@ -19,7 +19,6 @@ from tactile_ros.cli.replay import evaluate
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import fleet, recording_files
 from tactile_ros.evaluation.bag import BagWriter
-from tactile_ros.evaluation.figures import figures_of
 from tactile_ros.evaluation.fleet import (
     Job,
     Outcome,
@@ -34,7 +33,7 @@ from tactile_ros.evaluation.fleet import (
 from tactile_ros.evaluation.metrics import frames_dropped, target_errors
 from tactile_ros.evaluation.recording_files import ClassesChangedError, load, save_recording
 from tactile_ros.evaluation.replay import replay
-from tactile_ros.evaluation.result import environment
+from tactile_ros.evaluation.report import environment, figures_of
 from tactile_ros.evaluation.truth import Association
 from tactile_ros.messages import fill_contacts
 from tactile_ros.sensors import load_sensor
@@ -46,7 +45,7 @@ if TYPE_CHECKING:
     from types import SimpleNamespace
 
     from tactile_ros.evaluation.fleet import SensorResult
-    from tactile_ros.evaluation.result import Dataset
+    from tactile_ros.evaluation.report import Dataset
     from tactile_ros.pipeline import Pipeline
 
 @pytest.fixture(scope='module')

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.evaluation.metrics import (
-    clocks_apart,
     frames_dropped,
-    latency,
     place_groups,
     spread,
     target_errors,
@@ -105,14 +103,3 @@ def test_dropped_frames_are_gaps_inside_streams() -> None:
     assert frames_dropped(sequence, restarts) == 2 + 2
     assert frames_dropped(None, restarts) == 0
     assert frames_dropped(sequence[:1], restarts[:1]) == 0
-
-
-def test_a_clock_of_its_own_tells_no_latency() -> None:
-    assert clocks_apart(0, 0) == clocks_apart(1000, 10) == ()
-    (told,) = clocks_apart(1000, 11)
-    assert told.startswith('no latency: 11 of 1000 contacts')
-
-
-def test_latency_is_in_seconds() -> None:
-    found = latency(np.array([3_000_000, 7_000_000]), np.array([1_000_000, 2_000_000]))
-    assert (found.mean, found.largest) == pytest.approx((3.5e-3, 5e-3))

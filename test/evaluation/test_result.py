@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.metrics import given_targets, target_errors
-from tactile_ros.evaluation.result import unjudged
+from tactile_ros.evaluation.metrics import given_targets, target_errors, unjudged
 from tactile_ros.types import ContactStates, Layout, Recording
 
 BOARD = Layout(np.arange(6.0).reshape(2, 3), channels=('x', 'y', 'z'), unit='T')

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from tactile_ros.evaluation.stylesheet import STYLE
+from tactile_ros.evaluation.figures import STYLE
 
 GROUNDS = 'paper', 'card', 'tint'
 WORDS = 'ink', 'soft', 'warn', 'c0', 'c2'
