@@ -67,7 +67,7 @@ STARTED = {
     'tf2_ros': 'its static_transform_publisher is started by launch files',
 }
 TOOLS = {'mypy', 'pytest_xdist', 'ruff', 'types_pyserial', 'types_pyyaml'}
-PENDING = {'jinja2', 'mcap'}  # of pages and of bags
+PENDING = {'mcap'}  # of bags
 
 
 def imported(*folders: str) -> set[str]:

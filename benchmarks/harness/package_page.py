@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from markupsafe import Markup
 
 from tactile_ros import __version__
 from tactile_ros.calibration import write_beside
@@ -193,13 +192,13 @@ def _finding(contest: Contest, best: list[Method]) -> str:
 WIDTH, STRIP_HEIGHT, EDGE = 96.0, 12.0, 4.0
 
 
-def strip(row: Row) -> Markup:
+def strip(row: Row) -> str:
     """Dots at the values, a bar of one deviation to either side, a line at the aim.
 
     Empty where there are not several values, or all are one.
     """
     if not row.spread or row.ours is None:
-        return Markup()
+        return ''
     values = np.array(row.by_seed)
     bar = row.ours + row.spread * np.array([-1.0, 1.0])
     aim = [] if row.aim is None else [row.aim]
@@ -215,7 +214,7 @@ def strip(row: Row) -> Markup:
         f'<path class="rule" d="M{x(value):.1f} 0V{STRIP_HEIGHT:g}"/>' for value in aim
     )
     text = 'by seed: ' + ', '.join(number(value) for value in values.tolist())
-    return Markup(
+    return (
         f'<svg class="strip" viewBox="0 0 {WIDTH:g} {STRIP_HEIGHT:g}" role="img" '
         f'aria-label="{escape(text)}"><title>{escape(text)}</title>'
         f'<path class="line c0" d="M{x(bar[0]):.1f} {middle}H{x(bar[1]):.1f}"/>'

@@ -306,7 +306,8 @@ def standalone(*plots: Plot, title: str = '', key: Sequence[tuple[str, str]] = (
     for kind, words in key:
         if x > margin and x + 18 + LETTER * len(words) > width + margin:
             x, y = margin, y + 18
-        parts.append(f'<rect class="fill {kind}" x="{x}" y="{y + 3}" width="12" height="12" rx="3"/>')
+        place = f'x="{x}" y="{y + 3}" width="12" height="12" rx="3"'
+        parts.append(f'<rect class="fill {kind}" {place}/>')
         parts.append(_text(x + 18, y + 13, words, ''))
         x += 32 + LETTER * len(words)
     y += (26 if key else 0) + (8 if title else 0)

@@ -7,12 +7,12 @@ import json
 import re
 import sys
 from dataclasses import replace
+from html import unescape
 from html.parser import HTMLParser
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from markupsafe import escape
 
 from benchmarks.harness.package_page import (
     Method,
@@ -109,7 +109,7 @@ def test_what_is_no_result_is_named_and_left_out(
     assert words in problem
     assert main(['report', str(results)]) == 1
     assert 'left out: ' in capsys.readouterr().err
-    assert escape(words) in (results / 'report.html').read_text()
+    assert words in unescape((results / 'report.html').read_text())
 
 
 REPLAYED = {
@@ -154,7 +154,7 @@ def test_a_saved_replay_stands_beside_the_benches(results: Path) -> None:
     ]
     text = render_package(gather([results])[0], [], 'tactile report')
     assert '<h2>replay mine</h2>' in text
-    assert f'left out: {escape(str(REPLAYED["failed"]["b.mcap"]))}' in text
+    assert f'left out: {REPLAYED["failed"]["b.mcap"]}' in unescape(text)
     assert '<script' not in text
 
 
