@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from typing import Literal, TypeVar, cast, get_args
+from typing import Literal, TypeVar, get_args
 
 import numpy as np
 
@@ -445,29 +445,18 @@ def exchange_bits(written: int, answered: int = 0) -> int:
     return 1 + sum(1 + BITS_PER_BYTE * (1 + count) for count in parts)
 
 
-class _WriteCounter:
-    """A bus that only counts what is written to its switches."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def transfer(self, address: int, data: bytes, count: int) -> bytes:
-        self.count += 1
-        return bytes(count)
-
-
 def switch_bits(places: Sequence[ChipPlace]) -> list[int]:
     """Clocks of the switches before each chip, one a place, when all are visited in turn."""
     bits: list[int] = []
-    counter = _WriteCounter()
-    switches = {
-        number: Switches(cast('I2cBus', counter), [p for p in places if p.bus == number])
-        for number in {place.bus for place in places}
-    }
+    opened: dict[int, ChipPlace] = {}
     for place in (*places, *places):
-        before = counter.count
-        switches[place.bus].select(place)
-        bits.append((counter.count - before) * exchange_bits(1))
+        before, writes = opened.get(place.bus), 0
+        if place.mux is not None:
+            opened[place.bus] = place
+            closed = before is not None and before.mux != place.mux
+            same = before is not None and not closed and before.channel == place.channel
+            writes = 0 if same else 1 + closed  # another switch is closed first
+        bits.append(writes * exchange_bits(1))
     return bits[len(places) :]
 
 

@@ -12,31 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from tactile_ros.devices import mlx90393 as mlx
 from tactile_ros.devices.chip_array import BITS_PER_BYTE, ChipArray, Mode
-from tactile_ros.devices.mlx90393 import (
-    BURST_DATA_RATE,
-    CODE_OF_ZERO,
-    DIG_FILT,
-    FULL_SCALE_LSB,
-    GAIN_SEL,
-    HALLCONF,
-    LSB_PER_DEGREE,
-    OSR,
-    OSR2,
-    REFERENCE_C,
-    RES_X,
-    RES_Y,
-    RES_Z,
-    TCMP_EN,
-    TREF_REGISTER,
-    TYPICAL_TREF,
-    ChipPlace,
-    ChipSettings,
-    Command,
-    Status,
-    conversion_time,
-    tesla_per_lsb,
-)
+from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings, Command, Status
 from tactile_ros.devices.timestamps import Clock, LeadingClock, SystemClock, VirtualClock
 from tactile_ros.devices.transport import I2cBus
 from tactile_ros.types import Array, Closing, Layout
@@ -100,7 +78,8 @@ class SimulatedChip:
         self._noise = noise
         self._on_fault = on_fault
         self._oscillator = 1 + tolerance * float(rng.uniform(-1, 1))
-        self._stored = {**FACTORY, TREF_REGISTER: TYPICAL_TREF + int(rng.integers(-300, 300))}
+        tref = mlx.TYPICAL_TREF + int(rng.integers(-300, 300))
+        self._stored = {**FACTORY, mlx.TREF_REGISTER: tref}
         self._answer = b''
         self.power_up(-POWER_ON_NS)
 
@@ -185,11 +164,12 @@ class SimulatedChip:
         settings = (second, third, opcode, self._axes)
         if settings != self._timed:
             self._timed = settings
-            osr2 = OSR2.get(third) if self._axes & 1 else None
+            osr2 = mlx.OSR2.get(third) if self._axes & 1 else None
             magnetic = (self._axes & 0xE).bit_count()
-            nominal_s = conversion_time(OSR.get(third), DIG_FILT.get(third), magnetic, osr2)
+            osr, filtering = mlx.OSR.get(third), mlx.DIG_FILT.get(third)
+            nominal_s = mlx.conversion_time(osr, filtering, magnetic, osr2)
             self._conversion_ns = round(nominal_s * self._oscillator * 1e9)
-            pause_s = BURST_STEP_S * BURST_DATA_RATE.get(second)
+            pause_s = BURST_STEP_S * mlx.BURST_DATA_RATE.get(second)
             pause_ns = round(pause_s * 1e9) if self._mode & Status.BURST else 0
             self._period_ns = max(self._conversion_ns, pause_ns)
         return True
@@ -216,8 +196,8 @@ class SimulatedChip:
         field, temperature_c = self._sample(time_ns)
         noise = self._rng.standard_normal(4)
         counts = np.empty(4)
-        counts[0] = self._stored[TREF_REGISTER] + noise[0]
-        counts[0] += (temperature_c - REFERENCE_C) * LSB_PER_DEGREE
+        counts[0] = self._stored[mlx.TREF_REGISTER] + noise[0]
+        counts[0] += (temperature_c - mlx.REFERENCE_C) * mlx.LSB_PER_DEGREE
         counts[1:] = (field + self._noise * noise[1:]) / self._lsb
         if self._suffers('saturation'):
             counts[1] = SATURATED * self._full_scale[0]
@@ -230,14 +210,14 @@ class SimulatedChip:
     def _rescale(self) -> None:
         """Code of zero, step (T) and range (counts) of x, y, z by the registers."""
         third = self.registers.get(0x02, 0)
-        resolution = RES_X.get(third), RES_Y.get(third), RES_Z.get(third)
+        resolution = mlx.RES_X.get(third), mlx.RES_Y.get(third), mlx.RES_Z.get(third)
         register = self.registers.get(0x00, 0)
-        hallconf = 0xC if HALLCONF.get(register) else 0x0
-        self._lsb = tesla_per_lsb(GAIN_SEL.get(register), resolution, hallconf)
-        self._zero = CODE_OF_ZERO[list(resolution)].astype(np.float64)
-        if TCMP_EN.get(self.registers.get(0x01, 0)):
+        hallconf = 0xC if mlx.HALLCONF.get(register) else 0x0
+        self._lsb = mlx.tesla_per_lsb(mlx.GAIN_SEL.get(register), resolution, hallconf)
+        self._zero = mlx.CODE_OF_ZERO[list(resolution)].astype(np.float64)
+        if mlx.TCMP_EN.get(self.registers.get(0x01, 0)):
             self._zero = np.full(3, 32768.0)
-        self._full_scale = FULL_SCALE_LSB[list(resolution)].astype(np.float64)
+        self._full_scale = mlx.FULL_SCALE_LSB[list(resolution)].astype(np.float64)
 
 
 class SimulatedMux:

@@ -57,18 +57,16 @@ def list_buses() -> list[str]:
 
 def _port_choice() -> str:
     """The ports that exist, as the end of a sentence."""
-    ports = list_ports()
-    if not ports:
-        return 'this machine has no serial port now: plug the board in'
-    return f'ports here: {", ".join(ports)}'
+    ports = ', '.join(list_ports())
+    nothing = 'this machine has no serial port now: plug the board in'
+    return f'ports here: {ports}' if ports else nothing
 
 
 def _bus_choice() -> str:
     """The buses that exist, as the end of a sentence."""
-    buses = list_buses()
-    if not buses:
-        return 'this machine shows no I2C bus: enable it and load the module i2c-dev'
-    return f'buses here: {", ".join(buses)}'
+    buses = ', '.join(list_buses())
+    nothing = 'this machine shows no I2C bus: enable it and load the module i2c-dev'
+    return f'buses here: {buses}' if buses else nothing
 
 
 def _refusal(what: str, group: str, choice: str, err: OSError) -> DeviceError:

@@ -6,7 +6,6 @@ import ctypes
 import dataclasses
 import errno
 import gc
-import sys
 import time
 import tracemalloc
 from typing import TYPE_CHECKING
@@ -19,7 +18,6 @@ from tactile_ros.devices.chip_array import (
     ChipArray,
     Mode,
     carried_hz,
-    check_bus_capacity,
     exchange_bits,
     switch_bits,
 )
@@ -266,36 +264,6 @@ def test_stamps_are_when_it_was_measured(mode: Mode) -> None:
     assert np.abs(late).max() < 1.5e-3
 
 
-@pytest.mark.parametrize(
-    ('places', 'mode', 'least_hz'),
-    [
-        (clusters(), 'single', 104.0),
-        (clusters(), 'burst', 165.0),
-        ([ChipPlace(0x0C + i) for i in range(20)], 'single', 104.0),
-        ([ChipPlace(0x0C + i) for i in range(20)], 'burst', 179.0),
-    ],
-)
-def test_twenty_chips_reach_the_limit_of_the_bus(
-    places: list[ChipPlace], mode: Mode, least_hz: float
-) -> None:
-    clock = VirtualClock()
-    twin = array_of(places, clock, mode)
-    with twin.device(clock.now_ns) as array:
-        begun_ns, busy_s = clock.now_ns(), twin.buses[0].busy_s
-        for _ in range(100):
-            array.read(1.0)
-        elapsed_s = (clock.now_ns() - begun_ns) * 1e-9
-        share = (twin.buses[0].busy_s - busy_s) / elapsed_s
-    rate = 100 / elapsed_s
-    kind = 'behind a switch' if places[0].mux else 'without a switch'
-    sys.stdout.write(
-        f'20 chips {kind}, {mode}: {rate:.1f} Hz, limit of the bus {rate / share:.1f} Hz, '
-        f'share {share:.3f}\n'
-    )
-    assert share >= 0.9
-    assert rate >= least_hz
-
-
 def test_the_rate_is_held() -> None:
     clock = VirtualClock()
     places = clusters(1)
@@ -303,16 +271,6 @@ def test_the_rate_is_held() -> None:
     with twin.device(clock.now_ns) as array:
         stamps = [array.read(1.0).stamp_ns for _ in range(50)]
     assert np.diff(stamps) == pytest.approx(np.full(49, 20e6), rel=0.03)
-
-
-def test_two_buses_and_a_switch() -> None:
-    clock = VirtualClock()
-    places = [*clusters(2, 4), *(ChipPlace(0x0C + i, 1) for i in range(4))]
-    twin = array_of(places, clock)
-    with twin.device(clock.now_ns) as array:
-        frame = array.read(1.0)
-    assert good(frame).all()
-    assert not wrong(frame).any()
 
 
 MARKS = {
@@ -567,17 +525,6 @@ def test_all_are_started_and_then_read_with_one_write_a_switch(mode: Mode, expec
             assert ' '.join(tap.seen) == expected
 
 
-@pytest.mark.parametrize('rate_hz', [None, float('nan'), 0.0])
-def test_without_a_rate_it_is_as_fast_as_it_can(rate_hz: float | None) -> None:
-    clock = VirtualClock()
-    twin = ChipArrayTwin(clusters(), layout_of(20), steady(20), rate_hz=rate_hz, clock=clock)  # type: ignore[arg-type]
-    with twin.device(clock.now_ns) as array:
-        begun_ns = clock.now_ns()
-        for _ in range(20):
-            array.read(1.0)
-    assert clock.now_ns() - begun_ns < 20 / 104 * 1e9
-
-
 def test_missing_chips_do_not_keep_a_sensor_closed_but_all_of_them_do() -> None:
     clock = VirtualClock()
     twin = array_of(clusters(1), clock)
@@ -693,7 +640,3 @@ def test_a_twin_refuses_what_its_driver_refuses() -> None:
     twin = connection.simulate(rated(2, 100.0), lambda t: np.zeros((2, 3)), 0.0, 0, clock)
     with twin, pytest.raises(ValueError, match='a bus of 10 kHz'):
         twin.device(clock.now_ns)
-
-
-def test_unknown_rates_pass() -> None:
-    check_bus_capacity(DIRECT, ChipSettings(), False, float('nan'), 400e3)

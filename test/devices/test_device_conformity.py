@@ -19,7 +19,7 @@ VOCABULARY = {
     'flipped', 'garbage', 'truncated', 'inserted', 'shifted', 'lost', 'nan', 'stall', 'unplug',
     'clock_jump',
 }  # fmt: skip
-# what a format without checksum or counter cannot always show (`devices.damage` measures it)
+# a format without checksum or counter cannot always show these
 UNSEEN = {'flipped', 'garbage', 'shifted'}
 EXACT = {'nack', 'brown_out', 'stuck_bus', 'saturation', 'wrap'}
 

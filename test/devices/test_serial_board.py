@@ -22,7 +22,7 @@ from tactile_ros.devices.framed_protocol import (
     three_axis_chips,
 )
 from tactile_ros.devices.reskin_protocol import encode
-from tactile_ros.devices.serial_board import FramedBoard, ReskinBoard, check_uart
+from tactile_ros.devices.serial_board import FramedBoard, ReskinBoard
 from tactile_ros.devices.simulated_serial import (
     BYTE_FAULTS,
     FramedTwin,
@@ -265,14 +265,6 @@ def test_a_read_waits_for_a_port_that_comes_later(layout: Layout, rows: np.ndarr
         board.close()
 
 
-def test_two_drivers_do_not_share_a_port(
-    port: SimulatedSerialPort, board: ReskinBoard, layout: Layout
-) -> None:
-    assert board.layout is layout
-    with pytest.raises(DeviceError, match='is busy'), ReskinBoard(port.port, layout):
-        pass
-
-
 def test_silence_ends_in_time_and_without_work(board: ReskinBoard) -> None:
     start, work = time.monotonic(), time.process_time()
     with pytest.raises(DeviceTimeout, match=r'no frame came from .* within 0\.2 s'):
@@ -424,24 +416,6 @@ def test_a_fault_costs_its_frame_alone_and_is_counted(
     assert (seen, counts['missing']) == ((0, 29) if fault == 'lost' else (29, 0))
 
 
-def test_all_faults_of_bytes_in_any_order_are_counted(
-    twin: FramedTwin, framed: FramedBoard
-) -> None:
-    rng = np.random.default_rng(5)
-    twin.play(40)
-    told = len(read_to(framed, 39))
-    for i in range(1, 40):
-        for fault in rng.choice([*BYTE_FAULTS, 'lost'], rng.integers(1, 5)):
-            twin.inject(str(fault))
-        twin.play(40)
-        frames = read_to(framed, 40 * i + 39)
-        assert all(f.sequence == round(f.values[0, 0] / SCALE) for f in frames)
-        told += len(frames)
-    counts = framed.counters()
-    assert counts['dropped'] == sum(twin.injected.values()) > 60
-    assert counts['frames'] == told == 1600 - counts['dropped']
-
-
 def test_a_stall_and_a_jump_of_the_clock_are_told_apart(
     twin: FramedTwin, framed: FramedBoard
 ) -> None:
@@ -482,29 +456,6 @@ def test_unplugging_is_survived_and_counted(twin: FramedTwin, framed: FramedBoar
     assert framed.counters()['reconnects'] == twin.injected['unplug'] == 1
     assert framed.counters()['clock_jumps'] == 0
     assert after[0].device_time_ns > before.device_time_ns
-
-
-def test_limits_of_the_converter_are_marked(twin: FramedTwin, framed: FramedBoard) -> None:
-    twin.inject('saturation', 3)
-    twin.play(10)
-    frames = read_to(framed, 9)
-    marked = [f.status for f in frames if f.status is not None]
-    assert [sorted(status.tolist()) for status in marked] == [[0, 0, 0, 2]] * 3
-    assert framed.counters()['saturated'] == twin.injected['saturation'] == 3
-
-
-def test_a_stuck_chip_repeats_itself(clock: VirtualClock) -> None:
-    twin = FramedTwin(
-        LAYOUT, gradiometer(), SCALE, lambda t: np.zeros((4, 2)), 1e-4, seed=1, clock=clock
-    )
-    with twin, twin.device(clock.now_ns) as board:
-        twin.play(3)
-        twin.inject('stuck_chip', 4)
-        twin.play(5)
-        values = np.array([board.read(5.0).values for _ in range(8)])
-    still = (np.diff(values, axis=0) == 0).all(axis=-1)
-    assert still[:, 0].tolist() == [False, False, True, True, True, True, False]
-    assert not still[:, 1:].any()
 
 
 def test_the_board_s_clock_may_wrap_and_drift(clock: VirtualClock) -> None:
@@ -664,11 +615,3 @@ def test_serial_board_counts_openings_after_the_first_as_reconnections(layout: L
     assert board.counters()['reconnects'] == 2
     with pytest.raises(DeviceError, match='is closed'):
         board.read(0.0)
-
-
-def test_uart_carries_ten_bits_a_byte() -> None:
-    check_uart('frames', 1152, 10.0, 115200)
-    check_uart('frames', 10**9, float('nan'), 115200)
-    why = r'frames at 11 Hz must fit the port: they are 12672 bytes/s and 115200 baud carry 11520'
-    with pytest.raises(ValueError, match=why):
-        check_uart('frames', 1152, 11.0, 115200)
