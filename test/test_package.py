@@ -67,7 +67,6 @@ STARTED = {
     'tf2_ros': 'its static_transform_publisher is started by launch files',
 }
 TOOLS = {'mypy', 'pytest_xdist', 'ruff', 'types_pyserial', 'types_pyyaml'}
-PENDING = {'mcap'}  # of bags
 
 
 def imported(*folders: str) -> set[str]:
@@ -113,7 +112,7 @@ def test_dependencies_are_imported_and_declared() -> None:
     ros = ros_packages('depend', 'exec_depend')
     ros_modules = {name for name in ros if not name.startswith('python3-')}
     product = imported('tactile_ros', 'training', 'launch')
-    assert declared - product <= PENDING, 'declared in pyproject.toml and imported nowhere'
+    assert declared - product == set(), 'declared in pyproject.toml and imported nowhere'
     assert product - declared - ros_modules == set(), 'imported and declared nowhere'
     assert ros_modules - product <= set(STARTED), 'declared in package.xml and imported nowhere'
     of_debian = modules(name.removeprefix('python3-') for name in ros - ros_modules)

@@ -85,23 +85,20 @@ def load(name: str, needed_by: str) -> ModuleType:
     try:
         return importlib.import_module(f'benchmarks.{name}')
     except ImportError as error:
-        msg = f'{needed_by} needs {error.name or name}: {error}'
-        raise MissingPackageError(msg) from error
+        raise MissingPackageError(f'{needed_by} needs {error.name or name}: {error}') from error
 
 
 def load_bench(name: str) -> ModuleType:
     """Module of a bench."""
     if folder() and name not in names():
-        msg = f'bench must be all or one of {", ".join(names())}; received {name!r}'
-        raise ValueError(msg)
+        raise ValueError(f'bench must be all or one of {", ".join(names())}; received {name!r}')
     return load(name, f'`tactile bench {name}`')
 
 
 def run(options: argparse.Namespace) -> int:
     """Run the benches, print their tables and write their json."""
     if options.jobs < 1:
-        msg = f'--jobs must be 1 or more; received {options.jobs}'
-        raise ValueError(msg)
+        raise ValueError(f'--jobs must be 1 or more; received {options.jobs}')
     results = options.results or Path('benchmarks') / 'results'
     extent = 'quick' if options.quick else 'full' if options.full else 'normal'
     chosen = names() if options.name == 'all' else [options.name]
@@ -119,8 +116,7 @@ def run(options: argparse.Namespace) -> int:
         try:
             result = bench.run(extent, shlex.join(['tactile', *_words(name, extent)]))
         except ImportError as error:
-            msg = f'bench {name} needs {error.name}: {error}'
-            raise MissingPackageError(msg) from error
+            raise MissingPackageError(f'bench {name} needs {error.name}: {error}') from error
         drawn = result.draw(options.figures) if options.figures else []
         path, seconds = result.write(results), time.perf_counter() - began
         spent_s = own_processor_s() - spent_s

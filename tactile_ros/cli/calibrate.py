@@ -98,8 +98,7 @@ def run(options: argparse.Namespace) -> int:
         for problem in [*problems, *told]:
             print(f'  {name}: {problem}', file=sys.stderr if options.json else sys.stdout)
     if not any(recording.truth for recording in loaded):
-        msg = f'{", ".join(options.recordings)} hold no truth to calibrate with'
-        raise RecordingError(msg)
+        raise RecordingError(f'{", ".join(options.recordings)} hold no truth to calibrate with')
     began = time.perf_counter()
     pipeline = spec.pipeline(fit_layout(config, loaded[0].layout), options.estimator)
     with working(f'fitting {spec.key}'):

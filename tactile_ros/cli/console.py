@@ -1,4 +1,4 @@
-"""What commands read: recordings by path or by shipped name, configs from yaml."""
+"""Tables, progress and refusals on the terminal; recordings by path or name, configs from yaml."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import yaml
 
 from tactile_ros.errors import RecordingError, TactileError
 from tactile_ros.evaluation.figures import check_png
@@ -23,20 +24,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from typing import TextIO
 
-    from rich.progress import Progress as Bar
-
     from tactile_ros.sensors import SensorSpec
     from tactile_ros.types import Layout, SensorConfig
     from tactile_ros.types.contracts import Cell
 
-
-def figure(value: Cell, digits: int = 3) -> str:
-    """A cell as text: `-` where nothing is known, few digits otherwise."""
-    if value is None or (isinstance(value, float) and value != value):  # noqa: PLR0124
-        return '-'
-    if isinstance(value, float):
-        return f'{value:.{digits}g}' if abs(value) < 1000 else f'{value:.0f}'
-    return str(value)
+PATIENCE_S, STEP_S = 2.0, 0.5  # without a word; between two
+MOST_YAML_BYTES = 1_000_000
 
 
 def show(columns: Sequence[str], rows: Sequence[Sequence[Cell]], title: str = '') -> None:
@@ -53,15 +46,13 @@ def show(columns: Sequence[str], rows: Sequence[Sequence[Cell]], title: str = ''
         print('  '.join(cells).rstrip())
 
 
-def as_objects(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> list[dict[str, Cell]]:
-    """The same table as a list of objects; what is not finite becomes null."""
-    return [dict(zip(columns, (_plain(cell) for cell in row), strict=True)) for row in rows]
-
-
-def _plain(cell: Cell) -> Cell:
-    """A cell as json has it, numbers of numpy as numbers."""
-    value: Cell = cell.item() if isinstance(cell, np.generic) else cell
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+def figure(value: Cell) -> str:
+    """A cell as text: `-` where nothing is measured, three digits otherwise."""
+    if value is None or (isinstance(value, float) and np.isnan(value)):
+        return '-'
+    if isinstance(value, float):
+        return f'{value:.3g}' if abs(value) < 1000 else f'{value:.0f}'
+    return str(value)
 
 
 def show_json(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> None:
@@ -69,18 +60,30 @@ def show_json(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> None:
     print(json.dumps(as_objects(columns, rows), indent=2))
 
 
-class Progress(Closing):
-    """Progress of a number of steps, on standard error; a context manager.
+def as_objects(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> list[dict[str, Cell]]:
+    """The same table as a list of objects; what is not finite becomes null."""
 
-    Parameters
-    ----------
-    steps : int
-        Nothing is shown for a single one.
-    """
+    def plain(cell: Cell) -> Cell:
+        value: Cell = cell.item() if isinstance(cell, np.generic) else cell
+        return None if isinstance(value, float) and not np.isfinite(value) else value
+
+    return [dict(zip(columns, map(plain, row), strict=True)) for row in rows]
+
+
+class Progress(Closing):
+    """Progress of a number of steps on stderr: a bar on a terminal, a line for each elsewhere."""
 
     def __init__(self, steps: int) -> None:
         self.steps, self.made = steps, 0
-        self._bar = _bar(steps) if steps > 1 and sys.stderr.isatty() else None
+        self._bar = None
+        if steps > 1 and sys.stderr.isatty():
+            with suppress(ImportError):
+                from rich.console import Console
+                from rich.progress import Progress as Bar
+
+                self._bar = Bar(console=Console(stderr=True))
+                self._bar.add_task('recordings', total=steps)
+                self._bar.start()
 
     def step(self, what: str, failure: str = '') -> None:
         """One more step is made; of a failed one why."""
@@ -100,61 +103,32 @@ class Progress(Closing):
             self._bar = None
 
 
-def _bar(steps: int) -> Bar | None:
-    """A running bar, where rich is installed."""
-    try:
-        from rich.console import Console
-        from rich.progress import Progress as Bar
-    except ImportError:
-        return None
-    bar = Bar(console=Console(stderr=True))
-    bar.add_task('recordings', total=steps)
-    bar.start()
-    return bar
-
-
-PATIENCE_S = 2.0  # without a word
-STEP_S = 0.5
-
-
 @contextmanager
 def working(
     what: str, stream: TextIO | None = None, patience_s: float = PATIENCE_S
 ) -> Iterator[None]:
-    """Say what is being done once it takes longer than two seconds.
+    """Say on stderr what is being done once it takes long: a line, on a terminal the seconds."""
+    done, began = threading.Event(), time.monotonic()
+    file = stream or sys.stderr
 
-    Parameters
-    ----------
-    what : str
-        Such as 'fitting'.
-    stream : file, optional
-        Default: stderr, so that tables and json stay clean.
-    patience_s : float
-        Silence before the first word (s).
-    """
-    done = threading.Event()
-    told = (what, stream or sys.stderr, patience_s, done)
-    teller = threading.Thread(target=_tell, args=told, daemon=True)
+    def tell() -> None:
+        if done.wait(patience_s):
+            return
+        if not file.isatty():
+            print(f'{what} ...', file=file, flush=True)
+            return
+        while not done.wait(STEP_S):
+            seconds = time.monotonic() - began
+            print(f'\r{what} ... {seconds:.0f} s', end='', file=file, flush=True)
+        print('\r\033[K', end='', file=file, flush=True)
+
+    teller = threading.Thread(target=tell, daemon=True)
     teller.start()
     try:
         yield
     finally:
         done.set()
         teller.join()
-
-
-def _tell(what: str, stream: TextIO, patience_s: float, done: threading.Event) -> None:
-    """Wait, then tell; leave the line empty at the end."""
-    began = time.monotonic()
-    if done.wait(patience_s):
-        return
-    if not stream.isatty():
-        print(f'{what} ...', file=stream, flush=True)
-        return
-    while not done.wait(STEP_S):
-        seconds = time.monotonic() - began
-        print(f'\r{what} ... {seconds:.0f} s', end='', file=stream, flush=True)
-    print('\r\033[K', end='', file=stream, flush=True)
 
 
 def refuse_unwritable(path: Path) -> None:
@@ -167,8 +141,7 @@ def refuse_unwritable(path: Path) -> None:
     """
     try:
         if path.is_dir():
-            msg = f'{path} is a folder; name a file in it'
-            raise TactileError(msg)
+            raise TactileError(f'{path} is a folder; name a file in it')
         folder = next(place for place in path.absolute().parents if place.exists())
         with tempfile.TemporaryFile(dir=folder):
             pass
@@ -178,18 +151,9 @@ def refuse_unwritable(path: Path) -> None:
 
 
 def refuse_no_pictures(folder: Path) -> None:
-    """Refuse a folder of pictures that could not be made or written, before the work.
-
-    Raises
-    ------
-    TactileError
-        With the system's reason, or where a font or resvg is missing.
-    """
+    """Refuse a folder of pictures that could not be drawn (no resvg, no font) or written."""
     check_png()
     refuse_unwritable(folder / 'picture.png')
-
-
-MOST_YAML_BYTES = 1_000_000
 
 
 def find(
@@ -202,14 +166,14 @@ def find(
     RecordingError
         If there is neither.
     """
+    if Path(name).exists():
+        found = load(name, layout, truth) if truth else load(name, layout)
+        return list(found.recordings), found.sentences
     shipped = spec.recordings()
-    if name in shipped and not Path(name).exists():
-        return [LoadedRecording(name, shipped[name])], []
-    if not Path(name).exists():
-        msg = f'{name} does not exist, and {spec.key} ships only {", ".join(shipped) or "none"}'
-        raise RecordingError(msg)
-    found = load(name, layout, truth) if truth else load(name, layout)
-    return list(found.recordings), found.sentences
+    if name not in shipped:
+        names = ', '.join(shipped) or 'none'
+        raise RecordingError(f'{name} does not exist, and {spec.key} ships only {names}')
+    return [LoadedRecording(name, shipped[name])], []
 
 
 def read_config(spec: SensorSpec, path: Path | None) -> SensorConfig:
@@ -224,42 +188,34 @@ def read_config(spec: SensorSpec, path: Path | None) -> SensorConfig:
     config = spec.config()
     if path is None:
         return config
-    import yaml
-
     if not path.is_file():
-        msg = f'config {path} must be a yaml file; there is none'
-        raise ValueError(msg)
-    if path.stat().st_size > MOST_YAML_BYTES:
-        msg = (
-            f'config {path} must be at most {MOST_YAML_BYTES} bytes; it has {path.stat().st_size}'
-        )
-        raise ValueError(msg)
+        raise ValueError(f'config {path} must be a yaml file; there is none')
+    if (size := path.stat().st_size) > MOST_YAML_BYTES:
+        raise ValueError(f'config {path} must be at most {MOST_YAML_BYTES} bytes; it has {size}')
     try:
         given = yaml.safe_load(path.read_text())
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         msg = f'config {path} is no plain yaml: {str(error).splitlines()[0]}'
         raise ValueError(msg) from error
-    known = {f.name for f in fields(config)}  # type: ignore[arg-type]
-    if not isinstance(given, dict) or not set(given) <= known:
-        stray = sorted(map(str, set(given) - known)) if isinstance(given, dict) else given
-        msg = f'config {path} must map {", ".join(sorted(known))}; received {stray}'
-        raise ValueError(msg)
+    names = {f.name for f in fields(config)}  # type: ignore[arg-type]
+    if not isinstance(given, dict) or not set(given) <= names:
+        stray = sorted(map(str, set(given) - names)) if isinstance(given, dict) else given
+        raise ValueError(f'config {path} must map {", ".join(sorted(names))}; received {stray}')
     try:
-        values = {name: _value(told, getattr(config, name)) for name, told in given.items()}
+        values = {name: _value(value, getattr(config, name)) for name, value in given.items()}
         return replace(config, **values)  # type: ignore[type-var]
     except (TypeError, ValueError) as error:
-        msg = f'config {path}: {str(error).splitlines()[0]}'
-        raise ValueError(msg) from error
+        raise ValueError(f'config {path}: {str(error).splitlines()[0]}') from error
 
 
-def _value(told: object, default: object) -> object:
+def _value(given: object, default: object) -> object:
     """A value of yaml as the config takes it: lists are arrays, and 4e4 is a number."""
-    if isinstance(told, list):
-        return np.asarray(told, float)
-    if isinstance(told, str) and isinstance(default, float):  # yaml wants 4.0e+4
+    if isinstance(given, list):
+        return np.asarray(given, float)
+    if isinstance(given, str) and isinstance(default, float):  # yaml wants 4.0e+4
         with suppress(ValueError):
-            return float(told)
-    return told
+            return float(given)
+    return given
 
 
 def fit_layout(config: SensorConfig, layout: Layout) -> SensorConfig:

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import yaml
 
 from tactile_ros.cli.console import show, working
 from tactile_ros.devices.mlx90393 import MUX_ADDRESSES, Command
@@ -41,17 +42,38 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Sequence
 
-    from tactile_ros.devices.transport import I2cBus
     from tactile_ros.types import Array, Device, Frame, Layout
 
 OK, NOTE, WARN, BAD = 'ok', 'note', 'warn', 'bad'
+LONGEST_S, READ_S = 3600, 0.5
 CHIP_ADDRESSES = range(0x0C, 0x1C)  # of all variants of the MLX90393
 MOST_LATENCY_MS = 1
 RULES = '/etc/udev/rules.d/60-tactile.rules'
+SLOW, IRREGULAR, NOISY = 0.8, 0.5, 10.0  # of the nominal rate, of a period, of the usual noise
+RARELY = 0.05  # a quiet chip repeats itself now and then
+TO_SIGMA = 1.4826 / np.sqrt(6)  # median of |second differences| -> standard deviation
 PACKAGES = {
     'serial': 'serial ports need pyserial: pip install pyserial',
     'smbus2': 'I2C buses need smbus2: pip install smbus2',
     'rclpy': 'nodes need ROS 2: source its setup.bash',
+}
+TROUBLES = {
+    'nacks': 'check the wires and the addresses of the chips',
+    'resets': 'check the supply: chips lose it for moments',
+    'bus_errors': 'check pull-ups and wires of the bus',
+    'stalls': 'check the supply and the wires',
+    'crc_errors': 'check cable and baud rate: bytes arrive damaged',
+    'framing_errors': 'check cable and baud rate: bytes arrive damaged',
+    'dropped': 'close what else uses the processor, or lower the rate: frames are lost',
+    'reconnects': 'check the plug: the port comes and goes',
+    'clock_jumps': 'check the supply of the board: its clock jumps',
+}
+MARKS = {
+    TaxelStatus.SATURATED: 'lower the gain, or keep magnets away',
+    TaxelStatus.WRAPPED: 'lower the gain, or keep magnets away',
+    TaxelStatus.STUCK: 'switch the sensor off and on; replace what stays stuck',
+    TaxelStatus.ERROR: 'check the wires and the supply of these taxels',
+    TaxelStatus.STALE: 'lower the rate of the board: it outruns its chips',
 }
 
 
@@ -61,32 +83,101 @@ class Finding:
 
     where: str  # port, bus, package, or quantity
     state: str  # ok; note: nothing to do; warn: works, but should be changed; bad: does not work
-    what: str  # what was found
-    remedy: str = ''  # what to do, in one sentence; empty: nothing
+    what: str
+    remedy: str = ''  # in one sentence; empty: nothing
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What was read."""
+
+    layout: Layout
+    frames: list[Frame]
+    failure: str  # why it could not be opened or fell silent; empty: it did not
+    counters: dict[str, int]  # of the driver
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `tactile doctor`."""
+    parser.add_argument('--sensor', help='read this sensor for a few seconds')
+    parser.add_argument('--simulated', action='store_true', help='read its twin instead')
+    parser.add_argument('--seed', type=int, default=0, help='of the twin')
+    parser.add_argument('--fault', default='', help='that the twin suffers: name or name:count')
+    parser.add_argument('--port', help='serial port of the sensor')
+    parser.add_argument(
+        '--set', action='append', default=[], metavar='NAME=VALUE',
+        help='another field of its connection or config',
+    )  # fmt: skip
+    parser.add_argument('--seconds', type=duration, default=3.0, help='how long it is read')
+    parser.add_argument('--probe', action='store_true', help='ask the I2C buses who answers')
+    parser.add_argument('--json', action='store_true', help='print the findings as JSON')
+
+
+def duration(text: str) -> float:
+    """Seconds, at most an hour."""
+    seconds = float(text)
+    if not 0 <= seconds <= LONGEST_S:
+        raise ArgumentTypeError(f'seconds must be 0 to {LONGEST_S}; received {text}')
+    return seconds
+
+
+def run(options: argparse.Namespace) -> int:
+    """Look, print, and return 1 where something does not work."""
+    if options.sensor is None and (options.simulated or options.set or options.port):
+        raise ValueError('--sensor must name the sensor that is meant; received none')
+    found = packages() + ([] if options.simulated else machine(options.probe))
+    if options.sensor is not None:
+        found += examine(options)
+    elif not any('/dev/' in finding.where for finding in found):
+        found.append(Finding('sensor', BAD, 'nothing is connected', 'plug a sensor in, or try '
+                             '`tactile doctor --sensor reskin_board --simulated`'))  # fmt: skip
+    if options.json:
+        print(json.dumps([asdict(finding) for finding in found], indent=2))
+    else:
+        show(('what', 'state', 'found'), [(f.where, f.state, f.what) for f in found])
+        for finding in found:
+            if finding.remedy:
+                print(f'{finding.where}: {finding.remedy}')
+    return int(any(finding.state == BAD for finding in found))
 
 
 def packages() -> list[Finding]:
     """Optional packages that sensors and nodes need."""
-    found = []
-    for name, remedy in PACKAGES.items():
-        there = importlib.util.find_spec(name) is not None
-        what = 'installed' if there else 'not installed'
-        found.append(Finding(name, OK if there else WARN, what, '' if there else remedy))
-    return found
+    return [
+        Finding(name, OK, 'installed')
+        if importlib.util.find_spec(name)
+        else Finding(name, WARN, 'not installed', remedy)
+        for name, remedy in PACKAGES.items()
+    ]
+
+
+def machine(probed: bool) -> list[Finding]:
+    """Ports and buses; who answers on the buses where that was asked for."""
+    try:
+        ports = [name for name in list_ports() if not name.startswith('/dev/ttyS')]
+    except MissingPackageError as err:
+        return [Finding('serial ports', BAD, 'cannot be listed', str(err))]
+    names = list_buses()
+    found = serial_ports(ports) + buses(names)
+    return found + ([probe(I2cBus(name)) for name in names] if probed else [])
+
+
+def serial_ports(names: Sequence[str], root: Path = Path('/')) -> list[Finding]:
+    """Permission and latency timer of every serial port."""
+    found: list[Finding] = []
+    for name in names:
+        path = root / name.lstrip('/')
+        found.append(permission(path, 'dialout', port_rule(path.name, root)))
+        timer = root / 'sys/class/tty' / path.name / 'device/latency_timer'
+        if timer.is_file():
+            found.append(latency(path.name, timer))
+    return found or [
+        Finding('serial ports', NOTE, 'this machine has none', 'plug a board in, if you have one')
+    ]
 
 
 def permission(path: Path, group: str, rule: str) -> Finding:
-    """Whether this user may read and write a device file, and otherwise how to allow it.
-
-    Parameters
-    ----------
-    path : Path
-        Of the device file.
-    group : str
-        That such files usually belong to.
-    rule : str
-        udev rule that gives the file to that group.
-    """
+    """May this user read and write a device file; if not, by which group or udev rule."""
     if not path.exists():
         return Finding(str(path), BAD, 'does not exist', 'plug it in, or name another one')
     if os.access(path, os.R_OK | os.W_OK):
@@ -96,10 +187,9 @@ def permission(path: Path, group: str, rule: str) -> Finding:
     except KeyError:  # a group without a name, as in containers
         owner = str(path.stat().st_gid)
     if owner in ('root', 'nogroup'):
-        remedy = (
-            f"put the udev rule '{rule}' into {RULES}, reload by `sudo udevadm control --reload`"
-        )
-        return Finding(str(path), BAD, f'belongs to the group {owner}', remedy + ' and replug')
+        reload = 'reload by `sudo udevadm control --reload` and replug'
+        remedy = f"put the udev rule '{rule}' into {RULES}, {reload}"
+        return Finding(str(path), BAD, f'belongs to the group {owner}', remedy)
     remedy = f'add yourself to its group: `sudo usermod -aG {owner} $USER`, and log in again'
     return Finding(str(path), BAD, f'only the group {owner or group} may use it', remedy)
 
@@ -117,11 +207,8 @@ def port_rule(name: str, root: Path) -> str:
     return f'{match}, GROUP="dialout", MODE="0660"'
 
 
-def latency(name: str, root: Path) -> Finding | None:
-    """How long the USB converter of a port keeps bytes back; None where it has no such timer."""
-    timer = root / 'sys/class/tty' / name / 'device/latency_timer'
-    if not timer.is_file():
-        return None
+def latency(name: str, timer: Path) -> Finding:
+    """How long the USB converter of a port keeps bytes back."""
     text = timer.read_text().strip()
     milliseconds = int(text) if text.isdigit() else 0
     what = f'its converter keeps bytes back for up to {milliseconds} ms'
@@ -135,25 +222,13 @@ def latency(name: str, root: Path) -> Finding | None:
     return Finding(f'/dev/{name} latency', WARN, what, remedy)
 
 
-def serial_ports(names: Sequence[str], root: Path = Path('/')) -> list[Finding]:
-    """Every serial port: permission and latency timer."""
-    found: list[Finding] = []
-    for name in names:
-        path = root / name.lstrip('/')
-        found.append(permission(path, 'dialout', port_rule(path.name, root)))
-        timer = latency(path.name, root)
-        found += [timer] if timer is not None else []
-    return found or [
-        Finding('serial ports', NOTE, 'this machine has none', 'plug a board in, if you have one')
-    ]
-
-
 def buses(names: Sequence[str]) -> list[Finding]:
-    """Every I2C bus: permission."""
+    """Permission of every I2C bus."""
     rule = 'KERNEL=="i2c-[0-9]*", GROUP="i2c", MODE="0660"'
-    found = [permission(Path(name), 'i2c', rule) for name in names]
     remedy = 'where chips are wired to this machine: enable the bus and load the module i2c-dev'
-    return found or [Finding('I2C buses', NOTE, 'this machine shows none', remedy)]
+    return [permission(Path(name), 'i2c', rule) for name in names] or [
+        Finding('I2C buses', NOTE, 'this machine shows none', remedy)
+    ]
 
 
 def probe(bus: I2cBus) -> Finding:
@@ -177,230 +252,11 @@ def probe(bus: I2cBus) -> Finding:
 
 
 def _answers(bus: I2cBus, address: int, data: bytes) -> bool:
-    """Whether somebody acknowledges an address."""
     try:
         bus.transfer(address, data, 1)
     except NotAcknowledged:
         return False
     return True
-
-
-READ_S = 0.5
-SLOW, IRREGULAR = 0.8, 0.5
-NOISY = 10.0
-TO_SIGMA = 1.4826 / np.sqrt(6)  # median of |second differences| -> standard deviation
-TROUBLES = {
-    'nacks': 'check the wires and the addresses of the chips',
-    'resets': 'check the supply: chips lose it for moments',
-    'bus_errors': 'check pull-ups and wires of the bus',
-    'stalls': 'check the supply and the wires',
-    'crc_errors': 'check cable and baud rate: bytes arrive damaged',
-    'framing_errors': 'check cable and baud rate: bytes arrive damaged',
-    'dropped': 'close what else uses the processor, or lower the rate: frames are lost',
-    'reconnects': 'check the plug: the port comes and goes',
-    'clock_jumps': 'check the supply of the board: its clock jumps',
-}
-# a quiet chip repeats itself now and then
-RARELY = 0.05
-MARKS = {
-    TaxelStatus.SATURATED: 'lower the gain, or keep magnets away',
-    TaxelStatus.WRAPPED: 'lower the gain, or keep magnets away',
-    TaxelStatus.STUCK: 'switch the sensor off and on; replace what stays stuck',
-    TaxelStatus.ERROR: 'check the wires and the supply of these taxels',
-    TaxelStatus.STALE: 'lower the rate of the board: it outruns its chips',
-}
-
-
-@dataclass(frozen=True)
-class Trial:
-    """What was read."""
-
-    layout: Layout  # of the sensor
-    frames: list[Frame]  # in their order
-    failure: str  # why it could not be opened or fell silent; empty: it did not
-    counters: dict[str, int]  # of the driver
-
-
-def watch(
-    device: Device, seconds: float, monotonic: Callable[[], float] = time.monotonic
-) -> Trial:
-    """Open a device and read it for so many seconds; no failure is raised."""
-    frames: list[Frame] = []
-    failure = ''
-    try:
-        with device:
-            end = monotonic() + seconds
-            while monotonic() < end:
-                try:
-                    frames.append(device.read(READ_S))
-                    failure = ''
-                except DeviceTimeout as err:
-                    failure = str(err)
-    except TactileError as err:
-        failure = str(err)
-    counted = getattr(device, 'counters', None)
-    counters: dict[str, int] = {} if counted is None else dict(counted())
-    return Trial(device.layout, frames, failure, counters)
-
-
-def findings(trial: Trial) -> list[Finding]:
-    """What a trial says and what to do."""
-    if len(trial.frames) < 4:
-        what = f'{len(trial.frames)} frames came'
-        remedy = trial.failure or 'check that the sensor is powered and is this kind of sensor'
-        return [Finding('frames', BAD, what, remedy), *_troubles(trial)]
-    broken = [Finding('connection', BAD, 'fell silent', trial.failure)] if trial.failure else []
-    return [*broken, *_pace(trial), _noise(trial), _temperature(trial), *_marks(trial),
-            *_troubles(trial)]  # fmt: skip
-
-
-def _pace(trial: Trial) -> list[Finding]:
-    """Rate and jitter, from the stamps."""
-    gaps = np.diff([frame.stamp_ns or 0 for frame in trial.frames]) * 1e-9
-    rate, jitter = 1.0 / gaps.mean(), float(gaps.std())
-    nominal = trial.layout.rate_hz
-    what = f'{rate:.4g} Hz, nominal {nominal:g} Hz'
-    slow = rate < SLOW * nominal
-    remedy = 'set rate_hz to what the sensor does, or find what holds it up (latency timer, bus)'
-    irregular = jitter * nominal > IRREGULAR
-    calm = 'close what else uses the processor, lower the latency timer of the port'
-    return [
-        Finding('rate', WARN if slow else OK, what, remedy if slow else ''),
-        Finding(
-            'jitter',
-            WARN if irregular else OK,
-            f'{1e3 * jitter:.3g} ms',
-            calm if irregular else '',
-        ),
-    ]
-
-
-def noise_of(trial: Trial) -> Array:
-    """Noise of every taxel and channel, shape (t, c) (unit of values), whatever moves slowly."""
-    values = np.array([frame.values for frame in trial.frames])
-    noise: Array = TO_SIGMA * np.nanmedian(np.abs(np.diff(values, 2, axis=0)), axis=0)
-    return noise
-
-
-def _step(trial: Trial) -> float:
-    """Smallest change of any reading, that of the converter where it is coarse; inf: none."""
-    steps = np.abs(np.diff([frame.values for frame in trial.frames], axis=0))
-    return float(np.min(steps, where=steps > 0, initial=np.inf))
-
-
-def _noise(trial: Trial) -> Finding:
-    """Noise of the taxels, and those that differ from the others."""
-    with np.errstate(all='ignore'):
-        noise = noise_of(trial)
-    unit = trial.layout.unit if trial.layout.unit != '1' else 'of full scale'
-    usual = np.nanmedian(noise, axis=0)
-    told = ', '.join(f'{c} {x:.2g}' for c, x in zip(trial.layout.channels, usual, strict=True))
-    step = _step(trial)
-    odd = np.flatnonzero((noise > NOISY * np.maximum(usual, step)).any(axis=1))
-    # readings of a coarse converter may stand still at rest
-    fine = bool((usual > 2 * step).any())
-    silent = np.flatnonzero((noise == 0).all(axis=1)).tolist() if fine else []
-    what = f'{told} {unit} (standard deviation, median of the taxels)'
-    if len(odd):
-        remedy = f'check taxels {odd.tolist()}: they are over {NOISY:g} times as noisy as the rest'
-        return Finding('noise', WARN, what, remedy)
-    if silent:
-        return Finding('noise', WARN, what, f'check taxels {silent}: their readings never change')
-    return Finding('noise', OK, what)
-
-
-def _temperature(trial: Trial) -> Finding:
-    """Temperature of the chips."""
-    warm = trial.frames[-1].temperature_c
-    if warm is None or not np.isfinite(warm).any():
-        return Finding('temperature', NOTE, 'not measured')
-    return Finding('temperature', OK, f'{np.nanmin(warm):.1f} to {np.nanmax(warm):.1f} C')
-
-
-def _marks(trial: Trial) -> list[Finding]:
-    """Taxels that were marked."""
-    bits = np.array([np.zeros(trial.layout.shape[0], np.uint8) if f.status is None else f.status
-                     for f in trial.frames])  # fmt: skip
-    found = []
-    for bit, remedy in MARKS.items():
-        share = (bits & int(bit) > 0).mean(axis=0)
-        taxels = np.flatnonzero(share > (RARELY if bit == TaxelStatus.STALE else 0)).tolist()
-        if taxels:
-            state = BAD if share.max() > 0.5 else WARN
-            what = f'taxels {taxels}, in up to {100 * share.max():.2g} % of the frames'
-            found.append(Finding(str(bit.name).lower(), state, what, remedy))
-    return found
-
-
-def _troubles(trial: Trial) -> list[Finding]:
-    """What the driver counted."""
-    return [
-        Finding(name.replace('_', ' '), WARN, str(trial.counters[name]), remedy)
-        for name, remedy in TROUBLES.items()
-        if trial.counters.get(name)
-    ]
-
-
-LONGEST_S = 3600
-COLUMNS = ('what', 'state', 'found', 'to do')
-
-
-def duration(text: str) -> float:
-    """Seconds, at most an hour."""
-    seconds = float(text)
-    if not 0 <= seconds <= LONGEST_S:
-        msg = f'seconds must be 0 to {LONGEST_S}; received {text}'
-        raise ArgumentTypeError(msg)
-    return seconds
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `tactile doctor`."""
-    parser.add_argument('--sensor', help='read this sensor for a few seconds')
-    parser.add_argument('--simulated', action='store_true', help='read its twin instead')
-    parser.add_argument('--seed', type=int, default=0, help='of the twin')
-    parser.add_argument('--fault', default='', help='that the twin suffers: name or name:count')
-    parser.add_argument('--port', help='serial port of the sensor')
-    parser.add_argument(
-        '--set', action='append', default=[], metavar='NAME=VALUE',
-        help='another field of its connection or config',
-    )  # fmt: skip
-    parser.add_argument('--seconds', type=duration, default=3.0, help='how long it is read')
-    parser.add_argument('--probe', action='store_true', help='ask the I2C buses who answers')
-    parser.add_argument('--json', action='store_true', help='print the findings as JSON')
-
-
-def run(options: argparse.Namespace) -> int:
-    """Look, print, and return 1 where something does not work."""
-    if options.sensor is None and (options.simulated or options.set or options.port):
-        msg = '--sensor must name the sensor that is meant; received none'
-        raise ValueError(msg)
-    found = packages() + ([] if options.simulated else machine(options.probe))
-    if options.sensor is not None:
-        found += examine(options)
-    elif not any('/dev/' in finding.where for finding in found):
-        found.append(Finding('sensor', BAD, 'nothing is connected', 'plug a sensor in, or try '
-                             '`tactile doctor --sensor reskin_board --simulated`'))  # fmt: skip
-    if options.json:
-        print(json.dumps([asdict(finding) for finding in found], indent=2))
-    else:
-        rows = [(f.where, f.state, f.what) for f in found]
-        show(COLUMNS[:3], rows)
-        for finding in found:
-            if finding.remedy:
-                print(f'{finding.where}: {finding.remedy}')
-    return int(any(finding.state == BAD for finding in found))
-
-
-def machine(asked: bool) -> list[Finding]:
-    """Ports and buses; who answers on the buses where that was asked for."""
-    try:
-        ports = [name for name in list_ports() if not name.startswith('/dev/ttyS')]
-    except MissingPackageError as err:
-        return [Finding('serial ports', BAD, 'cannot be listed', str(err))]
-    names = list_buses()
-    found = serial_ports(ports) + buses(names)
-    return found + ([probe(I2cBus(name)) for name in names] if asked else [])
 
 
 def examine(options: argparse.Namespace) -> list[Finding]:
@@ -432,12 +288,9 @@ def examine(options: argparse.Namespace) -> list[Finding]:
 
 def _pair(text: str) -> tuple[str, object]:
     """Name and value of --set."""
-    import yaml
-
     name, equals, value = text.partition('=')
     if not (name and equals):
-        msg = f'--set must be NAME=VALUE; received {text!r}'
-        raise ValueError(msg)
+        raise ValueError(f'--set must be NAME=VALUE; received {text!r}')
     try:
         return name, yaml.safe_load(value)
     except yaml.YAMLError as err:
@@ -447,14 +300,120 @@ def _pair(text: str) -> tuple[str, object]:
 
 def _with(given: dict[str, object], *parts: object) -> list[object]:
     """Dataclasses with the fields that were given."""
-    known = [{f.name for f in fields(part)} for part in parts]  # type: ignore[arg-type]
-    names = sorted(set().union(*known))
-    if stray := sorted(set(given) - set(names)):
-        msg = f'--set must name one of {", ".join(names)}; received {", ".join(stray)}'
-        raise ValueError(msg)
+    names = [{f.name for f in fields(part)} for part in parts]  # type: ignore[arg-type]
+    every = sorted(set().union(*names))
+    if stray := sorted(set(given) - set(every)):
+        raise ValueError(
+            f'--set must name one of {", ".join(every)}; received {", ".join(stray)}'
+        )
+    given = {n: tuple(v) if isinstance(v, list) else v for n, v in given.items()}
     return [
-        replace(part, **{  # type: ignore[type-var]
-            n: tuple(v) if isinstance(v, list) else v for n, v in given.items() if n in names
-        })
-        for part, names in zip(parts, known, strict=True)
+        replace(part, **{n: v for n, v in given.items() if n in own})  # type: ignore[type-var]
+        for part, own in zip(parts, names, strict=True)
+    ]
+
+
+def watch(
+    device: Device, seconds: float, monotonic: Callable[[], float] = time.monotonic
+) -> Trial:
+    """Open a device and read it for so many seconds; no failure is raised."""
+    frames: list[Frame] = []
+    failure = ''
+    try:
+        with device:
+            end = monotonic() + seconds
+            while monotonic() < end:
+                try:
+                    frames.append(device.read(READ_S))
+                    failure = ''
+                except DeviceTimeout as err:
+                    failure = str(err)
+    except TactileError as err:
+        failure = str(err)
+    counted = getattr(device, 'counters', dict)
+    return Trial(device.layout, frames, failure, dict(counted()))
+
+
+def findings(trial: Trial) -> list[Finding]:
+    """What a trial says and what to do."""
+    troubles = [
+        Finding(name.replace('_', ' '), WARN, str(trial.counters[name]), remedy)
+        for name, remedy in TROUBLES.items()
+        if trial.counters.get(name)
+    ]
+    if len(trial.frames) < 4:
+        what = f'{len(trial.frames)} frames came'
+        remedy = trial.failure or 'check that the sensor is powered and is this kind of sensor'
+        return [Finding('frames', BAD, what, remedy), *troubles]
+    broken = [Finding('connection', BAD, 'fell silent', trial.failure)] if trial.failure else []
+    return [*broken, *_pace(trial), _noise(trial), _temperature(trial), *_marks(trial), *troubles]
+
+
+def _judged(where: str, what: str, wrong: bool, remedy: str) -> Finding:
+    return Finding(where, WARN, what, remedy) if wrong else Finding(where, OK, what)
+
+
+def _pace(trial: Trial) -> list[Finding]:
+    """Rate and jitter, from the stamps."""
+    gaps = np.diff([frame.stamp_ns or 0 for frame in trial.frames]) * 1e-9
+    rate, jitter, nominal = 1.0 / gaps.mean(), float(gaps.std()), trial.layout.rate_hz
+    return [
+        _judged(
+            'rate', f'{rate:.4g} Hz, nominal {nominal:g} Hz', rate < SLOW * nominal,
+            'set rate_hz to what the sensor does, or find what holds it up (latency timer, bus)',
+        ),
+        _judged(
+            'jitter', f'{1e3 * jitter:.3g} ms', jitter * nominal > IRREGULAR,
+            'close what else uses the processor, lower the latency timer of the port',
+        ),
     ]  # fmt: skip
+
+
+def noise_of(trial: Trial) -> Array:
+    """Noise of every taxel and channel, shape (t, c) (unit of values), whatever moves slowly."""
+    values = np.array([frame.values for frame in trial.frames])
+    noise: Array = TO_SIGMA * np.nanmedian(np.abs(np.diff(values, 2, axis=0)), axis=0)
+    return noise
+
+
+def _noise(trial: Trial) -> Finding:
+    """Noise of the taxels, and those that differ from the others."""
+    with np.errstate(all='ignore'):
+        noise = noise_of(trial)
+    unit = trial.layout.unit if trial.layout.unit != '1' else 'of full scale'
+    usual = np.nanmedian(noise, axis=0)
+    each = ', '.join(f'{c} {x:.2g}' for c, x in zip(trial.layout.channels, usual, strict=True))
+    what = f'{each} {unit} (standard deviation, median of the taxels)'
+    # smallest change of any reading, that of the converter where it is coarse
+    steps = np.abs(np.diff([frame.values for frame in trial.frames], axis=0))
+    step = float(np.min(steps, where=steps > 0, initial=np.inf))
+    odd = np.flatnonzero((noise > NOISY * np.maximum(usual, step)).any(axis=1)).tolist()
+    if odd:
+        remedy = f'check taxels {odd}: they are over {NOISY:g} times as noisy as the rest'
+        return Finding('noise', WARN, what, remedy)
+    # readings of a coarse converter may stand still at rest
+    silent = np.flatnonzero((noise == 0).all(axis=1)).tolist() if (usual > 2 * step).any() else []
+    remedy = f'check taxels {silent}: their readings never change'
+    return _judged('noise', what, bool(silent), remedy)
+
+
+def _temperature(trial: Trial) -> Finding:
+    celsius = trial.frames[-1].temperature_c
+    if celsius is None or not np.isfinite(celsius).any():
+        return Finding('temperature', NOTE, 'not measured')
+    return Finding('temperature', OK, f'{np.nanmin(celsius):.1f} to {np.nanmax(celsius):.1f} C')
+
+
+def _marks(trial: Trial) -> list[Finding]:
+    """Taxels that were marked."""
+    blank = np.zeros(trial.layout.shape[0], np.uint8)
+    bits = np.array([blank if f.status is None else f.status for f in trial.frames])
+    found = []
+    for bit, remedy in MARKS.items():
+        share = (bits & int(bit) > 0).mean(axis=0)
+        taxels = np.flatnonzero(share > (RARELY if bit == TaxelStatus.STALE else 0)).tolist()
+        if taxels:
+            state = BAD if share.max() > 0.5 else WARN
+            what = f'taxels {taxels}, in up to {100 * share.max():.2g} % of the frames'
+            found.append(Finding(str(bit.name).lower(), state, what, remedy))
+    return found

@@ -56,12 +56,10 @@ def run(options: argparse.Namespace) -> int:
     """Learn or forget, and say what it costs."""
     if options.calibration is None:
         if options.recording:
-            msg = '--from needs --calibration, the file that learns'
-            raise ValueError(msg)
+            raise ValueError('--from needs --calibration, the file that learns')
         return _live(options)
     if bool(options.recording) == options.forget:
-        msg = '--calibration needs --from, a recording to learn from, or --forget'
-        raise ValueError(msg)
+        raise ValueError('--calibration needs --from, a recording to learn from, or --forget')
     refuse_unwritable(options.calibration)
     pipeline = open_calibration(options.calibration)
     with working(f'learning {options.label}'):
@@ -87,8 +85,7 @@ def _learned(options: argparse.Namespace, pipeline: Pipeline) -> str:
         print(f'  {options.recording}: {problem}', file=sys.stderr)
     if len(found) != 1:
         names = ', '.join(one.name for one in found)
-        msg = f'{options.recording} must hold one sensor; it holds {names}'
-        raise RecordingError(msg)
+        raise RecordingError(f'{options.recording} must hold one sensor; it holds {names}')
     presses = _presses(options, found[0], pipeline.layout.shape)
     allowed = Allowed(options.most_lost, options.most_lost_there)
     return learn(pipeline, options.label, presses, options.replace, allowed)
@@ -103,8 +100,7 @@ def _presses(
         return recording
     presses = presses_in(loaded, open_calibration(options.calibration))
     if not presses:
-        msg = f'{options.recording} holds no press that begins and ends'
-        raise RecordingError(msg)
+        raise RecordingError(f'{options.recording} holds no press that begins and ends')
     return recording_of(recording.layout, presses[: options.presses or None])
 
 

@@ -38,8 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Start the recorder and wait."""
     if options.output.exists():
-        msg = f'{options.output} exists already; name a folder that does not'
-        raise ValueError(msg)
+        raise ValueError(f'{options.output} exists already; name a folder that does not')
     refuse_unwritable(options.output)
     bag = str(options.output.resolve())
     process = Process('record', {'bag': bag}, options.namespace)
@@ -87,8 +86,7 @@ def wait(running: Running, bag: Path, seconds: float | None) -> None:
     end = time.monotonic() + START_S
     while not bag.exists() and running.is_alive('record'):
         if time.monotonic() > end:
-            msg = f'no bag was begun at {bag} within {START_S:g} s'
-            raise TactileError(msg)
+            raise TactileError(f'no bag was begun at {bag} within {START_S:g} s')
         time.sleep(0.05)
     end = float('inf') if seconds is None else time.monotonic() + seconds
     while time.monotonic() < end and running.is_alive('record'):
@@ -110,7 +108,6 @@ def wait_for_frames(running: Running, bag: Path) -> None:
             load(bag)
         except RecordingError as err:
             if time.monotonic() > end:
-                msg = f'no frame came within {FIRST_FRAME_S:g} s: {err}'
-                raise TactileError(msg) from err
+                raise TactileError(f'no frame came within {FIRST_FRAME_S:g} s: {err}') from err
         else:
             return

@@ -77,8 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Replay every recording through every calibration, print the table, write what is asked."""
     if options.jobs < 1:
-        msg = f'--jobs must be 1 or more; received {options.jobs}'
-        raise ValueError(msg)
+        raise ValueError(f'--jobs must be 1 or more; received {options.jobs}')
     pipelines = [open_calibration(path) for path in options.calibration]
     for path in filter(None, (options.report, options.save)):
         refuse_unwritable(path)

@@ -55,8 +55,7 @@ def run(options: argparse.Namespace) -> int:
     page = bench.load('harness.package_page', '`tactile report`')
     files, problems = bench.load('harness.rows', '`tactile report`').gather(options.results)
     if not files:
-        msg = f'{"; ".join(problems)}; `tactile bench all` makes results'
-        raise TactileError(msg)
+        raise TactileError(f'{"; ".join(problems)}; `tactile bench all` makes results')
     command = shlex.join(['tactile', 'report', *map(str, options.results), '-o', str(output)])
     page.write_package_report(output, files, problems, command)
     if options.markdown:

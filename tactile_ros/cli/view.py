@@ -67,14 +67,11 @@ def run(options: argparse.Namespace) -> int:
         msg = f'name a recording or --sensor; received {options.recording} and {options.sensor}'
         raise ValueError(msg)
     if options.speed < 0:
-        msg = f'--speed must be 0 or more; received {options.speed:g}'
-        raise ValueError(msg)
+        raise ValueError(f'--speed must be 0 or more; received {options.speed:g}')
     if options.mcap and options.mcap.exists():
-        msg = f'{options.mcap} exists already; name a file that does not'
-        raise ValueError(msg)
+        raise ValueError(f'{options.mcap} exists already; name a file that does not')
     if options.recording and not Path(options.recording).exists():
-        msg = f'{options.recording} does not exist; name a bag, .npz or .csv'
-        raise RecordingError(msg)
+        raise RecordingError(f'{options.recording} does not exist; name a bag, .npz or .csv')
     if options.sensor:
         load_sensor(options.sensor)  # before anybody is asked to connect
     if options.mcap:
