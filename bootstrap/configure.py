@@ -34,12 +34,14 @@ def main() -> None:
     parser.add_argument('--tests', action='store_true', help='add what tests and benchmarks need')
     parser.add_argument('--oldest', action='store_true', help='the oldest wheels, without ROS')
     arguments = parser.parse_args()
+    if arguments.oldest and sys.version_info[:2] != (3, 10):
+        sys.exit('The oldest wheels are for Python 3.10: make OLDEST=/path/to/python3.10.')
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     try:
         check_machine()
         wait_for_turn()
-        if arguments.oldest:
-            set_up_oldest()
+        if arguments.oldest:  # what `make test-oldest` runs in
+            environment.make_environment(ROOT / '.venv-oldest', ['oldest'], 'none', LOG)
         else:
             set_up(arguments.distro, tests=arguments.tests)
     except SetupError as err:
@@ -73,13 +75,6 @@ def set_up(distro: str, *, tests: bool) -> None:
     made |= workspace.build(ROOT, venv, LOG)
     if made:
         say('Set-up is complete; the next start skips it.')
-
-
-def set_up_oldest() -> None:
-    """Make what `make test-oldest` runs in: the package's floor, on Python 3.10."""
-    if sys.version_info[:2] != (3, 10):
-        raise SetupError('The oldest wheels are for Python 3.10: make OLDEST=/path/to/python3.10.')
-    environment.make_environment(ROOT / '.venv-oldest', ['oldest'], 'none', LOG)
 
 
 if __name__ == '__main__':

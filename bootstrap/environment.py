@@ -30,15 +30,10 @@ def clean_environment() -> dict[str, str]:
     return {**kept, 'PIP_USER': '0', 'PIP_DISABLE_PIP_VERSION_CHECK': '1'}
 
 
-def wanted(venv: Path, locks: list[str], distro: str) -> dict[str, str]:
-    """What an environment must have been made from to be taken as it is."""
+def digest(*locks: str) -> str:
+    """Say in one number what lock files hold."""
     text = b''.join((LOCKS / f'{name}.txt').read_bytes() for name in locks)
-    return {
-        'distro': distro,
-        'python': f'{python_name()} at {os.path.realpath(sys.executable)}',
-        'place': str(venv),
-        'requirements': hashlib.sha256(text).hexdigest(),
-    }
+    return hashlib.sha256(text).hexdigest()
 
 
 def made_from(venv: Path) -> dict[str, str]:
@@ -53,7 +48,12 @@ def made_from(venv: Path) -> dict[str, str]:
 
 def make_environment(venv: Path, locks: list[str], distro: str, log: Path) -> bool:
     """Make the environment, or take it as it is; True where it was made."""
-    want, have = wanted(venv, locks, distro), made_from(venv)
+    want, have = {
+        'distro': distro,
+        'python': f'{python_name()} at {os.path.realpath(sys.executable)}',
+        'place': str(venv),
+        'requirements': digest(*locks),
+    }, made_from(venv)  # fmt: skip
     if have == want:
         return False
     if venv.exists():
@@ -73,11 +73,10 @@ def why_again(venv: Path, want: dict[str, str], have: dict[str, str]) -> str:
     if not have:
         return f'{venv.name} was left half made: it is made again.'
     changes = [
-        f'the {name} changes from {have.get(name)} to {value}' if name != 'requirements'
-        else 'the requirements change'
-        for name, value in want.items()
-        if value != have.get(name)
-    ]  # fmt: skip
+        f'the {name} changes from {have.get(name)} to {want[name]}'
+        for name in ('distro', 'python', 'place')
+        if want[name] != have.get(name)
+    ] or ['the requirements change']
     return f'{" and ".join(changes)}: {venv.name} and install are built again.'.capitalize()
 
 
@@ -112,12 +111,11 @@ def install(venv: Path, name: str, log: Path) -> None:
 
 def add_tests(venv: Path, log: Path) -> bool:
     """Add what tests and benchmarks need, once; True where that was to do."""
-    lock = (LOCKS / 'test.txt').read_bytes()
     stamp = venv / 'tactile_ros.test'
-    if stamp.exists() and stamp.read_text() == hashlib.sha256(lock).hexdigest():
+    if stamp.exists() and stamp.read_text() == digest('test'):
         return False
     install(venv, 'test', log)
-    stamp.write_text(hashlib.sha256(lock).hexdigest())
+    stamp.write_text(digest('test'))
     return True
 
 

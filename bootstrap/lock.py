@@ -4,8 +4,6 @@ Run by `make lock` only, when a requirement changes; it needs uv, which set-up i
 Versions stay what they are as long as they can; a lock file that is removed is resolved anew.
 """
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys
@@ -14,10 +12,9 @@ from pathlib import Path
 
 LOCKS = Path(__file__).parent / 'locks'
 SCOPE = (
-    "python_full_version < '3.15'",
-    "platform_python_implementation == 'CPython'",
+    "python_full_version < '3.15'", "platform_python_implementation == 'CPython'",
     "sys_platform == 'linux'",
-)
+)  # fmt: skip
 OLDEST = (
     '--resolution=lowest-direct', '--only-binary=:all:', '--python-platform=x86_64-manylinux_2_28',
 )  # fmt: skip
@@ -59,8 +56,8 @@ def simplify(entry: str) -> str:
 
 def write(name: str, entries: dict[str, str]) -> None:
     """Write one lock file."""
-    head = f'# Written by `make lock` from {name}.in; do not edit.\n'
-    (LOCKS / f'{name}.txt').write_text(head + '\n'.join(entries.values()) + '\n')
+    lines = [f'# Written by `make lock` from {name}.in; do not edit.', *entries.values(), '']
+    (LOCKS / f'{name}.txt').write_text('\n'.join(lines))
 
 
 def main() -> None:

@@ -14,13 +14,6 @@ class SetupError(Exception):
     """Set-up cannot go on; the message says what to do about it."""
 
 
-def check_machine() -> None:
-    """Refuse a machine on which the wheels or the build cannot work."""
-    check_platform()
-    check_venv()
-    check_compiler()
-
-
 def check_platform() -> None:
     """ROS 2 comes as wheels for CPython on Linux and x86_64 alone."""
     machine = f'{platform.system()} {platform.machine()}'
@@ -47,14 +40,22 @@ def check_venv() -> None:
 
 def check_compiler() -> None:
     """The messages are compiled, as C and as C++."""
-    for variable, names in (('CC', ('cc', 'gcc', 'clang')), ('CXX', ('c++', 'g++', 'clang++'))):
-        given = os.environ.get(variable, '').split()
-        if not any(shutil.which(name) for name in (given[:1] or names)):
+    compilers = (('C', 'CC', ('cc', 'gcc', 'clang')), ('C++', 'CXX', ('c++', 'g++', 'clang++')))
+    for language, variable, names in compilers:
+        given = os.environ.get(variable, '').split()[:1]
+        if not any(shutil.which(name) for name in given or names):
+            chosen = f' ({variable}={given[0]})' if given else ''
             raise SetupError(
-                f'No {"C++" if variable == "CXX" else "C"} compiler was found'
-                + (f' ({variable}={given[0]})' if given else '')
-                + ': install one (on Debian and Ubuntu: apt install g++) and run make again.'
+                f'No {language} compiler was found{chosen}: install one '
+                '(on Debian and Ubuntu: apt install g++) and run make again.'
             )
+
+
+def check_machine() -> None:
+    """Refuse a machine on which the wheels or the build cannot work."""
+    check_platform()
+    check_venv()
+    check_compiler()
 
 
 def python_name() -> str:
@@ -71,11 +72,11 @@ def python_headers(folder: Path) -> list[Path]:
     include = Path(sysconfig.get_path('include'))
     if (include / 'Python.h').exists():
         return [include]
-    unpacked = folder / 'usr' / 'include'
-    name = python_name()
-    if not (unpacked / name / 'Python.h').exists():
+    unpacked, name = folder / 'usr' / 'include', python_name()
+    header = unpacked / name / 'Python.h'
+    if not header.exists():
         fetch_package(f'lib{name}-dev', folder)
-    if not (unpacked / name / 'Python.h').exists():
+    if not header.exists():
         raise SetupError(
             f'The headers of {name} (Python.h) are missing: install them '
             f'(on Debian and Ubuntu: apt install {name}-dev) and run make again.'
@@ -86,10 +87,6 @@ def python_headers(folder: Path) -> list[Path]:
 def fetch_package(name: str, folder: Path) -> None:
     """Unpack a Debian package without installing it; whether it worked shows in the folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    if not (shutil.which('apt-get') and shutil.which('dpkg-deb')):
-        return
-    subprocess.run(['apt-get', 'download', name], cwd=folder, check=False, capture_output=True)
-    for package in folder.glob('*.deb'):
-        unpack = ['dpkg-deb', '-x', package.name, '.']
-        subprocess.run(unpack, cwd=folder, check=False, capture_output=True)
-        package.unlink()
+    if shutil.which('apt-get') and shutil.which('dpkg-deb'):
+        script = f'apt-get download {name} && dpkg-deb -x *.deb . && rm *.deb'
+        subprocess.run(['sh', '-c', script], cwd=folder, check=False, capture_output=True)

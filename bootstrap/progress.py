@@ -24,23 +24,16 @@ class Counter:
     """A counter on one line of a terminal, or on a line every few seconds elsewhere."""
 
     def __init__(self, what: str) -> None:
-        self.what = what
-        self.last = time.monotonic()
-        self.terminal = sys.stdout.isatty()
+        self.what, self.last = what, time.monotonic()
 
     def show(self, text: str) -> None:
-        """Show the newest state."""
-        line = f'         {self.what}: {text}'
-        if self.terminal:
-            print(f'\r{line:<79}', end='', flush=True)
-        elif time.monotonic() - self.last > EVERY:
+        """Show the newest state; on a terminal the last one, empty, clears the line."""
+        line = f'         {self.what}: {text}' if text else ''
+        if sys.stdout.isatty():
+            print(f'\r{line:<79}', end='' if line else '\r', flush=True)
+        elif line and time.monotonic() - self.last > EVERY:
             self.last = time.monotonic()
             print(line, flush=True)
-
-    def close(self) -> None:
-        """Leave the terminal's line empty for what follows."""
-        if self.terminal:
-            print('\r' + ' ' * 79, end='\r', flush=True)
 
 
 def run(
@@ -53,8 +46,7 @@ def run(
     total: int = 0,
 ) -> None:
     """Run a command, its output into the log; lines that match `pattern` are counted and shown."""
-    counter = Counter(what)
-    seen = 0
+    counter, seen = Counter(what), 0
     log.parent.mkdir(parents=True, exist_ok=True)
     with log.open('a') as file:
         file.write(f'$ {" ".join(command)}\n')
@@ -77,7 +69,7 @@ def run(
                 process.terminate()
                 raise
             finally:
-                counter.close()
+                counter.show('')
     if process.returncode:
         raise SetupError(failure(what, log))
 

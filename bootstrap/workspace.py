@@ -20,22 +20,14 @@ MADE = {'__pycache__', 'results'}  # by Python and by the benchmarks
 STAMP = '.tactile_ros'
 
 
-def files(root: Path, names: tuple[str, ...]) -> list[Path]:
-    """All files under the named files and folders, without what running them leaves there."""
-    found: list[Path] = []
-    for name in names:
-        path = root / name
-        found += [path] if path.is_file() else sorted(path.rglob('*'))
-    return [path for path in found if path.is_file() and MADE.isdisjoint(path.parts)]
-
-
 def state(root: Path) -> str:
     """What a build depends on: the text of the interfaces, but only the names of the sources."""
     digest = hashlib.sha256()
-    for path in files(root, BUILT_FROM):
-        digest.update(str(path.relative_to(root)).encode() + b'\0' + path.read_bytes())
-    for path in files(root, INSTALLED):
-        digest.update(str(path.relative_to(root)).encode() + b'\0')
+    for name in (*BUILT_FROM, *INSTALLED):
+        for path in sorted([root / name, *(root / name).rglob('*')]):
+            if path.is_file() and MADE.isdisjoint(path.parts):
+                digest.update(str(path.relative_to(root)).encode() + b'\0')
+                digest.update(path.read_bytes() if name in BUILT_FROM else b'')
     return digest.hexdigest()
 
 

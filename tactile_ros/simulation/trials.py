@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
     from tactile_ros.hands import HandDescription
     from tactile_ros.pipeline import Pipeline
-    from tactile_ros.simulation.hand_models import HandModel
     from tactile_ros.simulation.hand_world import GraspStage, HandWorld
+    from tactile_ros.simulation.mjcf import HandModel
     from tactile_ros.simulation.scenes import Carried, Grasped, Handling, Held
     from tactile_ros.simulation.skins import Skin
 
