@@ -148,11 +148,14 @@ def _with_comments(type_name: str, plain: str) -> str:
 
 @lru_cache(maxsize=64)
 def same_fields(type_name: str, text: str) -> bool:
-    """Whether a bag's own text of a type has the fields that ours has, comments aside."""
+    """Whether a bag's own text of a type of ours has the fields that ours has."""
+    own = text.split(_RULE, maxsplit=1)[0]
+    if own.strip() == _with_comments(type_name, '').strip():
+        return True
     from rosbags.typesys import get_types_from_msg
 
     try:
-        stored = get_types_from_msg(text.split(_RULE, maxsplit=1)[0], type_name)
+        stored = get_types_from_msg(own, type_name)
     except Exception:  # whatever a damaged text is
         return False
     return stored[type_name][1] == all_types().fielddefs[type_name][1]
@@ -585,7 +588,7 @@ class _McapFile:
                     name = self.schemas[channel.schema_id].name
                     self.content.announced[channel.topic] = name
             elif record.code == CHUNK_INDEX:
-                self.chunks.append(kinds.ChunkIndex.read(body).chunk_start_offset)
+                self.chunks.append(struct.unpack_from('<Q', record.body, 16)[0])
             elif record.code == MESSAGE:
                 self._take_records(_HEAD.pack(MESSAGE, len(record.body)) + record.body)
         except (self.mcap.exceptions.McapError, struct.error, UnicodeDecodeError):

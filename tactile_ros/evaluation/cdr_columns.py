@@ -121,13 +121,15 @@ class MessageLayout:
 
     def columns(self, block: Bytes) -> Columns:
         """Fields of messages (n, bytes) of this kind."""
-        columns: Columns = {}
-        for path, (at, form, count) in self.formats.items():
-            width = np.dtype(form).itemsize * (1 if count is None else count)
-            part = np.ascontiguousarray(block[:, at : at + width])
-            values = part.view(form) if width else part.astype(form)
-            columns[path] = values[:, 0] if count is None else values
-        return columns
+        places = self.formats.values()
+        form = np.dtype({
+            'names': list(self.formats),
+            'offsets': [at for at, _, _ in places],
+            'formats': [kind if count is None else (kind, (count,)) for _, kind, count in places],
+            'itemsize': block.shape[1],
+        })  # fmt: skip
+        table = np.ascontiguousarray(block).view(form)[:, 0]
+        return {path: table[path] for path in self.formats}
 
 
 def read_columns(messages: Sequence[bytes], type_name: str) -> tuple[list[Group], int]:

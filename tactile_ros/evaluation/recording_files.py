@@ -411,8 +411,7 @@ class SensorBag:
         self.announcements: list[str] = []
         self.lost: Counter[str] = Counter()
         self.notes: list[str] = []
-        self.count = self.dropped = 0
-        self.begin_ns = self.end_ns = 0
+        self.count = 0
         self._in_pieces = in_pieces
         self._live = False
         self._stated, self._fallback = cast('Layout | None', None), layout
@@ -505,13 +504,11 @@ class SensorBag:
         stamp_ns = cast('Integers', arrays['stamp_ns'])
         sequence = cast('Integers', arrays['sequence'])
         before = self._last or (int(stamp_ns[0]) - 1, int(sequence[0]) - 1)
-        step = np.diff(sequence, prepend=before[1])
-        back = (np.diff(stamp_ns, prepend=before[0]) <= 0) | (step <= 0)
+        back = np.diff(stamp_ns, prepend=before[0]) <= 0
+        back |= np.diff(sequence, prepend=before[1]) <= 0
         stream = self._stream + np.cumsum(back)
-        self.begin_ns = self.begin_ns if self.count else int(stamp_ns[0])
-        self.dropped += int((step[~back] - 1).sum())
         self.count += len(stamp_ns)
-        self._stream, self.end_ns = int(stream[-1]), int(stamp_ns[-1])
+        self._stream = int(stream[-1])
         self._last = (int(stamp_ns[-1]), int(sequence[-1]))
         chips, bits = cast('Array', arrays['temperature_c']), arrays['status']
         return Recording.from_arrays(

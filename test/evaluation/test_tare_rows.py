@@ -179,17 +179,6 @@ def test_of_tares_that_meet_the_newest_serves() -> None:
     assert np.array_equal(serving(found)[-1], tare_means(values[180:190], np.zeros(10, int))[0])
 
 
-def test_a_counter_that_began_anew_before_the_first_tare() -> None:
-    recording, before = presses(0)
-    number = np.arange(len(recording))
-    again = replace(
-        recording, sequence=np.where(number < 5, number, number - 5), stream=(number >= 5) * 1
-    )
-    found, told = with_tare_rows(lived(again, before[1:]))
-    assert not told
-    assert np.count_nonzero(found.tare) == (PRESSES - 1) * TARED
-
-
 def test_few_tares_say_less_than_a_truth_that_knows_every_rest() -> None:
     recording, before = presses(0)
     touched = (recording.truth['force'][:, 2] > 0).astype(int)
