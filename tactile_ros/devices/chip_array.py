@@ -86,7 +86,7 @@ class ChipSupervisor:
             return action()
         except NotAcknowledged as err:
             chip.switches.forget()
-            # the answer that was lost may have told of a reset
+            # the answer that was lost may have shown a reset
             self.fail(chip, 'nacks', str(err))
         except CommandRefused as err:
             self.fail(chip, 'refused', str(err))
@@ -115,7 +115,7 @@ class ChipSupervisor:
         chip.retry_ns = self._clock.now_ns() + round(pause_s * 1e9)
 
     def was_reset(self, chip: Chip, status: int) -> bool:
-        """Whether a chip lost its settings; it gets them back before the next frame."""
+        """True for a chip that lost its settings; it gets them back before the next frame."""
         if not status & Status.RESET:
             return False
         self.fail(chip, 'resets', f'chip {chip.place} was reset: its supply broke down')
@@ -190,7 +190,7 @@ class ChipArray(Closing):
         If buses, places, layout and mode do not fit together, or the buses cannot carry the rate.
 
     Notes ----- Stamps are the middle of the measurement: the clock, less what has passed since. In
-    burst mode the age of a reading is known to half a conversion; its mean is taken.
+    burst mode the age of a reading is uncertain by half a conversion; its mean is taken.
     """
 
     def __init__(
@@ -240,7 +240,7 @@ class ChipArray(Closing):
 
     @property
     def layout(self) -> Layout:
-        """Where the chips are."""
+        """Layout of the chips."""
         return self._layout
 
     @property

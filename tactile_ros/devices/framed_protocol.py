@@ -87,7 +87,7 @@ class Payload:
 
     @property
     def signed(self) -> bool:
-        """Whether counts may be negative."""
+        """True where counts may be negative."""
         return self.kind in (Kind.GRADIOMETER, Kind.CHIPS)
 
     @property
@@ -332,7 +332,7 @@ class FramedDecoder:
 
     @property
     def synchronised(self) -> bool:
-        """Whether a frame came since the last `reset`."""
+        """True once a frame came since the last `reset`."""
         return self._last is not None
 
     @property

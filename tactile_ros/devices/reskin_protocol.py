@@ -185,7 +185,7 @@ def _after_terminators(stream: Bytes, room: int = 0) -> Bools:
 
 
 class _Start(NamedTuple):
-    """Where frames go on, and what has to be tolerated in them."""
+    """Place where frames go on, and what has to be tolerated in them."""
 
     needed: int  # bytes of the stream that it takes to see it
     offset: int  # first byte of the first frame to deliver
@@ -351,7 +351,7 @@ class ReskinDecoder:
 
     @property
     def locked(self) -> bool:
-        """Whether the next frame is expected at a known place."""
+        """True while the next frame follows the last one."""
         return self._locked
 
     @property

@@ -114,7 +114,7 @@ class SerialBoard(Closing):
 
     @property
     def layout(self) -> Layout:
-        """Where the taxels are."""
+        """Layout of the taxels."""
         return self._layout
 
     def counters(self) -> dict[str, int]:
@@ -189,7 +189,7 @@ class SerialBoard(Closing):
 
     @abstractmethod
     def _silence(self, timeout: float) -> DeviceError:
-        """Why nothing came through the open port."""
+        """Error that says why nothing came through the open port."""
 
     def _receive(self, timeout: float) -> bytes:
         """Wait at most `timeout` (s) for bytes, or for the port where it is gone."""
@@ -453,7 +453,7 @@ class FramedBoard(SerialBoard):
         return status
 
     def _foreign(self) -> str:
-        """What comes and what was expected."""
+        """Sentence on the frames that come and those expected."""
         return (
             f'{self._port.port}: the stream carries frames of {self._decoder.foreign}, not of '
             f'version {framed_protocol.VERSION}, {self._decoder.payload}: set the sensor and its '

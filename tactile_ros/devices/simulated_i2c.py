@@ -98,7 +98,7 @@ class SimulatedChip:
         self._data = bytes(8)
 
     def awake(self, now_ns: int) -> bool:
-        """Whether it answers to its address."""
+        """True while it answers to its address."""
         return now_ns >= self._awake_ns
 
     def write(self, data: bytes, now_ns: int) -> None:
@@ -134,7 +134,7 @@ class SimulatedChip:
         return taken.ljust(count, b'\xff')
 
     def _suffers(self, fault: str) -> bool:
-        """Whether a fault befalls it now; it is counted then."""
+        """True where a fault befalls it now; it is counted then."""
         if not self.pending[fault]:
             return False
         self.pending[fault] -= 1
@@ -320,7 +320,7 @@ class SimulatedI2cBus:
             self._clock.sleep(bits * self._bit_s)
 
     def _listeners(self, address: int, now_ns: int) -> list[SimulatedMux | SimulatedChip]:
-        """Who acknowledges an address now."""
+        """Chips and switches that acknowledge an address now."""
         listeners: list[SimulatedMux | SimulatedChip] = []
         if address in self._muxes:
             listeners.append(self._muxes[address])
@@ -335,7 +335,7 @@ class SimulatedI2cBus:
         return listeners
 
     def _is_open(self, place: ChipPlace) -> bool:
-        """Whether the channel of a place is open."""
+        """True while the channel of a place is open."""
         if place.mux is None or place.channel is None:
             return True
         return bool(self._muxes[place.mux].mask >> place.channel & 1)

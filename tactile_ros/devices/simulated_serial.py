@@ -109,7 +109,7 @@ class SimulatedSerialPort(Closing):
 
     @property
     def watched(self) -> bool:
-        """Whether a program has the port open."""
+        """True while a program has the port open."""
         return not self._poll(0, 0.0) & (select.POLLHUP | select.POLLNVAL)
 
     def wait_for_reader(self, timeout: float = 10.0) -> None:
@@ -234,7 +234,7 @@ class SerialTwin(Closing):
 
     @property
     def awaited(self) -> bool:
-        """Whether the port is there and no program has it open."""
+        """True while the port is there and no program has it open."""
         return not self._away and not self._line.watched
 
     @property

@@ -70,7 +70,7 @@ def _bus_choice() -> str:
 
 
 def _refusal(what: str, group: str, choice: str, err: OSError) -> DeviceError:
-    """Why a port or bus could not be opened and what to do, in one sentence."""
+    """Error of a port or bus that could not be opened: why, and what to do."""
     if err.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         why = 'does not exist'
     elif err.errno in (errno.EAGAIN, errno.EBUSY):
@@ -97,7 +97,7 @@ class SerialPort:
 
     @property
     def is_open(self) -> bool:
-        """Whether the port is held."""
+        """True while the port is held."""
         return self._serial is not None
 
     def open(self) -> None:
@@ -216,7 +216,7 @@ class I2cBus:
 
     @property
     def is_open(self) -> bool:
-        """Whether the bus is held."""
+        """True while the bus is held."""
         return self._master is not None
 
     def open(self) -> None:
