@@ -104,29 +104,12 @@ class Scale:
         part = (pixel - start) / (end - start)
         return low * (high / low) ** part if self.log else low + part * (high - low)
 
-    def ticks(self, spacing: float, fewest: int) -> list[float]:
-        """Values of the labels, about `spacing` pixels apart."""
-        count = max(fewest, int(abs(self.pixels[1] - self.pixels[0]) / spacing))
-        return log_ticks(*self.values) if self.log else nice_ticks(*self.values, count)
-
 
 class Plot:
-    """One pair of axes; later marks lie over earlier ones.
+    """One pair of axes over ranges of x and y; later marks lie over earlier ones.
 
-    Parameters
-    ----------
-    x, y : tuple of float
-        Ranges.
-    x_label, y_label : str
-        With units.
-    size : tuple of int
-        Width and height (pixels at full size).
-    log_x, log_y : bool
-        Logarithmic axes.
-    description : str
-        What the drawing shows, for those who cannot see it.
-    integer_ticks : bool
-        Labels stand at whole numbers alone.
+    Labels are with units, the size in pixels; `description` is for those who cannot see the
+    drawing, and `integer_ticks` labels whole numbers alone.
     """
 
     def __init__(
@@ -253,19 +236,24 @@ class Plot:
             f'{"".join(self._over)}</svg>'
         )
 
+    def _ticks(self, scale: Scale, spacing: float, fewest: int) -> Iterable[tuple[float, str]]:
+        """Values and labels of an axis, about `spacing` pixels apart."""
+        count = max(fewest, int(abs(scale.pixels[1] - scale.pixels[0]) / spacing))
+        ticks = log_ticks(*scale.values) if scale.log else nice_ticks(*scale.values, count)
+        kept = [tick for tick in ticks if not self.integer_ticks or tick == round(tick)]
+        return ((tick, f'{tick:.6g}'.replace('-', '−')) for tick in kept)
+
     def _axes(self) -> Iterable[str]:
         """Grid, labels of the ticks and names of the axes."""
         (left, right), (bottom, top) = self.x.pixels, self.y.pixels
-        for tick in self.y.ticks(45, 3):
-            if not self.integer_ticks or tick == round(tick):
-                py = float(self.y(tick))
-                yield f'<path class="grid" d="M{left} {py:.1f}H{right}"/>'
-                yield _text(left - 7, py + 4, f'{tick:.6g}'.replace('-', '−'), '', 'end')
-        for tick in self.x.ticks(65, 2):
-            if not self.integer_ticks or tick == round(tick):
-                px = float(self.x(tick))
-                yield f'<path class="tick" d="M{px:.1f} {bottom}v4"/>'
-                yield _text(px, bottom + 17, f'{tick:.6g}'.replace('-', '−'), '', 'middle')
+        for tick, label in self._ticks(self.y, 45, 3):
+            py = float(self.y(tick))
+            yield f'<path class="grid" d="M{left} {py:.1f}H{right}"/>'
+            yield _text(left - 7, py + 4, label, '', 'end')
+        for tick, label in self._ticks(self.x, 65, 2):
+            px = float(self.x(tick))
+            yield f'<path class="tick" d="M{px:.1f} {bottom}v4"/>'
+            yield _text(px, bottom + 17, label, '', 'middle')
         yield f'<path class="axis" d="M{left} {bottom}H{right}"/>'
         yield _text(right, bottom + 34, self.labels[0], 'name', 'end')
         yield _text(2, top - 13, self.labels[1], 'name')

@@ -49,25 +49,13 @@ SAME = 1e-9  # largest difference of a replay that repeats its live run
 
 @dataclass(frozen=True)
 class Answer:
-    """Errors of one estimator, or of one way to use it, on one recording.
-
-    Attributes
-    ----------
-    name : str
-        Of the estimator.
-    targets : tuple of TargetErrors
-        Whatever truth could judge.
-    us_single, us_batch : float
-        Time per frame (microseconds), one by one and in a batch; NaN: not measured.
-    classes : tuple of ClassErrors
-        Cells and labels, where they have truth.
-    """
+    """Errors of one estimator, or of one way to use it, on one recording."""
 
     name: str
-    targets: tuple[TargetErrors, ...]
-    us_single: float = float('nan')
-    us_batch: float = float('nan')
-    classes: tuple[ClassErrors, ...] = ()
+    targets: tuple[TargetErrors, ...]  # with truth
+    us_single: float = float('nan')  # time of a frame alone (microseconds); NaN: not measured
+    us_batch: float = float('nan')  # of one among many
+    classes: tuple[ClassErrors, ...] = ()  # cells and labels, where they have truth
 
     def target(self, name: str) -> TargetErrors | None:
         """Errors of one target; None where there are none."""
@@ -92,38 +80,18 @@ def answer(
 
 @dataclass(frozen=True)
 class Dataset:
-    """One recording and all estimators on it.
-
-    Attributes
-    ----------
-    name, summary : str
-        Short name; content and held-out part, in a sentence.
-    answers : tuple of Answer
-        The one to be shown first, then those that it is compared with.
-    frames, dropped : int
-        Recorded; lost on the way.
-    chips : ndarray, shape (t, 3)
-        Taxel positions (m).
-    latency_s : ndarray, shape (n,)
-        From acquisition to contact (s); empty: not a live recording.
-    late : Spread or None
-        Of all contacts, where `latency_s` holds some of them.
-    agreement : Agreement or None
-        Of the replay with the live run.
-    problems : tuple of str
-        Sentences.
-    """
+    """One recording and all estimators on it."""
 
     name: str
-    summary: str
-    answers: tuple[Answer, ...]
-    frames: int
-    dropped: int
-    chips: Array
-    latency_s: Array = field(default_factory=lambda: np.zeros(0))
-    late: Spread | None = None
-    agreement: Agreement | None = None
-    problems: tuple[str, ...] = ()
+    summary: str  # content and held-out part, in a sentence
+    answers: tuple[Answer, ...]  # the first is drawn alone, others are compared with it
+    frames: int  # recorded
+    dropped: int  # lost on the way
+    chips: Array  # (t, 3) taxel positions (m)
+    latency_s: Array = field(default_factory=lambda: np.zeros(0))  # (n,); empty: not live
+    late: Spread | None = None  # of all contacts, where `latency_s` holds some of them
+    agreement: Agreement | None = None  # of the replay with the live run
+    problems: tuple[str, ...] = ()  # sentences
 
     @property
     def competitors(self) -> dict[str, Answer]:
@@ -141,25 +109,13 @@ class Dataset:
 
 @dataclass(frozen=True)
 class Result:
-    """Everything that one evaluation found.
-
-    Attributes
-    ----------
-    title, command : str
-        Subject, and the exact command that repeats it.
-    environment : dict of str to str
-        Versions, machine, calibration.
-    datasets : tuple of Dataset
-        In the order of the report.
-    notes : tuple of str
-        Sentences for the end of the report.
-    """
+    """Everything that one evaluation found."""
 
     title: str
-    command: str
-    environment: dict[str, str]
+    command: str  # that repeats it
+    environment: dict[str, str]  # versions, machine, calibration
     datasets: tuple[Dataset, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # sentences for the end of the report
 
 
 def environment() -> dict[str, str]:
