@@ -1,17 +1,147 @@
+"""Errors, coverage and classes against plain sums."""
+
 from __future__ import annotations
 
 import math
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from tactile_ros.evaluation.metrics import (
+    ONE_SIGMA,
+    accuracy,
+    average_euclidean_error,
+    confusion,
+    coverage,
+    coverage_by_thirds,
     frames_dropped,
+    given_targets,
     place_groups,
     spread,
     target_errors,
+    unjudged,
 )
 from tactile_ros.types import ContactStates, Layout, Recording
+
+CENTRES = 1e-3 * np.array([[0.0, 0, 5], [8.0, 0, 5], [8.0, 6, 1]])
+TRUE = np.array([0, 0, 0, 1, 1, 2])
+SAID = np.array([0, 0, 2, 1, -1, 2])
+
+
+def test_rows_of_a_confusion_are_true_cells() -> None:
+    table = confusion(SAID, TRUE, 3)
+    np.testing.assert_allclose(table[0], [200 / 3, 0, 100 / 3])
+    np.testing.assert_allclose(table[1], [0, 50, 0])
+    assert np.isnan(confusion(SAID[:3], TRUE[:3], 3)[1]).all()
+
+
+def test_errors_are_means_over_touches_seen_from_above() -> None:
+    known = SAID >= 0
+    error = average_euclidean_error(SAID[known], TRUE[known], CENTRES)
+    assert np.isclose(error, 10.0 / 5)
+    assert np.isclose(accuracy(SAID, TRUE), 400 / 6)
+
+
+def test_coverage_of_true_covariances_is_accepted_and_of_boasting_ones_is_not() -> None:
+    rng = np.random.default_rng(2)
+    error, groups = rng.normal(0, 2, 4000), np.repeat(np.arange(400), 10)
+    honest = coverage(error, np.full(4000, 4.0), groups)
+    assert honest.share == pytest.approx(ONE_SIGMA, abs=0.03)
+    assert honest.honest
+    assert (honest.count, honest.groups) == (4000, 400)
+    assert not coverage(error, np.full(4000, 1.0), groups).honest
+    assert not coverage(error, np.full(4000, 16.0), groups).honest
+
+
+def test_few_groups_widen_what_is_accepted_to_the_binomial_interval() -> None:
+    found = coverage(np.zeros(30), np.ones(30), np.repeat(np.arange(10), 3))
+    # by hand: the smallest counts whose cumulated probability reaches 2.5 % and 97.5 %
+    chances = [math.comb(10, k) * ONE_SIGMA**k * (1 - ONE_SIGMA) ** (10 - k) for k in range(11)]
+    low = next(k for k in range(11) if sum(chances[: k + 1]) >= 0.025)
+    high = next(k for k in range(11) if sum(chances[: k + 1]) >= 0.975)
+    assert (found.low, found.high) == (low / 10, high / 10)
+    many = coverage(np.zeros(10_000), np.ones(10_000), np.arange(10_000))
+    assert (many.low, many.high) == (ONE_SIGMA - 0.05, ONE_SIGMA + 0.05)
+
+
+def test_coverage_leaves_out_what_has_no_covariance() -> None:
+    error = np.array([0.5, 5.0, 0.5, np.nan])
+    variance = np.array([1.0, 1.0, np.nan, 1.0])
+    assert coverage(error, variance, np.arange(4)).share == 0.5
+    assert math.isnan(coverage(error, np.full(4, np.nan), np.arange(4)).share)
+
+
+def test_a_spread_that_is_wrong_in_opposite_ways_is_seen_in_its_thirds() -> None:
+    rng, groups = np.random.default_rng(1), np.arange(6000)
+    true = np.repeat([1.0, 2.0, 3.0], 2000)
+    error = true * rng.normal(size=6000)
+    honest = coverage_by_thirds(error, true**2, groups)
+    assert len(honest) == 8
+    assert all(one.honest for one in honest.values())
+    steep = coverage_by_thirds(error, (0.5 * true**2) ** 2, groups)
+    assert not steep['least third', 1].honest
+    assert not steep['largest third', 1].honest
+    assert steep['least third', 1].share < 0.5
+    assert steep['largest third', 1].share > 0.8
+    assert steep['middle third', 1].honest
+
+
+@pytest.mark.parametrize('groups', [3, 20, 200])
+def test_the_interval_holds_what_it_says(groups: int) -> None:
+    """Independent groups of one error each: 95 in 100 honest draws are accepted, or more."""
+    rng = np.random.default_rng(groups)
+    accepted = [
+        coverage(rng.normal(size=groups), np.ones(groups), np.arange(groups)).honest
+        for _ in range(300)
+    ]
+    assert np.mean(accepted) >= stats.binom.ppf(1e-4, 300, 0.95) / 300
+
+
+BOARD = Layout(np.arange(6.0).reshape(2, 3), channels=('x', 'y', 'z'), unit='T')
+NOTHING = 'none of position, force_x, force_y, force_z, torque_x, torque_y, torque_z'
+
+
+def found(truth: dict[str, np.ndarray], **estimates: np.ndarray) -> tuple[str, ...]:
+    """Sentences about four frames with some truth and some estimates."""
+    recording = Recording.from_arrays(BOARD, np.zeros((4, 2, 3)), truth=truth)
+    states = ContactStates.assemble(4, 2, {'valid': np.ones(4, bool), **estimates})
+    counts = {target.name: target.spread.count for target in target_errors(recording, states)}
+    return unjudged('ridge', counts, given_targets(states))
+
+
+def axis(number: int, rows: slice = slice(None)) -> np.ndarray:
+    """Vectors (4, 3) known along one axis in some rows."""
+    vectors = np.full((4, 3), np.nan)
+    vectors[rows, number] = 1.0
+    return vectors
+
+
+@pytest.mark.parametrize(
+    ('truth', 'estimates', 'words'),
+    [
+        ({'force': axis(2)}, {'force': axis(0)}, 'it estimates force_x, truth has force_z'),
+        ({'slip': np.ones(4, int)}, {'force': axis(0)}, f'force_x, truth has {NOTHING}'),
+        ({'force': axis(2)}, {}, f'it estimates {NOTHING}, truth has force_z'),
+        (
+            {'force': axis(2, slice(2))},
+            {'force': axis(2, slice(2, 4))},
+            'no row with true force_z has an estimate',
+        ),
+    ],
+    ids=['others', 'no truth', 'no estimate', 'other rows'],
+)
+def test_no_error_is_explained(
+    truth: dict[str, np.ndarray], estimates: dict[str, np.ndarray], words: str
+) -> None:
+    (sentence,) = found(truth, **estimates)
+    assert sentence.startswith('ridge has no error: ')
+    assert sentence.endswith(words)
+
+
+def test_one_error_is_enough() -> None:
+    assert found({'force': axis(2), 'torque': axis(1)}, force=axis(2, slice(1))) == ()
+
 
 LAYOUT = Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T')
 

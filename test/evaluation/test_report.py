@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.figures import Plot, drift, hysteresis, log_ticks, nice_ticks
+from tactile_ros.evaluation.figures import drift, hysteresis
 from tactile_ros.evaluation.metrics import Agreement, class_errors, target_errors
 from tactile_ros.evaluation.report import (
     Answer,
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 LAYOUT = Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T')
 HOSTILE = '<script>alert(1)</script> & "quotes" \'too\''
-SIZE = (360, 270)
 
 
 def answer_of(name: str, scale: float, seed: int, us: float = 50.0) -> Answer:
@@ -227,29 +226,6 @@ def test_numbers_have_the_digits_they_deserve() -> None:
     assert figure_text(68.3, 'in 1 sigma (%)') == '68'
     assert figure_text(4805, 'frames') == '4,805'
     assert figure_text(float('nan'), 'mm') == figure_text(None, 'mm') == '–'
-
-
-@pytest.mark.parametrize('span', [(0.0, 1.0), (-3.3, 3.3), (0.0, 37.0), (1e-4, 9e-4), (5.0, 5.0)])
-def test_ticks_are_round_few_and_inside(span: tuple[float, float]) -> None:
-    ticks = nice_ticks(*span, 4)
-    assert all(span[0] - 1e-9 <= tick <= span[1] + 1e-9 for tick in ticks)
-    assert 1 <= len(ticks) <= 8
-    steps = np.diff(ticks)
-    assert np.allclose(steps, steps[:1])
-
-
-def test_logarithmic_ticks_are_decades() -> None:
-    assert log_ticks(20, 990) == [20, 50, 100, 200, 500]
-    assert log_ticks(1, 1e6) == [1, 10, 100, 1000, 1e4, 1e5, 1e6]
-
-
-def test_pixels_of_a_plot() -> None:
-    plot = Plot((0, 10), (0, 1), 'x', 'y', SIZE)
-    assert plot.x(0.0) == 46
-    assert plot.x(10.0) == 346
-    assert plot.y(0.0) == 228
-    plot.line(np.array([0, 5, np.nan, 10]), np.array([0, 1, 0, 1]), 'line')
-    assert 'd="M46.0 228.0L196.0 30.0M346.0 30.0"' in plot.__html__()
 
 
 def test_the_file_lies_where_it_was_asked_for(tmp_path: Path) -> None:

@@ -1,8 +1,9 @@
-"""Plots of arrays: every taxel and line is there, and files stay small."""
+"""Plots of benches: whole XML, every part is there, and files stay small."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -10,12 +11,29 @@ import pytest
 from benchmarks.harness.plots import (
     costs,
     curves,
+    drawings,
     edges_of,
     object_map,
     placed,
     taxel_corners,
 )
+from benchmarks.worlds import grip_delay_plot, grip_fault_plot
 from reference import pick_world
+
+
+def test_every_plot_is_an_svg() -> None:
+    rng = np.random.default_rng(0)
+    cells = 1e-3 * np.array([[x, y, 5.0] for y in (-5, 5) for x in (-8, 0, 8)])
+    true = rng.integers(0, 6, 300)
+    places = cells[true] + 1e-3 * rng.normal(size=(300, 3))
+    named = {'neighbours': np.where(rng.uniform(size=300) < 0.2, 0, true), 'ours': true}
+    costs = {'neighbours': (20.0, 3.5), 'ours': (50.0, 0.3)}
+    found = drawings(cells, places, places + 3e-4 * rng.normal(size=(300, 3)), named, true, costs)
+    assert {'cells_ours', 'confusion_neighbours', 'errors', 'speed'} <= set(found)
+    for name, text in found.items():
+        assert ElementTree.fromstring(text).tag.endswith('svg'), name
+        assert len(text) < 100_000
+    assert '100' in found['cells_ours']
 
 
 def paths(svg: str, kind: str) -> list[str]:
@@ -58,3 +76,27 @@ def test_curves_and_costs_name_what_they_draw() -> None:
     assert 'two' in svg
     svg = costs({'slow': (100.0, 1e-3), 'quick': (2.0, 0.1)}, ('us', 'error'), 'methods')
     assert len(paths(svg, 'fill c0')) == len(paths(svg, 'fill c1')) == 1
+
+
+def test_faults_of_a_grasp_are_drawn_also_where_nothing_reacted_or_was_heard() -> None:
+    world = grip_fault_plot
+    at, none = np.linspace(0.01, 0.5, 50), np.zeros(0)
+    suffered = [
+        world.Suffered(at, np.full(50, 2.0), 0.1),
+        world.Suffered(at, np.full(50, 2.0), np.nan),
+        world.Suffered(none, none, np.nan),
+    ]
+    text = world.drawn({'one': suffered, 'other': suffered[2:]}, 2.0, (1.0, 2.4), 0.1)
+    ET.fromstring(text)
+    assert 'one: 3 faults' in text
+    assert text.count('fill c0') == 1 < text.count('line c0')
+
+
+def test_tails_of_delays_are_drawn_for_runs_with_and_without_a_command() -> None:
+    world = grip_delay_plot
+    delay = np.append(np.full(99, 2e-3), np.nan)
+    text = world.drawn({'stack': delay, 'three nodes': np.full(1, np.nan)}, 1.0)
+    ET.fromstring(text)
+    assert 'three nodes: no command' in text
+    assert text.count('line c0') == 1
+    assert 'line c1' not in text

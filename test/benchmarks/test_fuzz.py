@@ -1,12 +1,13 @@
-"""Random answers of chips through the whole driver, and that a driver that believes them shows."""
+"""Decoders and chips under random and damaged bytes."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from benchmarks.harness.fuzz import suffer_answers
-from tactile_ros.devices import fault_flags
+from benchmarks.harness.fuzz import BoardSubject, FramedSubject, suffer_answers, suffer_bytes
+from tactile_ros.devices import fault_flags, framed_protocol
+from tactile_ros.devices.framed_protocol import three_axis_chips
 from tactile_ros.types import TaxelStatus
 
 
@@ -31,3 +32,20 @@ def test_a_driver_that_marks_nothing_would_be_seen(monkeypatch: pytest.MonkeyPat
         lambda self, codes, values, good, fresh: np.where(good, 0, TaxelStatus.ERROR),
     )
     assert suffer_answers(1000, 3, False, np.random.default_rng(1)).beyond > 0
+
+
+def test_a_framed_decoder_delivers_nothing_wrong() -> None:
+    found = suffer_bytes(FramedSubject(three_axis_chips(5)), 1000, 1)
+    assert (found.strings, found.wrong, found.lost) == (1000, 0, 0)
+    assert found.held < 200
+
+
+def test_a_format_without_checksum_is_seen_to_believe_some() -> None:
+    found = suffer_bytes(BoardSubject(5), 1000, 1)
+    assert 0 < found.wrong < 500
+    assert found.lost <= 1
+
+
+def test_a_decoder_without_its_crc_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(framed_protocol.zlib, 'crc32', lambda data: framed_protocol.RESIDUE)
+    assert suffer_bytes(FramedSubject(three_axis_chips(5)), 1000, 1).wrong > 0

@@ -1,0 +1,113 @@
+"""Drawings as files of their own, and colours that can be read in the light and in the dark."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+
+from benchmarks.harness.rows import BenchResult
+from tactile_ros.evaluation.figures import STYLE, Plot, log_ticks, nice_ticks, standalone
+
+GROUNDS = 'paper', 'card', 'tint'
+WORDS = 'ink', 'soft', 'warn', 'c0', 'c2'
+LINES = 'c0', 'c1', 'c2', 'c3', 'c4'
+FOR_WORDS, FOR_LINES = 4.5, 3.0  # WCAG 2.1, level AA
+LIGHT, DARK = (
+    dict(re.findall(r'--(\w+): (#\w{6})', block))
+    for block in re.findall(r':root \{(.*?)\}', STYLE, re.DOTALL)
+)
+
+
+def luminance(colour: str) -> float:
+    """Relative luminance of #rrggbb."""
+    parts = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+    return sum(w * p for w, p in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
+
+
+def contrast(one: str, other: str) -> float:
+    """Contrast ratio of two colours, 1 to 21."""
+    dark, light = sorted(map(luminance, (one, other)))
+    return (light + 0.05) / (dark + 0.05)
+
+
+def test_black_on_white_has_the_largest_contrast() -> None:
+    assert contrast('#000000', '#ffffff') == pytest.approx(21.0)
+
+
+@pytest.mark.parametrize('scheme', [LIGHT, DARK], ids=['light', 'dark'])
+def test_words_and_lines_can_be_read_in_both_schemes(scheme: dict[str, str]) -> None:
+    assert scheme.keys() == LIGHT.keys()
+    poor = [
+        (name, ground)
+        for names, least in ((WORDS, FOR_WORDS), (LINES, FOR_LINES))
+        for name in names
+        for ground in GROUNDS
+        if contrast(scheme[name], scheme[ground]) < least
+    ]
+    assert poor == []
+
+
+def plot() -> Plot:
+    drawn = Plot(
+        (1, 100), (1e-3, 1e3), 'time', 'error', log_x=True, log_y=True, description='Error & time'
+    )
+    drawn.line(np.array([1.0, 100.0]), np.array([1e-3, 1e3]), 'line c0')
+    drawn.mark(10.0, 1.0, 0, 'fill c1')
+    return drawn
+
+
+def test_a_drawing_is_whole_and_brings_its_colours() -> None:
+    text = standalone(plot())
+    root = ET.fromstring(text)
+    assert root.tag == '{http://www.w3.org/2000/svg}svg'
+    assert root.get('viewBox') == '0 0 360 270'
+    assert root.get('aria-label') == 'Error & time'
+    style = root.findtext('{http://www.w3.org/2000/svg}style')
+    assert style is not None
+    assert '--c0: #0060a8' in style
+    assert 'path.line' in style
+    assert '.c4 {' in style
+    assert 'h1' not in style
+    assert style.count('{') == style.count('}')
+
+
+def test_axes_may_both_be_logarithmic() -> None:
+    drawn = plot()
+    assert np.isclose(drawn.y(1.0), (drawn.y(1e-3) + drawn.y(1e3)) / 2)
+    assert np.isclose(drawn.x(10.0), (drawn.x(1.0) + drawn.x(100.0)) / 2)
+
+
+def test_a_bench_writes_its_drawings(tmp_path: Path) -> None:
+    result = BenchResult('b', 'c', [1], [], drawings={'map': standalone(plot())})
+    (path,) = result.draw(tmp_path / 'images')
+    assert path == tmp_path / 'images' / 'b_map.svg'
+    assert path.read_text().startswith('<svg xmlns')
+    assert 'drawings' not in result.write(tmp_path).read_text()
+
+
+@pytest.mark.parametrize('span', [(0.0, 1.0), (-3.3, 3.3), (0.0, 37.0), (1e-4, 9e-4), (5.0, 5.0)])
+def test_ticks_are_round_few_and_inside(span: tuple[float, float]) -> None:
+    ticks = nice_ticks(*span, 4)
+    assert all(span[0] - 1e-9 <= tick <= span[1] + 1e-9 for tick in ticks)
+    assert 1 <= len(ticks) <= 8
+    steps = np.diff(ticks)
+    assert np.allclose(steps, steps[:1])
+
+
+def test_logarithmic_ticks_are_decades() -> None:
+    assert log_ticks(20, 990) == [20, 50, 100, 200, 500]
+    assert log_ticks(1, 1e6) == [1, 10, 100, 1000, 1e4, 1e5, 1e6]
+
+
+def test_pixels_of_a_plot() -> None:
+    plot = Plot((0, 10), (0, 1), 'x', 'y', (360, 270))
+    assert plot.x(0.0) == 46
+    assert plot.x(10.0) == 346
+    assert plot.y(0.0) == 228
+    plot.line(np.array([0, 5, np.nan, 10]), np.array([0, 1, 0, 1]), 'line')
+    assert 'd="M46.0 228.0L196.0 30.0M346.0 30.0"' in plot.__html__()
