@@ -230,7 +230,7 @@ def _conditioning(gripper: Gripper) -> float:
         began = perf_counter()
         bits = taxel_faults(values[None], None, pipeline.layout)
         usable = without_faults(values[None], bits)
-        delta = usable - tracker(usable, stamp)
+        delta = usable - tracker.follow(usable, stamp)[0]
         pipeline.rest_.contact(delta, usable_rows(bits), None)
         creep.undo(law.forces(delta[..., 0]), stamp, first, state)
         times.append(perf_counter() - began)

@@ -1,4 +1,4 @@
-"""Is anything touching? A threshold on the deviation from the baseline, and ids of patches."""
+"""Threshold of contact on the deviation from the baseline, and ids of contacts and patches."""
 
 from __future__ import annotations
 
@@ -7,14 +7,107 @@ import numpy.typing as npt
 
 from tactile_ros.types import Array, Bools, Integers
 
+SIGMAS = 5.0
+LIGHTEST = 0.01
+MOST_MISSED = 0.05
+SHARE = 0.4
+
+
+def contact_scale(noise: Array, touched: Array | None, felt: Array | None = None) -> Array:
+    """Deviation (t, c) of a channel beyond which something touches; NaN: unknown.
+
+    Parameters
+    ----------
+    noise : ndarray, shape (t, c)
+        Standard deviation at rest (unit of values); NaN: unknown.
+    touched : ndarray, shape (s, t, c), or None
+        Deviations of frames that are labelled as touched, whole ones.
+    felt : ndarray, shape (s, t, c), or None
+        Deviations of touches that must be felt though the noise is but a bound, with drift in it.
+
+    Notes
+    -----
+    Five sigma, lowered until at most one in twenty of the touches that must be felt is missed,
+    raised to 0.4 of the lightest labelled touches.
+
+    Examples
+    --------
+    >>> contact_scale(np.full((1, 2), 0.1), None)
+    array([[0.5, 0.5]])
+    """
+    level, most = np.nan, np.inf
+    if touched is not None:
+        size = np.abs(touched).max(axis=(1, 2))
+        level = SHARE * float(np.quantile(size, LIGHTEST)) or np.nan
+    if felt is not None:
+        most = float(np.quantile(np.abs(felt).max(axis=(1, 2)), MOST_MISSED)) or np.inf
+    sigmas = np.where(noise > 0, np.minimum(SIGMAS * noise, most), np.nan)
+    return np.asarray(np.fmax(sigmas, level))
+
+
+def excursion(delta: Array, scale: Array) -> Array:
+    """Largest deviation (s,) of frames (s, t, c) in units of the contact threshold (t, c).
+
+    Above 1 in contact; NaN where a deviation or the threshold is unknown.
+    """
+    size = delta / scale
+    np.abs(size, out=size)
+    return np.asarray(np.maximum.reduce(size.reshape(len(size), scale.size), axis=1))
+
+
+class ContactIds:
+    """Number touches: an id lives from touch to release, across frames of unknown contact."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._touching = False
+
+    def number(
+        self,
+        contact: npt.NDArray[np.int8],
+        restart: Bools,
+        in_time: bool,
+        begins: Bools | None = None,
+    ) -> Integers:
+        """Id (s,) of the patch in each frame; -1: none, or unknown with none before.
+
+        Parameters
+        ----------
+        contact : ndarray, shape (s,)
+            1, 0, -1 unknown, in time order.
+        restart : ndarray, shape (s,)
+            Rows before which a stream or a baseline begins.
+        in_time : bool
+            False: independent frames, every patch is number 0.
+        begins : ndarray, shape (s,), or None
+            Rows among those at which a stream begins, and its numbers with 0; None: nowhere.
+        """
+        if not in_time:
+            return np.where(contact == 0, -1, 0)
+        ids = np.empty(len(contact), np.int64)
+        for i, now in enumerate(contact.tolist()):
+            if begins is not None and begins[i]:
+                self._count = 0
+            before = self._touching and not restart[i]
+            self._touching = now == 1 or (now < 0 and before)
+            self._count += self._touching and not before
+            ids[i] = self._count - 1 if self._touching else -1
+        return ids
+
 
 class PatchIds:
-    """Ids of the patches of one stream.
+    """Ids of the patches of one stream, which live as long as their patch.
+
+    A patch is the one of the last frame with which it shares most taxels, each of them once; of
+    what is left, the nearest within reach. When a patch splits, the part that shares most keeps
+    the id and the others are new; when patches merge, the whole keeps the id of the one it shares
+    most with and the others end. An id that ended never comes back in its stream. Frames of
+    unknown contact change nothing; a frame without contact ends all.
 
     Parameters
     ----------
     reach : float
-        How far a patch may move from one frame to the next without sharing a taxel (m).
+        Largest distance that a patch may move between frames without sharing a taxel (m).
     """
 
     def __init__(self, reach: float) -> None:
@@ -23,7 +116,7 @@ class PatchIds:
         self._forget()
 
     def _forget(self) -> None:
-        self._label: Integers | None = None
+        self._label: Integers = np.zeros(0, np.int64)
         self._centre: Array = np.zeros((0, 3))
         self._ids: Integers = np.zeros(0, np.int64)
 
@@ -32,11 +125,11 @@ class PatchIds:
         label: Integers,
         count: Integers,
         centre: Array,
-        tells: Bools,
+        usable: Bools,
         restart: Bools,
         begins: Bools | None = None,
     ) -> Integers:
-        """Ids of the patches of frames in time order.
+        """Ids (s, k) of the patches of frames in time order; -1: no patch.
 
         Parameters
         ----------
@@ -46,16 +139,11 @@ class PatchIds:
             Patches of each frame.
         centre : ndarray, shape (s, k, 3)
             Of the patches (m).
-        tells : ndarray, shape (s,)
-            False: frames that cannot tell.
+        usable : ndarray, shape (s,)
+            False: frames of unknown contact.
         restart, begins : ndarray, shape (s,)
             Rows before which a stream or a baseline begins; those where numbers begin with 0,
             None: nowhere.
-
-        Returns
-        -------
-        ndarray of int, shape (s, k)
-            -1: no patch.
         """
         ids = np.full(centre.shape[:2], -1, np.int64)
         for i in range(len(label)):
@@ -63,23 +151,17 @@ class PatchIds:
                 self._forget()
             if begins is not None and begins[i]:
                 self._count = 0
-            if not tells[i]:
-                continue
-            n = int(count[i])
-            if n:
+            if usable[i] and count[i]:
+                n = int(count[i])
                 ids[i, :n] = self._follow(label[i], centre[i, :n])
-            else:
+            elif usable[i]:
                 self._forget()
         return ids
 
     def _follow(self, label: Integers, centre: Array) -> Integers:
         """Ids of the patches (n,) of one more frame."""
         ids = np.full(len(centre), -1, np.int64)
-        if self._label is not None and len(ids) == len(self._ids) == 1:
-            shared = np.count_nonzero((self._label >= 0) & (label >= 0))
-            if shared or np.linalg.norm(self._centre[0] - centre[0]) <= self.reach:
-                ids[0] = self._ids[0]
-        elif self._label is not None:
+        if len(self._ids):
             self._by_taxels(label, ids)
             if (ids < 0).any():
                 self._by_distance(centre, ids)
@@ -91,7 +173,6 @@ class PatchIds:
 
     def _by_taxels(self, label: Integers, ids: Integers) -> None:
         """Give ids (n,) to patches that share taxels with old ones, most first."""
-        assert self._label is not None
         shared = (self._label >= 0) & (label >= 0)
         pair = self._label[shared] * len(ids) + label[shared]
         overlap = np.bincount(pair, minlength=len(self._ids) * len(ids))
@@ -111,120 +192,3 @@ class PatchIds:
                 break
             if ids[free[new]] < 0 and self._ids[left[old]] not in ids:
                 ids[free[new]] = self._ids[left[old]]
-
-
-SIGMAS = 5.0
-LIGHTEST = 0.01
-MOST_MISSED = 0.05
-SHARE = 0.4
-
-
-def contact_scale(noise: Array, touched: Array | None, felt: Array | None = None) -> Array:
-    """Deviation of a channel beyond which something touches.
-
-    Parameters
-    ----------
-    noise : ndarray, shape (t, c)
-        Standard deviation at rest (unit of values); NaN: unknown.
-    touched : ndarray, shape (s, t, c), or None
-        Deviations of frames that are known to be touched, whole ones.
-    felt : ndarray, shape (s, t, c), or None
-        Deviations of touches that must be felt though the noise is but a bound, with drift in it.
-
-    Returns
-    -------
-    ndarray, shape (t, c)
-        Five sigma, lowered until at most one in twenty of the touches that must be felt is
-        missed, raised to 0.4 of the lightest touches where they are known; NaN: unknown.
-
-    Examples
-    --------
-    >>> contact_scale(np.full((1, 2), 0.1), None)
-    array([[0.5, 0.5]])
-    """
-    level, most = np.nan, np.inf
-    if touched is not None:
-        size = np.abs(touched).max(axis=(1, 2))
-        level = SHARE * float(np.quantile(size, LIGHTEST)) or np.nan
-    if felt is not None:
-        most = float(np.quantile(np.abs(felt).max(axis=(1, 2)), MOST_MISSED)) or np.inf
-    sigmas = np.where(noise > 0, np.minimum(SIGMAS * noise, most), np.nan)
-    return np.asarray(np.fmax(sigmas, level))
-
-
-def excursion(delta: Array, scale: Array) -> Array:
-    """Largest deviation of each frame in units of the contact threshold.
-
-    Parameters
-    ----------
-    delta : ndarray, shape (s, t, c)
-        Deviations from the baseline (unit of values).
-    scale : ndarray, shape (t, c)
-        Of `contact_scale`.
-
-    Returns
-    -------
-    ndarray, shape (s,)
-        Above 1 in contact; NaN where a deviation or the threshold is unknown.
-    """
-    size = delta / scale
-    np.abs(size, out=size)
-    return np.asarray(np.maximum.reduce(size.reshape(len(size), scale.size), axis=1))
-
-
-class ContactIds:
-    """Number touches: an id lives from touch to release, across frames that cannot tell."""
-
-    def __init__(self) -> None:
-        self._count = 0
-        self._touching = False
-
-    def number(
-        self,
-        contact: npt.NDArray[np.int8],
-        restart: Bools,
-        in_time: bool,
-        begins: Bools | None = None,
-    ) -> Integers:
-        """Id of the patch in each frame.
-
-        Parameters
-        ----------
-        contact : ndarray, shape (s,)
-            1, 0, -1 unknown, in time order.
-        restart : ndarray, shape (s,)
-            Rows before which a stream or a baseline begins.
-        in_time : bool
-            False: independent frames, every patch is number 0.
-        begins : ndarray, shape (s,), or None
-            Rows among those at which a stream begins, and its numbers with 0; None: nowhere.
-
-        Returns
-        -------
-        ndarray, shape (s,)
-            -1 where nothing touches, or where a frame cannot tell and nothing touched before.
-        """
-        if not (in_time and len(contact)):
-            return np.where(contact == 0, -1, 0)
-        if len(contact) == 1:
-            return np.array([self._next(int(contact[0]), bool(restart[0]))])
-        # carry the last known answer over frames that cannot tell
-        anchor = np.maximum.accumulate(
-            np.where((contact >= 0) | restart, np.arange(len(contact)), -1)
-        )
-        held = np.where(anchor < 0, self._touching, contact[anchor] == 1)
-        before = np.concatenate([[self._touching], held[:-1]]) & ~restart
-        fresh = held & ~before
-        number = self._count + np.cumsum(fresh)
-        if begins is not None:
-            first = np.maximum.accumulate(np.where(begins, np.arange(len(contact)), -1))
-            number -= np.where(first < 0, 0, (number - fresh)[first])
-        self._count, self._touching = int(number[-1]), bool(held[-1])
-        return np.where(held, number - 1, -1)
-
-    def _next(self, contact: int, restart: bool) -> int:
-        """Id in one more frame."""
-        before = self._touching and not restart
-        self._touching = contact == 1 or (contact < 0 and before)
-        self._count += self._touching and not before
-        return self._count - 1 if self._touching else -1

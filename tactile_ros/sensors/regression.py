@@ -362,12 +362,7 @@ class Regression(Estimation):
         now: Array, stamp_ns: Integers, restart: Bools, memory: FadingMemory
     ) -> Array:
         """Change of field, how far it is from its fading means, and room: (s, d + m d + 1)."""
-        if len(now) == 1:
-            if restart[0]:
-                memory.reset()
-            behind = memory.behind(now[0], int(stamp_ns[0]))[None]
-        else:
-            behind = now[:, None] - memory(now, stamp_ns, restart)
+        behind = now[:, None] - memory(now, stamp_ns, restart)
         shape = (len(now), 1 + behind.shape[1], now.shape[1])
         wide = np.empty((len(now), shape[1] * shape[2] + 1))
         seen = wide[:, :-1].reshape(shape)  # a view: the head fills the last column

@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 
 from tactile_ros.conditioning.baseline import (
     BaselineTracker,
+    Rest,
+    Stream,
     Tracking,
     stream_baselines,
     tare_means,
     tare_runs,
-    track_streams,
 )
 from tactile_ros.types import Layout, Recording
 
@@ -106,14 +107,14 @@ def test_tracking_one_by_one_in_pieces_and_in_batch(
     start = np.zeros(SHAPE)
     wanted = plain_tracker(start, values, stamp_ns, TRACKING)
     tracker = BaselineTracker(start, TRACKING)
-    np.testing.assert_allclose(tracker(values, stamp_ns), wanted, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(tracker.follow(values, stamp_ns)[0], wanted, rtol=0, atol=1e-12)
     edges = [0, *sorted(min(cut, samples) for cut in cuts), samples]
     for pieces in (
         list(pairwise(edges)),
         [(i, i + 1) for i in range(samples)],
     ):
         pieced = BaselineTracker(start, TRACKING)
-        held = [pieced(values[a:b], stamp_ns[a:b]) for a, b in pieces]
+        held = [pieced.follow(values[a:b], stamp_ns[a:b])[0] for a, b in pieces]
         found = np.concatenate(held) if held else np.zeros((0, *SHAPE))
         np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12)
         np.testing.assert_allclose(pieced.baseline, tracker.baseline, rtol=0, atol=1e-12)
@@ -124,14 +125,14 @@ def test_what_is_no_reading_is_followed_with_the_readings_and_says_nothing_about
     warmth = np.linspace(20.0, 90.0, 400)[:, None] * np.ones(SHAPE[0])
     warmth[200:] = np.nan
     start, beside = np.zeros(SHAPE), np.concatenate([values, warmth[..., None]], axis=2)
-    plain = BaselineTracker(start, TRACKING)(values, stamp_ns)
+    plain = BaselineTracker(start, TRACKING).follow(values, stamp_ns)[0]
     more = np.concatenate([start, np.full((SHAPE[0], 1), 20.0)], axis=1)
-    held = BaselineTracker(more, TRACKING)(beside, stamp_ns)
+    held = BaselineTracker(more, TRACKING).follow(beside, stamp_ns)[0]
     np.testing.assert_array_equal(held[..., :-1], plain)
     assert 20.0 < held[199, 0, -1] < 60.0  # a slow mean of what was told
     assert np.isnan(held[-1, :, -1]).all()
     unknown = np.concatenate([start, np.full((SHAPE[0], 1), np.nan)], axis=1)
-    found = BaselineTracker(unknown, TRACKING)(beside[:200], stamp_ns[:200])
+    found = BaselineTracker(unknown, TRACKING).follow(beside[:200], stamp_ns[:200])[0]
     np.testing.assert_array_equal(found[..., :-1], plain[:200])
 
 
@@ -144,10 +145,12 @@ def test_frames_that_tell_no_temperature_cost_no_others(untold: slice) -> None:
     beside = np.concatenate([values, warmth], axis=2)
     start = np.concatenate([np.zeros(SHAPE), np.full((SHAPE[0], 1), 20.0)], axis=1)
     tracker = BaselineTracker(start, TRACKING)
-    held = tracker(beside, stamp_ns)
+    held = tracker.follow(beside, stamp_ns)[0]
     assert (held[-1, :, -1] > 29.0).all()
     pieced = BaselineTracker(start, TRACKING)
-    one = np.concatenate([pieced(beside[i : i + 1], stamp_ns[i : i + 1]) for i in range(200)])
+    one = np.concatenate(
+        [pieced.follow(beside[i : i + 1], stamp_ns[i : i + 1])[0] for i in range(200)]
+    )
     np.testing.assert_array_equal(one, held)
 
 
@@ -155,11 +158,11 @@ def test_drift_is_followed_at_rest_and_a_held_contact_does_not_fade() -> None:
     stamp_ns = np.arange(4000) * 10
     drift = np.linspace(0, 8, 4000)[:, None, None] * np.ones(SHAPE)
     tracker = BaselineTracker(np.zeros(SHAPE), TRACKING)
-    held = tracker(drift, stamp_ns)
+    held = tracker.follow(drift, stamp_ns)[0]
     assert np.abs(held - drift).max() < 0.2
     level = tracker.baseline.copy()
     touch = np.full((2000, *SHAPE), 10.0)
-    tracker(touch, stamp_ns[-1] + 10 + np.arange(2000) * 10)
+    tracker.follow(touch, stamp_ns[-1] + 10 + np.arange(2000) * 10)
     assert np.abs(tracker.baseline - level).max() < 0.2
     assert tracker.baseline.max() < 8.2
 
@@ -175,7 +178,9 @@ def test_nothing_is_followed_without(what: str) -> None:
         tracking = Tracking(np.full(SHAPE, np.nan), PERIOD_NS)
     elif what == 'lost taxel':
         values[:, 0] = np.nan
-    held = BaselineTracker(start, tracking)(values, None if what == 'no stamps' else stamp_ns)
+    held = BaselineTracker(start, tracking).follow(
+        values, None if what == 'no stamps' else stamp_ns
+    )[0]
     assert held.shape == values.shape
     assert not held.any()
 
@@ -188,13 +193,15 @@ def test_the_threshold_of_contact_is_the_threshold_of_rest(
     values = np.zeros((50, *SHAPE))
     values[:, 1, 2] = sign * size
     tracker = BaselineTracker(np.zeros(SHAPE), TRACKING)
-    tracker(values, np.arange(50) * PERIOD_NS // 5)
+    tracker.follow(values, np.arange(50) * PERIOD_NS // 5)
     assert (tracker.baseline[1, 2] != 0) == followed
 
 
 def test_an_unknown_baseline_stays_unknown() -> None:
     start = np.array([[0.0, 0, 0], [0, np.nan, 0]])
-    held = BaselineTracker(start, TRACKING)(np.zeros((9, *SHAPE)), np.arange(9) * PERIOD_NS)
+    held = BaselineTracker(start, TRACKING).follow(
+        np.zeros((9, *SHAPE)), np.arange(9) * PERIOD_NS
+    )[0]
     np.testing.assert_array_equal(held, np.broadcast_to(start, held.shape))
 
 
@@ -214,7 +221,7 @@ def plain_baselines(
         restart[row] = bool(recording.restarts[row]) or bool(tare[row - 1] and row > 0)
         if not tare[row]:
             stamp = None if recording.stamp_ns is None else recording.stamp_ns[row : row + 1]
-            base[row] = tracker(values[row : row + 1], stamp)[0]
+            base[row] = tracker.follow(values[row : row + 1], stamp)[0][0]
             row += 1
             continue
         end = row + 1
@@ -264,8 +271,287 @@ def test_baselines_of_a_recording_are_those_of_the_definition(
 
 
 def test_stretches_shorter_than_a_period_are_left_alone() -> None:
-    base = np.zeros((6, *SHAPE))
     values, stamp_ns = np.full((6, *SHAPE), 0.5), np.array([0, 50, 99, 0, 60, 120])
-    begins = np.array([True, False, False, True, False, False])
-    track_streams(base, values, stamp_ns, begins, TRACKING)
+    recording = Recording.from_arrays(
+        LAYOUT, values, stamp_ns=stamp_ns, stream=np.array([0, 0, 0, 1, 1, 1])
+    )
+    base = stream_baselines(recording, values, np.zeros(SHAPE), TRACKING)[0]
     assert base[:, 0, 0].tolist() == [0, 0, 0, 0, 0, 0.25]
+
+
+SAMPLES = 200
+
+
+def resting(seed: int = 0) -> np.ndarray:
+    return 5.0 + 0.1 * np.random.default_rng(seed).normal(size=(SAMPLES, *SHAPE))
+
+
+def no_restarts(rows: int = SAMPLES) -> np.ndarray:
+    return np.arange(rows) == 0
+
+
+@pytest.mark.parametrize('stated', [0.2, np.array([0.2, 0.3, 0.4])])
+def test_stated_noise_counts_for_every_taxel(stated: float | np.ndarray) -> None:
+    rest = Rest.unknown(SHAPE, stated)
+    np.testing.assert_allclose(rest.noise, np.broadcast_to(stated, SHAPE))
+    np.testing.assert_allclose(rest.scale, 5 * np.broadcast_to(stated, SHAPE))
+    assert np.isnan(rest.baseline).all()
+    learned = rest.learn(resting(), np.ones(SAMPLES, bool), None, no_restarts())
+    np.testing.assert_allclose(learned.noise, np.broadcast_to(stated, SHAPE))
+    with pytest.raises(ValueError, match='broadcast'):
+        Rest.unknown(SHAPE, np.ones(2))
+
+
+def test_a_baseline_has_the_temperatures_of_its_frames_where_they_are_heeded() -> None:
+    values, rows = resting(), np.arange(SAMPLES) < 150
+    chips = np.where(rows[:, None], [20.0, np.nan], 90.0)
+    chips[:3, 1] = 21.0, 22.0, 23.0
+    plain, warm = (Rest.unknown(SHAPE, 0.1, uses) for uses in (False, True))
+    given = values, rows, None, no_restarts(), True, chips
+    assert plain.learn(*given).temperature_c is None
+    assert plain.with_temperature(values, chips) is values
+    assert plain.split(values) == (values, None)
+    learned = warm.learn(*given)
+    np.testing.assert_allclose(learned.temperature_c, [20.0, 22.0])
+    np.testing.assert_array_equal(learned.baseline, plain.learn(*given).baseline)
+    assert learned.level.shape == (2, 4)
+    level, told = learned.split(learned.level)
+    np.testing.assert_array_equal(level, learned.baseline)
+    np.testing.assert_array_equal(told, learned.temperature_c)
+    tared = learned.tared_by(learned.with_temperature(values[-9:], chips[-9:]))
+    np.testing.assert_allclose(tared.baseline, values[-9:].mean(axis=0))
+    np.testing.assert_allclose(tared.temperature_c, 90.0)
+    assert np.isnan(learned.tared_by(learned.with_temperature(values, None)).temperature_c).all()
+    with pytest.raises(ValueError, match='usable reading'):
+        learned.tared_by(learned.with_temperature(np.full((4, *SHAPE), np.nan), chips[:4]))
+
+
+def test_what_no_chip_can_have_and_chips_of_dead_taxels_tell_no_temperature() -> None:
+    values, rows = resting(), np.arange(SAMPLES) < 150
+    chips = np.full((SAMPLES, 2), 20.0)
+    chips[3:8, 0] = -273.15, 1e9, np.inf, -np.inf, 1e300
+    rest = Rest.unknown(SHAPE, 0.1, uses_temperature=True)
+    learned = rest.learn(values, rows, None, no_restarts(), True, chips)
+    np.testing.assert_allclose(learned.temperature_c, 20.0)
+    partly = learned.threshold(values[:0], dead=np.array([False, True]))
+    np.testing.assert_allclose(partly.level[:, -1], [20.0, np.nan])
+    told = partly.tared_by(partly.with_temperature(values[:9], chips[:9])).temperature_c
+    np.testing.assert_allclose(told, [20.0, np.nan])
+
+
+@pytest.mark.parametrize('stamped', [True, False])
+def test_resting_rows_give_baseline_and_noise(stamped: bool) -> None:
+    values, rows = resting(), np.arange(SAMPLES) < 150
+    values[150:] += 3.0
+    stamp_ns = np.arange(SAMPLES) * 10_000_000 if stamped else None
+    rest = Rest.unknown(SHAPE, None).learn(values, rows, stamp_ns, no_restarts())
+    assert rest.tared
+    np.testing.assert_allclose(rest.baseline, values[:150].mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(rest.noise, 0.1, rtol=0.35)
+
+
+def test_the_order_of_independent_frames_does_not_matter_to_the_baseline() -> None:
+    values, rows = resting(), np.random.default_rng(3).random(SAMPLES) < 0.5
+    order = np.random.default_rng(4).permutation(SAMPLES)
+    one = Rest.unknown(SHAPE, 0.1).learn(values, rows, None, no_restarts())
+    other = Rest.unknown(SHAPE, 0.1).learn(values[order], rows[order], None, no_restarts())
+    np.testing.assert_allclose(one.baseline, other.baseline, rtol=1e-13)
+
+
+def test_without_resting_rows_readings_are_used_as_they_are() -> None:
+    rest = Rest.unknown(SHAPE, None).learn(resting(), np.zeros(SAMPLES, bool), None, no_restarts())
+    assert not rest.tared
+    contact = rest.contact(np.ones((4, *SHAPE)), np.ones(4, bool), None)
+    assert contact.tolist() == [-1] * 4
+
+
+@pytest.mark.parametrize('rows', [1, 2])
+def test_few_resting_rows(rows: int) -> None:
+    few = np.arange(SAMPLES) < rows
+    rest = Rest.unknown(SHAPE, None).learn(resting(), few, None, no_restarts())
+    assert np.isfinite(rest.baseline).all()
+    assert np.isfinite(rest.noise).all() == (rows == 2)
+
+
+def test_a_taxel_that_was_never_read_stays_unknown() -> None:
+    values = resting()
+    values[:, 1] = np.nan
+    stamp_ns = np.arange(SAMPLES) * 10_000_000
+    rest = Rest.unknown(SHAPE, None).learn(values, np.ones(SAMPLES, bool), stamp_ns, no_restarts())
+    assert np.isfinite(rest.baseline[0]).all()
+    assert np.isnan(rest.baseline[1]).all()
+    assert np.isnan(rest.noise[1]).all()
+    # and its touches do not raise the threshold to NaN
+    touched = values - rest.baseline
+    assert np.isnan(rest.threshold(touched).scale[1]).all()
+
+
+def test_contact_is_told_only_where_it_can_be() -> None:
+    rest = Rest.unknown(SHAPE, 0.1)
+    delta = np.zeros((6, *SHAPE))
+    delta[1, 0, 0] = 0.6
+    delta[2, 1, 2] = np.nan
+    delta[3:5] = 2.0
+    good = np.array([True, True, True, True, False, True])
+    assert rest.contact(delta, good, None).tolist() == [0, 1, -1, 1, -1, 0]
+    tare = np.arange(6) >= 3
+    assert rest.contact(delta, good, tare).tolist() == [0, 1, -1, 0, -1, 0]
+    blind = Rest.unknown(SHAPE, None)
+    assert blind.contact(delta, good, None).tolist() == [-1] * 6
+
+
+@pytest.mark.parametrize('noise', [0.1, None])
+def test_a_row_alone_is_told_as_among_others(noise: float | None) -> None:
+    rng = np.random.default_rng(11)
+    delta = rng.choice([0.0, 0.3, 0.5, 0.6, -0.6, np.nan], (200, *SHAPE), p=[0.4, *[0.12] * 5])
+    good = rng.random(200) < 0.8
+    rest = Rest.unknown(SHAPE, noise)
+    many = rest.contact(delta, good, None)
+    alone = [rest.contact(delta[[i]], good[[i]], None) for i in range(200)]
+    np.testing.assert_array_equal(np.concatenate(alone), many)
+    assert {one.dtype for one in alone} == {many.dtype}
+    assert set(many.tolist()) == ({-1, 0, 1} if noise else {-1})
+
+
+def test_no_touches_leave_the_noise_to_decide() -> None:
+    rest = Rest.unknown(SHAPE, 0.1)
+    np.testing.assert_array_equal(rest.threshold(np.zeros((0, *SHAPE))).scale, rest.scale)
+    lost = np.full((3, *SHAPE), np.nan)
+    np.testing.assert_array_equal(rest.threshold(lost).scale, rest.scale)
+    touched = np.full((3, *SHAPE), 4.0)
+    np.testing.assert_allclose(rest.threshold(touched).scale, 1.6)
+
+
+def touches(
+    rests: int, drift: float, seed: int, count: int = 200, rows: int = 4
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Held touches of 1 .. 50, rests before each of them, noise 0.3 and drift in between."""
+    rng = np.random.default_rng(seed)
+    level = np.cumsum(drift * rng.normal(size=(count, 1, *SHAPE)), axis=0)
+    size = rng.uniform(1, 50, count)
+    pattern = rng.uniform(-1, 1, (count, 1, *SHAPE))
+    pattern /= np.abs(pattern).max(axis=(2, 3), keepdims=True)
+    resting = np.arange(rests + rows) < rests
+    press = np.where(resting, 0.0, size[:, None])[..., None, None] * pattern
+    values = level + press + 0.3 * rng.normal(size=press.shape)
+    stamp_ns = np.arange(count)[:, None] * 3_000_000_000 + np.arange(rests + rows) * 10_000_000
+    flat = values.reshape(-1, *SHAPE)
+    return flat, np.tile(resting, count), stamp_ns.ravel(), np.repeat(size, rests + rows)
+
+
+@pytest.mark.parametrize('drift', [0.0, 1.0, 20.0, 200.0])
+@pytest.mark.parametrize('stamped', [True, False])
+@pytest.mark.parametrize('rests', [1, 3])
+def test_drift_between_touches_is_no_noise(drift: float, stamped: bool, rests: int) -> None:
+    values, resting, stamp_ns, size = touches(rests, drift, seed=7)
+    restarts = np.tile(np.arange(rests + 4) == 0, 200)
+    # every touch less the rest before it
+    ahead = values.reshape(200, rests + 4, *SHAPE)
+    delta = (ahead - ahead[:, :rests].mean(axis=1, keepdims=True)).reshape(values.shape)
+    rest = Rest.unknown(SHAPE, None).learn(
+        values, resting, stamp_ns if stamped else None, restarts
+    )
+    rest = rest.threshold(delta[~resting])
+    contact = rest.contact(delta, np.ones(len(values), bool), None)
+    assert (contact[~resting & (size > 8)] == 1).all()
+    assert (contact[~resting] == 0).mean() < 0.06
+    np.testing.assert_allclose(rest.noise, 0.3, rtol=0.2)
+    # and what does not touch is not felt
+    free = 0.3 * np.random.default_rng(8).normal(size=(2000, *SHAPE)) * np.sqrt(1 + 1 / rests)
+    assert (rest.contact(free, np.ones(2000, bool), None) == 1).mean() < 0.01
+
+
+def test_rests_that_end_are_not_compared() -> None:
+    """Frames far apart, in another stream, or with a touch between them, are two rests."""
+    rows = 40
+    steps = np.random.default_rng(5).normal(size=(rows, *SHAPE))
+    near = np.arange(rows) * 10_000_000
+    alternate = np.arange(rows) % 2 == 0
+    none, resting = np.arange(rows) == 0, np.ones(rows, bool)
+    for stamp_ns, restarts, rests, drifts in (
+        (near, none, resting, False),
+        (None, none, resting, False),
+        (near * 100, none, resting, True),
+        (near, resting, resting, True),
+        (None, none, alternate, True),
+        (near, none, np.arange(rows) < 5, True),
+    ):
+        rest = Rest.unknown(SHAPE, None).learn(steps, rests, stamp_ns, restarts)
+        assert rest.drifts == drifts
+        assert not Rest.unknown(SHAPE, 1.0).learn(steps, rests, stamp_ns, restarts).drifts
+
+
+def test_firm_touches_limit_a_threshold_that_drift_would_raise() -> None:
+    firm = np.linspace(20, 50, 100)[:, None, None] * np.ones(SHAPE)
+    none = np.zeros((0, *SHAPE))
+    rest = Rest(np.zeros(SHAPE), np.full(SHAPE, 40.0), np.full(SHAPE, np.nan), drifts=True)
+    np.testing.assert_allclose(rest.threshold(none).scale, 200.0)
+    np.testing.assert_allclose(rest.threshold(none, firm).scale, np.quantile(firm, 0.05))
+    # lighter ones do where no other is known: frames may be called touched before they are
+    np.testing.assert_allclose(rest.threshold(firm / 4).scale, np.quantile(firm, 0.05) / 4)
+    np.testing.assert_allclose(rest.threshold(firm / 4, firm).scale, np.quantile(firm, 0.05))
+    sure = Rest(np.zeros(SHAPE), np.full(SHAPE, 40.0), np.full(SHAPE, np.nan))
+    np.testing.assert_allclose(sure.threshold(none, firm).scale, 200.0)
+    dead = sure.threshold(none, None, np.array([False, True]))
+    assert dead.scale[:, 0].tolist() == [200.0, np.inf]
+    assert dead.dead is not None
+    assert dead.dead.tolist() == [False, True]
+    assert sure.dead is None
+
+
+def test_readings_below_a_quantum_leave_a_threshold() -> None:
+    """A bound of no noise is no bound: one rest a touch, readings that do not move within it."""
+    rng = np.random.default_rng(2)
+    level = np.round(rng.normal(size=(150, 1, *SHAPE)) * 3)
+    values = np.repeat(level, 4, axis=1).reshape(600, *SHAPE)
+    resting = np.arange(600) % 4 == 0
+    for stamp_ns in (None, np.arange(600) * 10_000_000):
+        rest = Rest.unknown(SHAPE, None).learn(values, resting, stamp_ns, resting)
+        assert (rest.noise > 0).all()
+
+
+def test_the_order_of_independent_frames_says_nothing() -> None:
+    rng = np.random.default_rng(3)
+    values = 1e-7 * rng.normal(size=(400, *SHAPE)) + 2e-6 * np.linspace(0, 1, 400)[:, None, None]
+    order, none = rng.permutation(400), np.arange(400) == 0
+    resting = np.ones(400, bool)
+    first, second = (
+        Rest.unknown(SHAPE, None).learn(rows, resting, None, none, ordered=False).noise
+        for rows in (values, values[order])
+    )
+    np.testing.assert_array_equal(first, second)
+    assert (first > 3e-7).all()
+
+
+def new_stream() -> Stream:
+    return Stream(BaselineTracker(np.zeros((1, 1)), None), None)
+
+
+def stamps(*given: int | None) -> np.ndarray | None:
+    return None if None in given else np.array(given, np.int64)
+
+
+def test_memory_begins_at_the_first_stamped_frame_and_after_a_tare() -> None:
+    stream = new_stream()
+    begun = []
+    for stamp in (None, 5, 6, None, 7):
+        begun.append(bool(stream.admit(stamps(stamp), 1)[0]))
+    assert begun == [True, True, False, True, False]
+    stream.rebase(BaselineTracker(np.ones((1, 1)), None))
+    # an independent frame in between does not use the restart up
+    assert [bool(stream.admit(stamps(s), 1)[0]) for s in (None, 9, 10)] == [True, True, False]
+    assert stream.tracker.baseline.tolist() == [[1.0]]
+
+
+def test_time_that_does_not_increase_ends_the_stream() -> None:
+    stream = new_stream()
+    assert not stream.is_over(stamps(5))
+    stream.admit(stamps(3, 5), 2)
+    assert [stream.is_over(stamps(s)) for s in (None, 6, 5, 4)] == [False, False, True, True]
+
+
+def test_of_many_frames_only_the_first_begins() -> None:
+    stream = new_stream()
+    assert stream.admit(stamps(3, 4, 5), 3).tolist() == [True, False, False]
+    assert stream.admit(stamps(6, 7), 2).tolist() == [False, False]
+    assert stream.admit(stamps(None), 3).all()

@@ -173,16 +173,6 @@ def test_time_constants_are_positive(taus: list[float]) -> None:
         FadingMemory(np.array(taus))
 
 
-def test_how_far_the_means_are_behind() -> None:
-    change, stamp_ns, _ = stream(40, 3, seed=9)
-    change[7, 1] = np.nan
-    stamp_ns[20] = stamp_ns[19]
-    one, other = FadingMemory(TAUS), FadingMemory(TAUS)
-    for x, t in zip(change, stamp_ns, strict=True):
-        means = one.step(x.copy(), int(t))
-        np.testing.assert_allclose(other.behind(x.copy(), int(t)), x - means, atol=1e-12)
-
-
 def test_an_array_that_is_used_again_does_not_change_the_past() -> None:
     change, stamp_ns, _ = stream(20, 3, 0)
     history, other = FadingMemory(TAUS), FadingMemory(TAUS)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.conditioning.viscoelastic import Creep, step_response, strains, voigt_strain
-from tactile_ros.physics import compiled
+from tactile_ros.conditioning.viscoelastic import Creep, strains
 
 TAU, SHARE = np.array([1.5, 30.0]), np.array([[0.08], [0.066]])
 CREEP = Creep(TAU, SHARE)
@@ -23,7 +22,7 @@ def test_a_hold_of_two_minutes_does_not_drift() -> None:
     stamps = (1e9 * time).astype(np.int64)
     v = np.ones((len(time), 1))  # of a step at the first frame, in closed form
     for tau, share in zip(TAU, SHARE[:, 0], strict=True):
-        v[:, 0] += share * voigt_strain(time, 1.0, 1.0, tau)
+        v[:, 0] += share * -np.expm1(-time / tau)  # a Voigt element under a held stress
     assert np.ptp(v) > 0.1
     found = CREEP.undo(v, stamps, np.zeros(len(v), bool), CREEP.start())
     assert np.ptp(found) < 0.003
@@ -63,11 +62,6 @@ def test_a_clock_that_stands_still_changes_nothing() -> None:
     assert state.stamp_ns == 5
 
 
-def test_the_printed_element_begins_and_settles_as_it_should() -> None:
-    response = step_response(np.array([0.0, 1e6]), 2.0, 1.0, 1e12, 0.5)
-    np.testing.assert_allclose(response, [1.0, 2.0], atol=1e-5)
-
-
 def test_hard_case_12_a_gap_is_an_exact_exponential() -> None:
     state = CREEP.start()
     v, stamps = np.full((2, 1), 1.0 + SHARE.sum()), np.array([0, 10_000_000_000])
@@ -89,15 +83,27 @@ def test_hard_case_13_after_a_hold_of_two_minutes_nothing_is_left() -> None:
     np.testing.assert_allclose(found[6001:], 0.0, atol=1e-9)
 
 
-@pytest.mark.skipif(not compiled.available(), reason='numba is not installed')
-def test_loops_and_arrays_undo_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_undo_is_the_equation_taxel_by_taxel() -> None:
     rng = np.random.default_rng(6)
-    v = rng.uniform(0, 3, (300, 1))
-    v[rng.integers(300, size=20)] = np.nan
-    stamps = np.cumsum(rng.integers(-3_000_000, 90_000_000, 300))
-    restart = rng.random(300) < 0.02
-    looped = CREEP.undo(v, stamps, restart, CREEP.start())
-    monkeypatch.setattr(compiled, 'AVAILABLE', False)
-    np.testing.assert_allclose(
-        CREEP.undo(v, stamps, restart, CREEP.start()), looped, rtol=1e-12, atol=1e-13
-    )
+    v = rng.uniform(0, 3, (200, 1))
+    v[rng.integers(200, size=20)] = np.nan
+    stamps = np.cumsum(rng.integers(-3_000_000, 90_000_000, 200))
+    restart = rng.random(200) < 0.02
+    strain, last, newest, wanted = np.zeros(2), 0.0, None, []
+    for reading, stamp, again in zip(v[:, 0], stamps, restart, strict=True):
+        if again:
+            strain, last, newest = np.zeros(2), 0.0, None
+        if newest is None or stamp <= newest:
+            force = reading - SHARE[:, 0] @ strain
+            last = np.nan_to_num(force) if newest is None else last
+            newest = stamp if newest is None else newest
+        else:
+            part = 1e-9 * (stamp - newest) / TAU
+            decay, mean = np.exp(-part), -np.expm1(-part) / part
+            strain = decay * strain + (mean - decay) * last
+            force = (reading - SHARE[:, 0] @ strain) / (1 + SHARE[:, 0] @ (1 - mean))
+            last = last if np.isnan(force) else force
+            strain, newest = strain + (1 - mean) * last, stamp
+        wanted.append(force)
+    found = CREEP.undo(v, stamps, restart, CREEP.start())
+    np.testing.assert_allclose(found[:, 0], wanted, rtol=1e-12, atol=1e-13)
