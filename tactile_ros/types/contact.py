@@ -37,38 +37,39 @@ class Contact:
     force_cov: Array
 
 
+_FLOAT, _INT = (np.float64, np.nan), (np.int64, -1)
 # name: (trailing shape, dtype, fill); t and k stand for taxels and contacts
 STATE_FIELDS: dict[str, tuple[tuple[str | int, ...], type, float]] = {
-    'force': ((3,), np.float64, np.nan),
-    'force_cov': ((3, 3), np.float64, np.nan),
-    'torque': ((3,), np.float64, np.nan),
-    'torque_cov': ((3, 3), np.float64, np.nan),
-    'position': ((3,), np.float64, np.nan),
-    'position_cov': ((3, 3), np.float64, np.nan),
-    'cell': ((), np.int64, -1),
-    'cell_probability': ((), np.float64, np.nan),
-    'label': ((), np.int64, -1),
-    'label_probability': ((), np.float64, np.nan),
-    'yaw': ((), np.float64, np.nan),
-    'yaw_std': ((), np.float64, np.nan),
-    'object_pose': ((4, 4), np.float64, np.nan),
-    'object_pose_cov': ((6, 6), np.float64, np.nan),
-    'symmetry': ((), np.int64, -1),
+    'force': ((3,), *_FLOAT),
+    'force_cov': ((3, 3), *_FLOAT),
+    'torque': ((3,), *_FLOAT),
+    'torque_cov': ((3, 3), *_FLOAT),
+    'position': ((3,), *_FLOAT),
+    'position_cov': ((3, 3), *_FLOAT),
+    'cell': ((), *_INT),
+    'cell_probability': ((), *_FLOAT),
+    'label': ((), *_INT),
+    'label_probability': ((), *_FLOAT),
+    'yaw': ((), *_FLOAT),
+    'yaw_std': ((), *_FLOAT),
+    'object_pose': ((4, 4), *_FLOAT),
+    'object_pose_cov': ((6, 6), *_FLOAT),
+    'symmetry': ((), *_INT),
     'in_contact': ((), np.int8, -1),
     'slip': ((), np.int8, -1),
-    'slip_probability': ((), np.float64, np.nan),
-    'taxel_force': (('t',), np.float64, np.nan),
-    'deformation': (('t',), np.float64, np.nan),
-    'stray_field': ((3,), np.float64, np.nan),
+    'slip_probability': ((), *_FLOAT),
+    'taxel_force': (('t',), *_FLOAT),
+    'deformation': (('t',), *_FLOAT),
+    'stray_field': ((3,), *_FLOAT),
     'valid': ((), np.bool_, False),
     'status': ((), np.int64, 0),
     'taxel_status': (('t',), np.uint8, 0),
-    'contacts_id': (('k',), np.int64, -1),
-    'contacts_position': (('k', 3), np.float64, np.nan),
-    'contacts_normal': (('k', 3), np.float64, np.nan),
-    'contacts_force': (('k', 3), np.float64, np.nan),
-    'contacts_position_cov': (('k', 3, 3), np.float64, np.nan),
-    'contacts_force_cov': (('k', 3, 3), np.float64, np.nan),
+    'contacts_id': (('k',), *_INT),
+    'contacts_position': (('k', 3), *_FLOAT),
+    'contacts_normal': (('k', 3), *_FLOAT),
+    'contacts_force': (('k', 3), *_FLOAT),
+    'contacts_position_cov': (('k', 3, 3), *_FLOAT),
+    'contacts_force_cov': (('k', 3, 3), *_FLOAT),
 }
 
 
@@ -149,18 +150,11 @@ class ContactState(_StateFields):
     @property
     def contacts(self) -> list[Contact]:
         """Every patch of the frame, strongest first."""
-        return [
-            Contact(
-                int(self.contacts_id[k]),
-                self.contacts_position[k],
-                self.contacts_normal[k],
-                self.contacts_force[k],
-                self.contacts_position_cov[k],
-                self.contacts_force_cov[k],
-            )
-            for k in range(len(self.contacts_id))
-            if self.contacts_id[k] >= 0
-        ]
+        columns = (
+            self.contacts_id.tolist(), self.contacts_position, self.contacts_normal,
+            self.contacts_force, self.contacts_position_cov, self.contacts_force_cov,
+        )  # fmt: skip
+        return [Contact(*row) for row in zip(*columns, strict=True) if row[0] >= 0]
 
 
 @dataclass(frozen=True)
@@ -171,20 +165,7 @@ class ContactStates(_StateFields):
     def assemble(
         cls, samples: int, taxels: int, known: Mapping[str, npt.NDArray[np.generic]]
     ) -> ContactStates:
-        """Complete what is known with NaN / -1 (read-only views) where it is not.
-
-        Parameters
-        ----------
-        samples, taxels : int
-            Lengths s and t.
-        known : mapping of str to ndarray, shape (s, ...)
-            Any subset of the attributes.
-
-        Returns
-        -------
-        ContactStates
-            All attributes.
-        """
+        """Complete some attributes, shape (s, ...), by read-only views of NaN / -1."""
         contacts = known['contacts_id'].shape[1] if 'contacts_id' in known else 1
         return cls(**{**_blank(samples, taxels, contacts), **known})  # type: ignore[arg-type]
 

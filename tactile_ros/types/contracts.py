@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar
 
@@ -12,7 +13,6 @@ from tactile_ros.types.frame import Array, Bools, Columns, Integers, as_shape
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-    from types import TracebackType
 
     from tactile_ros.types.contact import ContactState
     from tactile_ros.types.frame import Bytes, Frame, Layout
@@ -79,17 +79,14 @@ class SensorConfig(Protocol):
     @property
     def positions(self) -> Array:
         """Taxel positions in the sensor frame, shape (t, 3) (m)."""
-        ...
 
     @property
     def noise(self) -> float | Array | None:
         """Noise of a channel at rest (unit of values); None: estimate it from rest."""
-        ...
 
     @property
     def track_baseline(self) -> bool:
         """Follow slow drift of the baseline while at rest."""
-        ...
 
 
 class Estimation:
@@ -199,11 +196,6 @@ class JointLimits:
         Fastest motion (position per s).
     effort : ndarray, shape (j,)
         Largest torque (N m); inf: not known.
-
-    Raises
-    ------
-    ValueError
-        If shapes differ, bounds are not finite or cross, or a speed or torque is not positive.
     """
 
     lower: Array
@@ -215,15 +207,11 @@ class JointLimits:
         """Check once."""
         count = np.size(self.lower)
         for entry in fields(self):
-            name = f'{entry.name} of JointLimits'
-            object.__setattr__(
-                self, entry.name, as_shape(name, getattr(self, entry.name), (count,))
-            )
+            column = as_shape(f'{entry.name} of JointLimits', getattr(self, entry.name), (count,))
+            object.__setattr__(self, entry.name, column)
         if not (np.isfinite(self.lower) & np.isfinite(self.upper)).all():
-            msg = (
-                'lower and upper of JointLimits must be finite; '
-                f'received {self.lower}, {self.upper}'
-            )
+            both = f'{self.lower}, {self.upper}'
+            msg = f'lower and upper of JointLimits must be finite; received {both}'
             raise ValueError(msg)
         if not (self.lower < self.upper).all():
             worst = int(np.flatnonzero(~(self.lower < self.upper))[0])
@@ -257,11 +245,6 @@ class Table:
         One cell for each column: text, a number, or None or NaN where nothing is known.
     notes : tuple of str
         Sentences that stand below.
-
-    Raises
-    ------
-    ValueError
-        If a row has another number of cells than there are columns.
     """
 
     title: str
@@ -291,129 +274,59 @@ class Closing:
         """Hold it; open already."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close."""
         self.close()
 
 
-class Device(Protocol):
+class Device(AbstractContextManager['Device'], Protocol):
     """A sensor that can be read, real or simulated; a context manager."""
 
     @property
     def layout(self) -> Layout:
         """Where the taxels are."""
-        ...
 
     def read(self, timeout: float) -> Frame:
         """Wait at most `timeout` (s) for the next frame; DeviceTimeout when none came."""
-        ...
-
-    def __enter__(self) -> Device:
-        """Open."""
-        ...
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close."""
-        ...
 
 
-class Twin(Protocol):
+class Twin(AbstractContextManager['Twin'], Protocol):
     """A simulated sensor: what answers the bytes of a real one; a context manager."""
 
     @property
     def faults(self) -> tuple[str, ...]:
         """Names of the faults that it can suffer."""
-        ...
 
     @property
     def injected(self) -> Mapping[str, int]:
         """How often each fault has happened."""
-        ...
 
     def inject(self, fault: str, count: int = 1) -> None:
         """Let the next `count` frames or transfers suffer a fault; ValueError if unknown."""
-        ...
 
     def relieve(self) -> None:
         """Withdraw the faults that wait."""
-        ...
 
     def device(self, clock_ns: Callable[[], int]) -> Device:
         """The real driver on this twin's bytes, stamped by `clock_ns`; not yet entered."""
-        ...
-
-    def __enter__(self) -> Twin:
-        """Begin to answer."""
-        ...
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """End, and free ports and threads."""
-        ...
 
 
 class Estimator(Protocol):
     """A published method: fitted arrays in attributes that end in `_`."""
 
     def fit(self, x: Array, y: Array, groups: Integers | None = None) -> Estimator:
-        """Learn.
+        """Learn targets y (s, k) of features x (s, d) and return itself.
 
-        Parameters
-        ----------
-        x : ndarray, shape (s, d)
-            Features; rows that are not finite are left out, here and in y.
-        y : ndarray, shape (s, k)
-            Targets.
-        groups : ndarray of int, shape (s,), or None
-            What a split keeps together, where something is chosen; None: every row stands alone.
-
-        Returns
-        -------
-        Estimator
-            Itself; the same for every order of the rows.
-
-        Raises
-        ------
-        ValueError
-            If shapes differ or no finite row is left.
+        Rows that are not finite are left out; their order does not matter. A split keeps equal
+        `groups` (s,) together; None: every row stands alone. Raises ValueError if shapes differ
+        or no finite row is left.
         """
-        ...
 
     def predict(self, x: Array) -> Array:
-        """Answer.
+        """Targets (s, k) of features (s, d), in the unit of the fit; NaN in rows not finite.
 
-        Parameters
-        ----------
-        x : ndarray, shape (s, d)
-            Features.
-
-        Returns
-        -------
-        ndarray, shape (s, k)
-            Targets (unit of the y of the fit); NaN in rows that are not finite.
-
-        Raises
-        ------
-        NotCalibratedError
-            Before a fit.
-        ValueError
-            If the number of features differs from the fit.
+        Raises NotCalibratedError before a fit, ValueError if the number of features differs.
         """
-        ...
 
 
 class CommandTopic(Protocol):
@@ -422,16 +335,13 @@ class CommandTopic(Protocol):
     @property
     def name(self) -> str:
         """Of the topic."""
-        ...
 
     @property
     def kind(self) -> str:
         """Type of the message, such as 'sensor_msgs/msg/JointState'."""
-        ...
 
     def fill(self, message: object, command: GripCommand) -> None:
         """Write a command into a fresh message of this kind."""
-        ...
 
 
 class Hand(Protocol):
@@ -440,14 +350,11 @@ class Hand(Protocol):
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of all joints, in the order of the command."""
-        ...
 
     @property
     def limits(self) -> JointLimits:
         """How far, fast and hard the joints may go."""
-        ...
 
     @property
     def topics(self) -> tuple[CommandTopic, ...]:
         """Where commands go, in the order in which they are published."""
-        ...

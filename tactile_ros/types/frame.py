@@ -18,26 +18,9 @@ Columns = dict[str, npt.NDArray[np.generic]]  # attributes or truth by name, sha
 
 
 def as_shape(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> Array:
-    """Return `value` as float64 of `shape`, where -1 stands for any length.
+    """Return numbers as C-contiguous float64 of `shape`, where -1 stands for any length.
 
-    Parameters
-    ----------
-    name : str
-        What the value is, for the sentence of the error.
-    value : array_like
-        Numbers.
-    shape : tuple of int
-        Wanted shape; -1 accepts any length.
-
-    Returns
-    -------
-    ndarray, shape `shape`
-        C-contiguous float64, a copy only where needed.
-
-    Raises
-    ------
-    ValueError
-        If the shape differs, or a value is no number.
+    Raises ValueError, which names `name`, if the shape differs or a value is no number.
     """
     try:
         array = np.ascontiguousarray(value, dtype=np.float64)
@@ -62,23 +45,8 @@ NAME = re.compile(r'[\w .,:/()\[\]+*%^=#°~-]*')
 def admit_name(what: str, name: str) -> str:
     """Refuse a name that could be markup, a command or an end of line; return it otherwise.
 
-    Parameters
-    ----------
-    what : str
-        Whose name, for the sentence.
-    name : str
-        May be empty.
-
-    Returns
-    -------
-    str
-        The same.
-
-    Raises
-    ------
-    ValueError
-        If it is longer than 100 characters or has others than letters, digits, spaces and
-        `. , : / ( ) [ ] + * % ^ = # _ ~ -`.
+    Raises ValueError if it is longer than 100 characters or has others than letters, digits,
+    spaces and `. , : / ( ) [ ] + * % ^ = # _ ~ -`; `what` says whose name it is.
 
     Examples
     --------

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactile_ros.types import TRUTH_KEYS, Layout, Recording, field_shape, groups_of, join
-from tactile_ros.types.recording import firm_rows, left_out, resting_rows, touched_rows
+from tactile_ros.types.recording import firm_rows, resting_rows, touched_rows
 
 TEST_TRUTH_LAYOUT = Layout(np.zeros((2, 3)), ('Bx', 'By', 'Bz'), 'T')
 
@@ -173,30 +173,6 @@ def test_joined_truth_of_every_key() -> None:
         np.testing.assert_array_equal(column[:3], truth[key])
         np.testing.assert_array_equal(column[4:], truth[key])
         assert (np.isnan(column[3]) if column.dtype.kind == 'f' else column[3] == -1).all()
-
-
-def test_what_was_told_and_not_learned_is_counted() -> None:
-    truth = {
-        'force': [[np.nan, np.nan, 1.0], [np.nan] * 3, [0.0, 0.0, 1.0], [0.0, 0.0, 2.0]],
-        'label': [-1, -1, -1, 3],
-        'cell': [-1, -1, -1, -1],
-        'in_contact': [1, 0, 1, 1],
-        'session': [0, 0, 1, 1],
-    }
-    one = recording(4, truth=truth)
-    whole = np.array([True, True, False, True])
-    good = np.array([True, True, False, False])
-    base = {'rows with a faulty taxel': 1.0, 'rows without a baseline': 1.0}
-    assert left_out([one], one, whole, good, {'force', 'label'}) == base
-    assert left_out([one], one, whole, good, ()) == {
-        **base,
-        'usable rows that tell force, which was not learned': 1.0,
-        'usable rows that tell label, which was not learned': 0.0,
-    }
-    everything = np.ones(4, bool)
-    assert left_out([one], one, everything, everything, {'force', 'label'}) == {}
-    none = recording(0, truth={'force': np.zeros((0, 3))})
-    assert left_out([none], none, np.zeros(0, bool), np.zeros(0, bool), ()) == {}
 
 
 LAYOUT = Layout(np.zeros((2, 3)), ('Bx', 'By', 'Bz'), 'T')
