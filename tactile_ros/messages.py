@@ -1,10 +1,14 @@
-"""Recognised objects and surfaces as standard messages: poses and point clouds."""
+"""Messages <-> types by attribute: the same code reads objects of rclpy and of rosbags.
+
+Readers take any object with the fields of msg/*.msg; writers fill a fresh message that the caller
+made. NaN and -1 (unknown) stay NaN and -1 in contacts; standard messages may say zero instead.
+"""
 
 from __future__ import annotations
 
 from array import array
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal, Protocol, cast
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -15,149 +19,38 @@ from tactile_ros.types import STATE_FIELDS, Frame, Layout, field_shape
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from tactile_ros.types import Array, ContactState
+    from tactile_ros.types import Array, Columns, ContactState
+
+Message: TypeAlias = Any  # generated classes of rclpy and of rosbags carry no types
+UnknownAs = Literal['zero', 'nan']
+# state attribute -> field of TactileContacts, wherever the two names differ
+FIELD_NAMES = {
+    'force': 'wrench.force',
+    'torque': 'wrench.torque',
+    'force_cov': 'wrench_covariance',
+    'torque_cov': 'wrench_covariance',
+    'contacts_id': 'id',
+    'contacts_position': 'position',
+    'contacts_normal': 'normal',
+    'contacts_force': 'force',
+    'contacts_position_cov': 'position_covariance',
+    'contacts_force_cov': 'force_covariance',
+}
+VECTORS = ('force', 'torque', 'stray_field')
+TAXELS = ('taxel_force', 'deformation', 'taxel_status')
+SCALARS = tuple(name for name, (shape, _, _) in STATE_FIELDS.items() if not shape)
+PATCH_VECTORS = ('contacts_position', 'contacts_normal', 'contacts_force')
+PATCH_COVARIANCES = ('contacts_position_cov', 'contacts_force_cov')
+WRENCH_BLOCKS = {'force_cov': slice(0, 3), 'torque_cov': slice(3, 6)}
+FLOAT32, FLOAT32_BYTES = 7, 4  # of sensor_msgs/PointField
 
 
-class VectorMessage(Protocol):
-    """geometry_msgs/Point or Vector3."""
-
-    x: float
-    y: float
-    z: float
-
-
-class QuaternionMessage(VectorMessage, Protocol):
-    """geometry_msgs/Quaternion."""
-
-    w: float
-
-
-class StampMessage(Protocol):
-    """builtin_interfaces/Time."""
-
-    sec: int
-    nanosec: int
-
-
-class HeaderMessage(Protocol):
-    """std_msgs/Header."""
-
-    stamp: StampMessage
-    frame_id: str
-
-
-class FrameMessage(Protocol):
-    """tactile_ros/TactileFrame."""
-
-    header: HeaderMessage
-    sequence: int
-    device_time_ns: int
-    dropped: int
-    values: Sequence[float]
-    temperature_c: Sequence[float]
-    status: Sequence[int]
-    valid: bool
-
-
-class LayoutMessage(Protocol):
-    """tactile_ros/TactileLayout."""
-
-    header: HeaderMessage
-    sensor: str
-    serial: str
-    unit: str
-    channels: Sequence[str]
-    positions: Sequence[VectorMessage]
-    orientations: Sequence[QuaternionMessage]
-    saturation: Sequence[float]
-    rate_hz: float
-
-
-class PatchMessage(Protocol):
-    """tactile_ros/TactileContact."""
-
-    id: int
-    position: VectorMessage
-    position_covariance: npt.NDArray[np.float64]
-
-
-class WrenchMessage(Protocol):
-    """geometry_msgs/Wrench."""
-
-    force: VectorMessage
-    torque: VectorMessage
-
-
-class WrenchStampedMessage(Protocol):
-    """geometry_msgs/WrenchStamped."""
-
-    header: HeaderMessage
-    wrench: WrenchMessage
-
-
-class PoseMessage(Protocol):
-    """geometry_msgs/Pose."""
-
-    position: VectorMessage
-    orientation: QuaternionMessage
-
-
-class PoseWithCovarianceMessage(Protocol):
-    """geometry_msgs/PoseWithCovariance."""
-
-    pose: PoseMessage
-    covariance: npt.NDArray[np.float64]
-
-
-class PoseStampedMessage(Protocol):
-    """geometry_msgs/PoseWithCovarianceStamped."""
-
-    header: HeaderMessage
-    pose: PoseWithCovarianceMessage
-
-
-class PointFieldMessage(Protocol):
-    """sensor_msgs/PointField."""
-
-    name: str
-    offset: int
-    datatype: int
-    count: int
-
-
-class PointCloudMessage(Protocol):
-    """sensor_msgs/PointCloud2."""
-
-    header: HeaderMessage
-    height: int
-    width: int
-    fields: Sequence[PointFieldMessage]
-    is_bigendian: bool
-    point_step: int
-    row_step: int
-    data: bytes
-    is_dense: bool
-
-
-class ContactsMessage(Protocol):
-    """tactile_ros/TactileContacts; fields of the table above are reached by their names."""
-
-    header: HeaderMessage
-    sequence: int
-    contacts: Sequence[PatchMessage]
-    wrench: WrenchMessage
-    wrench_covariance: npt.NDArray[np.float64]
-    label_name: str
-    session: int
-    repetition: int
-
-
-def stamp_ns(header: HeaderMessage) -> int:
+def stamp_ns(header: Message) -> int:
     """Time of a header (ns)."""
     return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
 
 
-def fill_header(header: HeaderMessage, stamp_ns: int | None, frame_id: str) -> None:
+def fill_header(header: Message, stamp_ns: int | None, frame_id: str) -> None:
     """Write a time (ns; None: zero) and the name of a frame."""
     header.stamp.sec, header.stamp.nanosec = divmod(stamp_ns or 0, 1_000_000_000)
     header.frame_id = frame_id
@@ -173,7 +66,7 @@ def packed_bits(values: npt.ArrayLike) -> array[int]:
     return array('B', np.ascontiguousarray(values, np.uint8).tobytes())
 
 
-def sized(name: str, values: npt.ArrayLike, lengths: tuple[int, ...]) -> Array:
+def sized(name: str, values: npt.ArrayLike, *lengths: int) -> Array:
     """Array of one message field, refused where its length is none of `lengths`."""
     got = np.asarray(values)
     if got.ndim != 1 or len(got) not in lengths:
@@ -183,14 +76,21 @@ def sized(name: str, values: npt.ArrayLike, lengths: tuple[int, ...]) -> Array:
     return got
 
 
-def vector(message: VectorMessage) -> tuple[float, float, float]:
+def vector(message: Message) -> tuple[float, float, float]:
     """Components of a point or vector."""
     return message.x, message.y, message.z
 
 
-def fill_vector(message: VectorMessage, xyz: Array) -> None:
+def fill_vector(message: Message, xyz: Array) -> None:
     """Write the components of a point or vector."""
     message.x, message.y, message.z = xyz.tolist()
+
+
+def _place(message: Message, name: str) -> Message:
+    """Vector inside a message of a state attribute."""
+    for part in FIELD_NAMES.get(name, name).split('.'):
+        message = getattr(message, part)
+    return message
 
 
 def is_valid(frame: Frame) -> bool:
@@ -199,7 +99,7 @@ def is_valid(frame: Frame) -> bool:
     return not flagged and bool(np.isfinite(frame.values).all())
 
 
-def fill_frame(message: FrameMessage, frame: Frame, frame_id: str) -> None:
+def fill_frame(message: Message, frame: Frame, frame_id: str) -> None:
     """Write one reading into a fresh TactileFrame."""
     fill_header(message.header, frame.stamp_ns, frame_id)
     message.sequence = frame.sequence
@@ -213,42 +113,27 @@ def fill_frame(message: FrameMessage, frame: Frame, frame_id: str) -> None:
     message.valid = is_valid(frame)
 
 
-def fill_baseline(message: FrameMessage, baseline: Frame, frame_id: str) -> None:
+def fill_baseline(message: Message, baseline: Frame, frame_id: str) -> None:
     """Write a baseline into a fresh TactileFrame: no clock reads it, `device_time_ns` counts."""
     fill_frame(message, baseline, frame_id)
     message.device_time_ns = baseline.averaged
 
 
-def read_baseline(message: FrameMessage, shape: tuple[int, int]) -> Frame:
+def read_baseline(message: Message, shape: tuple[int, int]) -> Frame:
     """Frame of a message of the topic `baseline`, with the number of frames it is the mean of."""
     frame = read_frame(message, shape)
     return replace(frame, device_time_ns=0, averaged=frame.device_time_ns)
 
 
-def read_frame(message: FrameMessage, shape: tuple[int, int]) -> Frame:
-    """Frame of a TactileFrame.
+def read_frame(message: Message, shape: tuple[int, int]) -> Frame:
+    """Frame of a TactileFrame of t taxels and c channels; empty fields are None.
 
-    Parameters
-    ----------
-    message : TactileFrame
-        Of rclpy or rosbags.
-    shape : tuple of int
-        Taxels and channels (t, c), from the layout.
-
-    Returns
-    -------
-    Frame
-        float64 values; empty fields are None.
-
-    Raises
-    ------
-    ValueError
-        If a field's length does not fit the shape.
+    Raises ValueError if a field's length does not fit the shape.
     """
     taxels, channels = shape
-    values = sized(f'values of a TactileFrame of {shape}', message.values, (taxels * channels,))
-    chips = sized('temperature_c of TactileFrame', message.temperature_c, (0, taxels))
-    bits = sized('status of TactileFrame', message.status, (0, taxels))
+    values = sized(f'values of a TactileFrame of {shape}', message.values, taxels * channels)
+    chips = sized('temperature_c of TactileFrame', message.temperature_c, 0, taxels)
+    bits = sized('status of TactileFrame', message.status, 0, taxels)
     return Frame(
         stamp_ns=stamp_ns(message.header),
         sequence=int(message.sequence),
@@ -261,53 +146,43 @@ def read_frame(message: FrameMessage, shape: tuple[int, int]) -> Frame:
 
 
 def fill_layout(
-    message: LayoutMessage,
+    message: Message,
     layout: Layout,
-    point: Callable[[], VectorMessage],
-    quaternion: Callable[[], QuaternionMessage],
+    point: Callable[[], Message],
+    quaternion: Callable[[], Message],
 ) -> None:
     """Write a layout into a fresh TactileLayout, with the classes of its points and rotations.
 
-    Raises
-    ------
-    ValueError
-        If the rotations are none (a mirrored chip, say).
+    Raises ValueError if the rotations are none (a mirrored chip, say).
     """
+    turns = np.tile([0.0, 0.0, 0.0, 1.0], (len(layout.positions), 1))
+    if layout.rotations is not None:
+        rotation = Rotation.from_matrix(layout.rotations)
+        if not np.allclose(rotation.as_matrix(), layout.rotations, atol=1e-6):
+            msg = 'rotations of Layout must be proper rotations (orthonormal, right-handed)'
+            raise ValueError(msg)
+        turns = rotation.as_quat()
     fill_header(message.header, None, layout.frame_id)
     message.sensor, message.serial, message.unit = layout.sensor, layout.serial, layout.unit
     message.channels = list(layout.channels)
-    message.positions = [point() for _ in layout.positions]
-    for place, xyz in zip(message.positions, layout.positions, strict=True):
+    message.positions = [point() for _ in turns]
+    message.orientations = [quaternion() for _ in turns]
+    for place, turn, xyz, xyzw in zip(
+        message.positions, message.orientations, layout.positions, turns, strict=True
+    ):
         fill_vector(place, xyz)
-    message.orientations = [quaternion() for _ in layout.positions]
-    for turn, xyzw in zip(message.orientations, _quaternions(layout), strict=True):
         turn.x, turn.y, turn.z, turn.w = xyzw.tolist()
     message.saturation = packed(np.asarray(layout.saturation))
     message.rate_hz = float(layout.rate_hz)
 
 
-def _quaternions(layout: Layout) -> Array:
-    """Rotations chip axes -> sensor axes as x, y, z, w, shape (t, 4)."""
-    if layout.rotations is None:
-        return np.tile([0.0, 0.0, 0.0, 1.0], (len(layout.positions), 1))
-    turns = Rotation.from_matrix(layout.rotations)
-    if not np.allclose(turns.as_matrix(), layout.rotations, atol=1e-6):
-        msg = 'rotations of Layout must be proper rotations (orthonormal, right-handed)'
-        raise ValueError(msg)
-    quaternions: Array = turns.as_quat()
-    return quaternions
-
-
-def read_layout(message: LayoutMessage) -> Layout:
+def read_layout(message: Message) -> Layout:
     """Layout of a TactileLayout; rotations are None where every chip is aligned.
 
-    Raises
-    ------
-    ValueError
-        If lengths do not fit one another or an orientation is no rotation.
+    Raises ValueError if lengths do not fit one another or an orientation is no rotation.
     """
     positions = np.array([vector(p) for p in message.positions], np.float64).reshape(-1, 3)
-    turns = np.array([(q.x, q.y, q.z, q.w) for q in message.orientations], np.float64)
+    turns = np.array([(*vector(q), q.w) for q in message.orientations], np.float64)
     if len(turns) not in (0, len(positions)):
         msg = f'TactileLayout has {len(positions)} positions but {len(turns)} orientations'
         raise ValueError(msg)
@@ -316,7 +191,7 @@ def read_layout(message: LayoutMessage) -> Layout:
         raise ValueError(msg)
     aligned = not len(turns) or bool((turns == [0.0, 0.0, 0.0, 1.0]).all())
     channels = tuple(str(name) for name in message.channels)
-    limits = sized('saturation of TactileLayout', message.saturation, (0, len(channels)))
+    limits = sized('saturation of TactileLayout', message.saturation, 0, len(channels))
     return Layout(
         positions=positions,
         channels=channels,
@@ -330,133 +205,79 @@ def read_layout(message: LayoutMessage) -> Layout:
     )
 
 
-UnknownAs = Literal['zero', 'nan']
-
-# state attribute -> field of TactileContacts, wherever the two names differ
-FIELD_NAMES = {
-    'force': 'wrench.force',
-    'torque': 'wrench.torque',
-    'force_cov': 'wrench_covariance',
-    'torque_cov': 'wrench_covariance',
-    'contacts_id': 'id',
-    'contacts_position': 'position',
-    'contacts_normal': 'normal',
-    'contacts_force': 'force',
-    'contacts_position_cov': 'position_covariance',
-    'contacts_force_cov': 'force_covariance',
-}
-_VECTORS = ('force', 'torque', 'stray_field')
-_TAXELS = ('taxel_force', 'deformation', 'taxel_status')
-_SCALARS = tuple(name for name, (shape, _, _) in STATE_FIELDS.items() if not shape)
-_PATCH_VECTORS = ('contacts_position', 'contacts_normal', 'contacts_force')
-_PATCH_COVARIANCES = ('contacts_position_cov', 'contacts_force_cov')
-_WRENCH_BLOCKS = {'force_cov': slice(0, 3), 'torque_cov': slice(3, 6)}
-
-
-def fill_contacts(
-    message: ContactsMessage, state: ContactState, patch: Callable[[], PatchMessage]
-) -> None:
+def fill_contacts(message: Message, state: ContactState, patch: Callable[[], Message]) -> None:
     """Write a state (or a row of truth) into a fresh TactileContacts, header and sequence apart.
 
     The position of the state is that of the first patch. Where it is not (truth without patches,
     the origin of a recognised object), one more entry of id -1 at the end holds it.
     """
-    for name in _SCALARS:
+    for name in SCALARS:
         setattr(message, name, np.asarray(getattr(state, name)).item())
-    for name in _TAXELS:
-        _fill_taxels(message, name, getattr(state, name))
-    for name in _VECTORS:
-        fill_vector(_place(message, FIELD_NAMES.get(name, name)), getattr(state, name))
+    for name in TAXELS:
+        values = getattr(state, name)
+        if values.dtype == np.uint8:
+            setattr(message, name, packed_bits(values if values.any() else ()))
+        else:
+            setattr(message, name, packed(values if np.isfinite(values).any() else ()))
+    for name in VECTORS:
+        fill_vector(_place(message, name), getattr(state, name))
     covariance = np.full((6, 6), np.nan)
-    for name, block in _WRENCH_BLOCKS.items():
+    for name, block in WRENCH_BLOCKS.items():
         covariance[block, block] = getattr(state, name)
     message.wrench_covariance = covariance.ravel()
-    message.contacts = _patches(state, patch)
+    rows = np.flatnonzero(state.contacts_id >= 0)
+    message.contacts = [_patch(state, int(k), patch()) for k in rows]
+    if not _first_patch_is_position(state, len(rows) > 0):
+        message.contacts.append(_lone_position(state, patch()))
     message.session = message.repetition = -1
 
 
-def _place(message: object, path: str) -> VectorMessage:
-    """Vector inside a message by its dotted path."""
-    for name in path.split('.'):
-        message = getattr(message, name)
-    return cast('VectorMessage', message)
+def _patch(state: ContactState, k: int, entry: Message) -> Message:
+    """One patch of a state as a TactileContact."""
+    entry.id = int(state.contacts_id[k])
+    for name in PATCH_VECTORS:
+        fill_vector(_place(entry, name), getattr(state, name)[k])
+    for name in PATCH_COVARIANCES:
+        setattr(entry, FIELD_NAMES[name], np.array(getattr(state, name)[k]).ravel())
+    return entry
 
 
-def _fill_taxels(message: ContactsMessage, name: str, values: npt.NDArray[np.generic]) -> None:
-    """Write a per-taxel array; nothing known is written as nothing."""
-    if values.dtype == np.uint8:
-        setattr(message, name, packed_bits(values) if values.any() else packed_bits(()))
-    else:
-        setattr(message, name, packed(values if np.isfinite(values).any() else ()))
-
-
-def _patches(state: ContactState, patch: Callable[[], PatchMessage]) -> list[PatchMessage]:
-    """Patches of a state, and what it says about position where the first does not say it."""
-    found = []
-    for k in np.flatnonzero(state.contacts_id >= 0):
-        entry = patch()
-        entry.id = int(state.contacts_id[k])
-        for name in _PATCH_VECTORS:
-            fill_vector(_place(entry, FIELD_NAMES[name]), getattr(state, name)[k])
-        for name in _PATCH_COVARIANCES:
-            setattr(entry, FIELD_NAMES[name], np.array(getattr(state, name)[k]).ravel())
-        found.append(entry)
-    if not _is_told(state, bool(found)):
-        found.append(_lone_position(state, patch()))
-    return found
-
-
-def _is_told(state: ContactState, by_patch: bool) -> bool:
+def _first_patch_is_position(state: ContactState, patches: bool) -> bool:
     """The first patch, or the absence of patches, says the position of the state."""
-    if not by_patch:
+    if not patches:
         return not np.isfinite(state.position).any()
-    return np.array_equal(
-        state.contacts_position[0], state.position, equal_nan=True
-    ) and np.array_equal(state.contacts_position_cov[0], state.position_cov, equal_nan=True)
+    return all(
+        np.array_equal(getattr(state, f'contacts_{name}')[0], getattr(state, name), equal_nan=True)
+        for name in ('position', 'position_cov')
+    )
 
 
-def _lone_position(state: ContactState, entry: PatchMessage) -> PatchMessage:
+def _lone_position(state: ContactState, entry: Message) -> Message:
     """Entry of id -1: a position that is no patch."""
     entry.id = -1
     fill_vector(entry.position, state.position)
     entry.position_covariance = np.array(state.position_cov).ravel()
-    for name in ('contacts_normal', 'contacts_force'):
-        fill_vector(_place(entry, FIELD_NAMES[name]), np.full(3, np.nan))
-    setattr(entry, FIELD_NAMES['contacts_force_cov'], np.full(9, np.nan))
+    for part in (entry.normal, entry.force):
+        fill_vector(part, np.full(3, np.nan))
+    entry.force_covariance = np.full(9, np.nan)
     return entry
 
 
-def read_contacts(
-    messages: Sequence[ContactsMessage], taxels: int
-) -> dict[str, npt.NDArray[np.generic]]:
+def read_contacts(messages: Sequence[Message], taxels: int) -> Columns:
     """Arrays of s TactileContacts under the names of `STATE_FIELDS`, of results and truth alike.
 
-    Parameters
-    ----------
-    messages : sequence of TactileContacts
-        Of rclpy or rosbags, in their order.
-    taxels : int
-        Count t, for empty per-taxel fields.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (s, ...)
-        Every state attribute (object_pose is not in the message: NaN), and `stamp_ns`,
-        `sequence`, `session`, `repetition`, `label_name`, each of shape (s,).
-
-    Raises
-    ------
-    ValueError
-        If a field's length does not fit.
+    Beside every state attribute, shape (s, ...) (object_pose is not in the message: NaN), there
+    are `stamp_ns`, `sequence`, `session`, `repetition` and `label_name`, shape (s,). Raises
+    ValueError if a field's length does not fit; empty fields of `taxels` are unknown.
     """
     samples = len(messages)
     patches = max([1, *(sum(p.id >= 0 for p in m.contacts) for m in messages)])
-    arrays: dict[str, npt.NDArray[np.generic]] = {
+    arrays: Columns = {
         name: np.full((samples, *field_shape(name, taxels, patches)), fill, dtype)
         for name, (_, dtype, fill) in STATE_FIELDS.items()
     }
     for row, message in enumerate(messages):
-        _read_row({name: values[row : row + 1] for name, values in arrays.items()}, message)
+        _read_contacts(arrays, row, message)
     for name in ('sequence', 'session', 'repetition'):
         arrays[name] = np.array([getattr(m, name) for m in messages], np.int64)
     arrays['stamp_ns'] = np.array([stamp_ns(m.header) for m in messages], np.int64)
@@ -464,44 +285,34 @@ def read_contacts(
     return arrays
 
 
-def _read_row(row: dict[str, npt.NDArray[np.generic]], message: ContactsMessage) -> None:
-    """Write one message into its row, shape (1, ...), of every array."""
-    for name in _SCALARS:
-        row[name][0] = getattr(message, name)
-    for name in _TAXELS:
-        taxels = row[name].shape[1]
-        values = sized(f'{name} of TactileContacts', getattr(message, name), (0, taxels))
+def _read_contacts(arrays: Columns, row: int, message: Message) -> None:
+    """Write one message into its row of every array."""
+    for name in SCALARS:
+        arrays[name][row] = getattr(message, name)
+    for name in TAXELS:
+        taxels = arrays[name].shape[1]
+        values = sized(f'{name} of TactileContacts', getattr(message, name), 0, taxels)
         if len(values):
-            row[name][0] = values
-    for name in _VECTORS:
-        row[name][0] = vector(_place(message, FIELD_NAMES.get(name, name)))
-    covariance = sized('wrench_covariance', message.wrench_covariance, (36,)).reshape(6, 6)
-    for name, block in _WRENCH_BLOCKS.items():
-        row[name][0] = covariance[block, block]
-    _read_patches(row, [p for p in message.contacts if p.id >= 0])
-    for entry in (message.contacts[0], message.contacts[-1]) if message.contacts else ():
-        if entry is message.contacts[0] or entry.id < 0:
-            row['position'][0] = vector(entry.position)
-            row['position_cov'][0] = np.reshape(entry.position_covariance, (3, 3))
+            arrays[name][row] = values
+    for name in VECTORS:
+        arrays[name][row] = vector(_place(message, name))
+    covariance = sized('wrench_covariance', message.wrench_covariance, 36).reshape(6, 6)
+    for name, block in WRENCH_BLOCKS.items():
+        arrays[name][row] = covariance[block, block]
+    for k, entry in enumerate(p for p in message.contacts if p.id >= 0):
+        arrays['contacts_id'][row, k] = entry.id
+        for name in PATCH_VECTORS:
+            arrays[name][row, k] = vector(_place(entry, name))
+        for name in PATCH_COVARIANCES:
+            values = sized(name, getattr(entry, FIELD_NAMES[name]), 9)
+            arrays[name][row, k] = values.reshape(3, 3)
+    for entry in (*message.contacts[:1], *(p for p in message.contacts[-1:] if p.id < 0)):
+        arrays['position'][row] = vector(entry.position)
+        arrays['position_cov'][row] = np.reshape(entry.position_covariance, (3, 3))
 
 
-def _read_patches(
-    row: dict[str, npt.NDArray[np.generic]], patches: Sequence[PatchMessage]
-) -> None:
-    """Write the patches of one message into its row."""
-    for k, entry in enumerate(patches):
-        row['contacts_id'][0, k] = entry.id
-        for name in _PATCH_VECTORS:
-            row[name][0, k] = vector(_place(entry, FIELD_NAMES[name]))
-        for name in _PATCH_COVARIANCES:
-            values = sized(name, getattr(entry, FIELD_NAMES[name]), (9,))
-            row[name][0, k] = values.reshape(3, 3)
-
-
-def fill_wrench(
-    message: WrenchStampedMessage, state: ContactState, unknown_as: UnknownAs = 'zero'
-) -> None:
-    """Write force and torque at the sensor origin, header apart; unknown is zero or NaN."""
+def fill_wrench(message: Message, state: ContactState, unknown_as: UnknownAs = 'zero') -> None:
+    """Write force and torque into a WrenchStamped, header apart; unknown is zero or NaN."""
     unknown = 0.0 if unknown_as == 'zero' else np.nan
     for part, values in (
         (message.wrench.force, state.force),
@@ -510,26 +321,8 @@ def fill_wrench(
         fill_vector(part, np.where(np.isfinite(values), values, unknown))
 
 
-FLOAT32 = 7  # of sensor_msgs/PointField
-BYTES = 4
-AXES = ('x', 'y', 'z')
-
-
-def fill_object_pose(message: PoseStampedMessage, state: ContactState) -> bool:
-    """Write the pose of a recognised object into a PoseWithCovarianceStamped, header apart.
-
-    Parameters
-    ----------
-    message : PoseWithCovarianceStamped
-        Fresh; its covariance is of translation, then of rotation about fixed x, y, z.
-    state : ContactState
-        Of the frame.
-
-    Returns
-    -------
-    bool
-        Whether there is an object: without one there is nothing to publish.
-    """
+def fill_object_pose(message: Message, state: ContactState) -> bool:
+    """Write the pose of an object into a PoseWithCovarianceStamped; False: there is none."""
     pose = state.object_pose
     if not np.isfinite(pose).all():
         return False
@@ -540,31 +333,19 @@ def fill_object_pose(message: PoseStampedMessage, state: ContactState) -> bool:
     return True
 
 
-def fill_surface(
-    message: PointCloudMessage, points: Array, field: Callable[[], PointFieldMessage]
-) -> None:
-    """Write the surface of what is touched into a PointCloud2, header apart.
+def fill_surface(message: Message, points: Array, field: Callable[[], Message]) -> None:
+    """Write the touched surface, points (t, 3) (m), NaN untouched, into a PointCloud2.
 
-    Parameters
-    ----------
-    message : PointCloud2
-        Fresh.
-    points : ndarray, shape (t, 3)
-        One for each taxel (m); NaN where nothing touches.
-    field : callable
-        Class of its fields.
-
-    Notes
-    -----
     Coordinates are 32 bits wide, as viewers expect them: 1 nm at 10 mm. The points keep the order
     of the taxels, those untouched included, so that the cloud is not dense.
     """
     message.height, message.width = 1, len(points)
-    message.fields = [field() for _ in AXES]
-    for i, (entry, name) in enumerate(zip(message.fields, AXES, strict=True)):
-        entry.name, entry.offset, entry.datatype, entry.count = name, BYTES * i, FLOAT32, 1
+    message.fields = [field() for _ in 'xyz']
+    for i, entry in enumerate(message.fields):
+        entry.name, entry.offset = 'xyz'[i], FLOAT32_BYTES * i
+        entry.datatype, entry.count = FLOAT32, 1
     message.is_bigendian = False
-    message.point_step = BYTES * len(AXES)
+    message.point_step = FLOAT32_BYTES * 3
     message.row_step = message.point_step * len(points)
     message.is_dense = bool(np.isfinite(points).all())
     message.data = np.ascontiguousarray(points, '<f4').tobytes()

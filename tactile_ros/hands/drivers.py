@@ -24,7 +24,7 @@ from tactile_ros.types.config_fields import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from tactile_ros.messages import HeaderMessage
+    from tactile_ros.messages import Message
     from tactile_ros.types import Integers
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -142,7 +142,7 @@ def in_order(names: tuple[str, ...], wanted: tuple[str, ...]) -> Integers:
 class JointStateMessage(Protocol):
     """sensor_msgs/JointState."""
 
-    header: HeaderMessage
+    header: Message
     name: Sequence[str]
     position: Sequence[float]
     velocity: Sequence[float]
@@ -172,7 +172,7 @@ class PointMessage(Protocol):
 class TrajectoryMessage(Protocol):
     """trajectory_msgs/JointTrajectory with the one point that is filled."""
 
-    header: HeaderMessage
+    header: Message
     joint_names: Sequence[str]
     points: Sequence[PointMessage]
 
