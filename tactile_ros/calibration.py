@@ -1,8 +1,9 @@
-"""One .npz of plain arrays: written atomically, read without trust.
+"""Calibrations: trees of fitted objects <-> one .npz of plain arrays with a schema version.
 
-Before anything is unpacked the directory of the file is capped, members are counted, their names
-must fit a pattern and their stated sizes a cap. Members are unpacked to their stated size at most
-and must be what that size allows: a plain header of numbers or text, and exactly its data.
+Nothing is ever pickled, and a file is read without trust: before anything is unpacked its
+directory is capped, members are counted, their names must fit a pattern and their stated sizes a
+cap. Members are unpacked to their stated size at most and must be what that size allows: a plain
+header of numbers or text, and exactly its data. Only objects of named classes are built.
 """
 
 from __future__ import annotations
@@ -30,23 +31,30 @@ from tactile_ros.errors import CalibrationError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+Arrays = dict[str, npt.NDArray[np.generic]]
+SCHEMA = 1
+MOST_MEMBERS = 20_000
+MOST_BYTES = 512 * 1024 * 1024
+MOST_DIRECTORY_BYTES = 300 * MOST_MEMBERS
+NAME = re.compile(r'[A-Za-z0-9_./ +\-]{1,200}\.npy')
+PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+# numpy.lib.format version 1.0, as numpy writes it: nothing is evaluated
+HEADER = re.compile(
+    rb"\x93NUMPY\x01\x00..\{'descr': '([<>|][biufU]\d{1,6})', 'fortran_order': (True|False), "
+    rb"'shape': \((\d{0,18}(?:, \d{1,18})*),?\), \} *\n",
+    re.DOTALL,
+)
+DAMAGE = (
+    zipfile.BadZipFile, zlib.error, struct.error, OSError, EOFError, ValueError, TypeError,
+    LookupError, RuntimeError, OverflowError, MemoryError,
+)  # fmt: skip
+
 
 def write_beside(path: str | os.PathLike[str], data: bytes) -> Path:
     """Write a file so that no reader, and no interrupted program, ever sees half of it.
 
     It is on the disk when this returns: after a loss of power it is the new one or the old one.
-
-    Parameters
-    ----------
-    path : path-like
-        Of the file; its folder is made.
-    data : bytes
-        All of it.
-
-    Returns
-    -------
-    Path
-        Of the file.
+    Its folder is made.
     """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -57,45 +65,125 @@ def write_beside(path: str | os.PathLike[str], data: bytes) -> Path:
             file.flush()
             os.fsync(file.fileno())
         beside.replace(target)
-        _keep_names(target.parent)
+        with suppress(OSError):  # the name outlasts a loss of power where the file system can
+            folder = os.open(target.parent, os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
     finally:
         beside.unlink(missing_ok=True)
     return target
 
 
-def _keep_names(folder: Path) -> None:
-    """Let the names in a folder outlast a loss of power, where the file system can."""
-    with suppress(OSError):
-        opened = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(opened)
-        finally:
-            os.close(opened)
+def write(path: str | Path, arrays: Mapping[str, npt.NDArray[np.generic]]) -> None:
+    """Write arrays of numbers and text to an .npz, atomically."""
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, schema=np.array(SCHEMA), **dict(arrays))  # type: ignore[arg-type]
+    write_beside(path, buffer.getvalue())
 
 
-Arrays = dict[str, npt.NDArray[np.generic]]
+def read(path: str | Path) -> Arrays:
+    """Read a file of `write` without trusting it.
+
+    Raises CalibrationError if it is missing, damaged, too large, of another schema version, or
+    holds anything but plain arrays.
+    """
+    target = Path(path)
+    try:
+        arrays = plain_arrays(target, MOST_MEMBERS, MOST_BYTES)
+    except FileNotFoundError as error:
+        msg = f'calibration {target} does not exist; make one with `tactile calibrate`'
+        raise CalibrationError(msg) from error
+    except DAMAGE as error:
+        msg = f'calibration {target} cannot be read as plain arrays ({error}); calibrate again'
+        raise CalibrationError(msg) from error
+    version = arrays.pop('schema', np.zeros(0))
+    if version.shape != () or version.dtype.kind not in 'iu' or version != SCHEMA:
+        found = repr(version.tolist())[:40] if version.size else 'none'
+        msg = f'calibration {target} must have schema {SCHEMA}; received {found}; calibrate again'
+        raise CalibrationError(msg)
+    return arrays
+
+
+def plain_arrays(target: Path, most_members: int, most_bytes: int) -> Arrays:
+    """Arrays of an .npz by name, read without trust and with caps; raises `DAMAGE`."""
+    if target.exists() and not target.is_file():
+        msg = 'it is no file'
+        raise ValueError(msg)
+    arrays: Arrays = {}
+    with target.open('rb') as file:
+        _check_directory(file)
+        with zipfile.ZipFile(file) as archive:
+            _check_members(archive.infolist(), most_members, most_bytes)
+            for member in archive.infolist():
+                with archive.open(member) as stream:
+                    # with a count: without one, all that lies behind the stated size is unpacked
+                    content = stream.read(member.file_size)
+                arrays[member.filename[: -len('.npy')]] = _array(content)
+    return arrays
+
+
+def _check_directory(file: io.BufferedReader) -> None:
+    """Cap the directory by its last record, which zipfile would read in one go."""
+    size = file.seek(0, os.SEEK_END)
+    file.seek(max(size - 42, 0))
+    tail = file.read(42).rjust(42, b'\0')
+    length = struct.unpack('<I', tail[32:36])[0]
+    if tail[20:24] != b'PK\x05\x06' or tail[:4] == b'PK\x06\x07':
+        msg = 'it does not end as an .npz does'
+        raise ValueError(msg)
+    if length > MOST_DIRECTORY_BYTES:
+        msg = f'its directory has {length} bytes'
+        raise ValueError(msg)
+    file.seek(0)
+
+
+def _check_members(
+    listed: Sequence[zipfile.ZipInfo], most_members: int, most_bytes: int
+) -> None:
+    """Cap the count, the names and the unpacked size of members before unpacking any."""
+    unpacked = sum(member.file_size for member in listed)
+    if len(listed) > most_members or unpacked > most_bytes:
+        msg = (
+            f'it must hold at most {most_members} members and {most_bytes} bytes; '
+            f'received {len(listed)} and {unpacked}'
+        )
+        raise ValueError(msg)
+    seen: set[str] = set()
+    for member in listed:
+        name = member.filename
+        plain = NAME.fullmatch(name) and '..' not in name and not name.startswith('/')
+        if not plain or name in seen or member.compress_type not in PLAIN:
+            msg = f'it holds a member named {name[:40]!r}; refused'
+            raise ValueError(msg)
+        seen.add(name)
+
+
+def _array(content: bytes) -> npt.NDArray[np.generic]:
+    """Array of one .npy member whose data are exactly as long as its header says."""
+    match = HEADER.match(content)
+    if match is None:
+        msg = 'a member is no plain array of numbers or text'
+        raise ValueError(msg)
+    kind, column_major, lengths = match.groups()
+    dtype = np.dtype(kind.decode())
+    shape = tuple(int(n) for n in lengths.split(b',') if n)
+    if dtype.itemsize == 0 or math.prod(shape) * dtype.itemsize != len(content) - match.end():
+        msg = f'a member of shape {shape} holds {len(content) - match.end()} bytes'
+        raise ValueError(msg)
+    order = 'F' if column_major == b'True' else 'C'
+    array: npt.NDArray[np.generic] = np.empty(shape, dtype, order)  # type: ignore[call-overload]
+    if array.size:
+        array.reshape(-1, order='A')[:] = np.frombuffer(content, dtype, offset=match.end())
+    return array
 
 
 def flatten(tree: object, name: str) -> Arrays:
-    """Turn an object into arrays named by their path.
+    """Turn an object into arrays named by their path below `name`, which `restore` reads.
 
-    Parameters
-    ----------
-    tree : object
-        None, a number, a string, an array, a tuple, list or dict (keys are strings) of such, or
-        an object whose attributes are such (an estimator, a frozen dataclass).
-    name : str
-        Path of the object.
-
-    Returns
-    -------
-    dict of str to ndarray
-        What `restore` needs to build an equal object.
-
-    Raises
-    ------
-    TypeError
-        If something else is inside.
+    None, numbers, strings, arrays; tuples, lists and dicts (keys are strings) of such; objects
+    whose attributes are such (an estimator, a frozen dataclass). TypeError if anything else is in.
     """
     if tree is None:
         return {f'{name}.none': np.zeros(0)}
@@ -104,8 +192,7 @@ def flatten(tree: object, name: str) -> Arrays:
         if array.dtype.kind not in 'biufU':
             msg = f'{name} of a calibration must be numbers or text; received {array.dtype}'
             raise TypeError(msg)
-        kind = 'array' if isinstance(tree, np.ndarray) else 'scalar'
-        return {f'{name}.{kind}': array}
+        return {f'{name}.{"array" if isinstance(tree, np.ndarray) else "scalar"}': array}
     arrays, children = _take_apart(tree, name)
     for key, child in children.items():
         arrays.update(flatten(child, f'{name}/{key}'))
@@ -113,28 +200,23 @@ def flatten(tree: object, name: str) -> Arrays:
 
 
 def _take_apart(tree: object, name: str) -> tuple[Arrays, dict[str, object]]:
-    """What a container is, as arrays, and its children by the last part of their path."""
+    """Kind of a container, as arrays, and its children by the last part of their path."""
     if isinstance(tree, (tuple, list)):
-        kind = 'tuple' if isinstance(tree, tuple) else 'list'
-        return {f'{name}.{kind}': np.array(len(tree))}, {str(i): x for i, x in enumerate(tree)}
+        label = 'tuple' if isinstance(tree, tuple) else 'list'
+        return {f'{name}.{label}': np.array(len(tree))}, {str(i): x for i, x in enumerate(tree)}
     if isinstance(tree, dict) and all(isinstance(key, str) for key in tree):
         keys = np.array(list(tree), dtype=str)
         return {f'{name}.dict': keys}, {str(i): x for i, x in enumerate(tree.values())}
-    code = isinstance(tree, type) or inspect.isroutine(tree)
+    code, kind = isinstance(tree, type) or inspect.isroutine(tree), type(tree)
     if code or not (is_dataclass(tree) or hasattr(tree, '__dict__')):
-        msg = f'{name} of a calibration must be numbers or text; received {type(tree).__name__}'
+        msg = f'{name} of a calibration must be numbers or text; received {kind.__name__}'
         raise TypeError(msg)
-    children = _attributes(tree)
-    label, names = np.array(type(tree).__name__), np.array(list(children), dtype=str)
-    return {f'{name}.class': label, f'{name}.names': names}, children
-
-
-def _attributes(thing: object) -> dict[str, object]:
-    """What an object consists of: the fields of a frozen dataclass, else its own attributes."""
-    if _is_frozen(type(thing)):
-        return {f.name: getattr(thing, f.name) for f in fields(thing)}  # type: ignore[arg-type]
-    kind = type(thing)
-    return {name: value for name, value in vars(thing).items() if not _is_code(kind, name)}
+    if _is_frozen(kind):
+        children = {f.name: getattr(tree, f.name) for f in fields(tree)}  # type: ignore[arg-type]
+    else:
+        children = {key: value for key, value in vars(tree).items() if not _is_code(kind, key)}
+    names = np.array(list(children), dtype=str)
+    return {f'{name}.class': np.array(kind.__name__), f'{name}.names': names}, children
 
 
 def _is_frozen(kind: type) -> bool:
@@ -142,29 +224,18 @@ def _is_frozen(kind: type) -> bool:
     return is_dataclass(kind) and bool(kind.__dataclass_params__.frozen)  # type: ignore[attr-defined]
 
 
+def _is_code(kind: type, key: str) -> bool:
+    """Whether a class has a method or property of that name, which no file holds."""
+    found = getattr(kind, key, None)
+    return callable(found) or isinstance(found, (property, cached_property))
+
+
 def restore(
     arrays: Mapping[str, npt.NDArray[np.generic]], name: str, classes: Mapping[str, type]
 ) -> object:
-    """Rebuild what `flatten` took apart.
+    """Rebuild the object that `flatten` took apart; only `classes` are ever built.
 
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        Members of a calibration.
-    name : str
-        Path of the object.
-    classes : mapping of str to type
-        The only classes that may be built.
-
-    Returns
-    -------
-    object
-        Equal to what was flattened.
-
-    Raises
-    ------
-    CalibrationError
-        If a member is missing or a class is not among `classes`.
+    Raises CalibrationError if a member is missing or a class is not among them.
     """
     if f'{name}.none' in arrays:
         return None
@@ -200,21 +271,10 @@ def _restore_instance(
             msg = f'{name} of the calibration has an attribute named {key!r}; the file is hostile'
             raise CalibrationError(msg)
         members[key] = restore(arrays, f'{name}/{key}', classes)
-    if _is_frozen(kind):
-        return _build_frozen(kind, members, name)
-    thing: object = object.__new__(kind)
-    vars(thing).update(members)
-    return thing
-
-
-def _is_code(kind: type, key: str) -> bool:
-    """Whether a class has a method or property of that name, which no file holds."""
-    found = getattr(kind, key, None)
-    return callable(found) or isinstance(found, (property, cached_property))
-
-
-def _build_frozen(kind: type, members: Mapping[str, object], name: str) -> object:
-    """Build a frozen dataclass by its own door, which checks shapes."""
+    if not _is_frozen(kind):
+        thing: object = object.__new__(kind)
+        vars(thing).update(members)
+        return thing
     wanted = {f.name for f in fields(kind)}
     if set(members) != wanted:
         msg = (
@@ -222,8 +282,8 @@ def _build_frozen(kind: type, members: Mapping[str, object], name: str) -> objec
             f'{", ".join(sorted(members))[:200]}; calibrate again'
         )
         raise CalibrationError(msg)
-    thing: object = kind(**members)
-    return thing
+    frozen: object = kind(**members)  # by its own door, which checks shapes
+    return frozen
 
 
 def digest(arrays: Mapping[str, npt.NDArray[np.generic]]) -> str:
@@ -235,153 +295,3 @@ def digest(arrays: Mapping[str, npt.NDArray[np.generic]]) -> str:
         sha.update(f'{name}|{little.dtype.str}|{array.shape}|'.encode())
         sha.update(little.tobytes())
     return sha.hexdigest()
-
-
-SCHEMA = 1
-MOST_MEMBERS = 20_000
-MOST_BYTES = 512 * 1024 * 1024
-MOST_DIRECTORY_BYTES = 300 * MOST_MEMBERS
-NAME = re.compile(r'[A-Za-z0-9_./ +\-]{1,200}\.npy')
-PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-# numpy.lib.format version 1.0, as numpy writes it: nothing is evaluated
-HEADER = re.compile(
-    rb"\x93NUMPY\x01\x00..\{'descr': '([<>|][biufU]\d{1,6})', 'fortran_order': (True|False), "
-    rb"'shape': \((\d{0,18}(?:, \d{1,18})*),?\), \} *\n",
-    re.DOTALL,
-)
-DAMAGE = (
-    zipfile.BadZipFile, zlib.error, struct.error, OSError, EOFError, ValueError, TypeError,
-    LookupError, RuntimeError, OverflowError, MemoryError,
-)  # fmt: skip
-
-
-def write(path: str | Path, arrays: Mapping[str, npt.NDArray[np.generic]]) -> None:
-    """Write the arrays beside `path` and rename, so that no reader sees half a file.
-
-    Parameters
-    ----------
-    path : str or Path
-        Where the calibration goes (.npz).
-    arrays : mapping of str to ndarray
-        Numbers and text only.
-    """
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, schema=np.array(SCHEMA), **dict(arrays))  # type: ignore[arg-type]
-    write_beside(path, buffer.getvalue())
-
-
-def read(path: str | Path) -> Arrays:
-    """Read a calibration without trusting it.
-
-    Parameters
-    ----------
-    path : str or Path
-        A file written by `write`.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Its members.
-
-    Raises
-    ------
-    CalibrationError
-        If the file is missing, damaged, too large, of another schema version, or holds anything
-        but plain arrays.
-    """
-    target = Path(path)
-    try:
-        arrays = plain_arrays(target, MOST_MEMBERS, MOST_BYTES)
-    except FileNotFoundError as error:
-        msg = f'calibration {target} does not exist; make one with `tactile calibrate`'
-        raise CalibrationError(msg) from error
-    except DAMAGE as error:
-        msg = f'calibration {target} cannot be read as plain arrays ({error}); calibrate again'
-        raise CalibrationError(msg) from error
-    version = arrays.pop('schema', np.zeros(0))
-    if version.shape != () or version.dtype.kind not in 'iu' or version != SCHEMA:
-        found = repr(version.tolist())[:40] if version.size else 'none'
-        msg = f'calibration {target} must have schema {SCHEMA}; received {found}; calibrate again'
-        raise CalibrationError(msg)
-    return arrays
-
-
-def plain_arrays(target: Path, most_members: int, most_bytes: int) -> Arrays:
-    """Arrays of all members of an .npz by name, read without trust; raises `DAMAGE`.
-
-    Parameters
-    ----------
-    target : Path
-        Of the file.
-    most_members, most_bytes : int
-        Caps on what it may unpack to.
-    """
-    if target.exists() and not target.is_file():
-        msg = 'it is no file'
-        raise ValueError(msg)
-    with target.open('rb') as file:
-        _refuse_long_directory(file)
-        with zipfile.ZipFile(file) as archive:
-            listed = archive.infolist()
-            _refuse_bombs(listed, most_members, most_bytes)
-            arrays: Arrays = {}
-            for member in listed:
-                with archive.open(member) as stream:
-                    # with a count: without one, all that lies behind the stated size is unpacked
-                    content = stream.read(member.file_size)
-                arrays[member.filename[: -len('.npy')]] = _array(content)
-    return arrays
-
-
-def _refuse_long_directory(file: io.BufferedReader) -> None:
-    """Cap the directory by its last record, which zipfile would read in one go."""
-    size = file.seek(0, os.SEEK_END)
-    file.seek(max(size - 42, 0))
-    tail = file.read(42).rjust(42, b'\0')
-    length = struct.unpack('<I', tail[32:36])[0]
-    if tail[20:24] != b'PK\x05\x06' or tail[:4] == b'PK\x06\x07':
-        msg = 'it does not end as an .npz does'
-        raise ValueError(msg)
-    if length > MOST_DIRECTORY_BYTES:
-        msg = f'its directory has {length} bytes'
-        raise ValueError(msg)
-    file.seek(0)
-
-
-def _refuse_bombs(
-    listed: Sequence[zipfile.ZipInfo], most_members: int, most_bytes: int
-) -> None:
-    """Cap the count, the names and the unpacked size of members before unpacking any."""
-    unpacked = sum(member.file_size for member in listed)
-    if len(listed) > most_members or unpacked > most_bytes:
-        msg = (
-            f'it must hold at most {most_members} members and {most_bytes} '
-            f'bytes; received {len(listed)} and {unpacked}'
-        )
-        raise ValueError(msg)
-    seen: set[str] = set()
-    for member in listed:
-        name = member.filename
-        plain = NAME.fullmatch(name) and '..' not in name and not name.startswith('/')
-        if not plain or name in seen or member.compress_type not in PLAIN:
-            msg = f'it holds a member named {name[:40]!r}; refused'
-            raise ValueError(msg)
-        seen.add(name)
-
-
-def _array(content: bytes) -> npt.NDArray[np.generic]:
-    """Array of one .npy member whose data are exactly as long as its header says."""
-    match = HEADER.match(content)
-    if match is None:
-        msg = 'a member is no plain array of numbers or text'
-        raise ValueError(msg)
-    kind, major, lengths = match.groups()
-    dtype = np.dtype(kind.decode())
-    shape = tuple(int(n) for n in lengths.split(b',') if n)
-    if dtype.itemsize == 0 or math.prod(shape) * dtype.itemsize != len(content) - match.end():
-        msg = f'a member of shape {shape} holds {len(content) - match.end()} bytes'
-        raise ValueError(msg)
-    array: npt.NDArray[np.generic] = np.empty(shape, dtype, 'F' if major == b'True' else 'C')
-    if array.size:
-        array.reshape(-1, order='A')[:] = np.frombuffer(content, dtype, offset=match.end())
-    return array

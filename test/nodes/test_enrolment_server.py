@@ -57,7 +57,7 @@ class Skin:
     report: dict[str, dict[str, float]] = {}  # noqa: RUF012
 
     def __init__(self, gate: Callable[[], None] = lambda: None) -> None:
-        self.estimation = SimpleNamespace(enrol=True)
+        self.estimation = SimpleNamespace(learns_classes=True)
         self.stream = None
         self.label_names: tuple[str, ...] = ()
         self.baseline = np.zeros((1, 1))
