@@ -1,8 +1,9 @@
-"""Presses found in a stream, from which a pipeline learns a class by name.
+"""Presses: found in a stream to learn a class by name, and programmes of them that twins play.
 
 A press begins with contact after rest and ends with release, or when it has been held long
-enough. What is learned of it is its strongest window, beside the baseline in use there: the same
-frames give the same class, live and from a bag.
+enough. Its class is learned from its strongest window, beside the baseline in use there: the same
+frames give the same class, live and from a bag. A programme rests first and then presses at
+changing places, so that a simple model of a sensor gives both the readings and the truth.
 """
 
 from __future__ import annotations
@@ -23,24 +24,23 @@ if TYPE_CHECKING:
     Signal = Callable[[float], Array]
     Truth = Mapping[str, npt.NDArray[np.generic]]
 
-REST_S = 1.0
-TARE_S = 0.5
+REST_S, TARE_S = 1.0, 0.5
 BLOCK = 1024  # rows of a model at once: thousands of taxels fill the memory otherwise
 TOUCHED = 0.02  # share of a press's load below which it counts as not begun
+LONGEST_NAME = 64
+LONGEST = 12  # windows, after which a press that is still held counts
 
 
 @dataclass(frozen=True)
 class Touches:
-    """What touches the skin at some instants.
+    """Touches of the skin at some instants.
 
     Attributes
     ----------
     press : ndarray, shape (s,)
         Number of the press; -1: nothing touches.
-    position : ndarray, shape (s, 3)
-        Of the contact (m); NaN where nothing touches.
-    force : ndarray, shape (s, 3)
-        What the skin exerts on the object (N); 0 where nothing touches.
+    position, force : ndarray, shape (s, 3)
+        Of the contact (m), NaN where nothing touches; what the skin exerts on the object (N).
     share : ndarray, shape (s,)
         Load over that of the press, 0 to 1.
     """
@@ -118,29 +118,21 @@ def recorded(
     seed: int,
     limits: tuple[float, float] = (-np.inf, np.inf),
 ) -> Recording:
-    """Readings and truth of a whole programme.
+    """Readings and truth of a whole programme as one stream, tared in its first half second.
 
     Parameters
     ----------
-    layout : Layout
-        Of the sensor; its rate is that of the frames.
-    programme : Programme
-        What touches.
-    reading : callable
-        Model of the sensor: touches -> readings (s, t, c) without noise.
-    truth : callable
-        Touches -> columns of truth beside `in_contact`, `repetition` and `session`.
+    layout, programme : Layout, Programme
+        Of the sensor, whose rate is that of the frames; what touches.
+    reading, truth : callable
+        Model of the sensor: touches -> readings (s, t, c) without noise; touches -> columns of
+        truth beside `in_contact`, `repetition` and `session`.
     noise : float or ndarray, shape (c,)
-        Standard deviation of a reading (unit of values); 0: none.
+        Standard deviation of a reading (unit of values).
     seed : int
         Of the noise; also the number of the session.
     limits : tuple of float
         Readings are clipped to them.
-
-    Returns
-    -------
-    Recording
-        One stream; the first half second of its rest is a tare.
     """
     count = round(programme.duration_s * layout.rate_hz)
     times = np.arange(count) / layout.rate_hz
@@ -148,66 +140,94 @@ def recorded(
     blocks = [touches.rows(slice(i, i + BLOCK)) for i in range(0, count, BLOCK)]
     values = np.concatenate([reading(block) for block in blocks])
     values = values + noise * np.random.default_rng(seed).normal(size=values.shape)
-    known = {
-        **truth(touches),
-        'in_contact': (touches.press >= 0).astype(np.int8),
-        'repetition': np.maximum(touches.press, 0),
-        'session': np.full(count, seed),
-    }
     return Recording.from_arrays(
         layout,
         np.clip(values, *limits),
         stamp_ns=np.round(1e9 * times).astype(np.int64),
         sequence=np.arange(count),
         tare=times < TARE_S,
-        truth=known,
+        truth={
+            **truth(touches),
+            'in_contact': (touches.press >= 0).astype(np.int8),
+            'repetition': np.maximum(touches.press, 0),
+            'session': np.full(count, seed),
+        },
     )
 
 
 def playing(recording: Recording) -> Signal:
-    """Signal that plays the rows of a recording by their stamps, again and again.
-
-    Parameters
-    ----------
-    recording : Recording
-        With evenly spaced stamps.
-
-    Returns
-    -------
-    callable
-        Time (s) -> readings, shape (t, c).
-    """
+    """Signal, time (s) -> readings (t, c), that plays evenly spaced rows again and again."""
     values, rate_hz = recording.values, recording.layout.rate_hz
     return lambda t: values[round(t * rate_hz) % len(values)]
 
 
 def thinned(recording: Recording, rate_hz: float = 20.0) -> Recording:
-    """Recording with fewer frames a second, which teach as much of presses that last.
-
-    Parameters
-    ----------
-    recording : Recording
-        With the rate of its layout.
-    rate_hz : float
-        About how many frames a second stay; all, if the layout's rate is lower.
-
-    Returns
-    -------
-    Recording
-        Every n-th row, tare rows included.
-    """
+    """Recording with about so many frames a second, which teach as much of presses that last."""
     step = max(1, round(recording.layout.rate_hz / rate_hz))
     return recording.select(slice(None, None, step))
 
 
-LONGEST_NAME = 64
-THERE = 'lost_there '  # and the number of a class, in a report
-LONGEST = 12  # windows, after which a press that is still held counts
+@dataclass(frozen=True)
+class Press:
+    """One press: its strongest frames, at most a window, and the baseline (t, c) in use there."""
+
+    frames: tuple[Frame, ...]
+    baseline: Array
+
+
+@dataclass
+class PressWatch:
+    """Find presses in a stream, frame by frame, and keep `window` frames of each."""
+
+    window: int
+    _seen: list[tuple[Frame, Array]] = field(default_factory=list)
+    _rested: bool = False
+    _touched: bool = False
+
+    def __call__(self, frame: Frame, in_contact: int, baseline: Array) -> Press | None:
+        """Take the next frame with its contact and baseline (t, c); the press that ends here."""
+        if in_contact == 0:
+            # frames that nobody can judge are a press where they are many, and contact flickers
+            least = max(self.window // 2 if self._touched else self.window, 1)
+            seen, counts = self._seen, self._rested and len(self._seen) >= least
+            self._seen, self._rested, self._touched = [], True, False
+            return self._strongest(seen) if counts else None
+        if not self._rested:  # it began before anybody watched
+            return None
+        self._touched = self._touched or in_contact == 1
+        self._seen.append((frame, baseline))
+        if len(self._seen) < LONGEST * self.window:
+            return None
+        seen, self._seen, self._rested = self._seen, [], False
+        return self._strongest(seen)
+
+    def _strongest(self, seen: Sequence[tuple[Frame, Array]]) -> Press:
+        """The window that is farthest from the baseline, whatever is wrong with its readings."""
+        change = np.array([np.nan_to_num(frame.values - base) for frame, base in seen])
+        size = np.square(change).sum(axis=(1, 2))
+        first = 0
+        if len(seen) > self.window:
+            first = int(np.convolve(size, np.ones(self.window), 'valid').argmax())
+        some = seen[first : first + self.window]
+        return Press(tuple(frame for frame, _ in some), some[0][1])
+
+
+def recording_of(layout: Layout, presses: Sequence[Press]) -> Recording:
+    """Presses as streams of their own, each after its baseline as a tare."""
+    rows: list[Frame] = []
+    for press in presses:
+        stamp_ns = press.frames[0].stamp_ns
+        rest = Frame(None if stamp_ns is None else stamp_ns - 1, 0, press.baseline)
+        rows += [rest, *press.frames]
+    lengths = [1 + len(press.frames) for press in presses]
+    stream = np.repeat(np.arange(len(presses)), lengths)
+    begins = np.isin(np.arange(len(rows)), np.cumsum([0, *lengths[:-1]]))
+    return Recording.from_frames(layout, rows, stream=stream, tare=begins)
 
 
 @dataclass(frozen=True)
 class Allowed:
-    """What a new class may cost at most.
+    """Most that a new class may cost.
 
     Attributes
     ----------
@@ -224,105 +244,6 @@ class Allowed:
 EVERYTHING = Allowed(1.0, 1.0)
 
 
-@dataclass(frozen=True)
-class Press:
-    """One press.
-
-    Attributes
-    ----------
-    frames : tuple of Frame
-        Its strongest frames, one after the other; fewer than a window where it was shorter.
-    baseline : ndarray, shape (t, c)
-        In use at the first of them (unit of values).
-    """
-
-    frames: tuple[Frame, ...]
-    baseline: Array
-
-
-@dataclass
-class PressWatch:
-    """Find presses in a stream, frame by frame.
-
-    Attributes
-    ----------
-    window : int
-        Frames that are kept of a press.
-    """
-
-    window: int
-    _seen: list[tuple[Frame, Array]] = field(default_factory=list)
-    _rested: bool = False
-    _touched: bool = False
-
-    def __call__(self, frame: Frame, in_contact: int, baseline: Array) -> Press | None:
-        """Take the next frame.
-
-        Parameters
-        ----------
-        frame : Frame
-            Of the stream.
-        in_contact : int
-            1, 0, -1 unknown.
-        baseline : ndarray, shape (t, c)
-            In use (unit of values).
-
-        Returns
-        -------
-        Press or None
-            The press that ends here; None: none does.
-        """
-        if in_contact == 0:
-            seen, counts = self._seen, self._rested and self._counts()
-            self._seen, self._rested, self._touched = [], True, False
-            return self._strongest(seen) if counts else None
-        if not self._rested:  # it began before anybody watched
-            return None
-        self._touched = self._touched or in_contact == 1
-        self._seen.append((frame, baseline))
-        if len(self._seen) < LONGEST * self.window:
-            return None
-        seen, self._seen, self._rested = self._seen, [], False
-        return self._strongest(seen)
-
-    def _counts(self) -> bool:
-        """Half a window or more; frames that nobody can judge are a press where they are many."""
-        least = self.window // 2 if self._touched else self.window
-        return len(self._seen) >= max(least, 1)  # contact flickers where a press begins and ends
-
-    def _strongest(self, seen: Sequence[tuple[Frame, Array]]) -> Press:
-        """The window that is farthest from the baseline, whatever is wrong with its readings."""
-        change = np.array([np.nan_to_num(frame.values - base) for frame, base in seen])
-        size = np.square(change).sum(axis=(1, 2))
-        first = 0
-        if len(seen) > self.window:
-            first = int(np.convolve(size, np.ones(self.window), 'valid').argmax())
-        some = seen[first : first + self.window]
-        return Press(tuple(frame for frame, _ in some), some[0][1])
-
-
-def recording_of(layout: Layout, presses: Sequence[Press]) -> Recording:
-    """Presses as streams of their own, each after its baseline as a tare."""
-    taxels = layout.shape[0]
-    rows: list[Frame] = []
-    for press in presses:
-        stamp_ns = press.frames[0].stamp_ns
-        rest = Frame(None if stamp_ns is None else stamp_ns - 1, 0, press.baseline)
-        rows += [rest, *press.frames]
-    lengths = [1 + len(press.frames) for press in presses]
-    begins = np.cumsum([0, *lengths[:-1]])
-    stamps = [frame.stamp_ns for frame in rows]
-    good = np.zeros(taxels, np.uint8)
-    return Recording.from_arrays(
-        layout,
-        np.stack([frame.values for frame in rows]),
-        stamp_ns=None if None in stamps else np.array(stamps, np.int64),
-        status=np.stack([good if frame.status is None else frame.status for frame in rows]),
-        stream=np.repeat(np.arange(len(presses)), lengths),
-        tare=np.isin(np.arange(len(rows)), begins),
-    )
-
-
 def learn(
     pipeline: Pipeline,
     label: str,
@@ -330,30 +251,11 @@ def learn(
     replace: bool = False,
     allowed: Allowed = Allowed(),
 ) -> str:
-    """Enrol a class; the pipeline is of no use after a refusal by what it would cost.
+    """Enrol a class and say, as a sentence, what was learned and what it costs.
 
-    Parameters
-    ----------
-    pipeline : Pipeline
-        That learns.
-    label : str
-        Name of the class.
-    presses : Recording
-        That holds them; see `Pipeline.enrol` and `recording_of`.
-    replace : bool
-        Forget what was enrolled under that name before; else it stays beside the new presses.
-    allowed : Allowed
-        What it may cost.
-
-    Returns
-    -------
-    str
-        What was learned and what it costs, as a sentence.
-
-    Raises
-    ------
-    ValueError
-        If a press is of no use, the name is taken, or known classes would lose too much.
+    The presses are as of `recording_of`. With `replace`, those enrolled under that name before
+    are forgotten; else they stay beside the new ones. Raises ValueError if a press is of no use,
+    the name is taken, or known classes would lose too much: of no use is the pipeline then.
     """
     refuse_name(label)
     if replace and label in pipeline.label_names:
@@ -361,16 +263,11 @@ def learn(
     pipeline.enrol(presses, label)
     stated = pipeline.report.get(f'enrolled {label}', {})
     cost = _cost(stated, pipeline.label_names)
-    limits = (
-        (stated.get('known_presses_lost', 0.0), allowed.lost, 'of the known presses'),
-        (
-            stated.get('lost_there_at_most', 0.0),
-            allowed.lost_there,
-            'of the others where it was pressed',
-        ),
-    )
-    for lost, most, of in limits:
-        if lost > most:
+    for name, most, of in (
+        ('known_presses_lost', allowed.lost, 'of the known presses'),
+        ('lost_there_at_most', allowed.lost_there, 'of the others where it was pressed'),
+    ):
+        if stated.get(name, 0.0) > most:
             msg = (
                 f'{label!r} must take at most {100 * most:.3g} % {of}; {cost}: '
                 'press where it looks less like the others'
@@ -381,27 +278,26 @@ def learn(
 
 
 def _cost(stated: dict[str, float], names: Sequence[str]) -> str:
-    """What a class takes from those known before, in words."""
-    judged = stated.get('known_presses_judged', 0.0)
-    there = stated.get('lost_there', float('nan'))
+    """Sentence about the presses that a class takes from those known before."""
     said = 'no known press was there to judge what it costs'
+    judged = stated.get('known_presses_judged', 0.0)
     if judged:
-        lost, bound = stated['known_presses_lost'], stated['known_presses_lost_at_most']
         said = (
-            f'it takes {100 * lost:.3g} % of {judged:.0f} known presses, '
-            f'{100 * bound:.3g} % at most (95 % bound)'
+            f'it takes {100 * stated["known_presses_lost"]:.3g} % of {judged:.0f} known presses, '
+            f'{100 * stated["known_presses_lost_at_most"]:.3g} % at most (95 % bound)'
         )
-    if np.isfinite(there):
+    if np.isfinite(stated.get('lost_there', np.nan)):
         said += (
-            f'; {100 * there:.3g} % of the others where it was pressed, '
+            f'; {100 * stated["lost_there"]:.3g} % of the others where it was pressed, '
             f'{100 * stated["lost_there_at_most"]:.3g} % at most'
         )
-    taken = [names[int(key.removeprefix(THERE))] for key in stated if key.startswith(THERE)]
+    there = 'lost_there '  # and the number of a class
+    taken = [names[int(key.removeprefix(there))] for key in stated if key.startswith(there)]
     return f'{said}, likely all of {" and ".join(taken)} there' if taken else said
 
 
 def refuse_name(label: str) -> None:
-    """Refuse what is no name of a class; ValueError says why."""
+    """Raise ValueError for what is no name of a class."""
     if not label.strip() or len(label) > LONGEST_NAME or not label.isprintable():
         msg = (
             f'label of enrol must be a name of 1 to {LONGEST_NAME} printable characters; '
@@ -411,13 +307,7 @@ def refuse_name(label: str) -> None:
 
 
 def window_of(pipeline: Pipeline) -> int:
-    """Frames of a press, as the config says.
-
-    Raises
-    ------
-    ValueError
-        If the sensor recognises no presses.
-    """
+    """Frames of a press, as the config says; ValueError if the sensor learns no classes."""
     window = getattr(pipeline.config, 'window', None)
     if window is None or not pipeline.estimation.learns_classes:
         msg = f'{pipeline.sensor} learns no classes from presses'
