@@ -349,7 +349,7 @@ def as_answered(piece: LoadedRecording, pipeline: Pipeline) -> Columns:
     if not names or 'label' not in truth:
         return truth
     number = np.array([*(classes.index(n) if n in classes else -1 for n in names), -1])
-    stated = np.asarray(truth['label'])
+    stated = np.asarray(truth['label'], np.int64)
     return {**truth, 'label': np.where(stated >= 0, number[stated], -1)}
 
 

@@ -53,6 +53,7 @@ class Skin:
     """A pipeline that learns names; `gate` is passed on the way into a file."""
 
     sensor, layout, digest = 'toy', LAYOUT, 'one and only'
+    failures = 0
     config = SimpleNamespace(window=WINDOW)
     report: dict[str, dict[str, float]] = {}  # noqa: RUF012
 
