@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from benchmarks.harness.rows import COLUMNS, BenchResult
 from benchmarks.worlds import grasp_scenes
-from tactile_ros.cli.console import show, show_json
+from tactile_ros.cli.console import show
 from tactile_ros.simulation.engine import Film, prefer_no_screen, why_not
 
 if TYPE_CHECKING:
@@ -39,12 +39,8 @@ def run_grasps(output: Path, seed: int, as_json: bool = False) -> int:
     rows, told, drawn = found.rows + rows, found.notes + told, {**found.drawings, **drawn}
     command = f'tactile demo grasp --seed {seed}'
     result = BenchResult('grasp', command, [seed], rows, told, drawn)
-    cells, aside = [row.cells() for row in result.rows], sys.stdout
-    if as_json:
-        show_json(COLUMNS, cells)
-        aside = sys.stderr
-    else:
-        show(COLUMNS, cells, title=f'grasp: {command}')
+    cells, aside = [row.cells() for row in result.rows], sys.stderr if as_json else sys.stdout
+    show(COLUMNS, cells, f'grasp: {command}', as_json)
     for note in result.notes:
         print(f'  {note}', file=aside)
     output.mkdir(parents=True, exist_ok=True)

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from types import ModuleType
 
-    from benchmarks.harness.rows import BenchResult
 
 LONGEST = (  # which begin
     'devices', 'grasp', 'gradiometer', 'taxel_array', 'magnet_pad', 'reskin', 'multipole_skin',
@@ -122,7 +121,11 @@ def run(options: argparse.Namespace) -> int:
         spent_s = own_processor_s() - spent_s
         told.append(json.loads(path.read_bytes()))
         if not options.json:
-            tell(result, drawn)
+            columns = load('harness.rows', '`tactile bench`').COLUMNS
+            cells = [row.cells() for row in result.rows]
+            show(columns, cells, title=f'{result.bench}: {result.command}')
+            for note in (*result.notes, *(f'drawn: {path}' for path in drawn)):
+                print(f'  {note}')
             took = f'{seconds:.0f} s ({spent_s:.0f} s of a processor)'
             print(f'  seeds {result.seed}; {took}; written to {path}')
     if options.json:
@@ -134,16 +137,6 @@ def own_processor_s() -> float:
     """Processor time of this process and of those that it waited for (s)."""
     found = os.times()
     return found.user + found.system + found.children_user + found.children_system
-
-
-def tell(result: BenchResult, drawn: Sequence[Path]) -> None:
-    """Print the table of a bench, its notes, and what it drew."""
-    columns = load('harness.rows', '`tactile bench`').COLUMNS
-    show(columns, [row.cells() for row in result.rows], title=f'{result.bench}: {result.command}')
-    for note in result.notes:
-        print(f'  {note}')
-    for path in drawn:
-        print(f'  drawn: {path}')
 
 
 def _words(name: str, extent: str) -> list[str]:

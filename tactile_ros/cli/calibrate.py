@@ -22,7 +22,6 @@ from tactile_ros.cli.console import (
     read_config,
     refuse_unwritable,
     show,
-    show_json,
     working,
 )
 from tactile_ros.errors import RecordingError
@@ -35,8 +34,16 @@ if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Report
 
-LACK, FOUND = 'not told: ', 'found: '
-KINDS = ('model: ', 'term: ', LACK, FOUND)
+KINDS = ('model: ', 'term: ', 'not told: ', 'found: ')
+COLUMNS = (
+    'target', 'estimator', 'held-out mean', 'held-out RMSE', 'in 1 sigma (%)', 'groups', 'rows',
+)  # fmt: skip
+UNTARED = (
+    'not told: when nothing touched, so this calibration takes readings as they are: it cannot be '
+    'tared, nor be replayed on a bag whose run was; tares of a contact_node without a calibration '
+    'in the same bag would tell (of four frames or more), tare rows, or in_contact 0 at rest '
+    '(--truth may be given twice)'
+)
 
 
 def sentences(report: Report) -> list[str]:
@@ -44,30 +51,18 @@ def sentences(report: Report) -> list[str]:
     said = []
     for name, found in report.items():
         if name.startswith('model: '):
-            said.append(
-                f'{name}; it errs by {found["worst_error"]:.2g} at most, '
-                f'noise is {found["noise"]:.2g}'
+            figures = (
+                f'it errs by {found["worst_error"]:.2g} at most, noise is {found["noise"]:.2g}'
             )
         elif name.startswith('term: '):
-            said.append(
-                f'{name}; estimated it widens errors {found["costs"]:.3g} times, '
-                f'left out it would {found["buys"]:.3g} times'
-            )
-        elif name.startswith((LACK, FOUND)):
+            figures = f'estimated it widens errors {found["costs"]:.3g} times, '
+            figures += f'left out it would {found["buys"]:.3g} times'
+        elif name.startswith(KINDS):
             figures = ', '.join(f'{what} {value:.3g}' for what, value in found.items())
-            said.append(f'{name}; {figures}' if figures else name)
+        else:
+            continue
+        said.append(f'{name}; {figures}' if figures else name)
     return said
-
-
-COLUMNS = (
-    'target',
-    'estimator',
-    'held-out mean',
-    'held-out RMSE',
-    'in 1 sigma (%)',
-    'groups',
-    'rows',
-)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -108,7 +103,7 @@ def run(options: argparse.Namespace) -> int:
         msg = f'nothing in {", ".join(options.recordings)} can be learned: truth has '
         raise RecordingError(msg + ', '.join(names) + f'; {left_out(pipeline)}')
     pipeline.save(options.output)
-    (show_json if options.json else show)(COLUMNS, report_rows(pipeline))
+    show(COLUMNS, report_rows(pipeline), as_json=options.json)
     if left_out(pipeline):
         print(left_out(pipeline), file=sys.stderr)
     if not pipeline.rest_.tared:
@@ -120,14 +115,6 @@ def run(options: argparse.Namespace) -> int:
         print(f'fitted in {seconds:.1f} s; metres and newton; written to {options.output}')
         print(f'SHA-256 {pipeline.digest}')
     return 0
-
-
-UNTARED = (
-    'not told: when nothing touched, so this calibration takes readings as they are: it cannot be '
-    'tared, nor be replayed on a bag whose run was; tares of a contact_node without a calibration '
-    'in the same bag would tell (of four frames or more), tare rows, or in_contact 0 at rest '
-    '(--truth may be given twice)'
-)
 
 
 def left_out(pipeline: Pipeline) -> str:

@@ -32,8 +32,16 @@ PATIENCE_S, STEP_S = 2.0, 0.5  # without a word; between two
 MOST_YAML_BYTES = 1_000_000
 
 
-def show(columns: Sequence[str], rows: Sequence[Sequence[Cell]], title: str = '') -> None:
-    """Print a table; numbers to the right."""
+def show(
+    columns: Sequence[str],
+    rows: Sequence[Sequence[Cell]],
+    title: str = '',
+    as_json: bool = False,
+) -> None:
+    """Print a table, numbers to the right; or JSON, a list of objects."""
+    if as_json:
+        print(json.dumps(as_objects(columns, rows), indent=2))
+        return
     texts = [[figure(cell) for cell in row] for row in rows]
     widths = [max(len(r[i]) for r in (list(columns), *texts)) for i in range(len(columns))]
     numeric = [all(not isinstance(row[i], str) for row in rows) for i in range(len(columns))]
@@ -53,11 +61,6 @@ def figure(value: Cell) -> str:
     if isinstance(value, float):
         return f'{value:.3g}' if abs(value) < 1000 else f'{value:.0f}'
     return str(value)
-
-
-def show_json(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> None:
-    """Print the same table as a list of objects; what is not finite becomes null."""
-    print(json.dumps(as_objects(columns, rows), indent=2))
 
 
 def as_objects(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> list[dict[str, Cell]]:

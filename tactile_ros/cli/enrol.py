@@ -27,9 +27,7 @@ from tactile_ros.sensors import load_sensor
 if TYPE_CHECKING:
     import argparse
 
-    from tactile_ros.evaluation.recording_files import LoadedRecording
     from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Recording
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,17 +61,15 @@ def run(options: argparse.Namespace) -> int:
     refuse_unwritable(options.calibration)
     pipeline = open_calibration(options.calibration)
     with working(f'learning {options.label}'):
-        said = _forgotten(options, pipeline) if options.forget else _learned(options, pipeline)
+        if options.forget:
+            pipeline.forget(options.label)
+            said = f'{options.label!r} forgotten; classes are {", ".join(pipeline.label_names)}'
+        else:
+            said = _learned(options, pipeline)
     pipeline.save(options.calibration)
     print(f'{said}; written to {options.calibration}')
     print(f'SHA-256 {pipeline.digest}')
     return 0
-
-
-def _forgotten(options: argparse.Namespace, pipeline: Pipeline) -> str:
-    """Undo an enrolment; what was done."""
-    pipeline.forget(options.label)
-    return f'{options.label!r} forgotten; classes are {", ".join(pipeline.label_names)}'
 
 
 def _learned(options: argparse.Namespace, pipeline: Pipeline) -> str:
@@ -86,22 +82,14 @@ def _learned(options: argparse.Namespace, pipeline: Pipeline) -> str:
     if len(found) != 1:
         names = ', '.join(one.name for one in found)
         raise RecordingError(f'{options.recording} must hold one sensor; it holds {names}')
-    presses = _presses(options, found[0], pipeline.layout.shape)
+    recording = found[0].recording
+    if found[0].baselines and recording.layout.shape == pipeline.layout.shape:  # a bag
+        presses = presses_in(found[0], open_calibration(options.calibration))
+        if not presses:
+            raise RecordingError(f'{options.recording} holds no press that begins and ends')
+        recording = recording_of(recording.layout, presses[: options.presses or None])
     allowed = Allowed(options.most_lost, options.most_lost_there)
-    return learn(pipeline, options.label, presses, options.replace, allowed)
-
-
-def _presses(
-    options: argparse.Namespace, loaded: LoadedRecording, shape: tuple[int, int]
-) -> Recording:
-    """What is learned from: of a bag its presses, of other files all of it."""
-    recording = loaded.recording
-    if not loaded.baselines or recording.layout.shape != shape:
-        return recording
-    presses = presses_in(loaded, open_calibration(options.calibration))
-    if not presses:
-        raise RecordingError(f'{options.recording} holds no press that begins and ends')
-    return recording_of(recording.layout, presses[: options.presses or None])
+    return learn(pipeline, options.label, recording, options.replace, allowed)
 
 
 def _live(options: argparse.Namespace) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from tactile_ros.cli.console import show, show_json
+from tactile_ros.cli.console import show
 from tactile_ros.sensors import list_sensors, load_sensor
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> int:
         )
         for s in specs
     ]  # fmt: skip
-    (show_json if options.json else show)(COLUMNS, rows)
+    show(COLUMNS, rows, as_json=options.json)
     return 0
 
 

@@ -25,7 +25,6 @@ from tactile_ros.cli.console import (
     refuse_no_pictures,
     refuse_unwritable,
     show,
-    show_json,
     working,
 )
 from tactile_ros.errors import RecordingError
@@ -122,7 +121,7 @@ def print_outcomes(outcomes: list[Outcome], *, as_json: bool) -> None:
     """Print the table of all recordings, and what must be known about each."""
     columns, rows = fleet.table(outcomes)
     said = sys.stderr if as_json else sys.stdout
-    (show_json if as_json else show)(columns, rows)
+    show(columns, rows, as_json=as_json)
     for one in (one for outcome in outcomes for one in outcome.results):
         sentences = [f'{topic}: {how}' for topic, how in one.association.items()]
         for found in one.answers:
@@ -180,7 +179,7 @@ def print_result(result: Result, *, as_json: bool = False) -> None:
     """Print the summary table, and how far replay and live run agree."""
     columns, rows = table(result)
     said = sys.stderr if as_json else sys.stdout
-    (show_json if as_json else show)(columns, rows)
+    show(columns, rows, as_json=as_json)
     for dataset in result.datasets:
         if dataset.agreement is not None:
             worst = dataset.agreement.largest

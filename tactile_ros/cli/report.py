@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactile_ros.cli import bench
-from tactile_ros.cli.console import refuse_no_pictures, refuse_unwritable, show, show_json
+from tactile_ros.cli.console import refuse_no_pictures, refuse_unwritable, show
 from tactile_ros.errors import TactileError
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
         _print_markdown(*page.markdown(files))
     else:
         rows = [row_of(file, page.title_of(file.result.bench)) for file in files]
-        (show_json if options.json else show)(COLUMNS, rows)
+        show(COLUMNS, rows, as_json=options.json)
     for problem in problems:
         print(f'  left out: {problem}', file=sys.stderr)
     print(f'report: {output}', file=sys.stderr)
