@@ -107,8 +107,8 @@ def all_types() -> Typestore:
     own = {}
     for file in sorted(message_folder().glob('*.msg')):
         own.update(get_types_from_msg(file.read_text('utf-8'), f'{PACKAGE}/msg/{file.stem}'))
-    known = store.fielddefs
-    store.register({name: fields for name, fields in own.items() if name not in known})
+    standard = store.fielddefs
+    store.register({name: fields for name, fields in own.items() if name not in standard})
     return store
 
 
@@ -316,10 +316,10 @@ class BagWriter(Closing):
                 msg = f'the bag {self.path} is closed'
                 raise RecordingError(msg)
             self.add_topic(topic, type_name, latched)
-            known = self._topics[topic]
+            entry = self._topics[topic]
             stamp_ns = max(stamp_ns, 0)
-            self._mcap.add_message(known.channel, stamp_ns, data, stamp_ns, known.count)
-            known.count += 1
+            self._mcap.add_message(entry.channel, stamp_ns, data, stamp_ns, entry.count)
+            entry.count += 1
             self._bytes += len(data) + _MESSAGE.size
             self._chunk_ns = [min([stamp_ns, *self._chunk_ns]), max([stamp_ns, *self._chunk_ns])]
             if self._bytes >= CHUNK_BYTES or self._chunk_ns[1] - self._chunk_ns[0] >= CHUNK_NS:
@@ -374,12 +374,12 @@ class BagWriter(Closing):
         topics = [
             {
                 'topic_metadata': {
-                    'name': topic, 'type': known.type_name, 'serialization_format': 'cdr',
-                    'offered_qos_profiles': qos_text(known.latched),
+                    'name': topic, 'type': entry.type_name, 'serialization_format': 'cdr',
+                    'offered_qos_profiles': qos_text(entry.latched),
                 },
-                'message_count': known.count,
+                'message_count': entry.count,
             }
-            for topic, known in self._topics.items()
+            for topic, entry in self._topics.items()
         ]  # fmt: skip
         return _as_yaml({'rosbag2_bagfile_information': {
             'version': 5, 'storage_identifier': 'mcap', **span, 'message_count': total,
@@ -483,8 +483,8 @@ def records(file: BinaryIO, start: int, size: int) -> Iterator[Record]:
         file.seek(at)
         head = file.read(_HEAD.size)
         code, length = _HEAD.unpack(head) if len(head) == _HEAD.size else (0, 0)
-        known = 0 < code <= DATA_END or code >= 0x80  # 0x80 and above are private
-        if not known or (code in TAKEN and length > LARGEST_CHUNK):
+        valid = 0 < code <= DATA_END or code >= 0x80  # 0x80 and above are private
+        if not valid or (code in TAKEN and length > LARGEST_CHUNK):
             yield Record(at, 0, b'', False)
             return
         end = at + _HEAD.size + length

@@ -27,6 +27,7 @@ from tactile_ros import calibration as files
 from tactile_ros.errors import MissingPackageError, RecordingError, TactileError
 from tactile_ros.evaluation.metrics import (
     TARGETS,
+    Agreement,
     ClassErrors,
     Judged,
     class_rows,
@@ -46,7 +47,7 @@ from tactile_ros.evaluation.recording_files import (
     load,
     save_arrays,
 )
-from tactile_ros.evaluation.replay import Agreement, Follower, compare, single_cost
+from tactile_ros.evaluation.replay import Follower, compare, single_cost
 from tactile_ros.evaluation.report import Answer, Dataset
 from tactile_ros.evaluation.truth import DEFAULT_TRUTH, Association, associate
 from tactile_ros.sensors import load_sensor
@@ -277,17 +278,25 @@ class Evaluation:
             one.spent_ns += self._clock_ns() - begin
             one.frames += len(piece.seen)
             if live is not None:
-                found = compare(live.states, live.rows, states, len(recording))
-                one.agreement = found if one.agreement is None else one.agreement + found
+                agreement = compare(live.states, live.rows, states, len(recording))
+                earlier = one.agreement
+                one.agreement = agreement if earlier is None else earlier + agreement
             one.add(as_answered(piece, one.follower.pipeline), states, self._count)
         if live is not None and recording.stamp_ns is not None:
             self._latency.append(np.asarray((live.log_ns - recording.stamp_ns[live.rows]) * 1e-9))
         self._count += len(recording)
-        self._skeletons.append(recording if recording.stream is None else _skeleton(recording))
+        if recording.stream is not None and recording.stamp_ns is not None:
+            empty = np.zeros((len(recording), 0, 0))
+            keys = recording.truth.keys() & {'session', 'repetition'}
+            recording = replace(
+                recording, values=empty, temperature_c=None, status=None,
+                truth={key: recording.truth[key] for key in keys},
+            )  # fmt: skip
+        self._skeletons.append(recording)
 
     def result(self, last: LoadedRecording, source: str = '') -> SensorResult:
         """Results of all pieces, with what is known at the last of them about the whole."""
-        whole = _joined_skeletons(self._skeletons)
+        whole = _skeleton(self._skeletons)
         groups, times = np.asarray(groups_of(whole)['group'], np.int64), times_of(whole)
         delay = np.concatenate(self._latency)
         apart = clocks_apart(len(delay), int((delay < 0).sum()))
@@ -307,29 +316,21 @@ class Evaluation:
             summary='', answers=answers, frames=len(whole),
             dropped=frames_dropped(whole.sequence, whole.restarts),
             chips=self.layout.positions, latency_s=np.zeros(0) if apart else delay,
-            agreement=min(agreements, key=lambda found: found.largest, default=None),
+            agreement=min(agreements, key=lambda one: one.largest, default=None),
             problems=(*last.problems, *dict.fromkeys(blind), *apart),
             source=source, sensor=last.name,
             seconds=float('nan') if stamps is None else float(stamps[-1] - stamps[0]) * 1e-9,
         )  # fmt: skip
 
 
-def _skeleton(recording: Recording) -> Recording:
-    """Times, counters and groups of frames, without readings."""
-    names = [name for name in recording.truth if name in ('session', 'repetition')]
-    truth = {name: recording.truth[name] for name in names}
-    empty = np.zeros((len(recording), 0, 0))
-    return replace(recording, values=empty, temperature_c=None, status=None, truth=truth)
-
-
-def _joined_skeletons(parts: Sequence[Recording]) -> Recording:
-    """One recording of all pieces of a bag."""
+def _skeleton(parts: Sequence[Recording]) -> Recording:
+    """Times, counters and groups of all pieces of a bag, without readings; a file as it is."""
     if len(parts) == 1:
         return parts[0]
-    names = dict.fromkeys(name for part in parts for name in part.truth)
     truth = {
         name: np.concatenate([p.truth.get(name, np.full(len(p), -1)) for p in parts])
-        for name in names
+        for name in ('session', 'repetition')
+        if any(name in part.truth for part in parts)
     }
     columns = {
         name: np.concatenate([np.asarray(getattr(part, name)) for part in parts])
@@ -386,23 +387,23 @@ def evaluate_bag(
         If there is no bag, no frame that could be read, or no pipeline for any sensor.
     """
     bag = Bag(path, layout, truth_topics, association)
-    found: dict[str, Evaluation] = {}
+    evaluations: dict[str, Evaluation] = {}
     last: dict[str, LoadedRecording] = {}
     for space, piece in bag:
         try:
-            if space not in found and space not in bag.left_out:
-                found[space] = Evaluation(piece, pipelines, clock_ns)
+            if space not in evaluations and space not in bag.left_out:
+                evaluations[space] = Evaluation(piece, pipelines, clock_ns)
         except RecordingError as err:
             bag.left_out[space] = str(err)
-        if space in found:
-            found[space].add(piece)
+        if space in evaluations:
+            evaluations[space].add(piece)
             last[space] = piece
-    if not found:
+    if not evaluations:
         raise RecordingError('; '.join(bag.left_out.values()))
     results: list[SensorResult] = []
-    for space in sorted(found):
+    for space in sorted(evaluations):
         sensor = bag.sensors[space]
-        one = found[space].result(sensor.described(last[space]), path.name)
+        one = evaluations[space].result(sensor.described(last[space]), path.name)
         problems = (*(() if results else bag.problems), *one.problems)
         results.append(replace(one, problems=problems, association=sensor.truth.sentences))
     return results
@@ -452,8 +453,8 @@ def _results(job: Job) -> list[SensorResult]:
     file = Path(job.recording)
     shipped = load_sensor(first.sensor).recordings()
     if not file.exists() and job.recording in shipped:
-        loaded = LoadedRecording(job.recording, shipped[job.recording])
-        return [evaluate(loaded, pipelines, job.recording)]
+        one = LoadedRecording(job.recording, shipped[job.recording])
+        return [evaluate(one, pipelines, job.recording)]
     if not file.exists():
         names = ', '.join(shipped) or 'none'
         msg = f'{file} does not exist, and {first.sensor} ships only {names}'
@@ -462,8 +463,8 @@ def _results(job: Job) -> list[SensorResult]:
         with suppress(ClassesChangedError):
             truth = associate(file, job.truth_topics, job.tolerance_ns, job.delay_ns)
             return evaluate_bag(file, pipelines, job.truth_topics, truth, first.layout)
-    found = load(file, first.layout, job.truth_topics)
-    return [evaluate(one, pipelines, file.name) for one in found.recordings]
+    loaded = load(file, first.layout, job.truth_topics)
+    return [evaluate(one, pipelines, file.name) for one in loaded.recordings]
 
 
 def run_jobs(
@@ -490,10 +491,10 @@ def run_jobs(
     list of Outcome
         In the order of the jobs.
     """
-    found: dict[Job, Outcome] = {}
+    outcomes: dict[Job, Outcome] = {}
 
     def heard(outcome: Outcome) -> None:
-        found[outcome.job] = outcome
+        outcomes[outcome.job] = outcome
         done(outcome)
 
     if scheduler:
@@ -506,7 +507,7 @@ def run_jobs(
     else:
         for job in jobs:
             heard(run_job(job))
-    return [found[job] for job in jobs]
+    return [outcomes[job] for job in jobs]
 
 
 def _pool(
@@ -677,8 +678,8 @@ def row_of(one: SensorResult, answer: PipelineAnswer) -> list[Cell]:
 
 def _inside(target: TargetErrors) -> int:
     """Components within one standard deviation of their own."""
-    found = target.coverage
-    return round(found.share * found.count) if found.count else 0
+    within = target.coverage
+    return round(within.share * within.count) if within.count else 0
 
 
 def _share(targets: Sequence[TargetErrors]) -> float | None:
@@ -784,15 +785,15 @@ def _answer_json(answer: PipelineAnswer) -> dict[str, object]:
     }
 
 
-def _spread_json(found: Spread, unit: str) -> dict[str, object]:
+def _spread_json(errors: Spread, unit: str) -> dict[str, object]:
     """Summary, and the sums that can be added up."""
     names = ('mean', 'rms', 'p50', 'p95', 'p99', 'largest')
     return {
         'unit': unit,
-        'count': found.count,
-        **{name: _number(getattr(found, name)) for name in names},
-        'sum': found.mean * found.count if found.count else 0.0,
-        'sum_of_squares': found.rms**2 * found.count if found.count else 0.0,
+        'count': errors.count,
+        **{name: _number(getattr(errors, name)) for name in names},
+        'sum': errors.mean * errors.count if errors.count else 0.0,
+        'sum_of_squares': errors.rms**2 * errors.count if errors.count else 0.0,
     }
 
 

@@ -254,8 +254,8 @@ def load(
         return Loaded((LoadedRecording(file.stem, read_csv(file, layout)),))
     bag = Bag(file, layout, truth_topics, frames=FOREVER)
     whole = dict(bag)
-    found = tuple(bag.sensors[space].described(whole[space]) for space in sorted(whole))
-    return Loaded(found, tuple(bag.problems))
+    recordings = tuple(bag.sensors[space].described(whole[space]) for space in sorted(whole))
+    return Loaded(recordings, tuple(bag.problems))
 
 
 class ClassesChangedError(Exception):
@@ -542,19 +542,19 @@ class SensorBag:
             return None
         count = self.contacts.heard_by(until)
         taxels = self.layout.shape[0]
-        found = read_contacts(self.contacts.data[:count], taxels)
-        self.lost[f'messages of {self.space}/contacts are damaged'] += found.damaged
-        self.lost[f'contacts do not fit a sensor of {taxels} taxels'] += found.misfits
-        keys = _keys(found.arrays) if found.arrays else []
+        messages = read_contacts(self.contacts.data[:count], taxels)
+        self.lost[f'messages of {self.space}/contacts are damaged'] += messages.damaged
+        self.lost[f'contacts do not fit a sensor of {taxels} taxels'] += messages.misfits
+        keys = _keys(messages.arrays) if messages.arrays else []
         rows = np.array([index.get(key, -1) for key in keys], np.int64)
         kept = rows >= 0
-        logs = np.array(self.contacts.logs[:count], np.int64)[found.rows]
+        logs = np.array(self.contacts.logs[:count], np.int64)[messages.rows]
         waits = ~kept & (logs > last_ns - HORIZON_NS) & (until < FOREVER)
         given_up = int((~kept & ~waits).sum())
         self.lost['contacts are about frames that were not recorded'] += given_up
-        self.contacts.keep(found.rows[waits].tolist(), count)
-        known = {name: found.arrays[name][kept] for name in STATE_FIELDS if found.arrays}
-        states = ContactStates.assemble(int(kept.sum()), taxels, known)
+        self.contacts.keep(messages.rows[waits].tolist(), count)
+        columns = {name: messages.arrays[name][kept] for name in STATE_FIELDS if messages.arrays}
+        states = ContactStates.assemble(int(kept.sum()), taxels, columns)
         return LiveContacts(rows[kept], states, logs[kept], given_up)
 
     def _baselines(self, until: int) -> tuple[Frame, ...]:

@@ -292,14 +292,14 @@ def gathered(
     parts: Sequence[ContactStates], rows: Integers, samples: int, taxels: int
 ) -> ContactStates:
     """States of some rows (n,), in parts, among all rows s."""
-    found = join([vars(part) for part in parts])
-    patches = found['contacts_id'].shape[1]
+    joined = join([vars(part) for part in parts])
+    patches = joined['contacts_id'].shape[1]
     blank = ContactStates.assemble(samples, taxels, {})
-    known: Columns = {}
+    columns: Columns = {}
     for name in STATE_FIELDS:
-        known[name] = widened(name, np.array(getattr(blank, name)), patches)
-        known[name][rows] = found[name]
-    return ContactStates.assemble(samples, taxels, known)
+        columns[name] = widened(name, np.array(getattr(blank, name)), patches)
+        columns[name][rows] = joined[name]
+    return ContactStates.assemble(samples, taxels, columns)
 
 
 class BaselineQueue:
@@ -337,16 +337,16 @@ class BaselineQueue:
                 self._stream += 1
             self._previous = baseline.sequence
             self._waiting.append((self._stream, baseline))
-        found: dict[int, Frame] = {}
+        placed: dict[int, Frame] = {}
         waiting = []
         for stream, baseline in self._waiting:
             later = np.flatnonzero((streams == stream) & (sequence >= baseline.sequence))
             if len(later):
-                found[int(rows[later[0]])] = baseline
+                placed[int(rows[later[0]])] = baseline
             elif not len(rows) or stream >= streams[-1]:
                 waiting.append((stream, baseline))
         self._waiting = waiting
-        return found
+        return placed
 
 
 def as_it_began(
@@ -445,7 +445,7 @@ def presses_in(loaded: LoadedRecording, pipeline: Pipeline) -> list[Press]:
     recording = loaded.recording
     rows = np.arange(len(recording))
     baselines = BaselineQueue().by_row(recording, rows, loaded.baselines)
-    presses: list[Press | None] = []
+    ended: list[Press | None] = []
     watch, failures = PressWatch(window_of(pipeline)), pipeline.failures
     for row, restart in zip(rows.tolist(), recording.restarts, strict=True):
         if restart:
@@ -455,12 +455,12 @@ def presses_in(loaded: LoadedRecording, pipeline: Pipeline) -> list[Press]:
             pipeline.tare([baselines[row]])
         frame = recording.frame(row)
         state = pipeline.process(frame)
-        presses.append(watch(frame, int(state.in_contact), pipeline.baseline))
-    found = [press for press in presses if press is not None]
+        ended.append(watch(frame, int(state.in_contact), pipeline.baseline))
+    presses = [press for press in ended if press is not None]
     problems = failure_problems(pipeline, failures)
-    if problems and not found:
+    if problems and not presses:
         raise RecordingError(' '.join(problems))
-    return found
+    return presses
 
 
 def with_tare_rows(loaded: LoadedRecording) -> tuple[Recording, str]:

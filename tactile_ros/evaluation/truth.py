@@ -50,13 +50,13 @@ class Association:
         Largest distance in time; None: half a step of frames or truth, whichever is longer.
     delays : dict of str to int
         By how much the stamps of a topic are later than the frames that they belong to (ns).
-    known : dict of str to str
-        How well a delay is known, in a few words.
+    remarks : dict of str to str
+        Where a delay comes from and its uncertainty, in a few words.
     """
 
     tolerance_ns: int | None = None
     delays: Mapping[str, int] = field(default_factory=dict)
-    known: Mapping[str, str] = field(default_factory=dict)
+    remarks: Mapping[str, str] = field(default_factory=dict)
 
 
 def ends_as(topic: str, name: str) -> bool:
@@ -142,7 +142,7 @@ def contacts_truth(
     -------
     truth : dict of str to ndarray, shape (s, ...)
         Keys of which something is known; NaN or -1 elsewhere.
-    found : ndarray, shape (n,)
+    used : ndarray, shape (n,)
         Messages that belong to a frame.
 
     Notes
@@ -257,7 +257,7 @@ class TruthTopics:
                 sentences[topic] = 'holds from when it was heard until the next'
             elif within is not None:
                 delay = self.association.delays.get(topic, 0)
-                late = f'{delay * 1e-6:.3g} ms late{self.association.known.get(topic, "")}'
+                late = f'{delay * 1e-6:.3g} ms late{self.association.remarks.get(topic, "")}'
                 sentences[topic] = f'within {within * 1e-6:.3g} ms, {late}'
         return sentences
 
@@ -314,8 +314,8 @@ class TruthTopics:
                 late = until if until > last_ns + KEPT_NS else last_ns - KEPT_NS
                 self.lost[f'messages of {topic} belong to no frame'] += buffer.forget_before(late)
             for key, value in part.items():
-                known = merged.get(key, value)
-                merged[key] = np.where(unknown(known), value, known)
+                earlier = merged.get(key, value)
+                merged[key] = np.where(unknown(earlier), value, earlier)
         return merged
 
     def _leave_out(self, topic: str, buffer: MessageBuffer, rows: Integers, count: int) -> None:
@@ -506,20 +506,20 @@ def _delay(topic: str, buffer: MessageBuffer, frames: dict[str, MessageBuffer]) 
     logs = np.array(own.logs)[np.concatenate([group.rows for group in groups])]
     away = np.sqrt((np.nan_to_num(values - np.nanmedian(values, axis=0)) ** 2).sum(axis=1))
     level = _level(late.arrays)
-    known = np.isfinite(level)
-    if not known.any():
+    measured = np.isfinite(level)
+    if not measured.any():
         return None
-    late_times = late.arrays['stamp_ns'].astype(np.int64)[known]
-    heard = np.array(buffer.logs)[late.rows][known]
+    late_times = late.arrays['stamp_ns'].astype(np.int64)[measured]
+    heard = np.array(buffer.logs)[late.rows][measured]
     # clocks that were never set to one another differ by what the recorder heard of them
     apart = int(np.median(late_times - heard)) - int(np.median(times - logs))
     order, late_order = np.argsort(times, kind='stable'), np.argsort(late_times, kind='stable')
-    found = estimate_delay(
-        times[order], away[order], late_times[late_order] - apart, level[known][late_order]
+    delay = estimate_delay(
+        times[order], away[order], late_times[late_order] - apart, level[measured][late_order]
     )
-    if found is None:
+    if delay is None:
         return None
-    return Delay(found.delay_ns + apart, found.std_ns, found.correlation, found.stretches)
+    return Delay(delay.delay_ns + apart, delay.std_ns, delay.correlation, delay.stretches)
 
 
 def _level(truth: Columns) -> Array:
@@ -544,16 +544,16 @@ def associate(
     tolerance_ns, delay_ns : int or None
         None: half a step; estimated.
     """
-    delays, known = {}, {}
+    delays, remarks = {}, {}
     for topic, delay in truth_delays(path, truth_topics).items():
         if delay_ns is not None:
-            delays[topic], known[topic] = delay_ns, ' as was said'
+            delays[topic], remarks[topic] = delay_ns, ' as was said'
         elif delay is None:
-            known[topic] = ' (assumed: the signals do not tell)'
+            remarks[topic] = ' (assumed: the signals do not tell)'
         else:
             delays[topic] = round(delay.delay_ns) if delay.significant else 0
-            known[topic] = (
+            remarks[topic] = (
                 f' (estimated: {delay.delay_ns * 1e-6:.3g} +- {delay.std_ns * 1e-6:.2g} ms from '
                 f'{delay.stretches} stretches, correlation {delay.correlation:.2f})'
             )
-    return Association(tolerance_ns, delays, known)
+    return Association(tolerance_ns, delays, remarks)

@@ -23,7 +23,7 @@ from tactile_ros.evaluation.recording_files import (
     load,
     read_changes,
 )
-from tactile_ros.evaluation.replay import BaselineQueue, Follower, as_live, compare, replay
+from tactile_ros.evaluation.replay import BaselineQueue, as_live, compare, replay
 from tactile_ros.messages import fill_contacts
 from tactile_ros.nodes.contact_loop import ContactLoop
 from tactile_ros.nodes.enrolment_server import ClassChange, Enrolment, EnrolRequest, EnrolResult
@@ -155,32 +155,6 @@ def test_frames_that_the_node_did_not_see_are_left_out_and_counted(
     assert found.agreement.without_contacts == 5
     assert not found.states.valid[[0, 1, 2, 30, 31]].any()
     assert '5 frames without contacts were left out' in found.problems[0]
-
-
-def test_frames_that_failed_live_count_as_lost_in_the_replay(
-    spatial: Recording, fitted: Pipeline, make: SimpleNamespace, tmp_path: Path
-) -> None:
-    frames = live_frames(spatial, 20)
-    healthy = fitted.estimation.estimate
-    failing = {frames[k].stamp_ns for k in (9, 40, 41, 150)}
-
-    def estimate(signals: Signals, memory: object) -> Columns:
-        if (np.isin(signals.stamp_ns, list(failing)) & signals.good).any():
-            msg = 'nobody foresaw this'
-            raise RuntimeError(msg)
-        return healthy(signals, memory)
-
-    fitted.estimation.estimate = estimate
-    path = record(tmp_path / 'bag', make, fitted, frames, {16: True, 60: True})
-    fresh = load_sensor('reskin_board').pipeline(estimator='ridge').fit(spatial)
-    (loaded,) = load(path).recordings
-    found = replay(loaded, fresh)
-    assert found.agreement.frames == len(frames)
-    assert found.agreement.largest <= 1e-12
-    assert np.flatnonzero(~found.states.valid).tolist() == [9, 40, 41, 150]
-    (tally,) = evaluate_bag(path, {'c': fresh}, ('truth/contacts',))
-    assert tally.answers[0].agreement.largest <= 1e-12
-    assert tally.answers[0].agreement.frames == len(frames)
 
 
 def test_a_restarted_sensor_is_a_new_stream(
@@ -343,16 +317,6 @@ def test_where_every_frame_fails_all_are_lost_and_other_boards_are_refused(
     assert not found.states.valid.any()
     with pytest.raises(ValueError, match='received Bx, By, Bz in count'):
         fitted.process_batch(replace(recording, layout=replace(recording.layout, unit='count')))
-
-
-def test_a_bag_of_which_every_frame_fails_takes_a_few_times_its_frames(
-    spatial: Recording, fitted: Pipeline, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    recording = plain(spatial)
-    seen = fail_at(monkeypatch, fitted, recording.stamp_ns)
-    piece = LoadedRecording('plain', replace(recording, tare=None))
-    assert not Follower(fitted)(piece).valid.any()
-    assert sum(seen) < 6 * len(recording)
 
 
 def test_an_empty_live_run_compares_nothing(spatial: Recording, fitted: Pipeline) -> None:

@@ -63,7 +63,7 @@ def test_what_was_asked_for_goes_first(bag: Path) -> None:
     assert (told.tolerance_ns, dict(told.delays)) == (4_000_000, {'/cell/wrench': 7})
     found = associate(bag, ('wrench',), None, None)
     assert found.delays['/cell/wrench'] - CLOCK_NS == pytest.approx(30e6, abs=0.2 * STEP_NS)
-    assert 'estimated: 5e+06 +- ' in found.known['/cell/wrench']
+    assert 'estimated: 5e+06 +- ' in found.remarks['/cell/wrench']
 
 
 def test_truth_that_names_its_frames_has_no_delay(
