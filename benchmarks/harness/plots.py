@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.evaluation.figures import MM, Plot, standalone
+from tactile_ros.evaluation.figures import MM, Plot, confusion_plot, standalone
 from tactile_ros.evaluation.metrics import confusion
 
 if TYPE_CHECKING:
@@ -36,19 +36,6 @@ def _step(x: Array) -> float:
     """Distance between neighbours among coordinates."""
     apart = np.diff(np.unique(np.round(x, 6)))
     return float(apart.min()) if len(apart) else 1.0
-
-
-def confusion_map(table: Array, told: str) -> str:
-    """Share (n, n) (%) of each true cell that is named as each; empty below half a per cent."""
-    count = len(table)
-    ends = (-0.5, count - 0.5)
-    plot = Plot(ends, ends, 'named cell', 'true cell', (380, 380), description=told)
-    true, named = np.nonzero(np.nan_to_num(table) >= 0.5)
-    limits = (2.0, 5.0, 15.0, 40.0)
-    kinds = [f's{1 + np.searchsorted(limits, share)}' for share in table[true, named]]
-    kinds = ['s4' if kind == 's5' else kind for kind in kinds]
-    plot.boxes(named.astype(float), true.astype(float), 0.9, kinds)
-    return standalone(plot)
 
 
 def error_map(places: Array, error: Array, told: str) -> str:
@@ -107,7 +94,7 @@ def drawings(
         words = f'Share of touches of each cell that {name} names rightly (%)'
         found[f'cells_{name}'] = cell_map(cells, np.diag(table), words)
         words = f'Cells as {name} name them, a row for each true cell'
-        found[f'confusion_{name}'] = confusion_map(table, words)
+        found[f'confusion_{name}'] = standalone(confusion_plot(table, 'cell', words))
     error = np.linalg.norm(said - places, axis=1)
     found['errors'] = error_map(places, error, 'Error of the place over the pad')
     found['speed'] = cost_map(costs, 'Time of a frame against error of the place')

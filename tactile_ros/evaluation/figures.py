@@ -620,21 +620,25 @@ def latency_histogram(latency_s: Array, spread: Spread, lost: str) -> Figure:
     return Figure('How late a contact is', caption, (plot,))
 
 
-def confusion_plot(table: Array, name: str) -> tuple[Plot, tuple[tuple[str, str], ...]]:
-    """Share (n, n) (%) of each true class (row) that is named as each, and the key of shades."""
+CONFUSION_KEY = (('s1', '0.5–2'), ('s2', '2–5'), ('s3', '5–15'), ('s4', '> 15 %'))
+
+
+def confusion_plot(table: Array, name: str, description: str) -> Plot:
+    """Share (n, n) (%) of each true class (row) that is named as each, in four shades."""
     ends = (-0.5, len(table) - 0.5)
     plot = Plot(ends, ends, f'named {name}', f'true {name}', (380, 380), integer_ticks=True,
-                description=f'{name} named against true {name}')  # fmt: skip
+                description=description)  # fmt: skip
     true, named = np.nonzero(np.nan_to_num(table) >= 0.5)
     shades = np.searchsorted((2.0, 5.0, 15.0), table[true, named]) + 1
     plot.boxes(named.astype(float), true.astype(float), 0.94, [f's{shade}' for shade in shades])
-    return plot, (('s1', '0.5–2'), ('s2', '2–5'), ('s3', '5–15'), ('s4', '> 15 %'))
+    return plot
 
 
 def confusion_figure(errors: ClassErrors) -> Figure:
     """Share of each true class that is named as each, and what is confused most."""
     table = np.nan_to_num(errors.table)
-    plot, key = confusion_plot(table, errors.name)
+    name = errors.name
+    plot = confusion_plot(table, name, f'{name} named against true {name}')
     if len(table) <= 16:
         for row, column in np.argwhere(table >= 0.5).tolist():
             plot.text(column, row, f'{table[row, column]:.0f}', 'middle')
@@ -646,7 +650,7 @@ def confusion_figure(errors: ClassErrors) -> Figure:
     if pairs := [f'{a} for {b} ({wrong[a, b]:.0f} %)' for a, b in worst if wrong[a, b] >= 0.5]:
         text += f'; taken most often: {", ".join(pairs)}'
     caption = f'{text}. A row adds up to 100 % with those not named.'
-    return Figure(f'Which {errors.name} is taken for which', caption, (plot,), key)
+    return Figure(f'Which {name} is taken for which', caption, (plot,), CONFUSION_KEY)
 
 
 def hysteresis(target: TargetErrors) -> Figure | None:
