@@ -150,28 +150,32 @@ class ContactLoop:
 
         Raises ValueError if its shape is not the pipeline's.
         """
-        with self._lock:
-            if frame.sequence <= self.statistics.sequence:
-                self._begin_stream()
-            if not self.statistics.frames and self._has_baseline:
-                self._on_baseline(self._baseline(frame.stamp_ns, frame.sequence))
-            failures = self.pipeline.failures
-            state = self.pipeline.process(frame)
-            self._remember([frame], [state], failures)
-            if self._observer is not None:
-                self._observer(frame, state)
-            return state
+        return self.process_all([frame])[0]
 
     def process_all(self, frames: Sequence[Frame]) -> list[ContactState]:
         """Estimate from the next frames: the same numbers as one by one, and cheaper."""
         with self._lock:
+            failures = self.pipeline.failures
             if len(frames) > 1 and self._is_one_stretch(frames):
-                failures = self.pipeline.failures
                 recording = Recording.from_frames(self.pipeline.layout, frames)
                 states = list(self.pipeline.process_next(recording))
-                self._remember(frames, states, failures)
-                return states
-        return [self.process(frame) for frame in frames]
+                self._remember(frames, states)
+            else:
+                states = []
+                for frame in frames:
+                    if frame.sequence <= self.statistics.sequence:
+                        self._begin_stream()
+                    if not self.statistics.frames and self._has_baseline:
+                        self._on_baseline(self._baseline(frame.stamp_ns, frame.sequence))
+                    states.append(self.pipeline.process(frame))
+                    self._remember([frame], states[-1:])
+                    if self._observer is not None:
+                        self._observer(frame, states[-1])
+            failed = self.pipeline.failures - failures
+        if failed > 0:
+            which = 'a frame' if failed == 1 else f'{failed} frames'
+            self._on_failure(f'{which} cannot be estimated ({self.pipeline.failure})')
+        return states
 
     def _is_one_stretch(self, frames: Sequence[Frame]) -> bool:
         """Nothing begins with any of these frames, and nobody observes them one by one."""
@@ -191,14 +195,8 @@ class ContactLoop:
         """A baseline is in use: NaN says none yet, zero that the estimators want none."""
         return bool(np.nan_to_num(self.pipeline.baseline).any())
 
-    def _remember(
-        self, frames: Sequence[Frame], states: Sequence[ContactState], failures: int
-    ) -> None:
-        """Count, report failures since `failures`, and keep frames that may be resting."""
-        failed = self.pipeline.failures - failures
-        if failed:
-            which = 'a frame' if failed == 1 else f'{failed} frames'
-            self._on_failure(f'{which} cannot be estimated ({self.pipeline.failure})')
+    def _remember(self, frames: Sequence[Frame], states: Sequence[ContactState]) -> None:
+        """Count, and keep frames that may be resting for a tare."""
         counts = self.statistics
         counts.frames += len(frames)
         for frame, state in zip(frames, states, strict=True):
