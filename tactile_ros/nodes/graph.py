@@ -212,11 +212,11 @@ class HandSetup(Everywhere):
         """Graph of the sensor of each finger."""
         ports = [port.strip() for port in self.ports.split(',') if port.strip()]
         real = ports or (self.source == 'hardware' and not self.params_file)
-        found = []
+        setups = []
         for i, name in enumerate(self.sensors()):
             own = ports[i] if i < len(ports) else PORT[:-1] + str(i)
             file = str(Path(self.calibrations) / f'{name}.npz') if self.calibrations else ''
-            found.append(
+            setups.append(
                 SensorSetup(
                     namespace='/'.join(filter(None, (self.namespace.strip('/'), name))),
                     params_file=self.params_file,
@@ -231,7 +231,7 @@ class HandSetup(Everywhere):
                     frame_id=f'{name}_tactile_link',
                 )
             )
-        return found
+        return setups
 
 
 @dataclass(frozen=True)
@@ -330,7 +330,7 @@ def replaying(playback: BagPlayback) -> Graph:
 
 
 def has_port(sensor: str) -> bool:
-    """Whether a sensor is on a serial port, so that its twin may be in another process."""
+    """Sensors on a serial port, whose twins may be in another process."""
     return 'serial' in load_sensor(sensor).transports[0]
 
 

@@ -92,7 +92,7 @@ class GraspServer:
         return result
 
     def forget(self) -> None:
-        """What was decided before belongs to another grasp."""
+        """Drop decisions, which belong to the grasp before."""
         self._newest = self._last = None
 
     def note(self, decision: Decision) -> None:

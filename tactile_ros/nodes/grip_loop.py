@@ -117,7 +117,7 @@ class GripLoop:
     def take_touch(
         self, finger: int, force: Sequence[float], valid: bool, slip: int, measured_s: float
     ) -> None:
-        """Keep what a finger felt at a time (s): force (3,) in its sensor frame (N)."""
+        """Keep the force (3,) on a finger at a time (s), in its sensor frame (N)."""
         self._normal[finger], self._across[finger] = force[2], hypot(force[0], force[1])
         self._valid[finger], self._slip[finger] = valid, slip
         self._touched_s[finger], self._new[finger] = measured_s, True
@@ -247,7 +247,7 @@ class GripLoop:
         )
 
     def _hindered(self, now_s: float, elapsed: float) -> str:
-        """What keeps commands from the hand, by its joint states; empty: nothing does."""
+        """Obstacle to commands, by the joint states of the hand; empty: there is none."""
         if self._measured is None or self._law.phase == GripPhase.IDLE:
             return ''
         paused = now_s - self._sent_s > self.config.stale_age
@@ -260,7 +260,7 @@ class GripLoop:
         return frozen or self._guard.refusal(self._measured, elapsed)
 
     def _is_silent(self, now_s: float) -> bool:
-        """Whether joint states are missed: the law says so."""
+        """Joint states are missed: the law says so."""
         aged = now_s - self._measured_s > self.config.stale_age
         return aged and self.config.closure_required
 
@@ -381,7 +381,7 @@ class StepTrigger:
         return self._is_complete(now_s) and self._is_due(now_s)
 
     def _is_complete(self, now_s: float) -> bool:
-        """Every finger that is not silent has told something new."""
+        """Every finger that is not silent has brought a new force."""
         if all(self._new):
             return True
         pairs = zip(self._new, self._came_s, strict=True)
@@ -395,7 +395,7 @@ class StepTrigger:
         return ahead >= -EARLY or ahead < -BACK
 
     def is_late(self, now_s: float) -> bool:
-        """Whether a step is due although the fingers have not told enough."""
+        """A step is due although not all fingers have brought a new force."""
         return now_s - self._stepped_s >= max(LATE * self._period_s, LEAST_LATE_S)
 
     def step(self, now_s: float) -> float:

@@ -184,16 +184,16 @@ class HandLink:
         answer, self._asked = future.result(), None
         if answer is None or not answer.values:
             return
-        told = tuple(answer.values[0].string_array_value)
+        names = tuple(answer.values[0].string_array_value)
         joints = self._hand.driver.joints
-        if len(told) != len(joints) or set(told) != set(joints):
+        if len(names) != len(joints) or set(names) != set(joints):
             self._why_no_order = (
                 f'the parameter joints of {self._hand.driver.controller} must name the '
-                f'{len(joints)} joints of this hand; received {", ".join(told)[:120] or "nothing"}'
+                f'{len(joints)} joints of this hand; received {", ".join(names)[:120] or "nothing"}'
             )
             self._node.get_logger().error(self._why_no_order, throttle_duration_sec=1.0)
             return
-        self._order = in_order(joints, told)
+        self._order = in_order(joints, names)
         self._end_asking()
 
 
@@ -368,7 +368,7 @@ class GripNode(ManagedNode):
         force = vector(message.wrench.force)
         valid = message.valid and not message.status & STALE
         stamp_ns = messages.stamp_ns(message.header)
-        self._take(topic, (force, valid, message.slip), message.sequence, stamp_ns)
+        self._take(topic, force, valid, message.slip, message.sequence, stamp_ns)
 
     def take_states(
         self, topic: str, frames: Sequence[Frame], states: Sequence[ContactState]
@@ -380,13 +380,19 @@ class GripNode(ManagedNode):
         frame, state = frames[-1], states[-1]
         valid = bool(state.valid) and not int(state.status) & STALE
         slip = 1 if any(one.slip == 1 for one in states) else int(state.slip)
-        felt = state.force.tolist(), valid, slip
-        self._take(topic, felt, frame.sequence, frame.stamp_ns or 0)
+        force = state.force.tolist()
+        self._take(topic, force, valid, slip, frame.sequence, frame.stamp_ns or 0)
 
     def _take(
-        self, topic: str, felt: tuple[Sequence[float], bool, int], sequence: int, stamp_ns: int
+        self,
+        topic: str,
+        force: Sequence[float],
+        valid: bool,
+        slip: int,
+        sequence: int,
+        stamp_ns: int,
     ) -> None:
-        """Take in what is felt, and step where it is the last that was waited for."""
+        """Take in a force, and step where it is the last that was waited for."""
         with self._lock:
             # the same frame once more is no news: it grows stale
             if self._ticking is None or sequence == self._sequences.get(topic):
@@ -397,13 +403,13 @@ class GripNode(ManagedNode):
             measured_s = age.measured_s(stamp_ns, now_ns, now_s)
             due = False
             for finger in self._fingers.get(topic, ()):
-                self._loop.take_touch(finger, *felt, measured_s)
+                self._loop.take_touch(finger, force, valid, slip, measured_s)
                 due = self._trigger.take(finger, stamp_ns if age.agrees else None, now_s)
             if due:
                 self._step(now_s, now_ns)
 
     def _on_joints(self, position: Array, stamp_ns: int) -> None:
-        """Where the hand is."""
+        """Keep the posture of the hand."""
         with self._lock:
             if self._loop is not None:
                 now_s = time.monotonic()
@@ -436,17 +442,17 @@ class GripNode(ManagedNode):
     def _dated(self, decision: Decision) -> Decision:
         """The same, where an input is stale since its clock stepped back: naming that."""
         ages = {**self._ages, 'the joint states': self._joint_age}
-        told = [f'{who} by {a.back_s:.3f} s' for who, a in ages.items() if a.back_s > 0]
-        if not told or 'stale' not in decision.refusal:
+        steps = [f'{who} by {a.back_s:.3f} s' for who, a in ages.items() if a.back_s > 0]
+        if not steps or 'stale' not in decision.refusal:
             return decision
-        refusal = f'{decision.refusal}: the clock stepped back of {", ".join(told)}'
+        refusal = f'{decision.refusal}: the clock stepped back of {", ".join(steps)}'
         ended = decision.ended
         if ended is not None and ended.outcome == GraspOutcome.FAULT:
             ended = replace(ended, message=refusal)
         return replace(decision, refusal=refusal, ended=ended)
 
     def _publish(self, decision: Decision, now_ns: int) -> None:
-        """What was decided, as a message."""
+        """Publish a decision as GripState."""
         made = decision.made
         message = GripState(phase=int(made.phase), fingers=self._loop.fingers)
         messages.fill_header(message.header, now_ns, '')

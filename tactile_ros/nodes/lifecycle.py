@@ -166,7 +166,7 @@ class ManagedNode(LifecycleNode):
         return DiagnosticStatus()
 
     def lags(self) -> bool:
-        """Whether messages may wait that must be taken before the process ends."""
+        """Messages may wait that must be taken before the process ends."""
         return False
 
     @property

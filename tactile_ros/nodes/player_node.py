@@ -88,7 +88,7 @@ class FrameMatcher:
             self._changed.notify_all()
 
     def is_through(self, position: int) -> bool:
-        """Whether the row at a position, and so all before it, went through or is lost."""
+        """The row at a position, and so all before it, went through or is lost."""
         sequence = self._sequences.get(position, -1)
         return self._settled >= position and self._acknowledged >= sequence
 
@@ -184,7 +184,7 @@ class Playback:
         self._matcher.wake()
 
     def is_stopped(self) -> bool:
-        """Whether `stop` was called."""
+        """Told to stop."""
         return self._stop.is_set()
 
     def play(self, on_end: Callable[[PlaybackCounts], None]) -> None:

@@ -148,7 +148,7 @@ class Running:
                 raise TactileError(msg)
 
     def is_alive(self, executable: str) -> bool:
-        """Whether a process has not ended yet."""
+        """A process has not ended yet."""
         return self._children[executable].poll() is None
 
     def pid(self, executable: str) -> int:

@@ -285,7 +285,9 @@ def test_of_frames_that_waited_the_newest_is_answered_and_a_slip_in_any_counts(r
     ros.init('hand:=joint_trajectory')
     grip = ros.add(grip_node.GripNode())
     taken = []
-    grip._take = lambda topic, felt, sequence, _: taken.append((topic, *felt, sequence))
+    grip._take = lambda topic, force, valid, slip, sequence, _: taken.append(
+        (topic, force, valid, slip, sequence)
+    )
     frames = [Frame(k, k, np.zeros((1, 1))) for k in (1, 2, 3)]
     states = [
         SimpleNamespace(valid=True, status=0, force=np.full(3, float(k)), slip=slip)
