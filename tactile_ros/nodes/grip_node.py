@@ -189,7 +189,8 @@ class HandLink:
         if len(names) != len(joints) or set(names) != set(joints):
             self._why_no_order = (
                 f'the parameter joints of {self._hand.driver.controller} must name the '
-                f'{len(joints)} joints of this hand; received {", ".join(names)[:120] or "nothing"}'
+                f'{len(joints)} joints of this hand; received '
+                f'{", ".join(names)[:120] or "nothing"}'
             )
             self._node.get_logger().error(self._why_no_order, throttle_duration_sec=1.0)
             return
