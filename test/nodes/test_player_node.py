@@ -28,11 +28,11 @@ PATIENCE_S = 120.0
 
 
 class Echo:
-    """Reads the port and tells the ledger what came, as the graph does."""
+    """Reads the port and tells the matcher which frames came, as the graph does."""
 
-    def __init__(self, path: Path, recording: Recording, ledger: FrameMatcher) -> None:
+    def __init__(self, path: Path, recording: Recording, matcher: FrameMatcher) -> None:
         self.board = ReskinBoard(str(path), recording.layout)
-        self.ledger = ledger
+        self.matcher = matcher
         self.rows: list[int] = []
         self.stop = threading.Event()
         self.deaf = threading.Event()
@@ -53,10 +53,10 @@ class Echo:
                 frame = self.board.read(0.02)
             except DeviceTimeout:
                 continue
-            row = self.ledger.match(frame)
+            row = self.matcher.match(frame)
             if row is not None and not self.deaf.is_set():
                 self.rows += [row] if row >= 0 else []
-                self.ledger.acknowledge(frame.sequence)
+                self.matcher.acknowledge(frame.sequence)
 
 
 @pytest.fixture
@@ -86,7 +86,7 @@ def test_every_row_comes_back_and_every_rest_is_tared(
         through.append(list(echo.rows))
         return len(through) != 2, 'not now'
 
-    played = Playback(short, options_of(tmp_path), echo.ledger, tare, lambda: '')
+    played = Playback(short, options_of(tmp_path), echo.matcher, tare, lambda: '')
     played.play(tallies.append)
     assert echo.rows == list(range(12))
     # each tare is asked for after its resting row went through, and before the touch is sent
@@ -109,7 +109,7 @@ def test_what_the_graph_lacks_is_said(
         ahead[0] += PATIENCE_S  # only once the port is read, which takes a busy machine long
         return 'contact_node is missing'
 
-    played = Playback(short, options_of(tmp_path, PATIENCE_S), echo.ledger, None, missing)
+    played = Playback(short, options_of(tmp_path, PATIENCE_S), echo.matcher, None, missing)
     with pytest.raises(DeviceError, match='contact_node is missing'):
         played.play(print)
 
@@ -129,13 +129,13 @@ def test_a_graph_that_falls_silent_is_given_up(
         echo.deaf.set()
         return True, ''
 
-    played = Playback(short, options_of(tmp_path), echo.ledger, tare, lambda: '')
+    played = Playback(short, options_of(tmp_path), echo.matcher, tare, lambda: '')
     with pytest.raises(DeviceError, match='did not come back'):
         played.play(print)
 
 
 def test_stop_ends_a_loop(short: Recording, tmp_path: Path, echo: Echo) -> None:
-    played = Playback(short, options_of(tmp_path, loop=True), echo.ledger, None, lambda: '')
+    played = Playback(short, options_of(tmp_path, loop=True), echo.matcher, None, lambda: '')
     rounds: list[PlaybackCounts] = []
 
     def count(tally: PlaybackCounts) -> None:
@@ -173,10 +173,10 @@ def frame(sequence: int, value: float) -> Frame:
 
 
 def sent(*values: float) -> FrameMatcher:
-    ledger = FrameMatcher()
+    matcher = FrameMatcher()
     for row, value in enumerate(values):
-        ledger.send(10 + row, np.full((1, 1), value))
-    return ledger
+        matcher.send(10 + row, np.full((1, 1), value))
+    return matcher
 
 
 def never() -> bool:
@@ -184,47 +184,47 @@ def never() -> bool:
 
 
 def test_rows_come_back_in_order_also_alike() -> None:
-    ledger = sent(1, 1, 2)
-    assert [ledger.match(frame(7 + i, v)) for i, v in enumerate((1, 1, 2))] == [10, 11, 12]
-    assert ledger.lost == 0
+    matcher = sent(1, 1, 2)
+    assert [matcher.match(frame(7 + i, v)) for i, v in enumerate((1, 1, 2))] == [10, 11, 12]
+    assert matcher.lost == 0
 
 
 def test_a_lost_row_is_counted_and_skipped() -> None:
-    ledger = sent(1, 2, 3)
-    assert ledger.match(frame(0, 3)) == 12
-    assert ledger.lost == 2
-    assert ledger.match(frame(1, 3)) is None
+    matcher = sent(1, 2, 3)
+    assert matcher.match(frame(0, 3)) == 12
+    assert matcher.lost == 2
+    assert matcher.match(frame(1, 3)) is None
 
 
 def test_a_stranger_is_no_row() -> None:
-    ledger = sent(1)
-    assert ledger.match(frame(0, 5)) is None
-    assert ledger.match(frame(1, 1)) == 10
+    matcher = sent(1)
+    assert matcher.match(frame(0, 5)) is None
+    assert matcher.match(frame(1, 1)) == 10
 
 
 def test_nan_is_recognised() -> None:
-    ledger = sent(np.nan)
-    assert ledger.match(frame(0, np.nan)) == 10
+    matcher = sent(np.nan)
+    assert matcher.match(frame(0, np.nan)) == 10
 
 
 def test_through_needs_both_the_frame_and_the_acknowledgement() -> None:
-    ledger = sent(1, 2)
-    ledger.acknowledge(5)
-    assert not ledger.is_through(0)
-    ledger.match(frame(5, 1))
-    assert ledger.is_through(0)
-    ledger.match(frame(6, 2))
-    assert not ledger.is_through(1)
-    ledger.acknowledge(6)
-    assert ledger.wait(1, 1.0, never)
+    matcher = sent(1, 2)
+    matcher.acknowledge(5)
+    assert not matcher.is_through(0)
+    matcher.match(frame(5, 1))
+    assert matcher.is_through(0)
+    matcher.match(frame(6, 2))
+    assert not matcher.is_through(1)
+    matcher.acknowledge(6)
+    assert matcher.wait(1, 1.0, never)
 
 
 def test_waiting_ends_by_time_by_stop_and_by_giving_up() -> None:
-    ledger = sent(1)
-    assert not ledger.wait(0, 0.01, never)
+    matcher = sent(1)
+    assert not matcher.wait(0, 0.01, never)
     stop = threading.Event()
-    threading.Timer(0.02, lambda: (stop.set(), ledger.wake())).start()
-    assert not ledger.wait(0, 5.0, stop.is_set)
-    assert ledger.give_up() == 1
-    assert ledger.lost == 1
-    assert ledger.wait(0, 0.0, never)
+    threading.Timer(0.02, lambda: (stop.set(), matcher.wake())).start()
+    assert not matcher.wait(0, 5.0, stop.is_set)
+    assert matcher.give_up() == 1
+    assert matcher.lost == 1
+    assert matcher.wait(0, 0.0, never)
