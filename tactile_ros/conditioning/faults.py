@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
-
 import numpy as np
 
 from tactile_ros.types import (
@@ -20,7 +18,6 @@ from tactile_ros.types import (
 # which no taxel says anything new
 DAMAGED = int(FrameStatus.BAD_TAXELS)
 SAYS_NOTHING = np.uint8(TaxelStatus.STALE | TaxelStatus.DEAD)
-Number = TypeVar('Number', bound=np.generic)
 
 UNUSABLE = np.uint8(
     TaxelStatus.SATURATED
