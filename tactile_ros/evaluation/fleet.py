@@ -69,6 +69,7 @@ IN_MEMORY = ('.npz', '.csv')
 CLASSES = ('cell', 'label', 'in_contact', 'slip')
 PROBED = 100  # frames that are timed one by one
 MOST_DRAWN = 1 << 16  # rows of a target
+DRAWN = ('truth', 'estimate', 'error', 'variance', 'rows', 'time_s', 'groups')
 MILLI = 1e3
 COLUMNS = (
     'recording', 'estimator', 'calibration', 'place mean (mm)', 'p50', 'p95', 'normal RMSE (N)',
@@ -366,16 +367,10 @@ def evaluate_bag(
 
     Parameters
     ----------
-    path : Path
-        A rosbag2 folder, or one .mcap or .db3 file.
+    path, layout, truth_topics, association
+        As of `recording_files.Bag`.
     pipelines : mapping of str to Pipeline
         By name; each judges the sensors of its shape.
-    truth_topics : sequence of str
-        As of `recording_files.load`.
-    association : Association or None
-        Of truth with frames.
-    layout : Layout or None
-        For a bag that does not tell it.
     clock_ns : callable
         For the time per frame (ns).
 
@@ -609,7 +604,10 @@ def for_report(one: SensorResult) -> Dataset:
         replace(
             answer,
             name=f'{answer.name}, {answer.calibration}' if names[answer.name] > 1 else answer.name,
-            targets=tuple(subsample(target, step) for target in answer.targets),
+            targets=tuple(
+                replace(target, **{name: getattr(target, name)[::step] for name in DRAWN})
+                for target in answer.targets
+            ),
         )
         for answer in judged
     )
@@ -623,12 +621,6 @@ def for_report(one: SensorResult) -> Dataset:
     return replace(
         one, summary=summary, answers=answers, problems=tuple(dict.fromkeys(problems))
     )
-
-
-def subsample(target: TargetErrors, step: int) -> TargetErrors:
-    """Every step-th row of the errors of a target, with the figures of all of them."""
-    arrays = ('truth', 'estimate', 'error', 'variance', 'rows', 'time_s', 'groups')
-    return replace(target, **{name: getattr(target, name)[::step] for name in arrays})
 
 
 def table(outcomes: Sequence[Outcome]) -> tuple[list[str], list[list[Cell]]]:
