@@ -185,31 +185,16 @@ BLOCK = 200_000  # taxels of frames that are looked at in one go
 
 @dataclass(frozen=True)
 class Patches:
-    """Patches of s frames, strongest first, at most k of each.
+    """Patches of s frames, strongest first, at most k of each."""
 
-    Attributes
-    ----------
-    label : ndarray of int, shape (s, t)
-        Patch of each taxel; -1: none.
-    count : ndarray of int, shape (s,)
-        Patches of each frame.
-    load, variance : ndarray, shape (s, k)
-        Sum of the loads of the taxels, and its variance; NaN: no patch.
-    position : ndarray, shape (s, k, 3)
-        Centre of pressure (m).
-    position_cov : ndarray, shape (s, k, 3, 3)
-        Of the centre (m2).
-    area : ndarray, shape (s, k)
-        Of the touched taxels (m2).
-    """
-
-    label: Integers
-    count: Integers
+    label: Integers  # (s, t) patch of each taxel; -1: none
+    count: Integers  # (s,) patches of each frame
+    # (s, k) sum of the loads of the taxels, and its variance; NaN: no patch
     load: Array
     variance: Array
-    position: Array
-    position_cov: Array
-    area: Array
+    position: Array  # (s, k, 3) centre of pressure (m)
+    position_cov: Array  # (s, k, 3, 3) of the centre (m2)
+    area: Array  # (s, k) of the touched taxels (m2)
 
 
 class PatchFinder:

@@ -60,28 +60,17 @@ class CalibratedCovariance:
         Folds of held-out groups on which the scale is measured.
     seed : int
         Of the folds.
-
-    Attributes
-    ----------
-    drivers_ : Standardisation
-        Of the drivers.
-    low_, high_ : ndarray, shape (f,)
-        Range of the standardised drivers that was seen; beyond it the nearest end counts.
-    weights_ : ndarray, shape (p, k)
-        Logarithm of the spread of each component.
-    knots_, factors_ : ndarray, shape (l, k)
-        Logarithm of the spread, and the logarithm of the scale at it.
-    correlation_ : ndarray, shape (k, k)
-        Of the residuals in units of their sigma.
     """
 
-    drivers_: Standardisation
+    drivers_: Standardisation  # of the drivers
+    # (f,) range of the standardised drivers that was seen; beyond it the nearest end counts
     low_: Array
     high_: Array
-    weights_: Array
+    weights_: Array  # (p, k) logarithm of the spread of each component
+    # (l, k) logarithm of the spread, and the logarithm of the scale at it
     knots_: Array
     factors_: Array
-    correlation_: Array
+    correlation_: Array  # (k, k) of the residuals in units of their sigma
 
     def __init__(
         self,
@@ -292,8 +281,6 @@ class GainSpread:
     ----------
     spread_ : float
         Standard deviation of the gain of an unseen run about that of a fit on all runs.
-    runs_ : int
-        Runs that were seen.
 
     Examples
     --------
@@ -305,7 +292,7 @@ class GainSpread:
     """
 
     spread_: float
-    runs_: int
+    runs_: int  # runs that were seen
 
     def __init__(self, prior: float = 0.025, weight: float = 1.0) -> None:
         self.prior = prior
@@ -396,14 +383,9 @@ PRIOR_ROWS = 3.0
 
 
 class StatedSpread:
-    """Factors on a stated spread, so that it holds its share of held-out errors.
+    """Factors on a stated spread, so that it holds its share of held-out errors."""
 
-    Attributes
-    ----------
-    knots_, factors_ : ndarray, shape (l, k)
-        Logarithm of the stated spread, and of the factor there.
-    """
-
+    # (l, k) logarithm of the stated spread, and of the factor there
     knots_: Array
     factors_: Array
 

@@ -44,8 +44,6 @@ class ModelError:
 
     Attributes
     ----------
-    edge : float
-        Variance of where an edge seems to lie under a taxel, in squares of a step.
     floor : float
         Variance of the cover of a taxel under edges that move it against one another, in squares
         of the largest cover.
@@ -54,7 +52,7 @@ class ModelError:
         make of them, in units of the variant.
     """
 
-    edge: float
+    edge: float  # variance of where an edge seems to lie under a taxel, in squares of a step
     floor: float
     shared: Array
 
@@ -247,25 +245,14 @@ def excess_of(squared: Array, usable: Bools, count: int, least: float) -> float:
 
 @dataclass
 class Readings:
-    """Forces of one frame and their errors.
+    """Forces of one frame and their errors."""
 
-    Attributes
-    ----------
-    force, variance : ndarray, shape (t,)
-        Of each taxel (any unit); 0 force where not usable.
-    usable : ndarray, shape (t,)
-        False: dead or unknown.
-    top : float
-        The largest forces.
-    count : int
-        Taxels that are pressed.
-    """
-
+    # (t,) of each taxel (any unit); 0 force where not usable
     force: Array
     variance: Array
-    usable: Bools
-    top: float
-    count: int
+    usable: Bools  # (t,) false: dead or unknown
+    top: float  # the largest forces
+    count: int  # taxels that are pressed
 
     @cached_property
     def least(self) -> float:
@@ -283,31 +270,21 @@ class Fits:
 
     Attributes
     ----------
-    variant, profile : Variant, int
-        Whose coverage was fitted.
-    params : ndarray, shape (k, m)
-        x, y (m), yaw (rad), width (m).
-    pressure, cost : ndarray, shape (k,)
-        Force of a covered area (N/m2); sum of squared misfits, none above the square of the cut.
-    cover : ndarray, shape (k, t)
-        Covered areas (m2).
     normal : ndarray, shape (k, m + 1, m + 1)
         Matrix of the last step, in units of the variant and parts of the pressure.
-    slopes : ndarray, shape (m + 1, k, t)
-        Of the forces.
-    share : ndarray, shape (k, t)
-        Weight of each taxel.
     """
 
+    # whose coverage was fitted
     variant: Variant
     profile: int
-    params: Array
+    params: Array  # (k, m) x, y (m), yaw (rad), width (m)
+    # (k,) force of a covered area (N/m2); sum of squared misfits, none above the square of the cut
     pressure: Array
     cost: Array
-    cover: Array
+    cover: Array  # (k, t) covered areas (m2)
     normal: Array
-    slopes: Array
-    share: Array
+    slopes: Array  # (m + 1, k, t) of the forces
+    share: Array  # (k, t) weight of each taxel
 
 
 def first_pressure(readings: Readings, cover: Array) -> float:
@@ -354,39 +331,25 @@ class Variant:
 
     Attributes
     ----------
-    label, order : int
-        Index into the objects; symmetry about the origin, 0 any turn.
-    outline : Outline
-        Of the object.
-    blur : float
-        Radius of the disc that a point stands for (m).
-    unit : ndarray, shape (4,)
-        Natural steps of x, y (m), yaw (rad) and width (m).
-    gyration, radius, squared : float
-        Of the contact (m), of a tube (m), and the coverage squared over the plane (m2).
-    centre : ndarray, shape (2,)
-        Of the contact, from the origin (m).
-    span : float
-        Farthest contact from the origin (m); inf: a tube.
-    table : CoverageTable, RadialTable or None
-        None: a tube.
     places : PlaceTable or None
         Coverage of every taxel over places, of what looks alike from all sides.
     turns : ndarray, shape (n,)
         About its centre, after which it may be mistaken for itself (rad).
     """
 
+    # index into the objects; symmetry about the origin, 0 any turn
     label: int
     order: int
-    outline: Outline
-    blur: float
-    unit: Array
+    outline: Outline  # of the object
+    blur: float  # radius of the disc that a point stands for (m)
+    unit: Array  # (4,) natural steps of x, y (m), yaw (rad) and width (m)
+    # of the contact (m), of a tube (m), and the coverage squared over the plane (m2)
     gyration: float
     radius: float
     squared: float
-    centre: Array
-    span: float
-    table: CoverageTable | RadialTable | None
+    centre: Array  # (2,) of the contact, from the origin (m)
+    span: float  # farthest contact from the origin (m); inf: a tube
+    table: CoverageTable | RadialTable | None  # none: a tube
     places: PlaceTable | None = None
     turns: Array = field(default_factory=lambda: np.zeros(0))
 

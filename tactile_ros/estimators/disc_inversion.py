@@ -208,18 +208,12 @@ class DiscInversion(DiscModel):
     ----------
     start_ : PolynomialRidge or None
         Where to begin, learned from the model; None before a fit.
-    doubt_ : float
-        Squares left over, beyond which a row is begun again from rest.
-    cost_ : float
-        Squares that the fit left over.
-    unsure_ : ndarray, shape (9 + 5 n, 9 + 5 n)
-        Covariance of what was found.
     """
 
-    cost_: float
-    unsure_: Array
+    cost_: float  # squares that the fit left over
+    unsure_: Array  # (9 + 5 n, 9 + 5 n) covariance of what was found
     start_: PolynomialRidge | None = None
-    doubt_: float = np.inf
+    doubt_: float = np.inf  # squares left over, beyond which a row is begun again from rest
 
     def fit(
         self, change: Array, warm: Array | None = None, drift: Array | None = None

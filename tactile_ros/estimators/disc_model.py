@@ -35,8 +35,6 @@ class UniformField:
 
     Attributes
     ----------
-    response_ : ndarray, shape (n, 3)
-        Reading of each channel for a field of 1 along x, y, z.
     uncertainty : float
         Of an entry of it.
 
@@ -47,7 +45,7 @@ class UniformField:
     True
     """
 
-    response_: Array
+    response_: Array  # (n, 3) reading of each channel for a field of 1 along x, y, z
 
     def __init__(self, axes: Array, noise: float) -> None:
         self.noise = noise
@@ -294,20 +292,14 @@ class DiscModel:
         What was found of gap, remanence, rest, leaning, coupling, change of remanence with
         temperature, change of coupling with depth, gains and crossed axes, and two drifts of
         each channel, in units of what the config is uncertain by.
-    projection_ : ndarray, shape (n, m)
-        To the differences that a uniform field does not change.
-    sigma_ : float
-        Of a difference (T).
-    absolute_ : bool
-        Whether readings are fields, not changes since rest.
     rest_ : ndarray, shape (1, n), or None
         Readings at rest (T); None before a fit.
     """
 
     found_: Array
-    projection_: Array
-    sigma_: float
-    absolute_: bool
+    projection_: Array  # (n, m) to the differences that a uniform field does not change
+    sigma_: float  # of a difference (T)
+    absolute_: bool  # whether readings are fields, not changes since rest
 
     def __init__(
         self,

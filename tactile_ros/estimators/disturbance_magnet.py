@@ -349,22 +349,15 @@ class Seen:
 
     Attributes
     ----------
-    field : ndarray, shape (s, r)
-        Stray field (T).
     left : ndarray, shape (s, m)
         Differences that the disc's model leaves over, less those that it always does (T).
-    noise : ndarray, shape (s,)
-        Of each freedom of them in clean frames (T).
-    size : ndarray, shape (s,)
-        Of the stray field (T); 0 where it may be none.
-    near, odd : ndarray of bool, shape (s,)
-        A field that is not the disc's is likely; the differences are certainly not the disc's.
     """
 
-    field: Array
+    field: Array  # (s, r) stray field (T)
     left: Array
-    noise: Array
-    size: Array
+    noise: Array  # (s,) of each freedom of them in clean frames (T)
+    size: Array  # (s,) of the stray field (T); 0 where it may be none
+    # (s,) A field that is not the disc's is likely; the differences are certainly not the disc's
     near: Bools
     odd: Bools
 
@@ -382,23 +375,17 @@ class StrayField:
     usual_field_ : PolynomialRidge
         Uniform field that is left beside the disc's model where there is none, and what the model
         leaves over, of its place.
-    spread_ : CalibratedCovariance
-        Of what is left over then.
     usual_, limit_ : float
         Mean square of what is left over, in units of its spread, that clean frames reach now and
         then, and beyond which a field is not the disc's.
-    blind_ : float
-        Size of a stray field (T) that clean frames seem to have now and then.
-    report_ : dict of str to float
-        Held-out error of the stray field (T), and the limit.
     """
 
     usual_field_: PolynomialRidge
-    spread_: CalibratedCovariance
+    spread_: CalibratedCovariance  # of what is left over then
     usual_: float
     limit_: float
-    blind_: float
-    report_: dict[str, float]
+    blind_: float  # size of a stray field (T) that clean frames seem to have now and then
+    report_: dict[str, float]  # held-out error of the stray field (T), and the limit
 
     def __init__(self, slow: int = 0) -> None:
         self.slow = slow

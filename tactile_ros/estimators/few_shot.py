@@ -30,17 +30,13 @@ class PressVectors:
 
     Attributes
     ----------
-    pattern : ndarray, shape (n, d)
-        Change of field at the deepest frame (T), from all frames.
     powers : ndarray, shape (n, 3)
         Of the course, by which powers 1, 2, 3 of the largest depth enter the pattern.
-    frames : ndarray, shape (n,)
-        As many frames at full depth have as little noise.
     """
 
-    pattern: Array
+    pattern: Array  # (n, d) change of field at the deepest frame (T), from all frames
     powers: Array
-    frames: Array
+    frames: Array  # (n,) as many frames at full depth have as little noise
 
     def variance(self, noise: Array, still: float) -> Array:
         """Variance of patterns (n, d) from noise (d,) of frames and errors that do not average.
@@ -125,14 +121,6 @@ class Supports:
 
     Attributes
     ----------
-    label : ndarray, shape (m,)
-        Class of each.
-    pattern, powers, frames : ndarray, shape (m, d), (m, 3) and (m,)
-        As in `PressVectors`.
-    presses : ndarray, shape (m,)
-        How many presses each is the mean of.
-    slopes : ndarray, shape (m, 3, d)
-        What a usual difference of place and turn does (T); 0 where unknown.
     bends : ndarray, shape (m, 2, d)
         What the square and the cube of the depth do at full depth (T); 0 where unknown.
     middle, factors : ndarray, shape (m, d) and (m, r, d)
@@ -142,12 +130,13 @@ class Supports:
         Of the press that each is a window of: windows of one press are no evidence of their own.
     """
 
-    label: Integers
+    label: Integers  # (m,) class of each
+    # (m, d), (m, 3) and (m,) as in `PressVectors`
     pattern: Array
     powers: Array
     frames: Array
-    presses: Array
-    slopes: Array
+    presses: Array  # (m,) how many presses each is the mean of
+    slopes: Array  # (m, 3, d) what a usual difference of place and turn does (T); 0 where unknown
     bends: Array
     middle: Array
     factors: Array
@@ -248,11 +237,10 @@ class SeenClasses:
     ----------
     supports : Supports
         Without a uniform field; patterns that are likeliest, and factors of what they leave open.
-    variance, unit : ndarray, shape (m, d)
-        Of the patterns beside these factors (T2); patterns of unit length.
     """
 
     supports: Supports
+    # (m, d) of the patterns beside these factors (T2); patterns of unit length
     variance: Array
     unit: Array
 

@@ -142,26 +142,16 @@ class Linearised:
 
     Attributes
     ----------
-    readings : ndarray, shape (n, d)
-        Of the touches (unit of the features).
     slopes : ndarray, shape (n, d, q)
         How readings change with the q freedoms of a touch, each in units of its reach.
-    answers : ndarray, shape (n, k)
-        What is told of a touch.
-    leads : ndarray, shape (n, k, q)
-        How answers change with the freedoms.
-    sigma : ndarray, shape (n,)
-        What a channel's reading may be wrong by (unit of the features).
-    share : ndarray, shape (n,)
-        How common such touches are; sums to 1.
     """
 
-    readings: Array
+    readings: Array  # (n, d) of the touches (unit of the features)
     slopes: Array
-    answers: Array
-    leads: Array
-    sigma: Array
-    share: Array
+    answers: Array  # (n, k) what is told of a touch
+    leads: Array  # (n, k, q) how answers change with the freedoms
+    sigma: Array  # (n,) what a channel's reading may be wrong by (unit of the features)
+    share: Array  # (n,) how common such touches are; sums to 1
 
     def of(self, count: int) -> Linearised:
         """With the first answers alone."""
@@ -170,24 +160,14 @@ class Linearised:
 
 @dataclass(frozen=True)
 class Posterior:
-    """What readings say.
+    """What readings say."""
 
-    Attributes
-    ----------
-    mean, cov : ndarray, shape (s, k) and (s, c, c)
-        Of the answers; the covariance is of the first c.
-    evidence : ndarray, shape (s,)
-        Logarithm of the likelihood of the reading.
-    misfit : ndarray, shape (s,)
-        Least sum of squares, over sigma, that a touch leaves unexplained.
-    parts, weight : ndarray, shape (s, m, k) and (s, m)
-        Answers of the nearest rows of the table, and their share; sums to 1.
-    """
-
+    # (s, k) and (s, c, c) of the answers; the covariance is of the first c
     mean: Array
     cov: Array
-    evidence: Array
-    misfit: Array
+    evidence: Array  # (s,) logarithm of the likelihood of the reading
+    misfit: Array  # (s,) least sum of squares, over sigma, that a touch leaves unexplained
+    # (s, m, k) and (s, m) answers of the nearest rows of the table, and their share; sums to 1
     parts: Array
     weight: Array
 
@@ -344,16 +324,12 @@ class Blame:
 
     Attributes
     ----------
-    index : ndarray of int, shape (s, n)
-        Rows of the table.
-    weight : ndarray, shape (s, n)
-        Sum to 1 over the neighbours.
     distance : ndarray, shape (s,)
         To the table in the metric, mean over the nearest (unit of the features).
     """
 
-    index: Integers
-    weight: Array
+    index: Integers  # (s, n) rows of the table
+    weight: Array  # (s, n) sum to 1 over the neighbours
     distance: Array
 
     def mean(self, answers: Array) -> Array:
@@ -393,15 +369,6 @@ class TouchTable:
     width : float
         Of the Gaussian, in spacings of the table.
 
-    Attributes
-    ----------
-    metric_ : ndarray, shape (d, d)
-        Turns differences of features into ones of equal worth.
-    samples_ : ndarray, shape (n, d)
-        Features of the table in the metric.
-    floor_ : float
-        Least spread across the table: the noise, or a thousandth of the features.
-
     Notes
     -----
     Ties: rows at one distance have one weight; which of them are among the neighbours is told by
@@ -414,9 +381,9 @@ class TouchTable:
     array([[15.]])
     """
 
-    metric_: Array
-    samples_: Array
-    floor_: float
+    metric_: Array  # (d, d) turns differences of features into ones of equal worth
+    samples_: Array  # (n, d) features of the table in the metric
+    floor_: float  # least spread across the table: the noise, or a thousandth of the features
 
     def __init__(
         self,

@@ -30,13 +30,6 @@ class CellKnn:
     power : float
         Of Minkowski's distance: 1 sums differences, 2 is Euclid's, infinity takes the largest.
 
-    Attributes
-    ----------
-    samples_ : ndarray, shape (n, d)
-        Features of the training samples.
-    cells_ : ndarray of int, shape (n,)
-        Their cells.
-
     Notes
     -----
     Ties: of samples at one distance those of the lowest cell vote; of cells with as many votes
@@ -49,8 +42,8 @@ class CellKnn:
     [7, 4, 4]
     """
 
-    samples_: Array
-    cells_: Integers
+    samples_: Array  # (n, d) features of the training samples
+    cells_: Integers  # (n,) their cells
 
     def __init__(self, neighbours: int = 5, power: float = 2.0) -> None:
         if not power >= 1:
@@ -131,15 +124,6 @@ class GridKnn:
         Distance, in standard deviations of the features, below which samples count as equally
         near; it keeps a sample that is met exactly from silencing the others' noise.
 
-    Attributes
-    ----------
-    scale_ : Standardisation
-        Of the features.
-    samples_ : ndarray, shape (n, d)
-        Standardised features of the training samples.
-    answers_ : ndarray, shape (n, k)
-        Their targets (unit of y).
-
     Notes
     -----
     Ties: of samples at the same distance the first in the order of their own numbers is nearest,
@@ -152,9 +136,9 @@ class GridKnn:
     array([[15.]])
     """
 
-    scale_: Standardisation
-    samples_: Array
-    answers_: Array
+    scale_: Standardisation  # of the features
+    samples_: Array  # (n, d) standardised features of the training samples
+    answers_: Array  # (n, k) their targets (unit of y)
 
     def __init__(self, neighbours: int = 5, nearness: float = 1e-3) -> None:
         self.neighbours = neighbours

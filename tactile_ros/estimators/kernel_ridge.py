@@ -59,18 +59,6 @@ class KernelRidge:
     gain_ : ndarray, shape (d,)
         One over the root mean square length of the features (one over their unit); 0 for features
         that were constant.
-    length_ : float
-        Width in use.
-    strength_ : float
-        Penalty in use, per row.
-    samples_ : ndarray, shape (n, d)
-        Inducing samples over their width.
-    bumps_ : ndarray, shape (n, k)
-        Weights of the bumps (unit of y).
-    plane_ : ndarray, shape (d, k)
-        Weights of the scaled features (unit of y).
-    level_ : ndarray, shape (k,)
-        Constant (unit of y).
 
     Examples
     --------
@@ -80,12 +68,12 @@ class KernelRidge:
     """
 
     gain_: Array
-    length_: float
-    strength_: float
-    samples_: Array
-    bumps_: Array
-    plane_: Array
-    level_: Array
+    length_: float  # width in use
+    strength_: float  # penalty in use, per row
+    samples_: Array  # (n, d) inducing samples over their width
+    bumps_: Array  # (n, k) weights of the bumps (unit of y)
+    plane_: Array  # (d, k) weights of the scaled features (unit of y)
+    level_: Array  # (k,) constant (unit of y)
 
     def __init__(
         self,
@@ -240,12 +228,8 @@ class PatternRidge:
 
     Attributes
     ----------
-    moves_ : ndarray, shape (d,)
-        1; 0 for features that were constant, which count for nothing.
     least_ : float
         Size below which a reading fades into one without pattern (unit of the features).
-    kernel_ : KernelRidge
-        On pattern and size.
 
     Examples
     --------
@@ -254,9 +238,9 @@ class PatternRidge:
     array([[2.25]])
     """
 
-    moves_: Array
+    moves_: Array  # (d,) 1; 0 for features that were constant, which count for nothing
     least_: float
-    kernel_: KernelRidge
+    kernel_: KernelRidge  # on pattern and size
 
     def __init__(self, samples: int = 400, lengths: tuple[float, ...] = (1.0,)) -> None:
         self.samples = samples
@@ -313,14 +297,6 @@ class RestingState:
     centre_, direction_ : ndarray, shape (d,)
         Mean resting reading (unit of the rests), and unit vector of the way; 0 where rests never
         moved.
-    low_, high_ : float
-        Range of the state that is followed (unit of the rests).
-    known_ : ndarray, shape (n, d)
-        Resting readings seen, less the centre (unit of the rests).
-    width_ : float
-        Root mean square length of the deviation from a run's mean (unit of the rests).
-    tells_ : bool
-        Whether a reading tells its run: there are several, and no two runs share one.
 
     Examples
     --------
@@ -333,11 +309,12 @@ class RestingState:
 
     centre_: Array
     direction_: Array
+    # range of the state that is followed (unit of the rests)
     low_: float
     high_: float
-    known_: Array
-    width_: float
-    tells_: bool
+    known_: Array  # (n, d) resting readings seen, less the centre (unit of the rests)
+    width_: float  # root mean square length of the deviation from a run's mean (unit of the rests)
+    tells_: bool  # whether a reading tells its run: there are several, and no two runs share one
 
     def __init__(self, slack: float = 0.25, most: int = 32) -> None:
         self.slack = slack

@@ -37,26 +37,18 @@ class Selection:
 
     Attributes
     ----------
-    name : str
-        Of the winner.
     errors : dict of str to float
         Root mean square length of the error of each candidate on held-out rows (unit of y).
-    x : ndarray, shape (s, d)
-        Features of the held-out rows.
-    y : ndarray, shape (s, k)
-        Their targets (unit of y).
-    groups : ndarray of int, shape (s,)
-        Their groups.
     predictions : ndarray, shape (s, k)
         What the winner, or its sketch where it has one, said about them when its training had
         none of their group.
     """
 
-    name: str
+    name: str  # of the winner
     errors: dict[str, float]
-    x: Array
-    y: Array
-    groups: Integers
+    x: Array  # (s, d) features of the held-out rows
+    y: Array  # (s, k) their targets (unit of y)
+    groups: Integers  # (s,) their groups
     predictions: Array
 
     @property
@@ -190,15 +182,13 @@ class Trial:
     typical : ndarray, shape (g,)
         That of each group, none counted above the spread of the targets, so that a few groups
         that it cannot reach do not rule (unit of y).
-    seen : float
-        Root mean square length of its error on what it was trained on (unit of y).
     """
 
     said: Array
     spread: Array
     error: float
     typical: Array
-    seen: float = 0.0
+    seen: float = 0.0  # root mean square length of its error on what it was trained on (unit of y)
 
 
 def trials(
@@ -290,17 +280,13 @@ class Verdict:
 
     Attributes
     ----------
-    spread : StatedSpread
-        Scale of the spread that it states.
     level : ndarray, shape (k,)
         Root mean square error of each component (unit of y): its spread, where it states none.
-    report : dict of str to float
-        Errors on held-out groups (unit of y), also of the other candidates.
     """
 
-    spread: StatedSpread
+    spread: StatedSpread  # scale of the spread that it states
     level: Array
-    report: dict[str, float]
+    report: dict[str, float]  # errors on held-out groups (unit of y), also of the other candidates
 
 
 def verdict(found: Mapping[str, Trial], best: str, told: Array, groups: Integers) -> Verdict:

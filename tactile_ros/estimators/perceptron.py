@@ -56,15 +56,9 @@ class Perceptron:
 
     Attributes
     ----------
-    moving_ : ndarray, shape (d,)
-        1 for features that moved in the fit, else 0.
-    length_ : float
-        Length below which the logarithm flattens (unit of the features).
     first_, second_, last_ : ndarray, shapes (m, p, w), (m, w, w), (m, w, k)
         Weights of the three layers, members along the first axis; of the features as they come,
         to the unit of y.
-    first_level_, second_level_, last_level_ : ndarray, shapes (m, 1, w), (m, 1, w), (k)
-        Constants; the last of all members together.
 
     Examples
     --------
@@ -74,11 +68,12 @@ class Perceptron:
     True
     """
 
-    moving_: Array
-    length_: float
+    moving_: Array  # (d,) 1 for features that moved in the fit, else 0
+    length_: float  # length below which the logarithm flattens (unit of the features)
     first_: Array
     second_: Array
     last_: Array
+    # constants; the last of all members together
     first_level_: Array
     second_level_: Array
     last_level_: Array

@@ -33,17 +33,6 @@ class PolynomialForce:
     penalty : float
         Of the L1 norm, per row, of weights of standardised features.
 
-    Attributes
-    ----------
-    size_ : float
-        Root mean square of the gradient field (T), in which features are expressed.
-    mean_, spread_ : ndarray, shape (p,)
-        Of the features.
-    weights_ : ndarray, shape (p, k)
-        Of standardised features (unit of y).
-    level_ : ndarray, shape (k,)
-        Mean of y.
-
     Examples
     --------
     >>> x = np.random.default_rng(0).normal(size=(200, 8))
@@ -52,11 +41,12 @@ class PolynomialForce:
     True
     """
 
-    size_: float
+    size_: float  # root mean square of the gradient field (T), in which features are expressed
+    # (p,) of the features
     mean_: Array
     spread_: Array
-    weights_: Array
-    level_: Array
+    weights_: Array  # (p, k) of standardised features (unit of y)
+    level_: Array  # (k,) mean of y
 
     def __init__(self, loss: str = 'squares', penalty: float = 1e-6) -> None:
         if loss not in ('squares', 'huber_l1'):
@@ -213,17 +203,10 @@ class WarmChain:
     ----------
     slow : int
         Temperatures, the last features.
-
-    Attributes
-    ----------
-    alpha_ : ndarray, shape (slow,)
-        Change of strength for a unit of each temperature.
-    chain_ : PolynomialForce
-        Of corrected fields.
     """
 
-    alpha_: Array
-    chain_: PolynomialForce
+    alpha_: Array  # (slow,) change of strength for a unit of each temperature
+    chain_: PolynomialForce  # of corrected fields
 
     def __init__(self, slow: int = 1) -> None:
         self.slow = slow

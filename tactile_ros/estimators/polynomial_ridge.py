@@ -82,21 +82,6 @@ class PolynomialRidge:
     folds, seed : int
         Of held-out groups.
 
-    Attributes
-    ----------
-    scale_ : Standardisation
-        Of the features.
-    limit_ : ndarray, shape (d,)
-        Standardised size of a feature that was seen, and half as much again.
-    terms_ : Standardisation
-        Of the terms of the highest degree.
-    weights_ : ndarray, shape (p, k)
-        Of the terms; 0 above the degree of a component.
-    level_ : ndarray, shape (k,)
-        Mean of y.
-    degree_ : ndarray, shape (k,)
-        Degree of each component.
-
     Examples
     --------
     >>> x = np.linspace(-1, 1, 50)[:, None]
@@ -104,12 +89,12 @@ class PolynomialRidge:
     array([[0.125]])
     """
 
-    scale_: Standardisation
-    limit_: Array
-    terms_: Standardisation
-    weights_: Array
-    level_: Array
-    degree_: Integers
+    scale_: Standardisation  # of the features
+    limit_: Array  # (d,) standardised size of a feature that was seen, and half as much again
+    terms_: Standardisation  # of the terms of the highest degree
+    weights_: Array  # (p, k) of the terms; 0 above the degree of a component
+    level_: Array  # (k,) mean of y
+    degree_: Integers  # (k,) degree of each component
 
     def __init__(
         self,
@@ -244,10 +229,6 @@ class WarmPolynomial:
     rise_, stiff_ : ndarray, shape (slow,)
         Of the height (its unit), and of the stiffness's logarithm (1), for a unit of each
         temperature.
-    curve_ : ndarray, shape (slow,)
-        Of that logarithm, for the square of a unit (1).
-    rest_ : PolynomialRidge
-        Of the corrected features.
 
     Examples
     --------
@@ -260,8 +241,8 @@ class WarmPolynomial:
 
     rise_: Array
     stiff_: Array
-    curve_: Array
-    rest_: PolynomialRidge
+    curve_: Array  # (slow,) of that logarithm, for the square of a unit (1)
+    rest_: PolynomialRidge  # of the corrected features
 
     def __init__(self, degrees: tuple[int, ...] = (1, 2, 3), slow: int = 1) -> None:
         self.degrees = degrees
@@ -350,21 +331,11 @@ ELASTOMER = np.array([0.02, 0.1, 0.01])  # usual rise, softening and its curve o
 
 @dataclass(frozen=True)
 class Misled:
-    """What was found.
+    """What was found."""
 
-    Attributes
-    ----------
-    sizes : ndarray, shape (p,)
-        Of each error, over its usual size.
-    cov : ndarray, shape (p, p)
-        Their covariance.
-    rise : float
-        Of the height for a unit of temperature (its unit).
-    """
-
-    sizes: Array
-    cov: Array
-    rise: float
+    sizes: Array  # (p,) of each error, over its usual size
+    cov: Array  # (p, p) their covariance
+    rise: float  # of the height for a unit of temperature (its unit)
 
 
 def misled(

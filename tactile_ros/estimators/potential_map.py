@@ -54,8 +54,6 @@ class SheetPotentials:
 
     Attributes
     ----------
-    size : ndarray, shape (2,)
-        Of the sheet, with corner A at the origin (m).
     kind : str
         'polynomials'; 'sides': each potential has its own sines along the sides; 'border': the
         sines of both are those of one silver border.
@@ -63,7 +61,7 @@ class SheetPotentials:
         Potentials of the corners A, B, C, D, from which 'border' knows how far a side falls.
     """
 
-    size: Array
+    size: Array  # (2,) of the sheet, with corner A at the origin (m)
     kind: Kind
     corners: Array
 
@@ -180,24 +178,12 @@ ROUNDS = 2  # in which the corners' potentials settle
 
 @dataclass(frozen=True)
 class PotentialFit:
-    """Terms of one kind, and the evidence of each of their priors.
+    """Terms of one kind, and the evidence of each of their priors."""
 
-    Attributes
-    ----------
-    basis : SheetPotentials
-        The terms.
-    moments : Moments
-        Of the terms and the potentials.
-    spreads : ndarray, shape (m, p)
-        Priors.
-    levels : ndarray, shape (m,)
-        Logarithms of their evidence.
-    """
-
-    basis: SheetPotentials
-    moments: Moments
-    spreads: Array
-    levels: Array
+    basis: SheetPotentials  # the terms
+    moments: Moments  # of the terms and the potentials
+    spreads: Array  # (m, p) priors
+    levels: Array  # (m,) logarithms of their evidence
 
     @property
     def best(self) -> Array:
@@ -265,36 +251,23 @@ class HarmonicMap:
 
     Attributes
     ----------
-    basis_ : SheetPotentials
-        Terms of the potentials.
-    weights_ : ndarray, shape (p,)
-        Of the terms.
-    root_ : ndarray, shape (p, p)
-        Square root of the weights' covariance (unit of x).
     inverse_ : ndarray, shape (m, 2)
         Polynomials of the potentials that tell the place in halves of the longer edge.
     shift_ : ndarray, shape (n, n, 2)
         What is added to the polynomials' place (m), on a grid that goes one step beyond the sheet.
-    roots_ : ndarray, shape (g, g, 2, 2)
-        Roots of the covariance of the error (m) in cells over the sheet.
-    range_ : ndarray, shape (2, 2)
-        Middle and half width of the potentials on the sheet.
-    noise_, least_ : float
-        Of a potential within a place, and of the mean at a place.
-    caution_ : float
-        Factor on the spread by calibration, from places that were left out.
     """
 
-    basis_: SheetPotentials
-    weights_: Array
-    root_: Array
+    basis_: SheetPotentials  # terms of the potentials
+    weights_: Array  # (p,) of the terms
+    root_: Array  # (p, p) square root of the weights' covariance (unit of x)
     inverse_: Array
     shift_: Array
-    roots_: Array
-    range_: Array
+    roots_: Array  # (g, g, 2, 2) roots of the covariance of the error (m) in cells over the sheet
+    range_: Array  # (2, 2) middle and half width of the potentials on the sheet
+    # of a potential within a place, and of the mean at a place
     noise_: float
     least_: float
-    caution_: float
+    caution_: float  # factor on the spread by calibration, from places that were left out
 
     def __init__(self, size: Array) -> None:
         self.size = np.asarray(size, np.float64)

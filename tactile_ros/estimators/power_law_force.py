@@ -44,20 +44,14 @@ class FilmResistance:
 
     Attributes
     ----------
-    nominal : SeriesResistance
-        Rx before it is mended.
-    series : ndarray, shape (n, n)
-        Factors of cosines of what mending adds to it.
     mended : ndarray, shape (n, n)
         Factors of what mending has taken out of the logarithm of a force, times the film.
-    range : ndarray, shape (3,)
-        Least and largest film that count, and the middle of its logarithm.
     """
 
-    nominal: SeriesResistance
-    series: Array
+    nominal: SeriesResistance  # rx before it is mended
+    series: Array  # (n, n) factors of cosines of what mending adds to it
     mended: Array
-    range: Array
+    range: Array  # (3,) least and largest film that count, and the middle of its logarithm
 
     @classmethod
     def seen(cls, nominal: SeriesResistance, x: Array) -> FilmResistance:
@@ -131,27 +125,17 @@ class PowerCurve:
     table : ndarray, shape (n, n, 5)
         Factors of cosines: of a constant, the film's logarithm, one over the film and the film;
         and of what is added to Rx, in units of the divider's.
-    series : SeriesResistance
-        Nominal Rx.
     range : ndarray, shape (3,)
         Least and largest film resistance that count, and the middle of its logarithm.
-    bend : float
-        Factor of the square of the logarithm.
-    most : float
-        Logarithm of the largest answer.
-    gap : float
-        Force that is added (N).
-    cells : SpreadCells
-        Spreads of a force over the gap, relative to it.
     """
 
     table: Array
-    series: SeriesResistance
+    series: SeriesResistance  # nominal Rx
     range: Array
-    bend: float
-    most: float
-    gap: float
-    cells: SpreadCells
+    bend: float  # factor of the square of the logarithm
+    most: float  # logarithm of the largest answer
+    gap: float  # force that is added (N)
+    cells: SpreadCells  # spreads of a force over the gap, relative to it
 
     def at(self, places: Array, resistance: Array) -> tuple[Array, Array]:
         """Forces (s,) and their spreads (s,) (N).
@@ -205,51 +189,29 @@ class PowerForce:
 
     Attributes
     ----------
-    film_ : FilmResistance
-        What Rx leaves of R.
-    fields_ : tuple of SmoothFields
-        Of the four shapes.
     prior_ : ndarray, shape (6,)
         Logarithms of the sizes of the fields, their length over the sheet, and the share of
         their size that has no length.
     weights_ : ndarray, shape (p,)
         Of the terms: five that are the same everywhere, then those of the fields.
-    root_ : ndarray, shape (p, p)
-        Square root of their covariance.
-    noise_ : float
-        Spread of a weighted row about the curve of its place.
-    wobble_ : ndarray, shape (2,)
-        Noise of places, in units of the edges.
-    rough_ : float
-        Relative spread of a force beside what the divider's noise makes.
-    steep_ : float
-        Slope of the logarithm of force over that of the film, all over the sheet.
-    gap_ : float
-        Force that the air gap takes everywhere (N); the rest follows the law.
-    most_ : float
-        Logarithm of the largest answer.
-    caution_ : float
-        Factor on the spread by calibration, from groups that were left out.
-    calm_ : float
-        Factor on the spread about the curve of a place.
     doubt_ : ndarray, shape (g, 3)
         Logarithm of the variance by calibration, a square in the level, on a grid of places.
     """
 
-    film_: FilmResistance
-    fields_: tuple[SmoothFields, ...]
+    film_: FilmResistance  # what Rx leaves of R
+    fields_: tuple[SmoothFields, ...]  # of the four shapes
     prior_: Array
     weights_: Array
-    root_: Array
-    noise_: float
-    wobble_: Array
-    rough_: float
-    steep_: float
-    gap_: float
-    most_: float
+    root_: Array  # (p, p) square root of their covariance
+    noise_: float  # spread of a weighted row about the curve of its place
+    wobble_: Array  # (2,) noise of places, in units of the edges
+    rough_: float  # relative spread of a force beside what the divider's noise makes
+    steep_: float  # slope of the logarithm of force over that of the film, all over the sheet
+    gap_: float  # force that the air gap takes everywhere (N); the rest follows the law
+    most_: float  # logarithm of the largest answer
     doubt_: Array
-    caution_: float
-    calm_: float
+    caution_: float  # factor on the spread by calibration, from groups that were left out
+    calm_: float  # factor on the spread about the curve of a place
 
     def __init__(
         self, noise: float = 0.0, size: Array | None = None, series: SeriesResistance | None = None
@@ -500,20 +462,11 @@ class MeanCurve:
         Of the feature.
     degree : int
         Of the polynomial; less where there are few values.
-
-    Attributes
-    ----------
-    width_ : int
-        Number of features.
-    range_ : ndarray, shape (2,)
-        Middle and half width of the feature; beyond, the nearest end counts.
-    weights_ : ndarray, shape (p, k)
-        Of the powers (unit of y).
     """
 
-    width_: int
-    range_: Array
-    weights_: Array
+    width_: int  # number of features
+    range_: Array  # (2,) middle and half width of the feature; beyond, the nearest end counts
+    weights_: Array  # (p, k) of the powers (unit of y)
 
     def __init__(self, column: int, degree: int = 4) -> None:
         self.column = column

@@ -358,33 +358,15 @@ TURNS, APART = 8, 1e-6  # of a search for patterns; of its matrices, added to th
 
 @dataclass(frozen=True)
 class Matches:
-    """The best press of every head, for each of n presses.
+    """The best press of every head, for each of n presses."""
 
-    Attributes
-    ----------
-    cost : ndarray, shape (n, heads)
-        Squared misfit over its variance.
-    pose : ndarray, shape (n, heads, 4)
-        Place (m), turn (rad) and depth (m).
-    cov : ndarray, shape (n, heads, 4, 4)
-        Of the pose, as noise and error of the model have it.
-    slopes : ndarray, shape (n, heads, 4, d)
-        Change of the pattern with the pose.
-    fitted : ndarray, shape (n, heads, d)
-        Pattern of the best press.
-    level : ndarray, shape (n,)
-        Logarithm of the variance of the pattern.
-    misfit : ndarray, shape (n,)
-        Of the likeliest head's shape; see `shape_misfits`.
-    """
-
-    cost: Array
-    pose: Array
-    cov: Array
-    slopes: Array
-    fitted: Array
-    level: Array
-    misfit: Array
+    cost: Array  # (n, heads) squared misfit over its variance
+    pose: Array  # (n, heads, 4) place (m), turn (rad) and depth (m)
+    cov: Array  # (n, heads, 4, 4) of the pose, as noise and error of the model have it
+    slopes: Array  # (n, heads, 4, d) change of the pattern with the pose
+    fitted: Array  # (n, heads, d) pattern of the best press
+    level: Array  # (n,) logarithm of the variance of the pattern
+    misfit: Array  # (n,) of the likeliest head's shape; see `shape_misfits`
 
     def rows(self, rows: npt.NDArray[np.intp]) -> Matches:
         """Those of some presses."""

@@ -19,13 +19,6 @@ APART = 0.1  # weight of the loss by which prototypes keep apart
 class Prototypes:
     """Nearest class means.
 
-    Attributes
-    ----------
-    classes_ : ndarray, shape (k,)
-        In rising order.
-    means_ : ndarray, shape (k, p)
-        Eq. (2), by the shots of each class.
-
     Examples
     --------
     >>> found = Prototypes().fit(np.array([[0.0], [1.0], [9.0]]), np.array([3, 3, 7]))
@@ -33,8 +26,8 @@ class Prototypes:
     [3, 7]
     """
 
-    classes_: Integers
-    means_: Array
+    classes_: Integers  # (k,) in rising order
+    means_: Array  # (k, p) eq. (2), by the shots of each class.
 
     def fit(self, features: Array, labels: Integers) -> Prototypes:
         """Learn from features (n, p) of presses with labels (n,)."""

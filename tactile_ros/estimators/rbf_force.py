@@ -18,24 +18,12 @@ MOST_POINTS = 120
 
 
 class ThinPlate:
-    """Surface over the first two features.
+    """Surface over the first two features."""
 
-    Attributes
-    ----------
-    middle_ : ndarray, shape (2,)
-        Of the features.
-    scale_ : float
-        Their root mean square distance from it.
-    points_ : ndarray, shape (n, 2)
-        Scaled features at the calibration points.
-    weights_ : ndarray, shape (n + 3, k)
-        Of the bumps, and of the plane.
-    """
-
-    middle_: Array
-    scale_: float
-    points_: Array
-    weights_: Array
+    middle_: Array  # (2,) of the features
+    scale_: float  # their root mean square distance from it
+    points_: Array  # (n, 2) scaled features at the calibration points
+    weights_: Array  # (n + 3, k) of the bumps, and of the plane
 
     def fit(self, x: Array, y: Array, groups: Integers | None = None) -> ThinPlate:
         """Learn from features (s, d) and targets (s, k); rows of equal targets are one point."""
@@ -101,24 +89,14 @@ class RbfForce:
         Numbers of hidden nodes that are tried, growing.
     seed : int
         Of the first centres.
-
-    Attributes
-    ----------
-    low_, span_ : ndarray, shape (d,)
-        Normalisation of the features to 0..1 ([5] Eq. (8), over all squares together).
-    centres_ : ndarray, shape (h, d)
-        Of the nodes.
-    width_ : float
-        Of the nodes.
-    weights_ : ndarray, shape (h + 1, k)
-        Of the nodes and of a constant (unit of y).
     """
 
+    # (d,) normalisation of the features to 0..1 ([5] Eq. (8), over all squares together).
     low_: Array
     span_: Array
-    centres_: Array
-    width_: float
-    weights_: Array
+    centres_: Array  # (h, d) of the nodes
+    width_: float  # of the nodes
+    weights_: Array  # (h + 1, k) of the nodes and of a constant (unit of y)
 
     def __init__(
         self,

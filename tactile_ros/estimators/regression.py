@@ -25,21 +25,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TrainingRows:
-    """Finite rows in canonical order.
+    """Finite rows in canonical order."""
 
-    Attributes
-    ----------
-    x : ndarray, shape (s, d)
-        Features.
-    y : ndarray, shape (s, k)
-        Targets.
-    groups : ndarray of int, shape (s,)
-        What a split keeps together, numbered from 0 by first appearance.
-    """
-
-    x: Array
-    y: Array
-    groups: Integers
+    x: Array  # (s, d) features
+    y: Array  # (s, k) targets
+    groups: Integers  # (s,) what a split keeps together, numbered from 0 by first appearance
 
     def take(self, rows: Integers | Bools) -> TrainingRows:
         """Some of the rows."""
@@ -157,12 +147,8 @@ class Standardisation:
 
     Attributes
     ----------
-    mean_ : ndarray, shape (d,)
-        Mean of each column (unit of the column).
     gain_ : ndarray, shape (d,)
         One over the standard deviation (one over the unit); 0 for constant columns.
-    spread_ : ndarray, shape (d,)
-        Standard deviation (unit of the column); 0 for constant columns.
 
     Examples
     --------
@@ -170,9 +156,9 @@ class Standardisation:
     array([[2., 0.]])
     """
 
-    mean_: Array
+    mean_: Array  # (d,) mean of each column (unit of the column)
     gain_: Array
-    spread_: Array
+    spread_: Array  # (d,) standard deviation (unit of the column); 0 for constant columns
 
     def fit(self, x: Array) -> Standardisation:
         """Learn mean and spread of the columns of x, shape (s, d)."""
@@ -246,14 +232,9 @@ class ColumnView:
         Not fitted.
     columns : ndarray of int, shape (d,)
         Those that it sees.
-
-    Attributes
-    ----------
-    fitted_ : bool
-        Whether it was fitted.
     """
 
-    fitted_: bool
+    fitted_: bool  # whether it was fitted
 
     def __init__(self, estimator: Estimator, columns: Integers) -> None:
         self.estimator = estimator
@@ -289,21 +270,6 @@ class Ridge:
     seed : int
         Of the folds.
 
-    Attributes
-    ----------
-    scale_ : Standardisation
-        Of the features.
-    terms_ : Standardisation
-        Of the polynomial terms.
-    degree_ : int
-        Order in use.
-    strength_ : float
-        Penalty in use, per row, of standardised terms.
-    weights_ : ndarray, shape (p, k)
-        Of the terms (unit of y).
-    level_ : ndarray, shape (k,)
-        Mean of y.
-
     Examples
     --------
     >>> x = np.linspace(-1, 1, 50)[:, None]
@@ -311,12 +277,12 @@ class Ridge:
     array([[0.25]])
     """
 
-    scale_: Standardisation
-    terms_: Standardisation
-    degree_: int
-    strength_: float
-    weights_: Array
-    level_: Array
+    scale_: Standardisation  # of the features
+    terms_: Standardisation  # of the polynomial terms
+    degree_: int  # order in use
+    strength_: float  # penalty in use, per row, of standardised terms
+    weights_: Array  # (p, k) of the terms (unit of y)
+    level_: Array  # (k,) mean of y
 
     def __init__(
         self, degree: int = 2, most_terms: int = 600, folds: int = 5, seed: int = 0

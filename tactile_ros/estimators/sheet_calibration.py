@@ -25,20 +25,11 @@ DEPTH = 0.1  # of the body, from which the search for a depth starts
 
 @dataclass(frozen=True)
 class KnownPress:
-    """A press of a known head at a known place.
+    """A press of a known head at a known place."""
 
-    Attributes
-    ----------
-    outline : Outline
-        Of the head.
-    pose : ndarray, shape (3,)
-        Place (m) and turn (rad).
-    pattern, powers : ndarray, shape (t 3,) and (3,)
-        As in `PressVectors`.
-    """
-
-    outline: Outline
-    pose: Array
+    outline: Outline  # of the head
+    pose: Array  # (3,) place (m) and turn (rad)
+    # (t 3,) and (3,) as in `PressVectors`
     pattern: Array
     powers: Array
 
@@ -394,42 +385,23 @@ _KEPT_LOCK = threading.Lock()  # a class is learned beside the stream
 
 @dataclass(frozen=True)
 class SkinModel:
-    """Everything that the answer of a multipole skin to a flat head depends on.
+    """Everything that the answer of a multipole skin to a flat head depends on."""
 
-    Attributes
-    ----------
-    size : ndarray, shape (2,)
-        Of the sheet (m).
-    layer, thickness : float
-        Soft layer under the sheet, and the sheet (m); the base is at z = 0.
-    pole_pitch, magnetisation : float, str
-        Width of a band (m); 'M1' to 'M4'.
-    youngs, poisson : float
-        Of the body (Pa, 1).
-    strengths : ndarray, shape (b,)
-        Remanence of the bands (T).
-    shift : float
-        Of the bands along y (m).
-    chips : ndarray, shape (t, 3)
-        Hall elements (m).
-    responses : ndarray, shape (t, 3, 3)
-        Field in sensor axes -> reading.
-    turning : float
-        Share of the body's turns that the magnets follow.
-    """
-
-    size: Array
+    size: Array  # (2,) of the sheet (m)
+    # soft layer under the sheet, and the sheet (m); the base is at z = 0
     layer: float
     thickness: float
+    # width of a band (m); 'M1' to 'M4'
     pole_pitch: float
     magnetisation: str
+    # of the body (Pa, 1)
     youngs: float
     poisson: float
-    strengths: Array
-    shift: float
-    chips: Array
-    responses: Array
-    turning: float
+    strengths: Array  # (b,) remanence of the bands (T)
+    shift: float  # of the bands along y (m)
+    chips: Array  # (t, 3) hall elements (m)
+    responses: Array  # (t, 3, 3) field in sensor axes -> reading
+    turning: float  # share of the body's turns that the magnets follow
 
     @property
     def body(self) -> float:

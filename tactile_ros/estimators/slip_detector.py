@@ -31,21 +31,6 @@ FLATTEST, STEEPEST, HALVINGS = 0.1, 50.0, 60
 class MatchedSubspace:
     """Tell sequences that slip from sequences that hold, frame by frame.
 
-    Attributes
-    ----------
-    basis_ : ndarray, shape (d, r)
-        Orthonormal patterns of pulls.
-    tilt_ : float
-        Least ratio of the change inside the subspace to that outside of it.
-    level_ : float
-        Least change inside the subspace (unit of the features).
-    range_ : float
-        Change beyond which nothing is known (unit of the features).
-    slope_ : float
-        Of the log odds over the logarithm of the score.
-    report_ : dict of str to float
-        On held-out sequences.
-
     Examples
     --------
     >>> time = np.linspace(0.0, 1.0, 20)[:, None]
@@ -57,12 +42,12 @@ class MatchedSubspace:
     [True, False]
     """
 
-    basis_: Array
-    tilt_: float
-    level_: float
-    range_: float
-    slope_: float
-    report_: dict[str, float]
+    basis_: Array  # (d, r) orthonormal patterns of pulls
+    tilt_: float  # least ratio of the change inside the subspace to that outside of it
+    level_: float  # least change inside the subspace (unit of the features)
+    range_: float  # change beyond which nothing is known (unit of the features)
+    slope_: float  # of the log odds over the logarithm of the score
+    report_: dict[str, float]  # on held-out sequences
 
     def fit(self, x: Array, slip: Integers, sequence: Integers) -> MatchedSubspace:
         """Learn from sequences of which it is known whether they slip.

@@ -203,24 +203,12 @@ LEAST = 1e-24  # sum of squares left, of targets of order one
 
 @dataclass(frozen=True)
 class Moments:
-    """What a regression needs of its rows, however many there are.
+    """What a regression needs of its rows, however many there are."""
 
-    Attributes
-    ----------
-    gram : ndarray, shape (p, p)
-        Sum of weighted products of terms.
-    cross : ndarray, shape (p, k)
-        Sum of weighted products of terms and targets.
-    square : float
-        Sum of weighted squares of targets.
-    rows : int
-        Numbers that were told, s k.
-    """
-
-    gram: Array
-    cross: Array
-    square: float
-    rows: int
+    gram: Array  # (p, p) sum of weighted products of terms
+    cross: Array  # (p, k) sum of weighted products of terms and targets
+    square: float  # sum of weighted squares of targets
+    rows: int  # numbers that were told, s k
 
     @classmethod
     def of(cls, terms: Array, y: Array, weight: Array | None = None) -> Moments:
@@ -306,20 +294,11 @@ LEVELS = 24  # in which a spread is told
 
 @dataclass(frozen=True)
 class SpreadCells:
-    """Spreads at the middle of each cell.
+    """Spreads at the middle of each cell."""
 
-    Attributes
-    ----------
-    spreads : ndarray, shape (GRID * GRID * l,)
-        By x, y and level.
-    levels : int
-        Number of levels (l).
-    low, high : float
-        Least and largest level.
-    """
-
-    spreads: Array
-    levels: int
+    spreads: Array  # (GRID * GRID * l,) by x, y and level
+    levels: int  # number of levels (l)
+    # least and largest level
     low: float
     high: float
 
@@ -349,28 +328,15 @@ ONE_PLACE = 0.01  # of the sheet: spread of places in a group that is of one pla
 
 @dataclass(frozen=True)
 class ToldPlaces:
-    """Means at places that were touched more than once.
+    """Means at places that were touched more than once."""
 
-    Attributes
-    ----------
-    places, told : ndarray, shape (n, 2) and (n, k)
-        One row a place (m), and what it told.
-    within : float
-        Standard deviation of a row from its place's mean.
-    least : float
-        What it makes of a mean.
-    index : ndarray of int, shape (s,)
-        Row of the place of each touch.
-    repeats : bool
-        False: places hardly repeat, and there is one row a touch.
-    """
-
+    # (n, 2) and (n, k) one row a place (m), and what it told
     places: Array
     told: Array
-    within: float
-    least: float
-    index: Integers
-    repeats: bool
+    within: float  # standard deviation of a row from its place's mean
+    least: float  # what it makes of a mean
+    index: Integers  # (s,) row of the place of each touch
+    repeats: bool  # false: places hardly repeat, and there is one row a touch
 
 
 def at_places(places: Array, told: Array) -> ToldPlaces:
@@ -464,15 +430,11 @@ class SmoothFields:
     angles : ndarray, shape (2, n)
         Phases at the far ends of the sheet along x and y; those beyond an axis' own number
         repeat the first.
-    entry : ndarray of int, shape (m,)
-        Products in use, n i + j.
-    speed : ndarray, shape (m,)
-        Phase of a product per length of the longer edge.
     """
 
     angles: Array
-    entry: Integers
-    speed: Array
+    entry: Integers  # (m,) products in use, n i + j
+    speed: Array  # (m,) phase of a product per length of the longer edge
 
     @classmethod
     def for_places(cls, places: Array, count: int, size: Array, most: int) -> SmoothFields:

@@ -37,18 +37,14 @@ class TwinLesson:
 
     Attributes
     ----------
-    label : str
-        Name of the new class; in truth its number follows those of `config.objects`.
-    presses : int
-        From which it is learned.
     calibration : callable
         Recording with truth to calibrate on, for a config and a seed.
     scene : callable
         Recording with truth that the twin plays, for a config, a seed and the noise of a channel.
     """
 
-    label: str
-    presses: int
+    label: str  # name of the new class; in truth its number follows those of `config.objects`
+    presses: int  # from which it is learned
     calibration: Callable[..., Recording]
     scene: Callable[..., Recording]
 
@@ -59,20 +55,8 @@ class SensorSpec:
 
     Attributes
     ----------
-    key : str
-        Name of its folder.
-    paper, summary : str
-        Where it was published; what it is, in a line.
-    transports : tuple of str
-        How it can be connected, in words.
-    config, connection : type
-        Frozen dataclasses with all defaults: geometry and materials; port and protocol.
-    layout : callable
-        Layout of a config.
     estimation : callable
         Features and estimators for a config; the second argument names an estimator or is None.
-    estimator_names : tuple of str
-        What the second argument may be.
     open : callable
         Device, not yet entered, for a config, a connection and a clock (ns).
     simulate : callable
@@ -82,8 +66,6 @@ class SensorSpec:
         machine's.
     presses : callable
         Recording with truth of a simple programme of presses, for a config and a seed.
-    classes : tuple of type
-        What a calibration file of this sensor may hold.
     recordings : callable
         Recordings of a real one that the package carries, by name.
     demo : mapping of str to object
@@ -93,19 +75,21 @@ class SensorSpec:
         What its twin can play instead of `presses`, to be taught by it.
     """
 
-    key: str
+    key: str  # name of its folder
+    # where it was published; what it is, in a line
     paper: str
     summary: str
-    transports: tuple[str, ...]
+    transports: tuple[str, ...]  # how it can be connected, in words
+    # frozen dataclasses with all defaults: geometry and materials; port and protocol
     config: Callable[..., SensorConfig]
     connection: Callable[..., object]
-    layout: Callable[..., Layout]
+    layout: Callable[..., Layout]  # layout of a config
     estimation: Callable[..., Estimation]
-    estimator_names: tuple[str, ...]
+    estimator_names: tuple[str, ...]  # what the second argument may be
     open: Callable[..., Device]
     simulate: Callable[..., Twin]
     presses: Callable[..., Recording]
-    classes: tuple[type, ...]
+    classes: tuple[type, ...]  # what a calibration file of this sensor may hold
     recordings: Callable[[], Mapping[str, Recording]]
     demo: Mapping[str, object] = field(default_factory=dict)
     lesson: TwinLesson | None = None

@@ -423,17 +423,13 @@ class Vote:
 
     Attributes
     ----------
-    classes_ : ndarray, shape (k,)
-        Those that were seen.
-    voters_ : GridKnn
-        Of the share of each class.
     report_ : dict of str to float
         Share of held-out rows that are named rightly, and that of the commonest class, which is
         chance; without at least two groups it is measured on the rows that were learned from.
     """
 
-    classes_: Integers
-    voters_: GridKnn
+    classes_: Integers  # (k,) those that were seen
+    voters_: GridKnn  # of the share of each class
     report_: dict[str, float]
 
     def __init__(self, target: str) -> None:

@@ -151,25 +151,17 @@ class Creep:
 
     Attributes
     ----------
-    shares_ : ndarray, shape (m + 1,)
-        Of the means, and of the static force itself; 0 where creep is none.
     root_ : ndarray, shape (m + 1, m + 1)
         Square root of the covariance of the shares, from places that were left out.
     edge : float
         Of a touch (m), where the past counts by place; infinite: wherever it was.
-    forgets_ : bool
-        Whether a mean never counts for more than the force now.
-    error_ : float
-        Root mean square error (N) at places that were not learned from.
-    left_ : float
-        That of the rows learned from.
     """
 
-    shares_: Array
+    shares_: Array  # (m + 1,) of the means, and of the static force itself; 0 where creep is none
     root_: Array
-    forgets_: bool
-    error_: float
-    left_: float
+    forgets_: bool  # whether a mean never counts for more than the force now
+    error_: float  # root mean square error (N) at places that were not learned from
+    left_: float  # that of the rows learned from
 
     def __init__(self, edge: float = np.inf) -> None:
         self.edge = edge
@@ -291,23 +283,13 @@ class ForceHead:
     ----------
     name : str
         Of the estimator in use.
-    estimator_ : Estimator
-        Fitted on all rows.
-    spread_ : StatedSpread
-        Scale of its spread, measured on held-out places.
-    level_ : ndarray, shape (1,)
-        Spread of an estimator that states none (N).
-    report_ : dict of str to float
-        Errors on held-out places (N).
-    most_ : float
-        Largest force that was told (N).
     """
 
-    most_: float = np.inf
-    estimator_: Estimator
-    spread_: StatedSpread
-    level_: Array
-    report_: dict[str, float]
+    most_: float = np.inf  # largest force that was told (N)
+    estimator_: Estimator  # fitted on all rows
+    spread_: StatedSpread  # scale of its spread, measured on held-out places
+    level_: Array  # (1,) spread of an estimator that states none (N)
+    report_: dict[str, float]  # errors on held-out places (N)
 
     def __init__(self, noise: float, size: Array, series: SeriesResistance) -> None:
         self.noise = noise

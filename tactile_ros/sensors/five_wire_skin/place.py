@@ -55,8 +55,6 @@ class PlaceHead:
         Shares of the potentials in two sums; None: there are but two, or no fit.
     name : str
         Of the map in use.
-    estimator_ : Estimator
-        Fitted on all rows.
     spread_ : StatedSpread
         Scale of its covariance, measured on held-out places.
     level_ : ndarray, shape (2,)
@@ -65,7 +63,7 @@ class PlaceHead:
         Errors on held-out places (m).
     """
 
-    estimator_: Estimator
+    estimator_: Estimator  # fitted on all rows
 
     def __init__(self, size: Array) -> None:
         self.size = np.asarray(size, np.float64)

@@ -42,21 +42,16 @@ class Figures:
 
     Attributes
     ----------
-    full_n : float
-        Force that sinks the disc by 0.6 of the gap (N).
-    rest_mn, load_mn, side_mn : float
-        Noise of one sample along z at rest and at half load, and along x at rest (mN).
-    leak_percent : float
-        Worst force from the stray field, at rest (% of full scale).
     strongest_mt : float
         Uniform field along z that clips no pixel up to full scale (mT); negative: it clips.
     """
 
-    full_n: float
+    full_n: float  # force that sinks the disc by 0.6 of the gap (N)
+    # noise of one sample along z at rest and at half load, and along x at rest (mN)
     rest_mn: float
     load_mn: float
     side_mn: float
-    leak_percent: float
+    leak_percent: float  # worst force from the stray field, at rest (% of full scale)
     strongest_mt: float
 
 

@@ -125,20 +125,15 @@ class Reach:
 
     Attributes
     ----------
-    centre_, shape_ : ndarray, shape (3,) and (3, 3)
-        Places in the ellipsoid have |shape (place - centre)| <= 1.
-    directions_ : int
-        Along how many the places differed.
-    rest_ : ndarray, shape (3,)
-        Place of the disc that nothing touches (gaps); NaN where none was seen.
     slope_ : ndarray, shape (k,)
         Steepest change of each answer with the place (unit of the answer, over gaps).
     """
 
+    # (3,) and (3, 3) places in the ellipsoid have |shape (place - centre)| <= 1
     centre_: Array
     shape_: Array
-    directions_: int
-    rest_: Array
+    directions_: int  # along how many the places differed
+    rest_: Array  # (3,) place of the disc that nothing touches (gaps); NaN where none was seen
     slope_: Array
 
     def fit(self, place: Array, answers: Array, rest: Array) -> Reach:

@@ -510,8 +510,6 @@ class Features:
         What a uniform field does to the channels.
     place_, tilted_ : DiscInversion or None
         The disc's model without and with tilts of its own.
-    choice_ : Choice
-        Model of the disc's field that the noise needs.
     terms_ : tuple of Worth
         What terms of the scene cost and buy; none before a fit.
     lag_ : float
@@ -522,7 +520,7 @@ class Features:
         Rows of the fit whose chips told their temperature too long ago to learn from.
     """
 
-    choice_: Choice
+    choice_: Choice  # model of the disc's field that the noise needs
     silent_: int = 0
 
     def __init__(self, config: GradiometerConfig, remembers: bool = False) -> None:

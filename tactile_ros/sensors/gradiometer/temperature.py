@@ -487,21 +487,15 @@ class WarmRest:
 
     Attributes
     ----------
-    level_ : ndarray, shape (n,)
-        Field at rest at the usual temperature (T).
-    warmer_ : ndarray, shape (n,)
-        Its change over a unit of the disc's temperature (T).
     offset_ : ndarray, shape (2, n)
         Drift of readings over a unit of the chip's temperature, and over its square (T).
     unsure_ : ndarray, shape (2 m, 2 m)
         Covariance of that drift, of differences (T2); learned by `WarmFit`.
-    gain_ : ndarray, shape (n, 2)
-        Of both temperatures from readings (units / T).
     """
 
-    level_: Array
-    warmer_: Array
-    gain_: Array
+    level_: Array  # (n,) field at rest at the usual temperature (T)
+    warmer_: Array  # (n,) its change over a unit of the disc's temperature (T)
+    gain_: Array  # (n, 2) of both temperatures from readings (units / T)
     unsure_: Array
     _last: tuple[Array, Array] | None = None  # a stream has one baseline for many frames
 

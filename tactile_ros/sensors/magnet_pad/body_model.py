@@ -105,21 +105,13 @@ NOISE, LEAST_NOISE = 4e-6, 1e-7  # T, where nothing tells it; below it nothing i
 
 @dataclass(frozen=True)
 class Presses:
-    """Touches of the half cylinder.
+    """Touches of the half cylinder."""
 
-    Attributes
-    ----------
-    along, around : ndarray, shape (s,)
-        Place along the axis (m), and angle from y (rad).
-    force : ndarray, shape (s, 3)
-        What the skin exerts on the object (N).
-    tip, bond : ndarray, shape (s,)
-        Radius of the contact (m); share of the base's image.
-    """
-
+    # (s,) place along the axis (m), and angle from y (rad)
     along: Array
     around: Array
-    force: Array
+    force: Array  # (s, 3) what the skin exerts on the object (N)
+    # (s,) radius of the contact (m); share of the base's image
     tip: Array
     bond: Array
 
@@ -292,22 +284,13 @@ ROWS, ROUNDS = 240, 6
 
 @dataclass(frozen=True)
 class PadTouches:
-    """Touches in the coordinates of the surface.
+    """Touches in the coordinates of the surface."""
 
-    Attributes
-    ----------
-    along, around : ndarray, shape (s,)
-        Place along the axis (m), and angle from y (rad).
-    load : ndarray, shape (s,)
-        Normal force (N).
-    lean : ndarray, shape (s, 2)
-        Tangential force along the axis and around it, over the normal one.
-    """
-
+    # (s,) place along the axis (m), and angle from y (rad)
     along: Array
     around: Array
-    load: Array
-    lean: Array
+    load: Array  # (s,) normal force (N)
+    lean: Array  # (s, 2) tangential force along the axis and around it, over the normal one
 
     @classmethod
     def told(cls, place: Array, force: Array) -> PadTouches:
@@ -358,26 +341,13 @@ class PadResponse:
         Whether touches lean.
     live : ndarray of bool, shape (d,)
         Channels that are alive, which are the features.
-
-    Attributes
-    ----------
-    choice_ : Choice
-        Model of the blocks that the touches need.
-    found_ : ndarray, shape (7,)
-        What was found of `FITTED`, in units of `UNSURE`.
-    full_ : float
-        Load that counts as 1 (N).
-    table_ : ndarray, shape (j, d, 41, 27)
-        Coefficients over the surface (T).
-    doubt_ : ndarray, shape (3, 41, 27)
-        Their variance (T2); see `Lacks.doubt`.
     """
 
-    choice_: Choice
-    found_: Array
-    full_: float
-    table_: Array
-    doubt_: Array
+    choice_: Choice  # model of the blocks that the touches need
+    found_: Array  # (7,) what was found of `FITTED`, in units of `UNSURE`
+    full_: float  # load that counts as 1 (N)
+    table_: Array  # (j, d, 41, 27) coefficients over the surface (T)
+    doubt_: Array  # (3, 41, 27) their variance (T2); see `Lacks.doubt`
 
     def __init__(self, config: MagnetPadConfig, live: Bools, *, leaning: bool) -> None:
         self.config = config

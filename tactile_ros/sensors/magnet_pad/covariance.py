@@ -26,26 +26,16 @@ QUANTILES = {1: 0.6827, 2: 0.9545}  # of what is normal, inside so many sigmas
 
 @dataclass(frozen=True)
 class LoadReach:
-    """Loads of a recording, and how errors grow where a load is farther by the largest of them.
+    """Loads of a recording, and how errors grow where a load is farther by the largest of them."""
 
-    Attributes
-    ----------
-    least, most : float
-        Of the recording (N).
-    times_place, times_force : float
-        Of what is stated: standard deviations that are added.
-    told : bool
-        Whether the loads told it; else `extrapolation_covariance` does.
-    radius : float
-        Of the pad (m).
-    """
-
+    # of the recording (N)
     least: float
     most: float
-    radius: float
+    radius: float  # of the pad (m)
+    # of what is stated: standard deviations that are added
     times_place: float = 0.0
     times_force: float = 0.0
-    told: bool = False
+    told: bool = False  # whether the loads told it; else `extrapolation_covariance` does
 
     def beyond(self, load: Array) -> Array:
         """Distance (s,) of loads (N) from those recorded, over the largest of them."""
@@ -187,12 +177,10 @@ class Variety:
     ----------
     untouched : float
         Share of the pad that no touch came near; 0 where places were not told.
-    ratio : float
-        Largest load over the least; infinite where loads were not told.
     """
 
     untouched: float = 0.0
-    ratio: float = np.inf
+    ratio: float = np.inf  # largest load over the least; infinite where loads were not told
 
     @classmethod
     def of(cls, config: MagnetPadConfig, truth: Columns, good: Bools) -> Variety:

@@ -33,21 +33,13 @@ HALF = 0.5  # share of the base's hold
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is asked of a pad.
+    """What is asked of a pad."""
 
-    Attributes
-    ----------
-    force, largest : float
-        Least and largest force along the normal (N).
-    tip : float
-        Radius of what touches (m).
-    least_field, resolution : float
-        Least field that a chip measures, and least change that it resolves (T).
-    """
-
+    # least and largest force along the normal (N)
     force: float = 1.5
     largest: float = 10.0
-    tip: float = 3e-3
+    tip: float = 3e-3  # radius of what touches (m)
+    # least field that a chip measures, and least change that it resolves (T)
     least_field: float = 10e-6
     resolution: float = 20e-6
 
@@ -147,20 +139,13 @@ MARGIN = 0.95
 
 @dataclass(frozen=True)
 class Remedy:
-    """A change of the pad.
+    """A change of the pad."""
 
-    Attributes
-    ----------
-    what, why, change : str
-        Which of the three, what it answers to, and what is changed.
-    config : MagnetPadConfig
-        The pad with it.
-    """
-
+    # which of the three, what it answers to, and what is changed
     what: str
     why: str
     change: str
-    config: MagnetPadConfig
+    config: MagnetPadConfig  # the pad with it
 
 
 def stiffest(config: MagnetPadConfig, wanted: Wanted) -> float:

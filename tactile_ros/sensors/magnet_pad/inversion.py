@@ -54,21 +54,13 @@ DECADE = 2.3  # of loads that are thought of at least, in logarithms
 
 @dataclass(frozen=True)
 class Touched:
-    """Recorded touches.
+    """Recorded touches."""
 
-    Attributes
-    ----------
-    x : ndarray, shape (s, d)
-        Readings of live channels (T).
-    place, force : ndarray, shape (s, 3)
-        (m, N).
-    groups, cells : ndarray of int, shape (s,)
-        What a split keeps together; true cells, -1 unknown.
-    """
-
-    x: Array
+    x: Array  # (s, d) readings of live channels (T)
+    # (s, 3) (m, N)
     place: Array
     force: Array
+    # (s,) what a split keeps together; true cells, -1 unknown
     groups: Integers
     cells: Integers
 
@@ -194,41 +186,18 @@ class PadInversion:
         What a uniform field adds to the features, in sensor axes; None: it cannot be told.
     noise : float
         Of a channel (T).
-
-    Attributes
-    ----------
-    response_ : PadResponse
-        Fitted.
-    radius_ : float
-        Of the surface on which contacts were told (m).
-    scatter_ : float
-        What readings differ by from the response, over their size, beside noise.
-    touches_ : ndarray, shape (s, 5)
-        Recorded ones: along, around, logarithm of the load, leanings.
-    spread_ : StatedSpread
-        Of place and force.
-    misfit_ : float
-        That most touches leave, over their sigma.
-    sharp_ : bool
-        Whether touches keep to recorded places.
-    contact_ : float
-        Largest channel, less a uniform field, beyond which something touches (T).
-    loads_ : LoadReach
-        How errors grow beyond the recorded loads.
-    report_ : dict of str to dict
-        Errors on held-out groups.
     """
 
-    response_: PadResponse
-    radius_: float
-    scatter_: float
-    misfit_: float
-    touches_: Array
-    spread_: StatedSpread
-    sharp_: bool
-    contact_: float
-    loads_: LoadReach
-    report_: dict[str, dict[str, float]]
+    response_: PadResponse  # fitted
+    radius_: float  # of the surface on which contacts were told (m)
+    scatter_: float  # what readings differ by from the response, over their size, beside noise
+    misfit_: float  # that most touches leave, over their sigma
+    touches_: Array  # (s, 5) recorded ones: along, around, logarithm of the load, leanings
+    spread_: StatedSpread  # of place and force
+    sharp_: bool  # whether touches keep to recorded places
+    contact_: float  # largest channel, less a uniform field, beyond which something touches (T)
+    loads_: LoadReach  # how errors grow beyond the recorded loads
+    report_: dict[str, dict[str, float]]  # errors on held-out groups
 
     def __init__(
         self, config: MagnetPadConfig, live: Bools, common: Array | None, noise: float

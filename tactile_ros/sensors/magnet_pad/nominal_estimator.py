@@ -152,24 +152,17 @@ class Told:
 
     Attributes
     ----------
-    mean, cov : ndarray, shape (s, 6) and (s, 6, 6)
-        Place (m) and force (N).
-    shares : ndarray, shape (s, n)
-        Of the cells.
-    stray : ndarray, shape (s, 3)
-        Uniform outside field (T).
-    odd : ndarray of bool, shape (s,)
-        Readings that neither a touch nor a field of the usual size explains.
     far, noisy : ndarray, shape (s,)
         Distance from known touches (radii, at most 1); share of the noise of a channel in the
         variance of what readings may be wrong by.
     """
 
+    # (s, 6) and (s, 6, 6) place (m) and force (N)
     mean: Array
     cov: Array
-    shares: Array
-    stray: Array
-    odd: Bools
+    shares: Array  # (s, n) of the cells
+    stray: Array  # (s, 3) uniform outside field (T)
+    odd: Bools  # (s,) readings that neither a touch nor a field of the usual size explains
     far: Array
     noisy: Array
 

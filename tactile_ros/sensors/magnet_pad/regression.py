@@ -217,15 +217,9 @@ class TareNoise:
 
 
 class Tared:
-    """What an estimation says of its baselines.
+    """What an estimation says of its baselines."""
 
-    Attributes
-    ----------
-    tares_ : TareNoise
-        Of the fit.
-    """
-
-    tares_: TareNoise
+    tares_: TareNoise  # of the fit
 
     uses_temperature = True
 
@@ -266,22 +260,13 @@ TINY = 1e-12
 
 @dataclass(frozen=True)
 class Answer:
-    """What known touches say about readings.
+    """What known touches say about readings."""
 
-    Attributes
-    ----------
-    mean, cov : ndarray, shape (s, k) and (s, k, k)
-        Of the answers of the table.
-    shares : ndarray, shape (s, n)
-        Of the cells.
-    stray : ndarray, shape (s, q)
-        Common part that the touch does not explain (T).
-    """
-
+    # (s, k) and (s, k, k) of the answers of the table
     mean: Array
     cov: Array
-    shares: Array
-    stray: Array
+    shares: Array  # (s, n) of the cells
+    stray: Array  # (s, q) common part that the touch does not explain (T)
 
 
 class KnownTouches:
@@ -296,24 +281,18 @@ class KnownTouches:
 
     Attributes
     ----------
-    plain_, blind_ : TouchTable
-        Without and with a stray field.
-    x_, answers_ : ndarray, shape (n, d) and (n, k)
-        Changes of field (T) and what truth told of the touches.
-    cells_ : ndarray of int, shape (n,)
-        Their cells; -1 unknown.
-    limit_ : float
-        How strange known touches are, at most.
     covariances_ : tuple of CalibratedCovariance
         Of the answers under a stray field, three components each.
     """
 
+    # without and with a stray field
     plain_: TouchTable
     blind_: TouchTable
+    # (n, d) and (n, k) changes of field (T) and what truth told of the touches
     x_: Array
     answers_: Array
-    cells_: Integers
-    limit_: float
+    cells_: Integers  # (n,) their cells; -1 unknown
+    limit_: float  # how strange known touches are, at most
     covariances_: tuple[CalibratedCovariance, ...]
 
     def __init__(self, common: Array, cells: int) -> None:

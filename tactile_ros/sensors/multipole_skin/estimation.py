@@ -63,16 +63,13 @@ class WindowMemory:
 
     Attributes
     ----------
-    past : object
-        Of what else estimates from the stream.
     frames : list of ndarray, shape (d,)
         The newest changes of field, no more than a window.
-    age, held : int
-        Frames since the stream began, and in contact since the last window.
     """
 
-    past: object
+    past: object  # of what else estimates from the stream
     frames: list[Array] = field(default_factory=list)
+    # frames since the stream began, and in contact since the last window
     age: int = 0
     held: int = 0
 

@@ -45,25 +45,14 @@ SAME = 1e-4  # m, places
 
 @dataclass(frozen=True)
 class Told:
-    """What truth says of windows (n): NaN and -1 where it does not.
+    """What truth says of windows (n): NaN and -1 where it does not."""
 
-    Attributes
-    ----------
-    label : ndarray, shape (n,)
-        Class.
-    place, yaw : ndarray, shape (n, 3) and (n,)
-        Of the head's origin (m), and its turn (rad).
-    group : ndarray, shape (n,)
-        Windows that must not be split, where places are not known.
-    number : ndarray, shape (n,)
-        Of the press that each is a window of.
-    """
-
-    label: Integers
+    label: Integers  # (n,) class
+    # (n, 3) and (n,) of the head's origin (m), and its turn (rad)
     place: Array
     yaw: Array
-    group: Integers
-    number: Integers
+    group: Integers  # (n,) windows that must not be split, where places are not known
+    number: Integers  # (n,) of the press that each is a window of
 
     def rows(self, rows: npt.NDArray[np.intp]) -> Told:
         """Some of them."""

@@ -105,13 +105,11 @@ class Spread:
 
     Attributes
     ----------
-    scale : float
-        By what stated deviations are too small.
     floor : float
         Deviation that the clearest press has too (m): chips and bands err alike for all of it.
     """
 
-    scale: float
+    scale: float  # by what stated deviations are too small
     floor: float
 
 
@@ -250,8 +248,6 @@ class NetworkClasses:
 
     Attributes
     ----------
-    prototypes_ : Prototypes
-        Numbered one by one; `label_` (m,) says of which class each is.
     right : float
         Share of held-out presses that are named rightly; 0 where none could be held out.
     chance : float
@@ -260,7 +256,7 @@ class NetworkClasses:
         Distance beyond which no class fits.
     """
 
-    prototypes_: Prototypes
+    prototypes_: Prototypes  # numbered one by one; `label_` (m,) says of which class each is
     label_: Integers
 
     def __init__(self, what: str) -> None:
@@ -377,20 +373,17 @@ class Answers:
 
     Attributes
     ----------
-    label, probability : ndarray, shape (n,)
-        -1 and NaN: none of the classes.
     pose, cov : ndarray, shape (n, 4) and (n, 4, 4)
         Place (m), turn (rad) and depth (m) of the head named; of a class that nobody drew the
         place alone; NaN without a model.
-    order : ndarray, shape (n,)
-        Of the head's symmetry; -1 unknown.
     """
 
+    # (n,) -1 and NaN: none of the classes
     label: Integers
     probability: Array
     pose: Array
     cov: Array
-    order: Integers
+    order: Integers  # (n,) of the head's symmetry; -1 unknown
 
 
 class Recogniser:

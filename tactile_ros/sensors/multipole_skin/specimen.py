@@ -236,33 +236,19 @@ MOST = 0.4999  # Poisson ratio
 
 @dataclass(frozen=True)
 class Flaws:
-    """What a skin has and its drawing does not say: standard deviations.
+    """What a skin has and its drawing does not say: standard deviations."""
 
-    Attributes
-    ----------
-    misplaced, aside, gap : float
-        Of each chip to any side, of all bands along y, of all chips along z (m).
-    tilt : float
-        Of each chip about any axis (rad).
-    gain : float
-        Of each channel, as a share.
-    uneven, remanence : float
-        From band to band and along them, and of the whole sheet, as shares of the remanence.
-    stray : float
-        Resting field of the Earth, in each component (T).
-    turning : float
-        Share of the body's turns that magnets follow: no deviation.
-    """
-
+    # of each chip to any side, of all bands along y, of all chips along z (m)
     misplaced: float = 0.15e-3
     aside: float = 0.2e-3
     gap: float = 0.1e-3
-    tilt: float = 0.02
-    gain: float = 0.03
+    tilt: float = 0.02  # of each chip about any axis (rad)
+    gain: float = 0.03  # of each channel, as a share
+    # from band to band and along them, and of the whole sheet, as shares of the remanence
     uneven: float = 0.05
     remanence: float = 0.1
-    stray: float = 30e-6
-    turning: float = 0.0
+    stray: float = 30e-6  # resting field of the Earth, in each component (T)
+    turning: float = 0.0  # share of the body's turns that magnets follow: no deviation
 
 
 NONE = Flaws(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -37,24 +37,12 @@ SPECIMEN = 8  # the one skin that all scenes press
 
 @dataclass(frozen=True)
 class Pressing:
-    """Presses (n) of flat heads.
+    """Presses (n) of flat heads."""
 
-    Attributes
-    ----------
-    heads : tuple of Outline
-        That press.
-    labels : ndarray, shape (n,)
-        Indices into them.
-    poses : ndarray, shape (n, 3)
-        Places (m) and turns (rad).
-    depths : ndarray, shape (n,)
-        At full load (m).
-    """
-
-    heads: tuple[Outline, ...]
-    labels: Integers
-    poses: Array
-    depths: Array
+    heads: tuple[Outline, ...]  # that press
+    labels: Integers  # (n,) indices into them
+    poses: Array  # (n, 3) places (m) and turns (rad)
+    depths: Array  # (n,) at full load (m)
 
 
 def played(specimen: Specimen, pressing: Pressing, noise: float, seed: int) -> Recording:

@@ -36,22 +36,17 @@ class ForceErrors(NamedTuple):
 
     Attributes
     ----------
-    floor, spread : float
-        Of a taxel: a constant part (N), and a part of its force.
-    own : ndarray, shape (l,)
-        Part of its force by which a taxel errs, at each of `LEVELS`.
     alike : ndarray, shape (2, l)
         Part by which those that bear alike err alike, and by which all that are loaded, or all
         that are unloaded, do: hysteresis.
-    idle : ndarray, shape (t,)
-        Of a taxel that bears nothing (N).
     """
 
+    # of a taxel: a constant part (N), and a part of its force
     floor: float
     spread: float
-    own: Array
+    own: Array  # (l,) part of its force by which a taxel errs, at each of `LEVELS`
     alike: Array
-    idle: Array
+    idle: Array  # (t,) of a taxel that bears nothing (N)
 
 
 def force_errors(

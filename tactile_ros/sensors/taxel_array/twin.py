@@ -30,25 +30,14 @@ LIGHTEST, HEAVIEST = 0.05, 0.6  # of a taxel's largest force, on the most loaded
 
 @dataclass(frozen=True)
 class Placing:
-    """Objects of a programme, one for each press.
+    """Objects of a programme, one for each press."""
 
-    Attributes
-    ----------
-    programme : Programme
-        Origins of the objects (m) and their whole loads (N).
-    label, order : ndarray of int, shape (n,)
-        Which object, and its symmetry.
-    yaw : ndarray, shape (n,)
-        Its turn (rad).
-    share : ndarray, shape (n, t)
-        Part of the load that each taxel bears.
-    """
-
-    programme: Programme
+    programme: Programme  # origins of the objects (m) and their whole loads (N)
+    # (n,) which object, and its symmetry
     label: Integers
     order: Integers
-    yaw: Array
-    share: Array
+    yaw: Array  # (n,) its turn (rad)
+    share: Array  # (n, t) part of the load that each taxel bears
 
     @classmethod
     def drawn(cls, config: TaxelArrayConfig, seed: int, count: int) -> Placing:
