@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks.harness.rows import BenchResult, Row
+from benchmarks.worlds import multipole_fidelity as skin
 from tactile_ros.evaluation.figures import Plot, standalone
 from tactile_ros.physics.fidelity import SHARE, Choice, Model, Worth, choose, region
 from tactile_ros.physics.field_table import cubic_weights
@@ -25,7 +26,6 @@ from tactile_ros.sensors.magnet_pad import body_model as pad
 from tactile_ros.sensors.magnet_pad import body_model as pad_scene
 from tactile_ros.sensors.magnet_pad.body_model import movement
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-from tactile_ros.sensors.multipole_skin import specimen as skin
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
 
 if TYPE_CHECKING:

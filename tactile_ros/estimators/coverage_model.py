@@ -1,4 +1,4 @@
-"""Soft coverage of taxels by an object at a pose, with its slopes."""
+"""Soft coverage of taxels by an object at a pose, its slopes and errors: tables and points."""
 
 from __future__ import annotations
 

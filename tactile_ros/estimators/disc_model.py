@@ -26,6 +26,11 @@ LEAST_SHARE = 0.1
 class UniformField:
     """Response of all channels to a uniform field.
 
+    Removing the mean over equal pixels is a projection; with turned chips, unequal gains or
+    crossed axes it is another one, on what is orthogonal to the response of all channels to a
+    uniform field. That response is known from the chips' axes, and better from a rest in known
+    fields.
+
     Parameters
     ----------
     axes : ndarray, shape (n, 3)

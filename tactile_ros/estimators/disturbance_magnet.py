@@ -1,4 +1,4 @@
-"""Magnets nearby: what their field does to answers, told by what no place of the disc explains.
+"""Magnets nearby: errors that their fields cause, from what no place of the disc explains.
 
 Four pixels have six differences and the disc has three freedoms, so that half of what a magnet's
 field does shows in what the disc's model leaves over. The other half follows from it as far as

@@ -1,4 +1,4 @@
-"""A table of touches that share the blame for a reading: place, load and class by likelihood.
+"""Table of touches weighed by the likelihood of a reading: place, load and class.
 
 Every row of the table is a touch with the reading that it would give. Those nearest to a reading
 in the metric of its errors are weighed by their likelihood, a Gaussian whose width is the noise
@@ -139,6 +139,13 @@ BLOCK = 512
 @dataclass(frozen=True)
 class Linearised:
     """Touches with their readings, and both in a neighbourhood.
+
+    Each row of a table is a touch with its reading, how the reading changes with the touch, and
+    how far touches of its kind reach. Around every row the reading is linear in the touch, so that
+    one Gauss-Newton step with the row's own gain gives the touch, its covariance and the
+    likelihood of the row (Gaussian sum filter: Sorenson and Alspach, Automatica 7, 1971). The
+    gains are computed once. What an outside cause adds to many channels at once enters the metric
+    as a covariance.
 
     Attributes
     ----------

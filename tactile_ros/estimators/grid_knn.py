@@ -23,6 +23,10 @@ SAME = 1e-9  # of a distance, by which two count as equal
 class CellKnn:
     """Majority vote among the nearest training samples.
 
+    [2] keeps all training readings and lets the K = 1, 5 or 10 nearest vote for one of 6, 15 or 25
+    cells. Readings are compared as they are, in one unit (Cover and Hart, IEEE Trans. IT 13,
+    1967).
+
     Parameters
     ----------
     neighbours : int

@@ -284,6 +284,14 @@ TINY = float(np.finfo(np.float64).tiny)
 class RestingState:
     """The main way along which resting readings move within runs, and the readings seen.
 
+    Presses leave a set that recovers slowly, in the resting reading and in the stiffness (the
+    Mullins effect and stress relaxation of filled elastomers: Diani, Fayolle and Gilormini, Eur.
+    Polym. J. 45, 2009). Where along that way a skin is shifts its gain. A resting reading that was
+    never seen says how little is known about the gain: a Gaussian process over resting readings,
+    conditioned on the nearest one seen, keeps the share 1 - exp(-(d / l)^2) of its variance at the
+    distance d, l being the length over which it varies (Rasmussen and Williams, Gaussian
+    Processes, 2006, eq. 2.26).
+
     Parameters
     ----------
     slack : float

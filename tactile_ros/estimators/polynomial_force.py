@@ -199,6 +199,9 @@ WIDEST, GOLDEN = 0.4, 0.618
 class WarmChain:
     """Chain of fields whose strength follows temperatures.
 
+    A beta that is the same for all pixels is removed with the mean, so that alpha alone is found;
+    [3] tuned both by hand on a single readout.
+
     Parameters
     ----------
     slow : int

@@ -217,6 +217,11 @@ PRIOR = 1e-3  # of the squares: what temperatures must explain before they are b
 class WarmPolynomial:
     """Polynomial of a place less its rise with temperature, times a stiffness of temperature.
 
+    [3] gives both causes of its thermal drift: the elastomer's height, which shifts the place, and
+    its stiffness, which scales the force. Both are found from recordings, by elimination of what
+    is linear (Golub and Pereyra, Inverse Problems 19, 2003); the rest is a polynomial that may
+    still change a little with temperature.
+
     Parameters
     ----------
     degrees : tuple of int
@@ -331,7 +336,13 @@ ELASTOMER = np.array([0.02, 0.1, 0.01])  # usual rise, softening and its curve o
 
 @dataclass(frozen=True)
 class Misled:
-    """What was found."""
+    """What was found.
+
+    Places that are wrong by what nobody measured (drifts of channels, a disc that weakens or warms
+    otherwise than thought) make force scatter about any polynomial of the place. Sizes of such
+    errors, and the elastomer's rise and softening, are found together by Gauss-Newton steps, the
+    polynomial eliminated (Golub and Pereyra, Inverse Problems 19, 2003).
+    """
 
     sizes: Array  # (p,) of each error, over its usual size
     cov: Array  # (p, p) their covariance

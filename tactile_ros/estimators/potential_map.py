@@ -52,6 +52,13 @@ Complexes = npt.NDArray[np.complex128]
 class SheetPotentials:
     """Terms of two potentials on a rectangular sheet.
 
+    The potential of a homogeneous sheet is harmonic ([5] Eq. (1)): it is told by harmonic
+    polynomials (Re and Im of z^n), or by what its border holds, as sines along each side that fade
+    inwards. The silver carries nearly all of the current, so that along a side every excitation
+    falls off alike, from one corner's potential to the next one's: what is uneven in it is the
+    same for all. A sheet that is not quite homogeneous adds terms |z|^2 z^n (Almansi's expansion),
+    or products of sines that are 0 on the border.
+
     Attributes
     ----------
     kind : str

@@ -1,4 +1,4 @@
-"""Force from the mean curve of all places: what [5] compares its network with."""
+"""Force of a touch on a resistive film by a power law whose factors vary smoothly [5]."""
 
 from __future__ import annotations
 

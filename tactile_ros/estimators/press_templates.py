@@ -1,4 +1,4 @@
-"""The steps of `press_descent`, channel by channel, for a compiler."""
+"""Templates of presses of known heads, in place, turn and depth, and descents among them."""
 
 from __future__ import annotations
 

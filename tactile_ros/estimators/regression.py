@@ -1,4 +1,4 @@
-"""Rows for a regression that holds beyond the groups it was fitted on.
+"""Ridge regression, standardised features, held-out groups: what all regressors share.
 
 Anchor regression (Rothenhaeusler, Meinshausen, Buehlmann and Peters, J. R. Stat. Soc. B 83, 2021)
 weighs what the residuals of a whole group have in common more than what varies within the group:
@@ -258,6 +258,9 @@ STRENGTHS = 10.0 ** np.arange(-7, 3)
 class Ridge:
     """Polynomial of first or second order with a penalty on the squares of its weights.
 
+    [3] fits forces by all second-order products of its features; ridge (Hoerl and Kennard,
+    Technometrics 12, 1970) keeps such a fit apart from collinear terms.
+
     Parameters
     ----------
     degree : int
@@ -382,6 +385,9 @@ def held_out_squares(
     weighed: tuple[Array, Array] | None = None,
 ) -> Array:
     """Sum of squared errors on held-out folds for each penalty, as `held_out_each` has them.
+
+    The eigenvectors of the normal matrix serve every penalty (Golub, Heath and Wahba,
+    Technometrics 21, 1979), and the matrix without a fold is the whole one less that fold's.
 
     Returns
     -------

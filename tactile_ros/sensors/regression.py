@@ -416,6 +416,10 @@ BETTER = 1.5
 class Vote:
     """Nearest neighbours that vote for one of several classes.
 
+    Cells and classes are voted by nearest neighbours [2], weighted by one over the distance, where
+    such votes are better than chance on held-out groups; a turn is regressed as cosine and sine,
+    so that it has no seam.
+
     Parameters
     ----------
     target : str

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.worlds import multipole_fidelity as skin
 from tactile_ros.enrolment import Touches
 from tactile_ros.physics.fidelity import SHARE, rate
 from tactile_ros.physics.field_table import reach_under, table_disc_model
@@ -22,7 +23,6 @@ from tactile_ros.sensors.magnet_pad import body_model as pad
 from tactile_ros.sensors.magnet_pad.body_model import NOISE, movement
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.sensors.magnet_pad.estimation import Localisation
-from tactile_ros.sensors.multipole_skin import specimen as skin
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
 
 DISC, PAD, SKIN = GradiometerConfig(), MagnetPadConfig(), MultipoleSkinConfig()

@@ -1,4 +1,4 @@
-"""Whether the skin is touched, and its readings less what of their rest has moved.
+"""Contact by the divider, and readings less the drift of their rest.
 
 Contact shows in the divider alone: the foil of an untouched skin may float, and its potentials
 then read garbage, in the baseline too. Where rests show that, potentials are taken as they are

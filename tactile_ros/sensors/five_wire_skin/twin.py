@@ -1,4 +1,10 @@
-"""The five-wire skin behind a microcontroller on a serial port, real or simulated."""
+"""The five-wire skin behind a microcontroller on a serial port, real or simulated.
+
+It is no model of [5] to estimate with: the border conducts perfectly, so that potentials are
+linear; the resistance to the border is a smooth bump, Velostat follows a power law, and creep is
+left out. Some presses are drawn over the sheet like a finger. The foil has a weak pull-down:
+untouched, all three readings are 0. A real one may float.
+"""
 
 from __future__ import annotations
 

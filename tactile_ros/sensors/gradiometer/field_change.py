@@ -1,4 +1,4 @@
-"""What the targets of the gradiometer are estimated from: differences, temperatures, the disc."""
+"""Features of the gradiometer: change of field, its differences, temperatures and the disc."""
 
 from __future__ import annotations
 

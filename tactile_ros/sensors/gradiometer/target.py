@@ -29,6 +29,10 @@ ROWS = 10  # for a coefficient
 def ends(beyond: Array, span: Array) -> Array:
     """How far temperatures lie from the middle of a span (2,) over half of it (s,), at least 1.
 
+    A polynomial of a degree n that is at most 1 in absolute value from -1 to 1 is at most |T_n|
+    outside (Chebyshev, 1854). Models of a fit are squares of the temperature: all of an error may
+    grow as T_2. Only what held-out errors show of a cubic may grow as T_3.
+
     `beyond` (s,) are the degrees by which they lie outside.
     """
     return np.asarray(1 + 2 * beyond / max(float(span[1] - span[0]), LEAST_RANGE))

@@ -1,4 +1,4 @@
-"""What pixels read at rest when chip and disc are warm, and offsets that follow the chip.
+"""Temperatures of chips and disc along a stream, and readings at rest over them.
 
 A Hall element reads s(T) (B + o) + d T + e T^2: what the sensitivity does not scale, of an offset
 too, drifts with the chip in each channel's own way (the beta of [3], one for each pixel). A
@@ -32,6 +32,10 @@ FEWEST = 3
 @dataclass(frozen=True)
 class AgedSignals(Signals):
     """Frames whose chips are as warm as they told last.
+
+    How fast temperatures move is told by the recording of a fit: the root mean square of their
+    change over each age (the structure function of Kolmogorov, 1941), and of how far they left the
+    straight line between the ends of an interval as long.
 
     Attributes
     ----------
@@ -218,6 +222,12 @@ THIRD = 20.0  # variance of third differences of noise of 1
 
 class ThermalMemory:
     """Temperature of the disc in one stream: a first-order lag behind the chip's.
+
+    [3]: the Hall sensitivity follows p0 + p1 dT + p2 dT^2 of the chip's temperature. The baseline
+    was read at another temperature, which nothing reports: it is told by how much stronger the
+    disc at rest was then than in the fit. Gap, stiffness and remanence follow the magnet, whose
+    temperature follows the chip's with a delay: a slow state, of the config's time constant or of
+    the one with which the disc's model explains a recording best.
 
     It follows what the chip told: frames without a temperature lie on the line between those
     with one.

@@ -1,4 +1,14 @@
-"""The gradiometer behind a microcontroller on a serial port, real or simulated."""
+"""The gradiometer behind a microcontroller on a serial port, real or simulated.
+
+It is no model of [3] to estimate with: the disc's tilt, the elastomer's coupling and temperature
+are left out. Force moves the disc by force over stiffness, so that full scale is the
+depth (1.5 mm) and a fifth of it the radius (1.1 mm) to which [3] calibrated; the contact is on the
+elastomer's top, which gives the two torques.
+
+The scenes of [3] play in it: presses shear; a magnet passes by every 12 s, each time
+turned another way; from the twelfth second on the chip warms by 8 degrees and cools again, and the
+disc follows with a delay and loses remanence. Truth tells the stray field where it is uniform.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What recorded touches differ by from the fitted model: smooth over the surface, by the evidence.
+"""Field of the pad under touches: nominal body, fitted response, and its residual.
 
 Gaussian bumps over the unrolled surface, times the load and its square (and its tangential parts,
 where touches lean), with a prior whose width and size the evidence chooses.

@@ -1,4 +1,4 @@
-"""What answers of the pad may be wrong by, beyond what their method says: what was never seen."""
+"""Covariance of the pad beyond what its recording covers, and flags of it."""
 
 from __future__ import annotations
 

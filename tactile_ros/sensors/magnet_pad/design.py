@@ -33,7 +33,13 @@ HALF = 0.5  # share of the base's hold
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is asked of a pad."""
+    """What is asked of a pad.
+
+    Condition 1: at rest every chip reads more than it can measure at least and less than it
+    saturates at, and under the largest force none saturates ([2] asks it of one chip; a saturated
+    chip says nothing, so that it has to hold for all). Condition 2: the least force changes the
+    field at one chip at least, in norm, by more than it resolves, in every cell.
+    """
 
     # least and largest force along the normal (N)
     force: float = 1.5
@@ -139,7 +145,11 @@ MARGIN = 0.95
 
 @dataclass(frozen=True)
 class Remedy:
-    """A change of the pad."""
+    """A change of the pad.
+
+    Where most cells feel too little, the body is too stiff; a few cells of their own need a magnet
+    near them; a block of adjacent cells needs a chip near it.
+    """
 
     # which of the three, what it answers to, and what is changed
     what: str

@@ -54,7 +54,12 @@ DECADE = 2.3  # of loads that are thought of at least, in logarithms
 
 @dataclass(frozen=True)
 class Touched:
-    """Recorded touches."""
+    """Recorded touches.
+
+    Recorded touches, blurred by their distances from each other, say where touches are likely
+    (Parzen, Ann. Math. Stat. 33, 1962); some are spread evenly, since what was recorded is not
+    all.
+    """
 
     x: Array  # (s, d) readings of live channels (T)
     # (s, 3) (m, N)

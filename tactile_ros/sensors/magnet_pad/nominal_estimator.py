@@ -1,4 +1,4 @@
-"""The nominal model as a table of touches that answers readings before any truth is told.
+"""Bayesian inversion over a table of nominal touches, with and without a uniform stray field.
 
 What is stated of errors is measured on pads that differ from the config as specimens do.
 """

@@ -1,4 +1,4 @@
-"""How the field at rest changes with the temperature of the magnets since the tare.
+"""Change of the field at rest with the temperature of the magnets since the tare.
 
 Magnets lose a part of their field with each degree, and the resting field is hundreds of times
 what a light touch changes: a few degrees between tare and touch pass for a load. The chips tell

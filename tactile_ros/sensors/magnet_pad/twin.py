@@ -1,4 +1,9 @@
-"""The magnet pad on an I2C bus or on a serial port, real or simulated."""
+"""The magnet pad on an I2C bus or on a serial port, real or simulated.
+
+A tip of a third of the radius presses a body that its base holds half (`nominal`), which carries
+and turns the blocks; the model of their field is the cheapest that the noise allows. Forces are
+those of [2], 1.5..10 N, along the surface's normal or inside the cone of 45 degrees about it.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What pressed, and where, from the vector of one press: templates, seen presses, or both.
+"""Label, place and turn from the vector of one press: templates, seen presses, or both.
 
 Templates come from the drawing of the skin, mended by its resting field and by known presses, so
 that heads are recognised at places and turns where nothing ever pressed. Presses that were seen
@@ -212,7 +212,11 @@ FRAMES, CHANNELS = 10, 60  # of a window
 
 
 def can_run() -> bool:
-    """Whether onnxruntime is installed."""
+    """Whether onnxruntime is installed.
+
+    `training/pronet.py` made them and says how; each file tells the command and the places that it
+    learned from. They know the skin that they were trained on, and no other.
+    """
     return find_spec('onnxruntime') is not None
 
 
@@ -240,6 +244,9 @@ ENOUGH = 0.95
 
 class NetworkClasses:
     """What one network makes of known presses.
+
+    A prototype of [1] is the mean of a class at the place of the task. Where presses of many
+    places are known, each place has prototypes of its own, and the nearest one names a press.
 
     Parameters
     ----------

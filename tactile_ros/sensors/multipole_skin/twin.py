@@ -1,4 +1,4 @@
-"""The data collection of [1]: which heads come down where, and how often.
+"""Twin of the multipole skin: connection, scenes, and the data collection of [1].
 
 Nine heads (square, triangle and circle of 10, 15 and 20 mm) at twenty-five places evenly over the
 skin, thirty presses each; three bars in six postures. [1] gives neither the places nor the sizes

@@ -1,4 +1,4 @@
-"""Forces by equilibration [4], their sum and centre, and the objects whose outlines config tells.
+"""Forces by equilibration [4], their sum and centre, and the objects of the config.
 
 Place and total force are regressed as well; what does better on held-out groups answers.
 """

@@ -1,4 +1,4 @@
-"""Surface of what is gripped, from how deep each taxel gives way: [4] Eqs. (3) and (4)."""
+"""Patches, surface and objects on the taxels, from forces: [4] Eqs. (3) and (4)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Laws and creep of the taxels together.
+"""Forces of taxels: gaps, errors and creep of their laws.
 
 A law without memory gives the crept load: h(u) = F + sum_i c_i x_i, with x_i the strains that the
 told loads F leave. Any law h is a sum of hinges; what they cannot tell of F must be strains.

@@ -1,4 +1,10 @@
-"""A taxel array behind a microcontroller on a serial port, real or simulated."""
+"""A taxel array behind a microcontroller on a serial port, real or simulated.
+
+It is no model of [4] to estimate with: drift, hysteresis and the area law are left out. The taxels
+share the load by the footprint; output rises and levels off with force, and gains differ by up to
+55 % of the least, as [4] found. Where the config has objects they are placed and turned instead,
+and share their load by counted points.
+"""
 
 from __future__ import annotations
 
