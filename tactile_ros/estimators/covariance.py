@@ -104,11 +104,6 @@ class CalibratedCovariance:
         stated : ndarray, shape (s, k), or None
             Spread that a model tells beforehand (unit of the residuals), to be given to `sigma`
             again; what is learned multiplies it. None: none does.
-
-        Returns
-        -------
-        CalibratedCovariance
-            Itself.
         """
         count = np.shape(residuals)[-1]
         both = residuals if stated is None else np.hstack([residuals, np.log(stated)])
@@ -144,11 +139,6 @@ class CalibratedCovariance:
         -------
         ndarray, shape (s, k, k)
             Covariances (unit of the residuals, squared).
-
-        Raises
-        ------
-        NotCalibratedError
-            Before a fit.
         """
         sigma = self.sigma(drivers)
         if sigma.shape[1] == 1:
@@ -311,11 +301,6 @@ class GainSpread:
             Run of each row; with one run only nothing is learned and the prior stays.
         presses : ndarray of int, shape (s,), or None
             Presses, each with a gain of its own; None: one gain for each run.
-
-        Returns
-        -------
-        GainSpread
-            Itself.
         """
         said, told = as_shape('predictions', predictions, (-1, -1)), as_shape('y', y, (-1, -1))
         keep = np.isfinite(said).all(axis=1) & np.isfinite(told).all(axis=1)
@@ -349,11 +334,6 @@ class GainSpread:
         -------
         ndarray, shape (s, k, k)
             To be added to the covariance within runs (unit of the predictions, squared).
-
-        Raises
-        ------
-        NotCalibratedError
-            Before a fit.
         """
         fitted(self, 'spread_')
         size = self.spread_ * mean

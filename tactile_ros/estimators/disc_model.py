@@ -66,11 +66,6 @@ class UniformField:
             Readings at rest, less those of the tare (T).
         stray : ndarray, shape (s, 3)
             Known field since the tare (T).
-
-        Returns
-        -------
-        UniformField
-            Itself.
         """
         used = (self.response_ != 0).any(axis=1)
         left = stray.T @ stray + np.eye(3) * (max(self.noise, 1e-9) / ENTRY) ** 2

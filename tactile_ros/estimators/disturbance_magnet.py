@@ -411,11 +411,6 @@ class StrayField:
             and the true stray field (T); NaN: taken as 0.
         groups : ndarray of int, shape (s,)
             What a split keeps together.
-
-        Returns
-        -------
-        StrayField
-            Itself.
         """
         both = np.column_stack([uniform - np.nan_to_num(stray), rest])
         self.usual_field_ = PolynomialRidge(STRAY_DEGREES, self.slow).fit(place, both, groups)

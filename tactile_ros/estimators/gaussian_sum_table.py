@@ -421,13 +421,7 @@ class TouchTable:
         return self
 
     def blame(self, x: Array) -> Blame:
-        """Neighbours of finite features x (s, d).
-
-        Raises
-        ------
-        NotCalibratedError
-            Before a fit.
-        """
+        """Neighbours of finite features x (s, d)."""
         fitted(self, 'samples_')
         count = min(self.neighbours, len(self.samples_))
         distance, index = self._tree().query(x @ self.metric_, k=np.arange(1, count + 1))

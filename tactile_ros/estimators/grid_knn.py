@@ -64,13 +64,7 @@ class CellKnn:
         return self
 
     def predict(self, x: Array) -> Integers:
-        """Cell (s,) of each row of finite features x (s, d).
-
-        Raises
-        ------
-        NotCalibratedError
-            Before a fit.
-        """
+        """Cell (s,) of each row of finite features x (s, d)."""
         fitted(self, 'cells_')
         count = min(self.neighbours, len(self.samples_))
         asked = min(count + 1, len(self.samples_))

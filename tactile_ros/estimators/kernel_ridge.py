@@ -257,13 +257,7 @@ class PatternRidge:
         return self
 
     def predict(self, x: Array) -> Array:
-        """Targets (s, k) of features x (s, d).
-
-        Raises
-        ------
-        NotCalibratedError
-            Before a fit.
-        """
+        """Targets (s, k) of features x (s, d)."""
         fitted(self, 'kernel_')
         return predict_rows(x, len(self.kernel_.gain_) - 1, self._answer)
 
@@ -337,11 +331,6 @@ class RestingState:
             Resting readings, finite.
         runs : ndarray of int, shape (s,)
             Run of each row.
-
-        Returns
-        -------
-        RestingState
-            Itself.
         """
         self.centre_ = rests.mean(axis=0)
         moved = rests - self.centre_
@@ -386,11 +375,6 @@ class RestingState:
         along, strangeness : ndarray, shapes (s, 1), (s,)
             State along the way (unit of the rests), and the share of the variance between states
             that is left.
-
-        Raises
-        ------
-        NotCalibratedError
-            Before a fit.
         """
         fitted(self, 'width_')
         if len(rests) > 1:

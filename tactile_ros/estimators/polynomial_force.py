@@ -66,11 +66,6 @@ class PolynomialForce:
             Targets.
         groups : ndarray of int, shape (s,), or None
             Not used: nothing is chosen.
-
-        Returns
-        -------
-        PolynomialForce
-            Itself.
         """
         rows = training_rows(x, y, groups)
         size = float(np.sqrt((gradient_field(rows.x) ** 2).mean()))
@@ -88,13 +83,7 @@ class PolynomialForce:
         return self
 
     def predict(self, x: Array) -> Array:
-        """Evaluate the chain, shape (s, k), of fields (s, 2 t) (T).
-
-        Raises
-        ------
-        NotCalibratedError
-            Before a fit.
-        """
+        """Evaluate the chain, shape (s, k), of fields (s, 2 t) (T)."""
         fitted(self, 'weights_')
         width = int(np.sqrt(2 * len(self.mean_))) // 3 * 2
         x = as_shape('x of predict', x, (-1, width))

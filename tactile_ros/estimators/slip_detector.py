@@ -61,11 +61,6 @@ class MatchedSubspace:
         sequence : ndarray, shape (s,)
             Number of the sequence that each frame is of.
 
-        Returns
-        -------
-        MatchedSubspace
-            Itself.
-
         Raises
         ------
         ValueError
@@ -112,11 +107,6 @@ class MatchedSubspace:
         ndarray, shape (s,)
             Above 0.5 where the score exceeds 1; NaN where a feature is NaN, or the change is
             larger than pulls have ever made it.
-
-        Raises
-        ------
-        NotCalibratedError
-            Before a fit.
         """
         fitted(self, 'basis_')
         inside, outside = self._split(x, self.basis_)

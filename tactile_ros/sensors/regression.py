@@ -108,11 +108,6 @@ class Head:
             Runs, which differ in gain.
         rests : ndarray, shape (s, channels)
             Resting reading under each row.
-
-        Returns
-        -------
-        Head
-            Itself.
         """
         place = self.target == 'position'
         self.state_ = None if place else RestingState().fit(rests, sessions)

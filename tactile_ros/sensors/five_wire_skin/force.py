@@ -183,11 +183,6 @@ class Creep:
             True forces (N).
         groups : ndarray of int, shape (s,)
             What a split keeps together.
-
-        Returns
-        -------
-        Creep
-            Itself.
         """
         error = static - told
         fold = np.unique(groups, return_inverse=True)[1].reshape(-1) % FOLDS
@@ -310,11 +305,6 @@ class ForceHead:
             What a split keeps together: places, where they repeat.
         wanted : str or None
             'printed': the network of [5]; or the name of a candidate; None: the best.
-
-        Returns
-        -------
-        ForceHead
-            Itself.
         """
         some, self.most_ = some_rows(x, y), float(np.max(y))
         candidates = self._candidates(wanted)

@@ -87,11 +87,6 @@ class PlaceHead:
             What a split keeps together: places, where they repeat.
         wanted : str or None
             'printed' or 'mean_curve': the linear formula; None: the best.
-
-        Returns
-        -------
-        PlaceHead
-            Itself.
         """
         if x.shape[1] > POTENTIALS + 1 and wanted is None:
             self.sums_ = _sums(_potentials(x), y)

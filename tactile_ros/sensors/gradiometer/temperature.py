@@ -525,11 +525,6 @@ class WarmRest:
             read with it.
         warmer : ndarray, shape (n,)
             What a unit of the disc's temperature changes (T).
-
-        Returns
-        -------
-        WarmRest
-            Itself.
         """
         _, which, count = np.unique(base, axis=0, return_inverse=True, return_counts=True)
         which = np.asarray(which).reshape(-1)
