@@ -73,24 +73,18 @@ class CalibratedCovariance:
     correlation_: Array  # (k, k) of the residuals in units of their sigma
 
     def __init__(
-        self,
-        strength: float | tuple[float, ...] = 5.0,
-        levels: int = 5,
-        folds: int = 5,
+        self, strength: float | tuple[float, ...] = 5.0, levels: int = 5, folds: int = 5,
         seed: int = 0,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.strength = strength
         self.levels = levels
         self.folds = folds
         self.seed = seed
 
     def fit(
-        self,
-        drivers: Array,
-        residuals: Array,
-        groups: Integers | None = None,
+        self, drivers: Array, residuals: Array, groups: Integers | None = None,
         stated: Array | None = None,
-    ) -> CalibratedCovariance:
+    ) -> CalibratedCovariance:  # fmt: skip
         """Learn from residuals of rows that the estimator had not seen.
 
         Parameters

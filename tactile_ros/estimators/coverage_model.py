@@ -175,14 +175,9 @@ class PlaceTable:
     """
 
     def __init__(
-        self,
-        points: TaxelPoints,
-        variant: Variant,
-        middle: Array,
-        reach: float,
-        step: float,
+        self, points: TaxelPoints, variant: Variant, middle: Array, reach: float, step: float,
         fineness: float = FINENESS,
-    ) -> None:
+    ) -> None:  # fmt: skip
         side = min(int(np.ceil(2 * reach * fineness / step)) + 1, MOST_NODES)
         self.error = ModelError(0.0, 0.0, np.zeros(2))
         self.side = side

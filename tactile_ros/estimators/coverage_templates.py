@@ -117,12 +117,9 @@ class CoverageTemplates:
     """
 
     def __init__(
-        self,
-        positions: Array,
-        areas: Array,
-        taxel_outlines: Sequence[Outline] | None,
+        self, positions: Array, areas: Array, taxel_outlines: Sequence[Outline] | None,
         objects: Sequence[Outline],
-    ) -> None:
+    ) -> None:  # fmt: skip
         count = int(np.clip(POINTS // len(positions), LEAST_POINTS, MOST_POINTS))
         self.points = TaxelPoints(positions, areas, taxel_outlines, count)
         self.coarse = self.points

@@ -302,13 +302,9 @@ class DiscModel:
     absolute_: bool  # whether readings are fields, not changes since rest
 
     def __init__(
-        self,
-        pixels: Array,
-        axes: Array,
-        disc: Array,
-        tilt: float = 0.0,
+        self, pixels: Array, axes: Array, disc: Array, tilt: float = 0.0,
         shape: tuple[int, int] = (ROWS, COLUMNS),
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.pixels, self.axes, self.disc, self.tilt = pixels, axes, disc, tilt
         gap, diameter, height, _ = disc
         reach = reach_under(pixels, float(gap), float(height))

@@ -391,12 +391,7 @@ class StrayField:
         self.slow = slow
 
     def fit(
-        self,
-        place: Array,
-        rest: Array,
-        uniform: Array,
-        stray: Array,
-        groups: Integers,
+        self, place: Array, rest: Array, uniform: Array, stray: Array, groups: Integers
     ) -> StrayField:
         """Learn what the disc does.
 

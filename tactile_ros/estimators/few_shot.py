@@ -305,13 +305,9 @@ def _mean(some: Supports, first: Supports, ratio: Array) -> Supports:
 
 
 def support_scores(
-    seen: SeenClasses,
-    presses: PressVectors,
-    noise: Array,
-    common: Array,
-    still: float,
+    seen: SeenClasses, presses: PressVectors, noise: Array, common: Array, still: float,
     repeats: float = REPEATS,
-) -> Array:
+) -> Array:  # fmt: skip
     """Twice the negative log-likelihood of every press under every support.
 
     Parameters

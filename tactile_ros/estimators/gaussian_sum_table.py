@@ -47,15 +47,9 @@ def one_row(z: Array, row: Array, inside: Array, part: Array) -> float:
 
 @compiled
 def mixture_rows(
-    z: Array,
-    index: Integers,
-    table: Array,
-    freedoms: int,
-    outcome: Array,
-    cov: Array,
-    parts: Array,
-    weight: Array,
-) -> None:
+    z: Array, index: Integers, table: Array, freedoms: int, outcome: Array, cov: Array,
+    parts: Array, weight: Array,
+) -> None:  # fmt: skip
     """Fill what features say.
 
     Parameters
@@ -211,14 +205,9 @@ class TouchMixture:
     """
 
     def __init__(
-        self,
-        touches: Linearised,
-        common: Array | None = None,
-        strength: float = 0.0,
-        neighbours: int = 16,
-        told: int | None = None,
-        slack: float = 0.0,
-    ) -> None:
+        self, touches: Linearised, common: Array | None = None, strength: float = 0.0,
+        neighbours: int = 16, told: int | None = None, slack: float = 0.0,
+    ) -> None:  # fmt: skip
         count, channels = touches.readings.shape
         self.neighbours = min(neighbours, count)
         self.slack = slack
@@ -393,13 +382,9 @@ class TouchTable:
     floor_: float  # least spread across the table: the noise, or a thousandth of the features
 
     def __init__(
-        self,
-        noise: float,
-        common: Array | None = None,
-        strength: float = 0.0,
-        neighbours: int = 32,
-        width: float = 0.7,
-    ) -> None:
+        self, noise: float, common: Array | None = None, strength: float = 0.0,
+        neighbours: int = 32, width: float = 0.7,
+    ) -> None:  # fmt: skip
         self.noise = noise
         self.common = common
         self.strength = strength

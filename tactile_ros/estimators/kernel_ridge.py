@@ -76,15 +76,10 @@ class KernelRidge:
     level_: Array  # (k,) constant (unit of y)
 
     def __init__(
-        self,
-        samples: int = 100,
-        lengths: tuple[float, ...] = (0.5,),
-        linear: float = 0.01,
-        strengths: tuple[float, ...] = STRENGTHS,
-        common: float = 1.0,
-        folds: int = 5,
+        self, samples: int = 100, lengths: tuple[float, ...] = (0.5,), linear: float = 0.01,
+        strengths: tuple[float, ...] = STRENGTHS, common: float = 1.0, folds: int = 5,
         seed: int = 0,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.samples = samples
         self.lengths = lengths
         self.linear = linear

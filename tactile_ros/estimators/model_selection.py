@@ -58,15 +58,9 @@ class Selection:
 
 
 def select(
-    candidates: Mapping[str, Estimator],
-    x: Array,
-    y: Array,
-    groups: Integers | None = None,
-    *,
-    folds: int = 5,
-    rounds: int | None = None,
-    seed: int = 0,
-) -> Selection:
+    candidates: Mapping[str, Estimator], x: Array, y: Array, groups: Integers | None = None, *,
+    folds: int = 5, rounds: int | None = None, seed: int = 0,
+) -> Selection:  # fmt: skip
     """Let candidates predict groups that they were not trained on, and name the best.
 
     Parameters
@@ -192,13 +186,9 @@ class Trial:
 
 
 def trials(
-    candidates: Mapping[str, Estimator],
-    x: Array,
-    y: Array,
-    groups: Integers,
-    plane: Callable[[Array, Array], Array],
-    folds: int = FOLDS,
-) -> tuple[dict[str, Trial], Array]:
+    candidates: Mapping[str, Estimator], x: Array, y: Array, groups: Integers,
+    plane: Callable[[Array, Array], Array], folds: int = FOLDS,
+) -> tuple[dict[str, Trial], Array]:  # fmt: skip
     """Let candidates predict groups that they were not trained on.
 
     Parameters

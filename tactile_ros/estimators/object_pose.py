@@ -140,13 +140,9 @@ def descend_rows(
 
 
 def descend_places(
-    variant: Variant,
-    start: Array,
-    readings: Readings,
-    rounds: int,
-    loose: Sequence[float],
+    variant: Variant, start: Array, readings: Readings, rounds: int, loose: Sequence[float],
     final: bool,
-) -> Fits:
+) -> Fits:  # fmt: skip
     """Descend with one variant from (x, y); see `Descent.run`."""
     places, step = variant.places, float(variant.unit[0])
     assert places is not None
@@ -290,16 +286,9 @@ class Descent:
         self.middle, self.reach = middle, reach
 
     def run(
-        self,
-        points: TaxelPoints,
-        variant: Variant,
-        starts: Array,
-        readings: Readings,
-        rounds: int,
-        loose: Sequence[float],
-        profile: int = HALF_SPACE,
-        final: bool = True,
-    ) -> Fits:
+        self, points: TaxelPoints, variant: Variant, starts: Array, readings: Readings,
+        rounds: int, loose: Sequence[float], profile: int = HALF_SPACE, final: bool = True,
+    ) -> Fits:  # fmt: skip
         """Descend with one variant from parameters (k, m), in so many rounds at most.
 
         In the first rounds the model may err by `loose` parts of the largest force; if not
@@ -414,12 +403,9 @@ class ObjectPose(CoverageTemplates):
     """Objects on one array; parameters as of `CoverageTemplates`."""
 
     def __init__(
-        self,
-        positions: Array,
-        areas: Array,
-        taxel_outlines: Sequence[Outline] | None,
+        self, positions: Array, areas: Array, taxel_outlines: Sequence[Outline] | None,
         objects: Sequence[Outline],
-    ) -> None:
+    ) -> None:  # fmt: skip
         super().__init__(positions, areas, taxel_outlines, objects)
         self.descent = Descent(self.middle, self.reach)
         for variant in self.variants[:1]:  # what is compiled is built now, not under a frame

@@ -79,16 +79,9 @@ class Perceptron:
     last_level_: Array
 
     def __init__(
-        self,
-        members: int = 8,
-        width: int = 48,
-        epochs: int = 300,
-        batch: int = 64,
-        rate: float = 1e-2,
-        softness: float = 0.06,
-        pattern: bool = False,
-        seed: int = 0,
-    ) -> None:
+        self, members: int = 8, width: int = 48, epochs: int = 300, batch: int = 64,
+        rate: float = 1e-2, softness: float = 0.06, pattern: bool = False, seed: int = 0,
+    ) -> None:  # fmt: skip
         self.members = members
         self.width = width
         self.epochs = epochs
@@ -199,13 +192,9 @@ class Perceptron:
                 back = (back @ layers[k].transpose(0, 2, 1)) * (1 - seen[k] * seen[k])
 
     def _keep(
-        self,
-        weights: list[Array],
-        levels: list[Array],
-        scale: Standardisation,
-        turn: Array,
+        self, weights: list[Array], levels: list[Array], scale: Standardisation, turn: Array,
         targets: Standardisation,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Store the layers, scales and the mean of the members absorbed in the outer ones."""
         first = turn @ weights[0]
         self.first_ = scale.gain_[:, None] * first

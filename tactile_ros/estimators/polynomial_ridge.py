@@ -97,11 +97,7 @@ class PolynomialRidge:
     degree_: Integers  # (k,) degree of each component
 
     def __init__(
-        self,
-        degrees: tuple[int, ...] = (1, 2, 3),
-        slow: int = 0,
-        folds: int = 5,
-        seed: int = 0,
+        self, degrees: tuple[int, ...] = (1, 2, 3), slow: int = 0, folds: int = 5, seed: int = 0
     ) -> None:
         self.degrees = degrees
         self.slow = slow
@@ -158,7 +154,6 @@ class PolynomialRidge:
         weights = np.ascontiguousarray(self.weights_ * self.terms_.gain_[:, None])
         factors = (np.ascontiguousarray(pairs[:, 0]), np.ascontiguousarray(pairs[:, 1]))
         return factors, weights, np.asarray(self.level_ - self.terms_.mean_ @ weights)
-
 
 
 def count_terms(width: int, degree: int, slow: int = 0) -> int:
@@ -318,10 +313,7 @@ class WarmPolynomial:
 def _degree(x: Array) -> int:
     """Highest degree of which x (s, d) has rows enough."""
     terms = {degree: math.comb(x.shape[1] + degree, degree) for degree in DEGREES}
-    return max(
-        (n for n, count in terms.items() if FEW * count <= len(x)),
-        default=DEGREES[0],
-    )
+    return max((n for n, count in terms.items() if FEW * count <= len(x)), default=DEGREES[0])
 
 
 def _steps(found: Array) -> Array:

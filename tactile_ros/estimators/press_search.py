@@ -406,15 +406,9 @@ class PressSearch:
     """
 
     def __init__(
-        self,
-        bank: PressBank,
-        noise: Array,
-        common: Array,
-        body: float,
-        error: float,
-        still: float = 0.0,
-        other: PressSearch | None = None,
-    ) -> None:
+        self, bank: PressBank, noise: Array, common: Array, body: float, error: float,
+        still: float = 0.0, other: PressSearch | None = None,
+    ) -> None:  # fmt: skip
         self.still, self.other = still, other
         self.bank, self.noise, self.body, self.error = bank, noise, body, error
         self.common = common

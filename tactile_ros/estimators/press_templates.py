@@ -79,14 +79,9 @@ class PressBank:
     """
 
     def __init__(
-        self,
-        sheet: Sheet,
-        dents: PunchDents,
-        chips: Array,
-        responses: Array,
-        turning: float,
+        self, sheet: Sheet, dents: PunchDents, chips: Array, responses: Array, turning: float,
         outlines: Sequence[Outline],
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.sheet, self.dents, self.turning = sheet, dents, turning
         self.heads: list[Head] = []
         rows = 0

@@ -99,11 +99,9 @@ class RbfForce:
     weights_: Array  # (h + 1, k) of the nodes and of a constant (unit of y)
 
     def __init__(
-        self,
-        target: float = 1e-3,
-        nodes: tuple[int, ...] = (4, 8, 16, 24, 32, 48, 64, 96),
+        self, target: float = 1e-3, nodes: tuple[int, ...] = (4, 8, 16, 24, 32, 48, 64, 96),
         seed: int = 0,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.target = target
         self.nodes = nodes
         self.seed = seed

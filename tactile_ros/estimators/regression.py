@@ -378,12 +378,9 @@ def best_strength(terms: Array, target: Array, fold: Integers) -> float:
 
 
 def held_out_squares(
-    terms: Array,
-    target: Array,
-    fold: Integers,
-    strengths: Array,
+    terms: Array, target: Array, fold: Integers, strengths: Array,
     weighed: tuple[Array, Array] | None = None,
-) -> Array:
+) -> Array:  # fmt: skip
     """Sum of squared errors on held-out folds for each penalty, as `held_out_each` has them.
 
     The eigenvectors of the normal matrix serve every penalty (Golub, Heath and Wahba,
@@ -398,12 +395,9 @@ def held_out_squares(
 
 
 def held_out_each(
-    terms: Array,
-    target: Array,
-    fold: Integers,
-    strengths: Array,
+    terms: Array, target: Array, fold: Integers, strengths: Array,
     weighed: tuple[Array, Array] | None = None,
-) -> Array:
+) -> Array:  # fmt: skip
     """Sum of squared errors on held-out folds for each penalty and component.
 
     Parameters

@@ -63,16 +63,9 @@ def shift_row(place: Array, size: Array, table: Array, shift: Array) -> None:
 
 @compiled
 def place_rows(
-    x: Array,
-    scale: Array,
-    outside: float,
-    table: Array,
-    size: Array,
-    shift: Array,
-    roots: Array,
-    place: Array,
-    cov: Array,
-) -> None:
+    x: Array, scale: Array, outside: float, table: Array, size: Array, shift: Array, roots: Array,
+    place: Array, cov: Array,
+) -> None:  # fmt: skip
     """Fill places (s, 2) and covariances (s, 2, 2) of potentials (s, 2..).
 
     Parameters
@@ -143,15 +136,9 @@ def series_row(place: Array, law: Array) -> float:
 
 @compiled
 def force_rows(
-    places: Array,
-    resistance: Array,
-    table: Array,
-    law: Array,
-    series: Array,
-    spreads: Array,
-    force: Array,
-    spread: Array,
-) -> None:
+    places: Array, resistance: Array, table: Array, law: Array, series: Array, spreads: Array,
+    force: Array, spread: Array,
+) -> None:  # fmt: skip
     """Fill forces (s,) and their spreads (s,) (N).
 
     Parameters

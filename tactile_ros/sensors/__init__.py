@@ -8,13 +8,7 @@ from __future__ import annotations
 
 import os
 
-from tactile_ros.sensors.registry import (
-    Design,
-    SensorSpec,
-    designable,
-    list_sensors,
-    load_sensor,
-)
+from tactile_ros.sensors.registry import Design, SensorSpec, designable, list_sensors, load_sensor
 
 __all__ = ['Design', 'SensorSpec', 'designable', 'list_sensors', 'load_sensor']
 

@@ -41,14 +41,9 @@ def overlap(kept: Array, x: float, y: float, edge: float) -> float:
 
 @compiled
 def memory_rows(
-    force: Array,
-    places: Array,
-    elapsed: Array,
-    rates: Array,
-    edge: float,
-    kept: Array,
+    force: Array, places: Array, elapsed: Array, rates: Array, edge: float, kept: Array,
     means: Array,
-) -> None:
+) -> None:  # fmt: skip
     """Fill fading means (s, m) of forces (s,) at places (s, 2); what is kept (3 + m,) moves on.
 
     Parameters

@@ -114,10 +114,9 @@ def _averaging(found: Figures) -> Table:
 
 
 def _search(
-    found: dict[tuple[float, tuple[float, float]], Figures],
-    force: float,
+    found: dict[tuple[float, tuple[float, float]], Figures], force: float,
     options: argparse.Namespace,
-) -> Table:
+) -> Table:  # fmt: skip
     """Designs that do what is wanted, the fastest first."""
     rows = []
     for (gap, disc), design in found.items():

@@ -52,10 +52,7 @@ WANTED = ('force', 'torque')
 
 
 def unsupported(
-    config: GradiometerConfig,
-    features: Features,
-    targets: Sequence[Target],
-    reach: Reach | None,
+    config: GradiometerConfig, features: Features, targets: Sequence[Target], reach: Reach | None
 ) -> list[str]:
     """Sentences on what was not told by the recordings of a fit; none before one."""
     if not features.readings_.fitted_:

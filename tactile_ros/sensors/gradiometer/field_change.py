@@ -73,15 +73,9 @@ class WarmFit:
     """
 
     def __init__(
-        self,
-        signals: Signals,
-        readings: Readings,
-        fresh: Callable[[], DiscInversion],
-        warmth: Callable[[float], Array],
-        resting: Bools,
-        rows: Integers,
-        force: Array,
-    ) -> None:
+        self, signals: Signals, readings: Readings, fresh: Callable[[], DiscInversion],
+        warmth: Callable[[float], Array], resting: Bools, rows: Integers, force: Array,
+    ) -> None:  # fmt: skip
         self.signals, self.readings, self.fresh, self.warmth = signals, readings, fresh, warmth
         self.resting, self.rows, self.force = resting, rows, force
         told = rows[np.isfinite(force[rows]).all(axis=1)]

@@ -338,13 +338,9 @@ class Doubts:
         return known
 
     def widen(
-        self,
-        known: Columns,
-        rest: Bools,
-        x: Array,
-        modelled: tuple[str, ...],
+        self, known: Columns, rest: Bools, x: Array, modelled: tuple[str, ...],
         hidden: Callable[[Array], Array],
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Widen covariances, in place.
 
         Parameters

@@ -225,16 +225,9 @@ class Telling:
     """
 
     def __init__(
-        self,
-        rows: Linearised,
-        common: Array | None,
-        noise: float,
-        contact: float,
-        usual: float,
-        limit: float,
-        spread: float = SPREAD,
-        neighbours: int = NEIGHBOURS,
-    ) -> None:
+        self, rows: Linearised, common: Array | None, noise: float, contact: float, usual: float,
+        limit: float, spread: float = SPREAD, neighbours: int = NEIGHBOURS,
+    ) -> None:  # fmt: skip
         self.plain = TouchMixture(
             rows.of(READING), neighbours=neighbours, told=ANSWERS, slack=SLACK
         )

@@ -194,12 +194,9 @@ class TareNoise:
                 _add(known, head, warm, _moved(head, x[warm], rest[warm], by)[None])
 
     def warm(
-        self,
-        known: Columns,
-        signals: Signals,
-        x: Array,
+        self, known: Columns, signals: Signals, x: Array,
         answer: Callable[[Array, Integers], Columns],
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Add to covariances what a temperature that is not well known does to models, in place.
 
         `answer` gives places and forces, those that the models tell, of readings (r, d) like those

@@ -91,12 +91,9 @@ def programme(config: MagnetPadConfig, seed: int, count: int, cone: float = 0.0)
 
 
 def presses(
-    config: MagnetPadConfig,
-    seed: int = 0,
-    count: int = PRESSES,
-    noise: float | None = None,
+    config: MagnetPadConfig, seed: int = 0, count: int = PRESSES, noise: float | None = None,
     cone: float = 0.0,
-) -> Recording:
+) -> Recording:  # fmt: skip
     """Readings of `count` presses with their truth: position, cell and force.
 
     Parameters

@@ -428,13 +428,9 @@ class Recogniser:
     """
 
     def __init__(
-        self,
-        model: SkinModel | None,
-        outlines: tuple[Outline, ...],
-        noise: Array,
-        common: Array,
+        self, model: SkinModel | None, outlines: tuple[Outline, ...], noise: Array, common: Array,
         error: float = MODEL_ERROR,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.model, self.outlines, self.error = model, outlines, error
         self.noise, self.common = noise, common
         self.turnings: tuple[float, ...] = ()
@@ -503,12 +499,9 @@ class Recogniser:
         return None if self.search is None else self.search.find(presses)
 
     def supports(
-        self,
-        presses: PressVectors,
-        labels: Integers,
-        matches: Matches | None,
+        self, presses: PressVectors, labels: Integers, matches: Matches | None,
         number: Integers | None = None,
-    ) -> Supports:
+    ) -> Supports:  # fmt: skip
         """Windows as supports of their classes; without numbers each is a press of its own."""
         if number is None:
             number = np.arange(len(labels))
@@ -545,11 +538,7 @@ class Recogniser:
         return np.repeat(found[:, None], heads, axis=1)
 
     def scores(
-        self,
-        presses: PressVectors,
-        matches: Matches | None,
-        known: Supports,
-        road: str,
+        self, presses: PressVectors, matches: Matches | None, known: Supports, road: str
     ) -> tuple[Integers, Array, Array]:
         """Classes (k,), their scores (n, k) and misfits over variance (n, k)."""
         n = len(presses.pattern)

@@ -20,8 +20,6 @@ from tactile_ros.physics.magnet_sheet import Sheet, carpet
 from tactile_ros.physics.magnetics import dipole_field
 
 if TYPE_CHECKING:
-
-
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
     from tactile_ros.types import Array, Outline
 

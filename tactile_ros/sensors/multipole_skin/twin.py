@@ -251,14 +251,9 @@ def stations() -> Array:
 
 
 def collected(
-    specimen: Specimen,
-    heads: Sequence[Outline],
-    places: Array,
-    seed: int,
-    samples: int = SAMPLES,
-    turns: Sequence[float] = (0.0,),
-    noise: float = NOISE,
-) -> Recording:
+    specimen: Specimen, heads: Sequence[Outline], places: Array, seed: int, samples: int = SAMPLES,
+    turns: Sequence[float] = (0.0,), noise: float = NOISE,
+) -> Recording:  # fmt: skip
     """Every head at every place and turn, some presses each.
 
     Parameters

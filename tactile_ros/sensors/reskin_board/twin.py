@@ -109,12 +109,10 @@ def open_board(
 
 
 def simulate_board(
-    config: ReskinBoardConfig,
-    connection: ReskinBoardConnection,
-    signal: Callable[[float], Array] | None = None,
-    seed: int = 0,
+    config: ReskinBoardConfig, connection: ReskinBoardConnection,
+    signal: Callable[[float], Array] | None = None, seed: int = 0,
     clock: VirtualClock | None = None,
-) -> ReskinTwin:
+) -> ReskinTwin:  # fmt: skip
     """Twin of a board that plays `signal`, or a simple one of its own; not entered yet."""
     return ReskinTwin(
         layout(config),

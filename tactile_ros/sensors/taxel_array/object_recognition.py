@@ -33,16 +33,10 @@ NOBODY = np.array([[-1], [-1], [0]])  # label, symmetry, status
 
 
 def place_objects(
-    known: Columns,
-    objects: ObjectPose,
-    forces: Array,
-    noise: Array,
-    spread: Array,
-    asked: Bools,
-    usable: Bools,
-    summed: tuple[Array, Array] | None,
+    known: Columns, objects: ObjectPose, forces: Array, noise: Array, spread: Array, asked: Bools,
+    usable: Bools, summed: tuple[Array, Array] | None,
     corrected: Callable[[int, Array], Array] | None = None,
-) -> None:
+) -> None:  # fmt: skip
     """Add label, pose, position and bad taxels of every asked row.
 
     Parameters
@@ -92,15 +86,9 @@ def place_objects(
 
 
 def _weigh(
-    known: Columns,
-    i: int,
-    row: Array,
-    found: Found,
-    able: Bools,
-    areas: Array,
-    summed: tuple[Array, Array] | None,
-    changed: bool,
-) -> None:
+    known: Columns, i: int, row: Array, found: Found, able: Bools, areas: Array,
+    summed: tuple[Array, Array] | None, changed: bool,
+) -> None:  # fmt: skip
     """Total force of row i with what its object hides, and taxels that contradict the object."""
     verdict = np.empty(len(row), np.int64)
     own = row if summed is None else summed[0][i]
@@ -187,11 +175,7 @@ class ArrayPatches:
     """
 
     def __init__(
-        self,
-        config: TaxelArrayConfig,
-        noise: Array,
-        law: Equilibration | None,
-        floor: float,
+        self, config: TaxelArrayConfig, noise: Array, law: Equilibration | None, floor: float
     ) -> None:
         self.finder = PatchFinder(config.positions, config.areas, config.most_contacts)
         # a few frames of rest of one taxel say little: none is quieter than most
@@ -206,15 +190,9 @@ class ArrayPatches:
         self.normals: Array = np.where(there[..., None], np.array([0.0, 0.0, 1.0]), np.nan)
 
     def add(
-        self,
-        known: Columns,
-        load: Array,
-        variance: Array,
-        signals: Signals,
-        ids: PatchIds,
-        shared: Array | None,
-        centred: bool,
-    ) -> None:
+        self, known: Columns, load: Array, variance: Array, signals: Signals, ids: PatchIds,
+        shared: Array | None, centred: bool,
+    ) -> None:  # fmt: skip
         """List the patches of every row.
 
         Parameters

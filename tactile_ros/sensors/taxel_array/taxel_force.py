@@ -50,11 +50,7 @@ class ForceErrors(NamedTuple):
 
 
 def force_errors(
-    miss: Array,
-    force: Array,
-    law: Equilibration,
-    unlearned: float,
-    restart: Bools | None = None,
+    miss: Array, force: Array, law: Equilibration, unlearned: float, restart: Bools | None = None
 ) -> ForceErrors:
     """Errors of the forces of taxels.
 
@@ -398,13 +394,9 @@ MOST_SHARE = 3.0
 
 
 def fit_creep(
-    output: Array,
-    force: Array,
-    stamp_ns: Integers,
-    restart: Bools,
-    groups: Integers,
+    output: Array, force: Array, stamp_ns: Integers, restart: Bools, groups: Integers,
     law: Equilibration,
-) -> tuple[Equilibration, Creep] | None:
+) -> tuple[Equilibration, Creep] | None:  # fmt: skip
     """Branches of creep, and the laws that hold beside them.
 
     Parameters

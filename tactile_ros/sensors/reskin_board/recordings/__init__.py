@@ -60,8 +60,7 @@ def shipped() -> dict[str, Recording]:
     """All shipped recordings by name, with layouts of five chips or of two boards side by side."""
     board = ReskinBoardConfig()
     pair = replace(
-        board,
-        positions=np.concatenate([board.positions - BESIDE, board.positions + BESIDE]),
+        board, positions=np.concatenate([board.positions - BESIDE, board.positions + BESIDE])
     )
     chips = {'shear': pair, 'slip': pair}
     return {name: load(name, layout(chips.get(name, board))) for name in NAMES}
