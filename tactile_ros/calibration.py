@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 Arrays = dict[str, npt.NDArray[np.generic]]
-SCHEMA = 1
+SCHEMA = 2
 MOST_MEMBERS = 20_000
 MOST_BYTES = 512 * 1024 * 1024
 MOST_DIRECTORY_BYTES = 300 * MOST_MEMBERS

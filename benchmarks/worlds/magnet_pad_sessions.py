@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.gaussian_sum_table import Linearised, TouchMixture
+from tactile_ros.estimators.gaussian_sum_table import GaussianSumTable, Linearised
 from tactile_ros.estimators.grid_knn import CellKnn
 from tactile_ros.evaluation.metrics import accuracy
 from tactile_ros.sensors import load_sensor
@@ -112,7 +112,7 @@ def off_force(states: ContactStates, one: Session) -> float:
 
 
 @lru_cache
-def _truth(cells: int, spread: float) -> tuple[TouchMixture, TouchMixture]:
+def _truth(cells: int, spread: float) -> tuple[GaussianSumTable, GaussianSumTable]:
     """Touches of the world itself, without and with an outside field of the size in use."""
     module, config = _world(), _config(cells)
     pad, step = module.PadWorld(config, WORLD_SEED), (2e-5, 2e-5, 1e-3)
@@ -132,8 +132,8 @@ def _truth(cells: int, spread: float) -> tuple[TouchMixture, TouchMixture]:
         np.full(count, 1 / count),
     )  # fmt: skip
     common = np.vstack([np.eye(3)] * len(config.positions))
-    plain = TouchMixture(rows, neighbours=48)
-    return plain, TouchMixture(rows, common, STRAY / np.sqrt(3), neighbours=192)
+    plain = GaussianSumTable(rows, neighbours=48)
+    return plain, GaussianSumTable(rows, common, STRAY / np.sqrt(3), neighbours=192)
 
 
 def bounds(cells: int, spread: float, test: Session, stray: Session) -> tuple[float, ...]:

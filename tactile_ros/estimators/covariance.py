@@ -251,7 +251,7 @@ def _correlation(unit: Array) -> Array:
     return np.asarray(shrunk)
 
 
-class GainSpread:
+class GainVariance:
     """Standard deviation of the gain of an unseen run about that of the fit.
 
     Parameters
@@ -270,7 +270,7 @@ class GainSpread:
     --------
     >>> force = np.array([[1.0], [2.0], [1.0], [2.0]])
     >>> said = force * np.array([[1.1], [1.1], [0.9], [0.9]])
-    >>> spread = GainSpread(prior=0.1).fit(said, force, np.array([0, 0, 1, 1]))
+    >>> spread = GainVariance(prior=0.1).fit(said, force, np.array([0, 0, 1, 1]))
     >>> round(spread.spread_, 3), spread.covariance(np.array([[10.0]])).round(3).tolist()
     (0.1, [[[1.0]]])
     """
@@ -284,7 +284,7 @@ class GainSpread:
 
     def fit(
         self, predictions: Array, y: Array, runs: Integers, presses: Integers | None = None
-    ) -> GainSpread:
+    ) -> GainVariance:
         """Learn from predictions of runs by estimators that had not seen them.
 
         Parameters
@@ -349,25 +349,25 @@ def _deviation(said: Array, told: Array, presses: Integers) -> float:
 
 Pieces = tuple[Array, Array, Array, Array]
 
-STATED_SPREAD_ONE_SIGMA, TWO_SIGMA = 0.6827, 0.9545
-TRIED = STATED_SPREAD_ONE_SIGMA + np.linspace(-0.08, 0.08, 17)
-STATED_SPREAD_ROWS_PER_LEVEL = 60
+SIGMA_SHARE, TWO_SIGMA = 0.6827, 0.9545
+TRIED = SIGMA_SHARE + np.linspace(-0.08, 0.08, 17)
+SIGMA_ROWS_PER_LEVEL = 60
 LEVELS = 5
 PRIOR_ROWS = 3.0
 
 
-class StatedSpread:
+class SigmaCalibration:
     """Factors on a stated spread, so that it holds its share of held-out errors."""
 
     # (l, k) logarithm of the stated spread, and of the factor there
     knots_: Array
     factors_: Array
 
-    def fit(self, spread: Array, residuals: Array) -> StatedSpread:
+    def fit(self, spread: Array, residuals: Array) -> SigmaCalibration:
         """Learn from spreads and errors (s, k) of rows that the method had not seen."""
         stated = np.log(np.maximum(spread, np.finfo(np.float64).tiny))
         size = np.log(np.maximum(np.abs(residuals), 1e-12 + 1e-3 * np.abs(residuals).mean(axis=0)))
-        count = int(np.clip(len(stated) // STATED_SPREAD_ROWS_PER_LEVEL, 1, LEVELS))
+        count = int(np.clip(len(stated) // SIGMA_ROWS_PER_LEVEL, 1, LEVELS))
         self.knots_ = np.empty((count, stated.shape[1]))
         self.factors_ = np.empty_like(self.knots_)
         order = np.argsort(stated, axis=0, kind='stable')
@@ -400,12 +400,12 @@ def _fair(ratio: Array) -> Array:
     shares = np.minimum(TRIED * (count + 1) / count, 1.0)
     factors = np.quantile(ratio, shares, axis=0)
     inside = (ratio[:, None] <= factors + np.log(2.0)).mean(axis=0)
-    off = np.maximum(np.abs(TRIED - STATED_SPREAD_ONE_SIGMA)[:, None], np.abs(inside - TWO_SIGMA))
+    off = np.maximum(np.abs(TRIED - SIGMA_SHARE)[:, None], np.abs(inside - TWO_SIGMA))
     return np.asarray(np.take_along_axis(factors, off.argmin(axis=0)[None], axis=0)[0])
 
 
 def pieces(knots: Array, factors: Array) -> Pieces:
-    """What `widen` takes of `StatedSpread`: first factor, knots, their distances and slopes."""
+    """Split a `SigmaCalibration` for `widen`: first factor, knots, distances and slopes."""
     widths = np.maximum(np.diff(knots, axis=0), 0.0)
     rise = np.diff(factors, axis=0)
     slopes = np.where(widths > 1e-9, rise / np.maximum(widths, 1e-9), 0.0)
@@ -466,7 +466,7 @@ BEYOND = 1.1  # times the largest that was told: so far a curve may be gone on w
 UNTOLD = 0.5  # error of what lies beyond, in parts of it
 
 
-def guessed(values: Array, most: float) -> Array | None:
+def extrapolation_error(values: Array, most: float) -> Array | None:
     """What values may err by, since they lie beyond what was told.
 
     Parameters
@@ -483,7 +483,7 @@ def guessed(values: Array, most: float) -> Array | None:
 
     Examples
     --------
-    >>> guessed(np.array([1.0, 2.2, 3.2]), 2.0).tolist()
+    >>> extrapolation_error(np.array([1.0, 2.2, 3.2]), 2.0).tolist()
     [0.0, 0.0, 0.5]
     """
     known = BEYOND * most

@@ -116,7 +116,7 @@ ALIKE = 0.97  # cosine of presses that are averaged
 
 
 @dataclass(frozen=True)
-class Supports:
+class SupportSet:
     """Presses (m) that classes are known by.
 
     Attributes
@@ -143,7 +143,7 @@ class Supports:
     number: Integers
 
     @classmethod
-    def empty(cls, d: int) -> Supports:
+    def empty(cls, d: int) -> SupportSet:
         """None yet, of patterns of length d."""
         none = np.zeros(0)
         return cls(
@@ -153,20 +153,20 @@ class Supports:
             np.zeros(0, np.int64),
         )  # fmt: skip
 
-    def where(self, rows: npt.NDArray[np.intp]) -> Supports:
+    def where(self, rows: npt.NDArray[np.intp]) -> SupportSet:
         """Some of them."""
-        return Supports(*(getattr(self, one.name)[rows] for one in fields(self)))
+        return SupportSet(*(getattr(self, one.name)[rows] for one in fields(self)))
 
-    def without(self, label: int) -> Supports:
+    def without(self, label: int) -> SupportSet:
         """All but those of a class; classes above it move down by one."""
         left = self.where(np.flatnonzero(self.label != label))
         lower = left.label - (left.label > label)
         rest = (getattr(left, one.name) for one in fields(self)[1:])
-        return Supports(lower, *rest)
+        return SupportSet(lower, *rest)
 
-    def joined(self, other: Supports) -> Supports:
+    def joined(self, other: SupportSet) -> SupportSet:
         """These and others."""
-        return Supports(
+        return SupportSet(
             *(
                 np.concatenate([getattr(self, one.name), getattr(other, one.name)])
                 for one in fields(self)
@@ -196,18 +196,18 @@ class Supports:
             ratio = np.clip(ratio + np.clip(step, -0.5 * ratio, ratio), *DEEPER)
         return np.asarray(ratio)
 
-    def cleared(self, basis: Array) -> Supports:
+    def cleared(self, basis: Array) -> SupportSet:
         """These without what a uniform field (d, 3) can add."""
 
         def own(rows: Array) -> Array:
             return np.asarray(rows - (rows @ basis) @ basis.T)
 
-        return Supports(
+        return SupportSet(
             self.label, own(self.pattern), self.powers, self.frames, self.presses,
             own(self.slopes), own(self.bends), own(self.middle), own(self.factors), self.number,
         )  # fmt: skip
 
-    def told(self, noise: Array, still: float, error: float) -> tuple[Supports, Array]:
+    def told(self, noise: Array, still: float, error: float) -> tuple[SupportSet, Array]:
         """These with the patterns that are likeliest, and factors and variance (m, d) of them.
 
         Noise (d,) hides what a press is like; where shapes do nothing, nothing is to be seen.
@@ -231,28 +231,28 @@ class Supports:
 
 @dataclass(frozen=True)
 class SeenClasses:
-    """Supports (m) as presses are compared with them.
+    """SupportSet (m) as presses are compared with them.
 
     Attributes
     ----------
-    supports : Supports
+    supports : SupportSet
         Without a uniform field; patterns that are likeliest, and factors of what they leave open.
     """
 
-    supports: Supports
+    supports: SupportSet
     # (m, d) of the patterns beside these factors (T2); patterns of unit length
     variance: Array
     unit: Array
 
 
 def seen_classes(
-    supports: Supports, noise: Array, still: float, error: float, basis: Array
+    supports: SupportSet, noise: Array, still: float, error: float, basis: Array
 ) -> SeenClasses:
     """Classes as their presses tell them, alike ones together.
 
     Parameters
     ----------
-    supports : Supports
+    supports : SupportSet
         Presses.
     noise : ndarray, shape (d,)
         Of a reading (T).
@@ -268,12 +268,12 @@ def seen_classes(
     return SeenClasses(found, variance, found.pattern / (size + 1e-30))
 
 
-def averaged(supports: Supports, basis: Array) -> Supports:
+def averaged(supports: SupportSet, basis: Array) -> SupportSet:
     """Means of presses of one class that are alike, and the presses that are not.
 
     All are first brought to the depth of the strongest one; a uniform field is left out (d, 3).
     """
-    found, plain = Supports.empty(supports.pattern.shape[1]), supports.cleared(basis)
+    found, plain = SupportSet.empty(supports.pattern.shape[1]), supports.cleared(basis)
     for label in np.unique(supports.label):
         left = np.flatnonzero(supports.label == label)
         while len(left):
@@ -288,7 +288,7 @@ def averaged(supports: Supports, basis: Array) -> Supports:
     return found
 
 
-def _mean(some: Supports, first: Supports, ratio: Array) -> Supports:
+def _mean(some: SupportSet, first: SupportSet, ratio: Array) -> SupportSet:
     """Mean of supports (m) at the depth of the first, over which theirs are 1 / ratio (m,)."""
     weight = some.frames / np.square(ratio)
     share = weight / weight.sum()
@@ -361,7 +361,7 @@ def orthonormal(columns: Array) -> Array:
 
 
 def _scores(
-    supports: Supports, ratio: Array, y: Array, powers: Array, variance: Array, common: Array
+    supports: SupportSet, ratio: Array, y: Array, powers: Array, variance: Array, common: Array
 ) -> Array:
     """Scores (m,) of one press (d,) with variances (m, d) of its readings."""
     pattern, scale = supports.at_depth(ratio, powers), ratio[:, None]

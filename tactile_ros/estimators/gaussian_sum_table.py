@@ -173,7 +173,7 @@ class Posterior:
     weight: Array
 
 
-class TouchMixture:
+class GaussianSumTable:
     """Table of touches that answers readings.
 
     Parameters
@@ -200,7 +200,7 @@ class TouchMixture:
     >>> rows = Linearised(
     ...     2 * place, np.full((2, 1, 1), 2.0), place, np.ones((2, 1, 1)),
     ...     np.full(2, 1e-3), np.full(2, 0.5))
-    >>> TouchMixture(rows, neighbours=2)(np.array([[0.6]])).mean.round(3)
+    >>> GaussianSumTable(rows, neighbours=2)(np.array([[0.6]])).mean.round(3)
     array([[0.3]])
     """
 
@@ -315,7 +315,7 @@ NEAREST = 4  # of the neighbours: their mean distance is the table's spacing
 
 
 @dataclass(frozen=True)
-class Blame:
+class LikelihoodWeights:
     """Neighbours of readings, with their share of the likelihood.
 
     Attributes
@@ -405,7 +405,7 @@ class TouchTable:
         _TREES.pop(self, None)
         return self
 
-    def blame(self, x: Array) -> Blame:
+    def blame(self, x: Array) -> LikelihoodWeights:
         """Neighbours of finite features x (s, d)."""
         fitted(self, 'samples_')
         count = min(self.neighbours, len(self.samples_))
@@ -415,9 +415,9 @@ class TouchTable:
         squares = distance * distance - distance[:, :1] ** 2
         weight = np.exp(-0.5 * squares / np.maximum(width, 1e-300)[:, None])
         weight /= weight.sum(axis=1, keepdims=True)
-        return Blame(index, weight, near)
+        return LikelihoodWeights(index, weight, near)
 
-    def strangeness(self, x: Array, blame: Blame) -> Array:
+    def strangeness(self, x: Array, blame: LikelihoodWeights) -> Array:
         """How far features (s, d) lie off the sheet of their neighbours.
 
         Returns

@@ -15,7 +15,7 @@ import numpy as np
 
 from tactile_ros.estimators.regression import (
     Standardisation,
-    anchored,
+    center_by_group,
     fitted,
     group_folds,
     held_out_squares,
@@ -106,7 +106,7 @@ class KernelRidge:
         squares = []
         for length in self.lengths:
             terms = self._centred(z, picked / length, length)[0]
-            weighed = anchored(terms, rows.y - level, rows.groups, load, self.common)
+            weighed = center_by_group(terms, rows.y - level, rows.groups, load, self.common)
             squares.append(held_out_squares(terms, rows.y - level, fold, strengths, weighed))
         best, mildest = np.unravel_index(np.argmin(squares), np.shape(squares))
         self.length_, self.strength_ = float(self.lengths[best]), float(strengths[mildest])
@@ -114,7 +114,7 @@ class KernelRidge:
         for name in ('_half_squares', '_scale'):
             vars(self).pop(name, None)
         terms, centre, mixing = self._centred(z, self.samples_, self.length_)
-        weighed = anchored(terms, rows.y - level, rows.groups, load, self.common)
+        weighed = center_by_group(terms, rows.y - level, rows.groups, load, self.common)
         weights = ridge_weights(*weighed, self.strength_)
         self.bumps_ = mixing @ weights[: mixing.shape[1]]
         self.plane_ = np.sqrt(self.linear) * weights[mixing.shape[1] :] * self.length_

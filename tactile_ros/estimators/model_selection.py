@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from tactile_ros.estimators.covariance import StatedSpread
+from tactile_ros.estimators.covariance import SigmaCalibration
 from tactile_ros.estimators.regression import TrainingRows, group_folds, training_rows
 from tactile_ros.types import Array, Bools, Estimator, Integers
 
@@ -274,7 +274,7 @@ class Verdict:
         Root mean square error of each component (unit of y): its spread, where it states none.
     """
 
-    spread: StatedSpread  # scale of the spread that it states
+    spread: SigmaCalibration  # scale of the spread that it states
     level: Array
     report: dict[str, float]  # errors on held-out groups (unit of y), also of the other candidates
 
@@ -295,7 +295,7 @@ def verdict(found: Mapping[str, Trial], best: str, told: Array, groups: Integers
     """
     trial = found[best]
     residual = trial.said - told
-    spread = StatedSpread().fit(trial.spread, residual)
+    spread = SigmaCalibration().fit(trial.spread, residual)
     report = {
         'held_out_mean': float(np.linalg.norm(residual, axis=1).mean()),
         'held_out_rmse': trial.error,

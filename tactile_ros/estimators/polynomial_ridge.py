@@ -327,7 +327,7 @@ ELASTOMER = np.array([0.02, 0.1, 0.01])  # usual rise, softening and its curve o
 
 
 @dataclass(frozen=True)
-class Misled:
+class ErrorsInVariables:
     """What was found.
 
     Places that are wrong by what nobody measured (drifts of channels, a disc that weakens or warms
@@ -341,9 +341,9 @@ class Misled:
     rise: float  # of the height for a unit of temperature (its unit)
 
 
-def misled(
+def errors_in_variables(
     place: Array, moves: Array, heat: Array, later: Array, force: Array, begun: Array
-) -> Misled:
+) -> ErrorsInVariables:
     """Find the sizes of errors of places.
 
     Parameters
@@ -362,7 +362,7 @@ def misled(
 
     Returns
     -------
-    Misled
+    ErrorsInVariables
         Sizes that leave least of force about a polynomial of the place.
     """
     degree = max((d for d, n in MISLED_PLACE_DEGREES.items() if len(place) > ROWS * n), default=3)
@@ -398,4 +398,4 @@ def misled(
         matrix = np.stack(slopes, axis=1)
         cov = np.asarray(np.linalg.inv(matrix.T @ matrix / variance + prior))
         found = found - cov @ (matrix.T @ miss / variance + found)
-    return Misled(best[:count], cov[:count, :count], float(ELASTOMER[0] * best[count]))
+    return ErrorsInVariables(best[:count], cov[:count, :count], float(ELASTOMER[0] * best[count]))

@@ -20,7 +20,7 @@ from tactile_ros.estimators.regression import fitted, predict_rows, training_row
 from tactile_ros.estimators.smooth_fields import GRID as CELLS
 from tactile_ros.estimators.smooth_fields import (
     Moments,
-    ToldPlaces,
+    Replicates,
     at_places,
     grid_places,
     place_rows,
@@ -218,7 +218,7 @@ class PotentialFit:
         return np.asarray(mean), np.asarray(root), float(np.sqrt(share @ np.square(noises)))
 
 
-def likeliest_of(kind: Kind, size: Array, known: ToldPlaces) -> PotentialFit:
+def likeliest_of(kind: Kind, size: Array, known: Replicates) -> PotentialFit:
     """Fit terms of one kind to the potentials of places on a sheet of a size (2,) (m)."""
     corners = bilinear_corners(known.places, known.told, size)
     target = known.told.T.reshape(-1, 1)
@@ -344,7 +344,7 @@ class HarmonicMap:
         spread = np.sqrt(np.einsum('sij,sj->si', inverse**2, variance))
         return y[:, :2] + off, spread
 
-    def _alone(self, known: ToldPlaces, groups: Integers) -> tuple[Array, Array]:
+    def _alone(self, known: Replicates, groups: Integers) -> tuple[Array, Array]:
         """What potentials (2, n) are above a fit without each group; its variances."""
         terms = self.basis_.terms(known.places)
         half = terms @ self.root_.T / self.least_
@@ -356,7 +356,7 @@ class HarmonicMap:
             error[:, rows], doubt[:, rows] = off.reshape(2, -1), hat.reshape(2, -1)
         return error, self.least_**2 * doubt
 
-    def _careful(self, known: ToldPlaces) -> float:
+    def _careful(self, known: Replicates) -> float:
         """Factor on the doubt of calibration with which held-out places lie inside as they should.
 
         Corners do not count.

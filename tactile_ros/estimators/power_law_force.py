@@ -19,8 +19,8 @@ from tactile_ros.estimators.smooth_fields import (
     SHAPES,
     WIDEST,
     Moments,
+    SigmaGrid,
     SmoothFields,
-    SpreadCells,
     by_places,
     cosines_at,
     force_rows,
@@ -135,7 +135,7 @@ class PowerCurve:
     bend: float  # factor of the square of the logarithm
     most: float  # logarithm of the largest answer
     gap: float  # force that is added (N)
-    cells: SpreadCells  # spreads of a force over the gap, relative to it
+    cells: SigmaGrid  # spreads of a force over the gap, relative to it
 
     def at(self, places: Array, resistance: Array) -> tuple[Array, Array]:
         """Forces (s,) and their spreads (s,) (N).
@@ -172,7 +172,7 @@ STEPS = 8  # of Rx, at most
 LIKELIER = 1.0  # that a step has to make the forces (a factor of e)
 
 
-class PowerForce:
+class PowerLawForce:
     """Logarithm of force by that of the film's resistance, with smoothly varying factors.
 
     Features are x and y in units of the sheet's edges (0 to 1), the resistance R in units of the
@@ -220,7 +220,7 @@ class PowerForce:
         self.size = np.ones(2) if size is None else np.asarray(size, np.float64)
         self.series = SeriesResistance(self.size, 1.0, 0.0) if series is None else series
 
-    def fit(self, x: Array, y: Array, groups: Integers | None = None) -> PowerForce:
+    def fit(self, x: Array, y: Array, groups: Integers | None = None) -> PowerLawForce:
         """Learn from features (s, 3..) and forces (s, 1) (N); rows without force are left out."""
         rows = training_rows(x, y, groups)
         there = np.flatnonzero((rows.y[:, 0] > 0) | (rows.y[:, 0] <= 0).all())
@@ -435,12 +435,12 @@ class PowerForce:
         self.calm_ *= factor
         vars(self).pop('_curve', None)
 
-    def _spreads(self) -> SpreadCells:
+    def _spreads(self) -> SigmaGrid:
         """Relative spreads of a force, by calibration and noise."""
         low, high = self.film_.levels
         film = np.exp(np.linspace(low, high, LEVELS) + self.film_.range[2])
         scatter = self._scatter(film + self.film_.middle, film)
-        return SpreadCells.of(self.doubt_, self.calm_**2 * scatter, low, high)
+        return SigmaGrid.of(self.doubt_, self.calm_**2 * scatter, low, high)
 
     def _tell_doubt(self) -> Array:
         """Logarithm of the variance by calibration on a grid of places: squares in the level."""

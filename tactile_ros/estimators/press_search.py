@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.few_shot import SHAPE_RANK, USUAL_SPREAD, Supports, orthonormal
+from tactile_ros.estimators.few_shot import SHAPE_RANK, USUAL_SPREAD, SupportSet, orthonormal
 from tactile_ros.estimators.press_templates import cleared_rows, descend_rows, solved_rows
 from tactile_ros.physics.compiled import compiled
 
@@ -281,10 +281,10 @@ def match_rows(
 FREER = 5.0  # times the usual: how far the origin of an unknown shape may be aside
 
 
-def plain_supports(presses: PressVectors, labels: Integers, number: Integers) -> Supports:
-    """Supports (n), windows of presses by number, of which no model tells anything."""
+def plain_supports(presses: PressVectors, labels: Integers, number: Integers) -> SupportSet:
+    """SupportSet (n), windows of presses by number, of which no model tells anything."""
     n, d = presses.pattern.shape
-    return Supports(
+    return SupportSet(
         labels, presses.pattern, presses.powers, presses.frames, np.ones(n), np.zeros((n, 3, d)),
         np.zeros((n, 2, d)), np.full((n, d), np.nan), np.zeros((n, SHAPE_RANK, d)), number,
     )  # fmt: skip
@@ -293,8 +293,8 @@ def plain_supports(presses: PressVectors, labels: Integers, number: Integers) ->
 def modelled_supports(
     presses: PressVectors, labels: Integers, number: Integers, matches: Matches, bank: PressBank,
     basis: Array,
-) -> Supports:  # fmt: skip
-    """Supports (n) with what the best template of each tells.
+) -> SupportSet:  # fmt: skip
+    """SupportSet (n) with what the best template of each tells.
 
     Parameters
     ----------
@@ -318,7 +318,7 @@ def modelled_supports(
         _shape_factors(bank, presses.pattern[i], pose[i, :2], raised, middle[i], slopes[i], basis)
         for i, raised in enumerate(presses.powers * grown)
     ]
-    return Supports(
+    return SupportSet(
         labels, presses.pattern, presses.powers, presses.frames, np.ones(len(labels)), slopes,
         terms * grown[:, 1:, None], middle,
         np.array(factors).reshape(-1, SHAPE_RANK, middle.shape[1]),

@@ -223,7 +223,7 @@ def group_folds(groups: Integers, folds: int, seed: int) -> Integers:
     return np.asarray(fold[groups])
 
 
-class ColumnView:
+class ColumnSelector:
     """Let an estimator see some columns only, so that estimators of unlike features compete.
 
     Parameters
@@ -240,7 +240,7 @@ class ColumnView:
         self.estimator = estimator
         self.columns = np.asarray(columns, np.int64)
 
-    def fit(self, x: Array, y: Array, groups: Integers | None = None) -> ColumnView:
+    def fit(self, x: Array, y: Array, groups: Integers | None = None) -> ColumnSelector:
         """Fit the estimator on its columns of x (s, f), targets y (s, k), groups (s,)."""
         self.estimator.fit(x[:, self.columns], y, groups)
         self.fitted_ = True
@@ -447,7 +447,7 @@ def _spectrum(gram: Array, moment: Array) -> tuple[Array, Array, Array]:
     return np.maximum(value, 0.0), vector, vector.T @ moment
 
 
-def anchored(
+def center_by_group(
     terms: Array, target: Array, groups: Integers, load: Array, weight: float
 ) -> tuple[Array, Array]:
     """Scale what the rows of each group have in common: a level, and a slope along the load.
@@ -473,7 +473,7 @@ def anchored(
     Examples
     --------
     >>> ones, group = np.ones((2, 1)), np.zeros(2, np.int64)
-    >>> anchored(ones, np.array([[0.0], [2.0]]), group, np.zeros(2), 4.0)[1].tolist()
+    >>> center_by_group(ones, np.array([[0.0], [2.0]]), group, np.zeros(2), 4.0)[1].tolist()
     [[1.0], [3.0]]
     """
     if weight == 1.0:

@@ -134,7 +134,7 @@ ROUNDS = 4
 EXPLAINED = 0.85  # of the resting field, below which the drawing is of another skin
 
 
-class SkinFit:
+class SheetCalibration:
     """Parameters of one skin, from its drawing on.
 
     Parameters

@@ -28,7 +28,7 @@ FARTHEST = 5.0  # |ln| of a score, so that no probability is exactly 0 or 1
 FLATTEST, STEEPEST, HALVINGS = 0.1, 50.0, 60
 
 
-class MatchedSubspace:
+class SlipDetector:
     """Tell sequences that slip from sequences that hold, frame by frame.
 
     Examples
@@ -37,7 +37,7 @@ class MatchedSubspace:
     >>> pulls = [k * time * np.eye(8)[k % 2] for k in (4, 5, 6, 7, 8, 9)]
     >>> rests = [0.5 * time * np.eye(8)[k] for k in range(6)]
     >>> x, sequence = np.concatenate(pulls + rests), np.repeat(np.arange(12), 20)
-    >>> detector = MatchedSubspace().fit(x, (sequence < 6).astype(int), sequence)
+    >>> detector = SlipDetector().fit(x, (sequence < 6).astype(int), sequence)
     >>> (detector.predict(x[[19, 139]]) > 0.5).tolist()
     [True, False]
     """
@@ -49,7 +49,7 @@ class MatchedSubspace:
     slope_: float  # of the log odds over the logarithm of the score
     report_: dict[str, float]  # on held-out sequences
 
-    def fit(self, x: Array, slip: Integers, sequence: Integers) -> MatchedSubspace:
+    def fit(self, x: Array, slip: Integers, sequence: Integers) -> SlipDetector:
         """Learn from sequences of which it is known whether they slip.
 
         Parameters
@@ -66,7 +66,7 @@ class MatchedSubspace:
         ValueError
             If fewer than five sequences slip, or fewer than five hold.
         """
-        x = as_shape('x of MatchedSubspace', x, (-1, -1))
+        x = as_shape('x of SlipDetector', x, (-1, -1))
         parts = [np.flatnonzero(sequence == name) for name in np.unique(sequence)]
         pulls = [x[rows] for rows in parts if (slip[rows] == 1).any()]
         rests = [x[rows] for rows in parts if not (slip[rows] == 1).any()]

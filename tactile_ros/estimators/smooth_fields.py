@@ -280,7 +280,7 @@ LEVELS = 24  # in which a spread is told
 
 
 @dataclass(frozen=True)
-class SpreadCells:
+class SigmaGrid:
     """Spreads at the middle of each cell."""
 
     spreads: Array  # (GRID * GRID * l,) by x, y and level
@@ -290,7 +290,7 @@ class SpreadCells:
     high: float
 
     @classmethod
-    def of(cls, doubt: Array, scatter: Array, low: float, high: float) -> SpreadCells:
+    def of(cls, doubt: Array, scatter: Array, low: float, high: float) -> SigmaGrid:
         """From logarithms of variances (g, 3), squares in the level, and others of levels (l,)."""
         level = np.linspace(low, high, len(scatter))
         variance = np.exp(doubt @ level ** np.arange(3)[:, None])
@@ -303,7 +303,7 @@ class SpreadCells:
 
 
 def grid_places() -> Array:
-    """Middles of the cells, shape (GRID * GRID, 2), in the order of `SpreadCells`."""
+    """Middles of the cells, shape (GRID * GRID, 2), in the order of `SigmaGrid`."""
     line = np.linspace(0.0, 1.0, GRID)
     return np.stack(np.meshgrid(line, line, indexing='ij'), axis=-1).reshape(-1, 2)
 
@@ -314,7 +314,7 @@ ONE_PLACE = 0.01  # of the sheet: spread of places in a group that is of one pla
 
 
 @dataclass(frozen=True)
-class ToldPlaces:
+class Replicates:
     """Means at places that were touched more than once."""
 
     # (n, 2) and (n, k) one row a place (m), and what it told
@@ -326,14 +326,14 @@ class ToldPlaces:
     repeats: bool  # false: places hardly repeat, and there is one row a touch
 
 
-def at_places(places: Array, told: Array) -> ToldPlaces:
+def at_places(places: Array, told: Array) -> Replicates:
     """Means of what touches at places (s, 2) (m) told (s, k)."""
     _, index, count = np.unique(
         np.round(places / SAME), axis=0, return_inverse=True, return_counts=True
     )
     index = np.asarray(index).reshape(-1)
     if len(count) > 0.5 * len(places):
-        return ToldPlaces(places, told, 0.0, 0.0, np.arange(len(places)), repeats=False)
+        return Replicates(places, told, 0.0, 0.0, np.arange(len(places)), repeats=False)
 
     def mean(values: Array) -> Array:
         columns = [np.bincount(index, column) / count for column in values.T]
@@ -343,7 +343,7 @@ def at_places(places: Array, told: Array) -> ToldPlaces:
     free = (len(told) - len(count)) * told.shape[1]
     within = float(np.sqrt(((told - means[index]) ** 2).sum() / free))
     least = within * float(np.sqrt((1.0 / count).mean()))
-    return ToldPlaces(mean(places), means, within, least, index, repeats=True)
+    return Replicates(mean(places), means, within, least, index, repeats=True)
 
 
 def steady_places(places: Array, groups: Integers) -> tuple[Array, Array]:

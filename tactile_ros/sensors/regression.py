@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.conditioning.fading_memory import FadingMemory
-from tactile_ros.estimators.covariance import CalibratedCovariance, GainSpread
+from tactile_ros.estimators.covariance import CalibratedCovariance, GainVariance
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.kernel_ridge import KernelRidge, RestingState
 from tactile_ros.estimators.model_selection import select
 from tactile_ros.estimators.perceptron import Perceptron
 from tactile_ros.estimators.regression import Ridge, Standardisation
-from tactile_ros.estimators.slip_detector import FEWEST, MatchedSubspace
+from tactile_ros.estimators.slip_detector import FEWEST, SlipDetector
 from tactile_ros.types import Array, Bools, Estimation, Estimator, Integers
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ class Head:
         Of the estimator in use.
     estimator_ : Estimator
         Fitted on all rows.
-    gain_ : GainSpread or None
+    gain_ : GainVariance or None
         Of a force: how gains differ from run to run.
     state_ : RestingState or None
         Of a force: what the resting reading tells of the skin.
@@ -174,13 +174,13 @@ class Head:
         return x
 
     @staticmethod
-    def _gain(estimator: Estimator, x: Array, y: Array, sessions: Integers) -> GainSpread:
+    def _gain(estimator: Estimator, x: Array, y: Array, sessions: Integers) -> GainVariance:
         """Spread of gain between runs, from runs held out; of one run only a prior is known."""
         runs = len(np.unique(sessions))
         if runs < 2:
-            return GainSpread().fit(y, y, sessions)
+            return GainVariance().fit(y, y, sessions)
         unseen = select({'': estimator}, x, y, sessions, folds=min(runs, MOST_RUNS))
-        return GainSpread().fit(unseen.predictions, unseen.y, unseen.groups)
+        return GainVariance().fit(unseen.predictions, unseen.y, unseen.groups)
 
     def _drivers(self, x: Array, mean: Array) -> Array:
         """What the error depends on: strength of the signal, and place or load."""
@@ -238,7 +238,7 @@ class Regression(Estimation):
         self.estimator = estimator
         self.heads_: tuple[Head, ...] = ()
         self.remembering_: tuple[Head, ...] = ()
-        self.slip_: MatchedSubspace | None = None
+        self.slip_: SlipDetector | None = None
 
     @property
     def estimators(self) -> dict[str, str]:
@@ -379,7 +379,7 @@ def _moves(values: Array) -> bool:
     return bool((np.ptp(read, axis=0) > ROUNDING * np.abs(read).max(initial=0.0)).any())
 
 
-def _slip(now: Array, truth: Columns, groups: Columns, signals: Signals) -> MatchedSubspace | None:
+def _slip(now: Array, truth: Columns, groups: Columns, signals: Signals) -> SlipDetector | None:
     """Detector of slip; None where too few sequences tell.
 
     A sequence is a stretch of one stream and repetition with one label.
@@ -393,7 +393,7 @@ def _slip(now: Array, truth: Columns, groups: Columns, signals: Signals) -> Matc
     counts = [len(np.unique(sequence[rows & (told == label)])) for label in (0, 1)]
     if min(counts) < FEWEST:
         return None
-    return MatchedSubspace().fit(now[rows], told[rows], sequence[rows])
+    return SlipDetector().fit(now[rows], told[rows], sequence[rows])
 
 
 def places_of(plane: Array) -> Integers | None:
@@ -549,9 +549,9 @@ class Recognition(Regression):
 
 CLASSES = (
     Regression,
-    MatchedSubspace,
+    SlipDetector,
     Head,
-    GainSpread,
+    GainVariance,
     RestingState,
     Ridge,
     GridKnn,
@@ -568,7 +568,7 @@ KIND = 'not told: '
 LIGHT = 1e-3  # of the largest load: less is none
 
 
-def untold_loads(force: Array) -> Report:
+def missing_loads(force: Array) -> Report:
     """Loads beyond those recorded, from told forces of any shape (N); NaN where unknown."""
     known = np.nan_to_num(force)
     known = known[known > LIGHT * known.max(initial=0.0)]
@@ -578,7 +578,7 @@ def untold_loads(force: Array) -> Report:
     return {f'{KIND}loads beyond those recorded (N)': span}
 
 
-def untold_past(signals: Signals, crept: float) -> Report:
+def missing_history(signals: Signals, crept: float) -> Report:
     """What is open of a skin's past, of which a held load leaves a share `crept`; 0: none known.
 
     Without tare rows before the first touch of a stream, its rest is that of frames between

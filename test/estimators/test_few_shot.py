@@ -7,7 +7,7 @@ import numpy as np
 from tactile_ros.estimators.few_shot import (
     SHAPE_RANK,
     PressVectors,
-    Supports,
+    SupportSet,
     averaged,
     seen_classes,
     support_scores,
@@ -27,9 +27,9 @@ def terms(seed: int) -> np.ndarray:
 
 def supports(
     patterns: np.ndarray, labels: list[int], bends: np.ndarray, powers: np.ndarray
-) -> Supports:
+) -> SupportSet:
     n = len(patterns)
-    return Supports(
+    return SupportSet(
         np.array(labels), patterns, np.tile(powers, (n, 1)), np.full(n, 5.0), np.ones(n),
         np.zeros((n, 3, D)), np.tile(bends, (n, 1, 1)), np.full((n, D), np.nan),
         np.zeros((n, SHAPE_RANK, D)), np.arange(n),
@@ -53,7 +53,7 @@ def test_noise_where_shapes_do_nothing_is_not_learned() -> None:
     true = parts[0] + 0.7 * factors[0, 0]
     seen = true + NOISE * rng.normal(size=D)
     known = supports(seen[None], [0], 0 * parts[1:], one)
-    known = Supports(
+    known = SupportSet(
         *(getattr(known, name) for name in ('label', 'pattern', 'powers', 'frames', 'presses')),
         known.slopes, known.bends, parts[:1], factors, known.number,
     )  # fmt: skip
@@ -61,7 +61,7 @@ def test_noise_where_shapes_do_nothing_is_not_learned() -> None:
     assert np.linalg.norm(told.pattern - true) < 0.5 * np.linalg.norm(seen - true)
     assert (variance < np.square(NOISE) / known.frames[0]).all()
     blank = np.isnan(known.middle) | True
-    plain, kept = Supports(
+    plain, kept = SupportSet(
         *(getattr(known, name) for name in ('label', 'pattern', 'powers', 'frames', 'presses')),
         known.slopes, known.bends, np.where(blank, np.nan, 0.0), 0 * factors,
         known.number,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.estimators import power_law_force
-from tactile_ros.estimators.power_law_force import FilmResistance, PowerForce
+from tactile_ros.estimators.power_law_force import FilmResistance, PowerLawForce
 from tactile_ros.physics.resistive_sheet import SeriesResistance
 
 
@@ -32,7 +32,7 @@ def test_an_rx_of_another_shape_is_found_and_the_sigma_is_wide_enough(
     )
 
     def errors() -> tuple[np.ndarray, np.ndarray]:
-        found = PowerForce(2.5e-4).fit(x, force[:, None], group)
+        found = PowerLawForce(2.5e-4).fit(x, force[:, None], group)
         said, sigma = found.force(readings(fresh, true, 1))
         return said - true, sigma
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tactile_ros.errors import NotCalibratedError
-from tactile_ros.estimators.covariance import StatedSpread
+from tactile_ros.estimators.covariance import SigmaCalibration
 from tactile_ros.estimators.potential_map import HarmonicMap
-from tactile_ros.estimators.power_law_force import MeanCurve, PowerForce
+from tactile_ros.estimators.power_law_force import MeanCurve, PowerLawForce
 from tactile_ros.estimators.rbf_force import RbfForce, ThinPlate, k_means
 from tactile_ros.physics.resistive_sheet import SeriesResistance
 from tactile_ros.types import Estimator
@@ -51,7 +51,7 @@ def test_power_force_finds_a_power_law_that_varies() -> None:
     place, force = rng.uniform(0.1, 0.9, (500, 2)), rng.uniform(1, 15, 500)
     film = 2 * np.exp(0.3 * np.sin(3 * place[:, 0])) * force ** -(0.7 + 0.1 * place[:, 1])
     x = np.column_stack([place, film + 0.03, np.full(500, 0.03)])
-    found = PowerForce().fit(x[:400], force[:400, None])
+    found = PowerLawForce().fit(x[:400], force[:400, None])
     error = found.predict(x[400:])[:, 0] - force[400:]
     assert np.sqrt((error**2).mean()) < 0.05
 
@@ -75,12 +75,12 @@ def test_stated_spreads_hold_what_they_say() -> None:
     rng = np.random.default_rng(4)
     spread = rng.uniform(0.5, 2.0, (4000, 1))
     error = 3 * spread * rng.normal(size=(4000, 1))
-    fair = StatedSpread().fit(spread[:2000], error[:2000])(spread[2000:])
+    fair = SigmaCalibration().fit(spread[:2000], error[:2000])(spread[2000:])
     assert 0.65 < (np.abs(error[2000:]) < fair).mean() < 0.72
 
 
 @pytest.mark.parametrize(
-    'estimator', [HarmonicMap(SIZE), PowerForce(), RbfForce(), MeanCurve(0), ThinPlate()]
+    'estimator', [HarmonicMap(SIZE), PowerLawForce(), RbfForce(), MeanCurve(0), ThinPlate()]
 )
 def test_nothing_is_predicted_before_a_fit(estimator: Estimator) -> None:
     with pytest.raises(NotCalibratedError, match='must be fitted'):
@@ -114,7 +114,7 @@ def test_a_wrong_series_resistance_and_an_air_gap_are_learned() -> None:
     place, force = rng.uniform(0.1, 0.9, (600, 2)), rng.uniform(0.8, 15, 600)
     film = 2 * (force - 0.3 * (1 + 0.2 * place[:, 0])) ** -0.7
     x = np.column_stack([place, film + 0.03 * (1 + place[:, 1])])
-    found = PowerForce(1e-5, series=SeriesResistance(np.ones(2), 0.15, 0.1))
+    found = PowerLawForce(1e-5, series=SeriesResistance(np.ones(2), 0.15, 0.1))
     found.fit(x[:400], force[:400, None])
     error = found.predict(x[400:])[:, 0] - force[400:]
     assert np.sqrt((error**2).mean()) < 0.05
@@ -134,7 +134,7 @@ def test_forces_near_the_border_of_a_large_panel_know_its_steep_rx() -> None:
         return np.column_stack([places, 1 / divider - 1])
 
     load = np.tile(np.linspace(1, 15, 8), 49)
-    found = PowerForce(2.5e-4, size, series)
+    found = PowerLawForce(2.5e-4, size, series)
     found.fit(features(known, load), load[:, None], np.repeat(np.arange(49), 8))
     places = rng.uniform(0.0125 / size, 1 - 0.0125 / size, (1500, 2))
     true = rng.uniform(1, 15, 1500)
@@ -151,7 +151,7 @@ def test_spreads_of_calibration_grow_away_from_what_was_touched() -> None:
     force = np.tile(np.linspace(1, 15, 8), 16)
     film = 2 * np.exp(0.3 * np.sin(6 * place[:, 0])) * force**-0.7
     x = np.column_stack([place, film * np.exp(1e-3 * rng.normal(size=128))])
-    found = PowerForce(2.5e-4).fit(x, force[:, None], np.repeat(np.arange(16), 8))
+    found = PowerLawForce(2.5e-4).fit(x, force[:, None], np.repeat(np.arange(16), 8))
     near, far = found.force(np.array([[0.3, 0.3, 0.5], [0.05, 0.05, 0.5]]))[1]
     assert far > 3 * near
 
@@ -159,7 +159,7 @@ def test_spreads_of_calibration_grow_away_from_what_was_touched() -> None:
 def test_touches_of_one_force_or_at_one_place_are_learned_without_a_warning() -> None:
     rng = np.random.default_rng(9)
     place = rng.uniform(0.1, 0.9, (60, 2))
-    equal = PowerForce(2.5e-4).fit(
+    equal = PowerLawForce(2.5e-4).fit(
         np.column_stack([place, 0.6 + 1e-3 * rng.normal(size=60)]), np.full((60, 1), 5.0)
     )
     force, spread = equal.force(np.array([[0.5, 0.5, 0.6]]))
@@ -167,5 +167,5 @@ def test_touches_of_one_force_or_at_one_place_are_learned_without_a_warning() ->
     assert np.isfinite(spread).all()
     load = np.linspace(1, 15, 20)
     x = np.column_stack([np.full((20, 2), 0.5), 2 * load**-0.7])
-    alone = PowerForce(2.5e-4).fit(x, load[:, None], np.zeros(20, np.int64))
+    alone = PowerLawForce(2.5e-4).fit(x, load[:, None], np.zeros(20, np.int64))
     np.testing.assert_allclose(alone.predict(x)[:, 0], load, rtol=0.02)

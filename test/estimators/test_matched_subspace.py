@@ -7,7 +7,7 @@ import pytest
 
 from tactile_ros.calibration import flatten, restore
 from tactile_ros.errors import NotCalibratedError
-from tactile_ros.estimators.slip_detector import MatchedSubspace
+from tactile_ros.estimators.slip_detector import SlipDetector
 from tactile_ros.types import Array, Integers
 
 CHANNELS, FRAMES = 12, 60
@@ -29,22 +29,22 @@ def pulls(seed: int = 0, count: int = 30) -> tuple[Array, Integers, Integers]:
 
 
 @pytest.fixture(scope='module')
-def fitted() -> MatchedSubspace:
-    return MatchedSubspace().fit(*pulls())
+def fitted() -> SlipDetector:
+    return SlipDetector().fit(*pulls())
 
 
-def flagged(detector: MatchedSubspace, x: Array) -> np.ndarray:
+def flagged(detector: SlipDetector, x: Array) -> np.ndarray:
     return (detector.predict(x).reshape(-1, FRAMES) > 0.5).any(axis=1)
 
 
 @pytest.mark.parametrize('seed', [1, 2, 3])
-def test_unseen_sequences_are_told_apart(fitted: MatchedSubspace, seed: int) -> None:
+def test_unseen_sequences_are_told_apart(fitted: SlipDetector, seed: int) -> None:
     x, slip, _ = pulls(seed)
     wrong = flagged(fitted, x) != slip.reshape(-1, FRAMES)[:, 0]
     assert wrong.mean() <= 0.05
 
 
-def test_strong_changes_that_are_no_pull_are_not_flagged(fitted: MatchedSubspace) -> None:
+def test_strong_changes_that_are_no_pull_are_not_flagged(fitted: SlipDetector) -> None:
     """As strong as the strongest pulls, but across the subspace of their patterns."""
     rng = np.random.default_rng(4)
     across = np.linalg.svd(fitted.basis_.T)[2][fitted.basis_.shape[1] :]
@@ -55,34 +55,34 @@ def test_strong_changes_that_are_no_pull_are_not_flagged(fitted: MatchedSubspace
     assert (fitted.predict(inside) > 0.5).all()
 
 
-def test_beyond_all_pulls_and_without_numbers_nothing_is_known(fitted: MatchedSubspace) -> None:
+def test_beyond_all_pulls_and_without_numbers_nothing_is_known(fitted: SlipDetector) -> None:
     assert np.isnan(fitted.predict(1e4 * fitted.basis_.T[:1])).all()
     assert np.isnan(fitted.predict(np.full((1, CHANNELS), np.nan))).all()
 
 
-def test_scale_and_order_do_not_matter(fitted: MatchedSubspace) -> None:
+def test_scale_and_order_do_not_matter(fitted: SlipDetector) -> None:
     x, slip, sequence = pulls()
-    scaled = MatchedSubspace().fit(1e-6 * x, slip, sequence)
+    scaled = SlipDetector().fit(1e-6 * x, slip, sequence)
     np.testing.assert_allclose(scaled.predict(1e-6 * x), fitted.predict(x), atol=1e-9)
     back = slice(None, None, -1)
-    turned = MatchedSubspace().fit(x[back], slip[back], sequence[back])
+    turned = SlipDetector().fit(x[back], slip[back], sequence[back])
     np.testing.assert_allclose(turned.predict(x), fitted.predict(x), atol=1e-9)
 
 
-def test_one_row_gives_the_numbers_of_a_batch(fitted: MatchedSubspace) -> None:
+def test_one_row_gives_the_numbers_of_a_batch(fitted: SlipDetector) -> None:
     x, _, _ = pulls(5)
     single = np.concatenate([fitted.predict(row[None]) for row in x[:200]])
     np.testing.assert_allclose(single, fitted.predict(x)[:200], rtol=1e-9)
 
 
-def test_it_survives_a_file(fitted: MatchedSubspace) -> None:
+def test_it_survives_a_file(fitted: SlipDetector) -> None:
     x, _, _ = pulls(5)
-    found = restore(flatten(fitted, 'slip'), 'slip', {'MatchedSubspace': MatchedSubspace})
-    assert isinstance(found, MatchedSubspace)
+    found = restore(flatten(fitted, 'slip'), 'slip', {'SlipDetector': SlipDetector})
+    assert isinstance(found, SlipDetector)
     np.testing.assert_array_equal(found.predict(x), fitted.predict(x))
 
 
-def test_probabilities_mean_what_they_say(fitted: MatchedSubspace) -> None:
+def test_probabilities_mean_what_they_say(fitted: SlipDetector) -> None:
     x, slip, _ = pulls(6, count=200)
     said = fitted.predict(x).reshape(-1, FRAMES).max(axis=1)
     truth = slip.reshape(-1, FRAMES)[:, 0]
@@ -92,6 +92,6 @@ def test_probabilities_mean_what_they_say(fitted: MatchedSubspace) -> None:
 def test_few_sequences_are_refused() -> None:
     x, slip, sequence = pulls(count=4)
     with pytest.raises(ValueError, match='at least 5 sequences that slip and 5 that hold'):
-        MatchedSubspace().fit(x, slip, sequence)
+        SlipDetector().fit(x, slip, sequence)
     with pytest.raises(NotCalibratedError):
-        MatchedSubspace().predict(x)
+        SlipDetector().predict(x)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.estimators.polynomial_ridge import misled
+from tactile_ros.estimators.polynomial_ridge import errors_in_variables
 
 
 def test_sizes_of_errors_and_the_rise_are_found_beside_any_polynomial() -> None:
@@ -19,10 +19,11 @@ def test_sizes_of_errors_and_the_rise_are_found_beside_any_polynomial() -> None:
     later = 0.05 * np.sin(7 * heat)
     sizes = np.array([1.0, -0.5, 0.8])
     seen = place + np.einsum('spi,p->si', moves, sizes)
-    found = misled(seen, moves, heat + 0.8 * later, later, force, np.zeros(3))
+    found = errors_in_variables(seen, moves, heat + 0.8 * later, later, force, np.zeros(3))
     error = found.sizes - sizes
     assert np.abs(error).max() < 0.15
     assert error @ np.linalg.solve(found.cov, error) < 15
     assert abs(found.rise - 0.03) < 2e-3
-    again = misled(seen - np.einsum('spi,p->si', moves, sizes), moves, heat, later, force, sizes)
+    mended = seen - np.einsum('spi,p->si', moves, sizes)
+    again = errors_in_variables(mended, moves, heat, later, force, sizes)
     np.testing.assert_allclose(again.sizes, found.sizes, atol=0.05)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tactile_ros.estimators.potential_map import HarmonicMap
-from tactile_ros.estimators.power_law_force import PowerForce
+from tactile_ros.estimators.power_law_force import PowerLawForce
 from tactile_ros.estimators.smooth_fields import by_places, steady_places
 
 SIZE = np.array([0.1, 0.08])
@@ -34,7 +34,7 @@ def test_a_place_has_the_same_bits_alone() -> None:
 def test_a_force_has_the_same_bits_alone() -> None:
     place, force = RNG.uniform(0.1, 0.9, (300, 2)), RNG.uniform(1, 15, 300)
     film = 2 * np.exp(0.3 * np.sin(3 * place[:, 0])) * force**-0.7
-    found = PowerForce(2.5e-4).fit(np.column_stack([place, film]), force[:, None])
+    found = PowerLawForce(2.5e-4).fit(np.column_stack([place, film]), force[:, None])
     places, resistance = RNG.uniform(-0.1, 1.1, (400, 2)), RNG.uniform(0.01, 9.0, 400)
     said, spread = found.at(places, resistance)
     one = found.at(places[7:8].copy(), resistance[7:8].copy())

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_ros.estimators.sheet_calibration import USUAL, SkinFit
+from tactile_ros.estimators.sheet_calibration import USUAL, SheetCalibration
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin.press_fit import drawn_skin
 
@@ -28,7 +28,7 @@ class Bench:
             responses=drawn.responses * (1 + 0.03 * rng.normal(size=(len(drawn.chips), 3, 1))),
         )
         self.rest = self.skin.rest()
-        self.fit = SkinFit(drawn, NOISE)
+        self.fit = SheetCalibration(drawn, NOISE)
         assert self.fit.fit_rest(self.rest)
         places = rng.uniform(-15e-3, 15e-3, (PRESSES, 2))
         poses = np.column_stack([places, rng.uniform(-3, 3, PRESSES)])
@@ -42,7 +42,7 @@ class Bench:
         self.before = self.missed(self.fit)
         self.fit.fit_presses(self.rest, self.presses)
 
-    def missed(self, fit: SkinFit) -> np.ndarray:
+    def missed(self, fit: SheetCalibration) -> np.ndarray:
         return np.array([fit.press.miss(fit.found, one)[2] for one in self.presses])
 
 
@@ -66,7 +66,7 @@ def test_presses_mend_what_the_resting_field_leaves_and_less_where_they_were_lef
 
 def test_what_is_left_out_is_what_a_fit_without_it_finds(bench: Bench) -> None:
     without = bench.fit.left_out(bench.presses, np.arange(PRESSES))[1]
-    other = SkinFit(drawn_skin(CONFIG), NOISE)  # type: ignore[arg-type]
+    other = SheetCalibration(drawn_skin(CONFIG), NOISE)  # type: ignore[arg-type]
     other.fit_rest(bench.rest)
     other.fit_presses(bench.rest, bench.presses[1:])
     assert other.press.miss(other.found, bench.presses[0])[2] == pytest.approx(without[0], rel=0.2)
@@ -78,7 +78,7 @@ def test_errors_that_are_expected_after_a_rest_are_about_those_that_come(bench: 
 
 def test_kinds_of_parameters_tell_how_far_they_usually_are() -> None:
     drawn = drawn_skin(CONFIG)  # type: ignore[arg-type]
-    exact, rough = SkinFit(drawn, NOISE), SkinFit(drawn, NOISE)
+    exact, rough = SheetCalibration(drawn, NOISE), SheetCalibration(drawn, NOISE)
     rng = np.random.default_rng(7)
     far = replace(drawn, chips=drawn.chips + 5e-4 * rng.normal(size=drawn.chips.shape))
     exact.fit_rest(drawn.rest())
@@ -90,7 +90,7 @@ def test_kinds_of_parameters_tell_how_far_they_usually_are() -> None:
 @pytest.mark.parametrize('turning', [0.0, 0.35])
 def test_presses_tell_how_far_magnets_turn_with_the_body(turning: float) -> None:
     drawn = drawn_skin(CONFIG)  # type: ignore[arg-type]
-    skin, fit = replace(drawn, turning=turning), SkinFit(drawn, NOISE)
+    skin, fit = replace(drawn, turning=turning), SheetCalibration(drawn, NOISE)
     head = CONFIG.objects[0]  # type: ignore[attr-defined]
     poses = np.array([[0.0, 0.0, 0.0], [9e-3, -4e-3, 1.0], [-7e-3, 8e-3, 2.0]])
     fit.fit_presses(skin.rest(), [fit.press.made(skin, head, pose) for pose in poses])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_ros.estimators.gaussian_sum_table import Linearised, TouchMixture
+from tactile_ros.estimators.gaussian_sum_table import GaussianSumTable, Linearised
 
 NOISE = 0.02
 
@@ -33,7 +33,7 @@ def test_it_is_bayes_on_a_fine_grid() -> None:
     rng = np.random.default_rng(0)
     true = rng.uniform(-1.2, 1.2, (200, 1))
     x = bent(true)[0] + NOISE * rng.normal(size=(200, 3))
-    seen = TouchMixture(table(), neighbours=12)(x)
+    seen = GaussianSumTable(table(), neighbours=12)(x)
     fine = np.linspace(-1.6, 1.6, 8001)
     away = x[:, None] - bent(fine[:, None])[0]
     likely = np.exp(-0.5 * (away**2).sum(axis=2) / NOISE**2)
@@ -55,7 +55,7 @@ def test_two_touches_of_one_reading_both_stay() -> None:
     even = Linearised(readings, slopes, folded.answers, folded.leads, folded.sigma, folded.share)
     x = bent(np.array([[0.8]]))[0]
     x[:, 0] = 0.0
-    seen = TouchMixture(even, neighbours=16)(x)
+    seen = GaussianSumTable(even, neighbours=16)(x)
     assert abs(seen.mean[0, 0]) < 0.05
     assert np.sqrt(seen.cov[0, 0, 0]) == pytest.approx(0.8, rel=0.05)
 
@@ -66,8 +66,8 @@ def test_an_outside_cause_in_the_metric_is_told_apart() -> None:
     true = rng.uniform(-1.2, 1.2, (200, 1))
     x = bent(true)[0] + NOISE * rng.normal(size=(200, 3))
     hit = x + 0.5 * rng.normal(size=(200, 1)) * common.T
-    plain = TouchMixture(table(400), neighbours=32)
-    blind = TouchMixture(table(400), common, 0.5, neighbours=64)
+    plain = GaussianSumTable(table(400), neighbours=32)
+    blind = GaussianSumTable(table(400), common, 0.5, neighbours=64)
     error = {name: np.abs(one(hit).mean - true).mean() for name, one in
              (('plain', plain), ('blind', blind))}  # fmt: skip
     assert error['blind'] < 0.2 * error['plain']
@@ -79,7 +79,7 @@ def test_an_outside_cause_in_the_metric_is_told_apart() -> None:
 def test_loops_are_arrays_and_a_row_is_the_same_alone(strength: float) -> None:
     rng = np.random.default_rng(2)
     x = bent(rng.uniform(-1.2, 1.2, (50, 1)))[0] + NOISE * rng.normal(size=(50, 3))
-    one = TouchMixture(table(), np.ones((3, 1)), strength, neighbours=9)
+    one = GaussianSumTable(table(), np.ones((3, 1)), strength, neighbours=9)
     centres = np.array([[-1.0, 0, 0], [0.5, 0, 0]])
     places = np.zeros((50, 9, 3))
     seen = one(x)

@@ -13,7 +13,7 @@ from tactile_ros.estimators.model_selection import (
     left_out,
     trials,
 )
-from tactile_ros.estimators.power_law_force import MeanCurve, PowerForce
+from tactile_ros.estimators.power_law_force import MeanCurve, PowerLawForce
 
 
 def trial(errors: np.ndarray, seen: float = 0.1) -> Trial:
@@ -66,11 +66,11 @@ def test_an_estimator_that_leaves_out_says_what_refits_say() -> None:
     film = 2 * np.exp(0.2 * np.sin(4 * place[:, 0])) * force**-0.7
     x = np.column_stack([place, film * np.exp(1e-3 * rng.normal(size=128))])
     group = np.repeat(np.arange(16), 8)
-    whole = PowerForce(2.5e-4).fit(x, force[:, None], group)
+    whole = PowerLawForce(2.5e-4).fit(x, force[:, None], group)
     said, _ = whole.held_out(x, force[:, None], group)
     for out in (5, 6, 9):
         rows = group != out
-        other = PowerForce(2.5e-4).fit(x[rows], force[rows, None], group[rows])
+        other = PowerLawForce(2.5e-4).fit(x[rows], force[rows, None], group[rows])
         near = np.log(other.predict(x[~rows])[:, 0] / said[~rows, 0])
         assert np.abs(near).max() < 0.03
 

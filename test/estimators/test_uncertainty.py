@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.errors import NotCalibratedError
-from tactile_ros.estimators.covariance import CalibratedCovariance, StatedSpread
+from tactile_ros.estimators.covariance import CalibratedCovariance, SigmaCalibration
 
 
 def noisy(rows: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -139,7 +139,7 @@ def test_one_group_that_is_far_off_makes_no_other_unsure() -> None:
 def test_a_stated_spread_holds_both_shares_as_well_as_tails_allow(tails: float) -> None:
     rng, stated = np.random.default_rng(1), np.full((4000, 2), 0.1)
     error = rng.normal(size=(4000, 2)) if np.isinf(tails) else rng.standard_t(tails, (4000, 2))
-    sigma = StatedSpread().fit(stated[:2000], error[:2000])(stated[2000:])
+    sigma = SigmaCalibration().fit(stated[:2000], error[:2000])(stated[2000:])
     inside = [(np.abs(error[2000:]) < k * sigma).mean() for k in (1, 2)]
     assert inside[0] == pytest.approx(0.683, abs=0.04)
     assert inside[1] == pytest.approx(0.954, abs=0.02 if np.isinf(tails) else 0.045)

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tactile_ros.sensors.regression import longest_hold, untold_loads, untold_past
+from tactile_ros.sensors.regression import longest_hold, missing_history, missing_loads
 from tactile_ros.types import Signals
 
 SECOND = 10**9
@@ -46,12 +46,13 @@ def test_the_longest_touch(
 def test_the_past_is_open_without_tare_rows_and_without_stamps() -> None:
     rest = 'not told: rest before any load (no tare rows)'
     contact = [0, 1, 1]
-    open_ = untold_past(signals(contact, [0, 1, 2]), 0.2)
+    open_ = missing_history(signals(contact, [0, 1, 2]), 0.2)
     assert open_[rest] == {'share of a load that rests may still hold': 0.2}
-    assert untold_past(signals(contact, [0, 1, 2]), 0.0)[rest] == {}
-    tared = untold_past(signals(contact, [0, 1, 2], tare=True), 0.2)
+    assert missing_history(signals(contact, [0, 1, 2]), 0.0)[rest] == {}
+    tared = missing_history(signals(contact, [0, 1, 2], tare=True), 0.2)
     assert tared == {'not told: holds beyond the longest (s)': {'longest': 1.0}}
-    assert 'not told: creep (frames without stamps)' in untold_past(signals(contact, None), 0.0)
+    unstamped = missing_history(signals(contact, None), 0.0)
+    assert 'not told: creep (frames without stamps)' in unstamped
 
 
 @pytest.mark.parametrize(
@@ -69,10 +70,10 @@ def test_a_rest_counts_before_the_first_load_of_its_stream(
 ) -> None:
     rows = np.array(tare, bool), np.array(begins, bool)
     given = dataclasses.replace(signals(contact, None), tare=rows[0], begins=rows[1])
-    assert any('rest before any load' in said for said in untold_past(given, 0.1)) == open_
+    assert any('rest before any load' in said for said in missing_history(given, 0.1)) == open_
 
 
 def test_loads_are_those_that_count() -> None:
-    told = untold_loads(np.array([[np.nan, 0.0], [4.0, 1e-9], [-1.0, 0.5]]))
+    told = missing_loads(np.array([[np.nan, 0.0], [4.0, 1e-9], [-1.0, 0.5]]))
     assert told == {'not told: loads beyond those recorded (N)': {'least': 0.5, 'most': 4.0}}
-    assert untold_loads(np.full(3, np.nan)) == {'not told: force (no truth of loads)': {}}
+    assert missing_loads(np.full(3, np.nan)) == {'not told: force (no truth of loads)': {}}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.conditioning.fading_memory import FadingMemory
-from tactile_ros.sensors.five_wire_skin.force import Creep, FilmMemory
+from tactile_ros.sensors.five_wire_skin.force import Creep, FilmCreep
 
 TAUS = np.array([0.3, 4.0])
 EDGE = 0.015
@@ -25,8 +25,8 @@ def stream(count: int = 120) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nda
 
 def test_frames_are_batches_and_arrays_are_the_compiled_loop() -> None:
     force, places, stamps, restart = stream()
-    whole = FilmMemory(TAUS, EDGE)(force, places, stamps, restart)
-    memory = FilmMemory(TAUS, EDGE)
+    whole = FilmCreep(TAUS, EDGE)(force, places, stamps, restart)
+    memory = FilmCreep(TAUS, EDGE)
     one = [
         memory(force[i : i + 1], places[i : i + 1], stamps[i : i + 1], restart[i : i + 1])
         for i in range(len(force))
@@ -37,7 +37,7 @@ def test_frames_are_batches_and_arrays_are_the_compiled_loop() -> None:
 
 def test_a_past_that_counts_wherever_it_was_is_the_history() -> None:
     force, places, stamps, restart = stream()
-    found = FilmMemory(TAUS, np.inf)(force, places, stamps, restart)
+    found = FilmCreep(TAUS, np.inf)(force, places, stamps, restart)
     told = FadingMemory(TAUS)(force[:, None], stamps, restart)[:, :, 0]
     np.testing.assert_allclose(found, told, atol=1e-9)
 
@@ -48,9 +48,9 @@ def test_a_touch_keeps_of_the_past_what_it_shares_with_where_it_was(
 ) -> None:
     force, stamps = np.full(200, 5.0), np.arange(200) * 20_000_000
     places = np.full((200, 2), 0.05)
-    stayed = FilmMemory(TAUS, EDGE)(force, places, stamps, stamps == 0)
+    stayed = FilmCreep(TAUS, EDGE)(force, places, stamps, stamps == 0)
     places[100:, 0] += away
-    moved = FilmMemory(TAUS, EDGE)(force, places, stamps, stamps == 0)
+    moved = FilmCreep(TAUS, EDGE)(force, places, stamps, stamps == 0)
     before = moved[99, 1]
     np.testing.assert_allclose(moved[100, 1] / stayed[100, 1], left, atol=0.1)
     assert before == stayed[99, 1]
@@ -60,10 +60,10 @@ def test_floating_places_between_touches_do_not_count() -> None:
     stamps = np.arange(60) * 20_000_000
     force = np.where((np.arange(60) < 20) | (np.arange(60) >= 25), 5.0, 0.0)
     places = np.full((60, 2), 0.05)
-    known = FilmMemory(TAUS, EDGE)(force, places, stamps, stamps == 0)
+    known = FilmCreep(TAUS, EDGE)(force, places, stamps, stamps == 0)
     places[20:25] = [np.nan, 0.09]
     np.testing.assert_array_equal(
-        FilmMemory(TAUS, EDGE)(force, places, stamps, stamps == 0), known
+        FilmCreep(TAUS, EDGE)(force, places, stamps, stamps == 0), known
     )
 
 
@@ -84,7 +84,7 @@ def test_a_share_that_one_place_alone_tells_is_doubted() -> None:
 def test_a_frame_that_was_lost_takes_nothing_of_the_past() -> None:
     force, stamps = np.full(200, 5.0), np.arange(200) * 20_000_000
     places = np.full((200, 2), 0.05)
-    whole = FilmMemory(TAUS, EDGE)(force, places, stamps, stamps == 0)
+    whole = FilmCreep(TAUS, EDGE)(force, places, stamps, stamps == 0)
     force[100], places[100] = np.nan, np.nan
-    lost = FilmMemory(TAUS, EDGE)(force, places, stamps, stamps == 0)
+    lost = FilmCreep(TAUS, EDGE)(force, places, stamps, stamps == 0)
     np.testing.assert_allclose(lost, whole, rtol=1e-9)

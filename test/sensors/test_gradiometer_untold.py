@@ -13,12 +13,12 @@ from reference import gradiometer_world as made
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer.target import bent, ends, grown
 from tactile_ros.sensors.gradiometer.temperature import (
-    LastTold,
+    HeldTemperature,
     ThermalMemory,
     lagging,
     lately_told,
+    temperature_wander,
     told_ago,
-    wandering,
 )
 from tactile_ros.types import FrameStatus, Recording, Signals
 
@@ -141,13 +141,13 @@ def stamped(chip: np.ndarray, second: np.ndarray, begins: np.ndarray | None = No
 
 def test_temperatures_wander_as_the_recording_says() -> None:
     second = np.arange(4000) * 0.5
-    ramp = wandering(stamped(0.1 * second, second), 0.1 * second, 0.0)
+    ramp = temperature_wander(stamped(0.1 * second, second), 0.1 * second, 0.0)
     steady = np.searchsorted(ramp[0], [1.0, 8.0, 64.0])
     np.testing.assert_allclose(ramp[1, steady], 0.1 * ramp[0, steady])
     np.testing.assert_allclose(ramp[2, steady], 0.0, atol=1e-9)
     rng = np.random.default_rng(0)
     walk = np.cumsum(0.1 * rng.normal(size=4000))
-    noisy = wandering(stamped(walk, second), walk + 0.05 * rng.normal(size=4000), 0.05)
+    noisy = temperature_wander(stamped(walk, second), walk + 0.05 * rng.normal(size=4000), 0.05)
     at = np.searchsorted(noisy[0], [1.0, 8.0, 32.0])
     np.testing.assert_allclose(noisy[1, at], 0.1 * np.sqrt(2 * noisy[0, at]), rtol=0.25)
     np.testing.assert_allclose(noisy[2, at], 0.5 * noisy[1, at], rtol=0.25)
@@ -157,14 +157,14 @@ def test_temperatures_wander_as_the_recording_says() -> None:
 def test_without_times_nothing_tells_how_fast_temperatures_move() -> None:
     chip = np.random.default_rng(0).uniform(20, 50, 200)
     signals = dataclasses.replace(stamped(chip, np.arange(200.0)), stamp_ns=None)
-    wander = wandering(signals, chip, 0.0)
+    wander = temperature_wander(signals, chip, 0.0)
     assert np.interp(0.01, wander[0], wander[1]) == pytest.approx(np.sqrt(2) * chip.std())
 
 
 def test_a_stream_holds_no_temperature_of_another() -> None:
     chip = np.array([20.0, 21.0, np.nan, np.nan, 40.0, np.nan])
     begins = np.array([True, False, False, True, False, False])
-    held = LastTold()(stamped(chip, np.arange(6.0), begins))
+    held = HeldTemperature()(stamped(chip, np.arange(6.0), begins))
     assert held.temperature_c is not None
     np.testing.assert_array_equal(held.temperature_c[:, 0], [20, 21, 21, np.nan, 40, 40])
     np.testing.assert_array_equal(told_ago(held), [0, 0, 1, np.inf, 0, 1])
@@ -174,20 +174,20 @@ def test_frames_that_tell_nothing_are_held_as_those_that_tell_nan() -> None:
     told = stamped(np.full(3, 30.0), np.arange(3.0))
     silent = stamped(np.full(2, np.nan), np.arange(3.0, 5.0))
     nothing = dataclasses.replace(silent, temperature_c=None)
-    held = LastTold()
+    held = HeldTemperature()
     held(told)
     found = held(nothing)
     assert (found.temperature_c == 30.0).all()
     assert told_ago(found).tolist() == [1.0, 2.0]
-    assert LastTold()(nothing) is nothing  # a stream that never told any
+    assert HeldTemperature()(nothing) is nothing  # a stream that never told any
 
 
 def test_rows_that_never_told_a_temperature_are_learned_from() -> None:
     chip = np.array([30.0, 30.0, np.nan, np.nan, np.nan, 30.0])
     begins = np.arange(6) == 3
-    aged = LastTold()(stamped(chip, np.arange(6.0), begins))
+    aged = HeldTemperature()(stamped(chip, np.arange(6.0), begins))
     assert lately_told(aged).tolist() == [True, True, False, True, True, True]
-    other = LastTold()(stamped(np.full(6, np.nan), np.arange(6.0), begins))
+    other = HeldTemperature()(stamped(np.full(6, np.nan), np.arange(6.0), begins))
     assert lately_told(other).all()
 
 
@@ -197,7 +197,7 @@ def test_a_disc_follows_the_line_between_temperatures_that_are_told() -> None:
     gaps = chip.copy()
     gaps[20:35] = np.nan
     whole = lagging(stamped(chip, second), chip, 35.0, ThermalMemory(8.0))
-    held = LastTold()(stamped(gaps, second))
+    held = HeldTemperature()(stamped(gaps, second))
     assert held.temperature_c is not None
     warm = held.temperature_c[:, 0]
     told = lagging(held, warm, 35.0, ThermalMemory(8.0), np.nan_to_num(chip - warm))

@@ -12,8 +12,8 @@ import pytest
 
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.magnet_pad.covariance import KIND, LoadReach, growth
-from tactile_ros.sensors.magnet_pad.nominal_estimator import Unfelt
+from tactile_ros.sensors.magnet_pad.covariance import KIND, LoadExtrapolation, growth
+from tactile_ros.sensors.magnet_pad.nominal_estimator import SubthresholdForce
 from tactile_ros.types import ContactStates, FrameStatus, Recording
 
 pytest.importorskip('magpylib')
@@ -74,7 +74,7 @@ def test_growth_of_errors_is_what_normal_ones_need() -> None:
     error = rng.normal(size=(4000, 2)) * np.sqrt(1 + (3 * away[:, None]) ** 2)
     assert growth(away, error) == pytest.approx(3.0, rel=0.2)
     assert growth(away, rng.normal(size=(4000, 2))) < 0.5
-    reach = LoadReach(2.0, 10.0, 1e-2)
+    reach = LoadExtrapolation(2.0, 10.0, 1e-2)
     np.testing.assert_allclose(reach.beyond(np.array([1.0, 5.0, 15.0])), [0.1, 0.0, 0.5])
 
 
@@ -98,7 +98,7 @@ def inside_forces(states: ContactStates, touches: object, rows: np.ndarray) -> n
 def test_a_reading_hides_the_load_that_it_would_be() -> None:
     readings = np.array([[2.0, 0.0], [0.0, 1.0], [2.0, 0.0], [0.0, 1.0]]) * 1e-5
     forces = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]] * 2)
-    hidden = Unfelt(readings, forces, 1e-7)(np.array([[1e-5, 0.0], [0.0, 1e-5]]))
+    hidden = SubthresholdForce(readings, forces, 1e-7)(np.array([[1e-5, 0.0], [0.0, 1e-5]]))
     np.testing.assert_allclose(hidden[0], np.diag([0, 0, 0.25]), atol=1e-3)
     np.testing.assert_allclose(hidden[1], np.diag([0, 1.0, 0]), atol=1e-3)
 

@@ -14,7 +14,7 @@ from tactile_ros.evaluation.metrics import WITHIN, Coverage, coverage_by_thirds
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.magnet_pad.covariance import KIND, LEANS
-from tactile_ros.sensors.magnet_pad.nominal_estimator import NominalPad
+from tactile_ros.sensors.magnet_pad.nominal_estimator import NominalEstimator
 from tactile_ros.types import ContactStates, FrameStatus, Recording
 
 pytest.importorskip('magpylib')
@@ -144,7 +144,7 @@ def test_what_a_recording_leaves_open_is_told() -> None:
 
 def test_untrained_sigmas_hold_over_pads_that_differ() -> None:
     """Of specimens of the nominal body and of two others, about whom nothing is told."""
-    pad, bodies = NominalPad(CONFIG), ({'poisson': 0.5, 'base': 1e-6}, {}, {'poisson': 0.42})
+    pad, bodies = NominalEstimator(CONFIG), ({'poisson': 0.5, 'base': 1e-6}, {}, {'poisson': 0.42})
     inside = []
     for seed in range(6):
         touches = reference.Touches.in_cells(CONFIG, GRID, 150, 1.0, 60 + seed)

@@ -56,7 +56,7 @@ def implausible_taxels(values: Array) -> Bools:
     return np.asarray(beyond.any(axis=-1) | (values[..., DIVIDER] >= RAIL))
 
 
-class Touch:
+class ContactGate:
     """What the divider says of contact.
 
     Parameters
@@ -78,7 +78,7 @@ class Touch:
         That level; 0 where it is none, or unknown.
     doubt_ : ndarray, shape (c,)
         Variance of a reading at rest.
-    unfelt_ : float
+    subthreshold_ : float
         Mean square of forces that do not close the air gap (N2).
     report_ : dict of str to float
         `threshold_divider`; `lightest_felt` and `threshold_force` of the air gap (N).
@@ -91,10 +91,10 @@ class Touch:
         self.quiet_ = np.arange(channels) == DIVIDER
         self.rest_ = np.zeros(channels)
         self.doubt_ = np.zeros(channels)
-        self.unfelt_ = 0.0
+        self.subthreshold_ = 0.0
         self.report_: dict[str, float] = {}
 
-    def fit(self, signals: Signals, truth: Columns) -> Touch:
+    def fit(self, signals: Signals, truth: Columns) -> ContactGate:
         """Learn rest and threshold from frames, and the touches that truth (s, ...) tells."""
         blank = np.full((len(signals.good), 3), np.nan)
         position = np.asarray(truth.get('position', blank), np.float64)
@@ -154,7 +154,7 @@ class Touch:
     def _tell(self, light: Array, heavy: Array) -> None:
         """Forces (N) below and above the threshold: what the air gap swallows."""
         lightest = float(np.quantile(heavy, LIGHTEST)) if len(heavy) else 0.0
-        self.unfelt_ = float((light**2).mean()) if len(light) else (0.1 * lightest) ** 2
+        self.subthreshold_ = float((light**2).mean()) if len(light) else (0.1 * lightest) ** 2
         told = {'threshold_divider': self.threshold_, 'lightest_felt': lightest}
         if len(light):
             told['threshold_force'] = float(np.quantile(light, 0.95))

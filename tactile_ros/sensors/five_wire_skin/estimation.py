@@ -10,11 +10,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tactile_ros.physics.resistive_sheet import SeriesResistance
-from tactile_ros.sensors.five_wire_skin.contact_gate import DIVIDER, Touch, implausible_taxels
+from tactile_ros.sensors.five_wire_skin.contact_gate import DIVIDER, ContactGate, implausible_taxels
 from tactile_ros.sensors.five_wire_skin.force import CLASSES as FORCE_CLASSES
 from tactile_ros.sensors.five_wire_skin.force import (
     Creep,
-    FilmMemory,
+    FilmCreep,
     ForceHead,
     features_of,
     tells_forces,
@@ -28,8 +28,8 @@ from tactile_ros.sensors.regression import (
     KIND,
     Head,
     Regression,
-    untold_loads,
-    untold_past,
+    missing_history,
+    missing_loads,
 )
 from tactile_ros.types import Estimation
 
@@ -68,7 +68,7 @@ def untold(size: Array, signals: Signals, truth: Columns, crept: float) -> Repor
     force = np.asarray(truth.get('force', blank), np.float64)[:, 2]
     places = np.asarray(truth.get('position', blank), np.float64)[signals.good, :2] / size
     places = places[np.isfinite(places).all(axis=1)]
-    found = {**untold_loads(force[signals.good]), **untold_past(signals, crept)}
+    found = {**missing_loads(force[signals.good]), **missing_history(signals, crept)}
     if (signals.in_contact != 0).all():
         found[f'{KIND}contact (no untouched rows)'] = {}
     if not len(places):
@@ -122,7 +122,7 @@ class FiveWireEstimation(Estimation):
         self.series = SeriesResistance(self.size, config.touch_size, sheet)
         noise = np.asarray(np.nan if config.noise is None else config.noise, np.float64)
         channels = len(config.channels)
-        self.touch_ = Touch(float(np.broadcast_to(noise, channels)[DIVIDER]), channels)
+        self.touch_ = ContactGate(float(np.broadcast_to(noise, channels)[DIVIDER]), channels)
         self.wanted = estimator
         self.others_: Regression | None = None
         if estimator in REGRESSORS:
@@ -155,7 +155,7 @@ class FiveWireEstimation(Estimation):
         contact = {'contact': self.touch_.report_} if self.touch_.report_ else {}
         return {**known, **contact, **self.untold_}
 
-    def start(self) -> FadingMemory | FilmMemory:
+    def start(self) -> FadingMemory | FilmCreep:
         """Fresh memory of a stream."""
         if self.others_ is not None:
             return self.others_.start()
@@ -216,7 +216,7 @@ class FiveWireEstimation(Estimation):
         ----------
         signals : Signals
             Conditioned frames; `in_contact` is set by what the divider says.
-        memory : FadingMemory or FilmMemory
+        memory : FadingMemory or FilmCreep
             Of the stream; moves on.
 
         Returns
@@ -227,7 +227,7 @@ class FiveWireEstimation(Estimation):
         x = self.touch_.readings(signals)
         if self.others_ is not None:
             return self.others_.estimate(_own(signals, x), memory)
-        assert isinstance(memory, FilmMemory)
+        assert isinstance(memory, FilmCreep)
         known: Columns = {}
         place = x[:, :2]
         if self.place_ is not None:
@@ -249,7 +249,7 @@ class FiveWireEstimation(Estimation):
         return whole
 
     def _add_force(
-        self, known: Columns, signals: Signals, x: Array, place: Array, memory: FilmMemory
+        self, known: Columns, signals: Signals, x: Array, place: Array, memory: FilmCreep
     ) -> None:
         """Forces, covariances of their errors, and whether they are beyond those of the fit."""
         assert self.force_ is not None
@@ -263,14 +263,14 @@ class FiveWireEstimation(Estimation):
         force[:, 2], covariance[:, 2, 2] = value, spread * spread
         untouched = signals.in_contact == 0
         if np.count_nonzero(untouched):
-            force[untouched, 2], covariance[untouched, 2, 2] = 0.0, self.touch_.unfelt_
+            force[untouched, 2], covariance[untouched, 2, 2] = 0.0, self.touch_.subthreshold_
         if self.shear_ is not None:
             mean, cov = self.shear_.predict(x.copy(), np.zeros_like(x))
             force[:, :2], covariance[:, :2, :2] = mean, cov
         known['force'], known['force_cov'] = force, covariance
 
     def _normal(
-        self, signals: Signals, x: Array, place: Array, memory: FilmMemory
+        self, signals: Signals, x: Array, place: Array, memory: FilmCreep
     ) -> tuple[Array, Array]:
         """Normal forces (s,) and their spreads (N), without creep where stamps tell the past."""
         assert self.force_ is not None
@@ -392,7 +392,7 @@ CLASSES = tuple(
         one.__name__: one
         for one in (
             FiveWireEstimation,
-            Touch,
+            ContactGate,
             Creep,
             *REGRESSION_CLASSES,
             *PLACE_CLASSES,

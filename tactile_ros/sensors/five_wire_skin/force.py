@@ -7,13 +7,13 @@ import math
 import numpy as np
 from scipy.optimize import nnls
 
-from tactile_ros.estimators.covariance import StatedSpread, guessed
+from tactile_ros.estimators.covariance import SigmaCalibration, extrapolation_error
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.kernel_ridge import KernelRidge
 from tactile_ros.estimators.model_selection import chosen, some_rows, trials, verdict
-from tactile_ros.estimators.power_law_force import FilmResistance, MeanCurve, PowerForce
+from tactile_ros.estimators.power_law_force import FilmResistance, MeanCurve, PowerLawForce
 from tactile_ros.estimators.rbf_force import RbfForce
-from tactile_ros.estimators.regression import ColumnView, Ridge
+from tactile_ros.estimators.regression import ColumnSelector, Ridge
 from tactile_ros.estimators.smooth_fields import SmoothFields
 from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.resistive_sheet import SeriesResistance
@@ -81,7 +81,7 @@ def memory_rows(
             means[s, i] = kept[MEANS + i]
 
 
-class FilmMemory:
+class FilmCreep:
     """Fading means of one stream, one frame at a time or many with the same numbers.
 
     Parameters
@@ -161,9 +161,9 @@ class Creep:
     def __init__(self, edge: float = np.inf) -> None:
         self.edge = edge
 
-    def start(self) -> FilmMemory:
+    def start(self) -> FilmCreep:
         """Fresh memory of a stream."""
-        return FilmMemory(np.array(TIME_CONSTANTS), self.edge)
+        return FilmCreep(np.array(TIME_CONSTANTS), self.edge)
 
     def fit(self, static: Array, means: Array, told: Array, groups: Integers) -> Creep:
         """Learn shares.
@@ -277,7 +277,7 @@ class ForceHead:
 
     most_: float = np.inf  # largest force that was told (N)
     estimator_: Estimator  # fitted on all rows
-    spread_: StatedSpread  # scale of its spread, measured on held-out places
+    spread_: SigmaCalibration  # scale of its spread, measured on held-out places
     level_: Array  # (1,) spread of an estimator that states none (N)
     report_: dict[str, float]  # errors on held-out places (N)
 
@@ -313,7 +313,7 @@ class ForceHead:
 
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Forces (s,) (N) and spreads of their errors (s,) (N)."""
-        if isinstance(self.estimator_, PowerForce):
+        if isinstance(self.estimator_, PowerLawForce):
             return self.estimator_.force(x)
         force = self.estimator_.predict(x)[:, 0]
         spread = np.broadcast_to(self.level_, (len(x), 1))
@@ -321,7 +321,7 @@ class ForceHead:
 
     def at(self, x: Array, places: Array, resistance: Array) -> tuple[Array, Array]:
         """Forces (s,) (N) and spreads of their errors (s,) (N) for the columns of features."""
-        if isinstance(self.estimator_, PowerForce):
+        if isinstance(self.estimator_, PowerLawForce):
             return self.estimator_.at(places, resistance)
         return self.predict(features_of(x, places, resistance))
 
@@ -331,7 +331,7 @@ class ForceHead:
         None: there is no such force. What lies beyond is unsure by half, and an answer at the end
         of all answers by itself: the force may be any larger one.
         """
-        error = guessed(force, self.most_)
+        error = extrapolation_error(force, self.most_)
         if error is None:
             return None
         beyond = error > 0
@@ -341,27 +341,27 @@ class ForceHead:
 
     def tighten(self, factor: float) -> None:
         """Let errors at known places be smaller by a factor, as they are without creep."""
-        if isinstance(self.estimator_, PowerForce):
+        if isinstance(self.estimator_, PowerLawForce):
             self.estimator_.scale_scatter(factor)
         else:
             self.spread_.factors_ += np.log(factor)
 
     def _candidates(self, wanted: str | None) -> dict[str, Estimator]:
         """Estimators to choose from."""
-        network: Estimator = ColumnView(RbfForce(), np.array([0, 1, 2]))
+        network: Estimator = ColumnSelector(RbfForce(), np.array([0, 1, 2]))
         if wanted == 'printed':
             return {'rbf': network}
         known: dict[str, Estimator] = {
-            'power': PowerForce(self.noise, self.size, self.series),
+            'power': PowerLawForce(self.noise, self.size, self.series),
             'rbf': network,
-            'rbf_log': ColumnView(RbfForce(), np.array([0, 1, 6])),
+            'rbf_log': ColumnSelector(RbfForce(), np.array([0, 1, 6])),
             'mean_curve': MeanCurve(6),
-            'ridge': ColumnView(Ridge(), np.array([3, 4, 5])),
-            'kernel_ridge': ColumnView(
+            'ridge': ColumnSelector(Ridge(), np.array([3, 4, 5])),
+            'kernel_ridge': ColumnSelector(
                 KernelRidge(lengths=(0.4,), linear=1.0, strengths=(1e-6,), common=10.0),
                 np.array([3, 4, 5]),
             ),
-            'grid_knn': ColumnView(GridKnn(), np.array([3, 4, 5])),
+            'grid_knn': ColumnSelector(GridKnn(), np.array([3, 4, 5])),
         }
         return known if wanted is None else {wanted: known[wanted]}
 
@@ -389,8 +389,8 @@ def _plane(x: Array, y: Array) -> Array:
 
 CLASSES = (
     ForceHead,
-    ColumnView,
-    PowerForce,
+    ColumnSelector,
+    PowerLawForce,
     FilmResistance,
     SeriesResistance,
     SmoothFields,
@@ -399,5 +399,5 @@ CLASSES = (
     Ridge,
     KernelRidge,
     GridKnn,
-    StatedSpread,
+    SigmaCalibration,
 )

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.estimators.covariance import StatedSpread
+from tactile_ros.estimators.covariance import SigmaCalibration
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.model_selection import chosen, some_rows, trials, verdict
 from tactile_ros.estimators.perceptron import Perceptron
 from tactile_ros.estimators.potential_map import HarmonicMap, SheetPotentials
 from tactile_ros.estimators.rbf_force import ThinPlate
-from tactile_ros.estimators.regression import ColumnView, Ridge, predict_rows
+from tactile_ros.estimators.regression import ColumnSelector, Ridge, predict_rows
 from tactile_ros.physics.resistive_sheet import linear_place
 from tactile_ros.sensors.five_wire_skin.contact_gate import CONSTANT
 from tactile_ros.types import Array, Estimator, Integers
@@ -55,7 +55,7 @@ class PlaceHead:
         Shares of the potentials in two sums; None: there are but two, or no fit.
     name : str
         Of the map in use.
-    spread_ : StatedSpread
+    spread_ : SigmaCalibration
         Scale of its covariance, measured on held-out places.
     level_ : ndarray, shape (2,)
         Spread of a map that states none (m).
@@ -69,7 +69,7 @@ class PlaceHead:
         self.size = np.asarray(size, np.float64)
         self.name = 'linear'
         self.estimator_ = LinearPlace(self.size)
-        self.spread_: StatedSpread | None = None
+        self.spread_: SigmaCalibration | None = None
         self.level_ = NOMINAL_SPREAD * self.size
         self.report_: dict[str, float] = {}
         self.sums_: Array | None = None
@@ -135,7 +135,7 @@ class PlaceHead:
             return formula
         return ({} if self.sums_ is not None else formula) | {
             'harmonic': HarmonicMap(self.size),
-            'thin_plate': ColumnView(ThinPlate(), np.array([0, 1])),
+            'thin_plate': ColumnSelector(ThinPlate(), np.array([0, 1])),
             'ridge': Ridge(),
             'grid_knn': GridKnn(),
         }
@@ -179,9 +179,9 @@ CLASSES = (
     LinearPlace,
     HarmonicMap,
     SheetPotentials,
-    ColumnView,
+    ColumnSelector,
     ThinPlate,
-    StatedSpread,
+    SigmaCalibration,
     Perceptron,
     Ridge,
     GridKnn,

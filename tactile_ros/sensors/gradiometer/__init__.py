@@ -18,11 +18,11 @@ from tactile_ros.estimators.disc_model import UniformField
 from tactile_ros.estimators.disturbance_magnet import NearbyMagnets, StrayField
 from tactile_ros.estimators.polynomial_force import PolynomialForce, WarmChain
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge, WarmPolynomial
-from tactile_ros.estimators.regression import ColumnView
+from tactile_ros.estimators.regression import ColumnSelector
 from tactile_ros.physics.fidelity import Choice, Rated, Worth
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig, layout
-from tactile_ros.sensors.gradiometer.estimation import GradiometerEstimation, Reach
-from tactile_ros.sensors.gradiometer.field_change import Features, Readings
+from tactile_ros.sensors.gradiometer.estimation import CalibratedVolume, GradiometerEstimation
+from tactile_ros.sensors.gradiometer.field_change import Features, FieldChange
 from tactile_ros.sensors.gradiometer.target import ESTIMATORS, Target
 from tactile_ros.sensors.gradiometer.temperature import WarmRest
 from tactile_ros.sensors.gradiometer.twin import GRADIOMETER, GradiometerConnection, presses
@@ -32,15 +32,15 @@ from tactile_ros.sensors.regression import CLASSES
 OWN = (
     GradiometerEstimation,
     Features,
-    Readings,
+    FieldChange,
     WarmRest,
     UniformField,
     DiscInversion,
     StrayField,
     NearbyMagnets,
-    Reach,
+    CalibratedVolume,
     Target,
-    ColumnView,
+    ColumnSelector,
     PolynomialForce,
     PolynomialRidge,
     WarmChain,

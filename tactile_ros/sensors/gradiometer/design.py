@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.estimators.disc_model import DiscModel, UniformField
-from tactile_ros.sensors.gradiometer.field_change import NOISE, Readings
+from tactile_ros.sensors.gradiometer.field_change import NOISE, FieldChange
 from tactile_ros.types import Table
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def figures(
 ) -> Figures:
     """Figures of a gap (m) and a disc (m, m) for a stray field (mT) and a spread of gains (%)."""
     changed = replace(config, gap=gap, disc_diameter=disc[0], disc_height=disc[1])
-    readings = Readings(changed)
+    readings = FieldChange(changed)
     size = np.array([gap, *disc, config.remanence])
     model = DiscModel(config.positions, readings.axes, size)
     differences = UniformField(readings.axes, readings.noise).differences

@@ -25,7 +25,14 @@ from tactile_ros.estimators.disturbance_magnet import (
 from tactile_ros.estimators.polynomial_ridge import times
 from tactile_ros.physics.temperature import EXPANSION, REMANENCE_SLOPE
 from tactile_ros.sensors.gradiometer.field_change import Features, at_rest, margins
-from tactile_ros.sensors.gradiometer.target import MODELS, Target, candidates, ends, largest, unsay
+from tactile_ros.sensors.gradiometer.target import (
+    MODELS,
+    Target,
+    candidates,
+    ends,
+    largest,
+    reject_implausible,
+)
 from tactile_ros.sensors.gradiometer.temperature import (
     LEAST_RANGE,
     UNIT,
@@ -52,8 +59,9 @@ WANTED = ('force', 'torque')
 
 
 def unsupported(
-    config: GradiometerConfig, features: Features, targets: Sequence[Target], reach: Reach | None
-) -> list[str]:
+    config: GradiometerConfig, features: Features, targets: Sequence[Target],
+    reach: CalibratedVolume | None,
+) -> list[str]:  # fmt: skip
     """Sentences on what was not told by the recordings of a fit; none before one."""
     if not features.readings_.fitted_:
         return []
@@ -81,7 +89,7 @@ def _range(config: GradiometerConfig, targets: Sequence[Target]) -> list[str]:
     return [f'force beyond {named}; full scale is {config.full_scale:.2g} N'] if named else []
 
 
-def _places(reach: Reach | None) -> list[str]:
+def _places(reach: CalibratedVolume | None) -> list[str]:
     if reach is None or reach.directions_ == 3:
         return []
     return [f'forces along other ways than the {reach.directions_} that presses moved the disc']
@@ -117,7 +125,7 @@ UNSURE = 0.5  # of the steepest slope of an answer, beyond all that was seen
 UNTOLD = 1e6  # spreads of an answer over gaps: presses at one place tell no slope
 
 
-class Reach:
+class CalibratedVolume:
     """Ellipsoid around the places of a fit, and how unsure answers are outside it.
 
     Attributes
@@ -133,7 +141,7 @@ class Reach:
     rest_: Array  # (3,) place of the disc that nothing touches (gaps); NaN where none was seen
     slope_: Array
 
-    def fit(self, place: Array, answers: Array, rest: Array) -> Reach:
+    def fit(self, place: Array, answers: Array, rest: Array) -> CalibratedVolume:
         """Learn from places (s, 3) (gaps), answers (s, k) there, and places (r, 3) at rest."""
         rest = rest[np.isfinite(rest).all(axis=1)]
         self.rest_ = rest.mean(axis=0) if len(rest) else np.full(3, np.nan)
@@ -316,7 +324,7 @@ class GradiometerEstimation(Estimation):
         self.features_, self.doubt_ = Features(config), 0.0
         self.stray_: StrayField | None = None
         self.magnets_: NearbyMagnets | None = None
-        self.reach_: Reach | None = None
+        self.reach_: CalibratedVolume | None = None
         self.largest_: dict[str, float] = {}
 
     @property
@@ -398,10 +406,10 @@ class GradiometerEstimation(Estimation):
         field = StrayField(len(parts['thermal']))
         self.stray_ = field.fit(where, rest, uniform, known, groups)
 
-    def _reach(self, x: Array, parts: dict[str, Integers], rest: Array) -> Reach:
+    def _reach(self, x: Array, parts: dict[str, Integers], rest: Array) -> CalibratedVolume:
         """Places of the fit; every component of a target may be as steep as the steepest."""
         told = np.concatenate([target.estimator_.predict(x) for target in self.targets_], axis=1)
-        reach = Reach().fit(x[:, parts['place']], told, rest)
+        reach = CalibratedVolume().fit(x[:, parts['place']], told, rest)
         for target, part in self._answered():
             steepest = (reach.slope_[part] * target.unit_).max()
             reach.slope_[part] = steepest / target.unit_
@@ -547,7 +555,8 @@ class GradiometerEstimation(Estimation):
                 warmth_doubt(*known_by, x[:, parts['field']], self.reach_.slope_, wider)
         if self.targets_:
             self._add_targets(known, x, self._noise(x, parts), (shift, wider, far))
-            status |= unsay(known, self.largest_, signals.in_contact != 0) * _ABSTAINED
+            rejected = reject_implausible(known, self.largest_, signals.in_contact != 0)
+            status |= rejected * _ABSTAINED
         known['status'] = status
         return known
 

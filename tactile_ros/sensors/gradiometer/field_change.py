@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from tactile_ros.estimators.disc_inversion import DiscInversion
 from tactile_ros.estimators.disc_model import OFFSETS, WEAKENING, WEAKER, UniformField
-from tactile_ros.estimators.polynomial_ridge import WarmPolynomial, misled, times
+from tactile_ros.estimators.polynomial_ridge import WarmPolynomial, errors_in_variables, times
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
 from tactile_ros.sensors.gradiometer.temperature import (
     LEAST_RANGE,
@@ -25,10 +25,10 @@ from tactile_ros.sensors.gradiometer.temperature import (
     lagging,
     lags_told,
     sensitivity,
+    temperature_wander,
     thermometer_noise,
     told_ago,
     unsure_chips,
-    wandering,
 )
 from tactile_ros.sensors.gradiometer.twin import LEAST_NOISE, field_model, terms
 
@@ -55,7 +55,7 @@ class WarmFit:
     ----------
     signals : Signals
         Of the recording.
-    readings : Readings
+    readings : FieldChange
         Learned from the same; what rests at other temperatures read is learned here.
     fresh : callable
         A disc's model that has learned nothing.
@@ -73,7 +73,7 @@ class WarmFit:
     """
 
     def __init__(
-        self, signals: Signals, readings: Readings, fresh: Callable[[], DiscInversion],
+        self, signals: Signals, readings: FieldChange, fresh: Callable[[], DiscInversion],
         warmth: Callable[[float], Array], resting: Bools, rows: Integers, force: Array,
     ) -> None:  # fmt: skip
         self.signals, self.readings, self.fresh, self.warmth = signals, readings, fresh, warmth
@@ -176,7 +176,7 @@ class WarmFit:
             place = disc.invert(self.change[told], warm[told])[0]
             amiss = self._amiss(disc, place, warm[told], later, usual)
             moves = self._moves(disc, place, warm[told], amiss)
-            found = misled(place, moves, warm[told], -later, force, sizes)
+            found = errors_in_variables(place, moves, warm[told], -later, force, sizes)
             sizes = found.sizes
             *drift, weaker = usual @ sizes[:-1]
             disc.weaken(weakening + weaker / WEAKER)
@@ -233,7 +233,7 @@ FEWEST_RESTING, UNEVEN = 10, 2  # in succession, that tell noise beside warming;
 CLEAR = 20.0  # sigmas of the disc at rest beyond which it tells the baseline's temperature
 
 
-class Readings:
+class FieldChange:
     """Change of field of one gradiometer.
 
     Parameters
@@ -248,7 +248,7 @@ class Readings:
     noise : float
         Of a channel (T).
     absolute_ : bool
-        Readings came without a baseline.
+        FieldChange came without a baseline.
     level_ : ndarray, shape (n,)
         Mean field at rest (T).
     usual_ : float
@@ -260,11 +260,11 @@ class Readings:
     span_ : ndarray, shape (2,)
         Least and highest temperature of the fit (degrees Celsius); infinite: none was told.
     rest_ : WarmRest or None
-        Readings at rest over temperatures; None: all of the fit were alike.
+        FieldChange at rest over temperatures; None: all of the fit were alike.
     thermometer_ : float
         Noise of the chip's thermometer (degrees); 0: no stream told it.
     wander_ : ndarray, shape (3, m)
-        How far temperatures go, of `wandering`.
+        How far temperatures go, of `temperature_wander`.
     """
 
     def __init__(self, config: GradiometerConfig) -> None:
@@ -285,7 +285,7 @@ class Readings:
         self.fitted_ = False
         self.noise_is_stated = config.noise is not None
 
-    def fit(self, signals: Signals, resting: Bools) -> Readings:
+    def fit(self, signals: Signals, resting: Bools) -> FieldChange:
         """Learn level, noise and temperatures from frames and which of them (s,) rest."""
         rows, self.fitted_ = signals.good, True
         flat = signals.values.reshape(len(rows), len(self.axes))
@@ -302,7 +302,7 @@ class Readings:
             self.lags_ = lags_told(signals) if self.warm_ else self.lags_
             self.thermometer_ = thermometer_noise(signals, chip)
             now = np.where(rows & (told_ago(signals) == 0), chip, np.nan)
-            self.wander_ = wandering(signals, now, self.thermometer_)
+            self.wander_ = temperature_wander(signals, now, self.thermometer_)
         self._learn_rest(signals, resting if resting.any() else rows)
         if not self.noise_is_stated and resting.sum() > 10:
             self.noise = _noise(signals, resting) or self.noise
@@ -498,7 +498,7 @@ class Features:
 
     Attributes
     ----------
-    readings_ : Readings
+    readings_ : FieldChange
         Changes of field.
     uniform_ : UniformField
         What a uniform field does to the channels.
@@ -520,7 +520,7 @@ class Features:
     def __init__(self, config: GradiometerConfig, remembers: bool = False) -> None:
         self.config = config
         self.remembers = remembers
-        self.readings_ = Readings(config)
+        self.readings_ = FieldChange(config)
         self.uniform_ = UniformField(self.readings_.axes, self.readings_.noise)
         self.place_: DiscInversion | None = None
         self.tilted_: DiscInversion | None = None
@@ -552,7 +552,7 @@ class Features:
         Force (s, 3) (N) is NaN where nothing told it.
         """
         resting = signals.good & (signals.in_contact == 0)
-        self.readings_ = Readings(self.config).fit(signals, resting)
+        self.readings_ = FieldChange(self.config).fit(signals, resting)
         self.readings_.warm_ &= self.config.thermal_term
         self.choice_ = field_model(self.config, self.readings_.noise)
         self.terms_ = terms(self.config, max(self.readings_.noise, LEAST_NOISE), STATES)

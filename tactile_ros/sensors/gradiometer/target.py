@@ -14,7 +14,7 @@ from tactile_ros.estimators.model_selection import Selection, select
 from tactile_ros.estimators.perceptron import Perceptron
 from tactile_ros.estimators.polynomial_force import PolynomialForce, WarmChain
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge, WarmPolynomial
-from tactile_ros.estimators.regression import ColumnView, Ridge
+from tactile_ros.estimators.regression import ColumnSelector, Ridge
 from tactile_ros.sensors.gradiometer.temperature import LEAST_RANGE
 from tactile_ros.types import Array
 
@@ -103,7 +103,7 @@ def largest(targets: Iterable[Target], full_scale: float) -> dict[str, float]:
     return {name: more * size if size > 0 else np.inf for name, size in told.items()}
 
 
-def unsay(known: Columns, most: dict[str, float], touched: Bools) -> Bools:
+def reject_implausible(known: Columns, most: dict[str, float], touched: Bools) -> Bools:
     """Make quantities NaN in touched rows where nobody should believe them.
 
     Parameters
@@ -158,22 +158,22 @@ def candidates(parts: dict[str, Integers], wanted: str | None) -> dict[str, Esti
     known: dict[str, Estimator] = {}
     if 'place' in parts:
         place = np.concatenate([parts['place'], warm])
-        known['inversion'] = ColumnView(_of_place((1, 2, 3, 4, 5, 6, 7), slow), place)
+        known['inversion'] = ColumnSelector(_of_place((1, 2, 3, 4, 5, 6, 7), slow), place)
         tilted = np.concatenate([parts['tilted'], warm])
-        known['inversion_tilt'] = ColumnView(_of_place((*low, 4), slow), tilted)
+        known['inversion_tilt'] = ColumnSelector(_of_place((*low, 4), slow), tilted)
         rest = np.concatenate([parts['place'], parts['rest'], warm])
-        known['inversion_rest'] = ColumnView(PolynomialRidge(low, slow), rest)
+        known['inversion_rest'] = ColumnSelector(PolynomialRidge(low, slow), rest)
     if 'history' in parts:
         known['history'] = _with_history(parts, slow)
-    known['channels'] = ColumnView(PolynomialRidge(low, slow), every)
-    known['differences'] = ColumnView(PolynomialRidge((*low, 4), slow), seen)
+    known['channels'] = ColumnSelector(PolynomialRidge(low, slow), every)
+    known['differences'] = ColumnSelector(PolynomialRidge((*low, 4), slow), seen)
     chain = WarmChain(slow) if slow else PolynomialForce()
-    known['polynomial'] = ColumnView(chain, every)
-    known['kernel_ridge'] = ColumnView(KernelRidge(), parts['differences'])
-    known['ridge'] = ColumnView(Ridge(), seen)
-    known['grid_knn'] = ColumnView(GridKnn(), parts['differences'])
+    known['polynomial'] = ColumnSelector(chain, every)
+    known['kernel_ridge'] = ColumnSelector(KernelRidge(), parts['differences'])
+    known['ridge'] = ColumnSelector(Ridge(), seen)
+    known['grid_knn'] = ColumnSelector(GridKnn(), parts['differences'])
     if wanted == 'perceptron':
-        return {wanted: ColumnView(Perceptron(), parts['differences'])}
+        return {wanted: ColumnSelector(Perceptron(), parts['differences'])}
     return known if wanted is None else {wanted: known[wanted]}
 
 
@@ -182,11 +182,11 @@ def _of_place(degrees: tuple[int, ...], slow: int) -> WarmPolynomial | Polynomia
     return WarmPolynomial(degrees, slow) if slow else PolynomialRidge(degrees)
 
 
-def _with_history(parts: dict[str, Integers], slow: int) -> ColumnView:
+def _with_history(parts: dict[str, Integers], slow: int) -> ColumnSelector:
     """Polynomial of the place, or of differences, beside what they were a while ago."""
     now = parts.get('place', parts['differences'])
     columns = np.concatenate([now, parts['thermal'], parts['history']])
-    return ColumnView(PolynomialRidge((1, 2, 3, 4), slow + len(parts['history'])), columns)
+    return ColumnSelector(PolynomialRidge((1, 2, 3, 4), slow + len(parts['history'])), columns)
 
 
 class Target:

@@ -52,7 +52,7 @@ def aged(signals: Signals, temperature_c: Array, age: Array) -> AgedSignals:
     return AgedSignals(**{**known, 'temperature_c': temperature_c}, age=age)
 
 
-class LastTold:
+class HeldTemperature:
     """Temperatures that the chips of one stream told last."""
 
     def __init__(self) -> None:
@@ -117,7 +117,7 @@ def lately_told(signals: Signals) -> Bools:
 
 
 def unsure_chips(signals: Signals, wander: Array) -> Array | None:
-    """What temperatures (s, t) are wrong by (degrees), of `wandering`; None: all are told now.
+    """Sigma of temperatures (s, t) (degrees), of `temperature_wander`; None: all are told now.
 
     One that was never told is as that of the other chips, or as any of the fit.
     """
@@ -134,7 +134,7 @@ def unsure_chips(signals: Signals, wander: Array) -> Array | None:
     return np.where(known, gone, others[:, None])
 
 
-def wandering(signals: Signals, chip: Array, noise: float) -> Array:
+def temperature_wander(signals: Signals, chip: Array, noise: float) -> Array:
     """How far temperatures go, of streams.
 
     Parameters
@@ -237,7 +237,7 @@ class ThermalMemory:
     lag : float
         Time constant (s); 0: the disc is as warm as the chip.
     wander : ndarray, shape (3, m), or None
-        Of `wandering`; None: temperatures never leave those lines.
+        Of `temperature_wander`; None: temperatures never leave those lines.
     """
 
     def __init__(self, lag: float, wander: Array | None = None) -> None:
@@ -449,7 +449,7 @@ class StreamMemory:
     lag : float
         Time constant with which the disc follows the chip's temperature (s).
     wander : ndarray, shape (3, m), or None
-        Of `wandering`; None: temperatures stay as they were while none is told.
+        Of `temperature_wander`; None: temperatures stay as they were while none is told.
     lag_is_told : bool
         Whether anything tells that time constant.
     """
@@ -460,7 +460,7 @@ class StreamMemory:
         self.thermal = ThermalMemory(lag, wander)
         self.slower = None if lag_is_told else ThermalMemory(ANY_LAG, wander)
         self.places = FadingMemory(PAST)
-        self._last = LastTold()
+        self._last = HeldTemperature()
 
     def with_temperatures(self, signals: Signals) -> Signals:
         """The same, where chips told no temperature with the ones that they told last."""
@@ -484,7 +484,7 @@ ROUNDS = 3
 
 
 class WarmRest:
-    """Readings at rest over temperatures.
+    """FieldChange at rest over temperatures.
 
     Parameters
     ----------
@@ -554,7 +554,7 @@ class WarmRest:
         return sensitivity(self.usual + UNIT * chip, self.coefficients)[:, None]
 
     def _read(self, warm: Array) -> Array:
-        """Readings at rest (s, n) at temperatures (s, 2) of chip and disc."""
+        """FieldChange at rest (s, n) at temperatures (s, 2) of chip and disc."""
         chip, disc = warm[:, :1], warm[:, 1:]
         field = self.level_ + disc * self.warmer_
         return np.asarray(self._strength(warm[:, 0]) * field + self.drift(chip[:, 0]))

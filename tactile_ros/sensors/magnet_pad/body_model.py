@@ -347,7 +347,7 @@ class PadResponse:
     found_: Array  # (7,) what was found of `FITTED`, in units of `UNSURE`
     full_: float  # load that counts as 1 (N)
     table_: Array  # (j, d, 41, 27) coefficients over the surface (T)
-    doubt_: Array  # (3, 41, 27) their variance (T2); see `Lacks.doubt`
+    doubt_: Array  # (3, 41, 27) their variance (T2); see `ResponseResidual.doubt`
 
     def __init__(self, config: MagnetPadConfig, live: Bools, *, leaning: bool) -> None:
         self.config = config
@@ -453,7 +453,7 @@ class PadResponse:
         table = np.einsum('js,gsd->jdg', solve, seen)
         return np.ascontiguousarray(table.reshape(*table.shape[:2], *STEPS))
 
-    def learn(self, rows: Bools, lacks: Lacks) -> PadResponse:
+    def learn(self, rows: Bools, lacks: ResponseResidual) -> PadResponse:
         """The same with what some rows of a recording say that the model lacks."""
         grid = np.stack(np.meshgrid(self.along, self.around, indexing='ij'), axis=-1)
         added = lacks.solve(rows) @ lacks.bumps(grid.reshape(-1, 2)).T
@@ -530,7 +530,7 @@ SQUARE = 0.4  # of the part that is square in the load
 AMPLITUDES = tuple(10.0**power for power in np.arange(-0.5, 4.0, 0.5))
 
 
-class Lacks:
+class ResponseResidual:
     """What recorded touches differ by from the model: bumps over the surface, times the load.
 
     Parameters

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tactile_ros.sensors.magnet_pad.nominal_estimator import STRAY, Unfelt
+from tactile_ros.sensors.magnet_pad.nominal_estimator import STRAY, SubthresholdForce
 from tactile_ros.types import Array, FrameStatus, Integers
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ QUANTILES = {1: 0.6827, 2: 0.9545}  # of what is normal, inside so many sigmas
 
 
 @dataclass(frozen=True)
-class LoadReach:
+class LoadExtrapolation:
     """Loads of a recording, and how errors grow where a load is farther by the largest of them."""
 
     # of the recording (N)
@@ -170,7 +170,7 @@ LIGHT = 1e-9  # N
 
 
 @dataclass(frozen=True)
-class Variety:
+class TrainingCoverage:
     """Of the places and loads that truth tells.
 
     Attributes
@@ -183,7 +183,7 @@ class Variety:
     ratio: float = np.inf  # largest load over the least; infinite where loads were not told
 
     @classmethod
-    def of(cls, config: MagnetPadConfig, truth: Columns, good: Bools) -> Variety:
+    def of(cls, config: MagnetPadConfig, truth: Columns, good: Bools) -> TrainingCoverage:
         """Of good rows (s,) of a truth."""
         share, ratio = 0.0, np.inf
         place, force = (_known(truth, name, good) for name in ('position', 'force'))
@@ -278,7 +278,7 @@ def flag(known: Columns, touched: Bools, span: tuple[float, float] | None, lengt
         known['status'] = status
 
 
-class Doubts:
+class CoverageCovariance:
     """Of one recording.
 
     Parameters
@@ -288,11 +288,11 @@ class Doubts:
 
     Attributes
     ----------
-    variety_ : Variety
+    coverage_ : TrainingCoverage
         How much recorded touches differ.
     upright_ : bool
         Whether no recorded force had a part along the axis.
-    unfelt_ : Unfelt or None
+    subthreshold_ : SubthresholdForce or None
         What regressors of force hide at rest, by recorded touches.
     span_ : tuple of float
         Least and highest temperature of the chips (degrees Celsius), NaN: none told; () unfitted.
@@ -302,27 +302,28 @@ class Doubts:
 
     def __init__(self, config: MagnetPadConfig) -> None:
         self.config = config
-        self.variety_ = Variety()
+        self.coverage_ = TrainingCoverage()
         self.upright_ = False
-        self.unfelt_: Unfelt | None = None
+        self.subthreshold_: SubthresholdForce | None = None
 
-    def fit(self, signals: Signals, x: Array, truth: Columns, noise: float) -> Doubts:
+    def fit(self, signals: Signals, x: Array, truth: Columns, noise: float) -> CoverageCovariance:
         """Learn from frames, their readings x (s, d) (T) and their truth; noise of a channel."""
         good, self.span_ = signals.good, temperatures(signals)
-        self.variety_ = Variety.of(self.config, truth, good)
+        self.coverage_ = TrainingCoverage.of(self.config, truth, good)
         if 'force' in truth:
             force = np.asarray(truth['force'], np.float64)
             self.upright_ = upright(force[good])
             known = good & np.isfinite(x).all(axis=1) & np.isfinite(force).any(axis=1)
             if known.any():
-                self.unfelt_ = Unfelt(x[known], np.nan_to_num(force[known]), noise)
+                felt = np.nan_to_num(force[known])
+                self.subthreshold_ = SubthresholdForce(x[known], felt, noise)
         return self
 
     @property
     def report(self) -> Report:
         """What was not told, a sentence for each."""
         leans: Report = {f'{KIND}forces along the surface': {'sigma over load': LEANS}}
-        return {**(leans if self.upright_ else {}), **self.variety_.report}
+        return {**(leans if self.upright_ else {}), **self.coverage_.report}
 
     @property
     def scene(self) -> Report:
@@ -355,7 +356,7 @@ class Doubts:
             Of readings at rest, the covariance of saying that nothing touches (N2).
         """
         regressed = tuple(name for name in known if name not in modelled)
-        self.variety_.widen(known, self.config, regressed)
+        self.coverage_.widen(known, self.config, regressed)
         if 'force_cov' not in known:
             return
         cov = np.array(known['force_cov'], np.float64)

@@ -13,26 +13,32 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.conditioning.fading_memory import FadingMemory
-from tactile_ros.estimators.covariance import StatedSpread
+from tactile_ros.estimators.covariance import SigmaCalibration
 from tactile_ros.physics.fidelity import Choice, Rated, Worth
 from tactile_ros.sensors.magnet_pad.body_model import PadResponse, nominal_choice, terms
 from tactile_ros.sensors.magnet_pad.covariance import (
-    Doubts,
-    LoadReach,
-    Variety,
+    CoverageCovariance,
+    LoadExtrapolation,
+    TrainingCoverage,
     flag,
     span_of,
     untold,
 )
 from tactile_ros.sensors.magnet_pad.inversion import PadInversion, Touched
 from tactile_ros.sensors.magnet_pad.nominal_estimator import (
-    NominalPad,
-    Telling,
-    Unfelt,
+    NominalEstimator,
+    SubthresholdForce,
+    TouchPosterior,
     truth_of_touches,
 )
 from tactile_ros.sensors.magnet_pad.regression import CLASSES as REGRESSED_CLASSES
-from tactile_ros.sensors.magnet_pad.regression import FEWEST, SPACE, Regressed, TareNoise, apart
+from tactile_ros.sensors.magnet_pad.regression import (
+    FEWEST,
+    SPACE,
+    PadRegression,
+    TareNoise,
+    apart,
+)
 from tactile_ros.sensors.magnet_pad.temperature import Warmth, noise_of_rest
 from tactile_ros.sensors.regression import ESTIMATORS as REGRESSORS
 from tactile_ros.sensors.regression import VOTER
@@ -50,7 +56,7 @@ OFF_SURFACE = 0.1  # of the radius: contacts that lie farther off are of another
 MOST_OFF = 0.05
 
 
-class Localisation(Regressed):
+class Localisation(PadRegression):
     """Estimation of the magnet pad.
 
     Parameters
@@ -68,7 +74,7 @@ class Localisation(Regressed):
         Targets that it answers; 'force' alone where stamps give regressors no history.
     nominal_ : bool
         Whether the nominal model speaks.
-    doubts_ : Doubts
+    doubts_ : CoverageCovariance
         What recorded touches leave open.
     terms_ : tuple of Worth
         What terms of the scene cost and buy.
@@ -83,7 +89,7 @@ class Localisation(Regressed):
         self.inverted_: tuple[str, ...] = ()
         self.beaten_: dict[str, dict[str, float]] = {}
         self.nominal_ = estimator in (None, NOMINAL)
-        self.doubts_ = Doubts(self.config)
+        self.doubts_ = CoverageCovariance(self.config)
         self.terms_: tuple[Worth, ...] = ()
 
     @property
@@ -114,7 +120,8 @@ class Localisation(Regressed):
         self.tares_, truth = TareNoise(), truth_of_touches(truth)
         signals = self.tares_.warmth_.fit(signals)
         x = signals.delta.reshape(len(signals.good), self.width)
-        self.doubts_ = Doubts(self.config).fit(signals, x, truth, noise_of_rest(signals))
+        noise = noise_of_rest(signals)
+        self.doubts_ = CoverageCovariance(self.config).fit(signals, x, truth, noise)
         told = any(_told(truth[k])[signals.good].any() for k in TOLD if k in truth)
         self.nominal_ = self.wanted == NOMINAL or (self.wanted is None and not told)
         self.tares_.fit(signals)
@@ -170,7 +177,7 @@ class Localisation(Regressed):
             rivals = tuple(head for head in self.heads_ if head.target == target)
             least = min((h.report_['held_out_rmse'] for h in rivals), default=np.inf)
             own = held[target]['held_out_rmse']
-            if self.wanted != TABLE and own > least and self.doubts_.variety_.enough:
+            if self.wanted != TABLE and own > least and self.doubts_.coverage_.enough:
                 continue
             self.inverted_ += (target,)
             for head in rivals:
@@ -218,8 +225,8 @@ class Localisation(Regressed):
         """Covariance (s, 3, 3) (N2) of saying that nothing touches, of readings (s, c)."""
         if 'force' in self.inverted_ and self.inversion_ is not None:
             return self.inversion_.telling.hidden(self.inversion_.alive(x))
-        assert self.doubts_.unfelt_ is not None
-        return self.doubts_.unfelt_(x)
+        assert self.doubts_.subthreshold_ is not None
+        return self.doubts_.subthreshold_(x)
 
     def contact_from_sensor(self, signals: Signals) -> npt.NDArray[np.int8]:
         """What touches (s,): a uniform field that came after the tare does not."""
@@ -239,7 +246,7 @@ class Localisation(Regressed):
         return changed
 
     @property
-    def _telling(self) -> Telling | None:
+    def _telling(self) -> TouchPosterior | None:
         """What tells touches from an outside field; None where nothing can."""
         if self.nominal_:
             return self._pad.telling
@@ -313,9 +320,9 @@ class Localisation(Regressed):
         return nominal_choice(self.config)
 
     @cached_property
-    def _pad(self) -> NominalPad:
+    def _pad(self) -> NominalEstimator:
         """Touches of the nominal model: computed once they are asked for."""
-        return NominalPad(self.config)
+        return NominalEstimator(self.config)
 
 
 def _filled(column: npt.NDArray[np.generic], there: Bools) -> npt.NDArray[np.generic]:
@@ -337,12 +344,12 @@ CLASSES = (
     Localisation,
     PadInversion,
     PadResponse,
-    LoadReach,
-    Doubts,
-    Unfelt,
-    Variety,
+    LoadExtrapolation,
+    CoverageCovariance,
+    SubthresholdForce,
+    TrainingCoverage,
     Warmth,
-    StatedSpread,
+    SigmaCalibration,
     Choice,
     Rated,
     Worth,

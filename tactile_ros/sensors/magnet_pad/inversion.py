@@ -15,12 +15,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tactile_ros.estimators.covariance import Pieces, StatedSpread, pieces, widen
-from tactile_ros.estimators.gaussian_sum_table import Linearised, Posterior, TouchMixture
+from tactile_ros.estimators.covariance import Pieces, SigmaCalibration, pieces, widen
+from tactile_ros.estimators.gaussian_sum_table import GaussianSumTable, Linearised, Posterior
 from tactile_ros.estimators.regression import group_folds
-from tactile_ros.sensors.magnet_pad.body_model import EDGE, Lacks, PadResponse, PadTouches
+from tactile_ros.sensors.magnet_pad.body_model import (
+    EDGE,
+    PadResponse,
+    PadTouches,
+    ResponseResidual,
+)
 from tactile_ros.sensors.magnet_pad.covariance import (
-    LoadReach,
+    LoadExtrapolation,
     extrapolation_covariance,
     growth,
     split,
@@ -31,8 +36,8 @@ from tactile_ros.sensors.magnet_pad.nominal_estimator import (
     READING,
     SIGMAS,
     SLACK,
-    Telling,
-    Told,
+    PosteriorMoments,
+    TouchPosterior,
     UniformPart,
     widened,
 )
@@ -81,7 +86,7 @@ class Touched:
         )  # fmt: skip
 
 
-def like_known(
+def sample_training_density(
     config: MagnetPadConfig, known: Array, count: int, *, leaning: bool, sharp: bool
 ) -> tuple[Array, Array]:
     """Draw touches.
@@ -132,7 +137,7 @@ def thought_of(load: Array) -> tuple[float, float]:
     return low - WEAKER - room, high + HARDER + room
 
 
-def far_from(known: Array, places: Array, radius: float) -> Array:
+def distance_from_training(known: Array, places: Array, radius: float) -> Array:
     """Distance (s,) (radii, at most 1) of places (s, 2) from known ones (n, 2), beyond the usual.
 
     Both along (m) and around (rad); usual are the distances of known places from each other.
@@ -198,10 +203,10 @@ class PadInversion:
     scatter_: float  # what readings differ by from the response, over their size, beside noise
     misfit_: float  # that most touches leave, over their sigma
     touches_: Array  # (s, 5) recorded ones: along, around, logarithm of the load, leanings
-    spread_: StatedSpread  # of place and force
+    spread_: SigmaCalibration  # of place and force
     sharp_: bool  # whether touches keep to recorded places
     contact_: float  # largest channel, less a uniform field, beyond which something touches (T)
-    loads_: LoadReach  # how errors grow beyond the recorded loads
+    loads_: LoadExtrapolation  # how errors grow beyond the recorded loads
     report_: dict[str, dict[str, float]]  # errors on held-out groups
 
     def __init__(
@@ -219,7 +224,7 @@ class PadInversion:
         self.leaning = bool(np.sqrt((touches.lean**2).mean()) > LEANING)
         model = PadResponse(self.config, self.live, leaning=self.leaning)
         model.fit(touches, x, self.noise)
-        lacks = Lacks(model, touches, x, self.noise)
+        lacks = ResponseResidual(model, touches, x, self.noise)
         fold = group_folds(touched.groups, FOLDS, seed=0)
         every = np.ones(len(x), bool)
         parts = [fold != part for part in range(int(fold.max()) + 1)]
@@ -243,20 +248,20 @@ class PadInversion:
         self.loads_ = self._load_reach(touched, touches)
         return self
 
-    def _load_reach(self, touched: Touched, touches: PadTouches) -> LoadReach:
+    def _load_reach(self, touched: Touched, touches: PadTouches) -> LoadExtrapolation:
         """How errors grow beyond the recorded loads, as the heavier of them tell."""
         parts, load = split(touches.load), touches.load
         span = float(load.min()), float(load.max()), self.config.radius
         if parts is None:
-            return LoadReach(*span)
+            return LoadExtrapolation(*span)
         light, heavy = parts
         known = touches.take(light)
         model = PadResponse(self.config, self.live, leaning=self.leaning)
         model.fit(known, touched.x[light], self.noise)
-        lacks = Lacks(model, known, touched.x[light], self.noise)
+        lacks = ResponseResidual(model, known, touched.x[light], self.noise)
         way = model.learn(np.ones(len(light), bool), lacks)
         rows = self._table(way, _rows(known), FEW).of(READING)
-        seen = TouchMixture(rows, neighbours=NEIGHBOURS, told=ANSWERS, slack=SLACK)(
+        seen = GaussianSumTable(rows, neighbours=NEIGHBOURS, told=ANSWERS, slack=SLACK)(
             touched.x[heavy]
         )
         cov = widened(seen, self.misfit_) + FLOOR
@@ -265,7 +270,7 @@ class PadInversion:
         error = (seen.mean[:, :ANSWERS] - true) / sigma
         away = touches.load[heavy] / known.load.max() - 1
         wider = growth(away, error[:, :2]), growth(away, error[:, 4:])
-        return LoadReach(*span, *wider, told=True)
+        return LoadExtrapolation(*span, *wider, told=True)
 
     def _calibrate(
         self, ways: list[PadResponse], touched: Touched, fold: Integers, centres: Array
@@ -278,7 +283,7 @@ class PadInversion:
             held = fold == part
             known = self.touches_[~held] if len(ways) > 1 else self.touches_
             rows = self._table(way, known, COUNT).of(READING)
-            table = TouchMixture(rows, neighbours=NEIGHBOURS, told=ANSWERS, slack=SLACK)
+            table = GaussianSumTable(rows, neighbours=NEIGHBOURS, told=ANSWERS, slack=SLACK)
             one = table(touched.x[held])
             said[held] = one.mean[:, :ANSWERS]
             parts.append((held, one))
@@ -290,7 +295,7 @@ class PadInversion:
         for held, one in parts:
             cov = widened(one, self.misfit_) + FLOOR
             stated[held] = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
-        self.spread_ = _straight(StatedSpread().fit(stated, error), len(error))
+        self.spread_ = _straight(SigmaCalibration().fit(stated, error), len(error))
         sigma = self.spread_(stated)
         self.report_ = {}
         for target, columns in (('position', slice(0, 3)), ('force', slice(3, 6))):
@@ -324,7 +329,7 @@ class PadInversion:
 
     def _table(self, response: PadResponse, known: Array, count: int) -> Linearised:
         """Touches of the table with their readings."""
-        rows, reach = like_known(
+        rows, reach = sample_training_density(
             self.config, known, count, leaning=self.leaning, sharp=self.sharp_
         )
         width = 5 if self.leaning else 3
@@ -337,7 +342,7 @@ class PadInversion:
         variance = self.noise**2 + self.scatter_**2 * (readings**2).mean(axis=1)
         sigma = np.sqrt(variance)
         wider = 1 + response.doubt(touches) / variance
-        far = far_from(known[:, :2], rows[:, :2], self.config.radius)
+        far = distance_from_training(known[:, :2], rows[:, :2], self.config.radius)
         beside = np.column_stack([wider, far, self.noise**2 / variance])
         still = np.zeros((len(rows), beside.shape[1], width))
         return Linearised(
@@ -370,15 +375,15 @@ class PadInversion:
         return np.concatenate([place, force], axis=1), leads
 
     @cached_property
-    def telling(self) -> Telling:
+    def telling(self) -> TouchPosterior:
         """Touches of the table."""
         known = self._table(self.response_, self.touches_, COUNT)
         limit = UNLIKE * self.misfit_
         spread = self.config.gain_spread
         told = known, self.common, self.noise, self.contact_
-        return Telling(*told, self.misfit_, limit, spread)
+        return TouchPosterior(*told, self.misfit_, limit, spread)
 
-    def invert(self, x: Array, cells: Array, doubt: Array | float = 0.0) -> Told:
+    def invert(self, x: Array, cells: Array, doubt: Array | float = 0.0) -> PosteriorMoments:
         """What finite readings x (s, c) (T) tell, with centres (n, 3) of cells (m).
 
         Of a baseline whose variance over that of a frame is `doubt` (s,).
@@ -405,7 +410,7 @@ class PadInversion:
         return bool(self.live.all())
 
 
-def _straight(spread: StatedSpread, rows: int) -> StatedSpread:
+def _straight(spread: SigmaCalibration, rows: int) -> SigmaCalibration:
     """The same, its factors on a line over the sigma, as steep as so many rows are sure of it."""
     whole, levels = spread.factors_.mean(axis=0), len(spread.factors_)
     away = spread.knots_ - spread.knots_.mean(axis=0)

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tactile_ros.estimators.covariance import StatedSpread
-from tactile_ros.estimators.gaussian_sum_table import Linearised, Posterior, TouchMixture
+from tactile_ros.estimators.covariance import SigmaCalibration
+from tactile_ros.estimators.gaussian_sum_table import GaussianSumTable, Linearised, Posterior
 from tactile_ros.sensors.magnet_pad.body_model import (
     LEAST_NOISE,
     LOADS,
@@ -86,7 +86,7 @@ MOST = 256  # touches
 BLOCK = 1024
 
 
-class Unfelt:
+class SubthresholdForce:
     """Second moments of forces that readings at rest may hide.
 
     Parameters
@@ -147,7 +147,7 @@ FAR, NOISY, READING = 7, 8, 9
 
 
 @dataclass(frozen=True)
-class Told:
+class PosteriorMoments:
     """What readings tell.
 
     Attributes
@@ -205,7 +205,7 @@ class UniformPart:
         return np.asarray(x - np.matmul(field[:, None], self.common.T)[:, 0])
 
 
-class Telling:
+class TouchPosterior:
     """Touches of a table that answer readings.
 
     Parameters
@@ -228,7 +228,7 @@ class Telling:
         self, rows: Linearised, common: Array | None, noise: float, contact: float, usual: float,
         limit: float, spread: float = SPREAD, neighbours: int = NEIGHBOURS,
     ) -> None:  # fmt: skip
-        self.plain = TouchMixture(
+        self.plain = GaussianSumTable(
             rows.of(READING), neighbours=neighbours, told=ANSWERS, slack=SLACK
         )
         self.noise, self.contact = noise, contact
@@ -236,23 +236,23 @@ class Telling:
         self.entry = max(CROSSED, STEEPER * (spread - SPREAD))
         self.leak = max(CROSSED, spread)
         light = rows.readings, rows.answers[:, 3:ANSWERS]
-        self.unfelt = Unfelt(*light, noise)
+        self.unfelt = SubthresholdForce(*light, noise)
         self.part = self.blind = None
         if common is not None:
             part = self.part = UniformPart(common)
             left = part.left(light[0], part.field(light[0]))
-            self.unfelt_beside = Unfelt(left, light[1], noise)
+            self.unfelt_beside = SubthresholdForce(left, light[1], noise)
             beside = replace(rows, sigma=np.hypot(rows.sigma, self.entry * STRAY))
-            self.blind = TouchMixture(beside, common, STRAY, neighbours=BLIND, told=ANSWERS)
+            self.blind = GaussianSumTable(beside, common, STRAY, neighbours=BLIND, told=ANSWERS)
 
-    def __call__(self, x: Array, cells: Array) -> Told:
+    def __call__(self, x: Array, cells: Array) -> PosteriorMoments:
         """What finite readings x (s, d) (T) tell, with centres (n, 3) of cells (m)."""
         seen = self.plain(x)
         shares, stray = self.plain.shares(seen, cells), np.zeros((len(x), 3))
         unlike = seen.misfit > self.limit
         cov = widened(seen, self.usual)
         far, noisy = seen.mean[:, FAR], seen.mean[:, NOISY]
-        told = Told(seen.mean[:, :ANSWERS], cov, shares, stray, unlike, far, noisy)
+        told = PosteriorMoments(seen.mean[:, :ANSWERS], cov, shares, stray, unlike, far, noisy)
         if np.count_nonzero(unlike):
             rows = np.flatnonzero(unlike)
             if self.blind is None:
@@ -261,7 +261,9 @@ class Telling:
                 self._mend(told, seen, x, cells, rows)
         return told
 
-    def _mend(self, told: Told, seen: Posterior, x: Array, cells: Array, rows: Integers) -> None:
+    def _mend(
+        self, told: PosteriorMoments, seen: Posterior, x: Array, cells: Array, rows: Integers
+    ) -> None:
         """Weigh what readings of some rows say of touches beside a field, in place."""
         blind, part = self.blind, self.part
         assert blind is not None
@@ -327,7 +329,7 @@ STIFF = 0.2  # share by which a modulus from a hardness, and thus a force, may b
 LEAST = 1e-4  # m; N times shear modulus and radius follow
 
 
-class NominalPad:
+class NominalEstimator:
     """Touches of the nominal model as a table that answers readings.
 
     Parameters
@@ -337,9 +339,9 @@ class NominalPad:
 
     Attributes
     ----------
-    telling : Telling
+    telling : TouchPosterior
         Of the touches.
-    spread : StatedSpread
+    spread : SigmaCalibration
         Of place and force, measured on specimens.
     """
 
@@ -351,7 +353,7 @@ class NominalPad:
         common = uniform_response(config) if several else None
         rows = self._rows(config, presses, noise)
         usual = float(rows.readings.shape[1])
-        self.telling = Telling(
+        self.telling = TouchPosterior(
             rows, common, noise, SIGMAS * noise, usual, UNLIKE * usual,
             config.gain_spread, neighbours=32,
         )  # fmt: skip
@@ -359,14 +361,14 @@ class NominalPad:
         self.floor = np.diag(np.repeat([LEAST, force], 3) ** 2)
         self.spread = self._measured(config, noise)
 
-    def _measured(self, config: MagnetPadConfig, noise: float) -> StatedSpread:
+    def _measured(self, config: MagnetPadConfig, noise: float) -> SigmaCalibration:
         """What is said of touches of specimens, beside what they are."""
         x, true = specimens(config, noise)
         mean, cov, _ = self._told(x)
         sigma = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
-        return StatedSpread().fit(sigma, mean - true)
+        return SigmaCalibration().fit(sigma, mean - true)
 
-    def _told(self, x: Array) -> tuple[Array, Array, Told]:
+    def _told(self, x: Array) -> tuple[Array, Array, PosteriorMoments]:
         """Mean (s, 6) and covariance (s, 6, 6) of place and force, as the table has them."""
         told = self.telling(x, self.cells)
         cov = told.cov + self.floor

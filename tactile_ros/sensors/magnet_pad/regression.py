@@ -14,7 +14,7 @@ import numpy as np
 
 from tactile_ros.conditioning.baseline import training_baseline_variance
 from tactile_ros.estimators.covariance import CalibratedCovariance
-from tactile_ros.estimators.gaussian_sum_table import Blame, TouchTable
+from tactile_ros.estimators.gaussian_sum_table import LikelihoodWeights, TouchTable
 from tactile_ros.estimators.kernel_ridge import PatternRidge
 from tactile_ros.estimators.regression import group_folds
 from tactile_ros.sensors.magnet_pad.body_model import uniform_response
@@ -337,7 +337,7 @@ class KnownTouches:
             for i in range(drivers.shape[1])
         )
 
-    def strangeness(self, x: Array, blame: Blame) -> Array:
+    def strangeness(self, x: Array, blame: LikelihoodWeights) -> Array:
         """0 for readings (s, d) like those of known touches, to 1 for those with a stray field."""
         size = np.sqrt((x * x).sum(axis=1))
         likely = np.minimum(blame.distance / np.maximum(MISFIT * size, WEAK), 2) - 1
@@ -358,7 +358,7 @@ class KnownTouches:
         return Answer(mean, cov, shares, stray)
 
     @staticmethod
-    def _drivers(blame: Blame, answers: Array, mean: Array) -> tuple[Array, Array]:
+    def _drivers(blame: LikelihoodWeights, answers: Array, mean: Array) -> tuple[Array, Array]:
         """Covariance among the neighbours, and what the error depends on: (s, k / 3, 2)."""
         cov = blame.covariance(answers, mean)
         spread = np.diagonal(cov, axis1=1, axis2=2).reshape(len(cov), -1, 3).sum(axis=2)
@@ -402,7 +402,7 @@ class PadHead(Head):
         return 1 if 'perceptron' in known and rows > MANY else super().rounds(known, rows)
 
 
-class Regressed(Tared, Recognition):
+class PadRegression(Tared, Recognition):
     """Regressors and neighbours of the magnet pad.
 
     Parameters

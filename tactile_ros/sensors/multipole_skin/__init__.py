@@ -14,7 +14,7 @@ Meta-learning Model.
 
 from __future__ import annotations
 
-from tactile_ros.estimators.few_shot import Supports
+from tactile_ros.estimators.few_shot import SupportSet
 from tactile_ros.estimators.prototypes import Prototypes
 from tactile_ros.estimators.sheet_calibration import SkinModel
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig, layout
@@ -62,7 +62,7 @@ SENSOR = SensorSpec(
         Spread,
         NetworkClasses,
         Prototypes,
-        Supports,
+        SupportSet,
         SkinModel,
         *CLASSES,
     ),

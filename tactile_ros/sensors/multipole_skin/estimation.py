@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import betaincinv
 
-from tactile_ros.estimators.few_shot import PressVectors, Supports, press_vectors
+from tactile_ros.estimators.few_shot import PressVectors, SupportSet, press_vectors
 from tactile_ros.sensors.multipole_skin.press_fit import Told, learned
 from tactile_ros.sensors.multipole_skin.recogniser import (
     NETWORKS,
@@ -149,8 +149,8 @@ FIRM = 2 * WEAKEST  # sigma: a press to learn from must be clearer than one to r
 
 def enrolled(
     recogniser: Recogniser, signals: Signals, size: int, number: int, name: str
-) -> Supports:
-    """Supports of a new class.
+) -> SupportSet:
+    """SupportSet of a new class.
 
     Parameters
     ----------
@@ -200,14 +200,14 @@ def _firm_part(presses: PressVectors, strength: np.ndarray, name: str) -> PressV
     return presses
 
 
-def costs(recogniser: Recogniser, new: Supports, number: int) -> dict[str, float]:
+def costs(recogniser: Recogniser, new: SupportSet, number: int) -> dict[str, float]:
     """What a class takes from those known before, and from how many presses it was learned.
 
     Parameters
     ----------
     recogniser : Recogniser
         That knows it already.
-    new : Supports
+    new : SupportSet
         Windows of its presses.
     number : int
         Of the class.
@@ -249,7 +249,7 @@ def lost_by(recogniser: Recogniser, number: int) -> dict[str, float]:
     }
 
 
-def lost_there(recogniser: Recogniser, new: Supports, number: int) -> dict[str, float]:
+def lost_there(recogniser: Recogniser, new: SupportSet, number: int) -> dict[str, float]:
     """What a class takes from others that press where it was pressed, as like it as they can be.
 
     A class is taken whole or not at all, by chance, since what its template or its presses are
@@ -280,7 +280,7 @@ def lost_there(recogniser: Recogniser, new: Supports, number: int) -> dict[str, 
     return {'lost_there': float(chance.mean()), 'lost_there_at_most': _most_of(chance), **taken}
 
 
-def _noise_takes(recogniser: Recogniser, new: Supports, number: int) -> dict[int, float]:
+def _noise_takes(recogniser: Recogniser, new: SupportSet, number: int) -> dict[int, float]:
     """How often noise makes presses of drawn heads and of enrolled classes those of a class.
 
     Presses of every drawn head are made up there, at depths, places and turns around those at
@@ -320,7 +320,7 @@ def _enrolled_again(recogniser: Recogniser, number: int) -> list[tuple[int, Pres
 
 
 def _heads_there(
-    recogniser: Recogniser, new: Supports, rng: np.random.Generator
+    recogniser: Recogniser, new: SupportSet, rng: np.random.Generator
 ) -> list[tuple[int, PressVectors]]:
     """Presses of each drawn head about the pose at which it is nearest to the first press."""
     press = _presses(new.where(np.array([0])))
@@ -338,13 +338,13 @@ def _heads_there(
     return found
 
 
-def _presses(supports: Supports) -> PressVectors:
-    """Supports as presses."""
+def _presses(supports: SupportSet) -> PressVectors:
+    """SupportSet as presses."""
     return PressVectors(supports.pattern, supports.powers, supports.frames)
 
 
 def _named(
-    recogniser: Recogniser, presses: PressVectors, known: Supports, number: int
+    recogniser: Recogniser, presses: PressVectors, known: SupportSet, number: int
 ) -> tuple[Integers, Integers]:
     """What presses (n,) are called, and what they would be without a class; -1: nothing."""
     matches = recogniser.matches(presses)

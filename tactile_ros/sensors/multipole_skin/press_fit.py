@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.estimators.few_shot import press_vectors
-from tactile_ros.estimators.sheet_calibration import KnownPress, SkinFit, SkinModel, bands_of
+from tactile_ros.estimators.sheet_calibration import (
+    KnownPress,
+    SheetCalibration,
+    SkinModel,
+    bands_of,
+)
 from tactile_ros.sensors.multipole_skin.recogniser import (
     MODEL_ERROR,
     WEAKEST,
@@ -99,12 +104,12 @@ def drawn_skin(config: MultipoleSkinConfig) -> SkinModel:
 
 def mended_skin(
     drawn: SkinModel, rest: Array, noise: Array
-) -> tuple[SkinFit | None, Array | None]:
+) -> tuple[SheetCalibration | None, Array | None]:
     """Skin with what its resting readings (t, 3) tell; None: they are of another skin.
 
     The readings come back where they could be used.
     """
-    fit = SkinFit(drawn, float(noise.mean()))
+    fit = SheetCalibration(drawn, float(noise.mean()))
     if not np.isfinite(rest).all() or not rest.any():
         return None, None
     if np.linalg.norm(rest) < FAINT * np.linalg.norm(drawn.rest()):
@@ -153,7 +158,7 @@ def learned(
 
 
 def _mended(
-    fit: SkinFit, rest: Array | None, config: MultipoleSkinConfig, presses: PressVectors,
+    fit: SheetCalibration, rest: Array | None, config: MultipoleSkinConfig, presses: PressVectors,
     told: Told,
 ) -> tuple[PressVectors, float, dict[str, dict[str, float]]]:  # fmt: skip
     """Mend a skin with known presses: these as if it had not seen them, its error, a report."""
@@ -185,7 +190,7 @@ def _mended(
     return replace(presses, pattern=pattern), float(np.clip(error, *ERRORS)), report
 
 
-def _expected(fit: SkinFit, rest: Array | None, config: MultipoleSkinConfig) -> float:
+def _expected(fit: SheetCalibration, rest: Array | None, config: MultipoleSkinConfig) -> float:
     """Error of a model that its resting readings alone have mended, as a share of a press."""
     if rest is None or not config.objects:
         return MODEL_ERROR

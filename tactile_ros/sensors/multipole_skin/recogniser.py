@@ -19,7 +19,7 @@ import numpy as np
 from scipy.stats import norm
 
 from tactile_ros.estimators.embedding import Embedding
-from tactile_ros.estimators.few_shot import REPEATS, Supports, seen_classes, support_scores
+from tactile_ros.estimators.few_shot import REPEATS, SupportSet, seen_classes, support_scores
 from tactile_ros.estimators.press_search import PressSearch, modelled_supports, plain_supports
 from tactile_ros.estimators.prototypes import Prototypes
 
@@ -411,7 +411,7 @@ class Recogniser:
 
     Attributes
     ----------
-    known_, enrolled_ : Supports
+    known_, enrolled_ : SupportSet
         Presses of classes that were fitted, and of those enrolled since.
     road_ : str
         'press_templates', 'press_neighbours' or 'press_both'.
@@ -434,8 +434,8 @@ class Recogniser:
         self.model, self.outlines, self.error = model, outlines, error
         self.noise, self.common = noise, common
         self.turnings: tuple[float, ...] = ()
-        self.known_ = Supports.empty(len(noise))
-        self.enrolled_ = Supports.empty(len(noise))
+        self.known_ = SupportSet.empty(len(noise))
+        self.enrolled_ = SupportSet.empty(len(noise))
         self.road_ = 'press_neighbours' if model is None else 'press_templates'
         self.spread_ = Spread(ALIKE, 0.0)
         self.usual_, self.vary_ = 0.0, UNTOLD
@@ -482,7 +482,7 @@ class Recogniser:
         room = np.column_stack([np.full((len(sector), 2), AROUND), sector])
         return np.square(WIDE / room)
 
-    def with_enrolled(self, enrolled: Supports) -> Recogniser:
+    def with_enrolled(self, enrolled: SupportSet) -> Recogniser:
         """The same with other enrolled classes."""
         other = copy(self)
         vars(other).pop('_last', None)
@@ -501,7 +501,7 @@ class Recogniser:
     def supports(
         self, presses: PressVectors, labels: Integers, matches: Matches | None,
         number: Integers | None = None,
-    ) -> Supports:  # fmt: skip
+    ) -> SupportSet:  # fmt: skip
         """Windows as supports of their classes; without numbers each is a press of its own."""
         if number is None:
             number = np.arange(len(labels))
@@ -538,7 +538,7 @@ class Recogniser:
         return np.repeat(found[:, None], heads, axis=1)
 
     def scores(
-        self, presses: PressVectors, matches: Matches | None, known: Supports, road: str
+        self, presses: PressVectors, matches: Matches | None, known: SupportSet, road: str
     ) -> tuple[Integers, Array, Array]:
         """Classes (k,), their scores (n, k) and misfits over variance (n, k)."""
         n = len(presses.pattern)
@@ -572,7 +572,7 @@ class Recogniser:
             np.stack([columns[i][1] for i in labels], axis=1),
         )
 
-    def _seen(self, known: Supports | None) -> SeenClasses | None:
+    def _seen(self, known: SupportSet | None) -> SeenClasses | None:
         """Enrolled classes, and known ones; made anew when they differ from the last time."""
         what = known, self.enrolled_, self.still_, self.error
         if not self._last or not _same(self._last[0][0], what):

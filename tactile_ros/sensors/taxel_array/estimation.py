@@ -25,8 +25,8 @@ from tactile_ros.sensors.regression import (
     KIND,
     TIME_CONSTANTS,
     Regression,
-    untold_loads,
-    untold_past,
+    missing_history,
+    missing_loads,
 )
 from tactile_ros.sensors.taxel_array.object_recognition import (
     ArrayPatches,
@@ -262,7 +262,7 @@ def untold(signals: Signals, truth: Columns, silent: Bools, creep: Creep | None)
     blank = np.full((len(signals.good), len(silent)), np.nan)
     force = np.asarray(truth.get('taxel_force', blank), np.float64)[signals.good]
     crept = 0.0 if creep is None else float(creep.share.sum(axis=0).max())
-    found = {**untold_loads(force), **untold_past(signals, crept)}
+    found = {**missing_loads(force), **missing_history(signals, crept)}
     pressed = (np.nan_to_num(force) > 0).any(axis=0) | silent
     if pressed.any() and not pressed.all():
         found[f'{KIND}taxels that were never pressed'] = {'taxels': float((~pressed).sum())}
