@@ -10,7 +10,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tactile_ros.physics.resistive_sheet import SeriesResistance
-from tactile_ros.sensors.five_wire_skin.contact_gate import DIVIDER, ContactGate, implausible_taxels
+from tactile_ros.sensors.five_wire_skin.contact_gate import (
+    DIVIDER,
+    ContactGate,
+    implausible_taxels,
+)
 from tactile_ros.sensors.five_wire_skin.force import CLASSES as FORCE_CLASSES
 from tactile_ros.sensors.five_wire_skin.force import (
     Creep,
