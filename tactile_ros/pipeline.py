@@ -171,13 +171,16 @@ class Pipeline:
         """Chip temperatures (t,) of the baseline, NaN: unknown; None: the sensor uses none."""
         return self.rest_.split(self.stream.tracker.baseline.copy())[1]
 
-    def process(self, frame: Frame) -> ContactState:
+    def process(self, frame: Frame, fails: bool = False) -> ContactState:
         """Estimate from the next frame of the stream.
 
         Parameters
         ----------
         frame : Frame
             Of this sensor's shape; a stamp that is not newer than the last begins a new stream.
+        fails : bool
+            Repeat a run in which the estimation raised at this frame, whatever it does now; a
+            frame of which nothing was read cannot fail.
 
         Returns
         -------
@@ -186,14 +189,6 @@ class Pipeline:
 
         Raises ValueError if the frame's shape differs from the layout.
         """
-        return self._process(frame, fails=False)
-
-    def process_failed(self, frame: Frame) -> ContactState:
-        """Repeat a run in which the estimation raised at this frame, whatever it does now."""
-        return self._process(frame, fails=True)
-
-    def _process(self, frame: Frame, fails: bool) -> ContactState:
-        """Estimate from a frame; one of which nothing was read cannot fail."""
         self._check_shape(np.shape(frame.values))
         usable, bits, chips = self._frame_readings(frame)
         stamp_ns = None if frame.stamp_ns is None else np.array([frame.stamp_ns], np.int64)
@@ -380,7 +375,12 @@ class Pipeline:
                 part = signals.select(slice(first, first + size), after_failure)
             before = deepcopy(stream.memory) if len(part.good) > 1 and not strict else None
             try:
-                parts.append(self._answer(part, stream, fails))
+                contact = self.estimation.contact_from_sensor(part)
+                known = self.estimation.estimate(replace(part, in_contact=contact), stream.memory)
+                if fails:
+                    msg = 'it failed in the live run'
+                    raise ArithmeticError(msg)  # noqa: TRY301
+                parts.append({**known, 'in_contact': contact})
                 size *= 2
             except Exception as error:
                 if strict or isinstance(error, MemoryError):
@@ -402,16 +402,6 @@ class Pipeline:
             lengths.append(len(part.good))
             first += len(part.good)
         return (parts[0] if len(parts) == 1 else _join_columns(parts, lengths, taxels)), failed
-
-    def _answer(self, signals: Signals, stream: Stream, fails: bool) -> Columns:
-        """Answer of the estimation to some frames, with the contact that the sensor says."""
-        contact = self.estimation.contact_from_sensor(signals)
-        known = self.estimation.estimate(replace(signals, in_contact=contact), stream.memory)
-        known['in_contact'] = contact
-        if fails:
-            msg = 'it failed in the live run'
-            raise ArithmeticError(msg)
-        return known
 
     # -- assemble ----------------------------------------------------------------------------
 

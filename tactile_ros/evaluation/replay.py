@@ -264,7 +264,7 @@ class Follower:
                 self.pipeline.tare([baselines[row]])
             self._changes.before(recording, row, self.pipeline)
             if failed[first]:
-                parts.append(batch_of(self.pipeline.process_failed(recording.frame(row))))
+                parts.append(batch_of(self.pipeline.process(recording.frame(row), fails=True)))
             else:
                 whole = until - row == last - first
                 part = recording.select(slice(row, until) if whole else rows[first:last])
