@@ -1,4 +1,4 @@
-"""MuJoCo, imported where a scene runs, and the frame of a scene's model."""
+"""MuJoCo, imported where a scene runs: the frame of a model of a scene, and films of it."""
 
 from __future__ import annotations
 
@@ -16,16 +16,13 @@ if TYPE_CHECKING:
     from tactile_ros.simulation.hand_world import HandWorld
 
 TIME_STEP = 1e-3  # s
+SIZE, COLOURS = (240, 320), 64  # rows and columns of a picture
+EMPTY = '<mujoco><worldbody/></mujoco>'
+NO_SCREEN = 'pictures of scenes need OpenGL without a screen: EGL or OSMesa of Mesa'
 
 
 def load_engine() -> ModuleType:
-    """MuJoCo's module.
-
-    Raises
-    ------
-    MissingPackageError
-        If it is not installed; the sentence says how to install it.
-    """
+    """MuJoCo's module, or a `MissingPackageError` that says how to install it."""
     try:
         return importlib.import_module('mujoco')
     except ImportError as error:
@@ -34,20 +31,10 @@ def load_engine() -> ModuleType:
 
 
 def scene_text(bodies: str, rest: str) -> str:
-    """MJCF of a scene: a light, bodies, and what moves them.
+    """MJCF of a scene: a light, `bodies` inside of `worldbody`, and what moves them beside it.
 
-    Parameters
-    ----------
-    bodies : str
-        Inside of `worldbody`.
-    rest : str
-        Sections beside it: actuators, tendons, equalities.
-
-    Returns
-    -------
-    str
-        Friction is Coulomb's cone (elliptic) and hardly creeps; a pad's own coefficient holds
-        wherever it touches, since pads have priority.
+    Friction is Coulomb's cone (elliptic) and hardly creeps; a pad's own coefficient holds wherever
+    it touches, since pads have priority.
     """
     return f"""<mujoco model="grasp">
   <compiler angle="radian" autolimits="true"/>
@@ -67,12 +54,6 @@ def scene_text(bodies: str, rest: str) -> str:
   </worldbody>
   {rest}
 </mujoco>"""
-
-
-SIZE = (240, 320)  # rows, columns
-COLOURS = 64
-EMPTY = '<mujoco><worldbody/></mujoco>'
-NO_SCREEN = 'pictures of scenes need OpenGL without a screen: EGL or OSMesa of Mesa'
 
 
 def prefer_no_screen() -> None:
@@ -98,16 +79,8 @@ def why_not() -> str:
 class Film:
     """Pictures of a world, to be saved as a GIF.
 
-    Parameters
-    ----------
-    rate_hz : float
-        Pictures per simulated second.
-    look_at : tuple of float
-        What the camera looks at (m).
-    distance, azimuth, elevation : float
-        Of the camera (m, degrees).
-    speed_up : float
-        Simulated over shown time.
+    `rate_hz` is of simulated time, which is shown `speed_up` times as fast; the camera looks at
+    `look_at` (m) from a distance (m), azimuth and elevation (degrees).
     """
 
     def __init__(
@@ -126,19 +99,16 @@ class Film:
         self.pictures: list[object] = []
 
     def __call__(self, world: HandWorld) -> None:
-        """Take a picture, if it is time.
-
-        Raises
-        ------
-        MissingPackageError
-            If nothing here can draw; the sentence says what is missing.
-        """
+        """Take a picture, if it is time; a `MissingPackageError` where nothing can draw."""
         if world.time < self._due:
             return
         self._due = world.time + self._period
         engine = load_engine()
         if self._renderer is None:
-            self._renderer = _renderer(engine, world)
+            try:
+                self._renderer = engine.Renderer(world.model, *SIZE)
+            except Exception as error:  # each library of OpenGL has errors of its own
+                raise MissingPackageError(NO_SCREEN) from error
         camera = engine.MjvCamera()
         camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = self._view
         self._renderer.update_scene(world.data, camera)  # type: ignore[attr-defined]
@@ -162,14 +132,6 @@ class Film:
         renderer, self._renderer = self._renderer, None
         if renderer is not None:
             renderer.close()  # type: ignore[attr-defined]
-
-
-def _renderer(engine: object, world: HandWorld) -> object:
-    """What draws; one sentence where nothing can."""
-    try:
-        return engine.Renderer(world.model, *SIZE)  # type: ignore[attr-defined]
-    except Exception as error:  # each library of OpenGL has errors of its own
-        raise MissingPackageError(NO_SCREEN) from error
 
 
 def _pillow() -> object:

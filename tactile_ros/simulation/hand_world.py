@@ -92,30 +92,14 @@ class HandWorld:
     ----------
     rig : Rig
         The hand, its sensors and its controller.
-    objects : str
-        MJCF of what is grasped.
-    rest : str
-        MJCF beside `worldbody` of the objects.
+    objects, rest : str
+        MJCF of what is grasped, inside and beside `worldbody`.
     place : callable or None
         From the contact in the sensor frame, its centre and mean force, to the place on the
         sensor's skin; None: the centre.
     field : callable or None
         Field (t, 3) (T) in the sensor frame of what is around: of the time (s), elements (t, 3)
         (m) in the world, and the sensor's axes (3, 3).
-
-    Attributes
-    ----------
-    felt : dict of str to Felt
-        Newest of every pad.
-    steps : int
-        Of physics since the start.
-    read_force : callable
-        Force (3,) (N) and whether it may be used, of a sensor's name, tip and state; as the
-        pipeline says unless a scene reads the sensor otherwise.
-    watchers : list of callable
-        Called at every control step.
-    before_step : callable
-        What happens to the object, before every step of physics.
     """
 
     def __init__(
@@ -133,11 +117,14 @@ class HandWorld:
         self.data = self.engine.MjData(self.model)
         self.hand, self.tips, self.stage = hand, tips, rig.stage
         self.rate_hz = rig.rate_hz
-        self.felt: dict[str, Felt] = {}
-        self.steps = 0
-        self.read_force: Callable[[str, Fingertip, ContactState], tuple[Array, bool]] = _as_told
-        self.before_step: Callable[[], None] = _nothing
-        self.watchers: list[Callable[[HandWorld], None]] = []
+        self.felt: dict[str, Felt] = {}  # newest of every pad
+        self.steps = 0  # of physics since the start
+        # force (3,) (N) and whether it may be used; as the pipeline says unless a scene differs
+        self.read_force: Callable[[str, Fingertip, ContactState], tuple[Array, bool]] = (
+            lambda _, __, state: (state.force, bool(state.valid))
+        )
+        self.before_step: Callable[[], None] = lambda: None  # what happens to the object
+        self.watchers: list[Callable[[HandWorld], None]] = []  # called at every control step
         self._place, self._field = place, field
         self._driver = hand.description.driver
         joints = [self.model.joint(name) for name in self._driver.joints]
@@ -255,15 +242,6 @@ class HandWorld:
             begins, start, target, horizon = self._line
             share = min((self.time - begins) / horizon, 1.0) if horizon > 0 else 1.0
             self.data.ctrl[self._ctrl] = start + share * (target - start)
-
-
-def _nothing() -> None:
-    """Nothing happens to the object."""
-
-
-def _as_told(_: str, __: Fingertip, state: ContactState) -> tuple[Array, bool]:
-    """Force and validity as the pipeline says."""
-    return state.force, bool(state.valid)
 
 
 def message(kind: str) -> SimpleNamespace:

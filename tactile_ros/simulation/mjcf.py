@@ -1,4 +1,4 @@
-"""Things to grasp, as MJCF: a cube, a sphere, a mouse, a balloon."""
+"""Models in MJCF: what a hand says of itself, its pads and drives, and things to grasp."""
 
 from __future__ import annotations
 
@@ -38,16 +38,7 @@ def pad_friction(friction: float) -> str:
 def servo(joint: str, gain: float, lag: float, most: float) -> str:
     """MJCF of a drive: a position loop behind a first-order lag.
 
-    Parameters
-    ----------
-    joint : str
-        Its name and the actuator's.
-    gain : float
-        Of the loop (N/m or N m/rad).
-    lag : float
-        Time constant of the target (s).
-    most : float
-        Largest force or torque (N or N m).
+    `gain` in N/m or N m/rad, `lag` of the target in s, at most a force or torque `most`.
     """
     return (
         f'<general name="{joint}" joint="{joint}" biastype="affine" gainprm="{gain}" '
@@ -70,21 +61,9 @@ def solid(
     place: tuple[float, ...] = (0.0, 0.0, 0.0),
     turn: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0),
 ) -> str:
-    """MJCF of a stiff object named `object`, free to move.
+    """MJCF of a stiff `object`, free to move: a 'cube', a 'sphere', or a 'mouse' on its side.
 
-    Parameters
-    ----------
-    kind : str
-        'cube', 'sphere' or 'mouse', an ellipsoid that lies on its side.
-    mass : float
-        (kg).
-    place, turn : tuple of float
-        Where it begins (m), and its quaternion (w, x, y, z).
-
-    Raises
-    ------
-    ValueError
-        If there is no such object.
+    It begins at `place` (m), turned by a quaternion (w, x, y, z); mass in kg.
     """
     shapes = {
         'cube': ('box', (CUBE,) * 3),
@@ -109,16 +88,9 @@ def balloon(
     place: tuple[float, ...] = (0.0, 0.0, 0.0),
     mass: float = 0.005,
 ) -> str:
-    """MJCF of a balloon named `object`, held where it is, whose two sides give way.
+    """MJCF of a balloon named `object`, held at `place` (m), whose sides give way along x.
 
-    Parameters
-    ----------
-    stiffness, damping : float
-        Of each side (N/m, N s/m).
-    place : tuple of float
-        Of its middle (m); its sides give way along x.
-    mass : float
-        (kg).
+    Stiffness and damping are those of each side (N/m, N s/m); mass in kg.
     """
     radius = BALLOON / 2
     sides = ''.join(

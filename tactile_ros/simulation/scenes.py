@@ -1,8 +1,10 @@
-"""An object in the hand grows heavier, or its surface slippery: who holds it, and how hard.
+"""Scenes of grasps: a magnet by a balloon, things in many poses, loads that grow or slip.
 
-Two fingers with gradiometers hold a cube by friction. It is handed over within half a second;
-then its mass grows from 0.1 to 0.5 kg, or the friction of both pads is halved at once. A pad that
-slides has 15 % less friction than one that sticks.
+Balloon, as in figure 10 of [3]: a soft hand holds it at a force that one gradiometer tells, while
+a magnet, 3 mT at 50 mm, comes from 100 to 14 mm; it is read by its pipeline, and as if it had
+one pixel of one axis. Grasps: a thing between thumb and fingers, then a pull. Loads: two fingers
+hold a cube by friction; its mass grows from 0.1 to 0.5 kg, or the friction of both pads is halved;
+a pad that slides has 15 % less friction than one that sticks.
 """
 
 from __future__ import annotations
