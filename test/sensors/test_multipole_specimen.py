@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.worlds import multipole_fidelity
 from reference import multipole_world as world
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.multipole_skin import specimen
 from tactile_ros.sensors.multipole_skin.press_fit import drawn_skin
 from tactile_ros.sensors.multipole_skin.specimen import NONE, Flaws, Specimen, snr
 from tactile_ros.sensors.multipole_skin.twin import NOISE
@@ -54,8 +54,8 @@ def test_without_flaws_it_is_the_world_without_flaws(kind: str) -> None:
 
 def test_it_errs_by_less_than_the_noise_can_tell() -> None:
     # the same carpet under exact mechanics; the bench of fidelity says what the carpet costs
-    exact = specimen.PressedSheet(CONFIG, 1.25e-3, points=2)  # type: ignore[arg-type]
-    head = world.regular('', 96, specimen.RADIUS)
+    exact = multipole_fidelity.PressedSheet(CONFIG, 1.25e-3, points=2)  # type: ignore[arg-type]
+    head = world.regular('', 96, multipole_fidelity.RADIUS)
     found = WHOLE.press(head, np.array([3e-3, -4e-3, 0]), np.array([0.5e-3])) - WHOLE.rest()
     error = found.ravel() - exact.change(3e-3, -4e-3, 0.5e-3)
     assert np.sqrt(np.square(error).mean()) < NOISE / 6
