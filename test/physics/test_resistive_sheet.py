@@ -78,9 +78,9 @@ def test_hard_case_6_the_direct_solve_is_right_at_ratios_where_iteration_ends_in
     line = np.linspace(0, 0.1, 21)
     places = np.stack(np.meshgrid(line, line, indexing='ij'), axis=-1)
     ideal = linear_potentials(places, square)[..., 0]
-    for ratio in (2.4e4, 1e8, 1e12, 1e16):
+    for ratio in (1e4, 2.4e4, 1e8, 1e12, 1e16):
         found = sheet_potential(square, (21, 21), np.full((4, 8), ratio * 1e-3), FIRST)
-        assert np.abs(found - ideal).max() < 5e-3
+        assert np.abs(found - ideal).max() < (5e-3 if ratio < 2e4 else 1e-3)
         assert found[10, 10] == pytest.approx(0.5, abs=1e-4)
 
 
