@@ -228,6 +228,7 @@ def shrink() -> None:
         name: sorted(set(rule()) & set(before[name])) for name, rule in RULES.items()
     }
     now = over_budget()
+    after['climbing'] = before['climbing']
     after['budgets'] = {
         place: min(now[place], most) for place, most in before['budgets'].items() if place in now
     }

@@ -1,114 +1,122 @@
-"""The floors of the house, read from the code's own imports."""
+"""Rules of the source tree: floors, budgets, names, sizes; exceptions stand in allowed.json."""
 
 from __future__ import annotations
 
 import ast
-from pathlib import Path
 
+import house
 import pytest
 
-import tactile_ros
-
-PACKAGE = Path(tactile_ros.__file__).parent
-SOURCES = sorted(PACKAGE.rglob('*.py'))
-ROOT = Path(__file__).parents[1]
-BENCHES = sorted((ROOT / 'benchmarks').rglob('*.py'))
 FLOORS = {
-    'physics': 1, 'types': 1, 'errors': 1,
+    'types': 1, 'physics': 1, 'errors': 1, '__init__': 1,
     'conditioning': 2, 'estimators': 2, 'control': 2, 'devices': 2, 'messages': 2,
-    'calibration': 2, 'pipeline': 3, 'enrolment': 3,
-    'sensors': 4, 'hands': 4, 'simulation': 5, 'evaluation': 5, 'view': 5, 'nodes': 6, 'cli': 6,
+    'calibration': 2, 'pipeline': 3, 'enrolment': 3, 'sensors': 4, 'hands': 4,
+    'simulation': 5, 'evaluation': 5, 'view': 5, 'nodes': 6, 'cli': 6,
 }  # fmt: skip
-PLAIN = {'calibration', 'types', 'errors', 'pipeline'}  # vocabulary, not rooms
+SHARED = {'types', 'errors', '__init__'}  # words that every room uses
 ONLY_IN = {
-    'rclpy': ('nodes/',),
-    'serial': ('devices/transport.py',),
-    'smbus2': ('devices/transport.py',),
-    'onnxruntime': ('estimators/embedding.py',),
-    'mujoco': ('simulation/',),
-    'foxglove': ('view/',),
-    'torch': (),
-}
+    'rclpy': ('nodes/',), 'serial': ('devices/transport',), 'smbus2': ('devices/transport',),
+    'onnxruntime': ('estimators/embedding',), 'mujoco': ('simulation/',), 'foxglove': ('view/',),
+    'sklearn': ('estimators/',), 'matplotlib': ('evaluation/figures',), 'torch': (),
+}  # fmt: skip
 BAD_NAMES = {'utils', 'helpers', 'helper', 'common', 'base', 'manager', 'misc'}
 PURE = ('physics', 'conditioning', 'estimators', 'control', 'pipeline', 'calibration')
 
 
-def imports_of(path: Path) -> list[tuple[str, bool]]:
-    """Every imported module with whether it is imported at the top of the file."""
-    tree = ast.parse(path.read_text())
+def room_of(module: str) -> str:
+    """First part of a module's path."""
+    return module.split('/', maxsplit=1)[0]
+
+
+def climbing() -> list[str]:
+    """Imports that do not run downward, as `module -> module`."""
     found = []
-    for node in ast.walk(tree):
-        top = node in tree.body
-        if isinstance(node, ast.Import):
-            found += [(alias.name, top) for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f'{path} line {node.lineno}: imports are absolute'
-            if node.module == 'tactile_ros':
-                found += [(f'tactile_ros.{alias.name}', top) for alias in node.names]
-            elif node.module:
-                found.append((node.module, top))
+    for module, others in house.graph().items():
+        room = room_of(module)
+        for other in others:
+            target = room_of(other)
+            if target in SHARED or (target == room and not _neighbours(module, other)):
+                continue
+            if room == 'cli' and target == 'nodes':  # the command line starts nodes
+                continue
+            if FLOORS[target] >= FLOORS[room]:
+                found.append(f'{module} -> {other}')
+    return sorted(found)
+
+
+def _neighbours(module: str, other: str) -> bool:
+    """Tell modules in the folders of two sensors."""
+    one, two = module.split('/'), other.split('/')
+    return one[0] == 'sensors' and len(one) == len(two) == 3 and one[1] != two[1]
+
+
+def imports() -> list[tuple[str, str, bool]]:
+    """Modules, packages that they import, and whether at the top of the file."""
+    found = []
+    for module, tree in house.modules().items():
+        for node in ast.walk(tree):
+            top = node in tree.body
+            if isinstance(node, ast.Import):
+                found += [(module, alias.name.split('.')[0], top) for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                assert node.level == 0, f'{module} line {node.lineno}: imports are absolute'
+                found.append((module, (node.module or '').split('.')[0], top))
     return found
 
 
-def room_of(path: Path) -> str:
-    """First part of a module's name below the package."""
-    return path.relative_to(PACKAGE).parts[0].removesuffix('.py')
+def test_every_module_stands_on_a_floor() -> None:
+    assert {room_of(module) for module in house.modules()} <= FLOORS.keys()
 
 
-@pytest.mark.parametrize('path', SOURCES, ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_imports_run_downward_only(path: Path) -> None:
-    room = room_of(path)
-    if room == '__init__':
-        return
-    assert room in FLOORS, f'{path} stands on no floor'
-    for name, _ in imports_of(path):
-        parts = name.split('.')
-        if parts[0] != 'tactile_ros' or len(parts) < 2 or parts[1] not in FLOORS:
-            continue
-        other = parts[1]
-        if room == 'sensors' and other == 'sensors':
-            own = path.relative_to(PACKAGE).parts
-            shared = (own[1], 'registry', 'regression')
-            sibling = len(own) > 2 and len(parts) > 2 and parts[2] not in shared
-            assert not sibling, f'{path} imports its neighbour {name}'
-        if other == room:
-            continue
-        lower = FLOORS[other] < FLOORS[room] or other in PLAIN
-        allowed = lower or (FLOORS[room] == FLOORS[other] == 6 and room == 'cli')
-        assert allowed, f'{path} (floor {FLOORS[room]}) imports {name} (floor {FLOORS[other]})'
+def test_imports_run_downward() -> None:
+    assert climbing() == house.allowed()['climbing']
 
 
-@pytest.mark.parametrize('path', SOURCES, ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_heavy_packages_stay_in_their_room(path: Path) -> None:
-    inside = str(path.relative_to(PACKAGE))
-    for name, top in imports_of(path):
-        package = name.split('.')[0]
+@pytest.mark.parametrize('rule', sorted(house.RULES))
+def test_rules_have_only_the_listed_exceptions(rule: str) -> None:
+    listed, broken = set(house.allowed()[rule]), set(house.RULES[rule]())
+    assert broken <= listed, f'new: {sorted(broken - listed)[:20]}'
+    assert listed <= broken, f'run `python test/house.py --shrink`: {sorted(listed - broken)[:20]}'
+
+
+def test_budgets_are_kept() -> None:
+    listed, broken = house.allowed()['budgets'], house.over_budget()
+    assert broken.keys() <= listed.keys()
+    for place, lines in broken.items():
+        assert lines <= listed[place], f'{place} has {lines} lines; {listed[place]} are allowed'
+
+
+def test_heavy_packages_stay_in_their_room() -> None:
+    for module, package, top in imports():
         if package in ONLY_IN:
-            rooms = ONLY_IN[package]
-            assert inside.startswith(rooms or ('-',)), f'{inside} must not import {name}'
-            lazy_needed = package != 'rclpy'
-            assert not (top and lazy_needed), f'{inside} must import {name} where it is used'
+            assert module.startswith(ONLY_IN[package] or '-'), (
+                f'{module} must not import {package}'
+            )
+            assert not (top and package != 'rclpy'), f'{module} imports {package} where it is used'
 
 
-@pytest.mark.parametrize('path', SOURCES, ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_names_sizes_and_purity(path: Path) -> None:
-    inside = str(path.relative_to(PACKAGE))
-    text = path.read_text()
-    assert path.stem not in BAD_NAMES, f'{inside}: the name says nothing'
-    tree = ast.parse(text)
-    assert ast.get_docstring(tree), f'{inside} must say what it is in its first line'
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-            printing = node.func.id == 'print' and room_of(path) != 'cli'
-            script = path.stem == 'convert'
-            assert not printing or script, f'{inside}:{node.lineno} prints outside cli/'
-    if room_of(path) in PURE:
-        used = {name.split('.')[0] for name, _ in imports_of(path)}
-        assert not used & {'time', 'random', 'datetime'}, f'{inside} reads a clock or chance'
+def test_pure_rooms_read_no_clock_and_no_chance() -> None:
+    for module, package, _ in imports():
+        pure = room_of(module) in PURE
+        assert not (pure and package in ('time', 'random', 'datetime')), f'{module}: {package}'
 
 
 def test_nothing_unpickles() -> None:
-    for path in SOURCES:
-        names = {name.split('.')[0] for name, _ in imports_of(path)}
-        assert not names & {'pickle', 'marshal', 'shelve', 'dill'}, path
+    for module, package, _ in imports():
+        assert package not in ('pickle', 'marshal', 'shelve', 'dill'), module
+    for path in house.PACKAGE.rglob('*.py'):
         assert 'allow_pickle=True' not in path.read_text(), path
+
+
+def test_modules_say_what_they_are() -> None:
+    for module, tree in house.modules().items():
+        assert ast.get_docstring(tree), f'{module} has no docstring'
+        assert module.rsplit('/', 1)[-1] not in BAD_NAMES, f'{module}: the name says nothing'
+
+
+def test_only_the_command_line_prints() -> None:
+    for module, tree in house.modules().items():
+        for node in ast.walk(tree):
+            printing = isinstance(node, ast.Call) and ast.unparse(node.func) == 'print'
+            script = module.rsplit('/', 1)[-1] == 'convert'
+            assert not printing or script or room_of(module) == 'cli', f'{module}:{node.lineno}'

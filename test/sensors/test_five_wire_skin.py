@@ -204,7 +204,7 @@ def test_contact_is_told_by_the_divider_and_changes_nothing() -> None:
         None, None, np.zeros(len(usable), bool), np.ones(len(usable), np.int8),
         np.ones(len(usable), bool),
     )  # fmt: skip
-    contact = pipeline.estimation.contact(signals)
+    contact = pipeline.estimation.contact_from_sensor(signals)
     np.testing.assert_array_equal(contact, test.truth['in_contact'][5:])
     assert (signals.in_contact == 1).all()
 
