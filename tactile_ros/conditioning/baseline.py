@@ -2,7 +2,8 @@
 
 A block of frames (a period of stream time) counts as rest when every frame of it stays within the
 contact threshold of the baseline; then the baseline moves a step towards the block's mean. One
-frame in contact freezes the whole block, so that a held contact never fades.
+frame in contact freezes the whole block, so that a held contact never fades. `pipeline.py`
+subtracts it.
 """
 
 from __future__ import annotations

@@ -189,8 +189,10 @@ class ChipArray(Closing):
     ValueError
         If buses, places, layout and mode do not fit together, or the buses cannot carry the rate.
 
-    Notes ----- Stamps are the middle of the measurement: the clock, less what has passed since. In
-    burst mode the age of a reading is uncertain by half a conversion; its mean is taken.
+    Notes
+    -----
+    Stamps are the middle of the measurement: the clock, less what has passed since. In burst mode
+    the age of a reading is uncertain by half a conversion; its mean is taken.
     """
 
     def __init__(

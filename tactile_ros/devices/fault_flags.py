@@ -28,9 +28,11 @@ class StuckDetector:
     least_changes : int
         A taxel that has not changed so often yet is not judged: it may rest since the start.
 
-    Notes ----- The probability of a repeat is the larger of two shares: repeats among all
-    readings, and repeats among those that follow a repeat, since a taxel that rests between
-    touches has few long runs.
+    Notes
+    -----
+    The probability of a repeat is the larger of two shares: repeats among all readings, and
+    repeats among those that follow a repeat, since a taxel that rests between touches has few long
+    runs.
     """
 
     def __init__(
@@ -133,11 +135,13 @@ class ChipFaultDetector:
     stuck_after, stuck_chance : int, float
         See `StuckDetector`.
 
-    Notes ----- A chip's code wraps beyond its range instead of clipping: a reading far outside
-    looks like one inside, and only the way there distinguishes them. A chip whose reading jumped
-    stays WRAPPED until it reads near its last trusted value again, or has read elsewhere more
-    often in a row than it was ever trusted (and 100 times at least), or `forget` is called:
-    nothing else distinguishes a wrap from a magnet that was put on.
+    Notes
+    -----
+    A chip's code wraps beyond its range instead of clipping: a reading far outside looks like one
+    inside, and only the way there distinguishes them. A chip whose reading jumped stays WRAPPED
+    until it reads near its last trusted value again, or has read elsewhere more often in a row
+    than it was ever trusted (and 100 times at least), or `forget` is called: nothing else
+    distinguishes a wrap from a magnet that was put on.
     """
 
     def __init__(

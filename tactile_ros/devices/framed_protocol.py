@@ -300,10 +300,12 @@ class FramedDecoder:
     foreign_frames : int
         Foreign frames since the last good frame.
 
-    Notes ----- Every place where the head of `payload` stands is tried, also inside a frame whose
-    CRC failed, so that damage costs no good frame. The bytes between good frames are searched for
-    foreign frames apart from that (`_skip`), which never delays a good one. At most one frame, and
-    one foreign frame, is held back.
+    Notes
+    -----
+    Every place where the head of `payload` stands is tried, also inside a frame whose CRC failed,
+    so that damage costs no good frame. The bytes between good frames are searched for foreign
+    frames apart from that (`_skip`), which never delays a good one. At most one frame, and one
+    foreign frame, is held back.
     """
 
     def __init__(self, payload: Payload) -> None:

@@ -114,9 +114,11 @@ def plausible(patterns: Words, quantum: Array | None = None) -> tuple[Bools, Boo
     grid of `quantum`, shape (3,), the step of the chips' readings (T), where it is given. Natural
     are those of which no field is nonzero below 1 pT.
 
-    Notes ----- The patterns are compared as integers, which orders them as the numbers and is
-    silent on NaN. Misaligned frames are seldom natural: CR LF as the upper half of a float32 is
-    7e-33, and a field with CR or LF as its highest byte (7e-33 .. 4e-31) is not possible either.
+    Notes
+    -----
+    The patterns are compared as integers, which orders them as the numbers and is silent on NaN.
+    Misaligned frames are seldom natural: CR LF as the upper half of a float32 is 7e-33, and a
+    field with CR or LF as its highest byte (7e-33 .. 4e-31) is not possible either.
     """
     magnitude = patterns & _MAGNITUDE
     usual = (magnitude - _SMALLEST) < _SPAN
@@ -322,10 +324,12 @@ class ReskinDecoder:
     `quantum`, shape (3,), is the step of the chips' readings (T), where it is exact: it detects
     most flipped bits.
 
-    Notes ----- A frame with an implausible chip is not delivered, since the damage may extend
-    further than what can be seen. A chip that is implausible in three frames in a row, while most
-    others are not, is faulty: those and all later frames are delivered, with NaN and `error`
-    wherever it is implausible.
+    Notes
+    -----
+    A frame with an implausible chip is not delivered, since the damage may extend further than
+    what can be seen. A chip that is implausible in three frames in a row, while most others are
+    not, is faulty: those and all later frames are delivered, with NaN and `error` wherever it is
+    implausible.
     """
 
     def __init__(self, chips: int, quantum: npt.ArrayLike | None = None) -> None:

@@ -269,13 +269,15 @@ class ReskinBoard(SerialBoard):
     conversion_s : float
         Time in which a chip measures (s); half of it is taken off the stamps. 0: unknown.
 
-    Notes ----- A stamp is the arrival of the frame's last byte less its time on the wire and half
-    of `conversion_s`; the board has no clock. `sequence` grows by one a frame and by the frames
-    known lost: bytes skipped over the length of a frame, at least one for a reconnection. Whole
-    frames that a board never sent cannot be known; `counters()['suspected']` compares stamps with
-    their usual spacing: a paused host or board looks the same, so those are not part of
-    `sequence`. Chips that repeat themselves bit for bit among others that change are STALE, and
-    STUCK when it lasts.
+    Notes
+    -----
+    A stamp is the arrival of the frame's last byte less its time on the wire and half of
+    `conversion_s`; the board has no clock. `sequence` grows by one a frame and by the frames known
+    lost: bytes skipped over the length of a frame, at least one for a reconnection. Whole frames
+    that a board never sent cannot be known; `counters()['suspected']` compares stamps with their
+    usual spacing: a paused host or board looks the same, so those are not part of `sequence`.
+    Chips that repeat themselves bit for bit among others that change are STALE, and STUCK when it
+    lasts.
     """
 
     def __init__(
@@ -361,13 +363,15 @@ class FramedBoard(SerialBoard):
     scale : array_like, broadcast to (t, c)
         Unit of the layout per count.
 
-    Notes ----- Stamps follow the board's clock, tied to `clock` by the promptest frames
-    (`DeviceTime`), less the frame's time on the wire. `Frame.sequence` starts at 0 and grows by
-    one a frame and by those that the board's own counter says are lost, one at least for a
-    reconnection or restart. Pixels and chips that repeat themselves bit for bit among others that
-    change are STALE, and STUCK when it lasts. A taxel or wire may rest on one count; all of them
-    together repeat themselves only where their one converter has frozen, or where nothing touches
-    and all are at an end of its range, which is not judged.
+    Notes
+    -----
+    Stamps follow the board's clock, tied to `clock` by the promptest frames (`DeviceTime`), less
+    the frame's time on the wire. `Frame.sequence` starts at 0 and grows by one a frame and by
+    those that the board's own counter says are lost, one at least for a reconnection or restart.
+    Pixels and chips that repeat themselves bit for bit among others that change are STALE, and
+    STUCK when it lasts. A taxel or wire may rest on one count; all of them together repeat
+    themselves only where their one converter has frozen, or where nothing touches and all are at
+    an end of its range, which is not judged.
     """
 
     def __init__(

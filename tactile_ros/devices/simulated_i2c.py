@@ -379,8 +379,10 @@ class ChipArrayTwin(Closing):
     seed : int
         Of noise, oscillators, references and of which chip suffers a fault.
 
-    Notes ----- Faults are counted in `injected` as they happen. nack: transfers that a chip does
-    not acknowledge; stuck_bus: transfers; unplug: the adapter is gone for 1 s, and the chips lose
+    Notes
+    -----
+    Faults are counted in `injected` as they happen. nack: transfers that a chip does not
+    acknowledge; stuck_bus: transfers; unplug: the adapter is gone for 1 s, and the chips lose
     their supply; brown_out: a chip resets before its next command; stuck_chip, saturation, wrap,
     stall: measurements that repeat the one before, lie at the end of the range or beyond it on x,
     or never end.

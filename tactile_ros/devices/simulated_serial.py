@@ -183,10 +183,12 @@ class SerialTwin(Closing):
         Moved by `play`, which sends frames as fast as they are read; None: a thread sends them in
         real time between enter and exit.
 
-    Notes ----- `injected` counts faults that have happened, byte faults only where the frame was
-    really damaged; `overruns` writes that the program at the port did not take in 0.2 s: those
-    frames are lost beyond `injected`. In real time, faults wait until a program has had the port
-    open for 0.1 s.
+    Notes
+    -----
+    `injected` counts faults that have happened, byte faults only where the frame was really
+    damaged; `overruns` writes that the program at the port did not take in 0.2 s: those frames are
+    lost beyond `injected`. In real time, faults wait until a program has had the port open for 0.1
+    s.
 
     stall: nothing is measured for 0.5 s. unplug: the port goes for 1 s, and the board starts anew.
     stuck_chip: one taxel repeats its last reading, or all do where one converter reads them

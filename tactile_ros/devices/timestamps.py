@@ -172,9 +172,11 @@ class DeviceTime:
     clock_steps : int
         Times the host's clock stepped by more than 50 ms.
 
-    Notes ----- Bytes come late, never early: the host's time less the board's is lowest for the
-    promptest frame. A stamp is the board's time plus that lowest offset, which creeps up by 1 % to
-    follow oscillators that differ. So bursts and a late reader do not shift stamps.
+    Notes
+    -----
+    Bytes come late, never early: the host's time less the board's is lowest for the promptest
+    frame. A stamp is the board's time plus that lowest offset, which creeps up by 1 % to follow
+    oscillators that differ. So bursts and a late reader do not shift stamps.
 
     A read of several frames over more than 20 ms comes from a reader that is behind: it can show
     that others were late, not that the host's clock stepped. It neither ties anew, nor creeps by

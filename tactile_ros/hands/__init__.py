@@ -1,7 +1,7 @@
 """Hands: for each driver its topics, types, order of joints and limits; postures; kinematics.
 
-A file with a `HAND` is a driver named like it. `config/hands/<hand>.yaml` describes a hand: its
-driver, its fingers, which sensors they carry.
+`drivers.py` has one class a driver. `config/hands/<hand>.yaml` describes a hand: its driver,
+its fingers, which sensors they carry.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ import pytest
 
 from tactile_ros.conditioning.equilibration import Equilibration
 from tactile_ros.conditioning.loading_direction import loading_signs
-from tactile_ros.sensors.taxel_array.taxel_force import (
+from tactile_ros.sensors.taxel_array.force_errors import (
     LEVELS,
     ForceErrors,
     force_errors,

@@ -28,20 +28,20 @@ from tactile_ros.sensors.regression import (
     missing_history,
     missing_loads,
 )
-from tactile_ros.sensors.taxel_array.object_recognition import (
-    ArrayPatches,
-    add_sum,
-    ids_of,
-    place_objects,
-    touched_surface,
-)
-from tactile_ros.sensors.taxel_array.taxel_force import (
+from tactile_ros.sensors.taxel_array.force_errors import (
     LEVELS,
     Gaps,
     fit_creep,
     force_errors,
     largest_forces,
     never_pressed,
+)
+from tactile_ros.sensors.taxel_array.object_recognition import (
+    ArrayPatches,
+    add_sum,
+    ids_of,
+    place_objects,
+    touched_surface,
 )
 from tactile_ros.types import FrameStatus, TaxelStatus
 

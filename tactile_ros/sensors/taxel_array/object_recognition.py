@@ -9,7 +9,7 @@ import numpy as np
 
 from tactile_ros.conditioning.contact import PatchIds
 from tactile_ros.estimators.contact_patches import PatchFinder
-from tactile_ros.sensors.taxel_array.taxel_force import judged_row
+from tactile_ros.sensors.taxel_array.force_errors import judged_row
 from tactile_ros.types import Array, Bools, FrameStatus, TaxelStatus
 
 if TYPE_CHECKING:
