@@ -64,3 +64,44 @@ def compiled(function: Function) -> Function:
     content = source.read_bytes() if source.is_file() else b''
     DIGESTS[id(built)] = digest + hashlib.sha256(content).hexdigest()
     return cast('Function', built)
+
+
+def compiled_with_models(shapes: str) -> Callable[[Function], Function]:
+    """Compile a function of two models and of arrays when it is first called.
+
+    Models are passed by their address, so that one compilation serves all of them.
+
+    Parameters
+    ----------
+    shapes : str
+        Dimensions of the arrays behind the models, a digit each. A model takes three vectors
+        and writes a vector and two matrices; the function gives a number.
+    """
+
+    def wrap(function: Function) -> Function:
+        return function if numba is None else _WithModels(function, shapes)  # type: ignore[return-value]
+
+    return wrap
+
+
+class _WithModels:
+    """A function of models that is compiled when it is first called."""
+
+    def __init__(self, function: Callable[..., object], shapes: str) -> None:
+        self.function, self.shapes = function, shapes
+        self.built: Callable[..., object] | None = None
+
+    def __call__(self, *arguments: object) -> object:
+        """Call it, compiled."""
+        if self.built is None:
+            kinds = numba.types
+            vector, matrix = kinds.float64[::1], kinds.float64[:, ::1]
+            model = kinds.FunctionType(kinds.void(vector, vector, vector, vector, matrix, matrix))
+            arrays = (None, vector, matrix, kinds.float64[:, :, ::1])
+            signature = kinds.float64(model, model, *(arrays[int(n)] for n in self.shapes))  # type: ignore[arg-type]
+            try:
+                made = numba.njit(signature, cache=True, error_model='numpy')(self.function)
+            except RuntimeError:  # no folder to keep it in
+                made = numba.njit(signature, error_model='numpy')(self.function)
+            self.built = made
+        return self.built(*arguments)
