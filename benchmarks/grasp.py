@@ -220,7 +220,7 @@ def _grip(
     module: ModuleType, config: GripConfig, about: dict[str, float], seconds: float
 ) -> tuple[float, float, float]:
     """Overshoot, settling time (s) and steady error of one grasp, shares of the target."""
-    world = grasp_scenes.GripWorld(**about)
+    world = module.GripWorld(**about)
     law = GripForce(config, (0,))
     law.enable()
     law.grasp(TARGET, adapt=False)
@@ -285,7 +285,7 @@ def _carry(
     module: ModuleType, load: object, seed: int, config: GripConfig, force: float, adapt: bool
 ) -> tuple[float, float]:
     """Whether an object was dropped, and the mean force (N) until then."""
-    world = grasp_scenes.LoadWorld(load, seed, force)
+    world = module.LoadWorld(load, seed, force)
     law = GripForce(config, (0,))
     law.enable()
     law.grasp(force, adapt)
