@@ -146,8 +146,9 @@ def histogram(force: Array) -> str:
     edges = np.linspace(-1.5, 1.5, 41)
     heights = np.histogram(force, edges)[0] / len(force) / (edges[1] - edges[0])
     told = f'Fz about its mean, four averages, {force.std():.2f} mN rms; [3] has 2.7 mN.'
-    plot = Plot((-1.5, 1.5), (0, 1.15 * heights.max()), 'Fz (mN)', 'density (1/mN)',
-                description=told)
+    plot = Plot(
+        (-1.5, 1.5), (0, 1.15 * heights.max()), 'Fz (mN)', 'density (1/mN)', description=told
+    )
     plot.bars(edges, heights, 'fill c0')
     plot.text(0.2, None, f'{force.std():.2f} mN rms ([3]: 2.7)')
     return standalone(plot)

@@ -19,7 +19,7 @@ from tactile_ros.control import GripConfig, GripForce, GripPhase, qb_softhand
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.sensors import load_sensor
 from tactile_ros.simulation.engine import load_engine
-from tactile_ros.simulation.scenes import KINDS, Handling
+from tactile_ros.simulation.scenes import CHANGES, Handling
 from tactile_ros.types import Array, Bools, Integers
 
 if TYPE_CHECKING:
@@ -242,7 +242,7 @@ def _load_rows(count: int) -> list[Row]:
     from reference import load_world as world
 
     fresh = range(FRESH, FRESH + count)
-    loads = {i: [Handling.draw(kind, i) for kind in KINDS] for i in fresh}
+    loads = {i: [Handling.draw(kind, i) for kind in CHANGES] for i in fresh}
     fixed = float(np.quantile([load.needed for pair in loads.values() for load in pair], HELD))
     calm = GripConfig(force_noise=0.01, closure_rate=FAST)
     blind = dataclasses.replace(calm, friction_low=5.0, margin=0.0)
@@ -261,7 +261,7 @@ def _load_rows(count: int) -> list[Row]:
         dropped, mean = found.mean(axis=(0, 1))
         blocks = _blocks(found)
         aims = (HELD, SPARED * fixed) if name == 'adaptive' else (None, None)
-        what = f'{len(KINDS) * len(each)} loads in hand, {name}'
+        what = f'{len(CHANGES) * len(each)} loads in hand, {name}'
         rows += [
             Row(f'{what}: held', '1', 1 - dropped, 'high', aim=aims[0],
                 by_seed=tuple(1 - blocks[:, 0])),
@@ -270,7 +270,7 @@ def _load_rows(count: int) -> list[Row]:
         rows += [
             Row(f'{what}, {kind}: held', '1', 1 - float(part[:, 0].mean()), 'high',
                 by_seed=tuple(1 - _blocks(part[None])[:, 0]))
-            for kind, part in zip(KINDS, found, strict=True)
+            for kind, part in zip(CHANGES, found, strict=True)
         ]  # fmt: skip
     return rows
 

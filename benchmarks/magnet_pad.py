@@ -189,12 +189,8 @@ def _neighbours(extent: str) -> list[Row]:
 
 def _probes(count: int, extent: str) -> list[Row]:
     """Table 1 of [2]: trained on one probe, on two and on all, judged on each."""
-    each = {
-        p: pads.session(15, count // 3, 0.4, 10 + p, tip=p / 2e3) for p in PROBES
-    }
-    fresh = {
-        p: pads.session(15, count // 3, 0.4, 50 + p, tip=p / 2e3) for p in PROBES
-    }
+    each = {p: pads.session(15, count // 3, 0.4, 10 + p, tip=p / 2e3) for p in PROBES}
+    fresh = {p: pads.session(15, count // 3, 0.4, 50 + p, tip=p / 2e3) for p in PROBES}
     learned = [(p,) for p in PROBES] + [(2, 14), PROBES]
     learned += [(2, 6), (6, 14)] if extent == 'full' else []
     rows = []
@@ -216,14 +212,8 @@ def _cone(count: int) -> list[Row]:
     rows, kept = [], []
     for probe, printed in ((2, 92.0), (6, 96.0), (None, 93.0)):
         sizes = [probe] if probe else [2, 6]
-        train = [
-            pads.session(15, count, 0.4, 20 + p, tip=p / 2e3, cone=CONE)
-            for p in sizes
-        ]
-        test = [
-            pads.session(15, count, 0.4, 30 + p, tip=p / 2e3, cone=CONE)
-            for p in sizes
-        ]
+        train = [pads.session(15, count, 0.4, 20 + p, tip=p / 2e3, cone=CONE) for p in sizes]
+        test = [pads.session(15, count, 0.4, 30 + p, tip=p / 2e3, cone=CONE) for p in sizes]
         ours, peer = pads.joined(*train)
         said = [(ours.process_batch(t.recording), t) for t in test]
         name = f'15 cells, cone of 45 degrees, {probe or "2 and 6"} mm'
@@ -244,9 +234,7 @@ def _cone(count: int) -> list[Row]:
 def _sessions(count: int) -> list[Row]:
     """A mount that was not learned from."""
     mounts = [
-        pads.session(
-            15, count // 3, 0.4, seed, mount=1e-4, remounted=seed, number=seed
-        )
+        pads.session(15, count // 3, 0.4, seed, mount=1e-4, remounted=seed, number=seed)
         for seed in range(1, 4)
     ]
     fresh = pads.session(15, count, 0.4, 9, mount=1e-4, remounted=9)
@@ -274,9 +262,7 @@ def _untrained(count: int, extent: str) -> list[Row]:
         cases += [(seed, FEW, plain, 0.0, half, 0.9), (seed, FEW, other, 0.0, body, 2.0)]
     rows = []
     for seed, presses, pad, stray, what, aim in cases:
-        test = pads.session(
-            15, presses, 1.0, JUDGE, stray=stray, specimen=seed, **pad
-        )
+        test = pads.session(15, presses, 1.0, JUDGE, stray=stray, specimen=seed, **pad)
         ours = SPEC.pipeline(test.config).fit(test.recording.select(test.recording.tare))
         away = pads.away(ours.process_batch(test.recording), test)
         rows.append(Row(f'rest frames only, specimen {seed}, {what}: place', 'mm', away, aim=aim))
@@ -324,9 +310,7 @@ def _speed(count: int, seeds: tuple[int, ...]) -> list[Row]:
     for name in (None, 'ridge', 'grid_knn', 'kernel_ridge', 'perceptron'):
         away, right, force = [], [], []
         for seed in within(ALIKE_S, seeds):
-            train, fresh = (
-                pads.session(15, count, 1.0, seed + part) for part in (LEARN, JUDGE)
-            )
+            train, fresh = (pads.session(15, count, 1.0, seed + part) for part in (LEARN, JUDGE))
             own = name is None and seed == 0
             one = ours if own else SPEC.pipeline(test.config, name).fit(train.recording)
             said = one.process_batch(fresh.recording)

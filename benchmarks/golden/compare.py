@@ -13,6 +13,9 @@ from pathlib import Path
 FOLDER = Path(__file__).parent
 TIMES = {'us', 'ms', '% of a core', 'cores', 'KiB', 'MB', 'Hz'}
 SIMULATED = {'grasp'}  # whose seconds are those of the simulation
+TIMED = {'latency', 'replay'}  # benches of speed alone
+OF_SPEED = ('share of a core', 'frames heard', 'windows answered')
+ROUNDING = 1e-9
 LEAST = 0.02  # of a figure without seeds that may change by rounding alone
 KEPT = ('what', 'unit', 'better', 'ours', 'aim', 'spread')
 Row = dict[str, object]
@@ -22,7 +25,10 @@ def rows_of(path: Path) -> dict[str, Row]:
     """Rows of a bench that are no times, by what they are."""
     rows = json.loads(path.read_bytes())['rows']
     timed = TIMES | (set() if path.stem in SIMULATED else {'s'})
-    return {row['what']: row for row in rows if row['unit'] not in timed}
+    if path.stem in TIMED:
+        return {}
+    kept = (row for row in rows if row['unit'] not in timed)
+    return {row['what']: row for row in kept if not row['what'].endswith(OF_SPEED)}
 
 
 def write(results: Path, normal: Path | None) -> None:
@@ -45,7 +51,7 @@ def worse(golden: Row, row: Row | None) -> str:
     if row is None or row['ours'] is None:
         return f'{before:.4g} -> missing'
     now = row['ours']
-    room = max(golden['spread'] or 0.0, LEAST * abs(before))
+    room = max(golden['spread'] or 0.0, LEAST * abs(before), ROUNDING)
     lost = now - before if golden['better'] == 'low' else before - now
     return f'{before:.4g} -> {now:.4g} {golden["unit"]} (spread {room:.2g})' if lost > room else ''
 

@@ -210,9 +210,7 @@ def strip(row: Row) -> str:
 
     middle = STRIP_HEIGHT / 2
     dots = ''.join(f'M{x(value):.1f} {middle}h0' for value in values.tolist())
-    line = ''.join(
-        f'<path class="rule" d="M{x(value):.1f} 0V{STRIP_HEIGHT:g}"/>' for value in aim
-    )
+    line = ''.join(f'<path class="rule" d="M{x(value):.1f} 0V{STRIP_HEIGHT:g}"/>' for value in aim)
     text = 'by seed: ' + ', '.join(number(value) for value in values.tolist())
     return (
         f'<svg class="strip" viewBox="0 0 {WIDTH:g} {STRIP_HEIGHT:g}" role="img" '

@@ -126,8 +126,9 @@ def drifts(said: dict[str, tuple[Array, Array]]) -> str:
     """Figure 9 of [3]: error of Fz (mN) against the chip's temperature."""
     high = max(float(np.quantile(np.abs(error), 0.99)) for _, error in said.values())
     told = 'Error of Fz over temperature, not compensated, by the chain of [3], and ours.'
-    plot = Plot((10, 60), (-high, high), 'chip (C)', 'error of Fz (mN)', (480, 320),
-                description=told)
+    plot = Plot(
+        (10, 60), (-high, high), 'chip (C)', 'error of Fz (mN)', (480, 320), description=told
+    )
     for k, (name, (warm, error)) in enumerate(said.items()):
         keep = np.abs(error) < high
         plot.dots(warm[keep][:400], error[keep][:400], f'c{k}')

@@ -12,7 +12,7 @@ from scipy import stats
 from benchmarks.harness.rows import Row, within
 from tactile_ros.evaluation.figures import Plot, standalone
 from tactile_ros.nodes.grip_loop import GripLoop
-from tactile_ros.simulation.scenes import KINDS, Handling, named
+from tactile_ros.simulation.scenes import CHANGES, Handling, named
 from tactile_ros.simulation.scenes import KINDS as THINGS
 from tactile_ros.simulation.trials import GENTLE, Trials, grips, unseen
 
@@ -191,7 +191,7 @@ def loads(trials: Trials, found: Found, seeds: range, film: Watcher, time_s: flo
     each: dict[str, list[list[Carried]]] = {name: [] for name in tried}
     spent = dict.fromkeys(tried, 0.0)
     for seed in within(time_s, seeds):
-        pair = [Handling.draw(kind, seed) for kind in KINDS]
+        pair = [Handling.draw(kind, seed) for kind in CHANGES]
         for name, grip in tried.items():
             began = time.perf_counter()
             seen = pair[-1] if (name, seed) == ('adaptive', seeds[0]) else None
@@ -214,7 +214,7 @@ def loads(trials: Trials, found: Found, seeds: range, film: Watcher, time_s: flo
             *(
                 Row(f'{what}, {kind}: held', '1',
                     float(np.mean([one.held for one in part])), 'high')
-                for kind, part in zip(KINDS, parts, strict=True)
+                for kind, part in zip(CHANGES, parts, strict=True)
             ),
             _real_time(what, sum(one.seconds for one in carried), spent[name]),
         ]  # fmt: skip
@@ -228,7 +228,7 @@ def loads(trials: Trials, found: Found, seeds: range, film: Watcher, time_s: flo
 def smallest_fixed() -> float:
     """Force (N) below which none could hold 98 % of the 200 loads of a full run."""
     seeds = range(FRESH, FRESH + LOADS['full'])
-    needed = [Handling.draw(kind, seed).needed for kind in KINDS for seed in seeds]
+    needed = [Handling.draw(kind, seed).needed for kind in CHANGES for seed in seeds]
     return float(np.quantile(needed, HELD))
 
 

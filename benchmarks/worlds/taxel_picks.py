@@ -251,6 +251,4 @@ def _draw_pick(config: object, pick: Picked) -> str:
         found = plots.placed(shown, np.array([*pose[:2, 3], turn]))
     pressure = pick.state.taxel_force / config.areas  # type: ignore[attr-defined]
     told = 'Pressure on the taxels, the object as it lies and as it was found'
-    return plots.object_map(
-        corners, pressure, found, plots.placed(part, pick.pose), told
-    )
+    return plots.object_map(corners, pressure, found, plots.placed(part, pick.pose), told)
