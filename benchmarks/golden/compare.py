@@ -28,7 +28,7 @@ def rows_of(path: Path) -> dict[str, Row]:
     if path.stem in TIMED:
         return {}
     kept = (row for row in rows if row['unit'] not in timed)
-    return {row['what']: row for row in kept if not row['what'].endswith(OF_SPEED)}
+    return {row['what']: row for row in kept if not any(part in row['what'] for part in OF_SPEED)}
 
 
 def write(results: Path, normal: Path | None) -> None:
