@@ -5,15 +5,231 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.special import stdtrit
 
 from tactile_ros.estimators.regression import Standardisation, fitted, group_folds, training_rows
 from tactile_ros.physics.compiled import compiled
-from tactile_ros.types import Array, Integers, as_shape
+from tactile_ros.types import Array, Bools, Integers, as_shape
 
 ONE_SIGMA = 0.6827
 NEWTON_STEPS = 25
 FEW_ROWS = 60
 ROWS_PER_LEVEL = 80
+
+
+GROWTHS = 0.03 * 2.0 ** np.arange(9)  # of the variance, per squared distance
+USUAL_GROWTH = 0.1
+MARGIN = 1.2  # times the largest distance of a training reading: from there on out of range
+
+
+@compiled
+def scale_covariance(
+    covariance: Array, readings: Array, mean: Array, whitening: Array, growth: Array, scale: Array,
+    limit: float, out_of_range: Bools,
+) -> None:  # fmt: skip
+    """Scale stated covariances (s, l, l) of readings (s, m) in place; flag those out of range.
+
+    The others are the attributes of `CovarianceModel` of these names; NaN counts as the mean.
+    """
+    for s in range(len(readings)):
+        square = 0.0
+        for i in range(len(mean)):
+            total = 0.0
+            for j in range(i + 1):
+                step = readings[s, j] - mean[j]
+                if math.isfinite(step):
+                    total += whitening[i, j] * step
+            square += total * total
+        beyond = max(1.0, square / (limit * limit))
+        out_of_range[s] = beyond > 1.0
+        for a in range(len(scale)):
+            for b in range(len(scale)):
+                grown = math.sqrt((1.0 + growth[a] * square) * (1.0 + growth[b] * square))
+                covariance[s, a, b] *= scale[a] * scale[b] * beyond * grown
+
+
+class CovarianceModel:
+    """Scale of stated covariances by held-out errors, growing with the distance of the readings.
+
+    The scale of each component is the quantile of held-out errors over their stated sigma that
+    holds 68.27 % of them. Rows of a group share their error to the extent that they lie inside
+    one sigma together (intraclass correlation, Fisher 1925): a group counts as the effective
+    number of independent rows in it (Kish, Survey Sampling, 1965), and few of these widen the
+    answer as Student's distribution does. The distance is that of Mahalanobis to the training
+    readings, shrunk, with a mean square of one.
+
+    Attributes
+    ----------
+    scale_, growth_ : ndarray, shape (l,)
+        Scale of sigma; growth of the variance with the squared distance. Without an error of a
+        component the scale is 1, or NaN where nothing is stated.
+    mean_, whitening_ : ndarray, shapes (m,) and (m, m)
+        Of the distance.
+    limit_ : float
+        Distance from which readings are out of range; from there sigma grows with the distance.
+    correlation_ : ndarray, shape (l, l)
+        Of the errors; used where no covariance is stated.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> errors, readings = rng.normal(0, 2, (4000, 1)), rng.normal(size=(4000, 2))
+    >>> model = CovarianceModel().fit(errors, None, np.arange(4000), readings)
+    >>> covariance, out_of_range = model.predict(None, np.array([[0.0, 0.0], [9.0, 9.0]]))
+    >>> bool(1.9 < covariance[0, 0, 0] ** 0.5 < 2.1), out_of_range.tolist()
+    (True, [False, True])
+    """
+
+    scale_: Array
+    growth_: Array
+    mean_: Array
+    whitening_: Array
+    limit_: float
+    correlation_: Array
+
+    def fit(
+        self, errors: Array, stated: Array | None, groups: Integers, readings: Array
+    ) -> CovarianceModel:
+        """Learn from errors of rows that the estimator had not been fitted to.
+
+        Parameters
+        ----------
+        errors : ndarray, shape (s, l)
+            Out-of-fold estimates minus truth; NaN: not measured.
+        stated : ndarray, shape (s, l, l) or (s, l), or None
+            Stated covariance or standard deviation (unit of the errors); None: none.
+        groups : ndarray of int, shape (s,)
+            What a split keeps together; independent rows are groups of their own.
+        readings : ndarray, shape (s, m)
+            Readings or features of the estimator; NaN: not measured.
+        """
+        errors = as_shape('errors', errors, (-1, -1))
+        readings = as_shape('readings', readings, (len(errors), -1))
+        group = np.unique(groups, return_inverse=True)[1].reshape(-1)
+        square = self._fit_distance(readings)
+        sigma = _sigmas(stated, errors.shape)
+        unit, count = errors / sigma, errors.shape[1]
+        unit[~(np.isfinite(unit) & (sigma > 0))] = np.nan
+        self.scale_ = np.full(count, np.nan if stated is None else 1.0)
+        self.growth_ = np.full(count, USUAL_GROWTH)
+        rows = np.zeros(count)
+        for k in range(count):
+            own = np.isfinite(unit[:, k])
+            if own.any():
+                size = np.abs(unit[own, k])
+                weight = _weights(size <= np.quantile(size, ONE_SIGMA), group[own])
+                rows[k] = weight.sum()
+                self.growth_[k] = _growth(size, weight, square[own])
+                unit[own, k] /= np.sqrt(1 + self.growth_[k] * square[own])
+                self.scale_[k] = _scale(np.abs(unit[own, k]), weight)
+        unit = np.clip(np.nan_to_num(unit / np.where(self.scale_ > 0, self.scale_, 1)), -3, 3)
+        size = np.sqrt((unit * unit).sum(axis=0))
+        unit /= np.where(size > 0, size, 1.0)
+        self.correlation_ = 0.999 * (unit.T @ unit) * rows.min() / (rows.min() + 5.0)
+        np.fill_diagonal(self.correlation_, 1.0)
+        return self
+
+    def predict(self, stated: Array | None, readings: Array) -> tuple[Array, Bools]:
+        """Covariance of the error of each row, and whether its readings are out of range.
+
+        Parameters
+        ----------
+        stated, readings : ndarray
+            As in the fit.
+
+        Returns
+        -------
+        covariance : ndarray, shape (s, l, l)
+            Covariances (unit of the errors, squared); NaN where what is stated is NaN.
+        out_of_range : ndarray of bool, shape (s,)
+            Whether readings are farther from those of the fit than any of them.
+        """
+        fitted(self, 'correlation_')
+        readings = np.ascontiguousarray(readings, np.float64)
+        if readings.shape[1:] != self.mean_.shape:
+            readings = as_shape('readings of predict', readings, (-1, len(self.mean_)))
+        covariance = np.empty((len(readings), len(self.scale_), len(self.scale_)))
+        if stated is None:
+            covariance[:] = self.correlation_
+        elif stated.ndim == 2:
+            np.multiply(stated[:, :, None], stated[:, None, :], out=covariance)
+            covariance *= self.correlation_
+        else:
+            covariance[:] = stated
+        out_of_range = np.empty(len(readings), np.bool_)
+        scale_covariance(
+            covariance, readings, self.mean_, self.whitening_, self.growth_, self.scale_,
+            self.limit_, out_of_range,
+        )  # fmt: skip
+        return covariance, out_of_range
+
+    def _fit_distance(self, readings: Array) -> Array:
+        """Learn the distance; return its square for each row (s,)."""
+        known = np.isfinite(readings)
+        count = np.maximum(known.sum(axis=0), 1)
+        self.mean_ = np.where(known, readings, 0.0).sum(axis=0) / count
+        step = np.where(known, readings - self.mean_, 0.0)
+        spread = np.sqrt((step * step).sum(axis=0) / count)
+        moves = spread > 1e-9 * np.abs(self.mean_)
+        gain = np.where(moves, 1 / np.where(moves, spread, 1.0), 0.0)
+        unit, width = step * gain, readings.shape[1]
+        shrink = 0.01 + width / (width + 10.0 * len(unit))
+        shape = (1 - shrink) * (unit.T @ unit) / len(unit) + shrink * np.eye(width)
+        self.whitening_ = np.linalg.inv(np.linalg.cholesky(shape)) * gain
+        square = ((step @ self.whitening_.T) ** 2).sum(axis=1)
+        norm = max(float(square.mean()), 1e-12)
+        self.whitening_ /= math.sqrt(norm)
+        self.limit_ = MARGIN * math.sqrt(max(float(square.max()) / norm, 1.0))
+        return np.asarray(square / norm)
+
+
+def _sigmas(stated: Array | None, shape: tuple[int, ...]) -> Array:
+    """Stated standard deviations (s, l) of any of the three forms."""
+    if stated is None:
+        return np.ones(shape)
+    if stated.ndim == 2:
+        return as_shape('stated', stated, shape)
+    stated = as_shape('stated', stated, (*shape, shape[1]))
+    return np.asarray(np.sqrt(np.einsum('sll->sl', stated)))
+
+
+def _weights(inside: Bools, group: Integers) -> Array:
+    """Effective number of independent rows (s,) that each row of a group counts for."""
+    index = np.unique(group, return_inverse=True)[1].reshape(-1)
+    sizes = np.bincount(index).astype(np.float64)
+    total, groups = len(index), len(sizes)
+    if groups == total:
+        return np.ones(total)
+    shares = np.bincount(index, inside) / sizes
+    within = float((shares * (1 - shares) * sizes).sum()) / (total - groups)
+    common = 1.0
+    if groups > 1:
+        between = float((sizes * (shares - inside.mean()) ** 2).sum()) / (groups - 1)
+        usual = (total - (sizes * sizes).sum() / total) / (groups - 1)
+        spread = between + (usual - 1) * within
+        common = min(max((between - within) / spread, 0.0), 1.0) if spread > 0 else 1.0
+    return np.asarray((1 / (1 + (sizes - 1) * common))[index])
+
+
+def _growth(size: Array, weight: Array, square: Array) -> float:
+    """Most probable growth for sizes of errors (s,) at squared distances (s,), by Laplace's law.
+
+    Its prior is one in logarithms about the usual growth.
+    """
+    costs = 0.5 * (np.log(GROWTHS / USUAL_GROWTH) / math.log(10.0)) ** 2
+    for i, growth in enumerate(GROWTHS):
+        factor = np.sqrt(1 + growth * square)
+        mean = float((weight * size / factor).sum() / weight.sum()) + np.finfo(float).tiny
+        costs[i] += weight.sum() * math.log(mean) + float((weight * np.log(factor)).sum())
+    return float(GROWTHS[int(np.argmin(costs))])
+
+
+def _scale(size: Array, weight: Array) -> float:
+    """Weighted quantile that holds 68.27 % of sizes (s,), widened where few are independent."""
+    order = np.argsort(size)
+    below = np.cumsum(weight[order]) - 0.5 * weight[order]
+    quantile = np.interp(ONE_SIGMA * weight.sum(), below, size[order])
+    return float(quantile * stdtrit(weight.sum(), 0.5 + 0.5 * ONE_SIGMA))
 
 
 @compiled
