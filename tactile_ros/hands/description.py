@@ -17,8 +17,12 @@ from tactile_ros.types.config_fields import admit, array, number, text_of, texts
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from tactile_ros.control import GripConfig
     from tactile_ros.types import Array, Integers, JointLimits
 
+SOFTEST = 0.1  # stiffness of a soft object and its drive, of the drive's own
+SOFTLY = 0.4  # 1/s, approach of drives that give way
+SIDEWAYS = 0.25  # of the longest lever: of joints that the normal force does not load
 TELLS = 0.1  # of the fastest joint's motion, below which a joint tells no closure
 
 
@@ -41,7 +45,13 @@ class Finger:
     pre_grasp: Array = array([0.0], 'posture from which it closes', 'rad', (-1,), -10.0, 10.0)
     closing: Array = array([1.0], 'motion from pre_grasp to closed', 'rad', (-1,), -10.0, 10.0)
     lever: Array = array(
-        [0.0], 'torque of each joint per force at the pad; 0: no cap', 'm', (-1,), 0.0, 1.0
+        [0.0], 'torque of each joint per force along the normal of the pad', 'm', (-1,), -1.0, 1.0
+    )
+    kp: Array = array(
+        [0.0], 'gain of the position loop of each joint; 0: not known', 'N m/rad', (-1,), 0.0, 1e4
+    )
+    torque: Array = array(
+        [0.0], 'where each drive clips its torque; 0: not known', 'N m', (-1,), 0.0, 1e3
     )
     free_effort: float = number(0.08, 'torque that moves a joint free of load', 'N m', 0.0, 10.0)
     side: int = whole(0, '1, and -1 for what opposes it, a thumb say; 0: not told', -1, 1)
@@ -50,10 +60,12 @@ class Finger:
 
     def __post_init__(self) -> None:
         """Hold every value to its range and length."""
-        if np.size(self.lever) == 1 and len(self.joints) > 1:
-            object.__setattr__(self, 'lever', np.repeat(np.ravel(self.lever), len(self.joints)))
+        for name in ('lever', 'kp', 'torque'):
+            if np.size(getattr(self, name)) == 1 and len(self.joints) > 1:
+                each = np.repeat(np.ravel(getattr(self, name)), len(self.joints))
+                object.__setattr__(self, name, each)
         admit(self)
-        for name in ('open', 'pre_grasp', 'closing', 'lever'):
+        for name in ('open', 'pre_grasp', 'closing', 'lever', 'kp', 'torque'):
             if len(getattr(self, name)) != len(self.joints):
                 msg = (
                     f'{name} of Finger must have one number for each of its {len(self.joints)} '
@@ -128,18 +140,28 @@ class Finger:
         return float((velocity[moving] / steepest[moving]).min())
 
     @cached_property
+    def stiffness(self) -> float:
+        """Force of the pad per closure on a rigid object (N); NaN where kp or lever is missing.
+
+        The work of drives that are held back, kp |closing|^2, is that of the force on its travel.
+        """
+        travel = float(self.lever @ self.slope)
+        if not (self.kp.all() and travel > 0.0):
+            return float('nan')
+        return float(self.kp @ self.slope**2) / travel
+
+    @cached_property
     def is_capped(self) -> bool:
         """Whether a lever is told for any joint."""
         return bool(self.lever.any())
 
     def caps(self, force: float) -> Array:
         """Largest torques (n,) that hold a force at the pad (N); NaN where no lever is told."""
-        return self.lever * force + self._free_caps
-
-    @cached_property
-    def _free_caps(self) -> Array:
-        """Largest torques (n,) without a force; NaN where no lever is told."""
-        return np.where(self.lever > 0, self.free_effort, np.nan)
+        if not self.is_capped:
+            return np.full(len(self.joints), np.nan)
+        lever = np.abs(self.lever)
+        caps: Array = np.maximum(lever, SIDEWAYS * lever.max()) * force + self.free_effort
+        return caps
 
 
 T = TypeVar('T')
@@ -227,6 +249,15 @@ class HandDescription:
                 for name, finger in fingers.items()
             }
         return HandDescription(self.name, driver, fingers)
+
+    def grip(self) -> GripConfig:
+        """Gains and limits of the grip law to begin with: the stiffness is that of the drives."""
+        config = self.driver.grip()
+        each = [finger.stiffness for finger in self.fingers.values()]
+        if np.isnan(each).any():
+            return config
+        low, high = SOFTEST * min(each), max(each)
+        return replace(config, stiffness_low=low, stiffness_high=high, closing_rate=SOFTLY)
 
     def paced(self, rate_hz: float) -> HandDescription:
         """The same hand for commands at a rate (Hz)."""

@@ -206,24 +206,9 @@ def fill_trajectory(
 
 
 def read_joint_states(message: JointStateMessage, joints: tuple[str, ...]) -> Array | None:
-    """Positions of a hand's joints in a JointState.
+    """Positions (j,) of a hand's joints in a JointState; None: it is about other joints alone.
 
-    Parameters
-    ----------
-    message : JointState
-        Perhaps of other parts of the robot too.
-    joints : tuple of str
-        Of the hand, in the wanted order.
-
-    Returns
-    -------
-    ndarray, shape (j,), or None
-        Positions (rad); None: the message is about other joints alone.
-
-    Raises
-    ------
-    ValueError
-        If it is about some of the joints only, or a position is missing or not finite.
+    ValueError if it is about some of the joints only, or a position is missing or not finite.
     """
     names = list(message.name)
     found = [names.index(name) if name in names else -1 for name in joints]
@@ -248,28 +233,10 @@ def read_joint_states(message: JointStateMessage, joints: tuple[str, ...]) -> Ar
 
 
 def read_command(kind: str, message: object, joints: tuple[str, ...]) -> tuple[Array, float]:
-    """What a hand's driver takes from a command: by index, in a trajectory by name.
+    """Values (j,) in the order of a driver, and the time to reach them (s; 0: at once).
 
-    Parameters
-    ----------
-    kind : str
-        Type of the message.
-    message : JointState, Float64MultiArray or JointTrajectory
-        The command.
-    joints : tuple of str
-        In the driver's order.
-
-    Returns
-    -------
-    values : ndarray, shape (j,)
-        In the driver's order.
-    horizon_s : float
-        Time to reach them (s); 0: at once.
-
-    Raises
-    ------
-    ValueError
-        If their count or names are not the driver's, or one is not finite.
+    `kind` is the type of the message; ValueError where count or names are not the driver's, or a
+    number is not finite.
     """
     horizon_s = 0.0
     if kind == TRAJECTORY:

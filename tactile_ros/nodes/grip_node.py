@@ -261,7 +261,7 @@ class GripNode(ManagedNode):
         self._next: GripLoop | None = None
         self.declare(GripOptions())
         self._hand = load_hand(self.get_parameter('hand').value)
-        self.declare(self._hand.driver, self._hand.driver.grip())
+        self.declare(self._hand.driver, self._hand.grip())
         self._states = self.managed_publisher(GripState, '~/state', 10)
         self._enable = self.create_service(SetBool, '~/enable', self._on_enable)
         self._grasps = GraspServer(self, self._why_not, self._begin, self._cancel)

@@ -59,8 +59,8 @@ def test_the_first_joint_that_reaches_its_speed_bounds_the_closure() -> None:
 
 def test_caps_hold_a_force_where_a_lever_is_told() -> None:
     caps = FINGER.caps(4.0)
-    assert np.isnan(caps[0])
-    np.testing.assert_allclose(caps[1:], [0.3, 0.18])
+    np.testing.assert_allclose(caps, [0.15, 0.3, 0.18])
+    assert np.isnan(replace(FINGER, lever=[0.0]).caps(4.0)).all()
 
 
 @pytest.mark.parametrize(

@@ -355,7 +355,7 @@ def test_torque_caps_follow_the_target_where_levers_are_told() -> None:
     made = world.step()
     for i, name in enumerate(world.stage.fingers):
         finger = world.hand.fingers[name]
-        wanted = finger.free_effort + finger.lever * made.made.target_force[i]
+        wanted = finger.caps(made.made.target_force[i])
         assert made.made.target_force[i] > 0.5
         np.testing.assert_allclose(made.command.effort[world.hand.places(name)], wanted)
     assert np.isnan(World('allegro_v5').stage.sent).all()
@@ -618,7 +618,7 @@ def test_a_rate_that_the_hand_cannot_take_is_refused() -> None:
     with pytest.raises(ValueError, match='rate_hz must be at most 25'):
         GripLoop(hand, GripConfig(rate_hz=100.0))
     with pytest.raises(ValueError, match="fingers must be of thumb, index, middle; received 'x'"):
-        GripLoop(hand, hand.driver.grip(), ('x',))
+        GripLoop(hand, hand.grip(), ('x',))
 
 
 PERIOD_NS = 10_000_000

@@ -150,7 +150,7 @@ def has_taken(grip: GripNode, row: int) -> bool:
 def offline(press: Press) -> np.ndarray:
     """Commands without ROS, shape (s, j)."""
     hand = load_hand(HAND)
-    stage = GripLoop(hand, hand.driver.grip(), ('left',))
+    stage = GripLoop(hand, hand.grip(), ('left',))
     pipeline = load_sensor('reskin_board').load(press.calibration)
     stage.enable()
     stage.grasp(2.0, (), 0.0, True)
