@@ -108,6 +108,6 @@ def write_command(root: Path, venv: Path) -> None:
         '#!/bin/sh\n'
         '# A sourced ROS stays outside: this environment holds its own.\n'
         f'unset {" ".join(SOURCED)}\n'
-        f'exec {shlex.quote(str(venv / "bin" / "python"))} {shlex.quote(str(program))} "$@"\n'
+        f'exec /bin/sh {shlex.quote(str(program))} "$@"\n'
     )
     command.chmod(0o755)

@@ -17,7 +17,6 @@ import re
 import struct
 import zipfile
 import zlib
-from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from functools import cached_property
 from pathlib import Path
@@ -27,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.errors import CalibrationError
+from tactile_ros.files import write_beside
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -48,32 +48,6 @@ DAMAGE = (
     zipfile.BadZipFile, zlib.error, struct.error, OSError, EOFError, ValueError, TypeError,
     LookupError, RuntimeError, OverflowError, MemoryError,
 )  # fmt: skip
-
-
-def write_beside(path: str | os.PathLike[str], data: bytes) -> Path:
-    """Write a file so that no reader, and no interrupted program, ever sees half of it.
-
-    It is on the disk when this returns: after a loss of power it is the new one or the old one.
-    Its folder is made.
-    """
-    target = Path(path)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    beside = target.with_name(f'.{target.name}.{os.getpid()}.part')
-    try:
-        with beside.open('wb') as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        beside.replace(target)
-        with suppress(OSError):  # the name outlasts a loss of power where the file system can
-            folder = os.open(target.parent, os.O_RDONLY)
-            try:
-                os.fsync(folder)
-            finally:
-                os.close(folder)
-    finally:
-        beside.unlink(missing_ok=True)
-    return target
 
 
 def write(path: str | Path, arrays: Mapping[str, npt.NDArray[np.generic]]) -> None:

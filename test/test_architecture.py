@@ -10,7 +10,7 @@ import pytest
 FLOORS = {
     'types': 1, 'physics': 1, 'errors': 1, '__init__': 1,
     'conditioning': 2, 'estimators': 2, 'control': 2, 'devices': 2, 'messages': 2,
-    'calibration': 2, 'pipeline': 3, 'enrolment': 3, 'sensors': 4, 'hands': 4,
+    'calibration': 2, 'files': 1, 'pipeline': 3, 'enrolment': 3, 'sensors': 4, 'hands': 4,
     'simulation': 5, 'evaluation': 5, 'view': 5, 'nodes': 6, 'cli': 6,
 }  # fmt: skip
 SHARED = {'types', 'errors', '__init__'}  # words that every room uses

@@ -6,13 +6,11 @@ import ast
 import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
-from unittest import mock
 
 import numpy as np
 import pytest
 
 import tactile_ros
-from tactile_ros.calibration import write_beside
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.recording_files import load_recording, save_recording
 from tactile_ros.evaluation.report import Dataset, Result, render
@@ -154,14 +152,6 @@ def test_a_report_shows_markup_as_text_wherever_it_gets_in() -> None:
     assert text.count('&lt;script&gt;') >= 7
 
 
-def test_a_write_that_fails_leaves_the_old_file_and_nothing_beside_it(tmp_path: Path) -> None:
-    path = write_beside(tmp_path / 'deep' / 'report.html', b'old')
-    with mock.patch.object(Path, 'replace', side_effect=OSError), pytest.raises(OSError):  # noqa: PT011
-        write_beside(path, b'new')
-    assert path.read_bytes() == b'old'
-    assert list(path.parent.iterdir()) == [path]
-
-
 def test_what_is_written_goes_through_it() -> None:
     """Bags are written as they come; everything else is whole or not there."""
     direct = {
@@ -178,10 +168,10 @@ def test_what_is_written_goes_through_it() -> None:
 
 def test_the_page_says_the_caps_that_the_code_has() -> None:
     from tactile_ros import calibration as calibrations
-    from tactile_ros.cli.console import MOST_YAML_BYTES
     from tactile_ros.evaluation import recording_files as recordings
     from tactile_ros.evaluation.bag import LARGEST_CHUNK
     from tactile_ros.evaluation.recording_files import MOST_ROWS
+    from tactile_ros.files import MOST_YAML_BYTES
 
     page = (ROOT / 'docs' / 'security.md').read_text()
     assert f'{calibrations.MOST_MEMBERS:,}'.replace(',', ' ') + ' members' in page

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import yaml
 
 from tactile_ros.errors import RecordingError, TactileError
 from tactile_ros.evaluation.figures import check_png
 from tactile_ros.evaluation.recording_files import LoadedRecording, load
+from tactile_ros.files import read_yaml, refuse_special
 from tactile_ros.types import Closing
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from tactile_ros.types.contracts import Cell
 
 PATIENCE_S, STEP_S = 2.0, 0.5  # without a word; between two
-MOST_YAML_BYTES = 1_000_000
 
 
 def show(
@@ -143,8 +142,7 @@ def refuse_unwritable(path: Path) -> None:
         With the system's reason, or where `path` is a folder.
     """
     try:
-        if path.is_dir():
-            raise TactileError(f'{path} is a folder; name a file in it')
+        refuse_special(path)
         folder = next(place for place in path.absolute().parents if place.exists())
         with tempfile.TemporaryFile(dir=folder):
             pass
@@ -193,13 +191,10 @@ def read_config(spec: SensorSpec, path: Path | None) -> SensorConfig:
         return config
     if not path.is_file():
         raise ValueError(f'config {path} must be a yaml file; there is none')
-    if (size := path.stat().st_size) > MOST_YAML_BYTES:
-        raise ValueError(f'config {path} must be at most {MOST_YAML_BYTES} bytes; it has {size}')
     try:
-        given = yaml.safe_load(path.read_text())
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-        msg = f'config {path} is no plain yaml: {str(error).splitlines()[0]}'
-        raise ValueError(msg) from error
+        given = read_yaml(path.read_bytes())
+    except ValueError as error:
+        raise ValueError(f'config {path} is {error}') from error
     names = {f.name for f in fields(config)}  # type: ignore[arg-type]
     if not isinstance(given, dict) or not set(given) <= names:
         stray = sorted(map(str, set(given) - names)) if isinstance(given, dict) else given

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.cli import bench
+from tactile_ros.cli import bench, interruptible
 from tactile_ros.cli.calibrate import sentences
 from tactile_ros.cli.console import working
 from tactile_ros.cli.record import wait, wait_for_frames
@@ -275,7 +275,7 @@ def play(part: Part, output: Path) -> str:
     positions = part.played.layout.positions.ravel().tolist()
     extra = {'positions': positions, 'clock_rate': part.speed_up if part.in_time else 1.0}
     graph = sensing(setting).with_parameters('sensor_node', extra)
-    with Running(graph, LOCAL) as running:
+    with interruptible(), Running(graph, LOCAL) as running:
         line = running.wait_for_line('player', 'played', timeout=60.0)
     return str(line[line.index('played') :])
 
@@ -359,7 +359,7 @@ def play_twin(key: str, seed: int, output: Path, seconds: float, say: Say) -> No
     if spec.lesson is not None:
         values['scene'] = 'lesson'
     graph = sensing(setting).with_parameters('sensor_node', values) if values else sensing(setting)
-    with Running(graph, LOCAL) as running:
+    with interruptible(), Running(graph, LOCAL) as running:
         wait_for_frames(running, bag)
         if spec.lesson is not None:
             teach(spec.lesson, _new_class(key), key, say)

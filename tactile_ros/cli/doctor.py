@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import yaml
 
 from tactile_ros.cli.console import show, working
 from tactile_ros.devices.mlx90393 import MUX_ADDRESSES, Command
@@ -35,6 +34,7 @@ from tactile_ros.errors import (
     NotAcknowledged,
     TactileError,
 )
+from tactile_ros.files import read_yaml
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import TaxelStatus
 
@@ -292,8 +292,8 @@ def _pair(text: str) -> tuple[str, object]:
     if not (name and equals):
         raise ValueError(f'--set must be NAME=VALUE; received {text!r}')
     try:
-        return name, yaml.safe_load(value)
-    except yaml.YAMLError as err:
+        return name, read_yaml(value)
+    except ValueError as err:
         msg = f'--set {name} must have a value that yaml can read; received {value!r}'
         raise ValueError(msg) from err
 

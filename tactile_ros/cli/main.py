@@ -8,13 +8,14 @@ import os
 import sys
 
 from tactile_ros import __version__
+from tactile_ros.cli import INTERRUPTED
 from tactile_ros.errors import TactileError
 
 COMMANDS = (
     'list', 'doctor', 'demo', 'calibrate', 'enrol', 'record', 'replay', 'report', 'view',
     'design', 'bench',
 )  # fmt: skip
-FAILED, WRONG_USE, INTERRUPTED, UNHEARD = 1, 2, 130, 141
+FAILED, WRONG_USE, UNHEARD = 1, 2, 141
 
 
 def parser() -> argparse.ArgumentParser:
@@ -84,6 +85,6 @@ def main(arguments: list[str] | None = None) -> int:
         print(f'tactile {options.command}: {error}', file=sys.stderr)
         return WRONG_USE
     except KeyboardInterrupt:
-        print(f'tactile {options.command}: interrupted', file=sys.stderr)
+        print('tactile: interrupted', file=sys.stderr)
         return INTERRUPTED
     return code

@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tactile_ros.cli import interruptible
 from tactile_ros.cli.console import refuse_unwritable
 from tactile_ros.errors import RecordingError, TactileError
 from tactile_ros.evaluation.recording_files import load
@@ -44,9 +45,12 @@ def run(options: argparse.Namespace) -> int:
     process = Process('record', {'bag': bag}, options.namespace)
     with Running(Graph((process,)), hear=lambda _, line: print(line)) as running:
         try:
-            wait(running, options.output, options.seconds)
+            with interruptible():
+                wait(running, options.output, options.seconds)
         except KeyboardInterrupt:
             print('stopping')
+            if not (options.output / 'metadata.yaml').exists():  # not begun yet
+                raise
         code = running.stop()['record']
     if code:
         msg = f'{options.output} is no whole bag: the recorder ended with code {code}'

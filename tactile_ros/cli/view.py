@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.cli import interruptible
 from tactile_ros.cli.console import refuse_unwritable, working
 from tactile_ros.errors import DeviceTimeout, MissingPackageError, RecordingError
 from tactile_ros.evaluation.fleet import open_calibration
@@ -81,7 +82,8 @@ def run(options: argparse.Namespace) -> int:
         told = f'connect Foxglove to {viewer.address}, layout {LAYOUT}; Ctrl-C ends'
         print(f'writing {options.mcap}' if options.mcap else told, file=sys.stderr, flush=True)
         try:
-            feed(viewer, options)
+            with interruptible():
+                feed(viewer, options)
         except KeyboardInterrupt:
             print('stopping', file=sys.stderr)
     return 0

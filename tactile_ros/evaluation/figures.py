@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy import stats
 
-from tactile_ros.calibration import write_beside
 from tactile_ros.conditioning.loading_direction import dead_band, loading_signs
 from tactile_ros.errors import MissingPackageError, TactileError
+from tactile_ros.files import write_beside
 from tactile_ros.types import Array, Bools, Integers
 
 if TYPE_CHECKING:

@@ -50,6 +50,7 @@ from tactile_ros.evaluation.recording_files import (
 from tactile_ros.evaluation.replay import Follower, compare, single_cost
 from tactile_ros.evaluation.report import Answer, Dataset
 from tactile_ros.evaluation.truth import DEFAULT_TRUTH, Association, associate
+from tactile_ros.files import write_beside
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Integers, Recording, groups_of
 
@@ -733,7 +734,7 @@ def save(
                 arrays[f'{i}/{j}/{target.name}'] = np.bincount(bins, minlength=len(BIN_EDGES) + 1)
     text = json.dumps(document, indent=1, allow_nan=False) + '\n'
     return (
-        files.write_beside(path.with_name(f'{path.name}.json'), text.encode()),
+        write_beside(path.with_name(f'{path.name}.json'), text.encode()),
         save_arrays(arrays, path.with_name(f'{path.name}.npz')),
     )
 

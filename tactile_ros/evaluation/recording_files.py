@@ -49,6 +49,7 @@ from tactile_ros.evaluation.truth import (
     ends_as,
     read_texts,
 )
+from tactile_ros.files import write_beside
 from tactile_ros.messages import read_layout
 from tactile_ros.types import (
     STATE_FIELDS,
@@ -607,7 +608,7 @@ def save_arrays(arrays: Columns, path: str | os.PathLike[str]) -> Path:
     """Write plain arrays into one .npz, whole or not at all."""
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
-    return calibration.write_beside(path, buffer.getvalue())
+    return write_beside(path, buffer.getvalue())
 
 
 def load_recording(path: str | os.PathLike[str]) -> Recording:

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros import __version__
-from tactile_ros.calibration import write_beside
 from tactile_ros.evaluation import figures
 from tactile_ros.evaluation.figures import MM, Figure, number
 from tactile_ros.evaluation.metrics import (
@@ -28,6 +27,7 @@ from tactile_ros.evaluation.metrics import (
     spread,
     target_errors,
 )
+from tactile_ros.files import write_beside
 from tactile_ros.types import Array
 
 if TYPE_CHECKING:

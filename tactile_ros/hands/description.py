@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
 
 import numpy as np
-import yaml
 
+from tactile_ros.files import read_yaml
 from tactile_ros.hands.drivers import HandDriver, in_order, load_driver
 from tactile_ros.types import Array, admit_name
 from tactile_ros.types.config_fields import admit, array, number, text_of, texts, whole
@@ -357,15 +357,12 @@ def load_hand(name: str) -> HandDescription:
 def read(path: Path) -> object:
     """Content of a small yaml file; ValueError where it is none."""
     try:
-        if path.stat().st_size > MOST_BYTES:
-            msg = f'{path} must be smaller than {MOST_BYTES} bytes to describe a hand'
-            raise ValueError(msg)
-        return yaml.safe_load(path.read_text('utf-8'))
-    except (OSError, UnicodeDecodeError) as err:
-        msg = f'{path} cannot be read: {err}'
-        raise ValueError(msg) from err
-    except (yaml.YAMLError, RecursionError) as err:
-        msg = f'{path} is no yaml: {" ".join(str(err).split())[:200]}'
+        if path.stat().st_size > MOST_BYTES or not path.is_file():
+            msg = f'it must be a file smaller than {MOST_BYTES} bytes'
+            raise ValueError(msg)  # noqa: TRY301
+        return read_yaml(path.read_text('utf-8'))
+    except (OSError, ValueError) as err:
+        msg = f'{path} cannot be read: {" ".join(str(err).split())[:200]}'
         raise ValueError(msg) from err
 
 

@@ -1,4 +1,4 @@
-"""Run a node by its executable's name: python -m tactile_ros.nodes sensor_node --ros-args ..."""
+"""Run a node by its executable's name, that of this program or its first argument."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 from importlib import import_module
+from pathlib import Path
 
 MODULES = {
     'sensor_node': 'sensor_node',
@@ -18,19 +19,22 @@ MODULES = {
 }
 
 
-def main() -> None:
+def start() -> None:
     """Import and run; Ctrl-C while numpy and rclpy still load ends without a traceback."""
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: sys.exit(0))
+        signal.signal(number, lambda *_: os._exit(0))
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # as the executables block it
     from tactile_ros.nodes.processes import STARTED_BY, end_with_parent
 
     if STARTED_BY in os.environ:  # one that was started by hand outlives its shell
         end_with_parent()
-    if len(sys.argv) < 2 or sys.argv[1] not in MODULES:
-        sys.exit(f'name one of {", ".join(MODULES)}')
-    name = MODULES[sys.argv.pop(1)]
-    import_module(f'tactile_ros.nodes.{name}').main()
+    name = Path(sys.argv[0]).name
+    if name not in MODULES:
+        if len(sys.argv) < 2 or sys.argv[1] not in MODULES:
+            sys.exit(f'name one of {", ".join(MODULES)}')
+        name = sys.argv.pop(1)
+    import_module(f'tactile_ros.nodes.{MODULES[name]}').main()
 
 
 if __name__ == '__main__':
-    main()
+    start()

@@ -53,6 +53,7 @@ class ContactNode(ManagedNode):
     ) -> None:
         super().__init__('contact_node', arguments)
         self._loop: ContactLoop | None = None
+        self._server: EnrolmentServer | None = None
         self._unknown_as = ContactOptions().unknown_as
         self.declare(ContactOptions())
         self._spec = load_sensor(self.get_parameter('sensor').value)
@@ -70,8 +71,8 @@ class ContactNode(ManagedNode):
         self._refusal = self._complaint = self._digest = self._frame_id = ''
         self._frames_before = 0
         self._tare = self.create_service(Trigger, '~/tare', self._on_tare)
-        learns = self._spec.pipeline().estimation.learns_classes
-        self._server = EnrolmentServer(self) if learns else None
+        if self._spec.pipeline().estimation.learns_classes:
+            self._server = EnrolmentServer(self)
 
     def configure(self) -> None:
         """Read the calibration; CalibrationError names what does not fit."""

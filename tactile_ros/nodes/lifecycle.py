@@ -72,6 +72,7 @@ class ManagedNode(LifecycleNode):
         super().__init__(name, cli_args=['--ros-args', *arguments] if arguments else None)
         self._schemas: list[Schema[object]] = []
         self._configured = False
+        self.is_configuring = False
         self._timer: Timer | None = None
         self._inputs: list[Subscription] = []
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -176,7 +177,14 @@ class ManagedNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Run configure; a refusal is logged as one sentence."""
-        if not self._tried(self.configure):
+        self.is_configuring = True
+        try:
+            done = self._tried(self.configure)
+        except KeyboardInterrupt:
+            done = False
+        finally:
+            self.is_configuring = False
+        if not done:
             self._tried(self.cleanup)
             return FAILURE
         self._configured = True
@@ -279,10 +287,17 @@ def diagnostic(
 
 
 def start(nodes: Iterable[ManagedNode]) -> None:
-    """Configure and activate the nodes whose parameter `autostart` is true."""
+    """Configure and activate the nodes whose parameter `autostart` is true.
+
+    One that cannot has finished with code 1, so that whoever started the process knows.
+    """
     for node in nodes:
-        if node.get_parameter('autostart').value and node.trigger_configure() == SUCCESS:
-            node.trigger_activate()
+        if not node.get_parameter('autostart').value:
+            continue
+        if node.trigger_configure() != SUCCESS or node.trigger_activate() != SUCCESS:
+            node.exit_code = 1
+            node.finished.set()
+            return
 
 
 def run(
@@ -302,10 +317,17 @@ def run(
         sys.exit(f'the ROS arguments cannot be read: {err}')
     # No Event: its lock would wait for itself where a second signal interrupts the first.
     stopped: list[int] = []
+    nodes: list[ManagedNode] = []
+
+    def stop(number: int, _: object) -> None:
+        stopped.append(number)
+        if any(node.is_configuring for node in nodes):  # a calibration may take seconds to load
+            raise KeyboardInterrupt
+
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _: stopped.append(number))
+        signal.signal(number, stop)
     try:
-        nodes = list(build())
+        nodes += build()
     except (TactileError, ValueError, ParameterException, InvalidParameterValueException) as err:
         rclpy.logging.get_logger('tactile_ros').fatal(str(err))
         try_shutdown()
@@ -324,7 +346,7 @@ def run(
         # not rclpy.shutdown: to take off its handlers, which were never there, it sets the
         # default for a moment, in which a second signal would kill
         try_shutdown()
-    return max(node.exit_code for node in nodes)
+    return 0 if stopped else max(node.exit_code for node in nodes)
 
 
 def events_executor() -> Executor:

@@ -15,9 +15,10 @@ import pytest
 
 from benchmarks.harness.rows import BenchResult, Row
 from tactile_ros.cli import bench, console, demo
-from tactile_ros.cli.console import MOST_YAML_BYTES, read_config
+from tactile_ros.cli.console import read_config
 from tactile_ros.cli.main import COMMANDS, main, parser, sentence
 from tactile_ros.evaluation.recording_files import load_recording, save_recording
+from tactile_ros.files import MOST_YAML_BYTES
 from tactile_ros.sensors import list_sensors, load_sensor
 
 BENCHES = ', '.join(

@@ -97,7 +97,7 @@ def test_the_report_and_its_pictures_come_from_the_same_run(
 def test_the_installed_command_works_in_processes(folder: Path, tmp_path: Path) -> None:
     script = tmp_path / 'tactile'
     text = (ROOT / 'bootstrap' / 'executable.in').read_text()
-    text = text.replace('@Python3_EXECUTABLE@', sys.executable).replace('@module@', 'cli.main')
+    text = text.replace('@Python3_EXECUTABLE@', sys.executable).replace('@module@', 'cli')
     script.write_text(text)
     names = [str(folder / f'part_{i}.npz') for i in (0, 1)]
     done = subprocess.run(

@@ -1,0 +1,102 @@
+"""Files of the user: written whole or not at all, and yaml read without trust."""
+
+from __future__ import annotations
+
+import os
+import stat
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+
+import yaml
+
+from tactile_ros.errors import TactileError
+
+KINDS = (
+    (stat.S_ISDIR, 'a folder'), (stat.S_ISLNK, 'a link'), (stat.S_ISFIFO, 'a pipe'),
+    (stat.S_ISCHR, 'a device'), (stat.S_ISBLK, 'a device'), (stat.S_ISSOCK, 'a socket'),
+)  # fmt: skip
+UNFINISHED: set[str] = set()  # files under way, removed where a program is interrupted
+LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # the same in C, where it was built
+MOST_YAML_BYTES, MOST_YAML_NODES = 1_000_000, 100_000
+
+
+def write_beside(path: str | os.PathLike[str], data: bytes) -> Path:
+    """Write a file so that no reader, and no interrupted program, ever sees half of it.
+
+    It is on the disk when this returns: after a loss of power it is the new one or the old one.
+    Its folder is made. Raises TactileError where `path` is there and no plain file: a link, a
+    device, a pipe.
+    """
+    target = Path(path)
+    refuse_special(target)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp('.part', f'.{target.name}.', target.parent)
+    UNFINISHED.add(name)
+    try:
+        with os.fdopen(handle, 'wb') as file:
+            os.fchmod(file.fileno(), 0o666 & ~_umask())
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(name).replace(target)
+        with suppress(OSError):  # the name outlasts a loss of power where the file system can
+            folder = os.open(target.parent, os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
+    finally:
+        Path(name).unlink(missing_ok=True)
+        UNFINISHED.discard(name)
+    return target
+
+
+def refuse_special(path: Path) -> None:
+    """Raise TactileError where something other than a plain file has that name."""
+    try:
+        kind = path.lstat().st_mode
+    except OSError:  # nothing is there, or nothing can be: writing says why
+        return
+    if not stat.S_ISREG(kind):
+        found = next((word for is_such, word in KINDS if is_such(kind)), 'no plain file')
+        msg = f'{path} is {found}; name a plain file or a new one'
+        raise TactileError(msg)
+
+
+def _umask() -> int:
+    """Permissions that new files do not get; read without setting where the system can say."""
+    with suppress(OSError, StopIteration, ValueError), Path('/proc/self/status').open() as lines:
+        return int(next(line for line in lines if line.startswith('Umask:')).split()[1], 8)
+    return 0o022
+
+
+def read_yaml(text: str | bytes) -> object:
+    """Plain yaml of at most a million bytes and, with its aliases expanded, 100 000 nodes.
+
+    Raises ValueError with one sentence.
+    """
+    if len(text) > MOST_YAML_BYTES:
+        msg = f'no plain yaml: at most {MOST_YAML_BYTES} bytes are read, not {len(text)}'
+        raise ValueError(msg)
+    try:
+        loader = LOADER(text)
+        node = loader.get_single_node()
+        if _expanded(node, {}) > MOST_YAML_NODES:
+            msg = f'no plain yaml: more than {MOST_YAML_NODES} nodes, aliases expanded'
+            raise ValueError(msg)
+        return None if node is None else loader.construct_document(node)
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+        msg = f'no plain yaml: {str(error).splitlines()[0]}'
+        raise ValueError(msg) from error
+
+
+def _expanded(node: yaml.Node | None, counts: dict[int, int]) -> int:
+    """Nodes below and with a node, every alias counted as what it stands for."""
+    if node is None or isinstance(node, yaml.ScalarNode):
+        return 1
+    if id(node) not in counts:
+        counts[id(node)] = MOST_YAML_NODES  # of a node inside itself
+        below = node.value if isinstance(node, yaml.SequenceNode) else sum(node.value, ())
+        counts[id(node)] = 1 + sum(_expanded(child, counts) for child in below)
+    return counts[id(node)]

@@ -1,0 +1,102 @@
+"""Files of the user: whole or not at all, never through a link; yaml without trust."""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+from pathlib import Path
+
+import pytest
+
+from tactile_ros.errors import TactileError
+from tactile_ros.files import MOST_YAML_NODES, UNFINISHED, read_yaml, write_beside
+
+
+def test_write_beside_is_whole_or_not_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_beside(tmp_path / 'deep' / 'a.json', b'old')
+    assert path.stat().st_mode & 0o777 == 0o666 & ~umask()
+
+    def full(*_: object) -> None:
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(os, 'fsync', full)
+    with pytest.raises(OSError, match='No space'):
+        write_beside(path, b'new')
+    assert path.read_bytes() == b'old'
+    assert [one.name for one in path.parent.iterdir()] == ['a.json']
+    assert not UNFINISHED
+
+
+def umask() -> int:
+    """Permissions that new files do not get."""
+    mask = os.umask(0o022)
+    os.umask(mask)
+    return mask
+
+
+def special(path: Path, kind: str) -> None:
+    """Put something that is no plain file at a path."""
+    if kind == 'pipe':
+        os.mkfifo(path)
+    elif kind == 'link':
+        path.symlink_to(path.with_name('elsewhere'))
+    elif kind == 'folder':
+        path.mkdir()
+    else:
+        with socket.socket(socket.AF_UNIX) as one:
+            one.bind(str(path))
+
+
+@pytest.mark.parametrize('kind', ['pipe', 'link', 'folder', 'socket'])
+def test_write_beside_refuses_what_is_no_plain_file(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / 'out'
+    special(path, kind)
+    with pytest.raises(TactileError, match=f'out is a {kind}; name a plain file'):
+        write_beside(path, b'x')
+    assert not (tmp_path / 'elsewhere').exists()
+
+
+def test_write_beside_refuses_a_device() -> None:
+    with pytest.raises(TactileError, match='/dev/null is a device'):
+        write_beside('/dev/null', b'x')
+
+
+def test_write_beside_does_not_follow_a_planted_link(tmp_path: Path) -> None:
+    victim = tmp_path / 'victim'
+    victim.write_bytes(b'mine')
+    (tmp_path / f'.a.json.{os.getpid()}.part').symlink_to(victim)
+    write_beside(tmp_path / 'a.json', b'x')
+    assert victim.read_bytes() == b'mine'
+
+
+def test_read_yaml_reads_plain_documents_with_aliases() -> None:
+    assert read_yaml('a: &x [1, 2]\nb: *x\n') == {'a': [1, 2], 'b': [1, 2]}
+    assert read_yaml('') is None
+
+
+BOMB = 'a: &a [x,x,x,x,x,x,x,x,x]\n' + ''.join(
+    f'{new}: &{new} [{",".join([f"*{old}"] * 9)}]\n'
+    for old, new in zip('abcdefg', 'bcdefgh', strict=True)
+)
+
+
+@pytest.mark.parametrize(
+    'text',
+    [BOMB, 'a: &a [*a]', '[' * 5000, 'x' * 1_000_001, 'a: !!python/name:os.system', '{', b'\xff'],
+    ids=['aliases', 'loop', 'deep', 'long', 'code', 'broken', 'bytes'],
+)
+def test_read_yaml_refuses_at_once(text: str | bytes) -> None:
+    began = time.process_time()
+    with pytest.raises(ValueError, match='no plain yaml'):
+        read_yaml(text)
+    assert time.process_time() - began < 2.0
+
+
+def test_read_yaml_takes_as_many_nodes_as_it_says() -> None:
+    text = '[' + '1,' * (MOST_YAML_NODES - 2) + ']'
+    assert len(read_yaml(text)) == MOST_YAML_NODES - 2
+    with pytest.raises(ValueError, match='more than'):
+        read_yaml(text.replace('[', '[1,1,'))
