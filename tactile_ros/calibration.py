@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 Arrays = dict[str, npt.NDArray[np.generic]]
-SCHEMA = 2
+SCHEMA = 3
 MOST_MEMBERS = 20_000
 MOST_BYTES = 512 * 1024 * 1024
 MOST_DIRECTORY_BYTES = 300 * MOST_MEMBERS
@@ -53,7 +53,8 @@ DAMAGE = (
 def write(path: str | Path, arrays: Mapping[str, npt.NDArray[np.generic]]) -> None:
     """Write arrays of numbers and text to an .npz, atomically."""
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, schema=np.array(SCHEMA), **dict(arrays))  # type: ignore[arg-type]
+    about = {'schema': np.array(SCHEMA), 'sha256': np.array(digest(arrays))}
+    np.savez_compressed(buffer, **about, **dict(arrays))  # type: ignore[arg-type]
     write_beside(path, buffer.getvalue())
 
 
@@ -76,6 +77,9 @@ def read(path: str | Path) -> Arrays:
     if version.shape != () or version.dtype.kind not in 'iu' or version != SCHEMA:
         found = repr(version.tolist())[:40] if version.size else 'none'
         msg = f'calibration {target} must have schema {SCHEMA}; received {found}; calibrate again'
+        raise CalibrationError(msg)
+    if str(arrays.pop('sha256', '')) != digest(arrays):
+        msg = f'calibration {target} was changed since it was written; calibrate again'
         raise CalibrationError(msg)
     return arrays
 

@@ -66,10 +66,11 @@ FORBIDS_USE = NOT_CALIBRATED | BAD_TAXELS | int(FrameStatus.SATURATED | FrameSta
 ZERO_UNTOUCHED = frozenset({'force', 'torque', 'taxel_force', 'deformation'})
 KEPT_UNTOUCHED = frozenset({'stray_field', 'force_cov', 'torque_cov', 'slip', 'slip_probability'})
 STATUS = frozenset({'status', 'taxel_status', 'valid', 'in_contact'})
-PARTS = ('config', 'layout', 'rest_', 'estimation', 'left_out_')
+PARTS = ('config', 'layout', 'rest_', 'estimation', 'left_out_', 'reference_')
 TARED = ('rest_/baseline.', 'rest_/temperature_c.')  # what a tare changes
 # as no other dimension is likely to be: an array of a wrong shape must not fit by chance
-REHEARSED = 13
+REFERENCES = 13
+SAME = 1e-9  # of the largest entry of a column
 WARM_C, HOT_C = 30.0, 200.0  # the second beyond those of any fit
 
 
@@ -104,6 +105,7 @@ class Pipeline:
         self.sensor, self.config, self.layout, self.estimation = sensor, config, layout, estimation
         self.rest_ = self._unknown_rest()
         self.left_out_: dict[str, float] = {}
+        self.reference_: Array | None = None  # frames that a calibration must answer as the fit did
         self.tare_frames, self.failures, self.failure = 0, 0, ''
         self.reset()
 
@@ -467,6 +469,7 @@ class Pipeline:
         self.estimation.fit(signals, joined.truth, groups_of(joined))
         self.left_out_ = {} if dead is None else {'taxels faulty in every row': float(dead.sum())}
         self.left_out_ |= self._unused(recordings, joined, usable_rows(bits), signals.good)
+        self.reference_ = self._references(usable, signals)
         self.warm_up()
         return self
 
@@ -572,8 +575,11 @@ class Pipeline:
         return calibration.digest(arrays)
 
     def save(self, path: str | Path) -> None:
-        """Write the calibration to one .npz, atomically."""
-        calibration.write(path, self._arrays())
+        """Write the calibration to one .npz, atomically, with its answers to a few frames."""
+        again = deepcopy(self)
+        again.tare_frames = 0  # as it will be read
+        answers = calibration.flatten(again.warm_up(), 'answers')
+        calibration.write(path, self._arrays() | answers)
 
     @classmethod
     def load(cls, path: str | Path, sensor: str, classes: Mapping[str, type]) -> Pipeline:
@@ -596,24 +602,38 @@ class Pipeline:
             raise CalibrationError(msg) from error
         vars(pipeline).update(parts, sensor=sensor, tare_frames=0, failures=0, failure='')
         try:
-            pipeline.warm_up()
+            now = pipeline.warm_up()
+            stored = calibration.restore(arrays, 'answers', {})
+            _refuse_other_answers(now, stored)
         except Exception as error:
             msg = f'calibration {path} does not work ({error}); calibrate again'
             raise CalibrationError(msg) from error
         return pipeline
 
-    def warm_up(self) -> None:
-        """Use everything once, so that no frame waits for a table or a compiler.
+    def _references(self, usable: Array, signals: Signals) -> Array | None:
+        """A few of the frames of a fit, from rest to the largest change."""
+        rows = np.flatnonzero(signals.good & np.isfinite(usable).all(axis=(1, 2)))
+        if not len(rows):
+            return None
+        size = np.square(signals.delta[rows]).sum(axis=(1, 2))
+        places = np.linspace(0, len(rows) - 1, REFERENCES).round().astype(np.int64)
+        return usable[rows[np.argsort(size, kind='stable')[places]]].copy()
+
+    def warm_up(self) -> list[Columns]:
+        """Answer the reference frames, so that no frame waits for a table or a compiler.
 
         A fit and a load end with it: at rest and at a touch, with and without a tare, stamps and
-        temperatures. The stream is forgotten as by `reset`.
+        temperatures. The stream is forgotten as by `reset`. Returns what was answered.
         """
         self.reset()
         calibration.flatten([self.report, self.estimators, self.label_names], 'tables')
-        touched = np.arange(REHEARSED) > 0
+        touched = np.arange(REFERENCES) > 0
         touch = np.where(touched[:, None, None], 10 * self.rest_.scale, 0.0)
         values = np.nan_to_num(self.rest_.baseline + touch)
-        stamps, warm = np.arange(REHEARSED), np.full(values.shape[:2], WARM_C)
+        if self.reference_ is not None:
+            values = self.reference_
+        stamps, warm = np.arange(REFERENCES), np.full(values.shape[:2], WARM_C)
+        answers: list[Columns] = []
         for tare, stamp_ns, temperature_c in (
             (None, None, None), (None, stamps, warm), (~touched, None, warm),
             (~touched, stamps, None), (~touched, stamps, np.full(values.shape[:2], HOT_C)),
@@ -623,6 +643,25 @@ class Pipeline:
             )
             states = self._process_batch(recording, strict=True)
             states.refuse_misfit(self.layout.shape[0])
+            answers.append({name: getattr(states, name) for name in STATE_FIELDS})
+        return answers
+
+
+def _refuse_other_answers(now: Sequence[Columns], stored: object) -> None:
+    """Raise ValueError where reference frames are answered otherwise than when it was written."""
+    if not isinstance(stored, list) or len(stored) != len(now):
+        msg = 'its answers to reference frames are missing'
+        raise ValueError(msg)
+    for columns, before in zip(now, stored, strict=True):
+        for name, column in columns.items():
+            wanted = np.asarray(before[name], np.float64)
+            found = np.asarray(column, np.float64)
+            scale = np.abs(wanted[np.isfinite(wanted)]).max(initial=0.0)
+            if wanted.shape != found.shape or not np.allclose(
+                found, wanted, rtol=0, atol=SAME * scale, equal_nan=True
+            ):
+                msg = f'it answers reference frames with another {name} than when it was written'
+                raise ValueError(msg)
 
 
 def _refuse_misfit(

@@ -1122,6 +1122,27 @@ def test_saved_and_loaded_it_says_the_same(tmp_path: Path, make: object) -> None
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
+@pytest.mark.parametrize('value', [np.nan, np.inf, 0.0, 1e308])
+def test_load_refuses_arrays_that_change_its_answers(tmp_path: Path, value: float) -> None:
+    """Each array of numbers is replaced, and the file signed again as a hostile writer would."""
+    fitted().save(tmp_path / 'c.npz')
+    good = Pipeline.load(tmp_path / 'c.npz', 'toy', CLASSES).process_batch(stream(7))
+    members = read(tmp_path / 'c.npz')
+    refused = 0
+    for name, array in members.items():
+        if array.dtype.kind != 'f' or not array.size or name.startswith('answers/'):
+            continue
+        write(tmp_path / 'd.npz', {**members, name: np.full_like(array, value)})
+        try:
+            states = Pipeline.load(tmp_path / 'd.npz', 'toy', CLASSES).process_batch(stream(7))
+        except CalibrationError:
+            refused += 1
+            continue
+        np.testing.assert_array_equal(states.force, good.force)
+        np.testing.assert_array_equal(states.in_contact, good.in_contact)
+    assert refused >= 3
+
+
 def test_the_digest_is_of_what_was_learned() -> None:
     assert fitted().digest == fitted().digest
     assert fitted().digest != toy().digest
