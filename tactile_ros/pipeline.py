@@ -105,7 +105,7 @@ class Pipeline:
         self.sensor, self.config, self.layout, self.estimation = sensor, config, layout, estimation
         self.rest_ = self._unknown_rest()
         self.left_out_: dict[str, float] = {}
-        self.reference_: Array | None = None  # frames that a calibration must answer as the fit did
+        self.reference_: Array | None = None  # frames that a file must answer as the fit did
         self.tare_frames, self.failures, self.failure = 0, 0, ''
         self.reset()
 
