@@ -30,7 +30,7 @@ from tactile_ros.cli.console import (
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import fleet
 from tactile_ros.evaluation.fleet import Job, open_calibration
-from tactile_ros.evaluation.report import Dataset, Result, environment, table
+from tactile_ros.evaluation.report import Dataset, Result, environment, for_drawing, table
 from tactile_ros.evaluation.truth import DEFAULT_TRUTH
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ def _report(
     """Write the report and its pictures, as far as they are asked for."""
     from tactile_ros.evaluation.report import write_pictures, write_report
 
-    datasets = [fleet.for_report(one) for outcome in outcomes for one in outcome.results]
+    datasets = [for_drawing(one) for outcome in outcomes for one in outcome.results]
     failed = [f'Left out: {outcome.failure}' for outcome in outcomes if outcome.failure]
     notes = dict.fromkeys(said for p in pipelines for said in calibrate.sentences(p.report))
     digests = {

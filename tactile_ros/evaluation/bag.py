@@ -15,14 +15,13 @@ import sqlite3
 import struct
 import sys
 import zlib
-from bisect import bisect_left, bisect_right
 from collections import Counter
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from threading import RLock
-from typing import TYPE_CHECKING, BinaryIO, NamedTuple, cast
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 import yaml
 
@@ -37,9 +36,9 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
     Taker = Callable[[int, bytes], None]
+    Takers = Callable[[str, str], Taker | None]
 
 PACKAGE = 'tactile_ros'
-
 CHUNK_BYTES = 1 << 16
 CHUNK_NS = 100_000_000
 METADATA_NS = 5_000_000_000
@@ -47,36 +46,31 @@ MAGIC = b'\x89MCAP0\r\n'
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, CHUNK_INDEX, DATA_END = 2, 3, 4, 5, 6, 8, 15
 TAKEN = (SCHEMA, CHANNEL, MESSAGE, CHUNK, CHUNK_INDEX)
 LARGEST_CHUNK = 1 << 28  # bytes; a longer record is damage, not data
-_HEAD = struct.Struct('<BQ')  # of a record: code, length
-_MESSAGE = struct.Struct('<BQHIQQ')  # and of a message: channel, sequence, log time, publish time
-_DATA_END = _HEAD.pack(DATA_END, 4) + bytes(4)
-TAIL = _DATA_END + _HEAD.pack(FOOTER, 20) + bytes(20) + MAGIC  # of a file without an index yet
-_LISTED = re.compile(
+HEAD = struct.Struct('<BQ')  # of a record: code, length
+MESSAGE_HEAD = struct.Struct('<BQHIQQ')  # and channel, sequence, log time, publish time
+# end of a file without an index yet
+TAIL = HEAD.pack(DATA_END, 4) + bytes(4) + HEAD.pack(FOOTER, 20) + bytes(20) + MAGIC
+FOOTER_BYTES = HEAD.size + 20 + len(MAGIC)
+LISTED = re.compile(
     r'^\s*-\s+(?:path:\s+)?"?([^"\n]+\.(?:mcap|db3)(?:\.zstd)?)"?\s*$', re.MULTILINE
 )
-_MOST_DAMAGES = 20
-_ROWS = 512  # of a database, read at a time
-_RULE = '=' * 80
+MOST_DAMAGES = 20  # sentences about one file
+ROWS = 512  # of a database, read at a time
+RULE = '=' * 80
 
 
 def missing(package: str, purpose: str) -> MissingPackageError:
-    """One sentence for an optional package that is not installed."""
+    """Make the error of an optional package that is not installed."""
     return MissingPackageError(f'{purpose} needs {package}: pip install {package}')
 
 
 def message_folder() -> Path:
-    """Folder of our .msg files, beside the source or in the share of an installation.
-
-    Raises
-    ------
-    RecordingError
-        If neither is there.
-    """
-    here = Path(__file__).resolve()
-    prefixes = [*here.parents[2:8]]
+    """Find the .msg files beside the source, else in the share of an installation."""
+    above = Path(__file__).resolve().parents
+    prefixes = [*above[2:8]]
     prefixes += [Path(p) for p in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if p]
-    places = [here.parents[2] / 'msg'] if len(here.parents) > 2 else []
-    places += [prefix / 'share' / PACKAGE / 'msg' for prefix in [*prefixes, Path(sys.prefix)]]
+    places = [folder / 'msg' for folder in above[2:3]]
+    places += [prefix / 'share' / PACKAGE / 'msg' for prefix in (*prefixes, Path(sys.prefix))]
     for place in places:
         if (place / 'TactileFrame.msg').is_file():
             return place
@@ -86,55 +80,35 @@ def message_folder() -> Path:
 
 @lru_cache(maxsize=1)
 def all_types() -> Typestore:
-    """Codec of the standard types and of our own, registered from msg/*.msg.
-
-    Returns
-    -------
-    Typestore
-        With `deserialize_cdr(data, type_name)` and `serialize_cdr(message, type_name)`.
-
-    Raises
-    ------
-    MissingPackageError
-        If rosbags is not installed.
-    """
+    """Codec of rosbags for the standard types and those of msg/*.msg."""
     try:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError as err:
-        msg = 'rosbags'
-        raise missing(msg, 'reading the messages of a bag') from err
+        package = 'rosbags'
+        raise missing(package, 'reading the messages of a bag') from err
     store = get_typestore(Stores.LATEST)
     own = {}
     for file in sorted(message_folder().glob('*.msg')):
         own.update(get_types_from_msg(file.read_text('utf-8'), f'{PACKAGE}/msg/{file.stem}'))
-    standard = store.fielddefs
-    store.register({name: fields for name, fields in own.items() if name not in standard})
+    store.register({name: kind for name, kind in own.items() if name not in store.fielddefs})
     return store
 
 
 @lru_cache(maxsize=256)
 def schema_text(type_name: str) -> str:
-    """Concatenated ros2msg text of a type and of all that it needs.
+    """Concatenate the ros2msg texts of a type ('tactile_ros/msg/TactileFrame') and its parts.
 
-    Parameters
-    ----------
-    type_name : str
-        Such as 'tactile_ros/msg/TactileFrame'.
-
-    Raises
-    ------
-    RecordingError
-        If the type is neither ours nor a standard one.
+    Raises RecordingError if the type is neither ours nor a standard one.
     """
     if type_name not in all_types().fielddefs:
         msg = f'no definition of message type {type_name!r} was found'
         raise RecordingError(msg)
     text, _ = all_types().generate_msgdef(type_name, ros_version=2)
-    plain, *needed = text.split(f'{_RULE}\nMSG: ')
+    plain, *needed = text.split(f'{RULE}\nMSG: ')
     parts = [_with_comments(type_name, plain)]
     for section in needed:
         name, _, plain = section.partition('\n')
-        parts.append(f'{_RULE}\nMSG: {name}\n{_with_comments(name, plain)}')
+        parts.append(f'{RULE}\nMSG: {name}\n{_with_comments(name, plain)}')
     return ''.join(parts)
 
 
@@ -148,8 +122,8 @@ def _with_comments(type_name: str, plain: str) -> str:
 
 @lru_cache(maxsize=64)
 def same_fields(type_name: str, text: str) -> bool:
-    """Whether a bag's own text of a type of ours has the fields that ours has."""
-    own = text.split(_RULE, maxsplit=1)[0]
+    """Compare the fields in a bag's own text of a type of ours with ours."""
+    own = text.split(RULE, maxsplit=1)[0]
     if own.strip() == _with_comments(type_name, '').strip():
         return True
     from rosbags.typesys import get_types_from_msg
@@ -163,43 +137,26 @@ def same_fields(type_name: str, text: str) -> bool:
 
 def qos_text(latched: bool) -> str:
     """Offered QoS of a topic in the form of rosbag2 metadata versions 4 to 8."""
-    forever = {'sec': 9223372036, 'nsec': 854775807}
+
+    def forever() -> dict[str, int]:
+        return {'sec': 9223372036, 'nsec': 854775807}
+
     profile = {
         'history': 1, 'depth': 1 if latched else 1000, 'reliability': 1,
-        'durability': 1 if latched else 2, 'deadline': forever, 'lifespan': forever,
-        'liveliness': 1, 'liveliness_lease_duration': forever,
+        'durability': 1 if latched else 2, 'deadline': forever(), 'lifespan': forever(),
+        'liveliness': 1, 'liveliness_lease_duration': forever(),
         'avoid_ros_namespace_conventions': False,
     }  # fmt: skip
-    return _as_yaml([profile])
+    return str(yaml.safe_dump([profile], sort_keys=False))
 
 
-class _Plain(yaml.SafeDumper):
-    """Block style without aliases, as rosbag2 reads it."""
-
-    def ignore_aliases(self, data: object) -> bool:
-        """Write out what stands twice."""
-        return True
-
-
-def _as_yaml(document: object) -> str:
-    return str(yaml.dump(document, Dumper=_Plain, sort_keys=False))
-
-
-class _Pending:
+class _Pending(io.BytesIO):
     """Bytes that mcap has written and the file does not hold yet, at the end of what it holds."""
 
-    def __init__(self) -> None:
-        self.data, self.stored = b'', 0
-
-    def write(self, data: bytes) -> int:
-        self.data += data
-        return len(data)
+    stored = 0
 
     def tell(self) -> int:
-        return self.stored + len(self.data)
-
-    def flush(self) -> None:
-        """Nothing: `BagWriter` stores what is pending."""
+        return self.stored + super().tell()
 
 
 @dataclass
@@ -217,32 +174,22 @@ class BagWriter(Closing):
     end of file that the next one overwrites, and `metadata.yaml` stands from the start: a killed
     process leaves a whole MCAP file without index. A closed bag has its index.
 
-    Parameters
-    ----------
-    path : path-like
-        Folder of the bag; it must not exist or be empty.
-
-    Raises
-    ------
-    RecordingError
-        If the folder holds something already or cannot be written.
-    MissingPackageError
-        If mcap is not installed.
+    Raises RecordingError if the folder `path` holds something already or cannot be written.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         try:
             from mcap.writer import CompressionType, Writer
         except ImportError as err:
-            msg = 'mcap'
-            raise missing(msg, 'recording a bag') from err
+            package = 'mcap'
+            raise missing(package, 'recording a bag') from err
         self.path = Path(path)
         self._topics: dict[str, _Topic] = {}
         self._schemas: dict[str, int] = {}
         self._bytes = 0  # of the chunk in the making
-        self._chunk_ns: list[int] = []
-        self._span_ns: list[int] = []
-        self._written_ns = 0
+        self._chunk_ns: tuple[int, ...] = ()
+        self._span_ns: tuple[int, ...] = ()
+        self._described_ns = 0
         self._lock = RLock()
         try:
             self.path.mkdir(parents=True, exist_ok=True)
@@ -255,9 +202,7 @@ class BagWriter(Closing):
             msg = f'the bag {self.path} cannot be written: {err.strerror}'
             raise RecordingError(msg) from err
         self._pending = _Pending()
-        self._mcap = Writer(
-            cast('BinaryIO', self._pending), 1 << 62, CompressionType.NONE, enable_data_crcs=False
-        )
+        self._mcap = Writer(self._pending, 1 << 62, CompressionType.NONE, enable_data_crcs=False)
         self._mcap.start('ros2', f'tactile_ros {__version__}')
         self._store()
         self._write_metadata()
@@ -268,25 +213,15 @@ class BagWriter(Closing):
         return {name: topic.count for name, topic in self._topics.items()}
 
     def add_topic(self, topic: str, type_name: str, latched: bool = False) -> None:
-        """Announce a topic; `write` does it by itself.
-
-        Parameters
-        ----------
-        topic, type_name : str
-            Such as '/finger/frame', 'tactile_ros/msg/TactileFrame'.
-        latched : bool
-            Offered as transient local, so that `ros2 bag play` repeats it to late subscribers.
-        """
+        """Announce a topic, latched as transient local; `write` does it by itself."""
         with self._lock:
             if topic in self._topics:
                 return
             if type_name not in self._schemas:
                 text = schema_text(type_name).encode()
                 self._schemas[type_name] = self._mcap.register_schema(type_name, 'ros2msg', text)
-            channel = self._mcap.register_channel(
-                topic, 'cdr', self._schemas[type_name],
-                {'offered_qos_profiles': qos_text(latched)},
-            )  # fmt: skip
+            offered = {'offered_qos_profiles': qos_text(latched)}
+            channel = self._mcap.register_channel(topic, 'cdr', self._schemas[type_name], offered)
             self._topics[topic] = _Topic(channel, type_name, latched)
             self._write_metadata()
 
@@ -298,7 +233,7 @@ class BagWriter(Closing):
         Parameters
         ----------
         topic, type_name : str
-            Where it was heard and what it is.
+            Such as '/finger/frame', 'tactile_ros/msg/TactileFrame'.
         stamp_ns : int
             Log time: when it was received (ns); latency is this minus the frame's stamp.
         data : bytes
@@ -306,10 +241,7 @@ class BagWriter(Closing):
         latched : bool
             As in `add_topic`; heeded at the first message of a topic.
 
-        Raises
-        ------
-        RecordingError
-            If the bag is closed or the disk is full.
+        Raises RecordingError if the bag is closed or the disk is full.
         """
         with self._lock:
             if self._file.closed:
@@ -320,23 +252,24 @@ class BagWriter(Closing):
             stamp_ns = max(stamp_ns, 0)
             self._mcap.add_message(entry.channel, stamp_ns, data, stamp_ns, entry.count)
             entry.count += 1
-            self._bytes += len(data) + _MESSAGE.size
-            self._chunk_ns = [min([stamp_ns, *self._chunk_ns]), max([stamp_ns, *self._chunk_ns])]
+            self._bytes += len(data) + MESSAGE_HEAD.size
+            begin, end = self._chunk_ns or (stamp_ns, stamp_ns)
+            self._chunk_ns = min(begin, stamp_ns), max(end, stamp_ns)
             if self._bytes >= CHUNK_BYTES or self._chunk_ns[1] - self._chunk_ns[0] >= CHUNK_NS:
                 self.flush()
 
     def flush(self) -> None:
         """Hand everything taken in to the operating system."""
         with self._lock:
-            if self._file.closed or not (self._bytes or self._pending.data):
+            if self._file.closed or not (self._bytes or self._pending.getvalue()):
                 return
             self._mcap.flush()  # type: ignore[no-untyped-call]
-            self._span_ns = sorted([*self._span_ns, *self._chunk_ns])
-            self._span_ns = [self._span_ns[0], self._span_ns[-1]]
-            self._bytes, self._chunk_ns = 0, []
+            times = [*self._span_ns, *self._chunk_ns]
+            self._span_ns = (min(times), max(times)) if times else ()
+            self._bytes, self._chunk_ns = 0, ()
             self._store()
-            if abs(self._span_ns[1] - self._written_ns) > METADATA_NS:
-                self._written_ns = self._span_ns[1]
+            if times and abs(max(times) - self._described_ns) > METADATA_NS:
+                self._described_ns = max(times)
                 self._write_metadata()
 
     def close(self) -> None:
@@ -353,24 +286,30 @@ class BagWriter(Closing):
 
     def _store(self, tail: bytes = TAIL) -> None:
         """Write what is pending over the last tail or an interrupted write."""
+        pending = self._pending.getvalue()
         self._file.seek(self._pending.stored)
-        view = memoryview(self._pending.data + tail)
+        view = memoryview(pending + tail)
         try:
             while view:
                 view = view[self._file.write(view) :]
         except OSError as err:
             msg = f'the bag {self.path} cannot grow: {err.strerror}'
             raise RecordingError(msg) from err
-        self._pending.stored, self._pending.data = self._pending.tell(), b''
+        self._pending.stored += len(pending)
+        self._pending.seek(0)
+        self._pending.truncate()
 
     def _metadata(self) -> str:
-        """Text of metadata.yaml (version 5, readable from Humble on) with what is known now."""
+        """Text of metadata.yaml (version 5, readable from Humble on) as of now."""
         begin, end = self._span_ns or (0, 0)
         name, total = f'{self.path.name}_0.mcap', sum(self.counts.values())
-        span = {
-            'duration': {'nanoseconds': end - begin},
-            'starting_time': {'nanoseconds_since_epoch': begin},
-        }
+
+        def span() -> dict[str, dict[str, int]]:
+            return {
+                'duration': {'nanoseconds': end - begin},
+                'starting_time': {'nanoseconds_since_epoch': begin},
+            }
+
         topics = [
             {
                 'topic_metadata': {
@@ -381,12 +320,13 @@ class BagWriter(Closing):
             }
             for topic, entry in self._topics.items()
         ]  # fmt: skip
-        return _as_yaml({'rosbag2_bagfile_information': {
-            'version': 5, 'storage_identifier': 'mcap', **span, 'message_count': total,
+        document = {'rosbag2_bagfile_information': {
+            'version': 5, 'storage_identifier': 'mcap', **span(), 'message_count': total,
             'topics_with_message_count': topics, 'compression_format': '', 'compression_mode': '',
             'relative_file_paths': [name],
-            'files': [{'path': name, **span, 'message_count': total}],
-        }})  # fmt: skip
+            'files': [{'path': name, **span(), 'message_count': total}],
+        }}  # fmt: skip
+        return str(yaml.safe_dump(document, sort_keys=False))
 
     def _write_metadata(self) -> None:
         """Replace metadata.yaml in one step, so that a kill leaves the old or the new one."""
@@ -397,11 +337,10 @@ class BagWriter(Closing):
 
 @dataclass
 class BagContent:
-    """What a bag holds beside its messages, as far as it was read.
+    """Counts, types and texts of a bag, as far as it was read, and sentences about its damage.
 
     `counts` are messages per topic; `types` are of topics with messages, `announced` of all that
-    were told; `texts` are definitions by type; `problems` are sentences about everything that was
-    damaged, cut off or left out.
+    an index or a channel names; `texts` are definitions by type.
     """
 
     counts: Counter[str] = field(default_factory=Counter)
@@ -412,9 +351,7 @@ class BagContent:
 
 
 def read_bag(
-    path: str | os.PathLike[str],
-    content: BagContent,
-    taker: Callable[[str, str], Taker | None],
+    path: str | os.PathLike[str], content: BagContent, takers: Takers
 ) -> Iterator[None]:
     """Read a bag part by part: of an MCAP file a chunk at a time.
 
@@ -424,21 +361,18 @@ def read_bag(
         A rosbag2 folder, or one .mcap or .db3 file.
     content : BagContent
         Grows by everything but messages.
-    taker : callable
-        Gives for topic and type name who takes log time (ns) and CDR of each message; None:
-        messages are counted only.
+    takers : callable
+        Gives for topic and type name the function that takes log time (ns) and CDR of each
+        message; None: messages are counted only.
 
-    Raises
-    ------
-    RecordingError
-        If there is no bag at `path`; nothing is raised for what its files hold.
+    Raises RecordingError if there is no bag at `path`, and nothing for what its files hold.
     """
     for file in _files(Path(path), content):
         try:
             if file.suffix == '.mcap':
-                yield from _McapFile(file, content, taker).read()
+                yield from _McapFile(file, content, takers).read()
             elif file.suffix == '.db3':
-                yield from _read_sqlite(file, content, taker)
+                yield from _read_sqlite(file, content, takers)
             else:
                 content.problems.append(f'{file.name} is compressed as a whole: unpack it first')
         except OSError as err:
@@ -459,9 +393,8 @@ def _files(path: Path, content: BagContent) -> list[Path]:
     metadata = path / 'metadata.yaml'
     if metadata.is_file():
         text = metadata.read_text(encoding='utf-8', errors='replace')
-        named = {Path(name).name for name in _LISTED.findall(text)}
-        gone = sorted(named - {file.name for file in files})
-        content.problems += [f'{name} of the bag is missing' for name in gone]
+        gone = {Path(name).name for name in LISTED.findall(text)} - {file.name for file in files}
+        content.problems += [f'{name} of the bag is missing' for name in sorted(gone)]
     else:
         content.problems.append('metadata.yaml of the bag is missing; its files were read anyway')
     return sorted(files, key=lambda file: (len(file.name), file.name))
@@ -477,17 +410,17 @@ class Record(NamedTuple):
 
 
 def records(file: BinaryIO, start: int, size: int) -> Iterator[Record]:
-    """Records of a file of so many bytes from a place on; damage or a cut comes last."""
+    """Walk the records of a file of so many bytes from a place on; damage or a cut comes last."""
     at = start
     while at < size:
         file.seek(at)
-        head = file.read(_HEAD.size)
-        code, length = _HEAD.unpack(head) if len(head) == _HEAD.size else (0, 0)
+        head = file.read(HEAD.size)
+        code, length = HEAD.unpack(head) if len(head) == HEAD.size else (0, 0)
         valid = 0 < code <= DATA_END or code >= 0x80  # 0x80 and above are private
         if not valid or (code in TAKEN and length > LARGEST_CHUNK):
             yield Record(at, 0, b'', False)
             return
-        end = at + _HEAD.size + length
+        end = at + HEAD.size + length
         yield Record(at, code, file.read(length) if code in TAKEN else b'', end <= size)
         at = end
 
@@ -495,18 +428,16 @@ def records(file: BinaryIO, start: int, size: int) -> Iterator[Record]:
 class _McapFile:
     """One pass over one MCAP file."""
 
-    def __init__(
-        self, path: Path, content: BagContent, taker: Callable[[str, str], Taker | None]
-    ) -> None:
+    def __init__(self, path: Path, content: BagContent, takers: Takers) -> None:
         try:
             import mcap.data_stream
             import mcap.exceptions
             import mcap.records
         except ImportError as err:
-            msg = 'mcap'
-            raise missing(msg, 'reading a bag') from err
+            package = 'mcap'
+            raise missing(package, 'reading a bag') from err
         self.mcap = mcap
-        self.path, self.content, self.taker = path, content, taker
+        self.path, self.content, self.takers = path, content, takers
         self.size = path.stat().st_size
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
@@ -543,24 +474,25 @@ class _McapFile:
     def _say(self, sentence: str) -> None:
         """Add a problem of this file."""
         said = sum(problem.startswith(self.path.name) for problem in self.content.problems)
-        if said < _MOST_DAMAGES:
+        if said < MOST_DAMAGES:
             self.content.problems.append(f'{self.path.name} {sentence}')
 
     def _after_damage(self, damaged: int) -> int | None:
         """Place of the next chunk that the index names; None: there is none."""
-        at = next((place for place in sorted(self.chunks) if place > damaged), None)
-        after = 'what follows was left out' if at is None else f'going on at byte {at}'
-        cut = 'is cut off or damaged at byte' if at is None else 'is damaged at byte'
-        self._say(f'{cut} {damaged}; {after}')
+        at = min((place for place in self.chunks if place > damaged), default=None)
+        if at is None:
+            self._say(f'is cut off or damaged at byte {damaged}; what follows was left out')
+        else:
+            self._say(f'is damaged at byte {damaged}; going on at byte {at}')
         return at
 
     def _read_summary(self, file: BinaryIO) -> bool:
-        """Take types, topics and chunks from the summary; whether the file has an end."""
-        file.seek(max(self.size - len(TAIL) + len(_DATA_END), 0))
+        """Take types, topics and chunks from the summary; False: the file has no end."""
+        file.seek(max(self.size - FOOTER_BYTES, 0))
         ending = file.read()
         if ending[-len(MAGIC) :] != MAGIC or ending[:1] != bytes([FOOTER]):
             return False
-        (start,) = struct.unpack_from('<Q', ending, _HEAD.size)
+        (start,) = struct.unpack_from('<Q', ending, HEAD.size)
         if start == 0:
             self._say('was not closed: it has no index, and the last moments may be missing')
         for record in records(file, start, self.size) if start else ():
@@ -590,7 +522,7 @@ class _McapFile:
             elif record.code == CHUNK_INDEX:
                 self.chunks.append(struct.unpack_from('<Q', record.body, 16)[0])
             elif record.code == MESSAGE:
-                self._take_records(_HEAD.pack(MESSAGE, len(record.body)) + record.body)
+                self._take_records(HEAD.pack(MESSAGE, len(record.body)) + record.body)
         except (self.mcap.exceptions.McapError, struct.error, UnicodeDecodeError):
             self.lost['holds records that make no sense'] += 1
 
@@ -601,10 +533,8 @@ class _McapFile:
         except (RecordingError, MissingPackageError) as err:
             self._say(f'chunk at byte {record.at} was left out: {err}')
             return
-        checksum = chunk.uncompressed_crc or zlib.crc32(stored)
-        if record.whole and (checksum, chunk.uncompressed_size) != (
-            zlib.crc32(stored), len(stored),
-        ):  # fmt: skip
+        stated = (chunk.uncompressed_crc or zlib.crc32(stored), chunk.uncompressed_size)
+        if record.whole and stated != (zlib.crc32(stored), len(stored)):
             at = record.at
             self._say(f'chunk at byte {at} is damaged (checksum); its messages were left out')
             return
@@ -613,26 +543,26 @@ class _McapFile:
     def _take_records(self, stored: bytes) -> None:
         """Take the records that lie in a chunk, as far as they are whole."""
         counts, topics, size, at = self.content.counts, self.topics, len(stored), 0
-        while size - at >= _HEAD.size:
-            code, length = _HEAD.unpack_from(stored, at)
-            begin, end = at + _HEAD.size, at + _HEAD.size + length
+        while size - at >= HEAD.size:
+            code, length = HEAD.unpack_from(stored, at)
+            begin, end = at + HEAD.size, at + HEAD.size + length
             if end > size:
                 return
-            if code == MESSAGE and end - at >= _MESSAGE.size:
-                _, _, number, _, log_ns, _ = _MESSAGE.unpack_from(stored, at)
+            if code == MESSAGE and end - at >= MESSAGE_HEAD.size:
+                _, _, number, _, log_ns, _ = MESSAGE_HEAD.unpack_from(stored, at)
                 topic = topics.get(number) or self._topic(number)
                 if topic is None:
                     self.lost['has messages whose topic or type is not told'] += 1
                 else:
                     counts[topic[0]] += 1
                     if topic[1] is not None:
-                        topic[1](log_ns, stored[at + _MESSAGE.size : end])
+                        topic[1](log_ns, stored[at + MESSAGE_HEAD.size : end])
             elif code in (SCHEMA, CHANNEL):
                 self._take(Record(at, code, stored[begin:end], True))
             at = end
 
     def _topic(self, number: int) -> tuple[str, Taker | None] | None:
-        """Name of a channel's topic, and who takes its messages."""
+        """Name of a channel's topic, and the function that takes its messages."""
         channel = self.channels.get(number)
         schema = self.schemas.get(channel.schema_id) if channel else None
         if channel is None or schema is None:
@@ -642,7 +572,7 @@ class _McapFile:
         if channel.message_encoding == 'cdr':
             if schema.encoding == 'ros2msg':
                 self.content.texts[schema.name] = schema.data.decode('utf-8', 'replace')
-            take = self.taker(channel.topic, schema.name)
+            take = self.takers(channel.topic, schema.name)
         else:
             how = f'is encoded as {channel.message_encoding!r}; left out'
             self.content.problems.append(f'{channel.topic} {how}')
@@ -651,14 +581,10 @@ class _McapFile:
 
 
 def unpack(compression: str, data: bytes, size: int) -> bytes:
-    """Records of a chunk, at most as long as it says, also of a cut one.
+    """Unpack the records of a chunk, at most as long as it says, also of a cut one.
 
-    Raises
-    ------
-    RecordingError
-        If the length is absurd or the compression unknown or damaged.
-    MissingPackageError
-        If the package for its compression is not installed.
+    Raises RecordingError if the length is absurd or the compression unknown or damaged,
+    MissingPackageError if its package is not installed.
     """
     if size > LARGEST_CHUNK:
         msg = f'it claims {size} bytes'
@@ -677,9 +603,8 @@ def unpack(compression: str, data: bytes, size: int) -> bytes:
             unpacked: bytes = LZ4FrameDecompressor().decompress(data, max_length=size)
             return unpacked
     except ImportError as err:
-        raise missing(
-            err.name or compression, f'reading a bag compressed with {compression}'
-        ) from err
+        purpose = f'reading a bag compressed with {compression}'
+        raise missing(err.name or compression, purpose) from err
     except MemoryError:
         raise
     except Exception as err:  # whatever the library makes of it
@@ -689,16 +614,14 @@ def unpack(compression: str, data: bytes, size: int) -> bytes:
     raise RecordingError(msg)
 
 
-def _read_sqlite(
-    file: Path, content: BagContent, taker: Callable[[str, str], Taker | None]
-) -> Iterator[None]:
+def _read_sqlite(file: Path, content: BagContent, takers: Takers) -> Iterator[None]:
     """Read a storage file of rosbag2 in sqlite3, as far as it is whole."""
     count = 0
     try:
         with closing(sqlite3.connect(f'{file.resolve().as_uri()}?mode=ro', uri=True)) as base:
             listed = list(base.execute('SELECT id, name, type FROM topics'))
             content.types.update({str(name): str(kind) for _, name, kind in listed})
-            topics = {n: (str(name), taker(str(name), str(kind))) for n, name, kind in listed}
+            topics = {n: (str(name), takers(str(name), str(kind))) for n, name, kind in listed}
             rows = base.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id')
             for number, log_ns, data in rows:
                 count += 1
@@ -706,47 +629,7 @@ def _read_sqlite(
                 content.counts[name] += 1
                 if take and isinstance(data, bytes) and isinstance(log_ns, int):
                     take(log_ns, data)
-                if count % _ROWS == 0:
+                if count % ROWS == 0:
                     yield
     except sqlite3.Error as err:
         content.problems.append(f'{file.name} is damaged after {count} messages: {err}')
-
-
-class MessageBuffer:
-    """Messages of one topic in their order: log times (ns), CDR, and which were of use."""
-
-    def __init__(self, type_name: str = '') -> None:
-        self.type_name = type_name
-        self.logs: list[int] = []
-        self.data: list[bytes] = []
-        self.used: set[int] = set()
-
-    def append(self, log_ns: int, data: bytes) -> None:
-        """Take one more message in."""
-        self.logs.append(log_ns)
-        self.data.append(data)
-
-    def heard_by(self, log_ns: int) -> int:
-        """Count of the messages heard until then."""
-        return bisect_right(self.logs, log_ns)
-
-    def take(self, count: int) -> tuple[list[int], list[bytes]]:
-        """Take the oldest messages out: their log times and data."""
-        taken = self.logs[:count], self.data[:count]
-        self.keep([], count)
-        return taken
-
-    def keep(self, kept: list[int], count: int) -> None:
-        """Of the oldest `count` messages keep only some, by their places."""
-        place = dict(zip(kept, range(len(kept)), strict=True))
-        shift = len(kept) - count
-        self.used = {place.get(k, k + shift) for k in self.used if k >= count or k in place}
-        self.logs[:count] = [self.logs[i] for i in kept]
-        self.data[:count] = [self.data[i] for i in kept]
-
-    def forget_before(self, log_ns: int) -> int:
-        """Drop what was heard earlier; how many of these were of no use."""
-        count = bisect_left(self.logs, log_ns)
-        useless = count - sum(place < count for place in self.used)
-        self.keep([], count)
-        return useless

@@ -16,13 +16,13 @@ from __future__ import annotations
 
 import re
 import struct
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.evaluation.bag import all_types
-from tactile_ros.types import STATE_FIELDS, field_shape
+from tactile_ros.types import STATE_FIELDS, Columns, field_shape
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Sequence
@@ -31,8 +31,9 @@ if TYPE_CHECKING:
 
 FRAME = 'tactile_ros/msg/TactileFrame'
 CONTACTS = 'tactile_ros/msg/TactileContacts'
-Columns = dict[str, npt.NDArray[np.generic]]
+STRING = 'std_msgs/msg/String'
 
+FieldDescription: TypeAlias = Any  # a text or nested tuples, which rosbags gives no types
 FRONT_BYTES = 4
 MOST_ENTRIES = 4096  # of a list of messages, each of which has columns of its own
 BASE, NAME, ARRAY, SEQUENCE = 1, 2, 3, 4  # kinds of a field in rosbags
@@ -48,10 +49,9 @@ class UnlikeError(Exception):
 
 
 class Group(NamedTuple):
-    """Messages of one kind.
+    """Messages of one kind: their places (n,) among all, and fields (n,) or (n, k) by dotted path.
 
-    `rows` (n,) are their places among all; `columns` are fields by dotted path, of shape (n,) or
-    (n, k) for a list of k; entries of a list of messages have their number in the path.
+    Entries of a list of messages have their number in the path.
     """
 
     rows: Integers
@@ -61,8 +61,7 @@ class Group(NamedTuple):
 class MessageLayout:
     """Places of the fields of one message, and of the lengths in it that make its kind.
 
-    Raises UnlikeError if it has none: it is cut, too long, big-endian, or holds what has no
-    columns.
+    Raises UnlikeError if it is cut, too long, big-endian, or holds what has no columns.
     """
 
     def __init__(self, data: bytes, type_name: str) -> None:
@@ -79,18 +78,17 @@ class MessageLayout:
         for name, (kind, what) in all_types().fielddefs[type_name][1]:
             self._field(f'{path}{name}', int(kind), what)
 
-    def _field(self, path: str, kind: int, what: object) -> None:
+    def _field(self, path: str, kind: int, what: FieldDescription) -> None:
         if kind == NAME:
             self._message(str(what), f'{path}.')
         elif kind == BASE:
-            (name, _) = cast('tuple[str, int]', what)
-            text = name == 'string'
-            self._number(path, 'uint8' if text else name, self._length() if text else None)
+            text = what[0] == 'string'
+            self._number(path, 'uint8' if text else what[0], self._length() if text else None)
         else:
-            (entry_kind, entry), count = cast('tuple[tuple[int, object], int]', what)
+            (entry_kind, entry), count = what
             count = self._length() if kind == SEQUENCE else count
-            if entry_kind == BASE and cast('tuple[str, int]', entry)[0] != 'string':
-                self._number(path, cast('tuple[str, int]', entry)[0], count)
+            if entry_kind == BASE and entry[0] != 'string':
+                self._number(path, entry[0], count)
                 return
             if count > MOST_ENTRIES:
                 raise UnlikeError
@@ -133,21 +131,9 @@ class MessageLayout:
 
 
 def read_columns(messages: Sequence[bytes], type_name: str) -> tuple[list[Group], int]:
-    """Columns of serialised messages; what has no columns goes through rosbags once.
+    """Decode serialised messages (CDR) of one type, those without columns through rosbags.
 
-    Parameters
-    ----------
-    messages : sequence of bytes
-        CDR of one type, n of them.
-    type_name : str
-        Such as 'tactile_ros/msg/TactileFrame'.
-
-    Returns
-    -------
-    groups : list of Group
-        One for each kind of message.
-    damaged : int
-        Messages that rosbags cannot read either; they are in no group.
+    Returns a group for each kind of message, and how many are damaged and in no group.
     """
     sizes = np.array([len(data) for data in messages], np.int64)
     groups: list[Group] = []
@@ -185,9 +171,16 @@ def _by_rosbags(data: bytes, type_name: str) -> Columns | None:
     return places.columns(np.frombuffer(fresh, np.uint8)[None])
 
 
-def text_at(column: npt.NDArray[np.generic], row: int) -> str:
-    """Text of one message, from its column of bytes (n, k)."""
-    return bytes(column[row].tobytes()).rstrip(b'\0').decode('utf-8', 'replace')
+def read_texts(messages: Sequence[bytes]) -> tuple[Integers, list[str]]:
+    """Places among all, and texts, of serialised std_msgs/String that can be read."""
+    groups, _ = read_columns(messages, STRING)
+    texts = {
+        row: column.tobytes().rstrip(b'\0').decode('utf-8', 'replace')
+        for group in groups
+        for row, column in zip(group.rows.tolist(), group.columns['data'], strict=True)
+    }
+    rows = sorted(texts)
+    return np.array(rows, np.int64), [texts[row] for row in rows]
 
 
 def stamps_of(columns: Columns) -> Integers:
@@ -196,16 +189,15 @@ def stamps_of(columns: Columns) -> Integers:
     return np.asarray(seconds * 1_000_000_000 + columns['header.stamp.nanosec'].astype(np.int64))
 
 
-def vectors_of(columns: Columns, path: str) -> Array:
-    """Points or vectors, shape (n, 3)."""
-    return np.stack([columns[f'{path}.{axis}'] for axis in 'xyz'], axis=1)
+def vectors_of(columns: Columns, path: str, axes: str = 'xyz') -> Array:
+    """Points, vectors or quaternions, shape (n, 3 or 4)."""
+    return np.stack([columns[f'{path}.{axis}'] for axis in axes], axis=1)
 
 
 class Rows(NamedTuple):
-    """Messages as arrays.
+    """Messages as arrays of n entries, which are those at `rows` (n,) among all.
 
-    `rows` (n,) are their places among all, `arrays` have n entries each; `damaged` and `misfits`
-    are counts of messages that are in no row.
+    `damaged` and `misfits` are counts of messages that are in no row.
     """
 
     rows: Integers
@@ -229,17 +221,27 @@ def read_rows(
         return Rows(good[0].rows, parts[0], damaged, misfits)
     rows = np.concatenate([np.zeros(0, np.int64), *(group.rows for group in good)])
     order = np.argsort(rows, kind='stable')
-    arrays = {key: column[order] for key, column in join(parts).items()}
-    return Rows(rows[order], arrays, damaged, misfits)
+    arrays = stack(parts, [len(group.rows) for group in good])
+    return Rows(rows[order], {k: v[order] for k, v in arrays.items()}, damaged, misfits)
 
 
-def join(parts: Sequence[Columns]) -> Columns:
-    """Columns of all parts, one after another; lists of patches get the length of the longest."""
+def stack(parts: Sequence[Columns], lengths: Sequence[int]) -> Columns:
+    """Columns of all parts of some lengths, one after another; -1 or NaN where a part has none."""
     patches = max([1, *(p['contacts_id'].shape[1] for p in parts if 'contacts_id' in p)])
+    first = {key: part[key] for part in reversed(parts) for key in part}
     return {
-        key: np.concatenate([widened(key, part[key], patches) for part in parts])
-        for key in (parts[0] if parts else ())
-    }
+        key: np.concatenate([
+            widened(key, part[key] if key in part else blank_column(key, column, count), patches)
+            for part, count in zip(parts, lengths, strict=True)
+        ])
+        for key, column in first.items()
+    }  # fmt: skip
+
+
+def blank_column(name: str, like: npt.NDArray[np.generic], count: int) -> npt.NDArray[np.generic]:
+    """So many rows of a column in which nothing is measured."""
+    fill = STATE_FIELDS[name][2] if name in STATE_FIELDS else np.nan if like.dtype == float else -1
+    return np.full((count, *like.shape[1:]), fill, like.dtype)
 
 
 def widened(name: str, column: npt.NDArray[np.generic], patches: int) -> npt.NDArray[np.generic]:
@@ -253,20 +255,10 @@ def widened(name: str, column: npt.NDArray[np.generic], patches: int) -> npt.NDA
 
 
 def read_frames(messages: Sequence[bytes], shape: tuple[int, int]) -> Rows:
-    """Frames of serialised TactileFrames.
+    """Frames of serialised TactileFrames of taxels and channels (t, c); others are misfits.
 
-    Parameters
-    ----------
-    messages : sequence of bytes
-        CDR, s of them.
-    shape : tuple of int
-        Taxels and channels (t, c); frames of another are counted as misfits.
-
-    Returns
-    -------
-    Rows
-        `stamp_ns`, `sequence`, `device_time_ns` (n,), `values` (n, t, c), `temperature_c` (n, t),
-        NaN unknown, `status` (n, t).
+    The arrays are `stamp_ns`, `sequence`, `device_time_ns` (n,), `values` (n, t, c),
+    `temperature_c` (n, t), NaN unknown, and `status` (n, t).
     """
     taxels, channels = shape
 
@@ -297,16 +289,9 @@ BLOCKS = {'force_cov': slice(0, 3), 'torque_cov': slice(3, 6)}
 def read_contacts(
     messages: Sequence[bytes], taxels: int, wanted: Container[str] = STATE_FIELDS
 ) -> Rows:
-    """Arrays of serialised TactileContacts, as `messages.read_contacts` gives them.
+    """Wanted state attributes of serialised TactileContacts, as `messages.read_contacts` has them.
 
-    Parameters
-    ----------
-    messages : sequence of bytes
-        CDR, s of them.
-    taxels : int
-        Count t; messages of another are counted as misfits.
-    wanted : container of str
-        State attributes to read.
+    Messages of another count of taxels are misfits.
     """
 
     def fits(columns: Columns) -> bool:

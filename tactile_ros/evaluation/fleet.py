@@ -1,7 +1,7 @@
 """Many recordings judged by many pipelines: in turn, in processes, or on a Dask cluster.
 
-A recording is one job. What a job finds does not depend on where it runs, and results are put in
-the order of the jobs, so that one process, several and a cluster give the same numbers. A job that
+A recording is one job. Its result does not depend on where it runs, and results are put in the
+order of the jobs, so that one process, several and a cluster give the same numbers. A job that
 fails, or whose process dies, is an outcome like any other.
 """
 
@@ -14,7 +14,7 @@ from collections import Counter
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from threading import get_ident
@@ -25,19 +25,15 @@ import numpy as np
 
 from tactile_ros import calibration as files
 from tactile_ros.errors import MissingPackageError, RecordingError, TactileError
+from tactile_ros.evaluation.cdr_columns import stack
 from tactile_ros.evaluation.metrics import (
+    CLASSES,
     TARGETS,
     Agreement,
-    ClassErrors,
-    Judged,
-    class_rows,
+    TargetErrors,
     clocks_apart,
     frames_dropped,
     given_targets,
-    judge,
-    place_groups,
-    summarised,
-    times_of,
     unjudged,
 )
 from tactile_ros.evaluation.recording_files import (
@@ -48,36 +44,32 @@ from tactile_ros.evaluation.recording_files import (
     save_arrays,
 )
 from tactile_ros.evaluation.replay import Follower, compare, single_cost
-from tactile_ros.evaluation.report import Answer, Dataset
-from tactile_ros.evaluation.truth import DEFAULT_TRUTH, Association, associate
+from tactile_ros.evaluation.report import (
+    CELLS,
+    Answer,
+    Dataset,
+    answer,
+    inside_one_sigma,
+    rows_of,
+)
+from tactile_ros.evaluation.truth import DEFAULT_TRUTH, Association, is_unknown
 from tactile_ros.files import write_beside
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import Integers, Recording, groups_of
+from tactile_ros.types import ContactStates
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    import numpy.typing as npt
-
-    from tactile_ros.evaluation.cdr_columns import Columns
-    from tactile_ros.evaluation.metrics import Spread, TargetErrors
+    from tactile_ros.evaluation.metrics import Spread
+    from tactile_ros.evaluation.report import Cell
     from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Array, ContactStates, Layout
-
-    Cell = str | float | int | None
+    from tactile_ros.types import Array, Columns, Layout
 
 IN_MEMORY = ('.npz', '.csv')
-CLASSES = ('cell', 'label', 'in_contact', 'slip')
+VECTORS = ('position', 'force', 'torque')
+JUDGED = (*VECTORS, *CLASSES, 'session', 'repetition')  # keys of truth
 PROBED = 100  # frames that are timed one by one
-MOST_DRAWN = 1 << 16  # rows of a target
-DRAWN = ('truth', 'estimate', 'error', 'variance', 'rows', 'time_s', 'groups')
-MILLI = 1e3
-COLUMNS = (
-    'recording', 'estimator', 'calibration', 'place mean (mm)', 'p50', 'p95', 'normal RMSE (N)',
-    'shear RMSE (N)', 'place in 1 sigma (%)', 'force in 1 sigma (%)', 'contact right (%)',
-    'cell right (%)', 'label right (%)', 'slip right (%)', 'latency p50 (ms)', 'p99 (ms)',
-    'dropped', 'frames', 'us/frame', 'us/frame batch',
-)  # fmt: skip
+IN_TABLE = [name for name in CELLS if name not in ('named rightly (%)', 'groups')]
 SCHEMA = 1
 BIN_EDGES = 1e-12 * 1.01 ** np.arange(5556)  # of histograms of errors: steps of 1 % up to 1e12
 
@@ -108,129 +100,68 @@ class Job:
 
 
 @dataclass(frozen=True)
-class PipelineAnswer(Answer):
-    """One pipeline on one sensor, or on several together.
-
-    Attributes
-    ----------
-    calibration : str
-        Name of the calibration file.
-    hits : dict of str to Counter
-        Rows that are 'right', 'wrong' or 'abstained', for each kind of class with known truth.
-    frames : int
-        That were processed.
-    agreement : Agreement or None
-        With the live run; None: there was none.
-    problems : tuple of str
-        What must be known about it, as sentences.
-    """
-
-    calibration: str = ''
-    hits: Mapping[str, Counter[str]] = field(default_factory=dict)
-    frames: int = 0
-    agreement: Agreement | None = None
-    problems: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class SensorResult(Dataset):
-    """One sensor of a recording and all that was answered to it.
-
-    Attributes
-    ----------
-    source, sensor : str
-        Names of the recording and of the sensor in it.
-    seconds : float
-        From the first frame to the last; NaN: independent frames.
-    association : dict of str to str
-        How truth was brought together with frames: a sentence for each topic.
-    """
-
-    answers: tuple[PipelineAnswer, ...]
-    source: str = ''
-    sensor: str = ''
-    seconds: float = float('nan')
-    association: Mapping[str, str] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class Outcome:
-    """What one job came to: results by sensor, or why there are none."""
+    """Results of one job by sensor, or why there are none."""
 
     job: Job
-    results: tuple[SensorResult, ...] = ()
+    results: tuple[Dataset, ...] = ()
     failure: str = ''
 
 
 class _Collected:
-    """What one pipeline answered, beside the truth of the same rows."""
+    """Estimates of one pipeline that truth can judge, and its agreement with the live run."""
 
     def __init__(self, follower: Follower) -> None:
         self.follower = follower
-        self.judged: dict[str, list[Judged]] = {}
-        self.named: dict[str, list[tuple[Integers, Integers]]] = {}
-        self.hits: dict[str, Counter[str]] = {}
-        self.given: dict[str, None] = {}
         self.frames = self.spent_ns = 0
         self.us_single = float('nan')
         self.agreement: Agreement | None = None
+        self._parts: list[Columns] = []
 
-    def add(self, truth: Columns, states: ContactStates, first: int) -> None:
-        """Judge the next rows, the first of which has a number."""
-        self.given.update(dict.fromkeys(given_targets(states)))
-        for name in TARGETS:
-            seen = judge(name, truth, states)
-            if len(seen.rows):
-                seen = replace(seen, rows=seen.rows + first)
-                self.judged.setdefault(name, []).append(seen)
-        for kind, true, said in class_rows(truth, states):
-            self.named.setdefault(kind, []).append((true, said))
-        for kind in (kind for kind in CLASSES if kind in truth):
-            true = np.asarray(truth[kind])
-            said = np.where(states.valid, getattr(states, kind), -1)[true >= 0]
-            right, abstained = int((said == true[true >= 0]).sum()), int((said < 0).sum())
-            if len(said):
-                counts = {'right': right, 'wrong': len(said) - right - abstained}
-                self.hits.setdefault(kind, Counter()).update({**counts, 'abstained': abstained})
+    def add(self, piece: LoadedRecording, clock_ns: Callable[[], int]) -> None:
+        """Estimate from the next piece."""
+        recording, live = piece.recording, piece.contacts
+        if math.isnan(self.us_single):
+            self.us_single = single_cost(recording, self.follower.began, clock_ns, PROBED)
+        begin = clock_ns()
+        states = self.follower(piece)
+        self.spent_ns += clock_ns() - begin
+        self.frames += len(piece.seen)
+        if live is not None:
+            agreement = compare(live.states, live.rows, states, len(recording))
+            self.agreement = self.agreement + agreement if self.agreement else agreement
+        columns = {name: getattr(states, name) for name in (*VECTORS, *CLASSES)}
+        columns |= {  # their diagonals are all that is judged
+            f'{name}_cov': np.diagonal(getattr(states, f'{name}_cov'), axis1=1, axis2=2)
+            for name in VECTORS
+        }
+        said = {k: np.array(v) for k, v in columns.items() if not is_unknown(v).all()}
+        self._parts.append({'valid': states.valid.copy(), **said})
 
-    def answer(self, calibration: str, groups: Integers, times: Array) -> PipelineAnswer:
-        """Errors and names of all rows, whose groups and times (s) are given."""
-        targets = []
-        for name in (name for name in TARGETS if name in self.judged):
-            seen = _joined(self.judged[name])
-            own = groups[seen.rows]
-            own = place_groups(seen.truth, own) if name == 'position' else own
-            targets.append(summarised(name, seen, own, times[seen.rows]))
-        label = label_of(self.follower.began)
-        named = (
-            ClassErrors(kind, *(np.concatenate(column) for column in zip(*parts, strict=True)))
-            for kind, parts in self.named.items()
-        )
-        problems = self.follower.problems
-        problems += () if self.agreement is None else self.agreement.problems
-        return PipelineAnswer(
-            label, tuple(targets), self.us_single,
-            self.spent_ns / self.frames / 1000 if self.frames else float('nan'),
-            classes=tuple(one for one in named if (one.said >= 0).any()),
-            calibration=calibration, hits=self.hits, frames=self.frames, agreement=self.agreement,
-            problems=problems,
+    def states(self, lengths: Sequence[int], taxels: int) -> ContactStates:
+        """Estimates of all pieces together."""
+        columns = stack(self._parts, lengths)
+        for name in (f'{name}_cov' for name in VECTORS):
+            if name in columns:
+                shape = (len(columns[name]), 3, 3)
+                columns[name] = np.broadcast_to(columns[name][:, None], shape)
+        return ContactStates.assemble(sum(lengths), taxels, columns)
+
+    def answer(self, calibration: str, whole: LoadedRecording, states: ContactStates) -> Answer:
+        """Judge all estimates."""
+        pipeline = self.follower.pipeline
+        recording = replace(whole.recording, truth=as_answered(whole, pipeline))
+        batch = self.spent_ns / self.frames / 1000 if self.frames else float('nan')
+        problems = () if self.agreement is None else self.agreement.problems
+        return replace(
+            answer(label_of(self.follower.began), recording, states, self.us_single, batch),
+            calibration=calibration, frames=self.frames, agreement=self.agreement,
+            problems=(*self.follower.problems, *problems),
         )  # fmt: skip
 
 
-def _joined(parts: Sequence[Judged | TargetErrors]) -> Judged:
-    """Judged rows of all parts together."""
-    arrays = {
-        name: np.concatenate([getattr(part, name) for part in parts])
-        for name in ('rows', 'truth', 'estimate', 'error', 'variance')
-    }
-    missed, invalid = (sum(getattr(part, n) for part in parts) for n in ('missed', 'invalid'))
-    return Judged(**arrays, missed=missed, invalid=invalid)
-
-
 class Evaluation:
-    """Answers of pipelines to one sensor, judged piece by piece.
-
-    What is kept of a frame are its time, its groups and its errors.
+    """Pipelines that are judged on one sensor, piece by piece.
 
     Parameters
     ----------
@@ -241,10 +172,7 @@ class Evaluation:
     clock_ns : callable
         For the time per frame (ns).
 
-    Raises
-    ------
-    RecordingError
-        If no pipeline is of its shape.
+    Raises RecordingError if no pipeline is of its shape.
     """
 
     def __init__(
@@ -253,92 +181,53 @@ class Evaluation:
         pipelines: Mapping[str, Pipeline],
         clock_ns: Callable[[], int] = perf_counter_ns,
     ) -> None:
-        self.layout = first.recording.layout
-        self._clock_ns = clock_ns
+        self._layout, self._clock_ns = first.recording.layout, clock_ns
+        shape = self._layout.shape
         self._answers = {
             name: _Collected(Follower(pipeline, first.calibrations, first.changes))
             for name, pipeline in pipelines.items()
-            if pipeline.layout.shape == self.layout.shape
+            if pipeline.layout.shape == shape
         }
         if not self._answers:
-            shape = self.layout.shape
             msg = f'{first.name} has {shape} taxels and channels, which no calibration is for'
             raise RecordingError(msg)
-        self._skeletons: list[Recording] = []
-        self._count = 0
+        self._lengths: list[int] = []
         self._latency: list[Array] = [np.zeros(0)]
 
     def add(self, piece: LoadedRecording) -> None:
         """Judge one more piece."""
         recording, live = piece.recording, piece.contacts
         for one in self._answers.values():
-            if math.isnan(one.us_single):
-                began = one.follower.began
-                one.us_single = single_cost(recording, began, self._clock_ns, PROBED)
-            begin = self._clock_ns()
-            states = one.follower(piece)
-            one.spent_ns += self._clock_ns() - begin
-            one.frames += len(piece.seen)
-            if live is not None:
-                agreement = compare(live.states, live.rows, states, len(recording))
-                earlier = one.agreement
-                one.agreement = agreement if earlier is None else earlier + agreement
-            one.add(as_answered(piece, one.follower.pipeline), states, self._count)
+            one.add(piece, self._clock_ns)
         if live is not None and recording.stamp_ns is not None:
             self._latency.append(np.asarray((live.log_ns - recording.stamp_ns[live.rows]) * 1e-9))
-        self._count += len(recording)
-        if recording.stream is not None and recording.stamp_ns is not None:
-            empty = np.zeros((len(recording), 0, 0))
-            keys = recording.truth.keys() & {'session', 'repetition'}
-            recording = replace(
-                recording, values=empty, temperature_c=None, status=None,
-                truth={key: recording.truth[key] for key in keys},
-            )  # fmt: skip
-        self._skeletons.append(recording)
+        self._lengths.append(len(recording))
 
-    def result(self, last: LoadedRecording, source: str = '') -> SensorResult:
-        """Results of all pieces, with what is known at the last of them about the whole."""
-        whole = _skeleton(self._skeletons)
-        groups, times = np.asarray(groups_of(whole)['group'], np.int64), times_of(whole)
+    def result(self, whole: LoadedRecording, source: str = '') -> Dataset:
+        """Results of all pieces, whose times and truth are given."""
+        recording, stamps = whole.recording, whole.recording.stamp_ns
         delay = np.concatenate(self._latency)
         apart = clocks_apart(len(delay), int((delay < 0).sum()))
-        answers = tuple(one.answer(name, groups, times) for name, one in self._answers.items())
-        stamps = whole.stamp_ns
-        alone = last.name in ('sensor', source, source.rpartition('.')[0])
+        answers: list[Answer] = []
+        blind: list[str] = []
+        for name, collected in self._answers.items():
+            states = collected.states(self._lengths, self._layout.shape[0])
+            one = collected.answer(name, whole, states)
+            counts = {target.name: target.spread.count for target in one.targets}
+            blind += unjudged(one.name, counts, given_targets(states))
+            answers.append(one)
+        alone = whole.name in ('sensor', source, source.rpartition('.')[0])
         agreements = [one.agreement for one in answers if one.agreement is not None]
-        blind = [
-            text
-            for one, seen in zip(answers, self._answers.values(), strict=True)
-            for text in unjudged(
-                one.name, {t.name: t.spread.count for t in one.targets}, tuple(seen.given)
-            )
-        ]
-        return SensorResult(
-            name=(source if alone else f'{source} {last.name}').strip() or last.name,
-            summary='', answers=answers, frames=len(whole),
-            dropped=frames_dropped(whole.sequence, whole.restarts),
-            chips=self.layout.positions, latency_s=np.zeros(0) if apart else delay,
+        return Dataset(
+            name=(source if alone else f'{source} {whole.name}').strip() or whole.name,
+            summary='', answers=tuple(answers), frames=len(recording),
+            dropped=frames_dropped(recording.sequence, recording.restarts),
+            chips=self._layout.positions, latency_s=np.zeros(0) if apart else delay,
             agreement=min(agreements, key=lambda one: one.largest, default=None),
-            problems=(*last.problems, *dict.fromkeys(blind), *apart),
-            source=source, sensor=last.name,
+            problems=(*whole.problems, *dict.fromkeys(blind), *apart),
+            source=source, sensor=whole.name,
             seconds=float('nan') if stamps is None else float(stamps[-1] - stamps[0]) * 1e-9,
         )  # fmt: skip
-
-
-def _skeleton(parts: Sequence[Recording]) -> Recording:
-    """Times, counters and groups of all pieces of a bag, without readings; a file as it is."""
-    if len(parts) == 1:
-        return parts[0]
-    truth = {
-        name: np.concatenate([p.truth.get(name, np.full(len(p), -1)) for p in parts])
-        for name in ('session', 'repetition')
-        if any(name in part.truth for part in parts)
-    }
-    columns = {
-        name: np.concatenate([np.asarray(getattr(part, name)) for part in parts])
-        for name in ('stamp_ns', 'sequence', 'stream', 'values')
-    }
-    return replace(parts[0], truth=truth, **columns)  # type: ignore[arg-type]
 
 
 def label_of(pipeline: Pipeline) -> str:
@@ -346,9 +235,9 @@ def label_of(pipeline: Pipeline) -> str:
     return ', '.join(dict.fromkeys(pipeline.estimators.values())) or 'not calibrated'
 
 
-def as_answered(piece: LoadedRecording, pipeline: Pipeline) -> Columns:
+def as_answered(whole: LoadedRecording, pipeline: Pipeline) -> Columns:
     """Truth whose labels came as text, numbered as the pipeline numbers its classes."""
-    truth, names, classes = piece.recording.truth, piece.label_names, pipeline.label_names
+    truth, names, classes = whole.recording.truth, whole.label_names, pipeline.label_names
     if not names or 'label' not in truth:
         return truth
     number = np.array([*(classes.index(n) if n in classes else -1 for n in names), -1])
@@ -363,7 +252,7 @@ def evaluate_bag(
     association: Association | None = None,
     layout: Layout | None = None,
     clock_ns: Callable[[], int] = perf_counter_ns,
-) -> list[SensorResult]:
+) -> list[Dataset]:
     """Judge every sensor of a bag, piece by piece.
 
     Parameters
@@ -382,9 +271,8 @@ def evaluate_bag(
     RecordingError
         If there is no bag, no frame that could be read, or no pipeline for any sensor.
     """
-    bag = Bag(path, layout, truth_topics, association)
+    bag = Bag(path, layout, truth_topics, association, wanted=JUDGED)
     evaluations: dict[str, Evaluation] = {}
-    last: dict[str, LoadedRecording] = {}
     for space, piece in bag:
         try:
             if space not in evaluations and space not in bag.left_out:
@@ -393,15 +281,15 @@ def evaluate_bag(
             bag.left_out[space] = str(err)
         if space in evaluations:
             evaluations[space].add(piece)
-            last[space] = piece
     if not evaluations:
         raise RecordingError('; '.join(bag.left_out.values()))
-    results: list[SensorResult] = []
+    results: list[Dataset] = []
     for space in sorted(evaluations):
         sensor = bag.sensors[space]
-        one = evaluations[space].result(sensor.described(last[space]), path.name)
+        one = evaluations[space].result(sensor.whole(), path.name)
         problems = (*(() if results else bag.problems), *one.problems)
-        results.append(replace(one, problems=problems, association=sensor.truth.sentences))
+        said = {name: t.sentence for name, t in sensor.truth.items() if t.sentence}
+        results.append(replace(one, problems=problems, association=said))
     return results
 
 
@@ -410,7 +298,7 @@ def evaluate(
     pipelines: Mapping[str, Pipeline],
     source: str = '',
     clock_ns: Callable[[], int] = perf_counter_ns,
-) -> SensorResult:
+) -> Dataset:
     """Judge a recording that is in memory as a whole; parameters as of `evaluate_bag`."""
     evaluation = Evaluation(loaded, pipelines, clock_ns)
     evaluation.add(loaded)
@@ -425,7 +313,7 @@ def open_calibration(path: str | Path) -> Pipeline:
 
 @lru_cache(maxsize=64)
 def _opened(path: str, changed_ns: int, thread: int) -> Pipeline:
-    """A calibration, read once by a thread (of which a worker may have some) and not shared."""
+    """Read a calibration once by a thread (of which a worker may have some), not shared."""
     return open_calibration(path)
 
 
@@ -439,7 +327,7 @@ def run_job(job: Job) -> Outcome:
         return Outcome(job, failure=f'{job.recording}: {type(err).__name__}: {err}')
 
 
-def _results(job: Job) -> list[SensorResult]:
+def _results(job: Job) -> list[Dataset]:
     stems = [Path(path).stem for path in job.calibrations]
     pipelines = {}
     for path, stem in zip(job.calibrations, stems, strict=True):
@@ -455,11 +343,12 @@ def _results(job: Job) -> list[SensorResult]:
         names = ', '.join(shipped) or 'none'
         msg = f'{file} does not exist, and {first.sensor} ships only {names}'
         raise RecordingError(msg)
+    asked = '' if job.delay_ns is None else ' as was said'
+    truth = Association(job.tolerance_ns, job.delay_ns, asked)
     if file.suffix not in IN_MEMORY:
         with suppress(ClassesChangedError):
-            truth = associate(file, job.truth_topics, job.tolerance_ns, job.delay_ns)
             return evaluate_bag(file, pipelines, job.truth_topics, truth, first.layout)
-    loaded = load(file, first.layout, job.truth_topics)
+    loaded = load(file, first.layout, job.truth_topics, truth)
     return [evaluate(one, pipelines, file.name) for one in loaded.recordings]
 
 
@@ -547,18 +436,17 @@ def _on_dask(jobs: Sequence[Job], scheduler: str, heard: Callable[[Outcome], Non
                 heard(Outcome(waiting[future], failure=why))
 
 
-def pooled(outcomes: Sequence[Outcome]) -> SensorResult | None:
+def pooled(outcomes: Sequence[Outcome]) -> Dataset | None:
     """All sensors of all outcomes together, by calibration; None for fewer than two."""
     results = [one for outcome in outcomes for one in outcome.results]
     if len(results) < 2:
         return None
-    every = [answer for one in results for answer in one.answers]
-    answers = [
-        _pooled([answer for answer in every if answer.calibration == name])
-        for name in dict.fromkeys(answer.calibration for answer in every)
-    ]
+    by_name: dict[str, list[Answer]] = {}
+    for found in (found for one in results for found in one.answers):
+        by_name.setdefault(found.calibration, []).append(found)
     return replace(
-        results[0], name='all', sensor='all', source='', answers=tuple(answers),
+        results[0], name='all', sensor='all', source='',
+        answers=tuple(_pooled(answers) for answers in by_name.values()),
         frames=sum(one.frames for one in results), dropped=sum(one.dropped for one in results),
         seconds=sum(one.seconds for one in results),
         latency_s=np.concatenate([one.latency_s for one in results]),
@@ -566,129 +454,31 @@ def pooled(outcomes: Sequence[Outcome]) -> SensorResult | None:
     )  # fmt: skip
 
 
-def _pooled(answers: Sequence[PipelineAnswer]) -> PipelineAnswer:
-    """One answer of several: there is no median of medians, so the first that is known stays."""
-    targets, hits = [], {}
-    for name in TARGETS:
-        parts = [target for one in answers if (target := one.target(name))]
-        if parts:
-            groups = np.repeat(np.arange(len(parts)), [len(part.rows) for part in parts])
-            times = np.concatenate([part.time_s for part in parts])
-            targets.append(summarised(name, _joined(parts), groups, times))
-    for kind in CLASSES:
-        counts = [one.hits[kind] for one in answers if kind in one.hits]
-        if counts:
-            hits[kind] = sum(counts, Counter())
+def _pooled(answers: Sequence[Answer]) -> Answer:
+    """One answer of several: there is no median of medians, so the first measured time stays."""
+    parts = {name: [t for one in answers if (t := one.target(name))] for name in TARGETS}
+    counts = {kind: [one.hits[kind] for one in answers if kind in one.hits] for kind in CLASSES}
     agreements = [one.agreement for one in answers if one.agreement is not None]
-    singles = [one.us_single for one in answers if not math.isnan(one.us_single)]
+    singles = (one.us_single for one in answers if not math.isnan(one.us_single))
     frames = sum(one.frames for one in answers)
-    spent = [one.us_batch * one.frames for one in answers if one.frames]
-    return PipelineAnswer(
-        answers[0].name, tuple(targets), next(iter(singles), float('nan')),
-        sum(spent) / frames if frames else float('nan'),
-        calibration=answers[0].calibration, hits=hits, frames=frames,
+    spent = sum(one.us_batch * one.frames for one in answers if one.frames)
+    return Answer(
+        answers[0].name, tuple(TargetErrors.pool(some) for some in parts.values() if some),
+        next(singles, float('nan')), spent / frames if frames else float('nan'),
+        hits={kind: sum(some, Counter()) for kind, some in counts.items() if some},
+        calibration=answers[0].calibration, frames=frames,
         agreement=sum(agreements[1:], agreements[0]) if agreements else None,
         problems=tuple(dict.fromkeys(text for one in answers for text in one.problems)),
     )  # fmt: skip
 
 
-def for_report(one: SensorResult) -> Dataset:
-    """One sensor as a report shows it: what truth can judge first, drawings of some rows.
-
-    Every figure is of all rows; of more than `MOST_DRAWN` drawings show every second, fourth...
-    """
-    names = Counter(answer.name for answer in one.answers)
-    judged = sorted(one.answers, key=lambda a: not any(t.spread.count for t in a.targets))
-    largest = max((len(t.rows) for a in judged for t in a.targets), default=0)
-    step = 1 << max(0, math.ceil(math.log2(max(largest, 1) / MOST_DRAWN)))
-    answers = tuple(
-        replace(
-            answer,
-            name=f'{answer.name}, {answer.calibration}' if names[answer.name] > 1 else answer.name,
-            targets=tuple(
-                replace(target, **{name: getattr(target, name)[::step] for name in DRAWN})
-                for target in answer.targets
-            ),
-        )
-        for answer in judged
-    )
-    problems = [*one.problems, *(text for answer in one.answers for text in answer.problems)]
-    if step > 1:
-        problems.append(
-            f'{one.frames:,} frames are more than drawings hold: they show every {step}th row '
-            'with truth; figures are of all'
-        )
-    summary = '; '.join(f'{topic}: {how}' for topic, how in one.association.items())
-    return replace(
-        one, summary=summary, answers=answers, problems=tuple(dict.fromkeys(problems))
-    )
-
-
 def table(outcomes: Sequence[Outcome]) -> tuple[list[str], list[list[Cell]]]:
-    """Columns and rows: one row per sensor and calibration, then all together.
-
-    Parameters
-    ----------
-    outcomes : sequence of Outcome
-        Of `run_jobs`.
-
-    Returns
-    -------
-    columns : list of str
-        Units in the names.
-    rows : list of list
-        Columns that nobody has a value for are left out.
-    """
+    """Columns with units and a row per sensor and calibration, then all together."""
     results = [one for outcome in outcomes for one in outcome.results]
     whole = pooled(outcomes)
-    every = results if whole is None else [*results, whole]
-    rows = [row_of(one, answer) for one in every for answer in one.answers]
-    if len({row[2] for row in rows}) < 2:
-        for row in rows:
-            row[2] = None
-    kept = [i for i in range(len(COLUMNS)) if any(_known(row[i]) for row in rows)]
-    return [COLUMNS[i] for i in kept], [[row[i] for i in kept] for row in rows]
-
-
-def row_of(one: SensorResult, answer: PipelineAnswer) -> list[Cell]:
-    """Cells of `COLUMNS`; None: not measured."""
-    place, normal = answer.target('position'), answer.target('force_z')
-    forces = [t for t in answer.targets if t.name.startswith('force')]
-    delay = one.latency
-    millimetres: list[Cell] = [None, None, None]
-    if place is not None:
-        seen = place.spread
-        millimetres = [MILLI * seen.mean, MILLI * seen.p50, MILLI * seen.p95]
-    return [
-        one.name, answer.name, answer.calibration, *millimetres,
-        None if normal is None else normal.spread.rms, answer.shear_rms,
-        _share([] if place is None else [place]), _share(forces),
-        *(_right(answer, name) for name in ('in_contact', 'cell', 'label', 'slip')),
-        MILLI * delay.p50 if delay.count else None, MILLI * delay.p99 if delay.count else None,
-        one.dropped, one.frames, answer.us_single, answer.us_batch,
-    ]  # fmt: skip
-
-
-def _inside(target: TargetErrors) -> int:
-    """Components within one standard deviation of their own."""
-    within = target.coverage
-    return round(within.share * within.count) if within.count else 0
-
-
-def _share(targets: Sequence[TargetErrors]) -> float | None:
-    """Share of all components inside one sigma (%)."""
-    judged = sum(t.coverage.count for t in targets)
-    return 100 * sum(map(_inside, targets)) / judged if judged else None
-
-
-def _right(answer: PipelineAnswer, name: str) -> float | None:
-    """Share of right answers (%)."""
-    counts = answer.hits.get(name)
-    return 100 * counts['right'] / sum(counts.values()) if counts else None
-
-
-def _known(cell: Cell) -> bool:
-    return cell is not None and not (isinstance(cell, float) and math.isnan(cell))
+    alone = len({found.calibration for one in results for found in one.answers}) < 2
+    names = [name for name in IN_TABLE if not (alone and name == 'calibration')]
+    return rows_of(results if whole is None else [*results, whole], names)
 
 
 def save(
@@ -705,7 +495,7 @@ def save(
     command : str
         That repeats it.
     environment : mapping
-        Of `benchmark.environment`.
+        Of `report.environment`.
 
     Returns
     -------
@@ -723,12 +513,10 @@ def save(
         'all': None if whole is None else _sensor_json(whole),
         'failed': {o.job.recording: o.failure for o in outcomes if o.failure},
     }
-    arrays: dict[str, npt.NDArray[np.generic]] = {
-        'schema': np.array(SCHEMA), 'bin_edges': BIN_EDGES
-    }  # fmt: skip
+    arrays: Columns = {'schema': np.array(SCHEMA), 'bin_edges': BIN_EDGES}
     for i, one in enumerate(results):
-        for j, answer in enumerate(one.answers):
-            for target in answer.targets:
+        for j, found in enumerate(one.answers):
+            for target in found.targets:
                 size = target.size[np.isfinite(target.size)]
                 bins = np.searchsorted(BIN_EDGES, size, side='right')
                 arrays[f'{i}/{j}/{target.name}'] = np.bincount(bins, minlength=len(BIN_EDGES) + 1)
@@ -739,8 +527,7 @@ def save(
     )
 
 
-def _sensor_json(one: SensorResult) -> dict[str, object]:
-    """A sensor as json has it."""
+def _sensor_json(one: Dataset) -> dict[str, object]:
     return {
         'recording': one.source,
         'sensor': one.sensor,
@@ -750,46 +537,44 @@ def _sensor_json(one: SensorResult) -> dict[str, object]:
         'latency': _spread_json(one.latency, 's'),
         'truth': dict(one.association),
         'problems': list(one.problems),
-        'answers': [_answer_json(answer) for answer in one.answers],
+        'answers': [_answer_json(found) for found in one.answers],
     }
 
 
-def _answer_json(answer: PipelineAnswer) -> dict[str, object]:
-    agreement = answer.agreement
+def _answer_json(found: Answer) -> dict[str, object]:
+    agreement = found.agreement
     return {
-        'estimator': answer.name,
-        'calibration': answer.calibration,
-        'us_single': _number(answer.us_single),
-        'us_batch': _number(answer.us_batch),
+        'estimator': found.name,
+        'calibration': found.calibration,
+        'us_single': _number(found.us_single),
+        'us_batch': _number(found.us_batch),
         'difference_to_live': None if agreement is None else _number(agreement.largest),
         'frames_without_contacts': None if agreement is None else agreement.without_contacts,
-        'problems': list(answer.problems),
+        'problems': list(found.problems),
         'targets': {
             target.name: {
                 **_spread_json(target.spread, target.unit),
-                'inside_one_sigma': _inside(target),
+                'inside_one_sigma': inside_one_sigma([target]),
                 'judged': target.coverage.count,
                 'missed': target.missed,
                 'invalid': target.invalid,
             }
-            for target in answer.targets
+            for target in found.targets
         },
-        'classes': {name: dict(counts) for name, counts in answer.hits.items()},
+        'classes': {name: dict(counts) for name, counts in found.hits.items()},
     }
 
 
 def _spread_json(errors: Spread, unit: str) -> dict[str, object]:
     """Summary, and the sums that can be added up."""
-    names = ('mean', 'rms', 'p50', 'p95', 'p99', 'largest')
+    figures = {name: _number(value) for name, value in vars(errors).items() if name != 'count'}
+    sums = (errors.mean * errors.count, errors.rms**2 * errors.count) if errors.count else (0, 0)
     return {
-        'unit': unit,
-        'count': errors.count,
-        **{name: _number(getattr(errors, name)) for name in names},
-        'sum': errors.mean * errors.count if errors.count else 0.0,
-        'sum_of_squares': errors.rms**2 * errors.count if errors.count else 0.0,
-    }
+        'unit': unit, 'count': errors.count, **figures,
+        'sum': float(sums[0]), 'sum_of_squares': float(sums[1]),
+    }  # fmt: skip
 
 
 def _number(value: float) -> float | None:
-    """A number as json has it."""
+    """Number as json has it."""
     return float(value) if math.isfinite(value) else None

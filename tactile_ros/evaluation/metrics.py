@@ -6,7 +6,8 @@ the distance of its centre; its text divides by the number of classes; here it i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +19,7 @@ from tactile_ros.types import Array, Bools, Integers, groups_of
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from tactile_ros.types import ContactStates, Recording
+    from tactile_ros.types import Columns, ContactStates, Recording
 
 ONE_SIGMA = 0.6826894921370859
 WITHIN = {1: ONE_SIGMA, 2: 0.9544997361036416}
@@ -27,7 +28,8 @@ TOLERANCE = 0.05  # of a coverage
 PLACE = 1e-5  # m, to which places are the same
 MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
 MOST_AHEAD = 0.01  # of contacts that may be heard before the stamps of their frames
-KINDS = ('cell', 'label')
+CLASSES = ('cell', 'label', 'in_contact', 'slip')
+ROWS = ('truth', 'estimate', 'error', 'variance', 'rows', 'time_s', 'groups')
 AXES = 'xyz'
 # what truth can judge: unit, state attribute and components; the place counts in the plane
 TARGETS = {
@@ -53,12 +55,15 @@ class Spread:
     largest: float
 
 
+NOTHING = Spread(0, *[float('nan')] * 6)
+
+
 def spread(values: npt.ArrayLike) -> Spread:
     """Summarise magnitudes (n,); NaN is left out, signs are dropped."""
     sizes = np.abs(np.asarray(values, np.float64))
     sizes = sizes[np.isfinite(sizes)]
     if not len(sizes):
-        return Spread(0, *[float('nan')] * 6)
+        return NOTHING
     p50, p95, p99 = (float(p) for p in np.percentile(sizes, [50, 95, 99]))
     rms = float(np.sqrt(np.mean(sizes**2)))
     return Spread(len(sizes), float(sizes.mean()), rms, p50, p95, p99, float(sizes.max()))
@@ -78,6 +83,9 @@ class Coverage:
     def honest(self) -> bool:
         """Whether the share is accepted."""
         return self.low <= self.share <= self.high
+
+
+UNCOVERED = Coverage(float('nan'), float('nan'), float('nan'), 0, 0)
 
 
 def coverage(error: Array, variance: Array, groups: Integers, sigmas: int = 1) -> Coverage:
@@ -187,28 +195,42 @@ class ClassErrors:
 
 
 def class_rows(
-    truth: Mapping[str, npt.NDArray[np.generic]], states: ContactStates
-) -> Iterator[tuple[str, Integers, Integers]]:
-    """Kind, true and estimated classes (n,) of the rows with truth; -1 estimated: none."""
-    estimates = {'cell': states.cell, 'label': states.label}
-    for name in KINDS:
+    truth: Columns, states: ContactStates, kinds: Sequence[str] = CLASSES
+) -> Iterator[ClassErrors]:
+    """True and estimated classes of each kind, in the rows with truth."""
+    for name in kinds:
         if name in truth:
             true = np.asarray(truth[name], np.int64)
-            said = np.where(states.valid, estimates[name], -1).astype(np.int64)
+            said = np.where(states.valid, getattr(states, name), -1).astype(np.int64)
             if (rows := true >= 0).any():
-                yield name, true[rows], said[rows]
+                yield ClassErrors(name, true[rows], said[rows])
 
 
 def class_errors(recording: Recording, states: ContactStates) -> tuple[ClassErrors, ...]:
-    """Errors of the kinds of classes that are estimated in at least one row with truth."""
-    rows = class_rows(recording.truth, states)
-    return tuple(ClassErrors(name, true, said) for name, true, said in rows if (said >= 0).any())
+    """Errors of cells and labels that are estimated in at least one row with truth."""
+    found = class_rows(recording.truth, states, ('cell', 'label'))
+    return tuple(one for one in found if (one.said >= 0).any())
+
+
+def class_hits(truth: Columns, states: ContactStates) -> dict[str, Counter[str]]:
+    """Rows that are right, wrong or abstained, for each kind of class with truth."""
+    hits = {}
+    for one in class_rows(truth, states):
+        right, abstained = int((one.said == one.true).sum()), int((one.said < 0).sum())
+        wrong = one.count - right - abstained
+        hits[one.name] = Counter(right=right, wrong=wrong, abstained=abstained)
+    return hits
 
 
 @dataclass(frozen=True)
-class Judged:
-    """Estimates of one target beside its truth; NaN: not estimated, or not to be used."""
+class TargetErrors:
+    """Estimates of one target beside its truth; NaN: not estimated, or not to be used.
 
+    The place in the plane has d = 2 components, every other target one.
+    """
+
+    name: str  # 'position', 'force_x'...
+    unit: str  # 'm', 'N', 'N m'
     rows: Integers  # (n,) of the recording, where the truth is measured
     truth: Array  # (n, d)
     estimate: Array
@@ -216,22 +238,22 @@ class Judged:
     variance: Array
     missed: int  # rows without an estimate
     invalid: int  # rows not to be used for control
-
-
-@dataclass(frozen=True)
-class TargetErrors(Judged):
-    """Errors of one target: the place in the plane (d = 2), or one component (d = 1)."""
-
-    name: str  # 'position', 'force_x'...
-    unit: str  # 'm', 'N', 'N m'
     time_s: Array  # (n,) from the first row of the recording (s); NaN: independent frames
-    groups: Integers  # (n,) what errors have in common
-    spread: Spread  # of the norm of the error, without missed and invalid rows
-    coverage: Coverage  # components pooled
+    groups: Integers  # (n,) place, press cycle or recording, which errors have in common
+    spread: Spread = field(default=NOTHING)  # of the norm of the error, of all rows
+    coverage: Coverage = field(default=UNCOVERED)  # components pooled, of all rows
+
+    def __post_init__(self) -> None:
+        """Summarise all rows, once: drawings may keep some of them."""
+        if self.coverage is UNCOVERED:
+            groups = np.repeat(self.groups, self.error.shape[1])
+            covered = coverage(self.error.ravel(), self.variance.ravel(), groups)
+            object.__setattr__(self, 'coverage', covered)
+            object.__setattr__(self, 'spread', spread(self.size))
 
     @property
     def varies(self) -> bool:
-        """Whether the truth is more than one value: of a constant there is nothing to draw."""
+        """True where the truth is more than one value: of a constant there is nothing to draw."""
         return bool(len(self.truth)) and bool(np.ptp(self.truth, axis=0).any())
 
     @property
@@ -244,21 +266,18 @@ class TargetErrors(Judged):
         """Rows with truth."""
         return self.spread.count + self.missed + self.invalid
 
+    def every(self, step: int) -> TargetErrors:
+        """Some of the rows, with the figures of all."""
+        return replace(self, **{name: getattr(self, name)[::step] for name in ROWS})
 
-def judge(
-    name: str, truth: Mapping[str, npt.NDArray[np.generic]], states: ContactStates
-) -> Judged:
-    """Compare the estimates (s rows) of one of `TARGETS` with its truth (s rows)."""
-    _, key, axes = TARGETS[name]
-    stated = np.asarray(truth.get(key, np.full((len(states.valid), 3), np.nan)), np.float64)
-    rows = np.flatnonzero(np.isfinite(stated[:, axes]).all(axis=1))
-    stated = stated[rows][:, axes]
-    estimate = getattr(states, key)[rows][:, axes]
-    variance = np.diagonal(getattr(states, f'{key}_cov')[rows], axis1=1, axis2=2)[:, axes]
-    usable, there = states.valid[rows], np.isfinite(estimate).all(axis=1)
-    estimate = np.where((usable & there)[:, None], estimate, np.nan)
-    missed, invalid = int((usable & ~there).sum()), int((~usable).sum())
-    return Judged(rows, stated, estimate, estimate - stated, variance, missed, invalid)
+    @classmethod
+    def pool(cls, parts: Sequence[TargetErrors]) -> TargetErrors:
+        """Errors of one target in several recordings, each of which is a group."""
+        arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ROWS}
+        arrays['groups'] = np.repeat(np.arange(len(parts)), [len(part.rows) for part in parts])
+        missed, invalid = (sum(getattr(p, name) for p in parts) for name in ('missed', 'invalid'))
+        rest = {'missed': missed, 'invalid': invalid, **arrays}
+        return cls(parts[0].name, parts[0].unit, **rest)  # type: ignore[arg-type]
 
 
 def given_targets(states: ContactStates) -> tuple[str, ...]:
@@ -273,15 +292,23 @@ def given_targets(states: ContactStates) -> tuple[str, ...]:
 def target_errors(recording: Recording, states: ContactStates) -> tuple[TargetErrors, ...]:
     """Errors of every target with truth in the s rows: the place first, then components."""
     found = []
-    groups = np.asarray(groups_of(recording)['group'], np.int64)
-    time_s = times_of(recording)
-    for name, (_, key, axes) in TARGETS.items():
-        judged = judge(name, recording.truth, states)
-        if len(judged.rows):
-            own = groups
-            if name == 'position':
-                own = place_groups(np.asarray(recording.truth[key], np.float64)[:, axes], groups)
-            found.append(summarised(name, judged, own[judged.rows], time_s[judged.rows]))
+    others, time_s = np.asarray(groups_of(recording)['group'], np.int64), times_of(recording)
+    for name, (unit, key, axes) in TARGETS.items():
+        if key not in recording.truth:
+            continue
+        stated = np.asarray(recording.truth[key], np.float64)[:, axes]
+        rows = np.flatnonzero(np.isfinite(stated).all(axis=1))
+        if not len(rows):
+            continue
+        groups = place_groups(stated, others) if name == 'position' else others
+        estimate = getattr(states, key)[rows][:, axes]
+        variance = np.diagonal(getattr(states, f'{key}_cov')[rows], axis1=1, axis2=2)[:, axes]
+        usable, there = states.valid[rows], np.isfinite(estimate).all(axis=1)
+        estimate = np.where((usable & there)[:, None], estimate, np.nan)
+        found.append(TargetErrors(
+            name, unit, rows, stated[rows], estimate, estimate - stated[rows], variance,
+            int((usable & ~there).sum()), int((~usable).sum()), time_s[rows], groups[rows],
+        ))  # fmt: skip
     return tuple(found)
 
 
@@ -305,16 +332,6 @@ def place_groups(plane: Array, otherwise: Integers) -> Integers:
     groups = np.full(len(plane), -1, np.int64)
     groups[rows] = place
     return groups
-
-
-def summarised(name: str, judged: Judged, groups: Integers, time_s: Array) -> TargetErrors:
-    """Summarise the errors of one target (n rows) with groups and times (n,) (s)."""
-    width = judged.error.shape[1]
-    covered = coverage(judged.error.ravel(), judged.variance.ravel(), np.repeat(groups, width))
-    return TargetErrors(
-        **vars(judged), name=name, unit=TARGETS[name][0], time_s=time_s, groups=groups,
-        spread=spread(np.sqrt((judged.error**2).sum(axis=1))), coverage=covered,
-    )  # fmt: skip
 
 
 def unjudged(name: str, counts: Mapping[str, int], given: Sequence[str]) -> tuple[str, ...]:

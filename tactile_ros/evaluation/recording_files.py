@@ -14,8 +14,10 @@ import io
 import json
 import math
 import re
+from bisect import bisect_right
 from collections import Counter
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -24,30 +26,24 @@ import numpy as np
 
 from tactile_ros import calibration
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation.bag import (
-    PACKAGE,
-    BagContent,
-    MessageBuffer,
-    all_types,
-    read_bag,
-    same_fields,
-)
+from tactile_ros.evaluation.bag import PACKAGE, BagContent, all_types, read_bag, same_fields
 from tactile_ros.evaluation.cdr_columns import (
     CONTACTS,
     FRAME,
-    Columns,
+    STRING,
     read_contacts,
     read_frames,
+    read_texts,
 )
 from tactile_ros.evaluation.truth import (
     DEFAULT_TRUTH,
-    ELSEWHERE,
-    STRING,
     TRUTH_TYPES,
     Association,
-    TruthTopics,
+    FrameTimes,
+    TruthTopic,
     ends_as,
-    read_texts,
+    merged,
+    nearest_of_key,
 )
 from tactile_ros.files import write_beside
 from tactile_ros.messages import read_layout
@@ -64,10 +60,10 @@ from tactile_ros.types import (
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 
     from tactile_ros.evaluation.bag import Taker
-    from tactile_ros.types import Array, Bytes, Integers
+    from tactile_ros.types import Array, Columns, Integers
 
 SCHEMA = 1
 MOST_MEMBERS = 64
@@ -80,8 +76,6 @@ ROLES |= {('calibration', STRING)}
 PIECE = 4096  # frames
 HORIZON_NS = 2_000_000_000
 MOST_WAITING = 8  # pieces of frames that wait for the log time to go on
-NEIGHBOURS = 256  # frames before a piece that truth may belong to instead
-MOST_EARLY = 1000  # messages of truth that are kept until a frame is heard
 FOREVER = 1 << 62
 _COLUMNS = ('stamp_ns', 'sequence', 'temperature_c', 'status', 'stream', 'tare')
 _DIGEST = re.compile(r'\b[0-9a-f]{64}\b')
@@ -89,7 +83,7 @@ _DIGEST = re.compile(r'\b[0-9a-f]{64}\b')
 
 @dataclass(frozen=True)
 class LiveContacts:
-    """What a live run said about frames of a recording.
+    """Contacts of a live run about frames of a recording.
 
     Attributes
     ----------
@@ -128,7 +122,7 @@ class ClassChange:
     presses : tuple of tuple of int
         Stamps of the first and last frame of each press (ns); empty: it was forgotten.
     replace : bool
-        What was known under the name was forgotten first.
+        Presses of that name were forgotten first.
     """
 
     label: str
@@ -140,8 +134,7 @@ class ClassChange:
 
 def read_changes(texts: Iterable[str]) -> tuple[ClassChange, ...]:
     """Changes that announcements of a calibration state; those that make no sense state none."""
-    changes = (_read_change(text) for text in texts)
-    return tuple(change for change in changes if change is not None)
+    return tuple(change for text in texts if (change := _read_change(text)) is not None)
 
 
 def _read_change(text: str) -> ClassChange | None:
@@ -169,11 +162,11 @@ class LoadedRecording:
     name : str
         Namespace in the bag, or name of the file.
     recording : Recording
-        Frames and truth; in pieces `stream` counts on from piece to piece.
+        Frames and truth; pieces of a bag have no truth, and their `stream` counts on.
     contacts : LiveContacts or None
-        What the live run said.
+        Of the live run.
     baselines : tuple of Frame
-        Baselines of the live run; `sequence` is the first frame that each holds for.
+        Of the live run; `sequence` is the first frame that each holds for.
     calibrations : tuple of str
         SHA-256 of the calibrations of the live run, in their order.
     changes : tuple of ClassChange
@@ -181,7 +174,7 @@ class LoadedRecording:
     label_names : tuple of str
         Names of truth labels that came as text.
     problems : tuple of str
-        What could not be read or matched, as sentences.
+        Sentences about all that could not be read or matched.
     """
 
     name: str
@@ -219,18 +212,21 @@ def load(
     path: str | os.PathLike[str],
     layout: Layout | None = None,
     truth_topics: Sequence[str] = DEFAULT_TRUTH,
+    association: Association | None = None,
 ) -> Loaded:
     """Load a bag (folder, .mcap, .db3), an .npz or a .csv as a whole.
 
     Parameters
     ----------
     path : path-like
-        What to read.
+        Of the bag or file.
     layout : Layout or None
         For .csv, and for bags without a layout.
     truth_topics : sequence of str
         Topics that tell the truth, relative to the sensor's namespace or absolute:
         TactileContacts, WrenchStamped, PoseStamped, PoseWithCovarianceStamped, String.
+    association : Association or None
+        Of truth with frames; None: by stamps, within half a step.
 
     Returns
     -------
@@ -253,22 +249,50 @@ def load(
             msg = f'{file} does not tell the layout of its sensor; name the sensor'
             raise RecordingError(msg)
         return Loaded((LoadedRecording(file.stem, read_csv(file, layout)),))
-    bag = Bag(file, layout, truth_topics, frames=FOREVER)
-    whole = dict(bag)
-    recordings = tuple(bag.sensors[space].described(whole[space]) for space in sorted(whole))
-    return Loaded(recordings, tuple(bag.problems))
+    bag = Bag(file, layout, truth_topics, association, frames=FOREVER)
+    recordings = []
+    for space, piece in sorted(bag, key=lambda pair: pair[0]):
+        whole = bag.sensors[space].whole()
+        recording = replace(piece.recording, truth=whole.recording.truth)
+        recordings.append(replace(
+            whole, recording=recording, contacts=piece.contacts, baselines=piece.baselines
+        ))  # fmt: skip
+    return Loaded(tuple(recordings), tuple(bag.problems))
 
 
 class ClassesChangedError(Exception):
     """A live run learned or forgot a class: to repeat that takes frames of any earlier time."""
 
 
+class MessageBuffer:
+    """Messages of one topic in their order: log times (ns) and CDR."""
+
+    def __init__(self) -> None:
+        self.logs: list[int] = []
+        self.data: list[bytes] = []
+
+    def append(self, log_ns: int, data: bytes) -> None:
+        """Take one more message in."""
+        self.logs.append(log_ns)
+        self.data.append(data)
+
+    def take(self, count: int | None = None) -> tuple[list[int], list[bytes]]:
+        """Take the oldest messages out, or all: their log times and data."""
+        taken = self.logs[:count], self.data[:count]
+        del self.logs[:count], self.data[:count]
+        return taken
+
+    def take_heard(self, log_ns: int) -> tuple[list[int], list[bytes]]:
+        """Take out what was heard until then."""
+        return self.take(bisect_right(self.logs, log_ns))
+
+
 class Bag:
-    """A bag in pieces: iterate over it once, then ask for its problems.
+    """A bag in pieces: iterate over it once, then ask for its problems and the truth of sensors.
 
     Pieces are of equal length and do not depend on how the bag is chunked: one is complete when
-    the bag has gone on for `HORIZON_NS` of log time; contacts, truth and baselines that are heard
-    later than that after their frame come too late. So memory does not grow with the bag.
+    the bag has gone on for `HORIZON_NS` of log time; contacts and baselines that are heard later
+    than that after their frame come too late. So readings of a long bag are never held at once.
 
     Parameters
     ----------
@@ -282,6 +306,8 @@ class Bag:
         Of truth with frames.
     frames : int or None
         Of a piece; None: `PIECE`, and ClassesChangedError where classes came or went.
+    wanted : container of str
+        Keys of the truth to read.
     """
 
     def __init__(
@@ -291,29 +317,28 @@ class Bag:
         truth_topics: Sequence[str] = DEFAULT_TRUTH,
         association: Association | None = None,
         frames: int | None = None,
+        wanted: Container[str] = TRUTH_KEYS,
     ) -> None:
         self.path = path
         self.sensors: dict[str, SensorBag] = {}
         self.left_out: dict[str, str] = {}
-        self._layout, self._truth_topics = layout, truth_topics
-        self._association = association or Association()
-        self._frames, self._in_pieces = frames or PIECE, frames is None
+        self._frames, self._truth_topics = frames or PIECE, truth_topics
+        self._new_sensor = partial(
+            SensorBag, layout, association or Association(), wanted, in_pieces=frames is None
+        )
         self._content = BagContent()
-        self._truth: dict[str, MessageBuffer] = {}
+        self._truth: dict[tuple[str, str], MessageBuffer] = {}
         self._now_ns = 0
 
     def __iter__(self) -> Iterator[tuple[str, LoadedRecording]]:
         """Yield namespace and piece, in the order in which pieces are complete.
 
-        Raises
-        ------
-        RecordingError
-            If there is no bag, or no frame that could be read.
+        Raises RecordingError if there is no bag, or no frame that could be read.
         """
         for _ in read_bag(self.path, self._content, self._taker):
             yield from self._complete(final=False)
         yield from self._complete(final=True)
-        if not any(sensor.count for sensor in self.sensors.values()):
+        if not any(sensor.times for sensor in self.sensors.values()):
             why = '; '.join(self.problems[:3]) or 'it is empty'
             msg = f'{self.path} holds no frames that could be read ({why})'
             raise RecordingError(msg)
@@ -328,56 +353,50 @@ class Bag:
         return [*self._content.problems, *named, *out]
 
     def _role(self, topic: str, kind: str) -> str:
-        """What a topic is to its sensor: the last part of its name, 'truth', or ''."""
+        """Role of a topic for its sensor: the last part of its name, 'truth', or ''."""
         if kind in TRUTH_TYPES and any(ends_as(topic, name) for name in self._truth_topics):
             return 'truth'
         leaf = topic.rpartition('/')[2]
         return leaf if (leaf, kind) in ROLES else ''
 
     def _taker(self, topic: str, kind: str) -> Taker | None:
-        """Who takes the messages of a topic."""
+        """Find the function that takes the messages of a topic."""
         role = self._role(topic, kind)
         text = self._content.texts.get(kind)
         if role and text and kind.startswith(f'{PACKAGE}/') and not same_fields(kind, text):
             self._content.problems.append(f'{kind} of the bag is of another version; left out')
-            role = ''
+            return None
         if role == 'truth':
-            return self._truth.setdefault(topic, MessageBuffer(kind)).append
+            return self._truth.setdefault((topic, kind), MessageBuffer()).append
         if not role:
             return None
         space = topic.rpartition('/')[0]
-        if space not in self.sensors:
-            self.sensors[space] = SensorBag(
-                space, self._layout, self._association, in_pieces=self._in_pieces
-            )
-        return self.sensors[space].taker(role)
+        sensor = self.sensors.setdefault(space, self._new_sensor(space=space))
+        return sensor.takers[role]
 
     def _hand_on(self) -> None:
         """Give truth to the sensors that it is about, as far as the bag has told of sensors."""
         topics = {**self._content.announced, **self._content.types}.items()
         spaces = {t.rpartition('/')[0] for t, k in topics if t.endswith('/frame') and k == FRAME}
-        for topic, buffer in self._truth.items():
+        for (topic, kind), buffer in self._truth.items():
             hearers = [
-                sensor.truth.taker(topic, buffer.type_name)
+                sensor
                 for space, sensor in self.sensors.items()
                 if space in spaces and (len(spaces) == 1 or topic.startswith(f'{space}/'))
             ]
-            if not hearers:  # what comes before any frame waits
-                buffer.take(max(len(buffer.logs) - MOST_EARLY, 0))
-                continue
-            for message in zip(*buffer.take(len(buffer.logs)), strict=True):
-                for take in hearers:
-                    take(*message)
+            logs, messages = buffer.take() if hearers else ([], [])
+            for sensor in hearers if logs else ():
+                sensor.truth.setdefault(topic, TruthTopic(topic, kind)).extend(logs, messages)
 
     def _complete(self, *, final: bool) -> Iterator[tuple[str, LoadedRecording]]:
         """Pieces that are complete by now."""
-        self._hand_on()
         heard = [b.logs for s in self.sensors.values() for b in (s.frames, s.contacts) if b.logs]
         self._now_ns = max([self._now_ns, *(logs[-1] for logs in heard)])
         for space, sensor in self.sensors.items():
             while sensor.ready(self._now_ns, self._frames) or (final and sensor.frames.logs):
+                self._hand_on()
                 if space in self.left_out:
-                    sensor.frames.take(len(sensor.frames.logs))
+                    sensor.frames.take()
                     continue
                 try:
                     piece = sensor.piece(self._frames, final=final)
@@ -386,6 +405,8 @@ class Bag:
                     continue
                 if piece is not None:
                     yield space, piece
+        if final:
+            self._hand_on()
 
 
 class SensorBag:
@@ -393,47 +414,46 @@ class SensorBag:
 
     Parameters
     ----------
+    layout, association, wanted
+        As of `Bag`.
     space : str
         Namespace.
-    layout : Layout or None
-        For a bag that does not tell it.
-    association : Association
-        Of truth with frames.
     in_pieces : bool
         Refuse classes that come or go: ClassesChangedError.
     """
 
     def __init__(
-        self, space: str, layout: Layout | None, association: Association, *, in_pieces: bool
+        self,
+        layout: Layout | None,
+        association: Association,
+        wanted: Container[str],
+        space: str,
+        *,
+        in_pieces: bool,
     ) -> None:
         self.space, self.name = space, space.strip('/') or 'sensor'
         self.frames, self.contacts, self.tares = MessageBuffer(), MessageBuffer(), MessageBuffer()
-        self.truth = TruthTopics(association)
-        self.announcements: list[str] = []
-        self.lost: Counter[str] = Counter()
-        self.notes: list[str] = []
-        self.count = 0
-        self._in_pieces = in_pieces
-        self._live = False
-        self._stated, self._fallback = cast('Layout | None', None), layout
-        self._stream = 0
-        self._last: tuple[int, int] | None = None
-        self._before: list[tuple[int, int]] = []
-
-    def taker(self, role: str) -> Taker:
-        """Who takes the messages of one of the sensor's own topics."""
-        takers: dict[str, Taker] = {
+        self.takers: dict[str, Taker] = {
             'frame': self.frames.append,
             'contacts': self.contacts.append,
             'baseline': self.tares.append,
             'layout': lambda _, data: self._take_layout(data),
             'calibration': lambda _, data: self._take_calibration(data),
         }
-        return takers[role]
+        self.truth: dict[str, TruthTopic] = {}
+        self.times: list[FrameTimes] = []
+        self.association, self._wanted = association, wanted
+        self._announcements: list[str] = []
+        self._lost: Counter[str] = Counter()
+        self._notes: list[str] = []
+        self._in_pieces = in_pieces
+        self._live = False
+        self._stated, self._fallback = cast('Layout | None', None), layout
+        self._usual: Array | None = None
 
     def _take_calibration(self, data: bytes) -> None:
         _, texts = read_texts([data])
-        self.announcements += texts
+        self._announcements += texts
         if self._in_pieces and read_changes(texts):
             raise ClassesChangedError
 
@@ -442,7 +462,7 @@ class SensorBag:
             message = all_types().deserialize_cdr(data, LAYOUT)
             self._stated = read_layout(message)  # type: ignore[arg-type]
         except Exception as err:  # whatever a damaged message is
-            self.notes.append(f'a layout makes no sense: {err}')
+            self._notes.append(f'a layout makes no sense: {err}')
 
     @property
     def layout(self) -> Layout:
@@ -451,70 +471,77 @@ class SensorBag:
             msg = 'its layout is not in the bag; name the sensor'
             raise RecordingError(msg)
         if self._stated is None:
-            self.notes.append('its layout is not in the bag; that of the named sensor is used')
+            self._notes.append('its layout is not in the bag; that of the named sensor is used')
             self._stated = self._fallback
         assert self._stated is not None
         return self._stated
 
-    def described(self, piece: LoadedRecording) -> LoadedRecording:
-        """A piece with what is known about the whole, once all is read."""
-        digests = (digest for text in self.announcements for digest in _DIGEST.findall(text))
-        counts = self.lost + self.truth.lost
-        return replace(
-            piece,
-            calibrations=tuple(dict.fromkeys(digests)),
-            changes=read_changes(self.announcements),
-            label_names=self.truth.names,
-            problems=(*self.notes, *(f'{n} {what}' for what, n in counts.items())),
-        )
+    def whole(self) -> LoadedRecording:
+        """Times and truth of all frames without readings, once every piece was given out."""
+        times = FrameTimes.join(self.times)
+        truth, names, lost = merged(self.truth.values(), times, self.association)
+        recording = Recording(
+            self.layout, np.zeros((len(times), 0, 0)), times.stamp_ns, times.sequence,
+            stream=times.stream, truth=truth,
+        )  # fmt: skip
+        problems = [f'{count} {sentence}' for sentence, count in (self._lost + lost).items()]
+        one = self._described(LoadedRecording(self.name, recording, label_names=names))
+        return replace(one, problems=(*self._notes, *problems))
+
+    def _described(self, one: LoadedRecording) -> LoadedRecording:
+        """Name the calibrations that were announced so far."""
+        digests = (digest for text in self._announcements for digest in _DIGEST.findall(text))
+        calibrations, changes = tuple(dict.fromkeys(digests)), read_changes(self._announcements)
+        return replace(one, calibrations=calibrations, changes=changes)
 
     def ready(self, now_ns: int, frames: int) -> bool:
-        """Whether a piece is complete, where the bag has been read up to a log time."""
+        """Tell whether a piece is complete, where the bag has been read up to a log time."""
         logs = self.frames.logs
         if len(logs) < frames:
             return False
         return logs[frames - 1] + HORIZON_NS < now_ns or len(logs) >= MOST_WAITING * frames
 
     def piece(self, frames: int, *, final: bool = False) -> LoadedRecording | None:
-        """The next piece; None where none of its frames could be read.
+        """Next piece; None where none of its frames could be read.
 
-        Raises
-        ------
-        RecordingError
-            If nobody tells the layout.
+        Raises RecordingError if nobody tells the layout.
         """
         layout = self.layout
         logs, messages = self.frames.take(frames)
         rows = read_frames(messages, layout.shape)
-        self.lost[f'messages of {self.space}/frame are damaged'] += rows.damaged
+        self._lost[f'messages of {self.space}/frame are damaged'] += rows.damaged
         wanted = ' x '.join(map(str, layout.shape))
-        self.lost[f'frames were left out: they are not of {wanted}'] += rows.misfits
+        self._lost[f'frames were left out: they are not of {wanted}'] += rows.misfits
+        for topic in self.truth.values():
+            topic.decode(layout.shape[0], self._wanted)
         if not len(rows.rows):
             return None
-        recording = self._recording(rows.arrays)
+        recording = self._recording(rows.arrays, np.array(logs, np.int64)[rows.rows])
         until = FOREVER if final and not self.frames.logs else logs[-1] + HORIZON_NS
-        index, around = self._index(recording, until)
-        live = self._live_contacts(index, until, logs[-1])
-        truth = self.truth.beside(recording, index, around, logs[-1], until)
-        return self.described(LoadedRecording(
-            self.name, replace(recording, truth=truth), live, self._baselines(until)
-        ))  # fmt: skip
+        live = self._live_contacts(recording, until, logs[-1])
+        piece = LoadedRecording(self.name, recording, live, self._baselines(until))
+        return self._described(piece)
 
-    def _recording(self, arrays: Columns) -> Recording:
+    def _recording(self, arrays: Columns, log_ns: Integers) -> Recording:
         """Frames as a recording; a new stream begins where the counter or the clock went back."""
-        stamp_ns = cast('Integers', arrays['stamp_ns'])
-        sequence = cast('Integers', arrays['sequence'])
-        before = self._last or (int(stamp_ns[0]) - 1, int(sequence[0]) - 1)
+        stamp_ns, sequence = (cast('Integers', arrays[n]) for n in ('stamp_ns', 'sequence'))
+        values = cast('Array', arrays['values'])
+        if self._usual is None:
+            with np.errstate(invalid='ignore'):
+                self._usual = np.median(values, axis=0)
+        last = self.times[-1] if self.times else None
+        before = (int(stamp_ns[0]) - 1, int(sequence[0]) - 1, 0)
+        if last is not None:
+            before = (int(last.stamp_ns[-1]), int(last.sequence[-1]), int(last.stream[-1]))
         back = np.diff(stamp_ns, prepend=before[0]) <= 0
         back |= np.diff(sequence, prepend=before[1]) <= 0
-        stream = self._stream + np.cumsum(back)
-        self.count += len(stamp_ns)
-        self._stream = int(stream[-1])
-        self._last = (int(stamp_ns[-1]), int(sequence[-1]))
+        stream = before[2] + np.cumsum(back)
+        away = np.sqrt((np.nan_to_num(values - self._usual) ** 2).sum(axis=(1, 2)))
+        self.times.append(FrameTimes(stamp_ns, sequence, stream, log_ns, away))
         chips, bits = cast('Array', arrays['temperature_c']), arrays['status']
         return Recording.from_arrays(
             self.layout,
-            cast('Array', arrays['values']),
+            values,
             stamp_ns=stamp_ns,
             sequence=sequence,
             temperature_c=chips if np.isfinite(chips).any() else None,
@@ -522,84 +549,64 @@ class SensorBag:
             stream=stream,
         )
 
-    def _index(
-        self, recording: Recording, until: int
-    ) -> tuple[dict[tuple[int, int], int], Integers]:
-        """Row of each frame by stamp and sequence; frames around the piece, and their stamps."""
-        after = read_frames(self.frames.data[: self.frames.heard_by(until)], self.layout.shape)
-        around = [*self._before, *(_keys(after.arrays) if after.arrays else ())]
-        keys = _keys(vars(recording))
-        index = dict.fromkeys(around, ELSEWHERE)
-        index.update({key: row for row, key in enumerate(keys)})
-        self._before = [*self._before, *keys][-NEIGHBOURS:]
-        return index, np.array([stamp for stamp, _ in around], np.int64)
-
     def _live_contacts(
-        self, index: dict[tuple[int, int], int], until: int, last_ns: int
+        self, recording: Recording, until: int, last_ns: int
     ) -> LiveContacts | None:
         """Contacts about the frames of the piece; those about none are given up in time."""
         self._live = self._live or bool(self.contacts.logs)
         if not self._live:
             return None
-        count = self.contacts.heard_by(until)
+        heard, data = self.contacts.take_heard(until)
         taxels = self.layout.shape[0]
-        messages = read_contacts(self.contacts.data[:count], taxels)
-        self.lost[f'messages of {self.space}/contacts are damaged'] += messages.damaged
-        self.lost[f'contacts do not fit a sensor of {taxels} taxels'] += messages.misfits
-        keys = _keys(messages.arrays) if messages.arrays else []
-        rows = np.array([index.get(key, -1) for key in keys], np.int64)
+        messages = read_contacts(data, taxels)
+        self._lost[f'messages of {self.space}/contacts are damaged'] += messages.damaged
+        self._lost[f'contacts do not fit a sensor of {taxels} taxels'] += messages.misfits
+        logs = np.array(heard, np.int64)[messages.rows]
+        rows = np.full(len(logs), -1, np.int64)
+        if messages.arrays:
+            assert recording.sequence is not None
+            assert recording.stamp_ns is not None
+            stamps = messages.arrays['stamp_ns'].astype(np.int64)
+            sequence = messages.arrays['sequence'].astype(np.int64)
+            rows = nearest_of_key(recording.sequence, recording.stamp_ns, sequence, stamps)
+            rows[recording.stamp_ns[rows] != stamps] = -1
         kept = rows >= 0
-        logs = np.array(self.contacts.logs[:count], np.int64)[messages.rows]
         waits = ~kept & (logs > last_ns - HORIZON_NS) & (until < FOREVER)
         given_up = int((~kept & ~waits).sum())
-        self.lost['contacts are about frames that were not recorded'] += given_up
-        self.contacts.keep(messages.rows[waits].tolist(), count)
+        self._lost['contacts are about frames that were not recorded'] += given_up
+        again = messages.rows[waits].tolist()
+        self.contacts.logs[:0] = [heard[i] for i in again]
+        self.contacts.data[:0] = [data[i] for i in again]
         columns = {name: messages.arrays[name][kept] for name in STATE_FIELDS if messages.arrays}
         states = ContactStates.assemble(int(kept.sum()), taxels, columns)
         return LiveContacts(rows[kept], states, logs[kept], given_up)
 
     def _baselines(self, until: int) -> tuple[Frame, ...]:
         """Baselines that were heard since the piece before."""
-        _, messages = self.tares.take(self.tares.heard_by(until))
-        rows = read_frames(messages, self.layout.shape)
+        rows = read_frames(self.tares.take_heard(until)[1], self.layout.shape)
         lost = rows.damaged + rows.misfits
-        self.lost[f'messages of {self.space}/baseline are damaged or do not fit'] += lost
-        if not rows.arrays:
-            return ()
-        values, status = rows.arrays['values'], rows.arrays['status']
-        counts = rows.arrays['device_time_ns'].tolist()
+        self._lost[f'messages of {self.space}/baseline are damaged or do not fit'] += lost
+        names = ('stamp_ns', 'sequence', 'values', 'status', 'device_time_ns')
+        columns = [rows.arrays[name] for name in names] if rows.arrays else []
         return tuple(
-            Frame(
-                stamp_ns, sequence, cast('Array', values[i]), None, cast('Bytes', status[i]),
-                averaged=counts[i],
-            )
-            for i, (stamp_ns, sequence) in enumerate(_keys(rows.arrays))
-        )  # fmt: skip
-
-
-def _keys(arrays: Columns) -> list[tuple[int, int]]:
-    """Stamp (ns) and sequence of each row: together they name a frame in its bag."""
-    return list(zip(arrays['stamp_ns'].tolist(), arrays['sequence'].tolist(), strict=True))
+            Frame(int(stamp_ns), int(sequence), values, None, status, averaged=int(count))
+            for stamp_ns, sequence, values, status, count in zip(*columns, strict=True)
+        )
 
 
 def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
-    """Write a recording with its layout and truth into one .npz.
-
-    Parameters
-    ----------
-    recording : Recording
-        Every array is kept as it is.
-    path : path-like
-        Of the file.
-    """
+    """Write a recording with its layout and truth into one .npz; every array is kept as it is."""
     arrays: Columns = {'recording_schema': np.array(SCHEMA), 'values': recording.values}
-    for item in fields(Layout):
-        value = getattr(recording.layout, item.name)
-        if value is not None:
-            arrays[f'layout_{item.name}'] = np.asarray(value)
-    for name in _COLUMNS:
-        if getattr(recording, name) is not None:
-            arrays[name] = np.asarray(getattr(recording, name))
+    arrays.update({
+        f'layout_{item.name}': np.asarray(value)
+        for item in fields(Layout)
+        if (value := getattr(recording.layout, item.name)) is not None
+    })  # fmt: skip
+    arrays.update({
+        name: np.asarray(column)
+        for name in _COLUMNS
+        if (column := getattr(recording, name)) is not None
+    })  # fmt: skip
     arrays.update({f'truth_{key}': value for key, value in recording.truth.items()})
     save_arrays(arrays, path)
 
@@ -612,22 +619,10 @@ def save_arrays(arrays: Columns, path: str | os.PathLike[str]) -> Path:
 
 
 def load_recording(path: str | os.PathLike[str]) -> Recording:
-    """Read a recording that `save_recording` wrote.
+    """Read a recording that `save_recording` wrote, from a file that may be damaged or hostile.
 
-    Parameters
-    ----------
-    path : path-like
-        Of the file; it may be damaged or hostile.
-
-    Returns
-    -------
-    Recording
-        With its layout.
-
-    Raises
-    ------
-    RecordingError
-        If it is no such file, holds objects, or unpacks to more than is sensible.
+    Raises RecordingError if it is no such file, holds objects, or unpacks to more than is
+    sensible.
     """
     file = Path(path)
     try:
@@ -638,11 +633,11 @@ def load_recording(path: str | os.PathLike[str]) -> Recording:
     if arrays.get('recording_schema', np.array(0)).tolist() != SCHEMA:
         msg = f'{file} is no recording of tactile_ros (schema {SCHEMA})'
         raise RecordingError(msg)
-    given = {
-        name.removeprefix('layout_'): array
-        for name, array in arrays.items()
-        if name.startswith('layout_')
-    }
+
+    def named(prefix: str) -> Columns:
+        return {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
+
+    given = named('layout_')
     try:
         layout = Layout(
             positions=cast('Array', given['positions']),
@@ -652,67 +647,52 @@ def load_recording(path: str | os.PathLike[str]) -> Recording:
             rate_hz=float(given['rate_hz'].item()),
             **{name: str(given[name].item()) for name in ('unit', 'frame_id', 'sensor', 'serial')},
         )
-        return Recording.from_arrays(
-            layout,
-            cast('Array', arrays['values']),
-            **{name: arrays.get(name) for name in _COLUMNS},  # type: ignore[arg-type]
-            truth={
-                key.removeprefix('truth_'): cast('Array', value)
-                for key, value in arrays.items()
-                if key.startswith('truth_')
-            },
-        )
+        columns = {name: arrays.get(name) for name in _COLUMNS}
+        return Recording.from_arrays(layout, arrays['values'], truth=named('truth_'), **columns)
     except (ValueError, KeyError, TypeError, IndexError) as err:
         msg = f'{file} is no recording: {err}'
         raise RecordingError(msg) from err
 
 
 def read_csv(path: str | os.PathLike[str], layout: Layout) -> Recording:
-    """Read a recording of a sensor of known layout.
+    """Read a recording whose columns are named by the taxels and channels of a layout.
 
-    Parameters
-    ----------
-    path : path-like
-        Of a file with a header line.
-    layout : Layout
-        Its taxels and channels name the columns.
-
-    Returns
-    -------
-    Recording
-        Readings in the unit of the layout.
-
-    Raises
-    ------
-    RecordingError
-        If a column of the readings is missing, unknown or not a number.
+    Raises RecordingError if a column of the readings is missing, unknown or not a number.
     """
     file = Path(path)
     columns = _csv_columns(file)
     taxels, channels = layout.shape
     samples = len(next(iter(columns.values())))
+
+    def table(names: Sequence[str]) -> Array:
+        """Take numbers of columns out, shape (s, n); empty cells are NaN."""
+        cells = [columns.pop(name, [''] * samples) for name in names]
+        return np.array([[float(c) if c else math.nan for c in one] for one in cells]).T
+
+    def integers(name: str) -> Integers | None:
+        return np.array([*map(int, columns.pop(name))]) if name in columns else None
+
     names = [f'{channel}_{taxel}' for taxel in range(taxels) for channel in layout.channels]
-    gone = [name for name in names if name not in columns]
-    if gone:
-        msg = f'{file} is no recording of {layout.shape}: column {gone[0]!r} is missing'
-        raise RecordingError(msg)
+    wrong = next((f'{name!r} is missing' for name in names if name not in columns), '')
     try:
-        values = _floats(columns, names).reshape(samples, taxels, channels)
-        stamps = _stamps(columns)
-        whole = {name: _integers(columns, name) for name in ('sequence', 'stream', 'tare')}
-        beside = {
-            name: _floats(columns, [f'{name}_{taxel}' for taxel in range(taxels)])
-            for name in ('temperature_c', 'status')
-            if f'{name}_0' in columns
-        }
-        truth = _csv_truth(columns, taxels, samples)
-        recording = Recording.from_arrays(layout, values, stamps, truth=truth, **whole, **beside)
-    except (ValueError, OverflowError, KeyError) as err:
+        if not wrong:
+            recording = Recording.from_arrays(
+                layout, table(names).reshape(samples, taxels, channels),
+                stamp_ns=_csv_stamps(columns) if 'time_s' in columns else integers('stamp_ns'),
+                truth=_csv_truth(columns, table, taxels, samples),
+                **{name: integers(name) for name in ('sequence', 'stream', 'tare')},
+                **{
+                    name: table([f'{name}_{taxel}' for taxel in range(taxels)])
+                    for name in ('temperature_c', 'status')
+                    if f'{name}_0' in columns
+                },
+            )  # fmt: skip
+            wrong = next((f'{name!r} is not known' for name in columns), '')
+    except (ValueError, OverflowError) as err:
         msg = f'{file} is no recording of {layout.shape}: {err}'
         raise RecordingError(msg) from err
-    if columns:
-        stray = next(iter(columns))
-        msg = f'{file} is no recording of {layout.shape}: column {stray!r} is not known'
+    if wrong:
+        msg = f'{file} is no recording of {layout.shape}: column {wrong}'
         raise RecordingError(msg)
     return recording
 
@@ -741,36 +721,26 @@ def _csv_columns(file: Path) -> dict[str, list[str]]:
     return {name: [row[i].strip() for row in body] for i, name in enumerate(names)}
 
 
-def _floats(columns: dict[str, list[str]], names: list[str]) -> Array:
-    """Numbers of several columns, shape (s, n); empty cells are NaN."""
-    table = [[float(cell) if cell else math.nan for cell in columns.pop(name)] for name in names]
-    return np.array(table, np.float64).T
-
-
-def _integers(columns: dict[str, list[str]], name: str) -> Integers | None:
-    """Whole numbers of a column, shape (s,); None where it is absent."""
-    if name not in columns:
-        return None
-    return np.array([int(cell) for cell in columns.pop(name)], np.int64)
-
-
-def _stamps(columns: dict[str, list[str]]) -> Integers | None:
-    """Acquisition times (ns) from whole nanoseconds or from seconds."""
-    if 'time_s' not in columns:
-        return _integers(columns, 'stamp_ns')
+def _csv_stamps(columns: dict[str, list[str]]) -> Integers:
+    """Acquisition times (ns) from seconds."""
     seconds = [cell.partition('.') for cell in columns.pop('time_s')]
     return np.array([int(s) * NS_PER_S + int(f'{part:0<9.9}') for s, _, part in seconds], np.int64)
 
 
-def _csv_truth(columns: dict[str, list[str]], taxels: int, samples: int) -> dict[str, Array]:
+def _csv_truth(
+    columns: dict[str, list[str]],
+    table: Callable[[Sequence[str]], Array],
+    taxels: int,
+    samples: int,
+) -> dict[str, Array]:
     """Truth from the columns that bear its names."""
     truth = {}
     for key in TRUTH_KEYS:
-        shape = field_shape(key, taxels) if key in STATE_FIELDS else ()
-        ends = [f'_{axis}' for axis in 'xyz'] if shape == (3,) else []
-        ends = ends or ([f'_{n}' for n in range(math.prod(shape))] if shape else [''])
+        shape = field_shape(key, taxels)
+        ends = [f'_{axis}' for axis in 'xyz']
+        if shape != (3,):
+            ends = [f'_{n}' for n in range(math.prod(shape))] if shape else ['']
         names = [f'{key}{end}' for end in ends]
         if any(name in columns for name in names):
-            given: dict[str, list[str]] = {n: columns.pop(n, [''] * samples) for n in names}
-            truth[key] = _floats(given, names).reshape(samples, *shape)
+            truth[key] = table(names).reshape(samples, *shape)
     return truth

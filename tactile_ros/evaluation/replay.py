@@ -15,12 +15,11 @@ from time import perf_counter_ns
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from tactile_ros.conditioning.faults import DAMAGED, SAYS_NOTHING, UNUSABLE, taxel_faults
 from tactile_ros.enrolment import EVERYTHING, Press, PressWatch, learn, recording_of, window_of
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation.cdr_columns import join, widened
+from tactile_ros.evaluation.cdr_columns import stack, widened
 from tactile_ros.evaluation.metrics import Agreement
 from tactile_ros.types import (
     STATE_FIELDS,
@@ -35,10 +34,9 @@ from tactile_ros.types.recording import FIRM
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from tactile_ros.evaluation.cdr_columns import Columns
     from tactile_ros.evaluation.recording_files import ClassChange, LoadedRecording
     from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Array, Integers
+    from tactile_ros.types import Array, Bools, Columns, Integers
 
 NOT_IN_MESSAGES = ('object_pose', 'object_pose_cov')
 REMEMBERED = 1 << 16  # stamps of frames that a baseline may name
@@ -51,20 +49,19 @@ CLEAR = 3.0  # standard errors of a mean force
 
 @dataclass(frozen=True)
 class Replayed:
-    """One pipeline's answers to one recording.
+    """States that one pipeline estimates for every row of a recording.
 
     Attributes
     ----------
     states : ContactStates
-        For every row of the recording; unknown where a frame was left out.
-    us_per_frame : float
-        Median wall time of one frame, one by one (microseconds); NaN: nothing was processed.
+        Unknown where a frame was left out.
+    us_per_frame, us_batch : float
+        Wall time of one frame (microseconds): median one by one, and mean of a batch; NaN:
+        nothing was processed.
     agreement : Agreement or None
         None: there are no live contacts.
     problems : tuple of str
-        What must be known about it, as sentences.
-    us_batch : float
-        Wall time of one frame of a batch (microseconds); NaN: nothing was processed.
+        Sentences that must be read with it.
     """
 
     states: ContactStates
@@ -77,26 +74,9 @@ class Replayed:
 def replay(
     loaded: LoadedRecording, pipeline: Pipeline, clock_ns: Callable[[], int] = perf_counter_ns
 ) -> Replayed:
-    """Run a pipeline over a recording as a live node would have.
+    """Run a pipeline, which stays as it is, over a recording as a live node would have.
 
-    Parameters
-    ----------
-    loaded : LoadedRecording
-        With frames of the pipeline's shape; the live run's baselines are used, else tare rows.
-    pipeline : Pipeline
-        Stays as it is.
-    clock_ns : callable
-        For the time per frame (ns).
-
-    Returns
-    -------
-    Replayed
-        One state per row.
-
-    Raises
-    ------
-    ValueError
-        If the shape differs.
+    The live run's baselines are used, else tare rows. Raises ValueError if the shape differs.
     """
     recording, live = loaded.recording, loaded.contacts
     if recording.layout.shape != pipeline.layout.shape:
@@ -115,24 +95,6 @@ def replay(
     return Replayed(states, single, agreement, problems, batch)
 
 
-def as_live(calibrations: Sequence[str], pipeline: Pipeline) -> Pipeline:
-    """The pipeline, its baseline held still where the live run had switched tracking off.
-
-    Parameters
-    ----------
-    calibrations : sequence of str
-        SHA-256 of those of the live run.
-    pipeline : Pipeline
-        Stays as it is.
-    """
-    if pipeline.digest in calibrations or not pipeline.config.track_baseline:
-        return pipeline
-    still = copy(pipeline)
-    still.config = replace(pipeline.config, track_baseline=False)  # type: ignore[type-var]
-    still.reset()
-    return still if still.digest in calibrations else pipeline
-
-
 def single_cost(
     recording: Recording, pipeline: Pipeline, clock_ns: Callable[[], int], frames: int = 500
 ) -> float:
@@ -148,45 +110,10 @@ def single_cost(
     return float(np.median(spent)) / 1000 if spent else float('nan')
 
 
-def calibration_problems(
-    calibrations: Sequence[str], pipeline: Pipeline, changes: Sequence[ClassChange] = ()
-) -> tuple[str, ...]:
-    """A sentence where a bag was made with other calibrations (SHA-256) than the pipeline's.
-
-    Those that follow from the first by classes that came and went in the run are no others.
-    """
-    if not calibrations:
-        return ()
-    expected = {calibrations[0], *(change.digest for change in changes)}
-    if expected.issuperset(calibrations) and pipeline.digest == calibrations[0]:
-        return ()
-    named = ', '.join(digest[:12] for digest in calibrations)
-    if pipeline.digest in calibrations:
-        return (f'the bag was made with several calibrations: {named}',)
-    return (
-        f'the calibration {pipeline.digest[:12]} is not that of the bag ({named}): '
-        'its contacts must differ',
-    )
-
-
 def compare(live: ContactStates, rows: Integers, states: ContactStates, samples: int) -> Agreement:
-    """Largest difference of every attribute between live contacts and replayed states.
+    """Largest difference of every attribute between n live contacts and replayed states (s rows).
 
-    Parameters
-    ----------
-    live : ContactStates
-        Of n messages.
-    rows : ndarray, shape (n,)
-        Rows of the states that they are about.
-    states : ContactStates
-        Replayed, for all s rows.
-    samples : int
-        Count s.
-
-    Returns
-    -------
-    Agreement
-        By attribute; poses are no part of the messages.
+    The contacts are about `rows` (n,); poses are no part of the messages.
     """
     differences = {}
     patches = max(live.contacts_id.shape[1], states.contacts_id.shape[1])
@@ -201,8 +128,67 @@ def compare(live: ContactStates, rows: Integers, states: ContactStates, samples:
     return Agreement(len(rows), samples - len(np.unique(rows)), differences)
 
 
+def as_live(calibrations: Sequence[str], pipeline: Pipeline) -> Pipeline:
+    """Pipeline whose baseline is held where the live run (its SHA-256s) did not track it."""
+    if pipeline.digest in calibrations or not pipeline.config.track_baseline:
+        return pipeline
+    still = copy(pipeline)
+    still.config = replace(pipeline.config, track_baseline=False)  # type: ignore[type-var]
+    still.reset()
+    return still if still.digest in calibrations else pipeline
+
+
+def as_it_began(
+    calibrations: Sequence[str], changes: Sequence[ClassChange], pipeline: Pipeline
+) -> Pipeline:
+    """Pipeline with which the live run began, to be changed as the run changed it.
+
+    A calibration that holds the classes that were enrolled in the run forgets them, where that
+    leads back to the one that was announced first; else it is taken as it is.
+    """
+    if not changes:
+        return pipeline
+    early = deepcopy(pipeline)
+    for change in reversed(changes):
+        if early.digest in calibrations[:1]:
+            break
+        if change.presses and change.label in early.label_names:
+            with suppress(ValueError):  # a class of the fit: another calibration
+                early.forget(change.label)
+    early.reset()
+    return early if early.digest in calibrations[:1] else pipeline
+
+
+def calibration_problems(
+    calibrations: Sequence[str], pipeline: Pipeline, changes: Sequence[ClassChange] = ()
+) -> tuple[str, ...]:
+    """Sentence where a bag was made with other calibrations (SHA-256) than the pipeline's.
+
+    Those that follow from the first by classes that came and went in the run are no others.
+    """
+    expected = {pipeline.digest, *(change.digest for change in changes)}
+    began = not calibrations or calibrations[0] == pipeline.digest
+    if began and expected.issuperset(calibrations):
+        return ()
+    named = ', '.join(digest[:12] for digest in calibrations)
+    if pipeline.digest in calibrations:
+        return (f'the bag was made with several calibrations: {named}',)
+    return (
+        f'the calibration {pipeline.digest[:12]} is not that of the bag ({named}): '
+        'its contacts must differ',
+    )
+
+
+def failure_problems(pipeline: Pipeline, before: int = 0) -> tuple[str, ...]:
+    """Sentence about the frames that could not be estimated, beyond so many."""
+    count = pipeline.failures - before
+    if not count:
+        return ()
+    return (f'{count} frames cannot be estimated and count as lost ({pipeline.failure})',)
+
+
 class Follower:
-    """Answers of one pipeline to a run, with its memory carried over from piece to piece.
+    """One pipeline along a live run, with its memory carried over from piece to piece.
 
     Parameters
     ----------
@@ -226,12 +212,12 @@ class Follower:
         self.pipeline.failures = 0
         self._mismatch = calibration_problems(calibrations, self.began, changes)
         self._baselines = BaselineQueue()
-        self._changes = ClassChanges(changes)
+        self._changes = ClassChanges(changes, self.pipeline)
         self._stream = -1
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What must be known about the answers, as sentences."""
+        """Sentences that must be read with the states."""
         return (*self._mismatch, *self._changes.problems, *failure_problems(self.pipeline))
 
     def __call__(self, piece: LoadedRecording) -> ContactStates:
@@ -262,29 +248,21 @@ class Follower:
             if row in baselines:
                 # also an equal one: a tare restarts memory
                 self.pipeline.tare([baselines[row]])
-            self._changes.before(recording, row, self.pipeline)
+            self._changes.before(recording, row)
             if failed[first]:
                 parts.append(batch_of(self.pipeline.process(recording.frame(row), fails=True)))
             else:
                 whole = until - row == last - first
                 part = recording.select(slice(row, until) if whole else rows[first:last])
                 parts.append(self.pipeline.process_next(part))
-            self._changes.after(recording, until - 1, self.pipeline)
+            self._changes.after(recording, until - 1)
         if len(parts) == 1 and len(rows) == len(recording):
             return parts[0]
         return gathered(parts, rows, len(recording), taxels)
 
 
-def failure_problems(pipeline: Pipeline, before: int = 0) -> tuple[str, ...]:
-    """Sentence about the frames that could not be estimated, beyond so many."""
-    count = pipeline.failures - before
-    if not count:
-        return ()
-    return (f'{count} frames cannot be estimated and count as lost ({pipeline.failure})',)
-
-
 def batch_of(state: ContactState) -> ContactStates:
-    """A batch of one."""
+    """Batch of one."""
     return ContactStates(**{name: np.asarray(getattr(state, name))[None] for name in STATE_FIELDS})
 
 
@@ -292,7 +270,7 @@ def gathered(
     parts: Sequence[ContactStates], rows: Integers, samples: int, taxels: int
 ) -> ContactStates:
     """States of some rows (n,), in parts, among all rows s."""
-    joined = join([vars(part) for part in parts])
+    joined = stack([vars(part) for part in parts], [len(part) for part in parts])
     patches = joined['contacts_id'].shape[1]
     blank = ContactStates.assemble(samples, taxels, {})
     columns: Columns = {}
@@ -331,10 +309,8 @@ class BaselineQueue:
             self._stream = int(number[0])
         for baseline in baselines:
             home = self._streams.get(baseline.stamp_ns or 0, -1)
-            if home >= self._stream:
-                self._stream = home
-            elif baseline.sequence < self._previous:
-                self._stream += 1
+            went_back = home < self._stream and baseline.sequence < self._previous
+            self._stream = max(home, self._stream + went_back)
             self._previous = baseline.sequence
             self._waiting.append((self._stream, baseline))
         placed: dict[int, Frame] = {}
@@ -349,37 +325,17 @@ class BaselineQueue:
         return placed
 
 
-def as_it_began(
-    calibrations: Sequence[str], changes: Sequence[ClassChange], pipeline: Pipeline
-) -> Pipeline:
-    """The pipeline as the live run began with it, to be changed as the run changed it.
-
-    A calibration that holds the classes that were enrolled in the run forgets them, where that
-    leads back to the one that was announced first; else it is taken as it is.
-    """
-    if not changes:
-        return pipeline
-    early = deepcopy(pipeline)
-    for change in reversed(changes):
-        if early.digest in calibrations[:1]:
-            break
-        if change.presses and change.label in early.label_names:
-            with suppress(ValueError):  # known from the fit: another calibration
-                early.forget(change.label)
-    early.reset()
-    return early if early.digest in calibrations[:1] else pipeline
-
-
 class ClassChanges:
-    """Classes learned and forgotten again while the frames of a live run are replayed."""
+    """Classes that a pipeline learns and forgets again while frames of a live run are replayed."""
 
-    def __init__(self, changes: Sequence[ClassChange]) -> None:
+    def __init__(self, changes: Sequence[ClassChange], pipeline: Pipeline) -> None:
         self.problems: list[str] = []
+        self._pipeline = pipeline
         self._waiting = list(changes)
         self._firsts = {first for change in changes for first, _ in change.presses}
         self._baselines: dict[int, Array] = {}
 
-    def cuts(self, recording: Recording, rows: Integers) -> npt.NDArray[np.bool_]:
+    def cuts(self, recording: Recording, rows: Integers) -> Bools:
         """Rows before which something changes, or a press has just begun."""
         cuts = np.zeros(len(rows), bool)
         if not self._waiting or recording.stamp_ns is None:
@@ -394,25 +350,25 @@ class ClassChanges:
                 cuts[first] = True
         return cuts
 
-    def before(self, recording: Recording, row: int, pipeline: Pipeline) -> None:
+    def before(self, recording: Recording, row: int) -> None:
         """Let what changed before a frame hold for it."""
         stamp_ns = 0 if recording.stamp_ns is None else int(recording.stamp_ns[row])
         while self._waiting and self._waiting[0].after_ns < stamp_ns:
             change = self._waiting.pop(0)
             try:
-                self._make(change, recording, pipeline)
+                self._make(change, recording)
             except (ValueError, LookupError) as err:
                 self.problems.append(f'{change.label!r} could not be learned or forgotten: {err}')
 
-    def after(self, recording: Recording, row: int, pipeline: Pipeline) -> None:
+    def after(self, recording: Recording, row: int) -> None:
         """Keep the baseline with which a press began."""
         if recording.stamp_ns is not None and int(recording.stamp_ns[row]) in self._firsts:
-            self._baselines[int(recording.stamp_ns[row])] = pipeline.baseline
+            self._baselines[int(recording.stamp_ns[row])] = self._pipeline.baseline
 
-    def _make(self, change: ClassChange, recording: Recording, pipeline: Pipeline) -> None:
+    def _make(self, change: ClassChange, recording: Recording) -> None:
         """Learn or forget one class; LookupError where its presses are not in the recording."""
         if not change.presses:
-            pipeline.forget(change.label)
+            self._pipeline.forget(change.label)
             return
         presses, stamps = [], recording.stamp_ns
         for first, last in change.presses:
@@ -422,25 +378,16 @@ class ClassChanges:
             rows = np.flatnonzero((stamps >= first) & (stamps <= last)).tolist()
             frames = tuple(recording.frame(row) for row in rows)
             presses.append(Press(frames, self._baselines[first]))
-        taught = recording_of(pipeline.layout, presses)
+        support = recording_of(self._pipeline.layout, presses)
         # what the live run allowed is not asked again
-        learn(pipeline, change.label, taught, change.replace, EVERYTHING)
+        learn(self._pipeline, change.label, support, change.replace, EVERYTHING)
 
 
 def presses_in(loaded: LoadedRecording, pipeline: Pipeline) -> list[Press]:
-    """Presses in the bag of a live run, found as a live run finds them.
+    """Presses in the bag of a live run, identified as the live run does.
 
-    Parameters
-    ----------
-    loaded : LoadedRecording
-        With the baselines of its run.
-    pipeline : Pipeline
-        Tells contact; its baseline changes as the recording says.
-
-    Raises
-    ------
-    RecordingError
-        If no press was found, and frames could not be estimated.
+    The baseline of the pipeline, which tells contact, changes as the recording says. Raises
+    RecordingError if there is no press, and frames could not be estimated.
     """
     recording = loaded.recording
     rows = np.arange(len(recording))
@@ -467,14 +414,8 @@ def with_tare_rows(loaded: LoadedRecording) -> tuple[Recording, str]:
     """Mark the frames that the live run of a bag tared on as tare rows of its recording.
 
     A baseline says of how many frames it is the mean and which was the last: they are the newest
-    undamaged ones that the node processed.
-
-    Returns
-    -------
-    recording : Recording
-        The same where it has tare rows already, or no tare serves.
-    problem : str
-        How many tares do not serve, and why; empty if all do.
+    undamaged ones that the node processed. Returns the recording, the same where it has tare rows
+    already or no tare serves, and a sentence about tares that do not serve; empty if all do.
     """
     recording = loaded.recording
     if recording.tare is not None or recording.stamp_ns is None or recording.sequence is None:
@@ -511,7 +452,7 @@ def with_tare_rows(loaded: LoadedRecording) -> tuple[Recording, str]:
     return (replace(recording, tare=tare) if tare.any() else recording), problem if why else ''
 
 
-def _undamaged(loaded: LoadedRecording) -> npt.NDArray[np.bool_]:
+def _undamaged(loaded: LoadedRecording) -> Bools:
     """Frames that a tare may take: by the contacts of the node, without any by the readings."""
     recording, live = loaded.recording, loaded.contacts
     if live is None:
@@ -541,7 +482,7 @@ def _is_under_load(recording: Recording, rows: Integers) -> bool:
     return bool(away > FIRM * np.linalg.norm(force, axis=1).max() + CLEAR * sigma)
 
 
-def _as_rows(count: int, rests: Sequence[Integers]) -> npt.NDArray[np.bool_]:
+def _as_rows(count: int, rests: Sequence[Integers]) -> Bools:
     """Rows (s,) of rests, and what lies between their frames; of two that meet the newer one."""
     tare, until = np.zeros(count, bool), count + 1
     for rest in sorted(rests, key=lambda rows: int(rows[-1]), reverse=True):

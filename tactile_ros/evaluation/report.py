@@ -9,7 +9,8 @@ import math
 import os
 import platform
 import sys
-from dataclasses import dataclass, field
+from collections import Counter
+from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,6 +25,7 @@ from tactile_ros.evaluation.metrics import (
     Spread,
     TargetErrors,
     class_errors,
+    class_hits,
     spread,
     target_errors,
 )
@@ -31,40 +33,46 @@ from tactile_ros.files import write_beside
 from tactile_ros.types import Array
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from tactile_ros.evaluation.metrics import Agreement
     from tactile_ros.types import ContactStates, Recording
 
 Cell = str | float | int | None
-COLUMNS = (
-    'recording', 'estimator', 'place mean (mm)', 'p50', 'p95', 'normal RMSE (N)',
-    'shear RMSE (N)', 'place in 1 sigma (%)', 'force in 1 sigma (%)', 'named rightly (%)',
-    'groups', 'latency p50 (ms)', 'p99 (ms)', 'dropped', 'us/frame',
-)  # fmt: skip
 LOW_IS_BETTER = ('mean', 'p50', 'p95', 'RMSE', 'us/frame')
 PACKAGES = ('numpy', 'scipy', 'rosbags', 'ros-rclpy', 'numba', 'scikit-learn')
 SAME = 1e-9  # largest difference of a replay that repeats its live run
+MOST_DRAWN = 1 << 16  # rows of a target
 
 
 @dataclass(frozen=True)
 class Answer:
-    """Errors of one estimator, or of one way to use it, on one recording."""
+    """Errors of one pipeline, or of one way to use it, on one recording or several."""
 
     name: str
     targets: tuple[TargetErrors, ...]  # with truth
     us_single: float = float('nan')  # time of a frame alone (microseconds); NaN: not measured
     us_batch: float = float('nan')  # of one among many
     classes: tuple[ClassErrors, ...] = ()  # cells and labels, where they have truth
+    hits: Mapping[str, Counter[str]] = field(default_factory=dict)  # right, wrong... by kind
+    calibration: str = ''
+    frames: int = 0  # processed
+    agreement: Agreement | None = None  # with the live run
+    problems: tuple[str, ...] = ()  # sentences
 
     def target(self, name: str) -> TargetErrors | None:
         """Errors of one target; None where there are none."""
         return next((t for t in self.targets if t.name == name), None)
 
     @property
+    def forces(self) -> list[TargetErrors]:
+        """Errors of the components of force."""
+        return [target for target in self.targets if target.name.startswith('force')]
+
+    @property
     def shear_rms(self) -> float | None:
         """RMS error of force along x and y, components pooled (N); None: not judged."""
-        parts = [t.spread for t in self.targets if t.name in ('force_x', 'force_y')]
+        parts = [t.spread for t in self.forces if t.name != 'force_z']
         count = sum(part.count for part in parts)
         squares = sum(part.count * part.rms**2 for part in parts if part.count)
         return math.sqrt(squares / count) if count else None
@@ -74,13 +82,15 @@ def answer(
     name: str, recording: Recording, states: ContactStates, us_single: float, us_batch: float
 ) -> Answer:
     """Judge the states of a recording by its truth."""
-    targets, classes = target_errors(recording, states), class_errors(recording, states)
-    return Answer(name, targets, us_single, us_batch, classes)
+    return Answer(
+        name, target_errors(recording, states), us_single, us_batch,
+        class_errors(recording, states), class_hits(recording.truth, states),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """One recording and all estimators on it."""
+    """One recording of a sensor and all answers to it."""
 
     name: str
     summary: str  # content and held-out part, in a sentence
@@ -89,9 +99,12 @@ class Dataset:
     dropped: int  # lost on the way
     chips: Array  # (t, 3) taxel positions (m)
     latency_s: Array = field(default_factory=lambda: np.zeros(0))  # (n,); empty: not live
-    late: Spread | None = None  # of all contacts, where `latency_s` holds some of them
     agreement: Agreement | None = None  # of the replay with the live run
     problems: tuple[str, ...] = ()  # sentences
+    source: str = ''  # name of the recording
+    sensor: str = ''  # and of the sensor in it
+    seconds: float = float('nan')  # from the first frame to the last; NaN: independent frames
+    association: Mapping[str, str] = field(default_factory=dict)  # of truth, by topic
 
     @property
     def competitors(self) -> dict[str, Answer]:
@@ -104,12 +117,41 @@ class Dataset:
     @property
     def latency(self) -> Spread:
         """Summary of the latency (s)."""
-        return self.late or spread(self.latency_s)
+        return spread(self.latency_s)
+
+
+def for_drawing(one: Dataset) -> Dataset:
+    """Dataset as a report shows it: answers that truth can judge first, drawings of some rows.
+
+    Every figure is of all rows; of more than `MOST_DRAWN` drawings show every second, fourth...
+    """
+    names = Counter(answer.name for answer in one.answers)
+    judged = sorted(one.answers, key=lambda a: not any(t.spread.count for t in a.targets))
+    largest = max((len(t.rows) for a in judged for t in a.targets), default=0)
+    step = 1 << max(0, math.ceil(math.log2(max(largest, 1) / MOST_DRAWN)))
+    answers = tuple(
+        replace(
+            answer,
+            name=f'{answer.name}, {answer.calibration}' if names[answer.name] > 1 else answer.name,
+            targets=tuple(target.every(step) for target in answer.targets),
+        )
+        for answer in judged
+    )
+    problems = [*one.problems, *(text for answer in one.answers for text in answer.problems)]
+    if step > 1:
+        problems.append(
+            f'{one.frames:,} frames are more than drawings hold: they show every {step}th row '
+            'with truth; figures are of all'
+        )
+    summary = '; '.join(f'{topic}: {how}' for topic, how in one.association.items())
+    return replace(
+        one, summary=summary, answers=answers, problems=tuple(dict.fromkeys(problems))
+    )
 
 
 @dataclass(frozen=True)
 class Result:
-    """Everything that one evaluation found."""
+    """Everything that one evaluation measured."""
 
     title: str
     command: str  # that repeats it
@@ -136,37 +178,75 @@ def environment() -> dict[str, str]:
     }
 
 
+def inside_one_sigma(targets: Sequence[TargetErrors]) -> int:
+    """Components of errors within one standard deviation of their own."""
+    shares = [target.coverage for target in targets if target.coverage.count]
+    return round(sum(one.share * one.count for one in shares))
+
+
+def _covered(targets: Sequence[TargetErrors]) -> Cell:
+    judged = sum(target.coverage.count for target in targets)
+    return 100 * inside_one_sigma(targets) / judged if judged else None
+
+
+def _place(name: str) -> Callable[[Dataset, Answer], Cell]:
+    """Figure of the spread of place errors (mm)."""
+    return lambda _, a: MM * getattr(t.spread, name) if (t := a.target('position')) else None
+
+
+def _right(kind: str) -> Callable[[Dataset, Answer], Cell]:
+    """Share of right answers (%)."""
+    return lambda _, a: 100 * h['right'] / h.total() if (h := a.hits.get(kind)) else None
+
+
+CELLS: dict[str, Callable[[Dataset, Answer], Cell]] = {
+    'recording': lambda d, _: d.name,
+    'estimator': lambda _, a: a.name,
+    'calibration': lambda _, a: a.calibration,
+    'place mean (mm)': _place('mean'),
+    'p50': _place('p50'),
+    'p95': _place('p95'),
+    'normal RMSE (N)': lambda _, a: t.spread.rms if (t := a.target('force_z')) else None,
+    'shear RMSE (N)': lambda _, a: a.shear_rms,
+    'place in 1 sigma (%)': lambda _, a: _covered([t for t in a.targets if t.name == 'position']),
+    'force in 1 sigma (%)': lambda _, a: _covered(a.forces),
+    'named rightly (%)': lambda _, a: a.classes[0].right if a.classes else None,
+    'contact right (%)': _right('in_contact'),
+    'cell right (%)': _right('cell'),
+    'label right (%)': _right('label'),
+    'slip right (%)': _right('slip'),
+    'groups': lambda _, a: max((t.coverage.groups for t in a.targets), default=None),
+    'latency p50 (ms)': lambda d, _: MM * d.latency.p50 if d.latency.count else None,
+    'p99 (ms)': lambda d, _: MM * d.latency.p99 if d.latency.count else None,
+    'dropped': lambda d, _: d.dropped,
+    'frames': lambda d, _: d.frames,
+    'us/frame': lambda _, a: a.us_single,
+    'us/frame batch': lambda _, a: a.us_batch,
+}
+ON_PAGES = [name for name in CELLS if name not in (
+    'calibration', 'contact right (%)', 'cell right (%)', 'label right (%)', 'slip right (%)',
+    'frames', 'us/frame batch',
+)]  # fmt: skip
+OF_LIVE_RUN = ('latency p50 (ms)', 'p99 (ms)')
+
+
+def rows_of(
+    datasets: Sequence[Dataset], names: Sequence[str]
+) -> tuple[list[str], list[list[Cell]]]:
+    """Columns of `CELLS` that have a value, and a row per recording and answer."""
+    rows = [[CELLS[n](d, a) for n in names] for d in datasets for a in d.answers]
+    kept = [i for i in range(len(names)) if any(_is_measured(row[i]) for row in rows)]
+    return [names[i] for i in kept], [[row[i] for i in kept] for row in rows]
+
+
 def table(result: Result) -> tuple[list[str], list[list[Cell]]]:
-    """Columns of the summary that have a value, and a row per recording and estimator."""
-    rows = [_table_row(d, a) for d in result.datasets for a in d.answers]
-    kept = [i for i in range(len(COLUMNS)) if any(_is_measured(row[i]) for row in rows)]
-    return [COLUMNS[i] for i in kept], [[row[i] for i in kept] for row in rows]
-
-
-def _table_row(dataset: Dataset, answer: Answer) -> list[Cell]:
-    """Cells of `COLUMNS`; None: not measured."""
-    place, normal = answer.target('position'), answer.target('force_z')
-    forces = [t.coverage for t in answer.targets if t.name.startswith('force')]
-    judged = sum(share.count for share in forces)
-    inside = sum(share.share * share.count for share in forces if share.count)
-    delay = dataset.latency
-    live = delay.count > 0 and answer is dataset.answers[0]
-    return [
-        dataset.name,
-        answer.name,
-        *([MM * v for v in (place.spread.mean, place.spread.p50, place.spread.p95)]
-          if place else [None] * 3),
-        normal.spread.rms if normal else None,
-        answer.shear_rms,
-        100 * place.coverage.share if place else None,
-        100 * inside / judged if judged else None,
-        answer.classes[0].right if answer.classes else None,
-        max((t.coverage.groups for t in answer.targets), default=None),
-        MM * delay.p50 if live else None,
-        MM * delay.p99 if live else None,
-        dataset.dropped,
-        answer.us_single,
-    ]  # fmt: skip
+    """Summary of a report; the latency stands beside the first answer of a recording."""
+    columns, rows = rows_of(result.datasets, ON_PAGES)
+    others = (a is not d.answers[0] for d in result.datasets for a in d.answers)
+    live = [i for i, name in enumerate(columns) if name in OF_LIVE_RUN]
+    for row in (row for row, other in zip(rows, others, strict=True) if other):
+        row[:] = [None if i in live else cell for i, cell in enumerate(row)]
+    return columns, rows
 
 
 def _is_measured(cell: Cell) -> bool:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import astuple, dataclass
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -12,60 +12,89 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.spatial.transform import Rotation
 
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation.bag import BagContent, MessageBuffer, read_bag
 from tactile_ros.evaluation.cdr_columns import (
     CONTACTS,
-    FRAME,
-    Columns,
+    STRING,
     Rows,
-    read_columns,
+    blank_column,
     read_contacts,
     read_rows,
+    read_texts,
+    stack,
     stamps_of,
-    text_at,
     vectors_of,
 )
 from tactile_ros.types import TRUTH_KEYS, Array, Integers, admit_name
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from pathlib import Path
+    from collections.abc import Callable, Container, Iterable, Sequence
 
-    from tactile_ros.evaluation.bag import Taker
-    from tactile_ros.types import Bools, Recording
+    from tactile_ros.types import Bools, Columns
 
 DEFAULT_TRUTH = ('truth/contacts', 'truth/object_pose')
-STRING = 'std_msgs/msg/String'
-UNFOUND, ELSEWHERE = -1, -2  # in place of a row
-KEPT_NS = 2_000_000_000  # of log time that truth waits for frames that are heard after it
+# of the delay between the clocks of frames and truth
+MOST_NS = 500_000_000
+STRETCH_NS = 4_000_000_000
+LEAST_STEP_NS = 1_000_000
+LEAST_CORRELATION = 0.5
+FEWEST = 3
+FINEST = 0.2  # steps: how far off a peak between two steps may be in every stretch alike
+QUIET = 0.1  # of the usual scatter: a stretch in which nothing happens
+MAD, MEDIAN = 1.4826, 1.2533  # scatter of a normal variable from its median; of a median
+MOST_FRAMES = 12_000
 
 
 @dataclass(frozen=True)
 class Association:
-    """How truth is brought together with frames.
+    """Rules by which truth is brought together with frames in time.
 
     Attributes
     ----------
     tolerance_ns : int or None
         Largest distance in time; None: half a step of frames or truth, whichever is longer.
-    delays : dict of str to int
-        By how much the stamps of a topic are later than the frames that they belong to (ns).
-    remarks : dict of str to str
-        Where a delay comes from and its uncertainty, in a few words.
+    delay_ns : int or None
+        By how much stamps of other instruments are later than those of the frames that they
+        belong to (ns); None: as the signals say.
+    remark : str
+        Where the delay comes from, in a few words.
     """
 
     tolerance_ns: int | None = None
-    delays: Mapping[str, int] = field(default_factory=dict)
-    remarks: Mapping[str, str] = field(default_factory=dict)
+    delay_ns: int | None = 0
+    remark: str = ''
+
+
+@dataclass(frozen=True)
+class FrameTimes:
+    """Stamp (ns), sequence, stream and log time (ns) of s frames, and how much each deviates.
+
+    `deviation` (s,) is the norm of a reading less the usual one (unit of the readings).
+    """
+
+    stamp_ns: Integers
+    sequence: Integers
+    stream: Integers
+    log_ns: Integers
+    deviation: Array
+
+    @classmethod
+    def join(cls, parts: Sequence[FrameTimes]) -> FrameTimes:
+        """Frames of all parts, one after another."""
+        columns = zip(*(vars(part).values() for part in parts), strict=True)
+        return cls(*(np.concatenate(column) for column in columns))
+
+    def __len__(self) -> int:
+        """Count of frames s."""
+        return len(self.stamp_ns)
 
 
 def ends_as(topic: str, name: str) -> bool:
-    """Whether a topic is the named one, absolute or relative to some namespace."""
+    """Tell whether a topic is the named one, absolute or relative to some namespace."""
     return topic == name or (not name.startswith('/') and topic.endswith(f'/{name}'))
 
 
-def unknown(values: npt.NDArray[np.generic]) -> Bools:
-    """Where truth is NaN or -1."""
+def is_unknown(values: npt.NDArray[np.generic]) -> Bools:
+    """Rows of truth that are NaN or -1."""
     return np.isnan(values) if values.dtype.kind == 'f' else np.asarray(values == -1)
 
 
@@ -77,19 +106,9 @@ def half_step(times: Integers) -> int:
 
 
 def nearest(times: Integers, asked: Integers, tolerance: int) -> Integers:
-    """Index of the time nearest to each asked one, -1 where none is within the tolerance.
+    """Index of the time (n,) nearest to each asked one (m,), -1: none is within the tolerance.
 
-    Parameters
-    ----------
-    times, asked : ndarray, shape (n,), (m,)
-        Times in any order (ns).
-    tolerance : int
-        Largest distance (ns).
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        Indices into `times`; the earlier one where two are equally near.
+    The earlier one where two are equally near; times may be in any order (all in ns).
     """
     if not len(times):
         return np.full(len(asked), -1, np.int64)
@@ -103,73 +122,19 @@ def nearest(times: Integers, asked: Integers, tolerance: int) -> Integers:
     return np.where(distance <= tolerance, order[best], -1).astype(np.int64)
 
 
-def nearest_truth(
-    truth: Columns, times: Integers, frames: Integers, tolerance: int
-) -> tuple[Columns, Bools]:
-    """Truth (n, ...) of times (n,) nearest to each frame (s,) (ns); which of it is near any."""
-    rows = nearest(times, frames, tolerance)
-    columns: Columns = {}
-    for key, values in truth.items():
-        near = rows.reshape(-1, *[1] * (values.ndim - 1)) >= 0
-        columns[key] = np.where(near, values[rows], np.nan)
-    return columns, nearest(frames, times, tolerance) >= 0
-
-
-def contacts_truth(
-    arrays: Columns,
-    recording: Recording,
-    index: Mapping[tuple[int, int], int],
-    tolerance: int,
-    around: Integers,
-) -> tuple[Columns, Bools]:
-    """Truth that came as TactileContacts.
-
-    Parameters
-    ----------
-    arrays : dict of str to ndarray, shape (n, ...)
-        As `read_contacts` gives them.
-    recording : Recording
-        Of s frames.
-    index : dict
-        Row of a frame by its stamp (ns) and sequence; ELSEWHERE: of one that is not in the
-        recording, but of the same stream.
-    tolerance : int
-        Largest distance in time (ns).
-    around : ndarray, shape (m,)
-        Stamps of such frames (ns): what is nearest to one of them is not of the recording.
-
-    Returns
-    -------
-    truth : dict of str to ndarray, shape (s, ...)
-        Keys of which something is known; NaN or -1 elsewhere.
-    used : ndarray, shape (n,)
-        Messages that belong to a frame.
-
-    Notes
-    -----
-    A message belongs to the frame of its stamp and sequence; without a stamp to that of its
-    sequence; else to the frame nearest in time.
-    """
-    assert recording.stamp_ns is not None
-    stamps = arrays['stamp_ns'].astype(np.int64)
-    sequence = arrays['sequence'].astype(np.int64)
-    keys = zip(stamps.tolist(), sequence.tolist(), strict=True)
-    rows = np.array([index.get(key, UNFOUND) for key in keys], np.int64)
-    by_sequence = {key[1]: row for key, row in index.items()}
-    unstamped = (rows == UNFOUND) & (stamps == 0)
-    rows[unstamped] = [by_sequence.get(k, UNFOUND) for k in sequence[unstamped].tolist()]
-    timed = (rows == UNFOUND) & (stamps != 0)
-    near = nearest(np.concatenate([recording.stamp_ns, around]), stamps[timed], tolerance)
-    rows[timed] = np.where(near < len(recording), near, ELSEWHERE)
-    kept = rows >= 0
-    truth: Columns = {}
-    for key in TRUTH_KEYS:
-        if key in arrays and not unknown(arrays[key][kept]).all():
-            column = arrays[key]
-            fill = np.nan if column.dtype.kind == 'f' else -1
-            truth[key] = np.full((len(recording), *column.shape[1:]), fill, column.dtype)
-            truth[key][rows[kept]] = column[kept]
-    return truth, kept
+def nearest_of_key(
+    keys: Integers, times: Integers, asked_keys: Integers, asked_times: Integers
+) -> Integers:
+    """Index (m,) of the row with the asked key whose time is nearest; -1: no row has the key."""
+    order = np.lexsort((times, keys))
+    keys, times = keys[order], times[order]
+    first = np.searchsorted(keys, asked_keys, side='left')
+    last = np.searchsorted(keys, asked_keys, side='right')
+    rows = np.where(last > first, first, -1)
+    for i in np.flatnonzero(last - first > 1).tolist():
+        near = nearest(times[first[i] : last[i]], asked_times[i : i + 1], np.iinfo(np.int64).max)
+        rows[i] += near[0]
+    return np.where(rows >= 0, order[rows] if len(order) else -1, -1).astype(np.int64)
 
 
 def held_labels(
@@ -201,7 +166,7 @@ def _pose(columns: Columns) -> Columns:
     """Position and pose of PoseStamped, with or without covariance, with its time."""
     path = 'pose.pose' if 'pose.pose.position.x' in columns else 'pose'
     position = vectors_of(columns, f'{path}.position')
-    turn = np.stack([columns[f'{path}.orientation.{axis}'] for axis in 'xyzw'], axis=1)
+    turn = vectors_of(columns, f'{path}.orientation', 'xyzw')
     matrix = np.full((len(position), 4, 4), np.nan)
     matrix[:, :3, 3] = position
     matrix[:, 3] = 0.0, 0.0, 0.0, 1.0
@@ -224,155 +189,138 @@ def read_standard(messages: Sequence[bytes], type_name: str) -> Rows:
     return read_rows(messages, type_name, STANDARD[type_name])
 
 
-def read_texts(messages: Sequence[bytes]) -> tuple[Integers, list[str]]:
-    """Places among all, and texts, of serialised std_msgs/String that can be read."""
-    groups, _ = read_columns(messages, STRING)
-    texts = {
-        int(row): text_at(group.columns['data'], i)
-        for group in groups
-        for i, row in enumerate(group.rows)
-    }
-    rows = sorted(texts)
-    return np.array(rows, np.int64), [texts[row] for row in rows]
+class TruthTopic:
+    """Messages of one topic that tell the truth about one sensor.
 
+    `sentence` says how they were brought together with frames; empty: not yet.
+    """
 
-class TruthTopics:
-    """Topics that tell the truth about one sensor, associated with its frames piece by piece."""
+    def __init__(self, topic: str, type_name: str) -> None:
+        self.topic, self.type_name, self.sentence = topic, type_name, ''
+        self.damaged = 0
+        self._waiting: tuple[list[int], list[bytes]] = ([], [])
+        self._logs: list[Integers] = []
+        self._parts: list[Columns] = []
+        self._texts: list[str] = []
 
-    def __init__(self, association: Association) -> None:
-        self.association = association
-        self.names: tuple[str, ...] = ()
-        self.lost: Counter[str] = Counter()
-        self._tolerances: dict[str, int] = {}
-        self._buffers: dict[str, MessageBuffer] = {}
+    def extend(self, logs: Sequence[int], messages: Sequence[bytes]) -> None:
+        """Take more messages in: log times (ns) and CDR."""
+        self._waiting[0].extend(logs)
+        self._waiting[1].extend(messages)
 
-    @property
-    def sentences(self) -> dict[str, str]:
-        """How each topic was brought together with frames."""
-        sentences = {}
-        for topic, buffer in self._buffers.items():
-            asked = self.association.tolerance_ns
-            within = self._tolerances.get(topic) if asked is None else asked
-            if buffer.type_name == STRING:
-                sentences[topic] = 'holds from when it was heard until the next'
-            elif within is not None:
-                delay = self.association.delays.get(topic, 0)
-                late = f'{delay * 1e-6:.3g} ms late{self.association.remarks.get(topic, "")}'
-                sentences[topic] = f'within {within * 1e-6:.3g} ms, {late}'
-        return sentences
-
-    def taker(self, topic: str, type_name: str) -> Taker:
-        """Who takes the messages of a topic."""
-        return self._buffers.setdefault(topic, MessageBuffer(type_name)).append
+    def decode(self, taxels: int, wanted: Container[str]) -> None:
+        """Decode the messages that wait, for a sensor of so many taxels, and keep wanted keys."""
+        (logs, messages), self._waiting = self._waiting, ([], [])
+        if not logs:
+            return
+        part: Columns = {}
+        if self.type_name == STRING:
+            rows, texts = read_texts(messages)
+            self._texts += texts
+        else:
+            found = (
+                read_contacts(messages, taxels, [key for key in TRUTH_KEYS if key in wanted])
+                if self.type_name == CONTACTS
+                else read_standard(messages, self.type_name)
+            )
+            rows = found.rows
+            part = {
+                key: column
+                for key, column in found.arrays.items()
+                if key in ('stamp_ns', 'sequence')
+                or (key in wanted and not is_unknown(column).all())
+            }
+        self.damaged += len(messages) - len(rows)
+        if len(rows):
+            self._logs.append(np.array(logs, np.int64)[rows])
+            self._parts.append(part)
 
     def beside(
+        self, frames: FrameTimes, association: Association, names: tuple[str, ...]
+    ) -> tuple[Columns, tuple[str, ...], int]:
+        """Truth beside s frames, the names of its labels, and how many messages have no frame."""
+        if not self._logs:
+            return {}, names, 0
+        logs = np.concatenate(self._logs)
+        if self.type_name == STRING:
+            self.sentence = 'holds from when it was heard until the next'
+            return (*held_labels(self._texts, logs, frames.stamp_ns, names), 0)
+        arrays = stack(self._parts, [len(part) for part in self._logs])
+        stamps = cast('Integers', arrays.pop('stamp_ns')).astype(np.int64)
+        delay, remark, tolerance = 0, '', association.tolerance_ns
+        if self.type_name == CONTACTS:
+            tolerance = half_step(frames.stamp_ns) if tolerance is None else tolerance
+            rows = self._rows_of_frames(
+                frames, stamps, arrays.pop('sequence').astype(np.int64), logs, tolerance
+            )
+            used = rows >= 0
+            source = np.full(len(frames), -1, np.int64)
+            source[rows[used]] = np.flatnonzero(used)
+        else:
+            delay, remark = _delay(association, frames, stamps, logs, arrays)
+            if tolerance is None:
+                tolerance = max(half_step(stamps), half_step(frames.stamp_ns))
+            source = nearest(stamps - delay, frames.stamp_ns, tolerance)
+            used = nearest(frames.stamp_ns, stamps - delay, tolerance) >= 0
+        late = f'{delay * 1e-6:.3g} ms late{remark}'
+        self.sentence = f'within {tolerance * 1e-6:.3g} ms, {late}'
+        truth: Columns = {}
+        for key, column in arrays.items():
+            if not is_unknown(column[source[source >= 0]]).all():
+                truth[key] = blank_column(key, column, len(frames))
+                truth[key][source >= 0] = column[source[source >= 0]]
+        return truth, names, int((~used).sum())
+
+    def _rows_of_frames(
         self,
-        recording: Recording,
-        index: Mapping[tuple[int, int], int],
-        around: Integers,
-        last_ns: int,
-        until: int,
-    ) -> Columns:
-        """Truth beside the frames of a piece; a later topic fills what an earlier left unknown.
+        frames: FrameTimes,
+        stamps: Integers,
+        sequence: Integers,
+        logs: Integers,
+        tolerance: int,
+    ) -> Integers:
+        """Frame (n,) of each of n contacts, -1: none.
 
-        Parameters
-        ----------
-        recording : Recording
-            Of s frames, the last of which was heard at `last_ns`.
-        index, around
-            As of `contacts_truth`: frames shortly before and after the piece, too.
-        last_ns, until : int
-            Log times (ns); what is heard after `until` is not looked at.
+        That of its stamp and sequence; without a stamp that of its sequence, heard nearest to it;
+        else the nearest in time.
         """
-        merged: Columns = {}
-        assert recording.stamp_ns is not None
-        frames = recording.stamp_ns
-        near = np.concatenate([frames, around])
-        for topic, buffer in self._buffers.items():
-            count = buffer.heard_by(until)
-            if buffer.type_name == STRING:
-                part = self._labels(topic, buffer, count, frames)
-            else:
-                if buffer.type_name == CONTACTS:
-                    taxels = recording.layout.shape[0]
-                    rows = read_contacts(buffer.data[:count], taxels, TRUTH_KEYS)
-                else:
-                    rows = read_standard(buffer.data[:count], buffer.type_name)
-                self._leave_out(topic, buffer, rows.rows, count)
-                if not len(rows.rows):
-                    continue
-                if buffer.type_name == CONTACTS:
-                    tolerance = self._tolerance(topic, near, near)
-                    part, used = contacts_truth(rows.arrays, recording, index, tolerance, around)
-                else:
-                    times = rows.arrays.pop('stamp_ns').astype(np.int64)
-                    times -= self.association.delays.get(topic, 0)
-                    tolerance = self._tolerance(topic, times, near)
-                    part, used = nearest_truth(rows.arrays, times, frames, tolerance)
-                buffer.used.update(np.flatnonzero(used).tolist())
-                # at the end of the bag nothing waits any longer
-                late = until if until > last_ns + KEPT_NS else last_ns - KEPT_NS
-                self.lost[f'messages of {topic} belong to no frame'] += buffer.forget_before(late)
-            for key, value in part.items():
-                earlier = merged.get(key, value)
-                merged[key] = np.where(unknown(earlier), value, earlier)
-        return merged
+        rows = nearest_of_key(frames.sequence, frames.stamp_ns, sequence, stamps)
+        rows[frames.stamp_ns[rows] != stamps] = -1
+        bare = stamps == 0
+        rows[bare] = nearest_of_key(frames.sequence, frames.log_ns, sequence[bare], logs[bare])
+        timed = (rows < 0) & ~bare
+        rows[timed] = nearest(frames.stamp_ns, stamps[timed], tolerance)
+        return rows
 
-    def _leave_out(self, topic: str, buffer: MessageBuffer, rows: Integers, count: int) -> None:
-        """Forget messages that cannot be read or do not fit."""
-        if len(rows) < count:
-            self.lost[f'messages of {topic} are damaged or do not fit'] += count - len(rows)
-            buffer.keep(rows.tolist(), count)
 
-    def _tolerance(self, topic: str, times: Integers, frames: Integers) -> int:
-        """Largest distance in time (ns): as asked, else half a step of the first piece."""
-        if self.association.tolerance_ns is not None:
-            return self.association.tolerance_ns
-        if topic not in self._tolerances and len(times) > 1:
-            self._tolerances[topic] = max(half_step(times), half_step(frames))
-        return self._tolerances.get(topic, half_step(frames))
+def merged(
+    topics: Iterable[TruthTopic], frames: FrameTimes, association: Association
+) -> tuple[Columns, tuple[str, ...], Counter[str]]:
+    """Truth of all topics beside frames; a later topic fills what an earlier left unknown.
 
-    def _labels(self, topic: str, buffer: MessageBuffer, count: int, frames: Integers) -> Columns:
-        """Names that hold until the next one; the last one before the next piece is kept."""
-        rows, texts = read_texts(buffer.data[:count])
-        self._leave_out(topic, buffer, rows, count)
-        times = np.array(buffer.logs[: len(rows)], np.int64)
-        if not len(times):
-            return {}
-        part, self.names = held_labels(texts, times, frames, self.names)
-        buffer.take(max(int(np.searchsorted(times, frames[-1], side='right')) - 1, 0))
-        return part
+    Returns the truth, the names of labels, and counts of lost messages by sentence.
+    """
+    truth: Columns = {}
+    names: tuple[str, ...] = ()
+    lost: Counter[str] = Counter()
+    for topic in topics:
+        part, names, left_over = topic.beside(frames, association, names)
+        lost[f'messages of {topic.topic} are damaged or do not fit'] += topic.damaged
+        lost[f'messages of {topic.topic} belong to no frame'] += left_over
+        for key, value in part.items():
+            earlier = truth.get(key, value)
+            truth[key] = np.where(is_unknown(earlier), value, earlier)
+    return truth, names, +lost
 
 
 # Delay of a signal behind another: each stretch of the recording gives one estimate, the peak of
 # the normalised cross-correlation; their median is the answer, and their scatter its uncertainty,
 # so that a few stretches in which nothing or something else happened do no harm.
 
-MOST_NS = 500_000_000
-STRETCH_NS = 4_000_000_000
-LEAST_STEP_NS = 1_000_000
-LEAST_CORRELATION = 0.5
-FEWEST = 3
-FINEST = 0.2  # steps: how far off a peak between two steps may be in every stretch alike
-QUIET = 0.1  # of the usual scatter: a stretch in which nothing happens
-MAD, MEDIAN = 1.4826, 1.2533  # scatter of a normal variable from its median; of a median
-MOST_FRAMES = 12_000
-MOST_TRUTH = 200_000
-
 
 @dataclass(frozen=True)
 class Delay:
-    """How much later one signal is.
-
-    Attributes
-    ----------
-    delay_ns, std_ns : float
-        Of the median of the stretches.
-    correlation : float
-        Median of the peaks, 0..1.
-    stretches : int
-        That count in the median.
-    """
+    """Median delay (ns) of some stretches with its deviation, and their median correlation."""
 
     delay_ns: float
     std_ns: float
@@ -381,7 +329,7 @@ class Delay:
 
     @property
     def significant(self) -> bool:
-        """Whether the delay stands out of its uncertainty."""
+        """True where the delay stands out of its uncertainty."""
         return abs(self.delay_ns) > 3 * self.std_ns
 
 
@@ -400,11 +348,8 @@ def estimate_delay(
     Returns
     -------
     Delay or None
-        None where fewer than three stretches of four seconds correlate.
-
-    Notes
-    -----
-    What the skin itself lags behind (its creep) is part of the answer.
+        None where fewer than three stretches of four seconds correlate. What the skin itself
+        lags behind (its creep) is part of the answer.
     """
     if min(len(times), len(late_times)) < 2:
         return None
@@ -440,8 +385,7 @@ def _peak(part: Array, late: Array) -> tuple[float, float]:
     centred = part - part.mean()
     spread = windows.std(axis=1) * part.std() * len(part)
     with np.errstate(invalid='ignore', divide='ignore'):
-        match = np.abs(windows @ centred) / spread
-    match = np.where(np.isfinite(match), match, 0.0)
+        match = np.nan_to_num(np.abs(windows @ centred) / spread, nan=0.0, posinf=0.0)
     top = int(match.argmax())
     if top in (0, len(match) - 1):
         return float(top), 0.0
@@ -450,110 +394,43 @@ def _peak(part: Array, late: Array) -> tuple[float, float]:
     return top + (0.5 * (left - right) / bend if bend < 0 else 0.0), float(middle)
 
 
-def truth_delays(path: Path, truth_topics: Sequence[str]) -> dict[str, Delay | None]:
-    """Delay of every topic of standard messages that tell the truth; None: not known.
-
-    Truth that names its frame (TactileContacts with the frame's stamp or sequence) has none.
-
-    Parameters
-    ----------
-    path : Path
-        Of a bag; at most its first 12 000 frames are read.
-    truth_topics : sequence of str
-        As of `recording_files.load`.
-    """
-    frames: dict[str, MessageBuffer] = {}
-    truth: dict[str, MessageBuffer] = {}
-    content = BagContent()
-
-    def may_be_late(topic: str, kind: str) -> bool:
-        return kind in STANDARD and any(ends_as(topic, name) for name in truth_topics)
-
-    def taker(topic: str, kind: str) -> Taker | None:
-        if topic.endswith('/frame') and kind == FRAME:
-            return frames.setdefault(topic, MessageBuffer(kind)).append
-        if may_be_late(topic, kind):
-            return truth.setdefault(topic, MessageBuffer(kind)).append
-        return None
-
-    for _ in read_bag(path, content, taker):
-        topics = content.announced.items()
-        if topics and not any(may_be_late(*item) for item in topics):
-            return {}
-        heard, measured = (
-            max((len(buffer.logs) for buffer in group.values()), default=0)
-            for group in (frames, truth)
-        )
-        if heard >= MOST_FRAMES or measured >= MOST_TRUTH:
-            break
-    return {topic: _delay(topic, buffer, frames) for topic, buffer in truth.items()}
+def _delay(
+    association: Association, frames: FrameTimes, stamps: Integers, logs: Integers, truth: Columns
+) -> tuple[int, str]:
+    """Delay (ns) of n messages of another instrument behind the frames, and its origin."""
+    if association.delay_ns is not None:
+        return association.delay_ns, association.remark
+    found = _delay_of_signals(frames, stamps, logs, truth)
+    if found is None:
+        return 0, ' (assumed: the signals do not tell)'
+    return round(found.delay_ns) if found.significant else 0, (
+        f' (estimated: {found.delay_ns * 1e-6:.3g} +- {found.std_ns * 1e-6:.2g} ms from '
+        f'{found.stretches} stretches, correlation {found.correlation:.2f})'
+    )
 
 
-def _delay(topic: str, buffer: MessageBuffer, frames: dict[str, MessageBuffer]) -> Delay | None:
-    """Delay of one topic behind the frames of its sensor."""
-    near = [t for t in frames if topic.startswith(t.removesuffix('frame'))] or list(frames)
-    late = read_standard(buffer.data, buffer.type_name)
-    if not near or not len(late.rows):
-        return None
-    own = frames[max(near, key=len)]
-    groups, _ = read_columns(own.data, FRAME)
-    widest = max((group.columns['values'].shape[1] for group in groups), default=0)
-    groups = [group for group in groups if group.columns['values'].shape[1] == widest]
-    if not groups:
-        return None
-    values = np.concatenate([group.columns['values'] for group in groups])
-    times = np.concatenate([stamps_of(group.columns) for group in groups])
-    logs = np.array(own.logs)[np.concatenate([group.rows for group in groups])]
-    away = np.sqrt((np.nan_to_num(values - np.nanmedian(values, axis=0)) ** 2).sum(axis=1))
-    level = _level(late.arrays)
-    measured = np.isfinite(level)
+def _delay_of_signals(
+    frames: FrameTimes, stamps: Integers, logs: Integers, truth: Columns
+) -> Delay | None:
+    """Delay of the size of a force, or of the height of a probe, behind the first readings."""
+    level = np.full(len(stamps), np.nan)
+    if 'force' in truth:
+        level = np.sqrt(np.nansum(np.asarray(truth['force'], np.float64) ** 2, axis=1))
+    elif 'position' in truth:
+        level = np.asarray(truth['position'], np.float64)[:, 2]
+    times, heard = frames.stamp_ns[:MOST_FRAMES], frames.log_ns[:MOST_FRAMES]
+    away = frames.deviation[:MOST_FRAMES]
+    until = heard.max(initial=0) + MOST_NS
+    measured = np.isfinite(level) & (logs <= until)
     if not measured.any():
         return None
-    late_times = late.arrays['stamp_ns'].astype(np.int64)[measured]
-    heard = np.array(buffer.logs)[late.rows][measured]
+    late = stamps[measured]
     # clocks that were never set to one another differ by what the recorder heard of them
-    apart = int(np.median(late_times - heard)) - int(np.median(times - logs))
-    order, late_order = np.argsort(times, kind='stable'), np.argsort(late_times, kind='stable')
+    apart = int(np.median(late - logs[measured])) - int(np.median(times - heard))
+    order, late_order = np.argsort(times, kind='stable'), np.argsort(late, kind='stable')
     delay = estimate_delay(
-        times[order], away[order], late_times[late_order] - apart, level[measured][late_order]
+        times[order], away[order], late[late_order] - apart, level[measured][late_order]
     )
     if delay is None:
         return None
-    return Delay(delay.delay_ns + apart, delay.std_ns, delay.correlation, delay.stretches)
-
-
-def _level(truth: Columns) -> Array:
-    """One number for each message: the size of a force, or the height of a probe."""
-    if 'force' in truth:
-        force = np.asarray(truth['force'], np.float64)
-        return np.asarray(np.sqrt(np.nansum(force**2, axis=1)))
-    return np.asarray(truth['position'], np.float64)[:, 2]
-
-
-def associate(
-    path: Path, truth_topics: Sequence[str], tolerance_ns: int | None, delay_ns: int | None
-) -> Association:
-    """How truth goes with the frames of a bag: as asked, else with the delays of the signals.
-
-    Parameters
-    ----------
-    path : Path
-        Of the bag.
-    truth_topics : sequence of str
-        As of `recording_files.load`.
-    tolerance_ns, delay_ns : int or None
-        None: half a step; estimated.
-    """
-    delays, remarks = {}, {}
-    for topic, delay in truth_delays(path, truth_topics).items():
-        if delay_ns is not None:
-            delays[topic], remarks[topic] = delay_ns, ' as was said'
-        elif delay is None:
-            remarks[topic] = ' (assumed: the signals do not tell)'
-        else:
-            delays[topic] = round(delay.delay_ns) if delay.significant else 0
-            remarks[topic] = (
-                f' (estimated: {delay.delay_ns * 1e-6:.3g} +- {delay.std_ns * 1e-6:.2g} ms from '
-                f'{delay.stretches} stretches, correlation {delay.correlation:.2f})'
-            )
-    return Association(tolerance_ns, delays, remarks)
+    return Delay(delay.delay_ns + apart, *astuple(delay)[1:])

@@ -14,7 +14,7 @@ from tactile_ros.evaluation.cdr_columns import (
     read_columns,
     read_contacts,
     read_frames,
-    text_at,
+    read_texts,
 )
 from tactile_ros.evaluation.truth import read_standard
 
@@ -131,5 +131,5 @@ def test_load_cells_probes_and_texts(make: SimpleNamespace) -> None:
     told = read_standard([make.cdr(probe), make.cdr(nowhere)], 'geometry_msgs/msg/PoseStamped')
     np.testing.assert_allclose(np.diag(told.arrays['object_pose'][0]), [-1, -1, 1, 1])
     assert np.isnan(told.arrays['object_pose'][1, :3, :3]).all()
-    (group,), _ = read_columns([make.cdr(make.String(data='mug'))], 'std_msgs/msg/String')
-    assert text_at(group.columns['data'], 0) == 'mug'
+    rows, texts = read_texts([b'', make.cdr(make.String(data='mug'))])
+    assert (rows.tolist(), texts) == ([1], ['mug'])

@@ -23,7 +23,6 @@ from tactile_ros.evaluation.fleet import (
     Job,
     Outcome,
     evaluate_bag,
-    for_report,
     pooled,
     run_job,
     run_jobs,
@@ -33,7 +32,7 @@ from tactile_ros.evaluation.fleet import (
 from tactile_ros.evaluation.metrics import frames_dropped, target_errors
 from tactile_ros.evaluation.recording_files import ClassesChangedError, load, save_recording
 from tactile_ros.evaluation.replay import replay
-from tactile_ros.evaluation.report import environment, figures_of
+from tactile_ros.evaluation.report import environment, figures_of, for_drawing
 from tactile_ros.evaluation.truth import Association
 from tactile_ros.messages import fill_contacts
 from tactile_ros.sensors import load_sensor
@@ -44,7 +43,6 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import SimpleNamespace
 
-    from tactile_ros.evaluation.fleet import SensorResult
     from tactile_ros.evaluation.report import Dataset
     from tactile_ros.pipeline import Pipeline
 
@@ -247,13 +245,13 @@ def bag(
     return path
 
 
-def judged(path: Path, pipeline: Pipeline, **options: object) -> SensorResult:
+def judged(path: Path, pipeline: Pipeline, **options: object) -> Dataset:
     clock = count(0, 1000)
     (found,) = evaluate_bag(path, {'c': pipeline}, TRUTH, clock_ns=lambda: next(clock), **options)
     return found
 
 
-def same(one: SensorResult, other: SensorResult) -> None:
+def same(one: Dataset, other: Dataset) -> None:
     """Counts are equal, figures up to the rounding of products of one row and of many."""
     assert (one.frames, one.dropped) == (other.frames, other.dropped)
     for a, b in zip(one.answers, other.answers, strict=True):
@@ -320,7 +318,7 @@ def test_the_report_of_pieces_is_that_of_the_bag_in_memory(
     (loaded,) = load(bag, None, TRUTH).recordings
     whole = evaluate(loaded, [copy(pipeline)])
     in_pieces(frames, 300_000_000)
-    pieces = for_report(judged(bag, pipeline))
+    pieces = for_drawing(judged(bag, pipeline))
     assert (pieces.frames, pieces.dropped) == (whole.frames, whole.dropped)
     assert np.array_equal(pieces.latency_s, whole.latency_s)
     (told,) = (text for text in pieces.problems if text.startswith('no latency'))

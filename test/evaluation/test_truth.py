@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,12 +10,15 @@ import pytest
 from scipy.special import expit
 
 from tactile_ros.evaluation.bag import BagWriter
-from tactile_ros.evaluation.truth import Delay, associate, estimate_delay, truth_delays
+from tactile_ros.evaluation.recording_files import Bag
+from tactile_ros.evaluation.truth import Association, Delay, estimate_delay
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
     from types import SimpleNamespace
+
+    from tactile_ros.types import Recording
 
 FRAMES, STEP_NS, START_NS = 1500, 10_000_000, 10**9
 CLOCK_NS = 5_000_000_000_000  # by which the load cell's clock is ahead
@@ -48,28 +52,41 @@ def bag(tmp_path_factory: pytest.TempPathFactory, make: SimpleNamespace) -> Path
     return path
 
 
-def test_the_delay_of_another_clock_is_told_with_its_uncertainty(bag: Path) -> None:
-    found = truth_delays(bag, ['wrench'])
-    delay = found['/cell/wrench']
-    assert delay is not None
-    assert delay.significant
-    assert delay.delay_ns - CLOCK_NS == pytest.approx(30e6, abs=0.2 * STEP_NS)
-    assert delay.std_ns < 0.5 * STEP_NS
-    assert delay.correlation > 0.9
+def read_truth(path: Path, topic: str, association: Association) -> tuple[str, Recording]:
+    """Sentence about a topic, and times of frames with truth."""
+    bag = Bag(path, None, (topic,), association)
+    assert len([*bag]) == 1
+    (sensor,) = bag.sensors.values()
+    recording = sensor.whole().recording
+    (found,) = sensor.truth.values()
+    return found.sentence, recording
 
 
-def test_what_was_asked_for_goes_first(bag: Path) -> None:
-    told = associate(bag, ('wrench',), 4_000_000, 7)
-    assert (told.tolerance_ns, dict(told.delays)) == (4_000_000, {'/cell/wrench': 7})
-    found = associate(bag, ('wrench',), None, None)
-    assert found.delays['/cell/wrench'] - CLOCK_NS == pytest.approx(30e6, abs=0.2 * STEP_NS)
-    assert 'estimated: 5e+06 +- ' in found.remarks['/cell/wrench']
+def test_delay_of_another_clock_is_estimated_with_its_uncertainty(bag: Path) -> None:
+    sentence, recording = read_truth(bag, 'wrench', Association(None, None))
+    assert sentence.startswith('within 5 ms, 5e+06 ms late (estimated: 5e+06 +- ')
+    std, correlation = re.search(r'\+- (\S+) ms .* correlation (\S+)\)', sentence).groups()
+    assert float(std) < 0.5e-6 * STEP_NS
+    assert float(correlation) > 0.9
+    wanted = [2.0 * pressed(k / 100) for k in range(FRAMES - 3)]  # it is 30 ms late
+    np.testing.assert_allclose(recording.truth['force'][:-3, 2], wanted, atol=1e-5)
+
+
+def test_stated_delay_and_tolerance_go_first(bag: Path) -> None:
+    asked = Association(4_000_000, CLOCK_NS + 7_000_000, ' as was said')
+    sentence, recording = read_truth(bag, 'wrench', asked)
+    assert sentence == 'within 4 ms, 5e+06 ms late as was said'
+    wanted = [2.0 * pressed((k + 1) / 100 - 0.03) for k in range(FRAMES - 1)]
+    np.testing.assert_allclose(recording.truth['force'][:-1, 2], wanted, atol=1e-5)
+    _, recording = read_truth(bag, 'wrench', Association(4_000_000, CLOCK_NS + 5_000_000))
+    assert 'force' not in recording.truth  # half a step from every frame
 
 
 def test_truth_that_names_its_frames_has_no_delay(
     write_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
-    assert truth_delays(write_bag(tmp_path / 'bag'), ['truth/contacts']) == {}
+    path = write_bag(tmp_path / 'bag')
+    assert read_truth(path, 'truth/contacts', Association(None, None))[0].endswith(', 0 ms late')
 
 
 SECOND_NS = 1_000_000_000
