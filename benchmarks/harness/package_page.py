@@ -18,7 +18,6 @@ from tactile_ros.evaluation.figures import (
     Figure,
     Plot,
     file_name,
-    number,
     rounded,
     write_figures,
     write_png,
@@ -35,6 +34,17 @@ HEIGHT = 14.0  # pixels of a line of a label
 LOG_RATIO = 20.0  # ratio of errors from which their axis is logarithmic
 Box = tuple[float, float, float, float]  # middle and size (pixels)
 SHIFTS = (-16.0, 18.0, -30.0, 32.0, -44.0, 46.0)  # pixels, of labels from their marks
+
+
+def number(value: float | None, beside: float | None = None) -> str:
+    """Write a value with three digits, or as many as distinguish it from another."""
+    if value is None:
+        return '–'
+    for digits in range(3, 12):
+        text = rounded(value, digits)
+        if beside in (None, value) or text != rounded(beside or 0.0, digits):
+            break
+    return text
 
 
 class Method(NamedTuple):

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy import stats
 
 from tactile_ros.conditioning.loading_direction import dead_band, loading_signs
@@ -31,6 +32,7 @@ STYLE = Path(__file__).with_name('drawing.css').read_text('utf-8')
 LEFT, RIGHT, TOP, BOTTOM = 46.0, 14.0, 30.0, 42.0  # pixels around the axes
 LETTER, LINE = 6.4, 15.0  # pixels of a letter and of a line of labels
 MM = 1e3
+Span = tuple[float, float]
 NAMES = {
     'position': 'place',
     'force_z': 'normal force',
@@ -39,25 +41,14 @@ NAMES = {
 }
 
 
-def number(value: float | None, beside: float | None = None) -> str:
-    """A value with three digits, or as many as distinguish it from another.
+def rounded(value: float, digits: int = 3) -> str:
+    """So many digits, of large numbers all before the point; a true minus.
 
     Examples
     --------
-    >>> number(99.877), number(99.877, beside=99.9), number(73611.2)
-    ('99.9', '99.88', '73,611')
+    >>> rounded(99.877), rounded(-73611.2)
+    ('99.9', '−73,611')
     """
-    if value is None:
-        return '–'
-    for digits in range(3, 12):
-        text = rounded(value, digits)
-        if beside in (None, value) or text != rounded(beside or 0.0, digits):
-            break
-    return text
-
-
-def rounded(value: float, digits: int) -> str:
-    """So many digits, of large numbers all before the point; a true minus."""
     whole = abs(value) >= min(10**digits, 1000)
     return (f'{value:,.0f}' if whole else f'{value:.{digits}g}').replace('-', '−')
 
@@ -81,25 +72,23 @@ def log_ticks(low: float, high: float) -> list[float]:
     return [tick for tick in ticks if low * 0.999 <= tick <= high * 1.001]
 
 
-class Scale:
+class Scale(NamedTuple):
     """Map from the values of an axis to pixels."""
 
-    def __init__(
-        self, values: tuple[float, float], pixels: tuple[float, float], log: bool
-    ) -> None:
-        self.values, self.pixels, self.log = values, pixels, log
+    values: tuple[float, float]
+    pixels: tuple[float, float]
+    log: bool
 
     def __call__(self, value: Array | float) -> Array:
         """Pixels of values."""
-        low, high = self.values
+        (low, high), (start, end) = self.values, self.pixels
         part = np.asarray(value, np.float64)
         if self.log:
             part, low, high = np.log(part), math.log(low), math.log(high)
-        start, end = self.pixels
         return np.asarray(start + (part - low) / (high - low) * (end - start))
 
     def value(self, pixel: float) -> float:
-        """The value at a pixel."""
+        """Value at a pixel."""
         (low, high), (start, end) = self.values, self.pixels
         part = (pixel - start) / (end - start)
         return low * (high / low) ** part if self.log else low + part * (high - low)
@@ -114,8 +103,8 @@ class Plot:
 
     def __init__(
         self,
-        x: tuple[float, float],
-        y: tuple[float, float],
+        x: Span,
+        y: Span,
         x_label: str,
         y_label: str,
         size: tuple[int, int] = (360, 270),
@@ -133,28 +122,26 @@ class Plot:
         self._over: list[str] = []
 
     @classmethod
-    def plan(
-        cls, x: tuple[float, float], y: tuple[float, float], unit: str, description: str
-    ) -> Plot:
+    def plan(cls, x: Span, y: Span, unit: str, description: str) -> Plot:
         """Plan view: one scale for both axes."""
-        inner = 360 - LEFT - RIGHT
-        height = round(inner * (y[1] - y[0]) / (x[1] - x[0]) + TOP + BOTTOM)
+        height = round((360 - LEFT - RIGHT) * (y[1] - y[0]) / (x[1] - x[0]) + TOP + BOTTOM)
         return cls(x, y, f'x {unit}', f'y {unit}', (360, height), description=description)
+
+    def _pixels(self, x: Array, y: Array) -> Iterable[tuple[float, float]]:
+        return zip(self.x(x).tolist(), self.y(y).tolist(), strict=True)
+
+    def _path(self, x: Array, y: Array) -> str:
+        """Path data of a polyline, which NaN breaks."""
+        parts, command = [], 'M'
+        for px, py in self._pixels(x, y):
+            shown = math.isfinite(px) and math.isfinite(py)
+            parts.append(f'{command}{px:.1f} {py:.1f}' if shown else '')
+            command = 'L' if shown else 'M'
+        return ''.join(parts)
 
     def line(self, x: Array, y: Array, kind: str) -> None:
         """Draw a line of class `kind`; NaN breaks it."""
         self._marks.append(f'<path class="{kind}" d="{self._path(x, y)}"/>')
-
-    def _path(self, x: Array, y: Array) -> str:
-        """Path data of a polyline."""
-        parts, command = [], 'M'
-        for px, py in zip(self.x(x).tolist(), self.y(y).tolist(), strict=True):
-            if math.isfinite(px) and math.isfinite(py):
-                parts.append(f'{command}{px:.1f} {py:.1f}')
-                command = 'L'
-            else:
-                command = 'M'
-        return ''.join(parts)
 
     def band(self, x: Array, low: Array, high: Array, kind: str) -> None:
         """Fill the area between two lines."""
@@ -165,8 +152,8 @@ class Plot:
 
     def dots(self, x: Array, y: Array, kind: str) -> None:
         """Draw round dots, as one path of lines without length."""
-        pairs = zip(self.x(x).tolist(), self.y(y).tolist(), strict=True)
-        path = ''.join(f'M{a:.1f} {b:.1f}h0' for a, b in pairs if math.isfinite(a + b))
+        pixels = self._pixels(x, y)
+        path = ''.join(f'M{a:.1f} {b:.1f}h0' for a, b in pixels if math.isfinite(a + b))
         self._marks.append(f'<path class="dots {kind}" d="{path}"/>')
 
     def _box(self, left: float, top: float, width: float, height: float, kind: str) -> None:
@@ -176,7 +163,7 @@ class Plot:
     def boxes(self, x: Array, y: Array, side: float, kinds: Sequence[str]) -> None:
         """Draw squares around places (side in units of x), each of its own class."""
         wide = abs(float(self.x(side) - self.x(0.0)))
-        for px, py, kind in zip(self.x(x).tolist(), self.y(y).tolist(), kinds, strict=True):
+        for (px, py), kind in zip(self._pixels(x, y), kinds, strict=True):
             self._box(px - wide / 2, py - wide / 2, wide, wide, kind)
 
     def bars(self, edges: Array, heights: Array, kind: str) -> None:
@@ -377,8 +364,40 @@ def shown(target: TargetErrors) -> float:
     return MM * target.spread.mean if target.name == 'position' else target.spread.rms
 
 
+def _headline(target: TargetErrors, rest: str) -> str:
+    words = title_of(target)
+    return f'{words[0].upper()}{words[1:]} {rest}'
+
+
 def _accepted(coverage: Coverage) -> str:
     return f'{100 * coverage.low:.0f}–{100 * coverage.high:.0f} %'
+
+
+def _span(values: Array) -> Span:
+    """Range of values with some air."""
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    air = 0.04 * (high - low) or 1.0
+    return low - air, high + air
+
+
+def _around_zero(values: npt.ArrayLike, air: float, percentile: float = 100) -> Span:
+    """Range that most magnitudes fit into, on both sides of zero."""
+    top = air * float(np.nanpercentile(np.abs(values), percentile)) or 1.0
+    return -top, top
+
+
+def _subsample(rows: Integers, most: int) -> Integers:
+    """At most so many rows, evenly taken."""
+    return rows[np.linspace(0, len(rows) - 1, most).astype(int)] if len(rows) > most else rows
+
+
+def _bin_means(x: Array, values: Array, edges: Array) -> Array:
+    """Mean in each bin of x; NaN where there are fewer than five values."""
+    kept = np.isfinite(values) & (x >= edges[0]) & (x < edges[-1])
+    place = np.searchsorted(edges, x[kept], side='right') - 1
+    count = np.bincount(place, minlength=len(edges) - 1)
+    total = np.bincount(place, values[kept], minlength=len(edges) - 1)
+    return np.where(count >= 5, total / np.maximum(count, 1), np.nan)
 
 
 def place_map(target: TargetErrors, chips: Array) -> Figure:
@@ -464,9 +483,10 @@ def force_scatter(target: TargetErrors, colour: str) -> Figure:
                  description=f'Estimated against measured {words}')  # fmt: skip
     above.line(diagonal, diagonal, 'rule')
     above.dots(truth[some], guess[some], colour)
-    top = 1.15 * float(np.percentile(np.abs(error[kept]), 99.5)) or 1.0
-    below = Plot(span, (-top, top), f'measured {words} (N)', 'error (N)', (360, 170),
-                 description=f'Error of {words} against its size')  # fmt: skip
+    below = Plot(
+        span, _around_zero(error[kept], 1.15, 99.5), f'measured {words} (N)', 'error (N)',
+        (360, 170), description=f'Error of {words} against its size',
+    )  # fmt: skip
     centre, sigma = binned_sigma(truth[kept], target.variance[kept, 0])
     below.band(centre, -sigma, sigma, f'band {colour}')
     below.line(diagonal, np.zeros(2), 'rule')
@@ -479,16 +499,14 @@ def force_scatter(target: TargetErrors, colour: str) -> Figure:
             f' The band is the stated sigma: {100 * share.share:.0f} % of errors lie inside '
             f'({verdict}; {share.groups} groups).'
         )
-    title = f'{words[0].upper()}{words[1:]} against the scale'
-    return Figure(title, caption, (above, below))
+    return Figure(_headline(target, 'against the scale'), caption, (above, below))
 
 
 def binned_sigma(truth: Array, variance: Array, bins: int = 24) -> tuple[Array, Array]:
     """Root mean stated variance along the truth: centres and sigmas of bins of equal counts."""
     kept = np.isfinite(truth) & np.isfinite(variance)
     truth, variance = truth[kept], variance[kept]
-    edges = np.unique(truth)
-    if len(edges) < 2:
+    if len(np.unique(truth)) < 2:
         return np.zeros(0), np.zeros(0)
     edges = np.unique(np.percentile(truth, np.linspace(0, 100, bins + 1)))
     mean, centre, filled = (
@@ -498,23 +516,10 @@ def binned_sigma(truth: Array, variance: Array, bins: int = 24) -> tuple[Array, 
     return centre[filled > 0], np.sqrt(mean[filled > 0])
 
 
-def _span(values: Array) -> tuple[float, float]:
-    """Range of values with some air."""
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    air = 0.04 * (high - low) or 1.0
-    return low - air, high + air
-
-
-def _subsample(rows: Integers, most: int) -> Integers:
-    """At most so many rows, evenly taken."""
-    return rows[np.linspace(0, len(rows) - 1, most).astype(int)] if len(rows) > most else rows
-
-
 def force_trace(target: TargetErrors, name: str, colour: str) -> Figure | None:
     """Estimate of an estimator by name and truth over time, and the error under them."""
     if not np.isfinite(target.time_s).any():
         return None
-    words = title_of(target)
     caption = (
         f'At worst {target.spread.largest:.2f} N off. The band is the stated sigma about zero: '
         'honest errors leave it a third of the time.'
@@ -522,7 +527,7 @@ def force_trace(target: TargetErrors, name: str, colour: str) -> Figure | None:
     key = ((colour, f'estimated ({name})'), ('ink', 'measured'))
     wide = _trace(target, (1080, 220), 1.0, colour)
     narrow = _trace(target, (360, 200), 0.3, colour)
-    return Figure(f'{words[0].upper()}{words[1:]} over time', caption, wide, key, narrow)
+    return Figure(_headline(target, 'over time'), caption, wide, key, narrow)
 
 
 def _trace(
@@ -542,9 +547,8 @@ def _trace(
     upper.band(broken, guess - sigma, guess + sigma, f'band {colour}')
     upper.line(broken, truth, 'line ink')
     upper.line(broken, guess, f'line {colour}')
-    top = 1.15 * float(np.nanpercentile(np.abs(error), 99.5)) or 1.0
-    lower = Plot((0.0, end), (-top, top), 'time (s)', 'error (N)', (size[0], 150),
-                 description='Error of the force over time')  # fmt: skip
+    lower = Plot((0.0, end), _around_zero(error, 1.15, 99.5), 'time (s)', 'error (N)',
+                 (size[0], 150), description='Error of the force over time')  # fmt: skip
     lower.band(time[rows], -sigma, sigma, f'band {colour}')
     lower.line(np.array([0.0, end]), np.zeros(2), 'rule')
     lower.line(broken, error, f'line {colour}')
@@ -567,22 +571,20 @@ def sigma_calibration(targets: Sequence[TargetErrors]) -> Figure:
             share = np.searchsorted(ratio, limits, side='right') / len(ratio)
             plot.line(100 * expected, 100 * np.append(share, 1.0), f'line c{i}')
     plot.rule(100 * 0.6827, '1 sigma')
-    found = '; '.join(
+    measured = '; '.join(
         f'{title_of(t)} {100 * t.coverage.share:.0f} % (accepted {_accepted(t.coverage)}, '
         f'{t.coverage.groups} groups)'
         for t in targets
     )
     caption = (
-        f'Inside one sigma: {found}. On the diagonal the stated errors are the real ones; '
+        f'Inside one sigma: {measured}. On the diagonal the stated errors are the real ones; '
         'the grey band is 5 points wide on either side.'
     )
     key = tuple((f'c{i}', title_of(t)) for i, t in enumerate(targets[:4]))
     return Figure('Are the covariances honest?', caption, (plot,), key)
 
 
-def speed(
-    points: Mapping[str, tuple[float, float]], unit: str, colours: Mapping[str, str]
-) -> Figure:
+def speed(points: Mapping[str, Span], unit: str, colours: Mapping[str, str]) -> Figure:
     """Error of every estimator against its time per frame (us)."""
     times, errors = np.array(list(points.values())).T
     plot = Plot((times.min() / 2.5, times.max() * 4), (0, 1.25 * errors.max()),
@@ -636,12 +638,10 @@ def confusion_plot(table: Array, name: str, description: str) -> Plot:
 
 def confusion_figure(errors: ClassErrors) -> Figure:
     """Share of each true class that is named as each, and what is confused most."""
-    table = np.nan_to_num(errors.table)
-    name = errors.name
+    table, name = np.nan_to_num(errors.table), errors.name
     plot = confusion_plot(table, name, f'{name} named against true {name}')
-    if len(table) <= 16:
-        for row, column in np.argwhere(table >= 0.5).tolist():
-            plot.text(column, row, f'{table[row, column]:.0f}', 'middle')
+    for row, column in np.argwhere(table >= 0.5).tolist() if len(table) <= 16 else ():
+        plot.text(column, row, f'{table[row, column]:.0f}', 'middle')
     text = f'{errors.right:.1f} % of {errors.count} rows are named rightly'
     if errors.abstained:
         text += f', {errors.abstained:.1f} % are not named'
@@ -660,16 +660,14 @@ def hysteresis(target: TargetErrors) -> Figure | None:
     if not np.isfinite(target.time_s).any() or not high > low or len(truth) < 30:
         return None
     edges = np.linspace(low, high, 21)
-    centre = (edges[1:] + edges[:-1]) / 2
     up, down = (_bin_means(truth[r], error[r], edges) for r in _directions(target))
     apart = np.abs(down - up)[np.isfinite(up) & np.isfinite(down)]
     if len(apart) < 6:
         return None
-    words = title_of(target)
-    top = 1.2 * float(np.nanmax(np.abs([up, down]))) or 1.0
+    words, centre = title_of(target), (edges[1:] + edges[:-1]) / 2
     plot = Plot(
-        (low, high), (-top, top), f'measured {words} (N)', 'mean error (N)', (360, 250),
-        description=f'Error of rising and falling {words}',
+        (low, high), _around_zero([up, down], 1.2), f'measured {words} (N)', 'mean error (N)',
+        (360, 250), description=f'Error of rising and falling {words}',
     )  # fmt: skip
     plot.line(edges[[0, -1]], np.zeros(2), 'rule')
     plot.line(centre, up, 'line c0')
@@ -697,15 +695,6 @@ def _directions(target: TargetErrors) -> tuple[Bools, Bools]:
     return rising, (way < 0) & (force[:, 0] > low + band)
 
 
-def _bin_means(x: Array, values: Array, edges: Array) -> Array:
-    """Mean in each bin of x; NaN where there are fewer than five values."""
-    kept = np.isfinite(values) & (x >= edges[0]) & (x < edges[-1])
-    place = np.searchsorted(edges, x[kept], side='right') - 1
-    count = np.bincount(place, minlength=len(edges) - 1)
-    total = np.bincount(place, values[kept], minlength=len(edges) - 1)
-    return np.where(count >= 5, total / np.maximum(count, 1), np.nan)
-
-
 def drift(target: TargetErrors, colour: str) -> Figure | None:
     """Mean error over time with its deviation, and the slope of a line through it."""
     kept = np.isfinite(target.time_s) & np.isfinite(target.error[:, 0])
@@ -714,16 +703,17 @@ def drift(target: TargetErrors, colour: str) -> Figure | None:
         return None
     time = time - time.min()
     edges = np.linspace(0, time.max(), 25)
-    centre = (edges[1:] + edges[:-1]) / 2
+    centre, ends = (edges[1:] + edges[:-1]) / 2, np.array([0.0, time.max()])
     mean, square = (_bin_means(time, values, edges) for values in (error, error**2))
     sigma = np.sqrt(np.maximum(square - mean**2, 0))
     slope, start = np.polyfit(time, error, 1)
     words = title_of(target)
-    top = 1.15 * float(np.nanmax(np.abs(mean) + sigma)) or 1.0
-    plot = Plot((0, float(time.max())), (-top, top), 'time (s)', 'mean error (N)', (360, 250),
-                description=f'Mean error of {words} over time')  # fmt: skip
+    plot = Plot(
+        (0, float(time.max())), _around_zero(np.abs(mean) + sigma, 1.15), 'time (s)',
+        'mean error (N)', (360, 250), description=f'Mean error of {words} over time',
+    )  # fmt: skip
     plot.band(centre, mean - sigma, mean + sigma, f'band {colour}')
-    plot.line(np.array([0.0, time.max()]), np.zeros(2), 'rule')
+    plot.line(ends, np.zeros(2), 'rule')
     plot.line(centre, mean, f'line {colour}')
     plot.line(time[[0, -1]], start + slope * time[[0, -1]], 'line ink')
     moved = f'{slope * time.max():+.2f}'.replace('-', '−')

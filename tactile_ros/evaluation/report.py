@@ -19,7 +19,7 @@ import numpy as np
 
 from tactile_ros import __version__
 from tactile_ros.evaluation import figures
-from tactile_ros.evaluation.figures import MM, Figure, number
+from tactile_ros.evaluation.figures import MM, Figure, rounded
 from tactile_ros.evaluation.metrics import (
     ClassErrors,
     Spread,
@@ -343,7 +343,7 @@ def headline(result: Result) -> list[tuple[str, str, str]]:
         if judged := [t for t in targets if t and t.spread.count and t.varies]:
             found.append((f'{figures.shown(judged[0]):.2f}', unit, words))
     if delay := next((d.latency for d in result.datasets if d.latency.count), None):
-        p50, p99 = number(delay.p50 * MM), number(delay.p99 * MM)
+        p50, p99 = rounded(delay.p50 * MM), rounded(delay.p99 * MM)
         found.append((p50, 'ms', f'latency (p99 {p99} ms)'))
     lost = sum(d.dropped for d in result.datasets)
     frames = sum(d.frames for d in result.datasets)
