@@ -1174,7 +1174,7 @@ def test_a_sensor_may_say_itself_what_touches() -> None:
 
 def test_bits_and_temperatures_of_a_frame_are_one_per_taxel_and_copied() -> None:
     pipeline, status = toy(), np.zeros(TAXELS, np.uint8)
-    state = pipeline.process(Frame(0, 0, np.zeros((TAXELS, CHANNELS)), status=status))
+    state = pipeline.process(Frame(0, 0, np.ones((TAXELS, CHANNELS)), status=status))
     status[:] = 8
     assert not state.taxel_status.any()
     for name in ('status', 'temperature_c'):

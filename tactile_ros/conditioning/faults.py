@@ -44,8 +44,8 @@ def taxel_faults(values: Array, status: Bytes | None, layout: Layout) -> Bytes:
     -------
     ndarray, shape (s, t)
         ERROR is added where a reading is not finite, SATURATED where one reached its limit, DEAD
-        where a chip of several axes reads a field of exactly 0 and others do not: noise keeps a
-        chip that lives from that.
+        where a chip of several axes reads a field of exactly 0: noise keeps a chip that lives from
+        that.
     """
     size = np.abs(values)
     limit = np.inf if layout.saturation is None else layout.saturation
@@ -61,7 +61,6 @@ def taxel_faults(values: Array, status: Bytes | None, layout: Layout) -> Bytes:
     bits = clipped * np.uint8(TaxelStatus.SATURATED) | lost * np.uint8(TaxelStatus.ERROR)
     if axes:
         silent = (size == 0).all(axis=-1)
-        silent &= ~silent.all(axis=-1, keepdims=True)
         bits = bits | silent * np.uint8(TaxelStatus.DEAD)
     return np.asarray(bits if status is None else bits | status, np.uint8)
 

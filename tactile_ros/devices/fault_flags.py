@@ -192,6 +192,8 @@ class ChipFaultDetector:
         repeated = self._stuck.follow(codes, measured)
         status = saturated * np.uint8(TaxelStatus.SATURATED)
         status |= wrapped * np.uint8(TaxelStatus.WRAPPED)
+        if not np.count_nonzero(values):  # noise keeps a skin that has power from that
+            status |= np.uint8(TaxelStatus.DEAD)
         if repeated.any():
             status |= (repeated & ~fresh) * np.uint8(TaxelStatus.STALE)
             status |= self._stuck.status()

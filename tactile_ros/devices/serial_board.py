@@ -38,6 +38,7 @@ MOST_FOREIGN = 3
 OTHERS = 0.5
 # changes after which a board of one converter has not rested since it was opened
 LIVELY = 10
+FALSE_ALARM = 1e-6  # largest probability with which noise alone explains a board that stands still
 
 
 def check_uart(what: str, size: int, rate_hz: float, baud: int) -> None:
@@ -99,6 +100,7 @@ class SerialBoard(Closing):
         self._port = SerialPort(port, baud)
         self._stream = decoder
         self._stuck = stuck
+        self._frozen = StuckDetector(1, stuck_chance=FALSE_ALARM, stale_chance=FALSE_ALARM)
         self._clock = clock
         self._age_ns = 0 if native_usb else round(decoder.size * BITS_PER_BYTE / baud * 1e9)
         self._frames: deque[Frame] = deque()
@@ -142,6 +144,7 @@ class SerialBoard(Closing):
         self._opened_before = True
         self._stream.reset()
         self._stuck.forget()
+        self._frozen.forget()
         self._restart()
 
     def close(self) -> None:
@@ -219,6 +222,16 @@ class SerialBoard(Closing):
             self._failure = str(err)
             self._retry_s = min(max(2 * self._retry_s, FIRST_RETRY_S), LONGEST_RETRY_S)
             self._retry_at = time.monotonic() + self._retry_s
+
+    def _repeats(self, readings: Array) -> Bytes:
+        """Bits of chips in noise (s, t): those that repeat themselves, or all where the board does.
+
+        Nothing but a processor that hangs sends all chips again and again to the last bit.
+        """
+        whole = np.nan_to_num(readings, nan=-1.0).reshape(len(readings), 1, -1)
+        dead = (readings == 0).all(axis=(1, 2))[:, None] * np.uint8(TaxelStatus.DEAD)
+        repeats = self._stuck.follow_frames(readings) | self._frozen.follow_frames(whole)
+        return np.asarray(repeats | dead, np.uint8)
 
     def _losses(self, lost: Sequence[int]) -> list[int]:
         """Frames lost before each frame, those of reconnections included."""
@@ -327,7 +340,7 @@ class ReskinBoard(SerialBoard):
 
     def _status(self, decoded: reskin_protocol.Decoded) -> Bytes:
         """Bits of every chip in every frame."""
-        status = self._stuck.follow_frames(decoded.values)
+        status = self._repeats(decoded.values)
         status[decoded.error] |= np.uint8(TaxelStatus.ERROR)
         clipped = (np.abs(decoded.values) >= self._layout.saturation).any(axis=-1)
         status[clipped] |= np.uint8(TaxelStatus.SATURATED)
@@ -446,7 +459,7 @@ class FramedBoard(SerialBoard):
             together = counts.reshape(len(counts), 1, -1)
             still = self._stuck.follow_frames(together, np.any(inside, axis=(1, 2)))
         else:
-            still = self._stuck.follow_frames(counts)
+            still = self._repeats(counts)
         status = decoded.status | still
         if any(repeated):
             status |= np.array(repeated)[:, None] * np.uint8(TaxelStatus.STALE)

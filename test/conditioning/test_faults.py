@@ -66,11 +66,11 @@ def test_no_limit_never_clips(limit: np.ndarray) -> None:
 def test_a_chip_whose_field_is_exactly_0_on_all_axes_is_dead() -> None:
     values = np.full((4, 3, 2), 1e-6)
     values[1, 2] = values[2, :2] = 0.0
-    values[3] = 0.0  # nobody's readings, or a model at rest: of no one chip
+    values[3] = 0.0  # a skin without power
     values[0, 0, 0] = 0.0  # one axis may be there by chance
     bits = taxel_faults(values, None, layout(unit='T'))
     dead = int(TaxelStatus.DEAD)
-    assert bits.tolist() == [[0, 0, 0], [0, 0, dead], [dead, dead, 0], [0, 0, 0]]
+    assert bits.tolist() == [[0, 0, 0], [0, 0, dead], [dead, dead, 0], [dead, dead, dead]]
     stale = np.ones(bits.shape, np.uint8)
     told = taxel_faults(values, stale, layout(unit='T'))
     np.testing.assert_array_equal(told, bits | stale)

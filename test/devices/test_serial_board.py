@@ -615,3 +615,68 @@ def test_serial_board_counts_openings_after_the_first_as_reconnections(layout: L
     assert board.counters()['reconnects'] == 2
     with pytest.raises(DeviceError, match='is closed'):
         board.read(0.0)
+
+
+def rows_of(payload: Payload, rng: np.random.Generator, noise: float, count: int) -> np.ndarray:
+    """Counts (s, t, c) of a sensor whose channels stand still but for their noise."""
+    shape = (payload.count, payload.channels)
+    level = rng.integers(300, 700, shape)
+    return level + np.rint(noise * rng.normal(size=(count, *shape))).astype(np.int64)
+
+
+def marks_of(payload: Payload, counts: np.ndarray) -> np.ndarray:
+    """Status bits (s, t) that the driver gives to frames whose sequence and clock go on."""
+    board = FramedBoard('unused', layout_of(payload), payload, SCALE, native_usb=True)
+    data = framed_protocol.encode(payload, counts, 0, 1000 * np.arange(len(counts)))
+    board.feed(data)
+    blank = np.zeros(payload.count, np.uint8)
+    return np.array([blank if f.status is None else f.status for f in board.waiting()])
+
+
+@pytest.mark.parametrize('name', ['gradiometer', 'chips', 'taxels', 'wires'])
+def test_serial_board_that_freezes_is_stale_then_stuck(name: str) -> None:
+    """Sequence and clock of the board go on, its readings do not."""
+    payload = PAYLOADS[name][0]
+    counts = rows_of(payload, np.random.default_rng(1), 2.0, 400)
+    counts[300:] = counts[299]
+    marks = marks_of(payload, counts)
+    assert not marks[:300].any()
+    assert (marks[304:] & TaxelStatus.STALE > 0).all()
+    assert (marks[312:] & TaxelStatus.STUCK > 0).all()
+
+
+def test_serial_board_with_quiet_converters_gives_no_false_alarm() -> None:
+    """A frame in four repeats the one before to the last bit, as honest 16-bit readings do."""
+    payload = PAYLOADS['gradiometer'][0]
+    counts = rows_of(payload, np.random.default_rng(2), 0.24, 30_000)
+    share = (counts[1:] == counts[:-1]).all(axis=(1, 2)).mean()
+    assert 0.2 < share < 0.95
+    marks = marks_of(payload, counts)
+    assert not marks.all(axis=1).any()
+
+
+def test_serial_board_of_chips_without_power_is_dead() -> None:
+    payload = PAYLOADS['chips'][0]
+    counts = rows_of(payload, np.random.default_rng(3), 2.0, 20)
+    counts[10:] = 0
+    marks = marks_of(payload, counts)
+    assert not marks[:10].any()
+    assert (marks[10:] & TaxelStatus.DEAD > 0).all()
+
+
+def test_serial_board_that_never_moved_is_stuck() -> None:
+    payload = PAYLOADS['chips'][0]
+    counts = np.repeat(rows_of(payload, np.random.default_rng(4), 2.0, 1), 60, axis=0)
+    assert (marks_of(payload, counts)[40:] & TaxelStatus.STUCK > 0).all()
+
+
+def test_reskin_board_that_freezes_is_stale_then_stuck(
+    port: SimulatedSerialPort, board: ReskinBoard, rows: np.ndarray
+) -> None:
+    noisy = rows[0] + 1e-6 * np.random.default_rng(5).normal(size=(100, *rows[0].shape))
+    for row in (*noisy, *[noisy[-1]] * 20):
+        port.send(encode(row))
+    status = [frame.status for frame in take(board, 120)]
+    assert all(one is None for one in status[:100])
+    assert all((one & TaxelStatus.STALE > 0).all() for one in status[104:])
+    assert all((one & TaxelStatus.STUCK > 0).all() for one in status[112:])
