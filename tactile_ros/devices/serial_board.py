@@ -224,7 +224,7 @@ class SerialBoard(Closing):
             self._retry_at = time.monotonic() + self._retry_s
 
     def _repeats(self, readings: Array) -> Bytes:
-        """Bits of chips in noise (s, t): those that repeat themselves, or all where the board does.
+        """Bits (s, t) of chips that repeat themselves, or of all where the board does.
 
         Nothing but a processor that hangs sends all chips again and again to the last bit.
         """
