@@ -8,14 +8,13 @@ import os
 import sys
 
 from tactile_ros import __version__
-from tactile_ros.cli import INTERRUPTED
 from tactile_ros.errors import TactileError
 
 COMMANDS = (
     'list', 'doctor', 'demo', 'calibrate', 'enrol', 'record', 'replay', 'report', 'view',
     'design', 'bench',
 )  # fmt: skip
-FAILED, WRONG_USE, UNHEARD = 1, 2, 141
+FAILED, WRONG_USE, INTERRUPTED, UNHEARD = 1, 2, 130, 141
 
 
 def parser() -> argparse.ArgumentParser:
