@@ -526,9 +526,6 @@ class SensorBag:
         """Frames as a recording; a new stream begins where the counter or the clock went back."""
         stamp_ns, sequence = (cast('Integers', arrays[n]) for n in ('stamp_ns', 'sequence'))
         values = cast('Array', arrays['values'])
-        if self._usual is None:
-            with np.errstate(invalid='ignore'):
-                self._usual = np.median(values, axis=0)
         last = self.times[-1] if self.times else None
         before = (int(stamp_ns[0]) - 1, int(sequence[0]) - 1, 0)
         if last is not None:
@@ -536,7 +533,7 @@ class SensorBag:
         back = np.diff(stamp_ns, prepend=before[0]) <= 0
         back |= np.diff(sequence, prepend=before[1]) <= 0
         stream = before[2] + np.cumsum(back)
-        away = np.sqrt((np.nan_to_num(values - self._usual) ** 2).sum(axis=(1, 2)))
+        away = self._deviation(values)
         self.times.append(FrameTimes(stamp_ns, sequence, stream, log_ns, away))
         chips, bits = cast('Array', arrays['temperature_c']), arrays['status']
         return Recording.from_arrays(
@@ -548,6 +545,15 @@ class SensorBag:
             status=bits if bits.any() else None,
             stream=stream,
         )
+
+    def _deviation(self, values: Array) -> Array:
+        """Norm (s,) of readings less the usual one, where a delay must be estimated."""
+        estimated = self.association.delay_ns is None
+        if not (estimated and any(topic.has_delay for topic in self.truth.values())):
+            return np.zeros(len(values))
+        if self._usual is None:
+            self._usual = np.nan_to_num(np.median(values, axis=0))
+        return np.asarray(np.sqrt((np.nan_to_num(values - self._usual) ** 2).sum(axis=(1, 2))))
 
     def _live_contacts(
         self, recording: Recording, until: int, last_ns: int

@@ -197,6 +197,7 @@ class TruthTopic:
 
     def __init__(self, topic: str, type_name: str) -> None:
         self.topic, self.type_name, self.sentence = topic, type_name, ''
+        self.has_delay = type_name in STANDARD  # its instrument has a clock of its own
         self.damaged = 0
         self._waiting: tuple[list[int], list[bytes]] = ([], [])
         self._logs: list[Integers] = []
