@@ -20,6 +20,7 @@ from tactile_ros.conditioning.baseline import (
     Rest,
     Stream,
     Tracking,
+    plausible_temperature,
     stream_baselines,
 )
 from tactile_ros.conditioning.faults import (
@@ -314,6 +315,7 @@ class Pipeline:
     ) -> Signals:
         """Frames less their baseline, with what the readings say about contact."""
         rest = self.rest_
+        chips = None if chips is None else plausible_temperature(chips)
         base, reference_c = rest.split(levels)
         delta = usable - base if rest.tared else usable
         if reference_c is not None and rest.tared:

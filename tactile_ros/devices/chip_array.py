@@ -12,7 +12,7 @@ from typing import Literal, TypeVar, get_args
 
 import numpy as np
 
-from tactile_ros.devices.fault_flags import ChipFaultDetector
+from tactile_ros.devices.fault_flags import ChipFaultDetector, measured_temperature
 from tactile_ros.devices.mlx90393 import (
     EXIT_WAIT_S,
     RESET_WAIT_S,
@@ -399,6 +399,8 @@ class ChipArray(Closing):
         self._decoder.set_tref(tuple(chip.tref for chip in self._chips))
         _, codes = self._decoder.words(self._answers)
         values, temperature_c = self._decoder.values(codes)
+        if temperature_c is not None:
+            temperature_c = measured_temperature(temperature_c)
         fresh = np.array([chip.fresh for chip in self._chips])
         status = self._faults.status(codes, values, measured, fresh)
         if not measured.all():

@@ -10,6 +10,17 @@ import numpy.typing as npt
 from tactile_ros.types import Array, Bools, Bytes, TaxelStatus
 
 LEAST_VOTES = 100  # readings
+COLDEST, HOTTEST = -60.0, 200.0  # degrees Celsius
+
+
+def measured_temperature(chips: Array) -> Array:
+    """Temperatures (..., t) (degrees Celsius), NaN where no chip can have them.
+
+    Exactly 0 on all chips of a frame is what boards send that measure none.
+    """
+    possible = (chips >= COLDEST) & (chips <= HOTTEST)
+    possible &= (chips != 0).any(axis=-1, keepdims=True)
+    return chips if possible.all() else np.where(possible, chips, np.nan)
 
 
 class StuckDetector:

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.devices import framed_protocol, reskin_protocol
-from tactile_ros.devices.fault_flags import StuckDetector
+from tactile_ros.devices.fault_flags import StuckDetector, measured_temperature
 from tactile_ros.devices.framed_protocol import FramedDecoder, Kind, Payload
 from tactile_ros.devices.reskin_protocol import ReskinDecoder
 from tactile_ros.devices.timestamps import ArrivalTime, DeviceTime
@@ -106,6 +106,7 @@ class SerialBoard(Closing):
         self._frames: deque[Frame] = deque()
         self._sequence = -1
         self._dropped = 0
+        self._no_temperature = 0  # frames of which every chip says what it cannot have
         self._interrupted = 0
         self._reconnects = 0
         self._opened_before = False
@@ -125,7 +126,12 @@ class SerialBoard(Closing):
         `dropped` has those of the decoder and one at least for each of the `reconnects`.
         """
         counts = asdict(self._stream.counts)
-        return {**counts, 'dropped': self._dropped, 'reconnects': self._reconnects}
+        return {
+            **counts,
+            'dropped': self._dropped,
+            'reconnects': self._reconnects,
+            'temperatures_refused': self._no_temperature,
+        }
 
     def __enter__(self: Own) -> Own:
         """Open."""
@@ -249,6 +255,11 @@ class SerialBoard(Closing):
         device_ns: list[int] | None = None,
     ) -> None:
         """Number frames, count those lost before each, and queue them."""
+        if temperature_c is not None:
+            missing = np.isnan(temperature_c).all(axis=-1)
+            temperature_c = measured_temperature(temperature_c)
+            refused = np.isnan(temperature_c).all(axis=-1) & ~missing
+            self._no_temperature += int(np.count_nonzero(refused))
         marked = np.any(status, axis=1)
         for i, gap in enumerate(lost):
             self._dropped += gap

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import nan
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.conditioning.faults import DAMAGED, SAYS_NOTHING
-from tactile_ros.types import Frame, FrameStatus, Recording
+from tactile_ros.types import Frame, FrameStatus, Recording, TaxelStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     Observer = Callable[[Frame, ContactState], None]
 
 STALE = int(FrameStatus.STALE)
+FAR_AHEAD_NS = 86_400 * 10**9  # recordings that are played fast run ahead of the clock, too
 
 
 @dataclass
@@ -71,6 +72,44 @@ class LoopStatistics:
     def faulty_taxels(self) -> list[int]:
         """Taxels that the sensor or the pipeline found faulty in the last frame."""
         return [] if self.state is None else np.flatnonzero(self.state.taxel_status).tolist()
+
+
+class TimeCheck:
+    """Count frames whose time or number cannot be, and give them a time that can.
+
+    Attributes
+    ----------
+    counts : dict of str to int
+        Frames since activation, by what is wrong with them.
+    """
+
+    def __init__(self) -> None:
+        names = ('stamps replaced', 'stamps backwards', 'sequences repeated')
+        self.counts = dict.fromkeys(names, 0)
+        self._reported = dict(self.counts)
+        self._stamp_ns = self._sequence = -1
+
+    def admit(self, frame: Frame, now_ns: int) -> Frame:
+        """Frame as it is, or STALE with the time of arrival where its stamp is 0 or far ahead."""
+        stamp_ns = frame.stamp_ns
+        if stamp_ns is None:
+            return frame
+        if stamp_ns <= 0 or stamp_ns > now_ns + FAR_AHEAD_NS:
+            self.counts['stamps replaced'] += 1
+            stamp_ns = max(now_ns, self._stamp_ns + 1)
+            stale = np.full(len(frame.values), np.uint8(TaxelStatus.STALE))
+            status = stale if frame.status is None else frame.status | stale
+            frame = replace(frame, stamp_ns=stamp_ns, status=status)
+        self.counts['stamps backwards'] += stamp_ns < self._stamp_ns
+        self.counts['sequences repeated'] += frame.sequence == self._sequence
+        self._stamp_ns, self._sequence = stamp_ns, frame.sequence
+        return frame
+
+    def report(self) -> str:
+        """Sentence of what was counted since the last call; empty: nothing."""
+        grown = {name: n - self._reported[name] for name, n in self.counts.items()}
+        self._reported = dict(self.counts)
+        return ', '.join(f'{count} {name}' for name, count in grown.items() if count)
 
 
 class ContactLoop:
@@ -232,6 +271,13 @@ class ContactLoop:
             frames.insert(0, frame)
         if not frames:
             return False, self._refusal()
+        spread = np.std([frame.values for frame in frames], axis=0) / self.pipeline.rest_.scale
+        moving = np.flatnonzero((spread > 1).any(axis=1))
+        if moving.size and not self.tare_in_contact:
+            return False, (
+                f'tare needs resting frames; the last {len(frames)} vary by more than a touch at '
+                f'taxels {moving.tolist()[:8]}: something moves, or two sensors send as one'
+            )
         try:
             self.pipeline.tare(frames)
         except ValueError as err:

@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from tactile_ros import messages
 from tactile_ros.enrolment import Allowed
 from tactile_ros.msg import TactileContact, TactileContacts, TactileFrame, TactileLayout
-from tactile_ros.nodes.contact_loop import ContactLoop
+from tactile_ros.nodes.contact_loop import ContactLoop, TimeCheck
 from tactile_ros.nodes.enrolment_server import Enrolment, EnrolmentServer
 from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic, events_executor, main_of
 from tactile_ros.nodes.parameters import ContactOptions
@@ -67,6 +67,7 @@ class ContactNode(ManagedNode):
         self._active = False
         self._options = ContactOptions()
         self._pipeline: Pipeline | None = None
+        self._times = TimeCheck()
         self._waiting: Timer | None = None
         self._refusal = self._complaint = self._digest = self._frame_id = ''
         self._frames_before = 0
@@ -103,6 +104,7 @@ class ContactNode(ManagedNode):
             self._complain,
         )
         self._loop.reset()
+        self._times = TimeCheck()
         self._refusal = self._complaint = ''
         self._frames_before = 0
         self._unknown_as = live.unknown_as
@@ -219,6 +221,8 @@ class ContactNode(ManagedNode):
             self._loop.statistics.refused += len(frames)
             return
         self._frame_id = frame_id
+        now_ns = self.now_ns()
+        frames = [self._times.admit(frame, now_ns) for frame in frames]
         states = self._loop.process_all(frames)
         if self._downstream is not None:
             self._downstream(self.topic, frames, states)
@@ -277,6 +281,12 @@ class ContactNode(ManagedNode):
         elif status:
             level = DiagnosticStatus.WARN
             sentence = ' '.join([sentence, *(b.name for b in FrameStatus if status & b)])
+        wrong = [self._times.report()]
+        sources = self.count_publishers('frame')
+        if sources > 1 and not self._direct:
+            wrong.append(f'{sources} publishers send {self.resolve_topic_name("frame")}')
+        if any(wrong) and level in (DiagnosticStatus.OK, DiagnosticStatus.WARN):
+            level, sentence = DiagnosticStatus.WARN, '; '.join([sentence, *filter(None, wrong)])
         tracking = 'frozen in contact' if self._loop.is_touching else 'on'
         values = {
             'rate (Hz)': rate,
@@ -284,6 +294,8 @@ class ContactNode(ManagedNode):
             'valid': counts.valid,
             'refused': counts.refused,
             'failed': self._loop.failures,
+            **self._times.counts,
+            'publishers of frame': sources,
             'in contact': counts.in_contact,
             'tares': counts.tares,
             'tare state': counts.tare_state,

@@ -101,7 +101,7 @@ def test_rows_become_frames(
     assert all(b > a for a, b in itertools.pairwise(stamps))
     assert board.counters() == {
         'frames': 10, 'dropped': 0, 'lost_bytes': 0, 'framing_errors': 0, 'implausible': 0,
-        'reconnects': 0, 'suspected': 0,
+        'reconnects': 0, 'temperatures_refused': 0, 'suspected': 0,
     }  # fmt: skip
 
 
@@ -680,3 +680,16 @@ def test_reskin_board_that_freezes_is_stale_then_stuck(
     assert all(one is None for one in status[:100])
     assert all((one & TaxelStatus.STALE > 0).all() for one in status[104:])
     assert all((one & TaxelStatus.STUCK > 0).all() for one in status[112:])
+
+
+@pytest.mark.parametrize('celsius', [-273.15, 327.67, 0.0])
+def test_serial_board_refuses_a_temperature_that_cannot_be(celsius: float) -> None:
+    payload = PAYLOADS['chips'][0]
+    counts = rows_of(payload, np.random.default_rng(6), 2.0, 20)
+    board = FramedBoard('unused', layout_of(payload), payload, SCALE, native_usb=True)
+    degrees = np.where(np.arange(20)[:, None] < 10, 25.0, celsius)
+    board.feed(framed_protocol.encode(payload, counts, 0, 1000 * np.arange(20), degrees))
+    frames = board.waiting()
+    assert all((frame.temperature_c == 25.0).all() for frame in frames[:10])
+    assert all(np.isnan(frame.temperature_c).all() for frame in frames[10:])
+    assert board.counters()['temperatures_refused'] == 10

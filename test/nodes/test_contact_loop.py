@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.nodes.contact_loop import ContactLoop
+from tactile_ros.nodes.contact_loop import ContactLoop, TimeCheck
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import (
     STATE_FIELDS,
@@ -40,6 +40,7 @@ class ToyPipeline:
         self.stream = None
         self.baseline = np.full((1, 1), baseline)
         self.baseline_temperature_c = None
+        self.rest_ = SimpleNamespace(scale=np.full((1, 1), 2.0))
         self.tare_frames = self.failures = self.resets = 0
 
     def reset(self) -> None:
@@ -89,6 +90,39 @@ def test_the_first_tare_is_taken_whatever_touches() -> None:
     made.feed(5, 5, 8)
     assert made.loop.tare() == (True, 'baseline of 3 frames, from sequence 3 on')
     assert made.announced == [(3, 6.0)]
+
+
+def test_a_tare_of_frames_that_differ_by_a_touch_is_refused() -> None:
+    made = loop_of(np.nan, frames=2)
+    made.feed(0, 9)
+    done, message = made.loop.tare()
+    assert not done
+    assert 'the last 2 vary by more than a touch at taxels [0]' in message
+    assert np.isnan(made.pipeline.baseline).all()
+
+
+def frame_at(stamp_ns: int, sequence: int) -> Frame:
+    return Frame(stamp_ns, sequence, np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize('stamp_ns', [0, -5, 10**15 + 365 * 86_400 * 10**9])
+def test_time_check_replaces_a_stamp_that_cannot_be(stamp_ns: int) -> None:
+    check, now_ns = TimeCheck(), 10**15
+    good = check.admit(frame_at(now_ns - 5, 1), now_ns)
+    assert good.stamp_ns == now_ns - 5
+    assert good.status is None
+    frame = check.admit(frame_at(stamp_ns, 2), now_ns)
+    assert frame.stamp_ns == now_ns
+    assert (frame.status == TaxelStatus.STALE).all()
+    assert check.report() == '1 stamps replaced'
+    assert check.report() == ''
+
+
+def test_time_check_counts_time_that_goes_back_and_frames_sent_twice() -> None:
+    check = TimeCheck()
+    for stamp_ns, sequence in ((100, 1), (200, 2), (200, 2), (150, 3)):
+        assert check.admit(frame_at(stamp_ns, sequence), 1000).stamp_ns == stamp_ns
+    assert check.report() == '1 stamps backwards, 1 sequences repeated'
 
 
 def test_a_later_tare_in_contact_is_refused_and_says_so() -> None:

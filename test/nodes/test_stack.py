@@ -206,7 +206,7 @@ def test_ctrl_c_while_everything_still_loads_is_silent() -> None:
         'import tactile_ros.nodes.__main__ as entry\n'
         'entry.import_module = lambda name: os.kill(os.getpid(), signal.SIGINT)\n'
         'sys.argv = ["nodes", "sensor_node"]\n'
-        'entry.main()\n'
+        'entry.start()\n'
     )
     done = subprocess.run(
         [sys.executable, '-c', code], capture_output=True, text=True, timeout=120, check=False
