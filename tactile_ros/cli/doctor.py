@@ -331,8 +331,7 @@ def watch(
                     failure = str(err)
     except TactileError as err:
         failure = str(err)
-    counted = getattr(device, 'counters', dict)
-    return Trial(device.layout, frames, failure, dict(counted()))
+    return Trial(device.layout, frames, failure, device.counters())
 
 
 def findings(trial: Trial) -> list[Finding]:

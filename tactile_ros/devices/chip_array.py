@@ -28,7 +28,7 @@ from tactile_ros.devices.mlx90393 import (
 from tactile_ros.devices.timestamps import CLOCK_RESET_NS, Clock, SystemClock
 from tactile_ros.devices.transport import I2cBus
 from tactile_ros.errors import DeviceError, DeviceTimeout, NotAcknowledged
-from tactile_ros.types import Bools, Closing, Frame, Layout, TaxelStatus
+from tactile_ros.types import Bools, Closing, Device, Frame, Layout, TaxelStatus
 
 T = TypeVar('T')
 Mode = Literal['single', 'burst']
@@ -159,7 +159,7 @@ class ChipSupervisor:
         chip.ready_ns = self._clock.now_ns() + self._wait_ns
 
 
-class ChipArray(Closing):
+class ChipArray(Closing, Device):
     """The chips as a `Device`: a context manager whose `read` gives frames.
 
     Parameters

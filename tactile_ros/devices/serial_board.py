@@ -24,7 +24,7 @@ from tactile_ros.devices.reskin_protocol import ReskinDecoder
 from tactile_ros.devices.timestamps import ArrivalTime, DeviceTime
 from tactile_ros.devices.transport import SerialPort
 from tactile_ros.errors import DeviceError, DeviceTimeout
-from tactile_ros.types import Array, Bytes, Closing, Frame, Layout, TaxelStatus
+from tactile_ros.types import Array, Bytes, Closing, Device, Frame, Layout, TaxelStatus
 
 Own = TypeVar('Own', bound='SerialBoard')
 
@@ -57,7 +57,7 @@ def check_uart(what: str, size: int, rate_hz: float, baud: int) -> None:
         raise ValueError(msg)
 
 
-class SerialBoard(Closing):
+class SerialBoard(Closing, Device):
     """A board that sends frames without being asked, on a port that may be unplugged.
 
     Parameters

@@ -210,8 +210,7 @@ class Reader:
     ) -> None:
         self.diagnostics = SensorDiagnostics(nominal_hz)
         self.is_open = False
-        self._device, self._deliver, self._complain = device, deliver, complain
-        self._waiting: Callable[[], list[Frame]] = getattr(device, 'waiting', list)
+        self.device, self._deliver, self._complain = device, deliver, complain
         self._ready, self._kept_back_s = ready, kept_back_s
         self._limit = queue
         self._queue: SimpleQueue[Frame | None] = SimpleQueue()
@@ -224,7 +223,7 @@ class Reader:
     def open(self) -> None:
         """Try to open the device now; where its port is missing, the thread goes on trying."""
         try:
-            self._opened.enter_context(self._device)
+            self._opened.enter_context(self.device)
             self.is_open = True
         except DeviceError as err:
             self._note(f'{err}; trying again')
@@ -244,10 +243,6 @@ class Reader:
             self._queue.put(None)
             self._handing.join()
         self._opened.close()
-
-    def counters(self) -> dict[str, int]:
-        """Counts of the device itself, where it keeps any."""
-        return dict(getattr(self._device, 'counters', dict)())
 
     def _run(self) -> None:
         """Open, wait for the listeners, read."""
@@ -274,13 +269,13 @@ class Reader:
         with suppress(Exception):  # a failure is told by the reading that follows
             while took < self._kept_back_s and time.monotonic() < end and not self._stop.is_set():
                 began = time.monotonic()
-                self._device.read(0.0)
+                self.device.read(0.0)
                 took = time.monotonic() - began
 
     def _step(self) -> None:
         """Take what has come, or note the reason why nothing has."""
         try:
-            frames = [self._device.read(READ_TIMEOUT_S), *self._waiting()]
+            frames = [self.device.read(READ_TIMEOUT_S), *self.device.waiting()]
         except DeviceTimeout as err:
             self._note(str(err))
         except Exception as err:  # also what no driver may do: the node goes on
@@ -520,7 +515,7 @@ class SensorNode(ManagedNode):
         if reader is None:
             return DiagnosticStatus(level=DiagnosticStatus.STALE, name='sensor')
         self._views.offer()
-        level, message, values = reader.diagnostics.judge(reader.counters(), reader.is_open)
+        level, message, values = reader.diagnostics.judge(reader.device.counters(), reader.is_open)
         values['simulated'] = self._twin is not None
         if self._twin is not None:
             suffered = [f'{n} {name}' for name, n in self._twin.injected.items() if n]

@@ -280,7 +280,10 @@ class Closing:
 
 
 class Device(AbstractContextManager['Device'], Protocol):
-    """A sensor that can be read, real or simulated; a context manager."""
+    """A sensor that can be read, real or simulated; a context manager.
+
+    Drivers inherit it for the steps that have a default.
+    """
 
     @property
     def layout(self) -> Layout:
@@ -288,6 +291,14 @@ class Device(AbstractContextManager['Device'], Protocol):
 
     def read(self, timeout: float) -> Frame:
         """Wait at most `timeout` (s) for the next frame; DeviceTimeout when none came."""
+
+    def waiting(self) -> list[Frame]:
+        """Take the frames that came together with the last and were not read yet."""
+        return []
+
+    def counters(self) -> dict[str, int]:
+        """Frames, losses and damage since the device was made, by name."""
+        return {}
 
 
 class Twin(AbstractContextManager['Twin'], Protocol):

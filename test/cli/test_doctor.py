@@ -33,7 +33,7 @@ from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.devices.transport import I2cBus
 from tactile_ros.errors import DeviceError
 from tactile_ros.sensors import list_sensors
-from tactile_ros.types import Frame, Layout, TaxelStatus
+from tactile_ros.types import Device, Frame, Layout, TaxelStatus
 
 LAYOUT = Layout(np.zeros((3, 3)), ('Bx', 'By', 'Bz'), 'T', rate_hz=100.0)
 
@@ -252,7 +252,7 @@ def test_slow_irregular_and_lossy_streams_are_told() -> None:
 
 
 def test_a_device_that_fails_is_no_traceback() -> None:
-    class Broken:
+    class Broken(Device):
         layout = LAYOUT
 
         def __enter__(self) -> Broken:

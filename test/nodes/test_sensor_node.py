@@ -43,7 +43,7 @@ from tactile_ros.nodes.sensor_node import (
 )
 from tactile_ros.nodes.standard_messages import TruthMessages, header_of
 from tactile_ros.sensors import list_sensors, load_sensor
-from tactile_ros.types import Frame, TaxelStatus
+from tactile_ros.types import Device, Frame, TaxelStatus
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -305,7 +305,7 @@ def test_a_sensor_without_a_lesson_plays_none(ros: Ros, capfd: pytest.CaptureFix
 PATIENCE_S = 120.0
 
 
-class Script:
+class Script(Device):
     """A device that does what a list says: frames, errors, and errors on opening."""
 
     def __init__(self, *acts: object, refusals: int = 0) -> None:
