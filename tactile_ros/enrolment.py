@@ -308,8 +308,7 @@ def refuse_name(label: str) -> None:
 
 def window_of(pipeline: Pipeline) -> int:
     """Frames of a press, as the config says; ValueError if the sensor learns no classes."""
-    window = getattr(pipeline.config, 'window', None)
-    if window is None or not pipeline.estimation.learns_classes:
+    if not pipeline.estimation.learns_classes:
         msg = f'{pipeline.sensor} learns no classes from presses'
         raise ValueError(msg)
-    return int(window)
+    return int(pipeline.config.window)  # type: ignore[attr-defined]
