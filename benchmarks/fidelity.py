@@ -23,7 +23,6 @@ from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer import twin as gradiometer
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
 from tactile_ros.sensors.magnet_pad import body_model as pad
-from tactile_ros.sensors.magnet_pad import body_model as pad_scene
 from tactile_ros.sensors.magnet_pad.body_model import movement
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
@@ -46,6 +45,12 @@ BUDGET_S = 0.05
 OTHERS = 1.25e-3  # m, pitch of carpets under other mechanics
 KINDS = ('dipole', 'linear', 'cubic', 'exact')
 Spot = tuple[str, float, float]  # name, time (us), worst error (uT)
+
+
+def upright(touches: Array) -> Array:
+    """Touches along the normal from places along and around, and forces, shape (s, 3)."""
+    along, around, force = touches.T
+    return np.column_stack([along, around, np.log(force), 0 * force, 0 * force])
 
 
 def timed(model: Model, states: Array) -> tuple[float, float]:
@@ -123,7 +128,7 @@ def touch_tables(config: MagnetPadConfig, noise: float) -> tuple[Choice, list[Mo
     field = pad.block_field(config, 0)
 
     def readings(touches: Array) -> Array:
-        moved, turned = movement(config, pad_scene.upright(config, touches))
+        moved, turned = movement(config, upright(touches))
         return field.readings(np.stack([moved, turned], axis=1).reshape(len(touches), -1))
 
     states = pad_region(config, 200)
@@ -256,7 +261,7 @@ def scenes(extent: str) -> tuple[list[Row], dict[str, list[Spot]], list[str]]:
     """Rows, spots and choices of all scenes that have an exact model."""
     disc, magnets, sheet = GradiometerConfig(), MagnetPadConfig(), MultipoleSkinConfig()
     touches = pad_region(magnets, BATCH[extent] // 4)
-    moved, turned = movement(magnets, pad_scene.upright(magnets, touches))
+    moved, turned = movement(magnets, upright(touches))
     shifts = region(-skin.PLAY * np.ones(3), skin.PLAY * np.ones(3), 2)[-2:]
     noise = NOISE['magnet_pad']
     blocks = [pad.block_field(magnets, n) for n in (*pad.EDGES, 0)]
@@ -287,7 +292,7 @@ def run(extent: str, command: str) -> BenchResult:
     pressed, carpets, carpet = skin_rows(MultipoleSkinConfig(), HEADS[extent])
     terms = gradiometer.terms(GradiometerConfig(), NOISE['gradiometer'])
     rows += pressed + term_rows('gradiometer', terms)
-    rows += term_rows('magnet_pad', pad_scene.terms(MagnetPadConfig(), NOISE['magnet_pad'], 100))
+    rows += term_rows('magnet_pad', pad.terms(MagnetPadConfig(), NOISE['magnet_pad'], 100))
     module = None if extent == 'quick' else world()
     rows += [] if module is None else estimated(module, extent)
     notes = [

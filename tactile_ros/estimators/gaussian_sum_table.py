@@ -1,25 +1,23 @@
-"""Table of touches weighed by the likelihood of a reading: place, load and class.
+"""Posterior of a touch by Gauss-Newton steps from a table of touches.
 
-Every row of the table is a touch with the reading that it would give. Those nearest to a reading
-in the metric of its errors are weighed by their likelihood, a Gaussian whose width is the noise
-and the table's own spacing there (Nadaraya, Theor. Probab. Appl. 9, 1964; Loftsgaarden and
-Quesenberry, Ann. Math. Stat. 36, 1965). What one outside cause adds to many channels, such as a
-uniform stray field, enters the metric as a covariance: along it a difference says little. Where
-two far touches give one reading, both stay, and the covariance is as wide as they are apart.
+Around every row of the table the reading is linear in the touch, so that one Gauss-Newton step
+with the row's own gain gives the touch, its covariance and the likelihood of the row (Gaussian sum
+filter: Sorenson and Alspach, Automatica 7, 1971). The gains are computed once. Where two far
+touches give one reading, both stay, and the covariance is as wide as they are apart. What an
+outside cause adds to many channels, such as a uniform stray field, enters the metric as a
+covariance: along it a difference says little.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tactile_ros.estimators.regression import fitted
 from tactile_ros.physics.compiled import compiled
-from tactile_ros.types import Array, Integers
+from tactile_ros.types import Array, Bools, Integers
 
 
 @compiled
@@ -126,20 +124,9 @@ def share_rows(parts: Array, weight: Array, centres: Array, shares: Array) -> No
             shares[s, best] += weight[s, m]
 
 
-SOME = 1024  # rows of the table that answer readings which are like none of it
-BLOCK = 512
-
-
 @dataclass(frozen=True)
 class Linearised:
     """Touches with their readings, and both in a neighbourhood.
-
-    Each row of a table is a touch with its reading, how the reading changes with the touch, and
-    how far touches of its kind reach. Around every row the reading is linear in the touch, so that
-    one Gauss-Newton step with the row's own gain gives the touch, its covariance and the
-    likelihood of the row (Gaussian sum filter: Sorenson and Alspach, Automatica 7, 1971). The
-    gains are computed once. What an outside cause adds to many channels at once enters the metric
-    as a covariance.
 
     Attributes
     ----------
@@ -253,38 +240,6 @@ class GaussianSumTable:
         index = self.tree.query(z, k=self.neighbours, eps=self.slack)[1]
         return np.asarray(index.reshape(len(z), self.neighbours))
 
-    def at_large(self, x: Array, centres: Array) -> tuple[Array, Array, Array]:
-        """Answers of features (s, d) that are wrong by an amount which nobody knows.
-
-        With all sizes of the error as likely a priori (Jeffreys), a touch is as likely as its
-        distance to the power -d (Student's t of no degrees of freedom).
-
-        Returns
-        -------
-        mean, cov : ndarray, shape (s, c) and (s, c, c)
-            Over some rows of the whole table.
-        shares : ndarray, shape (s, n)
-            Of the touches that are nearest to each of the centres (n, 3).
-        """
-        channels, rows = x.shape[1], self.table[:: -(-len(self.table) // SOME)]
-        samples, answers = rows[:, :channels], rows[:, -2 - self.count : -2][:, : self.told]
-        least = channels / rows[:, -2]
-        near = answers[:, :3] @ centres.T - 0.5 * (centres**2).sum(axis=1)
-        named = np.eye(len(centres))[near.argmax(axis=1)]
-        mean, cov = np.empty((len(x), self.told)), np.empty((len(x), self.told, self.told))
-        shares = np.empty((len(x), len(centres)))
-        for i in range(0, len(x), BLOCK):
-            block = slice(i, i + BLOCK)
-            # a row at a time: the same bits alone and among others
-            away = np.matmul(x[block, None], self.metric) - samples
-            likely = ((away * away).sum(axis=2) + least) ** (-0.5 * channels)
-            likely /= likely.sum(axis=1, keepdims=True)
-            mean[block] = np.matmul(likely[:, None], answers)[:, 0]
-            shares[block] = np.matmul(likely[:, None], named)[:, 0]
-            apart = (answers - mean[block, None]) * np.sqrt(likely)[:, :, None]
-            cov[block] = np.matmul(apart.transpose(0, 2, 1), apart)
-        return mean, cov, shares
-
     def of_causes(self, x: Array, sigma: float) -> Array:
         """Logarithm of the likelihood (s,) that outside causes alone made features x (s, d)."""
         z = np.matmul(x[:, None], self.metric)[:, 0] / sigma
@@ -309,133 +264,130 @@ def _metric(channels: int, common: Array | None, strength: float) -> tuple[Array
     return metric, -float(np.log(wide).sum())
 
 
-# A tree is no array: it is grown again where a calibration was loaded.
-_TREES: WeakKeyDictionary[TouchTable, cKDTree] = WeakKeyDictionary()
-NEAREST = 4  # of the neighbours: their mean distance is the table's spacing
-
-
 @dataclass(frozen=True)
-class LikelihoodWeights:
-    """Neighbours of readings, with their share of the likelihood.
+class TouchEstimate:
+    """Touches of readings, and what a common cause added to them.
 
     Attributes
     ----------
-    distance : ndarray, shape (s,)
-        To the table in the metric, mean over the nearest (unit of the features).
+    mean, cov : ndarray, shapes (s, c) and (s, c, c)
+        Of the first c answers.
+    shares : ndarray, shape (s, n)
+        Posterior probability of each of some places.
+    cause : ndarray, shape (s, q)
+        Size of the common cause; 0 where none is likely.
+    misfit : ndarray, shape (s,)
+        Least sum of squares, over sigma, that a touch and a cause leave unexplained.
     """
 
-    index: Integers  # (s, n) rows of the table
-    weight: Array  # (s, n) sum to 1 over the neighbours
-    distance: Array
-
-    def mean(self, answers: Array) -> Array:
-        """Mean (s, k) of the answers (n, k) of the table."""
-        return np.asarray(np.einsum('sn,snk->sk', self.weight, answers[self.index]))
-
-    def covariance(self, answers: Array, mean: Array) -> Array:
-        """Covariance (s, k, k) of the answers (n, k) about `mean` (s, k)."""
-        away = answers[self.index] - mean[:, None]
-        weighed = away * self.weight[:, :, None]
-        return np.asarray(np.matmul(weighed.transpose(0, 2, 1), away))
-
-    def shares(self, classes: Integers, count: int) -> Array:
-        """Share (s, count) of each class, by the classes (n,) of the table; -1 has none."""
-        named = classes[self.index]
-        row = np.arange(len(named))[:, None] * (count + 1)
-        place = row + np.where(named < 0, count, named)
-        total = np.bincount(place.ravel(), self.weight.ravel(), len(named) * (count + 1))
-        share = total.reshape(len(named), count + 1)[:, :count]
-        whole = share.sum(axis=1, keepdims=True)
-        return np.where(whole > 0, share / np.maximum(whole, 1e-12), 1 / max(count, 1))
+    mean: Array
+    cov: Array
+    shares: Array
+    cause: Array
+    misfit: Array
 
 
-class TouchTable:
-    """Readings of known touches, in the metric of what may falsify a reading.
+class TouchPosterior:
+    """Posterior of a touch with and without a common cause, which is rare.
 
     Parameters
     ----------
-    noise : float
-        Standard deviation of a feature (unit of the features).
+    rows : Linearised
+        Answers are c of the touch, then its reading.
     common : ndarray, shape (d, q), or None
-        What outside causes add to the features, a column for each of unit size.
-    strength : float
-        Standard deviation of the causes (unit of the features).
-    neighbours : int
-        Rows that share a reading (n).
-    width : float
-        Of the Gaussian, in spacings of the table.
-
-    Notes
-    -----
-    Ties: rows at one distance have one weight; which of them are among the neighbours is told by
-    their own order.
-
-    Examples
-    --------
-    >>> table = TouchTable(noise=1e-3, neighbours=2).fit(np.array([[0.0], [1.0], [5.0]]))
-    >>> table.blame(np.array([[0.5]])).mean(np.array([[10.0], [20.0], [90.0]]))
-    array([[15.]])
+        As in `GaussianSumTable`; None: there is no common cause.
+    strength, entry : float
+        Standard deviation of causes (unit of the features); share of them that channels differ by.
+    noise, usual : float
+        Of a channel; misfit that most touches leave.
+    unlike : float
+        Times the usual misfit, from which a common cause is thought of.
     """
 
-    metric_: Array  # (d, d) turns differences of features into ones of equal worth
-    samples_: Array  # (n, d) features of the table in the metric
-    floor_: float  # least spread across the table: the noise, or a thousandth of the features
+    NEIGHBOURS, BESIDE = 16, 96
+    SLACK = 1.0
+    ODDS = -4.0  # logarithm, of a common cause against none
 
     def __init__(
-        self, noise: float, common: Array | None = None, strength: float = 0.0,
-        neighbours: int = 32, width: float = 0.7,
+        self, rows: Linearised, common: Array | None, strength: float, entry: float, noise: float,
+        usual: float, unlike: float = 4.0,
     ) -> None:  # fmt: skip
-        self.noise = noise
-        self.common = common
-        self.strength = strength
-        self.neighbours = neighbours
-        self.width = width
+        channels = rows.readings.shape[1]
+        self.told = rows.answers.shape[1] - channels
+        self.plain = GaussianSumTable(
+            rows.of(self.told), neighbours=self.NEIGHBOURS, slack=self.SLACK
+        )
+        self.common, self.usual, self.unlike, self.entry = common, usual, unlike, entry
+        self.blurred = float(np.hypot(noise, entry * strength))
+        every = rows.answers[:, : self.told]
+        self.prior = every.mean(axis=0), np.cov(every.T, ddof=0).reshape(self.told, -1)
+        if common is not None:
+            self.solve = np.linalg.pinv(common).T
+            beside = replace(rows, sigma=np.hypot(rows.sigma, entry * strength))
+            self.beside = GaussianSumTable(beside, common, strength, self.BESIDE, self.told)
 
-    def fit(self, x: Array) -> TouchTable:
-        """Remember the features x (n, d) of touches; returns itself."""
-        scale = max(float(np.sqrt((x * x).mean())), 1e-12)
-        self.metric_ = np.eye(x.shape[1])
-        if self.common is not None and self.strength > 0:
-            # relative to the noise a cause is so strong that only its size counts
-            spread = np.linalg.svd(self.common, full_matrices=False)
-            size = np.hypot(1.0, self.strength * spread[1] / max(self.noise, 1e-2 * scale))
-            self.metric_ -= (spread[0] * (1 - 1 / size)) @ spread[0].T
-        self.samples_ = x @ self.metric_
-        self.floor_ = max(self.noise, 1e-3 * scale)
-        _TREES.pop(self, None)
-        return self
+    def __call__(self, x: Array, places: Array) -> TouchEstimate:
+        """Touches of finite readings x (s, d), with centres (n, 3) of places to be named."""
+        seen = self.plain(x)
+        causes = 0 if self.common is None else self.common.shape[1]
+        found = TouchEstimate(
+            seen.mean, seen.cov, self.plain.shares(seen, places), np.zeros((len(x), causes)),
+            seen.misfit,
+        )  # fmt: skip
+        # wider where a touch leaves more unexplained than is usual (Birge, Phys. Rev. 40, 1932)
+        found.cov[:] *= np.maximum(seen.misfit / self.usual, 1.0)[:, None, None]
+        rows = np.flatnonzero(seen.misfit > self.unlike * self.usual)
+        if len(rows):
+            if causes:
+                self._blend(found, seen.evidence[rows], x, places, rows)
+            # what nothing explains tells nothing
+            share = np.maximum(1 - self.unlike * self.usual / found.misfit[rows], 0.0)[:, None]
+            found.cov[rows] = _mixed(
+                found.mean[rows], self.prior[0], found.cov[rows], self.prior[1], share
+            )
+            found.mean[rows] += share * (self.prior[0] - found.mean[rows])
+        return found
 
-    def blame(self, x: Array) -> LikelihoodWeights:
-        """Neighbours of finite features x (s, d)."""
-        fitted(self, 'samples_')
-        count = min(self.neighbours, len(self.samples_))
-        distance, index = self._tree().query(x @ self.metric_, k=np.arange(1, count + 1))
-        near = distance[:, :NEAREST].mean(axis=1)
-        width = (self.width * near) ** 2 + self.noise**2
-        squares = distance * distance - distance[:, :1] ** 2
-        weight = np.exp(-0.5 * squares / np.maximum(width, 1e-300)[:, None])
-        weight /= weight.sum(axis=1, keepdims=True)
-        return LikelihoodWeights(index, weight, near)
+    def _blend(
+        self, found: TouchEstimate, evidence: Array, x: Array, places: Array, rows: Integers
+    ) -> None:
+        """Weigh what some rows say beside a common cause against none, in place."""
+        other, told = self.beside(x[rows]), self.told
+        share = other.evidence - evidence + self.ODDS
+        share = 1 / (1 + np.exp(-np.clip(share, -50, 50)))[:, None]
+        cause = np.matmul((x[rows] - other.mean[:, told:])[:, None], self.solve)[:, 0]
+        # channels differ by a share of the cause, which may be stronger than usual
+        wider = np.maximum(other.misfit / x.shape[1], 1.0)
+        wider *= 1 + (self.entry / self.blurred) ** 2 * (cause * cause).sum(axis=1)
+        mean, cov = other.mean[:, :told], other.cov * wider[:, None, None]
+        found.cov[rows] = _mixed(found.mean[rows], mean, found.cov[rows], cov, share)
+        found.mean[rows] += share * (mean - found.mean[rows])
+        found.shares[rows] += share * (self.beside.shares(other, places) - found.shares[rows])
+        found.cause[rows] = share * cause
+        found.misfit[rows] = np.minimum(found.misfit[rows], other.misfit)
 
-    def strangeness(self, x: Array, blame: LikelihoodWeights) -> Array:
-        """How far features (s, d) lie off the sheet of their neighbours.
+    def cause(self, x: Array) -> tuple[Array, Array]:
+        """Cause alone (s, q) that readings (s, d) are nearest to, and what remains of them."""
+        assert self.common is not None
+        # a row at a time: the same bits alone and among others
+        size = np.matmul(x[:, None], self.solve)[:, 0]
+        return size, x - np.matmul(size[:, None], self.common.T)[:, 0]
 
-        Returns
-        -------
-        ndarray, shape (s,)
-            Mahalanobis distance to the neighbours: of order 1 inside and along the table, large
-            across it, where neighbours differ by little more than noise.
+    def touching(self, x: Array, threshold: float) -> Bools:
+        """Whether readings (s, d) are rather those of a touch than of a common cause alone.
+
+        They are where a channel less the cause exceeds a threshold.
         """
-        near = self.samples_[blame.index]
-        centre = near.mean(axis=1)
-        away = near - centre[:, None]
-        spread = np.matmul(away.transpose(0, 2, 1), away) / near.shape[1]
-        spread += self.floor_**2 * np.eye(spread.shape[1])
-        off = x @ self.metric_ - centre
-        inside = np.linalg.solve(spread, off[:, :, None])[:, :, 0]
-        return np.asarray(np.sqrt((off * inside).sum(axis=1)))
+        touching = np.asarray(np.abs(self.cause(x)[1]).max(axis=1) > threshold)
+        weak = np.flatnonzero(~touching)
+        if len(weak):
+            touch = np.maximum(self.plain(x[weak]).evidence, self.beside(x[weak]).evidence)
+            touching[weak] = touch > self.beside.of_causes(x[weak], self.blurred)
+        return touching
 
-    def _tree(self) -> cKDTree:
-        if self not in _TREES:
-            _TREES[self] = cKDTree(self.samples_)
-        return _TREES[self]
+
+def _mixed(one: Array, other: Array, cov: Array, other_cov: Array, share: Array) -> Array:
+    """Covariance (s, c, c) of two Gaussians of which the other has a share (s, 1)."""
+    apart, part = other - one, share[:, :, None]
+    between = (1 - part) * apart[:, :, None] * apart[:, None]
+    return np.asarray(cov + part * (other_cov - cov + between))

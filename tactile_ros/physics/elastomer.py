@@ -16,6 +16,7 @@ does, which neither a half-space nor springs (Winkler) can show.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,7 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 from scipy.special import j0, j1
 
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.coverage import inside
 from tactile_ros.types import Array, Bools
 
@@ -131,19 +133,52 @@ def disc_press(
     bond : ndarray, shape (s,)
         Share of the base's image, 0 (half-space) to 1 (bonded at z = 0).
     """
+    moved = np.zeros_like(points)
     first = np.cross(normals, np.array([1.0, 0.0, 0.0]))
     flat = np.linalg.norm(first, axis=1, keepdims=True)
     first = np.where(flat > 1e-6, first / np.maximum(flat, 1e-6), np.array([0.0, 1.0, 0.0]))
     second = np.cross(normals, first)
-    moved = np.zeros_like(points)
-    held = bool(np.any(bond))
-    for (u, v), share in zip(DISC, SHARES, strict=True):
-        load = (contacts + radius[:, None] * (u * first + v * second))[:, None]
-        part = share * forces[:, None]
-        moved += point_load(points, load, part, shear_modulus)
-        if held:
-            moved += bond[:, None, None] * base_image(points, load, part, shear_modulus)
-    return moved
+    _add_discs(
+        np.ascontiguousarray(points), np.ascontiguousarray(contacts), first * radius[:, None],
+        second * radius[:, None], np.ascontiguousarray(forces), np.array(bond, np.float64), moved,
+    )  # fmt: skip
+    return np.asarray(moved / (4 * np.pi * shear_modulus))
+
+
+@compiled
+def _add_discs(
+    points: Array, contacts: Array, first: Array, second: Array, forces: Array, bond: Array,
+    moved: Array,
+) -> None:  # fmt: skip
+    """Add `point_load` and a share of `base_image` over the nodes of discs, times 4 pi G."""
+    load, r, q = np.empty(3), np.empty(3), np.empty(3)
+    for s in range(points.shape[0]):
+        for k in range(DISC.shape[0]):
+            for i in range(3):
+                load[i] = contacts[s, i] + DISC[k, 0] * first[s, i] + DISC[k, 1] * second[s, i]
+            for m in range(points.shape[1]):
+                square, mirrored, along, image = NEAREST * NEAREST, 0.0, 0.0, 0.0
+                for i in range(3):
+                    r[i] = points[s, m, i] - load[i]
+                    q[i] = points[s, m, i] - (load[i] if i < 2 else -load[i])
+                    square += r[i] * r[i]
+                    mirrored += q[i] * q[i]
+                    along += forces[s, i] * r[i]
+                    image += forces[s, i] * q[i]
+                near, far = 1 / math.sqrt(square), 1 / math.sqrt(mirrored)
+                across = image - 2 * forces[s, 2] * q[2]  # the mirrored force's part
+                cube, fifth = far**3, far**5
+                for i in range(3):
+                    part = forces[s, i] * near + along * r[i] * near**3
+                    if bond[s] != 0.0:
+                        own = forces[s, i] if i < 2 else -forces[s, i]
+                        up = 1.0 if i == 2 else 0.0
+                        dipoles = load[2] * (own * cube - 3 * q[i] * across * fifth)
+                        dipoles += (up * across - own * q[2] + q[i] * forces[s, 2]) * cube
+                        dipoles += 3 * q[i] * q[2] * across * fifth
+                        held = -forces[s, i] * far - image * q[i] * cube + 2 * load[2] * dipoles
+                        part += bond[s] * held
+                    moved[s, m, i] += SHARES[k] * part
 
 
 def wave_numbers(shape: tuple[int, ...], pitch: float) -> tuple[Array, Array]:

@@ -7,6 +7,8 @@ import pytest
 
 from reference import multipole_world as world
 from tactile_ros.physics.elastomer import (
+    DISC,
+    SHARES,
     FlatPunch,
     Layer,
     PunchDents,
@@ -80,6 +82,23 @@ def test_an_even_disc_sinks_by_the_integral_below_its_centre() -> None:
     sink = (1 / np.hypot(rho, depth) + depth**2 / np.hypot(rho, depth) ** 3) * rho
     mean = 2 / radius**2 * np.sum((sink[1:] + sink[:-1]) / 2 * np.diff(rho))
     assert moved[0, 0, 2] == pytest.approx(-force * mean / (4 * np.pi * SHEAR), rel=2e-3)
+
+
+def test_disc_is_the_sum_of_its_point_loads_and_their_images() -> None:
+    rng = np.random.default_rng(0)
+    angle, forces = rng.uniform(0.5, 2.6, 20), rng.normal(size=(20, 3))
+    normals = np.column_stack([0 * angle, np.cos(angle), np.sin(angle)])
+    contacts = 1e-2 * normals + np.array([5e-3, 0, 0])
+    points = np.array([0, 0, 6e-3]) + 2e-3 * rng.normal(size=(20, 4, 3))
+    radius, bond = rng.uniform(1e-3, 3e-3, 20), rng.uniform(0, 1, 20)
+    first, wanted = np.cross(normals, [1.0, 0, 0]), np.zeros_like(points)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    for (u, v), share in zip(DISC, SHARES, strict=True):
+        spot = contacts + radius[:, None] * (u * first + v * np.cross(normals, first))
+        part = points, spot[:, None], share * forces[:, None], SHEAR
+        wanted += point_load(*part) + bond[:, None, None] * base_image(*part)
+    moved = disc_press(points, contacts, normals, forces, radius, SHEAR, bond)
+    np.testing.assert_allclose(moved, wanted, atol=1e-12 * np.abs(wanted).max())
 
 
 def test_far_away_the_tip_does_not_matter() -> None:

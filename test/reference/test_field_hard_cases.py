@@ -5,7 +5,7 @@ Cases of fields, of the gradiometer and of the magnet pad that are elsewhere in 
 1 (rank of the chain's features): estimators/test_polynomial_force
 3 (clipped pixels): sensors/test_gradiometer
 4 (near fields, edges, cancellation): physics/test_magnetics, physics/test_fidelity
-4, 8, 18, 19 (for the pad): sensors/test_pad_inversion
+4, 8, 19 (for the pad): sensors/test_magnet_pad
 7 (ties and distances of neighbours): estimators/test_cell_knn
 12 (gaps, of the disc's temperature): physics/test_temperature
 15 (temperatures outside of a fit; a disc that lags): physics/test_temperature,
@@ -23,7 +23,6 @@ from tactile_ros.physics.magnetics import exact_disc
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
 from tactile_ros.sensors.gradiometer import twin as gradiometer
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
-from tactile_ros.sensors.magnet_pad import body_model
 from tactile_ros.sensors.magnet_pad import body_model as pad
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 
@@ -74,10 +73,8 @@ def test_case_17_what_warms_all_pixels_alike_goes_with_the_mean() -> None:
 
 
 def test_case_19_a_model_is_compared_with_changes_since_rest() -> None:
-    touches = body_model.touches_of(PAD, 20)[8:]
-    change = body_model.readings_of(PAD, touches)
-    still = np.zeros((1, 3, 3))
-    rest = pad.blocks_of(PAD, 0).field(PAD.positions, still, still).reshape(-1)
+    change = pad.change_of_field(PAD, pad.scene_touches(PAD, 20)[8:]).reshape(20, -1)
+    rest = pad.rest_field(PAD).reshape(-1)
     # magnets that are 3 % weaker than the config says: at rest that alone is a touch
     wrong = 0.03 * np.abs(rest).max()
     assert wrong > np.median(np.abs(change).max(axis=1)) / 5

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from importlib import import_module
-from types import SimpleNamespace
 
 import magpylib
 import numpy as np
@@ -22,7 +21,7 @@ from tactile_ros.sensors.magnet_pad import body_model
 from tactile_ros.sensors.magnet_pad import body_model as pad
 from tactile_ros.sensors.magnet_pad.body_model import NOISE, movement
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-from tactile_ros.sensors.magnet_pad.estimation import Localisation
+from tactile_ros.sensors.magnet_pad.estimation import PadInversion
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
 
 DISC, PAD, SKIN = GradiometerConfig(), MagnetPadConfig(), MultipoleSkinConfig()
@@ -158,7 +157,7 @@ def test_the_twin_of_the_pad_reads_as_its_blocks_do() -> None:
     module = import_module('tactile_ros.sensors.magnet_pad.twin')
     recording = module.presses(PAD, 3, 15, noise=0.0)
     row = int(np.linalg.norm(recording.truth['force'], axis=1).argmax())
-    touch = body_model.by_tip(PAD, *(recording.truth[k][[row]] for k in ('position', 'force')))
+    touch = body_model.touches_at(*(recording.truth[k][[row]] for k in ('position', 'force')))
     moved, turned = (one[0] for one in movement(PAD, touch))
     exact = [
         sum(
@@ -185,7 +184,7 @@ def test_the_body_of_the_pads_twin_is_linear_in_the_load() -> None:
     press = np.array([0])
     half = Touches(press, place, 0.5 * force, np.array([0.5]))
     moved, turned = module.carried(PAD, half)
-    whole = movement(PAD, body_model.by_tip(PAD, place, force))
+    whole = movement(PAD, body_model.touches_at(place, force))
     np.testing.assert_allclose(2 * moved, whole[0], rtol=1e-12)
     np.testing.assert_allclose(2 * turned, whole[1], rtol=1e-12)
     places, share = np.vstack([place, place, place * np.nan]), np.array([1.0, 0.1, 0.0])
@@ -207,6 +206,5 @@ def test_terms_of_the_pad_pay() -> None:
 @pytest.mark.parametrize('asked', [True, False])
 def test_a_pad_may_do_without_the_stray_term(asked: bool) -> None:
     config = replace(PAD, stray_term=asked)
-    alive = SimpleNamespace(delta=np.ones((4, 2, 3)), good=np.ones(4, bool))
-    common = Localisation(config).common(alive)  # type: ignore[arg-type]
-    assert (common is not None) == asked
+    inversion = PadInversion(config, np.ones(6, bool), 4e-6)
+    assert (inversion.common is not None) == asked

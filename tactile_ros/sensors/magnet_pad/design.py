@@ -19,8 +19,7 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
-from tactile_ros.physics.magnetics import Blocks, in_chip_axes
-from tactile_ros.sensors.magnet_pad.body_model import Presses, change_of_field
+from tactile_ros.sensors.magnet_pad.body_model import change_of_field, rest_field, touches_at
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.types import Array, Integers, Table
 
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     import argparse
 
 LOADS = np.geomspace(0.02, 30.0, 28)  # N
-HALF = 0.5  # share of the base's hold
 
 
 @dataclass(frozen=True)
@@ -50,31 +48,18 @@ class Wanted:
     resolution: float = 20e-6
 
 
-def rest_field(config: MagnetPadConfig) -> Array:
-    """Field (t, 3) (T) of the magnets at rest, in chip axes."""
-    blocks = Blocks.along(
-        config.magnet_positions, config.magnet_axes, config.magnet_size, config.remanence
-    )
-    still = np.zeros((1, len(config.magnet_positions), 3))
-    return np.asarray(
-        in_chip_axes(blocks.field(config.positions, still, still), config.rotations)[0]
-    )
-
-
-def presses_on(config: MagnetPadConfig, places: Array, loads: Array, tip: float) -> Presses:
-    """Every load (l,) (N) along the normal at every place (n, 3) (m), place by place."""
-    around = np.arctan2(places[:, 2], places[:, 1])
-    turned = np.repeat(around, len(loads))
-    normal = np.column_stack([0 * turned, np.cos(turned), np.sin(turned)])
-    force = np.tile(loads, len(places))[:, None] * normal
-    one = np.ones(len(turned))
-    return Presses(np.repeat(places[:, 0], len(loads)), turned, force, tip * one, HALF * one)
+def pressed(config: MagnetPadConfig, places: Array, loads: Array, tip: float) -> Array:
+    """Change of the readings (n, l, t, 3) (T) at places (n, 3) (m) under loads (l,) (N)."""
+    normal = places * np.array([0.0, 1.0, 1.0]) / config.radius
+    force = (normal[:, None] * loads[:, None]).reshape(-1, 3)
+    touches = touches_at(np.repeat(places, len(loads), axis=0), force)
+    seen = change_of_field(config, touches, tip / config.radius)
+    return seen.reshape(len(places), len(loads), *seen.shape[1:])
 
 
 def changes(config: MagnetPadConfig, wanted: Wanted, loads: Array) -> Array:
     """Change of the readings (n, l, t, 3) (T) in every cell under loads (l,) (N)."""
-    seen = change_of_field(config, presses_on(config, config.cells, loads, wanted.tip))
-    return seen.reshape(len(config.cells), len(loads), *seen.shape[1:])
+    return pressed(config, config.cells, loads, wanted.tip)
 
 
 def least_forces(config: MagnetPadConfig, wanted: Wanted) -> Array:
@@ -116,26 +101,22 @@ def place_bound(config: MagnetPadConfig, wanted: Wanted, noise: float) -> float:
     -----
     Cramer and Rao with place and load unknown; infinite where readings do not tell them.
     """
-    load = np.array([np.sqrt(wanted.force * wanted.largest)])
-    step = 1e-5
-    level = presses_on(config, config.cells, load, wanted.tip)
-    around = np.arctan2(config.cells[:, 2], config.cells[:, 1]) + step / config.radius
-    beside = config.cells.copy()
-    beside[:, 1:] = config.radius * np.column_stack([np.cos(around), np.sin(around)])
-    shifted = (
-        presses_on(config, config.cells + np.array([step, 0, 0]), load, wanted.tip),
-        presses_on(config, beside, load, wanted.tip),
-        presses_on(config, config.cells, load * (1 + 1e-3), wanted.tip),
-    )
-    start = change_of_field(config, level)
-    slopes = np.stack([change_of_field(config, one) - start for one in shifted], axis=-1)
-    slopes = slopes.reshape(len(start), -1, 3) / (noise * np.array([step, step, 1e-3]))
+    load, step = np.sqrt(wanted.force * wanted.largest), 1e-3
+    cells = config.cells * np.array([0.0, 1.0, 1.0])
+    normal = cells / np.linalg.norm(cells, axis=1, keepdims=True)
+    level = touches_at(config.cells, load * normal)
+    tip = wanted.tip / config.radius
+    start = change_of_field(config, level, tip)
+    slopes = np.stack([
+        (change_of_field(config, level + step * unit, tip) - start) / step
+        for unit in np.diag([config.radius, 1.0, 1.0, 0.0, 0.0])[:3]
+    ], axis=-1).reshape(len(level), -1, 3) / noise  # fmt: skip
     inner = np.matmul(slopes.transpose(0, 2, 1), slopes)
     known = np.linalg.cond(inner) < 1e16
     if not known.all():
         return np.inf
     cov = np.linalg.inv(inner)
-    return float(np.sqrt(cov[:, 0, 0] + cov[:, 1, 1]).mean())
+    return config.radius * float(np.sqrt(cov[:, 0, 0] + cov[:, 1, 1]).mean())
 
 
 MOST = 0.5  # share of the cells that feel too little, from which the body is too stiff

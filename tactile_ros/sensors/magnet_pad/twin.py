@@ -18,9 +18,9 @@ from tactile_ros.physics.magnetics import EXACT, in_chip_axes
 from tactile_ros.sensors.magnet_pad.body_model import (
     NOISE,
     blocks_of,
-    by_tip,
     field_choice,
     movement,
+    touches_at,
 )
 from tactile_ros.sensors.magnet_pad.config import layout
 
@@ -45,15 +45,15 @@ def carried(config: MagnetPadConfig, touches: Touches) -> tuple[Array, Array]:
     _, first, which = np.unique(touches.press[rows], return_index=True, return_inverse=True)
     first, share = rows[first], touches.share[rows, None, None]
     full = touches.force[first] / touches.share[first, None]
-    shift, turn = movement(config, by_tip(config, touches.position[first], full))
+    shift, turn = movement(config, touches_at(touches.position[first], full))
     moved[rows], turned[rows] = share * shift[which], share * turn[which]
     return moved, turned
 
 
 def blocks_for(config: MagnetPadConfig, programme: Programme, noise: float = NOISE) -> Blocks:
     """Magnets in the cheapest model that presses at their full load need."""
-    presses = by_tip(config, programme.positions, programme.forces)
-    return blocks_of(config, field_choice(config, presses, noise).size[0])
+    touches = touches_at(programme.positions, programme.forces)
+    return blocks_of(config, field_choice(config, touches, noise).size[0])
 
 
 def reading(config: MagnetPadConfig, touches: Touches, blocks: Blocks | None = None) -> Array:

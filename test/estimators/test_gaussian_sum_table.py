@@ -1,4 +1,4 @@
-"""A mixture of touches against Bayes on a fine grid, and its loops against its arrays."""
+"""Gaussian sum of touches against Bayes on a fine grid, with and without a common cause."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_ros.estimators.gaussian_sum_table import GaussianSumTable, Linearised
+from tactile_ros.estimators.gaussian_sum_table import GaussianSumTable, Linearised, TouchPosterior
 
 NOISE = 0.02
 
@@ -29,7 +29,7 @@ def table(count: int = 60) -> Linearised:
     return Linearised(readings, slopes * reach, place, leads, sigma, share)
 
 
-def test_it_is_bayes_on_a_fine_grid() -> None:
+def test_posterior_is_bayes_on_a_fine_grid() -> None:
     rng = np.random.default_rng(0)
     true = rng.uniform(-1.2, 1.2, (200, 1))
     x = bent(true)[0] + NOISE * rng.normal(size=(200, 3))
@@ -46,7 +46,7 @@ def test_it_is_bayes_on_a_fine_grid() -> None:
     assert 0.6 < (np.abs(error) < np.sqrt(seen.cov[:, 0, 0])).mean() < 0.76
 
 
-def test_two_touches_of_one_reading_both_stay() -> None:
+def test_posterior_holds_both_touches_of_one_reading() -> None:
     folded = table()
     readings = folded.readings.copy()
     readings[:, [0]] = 0.0  # cosine and square are even: left and right look the same
@@ -60,7 +60,7 @@ def test_two_touches_of_one_reading_both_stay() -> None:
     assert np.sqrt(seen.cov[0, 0, 0]) == pytest.approx(0.8, rel=0.05)
 
 
-def test_an_outside_cause_in_the_metric_is_told_apart() -> None:
+def test_metric_with_a_common_cause_separates_it_from_touches() -> None:
     rng = np.random.default_rng(1)
     common = np.array([[1.0], [1.0], [-1.0]])
     true = rng.uniform(-1.2, 1.2, (200, 1))
@@ -76,7 +76,7 @@ def test_an_outside_cause_in_the_metric_is_told_apart() -> None:
 
 
 @pytest.mark.parametrize('strength', [0.0, 0.4])
-def test_loops_are_arrays_and_a_row_is_the_same_alone(strength: float) -> None:
+def test_row_alone_has_the_bits_of_a_batch(strength: float) -> None:
     rng = np.random.default_rng(2)
     x = bent(rng.uniform(-1.2, 1.2, (50, 1)))[0] + NOISE * rng.normal(size=(50, 3))
     one = GaussianSumTable(table(), np.ones((3, 1)), strength, neighbours=9)
@@ -90,3 +90,27 @@ def test_loops_are_arrays_and_a_row_is_the_same_alone(strength: float) -> None:
     places[:, :, 0] = seen.parts[:, :, 0]
     wide = replace(seen, parts=places)
     np.testing.assert_allclose(one.shares(wide, centres).sum(axis=1), 1.0, rtol=1e-12)
+
+
+def test_posterior_weighs_a_common_cause() -> None:
+    rng = np.random.default_rng(3)
+    common, rows = np.array([[1.0], [1.0], [-1.0]]), table(400)
+    both = replace(
+        rows, answers=np.concatenate([rows.answers, rows.readings], axis=1),
+        leads=np.concatenate([rows.leads, rows.slopes], axis=1),
+    )  # fmt: skip
+    posterior = TouchPosterior(both, common, 0.5, 0.0, NOISE, 8.0)
+    true, size = rng.uniform(-1.2, 1.2, (300, 1)), 0.5 * rng.normal(size=(300, 1))
+    size[::2] = 0.0
+    x = bent(true)[0] + size @ common.T + NOISE * rng.normal(size=(300, 3))
+    found = posterior(x, np.array([[-1.0, 0.0, 0.0], [0.5, 0.0, 0.0]])[:, :1])
+    assert (found.cause[::2] == 0).mean() > 0.9
+    assert np.median(np.abs(found.cause - size)[1::2]) < 2 * NOISE
+    error = np.abs(found.mean - true)[:, 0]
+    assert (error < 2 * np.sqrt(found.cov[:, 0, 0])).mean() > 0.85
+    np.testing.assert_allclose(found.shares.sum(axis=1), 1.0, rtol=1e-12)
+    only, left = posterior.cause(size @ common.T)
+    np.testing.assert_allclose(only, size, atol=1e-12)
+    np.testing.assert_allclose(left, 0.0, atol=1e-12)
+    assert not posterior.touching(0.5 * common.T, 5 * NOISE).any()
+    assert posterior.touching(bent(np.array([[0.9]]))[0], 5 * NOISE).all()
