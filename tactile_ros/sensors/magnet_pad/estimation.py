@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 NOMINAL, TABLE = 'nominal', 'table_gauss_newton'
 ESTIMATORS = (*REGRESSORS, TABLE, NOMINAL)
 SEED = 19
-COUNT, NOMINAL_COUNT = 20_000, 8000  # touches of a table
+COUNT, NOMINAL_COUNT = 30_000, 8000  # touches of a table
 EVEN = 0.2  # share of touches that are spread evenly
 STEP = 1e-3  # radii and rad, over which readings are differentiated
 UNITS = np.array([1.0, 1.0, 0.5, 1.0, 1.0])  # of a touch, that count as a radius
