@@ -374,7 +374,7 @@ class TouchPosterior:
         return size, x - np.matmul(size[:, None], self.common.T)[:, 0]
 
     def touching(self, x: Array, threshold: float) -> Bools:
-        """Whether readings (s, d) are rather those of a touch than of a common cause alone.
+        """Decide whether readings (s, d) are those of a touch or of a common cause alone.
 
         They are where a channel less the cause exceeds a threshold.
         """

@@ -21,7 +21,7 @@ from tactile_ros.sensors.magnet_pad import body_model
 from tactile_ros.sensors.magnet_pad import body_model as pad
 from tactile_ros.sensors.magnet_pad.body_model import NOISE, movement
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-from tactile_ros.sensors.magnet_pad.estimation import PadInversion
+from tactile_ros.sensors.magnet_pad.inversion import PadInversion
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
 
 DISC, PAD, SKIN = GradiometerConfig(), MagnetPadConfig(), MultipoleSkinConfig()

@@ -21,7 +21,7 @@ from tactile_ros.sensors.magnet_pad.body_model import (
     places_and_forces,
     touches_at,
 )
-from tactile_ros.sensors.magnet_pad.temperature import PRIOR, ThermalDrift
+from tactile_ros.sensors.magnet_pad.estimation import SLOPE_SIGMA, ThermalDrift
 from tactile_ros.types import ContactStates, Frame, FrameStatus, Recording, TaxelStatus
 
 if TYPE_CHECKING:
@@ -488,7 +488,7 @@ def test_forces_above_the_temperature_of_the_tare_are_as_good(fitted: bool) -> N
 def test_sigma_of_the_slope_grows_with_the_temperature() -> None:
     sigmas = []
     for rise in (0.0, 2.0, 5.0, 20.0):
-        touches, seen = warm(rise, slope=(1 - PRIOR) * REMANENCE_SLOPE)
+        touches, seen = warm(rise, slope=(1 - SLOPE_SIGMA) * REMANENCE_SLOPE)
         states = known_warm().process_batch(seen)
         sigmas.append(np.median(np.sqrt(states.force_cov[REST:, 2, 2])))
         assert judged(states, touches)[1] > 0.85

@@ -1,361 +1,186 @@
 """Cell, place and force of a touch: inversion of the pad's response, regressors, neighbours.
 
-Where truth has places, the response of the pad is fitted to the recording (`body_model`), and a
-table of touches, spread like the recorded ones and thinly everywhere else, answers readings by
-Gauss-Newton steps (`estimators.gaussian_sum_table`), unless the neighbours of [2] err less on
-held-out groups. Without truth the table is that of the config's pad. Everything else is regressed.
+Where truth has places and forces, the pad is fitted to the recording (`inversion`), unless the
+neighbours of [2] err less on held-out groups. Without truth the config's pad answers. Everything
+else is regressed. What the temperature of the magnets changes at rest is taken off first.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tactile_ros.conditioning.baseline import training_baseline_variance
+from tactile_ros.conditioning.baseline import plausible_temperature, training_baseline_variance
 from tactile_ros.estimators.covariance import CovarianceModel
-from tactile_ros.estimators.gaussian_sum_table import Linearised, TouchEstimate, TouchPosterior
 from tactile_ros.estimators.grid_knn import GridKnn
-from tactile_ros.estimators.regression import group_folds
 from tactile_ros.physics.fidelity import Choice, Rated, Worth
+from tactile_ros.physics.temperature import REMANENCE_SLOPE
 from tactile_ros.sensors.magnet_pad.body_model import (
-    EDGE,
-    LEAST_NOISE,
     NOISE,
     STRAY,
     PadResponse,
-    ResponseResidual,
-    Specimens,
-    change_of_field,
-    field_choice,
-    places_and_forces,
     terms,
     touches_at,
     uniform_response,
 )
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-from tactile_ros.sensors.magnet_pad.temperature import ThermalDrift, noise_of_rest
+from tactile_ros.sensors.magnet_pad.inversion import SIGMAS, TABLE, PadInversion
 from tactile_ros.sensors.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.sensors.regression import ESTIMATORS as REGRESSORS
 from tactile_ros.sensors.regression import Recognition, places_of
 from tactile_ros.types import Array, Bools, FrameStatus, Integers
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import numpy.typing as npt
 
     from tactile_ros.types import Columns, Report, SensorConfig, Signals
 
-NOMINAL, TABLE = 'nominal', 'table_gauss_newton'
+NOMINAL = 'nominal'
 ESTIMATORS = (*REGRESSORS, TABLE, NOMINAL)
-SEED = 19
-COUNT, NOMINAL_COUNT = 30_000, 8000  # touches of a table
-EVEN = 0.2  # share of touches that are spread evenly
-STEP = 1e-3  # radii and rad, over which readings are differentiated
-UNITS = np.array([1.0, 1.0, 0.5, 1.0, 1.0])  # of a touch, that count as a radius
-NEAR = 6  # neighbour whose distance is the extent of a touch
-EXTENT = (0.005, 0.3)  # radii, least and largest
-FOLDS, FEWEST, FEWEST_SESSIONS = 4, 50, 3
-LEANING = 0.03  # tangential over normal force, from which touches lean
+FEWEST, FEWEST_SESSIONS = 50, 3
 UPRIGHT = 0.1  # sigma of a force along the axis, over the force, where none leaned
-FLOOR = np.repeat([1e-6, 1e-4], 3) ** 2  # m2, N2: errors of truth itself
 FAR = 1.5  # times the distance of known readings, from which a stray field is thought of
-CONTACT, SIGMAS = 0.4, 5.0  # of the lightest recorded touch; of the noise
 MARGIN = 1.1  # times the recorded forces: beyond them by chance
 FIELDS = 3.0  # times the usual, of a component of a stray field
 POINTS = np.random.default_rng(5).normal(size=(64, 2))
 OUT_OF_RANGE, STRAY_FIELD = int(FrameStatus.OUT_OF_RANGE), int(FrameStatus.STRAY_FIELD)
 NOTHING = 0.5  # of the spread of places over the pad: an uncertain place is not valid
+# sigma of the slope: two of them hold magnets that stay cold beside warm chips, and ferrite
+SLOPE_SIGMA, LEAST_SIGMA = 0.5, 0.05  # of the slope, before and after any recording
+THERMOMETERS = 3.0  # sigma of the thermometers, below which a difference may be their noise
+SMALL = 0.3  # of the noise of a channel, in all channels together
+TINY = 1e-18  # T2, far below the noise of any chip
+MEDIAN = 0.954  # of the size of the difference of two normal numbers
+WARMER = 3.0  # degrees beyond those of the fit, from which frames are out of range
 
 
-def touch_table(
-    response: Callable[[Array], Array], touches: Array, variance: Callable[[Array], Array],
-    radius: float, freedoms: int,
-) -> Linearised:  # fmt: skip
-    """Touches (n, 5) of a response (T) with slopes; `variance` (n,) (T2) is that of a channel."""
-    spots = touches / UNITS * np.array([1 / radius, 1.0, 1.0, 1.0, 1.0])
-    extent = cKDTree(spots).query(spots, k=[min(NEAR + 1, len(spots))])[0][:, 0]
-    extent = np.clip(extent, *EXTENT)
+class ThermalDrift:
+    """Change of the field at rest with the temperature of the magnets since the tare.
 
-    def answers(at: Array) -> Array:
-        return np.column_stack([places_and_forces(at, radius), response(at)])
-
-    level, leads = answers(touches), []
-    for unit in np.diag(UNITS * np.array([radius, 1.0, 1.0, 1.0, 1.0]))[:freedoms]:
-        leads.append((answers(touches + STEP * unit) - level) / STEP * extent[:, None])
-    lead = np.stack(leads, axis=-1)
-    sigma = np.sqrt(variance(level[:, 6:]))
-    share = np.full(len(touches), 1 / len(touches))
-    return Linearised(level[:, 6:], lead[:, 6:], level, lead, sigma, share)
-
-
-def likely_touches(config: MagnetPadConfig, known: Array, count: int) -> Array:
-    """Touches (n, 5) drawn like known ones (s, 5), and some evenly over the pad and its loads.
-
-    Known touches are blurred by the distances of their places (Parzen, Ann. Math. Stat. 33, 1962).
-    """
-    rng = np.random.default_rng(SEED)
-    unit = UNITS * np.array([config.radius, 1.0, 1.0, 1.0, 1.0])
-    place = (known / unit)[:, :2]
-    gap = cKDTree(place).query(place, k=[min(5, len(known))])[0][:, 0]
-    pick = rng.integers(0, len(known), count)
-    blur = np.full((count, 5), 0.2)
-    blur[:, :2] = np.clip(0.5 * gap, EXTENT[0], 0.2)[pick, None]
-    drawn = known[pick] + blur * rng.normal(size=(count, 5)) * unit
-    free, last = int(EVEN * count), known[:, 2].max() + 0.8
-    # at least a decade and a half of loads
-    first = min(known[:, 2].min() - 1.6, last - 4.7)
-    drawn[:free] = even_touches(config, free, rng, (first, last))
-    drawn[:free, 3:] = known[pick[:free], 3:]
-    low = np.array([-config.length / 2, np.arccos(EDGE), first])
-    high = np.array([config.length / 2, np.pi - np.arccos(EDGE), last])
-    drawn[:, :3] = np.clip(drawn[:, :3], low, high)
-    drawn[:, 3:] *= (known[:, 3:] ** 2).mean() > LEANING**2
-    return np.asarray(drawn)
-
-
-def even_touches(
-    config: MagnetPadConfig, count: int, rng: np.random.Generator, loads: tuple[float, float]
-) -> Array:
-    """Touches (n, 5) along the normal, even over the pad, of logarithms of loads in a range."""
-    along = config.length * (rng.uniform(size=count) - 0.5)
-    around = np.arccos(EDGE * rng.uniform(-1, 1, count))
-    upright = np.zeros((count, 2))
-    return np.column_stack([along, around, rng.uniform(*loads, count), upright])
-
-
-class PadInversion:
-    """Touches from readings.
-
-    Parameters
-    ----------
-    config : MagnetPadConfig
-        Of the pad.
-    live : ndarray of bool, shape (c,)
-        Channels that are alive; the d of them are the features.
-    noise : float
-        Of a channel (T).
+    Magnets lose a part of their field with each degree, and the resting field is hundreds of times
+    what a light touch changes: a few degrees between tare and touch pass for a load. The chips
+    measure their own temperature alone, which the magnets follow in part.
 
     Attributes
     ----------
-    response_ : PadResponse or None
-        Fitted; None: that of the config.
-    touches_ : ndarray, shape (n, 5)
-        Recorded ones.
-    radius_ : float
-        Of the surface on which places lie (m).
-    scatter_ : float
-        Residual of the response over the readings, beside the noise.
-    misfit_ : float
-        That most touches leave.
-    contact_ : float
-        Channel less a uniform field, beyond which something touches (T).
+    slope_, sigma_ : float
+        Change of the resting field with a degree, over itself (1 / degree); its sigma.
+    thermometer_ : float
+        Noise of the chips' mean temperature (degrees).
     span_ : ndarray, shape (2,)
-        Least and largest recorded force (N); NaN: none.
-    covariance_ : CovarianceModel or None
-        Of place and force.
-    report_ : dict
-        Errors on held-out groups, and those of the neighbours of [2].
+        Least and highest temperature of a chip in the fit (degrees Celsius); NaN: none measured.
     """
 
-    RIGHT = 0.06  # of a reading: error of the config's pad
-    LOADS = (0.01, 0.6)  # of shear modulus times the square of the radius
-    TIPS, BONDS, LEAN = (0.05, 0.7), (-0.8, 1.6), 0.5  # radii; shares; rad
-    SPECIMENS, EACH = 40, 40
-
-    def __init__(self, config: MagnetPadConfig, live: Bools, noise: float) -> None:
-        self.config, self.live, self.noise = config, live, max(noise, LEAST_NOISE)
-        self.response_: PadResponse | None = None
-        self.touches_, self.radius_, self.scatter_ = np.zeros((0, 5)), config.radius, self.RIGHT
-        self.misfit_, self.contact_ = float(live.sum()), SIGMAS * self.noise
-        self.span_ = np.full(2, np.nan)
-        self.covariance_: CovarianceModel | None = None
-        self.report_: Report = {}
+    def __init__(self) -> None:
+        self.slope_, self.sigma_ = REMANENCE_SLOPE, SLOPE_SIGMA * abs(REMANENCE_SLOPE)
+        self.thermometer_, self.span_ = 0.0, np.full(2, np.nan)
+        self.fitted_ = False
 
     @property
-    def common(self) -> Array | None:
-        """Change of the features (d, 3) with a uniform field; None: no unknown of the scene."""
-        chips = self.live.reshape(-1, 3)
-        if chips.any(axis=1).sum() < 2 or not self.config.stray_term:
-            return None
-        return uniform_response(self.config)[self.live]
+    def report(self) -> Report:
+        """Slope, and temperatures of the recording."""
+        if not self.fitted_:
+            return {}
+        if not np.isfinite(self.span_).all():
+            return {'not told: temperature (no chip told one)': {}}
+        ends = {'least': float(self.span_[0]), 'most': float(self.span_[1])}
+        return {
+            'found: change of the field at rest': {
+                'per degree': self.slope_, 'sigma': self.sigma_,
+            },
+            'not told: temperatures beyond those recorded (C)': ends,
+        }  # fmt: skip
 
-    # -- from the config alone ------------------------------------------------------------------
+    def fit(self, signals: Signals) -> ThermalDrift:
+        """Learn from what rests at other temperatures than its tare.
 
-    def _draw(self, count: int, seed: int) -> tuple[Array, Array, Array]:
-        """Touches (n, 5) of all kinds, tips (radii) and holds of the base."""
-        rng = np.random.default_rng(seed)
-        size = self.config.shear_modulus * self.config.radius**2
-        first, last = (float(np.log(share * size)) for share in self.LOADS)
-        touches = even_touches(self.config, count, rng, (first, last))
-        lean = np.tan(self.LEAN * rng.uniform(size=count)) * (rng.uniform(size=count) > 0.75)
-        turn = rng.uniform(0, 2 * np.pi, count)
-        touches[:, 3], touches[:, 4] = lean * np.cos(turn), lean * np.sin(turn)
-        bond = np.clip(rng.uniform(*self.BONDS, count), 0.0, 1.0)
-        return touches, rng.uniform(*self.TIPS, count), bond
-
-    def _nominal_rows(self) -> Linearised:
-        touches, tip, bond = self._draw(NOMINAL_COUNT, SEED)
-        nodes = field_choice(self.config, touches, self.noise).size[0]
-
-        def response(at: Array) -> Array:
-            field = change_of_field(self.config, at, tip, bond, nodes)
-            return field.reshape(len(at), -1)[:, self.live]
-
-        return touch_table(response, touches, self.variance, self.radius_, 3)
-
-    def _specimens(self) -> tuple[Array, Array, Integers]:
-        """Readings, true places and forces, and numbers of specimens."""
-        size = self.LOADS[1] * self.config.shear_modulus * self.config.radius**2
-        pad, parts = Specimens(self.config, size), []
-        for seed in range(self.SPECIMENS):
-            rng = np.random.default_rng(seed)
-            touches = self._draw(self.EACH, seed)[0]
-            parameters = rng.normal(size=pad.count)
-            parameters[2] *= 0.6  # a stiffness that follows from a hardness
-            x = pad(touches, parameters)[:, self.live]
-            true = places_and_forces(touches, self.radius_)
-            parts.append((x + self.noise * rng.normal(size=x.shape), true))
-        readings, true = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return readings, true, np.repeat(np.arange(self.SPECIMENS), self.EACH)
-
-    # -- from a recording -----------------------------------------------------------------------
-
-    def fit(self, touches: Array, x: Array, groups: Integers, radius: float) -> PadInversion:
-        """Learn from readings x (s, d) (T) of touches (s, 5) on a cylinder of `radius` (m)."""
-        order = np.lexsort(np.column_stack([x, touches]).T[::-1])
-        touches, x, groups = touches[order], x[order], groups[order]
-        self.touches_, self.radius_ = touches, radius
-        leaning = bool((touches[:, 3:] ** 2).mean() > LEANING**2)
-        self.response_ = self._response(touches, x, np.ones(len(x), bool), leaning)
-        _, first, index = np.unique(groups, return_index=True, return_inverse=True)
-        rank = np.empty(len(first), np.int64)
-        rank[np.argsort(first)] = np.arange(len(first))
-        fold = group_folds(rank[index.reshape(-1)], FOLDS, seed=0)
-        self._validate(touches, x, groups, fold)
-        remains = x if self.common is None else self._less_uniform(x)
-        lightest = float(np.quantile(np.abs(remains).max(axis=1), 0.01))
-        self.contact_ = max(SIGMAS * self.noise, CONTACT * lightest)
-        force = np.exp(touches[:, 2]) * np.sqrt(1 + (touches[:, 3:] ** 2).sum(axis=1))
-        self.span_ = np.array([force.min(), force.max()])
+        Ridge regression towards magnets of neodymium; however many frames, a tare counts once.
+        """
+        then_c, now_c, self.fitted_ = signals.rest_temperature_c, signals.temperature_c, True
+        if then_c is None or now_c is None:
+            return self
+        measured = now_c[signals.good]
+        if np.isfinite(measured).any():
+            self.span_ = np.array([np.nanmin(measured), np.nanmax(measured)])
+        self.thermometer_ = _noise(np.where(np.isfinite(then_c), now_c, np.nan)[signals.good])
+        rest = signals.good & (signals.in_contact == 0)
+        base, change = signals.baseline[rest], (signals.values - signals.baseline)[rest]
+        lever = base * self.rise(then_c[rest], now_c[rest])[:, None, None]
+        known = np.isfinite(lever) & np.isfinite(change)
+        lever, change = np.where(known, lever, 0.0), np.where(known, change, 0.0)
+        size, along = float(np.square(lever).sum()), float((lever * change).sum())
+        if size:
+            left = max(float(np.square(change).sum()) - along**2 / size, 0.0) / known.sum()
+            tares = len(np.unique(base.reshape(len(base), -1), axis=0))
+            prior, weight = self.sigma_**-2, tares / (len(base) * (left + TINY))
+            information = prior + weight * size
+            self.slope_ = (prior * self.slope_ + weight * along) / information
+            self.sigma_ = max(information**-0.5, LEAST_SIGMA * abs(REMANENCE_SLOPE))
         return self
 
-    def _response(self, touches: Array, x: Array, rows: Bools, leaning: bool) -> PadResponse:
-        """Response by some rows (s,), which begins at that of all."""
-        start = None if self.response_ is None else self.response_.parameters_
-        response = PadResponse(self.config, self.live, leaning=leaning)
-        response.fit(touches[rows], x[rows], self.noise, start, 6 if start is None else 2)
-        residual = ResponseResidual(response, touches[rows], x[rows], self.noise)
-        return response.learned(residual)
+    def corrected(self, signals: Signals) -> Signals:
+        """Frames less the change of their baselines."""
+        then_c, now_c = signals.rest_temperature_c, signals.temperature_c
+        if then_c is None or now_c is None:
+            return signals
+        drift = self.change(signals.baseline, then_c, now_c)
+        return replace(signals, delta=signals.values - signals.baseline - drift)
 
-    def _validate(self, touches: Array, x: Array, groups: Integers, fold: Integers) -> None:
-        """Errors on groups of which neither the response nor the table has learned."""
-        assert self.response_ is not None
-        answers = places_and_forces(touches, self.radius_)
-        mean, cov, peer = np.empty_like(answers), np.empty((len(x), 6, 6)), np.empty_like(answers)
-        left, misfit, tables = np.empty(len(x)), np.empty(len(x)), []
-        every = [fold == part for part in range(int(fold.max()) + 1)]
-        for held in every:
-            seen = ~held if not held.all() else held
-            way = self._response(touches, x, seen, self.response_.leaning)
-            left[held] = self._unexplained(way, touches[held], x[held])
-            tables.append((held, seen, way))
-            peer[held] = GridKnn().fit(x[seen], answers[seen]).predict(x[held])
-        self.scatter_ = self._scatter(x, left)
-        self.misfit_ = np.inf
-        for held, seen, way in tables:
-            rows = self._rows(way, touches[seen], COUNT // 2)
-            table = TouchPosterior(rows, None, STRAY, 0.0, self.noise, np.inf)
-            found = table(x[held], np.zeros((1, 3)))
-            mean[held], cov[held], misfit[held] = found.mean, found.cov, found.misfit
-        self.misfit_ = max(float(np.quantile(misfit, 0.95)), 1.0)
-        cov *= np.maximum(misfit / self.misfit_, 1.0)[:, None, None]
-        error, stated = mean - answers, cov + np.diag(FLOOR)
-        self.covariance_ = CovarianceModel().fit(error, stated, groups, x)
-        sigma = np.sqrt(np.diagonal(self.covariance_.predict(stated, x)[0], axis1=1, axis2=2))
-        for target, part in (('position', slice(0, 3)), ('force', slice(3, 6))):
-            away, other = (np.linalg.norm(e[:, part], axis=1) for e in (error, peer - answers))
-            self.report_[target] = {
-                'held_out_mean': float(away.mean()),
-                'held_out_rmse': float(np.sqrt((away**2).mean())),
-                'inside_one_sigma': float((np.abs(error) <= sigma)[:, part].mean()),
-                'groups': float(len(np.unique(groups))),
-                'rows': float(len(x)),
-                f'rmse_{TABLE}': float(np.sqrt((away**2).mean())),
-                'rmse_grid_knn': float(np.sqrt((other**2).mean())),
-            }
+    def rise(self, then_c: Array, now_c: Array) -> Array:
+        """Degrees (s,) by which chips (s, t) are warmer than at the tare; 0 where none measured.
 
-    def _unexplained(self, response: PadResponse, touches: Array, x: Array) -> Array:
-        """Mean square (s,) (T2) of what no touch near the reference ones explains of readings.
-
-        Errors of the references, such as those of a load cell's gain, are none of the response.
+        What may be the noise of thermometers is taken for it, and implausible ones are left out.
         """
-        freedoms = 5 if response.leaning else 3
-        near = touch_table(response, touches, self.variance, self.radius_, freedoms)
-        across = np.linalg.qr(near.slopes)[0]
-        left = (x - near.readings)[:, :, None]
-        left = left - across @ (across.transpose(0, 2, 1) @ left)
-        return np.asarray((left * left).sum(axis=(1, 2)) / max(x.shape[1] - freedoms, 1))
+        apart = plausible_temperature(now_c) - then_c
+        known = np.isfinite(apart)
+        rise = np.where(known, apart, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+        square, noise = rise * rise, THERMOMETERS * self.thermometer_
+        return np.asarray(rise * square / (square + noise**2 + 1e-12))
 
-    def _scatter(self, x: Array, left: Array) -> float:
-        """Residuals over the readings, beside the noise, of most rows; squares (s,) (T2)."""
-        size, excess = (x * x).mean(axis=1), left - self.noise**2
-        ratio = float(np.median(excess / np.maximum(size, self.noise**2)))
-        mean = float(excess.mean() / size.mean())
-        return float(np.sqrt(np.clip(max(ratio, 0.5 * mean), 1e-4**2, 0.3**2)))
+    def change(self, base: Array, then_c: Array, now_c: Array | None) -> Array:
+        """Change (s, t, c) of baselines (s, t, c) (T) since chips measured `then_c` (s, t)."""
+        if now_c is None:
+            return np.zeros_like(base)
+        return np.asarray(base * (self.slope_ * self.rise(then_c, now_c))[:, None, None])
 
-    def variance(self, readings: Array) -> Array:
-        """Variance (s,) (T2) of a channel of readings (s, d) about their touch."""
-        return np.asarray(self.noise**2 + self.scatter_**2 * (readings**2).mean(axis=1))
+    def uncertainty(self, signals: Signals, noise: float) -> tuple[Integers, Array]:
+        """Finite rows (r,) that the slope's sigma moves by more than a part of `noise` (T).
 
-    def _rows(self, response: PadResponse, known: Array, count: int) -> Linearised:
-        """Touches of a table with their readings."""
-        touches = likely_touches(self.config, known, count)
-        freedoms = 5 if response.leaning else 3
-        return touch_table(response, touches, self.variance, self.radius_, freedoms)
-
-    # -- use ------------------------------------------------------------------------------------
-
-    @cached_property
-    def posterior(self) -> TouchPosterior:
-        """Table of touches that answers readings."""
-        rows = self._nominal_rows() if self.response_ is None else self._rows(
-            self.response_, self.touches_, COUNT
-        )
-        # the part of the chips' gains that both have counts as field
-        entry = 0.5 * self.config.gain_spread
-        return TouchPosterior(rows, self.common, STRAY, entry, self.noise, self.misfit_)
-
-    @cached_property
-    def covariance(self) -> CovarianceModel:
-        """Covariance of the answers; of the config's pad by specimens that differ from it."""
-        if self.covariance_ is not None:
-            return self.covariance_
-        x, true, specimen = self._specimens()
-        found = self.posterior(x, self.config.cells)
-        stated = found.cov + np.diag(FLOOR)
-        return CovarianceModel().fit(found.mean - true, stated, specimen, x)
-
-    def _less_uniform(self, x: Array) -> Array:
-        """Readings (s, d) without the uniform field that is nearest to them."""
-        assert self.common is not None
-        return np.asarray(x - x @ np.linalg.pinv(self.common).T @ self.common.T)
-
-    def invert(self, x: Array, cells: Array) -> tuple[TouchEstimate, Array, Bools]:
-        """Touches of finite readings x (s, d) (T) and cells (n, 3) (m); covariance, out of range.
-
-        The covariance (s, 6, 6) is of place (m) and force (N).
+        And by how much (r, c), in all channels together, each with its sign (T).
         """
-        found = self.posterior(x, cells)
-        touch = x
-        if found.cause.any():
-            assert self.common is not None
-            touch = x - np.matmul(found.cause[:, None], self.common.T)[:, 0]
-        cov, beyond = self.covariance.predict(found.cov + np.diag(FLOOR), touch)
-        return found, cov, beyond
+        then_c, now_c = signals.rest_temperature_c, signals.temperature_c
+        level = signals.baseline.reshape(len(signals.good), -1)
+        if then_c is None or now_c is None:
+            return np.zeros(0, np.int64), level[:0]
+        by = self.sigma_ * self.rise(then_c, now_c)
+        rows = np.flatnonzero(by * by * (level * level).sum(axis=1) > (SMALL * noise) ** 2)
+        rows = rows[np.isfinite(signals.delta[rows]).all(axis=(1, 2))]
+        return rows, by[rows, None] * level[rows]
+
+    def out_of_range(self, signals: Signals) -> Bools:
+        """Rows (s,) of which a chip is clearly warmer or colder than in the fit."""
+        chips = signals.temperature_c
+        if chips is None or not np.isfinite(self.span_).all():
+            return np.zeros(len(signals.good), bool)
+        low, high = self.span_
+        return np.asarray(((chips < low - WARMER) | (chips > high + WARMER)).any(axis=1))
+
+
+def _noise(chips: Array) -> float:
+    """Noise of the mean temperature of frames (s, t), which change slowly (degrees)."""
+    chips = chips[:, np.isfinite(chips).any(axis=0)]
+    known = chips[np.isfinite(chips).all(axis=1)].mean(axis=1) if chips.size else np.zeros(0)
+    return float(np.median(np.abs(np.diff(known)))) / MEDIAN if len(known) > 1 else 0.0
+
+
+def noise_of_rest(signals: Signals) -> float:
+    """Standard deviation of resting readings, over all channels; 0 where nothing rests."""
+    rest = signals.delta[signals.good & (signals.in_contact == 0)]
+    return float(np.sqrt((rest**2).mean())) if len(rest) else 0.0
 
 
 class Localisation(Recognition):
@@ -412,7 +237,7 @@ class Localisation(Recognition):
 
     @property
     def nominal_(self) -> bool:
-        """Whether the config's pad answers."""
+        """The config's pad answers."""
         return self.inversion_ is not None and self.inversion_.response_ is None
 
     @property
@@ -423,7 +248,7 @@ class Localisation(Recognition):
         return {**known, 'cell': 'nearest_centre'} if self._names_cells(known) else known
 
     def _names_cells(self, known: Columns | dict[str, str]) -> bool:
-        """Whether places name the cells, since nothing else does."""
+        """Decide whether places name the cells, since nothing else does."""
         free = self.wanted is None and not self.centred_
         return free and 'position' in known and 'cell' not in known
 
@@ -501,7 +326,7 @@ class Localisation(Recognition):
         super().fit(signals, truth, groups)
 
     def _cells_are_places(self, truth: Columns, good: Bools) -> bool:
-        """Whether the nearest centre is the cell of truth, in space or as seen from above."""
+        """Decide whether the nearest centre is the cell of truth, in space or seen from above."""
         if 'cell' not in truth:
             return True
         cells, place = np.asarray(truth['cell'], np.int64), np.asarray(truth['position'], float)
