@@ -8,6 +8,7 @@ changing places, so that a simple model of a sensor gives both the readings and 
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -223,6 +224,54 @@ def recording_of(layout: Layout, presses: Sequence[Press]) -> Recording:
     stream = np.repeat(np.arange(len(presses)), lengths)
     begins = np.isin(np.arange(len(rows)), np.cumsum([0, *lengths[:-1]]))
     return Recording.from_frames(layout, rows, stream=stream, tare=begins)
+
+
+@dataclass(frozen=True)
+class ClassChange:
+    """A class that came or went in a live run, as `calibration` announces it.
+
+    `digest`: SHA-256 of the calibration since; `after_ns`: stamp of the last frame before (ns),
+    None: there was none; `presses`: first and last stamp of each (ns), empty: it was forgotten;
+    `replace`: presses of that name were forgotten first.
+    """
+
+    label: str
+    digest: str
+    after_ns: int | None
+    presses: tuple[tuple[int, int], ...] = ()
+    replace: bool = False
+
+    @property
+    def last_ns(self) -> int:
+        """Stamp of the last frame before (ns); -1: there was none."""
+        return -1 if self.after_ns is None else self.after_ns
+
+    def announcement(self) -> dict[str, object]:
+        """Content of the message."""
+        if not self.presses:
+            return {'forgotten': self.label, 'after_ns': self.after_ns}
+        presses = [list(stamps) for stamps in self.presses]
+        return {
+            'enrolled': self.label, 'after_ns': self.after_ns, 'presses': presses,
+            'replace': self.replace,
+        }  # fmt: skip
+
+    @classmethod
+    def read(cls, text: str) -> ClassChange | None:
+        """Change that an announcement states; None where it makes no sense or states none."""
+        try:
+            stated = json.loads(text)
+            label = stated.get('enrolled', stated.get('forgotten'))
+            if not isinstance(label, str):
+                return None
+            after_ns = stated.get('after_ns')
+            presses = tuple((int(a), int(b)) for a, b in stated.get('presses', ()))
+            return cls(
+                label, str(stated['sha256']), None if after_ns is None else int(after_ns),
+                presses, bool(stated.get('replace')),
+            )  # fmt: skip
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            return None
 
 
 @dataclass(frozen=True)

@@ -399,7 +399,7 @@ def outcome(loaded: LoadedRecording, number: int) -> list[str]:
     if live is None or stamps is None or not loaded.changes:
         return []
     label = np.asarray(loaded.recording.truth['label'], np.int64)[live.rows]
-    since = stamps[live.rows] > loaded.changes[0].after_ns
+    since = stamps[live.rows] > loaded.changes[0].last_ns
     # the last frame of a window is the one that says a place
     named = np.isfinite(live.states.position[:, 0]) & (live.states.in_contact == 1)
     old, new = named & (label >= 0) & (label != number), named & (label == number)

@@ -76,27 +76,13 @@ BIN_EDGES = 1e-12 * 1.01 ** np.arange(5556)  # of histograms of errors: steps of
 
 @dataclass(frozen=True)
 class Job:
-    """One recording to be judged.
+    """One recording to be judged."""
 
-    Attributes
-    ----------
-    recording : str
-        Path, or name of a shipped recording of the first calibration's sensor.
-    calibrations : tuple of str
-        Paths of calibration files.
-    truth_topics : tuple of str
-        As of `recording_files.load`.
-    tolerance_ns : int or None
-        As of `Association`.
-    delay_ns : int or None
-        By how much truth on topics of its own is late (ns); None: estimated.
-    """
-
-    recording: str
-    calibrations: tuple[str, ...]
+    recording: str  # path, or name of a shipped recording of the first calibration's sensor
+    calibrations: tuple[str, ...]  # paths
     truth_topics: tuple[str, ...] = DEFAULT_TRUTH
-    tolerance_ns: int | None = None
-    delay_ns: int | None = None
+    tolerance_ns: int | None = None  # as of `Association`
+    delay_ns: int | None = None  # of truth on topics of its own; None: estimated
 
 
 @dataclass(frozen=True)
@@ -163,16 +149,8 @@ class _Collected:
 class Evaluation:
     """Pipelines that are judged on one sensor, piece by piece.
 
-    Parameters
-    ----------
-    first : LoadedRecording
-        The first piece, or all of it.
-    pipelines : mapping of str to Pipeline
-        By the name of their calibrations; those of its shape answer.
-    clock_ns : callable
-        For the time per frame (ns).
-
-    Raises RecordingError if no pipeline is of its shape.
+    `first` is the first piece, or all of it; pipelines are named by their calibrations. Raises
+    RecordingError if no pipeline is of its shape.
     """
 
     def __init__(
@@ -255,21 +233,10 @@ def evaluate_bag(
 ) -> list[Dataset]:
     """Judge every sensor of a bag, piece by piece.
 
-    Parameters
-    ----------
-    path, layout, truth_topics, association
-        As of `recording_files.Bag`.
-    pipelines : mapping of str to Pipeline
-        By name; each judges the sensors of its shape.
-    clock_ns : callable
-        For the time per frame (ns).
-
-    Raises
-    ------
-    ClassesChangedError
-        If classes came and went in the run: that is repeated in a bag that is held as a whole.
-    RecordingError
-        If there is no bag, no frame that could be read, or no pipeline for any sensor.
+    Path, topics, association and layout are as of `recording_files.Bag`; each pipeline judges the
+    sensors of its shape; the clock (ns) is for the time per frame. Raises ClassesChangedError if
+    classes came and went in the run, which is repeated in a bag that is held as a whole, and
+    RecordingError if there is no bag, no frame that could be read, or no pipeline for any sensor.
     """
     bag = Bag(path, layout, truth_topics, association, wanted=JUDGED)
     evaluations: dict[str, Evaluation] = {}
@@ -363,18 +330,13 @@ def run_jobs(
     Parameters
     ----------
     jobs : sequence of Job
-        Different from one another.
+        Different from one another; outcomes are in their order.
     workers : int
         Processes on this machine.
     scheduler : str
         Address of a running Dask scheduler, whose workers see the same files; empty: none.
     done : callable
         Hears of every outcome as soon as it is there.
-
-    Returns
-    -------
-    list of Outcome
-        In the order of the jobs.
     """
     outcomes: dict[Job, Outcome] = {}
 
@@ -484,24 +446,10 @@ def table(outcomes: Sequence[Outcome]) -> tuple[list[str], list[list[Cell]]]:
 def save(
     path: Path, outcomes: Sequence[Outcome], command: str, environment: Mapping[str, str]
 ) -> tuple[Path, Path]:
-    """Write the result beside one another as `<path>.json` and `<path>.npz`.
+    """Write `<path>.json` with the command that repeats it, and `<path>.npz`; return both paths.
 
-    Parameters
-    ----------
-    path : Path
-        Without a suffix.
-    outcomes : sequence of Outcome
-        Of `run_jobs`.
-    command : str
-        That repeats it.
-    environment : mapping
-        Of `report.environment`.
-
-    Returns
-    -------
-    tuple of Path
-        Both files. The npz holds the histograms of all errors, `<i>/<j>/<target>` for recording i
-        and answer j as the json lists them, and the edges of their bins.
+    The npz holds the histograms of all errors, `<i>/<j>/<target>` for recording i and answer j as
+    the json lists them, and the edges of their bins.
     """
     whole = pooled(outcomes)
     results = [one for outcome in outcomes for one in outcome.results]
@@ -529,25 +477,18 @@ def save(
 
 def _sensor_json(one: Dataset) -> dict[str, object]:
     return {
-        'recording': one.source,
-        'sensor': one.sensor,
-        'frames': one.frames,
-        'dropped': one.dropped,
-        'seconds': _number(one.seconds),
-        'latency': _spread_json(one.latency, 's'),
-        'truth': dict(one.association),
-        'problems': list(one.problems),
-        'answers': [_answer_json(found) for found in one.answers],
-    }
+        'recording': one.source, 'sensor': one.sensor, 'frames': one.frames,
+        'dropped': one.dropped, 'seconds': _number(one.seconds),
+        'latency': _spread_json(one.latency, 's'), 'truth': dict(one.association),
+        'problems': list(one.problems), 'answers': [_answer_json(found) for found in one.answers],
+    }  # fmt: skip
 
 
 def _answer_json(found: Answer) -> dict[str, object]:
     agreement = found.agreement
     return {
-        'estimator': found.name,
-        'calibration': found.calibration,
-        'us_single': _number(found.us_single),
-        'us_batch': _number(found.us_batch),
+        'estimator': found.name, 'calibration': found.calibration,
+        'us_single': _number(found.us_single), 'us_batch': _number(found.us_batch),
         'difference_to_live': None if agreement is None else _number(agreement.largest),
         'frames_without_contacts': None if agreement is None else agreement.without_contacts,
         'problems': list(found.problems),
@@ -555,14 +496,13 @@ def _answer_json(found: Answer) -> dict[str, object]:
             target.name: {
                 **_spread_json(target.spread, target.unit),
                 'inside_one_sigma': inside_one_sigma([target]),
-                'judged': target.coverage.count,
-                'missed': target.missed,
+                'judged': target.coverage.count, 'missed': target.missed,
                 'invalid': target.invalid,
             }
             for target in found.targets
         },
         'classes': {name: dict(counts) for name, counts in found.hits.items()},
-    }
+    }  # fmt: skip
 
 
 def _spread_json(errors: Spread, unit: str) -> dict[str, object]:

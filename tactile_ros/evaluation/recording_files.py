@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 import re
 from bisect import bisect_right
@@ -25,6 +24,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from tactile_ros import calibration
+from tactile_ros.enrolment import ClassChange
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.bag import PACKAGE, BagContent, all_types, read_bag, same_fields
 from tactile_ros.evaluation.cdr_columns import (
@@ -83,18 +83,10 @@ _DIGEST = re.compile(r'\b[0-9a-f]{64}\b')
 
 @dataclass(frozen=True)
 class LiveContacts:
-    """Contacts of a live run about frames of a recording.
+    """States of n messages of a live run about rows (n,) of a recording.
 
-    Attributes
-    ----------
-    rows : ndarray, shape (n,)
-        Row of the recording that each message is about.
-    states : ContactStates
-        Of n messages.
-    log_ns : ndarray, shape (n,)
-        When each message was heard (ns).
-    unmatched : int
-        Messages about frames that the bag does not hold.
+    `log_ns` (n,) is when each was heard (ns); `unmatched` counts messages about frames that the
+    bag does not hold.
     """
 
     rows: Integers
@@ -109,82 +101,27 @@ class LiveContacts:
         return self.rows[(self.states.taxel_status & error).all(axis=1)]
 
 
-@dataclass(frozen=True)
-class ClassChange:
-    """A class that was enrolled or forgotten during a live run.
-
-    Attributes
-    ----------
-    label, digest : str
-        Its name; SHA-256 of the calibration since.
-    after_ns : int
-        Stamp of the last frame before it (ns).
-    presses : tuple of tuple of int
-        Stamps of the first and last frame of each press (ns); empty: it was forgotten.
-    replace : bool
-        Presses of that name were forgotten first.
-    """
-
-    label: str
-    digest: str
-    after_ns: int
-    presses: tuple[tuple[int, int], ...] = ()
-    replace: bool = False
-
-
 def read_changes(texts: Iterable[str]) -> tuple[ClassChange, ...]:
     """Changes that announcements of a calibration state; those that make no sense state none."""
-    return tuple(change for text in texts if (change := _read_change(text)) is not None)
-
-
-def _read_change(text: str) -> ClassChange | None:
-    try:
-        stated = json.loads(text)
-        label = stated.get('enrolled', stated.get('forgotten'))
-        if not isinstance(label, str):
-            return None
-        presses = tuple((int(a), int(b)) for a, b in stated.get('presses', ()))
-        after_ns = stated.get('after_ns')
-        return ClassChange(
-            label, str(stated['sha256']), -1 if after_ns is None else int(after_ns),
-            presses, bool(stated.get('replace')),
-        )  # fmt: skip
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        return None
+    return tuple(change for text in texts if (change := ClassChange.read(text)) is not None)
 
 
 @dataclass(frozen=True)
 class LoadedRecording:
     """One sensor of a bag, a piece of it, or a file.
 
-    Attributes
-    ----------
-    name : str
-        Namespace in the bag, or name of the file.
-    recording : Recording
-        Frames and truth; pieces of a bag have no truth, and their `stream` counts on.
-    contacts : LiveContacts or None
-        Of the live run.
-    baselines : tuple of Frame
-        Of the live run; `sequence` is the first frame that each holds for.
-    calibrations : tuple of str
-        SHA-256 of the calibrations of the live run, in their order.
-    changes : tuple of ClassChange
-        Classes that came and went in the live run, in their order.
-    label_names : tuple of str
-        Names of truth labels that came as text.
-    problems : tuple of str
-        Sentences about all that could not be read or matched.
+    Contacts, baselines, calibrations (SHA-256) and changes are those of the live run. Pieces of a
+    bag have no truth, and their `stream` counts on.
     """
 
-    name: str
+    name: str  # namespace in the bag, or name of the file
     recording: Recording
     contacts: LiveContacts | None = None
-    baselines: tuple[Frame, ...] = ()
+    baselines: tuple[Frame, ...] = ()  # `sequence` is the first frame that each holds for
     calibrations: tuple[str, ...] = ()
     changes: tuple[ClassChange, ...] = ()
-    label_names: tuple[str, ...] = ()
-    problems: tuple[str, ...] = ()
+    label_names: tuple[str, ...] = ()  # of truth labels that came as text
+    problems: tuple[str, ...] = ()  # sentences about all that could not be read or matched
 
     @property
     def seen(self) -> Integers:
@@ -228,15 +165,7 @@ def load(
     association : Association or None
         Of truth with frames; None: by stamps, within half a step.
 
-    Returns
-    -------
-    Loaded
-        One recording per sensor.
-
-    Raises
-    ------
-    RecordingError
-        If there is nothing of ours at `path`.
+    Returns one recording per sensor; raises RecordingError if there is nothing of ours at `path`.
     """
     file = Path(path)
     if not file.exists():
@@ -412,14 +341,7 @@ class Bag:
 class SensorBag:
     """Messages of one namespace of a bag, given out in pieces.
 
-    Parameters
-    ----------
-    layout, association, wanted
-        As of `Bag`.
-    space : str
-        Namespace.
-    in_pieces : bool
-        Refuse classes that come or go: ClassesChangedError.
+    Parameters as of `Bag`; `in_pieces` refuses classes that come or go: ClassesChangedError.
     """
 
     def __init__(

@@ -17,7 +17,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.conditioning.faults import DAMAGED, SAYS_NOTHING, UNUSABLE, taxel_faults
-from tactile_ros.enrolment import EVERYTHING, Press, PressWatch, learn, recording_of, window_of
+from tactile_ros.enrolment import (
+    EVERYTHING,
+    ClassChange,
+    Press,
+    PressWatch,
+    learn,
+    recording_of,
+    window_of,
+)
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.cdr_columns import stack, widened
 from tactile_ros.evaluation.metrics import Agreement
@@ -34,7 +42,7 @@ from tactile_ros.types.recording import FIRM
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from tactile_ros.evaluation.recording_files import ClassChange, LoadedRecording
+    from tactile_ros.evaluation.recording_files import LoadedRecording
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Array, Bools, Columns, Integers
 
@@ -344,7 +352,7 @@ class ClassChanges:
         cuts[1:] |= np.isin(stamps[:-1], list(self._firsts))
         first = 0
         for change in self._waiting:
-            later = np.flatnonzero(stamps[first:] > change.after_ns)
+            later = np.flatnonzero(stamps[first:] > change.last_ns)
             if len(later):
                 first += int(later[0])
                 cuts[first] = True
@@ -353,7 +361,7 @@ class ClassChanges:
     def before(self, recording: Recording, row: int) -> None:
         """Let what changed before a frame hold for it."""
         stamp_ns = 0 if recording.stamp_ns is None else int(recording.stamp_ns[row])
-        while self._waiting and self._waiting[0].after_ns < stamp_ns:
+        while self._waiting and self._waiting[0].last_ns < stamp_ns:
             change = self._waiting.pop(0)
             try:
                 self._make(change, recording)

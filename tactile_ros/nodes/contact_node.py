@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from rclpy.subscription import Subscription
     from rclpy.timer import Timer
 
-    from tactile_ros.nodes.enrolment_server import ClassChange
+    from tactile_ros.enrolment import ClassChange
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import ContactState, Frame
 

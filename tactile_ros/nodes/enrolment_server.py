@@ -22,7 +22,15 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from tactile_ros.action import Enrol
-from tactile_ros.enrolment import Allowed, PressWatch, learn, recording_of, refuse_name, window_of
+from tactile_ros.enrolment import (
+    Allowed,
+    ClassChange,
+    PressWatch,
+    learn,
+    recording_of,
+    refuse_name,
+    window_of,
+)
 from tactile_ros.errors import CalibrationError, TactileError
 from tactile_ros.msg import TactileContacts
 from tactile_ros.nodes.lifecycle import qos
@@ -80,33 +88,6 @@ class EnrolResult:
     message: str
     index: int = -1
     cancelled: bool = False
-
-
-@dataclass(frozen=True)
-class ClassChange:
-    """A class that came or went, as `calibration` announces it.
-
-    `digest`: SHA-256 of the calibration with the change; `after_ns`: stamp of the last frame
-    estimated without it (ns); `presses`: first and last stamp of each (ns), empty: the class was
-    forgotten.
-    """
-
-    label: str
-    digest: str
-    after_ns: int | None
-    presses: tuple[tuple[int, int], ...] = ()
-    replace: bool = False
-
-    def announcement(self) -> dict[str, object]:
-        """Content of the message."""
-        if not self.presses:
-            return {'forgotten': self.label, 'after_ns': self.after_ns}
-        return {
-            'enrolled': self.label,
-            'after_ns': self.after_ns,
-            'presses': [list(stamps) for stamps in self.presses],
-            'replace': self.replace,
-        }
 
 
 class Enrolment:

@@ -14,7 +14,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pytest
+import yaml
+from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_typestore
 
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import bag as bags
@@ -55,51 +61,31 @@ def read_all(path: Path) -> SimpleNamespace:
 
 
 def open_by_rosbags(path: Path) -> object:
-    highlevel = pytest.importorskip('rosbags.highlevel')
-    from rosbags.typesys import Stores, get_typestore
-
-    return highlevel.AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+    return AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
 
 
-def test_rosbags_reads_every_message_type_and_latched_topic_of_a_closed_bag(
+def test_closed_bag_is_read_by_rosbags_by_mcap_and_by_its_metadata(
     write_bag: WriteBag, tmp_path: Path
 ) -> None:
     path = write_bag(tmp_path / 'bag')
     with open_by_rosbags(path) as reader:
         kinds = {c.topic: c for c in reader.connections}
         assert reader.message_count == 153
-        sequences = [
-            reader.deserialize(raw, c.msgtype).sequence
-            for c, _, raw in reader.messages([kinds['/frame']])
-        ]
+        raw = reader.messages([kinds['/frame']])
+        sequences = [reader.deserialize(data, c.msgtype).sequence for c, _, data in raw]
         durability = {t: c.ext.offered_qos_profiles[0].durability.value for t, c in kinds.items()}
     assert sequences == list(range(50))
     assert {t for t, d in durability.items() if d == 1} == {'/layout', '/baseline', '/calibration'}
-
-
-def test_the_reference_library_agrees_with_index_checksums_and_statistics(
-    write_bag: WriteBag, tmp_path: Path
-) -> None:
-    reference = pytest.importorskip('mcap.reader')
-    path = write_bag(tmp_path / 'bag')
     with (path / 'bag_0.mcap').open('rb') as file:
-        reader = reference.make_reader(file, validate_crcs=True)
+        reader = make_reader(file, validate_crcs=True)
         summary = reader.get_summary()
-        found = [(c.topic, m.log_time, m.data) for _, c, m in reader.iter_messages()]
-        names = [m.name for m in reader.iter_metadata()]
+        stored = [(c.topic, m.log_time, m.data) for _, c, m in reader.iter_messages()]
+        assert [m.name for m in reader.iter_metadata()] == ['rosbag2']
     ours = read_all(path)
-    assert names == ['rosbag2']
-    assert summary.statistics.message_count == len(found) == len(ours.messages) == 153
-    assert sorted(found) == sorted((t, ns, data) for t, _, ns, data in ours.messages)
+    assert summary.statistics.message_count == len(stored) == len(ours.messages) == 153
+    assert sorted(stored) == sorted((t, ns, data) for t, _, ns, data in ours.messages)
     assert all(schema.encoding == 'ros2msg' for schema in summary.schemas.values())
     assert ours.problems == []
-
-
-def test_metadata_names_counts_duration_and_qos_for_ros2_bag(
-    write_bag: WriteBag, tmp_path: Path
-) -> None:
-    yaml = pytest.importorskip('yaml')
-    path = write_bag(tmp_path / 'bag')
     info = yaml.safe_load((path / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
     topics = {t['topic_metadata']['name']: t for t in info['topics_with_message_count']}
     assert info['message_count'] == 153
@@ -194,6 +180,7 @@ def test_bytes_hit_anywhere_never_raise_and_never_change_what_comes_out(
     path = write_bag(tmp_path / 'bag', n=30)
     data = (path / 'bag_0.mcap').read_bytes()
     whole = set(read_all(path).messages)
+    topics = {(m.topic, m.type_name) for m in whole}
     hit = tmp_path / 'hit.mcap'
     rng = np.random.default_rng(3)
     chunk = data.index(b'\x06', 9)
@@ -202,12 +189,8 @@ def test_bytes_hit_anywhere_never_raise_and_never_change_what_comes_out(
         damaged[place] ^= 1 << int(rng.integers(8))
         hit.write_bytes(damaged)
         content = read_all(hit)
-        told = {m for m in content.messages if (m.topic, m.type_name) in _topics(whole)}
-        assert {m.data for m in told} <= {m.data for m in whole}
-
-
-def _topics(messages: set[Message]) -> set[tuple[str, str]]:
-    return {(m.topic, m.type_name) for m in messages}
+        known = {m for m in content.messages if (m.topic, m.type_name) in topics}
+        assert {m.data for m in known} <= {m.data for m in whole}
 
 
 def test_a_damaged_chunk_is_left_out_and_the_rest_is_read(
@@ -297,11 +280,10 @@ def test_sqlite3_bags_are_read_and_a_damaged_one_as_far_as_it_goes(
 
 
 def test_a_bag_that_rosbags_wrote_is_read(tmp_path: Path, make: SimpleNamespace) -> None:
-    rosbag2 = pytest.importorskip('rosbags.rosbag2')
     text = make.cdr(make.String(data='x'))
-    for plugin in (rosbag2.StoragePlugin.MCAP, rosbag2.StoragePlugin.SQLITE3):
+    for plugin in (StoragePlugin.MCAP, StoragePlugin.SQLITE3):
         path = tmp_path / plugin.name
-        with rosbag2.Writer(path, version=9, storage_plugin=plugin) as writer:
+        with RosbagsWriter(path, version=9, storage_plugin=plugin) as writer:
             connection = writer.add_connection('/text', STRING, typestore=make.store)
             for k in range(5):
                 writer.write(connection, k, text)
@@ -334,22 +316,14 @@ def test_a_bag_never_writes_over_another(tmp_path: Path, write_bag: WriteBag) ->
         closed.write('/text', STRING, 0, b'')
 
 
-def test_schema_texts_hold_every_needed_type_once() -> None:
+def test_schema_texts_hold_every_needed_type_once_and_unknown_types_are_refused() -> None:
     text = schema_text('tactile_ros/msg/TactileContacts')
     own = (message_folder() / 'TactileContacts.msg').read_text()
     assert text.startswith(own.rstrip())
     needed = [line[5:] for line in text.splitlines() if line.startswith('MSG: ')]
-    assert sorted(needed) == [
-        'builtin_interfaces/Time',
-        'geometry_msgs/Point',
-        'geometry_msgs/Vector3',
-        'geometry_msgs/Wrench',
-        'std_msgs/Header',
-        'tactile_ros/TactileContact',
-    ]
-
-
-def test_unknown_types_are_refused_by_name() -> None:
+    geometry = [f'geometry_msgs/{name}' for name in ('Point', 'Vector3', 'Wrench')]
+    rest = ['std_msgs/Header', 'tactile_ros/TactileContact']
+    assert sorted(needed) == ['builtin_interfaces/Time', *geometry, *rest]
     with pytest.raises(RecordingError, match='no_msgs/msg/None'):
         schema_text('no_msgs/msg/None')
 

@@ -102,7 +102,7 @@ BOARD = Layout(np.arange(6.0).reshape(2, 3), channels=('x', 'y', 'z'), unit='T')
 NOTHING = 'none of position, force_x, force_y, force_z, torque_x, torque_y, torque_z'
 
 
-def found(truth: dict[str, np.ndarray], **estimates: np.ndarray) -> tuple[str, ...]:
+def unjudged_in(truth: dict[str, np.ndarray], **estimates: np.ndarray) -> tuple[str, ...]:
     """Sentences about four frames with some truth and some estimates."""
     recording = Recording.from_arrays(BOARD, np.zeros((4, 2, 3)), truth=truth)
     states = ContactStates.assemble(4, 2, {'valid': np.ones(4, bool), **estimates})
@@ -134,13 +134,11 @@ def axis(number: int, rows: slice = slice(None)) -> np.ndarray:
 def test_no_error_is_explained(
     truth: dict[str, np.ndarray], estimates: dict[str, np.ndarray], words: str
 ) -> None:
-    (sentence,) = found(truth, **estimates)
+    (sentence,) = unjudged_in(truth, **estimates)
     assert sentence.startswith('ridge has no error: ')
     assert sentence.endswith(words)
-
-
-def test_one_error_is_enough() -> None:
-    assert found({'force': axis(2), 'torque': axis(1)}, force=axis(2, slice(1))) == ()
+    one = {'force': axis(2), 'torque': axis(1)}
+    assert unjudged_in(one, force=axis(2, slice(1))) == ()  # one error is enough
 
 
 LAYOUT = Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T')

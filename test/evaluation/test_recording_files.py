@@ -1,13 +1,14 @@
 from __future__ import annotations
 
-import io
+import sys
 import zipfile
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from tactile_ros.errors import RecordingError
+from tactile_ros.errors import MissingPackageError, RecordingError
 from tactile_ros.evaluation import bag
 from tactile_ros.evaluation.bag import BagWriter, all_types
 from tactile_ros.evaluation.recording_files import load, load_recording, save_recording
@@ -15,7 +16,7 @@ from tactile_ros.evaluation.truth import nearest
 from tactile_ros.types import Layout, Recording
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Iterator
     from pathlib import Path
     from types import SimpleNamespace
 
@@ -153,26 +154,20 @@ def test_other_archives_are_refused_by_name(tmp_path: Path) -> None:
         load(tmp_path / 'gone.npz')
 
 
-def csv_lines(recording: Recording) -> str:
+def test_csv_gives_the_same_recording(recording: Recording, tmp_path: Path) -> None:
     names = [f'{c}_{t}' for t in range(2) for c in LAYOUT.channels]
     head = ['stamp_ns', 'sequence', 'stream', 'tare', *names, 'temperature_c_0', 'temperature_c_1']
     head += ['status_0', 'status_1', 'position_x', 'position_y', 'position_z', 'cell']
-    head += ['taxel_force_0', 'taxel_force_1']
-    out = io.StringIO()
-    out.write(','.join(head) + '\n')
+    lines = [','.join([*head, 'taxel_force_0', 'taxel_force_1'])]
+    truth = recording.truth
     for k in range(len(recording)):
         row = [recording.stamp_ns[k], recording.sequence[k], recording.stream[k]]
-        row += [int(recording.tare[k]), *map(repr, recording.values[k].ravel().tolist())]
-        row += [*map(repr, recording.temperature_c[k].tolist()), *recording.status[k]]
-        row += [repr(x) if np.isfinite(x) else '' for x in recording.truth['position'][k].tolist()]
-        row += [recording.truth['cell'][k], *map(repr, recording.truth['taxel_force'][k].tolist())]
-        out.write(','.join(str(cell) for cell in row) + '\n')
-    return out.getvalue()
-
-
-def test_csv_gives_the_same_recording(recording: Recording, tmp_path: Path) -> None:
+        row += [int(recording.tare[k]), *recording.values[k].ravel(), *recording.temperature_c[k]]
+        row += [*recording.status[k], *truth['position'][k], truth['cell'][k]]
+        row += [*truth['taxel_force'][k]]
+        lines.append(','.join('' if np.isnan(cell) else str(cell) for cell in row))
     file = tmp_path / 'a.csv'
-    file.write_text(csv_lines(recording))
+    file.write_text('\n'.join(lines))
     assert_same(load(file, LAYOUT).recordings[0].recording, recording)
 
 
@@ -182,6 +177,21 @@ def test_csv_seconds_keep_their_nanoseconds(tmp_path: Path) -> None:
     file.write_text('time_s,u_0\n1743468220.123456789,0.5\n1743468221,0.25\n')
     back = load(file, layout).recordings[0].recording
     assert back.stamp_ns.tolist() == [1743468220123456789, 1743468221000000000]
+
+
+Put = Callable[..., None]
+
+
+@pytest.fixture
+def put(make: SimpleNamespace, tmp_path: Path) -> Iterator[Put]:
+    """Writer of messages into `bag`: topic, message, log time, and bytes in its place."""
+    with BagWriter(tmp_path / 'bag') as writer:
+
+        def write(topic: str, message: object, log_ns: int = 0, data: bytes = b'') -> None:
+            writer.write(topic, message.__msgtype__, log_ns, data or make.cdr(message))
+            writer.flush()
+
+        yield write
 
 
 @pytest.mark.parametrize(
@@ -228,53 +238,36 @@ def test_a_bag_becomes_frames_contacts_baselines_and_truth(
 
 
 def test_two_sensors_of_one_bag_stay_apart(
-    write_bag: WriteBag, make: SimpleNamespace, tmp_path: Path
+    put: Put, make: SimpleNamespace, tmp_path: Path
 ) -> None:
-    path = tmp_path / 'bag'
-    with BagWriter(path) as bag:
-        for space, n in (('/thumb', 3), ('/index', 5)):
-            bag.write(
-                f'{space}/layout', 'tactile_ros/msg/TactileLayout', 0, make.cdr(make.layout())
-            )
-            for k in range(n):
-                frame = make.frame(k, np.full(15, k), 1_000_000 * (k + 1))
-                bag.write(f'{space}/frame', frame.__msgtype__, k, make.cdr(frame))
-                true = make.contacts(k, 0, force=(n, 0, 0))
-                bag.write(f'{space}/truth/contacts', true.__msgtype__, k, make.cdr(true))
-    found = {r.name: r.recording for r in load(path).recordings}
-    assert {name: len(r) for name, r in found.items()} == {'thumb': 3, 'index': 5}
-    assert found['thumb'].truth['force'][:, 0].tolist() == [3, 3, 3]
+    for space, n in (('/thumb', 3), ('/index', 5)):
+        put(f'{space}/layout', make.layout())
+        for k in range(n):
+            put(f'{space}/frame', make.frame(k, np.full(15, k), 1_000_000 * (k + 1)), k)
+            put(f'{space}/truth/contacts', make.contacts(k, 0, force=(n, 0, 0)), k)
+    loaded = {r.name: r.recording for r in load(tmp_path / 'bag').recordings}
+    assert {name: len(r) for name, r in loaded.items()} == {'thumb': 3, 'index': 5}
+    assert loaded['thumb'].truth['force'][:, 0].tolist() == [3, 3, 3]
 
 
 def test_foreign_topics_damaged_messages_and_lost_layouts_are_named(
-    write_bag: WriteBag, make: SimpleNamespace, tmp_path: Path
+    put: Put, make: SimpleNamespace, tmp_path: Path
 ) -> None:
-    path = tmp_path / 'bag'
+    put('/camera', make.String(data='x'))
+    with pytest.raises(RecordingError, match=r'holds no frames .*/camera'):
+        load(tmp_path / 'bag')
     frame = make.frame(0, np.zeros(15), 5)
-    with BagWriter(path) as bag:
-        bag.write('/camera', 'std_msgs/msg/String', 0, make.cdr(make.String(data='x')))
-        bag.write('/frame', frame.__msgtype__, 0, make.cdr(frame))
-        bag.write('/frame', frame.__msgtype__, 0, make.cdr(frame)[:20])
-        odd = make.frame(1, np.zeros(6), 6)
-        bag.write('/frame', frame.__msgtype__, 0, make.cdr(odd))
+    put('/frame', frame)
+    put('/frame', frame, 0, make.cdr(frame)[:20])
+    put('/frame', make.frame(1, np.zeros(6), 6))
     with pytest.raises(RecordingError, match='its layout is not in the bag'):
-        load(path)
-    five = Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T')
-    loaded = load(path, five)
+        load(tmp_path / 'bag')
+    loaded = load(tmp_path / 'bag', Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T'))
     assert len(loaded.recordings[0].recording) == 1
     said = ' | '.join(loaded.sentences)
     assert 'topics that are not ours were left out: /camera' in said
     assert '1 messages of /frame are damaged' in said
     assert '1 frames were left out' in said
-
-
-def test_a_foreign_bag_is_refused_with_what_it_holds(
-    make: SimpleNamespace, tmp_path: Path
-) -> None:
-    with BagWriter(tmp_path / 'bag') as bag:
-        bag.write('/camera', 'std_msgs/msg/String', 0, make.cdr(make.String(data='x')))
-    with pytest.raises(RecordingError, match=r'holds no frames .*/camera'):
-        load(tmp_path / 'bag')
 
 
 def test_messages_of_another_version_are_named_not_guessed(
@@ -288,59 +281,52 @@ def test_messages_of_another_version_are_named_not_guessed(
 
 
 def test_garbage_in_place_of_messages_never_raises_anything_else(
-    write_bag: WriteBag, make: SimpleNamespace, tmp_path: Path
+    put: Put, make: SimpleNamespace, tmp_path: Path
 ) -> None:
     rng = np.random.default_rng(5)
-    good = make.cdr(make.contacts(0, 0))
-    with BagWriter(tmp_path / 'bag') as bag:
-        layout = make.layout()
-        bag.write('/layout', layout.__msgtype__, 0, make.cdr(layout))
-        frame = make.frame(0, np.zeros(15), 5)
-        bag.write('/frame', frame.__msgtype__, 0, make.cdr(frame))
-        for k in range(300):
-            data = bytearray(good)
-            for place in rng.integers(4, len(data), 3):
-                data[place] = int(rng.integers(256))
-            bag.write('/contacts', 'tactile_ros/msg/TactileContacts', k, bytes(data))
-    found = load(tmp_path / 'bag').recordings[0]
-    assert len(found.recording) == 1
-    assert found.contacts is not None
+    contacts = make.contacts(0, 0)
+    good = make.cdr(contacts)
+    put('/layout', make.layout())
+    put('/frame', make.frame(0, np.zeros(15), 5))
+    for k in range(300):
+        data = bytearray(good)
+        for place in rng.integers(4, len(data), 3):
+            data[place] = int(rng.integers(256))
+        put('/contacts', contacts, k, bytes(data))
+    (one,) = load(tmp_path / 'bag').recordings
+    assert len(one.recording) == 1
+    assert one.contacts is not None
 
 
-def test_a_restarted_counter_begins_a_new_stream(make: SimpleNamespace, tmp_path: Path) -> None:
-    with BagWriter(tmp_path / 'bag') as bag:
-        layout = make.layout()
-        bag.write('/layout', layout.__msgtype__, 0, make.cdr(layout))
-        for k, sequence in enumerate([0, 1, 2, 0, 1]):
-            frame = make.frame(sequence, np.zeros(15), 1000 + k)
-            bag.write('/frame', frame.__msgtype__, k, make.cdr(frame))
-    assert load(tmp_path / 'bag').recordings[0].recording.stream.tolist() == [0, 0, 0, 1, 1]
+def test_restarted_counter_begins_a_new_stream(
+    put: Put, make: SimpleNamespace, tmp_path: Path
+) -> None:
+    put('/layout', make.layout())
+    for k, sequence in enumerate([0, 1, 2, 0, 1]):
+        put('/frame', make.frame(sequence, np.zeros(15), 1000 + k), k)
+        put('/truth/contacts', make.contacts(sequence, 0, force=(k, 0, 0)), k)
+    recording = load(tmp_path / 'bag').recordings[0].recording
+    assert recording.stream.tolist() == [0, 0, 0, 1, 1]
+    assert recording.truth['force'][:, 0].tolist() == [0, 1, 2, 3, 4]  # heard beside its frame
 
 
 def test_truth_of_other_instruments_is_taken_at_the_nearest_time(
-    write_bag: WriteBag, make: SimpleNamespace, tmp_path: Path
+    put: Put, make: SimpleNamespace, tmp_path: Path
 ) -> None:
-    path = tmp_path / 'bag'
-    with BagWriter(path) as bag:
-        layout = make.layout()
-        bag.write('/layout', layout.__msgtype__, 0, make.cdr(layout))
-        for k in range(10):
-            frame = make.frame(k, np.zeros(15), 1_000_000_000 + k * 10_000_000)
-            bag.write('/frame', frame.__msgtype__, 1_000_000_000 + k, make.cdr(frame))
-        for k in range(3):
-            stamp = 1_000_000_000 + k * 20_000_000 + 4_000_000
-            push = make.Vector3(x=0.0, y=0.0, z=float(k))
-            wrench = make.WrenchStamped(
-                header=make.header(stamp), wrench=make.Wrench(force=push, torque=push)
-            )
-            bag.write('/cell/wrench', wrench.__msgtype__, stamp, make.cdr(wrench))
-        text = make.String(data='mug')
-        bag.write('/object', text.__msgtype__, 1_000_000_000 + 45_000_000, make.cdr(text))
-    (found,) = load(path, truth_topics=('/cell/wrench', '/object')).recordings
+    put('/layout', make.layout())
+    for k in range(10):
+        put('/frame', make.frame(k, np.zeros(15), 10**9 + k * 10_000_000), 10**9 + k)
+    for k in range(3):
+        stamp = 10**9 + k * 20_000_000 + 4_000_000
+        push = make.Vector3(x=0.0, y=0.0, z=float(k))
+        wrench = make.Wrench(force=push, torque=push)
+        put('/cell/wrench', make.WrenchStamped(header=make.header(stamp), wrench=wrench), stamp)
+    put('/object', make.String(data='mug'), 10**9 + 45_000_000)
+    (one,) = load(tmp_path / 'bag', truth_topics=('/cell/wrench', '/object')).recordings
     expected = [0, 0, 1, 1, 2, 2, np.nan, np.nan, np.nan, np.nan]
-    np.testing.assert_array_equal(found.recording.truth['force'][:, 2], expected)
-    assert found.recording.truth['label'].tolist() == [-1] * 5 + [0] * 5
-    assert found.label_names == ('mug',)
+    np.testing.assert_array_equal(one.recording.truth['force'][:, 2], expected)
+    assert one.recording.truth['label'].tolist() == [-1] * 5 + [0] * 5
+    assert one.label_names == ('mug',)
 
 
 def test_nearest_against_the_plain_search() -> None:
@@ -358,9 +344,6 @@ def test_nearest_against_the_plain_search() -> None:
 def test_a_bag_without_rosbags_is_one_sentence(
     write_bag: WriteBag, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import sys
-
-    from tactile_ros.errors import MissingPackageError
     path = write_bag(tmp_path / 'bag', n=3)
     all_types.cache_clear()
     monkeypatch.setitem(sys.modules, 'rosbags.typesys', None)

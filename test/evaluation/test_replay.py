@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import queue
 from array import array
+from collections.abc import Callable, Container
 from copy import deepcopy
 from dataclasses import replace
+from functools import partial
 from itertools import count
-from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,7 +39,7 @@ from tactile_ros.evaluation.replay import (
 )
 from tactile_ros.messages import fill_contacts
 from tactile_ros.nodes.contact_loop import ContactLoop
-from tactile_ros.nodes.enrolment_server import ClassChange, Enrolment, EnrolRequest, EnrolResult
+from tactile_ros.nodes.enrolment_server import Enrolment, EnrolRequest, EnrolResult
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import (
     STATE_FIELDS,
@@ -52,7 +53,9 @@ from tactile_ros.types import (
 
 if TYPE_CHECKING:
     from pathlib import Path
+    from types import SimpleNamespace
 
+    from tactile_ros.enrolment import ClassChange
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Columns, Signals
 
@@ -79,14 +82,10 @@ def stored(make: SimpleNamespace, message: object) -> bytes:
 
 
 def record(
-    path: Path,
-    make: SimpleNamespace,
-    pipeline: Pipeline,
-    frames: list[Frame],
-    tares: dict[int, bool],
-    unseen: frozenset[int] = frozenset(),
-) -> Path:
-    """A live run: every frame through the stage, tares after some, all of it into a bag."""
+    path: Path, make: SimpleNamespace, pipeline: Pipeline, frames: list[Frame],
+    tares: Container[int] = (), unseen: Container[int] = (),
+) -> LoadedRecording:  # fmt: skip
+    """Loaded bag of a live run: every frame through the stage, tares after some."""
     with BagWriter(path) as bag:
         log = count(1)
 
@@ -110,106 +109,82 @@ def record(
             put('contacts', message)
             if i in tares:
                 stage.tare()
-    return path
+    (loaded,) = load(path).recordings
+    return loaded
 
 
-def live_frames(spatial: Recording, touches: int, counter: int = 0) -> list[Frame]:
+@pytest.fixture
+def live(
+    make: SimpleNamespace, fitted: Pipeline, tmp_path: Path
+) -> Callable[..., LoadedRecording]:
+    """Live runs of the fitted pipeline."""
+    return partial(record, tmp_path / 'bag', make, fitted)
+
+
+def live_frames(spatial: Recording, touches: int) -> list[Frame]:
     """Resting readings with a little noise, then a touch, over and over."""
     rng = np.random.default_rng(4)
-    frames = []
-    for k in range(touches):
-        for values in [spatial.values[2 * k]] * 8 + [spatial.values[2 * k + 1]] * 3:
-            noisy = values + rng.normal(0, 1e-7, values.shape)
-            number = len(frames)
-            frames.append(Frame(10**9 + number * STEP_NS, counter + number, noisy))
-    return frames
+    rows = np.concatenate([[2 * k] * 8 + [2 * k + 1] * 3 for k in range(touches)])
+    values = spatial.values[rows] + rng.normal(0, 1e-7, (len(rows), 5, 3))
+    return [Frame(10**9 + i * STEP_NS, i, one) for i, one in enumerate(values)]
 
 
-def test_a_replay_gives_the_live_contacts(
-    spatial: Recording, fitted: Pipeline, make: SimpleNamespace, tmp_path: Path
-) -> None:
-    frames = live_frames(spatial, 60)
-    tares = {11 * k + 6: True for k in range(0, 60, 3)}
-    path = record(tmp_path / 'bag', make, fitted, frames, tares)
-    (loaded,) = load(path).recordings
+Live = Callable[..., LoadedRecording]
+
+
+def test_replay_gives_the_live_contacts(spatial: Recording, fitted: Pipeline, live: Live) -> None:
+    loaded = live(live_frames(spatial, 60), {11 * k + 6 for k in range(0, 60, 3)})
     fresh = load_sensor('reskin_board').pipeline(estimator='ridge').fit(spatial)
-    found = replay(loaded, fresh)
+    replayed = replay(loaded, fresh)
     assert len(loaded.baselines) > 5
     assert np.isfinite(loaded.contacts.states.position[:, :2]).any()
-    assert found.agreement.frames == 660
-    assert found.agreement.largest <= 1e-12
-    assert found.problems == ()
-    again = replay(loaded, fresh)
-    assert again.agreement.largest == found.agreement.largest
+    assert replayed.agreement.frames == 660
+    assert replayed.agreement.largest <= 1e-12
+    assert replayed.problems == ()
+    assert replay(loaded, fresh).agreement.largest == replayed.agreement.largest
+    without = replay(replace(loaded, baselines=()), fresh).agreement
+    assert without.largest > 1e-6
+    assert without.worst in STATE_FIELDS
+    other = load_sensor('reskin_board').pipeline(estimator='ridge')
+    foreign = replay(loaded, other.fit(spatial.select(slice(0, 600))))
+    assert f'the calibration {other.digest[:12]} is not that of the bag' in foreign.problems[0]
+    assert foreign.agreement.largest > 0
 
 
-def test_without_its_baselines_a_replay_differs_and_says_where(
-    spatial: Recording, fitted: Pipeline, make: SimpleNamespace, tmp_path: Path
+def test_replay_leaves_out_and_counts_frames_that_the_node_did_not_see(
+    spatial: Recording, fitted: Pipeline, live: Live
 ) -> None:
-    frames = live_frames(spatial, 20)
-    path = record(tmp_path / 'bag', make, fitted, frames, {6: True, 50: True})
-    (loaded,) = load(path).recordings
-    fresh = load_sensor('reskin_board').pipeline(estimator='ridge').fit(spatial)
-    found = replay(replace(loaded, baselines=()), fresh)
-    assert found.agreement.largest > 1e-6
-    assert found.agreement.worst in STATE_FIELDS
+    replayed = replay(live(live_frames(spatial, 20), {16}, {0, 1, 2, 30, 31}), fitted)
+    assert replayed.agreement.largest <= 1e-12
+    assert replayed.agreement.without_contacts == 5
+    assert not replayed.states.valid[[0, 1, 2, 30, 31]].any()
+    assert '5 frames without contacts were left out' in replayed.problems[0]
 
 
-def test_frames_that_the_node_did_not_see_are_left_out_and_counted(
-    spatial: Recording, fitted: Pipeline, make: SimpleNamespace, tmp_path: Path
+def test_restarted_sensor_is_a_new_stream(
+    spatial: Recording, fitted: Pipeline, live: Live
 ) -> None:
-    frames = live_frames(spatial, 20)
-    unseen = frozenset({0, 1, 2, 30, 31})
-    path = record(tmp_path / 'bag', make, fitted, frames, {16: True}, unseen)
-    (loaded,) = load(path).recordings
-    found = replay(loaded, fitted)
-    assert found.agreement.largest <= 1e-12
-    assert found.agreement.without_contacts == 5
-    assert not found.states.valid[[0, 1, 2, 30, 31]].any()
-    assert '5 frames without contacts were left out' in found.problems[0]
-
-
-def test_a_restarted_sensor_is_a_new_stream(
-    spatial: Recording, fitted: Pipeline, make: SimpleNamespace, tmp_path: Path
-) -> None:
-    first, second = live_frames(spatial, 10), live_frames(spatial, 12)
+    first = live_frames(spatial, 10)
     later = [
         replace(frame, stamp_ns=frame.stamp_ns + 10**11, values=frame.values * 1.01)
-        for frame in second
+        for frame in live_frames(spatial, 12)
     ]
-    tares = {6: True, 50: True, len(first) + 6: True}
-    path = record(tmp_path / 'bag', make, fitted, first + later, tares)
-    (loaded,) = load(path).recordings
+    loaded = live(first + later, {6, 50, len(first) + 6})
     assert len(np.unique(loaded.recording.stream)) == 2
     assert replay(loaded, fitted).agreement.largest <= 1e-12
 
 
-def test_a_calibration_that_is_not_the_bags_is_named(
-    spatial: Recording, fitted: Pipeline, make: SimpleNamespace, tmp_path: Path
-) -> None:
-    path = record(tmp_path / 'bag', make, fitted, live_frames(spatial, 5), {})
-    (loaded,) = load(path).recordings
-    other = load_sensor('reskin_board').pipeline(estimator='ridge')
-    other.fit(spatial.select(slice(0, 600)))
-    found = replay(loaded, other)
-    assert f'the calibration {other.digest[:12]} is not that of the bag' in found.problems[0]
-    assert found.agreement.largest > 0
-
-
-def test_a_recording_with_tare_rows_runs_as_a_batch_and_is_timed(
+def test_recording_with_tare_rows_runs_as_a_batch_and_is_timed(
     spatial: Recording, fitted: Pipeline
 ) -> None:
     clock = count(0, 7_000)
-    found = replay(LoadedRecording('spatial', spatial), fitted, lambda: next(clock))
+    replayed = replay(LoadedRecording('spatial', spatial), fitted, lambda: next(clock))
     batch = fitted.process_batch(spatial)
     for name in STATE_FIELDS:
-        np.testing.assert_array_equal(getattr(found.states, name), getattr(batch, name), name)
-    assert found.agreement is None
-    assert found.us_per_frame == 7.0
-    assert found.us_batch == pytest.approx(7.0 / len(spatial))
-
-
-def test_another_board_is_refused(spatial: Recording, fitted: Pipeline) -> None:
+        np.testing.assert_array_equal(getattr(replayed.states, name), getattr(batch, name), name)
+    assert replayed.agreement is None
+    assert replayed.us_per_frame == 7.0
+    assert replayed.us_batch == pytest.approx(7.0 / len(spatial))
     shear = load_sensor('reskin_board').recordings()['shear']
     with pytest.raises(ValueError, match=r'must have shape \(5, 3\)'):
         replay(LoadedRecording('shear', shear), fitted)
@@ -223,51 +198,34 @@ def test_differences_are_the_largest_of_each_attribute() -> None:
     force = np.arange(12.0).reshape(4, 3)
     one = states(4, force=force)
     other = states(2, force=force[[1, 3]] + np.array([[0, 0, 0], [0, -0.5, 0]]))
-    found = compare(other, np.array([1, 3]), one, 4)
-    assert found.differences['force'] == 0.5
-    assert (found.largest, found.worst) == (0.5, 'force')
-    assert (found.frames, found.without_contacts) == (2, 2)
-    assert found.differences['position'] == 0
-
-
-def test_a_value_that_only_one_side_knows_is_an_infinite_difference() -> None:
-    one = states(2, force=np.zeros((2, 3)))
-    assert compare(states(2), np.array([0, 1]), one, 2).largest == np.inf
-
-
-def test_lists_of_patches_may_have_any_length() -> None:
+    agreement = compare(other, np.array([1, 3]), one, 4)
+    assert agreement.differences['force'] == 0.5
+    assert (agreement.largest, agreement.worst) == (0.5, 'force')
+    assert (agreement.frames, agreement.without_contacts) == (2, 2)
+    assert agreement.differences['position'] == 0
+    # a value that only one side has, and lists of patches of other lengths
+    assert compare(states(4), np.arange(4), one, 4).largest == np.inf
     two = states(1, contacts_id=np.array([[4, -1]]), contacts_position=np.full((1, 2, 3), np.nan))
     one = states(1, contacts_id=np.array([[4]]), contacts_position=np.full((1, 1, 3), np.nan))
-    found = compare(one, np.array([0]), two, 1)
-    assert found.differences['contacts_id'] == 0
-    assert found.differences['contacts_position'] == 0
+    patches = compare(one, np.array([0]), two, 1).differences
+    assert patches['contacts_id'] == patches['contacts_position'] == 0
 
 
 @pytest.mark.parametrize('fails_live', [True, False])
 def test_a_frame_that_fails_costs_itself_alone(
-    fails_live: bool, spatial: Recording, fitted: Pipeline, make: SimpleNamespace, tmp_path: Path,
+    fails_live: bool, spatial: Recording, fitted: Pipeline, live: Live, tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     frames, failing = live_frames(spatial, 30), [0, 20, 21, 100, 329]
     stamps = [frames[row].stamp_ns for row in failing]
-    kind, fresh = type(fitted.estimation), deepcopy(fitted)
-    healthy = kind.estimate
-
-    def estimate(self: object, signals: Signals, memory: object) -> Columns:
-        """Fails when it has changed its memory."""
-        known = healthy(self, signals, memory)
-        if np.isin(signals.stamp_ns, stamps).any():
-            msg = 'Singular matrix'
-            raise np.linalg.LinAlgError(msg)
-        return known
-
+    fresh = deepcopy(fitted)
     if fails_live:
-        monkeypatch.setattr(kind, 'estimate', estimate)
-    path = record(tmp_path / 'bag', make, fitted, frames, {60: True, 200: True})
-    monkeypatch.setattr(kind, 'estimate', estimate)
-    (loaded,) = load(path).recordings
+        fail_at(monkeypatch, fitted, stamps)
+    loaded = live(frames, {60, 200})
+    if not fails_live:
+        fail_at(monkeypatch, fitted, stamps)
     slow = replay(loaded, deepcopy(fresh))
-    (answer,) = evaluate_bag(path, {'c': fresh})[0].answers
+    (answer,) = evaluate_bag(tmp_path / 'bag', {'c': fresh})[0].answers
     said = '5 frames cannot be estimated and count as lost (LinAlgError: Singular matrix)'
     assert said in slow.problems
     assert said in answer.problems
@@ -286,47 +244,40 @@ def plain(spatial: Recording) -> Recording:
     return replace(part, stamp_ns=10**9 + rows * STEP_NS, sequence=rows, stream=0 * rows)
 
 
-def fail_at(monkeypatch: pytest.MonkeyPatch, pipeline: Pipeline, stamps: object) -> list[int]:
-    """Let the estimator fail at frames; rows it saw."""
-    kind, seen = type(pipeline.estimation), []
+def fail_at(monkeypatch: pytest.MonkeyPatch, pipeline: Pipeline, stamps: object) -> None:
+    """Let the estimator fail at frames, when it has changed its memory."""
+    kind = type(pipeline.estimation)
     healthy = kind.estimate
 
     def estimate(self: object, signals: Signals, memory: object) -> Columns:
-        seen.append(len(signals.good))
+        known = healthy(self, signals, memory)
         if np.isin(signals.stamp_ns, stamps).any():
             msg = 'Singular matrix'
             raise np.linalg.LinAlgError(msg)
-        return healthy(self, signals, memory)
+        return known
 
     monkeypatch.setattr(kind, 'estimate', estimate)
-    return seen
 
 
-def test_a_frame_that_fails_costs_itself_alone_without_a_live_run_too(
+def test_frame_that_fails_costs_itself_alone_without_a_live_run_too(
     spatial: Recording, fitted: Pipeline, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recording, failing = plain(spatial), [1, 21, 101, 103, 329]  # touches
     others = np.setdiff1d(np.arange(len(recording)), failing)
     wanted = fitted.process_batch(recording).position[others]
     fail_at(monkeypatch, fitted, recording.stamp_ns[failing])
-    found = replay(LoadedRecording('plain', recording), fitted)
+    replayed = replay(LoadedRecording('plain', recording), fitted)
     said = '5 frames cannot be estimated and count as lost (LinAlgError: Singular matrix)'
-    assert found.problems == (said,)
-    assert np.flatnonzero(~found.states.valid).tolist() == failing
-    assert (found.states.taxel_status[failing] & TaxelStatus.ERROR).all()
+    assert replayed.problems == (said,)
+    assert np.flatnonzero(~replayed.states.valid).tolist() == failing
+    assert (replayed.states.taxel_status[failing] & TaxelStatus.ERROR).all()
     assert np.isfinite(wanted[:, 0]).sum() > 100
-    np.testing.assert_allclose(found.states.position[others], wanted, rtol=0, atol=1e-12)
-    assert np.isfinite(found.us_per_frame)
-
-
-def test_where_every_frame_fails_all_are_lost_and_other_boards_are_refused(
-    spatial: Recording, fitted: Pipeline, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    recording = plain(spatial)
+    np.testing.assert_allclose(replayed.states.position[others], wanted, rtol=0, atol=1e-12)
+    assert np.isfinite(replayed.us_per_frame)
     fail_at(monkeypatch, fitted, recording.stamp_ns)
-    found = replay(LoadedRecording('plain', recording), fitted)
-    assert found.problems[0].startswith('330 frames cannot be estimated')
-    assert not found.states.valid.any()
+    replayed = replay(LoadedRecording('plain', recording), fitted)
+    assert replayed.problems[0].startswith('330 frames cannot be estimated')
+    assert not replayed.states.valid.any()
     with pytest.raises(ValueError, match='received Bx, By, Bz in count'):
         fitted.process_batch(replace(recording, layout=replace(recording.layout, unit='count')))
 
@@ -637,50 +588,41 @@ def test_frames_of_which_something_is_wrong_do_not_hide_a_tare(what: str, back: 
     assert np.abs(serving(found) - levels)[:, usable].max() < 2e-7
 
 
-def test_a_frame_that_the_node_never_heard_hides_no_tare() -> None:
+def test_frame_that_the_node_never_heard_hides_no_tare() -> None:
     recording, before = presses(0)
-    found, told = with_tare_rows(lived(recording, before, tuple((before - 4).tolist())))
-    assert not told
-    assert len(serving(found)) == PRESSES
+    tared, sentence = with_tare_rows(lived(recording, before, tuple((before - 4).tolist())))
+    assert not sentence
+    assert len(serving(tared)) == PRESSES
 
 
-def test_a_tare_under_load_is_no_rest_and_is_told() -> None:
+@pytest.mark.parametrize('always', [False, True], ids=['force', 'all and an offset'])
+def test_tare_under_load_is_no_rest(always: bool) -> None:
     recording, before = presses(0)
+    if always:  # truth that is always there says nothing of a touch
+        count = len(recording)
+        force = recording.truth['force'] + [0.05, 0.0, 0.08]  # a load cell's own offset, and noise
+        force[:, 2] += np.random.default_rng(3).normal(0, 0.03, count)
+        truth = {'position': np.zeros((count, 3)), 'label': np.ones(count, int), 'force': force}
+        recording = replace(recording, truth=truth)
     also = np.append(before, before[3] + LONG // 2)
-    found, told = with_tare_rows(lived(recording, also))
-    assert told == '12 of 13 tares tell when nothing touched; 1 under load'
-    assert np.count_nonzero(found.tare) == PRESSES * TARED
+    tared, sentence = with_tare_rows(lived(recording, also))
+    assert sentence == '12 of 13 tares tell when nothing touched; 1 under load'
+    assert np.count_nonzero(tared.tare) == PRESSES * TARED
+    tared, sentence = with_tare_rows(lived(recording, before + LONG // 2))
+    assert tared.tare is None
+    assert sentence.endswith('12 under load')
 
 
-def test_a_baseline_of_frames_that_are_not_in_the_bag_is_no_rest() -> None:
+def test_baselines_of_other_frames_and_recordings_with_tare_rows_change_nothing() -> None:
     recording, before = presses(0)
     run = lived(recording, before)
     others = tuple(replace(b, stamp_ns=1) for b in run.baselines)
-    found, told = with_tare_rows(replace(run, baselines=others))
-    assert found.tare is None
-    assert told.startswith('0 of 12 tares tell when nothing touched; 12 of frames that are not in')
+    tared, sentence = with_tare_rows(replace(run, baselines=others))
+    assert tared.tare is None
+    assert sentence.startswith('0 of 12 tares tell when nothing touched; 12 of frames that are')
     assert with_tare_rows(LoadedRecording('x', recording)) == (recording, '')
-
-
-def test_what_has_tare_rows_stays() -> None:
-    recording, before = presses(0)
-    known = replace(recording, tare=np.isin(np.arange(len(recording)), before))
-    assert with_tare_rows(replace(lived(recording, before), recording=known))[0] is known
-
-
-def test_truth_that_is_always_there_puts_no_tare_under_load() -> None:
-    recording, before = presses(0)
-    count = len(recording)
-    force = recording.truth['force'] + [0.05, 0.0, 0.08]  # a load cell's own offset, and noise
-    force[:, 2] += np.random.default_rng(3).normal(0, 0.03, count)
-    always = {'position': np.zeros((count, 3)), 'label': np.ones(count, int), 'force': force}
-    run = lived(replace(recording, truth=always), np.append(before, before[3] + LONG // 2))
-    found, told = with_tare_rows(run)
-    assert told == '12 of 13 tares tell when nothing touched; 1 under load'
-    assert np.count_nonzero(found.tare) == PRESSES * TARED
-    mid = with_tare_rows(lived(replace(recording, truth=always), before + LONG // 2))
-    assert mid[0].tare is None
-    assert mid[1].endswith('12 under load')
+    rested = replace(recording, tare=np.isin(np.arange(len(recording)), before))
+    assert with_tare_rows(replace(run, recording=rested))[0] is rested
 
 
 def test_a_press_between_two_frames_of_a_tare_is_no_rest() -> None:
