@@ -43,3 +43,8 @@ class RecordingError(TactileError):
 
 class MissingPackageError(TactileError):
     """An optional package is not installed; the sentence says how to install it."""
+
+
+def plain(text: str) -> str:
+    """Text whose control characters, such as those that colour a terminal, are spelled out."""
+    return ''.join(c if c.isprintable() or c in '\n\t' else repr(c)[1:-1] for c in text)

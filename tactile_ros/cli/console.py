@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.errors import RecordingError, TactileError
+from tactile_ros.errors import RecordingError, TactileError, plain
 from tactile_ros.evaluation.figures import check_png
 from tactile_ros.evaluation.recording_files import LoadedRecording, load
 from tactile_ros.files import read_yaml, refuse_special
@@ -59,7 +59,7 @@ def figure(value: Cell) -> str:
         return '-'
     if isinstance(value, float):
         return f'{value:.3g}' if abs(value) < 1000 else f'{value:.0f}'
-    return str(value)
+    return plain(str(value))
 
 
 def as_objects(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> list[dict[str, Cell]]:

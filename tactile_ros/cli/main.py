@@ -8,7 +8,7 @@ import os
 import sys
 
 from tactile_ros import __version__
-from tactile_ros.errors import TactileError
+from tactile_ros.errors import TactileError, plain
 
 COMMANDS = (
     'list', 'doctor', 'demo', 'calibrate', 'enrol', 'record', 'replay', 'report', 'view',
@@ -50,11 +50,11 @@ def complete(top: argparse.ArgumentParser) -> None:
 
 
 def sentence(error: Exception) -> str:
-    """What went wrong, without the number that the system gives it."""
+    """Error in words, without the number that the system gives it, harmless to a terminal."""
     if isinstance(error, OSError) and error.strerror:
         named = [str(name) for name in (error.filename, error.filename2) if name]
-        return ': '.join([*named, error.strerror])
-    return str(error)
+        return plain(': '.join([*named, error.strerror]))
+    return plain(str(error))
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -65,6 +65,9 @@ def main(arguments: list[str] | None = None) -> int:
     int
         0 done, 1 failed, 2 wrong use, 130 interrupted, 141 nobody reads what it prints.
     """
+    if sys.stdout is None:
+        print('tactile: standard output is closed', file=sys.stderr)
+        return FAILED
     top = parser()
     complete(top)
     options, unknown = top.parse_known_args(arguments)
@@ -81,7 +84,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f'tactile {options.command}: {sentence(error)}', file=sys.stderr)
         return FAILED
     except ValueError as error:
-        print(f'tactile {options.command}: {error}', file=sys.stderr)
+        print(f'tactile {options.command}: {sentence(error)}', file=sys.stderr)
         return WRONG_USE
     except KeyboardInterrupt:
         print('tactile: interrupted', file=sys.stderr)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from tactile_ros.cli import interruptible
 from tactile_ros.cli.console import refuse_unwritable
-from tactile_ros.errors import RecordingError, TactileError
+from tactile_ros.errors import RecordingError, TactileError, plain
 from tactile_ros.evaluation.recording_files import load
 from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.processes import Running
@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
     refuse_unwritable(options.output)
     bag = str(options.output.resolve())
     process = Process('record', {'bag': bag}, options.namespace)
-    with Running(Graph((process,)), hear=lambda _, line: print(line)) as running:
+    with Running(Graph((process,)), hear=lambda _, line: print(plain(line))) as running:
         try:
             with interruptible():
                 wait(running, options.output, options.seconds)

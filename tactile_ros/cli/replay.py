@@ -10,12 +10,13 @@ example:
 
 from __future__ import annotations
 
-import math
+import argparse
 import os
 import shlex
 import sys
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,18 +35,18 @@ from tactile_ros.evaluation.report import Dataset, Result, environment, for_draw
 from tactile_ros.evaluation.truth import DEFAULT_TRUTH
 
 if TYPE_CHECKING:
-    import argparse
-
     from tactile_ros.evaluation.fleet import Outcome
     from tactile_ros.evaluation.recording_files import LoadedRecording
     from tactile_ros.pipeline import Pipeline
 
+MOST_S = 86_400  # of a time beside recordings
 
-def seconds(text: str) -> float:
+
+def seconds(text: str, low: float = -MOST_S) -> float:
     """A time of the command line (s)."""
     value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(text)
+    if not low <= value <= MOST_S:
+        raise argparse.ArgumentTypeError(f'must be {low:g} to {MOST_S} s; received {text}')
     return value
 
 
@@ -58,8 +59,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument('--truth', action='append', default=[], help='topic that tells the truth')
     parser.add_argument(
-        '--tolerance', type=seconds, help='of truth by time (s); default: half a step'
-    )
+        '--tolerance', type=partial(seconds, low=0.0),
+        help='of truth by time (s); default: half a step',
+    )  # fmt: skip
     parser.add_argument(
         '--delay', type=seconds, help='of truth on topics of its own (s); default: estimated'
     )

@@ -8,6 +8,7 @@ from __future__ import annotations
 import atexit
 import json
 import math
+import re
 import shutil
 import sys
 import tempfile
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 PACKAGE = 'tactile_ros'
 PORT = '/dev/ttyACM0'
 SIMULATED_PORT = 'board'
+NAMESPACE = re.compile(r'/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*/?)?', re.ASCII)
+MOST_CHARACTERS = 200
 
 Value = bool | int | float | str | list[float] | list[str]
 SOURCES = ('hardware', 'recorded', 'simulated')
@@ -52,6 +55,15 @@ class Process:
     namespace: str = ''
     remappings: Mapping[str, str] = field(default_factory=dict)
     params_file: str = ''
+
+    def __post_init__(self) -> None:
+        """Refuse a namespace that ROS would not take."""
+        if not NAMESPACE.fullmatch(self.namespace) or len(self.namespace) > MOST_CHARACTERS:
+            msg = (
+                f'namespace must be at most {MOST_CHARACTERS} letters, digits and _ parted by /, '
+                f'no digit first; received {self.namespace[:60]!r}'
+            )
+            raise ValueError(msg)
 
     @property
     def nodes(self) -> tuple[str, ...]:

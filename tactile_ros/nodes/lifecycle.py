@@ -328,7 +328,9 @@ def run(
         signal.signal(number, stop)
     try:
         nodes += build()
-    except (TactileError, ValueError, ParameterException, InvalidParameterValueException) as err:
+    except (  # RuntimeError: what rcl refuses, such as a name
+        TactileError, ValueError, RuntimeError, ParameterException, InvalidParameterValueException,
+    ) as err:  # fmt: skip
         rclpy.logging.get_logger('tactile_ros').fatal(str(err))
         try_shutdown()
         return 2

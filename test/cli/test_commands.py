@@ -396,6 +396,32 @@ def test_nobody_reads_what_is_printed() -> None:
         assert process.wait() == 141
 
 
+def test_main_says_in_a_sentence_that_standard_output_is_closed() -> None:
+    code = 'import sys; from tactile_ros.cli.main import main; sys.exit(main(["list"]))'
+    done = subprocess.run(
+        ['/bin/sh', '-c', f"{sys.executable} -c '{code}' >&-"], capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (1, 'tactile: standard output is closed\n')
+
+
+def test_main_spells_control_characters_out(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['calibrate', 'reskin_board', 'a\x1b[31mb', '-o', 'x.npz']) == 1
+    assert capsys.readouterr().err.startswith('tactile calibrate: a\\x1b[31mb does not exist')
+
+
+@pytest.mark.parametrize('namespace', ['../x', 'a\x1b[31mb', 'a' * 5000, '1a', 'a b'])
+def test_record_refuses_a_namespace_that_ros_would_not_take(
+    namespace: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['record', '-o', str(tmp_path / 'bag'), '--namespace', namespace]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith('tactile record: namespace must be at most 200 letters')
+    assert '\x1b' not in said
+    assert len(said) < 250
+    assert not (tmp_path / 'bag').exists()
+
+
 def test_a_report_without_anything_to_draw_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

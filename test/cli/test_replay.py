@@ -113,9 +113,12 @@ def test_the_installed_command_works_in_processes(folder: Path, tmp_path: Path) 
     assert '[2/2]' in done.stderr
 
 
-def test_a_time_that_is_none_is_wrong_use(folder: Path) -> None:
+@pytest.mark.parametrize(
+    'words', [('--tolerance', 'nan'), ('--tolerance', '-1'), ('--delay', '1e300')]
+)
+def test_replay_refuses_a_time_that_cannot_be(folder: Path, words: tuple[str, str]) -> None:
     with pytest.raises(SystemExit) as stopped:
-        main(['replay', 'x', '--calibration', str(folder / 'a.npz'), '--tolerance', 'nan'])
+        main(['replay', 'x', '--calibration', str(folder / 'a.npz'), *words])
     assert stopped.value.code == 2
 
 
