@@ -468,99 +468,52 @@ def _correlation(unit: Array) -> Array:
 
 
 class GainVariance:
-    """Standard deviation of the gain of an unseen run about that of the fit.
+    """Variance of the gain of an unseen run about that of the fit.
 
     Parameters
     ----------
     prior : float
-        Standard deviation of the gain between runs before any was seen.
-    weight : float
-        How many runs the prior counts for.
-
-    Attributes
-    ----------
-    spread_ : float
-        Standard deviation of the gain of an unseen run about that of a fit on all runs.
+        Standard deviation of the gain between runs before any was recorded; it counts as one run.
 
     Examples
     --------
     >>> force = np.array([[1.0], [2.0], [1.0], [2.0]])
-    >>> said = force * np.array([[1.1], [1.1], [0.9], [0.9]])
-    >>> spread = GainVariance(prior=0.1).fit(said, force, np.array([0, 0, 1, 1]))
-    >>> round(spread.spread_, 3), spread.covariance(np.array([[10.0]])).round(3).tolist()
+    >>> predicted = force * np.array([[1.1], [1.1], [0.9], [0.9]])
+    >>> gain = GainVariance(prior=0.1).fit(predicted, force, np.array([0, 0, 1, 1]))
+    >>> round(gain.spread_, 3), gain.covariance(np.array([[10.0]]), None).round(3).tolist()
     (0.1, [[[1.0]]])
     """
 
-    spread_: float
-    runs_: int  # runs that were seen
+    spread_: float  # standard deviation of the gain of an unseen run about that of the fit
 
-    def __init__(self, prior: float = 0.025, weight: float = 1.0) -> None:
+    def __init__(self, prior: float = 0.025) -> None:
         self.prior = prior
-        self.weight = weight
 
-    def fit(
-        self, predictions: Array, y: Array, runs: Integers, presses: Integers | None = None
-    ) -> GainVariance:
-        """Learn from predictions of runs by estimators that had not seen them.
+    def fit(self, predictions: Array, y: Array, runs: Integers) -> GainVariance:
+        """Learn from predictions (s, k) of targets of runs (s,) that the estimator had not seen.
 
-        Parameters
-        ----------
-        predictions, y : ndarray, shape (s, k)
-            Predictions and targets; rows that are not finite are left out.
-        runs : ndarray of int, shape (s,)
-            Run of each row; with one run only nothing is learned and the prior stays.
-        presses : ndarray of int, shape (s,), or None
-            Presses, each with a gain of its own; None: one gain for each run.
+        Of one run only the prior is known.
         """
-        said, told = as_shape('predictions', predictions, (-1, -1)), as_shape('y', y, (-1, -1))
-        keep = np.isfinite(said).all(axis=1) & np.isfinite(told).all(axis=1)
-        names = np.unique(runs[keep])
-        pressed = runs if presses is None else presses
-        squares = [
-            _deviation(said[rows], told[rows], pressed[rows])
-            for rows in (keep & (runs == name) for name in names)
-        ]
-        self.runs_ = len(names)
-        variance = self.prior**2
-        if self.runs_ > 1:
-            between = np.array(squares) / (1 + 1 / (self.runs_ - 1))
-            total = self.weight * variance + float(between.sum())
-            variance = total / (self.weight + self.runs_)
-        self.spread_ = float(np.sqrt(variance * (1 + 1 / max(self.runs_, 1))))
+        gains = []
+        for run in np.unique(runs):
+            load, own = y[runs == run], predictions[runs == run]
+            gains.append(float((own * load).sum() / max((load * load).sum(), 1e-300)))
+        variance, count = self.prior**2, len(gains)
+        if count > 1:
+            between = (np.array(gains) - 1) ** 2 / (1 + 1 / (count - 1))
+            variance = float(variance + between.sum()) / (1 + count)
+        self.spread_ = math.sqrt(variance * (1 + 1 / max(count, 1)))
         return self
 
-    def covariance(self, mean: Array, share: Array | None = None) -> Array:
-        """Covariance of the error of predictions by their unknown gain.
+    def covariance(self, mean: Array, share: Array | None) -> Array:
+        """Covariance (s, k, k) that an unknown gain leaves in predictions (s, k).
 
-        Parameters
-        ----------
-        mean : ndarray, shape (s, k)
-            Predictions.
-        share : ndarray, shape (s,), or None
-            Share of the variance of the gain that is unknown, 0 in a run that was learned from;
-            None: all of it.
-
-        Returns
-        -------
-        ndarray, shape (s, k, k)
-            To be added to the covariance within runs (unit of the predictions, squared).
+        Of the variance of the gain a share (s,) is unknown; None: all of it.
         """
         fitted(self, 'spread_')
         size = self.spread_ * mean
         cells = size[:, :, None] * size[:, None, :]
         return cells if share is None else cells * share[:, None, None]
-
-
-def _deviation(said: Array, told: Array, presses: Integers) -> float:
-    """Mean square of gain less one over the presses of a run, by the load they carried."""
-    _, press = np.unique(presses, return_inverse=True)
-    load = np.bincount(press.reshape(-1), (told**2).sum(axis=1))
-    answer = np.bincount(press.reshape(-1), (said * told).sum(axis=1))
-    loaded = load > 1e-6 * load.max(initial=0.0)
-    if not loaded.any():
-        return 0.0
-    error = answer[loaded] / load[loaded] - 1
-    return float((load[loaded] * error**2).sum() / load[loaded].sum())
 
 
 Pieces = tuple[Array, Array, Array, Array]

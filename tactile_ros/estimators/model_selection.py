@@ -22,15 +22,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
 
-@runtime_checkable
-class Sketched(Protocol):
-    """An estimator that can be tried out by a cheaper one, which errs slightly more."""
-
-    def sketch(self) -> Estimator:
-        """The cheaper one, not fitted."""
-        ...
-
-
 @dataclass(frozen=True)
 class Selection:
     """Outcome of a choice, with what the winner said about rows that it had not seen.
@@ -40,8 +31,7 @@ class Selection:
     errors : dict of str to float
         Root mean square length of the error of each candidate on held-out rows (unit of y).
     predictions : ndarray, shape (s, k)
-        What the winner, or its sketch where it has one, said about them when its training had
-        none of their group.
+        What the winner said about them when its training had none of their group.
     """
 
     name: str  # of the winner
@@ -122,8 +112,7 @@ def _unseen(candidate: Estimator, rows: TrainingRows, held: Integers) -> Array:
     # so does a single row: then the held row itself is used
     seen[held] = len(held) == len(seen)
     known = rows.take(seen)
-    trial = candidate.sketch() if isinstance(candidate, Sketched) else copy.deepcopy(candidate)
-    return trial.fit(known.x, known.y, known.groups).predict(rows.x[held])
+    return copy.deepcopy(candidate).fit(known.x, known.y, known.groups).predict(rows.x[held])
 
 
 FOLDS = 8

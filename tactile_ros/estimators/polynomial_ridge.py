@@ -19,11 +19,20 @@ from tactile_ros.estimators.regression import (
     group_folds,
     held_out_each,
     ridge_weights,
-    standardised,
     training_rows,
 )
 from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Integers, as_shape
+
+
+@compiled
+def standardised(x: Array, mean: Array, gain: Array, low: Array, high: Array, z: Array) -> bool:
+    """Features (d,) over their spreads, held inside what was seen; False where one is missing."""
+    for i in range(len(x)):
+        if not math.isfinite(x[i]):
+            return False
+        z[i] = min(max((x[i] - mean[i]) * gain[i], low[i]), high[i])
+    return True
 
 
 @compiled

@@ -1,26 +1,34 @@
-"""Ridge regression, standardised features, held-out groups: what all regressors share.
+"""Generic regressors: polynomial ridge, kernel ridge, perceptrons; rows and held-out groups.
 
-Anchor regression (Rothenhaeusler, Meinshausen, Buehlmann and Peters, J. R. Stat. Soc. B 83, 2021)
-weighs what the residuals of a whole group have in common more than what varies within the group:
-a fit that leaves nothing in common to the presses it has seen, such as a gain of each press, errs
-less on presses of a skin whose state has moved on.
+What is fitted are plain arrays, evaluated by numpy. They are our own where a bench measures that
+it pays: anchored kernel ridge on loads of an unseen run (0.31 N against 0.40 N of the plain one),
+and an ensemble of perceptrons that minimises the length of the error rather than its square, on
+places between those that were touched (0.35 mm against 0.61 mm of scikit-learn's).
+
+Sources: A. E. Hoerl and R. W. Kennard, Ridge regression, Technometrics 12 (1970). A. J. Smola and
+P. Bartlett, Sparse greedy Gaussian process regression, NIPS 2001 (subset of regressors). D.
+Rothenhaeusler et al., Anchor regression, J. R. Stat. Soc. B 83 (2021). L. K. Hansen and P.
+Salamon, Neural network ensembles, IEEE TPAMI 12 (1990). D. P. Kingma and J. Ba, Adam, ICLR 2015.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.errors import NotCalibratedError
-from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Bools, Estimator, Integers, as_shape
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator, Sequence
+
+    import numpy.typing as npt
+
+    Single = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -132,16 +140,6 @@ def fitted(estimator: object, attribute: str) -> None:
 SPREAD_FLOOR = 1e-9
 
 
-@compiled
-def standardised(x: Array, mean: Array, gain: Array, low: Array, high: Array, z: Array) -> bool:
-    """Features (d,) over their spreads, held inside what was seen; False where one is missing."""
-    for i in range(len(x)):
-        if not math.isfinite(x[i]):
-            return False
-        z[i] = min(max((x[i] - mean[i]) * gain[i], low[i]), high[i])
-    return True
-
-
 class Standardisation:
     """Mean and spread of columns; a column that was constant in the fit counts for nothing.
 
@@ -167,13 +165,6 @@ class Standardisation:
         moves = spread > SPREAD_FLOOR * np.abs(x).max(axis=0)
         self.spread_ = np.where(moves, spread, 0.0)
         self.gain_ = np.where(moves, 1 / np.where(moves, spread, 1.0), 0.0)
-        return self
-
-    def share_spread(self) -> Standardisation:
-        """Give all columns the root mean square of their spreads; return itself."""
-        common = float(np.sqrt((self.spread_**2).mean()))
-        self.spread_ = np.full_like(self.spread_, common)
-        self.gain_ = np.full_like(self.spread_, 1 / common if common > 0 else 0.0)
         return self
 
     def __call__(self, x: Array) -> Array:
@@ -212,10 +203,6 @@ def group_folds(groups: Integers, folds: int, seed: int) -> Integers:
     order = np.random.default_rng(seed).permutation(len(sizes))
     order = order[np.argsort(-sizes[order], kind='stable')]
     folds = max(1, min(folds, len(sizes)))
-    if sizes.min() == sizes.max():
-        fold = np.empty(len(sizes), np.int64)
-        fold[order] = np.arange(len(sizes)) % folds
-        return np.asarray(fold[groups])
     load, fold = np.zeros(folds, np.int64), np.zeros(len(sizes), np.int64)
     for group in order:
         fold[group] = int(np.argmin(load))
@@ -252,26 +239,74 @@ class ColumnSelector:
         return self.estimator.predict(x[:, self.columns])
 
 
-STRENGTHS = 10.0 ** np.arange(-7, 3)
+STRENGTHS = tuple(10.0**power for power in range(-7, 3))
+KERNEL_STRENGTHS = tuple(10.0**power for power in range(-7, -1))
+MOST_TERMS = 600
+FOLDS = 5
+LEAST_SHARE = 1e-10  # of the largest eigenvalue
+BLOCK = 256  # rows that stay in the cache
+
+
+def held_out_each(terms: Array, target: Array, fold: Integers, strengths: Array) -> Array:
+    """Sum of squared errors on held-out folds for each penalty per row and each component.
+
+    The eigenvectors of the normal matrix serve every penalty (Golub, Heath and Wahba,
+    Technometrics 21, 1979), and the matrix without a fold is the whole one less that fold's.
+
+    Parameters
+    ----------
+    terms, target : ndarray, shapes (s, p) and (s, k)
+        Centred.
+    fold : ndarray of int, shape (s,)
+        Fold of each row; with one fold only, the errors are those of the fit.
+    strengths : ndarray, shape (n,)
+        Penalties.
+
+    Returns
+    -------
+    ndarray, shape (n, k)
+        Sums over rows (unit of the target, squared).
+    """
+    gram, moment = terms.T @ terms, terms.T @ target
+    squares = np.zeros((len(strengths), target.shape[1]))
+    names = np.unique(fold)
+    for name in names:
+        held, answer = terms[fold == name], target[fold == name]
+        out = float(len(names) > 1)
+        value, vector = np.linalg.eigh(gram - out * held.T @ held)
+        right = vector.T @ (moment - out * held.T @ answer)
+        left, projected = len(terms) - out * len(held), held @ vector
+        for i, strength in enumerate(strengths):
+            damped = right / (np.maximum(value, 0.0) + strength * left)[:, None]
+            squares[i] += ((projected @ damped - answer) ** 2).sum(axis=0)
+    return squares
+
+
+def best_strength(
+    terms: Array, target: Array, fold: Integers, strengths: Sequence[float]
+) -> float:
+    """Penalty per row that errs least on held-out folds; the middle one of a single fold."""
+    if len(strengths) == 1 or (fold == fold[0]).all():
+        return float(strengths[len(strengths) // 2])
+    squares = held_out_each(terms, target, fold, np.array(strengths)).sum(axis=1)
+    return float(strengths[int(np.argmin(squares))])
+
+
+def ridge_weights(terms: Array, target: Array, strength: float) -> Array:
+    """Weights (p, k) of centred terms (s, p) for centred targets (s, k) at a penalty per row."""
+    value, vector = np.linalg.eigh(terms.T @ terms)
+    damped = np.maximum(value, 0.0) + strength * len(terms)
+    return np.asarray(vector @ ((vector.T @ (terms.T @ target)) / damped[:, None]))
 
 
 class Ridge:
     """Polynomial of first or second order with a penalty on the squares of its weights.
 
-    [3] fits forces by all second-order products of its features; ridge (Hoerl and Kennard,
-    Technometrics 12, 1970) keeps such a fit apart from collinear terms.
-
     Parameters
     ----------
     degree : int
-        1 or 2. The second order is left out where it would need more than `most_terms` terms
-        or more terms than there are rows.
-    most_terms : int
-        Largest number of terms.
-    folds : int
-        Folds of held-out groups on which the strength is chosen.
-    seed : int
-        Of the folds.
+        1 or 2. The second order is left out where it would need more than 600 terms or more
+        terms than there are rows.
 
     Examples
     --------
@@ -287,30 +322,22 @@ class Ridge:
     weights_: Array  # (p, k) of the terms (unit of y)
     level_: Array  # (k,) mean of y
 
-    def __init__(
-        self, degree: int = 2, most_terms: int = 600, folds: int = 5, seed: int = 0
-    ) -> None:
+    def __init__(self, degree: int = 2) -> None:
         self.degree = degree
-        self.most_terms = most_terms
-        self.folds = folds
-        self.seed = seed
 
     def fit(self, x: Array, y: Array, groups: Integers | None = None) -> Ridge:
         """Learn from features (s, d), targets (s, k) and groups (s,); see `Estimator`."""
         rows = training_rows(x, y, groups)
         self.scale_ = Standardisation().fit(rows.x)
         width = rows.x.shape[1]
-        second = width * (width + 3) // 2
-        affordable = second <= min(self.most_terms, len(rows.x))
+        affordable = width * (width + 3) // 2 <= min(MOST_TERMS, len(rows.x))
         self.degree_ = self.degree if affordable else 1
         raw = polynomial(self.scale_(rows.x), self.degree_)
         self.terms_ = Standardisation().fit(raw)
         terms, self.level_ = self.terms_(raw), np.asarray(rows.y.mean(axis=0))
-        target = rows.y - self.level_
-        fold = group_folds(rows.groups, self.folds, self.seed)
-        self.strength_ = best_strength(terms, target, fold)
-        penalty = self.strength_ * len(terms) * np.eye(terms.shape[1])
-        self.weights_ = np.asarray(np.linalg.solve(terms.T @ terms + penalty, terms.T @ target))
+        fold = group_folds(rows.groups, FOLDS, 0)
+        self.strength_ = best_strength(terms, rows.y - self.level_, fold, STRENGTHS)
+        self.weights_ = ridge_weights(terms, rows.y - self.level_, self.strength_)
         return self
 
     def predict(self, x: Array) -> Array:
@@ -319,8 +346,7 @@ class Ridge:
         return predict_rows(x, len(self.scale_.mean_), self._answer)
 
     def _answer(self, x: Array) -> Array:
-        terms = self.terms_(polynomial(self.scale_(x), self.degree_))
-        return terms @ self.weights_ + self.level_
+        return self.terms_(polynomial(self.scale_(x), self.degree_)) @ self.weights_ + self.level_
 
 
 def polynomial(z: Array, degree: int) -> Array:
@@ -343,148 +369,319 @@ def _pairs(width: int) -> tuple[Integers, Integers]:
     return np.triu_indices(width)
 
 
-def best_strength(terms: Array, target: Array, fold: Integers) -> float:
-    """Penalty per row with the least squared error on held-out folds.
+class KernelRidge:
+    """Gaussian bumps at a few training samples and a plane, with a penalty on both.
+
+    The samples are the ones farthest from each other. Between samples the bumps bend the answer;
+    beyond them the plane continues it. The features are not standardised one by one: where they
+    have one unit and much the same noise, as the channels of one sensor have, that would raise
+    the noise of those that carry no signal.
 
     Parameters
     ----------
-    terms : ndarray, shape (s, p)
-        Standardised terms.
-    target : ndarray, shape (s, k)
-        Centred targets.
-    fold : ndarray of int, shape (s,)
-        Fold of each row.
+    samples : int
+        Largest number of inducing samples.
+    length : float
+        Width of the bumps, in root mean square lengths of the features.
+    linear : float
+        Variance of the plane, relative to that of the bumps.
+    strengths : tuple of float
+        Penalties per row to choose from on held-out groups.
+    common : float
+        Weight of what the errors of a whole group have in common, a level and a gain, against
+        what varies within the group (anchor regression); above 1 for groups that a later one
+        continues, whose gain differs.
 
-    Returns
-    -------
-    float
-        One of `STRENGTHS`; the middle of them where there is one fold only.
-    """
-    names = np.unique(fold)
-    if len(names) < 2:
-        return float(STRENGTHS[len(STRENGTHS) // 2])
-    gram, moment = terms.T @ terms, terms.T @ target
-    squares = np.zeros(len(STRENGTHS))
-    for name in names:
-        out = fold == name
-        held, answer = terms[out], target[out]
-        value, vector = np.linalg.eigh(gram - held.T @ held)
-        right = vector.T @ (moment - held.T @ answer)
-        projected = held @ vector
-        for i, strength in enumerate(STRENGTHS):
-            damped = np.maximum(value, 0)[:, None] + strength * (len(terms) - len(held))
-            squares[i] += float(((projected @ (right / damped) - answer) ** 2).sum())
-    return float(STRENGTHS[int(np.argmin(squares))])
-
-
-def held_out_squares(
-    terms: Array, target: Array, fold: Integers, strengths: Array,
-    weighed: tuple[Array, Array] | None = None,
-) -> Array:  # fmt: skip
-    """Sum of squared errors on held-out folds for each penalty, as `held_out_each` has them.
-
-    The eigenvectors of the normal matrix serve every penalty (Golub, Heath and Wahba,
-    Technometrics 21, 1979), and the matrix without a fold is the whole one less that fold's.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Sums over rows and components (unit of the target, squared).
-    """
-    return np.asarray(held_out_each(terms, target, fold, strengths, weighed).sum(axis=1))
-
-
-def held_out_each(
-    terms: Array, target: Array, fold: Integers, strengths: Array,
-    weighed: tuple[Array, Array] | None = None,
-) -> Array:  # fmt: skip
-    """Sum of squared errors on held-out folds for each penalty and component.
-
-    Parameters
+    Attributes
     ----------
-    terms : ndarray, shape (s, p)
-        Centred terms.
-    target : ndarray, shape (s, k)
-        Centred targets.
-    fold : ndarray of int, shape (s,)
-        Fold of each row; with one fold only, the errors are those of the fit.
-    strengths : ndarray, shape (n,)
-        Penalties per row on the squares of the weights.
-    weighed : tuple of ndarray, shapes (s, p) and (s, k), or None
-        Terms and targets of the fit where they differ from those that are judged.
-
-    Returns
-    -------
-    ndarray, shape (n, k)
-        Sums over rows (unit of the target, squared).
-    """
-    learned, told = (terms, target) if weighed is None else weighed
-    gram, moment = learned.T @ learned, learned.T @ told
-    squares = np.zeros((len(strengths), target.shape[1]))
-    names = np.unique(fold)
-    for name in names:
-        out = fold == name
-        held, answer = terms[out], target[out]
-        left = len(terms) - len(held) * (len(names) > 1)
-        apart = (gram - learned[out].T @ learned[out], moment - learned[out].T @ told[out])
-        value, vector, right = _spectrum(*(apart if len(names) > 1 else (gram, moment)))
-        projected = held @ vector
-        for i, strength in enumerate(strengths):
-            damped = right / (value + strength * left)[:, None]
-            squares[i] += ((projected @ damped - answer) ** 2).sum(axis=0)
-    return squares
-
-
-def ridge_weights(terms: Array, target: Array, strength: float) -> Array:
-    """Weights (p, k) of centred terms (s, p) for centred targets (s, k) at a penalty per row."""
-    value, vector, right = _spectrum(terms.T @ terms, terms.T @ target)
-    return np.asarray(vector @ (right / (value + strength * len(terms))[:, None]))
-
-
-def _spectrum(gram: Array, moment: Array) -> tuple[Array, Array, Array]:
-    """Eigenvalues, eigenvectors, and the moments along them."""
-    value, vector = np.linalg.eigh(gram)
-    return np.maximum(value, 0.0), vector, vector.T @ moment
-
-
-def center_by_group(
-    terms: Array, target: Array, groups: Integers, load: Array, weight: float
-) -> tuple[Array, Array]:
-    """Scale what the rows of each group have in common: a level, and a slope along the load.
-
-    Parameters
-    ----------
-    terms : ndarray, shape (s, p)
-        Terms of a linear regression.
-    target : ndarray, shape (s, k)
-        Its targets.
-    groups : ndarray of int, shape (s,)
-        Groups, such as presses.
-    load : ndarray, shape (s,)
-        What a gain multiplies, of order one.
-    weight : float
-        Weight of the squares of the common part; 1 changes nothing.
-
-    Returns
-    -------
-    terms, target : ndarray, shapes (s, p), (s, k)
-        Rows whose plain least squares are those of the anchored regression.
+    gain_ : ndarray, shape (d,)
+        One over the width of the bumps (one over the unit of the features); 0 for features that
+        were constant.
 
     Examples
     --------
-    >>> ones, group = np.ones((2, 1)), np.zeros(2, np.int64)
-    >>> center_by_group(ones, np.array([[0.0], [2.0]]), group, np.zeros(2), 4.0)[1].tolist()
-    [[1.0], [3.0]]
+    >>> x = np.linspace(0, 1, 50)[:, None]
+    >>> KernelRidge().fit(x, np.sin(6 * x)).predict(np.array([[0.5]])).round(2)
+    array([[0.14]])
     """
-    if weight == 1.0:
-        return terms, target
-    rows = np.concatenate([terms, target], axis=1)
-    more = np.sqrt(weight) - 1
+
+    gain_: Array
+    strength_: float  # penalty in use, per row
+    samples_: Array  # (n, d) inducing samples over their width
+    bumps_: Array  # (n, k) weights of the bumps (unit of y)
+    plane_: Array  # (d, k) weights of the scaled features (unit of y)
+    level_: Array  # (k,) constant (unit of y)
+
+    def __init__(
+        self, samples: int = 100, length: float = 0.5, linear: float = 0.01,
+        strengths: tuple[float, ...] = KERNEL_STRENGTHS, common: float = 1.0,
+    ) -> None:  # fmt: skip
+        self.samples = samples
+        self.length = length
+        self.linear = linear
+        self.strengths = strengths
+        self.common = common
+
+    def fit(self, x: Array, y: Array, groups: Integers | None = None) -> KernelRidge:
+        """Choose samples and penalty, and learn weights; see `Estimator`.
+
+        Features x (s, d) are all of one unit and much the same noise; so are targets y (s, k).
+        """
+        rows = training_rows(x, y, groups)
+        moves = Standardisation().fit(rows.x).gain_ > 0
+        size = np.sqrt((rows.x[:, moves] ** 2).sum(axis=1).mean())
+        self.gain_ = moves / (size * self.length) if moves.any() else np.zeros(len(moves))
+        z = rows.x * self.gain_
+        self.samples_ = z[spread_out(z, self.samples)]
+        # The kernel among the samples is the penalty on the bumps; its inverse square root turns
+        # it into the unit matrix, without the directions in which the bumps are all the same.
+        value, vector = np.linalg.eigh(gaussian(self.samples_, self.samples_))
+        kept = value > LEAST_SHARE * value[-1]
+        mixing = vector[:, kept] / np.sqrt(value[kept])
+        plane = np.sqrt(self.linear) * self.length
+        terms = np.concatenate([gaussian(z, self.samples_) @ mixing, plane * z], axis=1)
+        centre, level = terms.mean(axis=0), rows.y.mean(axis=0)
+        terms, target = terms - centre, rows.y - level
+        fold = group_folds(rows.groups, FOLDS, 0)
+        self.strength_ = best_strength(terms, target, fold, self.strengths)
+        if self.common != 1.0:
+            _anchor(terms, target, rows.groups, np.sqrt((z * z).sum(axis=1)), self.common)
+        weights = ridge_weights(terms, target, self.strength_)
+        self.bumps_ = mixing @ weights[: mixing.shape[1]]
+        self.plane_ = plane * weights[mixing.shape[1] :]
+        self.level_ = level - centre @ weights
+        return self
+
+    def predict(self, x: Array) -> Array:
+        """Evaluate bumps and plane, shape (s, k), of features (s, d); see `Estimator`."""
+        fitted(self, 'level_')
+        return predict_rows(x, self.samples_.shape[1], self._answer)
+
+    def _answer(self, x: Array) -> Array:
+        z = x * self.gain_
+        return gaussian(z, self.samples_) @ self.bumps_ + z @ self.plane_ + self.level_
+
+
+def gaussian(z: Array, samples: Array) -> Array:
+    """Gaussian bumps of unit width, shape (s, n), of z (s, d) around samples (n, d).
+
+    Examples
+    --------
+    >>> gaussian(np.array([[0.0], [1.0]]), np.array([[1.0]])).round(3)
+    array([[0.607],
+           [1.   ]])
+    """
+    exponent = z @ samples.T
+    exponent -= 0.5 * np.einsum('nd,nd->n', samples, samples)
+    exponent -= 0.5 * np.einsum('sd,sd->s', z, z)[:, None]
+    return np.asarray(np.exp(np.minimum(exponent, 0.0, out=exponent), out=exponent))
+
+
+def spread_out(z: Array, count: int) -> Integers:
+    """Rows of z (s, d), each the farthest from all before it; fewer where rows repeat.
+
+    Source: T. F. Gonzalez, Theor. Comp. Sci. 38 (1985).
+
+    Examples
+    --------
+    >>> spread_out(np.array([[0.0], [1.0], [5.0], [4.9]]), 3).tolist()
+    [0, 2, 1]
+    """
+    squares = (z**2).sum(axis=1)
+    rows = [int(np.argmax(((z - z.mean(axis=0)) ** 2).sum(axis=1)))]
+    gap = np.full(len(z), np.inf)
+    while len(rows) < count:
+        last = rows[-1]
+        gap = np.minimum(gap, squares + squares[last] - 2 * (z @ z[last]))
+        farthest = int(np.argmax(gap))
+        if gap[farthest] <= LEAST_SHARE * squares.max(initial=0.0):
+            break
+        rows.append(farthest)
+    return np.array(rows)
+
+
+def _anchor(terms: Array, target: Array, groups: Integers, load: Array, weight: float) -> None:
+    """Weigh, in place, what rows of a group have in common: a level, and a slope along a load."""
     for group in np.unique(groups):
         own = groups == group
-        common, spread, _ = np.linalg.svd(
+        basis, spread, _ = np.linalg.svd(
             np.stack([np.ones(int(own.sum())), load[own]], axis=1), full_matrices=False
         )
-        common = common[:, spread > 1e-9 * spread[0]]
-        rows[own] += more * common @ (common.T @ rows[own])
-    return rows[:, : terms.shape[1]], rows[:, terms.shape[1] :]
+        basis = basis[:, spread > 1e-9 * spread[0]]
+        for rows in (terms, target):
+            rows[own] += (np.sqrt(weight) - 1) * basis @ (basis.T @ rows[own])
+
+
+MOST_STEPS, FEWEST_STEPS = 20_000, 1_500
+RATE, WARM_UP = 1e-2, 0.05  # largest step; share of the steps over which it rises
+MOMENTUM, INERTIA = 0.9, 0.99
+FLOOR = 1e-3
+SOFTNESS = 0.06  # share of the targets' spread below which errors count by their square
+BATCH = 64
+
+
+class Perceptron:
+    """Mean of several perceptrons with two hidden layers of tanh units, trained at once.
+
+    They minimise the length of the error rather than its square, since a few touches are far off.
+
+    Parameters
+    ----------
+    members : int
+        Perceptrons in the ensemble; they differ by their start and by the order of their samples.
+    width : int
+        Units in each hidden layer.
+    epochs : int
+        Passes over the samples; shortened so that there are at most 20 000 steps.
+    pattern : bool
+        See the direction of the features and the logarithm of their length instead of the
+        features: where a touch is shows in the pattern, how deep it is in the length.
+
+    Attributes
+    ----------
+    first_, second_, last_ : ndarray, shapes (m, p, w), (m, w, w), (m, w, k)
+        Weights of the three layers, members along the first axis; of the features as they come,
+        to the unit of y.
+
+    Examples
+    --------
+    >>> x = np.linspace(-1, 1, 200)[:, None]
+    >>> net = Perceptron(members=2, width=8).fit(x, np.sin(3 * x))
+    >>> bool(np.abs(net.predict(x) - np.sin(3 * x)).max() < 0.1)
+    True
+    """
+
+    moving_: Array  # (d,) 1 for features that moved in the fit, else 0
+    length_: float  # length below which the logarithm flattens (unit of the features)
+    first_: Array
+    second_: Array
+    last_: Array
+    # constants; the last of all members together
+    first_level_: Array
+    second_level_: Array
+    last_level_: Array
+
+    def __init__(
+        self, members: int = 8, width: int = 48, epochs: int = 300, pattern: bool = False
+    ) -> None:
+        self.members = members
+        self.width = width
+        self.epochs = epochs
+        self.pattern = pattern
+
+    def fit(self, x: Array, y: Array, groups: Integers | None = None) -> Perceptron:
+        """Learn from x (s, d) and y (s, k) of one unit; groups are not used; see `Estimator`."""
+        rows = training_rows(x, y, groups)
+        # a column that never moved tells nothing, and must not drown the pattern of the others
+        self.moving_ = (Standardisation().fit(rows.x).gain_ > 0).astype(np.float64)
+        length = np.sqrt(((rows.x * self.moving_) ** 2).sum(axis=1))
+        self.length_ = float(FLOOR * np.median(length) + np.finfo(np.float64).tiny)
+        weight = np.ones(len(length))
+        if self.pattern:  # noise turns the pattern of faint touches
+            weight = length / np.hypot(length, np.median(length) + self.length_)
+            weight += np.finfo(np.float64).tiny
+        inputs = self._inputs(rows.x)
+        scale, level = Standardisation().fit(inputs), rows.y.mean(axis=0)
+        spread = float(np.sqrt(rows.y.var(axis=0).mean()))
+        # Adam scales every input on its own, which helps where inputs are not correlated
+        turn = np.linalg.eigh(scale(inputs).T @ scale(inputs))[1]
+        target = (rows.y - level) * (1 / spread if spread > 0 else 0.0)
+        layers = self._train(scale(inputs) @ turn, target, weight / weight.mean())
+        # scales and the mean of the members are absorbed in the outer layers
+        first = turn @ layers[0]
+        self.first_ = scale.gain_[:, None] * first
+        self.first_level_ = layers[3] - (scale.mean_ * scale.gain_)[None] @ first
+        self.second_, self.second_level_ = layers[1], layers[4]
+        self.last_ = layers[2] * (spread / self.members)
+        self.last_level_ = layers[5].mean(axis=0)[0] * spread + level
+        return self
+
+    def predict(self, x: Array) -> Array:
+        """Mean of the members, shape (s, k), at features (s, d); see `Estimator`."""
+        fitted(self, 'last_level_')
+        return predict_rows(x, self.first_.shape[1] - int(self.pattern), self._answer)
+
+    def _answer(self, x: Array) -> Array:
+        # blocks that stay in the cache: twice as fast as one sweep
+        parts = [self._forward(x[i : i + BLOCK]) for i in range(0, len(x), BLOCK)]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def _forward(self, x: Array) -> Array:
+        hidden = self._inputs(x)
+        for weights, level in (
+            (self.first_, self.first_level_), (self.second_, self.second_level_)
+        ):  # fmt: skip
+            hidden = np.matmul(hidden, weights)
+            hidden += level
+            np.tanh(hidden, out=hidden)
+        return np.asarray(np.matmul(hidden, self.last_).sum(axis=0) + self.last_level_)
+
+    def _inputs(self, x: Array) -> Array:
+        """Features, or their pattern and the logarithm of their length, shape (s, p)."""
+        if not self.pattern:
+            return x
+        length = np.sqrt((x * x) @ self.moving_)[:, None] + self.length_
+        inputs = np.empty((len(x), x.shape[1] + 1))
+        np.divide(x * self.moving_, length, out=inputs[:, :-1])
+        np.log(length, out=inputs[:, -1:])
+        return inputs
+
+    def _train(self, x: Array, y: Array, weight: Array) -> list[Array]:
+        """Weights and levels of the three layers, members along the first axis, by Adam."""
+        inputs, target = x.astype(np.float32), y.astype(np.float32)
+        weights = weight.astype(np.float32)[:, None]
+        rng = np.random.default_rng(0)
+        sizes = (x.shape[1], self.width, self.width, y.shape[1])
+        shapes = [(self.members, a, b) for a, b in pairwise(sizes)]
+        shapes += [(self.members, 1, b) for b in sizes[1:]]
+        ends = np.cumsum([int(np.prod(shape)) for shape in shapes])
+        flat, slope, mean, square = np.zeros((4, ends[-1]), np.float32)
+        layers, slopes = (
+            [part.reshape(s) for part, s in zip(np.split(one, ends[:-1]), shapes, strict=True)]
+            for one in (flat, slope)
+        )
+        for layer in layers[:3]:
+            layer[:] = rng.normal(size=layer.shape) / np.sqrt(layer.shape[1])
+        batch = min(BATCH, len(x))
+        steps = int(np.clip(self.epochs * len(x) // batch, FEWEST_STEPS, MOST_STEPS))
+        for count, rows in enumerate(_batches(len(x), batch, steps, self.members, rng), start=1):
+            _backward(inputs[rows], target[rows], weights[rows], layers, slopes)
+            share = count / steps
+            rate = RATE * min(1.0, share / WARM_UP) * 0.5 * (1 + np.cos(np.pi * share))
+            mean[:] = MOMENTUM * mean + (1 - MOMENTUM) * slope
+            square[:] = INERTIA * square + (1 - INERTIA) * slope * slope
+            unbiased = np.sqrt(1 - INERTIA**count) / (1 - MOMENTUM**count)
+            flat -= np.float32(rate * unbiased) * mean / (np.sqrt(square) + np.float32(1e-8))
+        return [layer.astype(np.float64) for layer in layers]
+
+
+def _backward(
+    x: Single, y: Single, weight: Single, layers: list[Single], slopes: list[Single]
+) -> None:
+    """Slopes of the mean weighted soft length of the error of every member, in place."""
+    outputs = [x]
+    for k in range(3):
+        answer = outputs[-1] @ layers[k] + layers[3 + k]
+        outputs.append(np.tanh(answer) if k < 2 else answer)
+    error = outputs[-1] - y
+    size = np.sqrt((error * error).sum(axis=-1, keepdims=True) + np.float32(SOFTNESS**2))
+    back = error * weight / (size * np.float32(x.shape[1]))
+    for k in (2, 1, 0):
+        np.matmul(outputs[k].transpose(0, 2, 1), back, out=slopes[k])
+        slopes[3 + k][:] = back.sum(axis=1, keepdims=True)
+        if k:
+            back = (back @ layers[k].transpose(0, 2, 1)) * (1 - outputs[k] * outputs[k])
+
+
+def _batches(
+    samples: int, batch: int, steps: int, members: int, rng: np.random.Generator
+) -> Iterator[Integers]:
+    """Rows (m, b) of every step: each member in its own order, again and again."""
+    left = steps
+    while True:
+        order = np.stack([rng.permutation(samples) for _ in range(members)])
+        for first in range(0, samples - batch + 1, batch):
+            if left == 0:
+                return
+            left -= 1
+            yield order[:, first : first + batch]

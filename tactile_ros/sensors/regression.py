@@ -1,4 +1,10 @@
-"""Estimation by generic regressors, for sensors without a model of their own."""
+"""Estimation by generic regressors, for sensors without a model of their own.
+
+A place, a turn and classes are regressed from the change of the readings since the tare; forces
+also from how far that is from its fading means, since skins are viscoelastic, and from the state
+of the skin that its resting reading shows. Which regressor serves is chosen on held-out groups;
+ridge and nearest neighbours are always among the candidates of a sensor's own choice.
+"""
 
 from __future__ import annotations
 
@@ -8,35 +14,67 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.conditioning.fading_memory import FadingMemory
-from tactile_ros.estimators.covariance import CalibratedCovariance, GainVariance
+from tactile_ros.estimators.covariance import CovarianceModel, GainVariance
 from tactile_ros.estimators.grid_knn import GridKnn
-from tactile_ros.estimators.kernel_ridge import KernelRidge, RestingState
 from tactile_ros.estimators.model_selection import select
-from tactile_ros.estimators.perceptron import Perceptron
-from tactile_ros.estimators.regression import Ridge, Standardisation
+from tactile_ros.estimators.regression import (
+    KernelRidge,
+    Perceptron,
+    Ridge,
+    Standardisation,
+    fitted,
+    spread_out,
+)
 from tactile_ros.estimators.slip_detector import FEWEST, SlipDetector
-from tactile_ros.types import Array, Bools, Estimation, Estimator, Integers
+from tactile_ros.types import Estimation, FrameStatus
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator
 
-    from tactile_ros.types import Array, Bools, Columns, Integers, Report, SensorConfig, Signals
+    from tactile_ros.types import (
+        Array,
+        Bools,
+        Columns,
+        Estimator,
+        Integers,
+        Report,
+        SensorConfig,
+        Signals,
+    )
 
 ESTIMATORS = ('ridge', 'grid_knn', 'kernel_ridge', 'perceptron')
+FORCES = ('force', 'torque')
+TARGETS = ('position', *FORCES)
+NAMED = ('cell', 'label')
+VOTER = 'grid_knn'
+BETTER = 1.5
 FEWEST_ROWS = 5
-TINY = np.finfo(np.float64).tiny
-MOST_RUNS = 10  # folds of runs that are held out, a fit each
-FEW_FOLDS = 2  # thousands of touches are judged well by two fifths of them
-STATE_WEIGHT = 3.0  # the set of the skin is a small part of the change; its share of a distance
+MOST_FOLDS = 10  # of groups or runs that are held out, a fit each
+TIME_CONSTANTS = (0.5, 2.0, 8.0, 32.0)
+PAST_WEIGHT = 3.0  # relaxation and the set of the skin are small parts of the change; their share
+STATE_WEIGHT = 3.0  # of a distance
+RATIOS = np.array([0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0])
+PLACE = 1e-5
+MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
+ROUNDING = 1e-9  # of the largest reading: what moves less is a constant
+BLOCK = 1024  # rows whose history stays in the cache
+OUT_OF_RANGE = np.int64(FrameStatus.OUT_OF_RANGE)
 
 
-def candidates(wanted: str | None, *, place: bool) -> dict[str, Estimator]:
-    """The regressors to choose from, by name; the pattern of a touch tells its place."""
+def candidates(wanted: str | None, *, place: bool, trial: bool = False) -> dict[str, Estimator]:
+    """Regressors to choose from, by name; the pattern of a touch tells its place.
+
+    A force is for a skin whose state has moved on since the presses it learned from: a plane as
+    strong as the bumps carries the answer to loads and states beyond those. Its penalty is set,
+    to a thousandth of the range: presses of one run, on which it could be chosen, know nothing of
+    the next run. In a trial an ensemble has fewer members, and errs slightly more.
+    """
+    force = KernelRidge(length=0.4, linear=1.0, strengths=(1e-6,), common=10.0)
     known: dict[str, Estimator] = {
         'ridge': Ridge(),
         'grid_knn': GridKnn(),
-        'kernel_ridge': KernelRidge() if place else beyond_presses(),
-        'perceptron': Perceptron(pattern=place),
+        'kernel_ridge': KernelRidge() if place else force,
+        'perceptron': Perceptron(members=6 if trial else 8, pattern=place),
     }
     if wanted is not None:
         return {wanted: known[wanted]}
@@ -44,14 +82,56 @@ def candidates(wanted: str | None, *, place: bool) -> dict[str, Estimator]:
     return known
 
 
-def beyond_presses() -> KernelRidge:
-    """A regressor for a skin whose state has moved on since the presses it learned from.
+class RestingState:
+    """Main way along which resting readings move within runs, and the readings themselves.
 
-    A plane as strong as the bumps carries the answer to loads and states beyond those seen. The
-    penalty is set, to a thousandth of the range: presses of one run, on which it could be chosen,
-    know nothing of the next run.
+    Presses leave a set that recovers slowly, in the resting reading and in the stiffness (the
+    Mullins effect and stress relaxation of filled elastomers: Diani, Fayolle and Gilormini, Eur.
+    Polym. J. 45, 2009). Where along that way a skin is shifts its gain. Of the variance of gains
+    a resting reading leaves the share 1 - exp(-(d / l)^2), at the distance d from the nearest one
+    of the fit and with l twice the root mean square deviation within runs, over which gains are
+    alike (Gaussian process: Rasmussen and Williams, 2006, eq. 2.26).
     """
-    return KernelRidge(lengths=(0.4,), linear=1.0, strengths=(1e-6,), common=10.0)
+
+    centre_: Array  # (d,) mean resting reading (unit of the rests)
+    direction_: Array  # (d,) unit vector of the way; 0 where rests never moved
+    low_: float  # range of the state, and a quarter more to both sides
+    high_: float
+    known_: Array  # (n, d) resting readings of the fit, less the centre (unit of the rests)
+    width_: float  # l (unit of the rests)
+    separate_: bool  # whether no two runs share a resting reading
+
+    def fit(self, rests: Array, runs: Integers) -> RestingState:
+        """Learn from the finite resting reading (s, d) under each row and its run (s,)."""
+        self.centre_ = rests.mean(axis=0)
+        within, each = rests.copy(), 0
+        for run in np.unique(runs):
+            within[runs == run] -= within[runs == run].mean(axis=0)
+            each += len(np.unique(rests[runs == run], axis=0))
+        value, vector = np.linalg.eigh(within.T @ within / len(within))
+        floor = 1e-4 * float(np.sqrt((rests**2).sum(axis=1).mean())) + 1e-150
+        self.width_ = max(2 * float(np.sqrt(max(value.sum(), 0.0))), floor)
+        # a sign of its own, so that equal rests give equal numbers on every machine
+        way = vector[:, -1] * np.sign(vector[np.argmax(np.abs(vector[:, -1])), -1])
+        self.direction_ = way if self.width_ > floor else np.zeros_like(way)
+        state = (rests - self.centre_) @ self.direction_
+        more = 0.25 * float(np.ptp(state))
+        self.low_, self.high_ = float(state.min()) - more, float(state.max()) + more
+        known = np.unique(rests - self.centre_, axis=0)
+        self.known_ = known[spread_out(known, 32)]
+        self.separate_ = len(known) == each
+        return self
+
+    def predict(self, rests: Array) -> tuple[Array, Array]:
+        """State (s, 1) along the way (unit of the rests), and share (s,) of variance left."""
+        fitted(self, 'separate_')
+        moved = rests - self.centre_
+        state = np.clip(moved @ self.direction_, self.low_, self.high_)[:, None]
+        if not self.separate_:
+            return state, np.ones(len(rests))
+        apart = np.einsum('nd,nd->n', self.known_, self.known_) - 2 * moved @ self.known_.T
+        square = np.einsum('sd,sd->s', moved, moved) + apart.min(axis=1)
+        return state, -np.expm1(-np.maximum(square, 0.0) / self.width_**2)
 
 
 class Head:
@@ -62,27 +142,26 @@ class Head:
     target : str
         Attribute of the state.
     columns : tuple of int
-        Components that truth tells.
+        Components that truth has.
     wanted : str or None
         Name of an estimator; None: the best of all.
     channels : int
-        How many features are the change of field now; the others are its history.
+        How many features are the change of the readings now; the others are its history.
 
     Attributes
     ----------
     name : str
         Of the estimator in use.
-    estimator_ : Estimator
-        Fitted on all rows.
-    gain_ : GainVariance or None
-        Of a force: how gains differ from run to run.
-    state_ : RestingState or None
-        Of a force: what the resting reading tells of the skin.
-    covariance_ : CalibratedCovariance
-        From residuals of rows that the estimator had not seen.
     report_ : dict of str to float
         Errors on held-out groups (unit of the target).
     """
+
+    estimator_: Estimator  # fitted on all rows
+    state_: RestingState | None  # of a force
+    gain_: GainVariance | None  # of a force
+    covariance_: CovarianceModel
+    size_: float  # typical load of a force; one over the typical signal of other targets
+    ratio_: float  # growth of the variance with the square of that size
 
     def __init__(
         self, target: str, columns: tuple[int, ...], wanted: str | None, channels: int
@@ -102,25 +181,29 @@ class Head:
             Features; beside a history, the last column is overwritten.
         y : ndarray, shape (s, k)
             Components of the target, all known.
-        groups : ndarray, shape (s,)
-            What a split keeps together.
-        sessions : ndarray, shape (s,)
-            Runs, which differ in gain.
+        groups, sessions : ndarray, shape (s,)
+            What a split keeps together; runs, which differ in gain.
         rests : ndarray, shape (s, channels)
             Resting reading under each row.
         """
-        place = self.target == 'position'
-        self.state_ = None if place else RestingState().fit(rests, sessions)
-        x = x if self.state_ is None else self._seen(x, self.state_.along(rests))
-        known = self.candidates()
-        choice = select(known, x, y, groups, rounds=self.rounds(known, len(x)))
+        force, place = self.target in FORCES, self.target == 'position'
+        self.state_ = RestingState().fit(rests, sessions) if force else None
+        if self.state_ is not None:
+            x = self._with_state(x, self.state_.predict(rests)[0])
+        tried = candidates(self.wanted, place=place, trial=True)
+        slow = 'perceptron' in tried  # thousands of touches are judged well by two fifths of them
+        folds, rounds = (5, 2) if slow else (MOST_FOLDS, None)
+        choice = select(tried, x, y, groups, folds=folds, rounds=rounds)
         self.name = choice.name
-        self.estimator_ = known[self.name].fit(x, y, groups)
-        drivers = self._drivers(choice.x, choice.predictions)
-        self.covariance_ = CalibratedCovariance().fit(drivers, choice.residuals, choice.groups)
-        self.gain_ = None if place else self._gain(known[self.name], x, y, sessions)
-        sigma = np.sqrt(np.diagonal(self.covariance_.predict(drivers), axis1=1, axis2=2))
+        self.estimator_ = candidates(self.name, place=place)[self.name].fit(x, y, groups)
+        self._fit_ratio(choice.x, choice.predictions, choice.residuals)
+        stated = self._stated(choice.x, choice.predictions)
+        readings = choice.x[:, : self.channels]
+        self.covariance_ = CovarianceModel().fit(choice.residuals, stated, choice.groups, readings)
+        self.gain_ = self._fit_gain(x, y, sessions) if force else None
+        cov = self.covariance_.predict(stated, readings)[0]
         error = np.linalg.norm(choice.residuals, axis=1)
+        sigma = np.sqrt(np.einsum('skk->sk', cov))
         self.report_ = {
             'held_out_mean': float(error.mean()),
             'held_out_rmse': float(np.sqrt((error**2).mean())),
@@ -130,14 +213,6 @@ class Head:
             **{f'rmse_{name}': error for name, error in choice.errors.items()},
         }
         return self
-
-    def candidates(self) -> dict[str, Estimator]:
-        """The regressors to choose from, by name."""
-        return candidates(self.wanted, place=self.target == 'position')
-
-    def rounds(self, known: Mapping[str, Estimator], rows: int) -> int | None:
-        """How many folds are held out; None: all."""
-        return FEW_FOLDS if 'perceptron' in known and rows else None
 
     @cached_property
     def cells(self) -> tuple[slice | Integers, slice | Integers]:
@@ -153,42 +228,59 @@ class Head:
         """Target with the names of its components."""
         return f'{self.target}_{"".join("xyz"[i] for i in self.columns)}'
 
-    def predict(self, x: Array, rests: Array) -> tuple[Array, Array]:
-        """Components (s, k) and their covariance (s, k, k) at rests (s, channels).
+    def predict(self, x: Array, rests: Array) -> tuple[Array, Array, Bools]:
+        """Components (s, k), covariance (s, k, k) and rows (s,) beyond the training readings.
 
         Beside a history, the last column of x is overwritten.
         """
-        if self.gain_ is None or self.state_ is None:
-            mean = self.estimator_.predict(x)
-            return mean, self.covariance_.predict(self._drivers(x, mean))
-        state, strangeness = self.state_.read(rests)
-        mean = self.estimator_.predict(self._seen(x, state))
-        cov = self.covariance_.predict(self._drivers(x, mean))
-        cov += self.gain_.covariance(mean, strangeness)
-        return mean, cov
+        share = None
+        if self.state_ is not None:
+            state, share = self.state_.predict(rests)
+            x = self._with_state(x, state)
+        mean = self.estimator_.predict(x)
+        readings = x[:, : self.channels]
+        cov, out_of_range = self.covariance_.predict(self._stated(x, mean), readings)
+        if self.gain_ is not None:
+            cov += self.gain_.covariance(mean, share)
+        return mean, cov, out_of_range
 
-    def _seen(self, x: Array, state: Array) -> Array:
+    def _with_state(self, x: Array, state: Array) -> Array:
         """Features; beside a history, the state of the skin is written to the last of them."""
         if x.shape[1] > self.channels:
             np.multiply(state, STATE_WEIGHT, out=x[:, -1:])
         return x
 
-    @staticmethod
-    def _gain(estimator: Estimator, x: Array, y: Array, sessions: Integers) -> GainVariance:
+    def _size(self, x: Array, mean: Array) -> Array:
+        """Quantity (s,) with which errors grow: the load of a force, else one over the signal."""
+        if self.target in FORCES:
+            return np.asarray(np.sqrt(np.einsum('sk,sk->s', mean, mean)))
+        now = x[:, : self.channels]
+        return np.asarray(1 / np.sqrt(np.einsum('sd,sd->s', now, now) + 1e-150))
+
+    def _stated(self, x: Array, mean: Array) -> Array:
+        """Standard deviation (s, k) up to the scale that held-out errors give it."""
+        size = np.minimum(self._size(x, mean) / self.size_, 1e3)
+        sigma = np.sqrt(1 + self.ratio_ * size * size)
+        return np.repeat(sigma[:, None], mean.shape[1], axis=1)
+
+    def _fit_ratio(self, x: Array, mean: Array, residuals: Array) -> None:
+        """Learn the most probable ratio from held-out errors (s, k), by Laplace's law."""
+        size = self._size(x, mean)
+        self.size_ = float(np.median(size)) + 1e-300
+        length = np.linalg.norm(residuals, axis=1)
+        costs = []
+        for self.ratio_ in RATIOS.tolist():
+            sigma = self._stated(x, mean)[:, 0]
+            costs.append(float(np.log((length / sigma).mean() + 1e-300) + np.log(sigma).mean()))
+        self.ratio_ = float(RATIOS[int(np.argmin(costs))])
+
+    def _fit_gain(self, x: Array, y: Array, sessions: Integers) -> GainVariance:
         """Spread of gain between runs, from runs held out; of one run only a prior is known."""
         runs = len(np.unique(sessions))
         if runs < 2:
             return GainVariance().fit(y, y, sessions)
-        unseen = select({'': estimator}, x, y, sessions, folds=min(runs, MOST_RUNS))
+        unseen = select({'': self.estimator_}, x, y, sessions, folds=min(runs, MOST_FOLDS))
         return GainVariance().fit(unseen.predictions, unseen.y, unseen.groups)
-
-    def _drivers(self, x: Array, mean: Array) -> Array:
-        """What the error depends on: strength of the signal, and place or load."""
-        now = x[:, : self.channels]
-        drivers = np.empty((len(x), 1 + mean.shape[1]))
-        drivers[:, 0] = 0.5 * np.log(np.add.reduce(now * now, axis=1) + TINY)
-        drivers[:, 1:] = mean
-        return drivers
 
 
 def known_columns(y: Array, good: Bools) -> Iterator[tuple[tuple[int, ...], Bools]]:
@@ -207,213 +299,10 @@ def known_columns(y: Array, good: Bools) -> Iterator[tuple[tuple[int, ...], Bool
         left = [i for i in left if i not in same]
 
 
-TARGETS = ('position', 'force', 'torque')
-REMEMBERING = ('force', 'torque')
-TIME_CONSTANTS = (0.5, 2.0, 8.0, 32.0)
-PAST_WEIGHT = 3.0  # relaxation is a small part of the change; its share of a distance
-PLACE = 1e-5
-ROUNDING = 1e-9  # of the largest reading: what moves less is a constant
-EVEN_ODDS = 0.5
-BLOCK = 1024  # rows whose history stays in the cache
-MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
-
-
-class Regression(Estimation):
-    """Regressors of one sensor, each for the components of one target that truth tells.
-
-    Parameters
-    ----------
-    config : dataclass
-        Of the sensor.
-    estimator : str or None
-        One of `ESTIMATORS`; None: the best of them on held-out groups.
-    channels : int
-        Channels of a taxel.
-    """
-
-    def __init__(
-        self, config: SensorConfig, estimator: str | None = None, channels: int = 3
-    ) -> None:
-        self.width = channels * len(config.positions)
-        self.estimator = estimator
-        self.heads_: tuple[Head, ...] = ()
-        self.remembering_: tuple[Head, ...] = ()
-        self.slip_: SlipDetector | None = None
-
-    @property
-    def estimators(self) -> dict[str, str]:
-        """Name of the estimator in use for each target."""
-        heads = self._best if self.remembering_ else self.heads_
-        slip = {} if self.slip_ is None else {'slip': 'matched_subspace'}
-        return {**{head.target: head.name for head in heads}, **slip}
-
-    @property
-    def report(self) -> Report:
-        """Errors on held-out groups for each target."""
-        plain = {head.title: head.report_ for head in self.heads_}
-        past = {f'{head.title}_with_history': head.report_ for head in self.remembering_}
-        slip = {} if self.slip_ is None else {'slip': self.slip_.report_}
-        return {**plain, **past, **slip}
-
-    def start(self) -> FadingMemory:
-        """Fresh memory of a stream."""
-        return FadingMemory(np.array(TIME_CONSTANTS))
-
-    def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
-        """Learn every target of which truth knows a component.
-
-        Parameters
-        ----------
-        signals : Signals
-            Conditioned frames.
-        truth : dict of str to ndarray, shape (s, ...)
-            As in a Recording.
-        groups : dict of str to ndarray, shape (s,)
-            'group' and 'session': what a split keeps together.
-        """
-        now = signals.delta.reshape(-1, self.width)
-        rest = signals.baseline.reshape(now.shape)
-        past = None
-        if signals.stamp_ns is not None:
-            past = self._with_history(now, signals.stamp_ns, signals.restart, self.start())
-        session = np.asarray(groups['session'], np.int64)
-        heads: dict[str, tuple[Head, ...]] = {'now': (), 'past': ()}
-        for target in TARGETS:
-            y = np.asarray(truth.get(target, np.full((len(now), 3), np.nan)), np.float64)
-            for columns, rows in known_columns(y, signals.good):
-                if not _moves(signals.values[rows]):
-                    continue
-                told = y[rows][:, columns]
-                kept = places_of(told) if target == 'position' else None
-                kept = np.asarray(groups['group'][rows], np.int64) if kept is None else kept
-                head = Head(target, columns, self.estimator, now.shape[1])
-                heads['now'] += (head.fit(now[rows], told, kept, session[rows], rest[rows]),)
-                if past is not None and target in REMEMBERING:
-                    head = Head(target, columns, self.estimator, now.shape[1])
-                    heads['past'] += (head.fit(past[rows], told, kept, session[rows], rest[rows]),)
-        self.heads_, self.remembering_ = heads['now'], heads['past']
-        self.slip_ = _slip(now, truth, groups, signals)
-        vars(self).pop('_best', None)
-
-    def estimate(self, signals: Signals, memory: object) -> Columns:
-        """Targets and covariances of every row, NaN for components that were never told.
-
-        Parameters
-        ----------
-        signals : Signals
-            Conditioned frames.
-        memory : FadingMemory
-            Of the stream; moves on.
-
-        Returns
-        -------
-        dict of str to ndarray, shape (s, 3) or (s, 3, 3)
-            One entry and its covariance for each target.
-        """
-        assert isinstance(memory, FadingMemory)
-        now = signals.delta.reshape(-1, self.width)
-        rest = signals.baseline.reshape(now.shape)
-        known: Columns = {}
-        for head in self.heads_:
-            if head.target not in known:
-                known[head.target] = _unknown((len(now), 3))
-                known[f'{head.target}_cov'] = _unknown((len(now), 3, 3))
-        for i in range(0, len(now), BLOCK):
-            block = slice(i, i + BLOCK)
-            part = now[block]
-            past = part
-            if signals.stamp_ns is not None and self.remembering_:
-                stamps, restart = signals.stamp_ns[block], signals.restart[block]
-                past = self._with_history(part, stamps, restart, memory)
-            for head in self._in_use(signals.stamp_ns is not None):
-                x = past if head in self.remembering_ else part
-                mean, cov = head.predict(x, rest[block])
-                rows, columns = head.cells
-                known[head.target][block, columns] = mean
-                known[f'{head.target}_cov'][block, rows, columns] = cov
-        if self.slip_ is not None:
-            probability = self.slip_.predict(now)
-            known['slip'] = np.where(np.isnan(probability), -1, probability > EVEN_ODDS).astype(
-                np.int8
-            )
-            known['slip_probability'] = probability
-        return known
-
-    def _in_use(self, stamped: bool) -> tuple[Head, ...]:
-        """Heads for frames; a history, which stamps give, is used where it helped."""
-        return self._best if stamped else self.heads_
-
-    @cached_property
-    def _best(self) -> tuple[Head, ...]:
-        """For each set of components the head whose held-out error is the smaller."""
-        past = {head.title: head for head in self.remembering_}
-        return tuple(
-            min(head, past.get(head.title, head), key=lambda one: one.report_['held_out_rmse'])
-            for head in self.heads_
-        )
-
-    @staticmethod
-    def _with_history(
-        now: Array, stamp_ns: Integers, restart: Bools, memory: FadingMemory
-    ) -> Array:
-        """Change of field, how far it is from its fading means, and room: (s, d + m d + 1)."""
-        behind = now[:, None] - memory(now, stamp_ns, restart)
-        shape = (len(now), 1 + behind.shape[1], now.shape[1])
-        wide = np.empty((len(now), shape[1] * shape[2] + 1))
-        seen = wide[:, :-1].reshape(shape)  # a view: the head fills the last column
-        seen[:, 0] = now
-        np.multiply(behind, PAST_WEIGHT, out=seen[:, 1:])
-        return wide
-
-
-def _unknown(shape: tuple[int, ...]) -> Array:
-    """NaN of a shape, at half the price of np.full."""
-    array = np.empty(shape)
-    array.fill(np.nan)
-    return array
-
-
-def _moves(values: Array) -> bool:
-    """Whether readings (s, t, c) are more than one constant, from which nothing is learned."""
-    read = np.nan_to_num(values)
-    return bool((np.ptp(read, axis=0) > ROUNDING * np.abs(read).max(initial=0.0)).any())
-
-
-def _slip(now: Array, truth: Columns, groups: Columns, signals: Signals) -> SlipDetector | None:
-    """Detector of slip; None where too few sequences tell.
-
-    A sequence is a stretch of one stream and repetition with one label.
-    """
-    told = np.asarray(truth.get('slip', np.full(len(now), -1)), np.int64)
-    keys = np.column_stack([told, np.asarray(groups['group'], np.int64)])
-    begins = np.ones(len(now), bool)
-    begins[1:] = (keys[1:] != keys[:-1]).any(axis=1)
-    sequence = np.cumsum(begins if signals.begins is None else begins | signals.begins)
-    rows = signals.good & (told >= 0)
-    counts = [len(np.unique(sequence[rows & (told == label)])) for label in (0, 1)]
-    if min(counts) < FEWEST:
-        return None
-    return SlipDetector().fit(now[rows], told[rows], sequence[rows])
-
-
-def places_of(plane: Array) -> Integers | None:
-    """Number of the place of each row, if places were touched more than once; else None."""
-    _, place = np.unique(np.round(plane / PLACE), axis=0, return_inverse=True)
-    place = np.asarray(place).reshape(-1)
-    return place if place.max(initial=0) + 1 <= MOST_SINGLE * len(place) else None
-
-
-NAMED = ('cell', 'label')
-VOTER = 'grid_knn'
-BETTER = 1.5
-
-
 class Vote:
-    """Nearest neighbours that vote for one of several classes.
+    """Nearest neighbours that vote for one of several classes [2], weighted by the distance.
 
-    Cells and classes are voted by nearest neighbours [2], weighted by one over the distance, where
-    such votes are better than chance on held-out groups; a turn is regressed as cosine and sine,
-    so that it has no seam.
+    Votes are used where they are better than chance on held-out groups.
 
     Parameters
     ----------
@@ -424,10 +313,10 @@ class Vote:
     ----------
     report_ : dict of str to float
         Share of held-out rows that are named rightly, and that of the commonest class, which is
-        chance; without at least two groups it is measured on the rows that were learned from.
+        chance; of a single group, rows are held out.
     """
 
-    classes_: Integers  # (k,) those that were seen
+    classes_: Integers  # (k,) those of the fit
     voters_: GridKnn  # of the share of each class
     report_: dict[str, float]
 
@@ -452,116 +341,233 @@ class Vote:
         return accuracy > min(BETTER * chance, 0.5 + chance / 2)
 
     def predict(self, x: Array) -> tuple[Integers, Array]:
-        """Class and its share of the votes, shape (s,) each; of equal shares the lowest class."""
+        """Class and its share of the votes, shape (s,) each; -1 and NaN without a reading."""
         shares = self.voters_.predict(x)
-        best = shares.argmax(axis=1)
-        return self.classes_[best], shares[np.arange(len(x)), best]
+        measured = np.isfinite(shares[:, 0])
+        best = np.where(measured[:, None], shares, 0.0).argmax(axis=1)
+        return np.where(measured, self.classes_[best], -1), shares[np.arange(len(x)), best]
 
 
-class Recognition(Regression):
-    """Regressors of one sensor, with votes for cell and label and the turn.
+class Regression(Estimation):
+    """Regressors of one sensor, each for the components of one target that truth has.
 
     Parameters
     ----------
-    config, estimator, channels
-        As in `Regression`. Votes are taken where the estimator is None or 'grid_knn'.
+    config : dataclass
+        Of the sensor.
+    estimator : str or None
+        One of `ESTIMATORS`; None: the best of them on held-out groups. Classes are voted where it
+        is None or 'grid_knn'.
+    channels : int
+        Channels of a taxel.
     """
 
     def __init__(
         self, config: SensorConfig, estimator: str | None = None, channels: int = 3
     ) -> None:
-        super().__init__(config, estimator, channels)
+        self.width = channels * len(config.positions)
+        self.estimator = estimator
+        self.heads_: tuple[Head, ...] = ()
+        self.remembering_: tuple[Head, ...] = ()
         self.votes_: tuple[Vote, ...] = ()
         self.turn_: Head | None = None
+        self.slip_: SlipDetector | None = None
 
     @property
     def estimators(self) -> dict[str, str]:
         """Name of the estimator in use for each target."""
-        turn = {} if self.turn_ is None else {'yaw': self.turn_.name}
-        return {**super().estimators, **turn, **{vote.target: VOTER for vote in self._useful}}
+        names = {head.target: head.name for head in self._in_use(stamped=True)}
+        names |= {} if self.slip_ is None else {'slip': 'matched_subspace'}
+        names |= {} if self.turn_ is None else {'yaw': self.turn_.name}
+        return names | {vote.target: VOTER for vote in self.votes_ if vote.useful}
 
     @property
     def report(self) -> Report:
         """Errors on held-out groups for each target, and how often votes are right."""
-        turn = {} if self.turn_ is None else {'yaw': self.turn_.report_}
-        return {**super().report, **turn, **{vote.target: vote.report_ for vote in self.votes_}}
-
-    @property
-    def _useful(self) -> tuple[Vote, ...]:
-        """Votes that are better than chance."""
-        return tuple(vote for vote in self.votes_ if vote.useful)
+        found = {head.title: head.report_ for head in self.heads_}
+        found |= {f'{head.title}_with_history': head.report_ for head in self.remembering_}
+        found |= {} if self.slip_ is None else {'slip': self.slip_.report_}
+        found |= {} if self.turn_ is None else {'yaw': self.turn_.report_}
+        return found | {vote.target: vote.report_ for vote in self.votes_}
 
     @property
     def label_names(self) -> tuple[str, ...]:
-        """Nothing but numbers is known of classes."""
-        known = [vote.classes_ for vote in self._useful if vote.target == 'label']
-        return tuple(str(name) for name in known[0]) if known else ()
+        """Numbers of the classes: nothing else is known of them."""
+        labels = [vote for vote in self.votes_ if vote.target == 'label' and vote.useful]
+        return tuple(str(name) for vote in labels for name in vote.classes_)
+
+    def start(self) -> FadingMemory:
+        """Fresh memory of a stream."""
+        return FadingMemory(np.array(TIME_CONSTANTS))
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
-        """Learn every target of which truth knows a component; see `Regression`."""
-        super().fit(signals, truth, groups)
-        x = signals.delta.reshape(len(signals.good), self.width)
-        unknown = np.full(len(x), -1)
+        """Learn every target of which truth has a component.
+
+        Parameters
+        ----------
+        signals : Signals
+            Conditioned frames.
+        truth : dict of str to ndarray, shape (s, ...)
+            As in a Recording.
+        groups : dict of str to ndarray, shape (s,)
+            'group' and 'session': what a split keeps together.
+        """
+        now = signals.delta.reshape(len(signals.good), self.width)
+        rest = signals.baseline.reshape(now.shape)
+        past = None
+        if signals.stamp_ns is not None:
+            past = self._with_history(now, signals.stamp_ns, signals.restart, self.start())
+        group, session = (np.asarray(groups[key], np.int64) for key in ('group', 'session'))
+        heads: dict[bool, tuple[Head, ...]] = {False: (), True: ()}
+        for target in TARGETS:
+            y = np.asarray(truth.get(target, np.full((len(now), 3), np.nan)), np.float64)
+            for columns, rows in known_columns(y, signals.good):
+                if not _moves(signals.values[rows]):
+                    continue
+                part = y[rows][:, columns]
+                places = places_of(part) if target == 'position' else None
+                kept = group[rows] if places is None else places
+                for stamped, x in ((False, now), (True, past if target in FORCES else None)):
+                    if x is not None:
+                        head = Head(target, columns, self.estimator, self.width)
+                        head.fit(x[rows], part, kept, session[rows], rest[rows])
+                        heads[stamped] += (head,)
+        self.heads_, self.remembering_ = heads[False], heads[True]
+        vars(self).pop('_best', None)
+        self._fit_classes(signals, truth, group)
+        yaw = np.asarray(truth.get('yaw', np.full(len(now), np.nan)), np.float64)
+        rows, self.turn_ = signals.good & np.isfinite(yaw), None
+        if rows.sum() >= FEWEST_ROWS:
+            y = np.column_stack([np.cos(yaw[rows]), np.sin(yaw[rows])])  # without a seam
+            head = Head('yaw', (0, 1), self.estimator, self.width)
+            self.turn_ = head.fit(now[rows], y, group[rows], session[rows], rest[rows])
+
+    def _fit_classes(self, signals: Signals, truth: Columns, group: Integers) -> None:
+        """Learn votes for cells and labels, and slip, where enough rows have them."""
+        now, unknown = signals.delta.reshape(-1, self.width), np.full(len(group), -1)
         votes: list[Vote] = []
         for target in NAMED if self.estimator in (None, VOTER) else ():
             named = np.asarray(truth.get(target, unknown), np.int64)
             rows = signals.good & (named >= 0)
             if rows.sum() >= FEWEST_ROWS:
-                group = np.asarray(groups['group'], np.int64)[rows]
-                votes.append(Vote(target).fit(x[rows], named[rows], group))
+                votes.append(Vote(target).fit(now[rows], named[rows], group[rows]))
         self.votes_ = tuple(votes)
-        yaw = np.asarray(truth.get('yaw', np.full(len(x), np.nan)), np.float64)
-        rests = signals.baseline.reshape(x.shape)
-        self.turn_ = self._turn(x, rests, yaw, signals.good & np.isfinite(yaw), groups)
-
-    def _turn(
-        self, x: Array, rests: Array, yaw: Array, rows: Bools, groups: Columns
-    ) -> Head | None:
-        """Regressor of the turn's cosine and sine, where enough rows (s,) know it."""
-        if rows.sum() < FEWEST_ROWS:
-            return None
-        y = np.column_stack([np.cos(yaw[rows]), np.sin(yaw[rows])])
-        group = np.asarray(groups['group'], np.int64)[rows]
-        session = np.asarray(groups['session'], np.int64)[rows]
-        head = Head('yaw', (0, 1), self.estimator, self.width)
-        return head.fit(x[rows], y, group, session, rests[rows])
+        # a sequence is a stretch of one stream and repetition with one label
+        slips = np.asarray(truth.get('slip', unknown), np.int64)
+        begins = np.ones(len(now), bool)
+        begins[1:] = (slips[1:] != slips[:-1]) | (group[1:] != group[:-1])
+        sequence = np.cumsum(begins if signals.begins is None else begins | signals.begins)
+        rows = signals.good & (slips >= 0)
+        counts = [len(np.unique(sequence[rows & (slips == label)])) for label in (0, 1)]
+        self.slip_ = None
+        if min(counts) >= FEWEST:
+            self.slip_ = SlipDetector().fit(now[rows], slips[rows], sequence[rows])
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
-        """Targets of every row; see `Regression`."""
-        known = super().estimate(signals, memory)
-        x = signals.delta.reshape(len(signals.good), self.width)
-        for vote in self._useful:
-            # no class, and no neighbours, for readings that are not there
-            there = np.isfinite(x).all(axis=1)
-            names, shares = np.full(len(x), -1), np.full(len(x), np.nan)
-            if there.any():
-                names[there], shares[there] = vote.predict(x[there])
-            known[vote.target], known[f'{vote.target}_probability'] = names, shares
+        """Targets and covariances of every row, NaN for components that truth never had.
+
+        Parameters
+        ----------
+        signals : Signals
+            Conditioned frames.
+        memory : FadingMemory
+            Of the stream; moves on.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (s, ...)
+            One entry and its covariance for each target; `status`.
+        """
+        assert isinstance(memory, FadingMemory)
+        now = signals.delta.reshape(len(signals.good), self.width)
+        rest = signals.baseline.reshape(now.shape)
+        known: Columns = {}
+        for head in self.heads_:
+            if head.target not in known:
+                known[head.target] = np.full((len(now), 3), np.nan)
+                known[f'{head.target}_cov'] = np.full((len(now), 3, 3), np.nan)
+        beyond = np.zeros(len(now), bool)
+        for i in range(0, len(now), BLOCK):
+            block = slice(i, i + BLOCK)
+            past = None
+            if signals.stamp_ns is not None and self.remembering_:
+                stamps, restart = signals.stamp_ns[block], signals.restart[block]
+                past = self._with_history(now[block], stamps, restart, memory)
+            for head in self._in_use(signals.stamp_ns is not None):
+                x = past if past is not None and head in self.remembering_ else now[block]
+                mean, cov, far = head.predict(x, rest[block])
+                rows, columns = head.cells
+                known[head.target][block, columns] = mean
+                known[f'{head.target}_cov'][block, rows, columns] = cov
+                beyond[block] |= far
+        self._add_classes(known, now, rest)
+        if np.count_nonzero(beyond):
+            known['status'] = (beyond & (signals.in_contact != 0)) * OUT_OF_RANGE
+        return known
+
+    def _add_classes(self, known: Columns, now: Array, rest: Array) -> None:
+        """Add slip, cell, label and yaw of changes (s, d) of readings."""
+        if self.slip_ is not None:
+            probability = self.slip_.predict(now)
+            slipping = np.where(np.isnan(probability), -1, probability > 0.5)
+            known['slip'], known['slip_probability'] = slipping.astype(np.int8), probability
+        for vote in self.votes_:
+            if vote.useful:
+                known[vote.target], known[f'{vote.target}_probability'] = vote.predict(now)
         if self.turn_ is not None:
-            mean, cov = self.turn_.predict(x, signals.baseline.reshape(x.shape))
+            mean, cov, _ = self.turn_.predict(now, rest)
             length = np.maximum(np.linalg.norm(mean, axis=1), 1e-9)
             across = np.column_stack([-mean[:, 1], mean[:, 0]]) / length[:, None]
             known['yaw'] = np.arctan2(mean[:, 1], mean[:, 0])
-            variance = np.einsum('si,sij,sj->s', across, cov, across)
-            known['yaw_std'] = np.sqrt(variance) / length
-        return known
+            known['yaw_std'] = np.sqrt(np.einsum('si,sij,sj->s', across, cov, across)) / length
+
+    def _in_use(self, stamped: bool) -> tuple[Head, ...]:
+        """Heads for frames; a history, which stamps give, is used where it helped."""
+        return self._best if stamped and self.remembering_ else self.heads_
+
+    @cached_property
+    def _best(self) -> tuple[Head, ...]:
+        """For each set of components the head whose held-out error is the smaller."""
+        past = {head.title: head for head in self.remembering_}
+        return tuple(
+            min(head, past.get(head.title, head), key=lambda one: one.report_['held_out_rmse'])
+            for head in self.heads_
+        )
+
+    @staticmethod
+    def _with_history(
+        now: Array, stamp_ns: Integers, restart: Bools, memory: FadingMemory
+    ) -> Array:
+        """Change of field, how far it is from its fading means, and room: (s, d + m d + 1)."""
+        behind = now[:, None] - memory(now, stamp_ns, restart)
+        shape = (len(now), 1 + behind.shape[1], now.shape[1])
+        wide = np.empty((len(now), shape[1] * shape[2] + 1))
+        filled = wide[:, :-1].reshape(shape)  # a view: the head fills the last column
+        filled[:, 0] = now
+        np.multiply(behind, PAST_WEIGHT, out=filled[:, 1:])
+        return wide
+
+
+Recognition = Regression
+
+
+def _moves(values: Array) -> bool:
+    """Whether readings (s, t, c) are more than one constant, from which nothing is learned."""
+    read = np.nan_to_num(values)
+    return bool((np.ptp(read, axis=0) > ROUNDING * np.abs(read).max(initial=0.0)).any())
+
+
+def places_of(plane: Array) -> Integers | None:
+    """Number of the place of each row, if places were touched more than once; else None."""
+    _, place = np.unique(np.round(plane / PLACE), axis=0, return_inverse=True)
+    place = np.asarray(place).reshape(-1)
+    return place if place.max(initial=0) + 1 <= MOST_SINGLE * len(place) else None
 
 
 CLASSES = (
-    Regression,
-    SlipDetector,
-    Head,
-    GainVariance,
-    RestingState,
-    Ridge,
-    GridKnn,
-    KernelRidge,
-    Perceptron,
-    Standardisation,
-    CalibratedCovariance,
-    Recognition,
-    Vote,
-)
+    Regression, Head, Vote, RestingState, SlipDetector, GainVariance, CovarianceModel,
+    Ridge, GridKnn, KernelRidge, Perceptron, Standardisation,
+)  # fmt: skip
 
 
 KIND = 'not told: '

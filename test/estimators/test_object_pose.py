@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-
 @lru_cache
 def world() -> ModuleType:
     return taxel_world

@@ -39,21 +39,6 @@ def test_out_of_fold_rows_carry_their_own_truth() -> None:
     assert np.abs(selection.residuals).max() < 0.1
 
 
-def test_an_estimator_is_tried_out_by_its_sketch() -> None:
-    tried: list[GridKnn] = []
-
-    class Costly(GridKnn):
-        def sketch(self) -> GridKnn:
-            tried.append(GridKnn(neighbours=2))
-            return tried[-1]
-
-    x, y, groups = line()
-    selection = select({'costly': Costly()}, x, y, groups, folds=3)
-    assert len(tried) == 3
-    plain = select({'plain': GridKnn(neighbours=2)}, x, y, groups, folds=3)
-    np.testing.assert_array_equal(selection.predictions, plain.predictions)
-
-
 def test_fewer_rounds_judge_fewer_rows() -> None:
     x, y, groups = line()
     assert len(select({'ridge': Ridge()}, x, y, groups, folds=5, rounds=2).y) == 48
