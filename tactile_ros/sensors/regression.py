@@ -9,7 +9,7 @@ ridge and nearest neighbours are always among the candidates of a sensor's own c
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -360,7 +360,16 @@ class Regression(Estimation):
         is None or 'grid_knn'.
     channels : int
         Channels of a taxel.
+
+    Attributes
+    ----------
+    flags_range : bool
+        Touched frames whose readings are beyond those of the fit have the status OUT_OF_RANGE.
+        Not for sensors whose taxels are touched a few at a time: their readings have no spread
+        in common.
     """
+
+    flags_range: ClassVar[bool] = False
 
     def __init__(
         self, config: SensorConfig, estimator: str | None = None, channels: int = 3
@@ -501,7 +510,7 @@ class Regression(Estimation):
                 known[f'{head.target}_cov'][block, rows, columns] = cov
                 beyond[block] |= far
         self._add_classes(known, now, rest)
-        if np.count_nonzero(beyond):
+        if self.flags_range and np.count_nonzero(beyond):
             known['status'] = (beyond & (signals.in_contact != 0)) * OUT_OF_RANGE
         return known
 

@@ -11,7 +11,7 @@ import pytest
 from tactile_ros.devices.reskin_protocol import encode
 from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import Recording, TaxelStatus
+from tactile_ros.types import FrameStatus, Recording, TaxelStatus
 
 SPEC = load_sensor('reskin_board')
 RECORDINGS = SPEC.recordings()
@@ -80,6 +80,19 @@ def test_a_later_part_of_a_run_is_covered_honestly() -> None:
     miss = np.abs(states.force[:, 0] - test.truth['force'][:, 0])
     inside = (miss <= np.sqrt(states.force_cov[:, 0, 0]))[np.isfinite(miss)]
     assert 0.466 < inside.mean() < 0.9  # 95 % binomial interval of the ten cycles' run
+
+
+def test_readings_beyond_those_of_the_fit_are_flagged() -> None:
+    one = RECORDINGS['normal_1']
+    pipeline = SPEC.pipeline(estimator='ridge').fit(one)
+    rest = np.repeat(one.values[one.tare], np.diff([*np.flatnonzero(one.tare), len(one)]), axis=0)
+    strong = dataclasses.replace(one, values=rest + 3 * (one.values - rest))
+    flagged, usual = (
+        pipeline.process_batch(recording).status & FrameStatus.OUT_OF_RANGE > 0
+        for recording in (strong, one)
+    )
+    assert not usual.any()
+    assert 0.3 < flagged[~one.tare].mean() < 1.0
 
 
 def test_another_ambient_field_is_borne() -> None:

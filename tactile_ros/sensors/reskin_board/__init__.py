@@ -22,6 +22,13 @@ from tactile_ros.sensors.reskin_board.config import (
 from tactile_ros.sensors.reskin_board.recordings import shipped
 from tactile_ros.sensors.reskin_board.twin import open_board, presses, simulate_board
 
+
+class BoardRegression(Regression):
+    """Regression that flags readings beyond those of its fit."""
+
+    flags_range = True
+
+
 SENSOR = SensorSpec(
     key='reskin_board',
     paper='ReSkin, AnySkin, eFlesh',
@@ -30,11 +37,11 @@ SENSOR = SensorSpec(
     config=ReskinBoardConfig,
     connection=ReskinBoardConnection,
     layout=layout,
-    estimation=Regression,
+    estimation=BoardRegression,
     estimator_names=ESTIMATORS,
     open=open_board,
     simulate=simulate_board,
     presses=presses,
-    classes=(ReskinBoardConfig, *CLASSES),
+    classes=(ReskinBoardConfig, BoardRegression, *CLASSES),
     recordings=shipped,
 )
