@@ -516,8 +516,6 @@ class GainVariance:
         return cells if share is None else cells * share[:, None, None]
 
 
-Pieces = tuple[Array, Array, Array, Array]
-
 SIGMA_SHARE, TWO_SIGMA = 0.6827, 0.9545
 TRIED = SIGMA_SHARE + np.linspace(-0.08, 0.08, 17)
 SIGMA_ROWS_PER_LEVEL = 60
@@ -571,64 +569,6 @@ def _fair(ratio: Array) -> Array:
     inside = (ratio[:, None] <= factors + np.log(2.0)).mean(axis=0)
     off = np.maximum(np.abs(TRIED - SIGMA_SHARE)[:, None], np.abs(inside - TWO_SIGMA))
     return np.asarray(np.take_along_axis(factors, off.argmin(axis=0)[None], axis=0)[0])
-
-
-def pieces(knots: Array, factors: Array) -> Pieces:
-    """Split a `SigmaCalibration` for `widen`: first factor, knots, distances and slopes."""
-    widths = np.maximum(np.diff(knots, axis=0), 0.0)
-    rise = np.diff(factors, axis=0)
-    slopes = np.where(widths > 1e-9, rise / np.maximum(widths, 1e-9), 0.0)
-    return factors[0], knots[:-1], widths, slopes
-
-
-def widen(cov: Array, floor: Array, scale: Pieces) -> None:
-    """Add a floor to covariances and scale them as `pieces` say, in place.
-
-    Parameters
-    ----------
-    cov, floor : ndarray, shape (s, c, c) and (c, c)
-        (Unit squared.)
-    scale : tuple of ndarray
-        Of `pieces`.
-
-    Examples
-    --------
-    Sigmas of 1 are half of what they should be, those of 3 and more are right:
-
-    >>> scale = pieces(np.log([[1.0], [3.0]]), np.log([[2.0], [1.0]]))
-    >>> cov = np.array([[[1.0]], [[16.0]]])
-    >>> widen(cov, np.zeros((1, 1)), scale)
-    >>> cov.ravel().round(9).tolist()
-    [4.0, 16.0]
-    """
-    first, knots, widths, slopes = scale
-    widen_rows(cov, floor, first, knots, widths, slopes)
-
-
-@compiled
-def widen_rows(
-    cov: Array, floor: Array, first: Array, knots: Array, widths: Array, slopes: Array
-) -> None:
-    """`widen` by loops: first (c,) is the logarithm of the factor at small sigmas.
-
-    Its pieces begin at knots, in the logarithm of the sigma, are as long as widths and as steep
-    as slopes (l, c).
-    """
-    count = len(first)
-    factor = np.empty(count)
-    for s in range(len(cov)):
-        for a in range(count):
-            for b in range(count):
-                cov[s, a, b] += floor[a, b]
-        for a in range(count):
-            sigma, total = math.log(math.sqrt(cov[s, a, a])), 0.0
-            for piece in range(len(knots)):
-                beyond = min(max(sigma - knots[piece, a], 0.0), widths[piece, a])
-                total += beyond * slopes[piece, a]
-            factor[a] = math.exp(first[a] + total)
-        for a in range(count):
-            for b in range(count):
-                cov[s, a, b] *= factor[a] * factor[b]
 
 
 BEYOND = 1.1  # times the largest that was told: so far a curve may be gone on with

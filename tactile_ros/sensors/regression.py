@@ -14,7 +14,11 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from tactile_ros.conditioning.fading_memory import FadingMemory
-from tactile_ros.estimators.covariance import CovarianceModel, GainVariance
+from tactile_ros.estimators.covariance import (
+    CalibratedCovariance,
+    CovarianceModel,
+    GainVariance,
+)
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.model_selection import select
 from tactile_ros.estimators.regression import (
@@ -575,7 +579,7 @@ def places_of(plane: Array) -> Integers | None:
 
 CLASSES = (
     Regression, Head, Vote, RestingState, SlipDetector, GainVariance, CovarianceModel,
-    Ridge, GridKnn, KernelRidge, Perceptron, Standardisation,
+    CalibratedCovariance, Ridge, GridKnn, KernelRidge, Perceptron, Standardisation,
 )  # fmt: skip
 
 

@@ -10,9 +10,7 @@ import pytest
 from tactile_ros.calibration import flatten, restore
 from tactile_ros.errors import NotCalibratedError
 from tactile_ros.estimators.grid_knn import GridKnn
-from tactile_ros.estimators.kernel_ridge import KernelRidge, PatternRidge
-from tactile_ros.estimators.perceptron import Perceptron
-from tactile_ros.estimators.regression import Ridge, Standardisation
+from tactile_ros.estimators.regression import KernelRidge, Perceptron, Ridge, Standardisation
 from tactile_ros.types import Array, Estimator, Integers
 
 ESTIMATORS: dict[str, Estimator] = {
@@ -21,7 +19,6 @@ ESTIMATORS: dict[str, Estimator] = {
     'grid_knn': GridKnn(),
     'kernel_ridge': KernelRidge(),
     'anchored': KernelRidge(common=10.0),
-    'pattern_ridge': PatternRidge(),
     'perceptron': Perceptron(members=2, width=24, epochs=60),
     'pattern': Perceptron(members=2, width=24, epochs=60, pattern=True),
 }

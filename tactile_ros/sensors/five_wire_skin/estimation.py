@@ -269,7 +269,7 @@ class FiveWireEstimation(Estimation):
         if np.count_nonzero(untouched):
             force[untouched, 2], covariance[untouched, 2, 2] = 0.0, self.touch_.subthreshold_
         if self.shear_ is not None:
-            mean, cov = self.shear_.predict(x.copy(), np.zeros_like(x))
+            mean, cov, _ = self.shear_.predict(x.copy(), np.zeros_like(x))
             force[:, :2], covariance[:, :2, :2] = mean, cov
         known['force'], known['force_cov'] = force, covariance
 

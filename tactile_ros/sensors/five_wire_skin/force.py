@@ -9,11 +9,10 @@ from scipy.optimize import nnls
 
 from tactile_ros.estimators.covariance import SigmaCalibration, extrapolation_error
 from tactile_ros.estimators.grid_knn import GridKnn
-from tactile_ros.estimators.kernel_ridge import KernelRidge
 from tactile_ros.estimators.model_selection import chosen, some_rows, trials, verdict
 from tactile_ros.estimators.power_law_force import FilmResistance, MeanCurve, PowerLawForce
 from tactile_ros.estimators.rbf_force import RbfForce
-from tactile_ros.estimators.regression import ColumnSelector, Ridge
+from tactile_ros.estimators.regression import ColumnSelector, KernelRidge, Ridge
 from tactile_ros.estimators.smooth_fields import SmoothFields
 from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.resistive_sheet import SeriesResistance
@@ -358,7 +357,7 @@ class ForceHead:
             'mean_curve': MeanCurve(6),
             'ridge': ColumnSelector(Ridge(), np.array([3, 4, 5])),
             'kernel_ridge': ColumnSelector(
-                KernelRidge(lengths=(0.4,), linear=1.0, strengths=(1e-6,), common=10.0),
+                KernelRidge(length=0.4, linear=1.0, strengths=(1e-6,), common=10.0),
                 np.array([3, 4, 5]),
             ),
             'grid_knn': ColumnSelector(GridKnn(), np.array([3, 4, 5])),

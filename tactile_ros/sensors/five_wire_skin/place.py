@@ -7,10 +7,9 @@ import numpy as np
 from tactile_ros.estimators.covariance import SigmaCalibration
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.model_selection import chosen, some_rows, trials, verdict
-from tactile_ros.estimators.perceptron import Perceptron
 from tactile_ros.estimators.potential_map import HarmonicMap, SheetPotentials
 from tactile_ros.estimators.rbf_force import ThinPlate
-from tactile_ros.estimators.regression import ColumnSelector, Ridge, predict_rows
+from tactile_ros.estimators.regression import ColumnSelector, Perceptron, Ridge, predict_rows
 from tactile_ros.physics.resistive_sheet import linear_place
 from tactile_ros.sensors.five_wire_skin.contact_gate import CONSTANT
 from tactile_ros.types import Array, Estimator, Integers

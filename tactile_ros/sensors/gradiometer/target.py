@@ -9,12 +9,10 @@ import numpy as np
 
 from tactile_ros.estimators.covariance import CalibratedCovariance
 from tactile_ros.estimators.grid_knn import GridKnn
-from tactile_ros.estimators.kernel_ridge import KernelRidge
 from tactile_ros.estimators.model_selection import Selection, select
-from tactile_ros.estimators.perceptron import Perceptron
 from tactile_ros.estimators.polynomial_force import PolynomialForce, WarmChain
 from tactile_ros.estimators.polynomial_ridge import PolynomialRidge, WarmPolynomial
-from tactile_ros.estimators.regression import ColumnSelector, Ridge
+from tactile_ros.estimators.regression import ColumnSelector, KernelRidge, Perceptron, Ridge
 from tactile_ros.sensors.gradiometer.temperature import LEAST_RANGE
 from tactile_ros.types import Array
 

@@ -16,7 +16,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import least_squares
 from scipy.sparse import csr_array
 
-from tactile_ros.estimators.kernel_ridge import gaussian
+from tactile_ros.estimators.regression import gaussian
 from tactile_ros.physics.elastomer import disc_press
 from tactile_ros.physics.fidelity import (
     BLOCK_COST,
