@@ -173,9 +173,6 @@ def test_record_that_cannot_begin_fails(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bag = tmp_path / 'bag'
-    assert main(['record', '-o', str(bag), '--namespace', '7 x']) == 1
-    assert f'{bag} is no whole bag: the recorder ended with code 1' in capsys.readouterr().err
-    assert not bag.exists()
     (tmp_path / 'file').touch()
     monkeypatch.setattr('tactile_ros.cli.record.Running', lambda *_, **__: pytest.fail('started'))
     assert main(['record', '-o', str(tmp_path / 'file' / 'bag')]) == 1

@@ -244,9 +244,9 @@ def test_command_line() -> None:
 
 
 def test_a_process_that_fails_is_named_with_its_words() -> None:
-    graph = Graph((Process('record', {'nothing': 1}), Process('sensor_node', {'sensor': 'none'})))
+    graph = Graph((Process('contact_node'), Process('sensor_node', {'sensor': 'none'})))
     with Running(graph) as running, pytest.raises(TactileError, match='sensor_node ended with'):
-        running.wait('record', 120.0)
+        running.wait('contact_node', 120.0)
     assert 'sensor must be one of' in ' '.join(running.lines['sensor_node'])
 
 
