@@ -172,7 +172,6 @@ def test_record_says_where_the_bag_is(
 def test_record_that_cannot_begin_fails(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bag = tmp_path / 'bag'
     (tmp_path / 'file').touch()
     monkeypatch.setattr('tactile_ros.cli.record.Running', lambda *_, **__: pytest.fail('started'))
     assert main(['record', '-o', str(tmp_path / 'file' / 'bag')]) == 1
