@@ -48,18 +48,13 @@ class Wanted:
     resolution: float = 20e-6
 
 
-def pressed(config: MagnetPadConfig, places: Array, loads: Array, tip: float) -> Array:
-    """Change of the readings (n, l, t, 3) (T) at places (n, 3) (m) under loads (l,) (N)."""
-    normal = places * np.array([0.0, 1.0, 1.0]) / config.radius
-    force = (normal[:, None] * loads[:, None]).reshape(-1, 3)
-    touches = touches_at(np.repeat(places, len(loads), axis=0), force)
-    seen = change_of_field(config, touches, tip / config.radius)
-    return seen.reshape(len(places), len(loads), *seen.shape[1:])
-
-
 def changes(config: MagnetPadConfig, wanted: Wanted, loads: Array) -> Array:
     """Change of the readings (n, l, t, 3) (T) in every cell under loads (l,) (N)."""
-    return pressed(config, config.cells, loads, wanted.tip)
+    normal = config.cells * np.array([0.0, 1.0, 1.0]) / config.radius
+    force = (normal[:, None] * loads[:, None]).reshape(-1, 3)
+    touches = touches_at(np.repeat(config.cells, len(loads), axis=0), force)
+    seen = change_of_field(config, touches, wanted.tip / config.radius)
+    return seen.reshape(len(config.cells), len(loads), *seen.shape[1:])
 
 
 def least_forces(config: MagnetPadConfig, wanted: Wanted) -> Array:
@@ -88,7 +83,7 @@ def saturation(config: MagnetPadConfig) -> Array:
 
 
 def quiet_enough(config: MagnetPadConfig, wanted: Wanted) -> Array:
-    """Whether condition 1 holds for each chip (t,)."""
+    """Chips (t,) for which condition 1 holds."""
     rest = np.linalg.norm(rest_field(config), axis=1)
     clear = (loudest(config, wanted) < saturation(config)).all(axis=1)
     return np.asarray((rest > wanted.least_field) & clear)
@@ -174,42 +169,31 @@ def remedies(config: MagnetPadConfig, wanted: Wanted, force: Array) -> list[Reme
         why = 'most cells' if len(weak) > MOST * len(force) else 'max(F_min) is high'
         change = f'shear modulus {1e-6 * modulus:.3g} MPa for {1e-6 * config.shear_modulus:.3g}'
         found.append(Remedy('softer body', why, change, replace(config, shear_modulus=modulus)))
-    for part in blocks(config.cells, weak):
-        if len(part) >= BLOCK:
-            found.append(_chip(config, part))
-        else:
-            found.append(_magnet(config, part))
-    return found
+    return found + [_added(config, part) for part in blocks(config.cells, weak)]
 
 
-def _words(cells: Integers) -> str:
-    return 'cells ' + ', '.join(str(cell) for cell in cells.tolist())
-
-
-def _magnet(config: MagnetPadConfig, cells: Integers) -> Remedy:
-    """A magnet half way between the base and the surface under a few cells."""
+def _added(config: MagnetPadConfig, cells: Integers) -> Remedy:
+    """A chip under a block of adjacent cells; else a magnet half way up under a few of them."""
+    words = 'cells ' + ', '.join(str(cell) for cell in cells.tolist())
     at = config.cells[cells].mean(axis=0)
-    at[2] *= 0.6
-    added = replace(
-        config,
-        magnet_positions=np.vstack([config.magnet_positions, at]),
-        magnet_axes=np.vstack([config.magnet_axes, config.magnet_axes[:1]]),
-    )
-    change = f'a magnet at {1e3 * at[0]:.3g}, {1e3 * at[1]:.3g}, {1e3 * at[2]:.3g} mm'
-    return Remedy('more magnets', f'a few: {_words(cells)}', change, added)
-
-
-def _chip(config: MagnetPadConfig, cells: Integers) -> Remedy:
-    """A chip under a block of adjacent cells."""
-    at = np.append(config.cells[cells, :2].mean(axis=0), config.positions[:, 2].mean())
+    x, y = 1e3 * at[:2]
+    if len(cells) < BLOCK:
+        at[2] *= 0.6
+        added = replace(
+            config,
+            magnet_positions=np.vstack([config.magnet_positions, at]),
+            magnet_axes=np.vstack([config.magnet_axes, config.magnet_axes[:1]]),
+        )
+        change = f'a magnet at {x:.3g}, {y:.3g}, {1e3 * at[2]:.3g} mm'
+        return Remedy('more magnets', f'a few: {words}', change, added)
+    at[2] = config.positions[:, 2].mean()
     turns = config.rotations
     added = replace(
         config,
         positions=np.vstack([config.positions, at]),
         rotations=None if turns is None else np.concatenate([turns, np.eye(3)[None]]),
     )
-    change = f'a chip at {1e3 * at[0]:.3g}, {1e3 * at[1]:.3g} mm'
-    return Remedy('extra chip', f'a block: {_words(cells)}', change, added)
+    return Remedy('extra chip', f'a block: {words}', f'a chip at {x:.3g}, {y:.3g} mm', added)
 
 
 NOISE = 4e-6  # T, where the config states none
