@@ -376,9 +376,9 @@ class TouchPosterior:
     def touching(self, x: Array, threshold: float) -> Bools:
         """Decide whether readings (s, d) are those of a touch or of a common cause alone.
 
-        They are where a channel less the cause exceeds a threshold.
+        They are of a touch where their norm less the cause exceeds a threshold.
         """
-        touching = np.asarray(np.abs(self.cause(x)[1]).max(axis=1) > threshold)
+        touching = np.asarray((self.cause(x)[1] ** 2).sum(axis=1) > threshold**2)
         weak = np.flatnonzero(~touching)
         if len(weak):
             touch = np.maximum(self.plain(x[weak]).evidence, self.beside(x[weak]).evidence)

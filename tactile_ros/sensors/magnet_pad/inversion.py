@@ -132,7 +132,7 @@ class PadInversion:
     misfit_ : float
         That most touches leave.
     contact_ : float
-        Channel less a uniform field, beyond which something touches (T).
+        Norm of a reading less a uniform field, beyond which something touches (T).
     span_ : ndarray, shape (2,)
         Least and largest recorded force (N); NaN: none.
     covariance_ : CovarianceModel or None
@@ -217,7 +217,7 @@ class PadInversion:
         fold = group_folds(rank[index.reshape(-1)], FOLDS, seed=0)
         self._validate(touches, x, groups, fold)
         remains = x if self.common is None else self._less_uniform(x)
-        lightest = float(np.quantile(np.abs(remains).max(axis=1), 0.01))
+        lightest = float(np.quantile(np.linalg.norm(remains, axis=1), 0.01))
         self.contact_ = max(SIGMAS * self.noise, CONTACT * lightest)
         force = np.exp(touches[:, 2]) * np.sqrt(1 + (touches[:, 3:] ** 2).sum(axis=1))
         self.span_ = np.array([force.min(), force.max()])
