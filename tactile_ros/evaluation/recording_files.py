@@ -76,6 +76,7 @@ ROLES |= {('calibration', STRING)}
 PIECE = 4096  # frames
 HORIZON_NS = 2_000_000_000
 MOST_WAITING = 8  # pieces of frames that wait for the log time to go on
+MOST_EARLY = 1000  # messages of truth that are kept until a frame is heard
 FOREVER = 1 << 62
 _COLUMNS = ('stamp_ns', 'sequence', 'temperature_c', 'status', 'stream', 'tare')
 _DIGEST = re.compile(r'\b[0-9a-f]{64}\b')
@@ -225,14 +226,8 @@ class Bag:
 
     Parameters
     ----------
-    path : Path
-        A rosbag2 folder, or one .mcap or .db3 file.
-    layout : Layout or None
-        For a bag that does not tell it.
-    truth_topics : sequence of str
+    path, layout, truth_topics, association
         As of `load`.
-    association : Association
-        Of truth with frames.
     frames : int or None
         Of a piece; None: `PIECE`, and ClassesChangedError where classes came or went.
     wanted : container of str
@@ -313,7 +308,10 @@ class Bag:
                 for space, sensor in self.sensors.items()
                 if space in spaces and (len(spaces) == 1 or topic.startswith(f'{space}/'))
             ]
-            logs, messages = buffer.take() if hearers else ([], [])
+            if not hearers:  # truth before any frame waits
+                buffer.take(max(len(buffer.logs) - MOST_EARLY, 0))
+                continue
+            logs, messages = buffer.take()
             for sensor in hearers if logs else ():
                 sensor.truth.setdefault(topic, TruthTopic(topic, kind)).extend(logs, messages)
 

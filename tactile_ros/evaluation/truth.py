@@ -132,8 +132,10 @@ def nearest_of_key(
     last = np.searchsorted(keys, asked_keys, side='right')
     rows = np.where(last > first, first, -1)
     for i in np.flatnonzero(last - first > 1).tolist():
-        near = nearest(times[first[i] : last[i]], asked_times[i : i + 1], np.iinfo(np.int64).max)
-        rows[i] += near[0]
+        group, asked = times[first[i] : last[i]], asked_times[i]
+        right = min(int(np.searchsorted(group, asked)), len(group) - 1)
+        left = max(right - 1, 0)
+        rows[i] += left if asked - group[left] <= abs(group[right] - asked) else right
     return np.where(rows >= 0, order[rows] if len(order) else -1, -1).astype(np.int64)
 
 

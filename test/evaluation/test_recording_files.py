@@ -12,7 +12,7 @@ from tactile_ros.errors import MissingPackageError, RecordingError
 from tactile_ros.evaluation import bag
 from tactile_ros.evaluation.bag import BagWriter, all_types
 from tactile_ros.evaluation.recording_files import load, load_recording, save_recording
-from tactile_ros.evaluation.truth import nearest
+from tactile_ros.evaluation.truth import nearest, nearest_of_key
 from tactile_ros.types import Layout, Recording
 
 if TYPE_CHECKING:
@@ -339,6 +339,20 @@ def test_nearest_against_the_plain_search() -> None:
             assert index == -1
         else:
             assert distance[index] == distance.min()
+
+
+def test_nearest_of_key_against_the_plain_search() -> None:
+    rng = np.random.default_rng(4)
+    keys, times = rng.integers(0, 9, 80), rng.integers(0, 1000, 80)
+    asked_keys, asked = rng.integers(0, 12, 300), rng.integers(-50, 1050, 300)
+    rows = nearest_of_key(keys, times, asked_keys, asked)
+    for key, time, row in zip(asked_keys, asked, rows, strict=True):
+        same = np.abs(times[keys == key] - time)
+        if len(same):
+            assert keys[row] == key
+            assert abs(times[row] - time) == same.min()
+        else:
+            assert row == -1
 
 
 def test_a_bag_without_rosbags_is_one_sentence(
