@@ -1,30 +1,24 @@
 """Equilibration: the force of every taxel by a law of its own, zero force at zero output.
 
 [4] fits a polynomial of second order to each taxel. With a free constant it reports 0.1..0.2 N at
-rest and may fall inside the converter's range; here the constant is 0. A rational law bends like
-a resistance in a divider, a power law like a skin whose resistance falls with a power of the load,
-and a monotone curve (PCHIP) multiplies the better of these by what it lacks.
+rest and may fall inside the converter's range; here the constant is 0. A power law bends like a
+skin whose resistance falls with a power of the load in a divider; a monotone curve (PCHIP), which
+all taxels of a skin have in common, multiplies it by what it lacks.
 """
 
 from __future__ import annotations
 
 from functools import cached_property
-from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from tactile_ros.types import Array, Bools, Integers
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-LAWS = ('polynomial', 'rational', 'power', 'pchip')
+LAWS = ('polynomial', 'power', 'pchip')
 FEWEST_ROWS = 5
 PENALTY = 1e-9
 BORDERS = np.append([0.0, 1 / 36], np.linspace(1 / 12, 1, 12))  # light loads bend laws most
-KNOTS = len(BORDERS) - 1
-FREEDOM = {'polynomial': 2, 'rational': 3, 'power': 3, 'pchip': KNOTS}  # numbers of each taxel
 TABLE = 65  # entries of a curve
 LIGHT = 0.1  # of the largest force: lighter loads count by their error, heavier in parts
 BENDS = np.linspace(0.0, 0.98, 15)  # of a power law, in parts of 1 over the largest output
@@ -32,12 +26,7 @@ BEYOND = 1.1  # times the largest output: so far a law that bends down is looked
 STEP = 1e-3  # of an output, in which a law's slope is taken
 FOLDS = 4
 RELATIVE = 0.3  # of the largest force: below it errors count as they are, above it in parts
-MARGINS = {
-    'polynomial': 1.0,
-    'rational': 0.98,
-    'power': 0.98,
-    'pchip': 0.85,
-}  # what freedom must be worth
+MARGINS = {'polynomial': 1.0, 'power': 0.98, 'pchip': 0.96}  # what freedom must be worth
 
 
 class Equilibration:
@@ -53,32 +42,33 @@ class Equilibration:
     name : str
         Of the law in use.
     weights_ : ndarray, shape (t, 3)
-        a, b (N) and c of F = (a u + b u^2) / (1 - c u), or a (N), p and c of the power law
+        a (N), b (N) and 0 of the polynomial F = a u + b u^2, or a (N), p and c of the power law
         F = a (u / (1 - c u))^p; NaN: too few rows.
-    curves_ : ndarray, shape (t, TABLE), or None
+    curve_ : ndarray, shape (TABLE,), or None
         Factors of the law at outputs from 0 to `top_`, of a monotone curve.
-    kind : str
-        Of `weights_`: 'power', or a polynomial or rational law.
     top_ : ndarray, shape (t,)
         Largest output that was learned from (unit of output).
     errors_ : dict of str to float
         Held-out error of each law, in parts of the force.
+    held_out_ : ndarray, shape (s, t)
+        Errors (N) of the law in use on rows that it had not seen; NaN where nothing was held out.
 
     Examples
     --------
     >>> u = np.linspace(0, 0.9, 40)[:, None]
-    >>> law = Equilibration('rational').fit(u, 20 * u / (1.25 - u), np.arange(40))
-    >>> float(np.round(law.forces(np.array([[0.0], [0.5]]))[1, 0], 3))
-    13.333
+    >>> law = Equilibration('power').fit(u, 20 * u / (1.25 - u), np.arange(40))
+    >>> float(np.round(law.forces(np.array([[0.0], [0.5]]))[1, 0], 2))
+    13.33
     """
 
     def __init__(self, law: str | None = None) -> None:
         self.law = law
-        self.name = self.kind = law or LAWS[0]
+        self.name = law or LAWS[0]
         self.weights_: Array = np.zeros((0, 3))
-        self.curves_: Array | None = None
+        self.curve_: Array | None = None
         self.top_: Array = np.zeros(0)
         self.errors_: dict[str, float] = {}
+        self.held_out_: Array = np.zeros((0, 0))
 
     def fit(self, output: Array, force: Array, groups: Integers) -> Equilibration:
         """Learn every taxel with enough rows.
@@ -88,66 +78,48 @@ class Equilibration:
         output, force : ndarray, shape (s, t)
             Outputs above the baseline, and loads (N); NaN where unknown.
         groups : ndarray of int, shape (s,)
-            What a split keeps together.
-
-        Returns
-        -------
-        Equilibration
-            Itself.
+            Rows that a split keeps together.
         """
         known = np.isfinite(force) & np.isfinite(output)
         u, load = np.where(known, output, 0.0), np.where(known, force, 0.0)
         names = LAWS if self.law is None else (self.law,)
-        self.errors_ = {name: self._held_out(name, u, load, known, groups) for name in names}
+        misses = {name: self._held_out(name, u, load, known, groups) for name in names}
+        scale = load + RELATIVE * load.max(axis=0, initial=0.0) + 1e-12
+        self.errors_ = {}
+        for name, miss in misses.items():
+            told = np.isfinite(miss)
+            wrong = float(np.sqrt(np.square(miss / scale)[told].mean())) if told.any() else np.inf
+            self.errors_[name] = wrong
         best = min(names, key=lambda name: self.errors_[name] / MARGINS[name])
-        self.learn(best, u, load, known)
+        self.held_out_ = misses[best]
+        self._learn(best, u, load, known)
         return self
 
-    def _held_out(self, name: str, u: Array, load: Array, known: Bools, groups: Integers) -> float:
-        """Root mean square error of a law on groups that it had not seen."""
+    def _held_out(self, name: str, u: Array, load: Array, known: Bools, groups: Integers) -> Array:
+        """Errors (s, t) of a law on groups that it had not seen; NaN where there are none."""
         fold = np.unique(groups, return_inverse=True)[1].reshape(-1) % FOLDS
-        wrong, count = 0.0, 0
+        miss = np.full(u.shape, np.nan)
         for i in range(FOLDS):
             held = fold == i
-            if not held.any() or held.all():
-                continue
-            self.learn(name, u[~held], load[~held], known[~held])
-            miss = self.forces(u[held]) - load[held]
-            scale = load[held] + RELATIVE * load.max(axis=0, initial=0.0) + 1e-12
-            counted = known[held] & np.isfinite(miss)
-            wrong += float(np.square(miss / scale)[counted].sum())
-            count += int(counted.sum())
-        return float(np.sqrt(wrong / count)) if count else np.inf
+            if held.any() and not held.all():
+                self._learn(name, u[~held], load[~held], known[~held])
+                miss[held] = self.forces(u[held]) - load[held]
+        return np.where(known, miss, np.nan)
 
-    def learn(self, name: str, u: Array, load: Array, known: Bools) -> None:
+    def _learn(self, name: str, u: Array, load: Array, known: Bools) -> None:
         """Set the law of every taxel (t,) from known rows (s, t), by one kind of law."""
-        self.name, self.curves_, self.kind = name, None, name
+        vars(self).pop('_reach', None)
+        self.name, self.curve_ = name, None
         seen = (known.sum(axis=0) >= FEWEST_ROWS) & (np.square(u).sum(axis=0) > 0)
         self.top_ = np.where(seen, u.max(axis=0, initial=0.0), 1.0)
         self.top_ = np.where(self.top_ > 0, self.top_, 1.0)
-        self.weights_ = _polynomials(u, load, known, seen)
-        if name in ('rational', 'pchip'):
-            self.weights_ = _rationals(u, load, known, seen, self.weights_, self.top_)
-        if name == 'power':
+        if name == 'polynomial':
+            self.weights_ = _polynomials(u, load, known, seen)
+        else:
             self.weights_ = _powers(u, load, known, seen, self.top_)
         if name == 'pchip':
-            self._bend(u, load, known, seen)
-        vars(self).pop('_reach', None)
-
-    def _bend(self, u: Array, load: Array, known: Bools, seen: Bools) -> None:
-        """Factors by which the better law is multiplied."""
-        share = known / np.square(load + LIGHT * load.max(axis=0, initial=0.0) + 1e-12)
-        vars(self).pop('_reach', None)  # of the law before
-        rational, kept = self.forces(u), self.weights_
-        self.weights_, self.kind = _powers(u, load, known, seen, self.top_), 'power'
-        vars(self).pop('_reach', None)
-        power = self.forces(u)
-        worse = [np.nansum(share * np.square(one - load)) for one in (rational, power)]
-        found = power
-        if worse[0] <= worse[1]:
-            self.weights_, self.kind, found = kept, 'rational', rational
-        self.curves_ = _factors(u / self.top_, load, found, known)
-        self.curves_ = _rising(self._law, self.curves_, self.top_)
+            self.curve_ = _rising(_common_curve(u / self.top_, load, self.forces(u), known))
+            vars(self).pop('_reach', None)
 
     @property
     def known(self) -> Bools:
@@ -174,69 +146,35 @@ class Equilibration:
     def _reach(self) -> Array:
         """Largest outputs (t,) at which laws are used as they are."""
         _, b, c = self.weights_.T
-        pole = 1.0 / np.where(c > 0, c, np.nan)
-        reach = np.where(c > 0, (self.top_ + pole) / 2, np.inf)
-        falls = (b < 0) & (self.kind != 'power')
-        return np.where(falls, np.minimum(reach, BEYOND * self.top_), reach)
+        if self.name == 'polynomial':
+            return np.where(b < 0, BEYOND * self.top_, np.inf)
+        return np.where(c > 0, (self.top_ + 1.0 / np.where(c > 0, c, np.nan)) / 2, np.inf)
 
     def _law(self, output: Array) -> Array:
         """Forces (s, t) (N) by the laws alone."""
         a, b, c = self.weights_.T
-        if self.kind == 'power':
-            size = np.abs(output)
-            rise = np.copysign(a * (size / (1.0 - c * size)) ** b, output)
-        else:
-            rise = (a + b * output) * output
-            if self.kind != LAWS[0]:
-                rise /= 1.0 - c * output
-        return rise if self.curves_ is None else np.asarray(rise * self._factor(output))
-
-    def _factor(self, output: Array) -> Array:
-        """What a curve multiplies the law by; beyond its ends as at them."""
-        assert self.curves_ is not None
-        at = np.nan_to_num(output * ((TABLE - 1) / self.top_))
-        at = np.minimum(np.maximum(at, 0.0), TABLE - 1.0)
+        if self.name == 'polynomial':
+            return np.asarray((a + b * output) * output)
+        size = np.abs(output)
+        rise = np.copysign(a * (size / (1.0 - c * size)) ** b, output)
+        if self.curve_ is None:
+            return rise
+        at = np.clip(np.nan_to_num(output) * ((TABLE - 1) / self.top_), 0.0, TABLE - 1.0)
         cell = np.minimum(at.astype(np.int64), TABLE - 2)
-        flat = cell + TABLE * np.arange(len(self.top_))
-        low = self.curves_.reshape(-1)[flat]
-        high = self.curves_.reshape(-1)[flat + 1]
-        return np.asarray(low + (at - cell) * (high - low))
-
-
-def _normal(terms: Array, load: Array, weight: Array, seen: Bools) -> Array:
-    """Weights (t, n) of terms (s, t, n) by least squares, all taxels at once."""
-    gram = np.einsum('sti,stj,st->tij', terms, terms, weight)
-    moment = np.einsum('sti,st,st->ti', terms, load, weight)
-    count = terms.shape[2]
-    size = np.trace(gram, axis1=1, axis2=2)[:, None, None]
-    penalty = np.where(seen[:, None, None], PENALTY * size, 1.0)
-    weights = np.linalg.solve(gram + penalty * np.eye(count), moment[..., None])[..., 0]
-    return np.asarray(np.where(seen[:, None], weights, np.nan))
+        low = self.curve_[cell]
+        return np.asarray(rise * (low + (at - cell) * (self.curve_[cell + 1] - low)))
 
 
 def _polynomials(u: Array, load: Array, known: Bools, seen: Bools) -> Array:
-    """Weights (t, 3) of u and u^2, and 0."""
-    weights = _normal(np.stack([u, u**2], axis=-1), load, known.astype(np.float64), seen)
-    return np.column_stack([weights, np.where(seen, 0.0, np.nan)])
-
-
-def _rationals(
-    u: Array, load: Array, known: Bools, seen: Bools, spare: Array, top: Array
-) -> Array:
-    """Weights (t, 3) of a rational law; those of the polynomial where it would not rise."""
-    part = known / np.square(load + LIGHT * load.max(axis=0, initial=0.0) + 1e-12)
-    weights, share = spare, part
-    for _ in range(3):  # F (1 - c u) is linear in a, b, c; its error is divided by 1 - c u
-        terms = np.stack([u, u**2, u * load], axis=-1)
-        weights = _normal(terms, load, share, seen)
-        room = 1.0 - weights[:, 2] * u
-        share = np.asarray(part / np.square(np.where(np.abs(room) > 0.05, room, 0.05)))
-    a, b, c = np.nan_to_num(weights).T[:, :, None]
-    grid = top[:, None] * np.linspace(0, 1.1, 23)
-    room = 1.0 - c * grid
-    slope = (a + 2 * b * grid - b * c * grid**2) / np.square(np.where(room > 0, room, np.nan))
-    rises = ((room > 0.02) & (slope > 0)).all(axis=1)
-    return np.asarray(np.where(rises[:, None], weights, spare))
+    """Weights (t, 3) of u and u^2 by least squares, all taxels at once, and 0."""
+    terms = np.stack([u, u**2], axis=-1)
+    gram = np.einsum('sti,stj,st->tij', terms, terms, known)
+    moment = np.einsum('sti,st,st->ti', terms, load, known)
+    size = np.trace(gram, axis1=1, axis2=2)[:, None, None]
+    penalty = np.where(seen[:, None, None], PENALTY * size, 1.0)
+    weights = np.linalg.solve(gram + penalty * np.eye(2), moment[..., None])[..., 0]
+    blank = np.where(seen, 0.0, np.nan)[:, None]
+    return np.column_stack([weights + blank, blank])
 
 
 def _powers(u: Array, load: Array, known: Bools, seen: Bools, top: Array) -> Array:
@@ -273,40 +211,34 @@ def _line(x: Array, y: Array, share: Array) -> tuple[Array, Array]:
     return np.column_stack([np.exp(constant), slope]), wrong
 
 
-def _factors(part: Array, load: Array, found: Array, known: Bools) -> Array:
-    """Factors (t, TABLE) between loads and what a law found, at bins of parts of the range."""
-    from scipy.interpolate import PchipInterpolator
-
+def _common_curve(part: Array, load: Array, found: Array, known: Bools) -> Array:
+    """Factors (TABLE,) between loads and forces of a law, at bins of parts of the range."""
     inside = known & (part > 1e-3) & np.isfinite(found)
-    edges = np.quantile(part[inside], BORDERS) if inside.any() else [0.0, 1]
-    x, y = [0.0], []
-    for low, high in pairwise(edges):
+    if not inside.any():
+        return np.ones(TABLE)
+    x, y = [0.0], [1.0]
+    share = np.where(inside, 1.0 / np.square(load + LIGHT * load.max(axis=0) + 1e-12), 0.0)
+    edges = np.quantile(part[inside], BORDERS)
+    for low, high in zip(edges[:-1], edges[1:], strict=True):
         rows = inside & (part >= low) & (part <= high)
-        if not rows.any() or high - x[-1] < 1e-3:
+        scale = float((share * np.square(found))[rows].sum())
+        if scale <= 0 or part[rows].mean() < x[-1] + 1e-3:
             continue
-        enough = rows.sum(axis=0) >= 3
-        scale = np.square(np.where(rows, found, 0.0)).sum(axis=0)
-        ratio = (np.where(rows, load * found, 0.0)).sum(axis=0) / np.where(scale > 0, scale, 1.0)
         x.append(float(part[rows].mean()))
-        y.append(np.where(enough & (scale > 0), np.clip(ratio, 0.3, 3.0), 1.0))
-    if not y:
-        return np.ones((load.shape[1], TABLE))
-    if x[-1] < 1.0:
-        x, y = [*x, 1.0 + 1e-9], [*y, y[-1]]
-    curve = PchipInterpolator(np.array(x), np.array([y[0], *y]))
-    return np.asarray(curve(np.linspace(0, 1, TABLE)).T)
+        y.append(float(np.clip((share * load * found)[rows].sum() / scale, 0.3, 3.0)))
+    if len(x) < 3:
+        return np.ones(TABLE)
+    y[0] = y[1]
+    ends = x[-1] < 1.0
+    curve = PchipInterpolator([*x, 1.0 + 1e-9] if ends else x, [*y, y[-1]] if ends else y)
+    return np.asarray(curve(np.linspace(0, 1, TABLE)))
 
 
-def _rising(forces: Callable[[Array], Array], curves: Array, top: Array) -> Array:
-    """The same factors, drawn to 1 until no force falls; `curves` is changed."""
-    grid = np.linspace(0, 1, 4 * TABLE)[:, None] * top
-    for _ in range(5):
-        falls = (np.diff(np.nan_to_num(forces(grid)), axis=0) < 0).any(axis=0)
-        if not falls.any():
-            return curves
-        curves[falls] = 1.0 + 0.5 * (curves[falls] - 1.0)
-    curves[falls] = 1.0
-    return curves
+def _rising(curve: Array) -> Array:
+    """The same factors, nowhere falling faster than output rises."""
+    part = np.linspace(0, 1, TABLE)[1:]
+    product = np.maximum.accumulate(curve[1:] * part)
+    return np.concatenate([curve[:1], product / part])
 
 
 def silent_taxels(output: Array, force: Array | None, noise: Array) -> Bools:

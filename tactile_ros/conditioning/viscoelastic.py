@@ -8,13 +8,24 @@ derivative, its gain on noise is at most 1 at any rate, and a gap of any length 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import BSpline
+from scipy.optimize import minimize
 
 from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Bools, Integers
 
 NS = 1e-9
+FEWEST_ROWS = 60
+MOST_ROWS, FEW_ROWS, MANY = 700, 400, 200  # rows, those of many taxels
+CHOSEN = 3  # taxels that choose the time constants
+BETTER = 0.9  # of the error without creep
+ROUNDS = 12
+MOST_SHARE = 3.0
+STILL = 0.02  # of the largest load: a smaller change ends no hold
+SEARCH = {'maxiter': 45, 'xatol': 0.02, 'fatol': 1e-9}
 
 
 @compiled
@@ -77,12 +88,16 @@ def undo_rows(
 class Creep:
     """State-space inverse: v = F + sum_i c_i x_i with tau_i dx_i/dt = F - x_i.
 
+    v is a crept load, or a crept output and F the one that has not crept.
+
     Parameters
     ----------
     tau : ndarray, shape (b,)
         Time constants of the branches (s).
     share : ndarray, shape (b, t)
         Share of each branch in the settled output, at least 0.
+    behind : bool
+        Whether outputs creep, behind the law of the taxel, and not loads before it.
 
     Examples
     --------
@@ -93,7 +108,8 @@ class Creep:
     [1.0, 1.0, 1.0]
     """
 
-    def __init__(self, tau: Array, share: Array) -> None:
+    def __init__(self, tau: Array, share: Array, behind: bool = False) -> None:
+        self.behind = behind
         self.tau = np.asarray(tau, np.float64)
         self.share = np.asarray(share, np.float64)
 
@@ -129,6 +145,12 @@ class Creep:
         return forces
 
 
+    def crept(self, load: Array, stamp_ns: Integers, restart: Bools) -> Array:
+        """Load (s, t) that creep adds to a load (s, t) (N); an unknown load adds none."""
+        strain = strains(np.nan_to_num(load), self.tau, stamp_ns, restart)
+        return np.asarray(np.einsum('bt,sbt->st', self.share, strain))
+
+
 class CreepState:
     """Strain of every branch (b, t), last force (t,) and its stamp; None: nothing yet."""
 
@@ -137,16 +159,144 @@ class CreepState:
         self.stamp_ns: int | None = None
 
 
-def strains(force: Array, tau: Array, stamp_ns: Integers, restart: Bools) -> Array:
-    """Strains (s, b, t) of branches (b,) under forces (s, t): the forward model."""
-    strain = np.empty((len(force), len(tau), force.shape[1]))
-    now, weights = np.zeros(strain.shape[1:]), np.empty((3, len(tau)))
-    for i in range(len(force)):
-        if i == 0 or restart[i]:
-            now = np.zeros_like(now)
+@compiled
+def strain_rows(
+    force: Array, tau: Array, stamp_ns: Integers, restart: Bools, strain: Array
+) -> None:
+    """Fill strains (s, b, t) of branches (b,) under forces (s, t): the forward model."""
+    weights = np.empty((3, len(tau)))
+    strain[0] = 0.0
+    for i in range(1, len(force)):
+        if restart[i]:
+            strain[i] = 0.0
         elif stamp_ns[i] > stamp_ns[i - 1]:
             branch_weights((stamp_ns[i] - stamp_ns[i - 1]) * NS, tau, weights)
-            old, last, new = weights[:, :, None]
-            now = old * now + last * force[i - 1] + new * force[i]
-        strain[i] = now
+            for b in range(len(tau)):
+                for k in range(force.shape[1]):
+                    strain[i, b, k] = (
+                        weights[0, b] * strain[i - 1, b, k]
+                        + weights[1, b] * force[i - 1, k]
+                        + weights[2, b] * force[i, k]
+                    )
+        else:
+            strain[i] = strain[i - 1]
+
+
+def strains(force: Array, tau: Array, stamp_ns: Integers, restart: Bools) -> Array:
+    """Strains (s, b, t) of branches (b,) under forces (s, t), linear between the stamps."""
+    strain = np.empty((len(force), len(tau), force.shape[1]))
+    if len(force):
+        strain_rows(np.ascontiguousarray(force), tau, stamp_ns, restart, strain)
     return strain
+
+
+class History(NamedTuple):
+    """Outputs above the baseline and loads (N) of taxels (s, t), in time order."""
+
+    output: Array
+    load: Array
+    stamp_ns: Integers
+    restart: Bools
+
+
+def fit_creep(history: History) -> tuple[Creep, Array] | None:
+    """Branches of creep from steps of any length.
+
+    The law of a taxel is a spline over its load; creep adds to the load before the law, or to the
+    output behind it, whichever leaves less. A constant takes what a baseline of rests holds that
+    were still creeping back.
+
+    Returns
+    -------
+    creep, constant : Creep and ndarray of shape (t,), or None
+        Constant of the outputs. None: creep explains too little.
+    """
+    load = history.load
+    whole = np.isfinite(load).all(axis=1) & np.isfinite(history.output).all(axis=1)
+    if whole.sum() < FEWEST_ROWS or not np.nan_to_num(load).any():
+        return None
+    history = history._replace(load=np.nan_to_num(load))
+    rows = np.flatnonzero(whole)
+    taxels = load.shape[1]
+    rows = rows[:: max(len(rows) // (MOST_ROWS if taxels <= MANY else FEW_ROWS), 1)]
+    loaded = np.argsort(-history.load.max(axis=0), kind='stable')
+    loaded = loaded[: max(int((history.load.max(axis=0) > 0).sum()), 1)]
+    some = loaded[:: max(len(loaded) // CHOSEN, 1)][:CHOSEN]
+    longest = _longest(history)
+    plain = sum(_CreepFit(history, np.zeros(0), rows, False).taxel(k)[2] for k in some)
+    best: tuple[float, Array, bool] = (BETTER**2 * plain, np.zeros(0), False)
+    for behind in (True, False):
+
+        def left(log_tau: Array, behind: bool = behind) -> float:
+            fit = _CreepFit(history, np.exp(log_tau), rows, behind)
+            return sum(fit.taxel(k)[2] for k in some)
+
+        start = np.log(longest * np.array([0.03, 0.6]))
+        found = minimize(left, start, method='Nelder-Mead', options=SEARCH)
+        if found.fun < best[0]:
+            best = float(found.fun), np.exp(np.sort(found.x)), behind
+    if not len(best[1]):
+        return None
+    fit = _CreepFit(history, best[1], rows, best[2])
+    told = [fit.taxel(k) for k in range(taxels)]
+    share = np.maximum(np.array([one[0] for one in told]).T, 0.0)
+    return Creep(best[1], share, best[2]), np.array([one[1] for one in told])
+
+
+def _longest(history: History) -> float:
+    """Longest time between two changes of the whole load (s)."""
+    whole = history.load.sum(axis=1)
+    change = np.abs(np.diff(whole)) > STILL * whole.max()
+    edges = np.flatnonzero(np.concatenate([[True], change | history.restart[1:], [True]]))
+    stamps = history.stamp_ns
+    last = np.minimum(edges[1:] - 1, len(stamps) - 1)
+    return max(float((stamps[last] - stamps[edges[:-1]]).max()) * NS, 1.0)
+
+
+class _CreepFit:
+    """Least squares of taxels at given time constants."""
+
+    def __init__(self, history: History, tau: Array, rows: Integers, behind: bool) -> None:
+        self.history, self.tau, self.rows, self.behind = history, tau, rows, behind
+
+    def taxel(self, k: int) -> tuple[Array, float, float]:
+        """Shares (b,), constant, and squared residual of one taxel in parts of its output."""
+        history, rows = self.history, self.rows
+        u, load = history.output[rows, k], history.load[:, k]
+        scale = max(float(np.abs(u).max()), 1e-12)
+        share = np.full(len(self.tau), 0.05)
+        top = max(float(load.max()), 1e-12)
+
+        def past(of: Array) -> Array:
+            return strains(of, self.tau, history.stamp_ns, history.restart)[rows]
+
+        basis = _law_terms(load, top)
+        strained = past(basis) if self.behind else np.zeros((len(rows), len(self.tau), 0))
+        felt = past(load[:, None])[..., 0]
+        for _ in range(ROUNDS):
+            if self.behind:
+                terms = basis[rows] + np.einsum('b,sbj->sj', share, strained)
+                slopes = lambda weight: strained @ weight  # noqa: E731
+            else:
+                crept, stretch = load[rows] + felt @ share, 1.0 + share.sum()
+                terms = _law_terms(crept, top * stretch)
+                rise = (_law_terms(crept + 1e-4 * top, top * stretch) - terms) / (1e-4 * top)
+                slopes = lambda weight: felt * (rise @ weight)[:, None]  # noqa: E731
+            terms = np.column_stack([terms, np.ones(len(u))])
+            weight = np.linalg.lstsq(terms, u, rcond=None)[0]
+            wide = np.column_stack([terms, slopes(weight[:-1])])
+            miss = u - terms @ weight
+            change = np.linalg.lstsq(wide, miss, rcond=None)[0]
+            move = np.clip(change[terms.shape[1] :], -0.2, 0.2)
+            share = np.clip(share + move, -0.5, MOST_SHARE)
+            if np.abs(move).max(initial=0.0) < 1e-5:
+                break
+        return share, float(weight[-1]), float(miss @ miss) / scale**2 / len(u)
+
+
+def _law_terms(load: Array, top: float) -> Array:
+    """Splines (s, j) of a load, zero at zero; knots are closer at light loads."""
+    inner = top * np.linspace(0.0, 1.0, 7)[1:-1] ** 1.5
+    knots = np.concatenate([[0.0] * 4, inner, [top] * 4])
+    terms = BSpline(knots, np.eye(len(knots) - 4), 3, extrapolate=True)(load)
+    return np.asarray(terms[:, 1:])

@@ -1,392 +1,348 @@
-"""Which known object lies on an array, and where: coverage templates, then least squares.
+"""Which object lies on an array, and where: coverage of taxels by outlines, MAP by Gauss-Newton.
 
-[4] recognises parts by their contour without training. Here templates of coverage find where to
-begin, and robust least squares on soft coverage finish; taxels that fit to no pose (dead or stuck
-ones that nobody marked) lose their weight. Nothing is learned: outlines and layout suffice.
+The forward model of taxel t is F_t = sum_k a_k * integral over the taxel of field_k, where the
+fields are fixed in the object's frame: the outline itself and its tilts under an uneven load, the
+profiles of contact of a tube, or fields learned from labelled frames. The state is x, y, yaw and
+the amounts a_k, with priors; taxels that fit no state (dead or stuck ones that nobody marked) are
+a second component of the noise and lose their weight. Starts come from a table of templates.
+[4] recognises parts by their contour without training; outlines and layout suffice here too.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.coverage_model import (
-    CLOSE,
-    CUT,
-    LEAST_WIDTH,
-    MOST_WIDTH,
-    PRIOR,
-    WEAK,
-    Fits,
-    Readings,
-    TaxelPoints,
-    Variant,
-    excess_of,
-    first_pressure,
-    misfit,
-    pressure_of,
-    seen_at,
-)
-from tactile_ros.estimators.coverage_templates import FEW_TAXELS, CoverageTemplates
 from tactile_ros.physics.compiled import compiled
-from tactile_ros.physics.coverage import HALF_SPACE, SPRINGS
+from tactile_ros.physics.coverage import (
+    ObjectFields,
+    outline_fields,
+    tube_fields,
+    taxel_points,
+)
 from tactile_ros.types import Array, Bools, Integers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from tactile_ros.estimators.coverage_model import (
-        Fits,
-        ModelError,
-        Readings,
-        TaxelPoints,
-        Variant,
-    )
-    from tactile_ros.types import Array, Bools, Outline
+    from tactile_ros.types import Outline, Singles
+
+COARSE_POINTS, FINE_POINTS = 288, 2304  # of all taxels together, about
+LEAST_COARSE, LEAST_FINE, MOST_OF_TAXEL = 1, 16, 128  # of one taxel
+BLOCKS = 128  # of taxels that templates tell apart
+TEMPLATES = 4000  # of an object, about
+SPACING, TURNING = 0.15, 0.3  # between templates, in widths of a taxel
+USUAL_WIDTH = 0.5  # of the widths of a tube's contact
+CENTRED = 0.3  # of the reach: how far a tube's bend lies from the middle
+TUBE_PLAY = 0.6  # of the reach: how far from the middle a tube's bend is looked for
+STARTS, FINALISTS, MARGIN = 8, 4, 15.0
+APART, TURNED = 1.0, 0.5  # widths of a taxel between starts, the turn at the object's rim
+WORTH, SIMILAR = 3.0, 0.02  # times what the best template leaves, and more: worth a descent
+LOOSE = np.array([0.5, 0.5, 0.3, 0.2, 0.1, 0.05, 0.03])  # of the top: error while far away
+LOOSE_TUBES = np.array([0.3, 0.2, 0.15, 0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.03])
+TIGHT = np.array([0.1, 0.03, 0.0, 0.0, 0.0, 0.0])
+STRAY = 0.05  # share of taxels that may read anything
+PRESENT = 0.06  # of the largest force: less is no contact
+SEEN = 10.0  # of the noise: weaker patterns are noise
+ODD = 0.3  # of the touched taxels that may contradict an object
+MOST_MISFIT = 0.15  # of the top: a frame that misses by more is explained by no object
+MEDIAN = 0.455  # of the square of a normal variable
+CLOSE = 1e-2  # widths of a taxel: a smaller step ends a descent
+TRIED = 12  # poses at which coarse and fine points are compared
 
 
 @compiled
-def added(stack: Array, share: Array, miss: Array, normal: Array, pull: Array) -> None:
-    """Matrix (3, 3) and right side (3,) of least squares; both are filled."""
+def press_point(
+    x: float, y: float, part: float, table: Singles, columns: int, low: Array, pitch: float,
+    state: Array, cos: float, sin: float, radius: float, slopes: Array,
+) -> bool:  # fmt: skip
+    """Add a point's share of a taxel to slopes (3 + k,).
+
+    False, and nothing is added, where a field is not linear within the radius.
+    """
+    fields, rows = len(state) - 3, len(table) // columns
+    dx, dy = x - state[0], y - state[1]
+    u, v = cos * dx + sin * dy, cos * dy - sin * dx
+    column, row = (u - low[0]) / pitch + 0.5, (v - low[1]) / pitch + 0.5
+    if column < 0 or row < 0 or column >= columns or row >= rows:
+        return radius == 0.0
+    c, r = int(column), int(row)
+    node = r * columns + c
+    if table[node, 3 * fields] < radius:
+        return False
+    away_u, away_v = (column - 0.5 - c) * pitch, (row - 0.5 - r) * pitch
+    by_u, by_v = 0.0, 0.0
+    for k in range(fields):
+        rise_u, rise_v = table[node, 3 * k + 1], table[node, 3 * k + 2]
+        slopes[3 + k] += part * (table[node, 3 * k] + rise_u * away_u + rise_v * away_v)
+        by_u += state[3 + k] * rise_u
+        by_v += state[3 + k] * rise_v
+    slopes[0] -= part * (cos * by_u - sin * by_v)
+    slopes[1] -= part * (sin * by_u + cos * by_v)
+    slopes[2] += part * (by_u * v - by_v * u)
+    return True
+
+
+@compiled
+def pressed_taxels(
+    points: Array, first: Integers, centres: Array, radii: Array, areas: Array, chosen: Integers,
+    table: Singles, columns: int, low: Array, pitch: float, state: Array, force: Array,
+    slopes: Array,
+) -> None:  # fmt: skip
+    """Write forces (n,) of chosen taxels at a state and their slopes (n, 3 + k)."""
+    cos, sin = np.cos(state[2]), np.sin(state[2])
+    for i in range(len(chosen)):
+        t = chosen[i]
+        row = slopes[i]
+        row[:] = 0.0
+        if not press_point(
+            centres[t, 0], centres[t, 1], areas[t], table, columns, low, pitch, state, cos, sin,
+            radii[t], row,
+        ):  # fmt: skip
+            part = areas[t] / (first[t + 1] - first[t])
+            for n in range(first[t], first[t + 1]):
+                press_point(
+                    points[n, 0], points[n, 1], part, table, columns, low, pitch, state, cos, sin,
+                    0.0, row,
+                )  # fmt: skip
+        force[i] = 0.0
+        for k in range(3, len(state)):
+            force[i] += state[k] * row[k]
+
+
+@compiled
+def pressed_by_tube(
+    points: Array, first: Integers, centres: Array, radii: Array, areas: Array,
+    table: Singles, columns: int, low: Array, pitch: float, bend: float, state: Array,
+    force: Array, slopes: Array,
+) -> None:  # fmt: skip
+    """As `pressed_taxels`, of all taxels under a tube whose state ends in its half width (m)."""
+    cos, sin, bend_cos, bend_sin = np.cos(state[2]), np.sin(state[2]), np.cos(bend), np.sin(bend)
+    rows = len(table) // columns
+    width = (state[4] - low[0]) / low[1]
+    w = min(max(int(width + 0.5), 0), columns - 1)
+    for t in range(len(areas)):
+        row = slopes[t]
+        row[:] = 0.0
+        part = areas[t] / (first[t + 1] - first[t])
+        for n in range(first[t] - 1, first[t + 1]):
+            x, y = (centres[t, 0], centres[t, 1]) if n < first[t] else (points[n, 0], points[n, 1])
+            dx, dy = x - state[0], y - state[1]
+            u, v = cos * dx + sin * dy, cos * dy - sin * dx
+            along = max(bend_cos * u + bend_sin * v, 0.0)
+            first_u, other_u, other_v = min(u, 0.0), u - bend_cos * along, v - bend_sin * along
+            away, other = np.hypot(first_u, v), np.hypot(other_u, other_v)
+            to_u, to_v = first_u, v
+            if other < away:
+                away, to_u, to_v = other, other_u, other_v
+            if n < first[t]:
+                if away > rows * pitch + radii[t]:
+                    break
+                continue
+            r = int(away / pitch + 0.5)
+            if r >= rows:
+                continue
+            node = r * columns + w
+            rise, wider = table[node, 1], table[node, 2]
+            value = table[node, 0] + rise * (away - r * pitch) + wider * (width - w) * low[1]
+            by = state[3] * rise / max(away, 1e-12)
+            by_u, by_v = by * to_u, by * to_v
+            row[3] += part * value
+            row[4] += part * state[3] * wider
+            row[0] -= part * (cos * by_u - sin * by_v)
+            row[1] -= part * (sin * by_u + cos * by_v)
+            row[2] += part * (by_u * v - by_v * u)
+        force[t] = state[3] * row[3]
+
+
+@compiled
+def normal_equations(
+    force: Array, slopes: Array, y: Array, variance: Array, scale: float, rough: float,
+    edge: float, stray: float, free: int, normal: Array, pull: Array,
+) -> None:  # fmt: skip
+    """Write the weighted normal equations of covered taxels.
+
+    `variance` (n,) is inf of a taxel that is not usable; `stray` is the density of a reading that
+    fits no state, in parts of that of one that does.
+    """
     normal[:] = 0.0
     pull[:] = 0.0
-    for k in range(len(share)):
-        for m in range(3):
-            tall = stack[m, k] * share[k]
-            pull[m] += tall * miss[k]
+    size = len(pull)
+    for i in range(len(y)):
+        if slopes[i, 3] == 0.0 or np.isinf(variance[i]):
+            continue
+        miss = y[i] - force[i]
+        total = rough + scale * (
+            variance[i] + edge * (slopes[i, 0] ** 2 + slopes[i, 1] ** 2)
+        )
+        likelihood = np.exp(-min(0.5 * miss * miss / total, 500.0))
+        weight = likelihood / (likelihood + stray * np.sqrt(2 * np.pi * total)) / total
+        for m in range(size):
+            tall = slopes[i, m] * weight
+            pull[m] += tall * miss
             for n in range(m + 1):
-                normal[m, n] += tall * stack[n, k]
-    for m in range(3):
-        normal[m, m] += WEAK
+                normal[m, n] += tall * slopes[i, n]
+    for m in range(size):
         for n in range(m):
             normal[n, m] = normal[m, n]
+    for m in range(free, 3):
+        normal[m] = 0.0
+        normal[:, m] = 0.0
+        pull[m] = 0.0
 
 
 @compiled
-def inverse_of(a: Array, inverse: Array) -> None:
-    """Inverse of a symmetric matrix (3, 3), by cofactors; it is filled."""
-    p, q, r, s, t, u = a[0, 0], a[0, 1], a[0, 2], a[1, 1], a[1, 2], a[2, 2]
-    inverse[0, 0], inverse[1, 1], inverse[2, 2] = s * u - t * t, p * u - r * r, p * s - q * q
-    inverse[0, 1] = inverse[1, 0] = r * t - q * u
-    inverse[0, 2] = inverse[2, 0] = q * t - r * s
-    inverse[1, 2] = inverse[2, 1] = q * r - p * t
-    inverse /= p * inverse[0, 0] + q * inverse[0, 1] + r * inverse[0, 2]
-
-
-@compiled
-def weighed(
-    stack: Array, variance: Array, usable: Bools, squared: Array, edge: float, floor: float,
-    rough: float, share: Array, weight: Array,
-) -> None:  # fmt: skip
-    """Weights (t,) of squared misfits, robust ones and such without what is rough; filled."""
-    for k in range(len(share)):
-        edges = edge * (stack[0, k] ** 2 + stack[1, k] ** 2) + floor
-        near = usable[k] / (variance[k] + edges + rough**2)
-        far = max(1.0 - squared[k] * near / (2 * CUT) ** 2, 0.0)
-        share[k] = near * far * far
-        weight[k] = usable[k] / (variance[k] + edges)
-
-
-@compiled
-def step_of(normal: Array, pull: Array, move: Array) -> None:
-    """Step (3,) of least squares, none beyond 1; filled."""
-    inverse = np.empty((3, 3))
-    inverse_of(normal, inverse)
-    for m in range(3):
-        total = 0.0
-        for n in range(3):
-            total += inverse[m, n] * pull[n]
-        move[m] = min(max(total, -1.0), 1.0)
-
-
-@compiled
-def descend_rows(
-    rows: Array, side: int, low: Array, pitch: float, scale: float,
-    force: Array, variance: Array, usable: Bools, top: float, count: int, least: float,
-    found: Array, step: float, edge: float, floor: float, rounds: int, loose: Array, final: bool,
-    stack: Array, share: Array, cover: Array, normal: Array,
+def cost_of(
+    force: Array, slopes: Array, y: Array, variance: Array, scale: float, rough: float,
+    edge: float, stray: float,
 ) -> float:  # fmt: skip
-    """Cost of a descent: `descend_places`; `found` (x, y, pressure) and what follows is filled."""
-    miss, weight, pull, move = np.empty(len(force)), np.empty(len(force)), np.empty(3), np.empty(3)
-    rough = 0.0
-    for i in range(rounds):
-        seen_at(rows, side, low, pitch, scale, found[0], found[1], stack)
-        if i == 0:
-            found[2] = pressure_of(force, variance, usable, stack[2])
-        stack *= found[2]
-        miss[:] = force - stack[2]
-        squared = miss * miss
-        rough = excess_of(squared, usable, count, least)
-        if i < len(loose):
-            rough = max(rough, loose[i] * top)
-        weighed(stack, variance, usable, squared, edge, floor, rough, share, weight)
-        added(stack, share, miss, normal, pull)
-        step_of(normal, pull, move)
-        found[0] += move[0] * step
-        found[1] += move[1] * step
-        found[2] *= max(1.0 + move[2], 0.3)
-        if i >= len(loose) and max(abs(move[0]), abs(move[1])) < CLOSE:
-            break
+    """Minus logarithm of the likelihood of readings."""
     cost = 0.0
-    for k in range(len(force)):
-        left = miss[k] - (move[0] * stack[0, k] + move[1] * stack[1, k] + move[2] * stack[2, k])
-        near = weight[k] if final or not weight[k] else 1.0 / (1.0 / weight[k] + rough**2)
-        cost += min(left * left * near, CUT**2)
-        cover[k] = (force[k] - left) / found[2]
+    for i in range(len(y)):
+        if not np.isinf(variance[i]):
+            total = rough + scale * (
+                variance[i] + edge * (slopes[i, 0] ** 2 + slopes[i, 1] ** 2)
+            )
+            density = 1.0 / np.sqrt(2 * np.pi * total)
+            squared = min((y[i] - force[i]) ** 2 / total, 1000.0)
+            cost -= np.log(density * np.exp(-0.5 * squared) + stray)
     return cost
 
 
-def descend_places(
-    variant: Variant, start: Array, readings: Readings, rounds: int, loose: Sequence[float],
-    final: bool,
-) -> Fits:  # fmt: skip
-    """Descend with one variant from (x, y); see `Descent.run`."""
-    places, step = variant.places, float(variant.unit[0])
-    assert places is not None
-    taxels = len(readings.force)
-    stack, share, cover = np.empty((3, taxels)), np.empty(taxels), np.empty(taxels)
-    found, normal = np.array([start[0], start[1], 0.0]), np.empty((3, 3))
-    cost = descend_rows(
-        places.rows, places.side, places.low, places.pitch, places.scale, readings.force,
-        readings.variance, readings.usable, readings.top, readings.count, readings.least,
-        found, step, places.error.edge, places.error.floor * readings.top**2, rounds,
-        np.array(loose), final, stack, share, cover, normal,
-    )  # fmt: skip
-    return Fits(
-        variant, 0, found[None, :2], found[2:], np.array([cost]), cover[None], normal[None],
-        stack[:, None], share[None],
-    )  # fmt: skip
-
-
-BROKEN = 0.05  # of the taxels, which then read anything up to the largest force
-UNIFORM = 12.0  # over the squared width of an even prior: what it knows
-
-
-def log_evidence(
-    fits: Fits, i: int, readings: Readings, error: ModelError, reach: float, scale: float
+@compiled
+def misfit_scale(
+    force: Array, slopes: Array, y: Array, variance: Array, edge: float, present: float, free: int
 ) -> float:
-    """Logarithm of the probability density of the readings, of one mode of one object.
+    """Squared scale of the residuals of touched taxels, by their median; at least 1."""
+    squared, count = np.empty(len(y)), 0
+    for i in range(len(y)):
+        if max(y[i], force[i]) > present and not np.isinf(variance[i]):
+            total = variance[i] + edge * (slopes[i, 0] ** 2 + slopes[i, 1] ** 2)
+            squared[count] = (y[i] - force[i]) ** 2 / total
+            count += 1
+    left = count - free
+    if left < 2:
+        return 1.0
+    return max(np.median(squared[:count]) / MEDIAN * count / left, 1.0)
+
+
+@compiled
+def descend(
+    points: Array, first: Integers, centres: Array, radii: Array, areas: Array, chosen: Integers,
+    table: Singles, columns: int, low: Array, pitch: float, bend: float, y: Array,
+    variance: Array, edge: float, sigma: Array, home: Array, held: Array, limit: Array, free: int, top: float, loose: Array,
+    state: Array, normal: Array, force: Array,
+) -> tuple[float, float]:  # fmt: skip
+    """Descend from a state, which is changed; return the cost and the scale of the misfit.
+
+    `normal` and `force` are filled; `sigma` (k,) are priors of the amounts in parts of the first.
+    """
+    size, count = len(state), len(chosen)
+    slopes, pull = np.empty((count, size)), np.empty(size)
+    tube = not np.isnan(bend)
+    usual = low[0] + USUAL_WIDTH * low[1] * (columns - 1) if tube else 0.0
+    scale, stray = 1.0, STRAY / (1 - STRAY) / (1.5 * top)
+    for step in range(len(loose)):
+        if tube:
+            state[4] = min(max(state[4], low[0]), low[0] + low[1] * (columns - 1))
+            pressed_by_tube(
+                points, first, centres, radii, areas, table, columns, low, pitch, bend, state,
+                force, slopes,
+            )  # fmt: skip
+        else:
+            pressed_taxels(
+                points, first, centres, radii, areas, chosen, table, columns, low, pitch, state,
+                force, slopes,
+            )  # fmt: skip
+        if loose[step] == 0.0:
+            scale = misfit_scale(force, slopes, y, variance, edge, PRESENT * top, free + size - 3)
+        rough = (loose[step] * top) ** 2
+        normal_equations(
+            force, slopes, y, variance, scale, rough, edge, stray, free, normal, pull
+        )
+        for m in range(3):
+            normal[m, m] += 1.0 if m >= free else held[m]
+            pull[m] -= held[m] * (state[m] - home[m])
+        for k in range(1, size - 3):
+            unit = 1.0 if tube else state[3]
+            normal[3 + k, 3 + k] += 1.0 / (sigma[k] * unit) ** 2
+            pull[3 + k] -= (state[3 + k] - usual) / (sigma[k] * unit) ** 2
+        move = np.linalg.solve(normal, pull)
+        far = 0.0
+        for m in range(free):
+            far = max(far, abs(move[m]) / limit[m])
+        shrink = 1.0 if far <= 1.0 else 1.0 / far
+        for m in range(size):
+            if m < free or m >= 3:
+                state[m] += shrink * move[m]
+        state[3] = max(state[3], 0.3 * (state[3] - shrink * move[3]))
+        if loose[step] == 0.0 and far < CLOSE:
+            break
+    cost = cost_of(force, slopes, y, variance, scale, (loose[-1] * top) ** 2, edge, stray)
+    for m in range(2):
+        cost += 0.5 * held[m] * (state[m] - home[m]) ** 2
+    for k in range(1, size - 3):
+        cost += 0.5 * ((state[3 + k] - usual) / (sigma[k] * (1.0 if tube else state[3]))) ** 2
+    return cost, scale
+
+
+class TaxelPoints:
+    """Points that stand for taxels.
 
     Parameters
     ----------
-    fits : Fits
-        Descents.
-    i : int
-        Which of them.
-    readings : Readings
-        What was fitted.
-    error : ModelError
-        Of the model.
-    reach : float
-        Of the array: places are as likely everywhere on it (m).
-    scale : float
-        By which errors are larger than stated, squared.
-
-    Returns
-    -------
-    float
-        Up to a constant of the frame.
+    positions, areas : ndarray, shape (t, 3) and (t,)
+        Centres (m) and areas (m2).
+    outlines : sequence of Outline, or None
+        Shapes of the taxels; None: squares.
+    count : int
+        Points of a taxel, about.
     """
-    variant, slopes, pressure = fits.variant, fits.slopes[:, i], float(fits.pressure[i])
-    unit, free = variant.unit, len(slopes) - 1
-    wide = [2 * reach / unit[0], 2 * reach / unit[1]]
-    if free > 2:
-        wide.append(2 * math.pi / max(variant.order, 1) / unit[2])
-    if free > 3:
-        wide.append((MOST_WIDTH - LEAST_WIDTH) * variant.radius / unit[3])
-    edges = error.edge * (slopes[0] ** 2 + slopes[1] ** 2) + error.floor * readings.top**2
-    variance = scale * (readings.variance + edges)
-    squared = np.square(readings.force - pressure * fits.cover[i]) / variance
-    sound = (1 - BROKEN) * np.exp(-0.5 * squared) / np.sqrt(2 * math.pi * variance)
-    told = sound + BROKEN / readings.top
-    normal = (slopes * (readings.usable * sound / told / variance)) @ slopes.T
-    normal += np.diag(np.append(UNIFORM / np.square(wide), 1.0))
-    room = 0.5 * free * math.log(2 * math.pi) - 0.5 * float(np.linalg.slogdet(normal)[1])
-    profiles = len(PROFILES) if variant.tube else 1
-    told = float(np.log(told) @ readings.usable)
-    return told + room - float(np.log(wide).sum()) - math.log(profiles)
 
+    def __init__(
+        self, positions: Array, areas: Array, outlines: Sequence[Outline] | None, count: int
+    ) -> None:
+        self.points, first, self.radius = taxel_points(positions, areas, outlines, count)
+        self.first = np.append(first, len(self.points))
+        self.areas = areas
+        parts = np.split(self.points, first[1:])
+        self.centres = np.array([part.mean(axis=0) for part in parts])
+        away = [np.linalg.norm(p - c, axis=1).max() for p, c in zip(parts, self.centres, strict=True)]
+        self.radii = np.array(away) + self.radius
 
-def common_scale(cost: float, readings: Readings, free: int) -> float:
-    """By how much errors are larger than stated, squared, as the best fit tells it; 1 at least."""
-    spare = max(readings.count - free, 0)
-    return max((cost + PRIOR) / (spare + PRIOR), 1.0)
+    def pressed(
+        self, fields: ObjectFields, state: Array, chosen: Integers | None = None
+    ) -> tuple[Array, Array]:
+        """Forces (t,) of all or of chosen taxels at a state, and their slopes (t, 3 + k)."""
+        chosen = np.arange(len(self.areas)) if chosen is None else chosen
+        force, slopes = np.empty(len(chosen)), np.empty((len(chosen), len(state)))
+        shape = self.points, self.first, self.centres, self.radii, self.areas
+        table = fields.table, fields.columns, fields.low, fields.pitch
+        if fields.tube:
+            pressed_by_tube(*shape, *table, fields.bend, state, force, slopes)
+        else:
+            pressed_taxels(*shape, chosen, *table, state, force, slopes)
+        return force, slopes
 
 
 @dataclass
-class Fit:
-    """One end of a descent: parameters, covariance (m, m), cost; the descents and which."""
-
-    variant: Variant
-    params: Array
-    pressure: float
-    cov: Array
-    cost: float
-    cover: Array
-    fits: Fits
-    index: int
-    error: ModelError
-    chance: float = 1.0
-
-
-def fit_of(fits: Fits, i: int, readings: Readings, points: TaxelPoints) -> Fit:
-    """One of the descents, with the covariance of its parameters."""
-    free, places = fits.params.shape[1], fits.variant.places
-    unit = fits.variant.unit[:free]
-    error = points.errors[fits.variant.label] if places is None else places.error
-    cov = _covariance(fits, i, readings)[:free, :free] * (unit[:, None] * unit)
-    cov.reshape(-1)[:: free + 1] += np.square(error.shared * unit)
-    return Fit(
-        fits.variant,
-        fits.params[i],
-        float(fits.pressure[i]),
-        cov,
-        float(fits.cost[i]),
-        fits.cover[i],
-        fits,
-        i,
-        error,
-    )
-
-
-def _covariance(fits: Fits, i: int, readings: Readings) -> Array:
-    """Of parameters, half from misfits where they are, half from their common size."""
-    inverse = np.linalg.inv(fits.normal[i])
-    share, j = fits.share[i], fits.slopes[:, i]
-    miss = readings.force - fits.pressure[i] * fits.cover[i]
-    excess = share * np.square(miss)
-    size = np.abs(j).max(axis=0)
-    told = int(np.count_nonzero((size > 1e-3 * size.max()) & (share > 0)))
-    spare = max(told - len(inverse), 0)
-    common = min(max((float(excess.sum()) + PRIOR) / (spare + PRIOR), 0.1), 9.0)
-    if spare < 12:
-        return np.asarray(inverse * common)
-    part = (j * (share * excess)) @ j.T * (told / spare)
-    return np.asarray(0.5 * inverse * common + 0.5 * inverse @ part @ inverse)
-
-
-CENTRED = 0.3  # of the reach: how far from the middle the origin of a gripped tube lies
-
-
-class Descent:
-    """Steps of Gauss and Newton on one array.
-
-    Parameters
-    ----------
-    middle : ndarray, shape (2,)
-        Of the array (m).
-    reach : float
-        Of the array (m).
-    """
-
-    def __init__(self, middle: Array, reach: float) -> None:
-        self.middle, self.reach = middle, reach
-
-    def run(
-        self, points: TaxelPoints, variant: Variant, starts: Array, readings: Readings,
-        rounds: int, loose: Sequence[float], profile: int = HALF_SPACE, final: bool = True,
-    ) -> Fits:  # fmt: skip
-        """Descend with one variant from parameters (k, m), in so many rounds at most.
-
-        In the first rounds the model may err by `loose` parts of the largest force; if not
-        `final`, costs stay as loose as the last one was.
-        """
-        if variant.places is not None:
-            return descend_places(variant, starts[0], readings, rounds, loose, final)
-        params = starts[:, : variant.free].copy()
-        pressure = np.zeros(len(params))
-        error = points.errors[variant.label]
-        floor = error.floor * readings.top**2
-        for i in range(rounds):
-            stack = points.seen(variant, params, profile)
-            if i == 0:
-                pressure = np.array([first_pressure(readings, one) for one in stack[-1]])
-            stack *= pressure[:, None]
-            miss = readings.force - stack[-1]
-            edges = error.edge * np.square(stack[:2]).sum(axis=0) + floor
-            squared = np.square(miss)
-            rough = np.array([[readings.excess(one)] for one in squared])
-            if i < len(loose):
-                rough = np.maximum(rough, loose[i] * readings.top)
-            weight = readings.usable / (readings.variance + edges + np.square(rough))
-            share = weight * _tukey(squared * weight)
-            normal, step = self._solve(variant, params, stack, share, miss)
-            move = np.minimum(np.maximum(step, -1.0), 1.0)
-            _go(variant, params, pressure, move)
-            if i >= len(loose) and np.abs(move[:, :-1]).max() < CLOSE:
-                break
-        miss = miss - (move.T[:, :, None] * stack).sum(axis=0)
-        if final:
-            weight = readings.usable / (readings.variance + edges)
-        cost = np.minimum(np.square(miss) * weight, CUT**2).sum(axis=1) + self._strange(
-            variant, params
-        )
-        cover = (readings.force - miss) / pressure[:, None]
-        return Fits(variant, profile, params, pressure, cost, cover, normal, stack, share)
-
-    def _strange(self, variant: Variant, params: Array) -> Array | float:
-        """Cost (k,) of a tube that is gripped far from its bend."""
-        if not variant.tube:
-            return 0.0
-        away = np.square(params[:, :2] - self.middle).sum(axis=1)
-        return np.asarray(away / (CENTRED * self.reach) ** 2)
-
-    def _solve(
-        self, variant: Variant, params: Array, stack: Array, share: Array, miss: Array
-    ) -> tuple[Array, Array]:
-        """Matrix (k, m + 1, m + 1) and step (k, m + 1) of least squares."""
-        tall = stack.transpose(1, 0, 2)
-        normal = (tall * share[:, None]) @ tall.transpose(0, 2, 1)
-        pull = tall @ (share * miss)[..., None]
-        count = len(stack)
-        normal.reshape(len(normal), -1)[:, :: count + 1] += WEAK
-        if variant.tube:
-            unit = variant.unit[:2]
-            hold = np.square(unit / (CENTRED * self.reach))
-            normal[:, [0, 1], [0, 1]] += hold
-            pull[:, :2, 0] += hold * (self.middle - params[:, :2]) / unit
-        return normal, np.asarray(np.linalg.solve(normal, pull)[..., 0])
-
-
-def _go(variant: Variant, params: Array, pressure: Array, move: Array) -> None:
-    """Take a step; `params` and `pressure` are changed."""
-    params += move[:, :-1] * variant.unit[: variant.free]
-    pressure *= np.maximum(1.0 + move[:, -1], 0.3)
-    if variant.tube:
-        width = params[:, 3]
-        np.clip(width, LEAST_WIDTH * variant.radius, MOST_WIDTH * variant.radius, width)
-
-
-def _tukey(squared: Array) -> Array:
-    """Weights of squared misfits in sigma: 1 in the middle, 0 from 2 cuts on."""
-    rest = np.maximum(1.0 - squared / (2 * CUT) ** 2, 0.0)
-    return np.asarray(rest * rest)
-
-
-EARLY = {True: (6, (0.3, 0.2, 0.1, 0.06, 0.04, 0.03)), False: (2, (0.15, 0.04))}
-LATE, LATE_TUBES = (8, (0.1,)), (25, ())
-POLISH = (4, ())
-RIM, INSIDE = (
-    0.003,
-    60,
-)  # of a taxel: the others are wholly covered; some of which tell the pressure
-FINALISTS = 4
-PROFILES = (1, SPRINGS, 0)
-APART = 0.05  # turns (rad) and places (steps) at which two descents have not met
-ALIKE = 0.03  # least error of a force under an object that may be none of these
-ODD = 0.25  # of the taxels that may fit to no known object
-SEEN = 10.0  # of the noise: weaker patterns are noise
-PRESENT = 0.06  # of the largest force: less is no contact
-
-
-@dataclass(frozen=True)
 class Found:
-    """What was recognised: label -1 none of these, pose (x, y, yaw) and its covariance (3, 3).
+    """A recognised object: label -1 where no object explains the frame.
 
-    `unsure` is the error of a covered area, in parts of the largest.
+    Attributes
+    ----------
+    pose, cov : ndarray, shapes (3,) and (3, 3)
+        x, y (m), yaw (rad), and their covariance.
+    order : int
+        Symmetry about the origin: 0 any turn.
+    expected : ndarray, shape (t,)
+        Forces of the taxels under the object.
+    cover : ndarray, shape (t,)
+        Covered areas (m2).
+    pressure : float
+        Force of a covered area.
     """
 
     label: int
@@ -394,24 +350,197 @@ class Found:
     pose: Array
     cov: Array
     order: int
+    expected: Array
     cover: Array
     pressure: float
-    unsure: float
 
 
-class ObjectPose(CoverageTemplates):
-    """Objects on one array; parameters as of `CoverageTemplates`."""
+@dataclass
+class Descent:
+    """The end of a descent."""
+
+    index: int  # of the object
+    state: Array
+    normal: Array
+    cost: float
+    scale: float
+    force: Array
+
+
+class ObjectPose:
+    """Objects on one array.
+
+    Parameters
+    ----------
+    positions, areas : ndarray, shape (t, 3) and (t,)
+        Centres (m) and areas (m2) of the taxels.
+    taxel_outlines : sequence of Outline, or None
+        Their shapes; None: squares.
+    objects : sequence of Outline
+        Objects that may lie there; a label is an index into them.
+    """
 
     def __init__(
         self, positions: Array, areas: Array, taxel_outlines: Sequence[Outline] | None,
         objects: Sequence[Outline],
     ) -> None:  # fmt: skip
-        super().__init__(positions, areas, taxel_outlines, objects)
-        self.descent = Descent(self.middle, self.reach)
-        for variant in self.variants[:1]:  # what is compiled is built now, not under a frame
-            params = np.append(self.middle, (0.0, variant.radius / 2))[None, : variant.free]
-            cover = self.points.cover(variant, params)[0]
-            self.locate(cover, 1e-3 * areas, np.ones(len(areas), bool), 0.01)
+        taxels = len(positions)
+        counts = [
+            int(np.clip(total // taxels, least, MOST_OF_TAXEL))
+            for total, least in ((COARSE_POINTS, LEAST_COARSE), (FINE_POINTS, LEAST_FINE))
+        ]
+        self.coarse, self.fine = (
+            TaxelPoints(positions, areas, taxel_outlines, count) for count in counts
+        )
+        self.areas, self.centres = areas, np.ascontiguousarray(positions[:, :2])
+        self.step = float(np.sqrt(np.median(areas)))
+        self.every = np.arange(taxels)
+        self.middle = 0.5 * (self.centres.min(axis=0) + self.centres.max(axis=0))
+        self.half = 0.5 * np.ptp(self.centres, axis=0) + self.step
+        reach = np.linalg.norm(self.fine.points - self.middle, axis=1).max()
+        self.reach = float(reach) + 2 * self.fine.radius
+        self.labels: list[int] = []
+        self.objects: tuple[list[ObjectFields], list[ObjectFields]] = ([], [])
+        for label, one in enumerate(objects):
+            for points, fields in zip((self.coarse, self.fine), self.objects, strict=True):
+                tube = one.bend is not None
+                fields += (
+                    tube_fields(one, points.radius, self.reach)
+                    if tube
+                    else (outline_fields(one, points.radius, 3 if points is self.fine else 1),)
+                )
+            self.labels += [label] * (len(self.objects[0]) - len(self.labels))
+        self.edges = [self._edges(*pair) for pair in zip(*self.objects, strict=True)]
+        self._templates()
+        self.locate(areas, 1e-3 * areas, np.ones(taxels, bool), 0.01)  # compiled now
+
+    def _edges(self, rough: ObjectFields, fields: ObjectFields) -> tuple[float, float]:
+        """Squared place errors of edges by coarse and by fine points (m2)."""
+        rng = np.random.default_rng(6)
+        places = self.middle + 0.3 * self.half * rng.uniform(-1, 1, (TRIED, 2))
+        wrong = 0.0
+        for place, yaw in zip(places, rng.uniform(-np.pi, np.pi, TRIED), strict=True):
+            fine, slopes = self.fine.pressed(fields, first_state(fields, *place, yaw))
+            coarse = self.coarse.pressed(rough, first_state(rough, *place, yaw))[0]
+            rise = np.square(slopes[:, :2]).sum()
+            wrong += float(np.square(fine - coarse).sum() / max(rise, 1e-300)) / TRIED
+        finer = len(self.fine.points) / len(self.coarse.points)
+        return wrong, wrong / finer**1.5
+
+    def _templates(self) -> None:
+        """Make unit templates (n, b) of the objects at many poses (n, 4): object, x, y, yaw."""
+        size = 0.0
+        block = np.arange(len(self.areas))
+        while block.max() >= BLOCKS:
+            size += self.step
+            cell = np.floor((self.centres - self.middle) / size).astype(np.int64)
+            block = np.unique(cell, axis=0, return_inverse=True)[1].reshape(-1)
+        self.block, rows, poses = block, [], []
+        self.width = max(size, self.step)
+        for index, fields in enumerate(self.objects[0]):
+            if index and self.labels[index] == self.labels[index - 1]:
+                continue  # of the profiles of a tube the first
+            for x, y, yaw in self._tried(fields, self.width):
+                state = first_state(fields, x, y, yaw)
+                cover = self.coarse.pressed(fields, state)[0]
+                rows.append(np.bincount(block, cover))
+                poses.append((index, x, y, yaw))
+        table = np.array(rows).reshape(len(rows), block.max() + 1)
+        length = np.linalg.norm(table, axis=1)
+        kept = length > 0.2 * self.areas.mean()
+        self.poses = np.array(poses).reshape(-1, 4)[kept]
+        unit = table[kept] / length[kept, None]
+        unit[unit < 1e-4] = 0.0
+        self.templates = unit.astype(np.float32)
+        self.squared, self.length = np.square(self.templates), length[kept]
+
+    def _tried(self, fields: ObjectFields, width: float) -> Array:
+        """Poses (n, 3) of templates of one object, about a width of a taxel or block apart."""
+        turns = 1
+        if fields.order != 0:
+            sector = 2 * np.pi / fields.order
+            turns = int(np.clip(sector * fields.gyration / (TURNING * width), 6, 48))
+        play = self.half if not fields.tube else TUBE_PLAY * self.half
+        spacing = max(SPACING * width, float(np.sqrt(4 * np.prod(play) * turns / TEMPLATES)))
+        lines = [
+            self.middle[i] + np.linspace(-play[i], play[i], int(2 * play[i] / spacing) + 1)
+            for i in range(2)
+        ]
+        yaws = 2 * np.pi / max(fields.order, 1) * np.arange(turns) / turns
+        grid = np.meshgrid(*lines, yaws, indexing='ij')
+        poses = np.stack(grid, axis=-1).reshape(-1, 3)
+        # yaw is about the origin, which may lie outside: places are those of the middle
+        cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        u, v = fields.centre
+        poses[:, 0] -= cos * u - sin * v
+        poses[:, 1] -= sin * u + cos * v
+        return poses
+
+    def _starts(self, y: Array, usable: Bools, top: float) -> Array:
+        """Likeliest poses by templates, apart from one another, with their pressures (n, 5)."""
+        limited = np.minimum(y, 1.5 * top) * usable
+        pattern = np.bincount(self.block, limited).astype(np.float32)
+        able = np.bincount(self.block, usable) > 0
+        length = self.squared @ able.astype(np.float32)
+        score = (self.templates @ pattern) / np.sqrt(np.maximum(length, 0.05))
+        score /= max(float(np.linalg.norm(pattern)), 1e-30)
+        few = np.argpartition(score, -min(400, len(score)))[-min(400, len(score)) :]
+        few = few[np.argsort(-score[few], kind='stable')]
+        left = 1.0 - np.square(score[few])
+        few = few[left < WORTH * left[0] + SIMILAR]
+        amount = (self.templates[few] @ pattern) / np.maximum(length[few], 0.05) / self.length[few]
+        taken: list[Array] = []
+        for pose in np.column_stack([self.poses[few], amount]):
+            if len(taken) == STARTS:
+                break
+            if all(self._apart(pose, other) > 1.0 for other in taken):
+                taken.append(pose)
+        return np.array(taken)
+
+    def _apart(self, pose: Array, other: Array) -> float:
+        """Distance of two poses (object, x, y, yaw), in what is counted as another start."""
+        if pose[0] != other[0]:
+            return np.inf
+        fields = self.objects[0][int(pose[0])]
+        place = np.abs(pose[1:3] - other[1:3]).max() / (APART * self.step)
+        if fields.order == 0:
+            return float(place)
+        sector = 2 * np.pi / fields.order
+        turn = abs((pose[3] - other[3] + sector / 2) % sector - sector / 2) * fields.gyration
+        return float(max(place, turn / (TURNED * self.step)))
+
+    def _near(self, span: float, state: Array) -> Integers:
+        """Taxels that a part may touch, all where there are few."""
+        if len(self.areas) <= BLOCKS or np.isinf(span):
+            return self.every
+        near = span + 3 * self.step
+        away = self.centres - state[:2]
+        return np.flatnonzero(np.square(away).sum(axis=1) < near**2)
+
+    def _descend(
+        self, fine: bool, index: int, state: Array, y: Array, variance: Array, top: float
+    ) -> Descent:
+        """Descend with coarse or fine points."""
+        points = self.fine if fine else self.coarse
+        fields = self.objects[int(fine)][index]
+        chosen = self._near(fields.span, state)
+        free = 2 if fields.order == 0 else 3
+        size = self.step if fine else self.width
+        limit = 0.6 * size * np.array([1.0, 1.0, 1.0 / max(fields.gyration, 2 * size)])
+        home = np.append(self.middle, state[2])
+        held = np.full(3, 1e-9)
+        if fields.tube:
+            held[:2] = 1.0 / (CENTRED * self.reach) ** 2
+        normal, force = np.empty((len(state), len(state))), np.empty(len(chosen))
+        cost, scale = descend(
+            points.points, points.first, points.centres, points.radii, points.areas, chosen,
+            fields.table, fields.columns, fields.low, fields.pitch, fields.bend, y[chosen], variance[chosen],
+            self.edges[index][int(fine)], fields.sigma,
+            home, held, limit, free, top, TIGHT if fine else LOOSE_TUBES if fields.tube else LOOSE, state, normal, force,
+        )  # fmt: skip
+        whole = np.zeros(len(y))
+        whole[chosen] = force
+        return Descent(index, state, normal, cost, scale, whole)
 
     def locate(self, force: Array, noise: Array, usable: Bools, spread: float | Array) -> Found:
         """Recognise and place the object under one frame.
@@ -421,11 +550,11 @@ class ObjectPose(CoverageTemplates):
         force : ndarray, shape (t,)
             Of each taxel (any unit).
         noise : ndarray, shape (t,)
-            Its standard deviation.
+            Its standard deviation at rest.
         usable : ndarray, shape (t,)
             False: dead or unknown.
         spread : float or ndarray, shape (t,)
-            Error of laws, in parts of the force of a taxel.
+            Error of a force in parts of it.
 
         Returns
         -------
@@ -434,211 +563,112 @@ class ObjectPose(CoverageTemplates):
         """
         y = np.maximum(force, 0.0) * usable
         ranked = np.sort(y)
-        top = float(np.add.reduce(ranked[-3:])) / len(ranked[-3:])
-        loud = np.count_nonzero(noise * SEEN < top)  # as if by the median, but quicker
-        if 2 * loud <= len(noise) or not self.variants:
-            return _nothing(y)
-        starts = self.starts(y)
-        if not len(starts):
-            return _nothing(y)
-        firm = ranked[int(ranked.searchsorted(PRESENT * top, 'right')) :]
-        variance = noise * noise
-        stated = variance + (spread * y) ** 2
-        readings = Readings(y, stated, usable, top, len(firm))
-        points, coarse, chosen = self.points, self.coarse, None
-        if len(y) > FEW_TAXELS and points.size:
-            chosen = self._around(starts)
-            points = coarse = points.among(chosen)
-            readings = Readings(y[chosen], stated[chosen], usable[chosen], top, len(firm))
-        fits = self._finals(points, self._chosen_starts(coarse, starts, readings), readings)
-        fits.sort(key=_cost)
-        fits += self._mistaken(points, fits, readings)
-        if len(fits) > 1:
-            fits = self._ranked(fits, readings)
-        if chosen is not None:
-            for fit in fits:
-                cover = np.zeros(len(y))
-                cover[chosen] = fit.cover
-                fit.cover = cover
-            self._polish(fits[0], Readings(y, stated, usable, top, len(firm)))
-        alike = max(float(np.min(spread)), ALIKE) * float(firm[int(0.7 * (len(firm) - 1))])
-        rough = usable / (variance + alike**2)
-        return self._verdict(fits, y, rough, PRESENT * top)
-
-    def _around(self, starts: Array) -> Integers:
-        """Taxels that any of the starts may touch."""
-        near = np.zeros(len(self.areas), bool)
-        for index, x, y in starts[:, :3]:
-            span = self.variants[int(index)].span + 4 * self.step
-            near |= np.square(self.centres[:, 0] - x) + np.square(self.centres[:, 1] - y) < span**2
-        return np.flatnonzero(near)
-
-    def _chosen_starts(
-        self, points: TaxelPoints, starts: Array, readings: Readings
-    ) -> list[tuple[Variant, Array]]:
-        """The likeliest few after a short descent, each (variant, params)."""
-        if len(starts) == 1 and not self.tubes:
-            return [(self.variants[int(starts[0, 0])], starts[0, 1:])]
-        rounds, loose = EARLY[self.tubes]
+        top = float(ranked[-3:].mean())
+        if 2 * np.count_nonzero(noise * SEEN < top) <= len(noise) or not len(self.poses):
+            return nothing(len(y))
+        top = min(top, 2 * float(np.median(ranked[ranked > 0.2 * top])))
+        variance = np.where(usable, noise**2 + (spread * y) ** 2, np.inf)
         ends = []
-        for index in np.unique(starts[:, 0]):
-            variant = self.variants[int(index)]
-            some = starts[starts[:, 0] == index, 1:]
-            fits = self.descent.run(points, variant, some, readings, rounds, loose, final=False)
-            ends += [
-                (float(cost), variant, params)
-                for cost, params in zip(fits.cost, fits.params, strict=True)
-            ]
-        ends.sort(key=lambda end: end[0])
-        taken: list[tuple[Variant, Array]] = []
-        for cost, variant, params in ends:
-            if cost > 3 * ends[0][0] + 60 or len(taken) == FINALISTS:
+        for pose in self._starts(y, usable, top):
+            index = int(pose[0])
+            fields = self.objects[0][index]
+            state = first_state(fields, *pose[1:4])
+            state[3] = max(pose[4], 0.1 * top / self.areas.max())
+            ends.append(self._descend(False, index, state, y, variance, top))
+        ends.sort(key=lambda end: end.cost)
+        finals: list[Descent] = []
+        for end in ends:
+            pose = np.array([end.index, *end.state[:3]])
+            others = (np.array([other.index, *other.state[:3]]) for other in finals)
+            if len(finals) == FINALISTS or end.cost > ends[0].cost + MARGIN:
                 break
-            if all(variant is not other or self._differ(params, seen) for other, seen in taken):
-                taken.append((variant, params))
-        return taken
-
-    def _differ(self, params: Array, other: Array) -> bool:
-        """Whether two descents have not met."""
-        away = np.abs(params[:2] - other[:2]).max() / self.step
-        turn = abs(np.sin((params[2] - other[2]) / 2)) if len(params) > 2 else 0.0
-        return bool(away > APART or turn > APART / 2)
-
-    def _finals(
-        self, points: TaxelPoints, starts: list[tuple[Variant, Array]], readings: Readings
-    ) -> list[Fit]:
-        """Descents to the end, for tubes with every profile of contact."""
-        if len(starts) == 1 and not starts[0][0].tube:
-            fits = self.descent.run(points, starts[0][0], starts[0][1][None], readings, *LATE)
-            return [fit_of(fits, 0, readings, points)]
-        found = []
-        for variant in {id(variant): variant for variant, _ in starts}.values():
-            params = np.array([params for other, params in starts if other is variant])
-            if not variant.tube:
-                fits = self.descent.run(points, variant, params, readings, *LATE)
-                found += [fit_of(fits, i, readings, points) for i in range(len(params))]
-                continue
-            ends: list[tuple[float, int, Array]] = []
-            for profile in PROFILES:
-                rough = self.descent.run(
-                    self.coarse, variant, params, readings, *LATE_TUBES, profile
-                )
-                costs = zip(rough.cost.tolist(), rough.params, strict=True)
-                ends += [(cost, profile, end) for cost, end in costs]
-            # the best of each profile, since few points tell them apart badly, and others
-            ends.sort(key=lambda end: end[0])
-            first = {profile: i for i, (_, profile, _) in reversed(list(enumerate(ends)))}
-            order = sorted(range(len(ends)), key=lambda i: (i not in first.values(), i))
-            for _, profile, end in (ends[i] for i in order[: FINALISTS + 1]):
-                fits = self.descent.run(points, variant, end[None], readings, *LATE_TUBES, profile)
-                found.append(fit_of(fits, 0, readings, points))
-        return found
-
-    def _mistaken(self, points: TaxelPoints, fits: list[Fit], readings: Readings) -> list[Fit]:
-        """Descents from where the best fit may be mistaken: no start may have led there."""
-        best, variant = fits[0], fits[0].variant
-        if not len(variant.turns):
-            return []
-        x, y, yaw = best.params
-        turned = yaw + variant.turns
-        cx, cy = variant.centre
-        x += (np.cos(yaw) - np.cos(turned)) * cx - (np.sin(yaw) - np.sin(turned)) * cy
-        y += (np.sin(yaw) - np.sin(turned)) * cx + (np.cos(yaw) - np.cos(turned)) * cy
-        starts = np.column_stack([x, y, turned])
-        ends = self.descent.run(points, variant, starts, readings, *LATE)
-        seen = [fit.params for fit in fits if fit.variant is variant]
-        found = []
-        for i, params in enumerate(ends.params):
-            if all(self._differ(params, other) for other in seen):
-                found.append(fit_of(ends, i, readings, points))
-                seen.append(params)
-        return found
-
-    def _ranked(self, fits: list[Fit], readings: Readings) -> list[Fit]:
-        """Different ones, those of the likeliest object first, each with its chance."""
-        kept: list[Fit] = []
-        for fit in fits:
-            if not any(self._alike(fit, other) for other in kept):
-                kept.append(fit)
-        best = min(kept, key=_cost)
-        scale = common_scale(best.cost, readings, len(best.params) + 1)
-        told = [
-            log_evidence(fit.fits, fit.index, readings, fit.error, self.reach, scale)
-            for fit in kept
+            if all(self._apart(pose, o) > 0.3 for o in others):
+                finals.append(end)
+        finals = [
+            self._descend(True, index, self._refined(index, end.state), y, variance, top)
+            for end in finals
+            for index in self._profiles(end.index)
         ]
-        parts = np.exp(np.array(told) - max(told))
-        of_label = dict.fromkeys((fit.variant.label for fit in kept), 0.0)
-        for fit, part in zip(kept, parts / parts.sum(), strict=True):
-            fit.chance = float(part)
-            of_label[fit.variant.label] += fit.chance
-        kept.sort(key=lambda fit: (-of_label[fit.variant.label], -fit.chance))
-        return kept
+        return self._verdict(finals, y, variance, top)
 
-    def _alike(self, fit: Fit, other: Fit) -> bool:
-        """Whether two descents have come to the same."""
-        same = fit.variant is other.variant and fit.fits.profile == other.fits.profile
-        return same and not self._differ(fit.params, other.params)
+    def _refined(self, index: int, state: Array) -> Array:
+        """State with the amounts that coarse fields lack."""
+        fields = self.objects[1][index]
+        return np.append(state, np.zeros(3 + fields.count - len(state)))
 
-    def _polish(self, fit: Fit, readings: Readings) -> None:
-        """Place once more by taxels under edges, with more points of each; `fit` is changed."""
-        if self.fine is None or not self.fine.size or fit.variant.tube:
-            return
-        sharp = self.sharp[fit.variant.label]
-        part = fit.cover / self.areas
-        inside = np.flatnonzero(part > 1 - RIM)
-        edges = np.flatnonzero((part > RIM) & (part < 1 - RIM))
-        some = np.concatenate([edges, inside[:: max(len(inside) // INSIDE, 1)]])
-        seen = Readings(
-            readings.force[some], readings.variance[some], readings.usable[some], readings.top,
-            len(some),
-        )  # fmt: skip
-        fits = self.descent.run(self.fine.among(some), sharp, fit.params[None], seen, *POLISH)
-        better = fit_of(fits, 0, seen, self.fine)
-        if np.abs(better.params - fit.params)[:2].max() < APART * self.step:
-            fit.params, fit.cov = better.params, better.cov
+    def _profiles(self, index: int) -> list[int]:
+        """The same object by every profile of contact."""
+        return [i for i, label in enumerate(self.labels) if label == self.labels[index]]
 
-    def _verdict(self, fits: list[Fit], y: Array, weight: Array, present: float) -> Found:
-        """The best of the fits, if it is better than none of these."""
-        best = fits[0]
-        count, far, total = misfit(y, best.cover, best.pressure, weight, present)
-        most = (CUT**2 * ODD + 1.0) * count + 2 * CUT**2
-        if far > max(3, ODD * count) or total > most:
-            return _nothing(y)
-        if len(fits) == 1:
-            return self._found(best, fits, 1.0)
-        chance = sum(fit.chance for fit in fits if fit.variant is best.variant)
-        if chance < 0.5:
-            return _nothing(y)
-        return self._found(best, fits, chance)
+    def _evidence(self, end: Descent) -> float:
+        """Logarithm of the evidence, by Laplace."""
+        fields = self.objects[1][end.index]
+        free = np.array([True, True, fields.order != 0, *np.ones(fields.count, bool)])
+        normal = end.normal[np.ix_(free, free)]
+        unit = 1.0 if fields.tube else end.state[3]
+        sigma = np.array([*self.half, 2 * np.pi, end.state[3], *(fields.sigma[1:] * unit)])
+        scaled = normal * np.outer(sigma[free], sigma[free])
+        return -end.cost - 0.5 * float(np.linalg.slogdet(scaled)[1])
 
-    @staticmethod
-    def _found(best: Fit, fits: list[Fit], chance: float) -> Found:
-        """What the best fit says, and how far others that are about as likely lie from it."""
-        variant, free = best.variant, min(len(best.params), 3)
-        cov, pose = np.zeros((3, 3)), np.zeros(3)
-        pose[:free] = best.params[:free]
-        cov[:free, :free] = best.cov[:free, :free]
-        sector = 2 * np.pi / max(variant.order, 1)
-        for fit in (fit for fit in fits[1:] if fit.variant is variant):
-            away = fit.params[:free] - best.params[:free]
+    def _verdict(self, ends: list[Descent], y: Array, variance: Array, top: float) -> Found:
+        """The likeliest object, unless none explains the frame."""
+        told = np.array([self._evidence(end) for end in ends])
+        told = np.where(np.isfinite(told), told, -1e9)
+        part = np.exp(told - told.max())
+        of_label: dict[int, float] = {}
+        for end, one in zip(ends, part / part.sum(), strict=True):
+            key = self.labels[end.index]
+            of_label[key] = of_label.get(key, 0.0) + float(one)
+        label = max(of_label, key=lambda k: of_label[k])
+        mine = [i for i in np.argsort(-told) if self.labels[ends[i].index] == label]
+        best = ends[mine[0]]
+        miss = np.abs(y - best.force)
+        touched = np.isfinite(variance) & (np.maximum(y, best.force) > PRESENT * top)
+        usual = float(np.median(miss[touched])) / MEDIAN**0.5
+        odd = np.count_nonzero(touched & (miss > max(4 * usual, MOST_MISFIT * top)))
+        if usual > MOST_MISFIT * top or odd > max(3, ODD * np.count_nonzero(touched)):
+            return nothing(len(y))
+        return self._found(label, of_label[label], [ends[i] for i in mine], part[mine])
+
+    def _found(self, label: int, chance: float, ends: list[Descent], part: Array) -> Found:
+        """Pose of the best of descents to one object, with what the others leave open."""
+        best = ends[0]
+        fields = self.objects[1][best.index]
+        free = 2 if fields.order == 0 else 3
+        cov = np.zeros((3, 3))
+        cov[:free, :free] = np.linalg.inv(best.normal)[:free, :free]
+        pose = best.state[:3].copy()
+        sector = 2 * np.pi / max(fields.order, 1)
+        for end, weight in zip(ends[1:], part[1:] / part.sum(), strict=True):
+            away = end.state[:free] - best.state[:free]
             if free == 3:
                 away[2] -= sector * np.round(away[2] / sector)
-            cov[:free, :free] += fit.chance / chance * np.outer(away, away)
+            cov[:free, :free] += weight * np.outer(away, away)
+        pose[2] -= sector * np.round(pose[2] / sector)
         if free == 2:
-            cov[2, 2] = np.pi**2 / 3
-        else:
-            pose[2] -= sector * np.round(pose[2] / sector)
-        unsure = float(np.sqrt(best.error.floor))
+            pose[2], cov[2, 2] = 0.0, np.pi**2 / 3
+        alone = first_state(fields, *best.state[:3])
+        if fields.tube:
+            alone[4] = best.state[4]
+        near = self._near(fields.span, best.state)
+        cover = np.zeros(len(self.areas))
+        cover[near] = self.fine.pressed(fields, alone, near)[0]
         return Found(
-            variant.label, chance, pose, cov, variant.order, best.cover, best.pressure, unsure
+            label, chance, pose, cov, fields.order, best.force, cover, float(best.state[3])
         )
 
 
-def _nothing(force: Array) -> Found:
+def first_state(fields: ObjectFields, x: float, y: float, yaw: float) -> Array:
+    """State of an object at a pose: pressure 1, no tilts, a contact of usual width."""
+    state = np.array([x, y, yaw, 1.0, *np.zeros(fields.count - 1)])
+    if fields.tube:
+        state[4] = fields.low[0] + USUAL_WIDTH * fields.low[1] * (fields.columns - 1)
+    return state
+
+
+def nothing(taxels: int) -> Found:
     """None of these."""
-    return Found(-1, np.nan, np.full(3, np.nan), np.full((3, 3), np.nan), -1, force, 0.0, np.nan)
-
-
-def _cost(fit: Fit) -> float:
-    """Of a fit."""
-    return fit.cost
+    blank = np.zeros(taxels)
+    return Found(
+        -1, np.nan, np.full(3, np.nan), np.full((3, 3), np.nan), -1, blank, blank, np.nan
+    )

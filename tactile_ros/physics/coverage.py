@@ -9,7 +9,7 @@ larger part of a taxel gives another current.
 
 from __future__ import annotations
 
-from fractions import Fraction
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,18 +19,21 @@ from tactile_ros.types import Array, Bools, Integers, Outline
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from tactile_ros.types import Singles
+
 SUNK = 0.5  # of a tube's radius: half the width of its contact
-PROFILES = ('strip', 'half-space', 'springs')
-STRIP, HALF_SPACE, SPRINGS = range(3)
+TILT = 0.3  # of the mean pressure, at the radius of gyration
+UNKNOWN_RADIUS = 0.2  # of the reach, of a tube
+TUBE_NODES, TUBE_WIDTHS = 240, np.linspace(0.1, 0.99, 60)  # half widths in radii
+WIDTH_SIGMA = 0.3  # of a half width, in radii
+ACROSS = 0.866  # of a disc's radius: half a strip that is as wide, by its variance
 LEAST = 0.05  # of a taxel's whole output: no correction is larger than its inverse
-NODES = 280  # of the longer side of a table
+NODES = 400  # of the longer side of a table
+FINENESS = 4.0  # nodes for the radius of a disc
 TURNS = (0.71, 1.37, 2.29)  # no symmetry of a polygon of few corners
 ALIKE = 0.015  # of the area: what a turn may change and still be called a symmetry
 MOST_FOLD = 12
-BESIDE = 0.1  # of a whole turn
-NEARLY = 0.35  # of the area: what a turn may change and still be taken for another
 FINER = 16  # lines across a node's cell
-SIDES = 48  # from which a round object is looked at
 FINE = 512  # points of a box for each part that a taxel is cut into
 
 
@@ -128,91 +131,6 @@ def _part(words: list[str]) -> Outline:
     raise ValueError(msg)
 
 
-def nearest_axis(u: Array, v: Array, bend: float) -> tuple[Array, Array, Array]:
-    """Distance (m) of points from a tube's nearer half-axis, and the unit vector (u, v) to them.
-
-    `u`, `v` (...) are points in the tube's frame, one axis along +u (m), `bend` the angle of the
-    other (rad).
-
-    Examples
-    --------
-    >>> distance, _, across = nearest_axis(np.array([2.0]), np.array([-0.5]), np.pi / 2)
-    >>> float(distance[0]), float(across[0])
-    (0.5, -1.0)
-    """
-    cos, sin = np.cos(bend), np.sin(bend)
-    along = np.maximum(cos * u + sin * v, 0.0)
-    first_u = u - np.maximum(u, 0.0)
-    other_u, other_v = u - cos * along, v - sin * along
-    first = first_u**2 + v**2
-    other = other_u**2 + other_v**2
-    nearer = first <= other
-    across_u, across_v = np.where(nearer, first_u, other_u), np.where(nearer, v, other_v)
-    distance = np.sqrt(np.minimum(first, other)) + 1e-12
-    return distance, across_u / distance, across_v / distance
-
-
-def contact_profile(
-    distance: Array, half_width: Array, blur: float, profile: int, radius: float
-) -> tuple[Array, Array, Array]:
-    """Mean pressure, 1 at most without blur, across a line of contact.
-
-    Parameters
-    ----------
-    distance : ndarray, shape (...)
-        From the axis (m).
-    half_width : ndarray, shape (...)
-        Of the contact, below the radius (m).
-    blur : float
-        Half the way across the axis that the mean is taken over (m).
-    profile : int
-        Index into `PROFILES`.
-    radius : float
-        Of the cylinder (m).
-
-    Returns
-    -------
-    value, by_distance, by_width : ndarray, shape (...)
-        Mean, and its slopes (1/m).
-
-    Examples
-    --------
-    >>> contact_profile(np.array([0.0, 3.0]), np.array([2.0]), 0.5, 0, 4.0)[0].tolist()
-    [1.0, 0.0]
-    """
-    whole = _springs if profile == SPRINGS else _strip if profile == STRIP else _half_space
-    above, here, rise = whole(distance + blur, half_width, radius)
-    below, there, fall = whole(distance - blur, half_width, radius)
-    per = 0.5 / blur
-    return per * (above - below), per * (here - there), per * (rise - fall)
-
-
-def _strip(z: Array, w: Array, radius: float) -> tuple[Array, Array, Array]:
-    """Integral of the profile from 0 to z, the profile, and the integral's slope with w."""
-    inner = np.minimum(np.maximum(z, -w), w)
-    inside = inner == z
-    return inner, inside * 1.0, np.where(inside, 0.0, np.sign(inner))
-
-
-def _half_space(z: Array, w: Array, radius: float) -> tuple[Array, Array, Array]:
-    """As of `_strip`: the square root of 1 - z^2 / w^2."""
-    q = np.minimum(np.maximum(z / w, -1.0), 1.0)
-    root = np.sqrt(1.0 - q * q)
-    arc = np.arcsin(q)
-    return 0.5 * w * (q * root + arc), root, 0.5 * (arc - q * root)
-
-
-def _springs(z: Array, w: Array, radius: float) -> tuple[Array, Array, Array]:
-    """As of `_strip`: how deep a circle lies under its chord, in parts of the deepest."""
-    inner = np.minimum(np.maximum(z, -w), w)
-    chord = np.sqrt(radius**2 - w * w)
-    root = np.sqrt(radius**2 - inner * inner)
-    deepest = radius - chord
-    area = 0.5 * (inner * root + radius**2 * np.arcsin(inner / radius)) - inner * chord
-    rise = w / chord
-    return area / deepest, (root - chord) / deepest, (inner - area / deepest) * rise / deepest
-
-
 def area_current(area: Array, law: Array) -> Array:
     """Current at a pressed area (m2), p1 + p2 A + p3 exp(-A / p4), [4] Eq. (2).
 
@@ -293,85 +211,127 @@ def _blur(picture: Array, radius: float) -> Array:
     return np.asarray(fftconvolve(picture, disc / disc.sum(), mode='same'))
 
 
-class CoverageTable:
-    """Coverage of a disc at any place of an object's frame.
+@dataclass(frozen=True, eq=False)
+class ObjectFields:
+    """Pressure fields that are fixed in an object's frame, on a table of nodes.
 
-    Parameters
+    Attributes
     ----------
-    outline : Outline
-        The object.
-    radius : float
-        Of the disc (m).
+    table : ndarray, shape (n, 3 k + 1)
+        Of k fields the mean over a small disc at a node, and its slopes (1/m); in the end the way
+        to the next node near which a field is not linear (m).
+    columns : int
+        Nodes of a row.
+    low, pitch : ndarray of shape (2,), float
+        First node, and way between nodes (m).
+    sigma : ndarray, shape (k,)
+        Prior of a field's amount in parts of that of the first, which is free.
+    order : int
+        Symmetry about the origin: 0 any turn.
+    gyration, span : float
+        Radius of gyration of the first field, and its farthest point; inf: endless (m).
+    centre : ndarray, shape (2,)
+        Of the first field (m).
+    bend : float
+        Of an angle tube (rad); NaN: a flat part. Rows of a tube's table are distances from the
+        nearer axis, its columns half widths, of which `low` holds the first and the step, and
+        `sigma` the prior.
     """
 
-    def __init__(self, outline: Outline, radius: float) -> None:
-        corners = np.concatenate(list(outline.loops))
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        self.pitch = max(float((high - low).max()) / NODES, radius / 12)
-        margin = 2 * radius + 3 * self.pitch
-        x, y = (
-            np.arange(low[i] - margin, high[i] + margin + self.pitch, self.pitch) for i in (0, 1)
-        )
-        soft = _blur(_soft_raster(outline.loops, x, y, self.pitch), radius / self.pitch)
-        rise_y, rise_x = np.gradient(soft, self.pitch)
-        self.rows, self.columns = soft.shape
-        self.low = np.array([x[0], y[0]])
-        self.table = np.stack([soft, rise_x, rise_y], axis=-1).reshape(-1, 3)
-        self.squared = float(np.square(soft).sum() * self.pitch**2)
-        total = max(float(soft.sum()), 1e-12)
-        self.centre = np.array([(soft * x).sum(), (soft * y[:, None]).sum()]) / total
-        size = max(float(np.ptp(x)), float(np.ptp(y)))
-        self.gyration = float(np.sqrt((soft * (x**2 + y[:, None] ** 2)).sum() / total)) or size
+    table: Singles
+    columns: int
+    low: Array
+    pitch: float
+    sigma: Array
+    order: int
+    gyration: float
+    span: float
+    centre: Array
+    bend: float = np.nan
 
-    def at(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        """Coverage and its slopes at points (...) of the object's frame; 0 beyond the table."""
-        fx, fy = (x - self.low[0]) / self.pitch, (y - self.low[1]) / self.pitch
-        column, row = np.rint(fx), np.rint(fy)
-        np.minimum(np.maximum(column, 0, out=column), self.columns - 1, out=column)
-        np.minimum(np.maximum(row, 0, out=row), self.rows - 1, out=row)
-        node = self.table[(row * self.columns + column).astype(np.intp)]
-        apart_x, apart_y = (fx - column) * self.pitch, (fy - row) * self.pitch
-        value = node[..., 0] + node[..., 1] * apart_x + node[..., 2] * apart_y
-        return np.minimum(np.maximum(value, 0.0), 1.0), node[..., 1], node[..., 2]
+    @property
+    def tube(self) -> bool:
+        """Whether the table is over distance from an axis and half width of the contact."""
+        return self.bend == self.bend
+
+    @property
+    def count(self) -> int:
+        """Fields (k)."""
+        return len(self.sigma)
 
 
-class RadialTable:
-    """Coverage of a disc by an object that looks alike from all sides, by its distance.
+def outline_fields(outline: Outline, radius: float, count: int = 3) -> ObjectFields:
+    """Fields of a flat part, mean over discs of a radius (m): even pressure, and its tilts."""
+    order = symmetry(outline)
+    corners = np.concatenate(list(outline.loops))
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    pitch = max(float((high - low).max()) / NODES, radius / FINENESS)
+    margin = 2 * radius + 3 * pitch
+    x, y = (np.arange(low[i] - margin, high[i] + margin + pitch, pitch) for i in (0, 1))
+    picture = _soft_raster(outline.loops, x, y, pitch)
+    total = max(float(picture.sum()), 1e-12)
+    centre = np.array([(picture * x).sum(), (picture * y[:, None]).sum()]) / total
+    u, v = x - centre[0], (y - centre[1])[:, None]
+    size = max(float(np.ptp(x)), float(np.ptp(y)))
+    gyration = float(np.sqrt((picture * (u**2 + v**2)).sum() / total)) or size
+    pictures = [picture, picture * u / gyration, picture * v / gyration]
+    about = float(np.sqrt((picture * (x**2 + y[:, None] ** 2)).sum() / total)) or size
+    span = float(np.linalg.norm(corners, axis=1).max())
+    sigma = np.array([1.0, TILT, TILT])[:count]
+    table = _table(pictures[:count], pitch, radius)
+    return ObjectFields(
+        table, len(x), np.array([x[0], y[0]]), pitch, sigma, order, about, span, centre
+    )
 
-    Parameters
-    ----------
-    table : CoverageTable
-        Of the object; its mean over all sides is taken.
-    span : float
-        Farthest point of the object from its origin (m).
+
+def tube_fields(outline: Outline, radius: float, reach: float) -> tuple[ObjectFields, ...]:
+    """Field of an angle tube by each profile of contact; the columns are widths of the contact.
+
+    A cylinder that sinks into a bed of springs presses as deep as it lies below the surface, on an
+    elastic half-space like the root of 1 - q^2 (Hertz, q = distance / half width), a strip evenly.
     """
+    size = outline.thickness or UNKNOWN_RADIUS * reach
+    blur = ACROSS * radius
+    away = np.arange(0.0, size + 2 * blur, (size + 2 * blur) / TUBE_NODES)
+    fine = np.linspace(-size - 3 * blur, size + 3 * blur, 6001)
+    half = size * TUBE_WIDTHS
+    found = []
+    for profile in range(3):
+        rows = []
+        for one in half:
+            q = np.minimum(np.abs(fine) / one, 1.0)
+            chord = np.sqrt(size**2 - one**2)
+            springs = (np.sqrt(size**2 - (q * one) ** 2) - chord) / (size - chord)
+            pressure = (springs, np.sqrt(1.0 - q * q), (np.abs(fine) < one) * 1.0)[profile]
+            whole = np.concatenate([[0.0], np.cumsum(pressure[1:] + pressure[:-1])])
+            whole *= 0.5 * (fine[1] - fine[0])
+            upper, lower = (np.interp(away + way, fine, whole) for way in (blur, -blur))
+            rows.append((upper - lower) / (2 * blur))
+        picture = np.array(rows).T
+        by_away, by_width = np.gradient(picture, away, half)
+        table = np.stack([picture, by_away, by_width], axis=-1).reshape(-1, 3)
+        found.append(
+            ObjectFields(
+                table.astype(np.float32), len(half), np.array([half[0], half[1] - half[0]]),
+                float(away[1]), np.array([1.0, WIDTH_SIGMA * size]), symmetry(outline),
+                0.5 * reach, np.inf, np.zeros(2), float(outline.bend or 0.0),
+            )
+        )  # fmt: skip
+    return tuple(found)
 
-    def __init__(self, table: CoverageTable, span: float) -> None:
-        turn = 2 * np.pi * np.arange(SIDES) / SIDES
-        count = int(np.ceil(2 * span / table.pitch)) + 40
-        self.pitch = 0.5 * table.pitch
-        away: Array = self.pitch * np.arange(count, dtype=np.float64)[:, None]
-        x, y = np.asarray(away * np.cos(turn)), np.asarray(away * np.sin(turn))
-        self.value = table.at(x, y)[0].mean(axis=1)
-        self.value[-2:] = 0.0
-        self.rise = np.append(np.diff(self.value), 0.0)
 
-    def cover(self, x: Array, y: Array) -> Array:
-        """Coverage at points (...) of the object's frame."""
-        far, node = self._place(x, y)
-        return np.asarray(self.value[node] + self.rise[node] * (far - node))
+def _table(pictures: Sequence[Array], pitch: float, radius: float) -> Singles:
+    """Means over discs of pictures, and their slopes, side by side."""
+    from scipy.ndimage import distance_transform_edt
 
-    def at(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        """Coverage and its slopes at points (...) of the object's frame."""
-        far, node = self._place(x, y)
-        rise = self.rise[node]
-        outward = rise / np.maximum(far * self.pitch**2, 1e-30)
-        return self.value[node] + rise * (far - node), outward * x, outward * y
-
-    def _place(self, x: Array, y: Array) -> tuple[Array, Integers]:
-        """Distance in nodes, and the node below it."""
-        far = np.minimum(np.sqrt(x * x + y * y) / self.pitch, len(self.value) - 1.0)
-        return far, far.astype(np.intp)
+    columns: list[Array] = []
+    for picture in pictures:
+        soft = _blur(picture, radius / pitch)
+        rise_y, rise_x = np.gradient(soft, pitch)
+        columns += [soft, rise_x, rise_y]
+    slope = np.hypot(columns[1], columns[2])
+    columns.append(pitch * distance_transform_edt(slope < 1e-6 * slope.max()))
+    return np.stack(columns, axis=-1).reshape(-1, len(columns)).astype(np.float32)
 
 
 def symmetry(outline: Outline) -> int:
@@ -391,34 +351,6 @@ def symmetry(outline: Outline) -> int:
         return 0
     found = [n for n in range(2, MOST_FOLD + 1) if _change(smooth, 2 * np.pi / n) < ALIKE]
     return max(found, default=1)
-
-
-def mistakable_turns(outline: Outline, centre: Array, order: int) -> Array:
-    """Turns (n,) about its centre (m) after which a part looks much as before (rad).
-
-    Those of its symmetry, of an order about its origin, are left out.
-
-    Examples
-    --------
-    >>> bar = Outline('bar', (np.array([[-2, -1], [2, -1], [2.2, 1], [-2, 1.0]]),))
-    >>> mistakable_turns(bar, np.zeros(2), 1).round(2).tolist()
-    [3.14]
-    """
-    if outline.bend is not None or order == 0:
-        return np.zeros(0)
-    smooth = _picture(outline.loops, centre)
-    kinds = [Fraction(k, n) for n in range(2, MOST_FOLD + 1) for k in range(1, n)]
-    turns = sorted({kind for kind in kinds if (kind * order).denominator > 1})
-    found = {turn: _change(smooth, 2 * np.pi * float(turn)) for turn in turns}
-    near = [turn for turn, change in found.items() if change < NEARLY]
-    # of neighbours that shade into one another the likest
-    best = [t for t in near if all(found[t] <= found[o] for o in near if _apart(t, o) < BESIDE)]
-    return 2 * np.pi * np.array([float(turn) for turn in best])
-
-
-def _apart(turn: Fraction, other: Fraction) -> float:
-    """Between two turns, in whole ones."""
-    return abs(float(turn - other + Fraction(1, 2)) % 1 - 0.5)
 
 
 def _picture(loops: Sequence[Array], centre: Array) -> Array:

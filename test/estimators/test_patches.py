@@ -7,7 +7,7 @@ from time import perf_counter_ns
 import numpy as np
 import pytest
 
-from tactile_ros.estimators.contact_patches import PatchFinder, connected, neighbours
+from tactile_ros.estimators.contact_patches import PatchFinder, flood, neighbours
 from tactile_ros.sensors.taxel_array.config import grid_positions, radial_positions
 
 RINGS = np.vstack([radial_positions(24, r, r + 5e-3) for r in (5e-3, 10e-3, 15e-3)])
@@ -35,9 +35,10 @@ def test_neighbours_of_any_layout(positions: np.ndarray, count: int | None) -> N
     assert len(np.unique(pairs, axis=0)) == len(pairs)
     away = np.linalg.norm(positions[pairs[:, 0]] - positions[pairs[:, 1]], axis=1)
     assert (away <= 3 * away.min(initial=1.0)).all()
-    counts = np.bincount(pairs[:, 0], minlength=len(positions))
-    label = connected(counts, pairs[:, 1])
-    assert label.max() == 0  # the whole array hangs together
+    finder = PatchFinder(positions, np.ones(len(positions)), 1)
+    label = np.empty(len(positions), np.int64)
+    # the whole array hangs together
+    assert flood(finder._links, finder._first, np.ones(len(positions), bool), label) == 1
 
 
 def test_neighbours_turn_and_grow_with_the_array() -> None:
