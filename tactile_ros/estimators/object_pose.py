@@ -48,8 +48,9 @@ PRESENT = 0.06  # of the largest force: less is no contact
 SEEN = 10.0  # of the noise: weaker patterns are noise
 ODD = 0.3  # of the touched taxels that may contradict an object
 MOST_MISFIT = 0.15  # of the top: a frame that misses by more is explained by no object
+FLAT = 1e-6  # of the largest squared slope: no edge touches
 MEDIAN = 0.455  # of the square of a normal variable
-CLOSE = 1e-2  # widths of a taxel: a smaller step ends a descent
+CLOSE = 2e-3  # widths of a taxel: a smaller step ends a descent
 TRIED = 12  # poses at which coarse and fine points are compared
 
 
@@ -158,27 +159,70 @@ def pressed_by_tube(
 
 
 @compiled
-def normal_equations(
-    force: Array, slopes: Array, y: Array, variance: Array, scale: float, rough: float,
-    edge: float, stray: float, free: int, normal: Array, pull: Array,
-) -> None:  # fmt: skip
-    """Write the weighted normal equations of covered taxels.
+def robust_square(squared: Array, count: int) -> float:
+    """Mean square of the first few of squared normal variables, by their median; 0 of none."""
+    return np.median(squared[:count]) / MEDIAN if count else 0.0
 
-    `variance` (n,) is inf of a taxel that is not usable; `stray` is the density of a reading that
-    fits no state, in parts of that of one that does.
+
+@compiled
+def fill_variances(
+    force: Array, slopes: Array, y: Array, variance: Array, edge: float, rough: float,
+    present: float, free: int, sharp: bool, total: Array,
+) -> None:  # fmt: skip
+    """Write the variance (n,) of each taxel's misfit; `variance` is inf where not usable.
+
+    Far from the end it is that of a constant, `rough`. In the end, under a `sharp` outline, wholly covered taxels err by
+    their own laws, those under an edge by more, in proportion to the length of the edge, since no
+    edge is sharp and straight: both are told by the median of the frame's own misfits.
+    """
+    inner, outer = np.empty(len(y)), np.empty(len(y))
+    inside, outside, steepest = 0, 0, 0.0
+    for i in range(len(y)):
+        slope = slopes[i, 0] ** 2 + slopes[i, 1] ** 2
+        steepest = max(steepest, slope)
+        total[i] = variance[i] + edge * slope + rough
+    if rough > 0.0:
+        return
+    if not sharp:
+        steepest = np.inf
+    for i in range(len(y)):
+        if max(y[i], force[i]) > present and not np.isinf(variance[i]):
+            miss = (y[i] - force[i]) ** 2
+            if slopes[i, 0] ** 2 + slopes[i, 1] ** 2 > FLAT * steepest:
+                length = np.hypot(slopes[i, 0], slopes[i, 1])
+                outer[outside] = (miss - total[i] * MEDIAN) / length
+                outside += 1
+            else:
+                inner[inside] = miss / total[i]
+                inside += 1
+    left = max(outside - free, 0)
+    extra = max(robust_square(outer, outside), 0.0) * outside / left if left > 1 else 0.0
+    scale = max(robust_square(inner, inside), 1.0) if inside > free else 1.0
+    for i in range(len(y)):
+        if slopes[i, 0] ** 2 + slopes[i, 1] ** 2 > FLAT * steepest:
+            total[i] += extra * np.hypot(slopes[i, 0], slopes[i, 1])
+        else:
+            total[i] *= scale
+
+
+@compiled
+def normal_equations(
+    force: Array, slopes: Array, y: Array, total: Array, stray: float, free: int,
+    normal: Array, pull: Array,
+) -> None:  # fmt: skip
+    """Write the weighted normal equations of covered taxels of which the misfit varies by `total`.
+
+    `stray` is the density of a reading that fits no state, in parts of that of one that does.
     """
     normal[:] = 0.0
     pull[:] = 0.0
     size = len(pull)
     for i in range(len(y)):
-        if slopes[i, 3] == 0.0 or np.isinf(variance[i]):
+        if slopes[i, 3] == 0.0 or np.isinf(total[i]):
             continue
         miss = y[i] - force[i]
-        total = rough + scale * (
-            variance[i] + edge * (slopes[i, 0] ** 2 + slopes[i, 1] ** 2)
-        )
-        likelihood = np.exp(-min(0.5 * miss * miss / total, 500.0))
-        weight = likelihood / (likelihood + stray * np.sqrt(2 * np.pi * total)) / total
+        likelihood = np.exp(-min(0.5 * miss * miss / total[i], 500.0))
+        weight = likelihood / (likelihood + stray * np.sqrt(2 * np.pi * total[i])) / total[i]
         for m in range(size):
             tall = slopes[i, m] * weight
             pull[m] += tall * miss
@@ -194,38 +238,14 @@ def normal_equations(
 
 
 @compiled
-def cost_of(
-    force: Array, slopes: Array, y: Array, variance: Array, scale: float, rough: float,
-    edge: float, stray: float,
-) -> float:  # fmt: skip
+def cost_of(force: Array, y: Array, total: Array, stray: float) -> float:
     """Minus logarithm of the likelihood of readings."""
     cost = 0.0
     for i in range(len(y)):
-        if not np.isinf(variance[i]):
-            total = rough + scale * (
-                variance[i] + edge * (slopes[i, 0] ** 2 + slopes[i, 1] ** 2)
-            )
-            density = 1.0 / np.sqrt(2 * np.pi * total)
-            squared = min((y[i] - force[i]) ** 2 / total, 1000.0)
-            cost -= np.log(density * np.exp(-0.5 * squared) + stray)
+        if not np.isinf(total[i]):
+            squared = min((y[i] - force[i]) ** 2 / total[i], 1000.0)
+            cost -= np.log(np.exp(-0.5 * squared) / np.sqrt(2 * np.pi * total[i]) + stray)
     return cost
-
-
-@compiled
-def misfit_scale(
-    force: Array, slopes: Array, y: Array, variance: Array, edge: float, present: float, free: int
-) -> float:
-    """Squared scale of the residuals of touched taxels, by their median; at least 1."""
-    squared, count = np.empty(len(y)), 0
-    for i in range(len(y)):
-        if max(y[i], force[i]) > present and not np.isinf(variance[i]):
-            total = variance[i] + edge * (slopes[i, 0] ** 2 + slopes[i, 1] ** 2)
-            squared[count] = (y[i] - force[i]) ** 2 / total
-            count += 1
-    left = count - free
-    if left < 2:
-        return 1.0
-    return max(np.median(squared[:count]) / MEDIAN * count / left, 1.0)
 
 
 @compiled
@@ -234,8 +254,8 @@ def descend(
     table: Singles, columns: int, low: Array, pitch: float, bend: float, y: Array,
     variance: Array, edge: float, sigma: Array, home: Array, held: Array, limit: Array, free: int, top: float, loose: Array,
     state: Array, normal: Array, force: Array,
-) -> tuple[float, float]:  # fmt: skip
-    """Descend from a state, which is changed; return the cost and the scale of the misfit.
+) -> float:  # fmt: skip
+    """Descend from a state, which is changed; return the cost.
 
     `normal` and `force` are filled; `sigma` (k,) are priors of the amounts in parts of the first.
     """
@@ -243,7 +263,7 @@ def descend(
     slopes, pull = np.empty((count, size)), np.empty(size)
     tube = not np.isnan(bend)
     usual = low[0] + USUAL_WIDTH * low[1] * (columns - 1) if tube else 0.0
-    scale, stray = 1.0, STRAY / (1 - STRAY) / (1.5 * top)
+    total, stray = np.empty(count), STRAY / (1 - STRAY) / (1.5 * top)
     for step in range(len(loose)):
         if tube:
             state[4] = min(max(state[4], low[0]), low[0] + low[1] * (columns - 1))
@@ -256,12 +276,11 @@ def descend(
                 points, first, centres, radii, areas, chosen, table, columns, low, pitch, state,
                 force, slopes,
             )  # fmt: skip
-        if loose[step] == 0.0:
-            scale = misfit_scale(force, slopes, y, variance, edge, PRESENT * top, free + size - 3)
-        rough = (loose[step] * top) ** 2
-        normal_equations(
-            force, slopes, y, variance, scale, rough, edge, stray, free, normal, pull
-        )
+        fill_variances(
+            force, slopes, y, variance, edge, (loose[step] * top) ** 2, PRESENT * top,
+            free + size - 3, not tube, total,
+        )  # fmt: skip
+        normal_equations(force, slopes, y, total, stray, free, normal, pull)
         for m in range(3):
             normal[m, m] += 1.0 if m >= free else held[m]
             pull[m] -= held[m] * (state[m] - home[m])
@@ -280,12 +299,12 @@ def descend(
         state[3] = max(state[3], 0.3 * (state[3] - shrink * move[3]))
         if loose[step] == 0.0 and far < CLOSE:
             break
-    cost = cost_of(force, slopes, y, variance, scale, (loose[-1] * top) ** 2, edge, stray)
+    cost = cost_of(force, y, total, stray)
     for m in range(2):
         cost += 0.5 * held[m] * (state[m] - home[m]) ** 2
     for k in range(1, size - 3):
         cost += 0.5 * ((state[3 + k] - usual) / (sigma[k] * (1.0 if tube else state[3]))) ** 2
-    return cost, scale
+    return cost
 
 
 class TaxelPoints:
@@ -363,7 +382,6 @@ class Descent:
     state: Array
     normal: Array
     cost: float
-    scale: float
     force: Array
 
 
@@ -532,7 +550,7 @@ class ObjectPose:
         if fields.tube:
             held[:2] = 1.0 / (CENTRED * self.reach) ** 2
         normal, force = np.empty((len(state), len(state))), np.empty(len(chosen))
-        cost, scale = descend(
+        cost = descend(
             points.points, points.first, points.centres, points.radii, points.areas, chosen,
             fields.table, fields.columns, fields.low, fields.pitch, fields.bend, y[chosen], variance[chosen],
             self.edges[index][int(fine)], fields.sigma,
@@ -540,7 +558,7 @@ class ObjectPose:
         )  # fmt: skip
         whole = np.zeros(len(y))
         whole[chosen] = force
-        return Descent(index, state, normal, cost, scale, whole)
+        return Descent(index, state, normal, cost, whole)
 
     def locate(self, force: Array, noise: Array, usable: Bools, spread: float | Array) -> Found:
         """Recognise and place the object under one frame.
