@@ -9,6 +9,7 @@ all taxels of a skin have in common, multiplies it by what it lacks.
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -219,7 +220,7 @@ def _common_curve(part: Array, load: Array, found: Array, known: Bools) -> Array
     x, y = [0.0], [1.0]
     share = np.where(inside, 1.0 / np.square(load + LIGHT * load.max(axis=0) + 1e-12), 0.0)
     edges = np.quantile(part[inside], BORDERS)
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         rows = inside & (part >= low) & (part <= high)
         scale = float((share * np.square(found))[rows].sum())
         if scale <= 0 or part[rows].mean() < x[-1] + 1e-3:

@@ -191,20 +191,24 @@ def strains(force: Array, tau: Array, stamp_ns: Integers, restart: Bools) -> Arr
 
 
 class History(NamedTuple):
-    """Outputs above the baseline and loads (N) of taxels (s, t), in time order."""
+    """Outputs above the baseline and loads (N) of taxels (s, t), in time order.
+
+    `tared`: the baseline is that of a skin that was never pressed.
+    """
 
     output: Array
     load: Array
     stamp_ns: Integers
     restart: Bools
+    tared: bool
 
 
 def fit_creep(history: History) -> tuple[Creep, Array] | None:
     """Branches of creep from steps of any length.
 
     The law of a taxel is a spline over its load; creep adds to the load before the law, or to the
-    output behind it, whichever leaves less. A constant takes what a baseline of rests holds that
-    were still creeping back.
+    output behind it, whichever leaves less. A constant takes what a baseline of rests without a
+    tare holds that were still creeping back.
 
     Returns
     -------
@@ -259,6 +263,11 @@ class _CreepFit:
     def __init__(self, history: History, tau: Array, rows: Integers, behind: bool) -> None:
         self.history, self.tau, self.rows, self.behind = history, tau, rows, behind
 
+    def _past(self, load: Array) -> Array:
+        """Strains of the rows."""
+        history = self.history
+        return strains(load, self.tau, history.stamp_ns, history.restart)[self.rows]
+
     def taxel(self, k: int) -> tuple[Array, float, float]:
         """Shares (b,), constant, and squared residual of one taxel in parts of its output."""
         history, rows = self.history, self.rows
@@ -267,31 +276,30 @@ class _CreepFit:
         share = np.full(len(self.tau), 0.05)
         top = max(float(load.max()), 1e-12)
 
-        def past(of: Array) -> Array:
-            return strains(of, self.tau, history.stamp_ns, history.restart)[rows]
-
         basis = _law_terms(load, top)
-        strained = past(basis) if self.behind else np.zeros((len(rows), len(self.tau), 0))
-        felt = past(load[:, None])[..., 0]
+        felt = self._past(load[:, None])[..., 0]
+        strained = self._past(basis) if self.behind else None
         for _ in range(ROUNDS):
-            if self.behind:
-                terms = basis[rows] + np.einsum('b,sbj->sj', share, strained)
-                slopes = lambda weight: strained @ weight  # noqa: E731
+            if strained is not None:
+                terms, bent = basis[rows] + np.einsum('b,sbj->sj', share, strained), strained
             else:
-                crept, stretch = load[rows] + felt @ share, 1.0 + share.sum()
-                terms = _law_terms(crept, top * stretch)
-                rise = (_law_terms(crept + 1e-4 * top, top * stretch) - terms) / (1e-4 * top)
-                slopes = lambda weight: felt * (rise @ weight)[:, None]  # noqa: E731
-            terms = np.column_stack([terms, np.ones(len(u))])
+                crept, end = load[rows] + felt @ share, top * (1.0 + share.sum())
+                terms = _law_terms(crept, end)
+                rise = (_law_terms(crept + 1e-4 * top, end) - terms) / (1e-4 * top)
+                bent = felt[:, :, None] * rise[:, None]
+            laws = terms.shape[1]
+            if not history.tared:
+                terms = np.column_stack([terms, np.ones(len(u))])
             weight = np.linalg.lstsq(terms, u, rcond=None)[0]
-            wide = np.column_stack([terms, slopes(weight[:-1])])
             miss = u - terms @ weight
+            wide = np.column_stack([terms, bent @ weight[:laws]])
             change = np.linalg.lstsq(wide, miss, rcond=None)[0]
             move = np.clip(change[terms.shape[1] :], -0.2, 0.2)
             share = np.clip(share + move, -0.5, MOST_SHARE)
             if np.abs(move).max(initial=0.0) < 1e-5:
                 break
-        return share, float(weight[-1]), float(miss @ miss) / scale**2 / len(u)
+        constant = 0.0 if history.tared else float(weight[-1])
+        return share, constant, float(miss @ miss) / scale**2 / len(u)
 
 
 def _law_terms(load: Array, top: float) -> Array:

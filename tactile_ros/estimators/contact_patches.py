@@ -116,6 +116,15 @@ def part(
     for k in range(len(touched)):
         core[k] = touched[k] and pressure[k] > JOINED * peak[whole[k]]
     count = flood(links, first, core, label)
+    join_rims(positions, touched, core, whole, wholes, label)
+    return count
+
+
+@compiled
+def join_rims(
+    positions: Array, touched: Bools, core: Bools, whole: Integers, wholes: int, label: Integers
+) -> None:
+    """Give lightly pressed taxels to the nearest firmly pressed one of their whole."""
     only, parts = np.full(wholes, -1), np.zeros(wholes, np.int64)
     for k in range(len(touched)):
         if core[k] and only[whole[k]] != label[k]:
@@ -132,7 +141,44 @@ def part(
                 away = np.square(positions[n] - positions[k]).sum()
                 if away < nearest:
                     nearest, label[k] = away, own[n]
-    return count
+
+
+@compiled
+def spread_of_centres(
+    positions: Array, across: Array, weight: Array, variance: Array, label: Integers,
+    total: Array, centre: Array, cov: Array,
+) -> None:  # fmt: skip
+    """Add to the covariance of each centre what the errors of its taxels make."""
+    for k in range(len(label)):
+        r = label[k]
+        if r < 0:
+            continue
+        away = positions[k] - centre[r]
+        scale, share = variance[k] / total[r] ** 2, weight[k] / total[r]
+        for m in range(3):
+            for n in range(3):
+                cov[r, m, n] += scale * away[m] * away[n]
+        # taxels do not tell where they are pressed; across a line nothing is taken back
+        cov[r, 0, 0] += share * across[0, k]
+        cov[r, 0, 1] += share * across[1, k]
+        cov[r, 1, 0] += share * across[1, k]
+        cov[r, 1, 1] += share * across[2, k]
+
+
+@compiled
+def rank_patches(
+    own: Integers, weight: Array, rim: Bools, patches: int, rank: Integers, sums: Array
+) -> None:
+    """Write load, taxels and taxels at the rim of patches (n, 3), and their ranks by load."""
+    sums[:] = 0.0
+    for k in range(len(own)):
+        if own[k] >= 0:
+            sums[own[k], 0] += weight[k]
+            sums[own[k], 1] += 1
+            sums[own[k], 2] += rim[k]
+    order = np.argsort(-sums[:, 0], kind='mergesort')
+    for r in range(patches):
+        rank[order[r]] = r
 
 
 @compiled
@@ -147,44 +193,28 @@ def patches_of_rows(
     for s in range(len(load)):
         weight = np.maximum(load[s], LEAST)
         patches = part(links, first, positions, weight / areas, touched[s], own)
-        sums = np.zeros((patches, 3))  # load, taxels, taxels at the rim
-        for k in range(len(own)):
-            if own[k] >= 0:
-                sums[own[k], 0] += weight[k]
-                sums[own[k], 1] += 1
-                sums[own[k], 2] += rim[k]
-        order = np.argsort(-sums[:, 0], kind='mergesort')
-        rank = np.full(patches, -1)
-        for r in range(min(patches, most)):
-            rank[order[r]] = r
-            total[s, r], spread[s, r], area[s, r] = sums[order[r], 0], 0.0, 0.0
-            centre[s, r], cov[s, r] = 0.0, 0.0
+        sums, rank = np.empty((patches, 3)), np.empty(patches, np.int64)
+        rank_patches(own, weight, rim, patches, rank, sums)
+        kept = sums.copy()
+        for p in range(patches):
+            kept[rank[p]] = sums[p]
+        total[s, :patches], spread[s, :patches], area[s, :patches] = kept[:most, 0], 0.0, 0.0
+        centre[s, :patches], cov[s, :patches] = 0.0, 0.0
         count[s] = min(patches, most)
         for k in range(len(own)):
-            label[s, k] = rank[own[k]] if own[k] >= 0 else -1
-            r = label[s, k]
+            r = rank[own[k]] if own[k] >= 0 else -1
+            r = r if r < most else -1
+            label[s, k] = r
             if r >= 0:
                 centre[s, r] += weight[k] / total[s, r] * positions[k]
                 spread[s, r] += variance[s, k]
                 area[s, r] += areas[k]
-        for k in range(len(own)):
-            r = label[s, k]
-            if r < 0:
-                continue
-            away = positions[k] - centre[s, r]
-            scale = variance[s, k] / total[s, r] ** 2
-            share = weight[k] / total[s, r]
-            for m in range(3):
-                for n in range(3):
-                    cov[s, r, m, n] += scale * away[m] * away[n]
-            # taxels do not tell where they are pressed; across a line nothing is taken back
-            cov[s, r, 0, 0] += share * across[0, k]
-            cov[s, r, 0, 1] += share * across[1, k]
-            cov[s, r, 1, 0] += share * across[1, k]
-            cov[s, r, 1, 1] += share * across[2, k]
+        spread_of_centres(
+            positions, across, weight, variance[s], label[s], total[s], centre[s], cov[s]
+        )
         for r in range(count[s]):
-            taxels = sums[order[r], 1]
-            blunt = taxels <= FEW_TAXELS or sums[order[r], 2] > 0
+            taxels = kept[r, 1]
+            blunt = taxels <= FEW_TAXELS or kept[r, 2] > 0
             blur = (BLUR if blunt else SHARP) * size / (taxels * taxels)
             cov[s, r, 0, 0] += blur
             cov[s, r, 1, 1] += blur

@@ -17,10 +17,11 @@ import numpy as np
 
 from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.coverage import (
+    LearnedFields,
     ObjectFields,
     outline_fields,
-    tube_fields,
     taxel_points,
+    tube_fields,
 )
 from tactile_ros.types import Array, Bools, Integers
 
@@ -41,14 +42,17 @@ STARTS, FINALISTS, MARGIN = 8, 4, 15.0
 APART, TURNED = 1.0, 0.5  # widths of a taxel between starts, the turn at the object's rim
 WORTH, SIMILAR = 3.0, 0.02  # times what the best template leaves, and more: worth a descent
 LOOSE = np.array([0.5, 0.5, 0.3, 0.2, 0.1, 0.05, 0.03])  # of the top: error while far away
-LOOSE_TUBES = np.array([0.3, 0.2, 0.15, 0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.03])
+SOFT = np.array([0.3, 0.2, 0.15, 0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.03])
 TIGHT = np.array([0.1, 0.03, 0.0, 0.0, 0.0, 0.0])
 STRAY = 0.05  # share of taxels that may read anything
 PRESENT = 0.06  # of the largest force: less is no contact
+EVEN = 0.01  # of the pressure: tilt of an even load
+VAGUE = 32  # taxels up to which templates leave open which object it is
 SEEN = 10.0  # of the noise: weaker patterns are noise
 ODD = 0.3  # of the touched taxels that may contradict an object
 MOST_MISFIT = 0.15  # of the top: a frame that misses by more is explained by no object
 FLAT = 1e-6  # of the largest squared slope: no edge touches
+RIDGE = 1e-9  # of a scaled matrix: what nothing tells stays where it is
 MEDIAN = 0.455  # of the square of a normal variable
 CLOSE = 2e-3  # widths of a taxel: a smaller step ends a descent
 TRIED = 12  # poses at which coarse and fine points are compared
@@ -171,9 +175,9 @@ def fill_variances(
 ) -> None:  # fmt: skip
     """Write the variance (n,) of each taxel's misfit; `variance` is inf where not usable.
 
-    Far from the end it is that of a constant, `rough`. In the end, under a `sharp` outline, wholly covered taxels err by
-    their own laws, those under an edge by more, in proportion to the length of the edge, since no
-    edge is sharp and straight: both are told by the median of the frame's own misfits.
+    Far from the end it is that of a constant, `rough`. In the end, under a `sharp` outline, wholly
+    covered taxels err by their own laws, those under an edge by more, in proportion to the length
+    of the edge, since none is sharp and straight: both by the median of the frame's own misfits.
     """
     inner, outer = np.empty(len(y)), np.empty(len(y))
     inside, outside, steepest = 0, 0, 0.0
@@ -249,21 +253,62 @@ def cost_of(force: Array, y: Array, total: Array, stray: float) -> float:
 
 
 @compiled
+def add_priors(
+    state: Array, tube: bool, usual: float, sigma: Array, home: Array, held: Array, free: int,
+    normal: Array, pull: Array,
+) -> None:  # fmt: skip
+    """Add priors of place and amounts to the normal equations."""
+    for m in range(3):
+        normal[m, m] += 1.0 if m >= free else held[m]
+        pull[m] -= held[m] * (state[m] - home[m])
+    for k in range(1, len(state) - 3):
+        unit = 1.0 if tube else state[3]
+        normal[3 + k, 3 + k] += 1.0 / (sigma[k] * unit) ** 2
+        pull[3 + k] -= (state[3 + k] - usual) / (sigma[k] * unit) ** 2
+
+
+@compiled
+def scaled_solution(normal: Array, pull: Array) -> Array:
+    """Solution of normal equations whose unknowns differ in their units."""
+    unit = np.empty(len(pull))
+    for m in range(len(pull)):
+        unit[m] = 1.0 / np.sqrt(max(normal[m, m], 1e-300))
+    scaled = normal * unit.reshape((len(pull), 1)) * unit
+    for m in range(len(pull)):
+        scaled[m, m] = 1.0 + RIDGE
+    return np.linalg.solve(scaled, pull * unit) * unit
+
+
+@compiled
+def prior_cost(
+    state: Array, tube: bool, usual: float, sigma: Array, home: Array, held: Array
+) -> float:
+    """Cost of place and amounts."""
+    cost = 0.0
+    for m in range(2):
+        cost += 0.5 * held[m] * (state[m] - home[m]) ** 2
+    for k in range(1, len(state) - 3):
+        cost += 0.5 * ((state[3 + k] - usual) / (sigma[k] * (1.0 if tube else state[3]))) ** 2
+    return cost
+
+
+@compiled
 def descend(
     points: Array, first: Integers, centres: Array, radii: Array, areas: Array, chosen: Integers,
-    table: Singles, columns: int, low: Array, pitch: float, bend: float, y: Array,
-    variance: Array, edge: float, sigma: Array, home: Array, held: Array, limit: Array, free: int, top: float, loose: Array,
-    state: Array, normal: Array, force: Array,
+    table: Singles, columns: int, low: Array, pitch: float, bend: float, sharp: bool, y: Array,
+    variance: Array, edge: float, sigma: Array, home: Array, held: Array, limit: Array,
+    free: int, top: float, loose: Array,
+    state: Array, normal: Array, force: Array, total: Array,
 ) -> float:  # fmt: skip
-    """Descend from a state, which is changed; return the cost.
+    """Descend from a state, which is changed; return the cost of the priors.
 
-    `normal` and `force` are filled; `sigma` (k,) are priors of the amounts in parts of the first.
+    `normal`, `force` and the variances `total` are filled; `sigma` (k,) are priors of the amounts in parts of the first.
     """
     size, count = len(state), len(chosen)
     slopes, pull = np.empty((count, size)), np.empty(size)
     tube = not np.isnan(bend)
     usual = low[0] + USUAL_WIDTH * low[1] * (columns - 1) if tube else 0.0
-    total, stray = np.empty(count), STRAY / (1 - STRAY) / (1.5 * top)
+    stray = STRAY / (1 - STRAY) / (1.5 * top)
     for step in range(len(loose)):
         if tube:
             state[4] = min(max(state[4], low[0]), low[0] + low[1] * (columns - 1))
@@ -278,17 +323,11 @@ def descend(
             )  # fmt: skip
         fill_variances(
             force, slopes, y, variance, edge, (loose[step] * top) ** 2, PRESENT * top,
-            free + size - 3, not tube, total,
+            free + size - 3, sharp, total,
         )  # fmt: skip
         normal_equations(force, slopes, y, total, stray, free, normal, pull)
-        for m in range(3):
-            normal[m, m] += 1.0 if m >= free else held[m]
-            pull[m] -= held[m] * (state[m] - home[m])
-        for k in range(1, size - 3):
-            unit = 1.0 if tube else state[3]
-            normal[3 + k, 3 + k] += 1.0 / (sigma[k] * unit) ** 2
-            pull[3 + k] -= (state[3 + k] - usual) / (sigma[k] * unit) ** 2
-        move = np.linalg.solve(normal, pull)
+        add_priors(state, tube, usual, sigma, home, held, free, normal, pull)
+        move = scaled_solution(normal, pull)
         far = 0.0
         for m in range(free):
             far = max(far, abs(move[m]) / limit[m])
@@ -299,12 +338,7 @@ def descend(
         state[3] = max(state[3], 0.3 * (state[3] - shrink * move[3]))
         if loose[step] == 0.0 and far < CLOSE:
             break
-    cost = cost_of(force, y, total, stray)
-    for m in range(2):
-        cost += 0.5 * held[m] * (state[m] - home[m]) ** 2
-    for k in range(1, size - 3):
-        cost += 0.5 * ((state[3 + k] - usual) / (sigma[k] * (1.0 if tube else state[3]))) ** 2
-    return cost
+    return prior_cost(state, tube, usual, sigma, home, held)
 
 
 class TaxelPoints:
@@ -328,7 +362,8 @@ class TaxelPoints:
         self.areas = areas
         parts = np.split(self.points, first[1:])
         self.centres = np.array([part.mean(axis=0) for part in parts])
-        away = [np.linalg.norm(p - c, axis=1).max() for p, c in zip(parts, self.centres, strict=True)]
+        pairs = zip(parts, self.centres, strict=True)
+        away = [np.linalg.norm(part - centre, axis=1).max() for part, centre in pairs]
         self.radii = np.array(away) + self.radius
 
     def pressed(
@@ -382,7 +417,10 @@ class Descent:
     state: Array
     normal: Array
     cost: float
-    force: Array
+    prior: float  # cost of the priors
+    force: Array  # (t,) of the taxels
+    total: Array  # (t,) variance of their misfits
+    sigma: Array  # (k,) priors of the amounts
 
 
 class ObjectPose:
@@ -394,13 +432,13 @@ class ObjectPose:
         Centres (m) and areas (m2) of the taxels.
     taxel_outlines : sequence of Outline, or None
         Their shapes; None: squares.
-    objects : sequence of Outline
+    objects : sequence of Outline or LearnedFields
         Objects that may lie there; a label is an index into them.
     """
 
     def __init__(
         self, positions: Array, areas: Array, taxel_outlines: Sequence[Outline] | None,
-        objects: Sequence[Outline],
+        objects: Sequence[Outline | LearnedFields],
     ) -> None:  # fmt: skip
         taxels = len(positions)
         counts = [
@@ -420,13 +458,14 @@ class ObjectPose:
         self.labels: list[int] = []
         self.objects: tuple[list[ObjectFields], list[ObjectFields]] = ([], [])
         for label, one in enumerate(objects):
-            for points, fields in zip((self.coarse, self.fine), self.objects, strict=True):
-                tube = one.bend is not None
-                fields += (
-                    tube_fields(one, points.radius, self.reach)
-                    if tube
-                    else (outline_fields(one, points.radius, 3 if points is self.fine else 1),)
-                )
+            for points, told in zip((self.coarse, self.fine), self.objects, strict=True):
+                if isinstance(one, LearnedFields):
+                    told.append(one.fields(points.radius))
+                elif one.bend is not None:
+                    told.extend(tube_fields(one, points.radius, self.reach))
+                else:
+                    count = 3 if points is self.fine else 1
+                    told.append(outline_fields(one, points.radius, count))
             self.labels += [label] * (len(self.objects[0]) - len(self.labels))
         self.edges = [self._edges(*pair) for pair in zip(*self.objects, strict=True)]
         self._templates()
@@ -505,7 +544,10 @@ class ObjectPose:
         few = np.argpartition(score, -min(400, len(score)))[-min(400, len(score)) :]
         few = few[np.argsort(-score[few], kind='stable')]
         left = 1.0 - np.square(score[few])
-        few = few[left < WORTH * left[0] + SIMILAR]
+        first = np.unique(self.poses[few, 0], return_index=True)[1]  # the best of each object
+        worth = left < WORTH * left[0] + SIMILAR
+        worth[first] |= len(self.areas) <= VAGUE
+        few = np.concatenate([few[first][worth[first]], few[worth]])
         amount = (self.templates[few] @ pattern) / np.maximum(length[few], 0.05) / self.length[few]
         taken: list[Array] = []
         for pose in np.column_stack([self.poses[few], amount]):
@@ -536,29 +578,34 @@ class ObjectPose:
         return np.flatnonzero(np.square(away).sum(axis=1) < near**2)
 
     def _descend(
-        self, fine: bool, index: int, state: Array, y: Array, variance: Array, top: float
-    ) -> Descent:
-        """Descend with coarse or fine points."""
+        self, fine: bool, index: int, state: Array, y: Array, variance: Array, top: float,
+        even: bool = False,
+    ) -> Descent:  # fmt: skip
+        """Descend with coarse or fine points; `even`: the load of a flat part has no tilt."""
         points = self.fine if fine else self.coarse
         fields = self.objects[int(fine)][index]
         chosen = self._near(fields.span, state)
         free = 2 if fields.order == 0 else 3
         size = self.step if fine else self.width
         limit = 0.6 * size * np.array([1.0, 1.0, 1.0 / max(fields.gyration, 2 * size)])
+        loose = TIGHT if fine else LOOSE if fields.sharp else SOFT
+        sigma = np.where(even & (np.arange(fields.count) > 0), EVEN, fields.sigma)
         home = np.append(self.middle, state[2])
         held = np.full(3, 1e-9)
         if fields.tube:
             held[:2] = 1.0 / (CENTRED * self.reach) ** 2
-        normal, force = np.empty((len(state), len(state))), np.empty(len(chosen))
-        cost = descend(
+        normal = np.empty((len(state), len(state)))
+        force, total = np.empty(len(chosen)), np.empty(len(chosen))
+        prior = descend(
             points.points, points.first, points.centres, points.radii, points.areas, chosen,
-            fields.table, fields.columns, fields.low, fields.pitch, fields.bend, y[chosen], variance[chosen],
-            self.edges[index][int(fine)], fields.sigma,
-            home, held, limit, free, top, TIGHT if fine else LOOSE_TUBES if fields.tube else LOOSE, state, normal, force,
+            fields.table, fields.columns, fields.low, fields.pitch, fields.bend, fields.sharp,
+            y[chosen], variance[chosen], self.edges[index][int(fine)], sigma, home, held,
+            limit, free, top, loose, state, normal, force, total,
         )  # fmt: skip
-        whole = np.zeros(len(y))
-        whole[chosen] = force
-        return Descent(index, state, normal, cost, whole)
+        every, rest = np.zeros(len(y)), variance.copy()
+        every[chosen], rest[chosen] = force, total
+        cost = prior + cost_of(every, y, rest, stray_density(top))
+        return Descent(index, state, normal, cost, prior, every, rest, sigma)
 
     def locate(self, force: Array, noise: Array, usable: Bools, spread: float | Array) -> Found:
         """Recognise and place the object under one frame.
@@ -603,9 +650,10 @@ class ObjectPose:
             if all(self._apart(pose, o) > 0.3 for o in others):
                 finals.append(end)
         finals = [
-            self._descend(True, index, self._refined(index, end.state), y, variance, top)
+            self._descend(True, index, self._refined(index, end.state), y, variance, top, even)
             for end in finals
             for index in self._profiles(end.index)
+            for even in self._loadings(index)
         ]
         return self._verdict(finals, y, variance, top)
 
@@ -613,6 +661,11 @@ class ObjectPose:
         """State with the amounts that coarse fields lack."""
         fields = self.objects[1][index]
         return np.append(state, np.zeros(3 + fields.count - len(state)))
+
+    def _loadings(self, index: int) -> tuple[bool, ...]:
+        """Whether a flat part is tried with an even load besides: few taxels tell no tilt."""
+        few = len(self.areas) <= VAGUE and self.objects[1][index].sharp
+        return (True, False) if few else (False,)
 
     def _profiles(self, index: int) -> list[int]:
         """The same object by every profile of contact."""
@@ -624,12 +677,16 @@ class ObjectPose:
         free = np.array([True, True, fields.order != 0, *np.ones(fields.count, bool)])
         normal = end.normal[np.ix_(free, free)]
         unit = 1.0 if fields.tube else end.state[3]
-        sigma = np.array([*self.half, 2 * np.pi, end.state[3], *(fields.sigma[1:] * unit)])
+        sigma = np.array([*self.half, 2 * np.pi, end.state[3], *(end.sigma[1:] * unit)])
         scaled = normal * np.outer(sigma[free], sigma[free])
         return -end.cost - 0.5 * float(np.linalg.slogdet(scaled)[1])
 
     def _verdict(self, ends: list[Descent], y: Array, variance: Array, top: float) -> Found:
         """The likeliest object, unless none explains the frame."""
+        # all are judged by the misfits of the best one
+        best = min(ends, key=lambda end: end.cost)
+        for end in ends:
+            end.cost = end.prior + cost_of(end.force, y, best.total, stray_density(top))
         told = np.array([self._evidence(end) for end in ends])
         told = np.where(np.isfinite(told), told, -1e9)
         part = np.exp(told - told.max())
@@ -654,7 +711,9 @@ class ObjectPose:
         fields = self.objects[1][best.index]
         free = 2 if fields.order == 0 else 3
         cov = np.zeros((3, 3))
-        cov[:free, :free] = np.linalg.inv(best.normal)[:free, :free]
+        unit = 1.0 / np.sqrt(np.maximum(np.diag(best.normal), 1e-300))
+        scaled = best.normal * np.outer(unit, unit) + RIDGE * np.eye(len(unit))
+        cov[:free, :free] = (np.linalg.inv(scaled) * np.outer(unit, unit))[:free, :free]
         pose = best.state[:3].copy()
         sector = 2 * np.pi / max(fields.order, 1)
         for end, weight in zip(ends[1:], part[1:] / part.sum(), strict=True):
@@ -674,6 +733,11 @@ class ObjectPose:
         return Found(
             label, chance, pose, cov, fields.order, best.force, cover, float(best.state[3])
         )
+
+
+def stray_density(top: float) -> float:
+    """Density of a reading that fits no state, in parts of that of one that does."""
+    return STRAY / (1 - STRAY) / (1.5 * top)
 
 
 def first_state(fields: ObjectFields, x: float, y: float, yaw: float) -> Array:

@@ -236,6 +236,8 @@ class ObjectFields:
         Of an angle tube (rad); NaN: a flat part. Rows of a tube's table are distances from the
         nearer axis, its columns half widths, of which `low` holds the first and the step, and
         `sigma` the prior.
+    sharp : bool
+        Whether fields end at an outline.
     """
 
     table: Singles
@@ -248,6 +250,7 @@ class ObjectFields:
     span: float
     centre: Array
     bend: float = np.nan
+    sharp: bool = True
 
     @property
     def tube(self) -> bool:
@@ -284,6 +287,41 @@ def outline_fields(outline: Outline, radius: float, count: int = 3) -> ObjectFie
     )
 
 
+@dataclass(frozen=True, eq=False)
+class LearnedFields:
+    """Pressure fields (k, n, n) on a square grid in an object's frame, that frames have told.
+
+    Attributes
+    ----------
+    pictures : ndarray, shape (k, n, n)
+        Rows along y; the grid reaches from -half to half (m).
+    half : float
+        Half the side of the grid (m).
+    sigma : ndarray, shape (k,)
+        Prior of a field's amount in parts of that of the first.
+    """
+
+    pictures: Array
+    half: float
+    sigma: Array
+
+    def fields(self, radius: float, count: int | None = None) -> ObjectFields:
+        """The first few as a table, mean over discs of a radius (m)."""
+        from scipy.ndimage import zoom
+
+        side = self.pictures.shape[1]
+        finer = max(int(np.ceil(2 * self.half / (side - 1) / (radius / 2.0))), 1)
+        some = [zoom(picture, (finer * (side - 1) + 1) / side, order=1, grid_mode=False)
+                for picture in self.pictures[:count]]  # fmt: skip
+        nodes = some[0].shape[0]
+        pitch = 2 * self.half / (nodes - 1)
+        return ObjectFields(
+            _table(some, pitch, radius), nodes, np.full(2, -self.half), pitch,
+            self.sigma[:count], 1, 0.5 * self.half, np.sqrt(2) * self.half, np.zeros(2),
+            sharp=False,
+        )  # fmt: skip
+
+
 def tube_fields(outline: Outline, radius: float, reach: float) -> tuple[ObjectFields, ...]:
     """Field of an angle tube by each profile of contact; the columns are widths of the contact.
 
@@ -314,7 +352,7 @@ def tube_fields(outline: Outline, radius: float, reach: float) -> tuple[ObjectFi
             ObjectFields(
                 table.astype(np.float32), len(half), np.array([half[0], half[1] - half[0]]),
                 float(away[1]), np.array([1.0, WIDTH_SIGMA * size]), symmetry(outline),
-                0.5 * reach, np.inf, np.zeros(2), float(outline.bend or 0.0),
+                0.5 * reach, np.inf, np.zeros(2), float(outline.bend or 0.0), sharp=False,
             )
         )  # fmt: skip
     return tuple(found)

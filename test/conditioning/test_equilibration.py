@@ -27,7 +27,7 @@ def test_zero_output_is_zero_force(law: str) -> None:
 def test_a_divider_is_equilibrated_to_two_percent() -> None:
     u, force = pressed(300, 1)
     fitted = Equilibration().fit(u, force, np.arange(300))
-    assert fitted.name == 'rational'
+    assert fitted.name in ('power', 'pchip')
     u, force = pressed(100, 2)
     firm = force > 4
     assert np.std((fitted.forces(u) / force)[firm]) < 0.02
@@ -35,7 +35,7 @@ def test_a_divider_is_equilibrated_to_two_percent() -> None:
 
 def test_monotone_laws_rise_everywhere() -> None:
     u, force = pressed(300, 3, power=0.7)
-    for law in ('rational', 'pchip'):
+    for law in ('power', 'pchip'):
         fitted = Equilibration(law).fit(u, force, np.arange(300))
         grid = np.linspace(0, 1, 60)[:, None] * fitted.top_
         assert (np.diff(fitted.forces(grid), axis=0) > -1e-9).all()

@@ -12,7 +12,6 @@ from tactile_ros.physics.coverage import symmetry
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.taxel_array.config import grid_positions
-from tactile_ros.sensors.taxel_array.object_recognition import surface_points
 from tactile_ros.types import Frame, Outline, Recording, TaxelStatus
 
 SPEC = load_sensor('taxel_array')
@@ -161,9 +160,3 @@ def test_symmetry(corners: np.ndarray, order: int) -> None:
 def test_symmetry_of_tubes() -> None:
     assert symmetry(Outline('elbow', (), 4e-3, np.pi / 2)) == 1
     assert symmetry(Outline('straight', (), 4e-3, np.pi)) == 2
-
-
-def test_the_surface_is_nowhere_where_nothing_touches() -> None:
-    points = surface_points(CONFIG.positions, np.array([[1e-3] + 71 * [0.0]]))
-    assert points[0, 0, 2] == -1e-3
-    assert np.isnan(points[0, 1:]).all()

@@ -117,7 +117,7 @@ def test_lines_of_a_radial_matrix_are_told() -> None:
     )
     g = conductance(np.ones(TAXELS)).reshape(3, 24)
     mixed = (g / (1 + g.sum(axis=0))).ravel()
-    unmixed = SPEC.pipeline(config).estimation._alone.outputs(mixed[None])  # type: ignore[attr-defined]
+    unmixed = SPEC.pipeline(config).estimation.unmixing.outputs(mixed[None])  # type: ignore[attr-defined]
     np.testing.assert_allclose(unmixed[0], (g / (1 + g)).ravel(), rtol=1e-12)
 
 

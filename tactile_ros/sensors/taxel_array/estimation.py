@@ -14,6 +14,7 @@ from tactile_ros.conditioning.viscoelastic import Creep, History, fit_creep
 from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.object_pose import ObjectPose
 from tactile_ros.physics.compiled import compiled
+from tactile_ros.physics.coverage import LearnedFields
 from tactile_ros.sensors.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.sensors.regression import ESTIMATORS as REGRESSION_ESTIMATORS
 from tactile_ros.sensors.regression import (
@@ -23,6 +24,7 @@ from tactile_ros.sensors.regression import (
     missing_history,
     missing_loads,
 )
+from tactile_ros.sensors.taxel_array.learned_object import FEWEST, LearnedObject
 from tactile_ros.sensors.taxel_array.readout import Unmixing, partly_pressed
 from tactile_ros.sensors.taxel_array.recognition import ArrayPatches, place_objects
 from tactile_ros.types import FrameStatus, TaxelStatus
@@ -44,7 +46,8 @@ if TYPE_CHECKING:
     )
 
 ESTIMATORS = (*LAWS, *REGRESSION_ESTIMATORS)
-TEMPLATES, SUM, CENTRE = 'coverage by outlines', 'sum of taxels', 'centre of force'
+TEMPLATES, SUM, CENTRE = 'coverage templates', 'sum of taxels', 'centre of force'
+LEARNED = 'learned fields of pressure'
 QUANTUM = 2.8e-4  # standard deviation of rounding to 10 bits (fraction)
 BELOW = -0.1  # of the range: a converter reads no less than ground, but for its offset
 FEWEST_ROWS = 5  # of a taxel
@@ -147,6 +150,8 @@ class TaxelRegression(Recognition):
         Error of a taxel's force in parts of it.
     total_ : CovarianceModel or None
         Of the sum of the taxels' forces.
+    learned_ : LearnedObject or None
+        The object whose yaw was labelled, where no outline is stated.
     rest_ : tuple of ndarray, shape (t,), or None
         Baseline of the fit, and how far a skin that was never pressed is above it.
     """
@@ -166,6 +171,7 @@ class TaxelRegression(Recognition):
         self.idle_: Array = np.zeros(taxels)
         self.spread_ = UNLEARNED
         self.total_: CovarianceModel | None = None
+        self.learned_: LearnedObject | None = None
         self.rest_: tuple[Array, Array] | None = None
         self.errors_: dict[str, float] = {}
         self.open_: Report = {}
@@ -208,6 +214,8 @@ class TaxelRegression(Recognition):
 
         places = self.config.positions
         count = min(4 * AROUND, len(places))
+        if count < 2:
+            return np.zeros((1, 0), np.int64)
         return np.asarray(cKDTree(places).query(places, [*range(2, count + 1)])[1].reshape(
             len(places), -1), np.int64)  # fmt: skip
 
@@ -224,6 +232,8 @@ class TaxelRegression(Recognition):
             found['deformation'] = self.shape_.name
         if self.config.objects and not self.only:
             found.update(label=TEMPLATES, yaw=TEMPLATES, object_pose=TEMPLATES, position=TEMPLATES)
+        if self.learned_ is not None:
+            found.update(yaw=LEARNED, position=LEARNED)
         return found
 
     @property
@@ -237,6 +247,8 @@ class TaxelRegression(Recognition):
     def report(self) -> Report:
         """Errors on held-out groups, of forces also on the rows learned from; what is open."""
         own = {} if self.law_ is None else {'taxel_force': self.errors_}
+        if self.learned_ is not None:
+            own['yaw'] = self.learned_.report_
         return {**super().report, **own, **self.open_}
 
     def start(self) -> Memory:
@@ -247,6 +259,7 @@ class TaxelRegression(Recognition):
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component; see `Regression`."""
         self.law_, self.shape_, self.creep_, self.total_, self.rest_ = (None,) * 5
+        self.learned_ = None
         for name in ('patches', 'largest'):
             vars(self).pop(name, None)
         signals = self.unmixing(signals)
@@ -265,6 +278,8 @@ class TaxelRegression(Recognition):
             group = np.asarray(groups['group'], np.int64)[good]
             if force is not None:
                 self._learn_laws(signals, truth, np.where(self.silent_, np.nan, force), group)
+                if self.objects is None and not self.only:
+                    self._learn_object(signals, truth)
             depth = reference(truth, 'deformation', good)
             if depth is not None and not self.only:
                 self.shape_ = Equilibration().fit(output[good], depth, group)
@@ -278,16 +293,20 @@ class TaxelRegression(Recognition):
             output = self.start().above_tare(signals)[good]
             # a row that is left out hands the beginning of a stream on to the next
             begins = np.diff(np.cumsum(signals.restart)[good], prepend=0) > 0
-            past = History(output[:, ~self.silent_], force[:, ~self.silent_],
-                           signals.stamp_ns[good], begins)  # fmt: skip
+            live, tare = ~self.silent_, signals.tare
+            past = History(
+                output[:, live], force[:, live], signals.stamp_ns[good], begins,
+                tare is not None and bool(tare.any()),
+            )  # fmt: skip
             found = fit_creep(past)
             if found is not None:
                 creep, constant = found
                 share = np.zeros((len(creep.tau), len(self.silent_)))
                 above = np.zeros(len(self.silent_))
-                share[:, ~self.silent_], above[~self.silent_] = creep.share, constant
+                share[:, live], above[live] = creep.share, constant
                 self.creep_ = Creep(creep.tau, share, creep.behind)
-                self.rest_ = signals.baseline[good][0, :, 0], above
+                if not past.tared:
+                    self.rest_ = signals.baseline[good][0, :, 0], above
                 output = self.start().above_tare(signals)[good]
                 if creep.behind:
                     output = self.creep_.undo(
@@ -299,6 +318,7 @@ class TaxelRegression(Recognition):
         for name in ('patches', 'largest'):
             vars(self).pop(name, None)
         self._measure(signals, truth, group)
+        self.law_.held_out_ = np.zeros((0, 0))
 
     def _measure(self, signals: Signals, truth: Columns, group: Integers) -> None:
         """Errors of the taxels' forces and of their sum, of rows that the laws had not seen."""
@@ -310,14 +330,17 @@ class TaxelRegression(Recognition):
         if not np.isfinite(fitted).any():
             return
         held = self.law_.held_out_
-        miss = np.where(np.isfinite(held), np.sign(held) * np.maximum(np.abs(held), np.abs(fitted)), fitted)
+        # a split may hold out little: none errs less than on the rows learned from
+        miss = np.where(np.abs(np.nan_to_num(held)) > np.abs(fitted), held, fitted)
         idle = np.isfinite(miss) & (force == 0)
-        squared = np.where(idle, np.square(fitted), 0.0).sum(axis=0) / np.maximum(idle.sum(0), 1)
+        squared = np.where(idle, np.square(fitted), 0.0).sum(axis=0) / np.fmax(idle.sum(axis=0), 1)
         # the few rows of rest of one taxel say little: half of it is what all say
         self.idle_ = np.maximum(np.sqrt(0.5 * (squared + squared.mean())), self._rest_noise())
         heavy = np.isfinite(miss) & (force > HEAVY * np.nanmax(force))
         parts = (miss / np.where(heavy, force, 1.0))[heavy]
-        self.spread_ = max(float(np.sqrt(np.mean(parts**2))), LEAST_SPREAD) if len(parts) else UNLEARNED
+        self.spread_ = UNLEARNED
+        if len(parts):
+            self.spread_ = max(float(np.sqrt(np.mean(parts**2))), LEAST_SPREAD)
         self.errors_ = {
             'fit_rmse': float(np.sqrt(np.nanmean(np.square(fitted)))),
             'relative': self.spread_,
@@ -339,6 +362,22 @@ class TaxelRegression(Recognition):
             wrong[loaded, None], np.sqrt(variance.sum(axis=1))[loaded, None], group[loaded],
             self._features(load[loaded]),
         )  # fmt: skip
+
+    def _learn_object(self, signals: Signals, truth: Columns) -> None:
+        """Learn the object whose pose is labelled; use it where it beats a regressed yaw."""
+        blank = np.full((len(signals.good), 3), np.nan)
+        plane = np.asarray(truth.get('position', blank), np.float64)[:, :2]
+        yaw = np.asarray(truth.get('yaw', blank[:, 0]), np.float64)
+        poses = np.column_stack([plane, yaw])
+        rows = signals.good & np.isfinite(poses).all(axis=1)
+        if np.count_nonzero(rows) < FEWEST:
+            return
+        force = self._forces(signals, self.start())[rows]
+        sigma = np.sqrt(self._loads(force)[1])
+        learned = LearnedObject(self.config).fit(force, sigma, poses[rows], ~self.silent_)
+        regressed = np.inf if self.turn_ is None else self.turn_.report_['held_out_rmse']
+        if learned.report_['held_out_rmse_yaw'] < regressed:
+            self.learned_ = learned
 
     def _sum_is_best(self, wrong: Array, total: Array) -> bool:
         """Whether the sum of the taxels' forces is nearer the truth than the regressors."""
@@ -438,6 +477,8 @@ class TaxelRegression(Recognition):
         asked = signals.good & (signals.in_contact != 0)
         if self.objects is not None:
             self._add_objects(columns, forces, signals, asked)
+        if self.learned_ is not None:
+            self.learned_.add(columns, forces, np.sqrt(variance), asked, ~self.silent_)
         if self.law_ is not None:
             beyond = forces > BEYOND * self.largest
             if 'taxel_status' in columns:
@@ -448,6 +489,7 @@ class TaxelRegression(Recognition):
         if self.only in ('', *LAWS):
             centred = self.total_ is not None
             centred &= not any(head.target == 'position' for head in self.heads_)
+            centred &= self.learned_ is None
             self.patches.add(columns, load, variance, signals, memory.ids, shared, centred)
         return columns
 
@@ -504,4 +546,7 @@ class TaxelRegression(Recognition):
         return points
 
 
-CLASSES = (*REGRESSION_CLASSES, TaxelRegression, Equilibration, Creep, CovarianceModel)
+CLASSES = (
+    *REGRESSION_CLASSES, TaxelRegression, Equilibration, Creep, CovarianceModel, LearnedObject,
+    LearnedFields,
+)  # fmt: skip
