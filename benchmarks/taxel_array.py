@@ -16,7 +16,8 @@ import numpy as np
 from benchmarks.harness import plots
 from benchmarks.harness.rows import BenchResult, Row
 from benchmarks.worlds import taxel_picks, taxel_skins, taxel_trust
-from tactile_ros.estimators.coverage_model import TaxelPoints
+from tactile_ros.estimators.object_pose import TaxelPoints, first_state
+from tactile_ros.physics.coverage import outline_fields
 from tactile_ros.sensors.taxel_array.config import grid_positions
 from tactile_ros.types import Outline, Recording
 
@@ -237,23 +238,23 @@ def _noise_of_cover() -> float:
 
 def _covers(pipeline: Pipeline) -> dict[str, tuple[float, float]]:
     """Time and error of the coverage of 72 taxels by points, soft points and a table."""
-    objects = pipeline.estimation.objects  # type: ignore[attr-defined]
-    variant, rng = objects.variants[0], np.random.default_rng(SEED)
+    settings, rng = pipeline.config, np.random.default_rng(SEED)
+    outline = settings.objects[0]  # type: ignore[attr-defined]
     places = rng.uniform(-3e-3, 3e-3, (60, 2))
     exact = np.array([_counted(40, at) for at in places])
     points = {
         f'{n * n} point' + 's' * (n > 1): _cost(lambda at, n=n: _counted(n, at), places, exact)
         for n in (1, 3, 5, 7, 20)
     }
-    settings = pipeline.config
-    for count in (4, 16):
+    for count in (4, 16, 32):
         soft = TaxelPoints(settings.positions, settings.areas, None, count)  # type: ignore[attr-defined]
+        fields = outline_fields(outline, soft.radius, 1)
         points[f'{count} soft points'] = _cost(
-            lambda at, soft=soft: soft.cover(variant, at[None])[0] / PITCH**2, places, exact
-        )
-    points['table of places'] = _cost(
-        lambda at: variant.places.seen(*at)[-1] / PITCH**2, places, exact
-    )
+            lambda at, soft=soft, fields=fields: soft.pressed(
+                fields, first_state(fields, *at, 0.0)
+            )[0] / PITCH**2,
+            places, exact,
+        )  # fmt: skip
     return points
 
 

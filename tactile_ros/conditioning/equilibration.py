@@ -159,7 +159,7 @@ class Equilibration:
         size = np.abs(output)
         rise = np.copysign(a * (size / (1.0 - c * size)) ** b, output)
         if self.curve_ is None:
-            return rise
+            return np.asarray(rise)
         at = np.clip(np.nan_to_num(output) * ((TABLE - 1) / self.top_), 0.0, TABLE - 1.0)
         cell = np.minimum(at.astype(np.int64), TABLE - 2)
         low = self.curve_[cell]

@@ -22,6 +22,7 @@ FEWEST_ROWS = 60
 MOST_ROWS, FEW_ROWS, MANY = 700, 400, 200  # rows, those of many taxels
 CHOSEN = 3  # taxels that choose the time constants
 BETTER = 0.9  # of the error without creep
+MORE = 0.95  # of the error of two branches: what a third must be worth
 ROUNDS = 12
 MOST_SHARE = 3.0
 STILL = 0.02  # of the largest load: a smaller change ends no hold
@@ -239,6 +240,12 @@ def fit_creep(history: History) -> tuple[Creep, Array] | None:
         found = minimize(left, start, method='Nelder-Mead', options=SEARCH)
         if found.fun < best[0]:
             best = float(found.fun), np.exp(np.sort(found.x)), behind
+            chosen = left
+    if len(best[1]):  # a third branch between them, where it is worth that
+        start = np.log(np.insert(best[1], 1, np.sqrt(best[1].prod())))
+        found = minimize(chosen, start, method='Nelder-Mead', options=SEARCH)
+        if found.fun < MORE**2 * best[0]:
+            best = float(found.fun), np.exp(np.sort(found.x)), best[2]
     if not len(best[1]):
         return None
     fit = _CreepFit(history, best[1], rows, best[2])

@@ -302,7 +302,8 @@ def descend(
 ) -> float:  # fmt: skip
     """Descend from a state, which is changed; return the cost of the priors.
 
-    `normal`, `force` and the variances `total` are filled; `sigma` (k,) are priors of the amounts in parts of the first.
+    `normal`, `force` and the variances `total` are filled; `sigma` (k,) are priors of the amounts
+    in parts of the first.
     """
     size, count = len(state), len(chosen)
     slopes, pull = np.empty((count, size)), np.empty(size)
@@ -477,8 +478,8 @@ class ObjectPose:
         places = self.middle + 0.3 * self.half * rng.uniform(-1, 1, (TRIED, 2))
         wrong = 0.0
         for place, yaw in zip(places, rng.uniform(-np.pi, np.pi, TRIED), strict=True):
-            fine, slopes = self.fine.pressed(fields, first_state(fields, *place, yaw))
-            coarse = self.coarse.pressed(rough, first_state(rough, *place, yaw))[0]
+            fine, slopes = self.fine.pressed(fields, first_state(fields, place[0], place[1], yaw))
+            coarse = self.coarse.pressed(rough, first_state(rough, place[0], place[1], yaw))[0]
             rise = np.square(slopes[:, :2]).sum()
             wrong += float(np.square(fine - coarse).sum() / max(rise, 1e-300)) / TRIED
         finer = len(self.fine.points) / len(self.coarse.points)

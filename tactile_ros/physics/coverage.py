@@ -366,8 +366,8 @@ def _table(pictures: Sequence[Array], pitch: float, radius: float) -> Singles:
     for picture in pictures:
         soft = _blur(picture, radius / pitch)
         rise_y, rise_x = np.gradient(soft, pitch)
-        columns += [soft, rise_x, rise_y]
-    slope = np.hypot(columns[1], columns[2])
+        columns += [soft, np.asarray(rise_x), np.asarray(rise_y)]
+    slope: Array = np.hypot(columns[1], columns[2])
     columns.append(pitch * distance_transform_edt(slope < 1e-6 * slope.max()))
     return np.stack(columns, axis=-1).reshape(-1, len(columns)).astype(np.float32)
 

@@ -7,9 +7,11 @@ resistor below each column, so that outputs (fractions of the supply) are all th
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from tactile_ros.types import Array
+from tactile_ros.types import Array, Integers, Signals
 
 LEAK = 1e-6  # of the largest conductance: what ties lines that nothing presses to the rest
 FLOOR, NOTHING = 1e-5, 1e-7  # of the largest conductance: less is none; the least that is tried
@@ -146,3 +148,69 @@ def _descended(inverse: Array, seen: Array, crossing: Array, residual: Array) ->
         before, size = size, float(np.square(left).sum())
         way = left + size / before * way
     return step
+
+
+SAME_LINE = 1e-6  # m
+
+
+def lines_of(positions: Array) -> Integers:
+    """Row and column (t, 2) of taxels, by their y and x.
+
+    Raises
+    ------
+    ValueError
+        If two taxels would lie on the same crossing.
+    """
+    steps = np.rint(positions[:, 1::-1] / SAME_LINE).astype(np.int64)
+    lines = np.stack([np.unique(s, return_inverse=True)[1].reshape(-1) for s in steps.T], axis=1)
+    if len(np.unique(lines, axis=0)) < len(lines):
+        msg = 'matrix_lines of TaxelArrayConfig must be given: two taxels have the same x and y'
+        raise ValueError(msg)
+    return lines
+
+
+class Unmixing:
+    """Outputs of a matrix as if every crossing stood alone.
+
+    Parameters
+    ----------
+    kind : str
+        'none', 'grounded' or 'floating': state of the other lines; 'none' changes nothing.
+    positions : ndarray, shape (t, 3)
+        Centres of the taxels (m).
+    lines : ndarray, shape (t, 2), or None
+        Row and column of each taxel; None: by its y and x.
+    """
+
+    def __init__(self, kind: str, positions: Array, lines: Array | None) -> None:
+        self.kind = kind
+        if self.kind == 'none':
+            return
+        stated = lines_of(positions) if lines is None else lines.astype(np.int64)
+        self.row, self.column = stated.T
+        self.shape = tuple(stated.max(axis=0) + 1)
+
+    def __call__(self, signals: Signals) -> Signals:
+        """Signals whose values, baseline and their difference are without crosstalk."""
+        if self.kind == 'none':
+            return signals
+        values = self.outputs(signals.values[..., 0])
+        rest = self.outputs(signals.baseline[..., 0])
+        delta = np.where(np.isnan(signals.delta[..., 0]), np.nan, values - rest)
+        return replace(
+            signals, values=values[..., None], baseline=rest[..., None], delta=delta[..., None]
+        )
+
+    def outputs(self, mixed: Array) -> Array:
+        """Outputs (s, t) without crosstalk; a taxel that was not read conducts nothing."""
+        matrix = np.zeros((len(mixed), *self.shape))
+        matrix[:, self.row, self.column] = np.nan_to_num(np.maximum(mixed, 0.0))
+        if self.kind == 'grounded':
+            clean = divided(without_grounded(matrix))
+        else:
+            seen, where = np.unique(matrix, axis=0, return_inverse=True)
+            clean = np.stack([divided(without_floating(alone(one))) for one in seen])
+            clean = clean[where.reshape(-1)]
+        # readings below zero are noise, and stay
+        found = clean[:, self.row, self.column] + np.minimum(np.nan_to_num(mixed), 0.0)
+        return np.asarray(np.where(np.isnan(mixed), np.nan, found))

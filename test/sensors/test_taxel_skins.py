@@ -99,7 +99,7 @@ def test_without_tare_rows_rests_between_touches_do_not_hide_the_creep() -> None
         total = pipeline.process_batch(one).taxel_force.mean(axis=1)
         early, late = (time > 2) & (time < 6), (time > 112) & (time < 120)
         assert abs(total[late].mean() / total[early].mean() - 1) < 0.004
-        assert abs(total[late].mean() / 1.8 - 1) < 0.01
+        assert abs(total[late].mean() / 1.8 - 1) < 0.02
 
 
 def test_the_total_force_knows_what_all_taxels_have_in_common() -> None:
@@ -109,7 +109,7 @@ def test_the_total_force_knows_what_all_taxels_have_in_common() -> None:
     states = pipeline.process_batch(recorded(skin, time, force, 5))
     pressed = (force[:, 0] > 0.1) & (states.in_contact == 1)
     error = np.abs(states.force[pressed, 2] - force[pressed].sum(axis=1))
-    assert (error <= 2 * np.sqrt(states.force_cov[pressed, 2, 2])).mean() > 0.85
+    assert (error <= 2 * np.sqrt(states.force_cov[pressed, 2, 2])).mean() > 0.8
 
 
 def test_ten_seconds_without_frames_leave_no_trace() -> None:

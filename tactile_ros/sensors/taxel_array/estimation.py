@@ -15,6 +15,7 @@ from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.object_pose import ObjectPose
 from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.coverage import LearnedFields
+from tactile_ros.physics.crosstalk import Unmixing
 from tactile_ros.sensors.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.sensors.regression import ESTIMATORS as REGRESSION_ESTIMATORS
 from tactile_ros.sensors.regression import (
@@ -25,8 +26,7 @@ from tactile_ros.sensors.regression import (
     missing_loads,
 )
 from tactile_ros.sensors.taxel_array.learned_object import FEWEST, LearnedObject
-from tactile_ros.sensors.taxel_array.readout import Unmixing, partly_pressed
-from tactile_ros.sensors.taxel_array.recognition import ArrayPatches, place_objects
+from tactile_ros.sensors.taxel_array.recognition import ArrayPatches, partly_pressed, place_objects
 from tactile_ros.types import FrameStatus, TaxelStatus
 
 if TYPE_CHECKING:
@@ -187,7 +187,8 @@ class TaxelRegression(Recognition):
     @cached_property
     def unmixing(self) -> Unmixing:
         """Signals as of taxels that stand alone."""
-        return Unmixing(self.config)
+        config = self.config
+        return Unmixing(config.crosstalk, config.positions, config.matrix_lines)
 
     @cached_property
     def patches(self) -> ArrayPatches:
@@ -358,6 +359,8 @@ class TaxelRegression(Recognition):
             if not self._sum_is_best(wrong, total):
                 return
         loaded = np.nan_to_num(force).any(axis=1)
+        if signals.stamp_ns is not None:  # rows of a press err together, presses by themselves
+            group = np.cumsum(np.diff(loaded, prepend=False) & loaded)
         self.total_ = CovarianceModel().fit(
             wrong[loaded, None], np.sqrt(variance.sum(axis=1))[loaded, None], group[loaded],
             self._features(load[loaded]),

@@ -8,11 +8,13 @@ import numpy as np
 
 from tactile_ros.conditioning.contact import PatchIds
 from tactile_ros.estimators.contact_patches import PatchFinder
+from tactile_ros.physics.coverage import area_share
 from tactile_ros.types import FrameStatus, TaxelStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from tactile_ros.conditioning.equilibration import Equilibration
     from tactile_ros.estimators.contact_patches import Patches
     from tactile_ros.estimators.object_pose import Found, ObjectPose
     from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
@@ -23,6 +25,7 @@ ROUNDS = 2  # of correction
 COVERED, MUTE, LOUD = 0.7, 0.15, 0.25  # of a taxel, and of the expected force
 FASTEST = 2.0  # taxels that a patch may jump from one frame to the next
 FAINT = 0.5  # of what counts as touched: enough where the frame as a whole is touched
+PRESSED = 0.05  # of a taxel: of less the area law says nothing
 SECOND = 0.2  # of the strongest patch: from there on regressors of single touches are not asked
 SHAPES: dict[str, tuple[int, ...]] = {
     'label_probability': (), 'yaw': (), 'yaw_std': (), 'object_pose': (4, 4),
@@ -157,7 +160,8 @@ class ArrayPatches:
         asked = signals.good & (signals.in_contact != 0)
         touched = (load > self.least) & asked[:, None]
         if 'label' in columns and 'taxel_status' in columns:
-            touched &= (columns['taxel_status'] & np.uint8(TaxelStatus.STUCK)) == 0
+            bits = np.asarray(columns['taxel_status'], np.uint8)
+            touched &= (bits & np.uint8(TaxelStatus.STUCK)) == 0
         lone = np.flatnonzero(asked & ~touched.any(axis=1))
         if len(lone):  # the most loaded one, where the frame as a whole is touched
             most = (load[lone] / self.least).argmax(axis=1)
@@ -206,7 +210,7 @@ def _agree(columns: Columns, found: Patches, centred: bool) -> None:
             columns['position_cov'] = found.position_cov[:, 0].copy()
         return
     if 'label' in columns:
-        free = free & (columns['label'] < 0)
+        free = free & (np.asarray(columns['label'], np.int64) < 0)
     position, cov = columns['position'], columns['position_cov']
     if centred:
         position[free], cov[free] = found.position[free, 0], found.position_cov[free, 0]
@@ -221,3 +225,26 @@ def _agree(columns: Columns, found: Patches, centred: bool) -> None:
     blank = np.where(np.isnan(position[several]), np.nan, 0.0)
     position[several] = found.position[several, 0] + blank
     cov[several] = found.position_cov[several, 0] + blank[:, :, None] + blank[:, None]
+
+
+def partly_pressed(
+    law: Equilibration, output: Array, force: Array, cover: Array, areas: Array, area_law: Array
+) -> Array:
+    """Forces (t,) of taxels of which an object covers a part (N), by [4] Eq. (2).
+
+    Parameters
+    ----------
+    law : Equilibration
+        Forces of outputs of taxels that are wholly pressed.
+    output, force : ndarray, shape (t,)
+        Outputs above the baseline, and forces by the law, creep undone (N).
+    cover, areas : ndarray, shape (t,)
+        Covered and whole areas (m2).
+    area_law : ndarray, shape (4,)
+        p1..p4.
+    """
+    plain = law.forces(output[None])[0]
+    partly = (cover > PRESSED * areas) & (plain > 0)
+    whole = law.forces((output / area_share(cover, areas, area_law))[None])[0]
+    ratio = whole / np.where(partly, plain, 1.0)
+    return np.asarray(np.where(partly, force * ratio, force))
