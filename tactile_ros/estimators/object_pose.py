@@ -664,7 +664,7 @@ class ObjectPose:
         return np.append(state, np.zeros(3 + fields.count - len(state)))
 
     def _loadings(self, index: int) -> tuple[bool, ...]:
-        """Whether a flat part is tried with an even load besides: few taxels tell no tilt."""
+        """Loads of a flat part, even or not, that are tried: few taxels determine no tilt."""
         few = len(self.areas) <= VAGUE and self.objects[1][index].sharp
         return (True, False) if few else (False,)
 

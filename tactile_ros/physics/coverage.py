@@ -254,7 +254,7 @@ class ObjectFields:
 
     @property
     def tube(self) -> bool:
-        """Whether the table is over distance from an axis and half width of the contact."""
+        """True for a table over distance from an axis and half width of the contact."""
         return self.bend == self.bend
 
     @property

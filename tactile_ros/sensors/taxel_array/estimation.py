@@ -21,7 +21,7 @@ from tactile_ros.sensors.regression import ESTIMATORS as REGRESSION_ESTIMATORS
 from tactile_ros.sensors.regression import (
     KIND,
     TIME_CONSTANTS,
-    Recognition,
+    Regression,
     missing_history,
     missing_loads,
 )
@@ -121,7 +121,7 @@ def reference(truth: Columns, name: str, good: Bools) -> Array | None:
     return values if (np.isfinite(values).sum(axis=0) >= FEWEST_ROWS).any() else None
 
 
-class TaxelRegression(Recognition):
+class TaxelRegression(Regression):
     """Laws of the taxels with their sum and centre, objects by their outline, and regressors.
 
     Parameters
@@ -550,6 +550,5 @@ class TaxelRegression(Recognition):
 
 
 CLASSES = (
-    *REGRESSION_CLASSES, TaxelRegression, Equilibration, Creep, CovarianceModel, LearnedObject,
-    LearnedFields,
+    *REGRESSION_CLASSES, TaxelRegression, Equilibration, Creep, LearnedObject, LearnedFields,
 )  # fmt: skip
