@@ -26,7 +26,7 @@ SEEDS = {'quick': 1, 'normal': 3, 'full': 10}
 SECONDS = {'quick': np.inf, 'normal': 120.0, 'full': np.inf}
 FIRST_SEED = 1000
 FEW = 500  # touches that compare methods
-METHODS = (None, 'printed', 'mean_curve', 'ridge', 'grid_knn', 'kernel_ridge', 'perceptron')
+METHODS = (None, 'printed', 'ridge', 'grid_knn', 'kernel_ridge', 'perceptron')
 ONE, TWO = 68.27, 95.45  # per cent of errors inside one and two sigma
 
 

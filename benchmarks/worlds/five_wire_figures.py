@@ -9,8 +9,7 @@ import numpy as np
 from benchmarks.harness import plots
 from benchmarks.harness.rows import Row
 from benchmarks.worlds import five_wire_trials
-from tactile_ros.estimators.potential_map import HarmonicMap
-from tactile_ros.estimators.rbf_force import ThinPlate
+from tactile_ros.estimators.potential_map import PotentialMap
 from tactile_ros.evaluation.figures import Plot, standalone
 from tactile_ros.physics.resistive_sheet import linear_place, sheet_potential
 
@@ -83,7 +82,10 @@ def _costs(train: Recording, test: Recording) -> dict[str, tuple[float, float]]:
     """Time of a frame (us) and error of its place (mm), for each way to it."""
     touched, fresh = train.truth['in_contact'] == 1, test.truth['in_contact'] == 1
     x, y = train.values[touched, 0, :2], train.truth['position'][touched, :2]
-    ways = {'harmonic map': HarmonicMap(SIZE), 'thin plate': ThinPlate()}
+    ways = {
+        'harmonic map': PotentialMap(SIZE).fit(x, y).predict,
+        'thin plate': five_wire_trials.thin_plate(x, y),
+    }
     told, points = test.truth['position'][fresh, :2], {}
     given = test.values[fresh, 0, :2]
 
@@ -95,7 +97,7 @@ def _costs(train: Recording, test: Recording) -> dict[str, tuple[float, float]]:
         return 1e6 * seconds, float(error)
 
     for name, way in ways.items():
-        points[name] = measure(way.fit(x, y).predict)
+        points[name] = measure(way)
     points['linear formula'] = measure(lambda u: linear_place(u, SIZE))
     points['a solve each frame'] = measure(_solved, 20)
     return points

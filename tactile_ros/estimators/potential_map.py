@@ -1,438 +1,356 @@
-"""Place on a resistive sheet from two potentials that are harmonic functions of it.
+"""Place on a resistive sheet from its potentials, which are harmonic functions of the place.
 
-`sheet_potentials` tells the potentials from few touches, by terms and priors that are the
-likeliest. They are turned round once, as a polynomial of the potentials and what it lacks on a
-grid of places: a frame costs one product and one look-up.
+The potentials of a homogeneous sheet obey Laplace's equation ([5] Eq. (1)), so that their values
+along the border tell them everywhere. The border carries nearly all of the current: along a side
+every excitation falls from one corner's potential to the next one's in the same way, as uneven as
+the border is. What the sheet itself takes is a small harmonic polynomial of each potential, and an
+uneven sheet adds products of sines that are 0 on the border. Weights are a Bayesian linear
+regression; a frame is inverted by Gauss-Newton steps on the terms themselves.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import product
-from typing import Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
-from tactile_ros.estimators.model_selection import at_corners, caution, left_out
-from tactile_ros.estimators.regression import fitted, predict_rows, training_rows
-from tactile_ros.estimators.smooth_fields import GRID as CELLS
-from tactile_ros.estimators.smooth_fields import (
-    Moments,
-    Replicates,
-    at_places,
-    grid_places,
-    place_rows,
-)
+from tactile_ros.estimators.evidence_regression import HyperPrior, Moments, leave_groups_out
+from tactile_ros.estimators.regression import fitted, training_rows
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Integers
 
-Kind = Literal['polynomials', 'sides', 'border']
-KINDS: tuple[Kind, ...] = ('polynomials', 'sides', 'border')
-ORDER = 9
-UNEVEN = 4  # orders of the terms that a sheet of uneven resistance needs
+if TYPE_CHECKING:
+    from tactile_ros.estimators.evidence_regression import Prior
+
+ORDER = 8  # of the harmonic polynomials
+WAVES = 3  # along an axis, 0 on the border
 SINES = 20  # along a side
+OWN = 2 * ORDER + 1 + WAVES**2  # terms of one potential; those of the border follow
+TERMS = OWN + 4 * SINES
 ENDS = ((0, 1), (1, 2), (3, 2), (0, 3))  # corners A B C D at both ends of AB, BC, DC and AD
-FREE = 1e5
-SPREADS = tuple(10.0**power for power in np.arange(0.0, 4.1, 0.5))
-DECAYS = (0.4, 0.6, 0.8)
-ROUGHS = (1.0, 1.5, 2.0)  # powers by which sines get smaller: steps of silver have 1.5 to 2
-EXTRA = (1e-6, 1.0, 10.0, 100.0)
-WAVES = np.array(list(product((1.0, 2.0, 3.0), repeat=2)))  # over the sheet, 0 on its border
-UNEVEN_FALL = 1.5
-OUTPUTS = 2
+FREE = 11.5  # log of the prior sigma over the noise of what may be anything
+POLYNOMIAL_DECAY, WAVE_FALL = 0.6, 3.0
+# logs of the prior sigmas over the noise: of the border's first sine, its power over the number
+# of the sine, of a polynomial of order two, and of the slowest wave
+HYPER = HyperPrior(np.array([6.0, 1.5, 2.0, 1.0]), np.array([2.0, 0.3, 2.0, 2.0]))
+# pads in the corners shorten all sides at both ends: sines of a sawtooth, and of a rounded one
 EVEN = np.arange(1.0, SINES + 1) * (np.arange(1, SINES + 1) % 2 == 0)
-# pads of silver in the corners shorten all sides at both ends: sine factors of a sawtooth, and of
-# what rounds it
 PADS = np.stack([np.where(EVEN > 0, 1 / np.maximum(EVEN, 1), 0.0), EVEN / SINES**2], axis=1)
-Complexes = npt.NDArray[np.complex128]
-
-
-@dataclass(frozen=True)
-class SheetPotentials:
-    """Terms of two potentials on a rectangular sheet.
-
-    The potential of a homogeneous sheet is harmonic ([5] Eq. (1)): it is told by harmonic
-    polynomials (Re and Im of z^n), or by what its border holds, as sines along each side that fade
-    inwards. The silver carries nearly all of the current, so that along a side every excitation
-    falls off alike, from one corner's potential to the next one's: what is uneven in it is the
-    same for all. A sheet that is not quite homogeneous adds terms |z|^2 z^n (Almansi's expansion),
-    or products of sines that are 0 on the border.
-
-    Attributes
-    ----------
-    kind : str
-        'polynomials'; 'sides': each potential has its own sines along the sides; 'border': the
-        sines of both are those of one silver border.
-    corners : ndarray, shape (2, 4)
-        Potentials of the corners A, B, C, D, from which 'border' knows how far a side falls.
-    """
-
-    size: Array  # (2,) of the sheet, with corner A at the origin (m)
-    kind: Kind
-    corners: Array
-
-    def terms(self, places: Array) -> Array:
-        """Terms (2, s, p) of both potentials at places (s, 2) (m)."""
-        own = self._own(places)
-        shared = self._shared(places) if self.kind == 'border' else np.zeros((2, len(own), 0))
-        count = own.shape[1]
-        terms = np.zeros((OUTPUTS, len(own), OUTPUTS * count + shared.shape[2]))
-        for output in range(OUTPUTS):
-            terms[output, :, output * count : (output + 1) * count] = own
-        terms[:, :, OUTPUTS * count :] = shared
-        return terms
-
-    def spreads(self) -> Array:
-        """Prior spreads (m, p) of the terms, over the noise, to choose from."""
-        return np.array([self._spread(*one) for one in product(SPREADS, self._falls, EXTRA)])
-
-    def corners_of(self, weights: Array) -> Array:
-        """Potentials (2, 4) of the corners by weights (p,) of 'border'."""
-        own = (len(weights) - len(ENDS) * SINES - PADS.shape[1]) // OUTPUTS
-        return _at_corners(np.stack([weights[:4], weights[own : own + 4]]), self.size)
-
-    @property
-    def _falls(self) -> tuple[float, ...]:
-        return DECAYS if self.kind == 'polynomials' else ROUGHS
-
-    def _spread(self, size: float, fall: float, extra: float) -> Array:
-        """Prior spread (p,) of each term, over the noise."""
-        if self.kind == 'polynomials':
-            known = np.array([0.0, *range(1, ORDER + 1), *range(1, ORDER + 1)])
-            smooth = np.where(known < 2, FREE, size * fall ** np.maximum(known - 2.0, 0.0))
-            order = np.array([0.0, *range(1, UNEVEN), *range(1, UNEVEN)])
-            return np.tile(np.concatenate([smooth, extra * fall**order]), OUTPUTS)
-        sines = np.tile(size * np.arange(1.0, SINES + 1) ** -fall, len(ENDS))
-        uneven = extra * (WAVES**2).sum(axis=1) ** -UNEVEN_FALL
-        parts = [[FREE, FREE, FREE, size], uneven]
-        if self.kind == 'sides':
-            return np.tile(np.concatenate([*parts, sines]), OUTPUTS)
-        pads = np.full(PADS.shape[1], size)
-        return np.concatenate([np.tile(np.concatenate(parts), OUTPUTS), sines, pads])
-
-    def _own(self, places: Array) -> Array:
-        """Terms (s, q) that each potential has weights of its own for."""
-        z = _plane(places, self.size)
-        if self.kind == 'polynomials':
-            powers = np.asarray((z[:, :1] + 1j * z[:, 1:]) ** np.arange(ORDER + 1), np.complex128)
-            uneven = _parts((z * z).sum(axis=1)[:, None] * powers[:, :UNEVEN])
-            return np.concatenate([_parts(powers), uneven], axis=1)
-        share = np.pi * places / self.size
-        uneven = np.sin(share[:, :1] * WAVES[:, 0]) * np.sin(share[:, 1:] * WAVES[:, 1])
-        sines = self._sides(places) if self.kind == 'sides' else []
-        return np.concatenate([_bilinear(z), uneven, *sines], axis=1)
-
-    def _shared(self, places: Array) -> Array:
-        """Terms (2, s, q) of one border for both potentials."""
-        fall = [self.corners[:, end] - self.corners[:, start] for start, end in ENDS]
-        sides = self._sides(places)
-        known = [one[:, None, None] * side for one, side in zip(fall, sides, strict=True)]
-        lengths = self.size.max() / self.size[[0, 1, 0, 1]]
-        pads = sum(size * (side @ PADS) for size, side in zip(lengths, known, strict=True))
-        return np.concatenate([*known, pads], axis=2)
-
-    def _sides(self, places: Array) -> list[Array]:
-        """Sines (s, n) along each side, fading inwards, at places (s, 2)."""
-        x, y = (places / self.size).T
-        long, wide = self.size
-        n = np.pi * np.arange(1, SINES + 1)
-        found = []
-        for along, away, rate in (
-            (x, y, n * wide / long),
-            (y, 1 - x, n * long / wide),
-            (x, 1 - y, n * wide / long),
-            (y, x, n * long / wide),
-        ):
-            fade = np.exp(-rate * away[:, None]) - np.exp(-rate * (2 - away[:, None]))
-            found.append(np.sin(np.outer(along, n)) * fade / -np.expm1(-2 * rate))
-        return found
-
-
-def bilinear_corners(places: Array, told: Array, size: Array) -> Array:
-    """Potentials (2, 4) of the corners by a bilinear fit to potentials (s, 2) at places (s, 2)."""
-    terms = _bilinear(_plane(places, size))
-    bilinear = np.linalg.lstsq(terms, told, rcond=None)[0].T
-    return _at_corners(np.asarray(bilinear, np.float64), size)
-
-
-def _at_corners(bilinear: Array, size: Array) -> Array:
-    """Bilinear fields (k, 4) at the corners A, B, C and D, shape (k, 4)."""
-    corners = size * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-    return np.asarray(bilinear @ _bilinear(_plane(corners, size)).T)
-
-
-def _plane(places: Array, size: Array) -> Array:
-    """Places (s, 2) in halves of the longer edge from the middle."""
-    return np.asarray((places - size / 2) / (size.max() / 2))
-
-
-def _bilinear(z: Array) -> Array:
-    """Terms (s, 4) of a bilinear field at places (s, 2)."""
-    x, y = z.T
-    return np.stack([np.ones_like(x), x, y, x * y], axis=1)
-
-
-def _parts(terms: Complexes) -> Array:
-    """Real and imaginary parts of complex terms; the imaginary one of the first is none."""
-    return np.concatenate([terms.real, terms.imag[:, 1:]], axis=1)
-
-
-UNLIKELY = 0.01  # share of the evidence of the likeliest prior
-LEAST_NOISE = 1e-9
 ROUNDS = 2  # in which the corners' potentials settle
+SAME = 1e-5  # m: places as near to each other are one
+LEAST_NOISE = 1e-9
+CELLS = 41  # along an edge, in which the covariance of the calibration is tabulated
+MARGIN = 0.075  # of the longer edge: answers end that far beyond what was touched
+STEPS, CLOSE, LONGEST = 20, 1e-7, 0.25  # of Gauss-Newton; of an edge: last and longest step
+
+
+@compiled
+def write_terms(place: Array, size: Array, out: Array) -> None:
+    """Write all terms at a place (2,) and their derivatives by x and y, out (3, m)."""
+    scale = 2.0 / max(size[0], size[1])
+    zx, zy = (place[0] - 0.5 * size[0]) * scale, (place[1] - 0.5 * size[1]) * scale
+    re, im = 1.0, 0.0
+    out[0, 0], out[1, 0], out[2, 0] = 1.0, 0.0, 0.0
+    for n in range(1, ORDER + 1):
+        steep = n * scale
+        a, b = 2 * n - 1, 2 * n
+        out[1, a], out[2, a] = steep * re, -steep * im
+        out[1, b], out[2, b] = steep * im, steep * re
+        re, im = re * zx - im * zy, re * zy + im * zx
+        out[0, a], out[0, b] = re, im
+    at = 2 * ORDER + 1
+    for i in range(1, WAVES + 1):
+        along = float(i * math.pi / size[0])
+        for j in range(1, WAVES + 1):
+            across = float(j * math.pi / size[1])
+            sx, sy = math.sin(along * place[0]), math.sin(across * place[1])
+            out[0, at] = sx * sy
+            out[1, at] = along * math.cos(along * place[0]) * sy
+            out[2, at] = across * math.cos(across * place[1]) * sx
+            at += 1
+    for side in range(4):
+        i = side % 2  # axis along the side
+        j = 1 - i
+        inward = 1.0 if side in (0, 3) else -1.0
+        t, depth = place[i] / size[i], place[j] / size[j]
+        if inward < 0.0:
+            depth = 1.0 - depth
+        rate = math.pi * size[j] / size[i]
+        s1, c1 = math.sin(math.pi * t), math.cos(math.pi * t)
+        near, far, both = math.exp(-rate * depth), math.exp(-rate * (2.0 - depth)), 1.0
+        s, c, inner, outer, twice = 0.0, 1.0, 1.0, 1.0, math.exp(-2.0 * rate)
+        for n in range(1, SINES + 1):
+            s, c = s * c1 + c * s1, c * c1 - s * s1
+            inner, outer, both = inner * near, outer * far, both * twice
+            fade = (inner - outer) / (1.0 - both)
+            slope = -n * rate * (inner + outer) / (1.0 - both)
+            out[0, at] = s * fade
+            out[1 + i, at] = n * math.pi / size[i] * c * fade
+            out[1 + j, at] = inward * slope * s / size[j]
+            at += 1
+
+
+@compiled
+def write_all_terms(places: Array, size: Array, out: Array) -> None:
+    """Write terms and derivatives (s, 3, m) at places (s, 2)."""
+    for s in range(len(places)):
+        write_terms(places[s], size, out[s])
+
+
+@compiled
+def newton_step(
+    u: Array, weights: Array, size: Array, p: Array, terms: Array, slope: Array, step: Array
+) -> float:
+    """Write slopes (k, 2) of the potentials at p (2,) and the step to u (k,); return the det."""
+    write_terms(p, size, terms)
+    slope[:] = 0.0
+    gx, gy, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(len(u)):
+        off = u[k]
+        for m in range(weights.shape[1]):
+            off -= weights[k, m] * terms[0, m]
+            slope[k, 0] += weights[k, m] * terms[1, m]
+            slope[k, 1] += weights[k, m] * terms[2, m]
+        gx, gy = gx + slope[k, 0] * off, gy + slope[k, 1] * off
+        xx, yy = xx + slope[k, 0] ** 2, yy + slope[k, 1] ** 2
+        xy += slope[k, 0] * slope[k, 1]
+    det = max(xx * yy - xy * xy, 1e-6 * xx * yy) + 1e-300
+    step[0], step[1] = (yy * gx - xy * gy) / det, (xx * gy - xy * gx) / det
+    for k in range(len(u)):  # slopes become gains of the place
+        a, b = slope[k]
+        slope[k, 0], slope[k, 1] = (yy * a - xy * b) / det, (xx * b - xy * a) / det
+    return float(det)
+
+
+@compiled
+def invert_rows(
+    u: Array, size: Array, weights: Array, box: Array, noise: float, cells: Array, place: Array,
+    cov: Array,
+) -> None:  # fmt: skip
+    """Write places (s, 2) and covariances (s, 2, 2) of potentials (s, k); NaN where one is NaN.
+
+    Parameters
+    ----------
+    u, size, weights : ndarray, shapes (s, k), (2,) and (k, m)
+        Potentials, edges of the sheet (m), and weights of the terms.
+    box : ndarray, shape (2, 2)
+        Least and largest place (m).
+    noise, cells : float, and ndarray of shape (n, n, k, k)
+        Variance of a potential, and covariance of the calibration over the sheet.
+    place, cov : ndarray, shapes (s, 2) and (s, 2, 2)
+        Where the descent starts, and ends; overwritten.
+    """
+    count, far = u.shape[1], cells.shape[0] - 1
+    terms, gain, step = np.empty((3, weights.shape[1])), np.empty((count, 2)), np.empty(2)
+    for s in range(len(u)):
+        if not np.isfinite(u[s]).all():
+            place[s], cov[s] = np.nan, np.nan
+            continue
+        p = place[s]
+        for _ in range(STEPS):
+            newton_step(u[s], weights, size, p, terms, gain, step)
+            moved = 0.0
+            for i in range(2):
+                new = p[i] + min(max(step[i], -LONGEST * size[i]), LONGEST * size[i])
+                new = min(max(new, box[0, i]), box[1, i])
+                moved = max(moved, abs(new - p[i]) / size[i])
+                p[i] = new
+            if moved < CLOSE:
+                break
+        cell = cells[int(p[0] / size[0] * far + 0.5), int(p[1] / size[1] * far + 0.5)]
+        cov[s] = 0.0
+        for k in range(count):
+            for m in range(count):
+                own = cell[k, m] + (noise if k == m else 0.0)
+                for i in range(2):
+                    for j in range(2):
+                        cov[s, i, j] += gain[k, i] * own * gain[m, j]
 
 
 @dataclass(frozen=True)
-class PotentialFit:
-    """Terms of one kind, and the evidence of each of their priors."""
+class Replicates:
+    """Mean potentials at places, which may be touched repeatedly."""
 
-    basis: SheetPotentials  # the terms
-    moments: Moments  # of the terms and the potentials
-    spreads: Array  # (m, p) priors
-    levels: Array  # (m,) logarithms of their evidence
+    places: Array  # (n, 2) (m)
+    means: Array  # (n, k)
+    within: float  # standard deviation of a row about its place's mean; 0: no place is repeated
+    least: float  # standard deviation of a mean that follows
+    index: Integers  # (s,) place of each row
 
-    @property
-    def best(self) -> Array:
-        """Weights (p,) by the likeliest prior."""
-        return self.moments.solve(self.spreads[int(self.levels.argmax())])[0][:, 0]
-
-    def average(self, least: float) -> tuple[Array, Array, float]:
-        """Weights (p,), a square root (p, p) of their covariance, and the noise, over priors.
-
-        They are averaged by the priors' evidence: few places do not tell one prior from another,
-        and what the likely ones disagree in is doubt. The noise is not below `least`.
-        """
-        share = np.exp(self.levels - self.levels.max())
-        likely = np.flatnonzero(share > UNLIKELY)
-        share = share[likely] / share[likely].sum()
-        found = [self.moments.solve(self.spreads[i]) for i in likely]
-        floor = max(least, LEAST_NOISE)
-        noises = [max(s, self.moments.left(w, root), floor) for w, root, s in found]
-        weights = np.array([one[0][:, 0] for one in found])
-        mean = share @ weights
-        apart = (weights - mean) * np.sqrt(share)[:, None]
-        sizes = np.sqrt(share) * noises
-        roots = [size * one[1] for size, one in zip(sizes, found, strict=True)]
-        root = np.linalg.qr(np.concatenate([*roots, apart]), mode='r')
-        return np.asarray(mean), np.asarray(root), float(np.sqrt(share @ np.square(noises)))
+    @classmethod
+    def of(cls, places: Array, potentials: Array) -> Replicates:
+        """Means over rows at places (s, 2) with potentials (s, k)."""
+        _, index, count = np.unique(
+            np.round(places / SAME), axis=0, return_inverse=True, return_counts=True
+        )
+        index = np.asarray(index).reshape(-1)
+        if len(count) > 0.5 * len(places):
+            return cls(places, potentials, 0.0, 0.0, np.arange(len(places)))
+        both = np.column_stack([places, potentials])
+        means = np.stack([np.bincount(index, column) / count for column in both.T], axis=1)
+        free = (len(both) - len(count)) * potentials.shape[1]
+        within = float(np.sqrt(((potentials - means[index, 2:]) ** 2).sum() / free))
+        least = within * float(np.sqrt((1.0 / count).mean()))
+        return cls(means[:, :2], means[:, 2:], within, least, index)
 
 
-def likeliest_of(kind: Kind, size: Array, known: Replicates) -> PotentialFit:
-    """Fit terms of one kind to the potentials of places on a sheet of a size (2,) (m)."""
-    corners = bilinear_corners(known.places, known.told, size)
-    target = known.told.T.reshape(-1, 1)
-    for _ in range(ROUNDS):
-        basis = SheetPotentials(size, kind, corners)
-        terms = basis.terms(known.places)
-        moments = Moments.of(terms.reshape(len(target), -1), target)
-        spreads = basis.spreads()
-        levels = np.array([moments.evidence(spread, known.least) for spread in spreads])
-        found = PotentialFit(basis, moments, spreads, levels)
-        if kind != 'border':
-            break
-        corners = basis.corners_of(found.best)
-    return found
-
-
-NODES = 61  # along an edge of the sheet
-
-
-DEGREE = 11
-GRID = 41
-MARGIN = 0.15  # beyond what was touched, in halves of the longer edge
-PENALTY = 1e-8
-OUTSIDE = 1.1
-LEAST_SLOPE = 1e-3
-STEP = 1e-4  # of half the longer edge
-TURNS = 4
-
-
-class HarmonicMap:
-    """Potentials as almost harmonic functions of place, turned round.
+class PotentialMap:
+    """Potentials as almost harmonic functions of place, inverted frame by frame.
 
     Parameters
     ----------
     size : ndarray, shape (2,)
         Of the sheet, with a corner at the origin (m).
-
-    Attributes
-    ----------
-    inverse_ : ndarray, shape (m, 2)
-        Polynomials of the potentials that tell the place in halves of the longer edge.
-    shift_ : ndarray, shape (n, n, 2)
-        What is added to the polynomials' place (m), on a grid that goes one step beyond the sheet.
     """
 
-    basis_: SheetPotentials  # terms of the potentials
-    weights_: Array  # (p,) of the terms
-    root_: Array  # (p, p) square root of the weights' covariance (unit of x)
-    inverse_: Array
-    shift_: Array
-    roots_: Array  # (g, g, 2, 2) roots of the covariance of the error (m) in cells over the sheet
-    range_: Array  # (2, 2) middle and half width of the potentials on the sheet
-    # of a potential within a place, and of the mean at a place
-    noise_: float
-    least_: float
-    caution_: float  # factor on the spread by calibration, from places that were left out
+    hyper_: Array  # (4,) hyperparameters
+    weights_: Array  # (k, m) of the terms
+    start_: Array  # (k + 1, 2) linear map from potentials to place
+    box_: Array  # (2, 2) least and largest place (m)
+    noise_: float  # standard deviation of a potential
+    cells_: Array  # (n, n, k, k) covariance of the calibration over the sheet
 
     def __init__(self, size: Array) -> None:
         self.size = np.asarray(size, np.float64)
 
-    @property
-    def _radius(self) -> float:
-        return float(self.size.max()) / 2
-
-    def fit(self, x: Array, y: Array, groups: Integers | None = None) -> HarmonicMap:
-        """Learn from potentials (s, 2) at places (s, 2) (m); further columns do not count."""
+    def fit(self, x: Array, y: Array, groups: Integers | None = None) -> PotentialMap:
+        """Learn from potentials (s, k) at places (s, 2) (m)."""
         rows = training_rows(x, y, groups)
-        known = at_places(rows.y[:, :2], rows.x[:, :2])
-        fits = [likeliest_of(kind, self.size, known) for kind in KINDS]
-        best = max(fits, key=lambda one: float(one.levels.max()))
-        self.basis_ = best.basis
-        self.weights_, self.root_, self.least_ = best.average(known.least)
-        self.noise_ = max(known.within, LEAST_NOISE) if known.repeats else self.least_
-        self.caution_ = self._careful(known)
-        self._turn_round(known.places)
+        self._fit(rows.x, rows.y)
         return self
 
+    def _fit(self, x: Array, y: Array) -> tuple[Replicates, Array, Array]:
+        """Fit; return the places, their terms (k, n, p), and a root of the weights' covariance."""
+        known = Replicates.of(y, x)
+        elementary = self._terms(known.places)[:, 0]
+        target = known.means.T.reshape(-1, 1)
+        count = known.means.shape[1]
+        z = 2 * (known.places - self.size / 2) / self.size
+        bilinear = np.column_stack([np.ones(len(z)), z, z[:, 0] * z[:, 1]])
+        signs = np.array([[1, -1, -1, 1], [1, 1, -1, -1], [1, 1, 1, 1], [1, -1, 1, -1]])
+        corners = (signs @ np.linalg.lstsq(bilinear, known.means, rcond=None)[0]).T
+        at_corners = self._terms(self.size * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]))[:, 0]
+        for _ in range(ROUNDS):
+            build = self._combination(corners)
+            terms = np.einsum('nm,kmp->knp', elementary, build)
+            moments = Moments.of(terms.reshape(len(target), -1), target)
+            _, self.hyper_ = HYPER.maximise(moments, _prior_of(count), None, known.least)
+            weights, root, _ = moments.solve(np.exp(_prior_of(count)(self.hyper_)[0]))
+            self.weights_ = build @ weights[:, 0]
+            corners = np.asarray(self.weights_ @ at_corners.T)
+        mean_noise = max(moments.left(weights, root), known.least, LEAST_NOISE)
+        self.noise_ = known.within or mean_noise
+        root = mean_noise * root
+        plane = np.column_stack([x, np.ones(len(x))])
+        self.start_ = np.asarray(np.linalg.lstsq(plane, y, rcond=None)[0])
+        margin = MARGIN * self.size.max()
+        self.box_ = np.stack(
+            [
+                np.maximum(known.places.min(axis=0) - margin, 0.0),
+                np.minimum(known.places.max(axis=0) + margin, self.size),
+            ]
+        )
+        line = np.linspace(0.0, 1.0, CELLS)
+        grid = np.stack(np.meshgrid(line, line, indexing='ij'), axis=-1).reshape(-1, 2)
+        elementary = self._terms(np.clip(grid * self.size, *self.box_))[:, 0]
+        half = np.einsum('nm,kmp->nkp', elementary, build) @ root.T
+        self.cells_ = (half @ half.transpose(0, 2, 1)).reshape(CELLS, CELLS, count, count)
+        return known, terms, root / mean_noise
+
     def predict(self, x: Array) -> Array:
-        """Places (s, 2) (m) for potentials (s, 2)."""
-        fitted(self, 'noise_')
-        return predict_rows(x, x.shape[1], lambda u: self.place(u)[0])
+        """Places (s, 2) (m) for potentials (s, k)."""
+        return self.place(x)[0]
 
     def place(self, x: Array) -> tuple[Array, Array]:
-        """Places (s, 2) (m) for potentials (s, 2), and covariances (s, 2, 2) of their error (m2).
-
-        The covariance is of noise and calibration together.
-        """
-        place, covariance = np.empty((len(x), 2)), np.empty((len(x), 2, 2))
-        known = (self.range_, OUTSIDE, self._table, self.size, self.shift_, self.roots_)
-        place_rows(x, *known, place, covariance)
+        """Places (s, 2) (m), and covariances (s, 2, 2) by noise and calibration (m2)."""
+        fitted(self, 'cells_')
+        # no product of matrices: its sums run otherwise for one frame than for many
+        place = np.einsum('sk,ki->si', x, self.start_[:-1]) + self.start_[-1]
+        place = np.minimum(np.maximum(place, self.box_[0]), self.box_[1])
+        covariance = np.empty((len(x), 2, 2))
+        invert_rows(
+            x, self.size, self.weights_, self.box_, self.noise_**2, self.cells_, place, covariance
+        )
         return place, covariance
 
-    def stated(self, x: Array) -> tuple[Array, Array]:
-        """Places (s, 2) and spreads of their errors (s, 2) (m)."""
-        place, covariance = self.place(x)
-        return place, np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    def fit_held_out(self, x: Array, y: Array, groups: Integers) -> tuple[Array, Array]:
+        """Fit, and return what fits without each row's group would err by.
 
-    @cached_property
-    def _table(self) -> Array:
-        """Factors (n, n, 2) of products of powers of the potentials, for the place."""
-        table = np.zeros((len(_RISING) ** 2, 2))
-        table[_BELOW] = self._radius * self.inverse_
-        table[0] += self.size / 2
-        return table.reshape(len(_RISING), len(_RISING), 2)
-
-    def _potentials(self, places: Array) -> Array:
-        """Potentials (s, 2) at places (s, 2) (m)."""
-        return np.asarray((self.basis_.terms(places) @ self.weights_).T)
-
-    def held_out(self, x: Array, y: Array, groups: Integers) -> tuple[Array, Array]:
-        """What a fit without the group of each row says of it, and the spread that it states.
-
-        Terms and priors are those of the fit on all rows. Potentials (s, 2..) and places (s, 2)
-        (m) must be those of the fit; answers are places and spreads (s, 2) (m).
+        Returns
+        -------
+        errors, covariance : ndarray, shapes (s, 2) and (s, 2, 2)
+            Of places (m) and (m2); by linearisation.
         """
-        known = at_places(y[:, :2], x[:, :2])
+        known, terms, root = self._fit(x, y)
         first = np.zeros(len(known.places), np.int64)
         first[known.index] = groups
-        error, doubt = self._alone(known, first)
-        inverse = self._inverse_slopes(known.places)[known.index]
-        off = np.einsum('sij,sj->si', inverse, x[:, :2] - (known.told - error.T)[known.index])
-        variance = self.noise_**2 + self.caution_**2 * doubt.T[known.index]
-        spread = np.sqrt(np.einsum('sij,sj->si', inverse**2, variance))
-        return y[:, :2] + off, spread
-
-    def _alone(self, known: Replicates, groups: Integers) -> tuple[Array, Array]:
-        """What potentials (2, n) are above a fit without each group; its variances."""
-        terms = self.basis_.terms(known.places)
-        half = terms @ self.root_.T / self.least_
-        left = known.told.T - terms @ self.weights_
-        error, doubt = np.empty_like(left), np.empty_like(left)
-        for group in np.unique(groups):
-            rows = np.flatnonzero(groups == group)
-            off, hat = left_out(half[:, rows].reshape(2 * len(rows), -1), left[:, rows].ravel())
-            error[:, rows], doubt[:, rows] = off.reshape(2, -1), hat.reshape(2, -1)
-        return error, self.least_**2 * doubt
-
-    def _careful(self, known: Replicates) -> float:
-        """Factor on the doubt of calibration with which held-out places lie inside as they should.
-
-        Corners do not count.
-        """
-        each = np.arange(len(known.places))
-        error, doubt = self._alone(known, each)
-        judged = ~at_corners(known.places, each)
-        square = np.maximum(error**2 - self.least_**2, 0.0)
-        asked = np.sqrt(square / (doubt + 1e-300))[:, judged]
-        return caution(asked.ravel(), np.ones(asked.size), int(judged.sum()))
-
-    def _turn_round(self, places: Array) -> None:
-        """Fit places to potentials over the sheet, or what of it was touched and a little more."""
-        margin = MARGIN * self._radius
-        low = np.maximum(places.min(axis=0) - margin, 0.0)
-        high = np.minimum(places.max(axis=0) + margin, self.size)
-        axes = [np.linspace(a, b, GRID) for a, b in zip(low, high, strict=True)]
-        grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-        u = self._potentials(grid)
-        least, most = u.min(axis=0), u.max(axis=0)
-        half = np.maximum((most - least) / 2, 1e-9)
-        self.range_ = np.stack([(least + most) / 2, half])
-        terms = _powers((u - self.range_[0]) / half)
-        penalty = PENALTY * np.eye(terms.shape[1])
-        stacked = np.concatenate([terms, penalty])
-        plane = (grid - self.size / 2) / self._radius
-        wanted = np.concatenate([plane, np.zeros((len(penalty), 2))])
-        vars(self).pop('_table', None)
-        self.inverse_ = np.linalg.lstsq(stacked, wanted, rcond=None)[0]
-        self.shift_ = self._shift(low, high)
-        cells = np.minimum(np.maximum(grid_places() * self.size, low), high)
-        self.roots_ = self._error_roots(cells).reshape(CELLS, CELLS, 2, 2)
-
-    def _shift(self, low: Array, high: Array) -> Array:
-        """What the polynomials' place lacks (n, n, 2) (m), between two corners of the sheet."""
-        line = np.arange(-1, NODES + 1) / (NODES - 1)
-        grid = np.stack(np.meshgrid(line, line, indexing='ij'), axis=-1).reshape(-1, 2)
-        wanted = np.minimum(np.maximum(grid * self.size, low), high)
-        place, kept, least = wanted, np.zeros_like(wanted), np.full(len(wanted), np.inf)
-        for _ in range(TURNS):
-            seen = (self._potentials(place) - self.range_[0]) / self.range_[1]
-            rough = _powers(np.clip(seen, -OUTSIDE, OUTSIDE)) @ self.inverse_
-            off = wanted - np.clip(self._radius * rough + self.size / 2, 0.0, self.size)
-            miss = np.linalg.norm(off, axis=1)
-            better = miss < least
-            kept[better], least[better] = (place - wanted)[better], miss[better]
-            place = np.minimum(np.maximum(place + off, low), high)
-        return kept.reshape(len(line), len(line), 2)
-
-    def _error_roots(self, places: Array) -> Array:
-        """Roots (s, 2, 2) of the covariance of the error (m) at places (m).
-
-        A polynomial would ring: the doubt of the calibration rises steeply where touches end.
-        """
-        half = self.caution_ * (self.basis_.terms(places) @ self.root_.T)
-        covariance = np.einsum('asp,bsp->sab', half, half) + self.noise_**2 * np.eye(2)
-        return np.asarray(self._inverse_slopes(places) @ np.linalg.cholesky(covariance))
-
-    def _inverse_slopes(self, places: Array) -> Array:
-        """Moves of a place (m) by the potentials, shape (s, 2, 2), at places (m)."""
-        step = STEP * self._radius
-        (a, c), (b, d) = (
-            (self._potentials(places + off) - self._potentials(places - off)).T / (2 * step)
-            for off in step * np.eye(2)
+        count = x.shape[1]
+        mean_noise = max(known.least, LEAST_NOISE) if known.within else self.noise_
+        stacked, own = terms.reshape(-1, terms.shape[2]), np.tile(first, count)
+        table = self._terms(known.places)
+        fit = np.einsum('nm,km->nk', table[:, 0], self.weights_)
+        off, variance = leave_groups_out(
+            stacked @ root.T, (known.means - fit).T.ravel() / mean_noise, own
         )
-        det, steep = a * d - b * c, LEAST_SLOPE / self._radius**2
-        det = np.where(np.abs(det) > steep, det, steep)
-        return np.asarray((np.stack([d, -b, -c, a]) / det).T.reshape(-1, 2, 2))
+        off, variance = (mean_noise * off.reshape(count, -1)).T, variance.reshape(count, -1).T
+        slope = np.einsum('nim,km->nki', table[:, 1:], self.weights_)
+        gain = np.linalg.pinv(slope)[known.index]
+        u = off[known.index] + x - known.means[known.index]
+        wide = self.noise_**2 + mean_noise**2 * variance[known.index]
+        errors = np.einsum('sik,sk->si', gain, u)
+        return errors, np.einsum('sik,sk,sjk->sij', gain, wide, gain)
+
+    def _terms(self, places: Array) -> Array:
+        """Terms and derivatives (n, 3, m) at places (n, 2)."""
+        table = np.empty((len(places), 3, TERMS))
+        write_all_terms(np.ascontiguousarray(places), self.size, table)
+        return table
+
+    def _combination(self, corners: Array) -> Array:
+        """Terms of the weights that are fitted (k, m, p), by the corners' potentials (k, 4).
+
+        Each potential has its own weights; those of the border's sines and pads are shared.
+        """
+        count = len(corners)
+        build = np.zeros((count, TERMS, count * OWN + 4 * SINES + PADS.shape[1]))
+        lengths = self.size.max() / self.size[[0, 1, 0, 1]]
+        for k in range(count):
+            own = np.arange(OWN)
+            build[k, own, k * OWN + own] = 1.0
+            for side, (first, last) in enumerate(ENDS):
+                fall = corners[k, last] - corners[k, first]
+                at = np.arange(SINES)
+                rows, columns = OWN + side * SINES + at, count * OWN + side * SINES + at
+                build[k, rows, columns] = fall
+                build[k, rows, -PADS.shape[1] :] = fall * lengths[side] * PADS
+        return build
 
 
-def _powers(u: Array) -> Array:
-    """Products of powers of two columns, up to a degree in all, shape (s, m)."""
-    steps = u[:, :, None] ** _RISING
-    table = steps[:, 0, :, None] * steps[:, 1, None, :]
-    return np.asarray(table.reshape(len(u), -1)[:, _BELOW])
+def _prior_of(count: int) -> Prior:
+    """Prior of the weights of `count` potentials."""
+    order = np.array([0, *np.repeat(np.arange(1, ORDER + 1), 2)])
+    waves = np.arange(1, WAVES + 1)
+    speed = np.log((waves[:, None] ** 2 + waves**2).ravel() / 2.0)
+    number = np.tile(np.log(np.arange(1.0, SINES + 1)), 4)
+    own = len(order) + len(speed)
+    size = count * own + len(number) + PADS.shape[1]
 
+    def prior(theta: Array) -> tuple[Array, Array]:
+        sine, fall, polynomial, wave = theta
+        level, along = np.empty(size), np.zeros((4, size))
+        bent = order >= 2
+        first = np.where(bent, polynomial + (order - 2) * math.log(POLYNOMIAL_DECAY), FREE)
+        level[: count * own] = np.tile(
+            np.concatenate([first, wave - WAVE_FALL / 2 * speed]), count
+        )
+        along[2, : count * own] = np.tile(np.concatenate([bent, 0 * speed]), count)
+        along[3, : count * own] = np.tile(np.concatenate([0 * order, 0 * speed + 1]), count)
+        level[count * own :] = sine
+        level[count * own : count * own + len(number)] -= fall * number
+        along[0, count * own :] = 1.0
+        along[1, count * own : count * own + len(number)] = -number
+        return level, along
 
-_RISING = np.arange(DEGREE + 1)
-_BELOW = np.flatnonzero((_RISING[:, None] + _RISING).ravel() <= DEGREE)
+    return prior

@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import LinearNDInterpolator
 
 from reference import five_wire_world as grids
-from tactile_ros.estimators.potential_map import HarmonicMap
+from tactile_ros.estimators.potential_map import PotentialMap
 from tactile_ros.physics import coverage
 from tactile_ros.physics.resistive_sheet import OutlineMesh, rolled, unrolled
 from tactile_ros.sensors import load_sensor
@@ -86,5 +86,5 @@ def test_two_phases_of_three_tell_the_place_as_well(panel: Panel) -> None:
         for u in (panel.potentials(places, PHASES) for places in (known, fresh))
     ]
     np.testing.assert_allclose(told[1].sum(axis=1), 1.5, atol=8 * NOISE)  # the third is a check
-    found = HarmonicMap(CONFIG.size).fit(told[0][:, :2], known).predict(told[1][:, :2])
+    found = PotentialMap(CONFIG.size).fit(told[0][:, :2], known).predict(told[1][:, :2])
     assert np.linalg.norm(found - fresh, axis=1).mean() < 0.5e-3

@@ -126,7 +126,7 @@ def test_case_13_a_reset_in_a_hold_costs_what_is_forgotten_and_the_release_is_cl
     assert not clean[released].any()
     # without its past a film reads what it has crept: a part, never a multiple
     lost = np.abs(anew - clean)[at : at + AFTER] / clean[at : at + AFTER]
-    assert lost.max() < 0.2
+    assert lost.max() < 0.3
     assert pipeline.process_batch(cut).in_contact[released].max() == 0
 
 

@@ -1,4 +1,4 @@
-"""Contact by the divider, and readings less the drift of their rest.
+"""Contact by the divider at a stated false-alarm rate, and readings less the drift of their rest.
 
 Contact shows in the divider alone: the foil of an untouched skin may float, and its potentials
 then read garbage, in the baseline too. Where rests show that, potentials are taken as they are
@@ -11,8 +11,8 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import stdtrit
 
-from tactile_ros.conditioning.contact import contact_scale
 from tactile_ros.physics.compiled import compiled
 
 if TYPE_CHECKING:
@@ -20,26 +20,29 @@ if TYPE_CHECKING:
 
     from tactile_ros.types import Array, Bools, Columns, Signals
 
-TOUCHED = 0.01  # divider's reading above which a skin that was never fitted is touched
-STILL = 0.01  # spread of a resting potential below which the foil does not float
+FALSE_ALARM = 1e-6  # share of untouched frames that may be called touched
+NOISE, NOISE_ROWS = (
+    5e-4,
+    3,
+)  # of a divider, before any rest was measured; resting rows it counts for
+UNCALIBRATED = 0.01  # threshold without resting rows
+FLOATING = 0.01  # standard deviation of a resting potential from which the foil floats
 LIGHTEST = 0.01
 DIVIDER = 2  # its channel
-CONSTANT = 1e-6  # of the supply: readings that move less are one constant, in 16 bits too
-LEAST, POSSIBLE = -1.0, 2.0  # of the supply: no wire reads more than twice of it
+LEAST, MOST = -1.0, 2.0  # of the supply: no wire reads more than twice of it
 BELOW = -0.1  # of the supply: a converter reads no less than ground, but for its offset
 RAIL = 1.0  # of the divider: no resistance at all, so a short or a converter at its end
-TINY = 1e-300
 
 
 @compiled
-def settle_rows(x: Array, moved: Array, doubt: Array, quiet: Bools) -> None:
-    """Take off readings (s, c) what their rest has moved."""
+def subtract_drift(x: Array, drift: Array, variance: Array, still: Bools) -> None:
+    """Subtract the drift (s, c) of still channels from readings (s, c), shrunk by its variance."""
     for s in range(len(x)):
         for i in range(x.shape[1]):
-            square = moved[s, i] * moved[s, i]
-            if quiet[i] and doubt[i] < square < math.inf:
-                x[s, i] -= (1.0 - doubt[i] / (square + TINY)) * moved[s, i]
-            x[s, i] = min(max(x[s, i], LEAST), POSSIBLE)
+            square = drift[s, i] * drift[s, i]
+            if still[i] and variance[i] < square < math.inf:
+                x[s, i] -= (1.0 - variance[i] / square) * drift[s, i]
+            x[s, i] = min(max(x[s, i], LEAST), MOST)
 
 
 def implausible_taxels(values: Array) -> Bools:
@@ -52,110 +55,113 @@ def implausible_taxels(values: Array) -> Bools:
     >>> implausible_taxels(np.array([[0.5, -0.5, 0.2]])).tolist()
     [True]
     """
-    beyond = (values > POSSIBLE) | (values < BELOW)
-    return np.asarray(beyond.any(axis=-1) | (values[..., DIVIDER] >= RAIL))
+    outside = (values > MOST) | (values < BELOW)
+    return np.asarray(outside.any(axis=-1) | (values[..., DIVIDER] >= RAIL))
 
 
 class ContactGate:
-    """What the divider says of contact.
+    """Contact from the deviation of the divider from its rest.
+
+    The threshold is the quantile of Student's distribution, the posterior predictive one of a
+    resting frame, at which `FALSE_ALARM` of untouched frames lie beyond.
 
     Parameters
     ----------
     noise : float
-        Of the divider's reading; NaN: estimated from rest.
+        Standard deviation of the divider's reading; NaN: estimated from rest.
     channels : int
-        Readings of a frame (c): two potentials, the divider, and more potentials.
+        Readings of a frame (c): two potentials, the divider, and further potentials.
 
     Attributes
     ----------
-    threshold_ : float
-        Of the divider's reading; NaN: unknown.
-    blind_ : bool
-        Whether the fit had no rest to tell contact from.
-    quiet_ : ndarray, shape (c,)
+    rest_, variance_ : ndarray, shape (c,)
+        Level and variance of readings at rest; 0 where they float.
+    still_ : ndarray, shape (c,)
         Readings that rest at a level.
-    rest_ : ndarray, shape (c,)
-        That level; 0 where it is none, or unknown.
-    doubt_ : ndarray, shape (c,)
-        Variance of a reading at rest.
+    threshold_ : float
+        Deviation of the divider's reading.
+    undecided_ : bool
+        The fit had no rest to distinguish contact from.
     subthreshold_ : float
         Mean square of forces that do not close the air gap (N2).
     report_ : dict of str to float
-        `threshold_divider`; `lightest_felt` and `threshold_force` of the air gap (N).
+        `threshold_divider`, `false_alarm_rate`; `lightest_felt` and `threshold_force` of the air
+        gap (N).
     """
 
     def __init__(self, noise: float, channels: int = 3) -> None:
         self.noise = noise
-        self.threshold_ = np.nan
-        self.blind_ = False
-        self.quiet_ = np.arange(channels) == DIVIDER
-        self.rest_ = np.zeros(channels)
-        self.doubt_ = np.zeros(channels)
-        self.subthreshold_ = 0.0
+        self.rest_, self.variance_ = np.zeros(channels), np.zeros(channels)
+        self.still_ = np.arange(channels) == DIVIDER
+        self.threshold_, self.undecided_, self.subthreshold_ = UNCALIBRATED, False, 0.0
         self.report_: dict[str, float] = {}
 
     def fit(self, signals: Signals, truth: Columns) -> ContactGate:
-        """Learn rest and threshold from frames, and the touches that truth (s, ...) tells."""
+        """Learn rest and threshold from frames with truth (s, ...)."""
         blank = np.full((len(signals.good), 3), np.nan)
+        force = np.nan_to_num(np.asarray(truth.get('force', blank), np.float64)[:, 2])
         position = np.asarray(truth.get('position', blank), np.float64)
-        force = np.asarray(truth.get('force', blank), np.float64)[:, 2]
-        told = np.asarray(truth.get('in_contact', np.full(len(blank), -1)), np.int64)
-        self.blind_ = bool((signals.in_contact[signals.good] < 0).all())
-        touched = (np.isfinite(position).any(axis=1) & (told != 0)) | (told == 1)
-        loaded = np.nan_to_num(force) > 0
-        resting = (told == 0) | ((signals.in_contact == 0) & ~touched & ~loaded)
-        resting &= signals.good
-        values = signals.values[resting, 0]
+        label = np.asarray(truth.get('in_contact', np.full(len(blank), -1)), np.int64)
+        self.undecided_ = bool((signals.in_contact[signals.good] < 0).all())
+        touched = (np.isfinite(position).any(axis=1) & (label != 0)) | (label == 1) | (force > 0)
+        resting = (label == 0) | ((signals.in_contact == 0) & ~touched)
+        values = signals.values[resting & signals.good, 0]
         potentials = np.arange(len(self.rest_)) != DIVIDER
-        still = len(values) > 1 and bool((values[:, potentials].std(axis=0) < STILL).all())
-        self.quiet_ = ~potentials | still
+        self.threshold_ = UNCALIBRATED
         if len(values) > 1:
-            self.rest_ = np.where(self.quiet_, values.mean(axis=0), 0.0)
-            self.doubt_ = np.where(self.quiet_, values.var(axis=0), 0.0)
-        divider = self._felt(self.readings(signals))
-        rest, felt = divider[resting], divider[touched & signals.good]
-        seen = float(np.sqrt((rest**2).mean())) if len(rest) > 1 else np.nan
-        self.noise = seen if np.isnan(self.noise) else self.noise
-        known = felt[:, None, None] if len(felt) else None
-        self.threshold_ = float(contact_scale(np.array([[self.noise]]), known)[0, 0])
-        above = divider > self.threshold_
-        pressed = signals.good & loaded
-        self._tell(force[pressed & ~above], force[pressed & above])
+            self.still_ = ~potentials | (values.std(axis=0)[potentials] < FLOATING).all()
+            self.rest_ = np.where(self.still_, values.mean(axis=0), 0.0)
+            self.variance_ = np.where(self.still_, values.var(axis=0, ddof=1), 0.0)
+            self._choose_threshold(len(values))
+        deviation = self._deviation(self.readings(signals))
+        loaded, felt = signals.good & (force > 0), deviation > self.threshold_
+        light, heavy = force[loaded & ~felt], force[loaded & felt]
+        lightest = float(np.quantile(heavy, LIGHTEST)) if len(heavy) else 0.0
+        self.subthreshold_ = float((light**2).mean()) if len(light) else (0.1 * lightest) ** 2
+        self.report_ = {
+            'threshold_divider': self.threshold_,
+            'false_alarm_rate': FALSE_ALARM,
+            'lightest_felt': lightest,
+        }
+        if len(light):
+            self.report_['threshold_force'] = float(np.quantile(light, 0.95))
         return self
 
+    def _choose_threshold(self, count: int) -> None:
+        """Threshold from the noise of `count` resting rows, or the stated one."""
+        free = count - 1.0 + NOISE_ROWS
+        noise = math.sqrt(((count - 1) * self.variance_[DIVIDER] + NOISE_ROWS * NOISE**2) / free)
+        if np.isnan(self.noise):
+            self.noise = noise
+        elif self.noise > 0:
+            noise, free = self.noise, 1e9
+        quantile = float(stdtrit(free, 1 - FALSE_ALARM / 2))
+        self.threshold_ = quantile * noise * math.sqrt(1 + 1 / count)
+
     def readings(self, signals: Signals) -> Array:
-        """Potentials and divider (s, c), less what of their rest has moved since the fit.
+        """Potentials and divider (s, c), less the drift of their rest since the fit.
 
         A rest that lies within its noise of the fit's has not moved: a short tare would add its
         own noise to every frame.
         """
-        moved = signals.baseline[:, 0] - self.rest_
+        drift = signals.baseline[:, 0] - self.rest_
         x = signals.values[:, 0].copy()
-        settle_rows(x, moved, self.doubt_, self.quiet_)
+        subtract_drift(x, drift, self.variance_, self.still_)
         return x
-
-    def _felt(self, x: Array) -> Array:
-        """Distance (s,) of the divider's reading from its rest."""
-        return np.asarray(np.abs(x[:, DIVIDER] - self.rest_[DIVIDER]))
 
     def contact(self, signals: Signals, x: Array) -> npt.NDArray[np.int8]:
         """Contact (s,) by the divider of readings x (s, c): 1, 0, -1 unknown.
 
-        Where a fit had no rest to judge by, and of unusable frames, it is as the pipeline says.
+        Where a fit had no rest to judge by, and of unusable frames, it is as the pipeline says;
+        tare rows are untouched.
         """
-        if self.blind_:
+        if self.undecided_:
             return signals.in_contact
-        limit = TOUCHED if np.isnan(self.threshold_) else self.threshold_
-        size = self._felt(x)
-        # a frame called untouched may be a tare row, so that more than the threshold is asked
-        felt = (size > limit) & ((signals.in_contact != 0) | (size > TOUCHED))
+        felt = self._deviation(x) > self.threshold_
+        if signals.tare is not None:
+            felt &= ~signals.tare
         return np.where(signals.good, felt.view(np.int8), signals.in_contact)
 
-    def _tell(self, light: Array, heavy: Array) -> None:
-        """Forces (N) below and above the threshold: what the air gap swallows."""
-        lightest = float(np.quantile(heavy, LIGHTEST)) if len(heavy) else 0.0
-        self.subthreshold_ = float((light**2).mean()) if len(light) else (0.1 * lightest) ** 2
-        told = {'threshold_divider': self.threshold_, 'lightest_felt': lightest}
-        if len(light):
-            told['threshold_force'] = float(np.quantile(light, 0.95))
-        self.report_ = {name: value for name, value in told.items() if np.isfinite(value)}
+    def _deviation(self, x: Array) -> Array:
+        """Distance (s,) of the divider's reading from its rest."""
+        return np.asarray(np.abs(x[:, DIVIDER] - self.rest_[DIVIDER]))

@@ -1,109 +1,158 @@
-"""Place and force of the five-wire skin from its three readings."""
+"""Place and force of the five-wire skin from its readings."""
 
 from __future__ import annotations
 
-import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tactile_ros.physics.resistive_sheet import SeriesResistance
+from tactile_ros.estimators.covariance import CovarianceModel
+from tactile_ros.estimators.grid_knn import GridKnn
+from tactile_ros.estimators.model_selection import select
+from tactile_ros.estimators.potential_map import PotentialMap
+from tactile_ros.estimators.power_law_force import PowerLawForce
+from tactile_ros.estimators.rbf_force import RbfForce
+from tactile_ros.estimators.regression import ColumnSelector, Ridge
+from tactile_ros.physics.resistive_sheet import SeriesResistance, linear_place
 from tactile_ros.sensors.five_wire_skin.contact_gate import (
     DIVIDER,
     ContactGate,
     implausible_taxels,
 )
-from tactile_ros.sensors.five_wire_skin.force import CLASSES as FORCE_CLASSES
-from tactile_ros.sensors.five_wire_skin.force import (
-    Creep,
-    FilmCreep,
-    ForceHead,
-    features_of,
-    tells_forces,
-)
-from tactile_ros.sensors.five_wire_skin.place import CLASSES as PLACE_CLASSES
-from tactile_ros.sensors.five_wire_skin.place import PlaceHead, tells_places
+from tactile_ros.sensors.five_wire_skin.creep import TIME_CONSTANTS, FilmCreep, FilmMemory
 from tactile_ros.sensors.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.sensors.regression import ESTIMATORS as REGRESSORS
 from tactile_ros.sensors.regression import (
     FEWEST_ROWS,
     KIND,
-    Head,
     Regression,
+    longest_hold,
     missing_history,
     missing_loads,
 )
-from tactile_ros.types import Estimation
+from tactile_ros.types import Estimation, FrameStatus
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from tactile_ros.conditioning.fading_memory import FadingMemory
     from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig
     from tactile_ros.types import Array, Bools, Columns, Estimator, Integers, Report, Signals
 
-FOR_PLACE, FOR_FORCE = 25, 49  # places that a map and a film need
-CELL = 0.05  # of the sheet: touches as near to each other are of one place
-FAR, GAP, NODES = 0.2, 0.02, 41  # of the sheet to the next touch; share of it; places asked
+ESTIMATORS = (*REGRESSORS, 'printed')
+NOMINAL_ERROR = 0.06  # of the sheet: an uneven border bends the linear formula that much
+CONSTANT = 1e-6  # of the supply: readings that move less are one constant, in 16 bits too
+LEAST_EXTENT = 0.02  # of the sheet: deviation of places in every direction
+LEAST_RANGE = 0.1  # of the largest force
+LEAST_DIVIDER = 1e-4
+SAME_PLACE, MOST_SINGLE = 1e-5, 0.3  # m; places per touch above which touches are the groups
+CONTINUES, ENDS = 1.1, 1.4  # times the largest force: curve is continued, sigma is the force
+USEFUL = 0.9  # of the standard deviation of shear; a regression that leaves more is none
+LONGEST = 4.0  # times the longest hold: slowest creep that it shows
+WORTH = 0.97  # of the static error; creep that takes off less is none
+EDGES, MOST_RATIOS = (0, 1), (1.0, 3.0)  # creep as a whole or by place; ratios of means to force
+FOR_PLACE, FOR_FORCE, CELL = 25, 49, 0.05  # places for a map and a film; of the sheet: one place
+FAR, GAP, NODES = 0.2, 0.02, 41  # of the sheet to the next touch; share of it; grid
 
 
-def untold(size: Array, signals: Signals, truth: Columns, crept: float) -> Report:
-    """What frames with their truth leave open.
+class LinearPlace:
+    """The formula of [5] for an even border; a fit changes nothing.
 
     Parameters
     ----------
     size : ndarray, shape (2,)
         Of the sheet (m).
-    signals : Signals
-        Conditioned frames (s) with the divider's contact.
-    truth : dict of str to ndarray, shape (s, ...)
-        As in a Recording.
-    crept : float
-        Share of a load that the film's past was found to hold; 0: none.
-
-    Returns
-    -------
-    dict of str to dict
-        Names that begin with `KIND`, each with its figures.
     """
-    blank = np.full((len(signals.good), 3), np.nan)
-    force = np.asarray(truth.get('force', blank), np.float64)[:, 2]
-    places = np.asarray(truth.get('position', blank), np.float64)[signals.good, :2] / size
-    places = places[np.isfinite(places).all(axis=1)]
-    found = {**missing_loads(force[signals.good]), **missing_history(signals, crept)}
-    if (signals.in_contact != 0).all():
-        found[f'{KIND}contact (no untouched rows)'] = {}
-    if not len(places):
-        return {**found, f'{KIND}place (no truth): the formula of [5] serves': {}}
-    return {**found, **_between(places)}
+
+    def __init__(self, size: Array) -> None:
+        self.size = np.asarray(size, np.float64)
+
+    def fit(self, x: Array, y: Array, groups: Integers | None = None) -> LinearPlace:
+        """Return itself."""
+        return self
+
+    def predict(self, x: Array) -> Array:
+        """Places (s, 2) (m) for potentials (s, 2..)."""
+        return linear_place(np.asarray(x)[:, :2], self.size)
 
 
-def _between(places: Array) -> Report:
-    """What touches at places (n, 2), in parts of the sheet, leave open between them."""
-    found: Report = {}
-    count = len(np.unique(np.round(places / CELL), axis=0))
-    for what, wanted in (('place', FOR_PLACE), ('force', FOR_FORCE)):
-        if count < wanted:
-            figures = {'places': float(count), 'wanted': float(wanted)}
-            found[f'{KIND}{what} between so few places'] = figures
-    line = np.linspace(0.0, 1.0, NODES)
-    asked = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    share = float((cKDTree(places).query(asked)[0] > FAR).mean())
-    if share > GAP:
-        found[f'{KIND}places far from all touches'] = {'share of the sheet': share}
-    return found
+class Choice:
+    """Estimator of one quantity, chosen on held-out groups, with the covariance of its error.
+
+    A model states its own covariance and errors on held-out groups in closed form; that of any
+    other estimator follows from its out-of-fold errors.
+
+    Attributes
+    ----------
+    name : str
+        Of the estimator in use.
+    report_ : dict of str to float
+        Errors on held-out groups.
+    """
+
+    def __init__(self, name: str, estimator: Estimator, covariance: Array | None = None) -> None:
+        self.name, self.estimator_ = name, estimator
+        self.nominal_ = covariance
+        self.covariance_ = CovarianceModel()
+        self.report_: dict[str, float] = {}
+
+    def fit(
+        self, candidates: dict[str, Estimator], x: Array, y: Array, groups: Integers,
+        count: int | None = None,
+    ) -> Choice:  # fmt: skip
+        """Choose among candidates by features (s, d) and targets (s, k), and fit.
+
+        Those of `MODELS` take the first `count` features.
+        """
+        others = {name: one for name, one in candidates.items() if name not in MODELS}
+        errors: dict[str, float] = {}
+        if others:
+            choice = select(others, x, y, groups)
+            self.name, errors = choice.name, choice.errors
+            self.nominal_ = None
+            self.covariance_.fit(choice.residuals, None, choice.groups, choice.x)
+            off, sigma = choice.residuals, self._sigma(choice.x)
+        for name in candidates.keys() & MODELS:
+            model = candidates[name]
+            assert isinstance(model, PotentialMap | PowerLawForce)
+            error, stated = model.fit_held_out(x[:, :count], y, groups)
+            errors[name] = float(np.sqrt(np.nanmean((error**2).reshape(len(x), -1).sum(axis=1))))
+            if errors[name] <= min(errors.values()):
+                self.name, off = name, error.reshape(len(x), -1)
+                sigma = np.sqrt(stated if stated.ndim == 1 else np.einsum('sii->si', stated))
+                sigma = sigma.reshape(off.shape)
+        self.estimator_ = candidates[self.name]
+        if self.name not in MODELS:
+            self.estimator_.fit(x, y, groups)
+        known = np.isfinite(off)
+        length = np.sqrt((off**2).sum(axis=1))
+        self.report_ = {
+            'held_out_mean': float(np.nanmean(length)),
+            'held_out_rmse': errors[self.name],
+            'inside_one_sigma': float((np.abs(off) <= sigma)[known].mean()),
+            'groups': float(len(np.unique(groups))),
+            'rows': float(len(x)),
+            **{f'rmse_{name}': error for name, error in sorted(errors.items())},
+        }
+        return self
+
+    def predict(self, x: Array) -> tuple[Array, Array]:
+        """Estimates (s, k), and covariances of their errors (s, k, k)."""
+        if isinstance(self.estimator_, PotentialMap):
+            return self.estimator_.place(x)
+        mean = self.estimator_.predict(x)
+        if self.nominal_ is not None:
+            return mean, np.broadcast_to(self.nominal_, (*mean.shape, mean.shape[1]))
+        return mean, self.covariance_.predict(None, x)[0]
+
+    def _sigma(self, x: Array) -> Array:
+        """Standard deviations (s, k) of estimators without a model."""
+        covariance = self.covariance_.predict(None, x)[0]
+        return np.asarray(np.sqrt(np.einsum('sii->si', covariance)))
 
 
-ESTIMATORS = (*REGRESSORS, 'printed', 'mean_curve')
-SAME_PLACE = 1e-5
-MOST_SINGLE = 0.3  # places per touch above which touches, not places, are what repeats
-LEAST_DIVIDER = 1e-4
-ONE_SIGMA = 0.6827
-LEAST_SCATTER = 0.1
-ROUNDS = 5  # in which a static curve and its past settle
-USEFUL = 0.9  # of the spread of shear; a regressor that leaves more knows nothing of it
+MODELS = frozenset({'harmonic', 'power'})
 
 
 class FiveWireEstimation(Estimation):
@@ -114,293 +163,312 @@ class FiveWireEstimation(Estimation):
     config : FiveWireSkinConfig
         Of the sensor.
     estimator : str or None
-        One of `ESTIMATORS`: a regressor of the three readings; 'printed', the formula and the
-        network of [5]; 'mean_curve', what [5] compares them with; None: the best on held-out
-        places.
+        One of `ESTIMATORS`: a regressor of the readings; 'printed', the formula and the network
+        of [5]; None: the model of sheet and film, unless the formula, the network or a regressor
+        errs less on held-out places.
     """
 
     def __init__(self, config: FiveWireSkinConfig, estimator: str | None = None) -> None:
         self.size = np.asarray(config.size, np.float64)
-        sheet = config.sheet_resistance / config.reference_resistance
         self.touch_edge = float(config.touch_size)
+        sheet = config.sheet_resistance / config.reference_resistance
         self.series = SeriesResistance(self.size, config.touch_size, sheet)
         noise = np.asarray(np.nan if config.noise is None else config.noise, np.float64)
         channels = len(config.channels)
         self.touch_ = ContactGate(float(np.broadcast_to(noise, channels)[DIVIDER]), channels)
         self.wanted = estimator
+        self.potentials = np.delete(np.arange(channels), DIVIDER)
         self.others_: Regression | None = None
         if estimator in REGRESSORS:
             self.others_ = Regression(config, estimator, channels)
-        self.place_: PlaceHead | None = PlaceHead(self.size) if estimator is None else None
+        nominal = np.diag((NOMINAL_ERROR * self.size) ** 2)
+        self.place_ = Choice(estimator or 'linear', LinearPlace(self.size), nominal)
         self.height_ = np.zeros(2)
-        self.force_: ForceHead | None = None
-        self.crept_: ForceHead | None = None
-        self.creep_: Creep | None = None
-        self.shear_: Head | None = None
-        self.untold_: Report = {}
+        self.force_: Choice | None = None
+        self.most_ = np.inf  # largest force of the fit (N)
+        self.creep_: FilmCreep | None = None
+        self.crept_: PowerLawForce | None = None
+        self.shear_: Choice | None = None
+        self.coverage_: Report = {}
 
     @property
     def estimators(self) -> dict[str, str]:
         """Name of the estimator in use for each target."""
         if self.others_ is not None:
             return self.others_.estimators
-        heads = {'position': self.place_, 'force': self.force_}
-        return {target: head.name for target, head in heads.items() if head is not None}
+        force = {} if self.force_ is None else {'force': self.force_.name}
+        return {'position': self.place_.name, **force}
 
     @property
     def report(self) -> Report:
-        """Errors on held-out places, what contact was judged by, and what was not told."""
+        """Errors on held-out places, the threshold of contact, and what was not recorded."""
         if self.others_ is not None:
-            return {**self.others_.report, **self.untold_}
+            return {**self.others_.report, **self.coverage_}
         heads = {'position_xy': self.place_, 'force_z': self.force_, 'force_xy': self.shear_}
-        heads['force_z_without_creep'] = self.crept_
         known = {title: head.report_ for title, head in heads.items() if head is not None}
-        known = {title: table for title, table in known.items() if table}
-        contact = {'contact': self.touch_.report_} if self.touch_.report_ else {}
-        return {**known, **contact, **self.untold_}
+        known['contact'] = self.touch_.report_
+        if self.creep_ is not None:
+            known['force_z_without_creep'] = self.creep_.report_
+        return {**{title: table for title, table in known.items() if table}, **self.coverage_}
 
-    def start(self) -> FadingMemory | FilmCreep:
+    def start(self) -> object:
         """Fresh memory of a stream."""
-        if self.others_ is not None:
-            return self.others_.start()
-        return (self.creep_ or Creep()).start()
+        return FilmMemory() if self.others_ is None else self.others_.start()
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
-        """Learn contact, place and force from what truth tells; see `Regression.fit`."""
+        """Learn contact, place and force from frames with truth; see `Regression.fit`."""
         x = self.touch_.fit(signals, truth).readings(signals)
         contact = self.touch_.contact(signals, x)
         signals = replace(signals, in_contact=contact, good=signals.good & (contact != 0))
-        self._learn(signals, x, truth, groups)
-        crept = 0.0 if self.creep_ is None else self.creep_.most
-        self.untold_ = untold(self.size, signals, truth, crept)
-
-    def _learn(self, signals: Signals, x: Array, truth: Columns, groups: Columns) -> None:
-        """Place and force from settled readings (s, c) and what truth tells."""
         blank = np.full((len(x), 3), np.nan)
-        position = np.asarray(truth.get('position', blank), np.float64)
+        position = np.array(truth.get('position', blank), np.float64)
+        # the middle of what of a touch lies on the sheet is no nearer to its border
+        edge = np.minimum(self.touch_edge, self.size) / 2
+        position[:, :2] = np.clip(position[:, :2], edge, self.size - edge)
         force = np.asarray(truth.get('force', blank), np.float64)
         if self.others_ is not None:
-            self.others_.fit(_own(signals, x), truth, groups)
-            return
-        group = np.asarray(groups['group'], np.int64)
-        there = np.isfinite(position[:, :2]).all(axis=1)
-        kept = _places(position, np.asarray(there), group)
-        rows = signals.good & there
-        spots = position[rows, :2] / self.size
-        if rows.sum() >= FEWEST_ROWS and tells_places(np.delete(x[rows], DIVIDER, axis=1), spots):
-            head = PlaceHead(self.size)
-            self.place_ = head.fit(x[rows], position[rows, :2], kept[rows], self.wanted)
-            height = position[rows, 2]
-            height = height[np.isfinite(height)]
-            known = len(height) > 0
-            self.height_ = np.array(
-                [np.median(height), height.var() + 1e-12] if known else [np.nan, np.nan]
-            )
-        self._learn_force(signals, x, force, kept)
-        self._learn_shear(signals, x, force, group, groups)
+            self.others_.fit(_divider_less_rest(signals, x), truth, groups)
+        else:
+            group = _groups(position, signals.good, np.asarray(groups['group'], np.int64))
+            self._fit_place(x, position, group, signals.good)
+            self._fit_force(signals, x, position, force, group)
+            self._fit_shear(x, force, group, signals.good)
+        share = 0.0 if self.creep_ is None else self.creep_.longest_share
+        self.coverage_ = _coverage(self.size, signals, position, force, share)
 
     def implausible_taxels(self, values: Array) -> Bools:
         """Taxels (s, t) of readings (s, t, c) that no wire can read: a short, a loose wire."""
         return implausible_taxels(values)
 
     def contact_from_sensor(self, signals: Signals) -> npt.NDArray[np.int8]:
-        """Whether anything touches (s,): 1, 0, -1 unknown; the divider alone tells.
-
-        Parameters
-        ----------
-        signals : Signals
-            Conditioned frames, which stay as they are.
-        """
+        """Contact (s,) by the divider of conditioned frames: 1, 0, -1 unknown."""
         return self.touch_.contact(signals, self.touch_.readings(signals))
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
-        """Place and force of every row.
+        """Place and force of every row, with covariances.
 
         Parameters
         ----------
         signals : Signals
-            Conditioned frames; `in_contact` is set by what the divider says.
-        memory : FadingMemory or FilmCreep
+            Conditioned frames; `in_contact` is set by the divider.
+        memory : FilmMemory
             Of the stream; moves on.
 
         Returns
         -------
         dict of str to ndarray, shape (s, 3) or (s, 3, 3)
-            One entry and its covariance for each target.
         """
         x = self.touch_.readings(signals)
         if self.others_ is not None:
-            return self.others_.estimate(_own(signals, x), memory)
-        assert isinstance(memory, FilmCreep)
-        known: Columns = {}
-        place = x[:, :2]
-        if self.place_ is not None:
-            place, covariance = self.place_.predict(x)
-            position = np.empty((len(x), 3))
-            position[:, :2], position[:, 2] = place, self.height_[0]
-            known['position'], known['position_cov'] = position, self._beside(covariance)
+            return self.others_.estimate(_divider_less_rest(signals, x), memory)
+        assert isinstance(memory, FilmMemory)
+        place, covariance = self.place_.predict(x[:, self.potentials])
+        position, position_cov = np.empty((len(x), 3)), np.zeros((len(x), 3, 3))
+        position[:, :2], position[:, 2] = place, self.height_[0]
+        position_cov[:, :2, :2], position_cov[:, 2, 2] = covariance, self.height_[1]
+        if np.isnan(self.height_[0]):
+            position_cov[:, 2] = position_cov[:, :, 2] = np.nan
+        known: Columns = {'position': position, 'position_cov': position_cov}
         if self.force_ is not None:
             self._add_force(known, signals, x, place, memory)
         return known
 
-    def _beside(self, covariance: Array) -> Array:
-        """Covariances (s, 3, 3) of places in the plane (s, 2, 2) with that of their height."""
-        height = float(self.height_[1])
-        whole = np.empty((len(covariance), 3, 3))
-        whole.fill(0.0 if height >= 0 else np.nan)
-        whole[:, 2, 2] = height
-        whole[:, :2, :2] = covariance
-        return whole
-
     def _add_force(
-        self, known: Columns, signals: Signals, x: Array, place: Array, memory: FilmCreep
+        self, known: Columns, signals: Signals, x: Array, place: Array, memory: FilmMemory
     ) -> None:
-        """Forces, covariances of their errors, and whether they are beyond those of the fit."""
+        """Add forces, their covariances, and a flag where they exceed those of the fit."""
         assert self.force_ is not None
-        value, spread = self._normal(signals, x, place, memory)
-        beyond = self.force_.unsure(value, spread)
-        if beyond is not None:
-            spread, known['status'] = beyond
-        force, covariance = np.empty((len(x), 3)), np.empty((len(x), 3, 3))
-        force.fill(np.nan)
-        covariance.fill(np.nan)
-        force[:, 2], covariance[:, 2, 2] = value, spread * spread
+        value, variance = self._normal(signals, self._features(x, place), place, memory)
+        force, covariance = np.full((len(x), 3), np.nan), np.full((len(x), 3, 3), np.nan)
+        excess = np.maximum(value - CONTINUES * self.most_, 0.0)
+        if np.count_nonzero(excess):
+            known['status'] = (excess > 0) * np.int64(FrameStatus.OUT_OF_RANGE)
+            variance = variance + np.where(value > ENDS * self.most_, value, 0.5 * excess) ** 2
+        force[:, 2], covariance[:, 2, 2] = value, variance
         untouched = signals.in_contact == 0
-        if np.count_nonzero(untouched):
-            force[untouched, 2], covariance[untouched, 2, 2] = 0.0, self.touch_.subthreshold_
+        force[untouched, 2], covariance[untouched, 2, 2] = 0.0, self.touch_.subthreshold_
         if self.shear_ is not None:
-            mean, cov, _ = self.shear_.predict(x.copy(), np.zeros_like(x))
-            force[:, :2], covariance[:, :2, :2] = mean, cov
+            force[:, :2], covariance[:, :2, :2] = self.shear_.predict(x)
         known['force'], known['force_cov'] = force, covariance
 
     def _normal(
-        self, signals: Signals, x: Array, place: Array, memory: FilmCreep
+        self, signals: Signals, features: Array, place: Array, memory: FilmMemory
     ) -> tuple[Array, Array]:
-        """Normal forces (s,) and their spreads (N), without creep where stamps tell the past."""
+        """Normal forces (s,) (N) and their variances, without creep where stamps allow it."""
         assert self.force_ is not None
-        columns = self._columns(x, place)
-        if self.crept_ is None or self.creep_ is None or signals.stamp_ns is None:
-            return self.force_.at(x, *columns)
-        static, spread = self.crept_.at(x, *columns)
-        static = np.where(signals.in_contact == 0, 0.0, static)
-        static = np.where(signals.good, static, np.nan)
-        means = memory(static, place, signals.stamp_ns, signals.restart)
-        past, doubt = self.creep_.past(static, means)
-        return static - past, np.sqrt(spread**2 + doubt)
+        model = self.force_.estimator_
+        creeps = self.creep_ is not None and self.crept_ is not None
+        if creeps and signals.stamp_ns is not None:
+            assert self.creep_ is not None
+            assert self.crept_ is not None
+            model = self.crept_
+            force, relative = model.force(features[:, :3])
+            static = np.where(signals.in_contact == 0, 0.0, force)
+            static = np.where(signals.good, static, np.nan)
+            force, ratios = memory(self.creep_, static, place, signals.stamp_ns, signals.restart)
+            relative = relative + self.creep_.variance(ratios)
+            return force, relative * (force - model.gap_) ** 2
+        if isinstance(model, PowerLawForce):
+            force, relative = model.force(features[:, :3])
+            return force, relative * (force - model.gap_) ** 2
+        force, covariance = self.force_.predict(features)
+        return force[:, 0], covariance[:, 0, 0]
 
-    def _columns(self, x: Array, place: Array) -> tuple[Array, Array]:
-        """Places (s, 2) over the size of the sheet, and R over R0 (s,)."""
-        return place / self.size, 1.0 / np.fmax(x[:, DIVIDER], LEAST_DIVIDER) - 1.0
+    def _features(self, x: Array, place: Array) -> Array:
+        """Features (s, 3 + c) of a force: place over the sheet, R over R0, and readings."""
+        features = np.empty((len(x), 3 + x.shape[1]))
+        features[:, :2], features[:, 3:] = place / self.size, x
+        features[:, 2] = np.maximum(
+            1 / np.maximum(x[:, DIVIDER], LEAST_DIVIDER) - 1, LEAST_DIVIDER
+        )
+        return features
 
-    def _learn_force(self, signals: Signals, x: Array, force: Array, kept: Integers) -> None:
-        """Static curve, and where stamps tell the past one without creep."""
-        rows = signals.good & np.isfinite(force[:, 2])
-        self.force_ = self.crept_ = self.creep_ = None
-        if rows.sum() < FEWEST_ROWS or not tells_forces(x[rows, DIVIDER], force[rows, 2]):
+    def _fit_place(self, x: Array, position: Array, group: Integers, good: Bools) -> None:
+        """Choose and fit the map from potentials to place."""
+        rows = np.flatnonzero(good & np.isfinite(position[:, :2]).all(axis=1))
+        rows = rows[np.lexsort(x[rows].T)]
+        u, places = x[rows][:, self.potentials], position[rows, :2]
+        if len(rows) < FEWEST_ROWS or not _spans(u, places / self.size):
             return
-        place = x[:, :2] if self.place_ is None else self.place_.predict(x)[0]
-        features, told = features_of(x, *self._columns(x, place)), force[:, 2]
+        formula: dict[str, Estimator] = {'linear': LinearPlace(self.size)}
+        model: dict[str, Estimator] = {'harmonic': PotentialMap(self.size)}
+        if self.wanted is not None:
+            self.place_.fit(formula, u, places, group[rows])
+            self.place_.name = self.wanted
+        else:
+            self.place_.fit(formula | model, u, places, group[rows])
+        height = position[rows, 2]
+        height = height[np.isfinite(height)]
+        self.height_ = np.full(2, np.nan)
+        if len(height):
+            self.height_ = np.array([np.median(height), height.var() + 1e-12])
+
+    def _fit_force(
+        self, signals: Signals, x: Array, position: Array, force: Array, group: Integers
+    ) -> None:
+        """Choose and fit the static curve, and the creep where stamps show the past."""
+        self.force_ = self.creep_ = self.crept_ = None
+        rows = np.flatnonzero(signals.good & np.isfinite(force[:, 2]))
+        rows = rows[np.lexsort(np.column_stack([x[rows], force[rows, 2]]).T)]
+        told = force[rows, 2:]
+        if len(rows) < FEWEST_ROWS or np.ptp(x[rows, DIVIDER]) <= CONSTANT:
+            return
+        self.most_ = float(told.max())
+        if np.ptp(told) <= LEAST_RANGE * np.abs(told).max():
+            return
+        place = self.place_.predict(x[:, self.potentials])[0]
+        measured = np.isfinite(position[:, :2]).all(axis=1, keepdims=True)
+        if self.wanted is None:
+            place = np.where(measured, position[:, :2], place)
+        features = self._features(x, place)
         noise = 0.0 if np.isnan(self.touch_.noise) else self.touch_.noise
-        wanted = self.wanted
-        self.force_ = ForceHead(noise, self.size, self.series).fit(
-            features[rows], told[rows], kept[rows], wanted
-        )
-        if signals.stamp_ns is not None and wanted is None:
-            self._learn_creep(signals, features, told, kept, rows)
+        power = PowerLawForce(noise, self.size, self.series)
+        known: dict[str, Estimator] = {'rbf': ColumnSelector(RbfForce(), np.array([0, 1, 2]))}
+        if self.wanted is None:
+            known['power'] = power
+        self.force_ = Choice('', power).fit(known, features[rows], told, group[rows], 3)
+        if self.wanted is not None:
+            self.force_.name = self.wanted
+        elif signals.stamp_ns is not None and self.force_.name == 'power':
+            self._fit_creep(signals, features[:, :3], place, force[:, 2], group, rows)
 
-    def _learn_creep(
-        self, signals: Signals, features: Array, told: Array, kept: Integers, rows: Bools
-    ) -> None:
-        """A static curve of what the film would say without its past, and what its past adds."""
+    def _fit_creep(
+        self, signals: Signals, features: Array, place: Array, force: Array, group: Integers,
+        rows: Integers,
+    ) -> None:  # fmt: skip
+        """Fit shares of the past beside the static curve, kept where they help held-out places."""
         assert self.force_ is not None
-        static, creep = self._static(self.force_, features, signals), Creep()
-        means, known = np.empty(0), (told[rows], kept[rows])
-        for edge in (np.inf, self.touch_edge):
-            own = self._means(Creep(edge), static, features, signals)
-            found = Creep(edge).fit(static[rows], own[rows], *known)
-            # one long hold tells the slow shares of a film: left out, nothing would
-            if not len(means) or found.left_ < creep.left_:
-                creep, means = found, own
-        if not creep.is_any:
-            return
-        curve = copy.deepcopy(self.force_.estimator_)
-        last = ForceHead(self.force_.noise, self.size, self.series)
-        for step in range(ROUNDS):
-            target = (told + creep.bounded_past(static, means))[rows]
-            if step == ROUNDS - 1:
-                last.fit(features[rows], target, kept[rows], self.force_.name)
-                static = self._static(last, features, signals)
-            else:
-                curve.fit(features[rows], target[:, None], kept[rows])
-                static = self._static(curve, features, signals)
-            means = self._means(creep, static, features, signals)
-            creep.fit(static[rows], means[rows], *known)
-        past, doubt = creep.past(static[rows], means[rows])
-        left = np.abs(static[rows] - past - told[rows])
-        if creep.is_any and np.sqrt((left**2).mean()) < self.force_.report_['held_out_rmse']:
-            self.crept_, self.creep_ = last, creep
-            asked = np.sqrt(np.maximum(left**2 - doubt, 0.0))
-            factor = np.quantile(asked / last.predict(features[rows])[1], ONE_SIGMA)
-            last.tighten(max(float(factor), LEAST_SCATTER))
-
-    def _means(self, creep: Creep, static: Array, features: Array, signals: Signals) -> Array:
-        """Fading means (s, m) of the forces (s,) of a static curve."""
         assert signals.stamp_ns is not None
-        return creep.start()(
-            static, features[:, :2] * self.size, signals.stamp_ns, signals.restart
-        )
+        static = self.force_.estimator_
+        assert isinstance(static, PowerLawForce)
+        past = np.where(np.isfinite(force), force, static.force(features)[0])
+        past = np.where(signals.in_contact == 0, 0.0, past)
+        past = np.where(signals.good | (signals.in_contact == 0), past, np.nan)
+        best = WORTH * self.force_.report_['held_out_rmse']
+        # nothing distinguishes slower ones from a wrong curve
+        shown = np.flatnonzero(LONGEST * longest_hold(signals) >= TIME_CONSTANTS)
+        for local in EDGES:
+            for most in MOST_RATIOS:
+                creep = FilmCreep(self.touch_edge if local else np.inf, most, static.gap_)
+                _, ratios = FilmMemory()(creep, past, place, signals.stamp_ns, signals.restart)
+                model = PowerLawForce(static.noise, self.size, self.series)
+                x = np.column_stack([features, ratios[:, shown]])[rows]
+                error = model.fit_held_out(x, force[rows, None], group[rows], static)[0]
+                if (size := float(np.sqrt(np.nanmean(error**2)))) < best:
+                    best, self.creep_, self.crept_ = size, creep, model
+                    creep.shares_[shown] = model.linear_
+                    creep.covariance_[np.ix_(shown, shown)] = model.linear_covariance_
+                    creep.report_ = {'held_out_rmse': self.force_.report_['held_out_rmse']}
+        if self.creep_ is not None:
+            self.force_.report_['held_out_rmse'] = best
 
-    def _static(self, head: ForceHead | Estimator, features: Array, signals: Signals) -> Array:
-        """Forces (s,) of a static curve: 0 where nothing touches, NaN where unusable."""
-        touching = signals.in_contact != 0
-        static = np.zeros(len(features))
-        said = head.predict(features[touching])
-        static[touching] = said[0] if isinstance(said, tuple) else said[:, 0]
-        return np.where(signals.good | ~touching, static, np.nan)
-
-    def _learn_shear(
-        self, signals: Signals, x: Array, force: Array, group: Integers, groups: Columns
-    ) -> None:
-        """Shear, which the skin does not feel: only where truth tells it and place tells it."""
-        rows = signals.good & np.isfinite(force).all(axis=1)
+    def _fit_shear(self, x: Array, force: Array, group: Integers, good: Bools) -> None:
+        """Fit shear, which the skin does not feel: only where truth and place determine it."""
+        rows = np.flatnonzero(good & np.isfinite(force).all(axis=1))
         self.shear_ = None
-        if self.force_ is None or rows.sum() < FEWEST_ROWS:
+        if self.force_ is None or len(rows) < FEWEST_ROWS or not np.ptp(force[rows, :2]):
             return
-        told = force[rows, :2]
-        spread = float(np.sqrt(told.var(axis=0).sum()))
-        if spread == 0.0:
-            return
-        session = np.asarray(groups['session'], np.int64)[rows]
-        head = Head('force', (0, 1), 'ridge', x.shape[1])
-        head.fit(x[rows], told, group[rows], session, np.zeros((len(told), 3)))
-        self.shear_ = head if head.report_['held_out_rmse'] < USEFUL * spread else None
+        shear = Choice('', Ridge()).fit({'ridge': Ridge()}, x[rows], force[rows, :2], group[rows])
+        spread = float(np.sqrt(force[rows, :2].var(axis=0).sum()))
+        self.shear_ = shear if shear.report_['held_out_rmse'] < USEFUL * spread else None
 
 
-def _own(signals: Signals, x: Array) -> Signals:
+def _divider_less_rest(signals: Signals, x: Array) -> Signals:
     """Frames of which only the divider has a baseline."""
     wide = np.repeat(x[:, None], signals.values.shape[1], axis=1)
     return replace(signals, delta=wide, baseline=np.zeros_like(signals.values))
 
 
-def _places(position: Array, there: Bools, group: Integers) -> Integers:
-    """Number of the place of each row, where they repeat; else its group."""
+def _groups(position: Array, good: Bools, group: Integers) -> Integers:
+    """Number of the place of each row, where places are repeated; else its group."""
+    measured = good & np.isfinite(position[:, :2]).all(axis=1)
     plane = np.round(np.nan_to_num(position[:, :2]) / SAME_PLACE)
-    _, place = np.unique(plane, axis=0, return_inverse=True)
-    place = np.asarray(place, np.int64).reshape(-1)
-    count = len(np.unique(place[there]))
-    return place if 1 < count <= MOST_SINGLE * there.sum() else group
+    place = np.unique(plane, axis=0, return_inverse=True)[1].reshape(-1)
+    count = len(np.unique(place[measured]))
+    return np.asarray(place) if 1 < count <= MOST_SINGLE * measured.sum() else group
+
+
+def _spans(potentials: Array, places: Array) -> bool:
+    """Test that two potentials (s, p) move, and places (s, 2) in every direction.
+
+    Touches of one place, or along a line, determine no map. Places are in units of the edges.
+    """
+    least = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[-1]
+    moving = (np.ptp(potentials, axis=0) > CONSTANT).sum()
+    return bool(moving >= 2 and least > LEAST_EXTENT * np.sqrt(len(places)))
+
+
+def _coverage(
+    size: Array, signals: Signals, position: Array, force: Array, crept: float
+) -> Report:
+    """Contacts, loads, places and pasts that a recording lacks, with figures."""
+    found = {**missing_loads(force[signals.good, 2]), **missing_history(signals, crept)}
+    if (signals.in_contact != 0).all():
+        found[f'{KIND}contact (no untouched rows)'] = {}
+    places = position[signals.good, :2] / size
+    places = places[np.isfinite(places).all(axis=1)]
+    if not len(places):
+        return {**found, f'{KIND}place (no truth): the formula of [5] serves': {}}
+    count = len(np.unique(np.round(places / CELL), axis=0))
+    for what, needed in (('place', FOR_PLACE), ('force', FOR_FORCE)):
+        if count < needed:
+            figures = {'places': float(count), 'wanted': float(needed)}
+            found[f'{KIND}{what} between so few places'] = figures
+    line = np.linspace(0.0, 1.0, NODES)
+    grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    share = float((cKDTree(places).query(grid)[0] > FAR).mean())
+    if share > GAP:
+        found[f'{KIND}places far from all touches'] = {'share of the sheet': share}
+    return found
 
 
 CLASSES = tuple(
     {
         one.__name__: one
         for one in (
-            FiveWireEstimation,
-            ContactGate,
-            Creep,
-            *REGRESSION_CLASSES,
-            *PLACE_CLASSES,
-            *FORCE_CLASSES,
+            FiveWireEstimation, ContactGate, Choice, LinearPlace, PotentialMap, PowerLawForce,
+            SeriesResistance, FilmCreep, RbfForce, ColumnSelector, CovarianceModel, Ridge,
+            GridKnn, *REGRESSION_CLASSES,
         )
     }.values()
-)
+)  # fmt: skip

@@ -1,0 +1,178 @@
+"""Bayesian linear regression whose prior is chosen by evidence (type-II maximum likelihood).
+
+Weights have independent Gaussian priors; their standard deviations, in units of the noise, follow
+from a few hyperparameters, which are chosen so that the targets are most probable. Errors of a
+regression without one group of rows follow in closed form from the regression with it.
+
+Sources: D. MacKay, Bayesian interpolation, Neural Computation 4 (1992); C. Bishop, Pattern
+Recognition and Machine Learning (2006), sec. 3.5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.optimize import minimize
+
+from tactile_ros.types import Array, Integers
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    Prior = Callable[[Array], tuple[Array, Array]]
+
+ROUNDING = 1e-15
+LEAST = 1e-24  # residual sum of squares, of targets of order one
+STEPS = 60
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Sufficient statistics of weighted rows."""
+
+    gram: Array  # (p, p) sum of weighted products of terms
+    cross: Array  # (p, k) sum of weighted products of terms and targets
+    square: float  # sum of weighted squares of targets
+    rows: int  # number of targets, s k
+
+    @classmethod
+    def of(cls, terms: Array, y: Array, weight: Array | None = None) -> Moments:
+        """Sums over rows of terms (s, p), targets (s, k) and weights (s,)."""
+        scaled = terms if weight is None else terms * weight[:, None]
+        square = float((y * y).sum() if weight is None else (y * y * weight[:, None]).sum())
+        return cls(scaled.T @ terms, scaled.T @ y, square, y.size)
+
+    def evidence(self, spread: Array, least: float = 0.0) -> float:
+        """Log evidence, up to a constant, for prior sigmas (p,) in units of the noise.
+
+        The noise is the most probable one, at least `least`.
+        """
+        factor, misfit = self._factor(spread)
+        volume = 2 * self.cross.shape[1] * np.log(np.diagonal(factor)).sum()
+        noise = max(misfit / self.rows, least * least)
+        excess = misfit / noise - self.rows
+        return float(-0.5 * (self.rows * np.log(noise) + excess + volume))
+
+    def slope(self, spread: Array, least: float = 0.0) -> tuple[float, Array]:
+        """Log evidence, and its derivative (p,) by the logarithms of the prior sigmas."""
+        factor, misfit = self._factor(spread)
+        outputs = self.cross.shape[1]
+        volume = 2 * outputs * np.log(np.diagonal(factor)).sum()
+        noise = max(misfit / self.rows, least * least)
+        excess = misfit / noise - self.rows
+        weights = cho_solve((factor, True), self.cross * spread[:, None])
+        root = solve_triangular(factor, np.eye(len(factor)), lower=True)
+        used = outputs * (1.0 - np.einsum('ij,ij->j', root, root))
+        slope = (weights * weights).sum(axis=1) / noise - used
+        return float(-0.5 * (self.rows * np.log(noise) + excess + volume)), np.asarray(slope)
+
+    def solve(self, spread: Array) -> tuple[Array, Array, float]:
+        """Weights (p, k), square root (p, p) of their covariance over the noise's, and noise."""
+        factor, misfit = self._factor(spread)
+        weights = spread[:, None] * cho_solve((factor, True), self.cross * spread[:, None])
+        root = solve_triangular(factor, np.diag(spread), lower=True)
+        return weights, np.asarray(root), float(np.sqrt(misfit / self.rows))
+
+    def left(self, weights: Array, root: Array) -> float:
+        """Residual standard deviation of weights (p, k), less the degrees of freedom they used.
+
+        `root` (p, p) is the square root of their covariance over the noise's.
+        """
+        square = self.square - 2 * float((weights * self.cross).sum())
+        square += float((weights * (self.gram @ weights)).sum())
+        used = self.cross.shape[1] * float(np.einsum('ij,ij->', root @ self.gram, root))
+        return float(np.sqrt(max(square, 0.0) / max(self.rows - used, 1.0)))
+
+    def _factor(self, spread: Array) -> tuple[Array, float]:
+        """Cholesky factor of the scaled posterior precision, and the residual sum of squares."""
+        matrix = self.gram * spread * spread[:, None]
+        # the rounding of sums over many rows must not make the factor fail
+        matrix[np.diag_indices_from(matrix)] += 1.0 + ROUNDING * float(matrix.max())
+        factor = cholesky(matrix, lower=True, check_finite=False)
+        half = solve_triangular(factor, self.cross * spread[:, None], lower=True)
+        left = self.square - float((half * half).sum())
+        return np.asarray(factor), max(left, 1e-12 * self.square + LEAST)
+
+
+@dataclass(frozen=True)
+class HyperPrior:
+    """Gaussian priors of hyperparameters, which are searched within three sigma."""
+
+    mean: Array  # (h,)
+    sigma: Array  # (h,)
+
+    def maximise(
+        self, moments: Moments, prior: Prior, start: Array | None = None, least: float = 0.0
+    ) -> tuple[float, Array]:
+        """Most probable hyperparameters.
+
+        Parameters
+        ----------
+        moments : Moments
+            Of the regression.
+        prior : callable
+            Hyperparameters (h,) -> logarithms (p,) of the prior sigmas over the noise, and their
+            derivatives (h, p).
+        start : ndarray, shape (h,), optional
+            Where the search begins; the mean by default.
+        least : float
+            Least noise.
+
+        Returns
+        -------
+        level : float
+            Log evidence with the hyperparameters' own prior.
+        hyperparameters : ndarray, shape (h,)
+        """
+
+        def cost(theta: Array) -> tuple[float, Array]:
+            spread, along = prior(theta)
+            level, slope = moments.slope(np.exp(spread), least)
+            off = (theta - self.mean) / self.sigma
+            return 0.5 * float(off @ off) - level, off / self.sigma - along @ slope
+
+        low, high = self.mean - 3 * self.sigma, self.mean + 3 * self.sigma
+        found = minimize(
+            cost, self.mean if start is None else start, jac=True, method='L-BFGS-B',
+            bounds=np.stack([low, high], axis=1), options={'maxiter': STEPS, 'ftol': 1e-7},
+        )  # fmt: skip
+        return -float(found.fun), np.asarray(found.x)
+
+
+def leave_groups_out(half: Array, error: Array, groups: Integers) -> tuple[Array, Array]:
+    """Errors of rows by a linear regression without their group.
+
+    Parameters
+    ----------
+    half : ndarray, shape (s, p)
+        Terms times the transposed root of the weights' covariance, over the noise.
+    error : ndarray, shape (s,)
+        Targets minus the regression with all rows, over the noise.
+    groups : ndarray of int, shape (s,)
+        Left out together.
+
+    Returns
+    -------
+    error, variance : ndarray, shape (s,)
+        Errors without the group, and the variance of the regression without it, in units of the
+        noise; (I - H)^-1 e with H = half half^T.
+    """
+    alone, variance = np.empty(len(error)), np.empty(len(error))
+    for group in np.unique(groups):
+        rows = np.flatnonzero(groups == group)
+        own = half[rows]
+        # the smaller of the two systems
+        if len(rows) <= half.shape[1]:
+            hat = own @ own.T
+            system = np.eye(len(rows)) * (1 + 1e-9) - hat
+            both = np.linalg.solve(system, np.column_stack([error[rows], hat]))
+            alone[rows], variance[rows] = both[:, 0], np.diagonal(both[:, 1:])
+        else:
+            system = np.eye(half.shape[1]) * (1 + 1e-9) - own.T @ own
+            left = np.linalg.solve(system, own.T)
+            alone[rows] = error[rows] + own @ (left @ error[rows])
+            variance[rows] = np.einsum('sp,ps->s', own, left)
+    return alone, np.maximum(variance, 0.0)
