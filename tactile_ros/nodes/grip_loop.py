@@ -223,7 +223,15 @@ class GripLoop:
                 command, guarded = self._command(made, dt, elapsed, now_s, stamp_ns)
                 limited = limited or guarded
         ended, lost = self._end(made, dt, self._gone(made, hindered, now_s, dt))
-        return Decision(made, command, limited, refusal, ended, lost)
+        return Decision(made, command, limited, refusal or self._silent(made), ended, lost)
+
+    def _silent(self, made: GripStep) -> str:
+        """Fingers that keep their place in a hold since their force is not known; or empty."""
+        if made.phase not in HOLDING:
+            return ''
+        forces = zip(self.fingers, self._chosen, made.force.tolist(), strict=True)
+        names = [name for name, used, force in forces if used and not isfinite(force)]
+        return f'the force of {", ".join(names)} is not known: it keeps its place' if names else ''
 
     def _within(self, since: float) -> float:
         """A time since the last step (s), between a tenth of and a few periods."""
@@ -334,10 +342,8 @@ class StepTrigger:
 
     Parameters
     ----------
-    period_s : float
-        Of commands (s).
-    silence_s : float
-        A finger that has been silent for longer is not waited for (s).
+    period_s, silence_s : float
+        Of commands; a finger that has been silent for longer is not waited for (s).
     fingers : int
         Count f.
 
@@ -447,12 +453,7 @@ class StampAge:
     def measured_s(self, stamp_ns: int, now_ns: int, now_s: float) -> float:
         """Time (s) of the measurement on the clock that never jumps, never in the future.
 
-        Parameters
-        ----------
-        stamp_ns, now_ns : int
-            Stamp of the message, 0: it has none, and time of the clock that stamps are of (ns).
-        now_s : float
-            Time of the clock that never jumps (s).
+        Stamp of the message (0: it has none) and time of the clock of stamps (ns); time (s) now.
         """
         delay = 1e-9 * (now_ns - stamp_ns)
         ahead = 1e-9 * now_ns - now_s
