@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.harness.rows import BenchResult, Row, within
 from benchmarks.worlds import multipole_presses
-from tactile_ros.estimators.few_shot import press_vectors
+from tactile_ros.estimators.few_shot import press_patterns
 from tactile_ros.physics import compiled
 from tactile_ros.types import Frame
 
@@ -101,7 +101,7 @@ def cost(trials: Trials, world: ModuleType) -> list[Row]:
     pipeline.tare([Frame(i, i, row) for i, row in enumerate(tare)])
     recogniser = pipeline.estimation.recogniser_  # type: ignore[attr-defined]
     change = (window - tare.mean(axis=0)).reshape(len(window), -1)
-    presses = press_vectors([change], recogniser.basis)
+    presses = press_patterns([change], recogniser.basis)
 
     def frames() -> Array:
         pipeline.reset()

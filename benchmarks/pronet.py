@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.harness.rows import BenchResult, Row, within
 from benchmarks.worlds import multipole_trials as trials
-from tactile_ros.estimators.few_shot import press_vectors, seen_classes, support_scores
+from tactile_ros.estimators.few_shot import press_patterns, support_scores
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin.recogniser import pronet
 
@@ -161,12 +161,11 @@ def by_place(places: Integers, right: Array) -> tuple[float, ...]:
 
 def answered(ours: Recogniser, windows: Array, label: Array, known: Array, asked: Array) -> Array:
     """Labels of asked presses by known ones."""
-    lessons = press_vectors(list(windows[known].astype(float)), ours.basis)
-    presses = press_vectors(list(windows[asked].astype(float)), ours.basis)
-    supports = ours.supports(lessons, label[known], ours.matches(lessons))
-    seen = seen_classes(supports, ours.noise, ours.still_, ours.error, ours.basis)
-    score = support_scores(seen, presses, ours.noise, ours.common, ours.still_)
-    return np.asarray(seen.supports.label[score.argmin(axis=1)])
+    lessons = press_patterns(list(windows[known].astype(float)), ours.basis)
+    presses = press_patterns(list(windows[asked].astype(float)), ours.basis)
+    means = ours.supports(lessons, label[known], known).averaged(ours.basis)
+    score = support_scores(means, presses, ours.noise, ours.common, ours.still_, ours.metric_)
+    return np.asarray(means.label[score.argmin(axis=1)])
 
 
 def postures(tasks: Tasks, world: ModuleType, skin: object, extent: str) -> list[Row]:

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.few_shot import SHAPE_RANK, USUAL_SPREAD, SupportSet, orthonormal
+from tactile_ros.estimators.few_shot import SupportSet, share_of
 from tactile_ros.estimators.press_templates import cleared_rows, descend_rows, solved_rows
 from tactile_ros.physics.compiled import compiled
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from tactile_ros.estimators.few_shot import PressVectors
+    from tactile_ros.estimators.few_shot import Presses
     from tactile_ros.estimators.press_templates import PressBank
     from tactile_ros.types import Array, Integers
 
@@ -245,7 +245,7 @@ def misfit_row(
 @compiled
 def match_rows(
     flat: Singles, grid: Array, about: Array, head: Integers, limit: Array, stop: Array,
-    rounds: int, pattern: Array, powers: Array, noise: Array, error: float, common: Array,
+    rounds: int, pattern: Array, noise: Array, error: float, common: Array,
     start: Array, cost: Array, pose: Array, cov: Array, plain: Array, misfit: Array,
 ) -> float:  # fmt: skip
     """Descend from starts (s, 4), keep the best of each head: all from `cost` on is filled.
@@ -263,7 +263,7 @@ def match_rows(
         np.empty((s, 5, d)),
     )
     descend_rows(
-        flat, grid, about, head, limit, stop, rounds, weight, span, wanted[0], powers, start,
+        flat, grid, about, head, limit, stop, rounds, weight, span, wanted[0], start,
         costs, normal, scale, rows,
     )  # fmt: skip
     starts = s // heads
@@ -278,73 +278,32 @@ def match_rows(
     return level
 
 
-FREER = 5.0  # times the usual: how far the origin of an unknown shape may be aside
-
-
-def plain_supports(presses: PressVectors, labels: Integers, number: Integers) -> SupportSet:
-    """SupportSet (n), windows of presses by number, of which no model tells anything."""
-    n, d = presses.pattern.shape
-    return SupportSet(
-        labels, presses.pattern, presses.powers, presses.frames, np.ones(n), np.zeros((n, 3, d)),
-        np.zeros((n, 2, d)), np.full((n, d), np.nan), np.zeros((n, SHAPE_RANK, d)), number,
-    )  # fmt: skip
-
-
-def modelled_supports(
-    presses: PressVectors, labels: Integers, number: Integers, matches: Matches, bank: PressBank,
-    basis: Array,
+def supports_of(
+    presses: Presses, labels: Integers, number: Integers, matches: Matches | None,
+    bank: PressBank | None,
 ) -> SupportSet:  # fmt: skip
-    """SupportSet (n) with what the best template of each tells.
+    """Presses (n) as supports of classes, with what the most alike template of each changes by.
 
     Parameters
     ----------
-    presses : PressVectors
+    presses : Presses
         n presses.
     labels, number : ndarray, shape (n,)
         Their classes, and which press each is a window of.
-    matches : Matches
-        Of the presses.
-    bank : PressBank
-        Templates.
-    basis : ndarray, shape (d, 3)
-        Orthonormal patterns of a uniform field.
+    matches, bank : Matches and PressBank, or None
+        Templates of the presses; None: there is no model.
     """
-    best = np.arange(len(labels)), matches.cost.argmin(axis=1)
-    pose, middle = matches.pose[best], matches.fitted[best]
-    slopes = matches.slopes[best][:, :3] * USUAL_SPREAD[:, None]
-    terms = bank.at(best[1], pose[:, :3])[:, 0, 1:]
-    grown = pose[:, 3, None] ** np.arange(1, 4)
-    factors = [
-        _shape_factors(bank, presses.pattern[i], pose[i, :2], raised, middle[i], slopes[i], basis)
-        for i, raised in enumerate(presses.powers * grown)
-    ]
+    n, d = presses.pattern.shape
+    slopes, bends = np.zeros((n, 3, d)), np.zeros((n, d))
+    if matches is not None and bank is not None and n:
+        best = matches.cost.argmin(axis=1)
+        pose, slopes = matches.pose[np.arange(n), best], matches.slopes[np.arange(n), best, :3]
+        terms = bank.at(best, pose[:, :3])[:, 0]
+        deep = pose[:, 3, None]
+        bends = deep**2 * terms[:, 1] + 2 * deep**3 * terms[:, 2]
     return SupportSet(
-        labels, presses.pattern, presses.powers, presses.frames, np.ones(len(labels)), slopes,
-        terms * grown[:, 1:, None], middle,
-        np.array(factors).reshape(-1, SHAPE_RANK, middle.shape[1]),
-        number,
-    )  # fmt: skip
-
-
-def _shape_factors(
-    bank: PressBank, pattern: Array, place: Array, raised: Array, middle: Array, slopes: Array,
-    basis: Array,
-) -> Array:  # fmt: skip
-    """Factors (r, d) of a covariance of what shapes can do at a place, from what heads do."""
-    turns = [one.turns for one in bank.heads]
-    head = np.repeat(np.arange(len(turns)), turns)
-    turn = np.concatenate([np.arange(n) for n in turns])
-    step = np.array([one.sector / one.turns for one in bank.heads])
-    poses = np.column_stack([np.tile(place, (len(turn), 1)), turn * step[head]])
-    other = np.einsum('p,npd->nd', raised, bank.at(head, poses)[:, 0])
-    own = other - (other @ basis) @ basis.T
-    size = (own @ pattern) / np.square(own).sum(axis=1)
-    away = (size[:, None] * other - middle) / np.sqrt(len(other))
-    rows, sizes, _ = np.linalg.svd(np.concatenate([away, FREER * slopes]).T, full_matrices=False)
-    found = np.zeros((SHAPE_RANK, len(middle)))
-    count = min(SHAPE_RANK, len(sizes))
-    found[:count] = (rows * sizes).T[:count]
-    return found
+        labels, number, presses.pattern, presses.frames, np.ones(n), slopes, bends
+    )
 
 
 USUAL = 0.12  # of the body: depth of the templates that are searched
@@ -434,7 +393,7 @@ class PressSearch:
         self.turn = np.array([head.sector / head.turns for head in bank.heads])
         self.heads = np.repeat(np.arange(len(bank.heads)), STARTS)
 
-    def find(self, presses: PressVectors) -> Matches:
+    def find(self, presses: Presses) -> Matches:
         """The best press of every head."""
         count = len(presses.pattern)
         if count <= TOGETHER:
@@ -448,22 +407,16 @@ class PressSearch:
         if self.other is not None:
             self.other.let_still(still)
 
-    def variance(self, presses: PressVectors) -> Array:
+    def variance(self, presses: Presses) -> Array:
         """Variance of patterns (n, d): noise, and error of the model where chips see much."""
-        n = len(presses.pattern)
-        chips = presses.pattern.reshape(n, -1, 3)
-        here = np.square(chips).mean(axis=2, keepdims=True)
-        most = 0.05 * here.max(axis=1, keepdims=True)
-        share = np.square(self.error) * (here + most) * np.ones(3)
-        noise = presses.variance(self.noise, self.still)
-        return np.asarray(noise + share.reshape(n, -1))
+        return presses.variance(self.noise, self.still) + share_of(presses.pattern, self.error)
 
-    def _find(self, presses: PressVectors) -> Matches:
+    def _find(self, presses: Presses) -> Matches:
         """Of a few presses, which fit in the memory together."""
         found = self._found(presses)
         return found if self.other is None else found.or_better(self.other._find(presses))
 
-    def _found(self, presses: PressVectors) -> Matches:
+    def _found(self, presses: Presses) -> Matches:
         """The same on this skin."""
         # one by one, so that a press has the same starts alone and among others
         start = np.array([self._starts(own) for own in presses.pattern @ self.cleared])
@@ -477,7 +430,7 @@ class PressSearch:
         for i in range(n):
             found.level[i] = match_rows(
                 bank.flat, bank.grid, bank.about, self.heads, self.limit, STOP, ROUNDS,
-                presses.pattern[i], presses.powers[i], noise[i], self.error, self.common,
+                presses.pattern[i], noise[i], self.error, self.common,
                 start[i], found.cost[i], found.pose[i], found.cov[i], plain[i],
                 found.misfit[i : i + 1],
             )  # fmt: skip
@@ -506,8 +459,7 @@ def _leading(gram: Array, rank: int) -> Array:
     """Bases (n, d, rank) of what matrices (n, d, d) enlarge most, closely enough for a search."""
     d = gram.shape[1]
     rows = gram + APART * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(d)
-    start = np.random.default_rng(0).normal(size=(d, rank))
-    span = orthonormal(np.matmul(rows, start))
+    span = np.random.default_rng(0).normal(size=(d, rank))
     for _ in range(TURNS):
-        span = orthonormal(np.matmul(rows, span))
-    return span
+        span = np.linalg.qr(np.matmul(rows, span))[0]
+    return np.asarray(span)

@@ -131,16 +131,20 @@ class PressBank:
         """Products of images, with the axis of the moment, power of movement and size."""
         axis = self.sheet.axis
         found = [(_factors(k), axis, power, 1.0) for k in powers(power)]
-        if self.turning == 0 or power > BOTH:
+        if self.turning == 0:
             return found
         once = [(3, 2, 1.0)] if axis == 1 else [(4, 0, 1.0), (3, 1, -1.0)]
         for turn, toward, sign in once:
             size = sign * self.turning
             found += [((*_factors(k), turn), toward, power - 1, size) for k in powers(power - 1)]
-        if power == BOTH:
+        if power >= BOTH:
             twice = [((3, 4), 0, 0.5), ((3, 3), 1, -0.5)]
             twice = twice if axis == 1 else [((3, 3), 2, -0.5), ((4, 4), 2, -0.5)]
-            found += [(both, to, 0, size * self.turning**2) for both, to, size in twice]
+            found += [
+                ((*_factors(k), *both), to, power - BOTH, size * self.turning**2)
+                for both, to, size in twice
+                for k in powers(power - BOTH)
+            ]
         return found
 
     def _spectra(self, head: Head, turn: int) -> list[Array]:
@@ -160,7 +164,7 @@ class PressBank:
         x, y = self.sheet.lines
         cells = np.stack(np.meshgrid(x, y, self.sheet.levels, indexing='ij'), axis=-1)
         r = chips[:, None, None, None] - cells
-        moment = self.sheet.moments[None, :, None]
+        moment = self.sheet.moments[..., None]
         series = {
             (axis, order): moved_dipole_series(r, moment, axis, order)
             for axis, order in {(axis, order) for _, axis, order, _ in self._terms(power)}
@@ -205,39 +209,11 @@ class PressBank:
             Value, and its change with x, y (per m) and turn (per rad), for each power of depth;
             beyond the places it stays as at their edge.
         """
-        sides = 2 * self.half + 1
-        first, per_turn, turns = (self.about[head, i] for i in range(3))
-        at = np.empty((len(head), 3))
-        at[:, 0] = poses[:, 2] * per_turn
-        at[:, 1:] = np.clip(poses[:, :2] / self.step + self.half, 1.0, sides - 2.0 - 1e-9)
-        low = np.floor(at)
-        weight, slope = _spline(at - low)
-        slope[:, 0] *= per_turn[:, None].astype(np.float32)
-        slope[:, 1:] *= (1 / self.step)[:, None].astype(np.float32)
-        rows = low.astype(np.int64)[:, :, None] + np.arange(-1, 3)
-        turn = first.astype(np.int64)[:, None] + rows[:, 0] % turns.astype(np.int64)[:, None]
-        index = (turn[:, :, None, None] * sides[0] + rows[:, 1, None, :, None]) * sides[1]
-        return self._mixed(weight, slope, index + rows[:, 2, None, None, :])
-
-    def _mixed(self, weight: Array, slope: Array, index: Integers) -> Array:
-        """Rows at an index (n, 4, 4, 4) with weights and slopes (n, 3, 4); see `at`.
-
-        Sums are written out, so that compiled loops have the same bits.
-        """
-        (wt, wx, wy), (st, sx, sy) = (np.moveaxis(w, 1, 0)[..., None] for w in (weight, slope))
-        found = np.zeros((len(index), 4, 3 * self.table.shape[-1]), np.float32)
-        for i in range(4):
-            plane = np.zeros((3, *found[:, 0].shape), np.float32)
-            for j in range(4):
-                row = self.flat[index[:, i, j]]
-                value = sum(wy[:, k] * row[:, k] for k in range(4))
-                plane[0] += wx[:, j] * value
-                plane[1] += sx[:, j] * value
-                plane[2] += wx[:, j] * sum(sy[:, k] * row[:, k] for k in range(4))
-            for k in range(3):
-                found[:, k] += wt[:, i] * plane[k]
-            found[:, 3] += st[:, i] * plane[0]
-        return found.reshape(len(index), 4, 3, -1)
+        wide = 3 * self.table.shape[-1]
+        found, work = np.empty((len(head), 4, wide), np.float32), np.empty((3, wide), np.float32)
+        for i, pose in enumerate(poses):
+            template_rows(self.flat, self.grid, self.about[head[i]], pose, work, found[i])
+        return found.reshape(len(head), 4, 3, -1)
 
     @cached_property
     def flat(self) -> npt.NDArray[np.float32]:
@@ -293,19 +269,6 @@ def _gain(wave: Array, like: Array, axis: int) -> Array:
     shape[axis] = -1
     gain: Array = np.asarray(3 / (2 + np.cos(2 * np.pi * wave)), np.float32).reshape(shape)  # type: ignore[assignment]
     return gain
-
-
-def _spline(part: Array) -> tuple[Array, Array]:
-    """Weights (..., 4) of a cubic spline's coefficients, and their slopes, for parts of a step."""
-    t, u = part, 1.0 - part
-    weight = [
-        u * u * u, 3.0 * t * t * t - 6.0 * t * t + 4.0, 3.0 * u * u * u - 6.0 * u * u + 4.0,
-        t * t * t,
-    ]  # fmt: skip
-    slope = [-3.0 * u * u, 9.0 * t * t - 12.0 * t, 12.0 * u - 9.0 * u * u, 3.0 * t * t]
-    found = (np.stack(one, axis=-1) / 6.0 for one in (weight, slope))
-    first, second = (np.asarray(one, np.float32) for one in found)
-    return first, second  # type: ignore[return-value]
 
 
 @compiled
@@ -398,11 +361,11 @@ def cleared_rows(rows: Array, span: Array) -> None:
 
 @compiled
 def depth_rows(
-    parts: Singles, powers: Array, usual: float, weight: Array, span: Array, wanted: Array
+    parts: Singles, usual: float, weight: Array, span: Array, wanted: Array
 ) -> float:
     """Depth over the usual one at which a template is as strong as the press."""
     d = len(wanted)
-    p, q, r = powers[0] * usual, powers[1] * usual**2, powers[2] * usual**3
+    p, q, r = usual, usual**2, usual**3
     row = np.empty((1, d))
     for k in range(d):
         row[0, k] = p * parts[0, k] + q * parts[0, d + k] + r * parts[0, 2 * d + k]
@@ -416,14 +379,14 @@ def depth_rows(
 
 
 @compiled
-def plain_rows(parts: Singles, powers: Array, a: float, plain: Array) -> None:
+def plain_rows(parts: Singles, a: float, plain: Array) -> None:
     """Pattern at a depth and its slopes with place, turn and depth; `plain` (5, d) is filled."""
     d = plain.shape[1]
-    p, q, r = powers[0] * a, powers[1] * a**2, powers[2] * a**3
+    p, q, r = a, a**2, a**3
     for j in range(4):
         for k in range(d):
             plain[j, k] = p * parts[j, k] + q * parts[j, d + k] + r * parts[j, 2 * d + k]
-    p, q, r = powers[0], 2 * powers[1] * a, 3 * powers[2] * a**2
+    p, q, r = 1.0, 2 * a, 3 * a**2
     for k in range(d):
         plain[4, k] = p * parts[0, k] + q * parts[0, d + k] + r * parts[0, 2 * d + k]
 
@@ -497,16 +460,16 @@ def moved_rows(pose: Array, move: Array, limit: Array, tried: Array) -> None:
 @compiled
 def begun_rows(
     flat: Singles, grid: Array, about: Array, head: Integers, limit: Array, stop: Array,
-    weight: Array, span: Array, wanted: Array, powers: Array, work: Singles, parts: Singles,
+    weight: Array, span: Array, wanted: Array, work: Singles, parts: Singles,
     rows: Array, pose: Array, cost: Array, normal: Array, scale: Array, plain: Array,
     move: Array, promised: Array,
 ) -> None:  # fmt: skip
     """Descents (s) at their beginning, at depths that fit; all from `pose` on is filled."""
     for i in range(len(head)):
         template_rows(flat, grid, about[head[i]], pose[i], work, parts)
-        ratio = depth_rows(parts, powers, pose[i, 3], weight, span, wanted)
+        ratio = depth_rows(parts, pose[i, 3], weight, span, wanted)
         pose[i, 3] = min(max(pose[i, 3] * max(ratio, stop[2]), limit[5]), limit[6])
-        plain_rows(parts, powers, pose[i, 3], plain[i])
+        plain_rows(parts, pose[i, 3], plain[i])
         cost[i], promised[i] = misfit_rows(
             plain[i], weight, span, wanted, stop[3], rows, normal[i], scale[i], move[i]
         )
@@ -563,7 +526,7 @@ def finished_rows(
 @compiled
 def descend_rows(
     flat: Singles, grid: Array, about: Array, head: Integers, limit: Array, stop: Array,
-    rounds: int, weight: Array, span: Array, wanted: Array, powers: Array,
+    rounds: int, weight: Array, span: Array, wanted: Array,
     pose: Array, cost: Array, normal: Array, scale: Array, plain: Array,
 ) -> None:  # fmt: skip
     """Descents (s) of one press: `press_descent.descend`; all from `pose` on is filled."""
@@ -573,7 +536,7 @@ def descend_rows(
     move, promised, active = np.empty((s, 4)), np.empty(s), np.ones(s, np.bool_)
     steep, size, step, tried = np.empty((4, 4)), np.empty(4), np.empty(4), np.empty(4)
     begun_rows(
-        flat, grid, about, head, limit, stop, weight, span, wanted, powers, work, parts, rows,
+        flat, grid, about, head, limit, stop, weight, span, wanted, work, parts, rows,
         pose, cost, normal, scale, plain, move, promised,
     )  # fmt: skip
     for _ in range(rounds):
@@ -582,7 +545,7 @@ def descend_rows(
         for i in np.flatnonzero(active):
             moved_rows(pose[i], move[i], limit, tried)
             template_rows(flat, grid, about[head[i]], tried, work, parts)
-            plain_rows(parts, powers, tried[3], flatter)
+            plain_rows(parts, tried[3], flatter)
             new, more = misfit_rows(
                 flatter, weight, span, wanted, stop[3], rows, steep, size, step
             )

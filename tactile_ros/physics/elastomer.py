@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+from scipy import fft
 from scipy.interpolate import CubicSpline
 from scipy.special import j0, j1
 
@@ -278,10 +279,11 @@ class Layer:
         moved = np.fft.irfft2(spectrum, pressure.shape, axes=(1, 2))
         return np.stack([moved[1], moved[0], moved[2]], axis=-1)
 
-    def punch(self, covered: Bools, pitch: float, depth: float) -> Array:
-        """Pressure (ny, nx) (Pa) on covered squares under a smooth flat punch of a depth (m).
+    def punch(self, covered: Bools, pitch: float, depth: float | Array) -> Array:
+        """Pressure (ny, nx) (Pa) on covered squares under a smooth punch of a depth (m).
 
-        Conjugate gradients on the squares that are covered, so that all of them move alike.
+        Conjugate gradients on the squares that are covered; the depth is one number, or a map
+        (ny, nx), such as that of a tilted punch all of which touches.
         """
         numbers = np.hypot(*wave_numbers(covered.shape, pitch))
         give = -self.pressed(numbers, np.array([self.thickness]))[1][..., 0]
@@ -322,7 +324,15 @@ def _propagated(height: Array, poisson_ratio: float) -> Array:
 
 
 def punch_pressure(loops: Sequence[Array], layer: Layer, finer: int = 1) -> tuple[Array, Array]:
-    """Loads under a flat punch without friction, for one metre of depth.
+    """Loads under a flat punch without friction, for one metre of depth; see `tilted_pressure`."""
+    points, loads = tilted_pressure(loops, layer, finer, tilted=False)
+    return points, loads[0]
+
+
+def tilted_pressure(
+    loops: Sequence[Array], layer: Layer, finer: int = 1, *, tilted: bool = True
+) -> tuple[Array, Array]:
+    """Loads under a punch without friction for one metre of depth and for tilts.
 
     Parameters
     ----------
@@ -332,13 +342,15 @@ def punch_pressure(loops: Sequence[Array], layer: Layer, finer: int = 1) -> tupl
         Under it.
     finer : int
         So many times as many cells along a side as are usual.
+    tilted : bool
+        With the loads of tilts.
 
     Returns
     -------
     points : ndarray, shape (p, 2)
         Centres of the cells of a square grid inside the outline (m).
-    loads : ndarray, shape (p,)
-        Force on each of them per depth (N / m).
+    loads : ndarray, shape (1 or 3, p)
+        Force on each of them per depth (N / m), and per slope of the face along x and y (N).
 
     Raises
     ------
@@ -356,7 +368,9 @@ def punch_pressure(loops: Sequence[Array], layer: Layer, finer: int = 1) -> tupl
     if not under.any():
         msg = f'outline of a punch must cover an area; received {len(corners)} corners that do not'
         raise ValueError(msg)
-    return places[under], layer.punch(under, pitch, 1.0)[under] * pitch**2
+    depths = [1.0, places[..., 0], places[..., 1]] if tilted else [1.0]
+    loads = [layer.punch(under, pitch, depth)[under] for depth in depths]
+    return places[under], np.array(loads) * pitch**2
 
 
 def at_pose(points: Array, pose: Array) -> Array:
@@ -392,6 +406,10 @@ class PunchDents:
         """Points (p, 2) (m) in the outline's frame and loads (p,) per depth (N / m)."""
         return punch_pressure(outline.loops, self.body)
 
+    def tilted_loads(self, outline: Outline) -> tuple[Array, Array]:
+        """Points (p, 2) (m), and loads (3, p) per depth (N / m) and per slopes (N)."""
+        return tilted_pressure(outline.loops, self.body)
+
     def images(self, points: Array, loads: Array, pose: Array) -> Array:
         """Movements and turns for a unit of depth under `loads` at a pose (3,) (m, m, rad).
 
@@ -406,7 +424,7 @@ class PunchDents:
         first = np.exp(-1j * self.kx * x) * loads
         spectrum = first @ np.exp(-1j * self.ky.T * y).T
         shape = (self.count, self.count)
-        return np.asarray(np.fft.irfft2(self.waves * spectrum, shape, axes=(-2, -1)))
+        return np.asarray(fft.irfft2(self.waves * spectrum, shape, axes=(-2, -1)))
 
     def on_sheet(self, sheet: Sheet, images: Array) -> Array:
         """Movements and turns at a sheet's dipoles, shape (5, x y 2), from those at all cells."""

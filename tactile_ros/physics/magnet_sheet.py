@@ -18,12 +18,17 @@ from math import factorial
 
 import numpy as np
 
-from tactile_ros.physics.magnetics import SCALE, cuboid_field, each_dipole_field, magnet_moment
+from tactile_ros.physics.magnetics import (
+    SCALE,
+    cuboid_field,
+    dipole_field,
+    each_dipole_field,
+    magnet_moment,
+)
 from tactile_ros.types import Array, Integers
 
 CELLS = 60  # of the sheet along its longer edge
 LEVELS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)  # Gauss points of the sheet's thickness
-STILL = 0.001  # of the largest movement: dipoles that hardly move are left out
 NEAR_EDGE = 4  # rows of cells that have a weight of their own around an edge of a band
 SLIVER = 1e-9  # m, narrower than which a band is none
 ROUNDING = 1e-9
@@ -48,6 +53,8 @@ class Sheet:
         Remanence (T) of bands from -y to +y; the last one holds for further bands.
     shift : float
         Of the bands along y (m).
+    uneven : ndarray, shape (x, y), or None
+        Relative deviation of the remanence at the cells.
     """
 
     size: Array
@@ -57,6 +64,7 @@ class Sheet:
     magnetisation: str
     strengths: Array
     shift: float = 0.0
+    uneven: Array | None = None
 
     @property
     def pitch(self) -> float:
@@ -125,22 +133,44 @@ class Sheet:
         return self.pitch**2 * self.thickness / len(LEVELS)
 
     @cached_property
+    def band_moments(self) -> Array:
+        """Moments of the dipoles (A m2), for a remanence of one in each band, (x y 2, b)."""
+        even = np.ones(len(self.lines[0])) if self.uneven is None else 1 + self.uneven
+        share = magnet_moment(1.0, self.cell_volume) * self.shares
+        wide = even[..., None] * share if even.ndim > 1 else even[:, None, None] * share
+        return np.repeat(wide.reshape(-1, wide.shape[-1]), len(LEVELS), axis=0)
+
+    @cached_property
+    def each_moment(self) -> Array:
+        """Moment of each dipole (A m2), shape (x y 2,)."""
+        return np.asarray(self.band_moments @ self.strengths)
+
+    @property
     def moments(self) -> Array:
-        """Moment of a dipole in each row of cells (A m2), shape (y,)."""
-        return magnet_moment(1.0, self.cell_volume) * np.asarray(self.shares @ self.strengths)
+        """Moment of a dipole in each cell (A m2), shape (x, y)."""
+        x, y = self.lines
+        return self.each_moment[:: len(LEVELS)].reshape(len(x), len(y))
 
     @cached_property
     def dipoles(self) -> tuple[Array, Array]:
         """Places (m) and moments (A m2), shape (x y 2, 3) each."""
         x, y = self.lines
-        places = np.stack(np.meshgrid(x, y, self.levels, indexing='ij'), axis=-1)
+        places = np.stack(np.meshgrid(x, y, self.levels, indexing='ij'), axis=-1).reshape(-1, 3)
         moments = np.zeros_like(places)
-        moments[..., self.axis] = self.moments[None, :, None]
-        return places.reshape(-1, 3), moments.reshape(-1, 3)
+        moments[:, self.axis] = self.each_moment
+        return places, moments
 
     def field(self, points: Array) -> Array:
         """Flux density at rest (T), shape (..., 3), at points (..., 3) (m)."""
-        return np.asarray(np.tensordot(self.strengths, self.band_fields(points), axes=1))
+        even = np.tensordot(self.strengths, self.band_fields(points), axes=1)
+        if self.uneven is None:
+            return np.asarray(even)
+        # blocks are exact where a carpet is coarse; what is uneven along them is small
+        more = np.zeros((*self.uneven.shape, len(LEVELS), 3))
+        more[..., self.axis] = (self.moments * self.uneven / (1 + self.uneven))[..., None]
+        flat = points.reshape(-1, 3)
+        change = dipole_field(flat, self.dipoles[0], more.reshape(-1, 3))
+        return np.asarray(even + change.reshape(points.shape))
 
     def band_fields(self, points: Array) -> Array:
         """Flux density at rest (1) for a remanence of one in each band, shape (b, ..., 3)."""
@@ -151,28 +181,29 @@ class Sheet:
             fields[band] += cuboid_field(points - centre, edges, sign * np.eye(3)[self.axis])
         return fields
 
-    def band_changes(self, points: Array, moved: Array, turned: Array) -> Array:
-        """Change of the field by a dent for a remanence of one in each band, shape (b, t, 3).
+    def cell_fields(self, points: Array, rows: Integers) -> Array:
+        """Flux density (t, 3, n) at points (t, 3) of some dipoles at rest, of moments of one."""
+        unit = np.tile(np.eye(3)[self.axis], (len(rows), 1))
+        field = each_dipole_field(points, self.dipoles[0][rows], unit)
+        return np.stack(field, axis=1)
+
+    def cell_changes(self, points: Array, rows: Integers, moved: Array, turned: Array) -> Array:
+        """Change of the field by a dent for dipoles of a moment of one, shape (t, 3, n).
 
         Parameters
         ----------
         points : ndarray, shape (t, 3)
             Where it is wanted (m).
+        rows : ndarray, shape (n,)
+            Numbers of the dipoles.
         moved, turned : ndarray, shape (x y 2, 3)
-            Movements (m) and small turns (rad) of the dipoles.
+            Movements (m) and small turns (rad) of all dipoles.
         """
-        size = np.abs(moved).max(axis=1)
-        rows = np.flatnonzero(size > STILL * size.max())
-        places = self.dipoles[0][rows]
         unit = np.eye(3)[self.axis]
         spun = unit + np.cross(turned[rows], unit)
         spun = spun + 0.5 * np.cross(turned[rows], spun - unit)
-        y = rows // len(LEVELS) % len(self.lines[1])
-        share = magnet_moment(1.0, self.cell_volume) * self.shares[y]
-        after = each_dipole_field(points, places + moved[rows], spun)
-        before = each_dipole_field(points, places, np.broadcast_to(unit, places.shape))
-        change = [(b - a) @ share for a, b in zip(before, after, strict=True)]
-        return np.moveaxis(np.stack(change, axis=1), -1, 0)
+        after = each_dipole_field(points, self.dipoles[0][rows] + moved[rows], spun)
+        return np.stack(after, axis=1) - self.cell_fields(points, rows)
 
 
 def _edge_weights(edge: float, order: int) -> Array:

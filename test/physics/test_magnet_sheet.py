@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import magpylib
@@ -129,6 +130,20 @@ def test_resting_fields_are_those_of_a_sum_of_dipoles(kind: str) -> None:
     assert np.abs(own - skin.rest()).max() < 0.01 * np.abs(own).max()
 
 
+def test_an_uneven_sheet_has_the_field_of_its_dipoles() -> None:
+    plain, chips = square_sheet(), world.SENSOR.config().positions
+    x, y = plain.lines
+    uneven = 0.2 * np.sin(x / 9e-3)[:, None] * np.cos(y / 7e-3)
+    whole = replace(plain, uneven=uneven)
+    change = dipole_field(chips, *whole.dipoles) - dipole_field(chips, *plain.dipoles)
+    found = whole.field(chips) - plain.field(chips)
+    np.testing.assert_allclose(found, change, atol=1e-12)
+    even = plain.each_moment.reshape(len(x), len(y), -1)
+    np.testing.assert_allclose(
+        whole.each_moment.reshape(even.shape), even * (1 + uneven[..., None]), rtol=1e-12
+    )
+
+
 def test_a_dented_sheet_changes_as_its_dipoles_say() -> None:
     one, chips = square_sheet(), world.SENSOR.config().positions
     dents = PunchDents(one, 0.0, Layer(4e-3, 69e3 / 2.98, 0.49))
@@ -138,8 +153,8 @@ def test_a_dented_sheet_changes_as_its_dipoles_say() -> None:
     places, moments = one.dipoles
     rest, dented = (dipole_field(chips, at, moments) for at in (places, places + moved))
     exact = dented - rest
-    bands = one.band_changes(chips, moved, 0 * moved)
-    found = np.tensordot(one.strengths, bands, axes=1)
+    every = np.arange(len(moved))
+    found = one.cell_changes(chips, every, moved, 0 * moved) @ one.each_moment
     assert np.abs(found - exact).max() < 0.02 * np.abs(exact).max()
 
 
@@ -158,7 +173,8 @@ def test_bands_are_integrated_to_their_edges(
         away = skin.dipoles[0][:, :2] - [3e-3, -5e-3]
         dent = 5e-4 * np.exp(-0.5 * np.square(away / 2e-3).sum(axis=1))[:, None]
         moved = dent * np.column_stack([away / 4e-3, -np.ones(len(away))])
-        return np.tensordot(kinds, skin.band_changes(chips, moved, 0 * moved), axes=1)
+        every = np.arange(len(moved))
+        return skin.cell_changes(chips, every, moved, 0 * moved) @ skin.each_moment
 
     fine = change(180)
     assert np.linalg.norm(change(60) - fine) < most * np.linalg.norm(fine)

@@ -6,6 +6,7 @@ import numpy as np
 
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin import twin
+from tactile_ros.sensors.multipole_skin.config import nine_heads
 from tactile_ros.sensors.multipole_skin.specimen import Specimen
 
 SPEC = load_sensor('multipole_skin')
@@ -14,7 +15,7 @@ SKIN = Specimen(CONFIG, seed=3)  # type: ignore[arg-type]
 
 
 def test_heads_places_and_bars_are_those_of_the_paper() -> None:
-    heads = twin.nine_heads()
+    heads = nine_heads()
     assert len({head.name for head in heads}) == 9
     for head, size in zip(heads[::3], twin.SIZES, strict=True):
         np.testing.assert_allclose(np.ptp(head.loops[0], axis=0), size)

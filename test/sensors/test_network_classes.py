@@ -12,6 +12,7 @@ from tactile_ros.errors import MissingPackageError
 from tactile_ros.estimators import embedding
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin import recogniser, twin
+from tactile_ros.sensors.multipole_skin.config import nine_heads
 from tactile_ros.sensors.multipole_skin.recogniser import NETWORKS, NetworkClasses
 from tactile_ros.sensors.multipole_skin.specimen import Specimen
 from tactile_ros.types import Recording
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 pytest.importorskip('onnxruntime')
 SPEC = load_sensor('multipole_skin')
 CONFIG = SPEC.config(objects=())
-HEADS = twin.nine_heads()[2::3]
+HEADS = nine_heads()[2::3]
 PLACES = twin.stations()[[6, 8, 18]]
 ROWS = twin.TARE + 10
 
@@ -71,17 +72,17 @@ def test_a_fit_tries_it_and_says_how_often_it_was_right(taught: Recording) -> No
     (share,) = pipeline.report['label_by_network'].values()
     assert 0.5 < share <= 1.0
     others = pipeline.report['label_by_press'].values()
-    assert pipeline.estimators['label'] in ('press_neighbours', *NETWORKS)
+    assert pipeline.estimators['label'] in ('press_neighbours', 'prototypes', *NETWORKS)
     assert pipeline.estimators['label'] in NETWORKS or max(others) >= share
 
 
 def test_a_fit_takes_it_where_it_is_better(
     taught: Recording, asked: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def poor(_: object, presses: object, __: object, fold: np.ndarray, road: str) -> object:
-        return np.full(len(fold), -1), np.full(len(fold), np.inf)
+    def poor(*_: object) -> object:
+        return None, {'accuracy_whitened': 0.0, 'accuracy_prototypes': 0.0}
 
-    monkeypatch.setattr('tactile_ros.sensors.multipole_skin.press_fit.trial', poor)
+    monkeypatch.setattr('tactile_ros.sensors.multipole_skin.press_fit.choose_metric', poor)
     pipeline = SPEC.pipeline(CONFIG).fit(taught)
     assert pipeline.estimators['label'] in NETWORKS
     last = np.arange(ROWS - 1, len(asked), ROWS)

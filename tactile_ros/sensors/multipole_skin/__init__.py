@@ -14,7 +14,8 @@ Meta-learning Model.
 
 from __future__ import annotations
 
-from tactile_ros.estimators.few_shot import SupportSet
+from tactile_ros.estimators.covariance import CovarianceModel
+from tactile_ros.estimators.few_shot import Metric, SupportSet
 from tactile_ros.estimators.prototypes import Prototypes
 from tactile_ros.estimators.sheet_calibration import SkinModel
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig, layout
@@ -23,7 +24,6 @@ from tactile_ros.sensors.multipole_skin.recogniser import (
     NETWORKS,
     NetworkClasses,
     Recogniser,
-    Spread,
 )
 from tactile_ros.sensors.multipole_skin.twin import (
     NEW,
@@ -59,11 +59,12 @@ SENSOR = SensorSpec(
         Outline,
         MultipoleEstimation,
         Recogniser,
-        Spread,
         NetworkClasses,
         Prototypes,
         SupportSet,
         SkinModel,
+        Metric,
+        CovarianceModel,
         *CLASSES,
     ),
     recordings=dict,

@@ -9,7 +9,6 @@ elements, the remanence and the width of a pole: those defaults are assumptions,
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,15 +26,11 @@ from tactile_ros.types.config_fields import (
     whole,
 )
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
 CHANNELS = ('Bx', 'By', 'Bz')
 CLUSTERS = 22e-3 * np.array([[0, 0], [-1, 1], [1, 1], [-1, -1], [1, -1]], float)
 CORNERS = 4e-3 * np.array([[-1, 1], [1, 1], [-1, -1], [1, -1]], float)
 PEDESTAL = 1e-3
 PACKAGE = 0.5e-3  # Hall elements below the face of their package
-CIRCLE = np.linspace(0, 2 * np.pi, 48, endpoint=False)
 GAIN_5 = (16.4e-3, 16.4e-3, 26.4e-3)  # range of the chips at gain 1.67x, resolution 1
 
 
@@ -45,17 +40,34 @@ def chip_positions() -> Array:
     return np.column_stack([plane, np.full(len(plane), -PEDESTAL - PACKAGE)])
 
 
-def _polygon(name: str, corners: Sequence[Sequence[float]]) -> Outline:
-    """Head from its corners (mm)."""
-    return Outline(name, (1e-3 * np.array(corners, float),))
+def regular(name: str, corners: int, radius: float, turn: float = 0.0) -> Outline:
+    """Regular polygon of a radius (m)."""
+    angle = turn + 2 * np.pi * np.arange(corners) / corners
+    return Outline(name, (radius * np.column_stack([np.cos(angle), np.sin(angle)]),))
+
+
+def box(name: str, length: float, width: float) -> Outline:
+    """Rectangle (m)."""
+    return Outline(name, (np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [length, width] / 2,))
+
+
+def nine_heads() -> tuple[Outline, ...]:
+    """Squares, triangles and circles of three sizes: edge, edge and diameter."""
+    found = []
+    for mm in (10, 15, 20):
+        size = 1e-3 * mm
+        found.append(box(f'square_{mm}', size, size))
+        found.append(regular(f'triangle_{mm}', 3, size / np.sqrt(3), np.pi / 2))
+        found.append(regular(f'circle_{mm}', 48, size / 2))
+    return tuple(found)
 
 
 HEADS = (
-    _polygon('rectangle_10x15', [[-7.5, -5], [7.5, -5], [7.5, 5], [-7.5, 5]]),
-    _polygon('rectangle_8x12', [[-6, -4], [6, -4], [6, 4], [-6, 4]]),
-    Outline('circle_12', (6e-3 * np.column_stack([np.cos(CIRCLE), np.sin(CIRCLE)]),)),
-    _polygon('square_12', [[-6, -6], [6, -6], [6, 6], [-6, 6]]),
-    _polygon('triangle_12', [[-6, -3.464], [6, -3.464], [0, 6.928]]),
+    box('rectangle_10x15', 15e-3, 10e-3),
+    box('rectangle_8x12', 12e-3, 8e-3),
+    regular('circle_12', 48, 6e-3),
+    box('square_12', 12e-3, 12e-3),
+    regular('triangle_12', 3, 12e-3 / np.sqrt(3), np.pi / 2),
 )
 
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import betaincinv
 
-from tactile_ros.estimators.few_shot import PressVectors, SupportSet, press_vectors
-from tactile_ros.sensors.multipole_skin.press_fit import Told, learned
+from tactile_ros.estimators.few_shot import Presses, SupportSet, press_patterns
+from tactile_ros.sensors.multipole_skin.press_fit import Labels, learn
 from tactile_ros.sensors.multipole_skin.recogniser import (
     NETWORKS,
     WEAKEST,
@@ -39,6 +39,13 @@ def column_of(truth: Columns, name: str, rows: Integers, width: int) -> Array:
     if found is None:
         return np.full((len(rows), width), np.nan)
     return np.asarray(found, np.float64).reshape(len(found), width)[rows]
+
+
+def truth_at(truth: Columns, rows: Integers) -> Columns:
+    """Truth whose answers of once a window are known at their last rows alone."""
+    known = dict(truth)
+    only_rows(known, rows)
+    return known
 
 
 def write_rows(known: Columns, rows: Integers, n: int, label: Integers, chance: Array) -> None:
@@ -179,16 +186,16 @@ def enrolled(
     if not windows:
         msg = f'recording of {name!r} must hold a press of {size} frames; found none'
         raise ValueError(msg)
-    presses = press_vectors(windows, recogniser.basis)
+    presses = press_patterns(windows, recogniser.basis)
     strength = recogniser.strength(presses)
     presses = _firm_part(presses, strength, name)
     labels = np.full(len(presses.pattern), number)
     press = press_numbers(signals, size)[np.array(ends)]
     press += recogniser.enrolled_.number.max(initial=-1) + 1
-    return recogniser.supports(presses, labels, recogniser.matches(presses), press)
+    return recogniser.supports(presses, labels, press)
 
 
-def _firm_part(presses: PressVectors, strength: np.ndarray, name: str) -> PressVectors:
+def _firm_part(presses: Presses, strength: np.ndarray, name: str) -> Presses:
     """Presses, all of which are strong enough."""
     weak = strength < FIRM
     if weak.any():
@@ -294,8 +301,10 @@ def _noise_takes(recogniser: Recogniser, new: SupportSet, number: int) -> dict[i
         parts.append(some)
     if not parts:
         return {}
-    presses = PressVectors(*(np.concatenate([getattr(one, name) for one in parts])
-                             for name in ('pattern', 'powers', 'frames')))  # fmt: skip
+    presses = Presses(
+        np.concatenate([one.pattern for one in parts]),
+        np.concatenate([one.frames for one in parts]),
+    )
     variance = presses.variance(recogniser.noise, recogniser.still_)
     if recogniser.search is not None:
         variance = recogniser.search.variance(presses)
@@ -306,7 +315,7 @@ def _noise_takes(recogniser: Recogniser, new: SupportSet, number: int) -> dict[i
     return dict(zip(labels, each.tolist(), strict=True))
 
 
-def _enrolled_again(recogniser: Recogniser, number: int) -> list[tuple[int, PressVectors]]:
+def _enrolled_again(recogniser: Recogniser, number: int) -> list[tuple[int, Presses]]:
     """Presses of each class that was enrolled beside another one, many times over."""
     enrolled = recogniser.enrolled_
     return [
@@ -321,16 +330,16 @@ def _enrolled_again(recogniser: Recogniser, number: int) -> list[tuple[int, Pres
 
 def _heads_there(
     recogniser: Recogniser, new: SupportSet, rng: np.random.Generator
-) -> list[tuple[int, PressVectors]]:
+) -> list[tuple[int, Presses]]:
     """Presses of each drawn head about the pose at which it is nearest to the first press."""
     press = _presses(new.where(np.array([0])))
     matches, found = recogniser.matches(press), []
-    if matches is None or recogniser.search is None:
+    if matches is None or recogniser.search is None or not recogniser.described:
         return []
     for head in np.flatnonzero(np.isfinite(matches.cost[0])).tolist():
         pose = matches.pose[0, head, :3] + AROUND * rng.normal(size=(DRAWN, 3))
         depth = matches.pose[0, head, 3] * rng.uniform(*DEEPER, DRAWN)
-        raised = press.powers * depth[:, None] ** [1, 2, 3]
+        raised = depth[:, None] ** [1, 2, 3]
         parts = recogniser.search.bank.at(np.full(DRAWN, head), pose)[:, 0]
         pattern = np.einsum('np,npd->nd', raised, parts)
         same = press.rows(np.zeros(DRAWN, np.intp))
@@ -338,13 +347,13 @@ def _heads_there(
     return found
 
 
-def _presses(supports: SupportSet) -> PressVectors:
+def _presses(supports: SupportSet) -> Presses:
     """SupportSet as presses."""
-    return PressVectors(supports.pattern, supports.powers, supports.frames)
+    return Presses(supports.pattern, supports.frames)
 
 
 def _named(
-    recogniser: Recogniser, presses: PressVectors, known: SupportSet, number: int
+    recogniser: Recogniser, presses: Presses, known: SupportSet, number: int
 ) -> tuple[Integers, Integers]:
     """What presses (n,) are called, and what they would be without a class; -1: nothing."""
     matches = recogniser.matches(presses)
@@ -375,6 +384,7 @@ def _most_of(chances: Array) -> float:
 NOISE = 4e-6  # T, of a reading, where rest tells none
 FEWEST_RESTING = 20
 QUIETEST = 1e-7  # T
+THIRD = 20.0  # variance of a third difference over that of a frame
 DEEP = 1e-3  # m, by which the face of a pressed skin is uncertain
 MOST_LEARNED = 1500  # windows
 
@@ -446,15 +456,15 @@ class MultipoleEstimation(Estimation):
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component; see `Regression`."""
+        ends, windows = find_windows(signals, self.config.window, self.start())
+        rows = np.array(ends, np.int64)
         if self.wanted not in NETWORKS:
-            self.frames_.fit(signals, truth, groups)
+            self.frames_.fit(signals, truth_at(truth, rows), groups)
         self.recogniser_, self.by_press_, self.press_report_ = None, (), {}
         self.network_, self.names_ = None, ()
         self.first_new_ = len(self.config.objects)
         if self.wanted is not None and self.wanted not in NETWORKS:
             return
-        ends, windows = find_windows(signals, self.config.window, self.start())
-        rows = np.array(ends, np.int64)
         if len(rows) > MOST_LEARNED:
             chosen = np.unique(np.linspace(0, len(rows) - 1, MOST_LEARNED).astype(int))
             rows, windows = rows[chosen], [windows[i] for i in chosen]
@@ -463,17 +473,17 @@ class MultipoleEstimation(Estimation):
         group = np.asarray(groups['group'], np.int64)
         timed = signals.stamp_ns is not None
         number = press_numbers(signals, self.config.window) if timed else group
-        told = Told(
+        labels = Labels(
             label, column_of(truth, 'position', rows, 3), column_of(truth, 'yaw', rows, 1)[:, 0],
             group[rows], number[rows],
         )  # fmt: skip
         # a chip that was dead throughout reads 0
         dead = (signals.values[signals.good] == 0).all(axis=(0, 2)) & bool(signals.good.any())
-        self.recogniser_, self.press_report_ = learned(
-            self.config, self._rest(signals), self._noise(signals), windows, told, dead
+        self.recogniser_, self.press_report_ = learn(
+            self.config, self._rest(signals), self._noise(signals, windows), windows, labels, dead
         )
         asked = NETWORKS if self.wanted is None else (self.wanted,)
-        self.network_ = best_network(asked, windows, label, told.groups)
+        self.network_ = best_network(asked, windows, label, labels.groups)
         if self.wanted is None:
             self._choose()
 
@@ -484,35 +494,41 @@ class MultipoleEstimation(Estimation):
             return np.zeros(signals.baseline.shape[1:])
         return np.asarray(np.median(signals.baseline[rows], axis=0))
 
-    def _noise(self, signals: Signals) -> Array:
-        """Noise of every reading (d,): from the config, from rest, or what is usual."""
+    def _noise(self, signals: Signals, windows: list[Array]) -> Array:
+        """Noise of every reading (d,): from the config, from rest, from presses, or a usual one.
+
+        Third differences of the frames of a press hold little but noise.
+        """
+        width = self.frames_.width
         if self.config.noise is not None:
             return np.broadcast_to(self.config.noise, signals.delta.shape[1:]).ravel() + 0.0
         rows = signals.good & (signals.in_contact == 0)
         still = signals.delta[rows].reshape(int(rows.sum()), -1)
-        if len(still) < FEWEST_RESTING:
-            return np.full(self.frames_.width, NOISE)
-        typical = float(np.median(still.std(axis=0)))
-        return np.full(self.frames_.width, typical if typical > QUIETEST else NOISE)
+        typical = float(np.median(still.std(axis=0))) if len(still) >= FEWEST_RESTING else 0.0
+        if typical <= QUIETEST:
+            third = [np.diff(window, 3, axis=0).ravel() for window in windows]
+            square = np.square(np.concatenate([*third, np.zeros(0)])) / THIRD
+            square = square[np.isfinite(square)]
+            typical = float(np.sqrt(square.mean())) if len(square) >= FEWEST_RESTING else NOISE
+        return np.full(width, typical if typical > QUIETEST else NOISE)
 
     def _choose(self) -> None:
         """Let presses speak of what they tell better than frames do."""
         assert self.recogniser_ is not None
         report, frames = self.press_report_, self.frames_.report
-        templates = self.recogniser_.search is not None
-        chosen = []
-        by_press = report.get('label_by_press', {})
-        right = by_press.get(f'accuracy_{self.recogniser_.road_}')
+        described = self.recogniser_.described
+        right = report.get('label_by_press', {}).get(f'accuracy_{self.recogniser_.road_}')
+        votes = self._votes(frames)
         theirs = 0.0
         if self.network_ is not None:
             report['label_by_network'] = {f'accuracy_{self.network_.name}': self.network_.right}
-            told = self.network_.useful and self._names_all()
-            theirs = self.network_.right if told else 0.0
-        if theirs <= max(right or 0.0, self._votes(frames)):
+            if self.network_.useful and self._names_all():
+                theirs = self.network_.right
+        if theirs <= max(right or 0.0, votes):
             self.network_ = None
-        if self.network_ is None and (
-            templates and 'label' not in frames if right is None else right >= self._votes(frames)
-        ):
+        chosen = []
+        by_default = described and 'label' not in frames
+        if self.network_ is None and (by_default if right is None else right >= votes):
             chosen.append('label')
         for target in ('position', 'yaw'):
             own = report.get(f'{target}_by_press', {}).get('median', np.inf)
@@ -522,7 +538,7 @@ class MultipoleEstimation(Estimation):
                 if title.startswith(target) and 'held_out_mean' in found
             ]
             other = means[0] if means else np.inf
-            if templates and (own < other or (not means and not np.isfinite(own))):
+            if described and (own < other or (not means and not np.isfinite(own))):
                 chosen.append(target)
         self.by_press_ = tuple(chosen)
         self._spare_frames(frames)
@@ -546,7 +562,7 @@ class MultipoleEstimation(Estimation):
         """Whether every head that templates would name was seen."""
         assert self.recogniser_ is not None
         seen = set(self.recogniser_.known_.label.tolist())
-        heads = range(len(self.config.objects)) if self.recogniser_.search is not None else ()
+        heads = range(len(self.config.objects)) if self.recogniser_.described else ()
         return seen.issuperset(heads)
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
@@ -563,7 +579,7 @@ class MultipoleEstimation(Estimation):
         n = len(signals.good)
         answers = None
         if len(rows):
-            presses = press_vectors(windows, self.recogniser_.basis)
+            presses = press_patterns(windows, self.recogniser_.basis)
             answers = self.recogniser_.answer(presses)
             if self.network_ is not None:
                 firm = self.recogniser_.strength(presses) >= WEAKEST

@@ -1,4 +1,4 @@
-"""Learn a recogniser from resting readings and known presses, and choose its road."""
+"""Learn a recogniser from resting readings and labelled presses, and choose its road."""
 
 from __future__ import annotations
 
@@ -8,49 +8,50 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.few_shot import press_vectors
+from tactile_ros.estimators.covariance import CovarianceModel
+from tactile_ros.estimators.few_shot import choose_metric, press_patterns
 from tactile_ros.estimators.sheet_calibration import (
-    KnownPress,
+    NODES,
+    LabelledPress,
     SheetCalibration,
     SkinModel,
     bands_of,
 )
+from tactile_ros.sensors.multipole_skin.config import HEADS, nine_heads
 from tactile_ros.sensors.multipole_skin.recogniser import (
     MODEL_ERROR,
     WEAKEST,
     Recogniser,
-    Spread,
-    fitted_spread,
+    readings_of,
     usual_misfit,
 )
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from tactile_ros.estimators.few_shot import PressVectors
+    from tactile_ros.estimators.few_shot import Presses
     from tactile_ros.estimators.press_search import Matches
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
-    from tactile_ros.types import Array, Bools, Integers
+    from tactile_ros.types import Array, Bools, Integers, Report
 
-ROADS = ('press_templates', 'press_neighbours', 'press_both')
-FEWEST = 3  # presses from which chips are mended
-MOST = 400  # windows that are kept as supports
-MOST_MENDING = 30  # presses by which chips are mended
+FEWEST = 3  # presses from which the sheet is fitted, or the share of turns chosen
+MOST = 1500  # windows that are kept as supports
+MOST_FITTED = 30  # presses by which the sheet is fitted
+MOST_TRIED = 40  # presses by which the share of turns is chosen
 FOLDS = 5
 FAINT = 0.1  # of the drawn resting field: readings that were tared before they came
 NOT_THIS = 0.3  # of a press, missed by the model: truth speaks of something else
 ERRORS = (0.012, 0.2)
-SOMEWHERE = 0.25  # of the sheet: how far presses are made up from its middle
-MADE = ((0.0, 0.0, 0.0), (1.0, 0.4, 0.5), (-0.4, 1.0, 1.0), (-1.0, -0.4, 1.5), (0.4, -1.0, 2.0))
-CHI_SQUARED_MIDDLE = 0.4549  # median of the square of a normal deviate
-TURNINGS = (1.0,)  # other shares of the body's turns that magnets follow, where no press tells
+TURNINGS = (0.0, 1.0)  # shares of the body's turns that magnets follow
+NEAR = 3e-3  # m, from its label, at which a press of an unknown turn is looked for
 LEAST_STILL = 0.3  # of the noise
+CHI_SQUARED_MIDDLE = 0.4549  # median of the square of a normal deviate
 SAME = 1e-4  # m, places
 
 
 @dataclass(frozen=True)
-class Told:
-    """What truth says of windows (n): NaN and -1 where it does not."""
+class Labels:
+    """Truth of windows (n): NaN and -1 where it is unknown."""
 
     label: Integers  # (n,) class
     # (n, 3) and (n,) of the head's origin (m), and its turn (rad)
@@ -59,9 +60,9 @@ class Told:
     group: Integers  # (n,) windows that must not be split, where places are not known
     number: Integers  # (n,) of the press that each is a window of
 
-    def rows(self, rows: npt.NDArray[np.intp]) -> Told:
+    def rows(self, rows: npt.NDArray[np.intp]) -> Labels:
         """Some of them."""
-        return Told(*(getattr(self, one.name)[rows] for one in fields(self)))
+        return Labels(*(getattr(self, one.name)[rows] for one in fields(self)))
 
     @property
     def groups(self) -> Integers:
@@ -98,16 +99,16 @@ def drawn_skin(config: MultipoleSkinConfig) -> SkinModel:
     return SkinModel(
         size, config.layer_thickness, config.sheet_thickness, config.pole_pitch,
         config.magnetisation, config.youngs_modulus, min(config.poisson_ratio, 0.4999),
-        np.full(bands, config.remanence), 0.0, chips, turned, 0.0,
+        np.full(bands, config.remanence), np.zeros((NODES, NODES)), 0.0, chips, turned, 0.0,
     )  # fmt: skip
 
 
-def mended_skin(
+def rested_skin(
     drawn: SkinModel, rest: Array, noise: Array
 ) -> tuple[SheetCalibration | None, Array | None]:
-    """Skin with what its resting readings (t, 3) tell; None: they are of another skin.
+    """Skin fitted to resting readings (t, 3), and these where they are of use.
 
-    The readings come back where they could be used.
+    Neither, where they are of another skin.
     """
     fit = SheetCalibration(drawn, float(noise.mean()))
     if not np.isfinite(rest).all() or not rest.any():
@@ -117,10 +118,10 @@ def mended_skin(
     return (fit, rest) if fit.fit_rest(rest) else (None, None)
 
 
-def learned(
-    config: MultipoleSkinConfig, rest: Array, noise: Array, windows: list[Array], told: Told,
+def learn(
+    config: MultipoleSkinConfig, rest: Array, noise: Array, windows: list[Array], labels: Labels,
     dead: Bools,
-) -> tuple[Recogniser, dict[str, dict[str, float]]]:  # fmt: skip
+) -> tuple[Recogniser, Report]:  # fmt: skip
     """Recogniser of one skin, and errors on held-out groups.
 
     Parameters
@@ -131,133 +132,176 @@ def learned(
         Resting readings, and noise of one (T).
     windows : list of ndarray, shape (w, d)
         Changes of field in presses.
-    told : Told
-        What is known of them.
+    labels : Labels
+        Of the windows.
     dead : ndarray, shape (t,)
-        Chips that say nothing.
+        Chips that read nothing.
     """
     drawn = drawn_skin(config)
     drawn = replace(drawn, responses=np.where(dead[:, None, None], 0.0, drawn.responses))
-    fit, used = mended_skin(drawn, rest, noise)
-    basis = np.linalg.qr(drawn.common)[0]
-    presses = press_vectors(windows, basis)
-    outside, error = presses, MODEL_ERROR
-    report: dict[str, dict[str, float]] = {}
-    if fit is not None:
-        outside, error, report = _mended(fit, used, config, presses, told)
-    model = None if fit is None else fit.found
-    common = drawn.common if model is None else model.common
-    recogniser = Recogniser(model, tuple(config.objects), noise, common, error)
-    if fit is not None and not fit.turning_told:
-        recogniser.turnings = TURNINGS
+    fit, used = rested_skin(drawn, rest, noise)
+    presses = press_patterns(windows, np.linalg.qr(drawn.common)[0])
     whole = np.flatnonzero(np.isfinite(presses.pattern).all(axis=1))
+    presses, labels = presses.rows(whole), labels.rows(whole)
+    heads = tuple(config.objects)
+    recogniser = Recogniser(
+        None if fit is None else fit.model, heads, noise,
+        drawn.common if fit is None else fit.model.common, library=() if heads else nine_heads(),
+    )  # fmt: skip
     if len(whole) >= FEWEST:
-        recogniser.still_ = max(recogniser.still_, presses.rows(whole).still(noise))
-    report.update(choose(recogniser, presses, outside, told))
+        recogniser.still_ = max(recogniser.still_, presses.still(noise))
+    firm = np.flatnonzero(recogniser.strength(presses) >= WEAKEST)
+    firm = _spread_out(firm, MOST)
+    presses, labels = presses.rows(firm), labels.rows(firm)
+    outside, report = presses, {}
+    if fit is not None:
+        outside, report = _fit_sheet(recogniser, fit, used, presses, labels)
+    report.update(choose(recogniser, presses, outside, labels))
     return recogniser, report
 
 
-def _mended(
-    fit: SheetCalibration, rest: Array | None, config: MultipoleSkinConfig, presses: PressVectors,
-    told: Told,
-) -> tuple[PressVectors, float, dict[str, dict[str, float]]]:  # fmt: skip
-    """Mend a skin with known presses: these as if it had not seen them, its error, a report."""
-    rows = known_presses(config, presses, told)
-    error = _expected(fit, rest, config)
+def _fit_sheet(
+    recogniser: Recogniser, fit: SheetCalibration, rest: Array | None, presses: Presses,
+    labels: Labels,
+) -> tuple[Presses, Report]:  # fmt: skip
+    """Fit the sheet to presses; these as if the sheet had not been fitted to them, a report."""
+    rested = recogniser.model
+    assert rested is not None
+    expected = fit.expected(recogniser.outlines or HEADS) if rest is not None else MODEL_ERROR
+    recogniser.error = float(np.clip(expected, *ERRORS))
+    recogniser.turnings = TURNINGS[1:] if recogniser.outlines else ()
+    rows = labelled_rows(recogniser, presses, labels)
+    tried = rows if len(rows) >= FEWEST else np.arange(len(presses.pattern))
+    if len(tried) < FEWEST or (recogniser.outlines and len(rows) < FEWEST):
+        return presses, {}
+    tried = _spread_out(tried, MOST_TRIED)
+    turning, poses = _turning(recogniser, presses.rows(tried), labels.rows(tried), bool(len(rows)))
+    recogniser.turnings, recogniser.model = (), replace(rested, turning=turning)
+    recogniser.refresh()
     if len(rows) < FEWEST:
-        return presses, error, {}
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_MENDING).astype(int))]
+        return presses, {}
+    near = np.linalg.norm(poses[:, :2] - labels.place[tried, :2], axis=1) < NEAR
+    turned = np.isfinite(labels.yaw[tried])
+    kept = np.flatnonzero(near | turned)
+    if len(kept) < FEWEST:
+        return presses, {}
+    kept = _spread_out(kept, MOST_FITTED)
+    variance = presses.variance(recogniser.noise, recogniser.still_)
     known = [
-        KnownPress(
-            config.objects[told.label[i]], np.array([*told.place[i, :2], told.yaw[i]]),
-            presses.pattern[i], presses.powers[i],
+        LabelledPress(
+            recogniser.outlines[labels.label[tried[i]]],
+            np.array([*labels.place[tried[i], :2],
+                      labels.yaw[tried[i]] if turned[i] else poses[i, 2]]),
+            bool(turned[i]), presses.pattern[tried[i]], variance[tried[i]],
         )
-        for i in rows
+        for i in kept
     ]  # fmt: skip
-    rested = fit.found
-    fit.fit_presses(rest, known)
-    fold = told.folds[rows]
-    patterns, shares = fit.left_out(known, fold)
-    missed = float(np.sqrt(np.mean(np.square(shares))))
-    report = {'skin': {'missed': missed, 'presses': float(len(known))}}
+    fit.fit_presses(rest, known, turning)
+    patterns, missed = fit.held_out(known, labels.folds[tried[kept]])
+    report = {'sheet': {'missed': missed, 'presses': float(len(known))}}
     if missed > NOT_THIS:
-        fit.found, fit.turning_told = rested, False
-        return presses, error, report
-    pattern = presses.pattern.copy()
-    pattern[rows] = patterns
-    # where all presses are of one place, none of them can be left out
-    error = missed if len(np.unique(fold)) > 1 else max(missed, error)
-    return replace(presses, pattern=pattern), float(np.clip(error, *ERRORS)), report
+        return presses, report
+    recogniser.model, recogniser.common = fit.model, fit.model.common
+    recogniser.error = float(np.clip(fit.expected(recogniser.outlines), *ERRORS))
+    recogniser.refresh()
+    outside = presses.pattern.copy()
+    outside[tried[kept]] = patterns
+    return replace(presses, pattern=outside), report
 
 
-def _expected(fit: SheetCalibration, rest: Array | None, config: MultipoleSkinConfig) -> float:
-    """Error of a model that its resting readings alone have mended, as a share of a press."""
-    if rest is None or not config.objects:
-        return MODEL_ERROR
-    reach = SOMEWHERE * np.asarray(config.sheet_size, float)
-    made = [
-        fit.press.made(fit.found, config.objects[0], np.array([*(place * reach), turn]))
-        for *place, turn in MADE
-    ]
-    return float(np.clip(fit.expected(made), *ERRORS))
+def _spread_out(rows: npt.NDArray[np.intp], most: int) -> npt.NDArray[np.intp]:
+    """At most so many of rows, evenly spread."""
+    return rows[np.unique(np.linspace(0, len(rows) - 1, most).astype(int))] if len(rows) else rows
 
 
-def known_presses(
-    config: MultipoleSkinConfig, presses: PressVectors, told: Told
+def labelled_rows(
+    recogniser: Recogniser, presses: Presses, labels: Labels
 ) -> npt.NDArray[np.intp]:
-    """Windows of which head, place and turn are known."""
-    posed = np.isfinite(told.place[:, :2]).all(axis=1) & np.isfinite(told.yaw)
-    drawn = (told.label >= 0) & (told.label < len(config.objects))
-    return np.flatnonzero(posed & drawn & np.isfinite(presses.pattern).all(axis=1))
+    """Windows of described heads at labelled places."""
+    placed = np.isfinite(labels.place[:, :2]).all(axis=1)
+    described = (labels.label >= 0) & (labels.label < len(recogniser.outlines))
+    return np.flatnonzero(placed & described)
+
+
+def _turning(
+    recogniser: Recogniser, presses: Presses, labels: Labels, labelled: bool
+) -> tuple[float, Array]:
+    """Share of turns that magnets follow, and poses (n, 3) of presses of labelled heads."""
+    assert recogniser.model is not None
+    heads = np.unique(labels.label) if labelled else np.arange(0)
+    outlines = tuple(recogniser.outlines[i] for i in heads.tolist())
+    found = {}
+    n = np.arange(len(presses.pattern))
+    for turning in TURNINGS:
+        trial = Recogniser(
+            replace(recogniser.model, turning=turning), outlines, recogniser.noise,
+            recogniser.common, recogniser.error, recogniser.library,
+        )  # fmt: skip
+        trial.still_ = recogniser.still_
+        matches = trial.matches(presses)
+        assert matches is not None
+        which = np.searchsorted(heads, labels.label) if labelled else matches.cost.argmin(axis=1)
+        found[turning] = float(np.median(matches.cost[n, which])), matches.pose[n, which, :3]
+    best = min(found, key=lambda turning: found[turning][0])
+    return best, found[best][1]
 
 
 def choose(
-    recogniser: Recogniser, presses: PressVectors, outside: PressVectors, told: Told
-) -> dict[str, dict[str, float]]:
-    """Keep supports, choose the road that is right most often on held-out places.
+    recogniser: Recogniser, presses: Presses, outside: Presses, labels: Labels
+) -> Report:
+    """Keep supports, choose the metric and the road that are right most often on held-out presses.
 
     Parameters
     ----------
     recogniser : Recogniser
         Of the skin; it is changed.
-    presses, outside : PressVectors
-        Windows (n), and as templates see them whose skin was mended without them.
-    told : Told
-        What is known of them.
+    presses, outside : Presses
+        Windows (n), and as templates see them whose skin was fitted without them.
+    labels : Labels
+        Of the windows.
     """
-    rows = np.array(np.isfinite(presses.pattern).all(axis=1))
-    rows[rows] = recogniser.strength(presses.rows(np.flatnonzero(rows))) >= WEAKEST
-    rows &= told.label >= 0
-    use = np.flatnonzero(rows)
+    use = np.flatnonzero(labels.label >= 0)
     if not len(use):
         return {}
-    use = use[np.unique(np.linspace(0, len(use) - 1, MOST).astype(int))]
-    presses, outside, told = presses.rows(use), outside.rows(use), told.rows(use)
+    presses, outside, labels = presses.rows(use), outside.rows(use), labels.rows(use)
     matches = recogniser.matches(presses)
-    if recogniser.search is not None and matches is not None:
+    if matches is not None:
         recogniser.still_ = _unaveraged(recogniser, presses, matches)
+        assert recogniser.search is not None
         recogniser.search.let_still(recogniser.still_)
         matches = recogniser.matches(presses)
-    recogniser.known_ = recogniser.supports(presses, told.label, matches, told.number)
+    known = recogniser.supports(presses, labels.label, labels.number, matches)
+    recogniser.known_ = known
+    metric, right = choose_metric(known, recogniser.noise, recogniser.common, recogniser.still_)
+    report = {'label_by_prototypes': right} if right else {}
+    if metric is not None:
+        recogniser.metric_ = metric
+    if not recogniser.described:
+        recogniser.road_ = 'press_neighbours' if metric is not None else 'prototypes'
+        if right:
+            report['label_by_press'] = {f'accuracy_{recogniser.road_}': max(right.values())}
+        return report
     unseen = recogniser.matches(outside)
+    assert unseen is not None
     found = {
-        road: trial(recogniser, presses, unseen, told.folds, road)
-        for road in _roads(recogniser, told.label)
+        road: _trial(recogniser, presses, unseen, labels.folds, road)
+        for road in ('press_templates', 'press_both')
     }
-    right = {road: float((named == told.label).mean()) for road, (named, _) in found.items()}
+    shares = {road: float((named == labels.label).mean()) for road, (named, _) in found.items()}
+    if labels.label.max() >= len(recogniser.outlines):  # templates cannot name these
+        shares['press_templates'] = 0.0
     # of roads that are as good, the one that needs the least to have been seen
-    best = max(found, key=lambda road: (np.round(right[road], 3), -ROADS.index(road)))
+    best = max(shares, key=lambda road: (np.round(shares[road], 3), road == 'press_templates'))
     recogniser.road_ = best
     named, misfit = found[best]
-    rightly = misfit[(named == told.label) & np.isfinite(misfit)]
+    rightly = misfit[(named == labels.label) & np.isfinite(misfit)]
     recogniser.usual_, recogniser.vary_ = usual_misfit(rightly, recogniser.freedom)
-    report = {'label_by_press': {f'accuracy_{road}': share for road, share in right.items()}}
-    if unseen is not None:
-        report.update(_placed(recogniser, told, unseen, named))
+    report['label_by_press'] = {f'accuracy_{road}': shares[road] for road in shares}
+    report.update(_placed(recogniser, labels, unseen, presses, named))
     return report
 
 
-def _unaveraged(recogniser: Recogniser, presses: PressVectors, matches: Matches) -> float:
+def _unaveraged(recogniser: Recogniser, presses: Presses, matches: Matches) -> float:
     """Error of patterns that frames do not average (T), at chips that see little of a press."""
     n = np.arange(len(presses.pattern))
     best = matches.cost.argmin(axis=1)
@@ -275,27 +319,17 @@ def _unaveraged(recogniser: Recogniser, presses: PressVectors, matches: Matches)
     return float(np.clip(np.sqrt(max(np.median(usual), 0.0)), least, recogniser.still_))
 
 
-def _roads(recogniser: Recogniser, labels: Integers) -> tuple[str, ...]:
-    """Roads that can name every class: heads that never pressed have templates alone."""
-    if recogniser.search is None:
-        return ROADS[1:2]
-    unseen = set(range(len(recogniser.outlines))) - set(labels.tolist())
-    return (ROADS[0], ROADS[2]) if unseen else ROADS
-
-
-def trial(
-    recogniser: Recogniser, presses: PressVectors, matches: Matches | None, fold: Integers,
-    road: str,
-) -> tuple[Integers, Array]:  # fmt: skip
-    """What held-out presses are named, -1 where nothing is near, and their misfits."""
+def _trial(
+    recogniser: Recogniser, presses: Presses, matches: Matches, fold: Integers, road: str
+) -> tuple[Integers, Array]:
+    """Names of held-out presses, -1 where nothing is near, and their misfits."""
     named, misfit = np.full(len(fold), -1), np.full(len(fold), np.inf)
     for i in np.unique(fold):
         rows = np.flatnonzero(fold == i)
-        part = None if matches is None else matches.rows(rows)
         known = recogniser.known_.where(np.flatnonzero(fold != i))
-        classes, scores, misfits = recogniser.scores(presses.rows(rows), part, known, road)
-        if not len(classes):
-            continue
+        classes, scores, misfits = recogniser.scores(
+            presses.rows(rows), matches.rows(rows), known, road
+        )
         best = scores.argmin(axis=1)
         named[rows] = np.where(np.isfinite(scores.min(axis=1)), classes[best], -1)
         misfit[rows] = misfits[np.arange(len(rows)), best]
@@ -303,44 +337,30 @@ def trial(
 
 
 def _placed(
-    recogniser: Recogniser, told: Told, matches: Matches, named: Integers
-) -> dict[str, dict[str, float]]:
-    """Errors of place and turn by templates, and what their covariance is too small by.
+    recogniser: Recogniser, labels: Labels, matches: Matches, presses: Presses, named: Integers
+) -> Report:
+    """Errors of place and turn of held-out presses, by which their covariance is scaled.
 
     Of the head that each press is named, as in use: who errs in the head errs in the place.
     """
-    pose, order, sigma, doubt = _stated(recogniser, matches, named)
-    place, yaw = told.place[:, :2], told.yaw
-    report = {}
-    known = np.isfinite(place).all(axis=1) & np.isfinite(pose[:, :2]).all(axis=1)
-    if known.any():
-        away = (pose[:, :2] - place)[known]
-        recogniser.spread_ = fitted_spread(away, sigma[known], doubt[known])
-        report['position_by_press'] = {
-            'rmse': float(np.sqrt(np.square(away).mean())),
-            'median': float(np.median(np.linalg.norm(away, axis=1))),
-        }
-    turned = np.isfinite(yaw) & np.isfinite(pose[:, 2]) & (order > 0) & (named == told.label)
-    if turned.any():
-        sector = 2 * np.pi / order[turned]
-        off = (pose[turned, 2] - yaw[turned] + sector / 2) % sector - sector / 2
-        report['yaw_by_press'] = {
-            'rmse': float(np.sqrt(np.square(off).mean())),
-            'median': float(np.median(np.abs(off))),
-        }
-    return report
-
-
-def _stated(
-    recogniser: Recogniser, matches: Matches, named: Integers
-) -> tuple[Array, Integers, Array, Array]:
-    """Poses, orders, and deviations of places (n, 2): of templates, and by doubt of the heads."""
     scores = recogniser.template_scores(matches)
-    found = recogniser.chances(scores, recogniser.template_misfits(matches))
-    likely = recogniser.likely(matches, np.arange(scores.shape[1]), *found)
-    recogniser.spread_ = Spread(0.0, 0.0)
-    beside = recogniser.placed(matches, named, likely)[1][:, (0, 1), (0, 1)]
-    recogniser.spread_ = Spread(1.0, 0.0)
-    pose, cov, order = recogniser.placed(matches, named, likely)
-    own = np.maximum(cov[:, (0, 1), (0, 1)] - beside, 0.0)
-    return pose, order, np.sqrt(own), np.sqrt(beside)
+    chances, none = recogniser.chances(scores, recogniser.template_misfits(matches))
+    weight = recogniser.weights(matches, np.arange(scores.shape[1]), chances, none)
+    pose, stated, order = recogniser.placed(matches, named, weight)
+    error = np.full((len(named), 3), np.nan)
+    error[:, :2] = pose[:, :2] - labels.place[:, :2]
+    sector = 2 * np.pi / np.maximum(order, 1)
+    turned = (order > 0) & (named == labels.label)
+    off = (pose[:, 2] - labels.yaw + sector / 2) % sector - sector / 2
+    error[turned, 2] = off[turned]
+    recogniser.covariance_ = CovarianceModel().fit(
+        error, stated, labels.groups, readings_of(presses)
+    )
+    report: Report = {}
+    size = np.linalg.norm(error[:, :2], axis=1)
+    for name, each in (('position', size), ('yaw', np.abs(error[:, 2]))):
+        known = each[np.isfinite(each)]
+        if len(known):
+            rmse = float(np.sqrt(np.square(known).mean()))
+            report[f'{name}_by_press'] = {'rmse': rmse, 'median': float(np.median(known))}
+    return report

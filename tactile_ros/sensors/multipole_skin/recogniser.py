@@ -1,9 +1,9 @@
-"""Label, place and turn from the vector of one press: templates, seen presses, or both.
+"""Label, place and turn from the pattern of one press: templates, known presses, or both.
 
-Templates come from the drawing of the skin, mended by its resting field and by known presses, so
-that heads are recognised at places and turns where nothing ever pressed. Presses that were seen
-are supports of their class, compared in a metric in which place, turn and depth cost little. The
-best of a class's scores counts; newly enrolled classes are known by their supports alone.
+Templates come from the model of the skin, so that described heads are recognised at places and
+turns where nothing ever pressed. Known presses are supports of their class, compared in a metric
+in which place, turn and depth cost little; heads that nobody described have a described one, or
+one of a small library, as a stand-in for what these do. The best score of a class counts.
 """
 
 from __future__ import annotations
@@ -16,17 +16,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import norm
 
 from tactile_ros.estimators.embedding import Embedding
-from tactile_ros.estimators.few_shot import REPEATS, SupportSet, seen_classes, support_scores
-from tactile_ros.estimators.press_search import PressSearch, modelled_supports, plain_supports
+from tactile_ros.estimators.few_shot import (
+    Metric,
+    SupportSet,
+    prototype_scores,
+    share_of,
+    support_scores,
+)
+from tactile_ros.estimators.press_search import PressSearch, supports_of
+from tactile_ros.estimators.press_templates import PressBank
 from tactile_ros.estimators.prototypes import Prototypes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from tactile_ros.estimators.few_shot import PressVectors, SeenClasses
+    from tactile_ros.estimators.covariance import CovarianceModel
+    from tactile_ros.estimators.few_shot import Presses
     from tactile_ros.estimators.press_search import Matches
     from tactile_ros.estimators.sheet_calibration import SkinModel
     from tactile_ros.types import Array, Bools, Integers, Outline
@@ -90,121 +97,6 @@ def class_chances(scores: Array, misfits: Array, usual: float, vary: float) -> t
     total = np.maximum(likely.sum(axis=1), 1e-30)
     return ((1 - none) / total)[:, None] * likely, none
 
-
-WITNESSES = 2, 3  # heads, least and most, that tell where an undrawn one presses
-INSIDE = 0.6827  # of errors, one stated deviation
-USUAL_ERRORS = 10  # as stated, that are added to those that were found
-FLOORS = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0])  # of the usual deviation
-SMALLEST = 0.3  # scale
-TAIL = 4.0  # degrees of freedom of errors: some are of a wrong turn
-
-
-@dataclass(frozen=True)
-class Spread:
-    """Errors of places over what the covariance of templates says.
-
-    Attributes
-    ----------
-    floor : float
-        Deviation that the clearest press has too (m): chips and bands err alike for all of it.
-    """
-
-    scale: float  # by what stated deviations are too small
-    floor: float
-
-
-def fitted_spread(away: Array, sigma: Array, doubt: Array) -> Spread:
-    """Scale and floor that errors of places ask for.
-
-    Parameters
-    ----------
-    away : ndarray, shape (n, 2)
-        Errors (m).
-    sigma, doubt : ndarray, shape (n, 2)
-        Deviations (m) by the covariance of templates, and beside it by what else it may be.
-    """
-    found: list[tuple[float, float, float]] = []
-    for floor in float(np.median(sigma)) * FLOORS:
-        own = np.maximum(np.hypot(sigma, floor), 1e-12)
-        scale = _scale((np.square(away) - np.square(doubt)) / np.square(own))
-        total = np.hypot(scale * own, doubt)
-        square = np.square(away / total)
-        told = -np.log(total) - 0.5 * (TAIL + 1) * np.log1p(square / TAIL)
-        found.append((float(told.sum()), scale, float(scale * floor)))
-    return Spread(*max(found)[1:])
-
-
-def _scale(squares: Array) -> float:
-    """By what stated deviations are too small: as much as two in three errors ask for.
-
-    Some errors of a usual size are added, since few presses say little.
-    """
-    usual = np.square(norm.ppf((np.arange(USUAL_ERRORS) + 0.5) / USUAL_ERRORS))
-    found = np.quantile(np.concatenate([squares.ravel(), usual]), INSIDE)
-    return float(np.sqrt(max(found, SMALLEST**2)))
-
-
-def named_places(
-    matches: Matches, which: Integers, sectors: Array, orders: Integers, spread: Spread
-) -> tuple[Array, Array]:
-    """Pose (n, 4) and covariance (n, 4, 4) of heads by number (n,), if they are what pressed.
-
-    Parameters
-    ----------
-    matches : Matches
-        Of the presses.
-    which : ndarray, shape (n,)
-        Heads.
-    sectors, orders : ndarray, shape (heads,)
-        Turns after which they look the same (rad), and orders of symmetry.
-    spread : Spread
-        Of places.
-    """
-    rows = np.arange(len(which)), which
-    pose, cov = matches.pose[rows], spread.scale**2 * matches.cov[rows]
-    sector, free = sectors[which], orders[which] == 0
-    pose[:, 2] -= sector * np.round(pose[:, 2] / sector)
-    if free.any():
-        pose[free, 2] = 0.0
-        cov[free, 2, :] = cov[free, :, 2] = 0.0
-        cov[free, 2, 2] = np.pi**2 / 3
-    cov[:, 0, 0] += spread.floor**2
-    cov[:, 1, 1] += spread.floor**2
-    return pose, cov
-
-
-def witnesses(matches: Matches) -> Array:
-    """Weights (n, heads) of the heads that tell where another shape pressed: those that fit best.
-
-    All are 0 where there are too few.
-    """
-    n, heads = matches.cost.shape
-    found = np.zeros((n, heads))
-    if heads >= WITNESSES[0]:
-        best = np.argsort(matches.cost, axis=1)[:, : WITNESSES[1]]
-        found[np.arange(n)[:, None], best] = 1 / best.shape[1]
-    return found
-
-
-def undrawn_places(matches: Matches, rows: Bools, spread: Spread) -> tuple[Array, Array]:
-    """Pose and covariance of shapes that nobody drew: places alone, as several heads say.
-
-    The heads that fit best disagree by about as much as all of them are wrong.
-    """
-    weight = witnesses(matches)[rows]
-    pose, cov = np.full((len(weight), 4), np.nan), np.full((len(weight), 4, 4), np.nan)
-    if weight.any():
-        said = matches.pose[rows][..., :2]
-        pose[:, :2] = np.einsum('nh,nhi->ni', weight, said)
-        within = np.einsum('nh,nhij->nij', weight, matches.cov[rows][..., :2, :2])
-        between = scattered(weight, said - pose[:, None, :2])
-        cov[:, :2, :2] = spread.scale**2 * within + between + spread.floor**2 * np.eye(2)
-    return pose, cov
-
-
-def scattered(weight: Array, away: Array) -> Array:
-    """Covariance (n, 2, 2) of places that are so far away (n, heads, 2), by weights (n, heads)."""
-    return np.asarray(np.matmul(np.swapaxes(weight[..., None] * away, 1, 2), away))
 
 
 TRAINED = ('shapes', 'postures')
@@ -363,26 +255,45 @@ def best_network(
     return max(tried, key=lambda one: one.right)
 
 
-MODEL_ERROR = 0.03  # of what a chip sees, where no press has told it
-ALIKE = 1.5  # errors of places where no press tells them: those of chips are no noise
+MODEL_ERROR = 0.03  # of what a chip sees, where no press determines it
 WEAKEST = 5.0  # sigma of the strongest reading
 WIDE = 2.5  # deviations of a turn that count as its range
-STILL = 0.5  # of the noise: what frames do not average, where no press tells it
+STILL = 0.5  # of the noise: what frames do not average, where no press determines it
 AROUND = 5e-3  # m, within which heads may press beside those that were seen
 LEAST = np.array([1e-4, 1e-4, 1e-3])  # shares of these ranges
 WHOLE = 8  # degrees of freedom, as which the misfit over all readings counts
 FREE = 4  # parameters of a press that are fitted, beside a uniform field
+WITNESSES = 3  # heads that say where a shape presses that nobody described
+MOST_BANKS = 2  # that are kept: each costs seconds and tens of megabytes
+_BANKS: dict[bytes, PressBank] = {}
+
+
+def bank_of(model: SkinModel, outlines: tuple[Outline, ...]) -> PressBank:
+    """Templates of heads on a skin; the last ones made are kept."""
+    parts = [model.chips, model.responses, model.sheet.each_moment, model.dents.waves]
+    parts += [np.float64(model.turning), *(loop for one in outlines for loop in one.loops)]
+    shapes = str([len(outline.loops) for outline in outlines]).encode()
+    key = shapes + b'|'.join(np.ascontiguousarray(part).tobytes() for part in parts)
+    bank = _BANKS.get(key)
+    if bank is None:
+        bank = PressBank(
+            model.sheet, model.dents, model.chips, model.responses, model.turning, outlines
+        )
+        while len(_BANKS) >= MOST_BANKS:
+            _BANKS.pop(next(iter(_BANKS)), None)
+        _BANKS[key] = bank
+    return bank
 
 
 @dataclass(frozen=True)
 class Answers:
-    """What is said of n presses; see `ContactStates`.
+    """Estimates from n presses; see `ContactStates`.
 
     Attributes
     ----------
-    pose, cov : ndarray, shape (n, 4) and (n, 4, 4)
-        Place (m), turn (rad) and depth (m) of the head named; of a class that nobody drew the
-        place alone; NaN without a model.
+    pose, cov : ndarray, shape (n, 3) and (n, 3, 3)
+        Place (m) and turn (rad) of the head named; of a class that nobody described the place
+        alone; NaN without a model.
     """
 
     # (n,) -1 and NaN: none of the classes
@@ -402,10 +313,12 @@ class Recogniser:
         The skin as it is; None: templates are of no use.
     outlines : tuple of Outline
         Heads that have templates; their labels are 0, 1, 2 ...
+    library : tuple of Outline
+        Stand-ins for heads, where none is described.
     noise : ndarray, shape (d,)
         Of a reading (T).
     common : ndarray, shape (d, 3)
-        What a uniform field does to readings.
+        Readings of a uniform field.
     error : float
         Of the model, as a share of what a chip sees.
 
@@ -414,14 +327,16 @@ class Recogniser:
     known_, enrolled_ : SupportSet
         Presses of classes that were fitted, and of those enrolled since.
     road_ : str
-        'press_templates', 'press_neighbours' or 'press_both'.
+        'press_templates', 'press_both', 'press_neighbours' or 'prototypes'.
+    metric_ : Metric
+        Usual differences of presses of one class.
     turnings : tuple of float
         Other shares of the body's turns that the skin's magnets may follow; each press is taken
         for one of the skin that explains it best.
     still_ : float
         Error of a pattern that frames do not average (T).
-    spread_ : Spread
-        Errors of places over what the covariance of a template says.
+    covariance_ : CovarianceModel or None
+        Of place and turn, from held-out presses.
     usual_, vary_ : float
         Logarithm of the misfit, over its variance, of presses that are named rightly: its middle,
         and how far above it comes.
@@ -429,15 +344,15 @@ class Recogniser:
 
     def __init__(
         self, model: SkinModel | None, outlines: tuple[Outline, ...], noise: Array, common: Array,
-        error: float = MODEL_ERROR,
+        error: float = MODEL_ERROR, library: tuple[Outline, ...] = (),
     ) -> None:  # fmt: skip
-        self.model, self.outlines, self.error = model, outlines, error
+        self.model, self.outlines, self.library, self.error = model, outlines, library, error
         self.noise, self.common = noise, common
         self.turnings: tuple[float, ...] = ()
-        self.known_ = SupportSet.empty(len(noise))
-        self.enrolled_ = SupportSet.empty(len(noise))
-        self.road_ = 'press_neighbours' if model is None else 'press_templates'
-        self.spread_ = Spread(ALIKE, 0.0)
+        self.known_ = self.enrolled_ = SupportSet.empty(len(noise))
+        self.road_ = 'press_templates' if model is not None and outlines else 'press_neighbours'
+        self.metric_ = Metric()
+        self.covariance_: CovarianceModel | None = None
         self.usual_, self.vary_ = 0.0, UNTOLD
         self.still_ = STILL * float(np.mean(noise))
 
@@ -446,26 +361,34 @@ class Recogniser:
         """Orthonormal patterns of a uniform field, shape (d, 3)."""
         return np.asarray(np.linalg.qr(self.common)[0])
 
+    @property
+    def described(self) -> bool:
+        """Classes have templates."""
+        return self.model is not None and bool(self.outlines)
+
     @cached_property
     def spare(self) -> int:
-        """Readings that are left over by what is fitted; chips that say nothing have none."""
+        """Readings that are left over by what is fitted; dead chips have none."""
         return int(np.count_nonzero(np.abs(self.common).sum(axis=1))) - 3 - FREE
 
     @property
     def freedom(self) -> int:
         """Degrees of freedom of misfits."""
-        return self.spare if self.search is None else len(self.outlines) - 1 + WHOLE
+        return len(self.outlines) - 1 + WHOLE if self.described else self.spare
 
     @cached_property
     def search(self) -> PressSearch | None:
-        """Search among templates; None without a model or heads."""
-        if self.model is None or not self.outlines:
+        """Search among templates, of stand-ins where no head is described; None without any."""
+        heads = self.outlines or self.library
+        if self.model is None or not heads:
             return None
         found = None
         others = [replace(self.model, turning=turning) for turning in self.turnings]
         for skin in (*others, self.model):
-            bank, still = skin.bank(self.outlines), self.still_
-            found = PressSearch(bank, self.noise, self.common, skin.body, self.error, still, found)
+            bank = bank_of(skin, heads)
+            found = PressSearch(
+                bank, self.noise, self.common, skin.body, self.error, self.still_, found
+            )
         return found
 
     @cached_property
@@ -475,43 +398,31 @@ class Recogniser:
         heads = self.search.bank.heads
         return np.array([head.sector for head in heads]), np.array([head.order for head in heads])
 
-    @cached_property
-    def _narrow(self) -> Array:
-        """One over variances as wide as heads may press (per m2) and turn, shape (heads, 3)."""
-        sector = self._sectors[0]
-        room = np.column_stack([np.full((len(sector), 2), AROUND), sector])
-        return np.square(WIDE / room)
-
     def with_enrolled(self, enrolled: SupportSet) -> Recogniser:
         """The same with other enrolled classes."""
         other = copy(self)
-        vars(other).pop('_last', None)
+        vars(other).pop('_prototypes', None)
         other.enrolled_ = enrolled
         return other
 
     def refresh(self) -> None:
         """Forget what was made for another error or skin."""
-        for name in ('search', 'basis', '_last', '_sectors', '_narrow', 'spare'):
+        for name in ('search', 'basis', '_prototypes', '_sectors', 'spare'):
             vars(self).pop(name, None)
 
-    def matches(self, presses: PressVectors) -> Matches | None:
+    def matches(self, presses: Presses) -> Matches | None:
         """The best press of every head."""
         return None if self.search is None else self.search.find(presses)
 
     def supports(
-        self, presses: PressVectors, labels: Integers, matches: Matches | None,
-        number: Integers | None = None,
-    ) -> SupportSet:  # fmt: skip
-        """Windows as supports of their classes; without numbers each is a press of its own."""
-        if number is None:
-            number = np.arange(len(labels))
-        if matches is None:
-            return plain_supports(presses, labels, number)
-        assert self.search is not None
-        bank, basis = self.search.bank, self.basis
-        return modelled_supports(presses, labels, number, matches, bank, basis)
+        self, presses: Presses, labels: Integers, number: Integers, matches: Matches | None = None
+    ) -> SupportSet:
+        """Windows of presses by number as supports of their classes."""
+        matches = self.matches(presses) if matches is None else matches
+        bank = None if self.search is None else self.search.bank
+        return supports_of(presses, labels, number, matches, bank)
 
-    def strength(self, presses: PressVectors) -> Array:
+    def strength(self, presses: Presses) -> Array:
         """Strongest reading of each press over its noise, without any uniform field."""
         own = presses.pattern - (presses.pattern @ self.basis) @ self.basis.T
         noise = np.sqrt(presses.variance(self.noise, self.still_))
@@ -519,11 +430,12 @@ class Recogniser:
 
     def template_scores(self, matches: Matches) -> Array:
         """Twice the negative log-likelihood of every head, shape (n, heads)."""
-        assert self.search is not None
         # classes of presses that were seen press where they were seen, heads around there; a
         # head that may turn has more templates, of which one fits noise well
+        sector = self._sectors[0]
+        room = np.column_stack([np.full((len(sector), 2), AROUND), sector])
         with np.errstate(invalid='ignore'):
-            wide = matches.cov.diagonal(axis1=2, axis2=3)[..., :3] * self._narrow
+            wide = matches.cov.diagonal(axis1=2, axis2=3)[..., :3] * np.square(WIDE / room)
             part = np.maximum(np.fmin(wide, 1.0), np.square(LEAST))  # NaN: 1
         return np.asarray(matches.cost + matches.level[:, None] - np.log(part).sum(axis=2))
 
@@ -538,68 +450,63 @@ class Recogniser:
         return np.repeat(found[:, None], heads, axis=1)
 
     def scores(
-        self, presses: PressVectors, matches: Matches | None, known: SupportSet, road: str
+        self, presses: Presses, matches: Matches | None, known: SupportSet, road: str
     ) -> tuple[Integers, Array, Array]:
         """Classes (k,), their scores (n, k) and misfits over variance (n, k)."""
         n = len(presses.pattern)
         columns: dict[int, tuple[Array, Array]] = {}
-        seen = self._seen(None if road == 'press_templates' else known)
-        if matches is not None and road != 'press_neighbours':
-            score = self.template_scores(matches)
-            misfit = self.template_misfits(matches)
-            if seen is None:
-                return np.arange(score.shape[1]), score, misfit
-            for i in range(score.shape[1]):
-                columns[i] = score[:, i], misfit[:, i]
-        if seen is not None:
-            score = support_scores(seen, presses, self.noise, self.common, self.still_)
-            level = self._level(presses)
-            for label in np.unique(seen.supports.label):
-                best = score[:, seen.supports.label == label].min(axis=1)
+        if matches is not None and self.described:
+            score, misfit = self.template_scores(matches), self.template_misfits(matches)
+            columns = {i: (score[:, i], misfit[:, i]) for i in range(score.shape[1])}
+        means = self._means(None if road == 'press_templates' else known)
+        if means is not None:
+            if road == 'prototypes':
+                score, level = prototype_scores(means, presses, self.basis), np.zeros(n)
+            else:
+                score = support_scores(
+                    means, presses, self.noise, self.common, self.still_, self.metric_
+                )
+                level = self._level(presses)
+            for label in np.unique(means.label).tolist():
+                best = score[:, means.label == label].min(axis=1)
                 cost = (best - level) / self.spare
-                old = columns.get(int(label))
-                if old is not None:
-                    better = best < old[0]
-                    best = np.where(better, best, old[0])
-                    cost = np.where(better, cost, old[1])
-                columns[int(label)] = best, cost
-        if not columns:
-            return np.zeros(0, np.int64), np.zeros((n, 0)), np.zeros((n, 0))
-        labels = np.array(sorted(columns))
-        return (
-            labels,
-            np.stack([columns[i][0] for i in labels], axis=1),
-            np.stack([columns[i][1] for i in labels], axis=1),
-        )
+                if label in columns:
+                    old = columns[label]
+                    cost = np.where(best < old[0], cost, old[1])
+                    best = np.minimum(best, old[0])
+                columns[label] = best, cost
+        labels = np.array(sorted(columns), np.int64)
+        both = np.array([columns[i] for i in labels.tolist()]).reshape(len(labels), 2, n)
+        return labels, both[:, 0].T, both[:, 1].T
 
-    def _seen(self, known: SupportSet | None) -> SeenClasses | None:
-        """Enrolled classes, and known ones; made anew when they differ from the last time."""
-        what = known, self.enrolled_, self.still_, self.error
-        if not self._last or not _same(self._last[0][0], what):
+    def _means(self, known: SupportSet | None) -> SupportSet | None:
+        """Prototypes of enrolled and known classes; made anew when they differ."""
+        last = self._prototypes[0] if self._prototypes else None
+        if last is None or last[0] is not known or last[1] is not self.enrolled_:
             supports = self.enrolled_ if known is None else known.joined(self.enrolled_)
-            made = None
-            if len(supports.label):
-                made = seen_classes(supports, self.noise, self.still_, self.error, self.basis)
-            self._last[:] = [(what, made)]
-        return self._last[0][1]
+            made = supports.averaged(self.basis) if len(supports.label) else None
+            self._prototypes[:] = [(known, self.enrolled_, made)]
+        return self._prototypes[0][2]
 
     @cached_property
-    def _last(self) -> list[tuple[tuple[object, ...], SeenClasses | None]]:
-        """What classes were made from the last time, and they."""
+    def _prototypes(self) -> list[tuple[SupportSet | None, SupportSet, SupportSet | None]]:
+        """Supports that prototypes were made from the last time, and they."""
         return []
 
-    def _level(self, presses: PressVectors) -> Array:
+    def _level(self, presses: Presses) -> Array:
         """Logarithm of the variance of repeated presses (n,)."""
-        chips = presses.pattern.reshape(len(presses.pattern), -1, 3)
-        here = np.square(chips).mean(axis=2)
-        share = REPEATS**2 * (here + 0.05 * here.max(axis=1, keepdims=True))
         noise = presses.variance(self.noise, self.still_)
-        return np.asarray(np.log(noise + np.repeat(share, 3, axis=1)).sum(axis=1))
+        return np.asarray(
+            np.log(noise + share_of(presses.pattern, self.metric_.share)).sum(axis=1)
+        )
 
     def chances(self, scores: Array, misfits: Array) -> tuple[Array, Array]:
         """Probabilities of classes, shape (n, k), and that it is none of them (n,)."""
         if not scores.shape[1]:
             return scores, np.ones(len(scores))
+        if self.road_ in ('press_neighbours', 'prototypes') and not self.described:
+            # nothing is known of how other shapes fit: the nearest class is named
+            return class_chances(scores, np.zeros_like(misfits), 0.0, 1.0)
         return class_chances(scores, misfits, self.usual_, self.vary_)
 
     @staticmethod
@@ -612,54 +519,89 @@ class Recogniser:
         chance = chances[np.arange(n), best]
         return np.where(chance > none, labels[best], -1), np.where(chance > none, chance, np.nan)
 
-    def answer(self, presses: PressVectors) -> Answers:
-        """What pressed, and where."""
+    def answer(self, presses: Presses) -> Answers:
+        """Estimate label, place and turn of presses (n)."""
         n = len(presses.pattern)
-        told = np.array(np.isfinite(presses.pattern).all(axis=1))
-        told[told] = self.strength(presses.rows(np.flatnonzero(told))) >= WEAKEST
+        firm = np.array(np.isfinite(presses.pattern).all(axis=1))
+        firm[firm] = self.strength(presses.rows(np.flatnonzero(firm))) >= WEAKEST
         label, probability = np.full(n, -1), np.full(n, np.nan)
-        pose, cov = np.full((n, 4), np.nan), np.full((n, 4, 4), np.nan)
+        pose, cov = np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan)
         order = np.full(n, -1)
-        if told.any():
-            some = presses if told.all() else presses.rows(np.flatnonzero(told))
-            matches = self.matches(some)
+        if firm.any():
+            some = presses if firm.all() else presses.rows(np.flatnonzero(firm))
+            matches = self.matches(some) if self.described else None
             labels, scores, misfits = self.scores(some, matches, self.known_, self.road_)
             chances, none = self.chances(scores, misfits)
-            label[told], probability[told] = self.decide(labels, chances, none)
+            label[firm], probability[firm] = self.decide(labels, chances, none)
             if matches is not None:
-                likely = self.likely(matches, labels, chances, none)
-                pose[told], cov[told], order[told] = self.placed(matches, label[told], likely)
+                weight = self.weights(matches, labels, chances, none)
+                pose[firm], stated, order[firm] = self.placed(matches, label[firm], weight)
+                cov[firm] = self.calibrated(stated, some)
         return Answers(label, probability, pose, cov, order)
 
-    def placed(
-        self, matches: Matches, label: Integers, likely: Array | None = None
-    ) -> tuple[Array, Array, Integers]:
-        """Pose, covariance and order of symmetry of the head named; else where several say.
+    def calibrated(self, stated: Array, presses: Presses) -> Array:
+        """Covariance (n, 3, 3) as held-out presses of described heads ask for."""
+        if self.covariance_ is None:
+            return stated
+        open_turn = stated[:, 2, 2] > OPEN_TURN
+        found = self.covariance_.predict(stated, readings_of(presses))[0]
+        found[open_turn, 2] = found[open_turn, :, 2] = 0.0
+        found[open_turn, 2, 2] = stated[open_turn, 2, 2]
+        other = np.isnan(stated[:, 2, 2])
+        found[other] = stated[other]
+        return np.asarray(found)
 
-        With chances (n, heads) the covariance holds how far other heads would have pressed aside.
+    def placed(
+        self, matches: Matches, label: Integers, weight: Array
+    ) -> tuple[Array, Array, Integers]:
+        """Pose (n, 3), covariance and order of symmetry of the head named; else where several say.
+
+        With weights (n, heads) the covariance holds how far aside other heads would have pressed.
         """
         sectors, orders = self._sectors
+        n = np.arange(len(label))
         mine = (label >= 0) & (label < len(orders))
         which = np.where(mine, label, matches.cost.argmin(axis=1))
-        pose, cov = named_places(matches, which, sectors, orders, self.spread_)
-        if likely is not None:
-            cov[:, :2, :2] += scattered(likely, matches.pose[..., :2] - pose[:, None, :2])
+        pose, cov = matches.pose[n, which, :3], matches.cov[n, which][:, :3, :3].copy()
+        pose[:, 2] -= sectors[which] * np.round(pose[:, 2] / sectors[which])
+        free = orders[which] == 0
+        pose[free, 2], cov[free, 2, :], cov[free, :, 2] = 0.0, 0.0, 0.0
+        cov[free, 2, 2] = np.pi**2 / 3
         if not mine.all():
-            pose[~mine], cov[~mine] = undrawn_places(matches, ~mine, self.spread_)
+            share = _witnesses(matches)[~mine]
+            pose[~mine, :2] = np.einsum('nh,nhi->ni', share, matches.pose[~mine][..., :2])
+            within = np.einsum('nh,nhij->nij', share, matches.cov[~mine][..., :2, :2])
+            cov[~mine, :2, :2] = within
+            pose[~mine, 2], cov[~mine, 2], cov[~mine, :, 2] = np.nan, np.nan, np.nan
+        away = matches.pose[..., :2] - pose[:, None, :2]
+        cov[:, :2, :2] += np.einsum('nh,nhi,nhj->nij', weight, away, away)
         return pose, cov, np.where(mine, orders[which], -1)
 
     @staticmethod
-    def likely(matches: Matches, labels: Integers, chances: Array, none: Array) -> Array:
+    def weights(matches: Matches, labels: Integers, chances: Array, none: Array) -> Array:
         """Weights (n, heads) of what each head says of places, by chances of classes (n, k).
 
         Of what is none of them, the heads that fit best say it.
         """
-        drawn = labels < matches.cost.shape[1]
-        found = witnesses(matches) * (none + chances[:, ~drawn].sum(axis=1))[:, None]
-        found[:, labels[drawn]] += chances[:, drawn]
+        described = labels < matches.cost.shape[1]
+        other = none + chances[:, ~described].sum(axis=1)
+        found = _witnesses(matches) * other[:, None]
+        found[:, labels[described]] += chances[:, described]
         return np.asarray(found)
 
 
-def _same(first: tuple[object, ...], second: tuple[object, ...]) -> bool:
-    """Whether two tuples hold the very same things."""
-    return all(a is b for a, b in zip(first, second, strict=True))
+OPEN_TURN = 3.0  # rad2, of a turn that cannot be seen
+
+
+def readings_of(presses: Presses) -> Array:
+    """Logarithm of the strength of presses, by which errors grow, shape (n, 1)."""
+    return np.log(np.linalg.norm(presses.pattern, axis=1) + 1e-12)[:, None]
+
+
+def _witnesses(matches: Matches) -> Array:
+    """Equal weights (n, heads) of the heads that fit best."""
+    n, heads = matches.cost.shape
+    found = np.zeros((n, heads))
+    best = np.argsort(matches.cost, axis=1)[:, :WITNESSES]
+    found[np.arange(n)[:, None], best] = 1 / best.shape[1]
+    return found

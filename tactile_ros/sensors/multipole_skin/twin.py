@@ -14,7 +14,7 @@ import numpy as np
 
 from tactile_ros.devices.connections import ChipConnection, DeviceFactory
 from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
-from tactile_ros.sensors.multipole_skin.config import HEADS, layout
+from tactile_ros.sensors.multipole_skin.config import HEADS, box, layout
 from tactile_ros.sensors.multipole_skin.specimen import POWERS, Specimen
 from tactile_ros.types import Outline, Recording
 from tactile_ros.types.config_fields import whole, whole_numbers
@@ -152,7 +152,7 @@ class MultipoleSkinConnection(ChipConnection):
 SKIN = DeviceFactory(layout, demo_signal, NOISE)
 
 
-NEW = Outline('bar_20x6', (1e-3 * np.array([[-10, -3], [10, -3], [10, 3], [-10, 3]], float),))
+NEW = box('bar_20x6', 20e-3, 6e-3)
 KNOWN = 3  # heads that press
 BEFORE, TAUGHT, AFTER = 6, 5, 16  # presses of the scene
 SHOTS = 3  # presses from which the new head is learned
@@ -208,7 +208,6 @@ def new_head(config: MultipoleSkinConfig, seed: int = 0, noise: float | None = N
     return played(Specimen(config, seed=SPECIMEN), pressing, sigma, seed)
 
 
-SIZES = (10e-3, 15e-3, 20e-3)  # m
 SAMPLES = 30  # presses of a head at a place
 POSTURES = tuple(np.radians([0.0, 30.0, 60.0, 90.0, 120.0, 150.0]))
 TARE = 5  # frames before each press
@@ -216,32 +215,10 @@ RISE = (4.0, 12.0)  # frames in which a head comes down
 PAUSE_S = 2.0
 
 
-def _regular(name: str, corners: int, radius: float, turn: float = 0.0) -> Outline:
-    """A regular polygon."""
-    angle = turn + 2 * np.pi * np.arange(corners) / corners
-    return Outline(name, (radius * np.column_stack([np.cos(angle), np.sin(angle)]),))
-
-
-def _box(name: str, length: float, width: float) -> Outline:
-    """A rectangle."""
-    return Outline(name, (np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [length, width] / 2,))
-
-
-def nine_heads() -> tuple[Outline, ...]:
-    """Squares, triangles and circles of three sizes: edge, edge and diameter."""
-    found = []
-    for size in SIZES:
-        mm = round(1e3 * size)
-        found.append(_box(f'square_{mm}', size, size))
-        found.append(_regular(f'triangle_{mm}', 3, size / np.sqrt(3), np.pi / 2))
-        found.append(_regular(f'circle_{mm}', 48, size / 2))
-    return tuple(found)
-
-
 def bars() -> tuple[Outline, ...]:
     """Three bars, which press in six postures."""
     sizes = ((30e-3, 5e-3), (25e-3, 6e-3), (35e-3, 4e-3))
-    return tuple(_box(f'bar_{1e3 * a:.0f}x{1e3 * b:.0f}', a, b) for a, b in sizes)
+    return tuple(box(f'bar_{1e3 * a:.0f}x{1e3 * b:.0f}', a, b) for a, b in sizes)
 
 
 def stations() -> Array:
