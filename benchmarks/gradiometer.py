@@ -32,7 +32,7 @@ MICRO, STEP = 1e6, 1e-7
 PAPER_NOISE = 3e-6  # T, of one sample of 220 us at room temperature [3]
 SAMPLE_MS = 0.22
 AVERAGES = {'quick': (4,), 'normal': (1, 4, 16), 'full': (1, 4, 16)}
-DRAWN, MORE = ('polynomial', 'inversion'), ('differences', 'channels', 'kernel_ridge', 'grid_knn')
+DRAWN, MORE = ('polynomial', 'inversion'), ('ridge',)
 HALF_POWER = 0.443  # of a running mean: its frequency of half power times its length
 
 
@@ -171,11 +171,11 @@ def cost(ours: Pipeline, world: ModuleType) -> list[Row]:
     chain = SENSOR.pipeline(world.config, 'polynomial').fit(world.record(1000, 1))
     flat = test.values.reshape(-1, 8)
     printed = PolynomialForce().fit(flat, test.truth['force'])
-    disc = ours.estimation.features_.place_  # type: ignore[attr-defined]
+    disc = ours.estimation
     change = flat - flat[: world.rest].mean(axis=0)
     methods: dict[str, tuple[Callable[[Array], object], Array, float]] = {
         'chain of [3]': (printed.predict, flat, 20.0),
-        'inversion': (disc.invert, change, 60.0),
+        'inversion': (disc.invert_changes, change, 60.0),  # type: ignore[attr-defined]
     }
     rows = []
     for name, (call, x, aim) in methods.items():

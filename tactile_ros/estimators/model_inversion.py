@@ -16,17 +16,18 @@ S. Wright, Numerical Optimization (2006), ch. 10; C. Bishop, Pattern Recognition
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from tactile_ros.physics.compiled import compiled, compiled_with_models
+from tactile_ros.physics.compiled import call_model, compiled, model_address
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tactile_ros.types import Array
+    from tactile_ros.types import Array, Integers
 
     Model = Callable[[Array, Array, Array, Array, Array, Array], None]
 
@@ -34,6 +35,8 @@ DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-12, 1e8
 HUBER = 2.0  # sigma from which the residual of a reference counts linearly
 MOST_STEPS = 60
 GAIN = 1e-9  # of the cost, below which a step ends the descent
+SETTLE = 4  # steps in which states follow the parameters
+FIXED = 1e-9  # sigma of a state that is fixed in some frames
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,7 @@ class ModelPrior:
     answer_noise : ndarray, shape (l,)
         Standard deviation of reference answers.
     state, state_sigma : ndarray, shape (n,)
-        Prior of the state; inf: none.
+        Prior of the state; sigma inf: none, 0: fixed.
     parameters, parameter_sigma : ndarray, shape (k,)
         Prior of the parameters; sigma 0: fixed.
     data : ndarray, shape (d,)
@@ -71,15 +74,39 @@ class ModelPrior:
     data: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
-    def state_information(self) -> Array:
-        """Inverse variance of the state's prior, shape (n,)."""
-        return np.asarray(1.0 / self.state_sigma**2)
-
-    @property
     def parameter_information(self) -> Array:
         """Inverse variance of the parameters' prior, shape (k,); 0 where they are fixed."""
         free = self.parameter_sigma > 0
         return np.where(free, 1.0 / np.where(free, self.parameter_sigma, 1.0) ** 2, 0.0)
+
+    def frames(
+        self, readings: Array, prior: Array | None = None, sigma: Array | None = None,
+        noise: Array | None = None,
+    ) -> Frames:  # fmt: skip
+        """Readings (s, m) with priors: mean and sigma (s, n), noise (s, m); None: the model's."""
+        count = len(readings)
+
+        def every(value: Array) -> Array:
+            wide = np.broadcast_to(value, (count, np.shape(value)[-1]))
+            return np.array(wide, np.float64, order='C')
+
+        spread = every(self.state_sigma if sigma is None else sigma)
+        return Frames(
+            every(readings), every(self.state if prior is None else prior),
+            1.0 / np.maximum(spread, FIXED) ** 2, every(self.noise if noise is None else noise),
+            np.flatnonzero((spread > 0).any(axis=0)),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Readings of frames with the prior of each: all arrays are contiguous, one row a frame."""
+
+    readings: Array
+    prior: Array
+    information: Array  # (s, n) inverse variance of the prior
+    noise: Array
+    free: Integers  # (d,) states that are estimated; the others stay where they start
 
 
 @dataclass(frozen=True)
@@ -104,6 +131,18 @@ class Calibration:
     cost: float
     converged: bool
 
+    @cached_property
+    def root(self) -> Array:
+        """Lower triangle (k, k) whose product with its transpose is the covariance."""
+        scale = np.sqrt(np.diagonal(self.covariance))
+        free = scale > 0
+        root = np.zeros_like(self.covariance)
+        unit = self.covariance[np.ix_(free, free)] / np.outer(scale[free], scale[free])
+        size, ways = np.linalg.eigh(unit)
+        upper = np.asarray(np.linalg.qr((ways * np.sqrt(np.maximum(size, 0.0))).T, mode='r'))
+        root[np.ix_(free, free)] = scale[free][:, None] * upper.T
+        return root
+
 
 @dataclass(frozen=True)
 class Posterior:
@@ -111,8 +150,9 @@ class Posterior:
 
     Attributes
     ----------
-    states, covariance : ndarray, shapes (s, n) and (s, n, n)
-        Most probable state; Laplace covariance by noise, prior and parameter covariance.
+    states, covariance : ndarray, shapes (s, n) and (s, d, d)
+        Most probable state; Laplace covariance of those that are not fixed, by noise, prior and
+        parameter covariance.
     answers, answer_covariance : ndarray, shapes (s, l) and (s, l, l)
         Answers there, and their covariance by the same formula.
     chi_square : ndarray, shape (s,)
@@ -154,14 +194,17 @@ def _factor(matrix: Array) -> bool:
 def _substitute(factor: Array, right: Array) -> None:
     """Solve in place for every column by a Cholesky factor."""
     n, columns = right.shape
-    for c in range(columns):
-        for i in range(n):
-            for k in range(i):
+    for i in range(n):
+        for k in range(i):
+            for c in range(columns):
                 right[i, c] -= factor[i, k] * right[k, c]
+        for c in range(columns):
             right[i, c] /= factor[i, i]
-        for i in range(n - 1, -1, -1):
-            for k in range(i + 1, n):
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            for c in range(columns):
                 right[i, c] -= factor[k, i] * right[k, c]
+        for c in range(columns):
             right[i, c] /= factor[i, i]
 
 
@@ -187,156 +230,234 @@ def _weigh(
 
 @compiled
 def _accumulate(
-    residual: Array, weight: Array, by_state: Array, by_parameter: Array,
-    a: Array, b: Array, c: Array, gx: Array, gp: Array,
+    residual: float, w: float, by_state: Array, by_parameter: Array, a: Array, b: Array, c: Array,
+    gx: Array, gp: Array,
 ) -> None:  # fmt: skip
-    """Add weighted residuals to the normal equations a, b, c with right sides gx, gp."""
+    """Add a weighted residual to the normal equations a, b, lower c with right sides gx, gp."""
     n, k = b.shape
-    for m in range(residual.size):
-        w = weight[m]
-        if w == 0.0:
-            continue
-        for i in range(n):
-            slope = w * by_state[m, i]
-            gx[i] += slope * residual[m]
+    used = np.flatnonzero(by_parameter[:k])
+    for i in range(n):
+        slope = w * by_state[i]
+        if slope != 0.0:
+            gx[i] += slope * residual
             for j in range(n):
-                a[i, j] += slope * by_state[m, j]
-            for j in range(k):
-                b[i, j] += slope * by_parameter[m, j]
-        for i in range(k):
-            slope = w * by_parameter[m, i]
-            if slope != 0.0:
-                gp[i] += slope * residual[m]
-                for j in range(k):
-                    c[i, j] += slope * by_parameter[m, j]
+                a[i, j] += slope * by_state[j]
+            for t in used:
+                b[i, t] += slope * by_parameter[t]
+    if c.shape[0] == 0:
+        return
+    for s in range(used.size):
+        slope = w * by_parameter[used[s]]
+        gp[used[s]] += slope * residual
+        for t in used[: s + 1]:
+            c[used[s], t] += slope * by_parameter[t]
 
 
 @compiled
 def _frame(
     readings: Model, answers: Model, y: Array, f: Array, noise: Array, answer_noise: Array,
-    prior: Array, information: Array, x: Array, p: Array, data: Array,
+    prior: Array, information: Array, free: Integers, x: Array, p: Array, data: Array,
     a: Array, b: Array, c: Array, gx: Array, gp: Array,
 ) -> float:  # fmt: skip
-    """Write the normal equations of a frame, add to those of the parameters; return the cost."""
-    n, k = b.shape
+    """Write the normal equations of a frame, add to those of the parameters; return the cost.
+
+    Of a b without columns, and a c without rows, nothing is written.
+    """
+    n, k = free.size, p.size
     cost = 0.0
     a[:], b[:], gx[:] = 0.0, 0.0, 0.0
-    for i in range(n):
+    for t in range(n):
+        i = free[t]
         if information[i] > 0.0:
-            a[i, i] = information[i]
-            gx[i] = information[i] * (prior[i] - x[i])
-            cost += 0.5 * gx[i] * (prior[i] - x[i])
+            a[t, t] = information[i]
+            gx[t] = information[i] * (prior[i] - x[i])
+            cost += 0.5 * gx[t] * (prior[i] - x[i])
     for part in range(2):
         values, sigma = (y, noise) if part == 0 else (f, answer_noise)
         m = values.size
         if m == 0:
             continue
         out, residual, weight = np.empty(m), np.empty(m), np.empty(m)
-        by_state, by_parameter = np.zeros((m, n)), np.zeros((m, k))
+        by_state, by_parameter = np.zeros((m, x.size)), np.zeros((m, k))
         if part == 0:
-            readings(x, p, data, out, by_state, by_parameter)
+            call_model(readings, x, p, data, out, by_state, by_parameter)
             cost += _weigh(values, out, sigma, np.inf, residual, weight)
         else:
-            answers(x, p, data, out, by_state, by_parameter)
+            call_model(answers, x, p, data, out, by_state, by_parameter)
             cost += _weigh(values, out, sigma, HUBER, residual, weight)
-        _accumulate(residual, weight, by_state, by_parameter, a, b, c, gx, gp)
+        for i in range(m):
+            for t in range(n):
+                by_state[i, t] = by_state[i, free[t]]
+        for i in range(m):
+            if weight[i] != 0.0:
+                _accumulate(residual[i], weight[i], by_state[i], by_parameter[i], a, b, c, gx, gp)
     return cost
 
 
-@compiled_with_models('22112121133221')
+@compiled
 def _frames(
     readings: Model, answers: Model, y: Array, f: Array, noise: Array, answer_noise: Array,
-    prior: Array, information: Array, x: Array, p: Array, data: Array,
+    prior: Array, information: Array, free: Integers, x: Array, p: Array, data: Array,
     a: Array, b: Array, c: Array, gx: Array, gp: Array,
 ) -> float:  # fmt: skip
     """Normal equations of all frames at states (s, n) and parameters; return the cost."""
     cost = 0.0
     for s in range(x.shape[0]):
         cost += _frame(
-            readings, answers, y[s], f[s], noise, answer_noise, prior[s], information,
+            readings, answers, y[s], f[s], noise[s], answer_noise, prior[s], information[s], free,
             x[s], p, data, a[s], b[s], c, gx[s], gp,
         )  # fmt: skip
     return cost
 
 
 @compiled
-def _eliminate(a: Array, right: Array, damping: float) -> bool:
-    """Solve the damped equations of every frame's state in place; False where one is singular."""
-    system = np.empty(a.shape[1:])
-    for s in range(a.shape[0]):
-        system[:] = a[s]
-        for i in range(a.shape[1]):
+def _descend(
+    readings: Model, answers: Model, y: Array, f: Array, noise: Array, answer_noise: Array,
+    prior: Array, information: Array, free: Integers, p: Array, data: Array, x: Array,
+    most_steps: int,
+) -> float:  # fmt: skip
+    """Descend from x to the best state of one frame by damped Gauss-Newton; return its cost."""
+    n, none, square, flat = free.size, np.empty(0), np.empty((0, 0)), np.empty((free.size, 0))
+    gx, right, slope, trial = np.empty(n), np.empty((n, 1)), np.empty(n), x.copy()
+    a, system, there = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
+    cost = _frame(
+        readings, answers, y, f, noise, answer_noise, prior, information, free, x, p, data, a,
+        flat, square, gx, none,
+    )  # fmt: skip
+    damping = DAMPING
+    for _ in range(most_steps):
+        system[:], right[:, 0] = a, gx
+        for i in range(n):
             system[i, i] *= 1.0 + damping
-        if not _factor(system):
+        new = np.inf
+        if _factor(system):
+            _substitute(system, right)
+            for t in range(n):
+                trial[free[t]] = x[free[t]] + right[t, 0]
+            new = _frame(
+                readings, answers, y, f, noise, answer_noise, prior, information, free, trial, p,
+                data, there, flat, square, slope, none,
+            )  # fmt: skip
+        if new <= cost:
+            gained, damping = cost - new, max(0.1 * damping, LEAST_DAMPING)
+            x[:], a[:], gx[:], cost = trial, there, slope, new
+            if gained <= GAIN * (1e-3 + cost):
+                break
+        else:
+            damping *= 10.0
+            if damping > MOST_DAMPING:
+                break
+    return cost
+
+
+@compiled
+def _settle(
+    readings: Model, answers: Model, y: Array, f: Array, noise: Array, answer_noise: Array,
+    prior: Array, information: Array, free: Integers, p: Array, data: Array, x: Array,
+) -> float:  # fmt: skip
+    """Let states (s, n) follow the parameters by few steps; return their cost."""
+    cost = 0.0
+    for s in range(x.shape[0]):
+        cost += _descend(
+            readings, answers, y[s], f[s], noise[s], answer_noise, prior[s], information[s], free,
+            p, data, x[s], SETTLE,
+        )  # fmt: skip
+    return cost
+
+
+@compiled
+def _eliminate(a: Array, right: Array, damping: float, factor: Array) -> bool:
+    """Solve half of the damped equations of every frame in place; False where one is singular."""
+    n, columns = right.shape[1:]
+    for s in range(a.shape[0]):
+        factor[s] = a[s]
+        for i in range(n):
+            factor[s, i, i] *= 1.0 + damping
+        if not _factor(factor[s]):
             return False
-        _substitute(system, right[s])
+        for i in range(n):
+            for k in range(i):
+                for c in range(columns):
+                    right[s, i, c] -= factor[s, i, k] * right[s, k, c]
+            for c in range(columns):
+                right[s, i, c] /= factor[s, i, i]
     return True
 
 
-class _Equations:
-    """Normal equations of all frames and parameters at one point of the descent."""
+class Equations:
+    """Normal equations of all frames and parameters where states follow the parameters."""
 
-    def __init__(
-        self, model: ModelPrior, y: Array, f: Array, prior: Array, x: Array, p: Array
-    ) -> None:
-        (frames, n), k = x.shape, len(p)
-        self.a, self.b = np.empty((frames, n, n)), np.empty((frames, n, k))
-        self.gx, self.c, self.gp = np.empty((frames, n)), np.zeros((k, k)), np.zeros(k)
+    def __init__(self, model: ModelPrior, frames: Frames, f: Array, x: Array, p: Array) -> None:
+        count, n, k = len(x), len(frames.free), len(p)
+        self.x, self.p, self.free = x.copy(), p, frames.free
+        self.a, self.b = np.empty((count, n, n)), np.empty((count, n, k))
+        self.gx, self.c, self.gp = np.empty((count, n)), np.zeros((k, k)), np.zeros(k)
+        data = frames.readings, f, frames.noise, model.answer_noise, frames.prior
+        where = frames.information, frames.free
+        models = model_address(model.readings), model_address(model.answers)
+        _settle(*models, *data, *where, p, model.data, self.x)
         self.cost = _frames(
-            model.readings, model.answers, y, f, model.noise, model.answer_noise, prior,
-            model.state_information, x, p, model.data, self.a, self.b, self.c, self.gx, self.gp,
+            *models, *data, *where, self.x, p, model.data, self.a, self.b,
+            self.c, self.gx, self.gp,
         )  # fmt: skip
         information, off = model.parameter_information, model.parameters - p
         self.cost += 0.5 * float(information @ off**2)
-        self.c += np.diag(information)
+        self.c += np.tril(self.c, -1).T + np.diag(information)
         self.gp += information * off
         fixed = information == 0
         self.c[fixed], self.c[:, fixed], self.gp[fixed], self.b[:, :, fixed] = 0, 0, 0, 0
         self.c[fixed, fixed] = 1.0
 
     def reduced(self, damping: float) -> tuple[Array, Array, Array] | None:
-        """A^-1 [B, g] and the Schur complement with its right side; None where a state is open."""
-        right = np.concatenate([self.b, self.gx[..., None]], axis=2)
-        if not _eliminate(self.a, right, damping):
+        """Halfway solved states, and the Schur complement with its right side; None: singular."""
+        half = np.concatenate([self.b, self.gx[..., None]], axis=2)
+        self.factor = np.empty_like(self.a)
+        if not _eliminate(self.a, half, damping, self.factor):
             return None
-        k = len(self.gp)
-        cross = self.b.reshape(-1, k).T @ right.reshape(-1, k + 1)
-        c = self.c + damping * np.diag(np.diag(self.c)) - cross[:, :k]
-        return right, c, self.gp - cross[:, k]
+        flat = half.reshape(-1, half.shape[2])
+        cross = flat.T @ flat
+        c = self.c + damping * np.diag(np.diag(self.c)) - cross[:-1, :-1]
+        return half, c, self.gp - cross[:-1, -1]
 
     def step(self, damping: float) -> tuple[Array, Array] | None:
-        """Damped step of states and parameters; None where the system is singular."""
+        """States and parameters after a damped step; None where the system is singular."""
         if (reduced := self.reduced(damping)) is None:
             return None
-        right, c, gp = reduced
+        half, c, gp = reduced
         try:
             change = cho_solve(cho_factor(c), gp)
         except LinAlgError:
             return None
-        return right[..., -1] - right[..., :-1] @ change, change
+        right = half[..., -1] - half[..., :-1] @ change
+        upper = np.swapaxes(np.tril(self.factor), 1, 2)
+        x = self.x.copy()
+        x[:, self.free] += np.linalg.solve(upper, right[..., None])[..., 0]
+        return x, self.p + change
 
 
 def calibrate(
-    model: ModelPrior,
-    readings: Array,
-    references: Array,
-    states: Array,
-    prior: Array | None = None,
-) -> Calibration:
+    model: ModelPrior, readings: Array | Frames, references: Array, states: Array,
+    prior: Array | None = None, *, begin: Array | None = None, most_steps: int = MOST_STEPS,
+    gain: float = GAIN,
+) -> Calibration:  # fmt: skip
     """Estimate the parameters and the states of all frames together (bundle adjustment).
 
     Parameters
     ----------
     model : ModelPrior
         Forward models and priors.
-    readings : ndarray, shape (s, m)
-        Measured; NaN: not measured.
+    readings : ndarray, shape (s, m), or Frames
+        Measured; NaN: not measured. Frames: with priors and noise of their own.
     references : ndarray, shape (s, l)
         Reference answers; NaN: unknown.
     states : ndarray, shape (s, n)
         Where the descent starts.
     prior : ndarray, shape (s, n), optional
         Prior mean of each frame's state; that of the model by default.
+    begin : ndarray, shape (k,), optional
+        Where the descent of the parameters starts; at their prior by default.
+    most_steps, gain : int, float
+        The descent ends after so many steps, or where a step gains less of the cost.
 
     Returns
     -------
@@ -345,17 +466,17 @@ def calibrate(
 
     Raises ValueError if a state is determined neither by readings nor by its prior.
     """
-    y, f, x = (np.array(v, np.float64, order='C') for v in (readings, references, states))
-    means = np.array(np.broadcast_to(model.state if prior is None else prior, x.shape), order='C')
-    p = model.parameters.astype(np.float64)
-    now, damping, converged = _Equations(model, y, f, means, x, p), DAMPING, False
-    for _ in range(MOST_STEPS):
+    frames = readings if isinstance(readings, Frames) else model.frames(readings, prior)
+    f, x = (np.array(v, np.float64, order='C') for v in (references, states))
+    p = np.array(model.parameters if begin is None else begin, np.float64)
+    now, damping, converged = Equations(model, frames, f, x, p), DAMPING, False
+    for _ in range(most_steps):
         step = now.step(damping)
-        trial = step and _Equations(model, y, f, means, x + step[0], p + step[1])
-        if step and trial and trial.cost < now.cost:
+        trial = step and Equations(model, frames, f, *step)
+        if trial and trial.cost < now.cost:
             gained, damping = now.cost - trial.cost, max(0.1 * damping, LEAST_DAMPING)
-            x, p, now = x + step[0], p + step[1], trial
-            converged = gained <= GAIN * trial.cost
+            now = trial
+            converged = gained <= gain * trial.cost
         else:
             damping *= 10
             converged = damping > MOST_DAMPING
@@ -366,72 +487,74 @@ def calibrate(
         raise ValueError(msg)
     free = model.parameter_information > 0
     covariance = np.zeros_like(reduced[1])
-    covariance[np.ix_(free, free)] = np.linalg.inv(reduced[1][np.ix_(free, free)])
-    return Calibration(p, covariance, x, now.cost, converged)
+    information = reduced[1][np.ix_(free, free)]
+    scale = 1 / np.sqrt(np.diagonal(information))
+    inverse = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
+    covariance[np.ix_(free, free)] = 0.5 * (inverse + inverse.T)
+    return Calibration(now.p, covariance, now.x, now.cost, converged)
 
 
 @compiled
-def _descend(
-    readings: Model, answers: Model, y: Array, prior: Array, noise: Array, information: Array,
-    p: Array, data: Array, x: Array, a: Array, b: Array,
-) -> float:  # fmt: skip
-    """Descend from x to the best state of one frame by damped Gauss-Newton; return its cost."""
-    n, k = b.shape
-    none, c, gp = np.empty(0), np.empty((k, k)), np.empty(k)
-    gx, right, system = np.empty(n), np.empty((n, 1)), np.empty((n, n))
-    there, other, slope = np.empty((n, n)), np.empty((n, k)), np.empty(n)
-    cost = _frame(
-        readings, answers, y, none, noise, none, prior, information, x, p, data, a, b, c, gx, gp
-    )
-    damping = DAMPING
-    for _ in range(MOST_STEPS):
-        system[:], right[:, 0] = a, gx
-        for i in range(n):
-            system[i, i] *= 1.0 + damping
-        new = np.inf
-        if _factor(system):
-            _substitute(system, right)
-            trial = x + right[:, 0]
-            new = _frame(
-                readings, answers, y, none, noise, none, prior, information, trial, p, data, there,
-                other, c, slope, gp,
-            )  # fmt: skip
-        if new <= cost:
-            gained, damping = cost - new, max(0.1 * damping, LEAST_DAMPING)
-            x[:], a[:], b[:], gx[:], cost = trial, there, other, slope, new
-            if gained <= GAIN * (1e-3 + cost):
-                break
-        else:
-            damping *= 10.0
-            if damping > MOST_DAMPING:
-                break
-    return cost
+def _carry(
+    factor: Array, b: Array, by_state: Array, by_parameter: Array, root: Array, out: Array
+) -> None:  # fmt: skip
+    """Write the covariance (l, l) of quantities with slopes (l, n) and (l, k)."""
+    count, k = by_parameter.shape
+    solved = by_state.T.copy()
+    _substitute(factor, solved)
+    spread = np.zeros((count, k))
+    for i in range(count):
+        slope = by_parameter[i].copy()
+        for j in range(factor.shape[0]):
+            slope -= solved[j, i] * b[j]
+        for c in np.flatnonzero(slope):
+            for q in range(c + 1):
+                spread[i, q] += slope[c] * root[c, q]
+    for i in range(count):
+        for j in range(i + 1):
+            total = (by_state[i] * solved[:, j]).sum() + (spread[i] * spread[j]).sum()
+            out[i, j] = out[j, i] = total
 
 
-@compiled_with_models('22111133231233')
+@compiled
 def _posterior(
     readings: Model, answers: Model, y: Array, prior: Array, noise: Array, information: Array,
-    p: Array, data: Array, starts: Array, a: Array, x: Array, b: Array, costs: Array,
-    out: Array, by_state: Array, by_parameter: Array,
+    free: Integers, p: Array, data: Array, root: Array, starts: Array, x: Array,
+    covariance: Array, out: Array, answer_covariance: Array, costs: Array,
 ) -> float:  # fmt: skip
-    """Best state of every frame over its starts, and its answers; return the sum of costs."""
-    here, cross = np.empty(a.shape[1:]), np.empty(b.shape[1:])
+    """Best state of every frame over its starts, and the covariances; return the sum of costs."""
+    n, k, count = free.size, p.size, out.shape[1]
+    a, b, none, square = np.empty((n, n)), np.empty((n, k)), np.empty(0), np.empty((0, 0))
     for s in range(x.shape[0]):
         costs[s] = np.inf
         for q in range(starts.shape[1]):
             now = starts[s, q].copy()
             cost = _descend(
-                readings, answers, y[s], prior[s], noise, information, p, data, now, here, cross
-            )
+                readings, answers, y[s], none, noise[s], none, prior[s], information[s], free, p,
+                data, now, MOST_STEPS,
+            )  # fmt: skip
             if cost < costs[s]:
-                costs[s], x[s], a[s], b[s] = cost, now, here, cross
-        answers(x[s], p, data, out[s], by_state[s], by_parameter[s])
+                costs[s], x[s] = cost, now
+        _frame(
+            readings, answers, y[s], none, noise[s], none, prior[s], information[s], free, x[s], p,
+            data, a, b, square, np.empty(n), none,
+        )  # fmt: skip
+        if not (np.isfinite(costs[s]) and _factor(a)):
+            continue
+        if count > 0:
+            by_state, by_parameter = np.zeros((count, x.shape[1])), np.zeros((count, k))
+            call_model(answers, x[s], p, data, out[s], by_state, by_parameter)
+            by_state = by_state[:, free]
+            _carry(a, b, by_state, by_parameter, root, answer_covariance[s])
+        if covariance.shape[0] > 0:
+            _carry(a, b, np.eye(n), np.zeros((n, k)), root, covariance[s])
     return float(costs.sum())
 
 
 def invert(
-    model: ModelPrior, fit: Calibration, readings: Array, starts: Array, prior: Array | None = None
-) -> Posterior:
+    model: ModelPrior, fit: Calibration, readings: Array | Frames, starts: Array,
+    prior: Array | None = None, *, with_states: bool = True,
+) -> Posterior:  # fmt: skip
     """Estimate the state of every frame by itself (MAP), and the answers that follow.
 
     Parameters
@@ -440,57 +563,29 @@ def invert(
         Forward models and the state's prior.
     fit : Calibration
         Parameters with their covariance.
-    readings : ndarray, shape (s, m)
-        Measured; NaN: not measured.
+    readings : ndarray, shape (s, m), or Frames
+        Measured; NaN: not measured. Frames: with priors and noise of their own.
     starts : ndarray, shape (s, q, n)
         Where the descents start; the best one counts.
     prior : ndarray, shape (s, n), optional
         Prior mean of each frame's state; that of the model by default.
+    with_states : bool
+        Whether the covariance of states is wanted, which costs more than that of answers.
 
     Returns
     -------
     Posterior
         States, answers and their covariance; a frame whose state is undetermined has NaN.
     """
-    (frames, _, n), k, count = starts.shape, len(fit.parameters), len(model.answer_noise)
-    y, first = np.array(readings, np.float64, order='C'), np.array(starts, np.float64, order='C')
-    x, a, b = (
-        np.full((frames, n), np.nan),
-        np.full((frames, n, n), np.nan),
-        np.zeros((frames, n, k)),
-    )
-    means = np.array(np.broadcast_to(model.state if prior is None else prior, x.shape), order='C')
-    costs, out = np.empty(frames), np.full((frames, count), np.nan)
-    by_state, by_parameter = np.zeros((frames, count, n)), np.zeros((frames, count, k))
+    frames = readings if isinstance(readings, Frames) else model.frames(readings, prior)
+    (count, _, n), wide = starts.shape, len(model.answer_noise)
+    x, out, costs = np.full((count, n), np.nan), np.full((count, wide), np.nan), np.empty(count)
+    wide_x = len(frames.free)
+    covariance = np.full((count if with_states else 0, wide_x, wide_x), np.nan)
+    answer_covariance = np.full((count, wide, wide), np.nan)
     _posterior(
-        model.readings, model.answers, y, means, model.noise, model.state_information,
-        fit.parameters, model.data, first, a, x, b, costs, out, by_state, by_parameter,
+        model_address(model.readings), model_address(model.answers), frames.readings, frames.prior,
+        frames.noise, frames.information, frames.free, fit.parameters, model.data, fit.root,
+        np.ascontiguousarray(starts, np.float64), x, covariance, out, answer_covariance, costs,
     )  # fmt: skip
-    inverse = _inverses(a)
-    shift = -inverse @ b  # of the state with the parameters
-    return Posterior(
-        x,
-        inverse + _carried(shift, fit.covariance),
-        out,
-        by_state @ inverse @ by_state.transpose(0, 2, 1)
-        + _carried(by_parameter + by_state @ shift, fit.covariance),
-        2 * costs,
-    )
-
-
-def _carried(slope: Array, covariance: Array) -> Array:
-    """Covariance that parameters leave in answers of such slopes, shape (s, l, l)."""
-    return np.asarray(slope @ covariance @ slope.transpose(0, 2, 1))
-
-
-def _inverses(information: Array) -> Array:
-    """Inverse of each matrix (s, n, n); NaN where there is none."""
-    inverse = np.full(information.shape, np.nan)
-    for one, result in zip(information, inverse, strict=True):
-        scale = np.sqrt(np.diagonal(one))
-        if (scale > 0).all() and np.isfinite(scale).all():
-            try:
-                result[:] = np.linalg.inv(one / np.outer(scale, scale)) / np.outer(scale, scale)
-            except LinAlgError:
-                continue
-    return inverse
+    return Posterior(x, covariance, out, answer_covariance, 2 * costs)

@@ -8,18 +8,22 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 try:
     import numba
+    from numba.core import cgutils
+    from numba.extending import intrinsic
 except ImportError:
     numba = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+Internal = Any  # of numba, which has no types
 Function = TypeVar('Function', bound='Callable[..., object]')
 AVAILABLE = numba is not None
+ADDRESSES: dict[int, tuple[int, object]] = {}  # of compiled models, by identity
 DIGESTS: dict[int, str] = {}  # of the sources of compiled functions, by identity
 
 
@@ -66,42 +70,48 @@ def compiled(function: Function) -> Function:
     return cast('Function', built)
 
 
-def compiled_with_models(shapes: str) -> Callable[[Function], Function]:
-    """Compile a function of two models and of arrays when it is first called.
+def model_address(model: Function) -> Function:
+    """Make a compiled model callable by `call_model`: an address, or itself without numba.
 
-    Models are passed by their address, so that one compilation serves all of them.
-
-    Parameters
-    ----------
-    shapes : str
-        Dimensions of the arrays behind the models, a digit each. A model takes three vectors
-        and writes a vector and two matrices; the function gives a number.
+    A model takes three vectors and writes a vector and two matrices.
     """
+    if numba is None:
+        return model
+    if id(model) not in ADDRESSES:
+        vector, matrix = numba.float64[::1], numba.float64[:, ::1]
+        kinds = (vector, vector, vector, vector, matrix, matrix)
+        model.compile(kinds)  # type: ignore[attr-defined]
+        built = model.overloads[kinds]  # type: ignore[attr-defined]
+        found = built.library.get_pointer_to_function(built.fndesc.llvm_func_name)
+        ADDRESSES[id(model)] = found, model
+    return ADDRESSES[id(model)][0]  # type: ignore[return-value]
 
-    def wrap(function: Function) -> Function:
-        return function if numba is None else _WithModels(function, shapes)  # type: ignore[return-value]
 
-    return wrap
+def _call_directly(model: Callable[..., None], *arguments: object) -> None:
+    """Call a model that is not compiled."""
+    model(*arguments)
 
 
-class _WithModels:
-    """A function of models that is compiled when it is first called."""
+def _call_by_address(
+    typing: Internal, model: Internal, x: Internal, p: Internal, data: Internal, out: Internal,
+    by_state: Internal, by_parameter: Internal,
+) -> Internal:  # fmt: skip
+    """Typing and code of a call of a model at an address."""
 
-    def __init__(self, function: Callable[..., object], shapes: str) -> None:
-        self.function, self.shapes = function, shapes
-        self.built: Callable[..., object] | None = None
+    def generate(
+        context: Internal, builder: Internal, signature: Internal, values: Internal
+    ) -> Internal:
+        kinds, convention = signature.args[1:], context.call_conv
+        function = convention.get_function_type(numba.types.none, kinds).as_pointer()
+        pointer = builder.inttoptr(values[0], function)
+        status, _ = convention.call_function(builder, pointer, numba.types.none, kinds, values[1:])
+        with cgutils.if_unlikely(builder, status.is_error):  # type: ignore[no-untyped-call]
+            convention.return_status_propagate(builder, status)
+        return context.get_dummy_value()
 
-    def __call__(self, *arguments: object) -> object:
-        """Call it, compiled."""
-        if self.built is None:
-            kinds = numba.types
-            vector, matrix = kinds.float64[::1], kinds.float64[:, ::1]
-            model = kinds.FunctionType(kinds.void(vector, vector, vector, vector, matrix, matrix))
-            arrays = (None, vector, matrix, kinds.float64[:, :, ::1])
-            signature = kinds.float64(model, model, *(arrays[int(n)] for n in self.shapes))  # type: ignore[arg-type]
-            try:
-                made = numba.njit(signature, cache=True, error_model='numpy')(self.function)
-            except RuntimeError:  # no folder to keep it in
-                made = numba.njit(signature, error_model='numpy')(self.function)
-            self.built = made
-        return self.built(*arguments)
+    return numba.types.none(model, x, p, data, out, by_state, by_parameter), generate
+
+
+call_model: Callable[..., None] = _call_directly
+if numba is not None:
+    call_model = intrinsic(_call_by_address)

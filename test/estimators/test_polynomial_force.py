@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from tactile_ros.errors import NotCalibratedError
-from tactile_ros.estimators.polynomial_force import PolynomialForce, gradient_field, products
-from tactile_ros.estimators.polynomial_ridge import PolynomialRidge, count_terms, monomials
+from tactile_ros.estimators.polynomial_force import (
+    PolynomialForce,
+    WarmChain,
+    gradient_field,
+    products,
+)
 
 
 def fields(rows: int, seed: int = 0) -> np.ndarray:
@@ -71,17 +75,16 @@ def test_refuses_what_it_does_not_know() -> None:
         PolynomialForce().predict(np.zeros((1, 8)))
 
 
-def test_polynomials_choose_their_degree_for_each_component() -> None:
-    x = np.random.default_rng(0).uniform(-1, 1, (200, 3))
-    noise = 0.01 * np.random.default_rng(1).normal(size=(200, 2))
-    y = np.column_stack([x[:, 0], x[:, 0] * x[:, 1] * x[:, 2]]) + noise
-    found = PolynomialRidge((1, 2, 3, 4)).fit(x, y)
-    assert found.degree_.tolist() == [1, 3]
-    assert np.abs(found.predict(x) - y).mean() < 0.02
-    assert monomials(x, 3).shape[1] == count_terms(3, 3) == 19
-
-
-def test_far_beyond_what_was_seen_a_polynomial_stands_still() -> None:
-    x = np.linspace(-1, 1, 60)[:, None]
-    found = PolynomialRidge((3,)).fit(x, x**3)
-    assert found.predict(np.array([[1e6]])) == found.predict(np.array([[1e3]]))
+def test_alpha_of_the_chain_is_found_and_a_common_beta_changes_nothing() -> None:
+    """Hard case 17: a beta that is equal for all pixels is removed with their mean."""
+    rng = np.random.default_rng(1)
+    field, heat = rng.normal(size=(400, 8)), rng.uniform(-1, 1, (400, 1))
+    target = field[:, :1] - field[:, 2:3] + (field[:, 1:2] - field[:, 3:4]) ** 2
+    read = field / (1 + 0.1 * heat)
+    beta = 0.3 * heat * np.ones(8)
+    chains = [WarmChain().fit(np.hstack([x, heat]), target) for x in (read, read + beta)]
+    assert chains[0].alpha_ == pytest.approx([0.1], abs=5e-3)
+    said = [
+        c.predict(np.hstack([x, heat])) for c, x in zip(chains, (read, read + beta), strict=True)
+    ]
+    assert np.abs(said[0] - target).max() < 0.05 * target.std()

@@ -9,7 +9,7 @@ Cases of fields, of the gradiometer and of the magnet pad that are elsewhere in 
 7 (ties and distances of neighbours): estimators/test_cell_knn
 12 (gaps, of the disc's temperature): physics/test_temperature
 15 (temperatures outside of a fit; a disc that lags): physics/test_temperature,
-   sensors/test_gradiometer, sensors/test_gradiometer_untold
+   sensors/test_gradiometer
 17 (the order of removing means): sensors/test_gradiometer
 """
 
@@ -18,9 +18,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.estimators.disc_model import UniformField
 from tactile_ros.physics.magnetics import exact_disc
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
+from tactile_ros.sensors.gradiometer import disc_model
 from tactile_ros.sensors.gradiometer import twin as gradiometer
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
 from tactile_ros.sensors.magnet_pad import body_model as pad
@@ -59,9 +59,11 @@ def test_case_2_the_leak_is_a_mismatch_of_gains() -> None:
     assert 1e-6 < leak < 0.03 * 2e-3
     # told of the gains, no combination that is left sees the field
     response = AXES * gains.reshape(-1, 1)
-    told = UniformField(response, 3e-6)
+    slope = np.zeros((8, disc_model.STATES))
+    slope[:, disc_model.UNIFORM : disc_model.MAGNET] = response
+    differences = disc_model.beside_uniform(slope, np.array([True, False, True]))
     moved = (gains * (FIELD + common) - gains * FIELD).reshape(len(FIELD), -1)
-    assert np.abs(moved @ told.differences).max() < 1e-15
+    assert np.abs(moved @ differences).max() < 1e-14
 
 
 def test_case_17_what_warms_all_pixels_alike_goes_with_the_mean() -> None:

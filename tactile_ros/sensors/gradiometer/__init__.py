@@ -4,51 +4,27 @@ A disc in an elastomer moves with the force on it; four pixels within 2 mm see B
 stray field is the same at all four, so that what is left after removing the mean is the disc's
 alone. [3] corrects the Hall sensitivity for temperature, removes means, adds norms and all
 products of second order (91 features), and fits three forces and two torques by Huber loss with an
-L1 penalty. Here that chain competes with polynomials of the disc's place, which a model of its
-field tells, and with plain regressors; which serves is chosen in `fit` by grouped
-cross-validation.
+L1 penalty. Here a model of the disc's field is inverted for its place, and force is a polynomial
+of that; the chain of [3] is the floor on held-out groups, and can be chosen.
 
 Source: [3] on a magnetic force sensor with gradiometric pixels, immune to stray fields.
 """
 
 from __future__ import annotations
 
-from tactile_ros.estimators.disc_inversion import DiscInversion
-from tactile_ros.estimators.disc_model import UniformField
-from tactile_ros.estimators.disturbance_magnet import NearbyMagnets, StrayField
+from tactile_ros.estimators.covariance import CovarianceModel
+from tactile_ros.estimators.model_inversion import Calibration
 from tactile_ros.estimators.polynomial_force import PolynomialForce, WarmChain
-from tactile_ros.estimators.polynomial_ridge import PolynomialRidge, WarmPolynomial
-from tactile_ros.estimators.regression import ColumnSelector
-from tactile_ros.physics.fidelity import Choice, Rated, Worth
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig, layout
-from tactile_ros.sensors.gradiometer.estimation import CalibratedVolume, GradiometerEstimation
-from tactile_ros.sensors.gradiometer.field_change import Features, FieldChange
-from tactile_ros.sensors.gradiometer.target import ESTIMATORS, Target
-from tactile_ros.sensors.gradiometer.temperature import WarmRest
+from tactile_ros.sensors.gradiometer.estimation import ESTIMATORS, GradiometerEstimation
+from tactile_ros.sensors.gradiometer.temperature import Thermometer
 from tactile_ros.sensors.gradiometer.twin import GRADIOMETER, GradiometerConnection, presses
 from tactile_ros.sensors.registry import SensorSpec
 from tactile_ros.sensors.regression import CLASSES
 
 OWN = (
-    GradiometerEstimation,
-    Features,
-    FieldChange,
-    WarmRest,
-    UniformField,
-    DiscInversion,
-    StrayField,
-    NearbyMagnets,
-    CalibratedVolume,
-    Target,
-    ColumnSelector,
-    PolynomialForce,
-    PolynomialRidge,
-    WarmChain,
-    WarmPolynomial,
-    Choice,
-    Rated,
-    Worth,
-)
+    GradiometerEstimation, Thermometer, Calibration, CovarianceModel, PolynomialForce, WarmChain,
+)  # fmt: skip
 
 SENSOR = SensorSpec(
     key='gradiometer',

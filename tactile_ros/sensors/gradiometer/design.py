@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.disc_model import DiscModel, UniformField
-from tactile_ros.sensors.gradiometer.field_change import NOISE, FieldChange
+from tactile_ros.sensors.gradiometer import disc_model
+from tactile_ros.sensors.gradiometer.estimation import NOISE
 from tactile_ros.types import Table
 
 if TYPE_CHECKING:
@@ -140,23 +140,25 @@ def figures(
 ) -> Figures:
     """Figures of a gap (m) and a disc (m, m) for a stray field (mT) and a spread of gains (%)."""
     changed = replace(config, gap=gap, disc_diameter=disc[0], disc_height=disc[1])
-    readings = FieldChange(changed)
-    size = np.array([gap, *disc, config.remanence])
-    model = DiscModel(config.positions, readings.axes, size)
-    differences = UniformField(readings.axes, readings.noise).differences
-    model.given(differences, readings.noise, absolute=True)
+    model = disc_model.disc_prior(
+        changed, [], np.zeros(0), disc_model.MM, float('nan'), tared=False
+    )
     usual, own = (c.gap + c.disc_height + ABOVE for c in (config, changed))
     deep = config.full_scale / (SINKS * config.gap) * usual / own  # N / m
     stiffness = deep * np.array([SHEAR, SHEAR, 1.0])
-    place = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -SINKS / 2], [0.0, 0.0, -SINKS]])
-    field, slope = model.field(place)
-    noise = NOISE if config.noise is None else readings.noise
-    unit = np.array([_unit(s, differences) for s in slope / gap]) * stiffness
+    states = np.zeros((3, disc_model.STATES))
+    states[:, 2] = np.array([0.0, -SINKS / 2, -SINKS]) * gap / disc_model.MM
+    field, slopes = disc_model.readings_of(model, model.parameters, states)
+    measured = np.abs(disc_model.chip_axes(config)[:, :, [0, 2]]).max(axis=(0, 2)) > 0
+    differences = disc_model.beside_uniform(slopes[0], measured)
+    noise = NOISE if config.noise is None else float(np.max(config.noise))
+    # slopes are in mT / mm, which is T / m
+    unit = np.array([_unit(slope[:, :3], differences) for slope in slopes]) * stiffness
     spoilt = 1e-3 * stray[0] * 1e-2 * stray[1] * unit[0].max()
     full = float(deep * SINKS * gap)
     limit = np.inf if config.saturation is None else float(np.max(config.saturation))
     rest, load = (MILLI * noise * unit[k] for k in (0, 1))
-    clear = MILLI * (limit - float(np.abs(field).max()))
+    clear = MILLI * limit - float(np.abs(field).max())
     return Figures(full, rest[2], load[2], rest[0], 100 * float(spoilt) / full, clear)
 
 

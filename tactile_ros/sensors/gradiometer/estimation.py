@@ -1,309 +1,68 @@
-"""Force, torque and stray field of the gradiometer: a disc's model where it helps.
+"""Force, torque and stray field of the gradiometer by inversion of its disc's model.
 
-What a uniform field cannot change, six differences of four pixels, is turned into the disc's
-place by the model and into force and torque by polynomials; the printed chain of [3] and plain
-regressors compete on held-out groups. What is left over tells of fields that are not uniform.
+`fit` estimates pixels, gains, magnet, elastomer and the places of the disc together from presses
+with reference forces (and rests in known fields, where there are any), with the noise of the
+references by evidence. Each frame is then inverted by itself. The printed chain of [3] is the
+floor on held-out groups. Frames that no disc in a uniform field explains are beside a magnet: they
+are flagged and inverted once more with the patterns of one.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.optimize import minimize_scalar
+from scipy.stats import chi2
 
-from tactile_ros.conditioning.baseline import training_baseline_variance
-from tactile_ros.estimators.disc_model import ENTRY
-from tactile_ros.estimators.disturbance_magnet import (
-    DIRECTIONS,
-    NearbyMagnets,
-    Seen,
-    StrayField,
-    magnet_fields,
-    magnet_shape,
+from tactile_ros.estimators.covariance import CovarianceModel
+from tactile_ros.estimators.evidence import Influence, learn_noise
+from tactile_ros.estimators.model_inversion import (
+    FIXED,
+    Calibration,
+    Frames,
+    ModelPrior,
+    calibrate,
+    invert,
 )
-from tactile_ros.estimators.polynomial_ridge import times
-from tactile_ros.physics.temperature import EXPANSION, REMANENCE_SLOPE
-from tactile_ros.sensors.gradiometer.field_change import Features, at_rest, margins
-from tactile_ros.sensors.gradiometer.target import (
-    MODELS,
-    Target,
-    candidates,
-    ends,
-    largest,
-    reject_implausible,
-)
-from tactile_ros.sensors.gradiometer.temperature import (
-    LEAST_RANGE,
-    UNIT,
-    StreamMemory,
-    beyond,
-    lately_told,
-)
-from tactile_ros.sensors.regression import known_columns
+from tactile_ros.estimators.polynomial_force import PolynomialForce, WarmChain
+from tactile_ros.estimators.regression import Ridge, group_folds
+from tactile_ros.physics.field_table import COLUMNS, ROWS
+from tactile_ros.physics.magnetics import dipole_field
+from tactile_ros.physics.temperature import REMANENCE_SLOPE, hall_sensitivity
+from tactile_ros.sensors.gradiometer import disc_model as disc
+from tactile_ros.sensors.gradiometer.temperature import Thermometer, mean_of
+from tactile_ros.sensors.gradiometer.twin import LEAST_NOISE, field_model, terms
 from tactile_ros.types import Array, Estimation, FrameStatus
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from tactile_ros.estimators.disturbance_magnet import NearbyMagnets
-    from tactile_ros.estimators.model_selection import Selection
+    from tactile_ros.estimators.model_inversion import Posterior
     from tactile_ros.sensors.gradiometer.config import GradiometerConfig
-    from tactile_ros.sensors.gradiometer.field_change import Features
-    from tactile_ros.sensors.gradiometer.target import Target
-    from tactile_ros.types import Array, Bools, Columns, Integers, Report, Signals
+    from tactile_ros.types import Bools, Columns, Estimator, Integers, Report, Signals
 
+ESTIMATORS = ('inversion', 'polynomial', 'ridge')
+TARGETS = ('force', 'torque', 'position')
+NOISE = 3e-6  # T, where nothing states it: of [3] at room temperature
+THIRD, FEWEST_RESTING, UNEVEN = 20.0, 10, 2  # noise of third differences of even steps
+SIGMAS, MOST_MARGIN = 4.0, 0.01  # within which a clipped reading may lie below the range; of it
+LEAST_RANGE = 3.0  # degrees that are one temperature
+FOLLOWED = (-25.0, 95.0)  # degrees Celsius, beyond which the sensitivity's polynomial stands still
+MOST_ROWS, FEW_ROWS = 1500, 200  # of a calibration; of one in which a lag is sought
+ROUGH = 0.1  # mT: noise with which the descent begins
+ROUNDS = 8  # of the evidence
+CLEARLY = 10.0  # cost by which a lag must explain more than none
+RESTS = 5e-5  # mm, within which a resting disc rests
+CHANCE = 1e-4  # of flagging a frame that is beside no magnet
+NEAR_ROWS, NEAR_DISTANCE, NEAR_MOMENT = 300, (10e-3, 20e-3), (-3.0, -1.0)  # m, decades of A m2
+TWO_SIGMA = 0.9545
+FARTHEST = 2.0  # times the largest that can be
+SCENES = 30  # states of the scene, over which terms are weighed
 WHOLE = 0.9  # of full scale
-FEW_GROUPS = 8
-WANTED = ('force', 'torque')
-
-
-def unsupported(
-    config: GradiometerConfig, features: Features, targets: Sequence[Target],
-    reach: CalibratedVolume | None,
-) -> list[str]:  # fmt: skip
-    """Sentences on what was not told by the recordings of a fit; none before one."""
-    if not features.readings_.fitted_:
-        return []
-    told = {target.name for target in targets}
-    missing = ' and '.join(name for name in WANTED if name not in told)
-    said = [f'{missing}: no truth told it, and the config has no stiffness'] if missing else []
-    if targets:
-        said += _range(config, targets) + _places(reach) + _groups(targets)
-        said += _temperature(features.readings_.span_) + _warmth(features)
-    if features.uniform_.uncertainty >= ENTRY:
-        said.append('gains and crossed axes: no rest in known fields')
-    return said
-
-
-def _range(config: GradiometerConfig, targets: Sequence[Target]) -> list[str]:
-    """Forces that were pressed, where full scale is farther."""
-    spans = [
-        (float(low), float(high), f'{low:.2g}..{high:.2g} N along {"xyz"[axis]}')
-        for target in targets
-        if target.name == 'force'
-        for axis, low, high in zip(target.columns, *target.span_, strict=True)
-    ]
-    full = WHOLE * config.full_scale
-    named = ', '.join(name for low, high, name in spans if max(-low, high) < full)
-    return [f'force beyond {named}; full scale is {config.full_scale:.2g} N'] if named else []
-
-
-def _places(reach: CalibratedVolume | None) -> list[str]:
-    if reach is None or reach.directions_ == 3:
-        return []
-    return [f'forces along other ways than the {reach.directions_} that presses moved the disc']
-
-
-def _groups(targets: Sequence[Target]) -> list[str]:
-    groups = int(min(target.report_['groups'] for target in targets))
-    return [f'errors of presses unlike the {groups} told'] if groups < FEW_GROUPS else []
-
-
-def _temperature(span: Array) -> list[str]:
-    low, high = (float(end) for end in span)
-    if not np.isfinite([low, high]).all():
-        return ['temperature: no chip told one']
-    if high - low > LEAST_RANGE:
-        return [f'temperatures beyond {low:.0f}..{high:.0f} C']
-    return [f'temperatures other than about {0.5 * (low + high):.0f} C']
-
-
-def _warmth(features: Features) -> list[str]:
-    """How the disc follows the chip, and rows without a temperature of their own."""
-    said = []
-    if not features.lag_is_told:
-        said.append('how the disc lags behind the chip: no stamps tell it, nor thermal_lag')
-    if features.silent_:
-        said.append(f'temperatures in {features.silent_} rows, which were not learned from')
-    return said
-
-
-REACH_LEAST = 0.02  # gaps: places that differ by less are alike
-MARGIN = 1.05  # of what was seen
-UNSURE = 0.5  # of the steepest slope of an answer, beyond all that was seen
-UNTOLD = 1e6  # spreads of an answer over gaps: presses at one place tell no slope
-
-
-class CalibratedVolume:
-    """Ellipsoid around the places of a fit, and how unsure answers are outside it.
-
-    Attributes
-    ----------
-    slope_ : ndarray, shape (k,)
-        Steepest change of each answer with the place (unit of the answer, over gaps).
-    """
-
-    # (3,) and (3, 3) places in the ellipsoid have |shape (place - centre)| <= 1
-    centre_: Array
-    shape_: Array
-    directions_: int  # along how many the places differed
-    rest_: Array  # (3,) place of the disc that nothing touches (gaps); NaN where none was seen
-    slope_: Array
-
-    def fit(self, place: Array, answers: Array, rest: Array) -> CalibratedVolume:
-        """Learn from places (s, 3) (gaps), answers (s, k) there, and places (r, 3) at rest."""
-        rest = rest[np.isfinite(rest).all(axis=1)]
-        self.rest_ = rest.mean(axis=0) if len(rest) else np.full(3, np.nan)
-        self.centre_ = place.mean(axis=0)
-        apart = place - self.centre_
-        size, axes = np.linalg.eigh(apart.T @ apart / len(place))
-        size = np.sqrt(np.maximum(size, 0.0))
-        whole = axes.T / np.hypot(size, REACH_LEAST)[:, None]
-        farthest = float(np.linalg.norm(apart @ whole.T, axis=1).max())
-        self.shape_ = whole / (MARGIN * max(farthest, 1.0))
-        told = axes[:, size > REACH_LEAST]
-        self.directions_ = told.shape[1]
-        slopes = np.linalg.lstsq(apart @ told, answers - answers.mean(axis=0), rcond=None)[0]
-        steep = np.sqrt((slopes**2).sum(axis=0))
-        self.slope_ = steep if self.directions_ else np.full(len(steep), UNTOLD)
-        return self
-
-    def beyond(self, place: Array) -> Array:
-        """Distances (s,) (gaps) of places (s, 3) from the ellipsoid; 0 inside."""
-        apart = place - self.centre_
-        size = np.sqrt(((apart @ self.shape_.T) ** 2).sum(axis=1))
-        outside = np.maximum(1 - 1 / np.maximum(size, 1.0), 0.0)
-        return np.asarray(outside * np.sqrt((apart * apart).sum(axis=1)))
-
-    def unfelt(self, place: Array) -> Array:
-        """Distances (s,) (gaps) of places (s, 3), told to be untouched, that count as beyond.
-
-        A touch lighter than all that a fit saw stays below the threshold of contact. Its force,
-        told as 0, is as large as the steepest slope makes it.
-        """
-        away = np.nan_to_num(place - self.rest_)
-        return np.asarray(np.sqrt((away * away).sum(axis=1)) / UNSURE)
-
-    def doubt(self, beyond: Array) -> Array:
-        """Standard deviations (s, k) of answers at distances (s,)."""
-        return np.asarray(UNSURE * beyond[:, None] * self.slope_)
-
-
-MANY = 30  # frames of a tare whose noise needs no mention
-SMALL = 0.3  # of the noise: drifts that need none
-DOUBTS_WARMER, HIGHER = UNIT * REMANENCE_SLOPE, UNIT * EXPANSION  # of remanence, of the gap
-FEEBLE = 1e-3  # units of temperature
-FEW = 1e-3  # degrees
-OUTSIDE = 0.01  # of a component's spread, for a degree beyond the temperatures of the fit
-
-
-def tare_doubt(
-    features: Features, magnets: NearbyMagnets, signals: Signals, place: Array, learned: float,
-    wider: Array,
-) -> None:  # fmt: skip
-    """Add to covariances (s, k, k) what the noise of a tare of few frames does.
-
-    Parameters
-    ----------
-    features, magnets : Features, NearbyMagnets
-        Of the calibration.
-    signals : Signals
-        Frames.
-    place : ndarray, shape (s, 3)
-        Of the disc.
-    learned : float
-        Variance that tares left in the calibration, over that of a frame.
-    wider : ndarray, shape (s, k, k)
-        Changed in place.
-    """
-    doubt = signals.baseline_variance
-    if doubt is None or not np.count_nonzero(doubt):
-        return
-    rows = np.flatnonzero((doubt > 0) & (doubt + learned > 1 / MANY))
-    if len(rows):
-        variance = (doubt[rows] + learned) * features.readings_.noise**2
-        cov = variance[:, None, None] * np.eye(features.projection.shape[1])
-        wider[rows] += magnets.shaken(place[rows], cov, wider.shape[1])
-
-
-def drift_doubt(
-    features: Features, magnets: NearbyMagnets, signals: Signals, place: Array, wider: Array
-) -> None:
-    """Add to covariances (s, k, k) what drifts with the chip do that no recording told.
-
-    Parameters are those of `tare_doubt`.
-    """
-    if signals.temperature_c is None:
-        return
-    readings, count = features.readings_, features.projection.shape[1]
-    drift, unsure = readings.unsure_drifts(signals), readings.unsure_drift(count)
-    size = (drift**2) @ unsure.diagonal().reshape(2, count).max(axis=1)
-    rows = np.flatnonzero(size > (SMALL * readings.noise) ** 2)
-    if len(rows):
-        cov = unsure.reshape(2, count, 2, count)
-        cov = np.einsum('si,imjn,sj->smn', drift[rows], cov, drift[rows])
-        wider[rows] += magnets.shaken(place[rows], cov, wider.shape[1])
-
-
-def warmth_doubt(
-    features: Features, magnets: NearbyMagnets, signals: Signals, place: Array, field: Array,
-    slope: Array, wider: Array,
-) -> None:  # fmt: skip
-    """Add to covariances (s, k, k) what a warmer disc does, where a fit saw one temperature.
-
-    Parameters are those of `tare_doubt`, the `field` (s, n) (T), and the steepest change of
-    answers with the place, `slope` (k,) (over gaps).
-    """
-    if signals.temperature_c is None or features.readings_.warm_:
-        return
-    warm = features.readings_.unsure_drifts(signals)[:, 0]
-    rows = np.flatnonzero(np.abs(warm) > FEEBLE)
-    if len(rows):
-        weaker = (DOUBTS_WARMER * warm[rows])[:, None] * times(field[rows], features.projection)
-        cov = weaker[:, :, None] * weaker[:, None]
-        wider[rows] += magnets.shaken(place[rows], cov, wider.shape[1])
-        higher = (HIGHER * warm[rows])[:, None] * slope
-        wider[rows] += higher[..., None] ** 2 * np.eye(len(slope))
-
-
-def outside_doubt(features: Features, signals: Signals, wider: Array) -> tuple[Bools, Array]:
-    """Add to covariances (s, k, k) what temperatures beyond those of an even fit do.
-
-    Rows (s,) where they are clearly beyond, or may be, and how far temperatures are from the
-    middle of those of an uneven fit (s,), at least 1.
-    """
-    readings = features.readings_
-    outside = beyond(signals, readings.span_)
-    clearly, far = np.maximum(outside - LEAST_RANGE, 0.0), np.ones(len(outside))
-    if not readings.warm_ and np.count_nonzero(clearly):
-        wider += (OUTSIDE * clearly)[:, None, None] ** 2 * np.eye(wider.shape[1])
-    elif readings.warm_ and np.count_nonzero(outside):
-        far = ends(outside, readings.span_)
-    return np.asarray((clearly > 0) | readings.unknown(signals)), far
-
-
-def untold_doubt(
-    features: Features, magnets: NearbyMagnets, signals: Signals, place: Array, field: Array,
-    disc: Array, wider: Array,
-) -> None:  # fmt: skip
-    """Add to covariances (s, k, k) what temperatures do that chips did not tell.
-
-    Parameters are those of `tare_doubt`, the `field` (s, n) (T), and what the temperature of the
-    disc (s,) is wrong by, in the direction in which those of the chips are (degrees).
-    """
-    chips = features.readings_.unsure_chips(signals)
-    if chips is None:
-        if not np.count_nonzero(disc):
-            return
-        chips = np.zeros(signals.values.shape[:2])
-    rows = np.flatnonzero((chips.max(axis=1) > FEW) | (disc > FEW))
-    if len(rows):
-        read = features.readings_.warmer_chips(field[rows], chips[rows])
-        moved, slopes = times(read, features.projection), magnets.slopes(place[rows])
-        count = moved.shape[1]
-        off = (slopes[:, : wider.shape[1], :count] * moved[:, None]).sum(axis=2)
-        if slopes.shape[2] > count:
-            warmer = disc[rows, None] / UNIT
-            off = off + slopes[:, : wider.shape[1], count] * warmer
-        wider[rows] += off[:, :, None] * off[:, None]
-
-
-TARGETS = ('position', 'force', 'torque')
-RESPONSES = 400
-DISTURBED, WARMER = 2e-5, 0.02  # T, unit of temperatures: a small field in one difference, a rise
-SIMULATED, DISTANCES, MOMENTS = 900, (10e-3, 20e-3), (-3.0, -1.0)  # m, decades of A m2
-LEAST = 1e-6  # of a component's spread: what noise does at least
+FOLDS, MORE_STARTS, TINY = 5, 4, 1e-12
 
 
 class GradiometerEstimation(Estimation):
@@ -314,43 +73,202 @@ class GradiometerEstimation(Estimation):
     config : GradiometerConfig
         Geometry and materials: where a fit starts.
     estimator : str or None
-        One of `ESTIMATORS`; None: the best of them on held-out groups.
+        One of `ESTIMATORS`; None: the inversion, or the chain of [3] where that errs less on
+        held-out groups.
+
+    Attributes
+    ----------
+    answers_ : list of list
+        Name and component of what is answered, loads first.
+    noise_ : float
+        Of a channel (T).
+    fit_ : Calibration
+        Parameters of the model; the prior's before a fit.
     """
+
+    uses_temperature = True
 
     def __init__(self, config: GradiometerConfig, estimator: str | None = None) -> None:
         self.config = config
         self.estimator = estimator
-        self.targets_: tuple[Target, ...] = ()
-        self.features_, self.doubt_ = Features(config), 0.0
-        self.stray_: StrayField | None = None
-        self.magnets_: NearbyMagnets | None = None
-        self.reach_: CalibratedVolume | None = None
-        self.largest_: dict[str, float] = {}
+        self.method_ = ''
+        self.tared_ = True
+        self.shape_ = (ROWS, COLUMNS)
+        self.thermometer_ = Thermometer(config.thermal_lag)
+        self.noise_ = NOISE if config.noise is None else float(np.max(config.noise))
+        self.noise_ = self.noise_ if np.isfinite(self.noise_) and self.noise_ > 0 else NOISE
+        self._forget()
+
+    def _forget(self) -> None:
+        """Be as before a fit."""
+        self.answers_: list[list[str | int]] = []
+        self.spread_ = self.largest_ = np.zeros(0)
+        self.unit_ = 0.5 * self.config.gap / disc.MM
+        self.covariance_: CovarianceModel | None = None
+        self.near_scale_ = np.zeros(0)
+        self.threshold_ = np.inf
+        self.regressor_: Estimator | None = None
+        self.level_ = np.zeros(2 * len(self.config.positions))
+        self.report_: Report = {}
+        self.label_noise_ = np.zeros(0)
+        self.fields_known_ = False
+        self.widths_: dict[str, Array] = {}
+        self._take(None)
+
+    def _take(self, fit: Calibration | None) -> None:
+        """Keep a calibration, without the states of its frames; None: the prior's."""
+        vars(self).pop('model', None)
+        vars(self).pop('_starts', None)
+        prior = self.model
+        if fit is None:
+            covariance = np.diag(prior.parameter_sigma**2)
+            fit = Calibration(prior.parameters, covariance, np.zeros((0, 0)), 0.0, converged=True)
+        self.fit_ = replace(fit, states=np.zeros((0, disc.STATES)))
 
     @property
     def estimators(self) -> dict[str, str]:
         """Name of the estimator in use for each target."""
-        return {target.name: target.estimator_name for target in self.targets_}
+        return {str(name): self.method_ for name, _ in self.answers_}
 
     @property
     def report(self) -> Report:
-        """Errors on held-out groups, what was found of the disc, and what was not told."""
-        found = {target.title: target.report_ for target in self.targets_}
-        if self.targets_ and self.features_.place_ is not None:
-            found['disc'] = self.features_.place_.report
-            found['disc']['thermal_lag'] = self.features_.lag_
-        if self.targets_ and self.stray_ is not None:
-            found['stray_field'] = self.stray_.report_
-        for said in unsupported(self.config, self.features_, self.targets_, self.reach_):
-            found[f'not told: {said}'] = {}
-        return {**found, **self.features_.report}
+        """Errors on held-out groups, what was estimated of the disc, and what was not measured."""
+        return self.report_
 
-    def start(self) -> StreamMemory:
-        """Fresh memory of a stream."""
-        return self.features_.start()
+    def start(self) -> Array:
+        """Fresh memory of a stream: temperatures of chip and magnet."""
+        return np.zeros(7)
+
+    @cached_property
+    def model(self) -> ModelPrior:
+        """Model of the disc with its priors, as far as they are known."""
+        answers = [(str(name), int(axis)) for name, axis in self.answers_]
+        model = disc.disc_prior(
+            self.config, answers, self.spread_, self.unit_, self.thermometer_.usual_,
+            tared=self.tared_, shape=self.shape_,
+        )  # fmt: skip
+        sigma = self.widths_.get('state', model.state_sigma)
+        return replace(
+            model, noise=np.full(len(model.noise), self.noise_ / disc.MT), state_sigma=sigma,
+            parameter_sigma=self.widths_.get('parameters', model.parameter_sigma),
+        )  # fmt: skip
+
+    # -- conditioning ------------------------------------------------------------------------
+
+    def thermal_drift(
+        self, baseline: Array, reference_c: Array, temperature_c: Array | None
+    ) -> Array:
+        """Change of baselines by sensitivity and remanence, since they were read."""
+        if temperature_c is None:
+            return np.zeros_like(baseline)
+        now, then = mean_of(temperature_c), mean_of(reference_c)
+        ratio = self._sensitivity(now) / self._sensitivity(then)
+        ratio = ratio * (1 + REMANENCE_SLOPE * (now - then))
+        return baseline * np.where(np.isfinite(ratio), ratio - 1, 0.0)[:, None, None]
+
+    def _sensitivity(self, temperature_c: Array) -> Array:
+        """Of Hall elements; NaN where the temperature is."""
+        found = hall_sensitivity(temperature_c, self.config.sensitivity, FOLLOWED)
+        return np.where(np.isfinite(temperature_c), found, np.nan)
+
+    def _temperatures(self, signals: Signals, memory: Array) -> tuple[Array, Array]:
+        """Prior mean and sigma (s, 4) of the temperatures in the state: magnet, chip."""
+        followed = self.thermometer_.follow(signals, memory)
+        mean, sigma = np.zeros((2, len(followed), 4))
+        mean[:, 0], mean[:, 2] = followed[:, 2], followed[:, 0]
+        sigma[:, 0], sigma[:, 2] = followed[:, 3], followed[:, 1]
+        usual = self.thermometer_.usual_
+        if self.tared_ and np.isfinite(usual):
+            chips = signals.rest_temperature_c
+            then = np.full(len(mean), np.nan) if chips is None else mean_of(chips) - usual
+            known = np.isfinite(then)
+            mean[:, 3] = mean[:, 1] = np.where(known, then, 0.0)
+            sigma[:, 3] = sigma[:, 1] = np.where(known, 0.0, self.thermometer_.spread_)
+        if not self.config.thermal_term:
+            mean[:, :2] = sigma[:, :2] = 0.0
+        return mean, sigma
+
+    def _frames(self, signals: Signals, memory: Array) -> Frames:
+        """Changes of reading (mT) with the prior of each frame."""
+        count = len(signals.good)
+        change = signals.values - signals.baseline if self.tared_ else signals.values
+        prior, sigma = np.zeros((count, disc.STATES)), np.empty((count, disc.STATES))
+        sigma[:] = self.model.state_sigma
+        hidden = disc.UNIFORM + np.flatnonzero(~self.measured)
+        sigma[:, hidden] = disc.CROSSED_FIELD * self.fields_known_
+        if not self.config.stray_term:
+            sigma[:, disc.UNIFORM : disc.MAGNET] = 0.0
+        rows = slice(disc.MAGNET, disc.LABEL)
+        prior[:, rows], sigma[:, rows] = self._temperatures(signals, memory)
+        noise = np.empty((count, len(self.model.noise)))
+        noise[:] = self.model.noise
+        if self.tared_ and signals.baseline_variance is not None:
+            noise *= np.sqrt(1 + signals.baseline_variance)[:, None]
+        information = 1 / np.maximum(sigma, FIXED) ** 2
+        free = np.flatnonzero(np.add.reduce(sigma, axis=0))
+        return Frames(change.reshape(count, -1) / disc.MT, prior, information, noise, free)
+
+    @cached_property
+    def _starts(self) -> tuple[Array, Array, Array]:
+        """States (g, 19) where descents may start, what they read, and its projection."""
+        model, gap = self.model, self.config.gap / disc.MM
+        side, depth = np.linspace(-0.5, 0.5, 9) * gap, np.linspace(-0.75, 0.05, 9) * gap
+        places = np.stack(np.meshgrid(side, side, depth, indexing='ij'), axis=-1).reshape(-1, 3)
+        states = np.zeros((len(places), disc.STATES))
+        states[:, :3] = places
+        read, slopes = disc.readings_of(model, self.fit_.parameters, states)
+        ways = disc.beside_uniform(slopes[0], self.measured)
+        if not self.config.stray_term or ways.shape[1] < 3:
+            ways = np.eye(len(model.noise))
+        return states, np.ascontiguousarray(read @ ways), ways
+
+    @cached_property
+    def measured(self) -> Bools:
+        """Which of x, y, z channels measure, shape (3,)."""
+        return np.asarray(
+            np.abs(disc.chip_axes(self.config)[:, :, [0, 2]]).max(axis=(0, 2)) > 0.05
+        )
+
+    def invert(self, frames: Frames, count: int = 1) -> Posterior:
+        """States and answers from the best of so many starts."""
+        states, table, ways = self._starts
+        best = np.zeros((len(frames.readings), count), np.int64)
+        disc.best_starts(frames.readings, table, ways, best)
+        starts = states[best]
+        fixed = slice(disc.TILT, None)
+        starts[:, :, fixed] = frames.prior[:, None, fixed]
+        return invert(self.model, self.fit_, frames, starts, with_states=False)
+
+    def contact_from_sensor(self, signals: Signals) -> npt.NDArray[np.int8]:
+        """Contact (s,); where nothing drifts, changes that no uniform field explains are one.
+
+        Frames without times, at the temperature of the fit, are told from rest by their noise.
+        """
+        contact = signals.in_contact
+        if signals.stamp_ns is not None or not self.answers_ or self.thermometer_.warm:
+            return contact
+        change = (signals.values - signals.baseline).reshape(len(contact), -1) @ self._starts[2]
+        variance = 0.0 if signals.baseline_variance is None else signals.baseline_variance
+        size = (change**2).sum(axis=1) / (self.noise_**2 * (1 + variance))
+        clear = size > self._gate
+        if signals.tare is not None:
+            clear &= ~signals.tare
+        return np.where(clear & (contact == 0), np.int8(1), contact)
+
+    @cached_property
+    def _gate(self) -> float:
+        """Chi square of a resting frame that is as rare as a false contact may be."""
+        return float(chi2.ppf(1 - CHANCE**2, self._starts[2].shape[1]))
+
+    def invert_changes(self, change: Array) -> Array:
+        """Places of the disc (s, 3) (m) that changes of reading (s, 2 t) (T) since a tare show."""
+        frames = self.model.frames(change / disc.MT)
+        return np.asarray(disc.MM * self.invert(frames).states[:, : disc.TILT])
+
+    # -- fit ---------------------------------------------------------------------------------
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
-        """Learn every target of which truth knows a component.
+        """Learn every target of which truth has a component.
 
         Parameters
         ----------
@@ -361,151 +279,242 @@ class GradiometerEstimation(Estimation):
         groups : dict of str to ndarray, shape (s,)
             'group' and 'session'.
         """
-        aged = StreamMemory(0.0).with_temperatures(signals)
-        signals = replace(aged, good=aged.good & lately_told(aged))
+        self.thermometer_ = Thermometer(self.config.thermal_lag).fit(signals)
+        self.tared_ = bool(np.nan_to_num(signals.baseline[signals.good]).any())
         rest = at_rest(signals, truth)
+        tare = signals.tare if signals.tare is not None and signals.tare.any() else None
+        resting = signals.good & (signals.in_contact == 0 if tare is None else tare)
+        if self.config.noise is None and resting.sum() > FEWEST_RESTING:
+            self.noise_ = rest_noise(signals, resting) or NOISE
+        self._forget()
+        if self.tared_ and signals.good.any():
+            base = signals.baseline[signals.good].reshape(-1, len(self.level_))
+            self.level_ = np.asarray(base.mean(axis=0))
+        choice = field_model(self.config, self.noise_)
+        self.shape_ = (int(choice.size[0]), int(choice.size[1]))
+        f = self._references(truth, signals.good & ~rest)
+        touched = spread_rows(np.flatnonzero(np.isfinite(f).any(axis=1)), MOST_ROWS)
         stray = np.asarray(truth.get('stray_field', np.full((len(rest), 3), np.nan)), float)
-        features = self.features_ = Features(self.config, self.estimator == 'history')
-        features.silent_ = int(np.count_nonzero(aged.good & ~signals.good))
-        self.doubt_ = training_baseline_variance(signals.baseline, signals.baseline_variance)
-        modelled = self.estimator in (None, 'history', *MODELS)
-        force = np.asarray(truth.get('force', np.full((len(rest), 3), np.nan)), float)
-        change = features.fit(signals, stray, rest, ~rest & modelled, force)
-        self.targets_, self.stray_, self.magnets_, self.reach_ = (), None, None, None
-        thermal = features.thermal(signals, self.start())
-        x, parts = features.table(change, thermal, signals, self.start())
-        # untouched rows are 0 in use whatever is learned; they would make light of the errors
-        held = self._learn_targets(x, parts, signals.good & ~rest, truth, groups)
-        features.use({*self.estimators.values()})
-        if features.place_ is not None and self.targets_:
-            use = signals.good & ~rest & np.isfinite(x[:, parts['place']]).all(axis=1)
-            group = np.asarray(groups['group'], np.int64)[use]
-            self._learn_stray(x[use], parts, stray[use], group)
-            self._learn_magnets(change[use], thermal[use])
-            self._calibrate_magnets(change[use], thermal[use])
-            self.reach_ = self._reach(x[use], parts, x[signals.good & rest][:, parts['place']])
-        for (target, part), choice in zip(self._answered(), held, strict=True):
-            target.calibrate(choice, self._noise(choice.x, parts)[:, part])
-        self.largest_ = largest(self.targets_, self.config.full_scale)
+        still = np.flatnonzero(signals.good & rest & np.isfinite(stray).any(axis=1))
+        if len(touched):
+            size = np.nanstd(f[touched], axis=0)
+            self.spread_ = np.where(size > 0, size, np.nanmax(np.abs(f[touched]), axis=0) + TINY)
+            rows = np.concatenate([touched, spread_rows(still, MOST_ROWS // 3)])
+            self.fields_known_ = bool(np.isfinite(stray[still]).all(axis=1).any())
+            group = np.asarray(groups['group'], np.int64)[rows]
+            if signals.stamp_ns is None and 'repetition' not in truth:  # independent frames
+                same = np.nan_to_num(signals.values[rows].reshape(len(rows), -1))
+                group = np.unique(same, axis=0, return_inverse=True)[1].reshape(-1)
+            group[len(touched) :] = -1
+            self._learn(signals, f, stray, rows, group)
+        self._report_unsupported(f[touched], len(still))
+        self.report_ |= choice.report
+        for term in terms(self.config, max(self.noise_, LEAST_NOISE), SCENES):
+            self.report_ |= term.report
 
-    def _answered(self) -> list[tuple[Target, slice]]:
-        """Targets, and where their components are among those of all."""
-        found, first = [], 0
-        for target in self.targets_:
-            end = first + len(target.columns)
-            found.append((target, slice(first, end)))
-            first = end
-        return found
-
-    def _learn_stray(
-        self, x: Array, parts: dict[str, Integers], stray: Array, groups: Integers
-    ) -> None:
-        """Learn what the disc alone leaves over, from touched rows."""
-        where, rest, uniform = (x[:, parts[name]] for name in ('where', 'rest', 'uniform'))
-        known = stray[:, self.features_.uniform_.seen]
-        field = StrayField(len(parts['thermal']))
-        self.stray_ = field.fit(where, rest, uniform, known, groups)
-
-    def _reach(self, x: Array, parts: dict[str, Integers], rest: Array) -> CalibratedVolume:
-        """Places of the fit; every component of a target may be as steep as the steepest."""
-        told = np.concatenate([target.estimator_.predict(x) for target in self.targets_], axis=1)
-        reach = CalibratedVolume().fit(x[:, parts['place']], told, rest)
-        for target, part in self._answered():
-            steepest = (reach.slope_[part] * target.unit_).max()
-            reach.slope_[part] = steepest / target.unit_
-        return reach
-
-    def _noise(self, x: Array, parts: dict[str, Integers]) -> Array:
-        """What noise of pixels and thermometer does to answers (s, k) in their units; at least 1.
-
-        1 where no model of the disc tells it.
-        """
-        readings, width = self.features_.readings_, sum(len(t.columns) for t in self.targets_)
-        if self.magnets_ is None:
-            return np.ones((len(x), width))
-        slopes = self.magnets_.slopes(x[:, parts['place']])[:, :width]
-        count = len(self.magnets_.shape)
-        variance = (readings.noise * slopes[..., :count]) ** 2
-        variance = variance.sum(axis=2) + LEAST**2
-        if not readings.thermometer_ or slopes.shape[2] == count:
-            return np.asarray(np.sqrt(variance))
-        field = times(x[:, parts['field']], self.features_.projection)
-        chip = readings.steepness * (slopes[..., :count] @ field[..., None])[..., 0]
-        disc = slopes[..., count] * x[:, parts['doubt']] / UNIT
-        known = chip * chip + disc * disc if self.features_.lag_ else (chip + disc) ** 2
-        return np.asarray(np.sqrt(variance + readings.thermometer_**2 * known))
-
-    def _learn_magnets(self, change: Array, thermal: Array) -> None:
-        """Learn how answers follow fields that are not the disc's, from the disc's place."""
-        rows = np.linspace(0, len(change) - 1, min(len(change), RESPONSES)).astype(int)
-        change, thermal = change[rows], thermal[rows]
-        features, memory = self.features_, self.start()
-        x, parts = features.table(change, thermal, None, memory)
-        moved = [
-            features.table(change + DISTURBED * way, thermal, None, memory)[0]
-            for way in features.projection.T
-        ]
-        told = [self._answers(one, parts) for one in (x, *moved)]
-        slopes = [(one - told[0]) / DISTURBED for one in told[1:]]
-        if thermal.shape[1]:
-            warmer = features.table(change, thermal + np.array([WARMER, 0.0, 0.0]), None, memory)[
-                0
-            ]
-            slopes.append((self._answers(warmer, parts) - told[0]) / WARMER)
-        field = magnet_fields(self.config.positions, features.uniform_.response_)
-        seen = features.uniform_.solve(field.reshape(-1, field.shape[2]))
-        share = (field @ features.projection).std() / np.sqrt(np.nansum(seen**2) / len(seen))
-        shape = magnet_shape(field, features.projection)
-        magnets = NearbyMagnets(shape, float(share))
-        self.magnets_ = magnets.fit(x[:, parts['place']], np.stack(slopes, axis=2))
-
-    def _calibrate_magnets(self, change: Array, thermal: Array) -> None:
-        """Learn how far to trust what is said beside magnets, on presses beside simulated ones."""
-        assert self.magnets_ is not None
-        features, rng = self.features_, np.random.default_rng(0)
-        rows = rng.integers(len(change), size=SIMULATED)
-        change, thermal = change[rows], thermal[rows]
-        field, way = np.empty_like(change), rng.integers(DIRECTIONS, size=SIMULATED)
-        for i, distance in enumerate(rng.uniform(*DISTANCES, SIMULATED)):
-            pixels, response = self.config.positions, features.uniform_.response_
-            one = magnet_fields(pixels, response, distance)[way[i]]
-            field[i] = 10 ** rng.uniform(*MOMENTS) * rng.normal(size=3) @ one
-        x, parts = features.table(change, thermal, None, self.start())
-        moved, _ = features.table(change + field, thermal, None, self.start())
-        error = (self._answers(moved, parts) - self._answers(x, parts))[:, : -len(parts['rest'])]
-        uniform = features.uniform_.solve(field)[:, features.uniform_.seen]
-        error[:, -uniform.shape[1] :] -= uniform
-        seen = self._seen(moved, parts)
-        told = self._beside(moved, parts, seen, np.arange(SIMULATED))
-        self.magnets_.calibrate(error, *told, way)
-
-    def _answers(self, x: Array, parts: dict[str, Integers]) -> Array:
-        """What a field that is not the disc's falsifies, and what it leaves over, side by side."""
-        told = [target.estimator_.predict(x) for target in self.targets_]
-        return np.concatenate([*told, x[:, parts['uniform']], x[:, parts['rest']]], axis=1)
-
-    def _learn_targets(
-        self, x: Array, parts: dict[str, Integers], good: Bools, truth: Columns, groups: Columns
-    ) -> list[Selection]:
-        """Choose and fit the estimators of all targets; what they said of rows left out."""
-        targets: list[Target] = []
-        held: list[Selection] = []
-        wanted = self.estimator
-        if (wanted in MODELS and 'place' not in parts) or (
-            wanted == 'history' and wanted not in parts
-        ):
-            wanted = 'differences'  # too few pixels for a model, or no time
-        drivers = parts['where']
-        good = good & np.isfinite(x).all(axis=1)
+    def _references(self, truth: Columns, use: Bools) -> Array:
+        """Reference answers (s, l) of rows to use, NaN elsewhere; names `answers_`."""
+        found = []
         for name in TARGETS:
-            y = np.asarray(truth.get(name, np.full((len(x), 3), np.nan)), np.float64)
-            for columns, rows in known_columns(y, good):
-                group = np.asarray(groups['group'], np.int64)[rows]
-                targets.append(Target(name, columns, drivers, parts['differences']))
-                known = candidates(parts, wanted)
-                held.append(targets[-1].fit(x[rows], y[rows][:, columns], group, known))
-        self.targets_ = tuple(targets)
-        return held
+            column = np.asarray(truth.get(name, np.full((len(use), 3), np.nan)), float)
+            column = np.where(use[:, None], column, np.nan)
+            for axis in np.flatnonzero(np.isfinite(column).any(axis=0)):
+                self.answers_.append([name, int(axis)])
+                found.append(column[:, axis])
+        return np.stack(found, axis=1) if found else np.zeros((len(use), 0))
+
+    def _learn(
+        self, signals: Signals, references: Array, stray: Array, rows: Integers, group: Integers
+    ) -> None:
+        """Calibrate on rows, of which those of group -1 rest in known fields; judge the rest."""
+        self._take(None)
+        touched, f = int((group >= 0).sum()), references[rows]
+        frames = self._calibration_frames(signals, stray, rows, touched)
+        rough = replace(frames, noise=np.hypot(frames.noise, ROUGH))
+        states = self.invert(rough).states
+        begin, noise = disc.polynomial_fit(self.model, states[:touched], f[:touched])
+        model = replace(self.model, answer_noise=noise)
+        fit = calibrate(model, rough, f, states, begin=begin, gain=1e-3)
+        if self._seeks_lag:
+            self._learn_lag(signals, model, references, fit, rows[:touched])
+            frames = self._calibration_frames(signals, stray, rows, touched)
+        learned = np.array([disc.TILT, disc.TILT + 1, disc.LABEL])
+        kinds = disc.width_groups(model, len(self.config.positions), self.answers_)
+        for _ in range(ROUNDS):
+            frames.information[:touched, learned] = 1 / model.state_sigma[learned] ** 2
+            fit = calibrate(model, frames, f, fit.states, begin=fit.parameters, gain=1e-5)
+            influence = Influence(model, fit, frames, f)
+            model = learn_noise(model, fit, influence, learned, kinds)
+            noise = np.maximum(model.answer_noise, disc.LEAST_NOISE * self.spread_)
+            model = replace(model, answer_noise=noise)
+        self.widths_ = {'state': model.state_sigma.copy(), 'parameters': model.parameter_sigma}
+        self.widths_['state'][disc.LABEL] = 0.0
+        self.label_noise_ = model.answer_noise
+        self._take(fit)
+        errors, stated = (part[:touched] for part in influence.held_out(group))
+        states = fit.states[:touched]
+        self._judge(
+            signals, f[:touched], rows[:touched], (errors, stated, group[:touched], states)
+        )
+        if self.method_ == 'inversion' and self.config.stray_term:
+            self._judge_magnets(self._frames(signals, self.start()), rows[:touched])
+
+    def _calibration_frames(
+        self, signals: Signals, stray: Array, rows: Integers, touched: int
+    ) -> Frames:
+        """Frames of a calibration: resting ones do not move, stray fields that are known hold."""
+        frames = rows_of(self._frames(signals, self.start()), rows)
+        frames.information[:, disc.LABEL] = disc.LABEL_OFF**-2
+        frames.information[touched:, : disc.UNIFORM] = RESTS**-2
+        field, uniform = stray[rows] / disc.MT, slice(disc.UNIFORM, disc.MAGNET)
+        field[:touched] = np.where(self.measured, field[:touched], 0.0)
+        known = np.isfinite(field)
+        frames.prior[:, uniform] = np.where(known, field, frames.prior[:, uniform])
+        tight = np.where(known, frames.noise.min(axis=1, keepdims=True) ** -2, 0.0)
+        frames.information[:, uniform] = np.maximum(frames.information[:, uniform], tight)
+        return replace(frames, free=np.union1d(frames.free, [disc.LABEL]))
+
+    @property
+    def _seeks_lag(self) -> bool:
+        """Whether streams show how the magnet lags behind the chip, which the config leaves."""
+        asked = self.config.thermal_lag == 0 and self.config.thermal_term
+        return asked and self.thermometer_.warm and len(self.thermometer_.lags_) > 0
+
+    def _learn_lag(
+        self, signals: Signals, model: ModelPrior, references: Array, fit: Calibration,
+        rows: Integers,
+    ) -> None:  # fmt: skip
+        """Take the time constant with which a calibration explains its frames best."""
+        few = spread_rows(np.arange(len(rows)), FEW_ROWS)
+        nothing = np.full((len(signals.good), 3), np.nan)
+        costs: dict[float, float] = {}
+
+        def cost(lag: float) -> float:
+            self.thermometer_.lag_ = lag
+            frames = self._calibration_frames(signals, nothing, rows[few], len(few))
+            found = calibrate(
+                model, frames, references[rows[few]], fit.states[few], begin=fit.parameters,
+                most_steps=20, gain=1e-4,
+            )  # fmt: skip
+            costs[lag] = found.cost
+            return found.cost
+
+        best = min([0.0, *map(float, self.thermometer_.lags_)], key=cost)
+        if best > 0:
+            minimize_scalar(
+                lambda log: cost(float(np.exp(log))), bounds=np.log([best / 3, 3 * best]),
+                method='bounded', options={'xatol': 0.02},
+            )  # fmt: skip
+            best = min(costs, key=lambda lag: costs[lag])
+        self.thermometer_.lag_ = best if costs[best] < costs[0.0] - CLEARLY else 0.0
+
+    def _judge(
+        self, signals: Signals, f: Array, rows: Integers,
+        held: tuple[Array, Array, Integers, Array],
+    ) -> None:  # fmt: skip
+        """Choose between the inversion and the floor by errors on groups held out; scale both."""
+        errors, stated, group, states = held
+        drivers: Array = self._drivers(states)
+        shares = {'inversion': relative(errors, self.spread_)}
+        floor = self.estimator if self.estimator in ESTIMATORS[1:] else 'polynomial'
+        x = self._features(signals)[rows]
+        other = cross_validated(self._regressor(floor), x, f, group)
+        shares[floor] = relative(other, self.spread_)
+        better = shares[floor] < shares['inversion'] and self.estimator is None
+        self.method_ = 'inversion'
+        scale: Array | None = stated
+        if self.estimator == floor or better:
+            self.method_, errors, drivers, scale = floor, other, x, None
+            self.regressor_ = self._regressor(floor).fit(x, f, group)
+        self.covariance_ = CovarianceModel().fit(errors, scale, group, drivers)
+        sigma = np.sqrt(np.einsum('sii->si', self.covariance_.predict(scale, drivers)[0]))
+        self._report_errors(f, errors, sigma, group, shares)
+        sizes: dict[str, float] = {}
+        for (name, _), column in zip(self.answers_, f.T, strict=True):
+            sizes[str(name)] = max(sizes.get(str(name), 0.0), float(np.nanmax(np.abs(column))))
+        force = sizes.get('force', 0.0)
+        more = max(1.0, self.config.full_scale / force) if force > 0 else 1.0
+        most = [more * sizes[str(name)] for name, _ in self.answers_]
+        self.largest_ = np.array([size if size > 0 else np.inf for size in most])
+
+    def _drivers(self, states: Array) -> Array:
+        """Places (s, 3), and the magnet's temperature where the fit saw several."""
+        place = states[:, : disc.TILT] / self.unit_
+        if self.thermometer_.warm:
+            return np.column_stack([place, states[:, disc.MAGNET] / self.thermometer_.spread_])
+        return place
+
+    def _features(self, signals: Signals) -> Array:
+        """Features of regressors: fields (s, 2 t) (T), and the temperature where it varied."""
+        count = len(signals.good)
+        now = signals.temperature_c
+        scale = np.ones(count) if now is None else self._sensitivity(mean_of(now))
+        scale = np.where(np.isfinite(scale), scale, 1.0)[:, None]
+        field = signals.values.reshape(count, -1) / scale
+        if self.tared_:
+            then = signals.rest_temperature_c
+            usual = np.ones(count) if then is None else self._sensitivity(mean_of(then))
+            usual = np.where(np.isfinite(usual), usual, 1.0)[:, None]
+            field = field - signals.baseline.reshape(count, -1) / usual + self.level_
+        if not self.thermometer_.warm:
+            return field
+        warm = self.thermometer_.follow(signals, self.start())[:, 2:3] / 25.0
+        return np.concatenate([field, warm], axis=1)
+
+    def _regressor(self, name: str) -> Estimator:
+        """A regressor of `_features`."""
+        if name == 'polynomial':
+            return WarmChain(1) if self.thermometer_.warm else PolynomialForce()
+        return Ridge()
+
+    # -- magnets nearby ----------------------------------------------------------------------
+
+    def _judge_magnets(self, frames: Frames, rows: Integers) -> None:
+        """Learn how far to trust what is answered beside magnets, on presses beside dipoles."""
+        rng = np.random.default_rng(0)
+        part = rows_of(frames, rng.choice(rows, NEAR_ROWS))
+        clean = self.invert(part)
+        opened = 3 + int(self.measured.sum())
+        limit = chi2.ppf(1 - CHANCE, max(len(self.level_) - opened, 1))
+        self.threshold_ = max(float(limit), 2 * float(np.quantile(clean.chi_square, 0.99)))
+        way = rng.normal(size=(2, NEAR_ROWS, 3))
+        way /= np.linalg.norm(way, axis=2, keepdims=True)
+        pixels = np.asarray(self.config.positions)
+        place = pixels.mean(axis=0) + way[0] * rng.uniform(*NEAR_DISTANCE, (NEAR_ROWS, 1))
+        moment = way[1] * 10 ** rng.uniform(*NEAR_MOMENT, (NEAR_ROWS, 1))
+        field = dipole_field(
+            np.broadcast_to(pixels, (NEAR_ROWS, *pixels.shape)), place[:, None], moment[:, None]
+        )
+        axes = disc.chip_axes(self.config)[:, :, [0, 2]]
+        read = np.einsum('tik,sti->stk', axes, field) / disc.MT
+        beside = replace(part, readings=part.readings + read.reshape(NEAR_ROWS, -1))
+        found = self.invert(beside)
+        near = np.flatnonzero(found.chi_square > self.threshold_)
+        self.near_scale_ = np.ones(len(self.answers_))
+        if len(near):
+            said = self._beside_magnet(rows_of(beside, near), found.states[near])
+            error = np.abs(said.answers - clean.answers[near])
+            sigma = np.sqrt(np.einsum('sii->si', said.answer_covariance))
+            self.near_scale_ = np.nanquantile(error / sigma, TWO_SIGMA, axis=0) / 2
+
+    def _beside_magnet(self, frames: Frames, states: Array) -> Posterior:
+        """Answers with patterns of a magnet nearby, whose size follows from what is left over."""
+        model, fit = self.model, self.fit_
+        opened = np.append(np.arange(3), disc.UNIFORM + np.flatnonzero(self.measured))
+        information = frames.information.copy()
+        read, slopes = disc.readings_of(model, fit.parameters, states)
+        for row, y in enumerate(frames.readings):
+            use, noise = np.isfinite(y), frames.noise[row]
+            slope, left = (slopes[row] / noise[:, None])[use], ((y - read[row]) / noise)[use]
+            ways = np.linalg.svd(slope[:, opened])[0][:, len(opened) :]
+            seen = ((ways.T @ slope[:, disc.NEAR :]) ** 2).sum()
+            size = ((ways.T @ left) ** 2).sum() / max(seen, 1e-300)
+            information[row, disc.NEAR :] = 1 / max(size, disc.FIELD_LEAST)
+        free = np.union1d(frames.free, np.arange(disc.NEAR, disc.STATES))
+        beside = replace(frames, information=information, free=free)
+        return invert(model, fit, beside, states[:, None], with_states=False)
+
+    # -- use ---------------------------------------------------------------------------------
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Targets, covariances, stray field and flags of every row.
@@ -514,97 +523,233 @@ class GradiometerEstimation(Estimation):
         ----------
         signals : Signals
             Conditioned frames.
-        memory : StreamMemory
+        memory : ndarray, shape (7,)
             Of the stream; moves on.
 
         Returns
         -------
         dict of str to ndarray, shape (s, ...)
-            NaN for components that were never told.
+            NaN for components that were never learned.
         """
-        assert isinstance(memory, StreamMemory)
-        signals = memory.with_temperatures(signals)
-        features, config = self.features_, self.config
-        change = features.readings_.change(signals)
-        thermal = features.thermal(signals, memory)
-        x, parts = features.table(change, thermal, signals, memory)
-        status = margins(signals, config, features.readings_.noise) * _SATURATED
-        known: Columns = {}
-        width = sum(len(target.columns) for target in self.targets_)
-        shift, wider = np.zeros((len(x), width)), np.zeros((len(x), width, width))
-        if self.stray_ is None:
-            known['stray_field'] = features.uniform_.solve(change)
+        status = clipped_rows(signals, self.config, self.noise_) * SATURATED
+        if self.regressor_ is not None:
+            answers, covariance, field, flags = self._regress(signals)
         else:
-            status |= self._add_stray(known, x, parts, (shift, wider)) * _STRAY
-        outside, far = outside_doubt(features, signals, wider)
-        status |= outside * _OUTSIDE
-        if self.reach_ is not None:
-            place, rest = x[:, parts['place']], signals.in_contact == 0
-            away = self.reach_.beyond(place) * ~rest
-            status |= (away > 0) * _OUTSIDE
-            if np.count_nonzero(rest):
-                away = np.where(rest, self.reach_.unfelt(place), away)
-            if np.count_nonzero(away):
-                wider += self.reach_.doubt(away)[..., None] ** 2 * np.eye(width)
-        if self.magnets_ is not None:
-            known_by = features, self.magnets_, signals, x[:, parts['place']]
-            tare_doubt(*known_by, self.doubt_, wider)
-            drift_doubt(*known_by, wider)
-            untold_doubt(*known_by, x[:, parts['field']], thermal[:, 2:].sum(axis=1), wider)
-            if self.reach_ is not None:
-                warmth_doubt(*known_by, x[:, parts['field']], self.reach_.slope_, wider)
-        if self.targets_:
-            self._add_targets(known, x, self._noise(x, parts), (shift, wider, far))
-            rejected = reject_implausible(known, self.largest_, signals.in_contact != 0)
-            status |= rejected * _ABSTAINED
+            answers, covariance, field, flags = self._estimate(signals, np.asarray(memory))
+        known: Columns = {'stray_field': field}
+        status = status | flags | self._unusual_temperature(signals) * OUT_OF_RANGE
+        if self.answers_:
+            still = signals.in_contact == 0
+            if np.count_nonzero(still):  # 0 is answered: what was estimated is the error of that
+                hidden = np.where(still[:, None], answers, 0.0)
+                covariance = covariance + hidden[:, :, None] * hidden[:, None]
+            status = status | self._reject(known, answers, covariance, ~still) * ABSTAINED
+            self._spell(known, answers, covariance)
         known['status'] = status
         return known
 
-    def _seen(self, x: Array, parts: dict[str, Integers]) -> Seen:
-        """What readings tell beside the disc."""
-        assert self.stray_ is not None
-        rest, uniform = x[:, parts['rest']], x[:, parts['uniform']]
-        return self.stray_.predict(x[:, parts['where']], uniform, rest)
+    def _estimate(self, signals: Signals, memory: Array) -> tuple[Array, Array, Array, Integers]:
+        """Answers, covariances, stray field and flags by inversion."""
+        frames = self._frames(signals, memory)
+        found = self.invert(frames)
+        answers, covariance, states = found.answers, found.answer_covariance, found.states
+        flags = np.zeros(len(answers), np.int64)
+        near = found.chi_square > self.threshold_
+        if np.count_nonzero(near):
+            rows = np.flatnonzero(near)
+            part = rows_of(frames, rows)
+            again = self.invert(part, MORE_STARTS)
+            better = again.chi_square <= self.threshold_
+            beside = self._beside_magnet(part, again.states)
+            for own, one, two in (
+                (answers, again.answers, beside.answers), (states, again.states, beside.states),
+            ):  # fmt: skip
+                own[rows] = np.where(better[:, None], one, two)
+            wide = self.near_scale_[:, None] * self.near_scale_ * beside.answer_covariance
+            covariance[rows] = np.where(better[:, None, None], again.answer_covariance, wide)
+            flags[rows] |= ~better * STRAY_FIELD
+        if self.covariance_ is not None:
+            covariance, beyond = self.covariance_.predict(covariance, self._drivers(states))
+            flags |= (beyond & (signals.in_contact != 0)) * OUT_OF_RANGE
+        field = disc.MT * states[:, disc.UNIFORM : disc.MAGNET]
+        return answers, covariance, np.where(self.measured, field, np.nan), flags
 
-    def _beside(
-        self, x: Array, parts: dict[str, Integers], seen: Seen, rows: Integers
-    ) -> tuple[Array, Array]:
-        """Errors of answers and their covariances in rows of a field that is not the disc's."""
-        assert self.magnets_ is not None
-        told = seen.left[rows], seen.noise[rows], seen.size[rows]
-        gains = self.features_.uniform_.uncertainty
-        return self.magnets_.error(x[rows][:, parts['place']], *told, gains)
+    def _regress(self, signals: Signals) -> tuple[Array, Array, Array, Integers]:
+        """Answers, covariances, stray field and flags by a regressor."""
+        assert self.regressor_ is not None
+        assert self.covariance_ is not None
+        x = self._features(signals)
+        covariance, beyond = self.covariance_.predict(None, x)
+        change = (x[:, : len(self.level_)] - self.level_).reshape(len(x), -1, 2)
+        axes = disc.chip_axes(self.config)[:, :, [0, 2]].transpose(0, 2, 1).reshape(-1, 3)
+        field = change.reshape(len(x), -1) @ np.linalg.pinv(axes).T
+        flags = (beyond & (signals.in_contact != 0)) * OUT_OF_RANGE
+        field = np.where(self.measured, field, np.nan)
+        return self.regressor_.predict(x), covariance, field, flags
 
-    def _add_stray(
-        self, known: Columns, x: Array, parts: dict[str, Integers], spoilt: tuple[Array, Array]
-    ) -> Bools:
-        """The stray field (s, 3), what it does to answers; rows (s,) where it is a magnet's."""
-        shift, wider = spoilt
-        seen, width = self._seen(x, parts), shift.shape[1]
-        near = np.flatnonzero(seen.near)
-        if len(near):
-            mean, cov = self._beside(x, parts, seen, near)
-            shift[near], wider[near] = mean[:, :width], cov[:, :width, :width]
-            seen.field[near] -= mean[:, width:]
-        known['stray_field'] = np.full((len(x), 3), np.nan)
-        known['stray_field'][:, self.features_.uniform_.seen] = seen.field
-        return seen.odd
+    def _unusual_temperature(self, signals: Signals) -> Bools:
+        """Rows (s,) at temperatures that the fit did not see, or that nothing measured."""
+        low, high = self.thermometer_.span_
+        if not (self.answers_ and np.isfinite(low)):
+            return np.zeros(len(signals.good), bool)
+        if signals.temperature_c is None:
+            return np.ones(len(signals.good), bool)
+        chip = mean_of(signals.temperature_c)
+        return np.asarray((chip < low - LEAST_RANGE) | (chip > high + LEAST_RANGE))
 
-    def _add_targets(
-        self, known: Columns, x: Array, noise: Array, spoilt: tuple[Array, Array, Array]
+    def _reject(self, known: Columns, answers: Array, covariance: Array, asked: Bools) -> Bools:
+        """Make answers NaN in rows where they cannot be; `valid` is False where none is left."""
+        variance = np.einsum('sii->si', covariance)
+        wrong = (variance > self.largest_**2) | (np.abs(answers) > FARTHEST * self.largest_)
+        lost = np.zeros_like(wrong)
+        for name in TARGETS:
+            own = np.array([one == name for one, _ in self.answers_])
+            lost[:, own] = (wrong[:, own].any(axis=1) & asked)[:, None]
+        answers[lost] = np.nan
+        rows, columns = np.nonzero(lost)
+        covariance[rows, columns] = covariance[rows, :, columns] = np.nan
+        known['valid'] = ~(lost | ~np.isfinite(answers)).all(axis=1)
+        return np.asarray(lost.any(axis=1))
+
+    def _spell(self, known: Columns, answers: Array, covariance: Array) -> None:
+        """Spread answers (s, l) over the targets' components, NaN where never learned."""
+        for name in dict.fromkeys(str(one) for one, _ in self.answers_):
+            own = np.array([i for i, (one, _) in enumerate(self.answers_) if one == name])
+            axes = np.array([int(self.answers_[i][1]) for i in own])
+            known[name] = np.full((len(answers), 3), np.nan)
+            known[f'{name}_cov'] = np.full((len(answers), 3, 3), np.nan)
+            known[name][:, axes] = answers[:, own]
+            known[f'{name}_cov'][:, axes[:, None], axes] = covariance[:, own[:, None], own]
+
+    # -- report ------------------------------------------------------------------------------
+
+    def _report_errors(
+        self, f: Array, errors: Array, sigma: Array, group: Integers, shares: dict[str, float]
     ) -> None:
-        """Components of all targets (s, 3) and their covariances, NaN where never told."""
-        (shift, wider, far), drivers = spoilt, self.targets_[0].drive(x)
-        for target, part in self._answered():
-            if target.name not in known:
-                known[target.name] = np.full((len(x), 3), np.nan)
-                known[f'{target.name}_cov'] = np.full((len(x), 3, 3), np.nan)
-            mean, cov = target.predict(x, drivers, noise[:, part], shift[:, part], far)
-            cov += wider[:, part, part] * (target.unit_[:, None] * target.unit_)
-            index = target.places
-            known[target.name][:, index] = mean
-            known[f'{target.name}_cov'][:, index[:, None], index] = cov
+        """Errors on held-out groups, by target."""
+        for name in dict.fromkeys(str(one) for one, _ in self.answers_):
+            own = [i for i, (one, _) in enumerate(self.answers_) if one == name]
+            axes = ['xyz'[int(self.answers_[i][1])] for i in own]
+            part, spread = errors[:, own], sigma[:, own]
+            rows = np.isfinite(part).all(axis=1)
+            part, spread = part[rows], spread[rows]
+            length = np.linalg.norm(part, axis=1)
+            if not len(length):
+                continue
+            self.report_[f'{name}_{"".join(axes)}'] = {
+                'held_out_mean': float(length.mean()),
+                'held_out_rmse': float(np.sqrt((length**2).mean())),
+                'held_out_p95': float(np.percentile(length, 95)),
+                'inside_one_sigma': float((np.abs(part) <= spread).mean()),
+                'inside_two_sigma': float((np.abs(part) <= 2 * spread).mean()),
+                'groups': float(len(np.unique(group))), 'rows': float(len(part)),
+                **{f'rmse_{axis}': float(np.sqrt((part[:, i] ** 2).mean()))
+                   for i, axis in enumerate(axes)},
+                **{f'reference_noise_{axis}': float(self.label_noise_[i])
+                   for i, axis in zip(own, axes, strict=True)},
+                **{f'share_{method}': share for method, share in shares.items()},
+            }  # fmt: skip
+        if self.method_ == 'inversion':
+            found = disc.described(self.fit_.parameters, len(self.config.positions))
+            self.report_['disc'] = {**found, 'thermal_lag': self.thermometer_.lag_}
+
+    def _report_unsupported(self, f: Array, still: int) -> None:
+        """Sentences on what the recordings of a fit did not show."""
+        names = {str(name) for name, _ in self.answers_}
+        missing = ' and '.join(name for name in TARGETS[:2] if name not in names)
+        said = [f'{missing}: no truth told it, and the config has no stiffness'] if missing else []
+        low, high = self.thermometer_.span_
+        if len(f):
+            full = self.config.full_scale
+            loads = [
+                f'{np.nanmin(column):.2g}..{np.nanmax(column):.2g} N along {"xyz"[int(axis)]}'
+                for (name, axis), column in zip(self.answers_, f.T, strict=True)
+                if name == 'force' and max(-np.nanmin(column), np.nanmax(column)) < WHOLE * full
+            ]
+            if loads:
+                said.append(f'force beyond {", ".join(loads)}; full scale is {full:.2g} N')
+            if not np.isfinite([low, high]).all():
+                said.append('temperature: no chip told one')
+            elif self.thermometer_.warm:
+                said.append(f'temperatures beyond {low:.0f}..{high:.0f} C')
+                if self.thermometer_.lag_ == 0 and not len(self.thermometer_.lags_):
+                    said.append(
+                        'how the disc lags behind the chip: no stamps tell it, nor thermal_lag'
+                    )
+            else:
+                said.append(f'temperatures other than about {0.5 * (low + high):.0f} C')
+        if not still:
+            said.append('gains and crossed axes beside forces: no rest in known fields')
+        self.report_ |= {f'not told: {one}': {} for one in said}
 
 
-_SATURATED, _STRAY = np.int64(FrameStatus.SATURATED), np.int64(FrameStatus.STRAY_FIELD)
-_OUTSIDE, _ABSTAINED = np.int64(FrameStatus.OUT_OF_RANGE), np.int64(FrameStatus.ABSTAINED)
+SATURATED, STRAY_FIELD = np.int64(FrameStatus.SATURATED), np.int64(FrameStatus.STRAY_FIELD)
+OUT_OF_RANGE, ABSTAINED = np.int64(FrameStatus.OUT_OF_RANGE), np.int64(FrameStatus.ABSTAINED)
+
+
+def rows_of(frames: Frames, rows: Integers) -> Frames:
+    """Some of the frames."""
+    return replace(
+        frames, readings=frames.readings[rows], prior=frames.prior[rows],
+        information=frames.information[rows], noise=frames.noise[rows],
+    )  # fmt: skip
+
+
+def spread_rows(rows: Integers, most: int) -> Integers:
+    """At most so many of the rows, evenly spread."""
+    few = np.linspace(0, len(rows) - 1, min(len(rows), most))
+    return np.asarray(rows[few.astype(int)])
+
+
+def relative(errors: Array, spread: Array) -> float:
+    """Root mean square of errors (s, l) over the spread (l,) of each answer; inf: no error."""
+    known = np.isfinite(errors)
+    if not known.any():
+        return float('inf')
+    return float(np.sqrt(((errors / spread)[known] ** 2).mean()))
+
+
+def cross_validated(estimator: Estimator, x: Array, f: Array, group: Integers) -> Array:
+    """Errors (s, l) of an estimator on groups held out; NaN where it cannot be fitted."""
+    errors = np.full(f.shape, np.nan)
+    fold = group_folds(group, FOLDS, 0)
+    whole = np.isfinite(f).all(axis=1) & np.isfinite(x).all(axis=1)
+    for name in np.unique(fold):
+        held, rest = whole & (fold == name), whole & (fold != name)
+        if held.any() and rest.sum() > FOLDS:
+            fitted = estimator.fit(x[rest], f[rest], group[rest])
+            errors[held] = fitted.predict(x[held]) - f[held]
+    return errors
+
+
+def rest_noise(signals: Signals, resting: Bools) -> float:
+    """Noise of a channel (T) by resting rows (s,); of streams, what changes slowly left aside."""
+    size = float(np.sqrt(signals.delta[resting].var(axis=0).mean()))
+    if signals.stamp_ns is None or len(resting) < FEWEST_RESTING:
+        return size
+    # every row of a tare begins a baseline: streams are told apart by their times
+    step = sliding_window_view(np.diff(signals.stamp_ns), 3)
+    even = (step.min(axis=1) > 0) & (step.max(axis=1) <= UNEVEN * step.min(axis=1))
+    even &= sliding_window_view(resting, 4).all(axis=1)
+    third = np.diff(signals.values, 3, axis=0)[even]
+    if len(third) < FEWEST_RESTING:
+        return size
+    return min(size, float(np.sqrt((third**2).mean() / THIRD)))
+
+
+def clipped_rows(signals: Signals, config: GradiometerConfig, noise: float) -> Bools:
+    """Rows (s,) with a reading so near its limit that noise may hide that it is clipped."""
+    if config.saturation is None:
+        return np.zeros(len(signals.good), bool)
+    limit = np.asarray(config.saturation, float)
+    edge = limit - np.minimum(SIGMAS * noise, MOST_MARGIN * limit)
+    return np.asarray((np.abs(signals.values) >= edge).any(axis=(1, 2)))
+
+
+def at_rest(signals: Signals, truth: Columns) -> Bools:
+    """Rows (s,) that truth, or the readings, call untouched."""
+    force = np.asarray(truth.get('force', np.full((len(signals.good), 3), np.nan)), float)
+    free = np.nan_to_num(np.abs(force), nan=0.0).max(axis=1) == 0
+    if 'in_contact' in truth:
+        return np.asarray(np.asarray(truth['in_contact']) == 0)
+    return np.asarray(free | (signals.in_contact == 0))

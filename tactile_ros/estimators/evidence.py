@@ -1,0 +1,157 @@
+"""Influence of references on a calibration: held-out errors, and the noise that is most probable.
+
+After `model_inversion.calibrate` the residual of a reference over what it drew to itself is what
+it would have been without it (one step of Newton's method, exact where models are linear). The
+evidence gives the noise of references and the widths of priors by the same shares.
+
+Sources: R. Cook and S. Weisberg, Residuals and Influence in Regression (1982), sec. 2.2;
+D. MacKay, Bayesian interpolation (1992), sec. 4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.estimators.model_inversion import HUBER, Equations
+
+if TYPE_CHECKING:
+    from tactile_ros.estimators.model_inversion import Calibration, Frames, ModelPrior
+    from tactile_ros.types import Array, Integers
+
+UNKNOWN = 1e12  # variance of a missing reference over that of a given one
+HYPER = 0.2  # squares by which a width of a prior is as it was
+
+
+class Influence:
+    """Residuals of references after a calibration, and how far each drew the answer to itself.
+
+    Attributes
+    ----------
+    known : ndarray of bool, shape (s, l)
+        References that are given.
+    error, variance : ndarray, shape (s, l)
+        References less answers, 0 where unknown, and variance of references by the robust loss.
+    own : ndarray, shape (s, l, l)
+        Covariance of answers that the frame's own state leaves.
+    slopes : ndarray, shape (s, l, k)
+        Change of answers with the parameters, states following.
+    state_variance : ndarray, shape (s, n)
+        Of the states of the calibration.
+    """
+
+    def __init__(self, model: ModelPrior, fit: Calibration, frames: Frames, f: Array) -> None:
+        references = np.array(f, np.float64, order='C')
+        equations = Equations(model, frames, references, fit.states, fit.parameters)
+        (count, wide), (n, k) = references.shape, (fit.states.shape[1], len(fit.parameters))
+        out, by_state = np.empty((count, wide)), np.zeros((count, wide, n))
+        self.slopes = np.zeros((count, wide, k))
+        for s in range(count):
+            model.answers(
+                fit.states[s], fit.parameters, model.data, out[s], by_state[s], self.slopes[s]
+            )
+        self.error = np.nan_to_num(references - out)
+        usual = np.broadcast_to(model.answer_noise**2, out.shape)
+        robust = usual * np.maximum(np.abs(self.error) / model.answer_noise / HUBER, 1.0)
+        self.known = np.isfinite(references)
+        self.variance = np.where(self.known, robust, UNKNOWN * usual)
+        size = 1 / np.sqrt(np.diagonal(equations.a, axis1=1, axis2=2))
+        scale = size[:, :, None] * size[:, None]
+        inverse = np.linalg.inv(equations.a * scale) * scale
+        shift = -inverse @ equations.b
+        by_state = by_state[:, :, frames.free]
+        self.own = by_state @ inverse @ by_state.transpose(0, 2, 1)
+        self.slopes += by_state @ shift
+        self.root = fit.root
+        spread = shift @ fit.root
+        self.state_variance = np.zeros((count, n))
+        own = np.einsum('sii->si', inverse) + (spread**2).sum(axis=2)
+        self.state_variance[:, frames.free] = own
+
+    @property
+    def drawn(self) -> Array:
+        """Share (s, l) by which each reference determined the answer itself."""
+        spread = self.slopes @ self.root
+        found = np.einsum('sii->si', self.own) + (spread**2).sum(axis=2)
+        return np.asarray(found / self.variance)
+
+    def held_out(self, groups: Integers) -> tuple[Array, Array]:
+        """Errors (s, l) of answers less references, and their covariance (s, l, l).
+
+        References of a row's group were taken from the calibration, by a step of Newton's; the
+        covariance is that of the error, with the noise of the reference. NaN where there is none.
+        """
+        count, wide = self.error.shape
+        error, covariance = np.empty((count, wide)), np.empty((count, wide, wide))
+        for name in np.unique(groups):
+            rows = np.flatnonzero(groups == name)
+            inverse = self._left_out(rows)
+            variance = self.variance[rows].ravel()
+            error[rows] = -(variance * (inverse @ self.error[rows].ravel())).reshape(-1, wide)
+            both = variance[:, None] * inverse * variance
+            for i, row in enumerate(rows):
+                part = slice(i * wide, (i + 1) * wide)
+                covariance[row] = both[part, part]
+        error[~self.known] = np.nan
+        return error, covariance
+
+    def _left_out(self, rows: Integers) -> Array:
+        """Inverse covariance of residuals of the references of these rows, if left out."""
+        wide, k = self.error.shape[1], len(self.root)
+        block = self.variance[rows][:, :, None] * np.eye(wide) - self.own[rows]
+        spread = self.slopes[rows] @ self.root
+        each = [slice(i * wide, (i + 1) * wide) for i in range(len(rows))]
+        if len(rows) * wide <= k:
+            flat = spread.reshape(-1, k)
+            whole = -flat @ flat.T
+            for part, own in zip(each, block, strict=True):
+                whole[part, part] += own
+            return np.asarray(np.linalg.inv(whole))
+        block = np.asarray(np.linalg.inv(block), np.float64)
+        seen = block @ spread
+        inner = np.eye(k) - np.einsum('sik,sil->kl', spread, seen, optimize=True)
+        flat = seen.reshape(-1, k)
+        whole = flat @ np.linalg.solve(inner, flat.T)
+        for part, own in zip(each, block, strict=True):
+            whole[part, part] += own
+        return np.asarray(whole)
+
+
+def learn_noise(
+    model: ModelPrior, fit: Calibration, influence: Influence, states: Integers, groups: Integers
+) -> ModelPrior:
+    """Take the noise of references and widths of priors that make a recording most probable.
+
+    One step of MacKay's fixed point: squares over what is left of their number.
+
+    Parameters
+    ----------
+    model, fit, influence : ModelPrior, Calibration, Influence
+        Of the same recording.
+    states : ndarray of int
+        States whose sigma is learned.
+    groups : ndarray of int, shape (k,)
+        Parameters of one number share a factor of their sigma; -1: it stays.
+    """
+    trust = model.answer_noise**2 / influence.variance
+    left = (trust * (1 - influence.drawn)).sum(axis=0)
+    noise = np.sqrt((trust * influence.error**2).sum(axis=0) / np.maximum(left, 1.0))
+    sigma, width = model.state_sigma.copy(), model.parameter_sigma.copy()
+    rows = influence.known.any(axis=1)
+    off = (fit.states - model.state)[rows][:, states] ** 2 / sigma[states] ** 2
+    seen = 1 - influence.state_variance[rows][:, states] / sigma[states] ** 2
+    sigma[states] *= _factor_of(off.sum(axis=0), seen.sum(axis=0))
+    z = ((fit.parameters - model.parameters) / np.where(width > 0, width, 1.0)) ** 2
+    seen = 1 - np.diagonal(fit.covariance) / np.where(width > 0, width, 1.0) ** 2
+    for name in range(int(groups.max()) + 1):
+        rows = (groups == name) & (width > 0)
+        width[rows] *= _factor_of(z[rows].sum(), seen[rows].sum())
+    return replace(model, answer_noise=noise, state_sigma=sigma, parameter_sigma=width)
+
+
+def _factor_of(squares: Array, count: Array) -> Array:
+    """Change of a sigma by squares over it and by how many of them a recording determined."""
+    factor = np.sqrt((squares + HYPER) / (np.maximum(count, 0.0) + HYPER))
+    return np.clip(factor, 0.1, 10.0)

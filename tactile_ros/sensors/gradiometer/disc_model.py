@@ -1,0 +1,526 @@
+"""Forward model of a disc magnet over pixels, and polynomials of its place: states and parameters.
+
+A disc in an elastomer moves and leans with the force on it. Pixels read its field, of a table, and
+any uniform field, each by a gain and two crossed axes of its own, times the Hall sensitivity at
+the temperature of the chip; the magnet's own temperature changes its strength and height.
+Readings are changes since a tare at other temperatures. What a magnet nearby adds beside a uniform
+field is a sum of patterns. Lengths are in mm, fields in mT.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_ros.estimators.model_inversion import ModelPrior
+from tactile_ros.physics import field_table
+from tactile_ros.physics.compiled import compiled
+from tactile_ros.physics.magnetics import dipole_field
+from tactile_ros.physics.temperature import CALIBRATED_AT, EXPANSION, REMANENCE_SLOPE
+
+if TYPE_CHECKING:
+    from tactile_ros.sensors.gradiometer.config import GradiometerConfig
+    from tactile_ros.types import Array, Bools, Integers
+
+MM = MT = 1e-3
+# state: place since rest (3), tilt beside that of the place (2), uniform field (3), temperature of
+# the magnet now and at the tare, of the chip now and at the tare (K from the usual one), relative
+# error common to all references of a frame, patterns of a nearby magnet
+PLACE, TILT, UNIFORM, MAGNET, CHIP, LABEL, NEAR = 0, 3, 5, 8, 10, 12, 13
+PATTERNS = 6
+STATES = NEAR + PATTERNS
+# parameters: of t pixels with 2 channels: places 3 t, gains 2 t, crossed to the other axis 2 t and
+# to y 2 t, offset of the tare 2 t, drift with the chip 2 t, then these, then coefficients
+PER_PIXEL = 13
+REST, LEVEL, GAP, STRENGTH, LEAN, DEEPER, WIDER = 0, 2, 4, 5, 6, 7, 8
+WEAKER, SOFTER, RISE, SENSITIVITY, CURVE, BEND, SHARED = 9, 10, 11, 12, 13, 14, 15
+# data: number of pixels, grid of the table (4), rows, columns, height, unit of length, p0, p1, p2,
+# number of loads, 2 where a tare is taken off or 1; then pixels, chip axes, patterns, table, terms
+COUNT, GRID, ROWS, COLUMNS, HEIGHT, UNIT, HALL, LOADS = 0, 1, 5, 6, 7, 8, 9, 12
+PARTS, ARRAYS = 13, 14
+DEGREE = 5
+WRONG_DEGREE = 3
+# how far specimens differ from their config: pixels, rest (mm), gains and crossed axes (1), level
+# (rad), gap and remanence (1), lean (rad / mm) and its course, offset of readings and of baselines
+# (mT), drift (mT / K)
+PIXELS_OFF, REST_OFF, GAINS_OFF, LEVEL_OFF = 0.05, 0.2, 0.02, 0.05
+GAP_OFF, STRENGTH_OFF, LEAN_OFF, COURSE_OFF = 0.08, 0.08, 0.1, 0.5
+ABSOLUTE, OFFSET, OFFSET_WARM, DRIFT = 1.0, 1e-3, 0.1, 1e-2
+RIGHT, WRONG, SMOOTH = 3.0, 0.05, 0.6  # coefficients over an answer's size, and for each degree
+ANY = 1e3
+LEAST_NOISE = 1e-4  # of references, over the spread of what they say
+FIELD_LEAST = 1e-8  # mT2, of patterns of a magnet
+TILT_OFF, CROSSED_FIELD, LABEL_OFF = 1e-3, 1.0, 2e-3
+
+
+@compiled
+def lagrange(u: float) -> tuple[float, ...]:
+    """Weights of four nodes at -1, 0, 1, 2, and their slopes."""
+    a, b, c = u + 1, u - 1, u - 2
+    return (
+        -u * b * c / 6,
+        a * b * c / 2,
+        -a * u * c / 2,
+        a * u * b / 6,
+        -(b * c + u * c + u * b) / 6,
+        (b * c + a * c + a * b) / 2,
+        -(u * c + a * c + a * u) / 2,
+        (u * b + a * b + a * u) / 6,
+    )
+
+
+@compiled
+def table_point(
+    x: float, y: float, z: float, table: Array, grid: Array
+) -> tuple[float, float, float, float, float, float]:
+    """Radial field over distance and axial field; their slopes over the distance, and depth."""
+    p, q = (x * x + y * y) / grid[0] + 1, (-z - grid[1]) / grid[2]
+    i = min(max(math.floor(p) - 1, 0), table.shape[0] - 4)
+    j = min(max(math.floor(q) - 1, 0), table.shape[1] - 4)
+    wi, wj = lagrange(p - i - 1), lagrange(q - j - 1)
+    f = g = fs = gs = fz = gz = 0.0
+    for a in range(4):
+        rf = rg = tf = tg = 0.0
+        for b in range(4):
+            near, far = table[i + a, j + b, 0], table[i + a, j + b, 1]
+            rf += near * wj[b]
+            rg += far * wj[b]
+            tf += near * wj[b + 4]
+            tg += far * wj[b + 4]
+        f += rf * wi[a]
+        g += rg * wi[a]
+        fs += rf * wi[a + 4]
+        gs += rg * wi[a + 4]
+        fz += tf * wi[a]
+        gz += tg * wi[a]
+    fs, gs = fs * (2 / grid[0]), gs * (2 / grid[0])
+    return f, g, fs, gs, fz / -grid[2], gz / -grid[2]
+
+
+@compiled
+def turned(a: float, b: float, turn: Array) -> None:
+    """Rotation (3, 3) by turns about x and y (rad)."""
+    angle = math.hypot(a, b)
+    half = 0.5 * angle
+    sine = math.sin(angle) / angle if angle > 0 else 1.0
+    share = math.sin(half) / half if angle > 0 else 1.0
+    versine = 0.5 * share * share
+    turn[0, 0], turn[1, 1] = 1 - versine * b * b, 1 - versine * a * a
+    turn[2, 2] = math.cos(angle)
+    turn[0, 1] = turn[1, 0] = versine * a * b
+    turn[0, 2], turn[2, 0] = sine * b, -sine * b
+    turn[1, 2], turn[2, 1] = -sine * a, sine * a
+
+
+@compiled
+def disc_field(
+    apart: Array, turn: Array, table: Array, grid: Array, field: Array, slope: Array
+) -> None:
+    """Write the field (3,) of a turned disc at a point apart (3,) of it, and its slopes (3, 5)."""
+    own, half = np.zeros((3, 3)), np.empty((3, 3))
+    x = turn[0, 0] * apart[0] + turn[1, 0] * apart[1] + turn[2, 0] * apart[2]
+    y = turn[0, 1] * apart[0] + turn[1, 1] * apart[1] + turn[2, 1] * apart[2]
+    z = turn[0, 2] * apart[0] + turn[1, 2] * apart[1] + turn[2, 2] * apart[2]
+    f, g, fs, gs, fz, gz = table_point(x, y, z, table, grid)
+    own[0, 0], own[1, 1] = f + x * x * fs, f + y * y * fs
+    own[0, 1] = own[1, 0] = x * y * fs
+    own[0, 2], own[1, 2], own[2, 0], own[2, 1], own[2, 2] = x * fz, y * fz, x * gs, y * gs, gz
+    for i in range(3):
+        field[i] = turn[i, 0] * f * x + turn[i, 1] * f * y + turn[i, 2] * g
+        for k in range(3):
+            half[i, k] = turn[i, 0] * own[0, k] + turn[i, 1] * own[1, k] + turn[i, 2] * own[2, k]
+    for i in range(3):
+        for k in range(3):
+            slope[i, k] = -(
+                half[i, 0] * turn[k, 0] + half[i, 1] * turn[k, 1] + half[i, 2] * turn[k, 2]
+            )
+    slope[0, 3], slope[1, 3], slope[2, 3] = 0.0, -field[2], field[1]
+    slope[0, 4], slope[1, 4], slope[2, 4] = field[2], 0.0, -field[0]
+    for i in range(3):
+        slope[i, 3] += slope[i, 2] * apart[1] - slope[i, 1] * apart[2]
+        slope[i, 4] += slope[i, 0] * apart[2] - slope[i, 2] * apart[0]
+
+
+@compiled
+def disc_pose(part: int, x: Array, p: Array, data: Array, pose: Array, turn: Array) -> None:
+    """Write what holds for all pixels now (part 0) or at the tare (1): centre, turn, strengths."""
+    base = PER_PIXEL * int(data[COUNT])
+    now = 1.0 - part
+    magnet, chip = x[MAGNET + part], x[CHIP + part]
+    dx, dy, dz = now * x[0], now * x[1], now * x[2]
+    radius = dx * dx + dy * dy
+    course = 1.0 + p[base + DEEPER] * dz + p[base + WIDER] * radius
+    lean = p[base + LEAN] * course
+    turned(
+        p[base + LEVEL] - lean * dy + now * x[3],
+        p[base + LEVEL + 1] + lean * dx + now * x[4],
+        turn,
+    )
+    pose[0], pose[1] = dx + p[base + REST], dy + p[base + REST + 1]
+    pose[2] = dz + p[base + GAP] + p[base + RISE] * magnet + 0.5e3 * data[HEIGHT]
+    linear, curve = data[HALL + 1] + p[base + SENSITIVITY], data[HALL + 2] + p[base + CURVE]
+    pose[3] = data[HALL] + (linear + curve * chip) * chip
+    pose[4] = linear + 2 * curve * chip
+    pose[5] = 1.0 + p[base + WEAKER] * magnet
+    pose[6], pose[7], pose[8] = lean, course, radius
+
+
+@compiled
+def pixel_seen(
+    q: int, p: Array, data: Array, table: Array, pose: Array, turn: Array, seen: Array,
+    moved: Array,
+) -> None:  # fmt: skip
+    """Write the disc's field at pixel q in axes of its chip (3,) (mT), and its slopes (3, 5)."""
+    pixels = int(data[COUNT])
+    base, place, axes = PER_PIXEL * pixels, ARRAYS + 3 * q, ARRAYS + 3 * pixels + 9 * q
+    apart, field, slope = np.empty(3), np.empty(3), np.empty((3, 5))
+    for i in range(3):
+        apart[i] = 1e-3 * (data[place + i] + p[3 * q + i] - pose[i])
+    disc_field(apart, turn, table, data[GRID : GRID + 4], field, slope)
+    strength = 1e3 * p[base + STRENGTH] * pose[5]
+    for i in range(3):
+        ax, ay, az = data[axes + i], data[axes + 3 + i], data[axes + 6 + i]
+        seen[i] = strength * (ax * field[0] + ay * field[1] + az * field[2])
+        for k in range(5):
+            moved[i, k] = ax * slope[0, k] + ay * slope[1, k] + az * slope[2, k]
+            moved[i, k] *= strength * (1e-3 if k < 3 else 1.0)
+
+
+@compiled
+def by_shared(
+    part: int, m: int, x: Array, p: Array, data: Array, pose: Array, d: Array, disc: float,
+    by_state: Array, by_parameter: Array,
+) -> None:  # fmt: skip
+    """Add slopes of a channel by the disc: d (5,) by place and tilt, `disc` is its reading."""
+    base, q = PER_PIXEL * int(data[COUNT]), m // 2
+    magnet, lean, course = x[MAGNET + part], pose[6], pose[7]
+    for i in range(3):
+        by_parameter[m, 3 * q + i] -= d[i]
+    for i in range(2):
+        by_parameter[m, base + REST + i] += d[i]
+        by_parameter[m, base + LEVEL + i] += d[3 + i]
+    by_parameter[m, base + GAP] += d[2]
+    by_parameter[m, base + RISE] += d[2] * magnet
+    by_parameter[m, base + STRENGTH] += disc / p[base + STRENGTH]
+    by_parameter[m, base + WEAKER] += disc * magnet / pose[5]
+    by_state[m, MAGNET + part] = disc * p[base + WEAKER] / pose[5] + d[2] * p[base + RISE]
+    if part == 0:
+        sideways = d[4] * x[0] - d[3] * x[1]
+        bend = sideways * p[base + LEAN]
+        by_parameter[m, base + LEAN] = sideways * course
+        by_parameter[m, base + DEEPER] = bend * x[2]
+        by_parameter[m, base + WIDER] = bend * pose[8]
+        by_state[m, 0] = d[0] + d[4] * lean + 2 * x[0] * bend * p[base + WIDER]
+        by_state[m, 1] = d[1] - d[3] * lean + 2 * x[1] * bend * p[base + WIDER]
+        by_state[m, 2] = d[2] + bend * p[base + DEEPER]
+        by_state[m, 3], by_state[m, 4] = d[3], d[4]
+
+
+@compiled
+def channel_reading(
+    part: int, m: int, x: Array, p: Array, data: Array, pose: Array, seen: Array, moved: Array,
+    out: Array, by_state: Array, by_parameter: Array,
+) -> None:  # fmt: skip
+    """Add the reading of channel m now (part 0), or take off that at the tare, and its slopes."""
+    pixels = int(data[COUNT])
+    base, axes = PER_PIXEL * pixels, ARRAYS + 3 * pixels + 9 * (m // 2)
+    i, j = 2 * (m % 2), 2 - 2 * (m % 2)
+    gain, k1, k2 = p[3 * pixels + m], p[5 * pixels + m], p[7 * pixels + m]
+    drift, chip, d = p[11 * pixels + m], x[CHIP + part], np.empty(5)
+    sign = 1.0 - 2.0 * part
+    own, other, third = seen[i], seen[j], seen[1]
+    g = sign * pose[3] * gain
+    disc = own + k1 * other + k2 * third
+    if part == 0:
+        for k in range(3):
+            u, a = x[UNIFORM + k], axes + 3 * k
+            own, other = own + data[a + i] * u, other + data[a + j] * u
+            third += data[a + 1] * u
+            by_state[m, UNIFORM + k] = g * (data[a + i] + k1 * data[a + j] + k2 * data[a + 1])
+    whole = own + k1 * other + k2 * third
+    out[m] += g * whole + sign * drift * chip
+    by_state[m, CHIP + part] = sign * (pose[4] * gain * whole + drift)
+    by_parameter[m, 3 * pixels + m] += sign * pose[3] * whole
+    by_parameter[m, 5 * pixels + m] += g * other
+    by_parameter[m, 7 * pixels + m] += g * third
+    by_parameter[m, 11 * pixels + m] += sign * chip
+    by_parameter[m, base + SENSITIVITY] += sign * chip * gain * whole
+    by_parameter[m, base + CURVE] += sign * chip * chip * gain * whole
+    for k in range(5):
+        d[k] = g * (moved[i, k] + k1 * moved[j, k] + k2 * moved[1, k])
+    by_shared(part, m, x, p, data, pose, d, g * disc, by_state, by_parameter)
+
+
+@compiled
+def disc_readings(
+    x: Array, p: Array, data: Array, out: Array, by_state: Array, by_parameter: Array
+) -> None:
+    """Changes of reading (2 t,) (mT) since a tare at a state (19,)."""
+    pixels, rows, columns = int(data[COUNT]), int(data[ROWS]), int(data[COLUMNS])
+    channels, first = 2 * pixels, ARRAYS + 12 * pixels
+    patterns = data[first : first + channels * PATTERNS].reshape(channels, PATTERNS)
+    first += channels * PATTERNS
+    table = data[first : first + 2 * rows * columns].reshape(rows, columns, 2)
+    pose, turn, seen, moved = np.empty(9), np.empty((3, 3)), np.empty(3), np.empty((3, 5))
+    for m in range(channels):
+        out[m] = p[9 * pixels + m]
+        by_parameter[m, 9 * pixels + m] = 1.0
+        for k in range(PATTERNS):
+            out[m] += patterns[m, k] * x[NEAR + k]
+            by_state[m, NEAR + k] = patterns[m, k]
+    for part in range(int(data[PARTS])):
+        disc_pose(part, x, p, data, pose, turn)
+        for q in range(pixels):
+            pixel_seen(q, p, data, table, pose, turn, seen, moved)
+            for c in range(2):
+                channel_reading(
+                    part, 2 * q + c, x, p, data, pose, seen, moved, out, by_state, by_parameter
+                )
+
+
+@compiled
+def disc_answers(
+    x: Array, p: Array, data: Array, out: Array, by_state: Array, by_parameter: Array
+) -> None:
+    """Loads (first) and places (l,) that were learned, as polynomials of the place."""
+    base, unit, loads = PER_PIXEL * int(data[COUNT]) + SHARED, data[UNIT], data[LOADS]
+    terms = data[data.size - 4 * (p.size - base) :].reshape(p.size - base, 4)
+    power = np.ones((3, DEGREE + 1))
+    for i in range(3):
+        for e in range(1, DEGREE + 1):
+            power[i, e] = power[i, e - 1] * x[i] / unit
+    out[:] = 0.0
+    softer, bend = p[base + SOFTER - SHARED], p[base + BEND - SHARED]
+    soft, label = 1.0 + (softer + bend * x[MAGNET]) * x[MAGNET], 1.0 + x[LABEL]
+    for t in range(terms.shape[0]):
+        f, a, b, c = int(terms[t, 0]), int(terms[t, 1]), int(terms[t, 2]), int(terms[t, 3])
+        scale = soft * label if f < loads else 1.0
+        value = power[0, a] * power[1, b] * power[2, c]
+        by_parameter[f, base + t] = scale * value
+        weight = scale * p[base + t]
+        out[f] += weight * value
+        if a > 0:
+            by_state[f, 0] += weight * a * power[0, a - 1] * power[1, b] * power[2, c] / unit
+        if b > 0:
+            by_state[f, 1] += weight * b * power[0, a] * power[1, b - 1] * power[2, c] / unit
+        if c > 0:
+            by_state[f, 2] += weight * c * power[0, a] * power[1, b] * power[2, c - 1] / unit
+    for f in range(out.size):
+        if f < loads:
+            by_state[f, MAGNET] = out[f] * (softer + 2 * bend * x[MAGNET]) / soft
+            by_state[f, LABEL] = out[f] / label
+            by_parameter[f, base + SOFTER - SHARED] = out[f] * x[MAGNET] / soft
+            by_parameter[f, base + BEND - SHARED] = out[f] * x[MAGNET] ** 2 / soft
+
+
+@compiled
+def best_starts(readings: Array, table: Array, projection: Array, best: Integers) -> None:
+    """Index (s, q) of the rows of a table (g, d) nearest to readings (s, m) projected (m, d)."""
+    count, width = best.shape[1], projection.shape[1]
+    part, near = np.empty(width), np.empty(count)
+    for s in range(readings.shape[0]):
+        part[:] = 0.0
+        for m in range(readings.shape[1]):
+            if np.isfinite(readings[s, m]):
+                for d in range(width):
+                    part[d] += readings[s, m] * projection[m, d]
+        near[:], best[s] = np.inf, 0
+        for g in range(table.shape[0]):
+            total = 0.0
+            for d in range(width):
+                total += (part[d] - table[g, d]) ** 2
+            k = count - 1
+            if total < near[k]:
+                while k > 0 and total < near[k - 1]:
+                    near[k], best[s, k] = near[k - 1], best[s, k - 1]
+                    k -= 1
+                near[k], best[s, k] = total, g
+
+
+def readings_of(model: ModelPrior, parameters: Array, states: Array) -> tuple[Array, Array]:
+    """Readings (s, 2 t) (mT) of states (s, 19) and their slopes (s, 2 t, 19)."""
+    read, slopes = (
+        np.empty((len(states), len(model.noise))),
+        np.zeros((len(states), len(model.noise), STATES)),
+    )
+    for state, out, slope in zip(states, read, slopes, strict=True):
+        unused = np.zeros((len(model.noise), len(parameters)))
+        disc_readings(state, parameters, model.data, out, slope, unused)
+    return read, slopes
+
+
+def beside_uniform(slope: Array, measured: Bools) -> Array:
+    """Projection (n, m), orthonormal, that no uniform field of slopes (n, 19) passes."""
+    uniform = slope[:, UNIFORM:MAGNET][:, measured]
+    left, size, _ = np.linalg.svd(np.eye(len(slope)) - uniform @ np.linalg.pinv(uniform))
+    return np.ascontiguousarray(left[:, size > 0.5])
+
+
+def chip_axes(config: GradiometerConfig) -> Array:
+    """Axes of the chips in sensor axes, shape (t, 3, 3)."""
+    count = len(config.positions)
+    return np.tile(np.eye(3), (count, 1, 1)) if config.rotations is None else config.rotations
+
+
+def near_patterns(pixels: Array, axes: Array) -> Array:
+    """Readings (2 t, 6) (mT) beside uniform ones of dipoles 10 to 20 mm away, by their size.
+
+    `pixels` (t, 3) (m), `axes` (2 t, 3) of channels.
+    """
+    rng = np.random.default_rng(0)
+    way = rng.normal(size=(2, 400, 3))
+    way /= np.linalg.norm(way, axis=2, keepdims=True)
+    place = pixels.mean(axis=0) + way[0] * rng.uniform(10e-3, 20e-3, (400, 1))
+    field = dipole_field(
+        np.broadcast_to(pixels, (400, *pixels.shape)), place[:, None], way[1][:, None]
+    )
+    field = field / np.linalg.norm(field.mean(axis=1), axis=1)[:, None, None]
+    read = np.einsum('mi,smi->sm', axes, np.repeat(field, 2, axis=1))
+    uniform = np.linalg.qr(axes[:, [i for i in range(3) if (axes[:, i] != 0).any()]])[0]
+    read = read - read @ uniform @ uniform.T
+    _, size, shape = np.linalg.svd(read / np.sqrt(len(read)), full_matrices=False)
+    found = np.zeros((len(axes), PATTERNS))
+    count = min(PATTERNS, len(size))
+    found[:, :count] = (shape[:count] * size[:count, None]).T
+    return found
+
+
+def terms_of(answers: list[tuple[str, int]]) -> tuple[Array, Array]:
+    """Terms (k, 4), answer and powers of x, y, z, and the sizes (k,) of their coefficients.
+
+    The disc is alike on both sides: force along x is odd in x and even in y, and so on. Terms of
+    the other parity are small.
+    """
+    parity = {
+        'force': ((1, 0), (0, 1), (0, 0)), 'torque': ((0, 1), (1, 0), (1, 1)),
+        'position': ((1, 0), (0, 1), (0, 0)),
+    }  # fmt: skip
+    terms, sizes = [], []
+    for index, (name, axis) in enumerate(answers):
+        for a, b, c in product(range(DEGREE + 1), repeat=3):
+            degree, right = a + b + c, (a % 2, b % 2) == parity[name][axis]
+            least = 0 if name == 'position' else 1
+            if least <= degree <= (DEGREE if right else WRONG_DEGREE):
+                terms.append([index, a, b, c])
+                sizes.append((RIGHT if right else WRONG) * SMOOTH ** (degree - 1))
+    return np.array(terms, float).reshape(-1, 4), np.array(sizes)
+
+
+def disc_prior(
+    config: GradiometerConfig, answers: list[tuple[str, int]], scales: Array, unit: float,
+    usual_c: float, *, tared: bool,
+    shape: tuple[int, int] = (field_table.ROWS, field_table.COLUMNS),
+) -> ModelPrior:  # fmt: skip
+    """Model of a config with its priors: how far specimens differ.
+
+    Parameters
+    ----------
+    config : GradiometerConfig
+        Geometry and materials.
+    answers : list of (str, int)
+        Name and component of what is answered, loads first.
+    scales : ndarray, shape (l,)
+        Size of each answer.
+    unit : float
+        Length over which places are scaled (mm).
+    usual_c : float
+        Temperature from which others count (degrees Celsius); NaN: none is measured.
+    tared : bool
+        Whether readings are changes since a tare.
+    shape : tuple of int
+        Of the table of the disc's field.
+    """
+    pixels, count, axes = config.positions, len(config.positions), chip_axes(config)
+    gap, channels, base = config.gap / MM, 2 * count, PER_PIXEL * count
+    terms, sizes = terms_of(answers)
+    reach = field_table.reach_under(pixels, config.gap, config.disc_height)
+    table, grid = field_table.disc_table(
+        config.disc_diameter, config.disc_height, reach, shape
+    )
+    measured = axes[:, :, [0, 2]].transpose(0, 2, 1).reshape(-1, 3)
+    warm = bool(np.isfinite(usual_c))
+    p0, p1, p2 = config.sensitivity
+    shift = usual_c - CALIBRATED_AT if warm else 0.0
+    hall = (p0 + (p1 + p2 * shift) * shift, p1 + 2 * p2 * shift, p2)
+    head = [
+        count, *grid, *table.shape[:2], config.disc_height, unit, *hall,
+        sum(name != 'position' for name, _ in answers), 1 + tared,
+    ]  # fmt: skip
+    data = np.concatenate([
+        head, (pixels / MM).ravel(), axes.ravel(), near_patterns(pixels, measured).ravel(),
+        table.ravel(), terms.ravel(),
+    ])  # fmt: skip
+    mean, sigma = np.zeros((2, base + SHARED + len(terms)))
+    sigma[: 3 * count] = PIXELS_OFF
+    mean[3 * count : 5 * count] = 1.0
+    sigma[3 * count : 9 * count] = GAINS_OFF
+    sigma[9 * count : 11 * count] = OFFSET_WARM if warm else OFFSET
+    sigma[9 * count : 11 * count] = sigma[9 * count : 11 * count] if tared else ABSOLUTE
+    sigma[11 * count : base] = DRIFT if warm else 0.0
+    for index, (middle, width) in {
+        REST: (0.0, REST_OFF), REST + 1: (0.0, REST_OFF), LEVEL: (0.0, LEVEL_OFF),
+        LEVEL + 1: (0.0, LEVEL_OFF), GAP: (gap, GAP_OFF * gap),
+        STRENGTH: (config.remanence, STRENGTH_OFF * config.remanence), LEAN: (0.0, LEAN_OFF),
+        DEEPER: (0.0, COURSE_OFF / gap), WIDER: (0.0, COURSE_OFF / gap**2),
+        WEAKER: (REMANENCE_SLOPE, 0.5e-3 * warm), SOFTER: (-2e-3, 2e-3 * warm),
+        RISE: (EXPANSION * gap, 0.7 * EXPANSION * gap * warm), SENSITIVITY: (0.0, 5e-4 * warm),
+        CURVE: (0.0, 1e-5 * warm), BEND: (0.0, 1e-5 * warm),
+    }.items():  # fmt: skip
+        mean[base + index], sigma[base + index] = middle, width
+    sigma[base + SHARED :] = sizes * scales[terms[:, 0].astype(int)]
+    measurable = np.abs(measured).max(axis=0) > 0
+    state = np.zeros(STATES)
+    state[PLACE:TILT], state[TILT:UNIFORM] = ANY, TILT_OFF
+    state[UNIFORM:MAGNET] = np.where(measurable, ANY, CROSSED_FIELD)
+    state[LABEL] = LABEL_OFF
+    return ModelPrior(
+        disc_readings, disc_answers, np.ones(channels), 0.05 * scales, np.zeros(STATES), state,
+        mean, sigma, data,
+    )  # fmt: skip
+
+
+def width_groups(model: ModelPrior, pixels: int, answers: list[list[str | int]]) -> Integers:
+    """Parameters (k,) whose priors share a width: pixels, gains, terms of a degree; -1: none."""
+    base = PER_PIXEL * pixels
+    found = np.full(len(model.parameters), -1)
+    for kind, (first, last) in enumerate(((0, 3), (3, 5), (5, 7), (7, 9))):
+        found[first * pixels : last * pixels] = kind
+    first = base + SHARED
+    terms = model.data[len(model.data) - 4 * (len(found) - first) :].reshape(-1, 4)
+    _, sizes = terms_of([(str(name), int(axis)) for name, axis in answers])
+    kinds = np.column_stack([terms[:, 0], sizes.round(9)])
+    found[first:] = 4 + np.unique(kinds, axis=0, return_inverse=True)[1].reshape(-1)
+    return found
+
+
+def polynomial_fit(model: ModelPrior, states: Array, f: Array) -> tuple[Array, Array]:
+    """Parameters (k,) with coefficients of references (s, l) at states, and what is left (l,)."""
+    k, first = len(model.parameters), PER_PIXEL * int(model.data[COUNT]) + SHARED
+    slopes = np.zeros((*f.shape, k))
+    out, by_state = np.empty(f.shape[1]), np.zeros((f.shape[1], STATES))
+    for state, slope in zip(states, slopes, strict=True):
+        disc_answers(state, model.parameters, model.data, out, by_state, slope)
+    known = np.isfinite(f)
+    weight = np.where(known, 1.0, 0.0) / model.answer_noise
+    width = model.parameter_sigma[first:]
+    terms = (slopes[:, :, first:] * width * weight[..., None]).reshape(-1, k - first)
+    right = (np.nan_to_num(f) * weight).ravel()
+    found = np.linalg.solve(terms.T @ terms + np.eye(k - first), terms.T @ right)
+    parameters = np.append(model.parameters[:first], width * found)
+    left = np.where(known, f - slopes @ np.append(np.zeros(first), width * found), np.nan)
+    return parameters, np.maximum(np.sqrt(np.nanmean(left**2, axis=0)), model.answer_noise / 50)
+
+
+def described(parameters: Array, pixels: int) -> dict[str, float]:
+    """Parameters of the disc in SI units."""
+    base = PER_PIXEL * pixels
+    named = {
+        'gap': (GAP, MM), 'remanence': (STRENGTH, 1.0), 'rest_x': (REST, MM),
+        'rest_y': (REST + 1, MM), 'tilt_per_shift': (LEAN, 1 / MM),
+        'remanence_per_degree': (WEAKER, 1.0), 'stiffness_per_degree': (SOFTER, 1.0),
+    }  # fmt: skip
+    found = {name: unit * float(parameters[base + i]) for name, (i, unit) in named.items()}
+    return {**found, 'gain_spread': float(parameters[3 * pixels : 5 * pixels].std())}
