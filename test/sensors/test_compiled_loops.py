@@ -68,7 +68,7 @@ def run_first_frames(key: str, estimator: str, way: str, path: Path) -> None:
 @pytest.mark.parametrize(
     ('key', 'estimator'),
     [
-        ('gradiometer', 'inversion_tilt'),
+        ('gradiometer', 'inversion'),
         ('magnet_pad', 'table_gauss_newton'),
         ('taxel_array', ''),
         ('five_wire_skin', ''),

@@ -569,6 +569,8 @@ class GradiometerEstimation(Estimation):
             covariance[rows] = np.where(better[:, None, None], again.answer_covariance, wide)
             flags[rows] |= ~better * STRAY_FIELD
         if self.covariance_ is not None:
+            # smooth functions of the place are no better than references are taken to be
+            covariance = covariance + np.diag((disc.LEAST_NOISE * self.spread_) ** 2)
             covariance, beyond = self.covariance_.predict(covariance, self._drivers(states))
             flags |= (beyond & (signals.in_contact != 0)) * OUT_OF_RANGE
         field = disc.MT * states[:, disc.UNIFORM : disc.MAGNET]
@@ -600,7 +602,7 @@ class GradiometerEstimation(Estimation):
     def _reject(self, known: Columns, answers: Array, covariance: Array, asked: Bools) -> Bools:
         """Make answers NaN in rows where they cannot be; `valid` is False where none is left."""
         variance = np.einsum('sii->si', covariance)
-        wrong = (variance > self.largest_**2) | (np.abs(answers) > FARTHEST * self.largest_)
+        wrong = (variance > self.largest_**2) | ~(np.abs(answers) <= FARTHEST * self.largest_)
         lost = np.zeros_like(wrong)
         for name in TARGETS:
             own = np.array([one == name for one, _ in self.answers_])
