@@ -19,6 +19,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
+import tactile_ros.sensors.gradiometer.disc_model as disc
 from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.evidence import Influence, learn_noise
 from tactile_ros.estimators.model_inversion import (
@@ -34,7 +35,6 @@ from tactile_ros.estimators.regression import Ridge, group_folds
 from tactile_ros.physics.field_table import COLUMNS, ROWS
 from tactile_ros.physics.magnetics import dipole_field
 from tactile_ros.physics.temperature import REMANENCE_SLOPE, hall_sensitivity
-from tactile_ros.sensors.gradiometer import disc_model as disc
 from tactile_ros.sensors.gradiometer.temperature import Thermometer, mean_of
 from tactile_ros.sensors.gradiometer.twin import LEAST_NOISE, field_model, terms
 from tactile_ros.types import Array, Estimation, FrameStatus
@@ -167,7 +167,7 @@ class GradiometerEstimation(Estimation):
         return baseline * np.where(np.isfinite(ratio), ratio - 1, 0.0)[:, None, None]
 
     def _sensitivity(self, temperature_c: Array) -> Array:
-        """Of Hall elements; NaN where the temperature is."""
+        """Sensitivity of Hall elements; NaN where the temperature is."""
         found = hall_sensitivity(temperature_c, self.config.sensitivity, FOLLOWED)
         return np.where(np.isfinite(temperature_c), found, np.nan)
 
@@ -376,7 +376,7 @@ class GradiometerEstimation(Estimation):
 
     @property
     def _seeks_lag(self) -> bool:
-        """Whether streams show how the magnet lags behind the chip, which the config leaves."""
+        """True where streams show how the magnet lags behind the chip, which the config leaves."""
         asked = self.config.thermal_lag == 0 and self.config.thermal_term
         return asked and self.thermometer_.warm and len(self.thermometer_.lags_) > 0
 
@@ -410,10 +410,9 @@ class GradiometerEstimation(Estimation):
 
     def _judge(
         self, signals: Signals, f: Array, rows: Integers,
-        held: tuple[Array, Array, Integers, Array],
+        errors: Array, stated: Array, group: Integers, states: Array,
     ) -> None:  # fmt: skip
         """Choose between the inversion and the floor by errors on groups held out; scale both."""
-        errors, stated, group, states = held
         drivers: Array = self._drivers(states)
         shares = {'inversion': relative(errors, self.spread_)}
         floor = self.estimator if self.estimator in ESTIMATORS[1:] else 'polynomial'

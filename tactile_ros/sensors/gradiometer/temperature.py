@@ -73,7 +73,7 @@ def follow_chip(
 
 
 class Thermometer:
-    """How chip temperatures of a recording behave.
+    """Behaviour of the chip temperatures of a recording.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class Thermometer:
 
     @property
     def warm(self) -> bool:
-        """Whether temperatures differed."""
+        """True where temperatures differed."""
         return bool(self.span_[0] + LEAST_RANGE < self.span_[1] < np.inf)
 
     def fit(self, signals: Signals) -> Thermometer:
