@@ -354,7 +354,7 @@ class GradiometerEstimation(Estimation):
         errors, stated = (part[:touched] for part in influence.held_out(group))
         states = fit.states[:touched]
         self._judge(
-            signals, f[:touched], rows[:touched], (errors, stated, group[:touched], states)
+            signals, f[:touched], rows[:touched], errors, stated, group[:touched], states
         )
         if self.method_ == 'inversion' and self.config.stray_term:
             self._judge_magnets(self._frames(signals, self.start()), rows[:touched])
