@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.harness.independent import independent_rows
 from benchmarks.harness.rows import BenchResult, Row, within
 from benchmarks.worlds import five_wire_figures, five_wire_trials
 
@@ -56,6 +57,7 @@ def run(extent: str, command: str) -> BenchResult:
     each = {key: tuple(one[key] for one in found) for key in found[0]}
     rows = [*_accuracy(mean, each, worst), *_covered(spreads), *_cost(mean), *_methods(methods)]
     rows = [row for row in rows if row.ours is None or np.isfinite(row.ours)]
+    rows += independent_rows('five_wire_skin', extent)
     notes = [*_notes(quick), f'worlds: those of {len(seeds)} of {SEEDS[extent]} seeds']
     result = BenchResult('five_wire_skin', command, seeds, rows, notes)
     if not quick:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.harness.independent import independent_rows
 from benchmarks.harness.rows import BenchResult, Row
 from benchmarks.worlds import gradiometer_surroundings, gradiometer_trials
 from tactile_ros.estimators.polynomial_force import PolynomialForce
@@ -263,6 +264,7 @@ def run(extent: str, command: str) -> BenchResult:
     else:
         thermal, drawings['temperature'] = gradiometer_surroundings.warmth(module)
         rows += thermal
+    rows += independent_rows('gradiometer', extent)
     return BenchResult('gradiometer', command, [11], rows, notes, drawings)
 
 

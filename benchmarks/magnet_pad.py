@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.harness.independent import independent_rows
 from benchmarks.harness.plots import drawings
 from benchmarks.harness.rows import BenchResult, Row, within
 from benchmarks.worlds import magnet_pad_sessions as pads
@@ -75,6 +76,7 @@ def run(extent: str, command: str) -> BenchResult:
     named = {'neighbours': voted, 'ours': said.cell[REST:]}
     plots = drawings(test.config.cells, test.touches.place, said.position[REST:], named,
                      test.touches.cell, costs)  # fmt: skip
+    rows += independent_rows('magnet_pad', extent)
     seeds = [WORLD_SEED, LEARN, JUDGE]
     return BenchResult('magnet_pad', command, seeds, rows, _notes(extent, count), plots)
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.harness.independent import independent_rows
 from benchmarks.harness.rows import BenchResult, Row, within
 from benchmarks.worlds import multipole_presses
 from tactile_ros.estimators.few_shot import press_patterns
@@ -54,6 +55,7 @@ def run(extent: str, command: str) -> BenchResult:
                 )
             )  # fmt: skip
     rows += cost(trials[0], world)
+    rows += independent_rows('multipole_skin', extent)
     few = (
         f'five new heads at {size.places} place(s) and {size.posed} poses'
         if size.places

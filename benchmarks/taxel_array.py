@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks.harness import plots
+from benchmarks.harness.independent import independent_rows
 from benchmarks.harness.rows import BenchResult, Row
 from benchmarks.worlds import taxel_picks, taxel_skins, taxel_trust
 from tactile_ros.estimators.object_pose import TaxelPoints, first_state
@@ -87,6 +88,7 @@ def run(extent: str, command: str) -> BenchResult:
     )  # fmt: skip
     more, told, drawn_from = _skins(extent)
     rows, notes, seeds = rows + more, notes + told, [SEED, *worlds, *drawn_from]
+    rows += independent_rows('taxel_array', extent)
     return BenchResult('taxel_array', command, seeds, rows, notes, drawings)
 
 

@@ -51,6 +51,13 @@ def test_executables_have_their_modules() -> None:
         assert 'def main(' in path.read_text()
 
 
+def test_recordings_of_the_independent_world_are_not_installed() -> None:
+    installed = (ROOT / 'CMakeLists.txt').read_text(), (ROOT / 'pyproject.toml').read_text()
+    assert (ROOT / 'benchmarks' / 'independent' / 'data').is_dir()
+    assert 'PATTERN independent EXCLUDE' in installed[0]
+    assert 'benchmarks/independent' not in installed[1]
+
+
 # Where a distribution has another name than its module.
 MODULES = {
     'foxglove_sdk': 'foxglove', 'pillow': 'PIL', 'pyserial': 'serial', 'pyyaml': 'yaml',
@@ -193,6 +200,7 @@ def test_an_installed_wheel_finds_its_definitions_and_benches(
     benches = sorted(path.stem for path in (ROOT / 'benchmarks').glob('[!_]*.py'))
     assert {'reskin', 'roads'} <= {*benches}
     assert found == [str(share / 'msg'), str(share / 'benchmarks'), *benches]
+    assert not (share / 'benchmarks' / 'independent').exists()
 
 
 @pytest.mark.ros

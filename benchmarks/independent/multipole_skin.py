@@ -1,0 +1,161 @@
+"""Independent multipole sheet: heads pressed with 2..8 N, windows of ten frames at 20 Hz.
+
+The config holds the values of a data sheet, from which the world's sheet and chips differ.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from benchmarks.independent.recordings import answered, pipeline_with, recording, turn, world
+from tactile_ros.types import Outline
+
+if TYPE_CHECKING:
+    from tactile_ros.pipeline import Pipeline
+    from tactile_ros.types import Array, Bools, Integers, Recording
+
+DATA = world('multipole_skin')
+HEADS = [(kind, size) for kind in ('square', 'triangle', 'circle') for size in (10, 15, 20)]
+BARS = [('bar', (30, 6)), ('bar', (36, 5)), ('bar', (24, 8))]
+ROWS = 11  # of a window: one at rest, then ten frames
+LAST = slice(ROWS - 1, None, ROWS)
+
+
+def outline(kind: str, size: float | tuple[float, float]) -> Outline:
+    """Head (mm) around its centroid; triangles point to +y, bars lie along x."""
+    if kind == 'circle':
+        angle = np.arange(128) * 2 * np.pi / 128
+        loop = np.column_stack([np.cos(angle), np.sin(angle)]) * size / 2
+    elif kind == 'triangle':
+        low = size / np.sqrt(12)
+        loop = np.array([(-size / 2, -low), (size / 2, -low), (0, 2 * low)])
+    else:
+        a, b = np.broadcast_to(size, 2) / 2
+        loop = np.array([(-a, -b), (a, -b), (a, b), (-a, b)])
+    return Outline(f'{kind} {size}', (loop * 1e-3,))
+
+
+def nominal(objects: tuple[Outline, ...] = ()) -> Pipeline:
+    """Pipeline by the data sheet, not fitted."""
+    return pipeline_with(
+        'multipole_skin', positions=DATA['hall_m'], sheet_size=(0.075, 0.075),
+        sheet_thickness=0.002, layer_thickness=0.002, pole_pitch=0.01875, magnetisation='M4',
+        remanence=0.045, youngs_modulus=70e3, poisson_ratio=0.49, objects=objects,
+    )  # fmt: skip
+
+
+def presses(pipeline: Pipeline, windows: Array, **truth: Array) -> Recording:
+    """Windows (n, 60, 10), each a sequence of its own after a row at rest, with truth (n, ...)."""
+    count = len(windows)
+    change = np.concatenate([np.zeros((count, 1, 60)), np.swapaxes(windows, 1, 2)], 1)
+    first = np.arange(ROWS * count) % ROWS == 0
+    truth = {**truth, 'in_contact': np.ones(count, int)}
+    rows = {key: np.repeat(np.asarray(told), ROWS, axis=0) for key, told in truth.items()}
+    for key, told in rows.items():
+        told[first] = 0 if key == 'in_contact' else -1 if told.dtype.kind == 'i' else np.nan
+    since = np.tile(np.arange(ROWS) * 50_000_000, count)
+    stamp = (np.repeat(np.arange(count) * 10**10, ROWS) + since).astype(np.int64)
+    return recording(
+        pipeline.layout, change.reshape(-1, 20, 3) + DATA['rest'], stamp_ns=stamp,
+        sequence=np.repeat(np.arange(count), ROWS), tare=first, truth=rows,
+    )  # fmt: skip
+
+
+def place(xy_mm: Array) -> Array:
+    """Places (m) of unknown height."""
+    return np.column_stack([xy_mm * 1e-3, np.full(len(xy_mm), np.nan)])
+
+
+def taken(name: str, rows: Integers | slice = slice(None)) -> tuple[Array, ...]:
+    """Windows, heads, locations, places (mm) and turns of one set."""
+    return tuple(DATA[f'{name}_{k}'][rows] for k in ('X', 'head', 'loc', 'xy', 'yaw'))
+
+
+def shots(count: int, query: str = 'new') -> float:
+    """New heads that are named by `count` presses of each, mean of two draws (%).
+
+    Nine base heads at 13 places; the new ones at 12 others. The rest of their presses is asked.
+    """
+    rng, share = np.random.default_rng(count), []
+    heads, places = DATA['new_head'], DATA['new_loc']
+    for _ in range(2):
+        groups = [
+            np.flatnonzero((heads == head) & (places == at))
+            for head in range(5) for at in range(12)
+        ]  # fmt: skip
+        shown = np.concatenate([rng.permutation(group)[:count] for group in groups])
+        pipeline = nominal()
+        windows, head, at, xy, _ = taken('shape')
+        base = presses(pipeline, windows, label=head, cell=2 * at, position=place(xy))
+        windows, head, at, xy, _ = taken('new', shown)
+        few = presses(pipeline, windows, label=9 + head, cell=1 + 2 * at, position=place(xy))
+        pipeline = pipeline.fit(base, few)
+        rest = np.setdiff1d(np.arange(len(heads)), shown)
+        windows, head, *_ = taken('new', rest) if query == 'new' else taken(query)
+        found = np.asarray(pipeline.process_batch(presses(pipeline, windows)).label)[LAST]
+        share.append(100 * np.mean(found == 9 + head))
+    print('% per draw:', np.round(share, 1))
+    return float(np.mean(share))
+
+
+def skin_one_shot_min() -> float:
+    """New heads named after one press of each at the same place (%)."""
+    return shots(1)
+
+
+def skin_five_shot_min() -> float:
+    """New heads named after five presses of each at the same place (%)."""
+    return shots(5)
+
+
+def skin_stray_min() -> float:
+    """New heads named after five presses, in a uniform field of 0.05 mT after the tare (%)."""
+    return shots(5, 'stray')
+
+
+@cache
+def bars() -> Array:
+    """Errors of the turn (degrees) of a described bar never pressed, at new places."""
+    pipeline = nominal(tuple(outline(*bar) for bar in BARS))
+    windows, head, _, xy, turns = taken('bar')
+    pipeline = pipeline.fit(
+        presses(pipeline, windows, label=head, position=place(xy), yaw=turns)
+    )
+    windows, *_, turns = taken('newbar')
+    found = np.asarray(pipeline.process_batch(presses(pipeline, windows)).yaw)[LAST]
+    return turn(answered(found), turns, np.pi)
+
+
+def skin_pose_min() -> float:
+    """Presses of a new bar at new places whose turn is within 15 degrees (%)."""
+    return float(100 * np.mean(bars() <= 15))
+
+
+def skin_yaw() -> float:
+    """Median error of the turn of the same presses (degrees)."""
+    return float(np.median(bars()))
+
+
+@cache
+def nine() -> tuple[Bools, Array]:
+    """Right names and errors of places (m) of nine described heads after 20 presses of one."""
+    pipeline = nominal(tuple(outline(*head) for head in HEADS))
+    windows, head, _, xy, _ = taken('one')
+    pipeline = pipeline.fit(presses(pipeline, windows, label=head + 1, position=place(xy)))
+    windows, head, _, xy, _ = taken('all')
+    found = pipeline.process_batch(presses(pipeline, windows))
+    away = answered(np.asarray(found.position)[LAST, :2]) - xy * 1e-3
+    return np.asarray(found.label)[LAST] == head, np.hypot(*away.T)
+
+
+def skin_zero_shot_min() -> float:
+    """Nine described heads named at new places (%)."""
+    return float(100 * nine()[0].mean())
+
+
+def skin_place() -> float:
+    """Median error of the place of the same presses (mm)."""
+    return float(1e3 * np.median(nine()[1]))
