@@ -322,7 +322,8 @@ class SheetCalibration:
     def _rest_residual(self, rest: Array) -> Array:
         """Difference (t, 3) of resting readings from the model's, with the stray field of now."""
         stray = self.theta[self.parts['stray']]
-        return rest - self.model.rest() - np.einsum('tij,j->ti', self.model.responses, stray)
+        made = self.model.rest() + np.einsum('tij,j->ti', self.model.responses, stray)
+        return np.asarray(rest - made)
 
     def _rest_slopes(self, rest: Array) -> tuple[Array, float]:
         """Slopes (parameters, t 3) of resting readings, and their deviation."""

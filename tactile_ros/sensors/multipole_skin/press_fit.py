@@ -153,7 +153,8 @@ def learn(
     firm = np.flatnonzero(recogniser.strength(presses) >= WEAKEST)
     firm = _spread_out(firm, MOST)
     presses, labels = presses.rows(firm), labels.rows(firm)
-    outside, report = presses, {}
+    outside = presses
+    report: Report = {}
     if fit is not None:
         outside, report = _fit_sheet(recogniser, fit, used, presses, labels)
     report.update(choose(recogniser, presses, outside, labels))

@@ -271,7 +271,7 @@ _BANKS: dict[bytes, PressBank] = {}
 def bank_of(model: SkinModel, outlines: tuple[Outline, ...]) -> PressBank:
     """Templates of heads on a skin; the last ones made are kept."""
     parts = [model.chips, model.responses, model.sheet.each_moment, model.dents.waves]
-    parts += [np.float64(model.turning), *(loop for one in outlines for loop in one.loops)]
+    parts += [np.array([model.turning]), *(loop for one in outlines for loop in one.loops)]
     shapes = str([len(outline.loops) for outline in outlines]).encode()
     key = shapes + b'|'.join(np.ascontiguousarray(part).tobytes() for part in parts)
     bank = _BANKS.get(key)
@@ -595,7 +595,7 @@ OPEN_TURN = 3.0  # rad2, of a turn that cannot be seen
 
 def readings_of(presses: Presses) -> Array:
     """Logarithm of the strength of presses, by which errors grow, shape (n, 1)."""
-    return np.log(np.linalg.norm(presses.pattern, axis=1) + 1e-12)[:, None]
+    return np.asarray(np.log(np.linalg.norm(presses.pattern, axis=1) + 1e-12)[:, None])
 
 
 def _witnesses(matches: Matches) -> Array:
