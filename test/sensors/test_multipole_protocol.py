@@ -17,10 +17,10 @@ SKIN = Specimen(CONFIG, seed=3)  # type: ignore[arg-type]
 def test_heads_places_and_bars_are_those_of_the_paper() -> None:
     heads = nine_heads()
     assert len({head.name for head in heads}) == 9
-    for head, size in zip(heads[::3], twin.SIZES, strict=True):
+    for head, size in zip(heads[::3], (10e-3, 15e-3, 20e-3), strict=True):
         np.testing.assert_allclose(np.ptp(head.loops[0], axis=0), size)
     triangle = heads[1].loops[0]
-    np.testing.assert_allclose(np.linalg.norm(triangle[0] - triangle[1]), twin.SIZES[0])
+    np.testing.assert_allclose(np.linalg.norm(triangle[0] - triangle[1]), 10e-3)
     np.testing.assert_allclose(triangle.mean(axis=0), 0, atol=1e-12)
     assert len(np.unique(twin.stations(), axis=0)) == 25
     assert len(twin.bars()) == 3
