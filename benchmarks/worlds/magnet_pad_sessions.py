@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.worlds.cell_knn import CellKnn
 from tactile_ros.estimators.gaussian_sum_table import GaussianSumTable, Linearised
-from tactile_ros.estimators.grid_knn import CellKnn
 from tactile_ros.evaluation.metrics import accuracy
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig, surface_cells

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.physics.elastomer import FlatPunch, Layer
+from benchmarks.worlds.flat_punch import FlatPunch
+from tactile_ros.physics.elastomer import Layer
 from tactile_ros.physics.fidelity import BLOCK_COST, DIPOLE_COST, Choice, Model, choose, region
-from tactile_ros.physics.magnet_sheet import Sheet, carpet, harmonics
+from tactile_ros.physics.magnet_sheet import Sheet, carpet
 from tactile_ros.physics.magnetics import dipole_field, in_chip_axes
 
 if TYPE_CHECKING:
@@ -180,6 +181,24 @@ class PressedSheet:
                 weight = (u[:, 0] if a else 1 - u[:, 0]) * (u[:, 1] if b else 1 - u[:, 1])
                 found += weight[:, None] * shift[first[:, 1] + b, first[:, 0] + a]
         return found
+
+
+def harmonics(sheet: Sheet, points: Array, count: int) -> Array:
+    """Field (..., 3) (T) of an M4 without edges, all bands of which are as strong as the first.
+
+    `points` (..., 3) lie outside of the sheet (m); `count` is that of odd harmonics: 1, 3 ...
+    """
+    half = sheet.thickness / 2
+    phase = points[..., 1] + sheet.size[1] / 2
+    above = points[..., 2] - sheet.low - half
+    field = np.zeros(np.shape(points))
+    for n in 2 * np.arange(count) + 1:
+        k = n * np.pi / sheet.pole_pitch
+        strength = 4 * sheet.strengths[0] / (n * np.pi) * np.sinh(k * half)
+        strength = strength * np.exp(-k * np.abs(above))
+        field[..., 1] -= strength * np.sin(k * phase)
+        field[..., 2] -= np.sign(above) * strength * np.cos(k * phase)
+    return field
 
 
 @lru_cache

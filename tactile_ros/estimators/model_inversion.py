@@ -167,13 +167,6 @@ class Posterior:
 
 
 @compiled
-def no_answers(
-    state: Array, parameters: Array, data: Array, out: Array, by_state: Array, by_parameter: Array
-) -> None:
-    """Model without an answer."""
-
-
-@compiled
 def _factor(matrix: Array) -> bool:
     """Cholesky factor in place, lower triangle; False where the matrix is not positive."""
     for i in range(matrix.shape[0]):

@@ -36,21 +36,10 @@ def divided(conductance: Array) -> Array:
     return np.asarray(conductance / (1.0 + conductance))
 
 
-def grounded_output(conductance: Array) -> Array:
-    """Outputs (..., r, c) of a matrix whose rows are all driven, those not selected to ground.
-
-    u_ij = g_ij / (1 + sum_k g_kj): the other crossings of a column pull it down.
-
-    Examples
-    --------
-    >>> grounded_output(np.array([[1.0], [2.0]])).tolist()
-    [[0.25], [0.5]]
-    """
-    return np.asarray(conductance / (1.0 + conductance.sum(axis=-2, keepdims=True)))
-
-
 def without_grounded(output: Array) -> Array:
-    """Conductances (..., r, c) (1 / R0) of such outputs: g_ij = u_ij / (1 - sum_k u_kj), exactly.
+    """Conductances (..., r, c) (1 / R0) behind outputs of a matrix whose rows are all driven.
+
+    The other crossings of a column, to ground, pull it down: g_ij = u_ij / (1 - sum_k u_kj).
 
     Examples
     --------
@@ -61,22 +50,8 @@ def without_grounded(output: Array) -> Array:
     return np.asarray(output / np.maximum(room, 1e-9))
 
 
-def floating_conductance(conductance: Array) -> Array:
-    """Conductance (r, c) (1 / R0) between a row and a column while all other lines float.
-
-    G_ij = 1 / (M_ii + M_jj - 2 M_ij), with M the inverse of the Laplacian of the network of r + c
-    lines: no less than g_ij, since every sneak path adds to it.
-
-    Examples
-    --------
-    >>> floating_conductance(np.ones((2, 2))).round(3).tolist()
-    [[1.333, 1.333], [1.333, 1.333]]
-    """
-    return np.asarray(1.0 / _apart(_inverse(conductance), len(conductance)))
-
-
 def without_floating(measured: Array) -> Array:
-    """Conductances (r, c) of the crossings behind what `floating_conductance` gives (1 / R0).
+    """Conductances (r, c) (1 / R0) of crossings behind those of lines while all others float.
 
     Notes
     -----

@@ -23,8 +23,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 from scipy import fft
-from scipy.interpolate import CubicSpline
-from scipy.special import j0, j1
 
 from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.coverage import inside
@@ -54,60 +52,6 @@ ROOM = 1.6  # of a sheet: a period on which dents do not meet themselves
 EVEN = 6  # cells of the periodic grid are a multiple of it
 FINER = 2  # times as many cells of a punch for a carpet, where its rim decides
 PITCHES = 128  # of the shortest wave of a carpet, in the period
-NODES = 400  # of a round punch's density, which waves that are felt do not outrun
-DEEP = 36.0  # wave number times depth, beyond which nothing is felt
-POINTS = 5  # Gauss points in half a wave
-SPACING = 1e-4  # m, of the table over the distance from the axis
-
-
-def point_load(points: Array, loads: Array, forces: Array, shear_modulus: float) -> Array:
-    """Displacement of a half-space under point loads on its surface.
-
-    Parameters
-    ----------
-    points, loads : ndarray, shape (..., 3)
-        Where it is wanted, and where the loads act (m).
-    forces : ndarray, shape (..., 3)
-        On the body (N).
-    shear_modulus : float
-        Of the body (Pa).
-
-    Returns
-    -------
-    ndarray, shape (..., 3)
-        Displacements (m).
-
-    Examples
-    --------
-    >>> down = np.array([0.0, 0.0, -1.0])
-    >>> 1e6 * point_load(5e-3 * down, 0 * down, down, 1e5).round(9)
-    array([   0.   ,    0.   , -318.309])
-    """
-    r = points - loads
-    near = 1 / np.sqrt((r * r).sum(axis=-1, keepdims=True) + NEAREST**2)
-    along = (forces * r).sum(axis=-1, keepdims=True)
-    return np.asarray((forces * near + along * r * near**3) / (4 * np.pi * shear_modulus))
-
-
-def base_image(points: Array, loads: Array, forces: Array, shear_modulus: float) -> Array:
-    """Displacement that a rigid base at z = 0 adds to `point_load`, which takes the same.
-
-    Notes
-    -----
-    Blake (1971), Eq. (2.3), doubled as the free surface doubles the load's own field.
-    """
-    height = loads[..., 2:]
-    mirrored = forces * np.array([1.0, 1.0, -1.0])
-    r = points - loads * np.array([1.0, 1.0, -1.0])
-    near = 1 / np.linalg.norm(r, axis=-1, keepdims=True)
-    z, up = r[..., 2:], np.array([0.0, 0.0, 1.0])
-    along = (forces * r).sum(axis=-1, keepdims=True)
-    across = (mirrored * r).sum(axis=-1, keepdims=True)
-    lift = mirrored[..., 2:]
-    dipoles = height * (mirrored * near**3 - 3 * r * across * near**5)
-    dipoles += (up * across - mirrored * z - r * lift) * near**3 + 3 * r * z * across * near**5
-    moved: Array = -forces * near - along * r * near**3 + 2 * height * dipoles
-    return moved / (4 * np.pi * shear_modulus)
 
 
 def disc_press(
@@ -486,69 +430,3 @@ class PunchedCarpet:
         longest = np.exp(-1j * self.ky[0, 1] * at)
         waves = np.broadcast_to(longest, (PITCHES // 2, len(at)))
         return np.asarray(np.cumprod(np.concatenate([np.ones((1, len(at))), waves]), axis=0))
-
-
-class FlatPunch:
-    """Movement of a bonded layer under a round smooth flat head, for each metre that it sinks.
-
-    Its pressure has a root at the edge that no map of squares follows. As cosines of an even
-    density over the radius it is finite everywhere, and the layer adds a smooth integral equation
-    to the half-space's (Sneddon, Fourier Transforms, 1951; Lebedev and Ufliand, PMM 22, 1958).
-
-    Parameters
-    ----------
-    layer : Layer
-        Free surface at its thickness.
-    radius, farthest : float
-        Of the head, and how far from its axis movements are asked for (m).
-    """
-
-    def __init__(self, layer: Layer, radius: float, farthest: float) -> None:
-        self.layer, self.radius, self.farthest = layer, radius, farthest
-        wave, weight = _panels(DEEP / layer.thickness, np.pi / radius)
-        sinks = -layer.pressed(wave, np.array([layer.thickness]))[1][:, 0]
-        soft = (1 - layer.poisson_ratio) / layer.shear_modulus
-        node, share = np.polynomial.legendre.leggauss(NODES)
-        self._at, share = radius * (1 + node) / 2, radius * share / 2
-        cosine = np.cos(np.outer(self._at, wave))
-        kernel = (cosine * ((sinks * wave / soft - 1) * weight)) @ cosine.T
-        matrix = np.eye(NODES) + 2 / np.pi * kernel * share
-        density = np.linalg.solve(matrix, np.full(NODES, 2 / np.pi))
-        self._density = density * share / soft
-
-    def pressure(self, wave: Array) -> Array:
-        """Hankel transform (n,) of the pressure at wave numbers (n,) (Pa m2 / m)."""
-        return np.asarray(np.cos(np.outer(wave, self._at)) @ self._density)
-
-    def movement(self, depth: float) -> CubicSpline:
-        """Movement at a depth (m) below the surface, over the distance from the axis (m).
-
-        Returns
-        -------
-        CubicSpline
-            Distances (...) -> (..., 2): away from the axis and up, for a head that sinks by 1.
-
-        Examples
-        --------
-        What sinks under the head goes sideways in a layer that keeps its volume:
-
-        >>> punch = FlatPunch(Layer(4e-3, 3e4, 0.49), 6e-3, 20e-3)
-        >>> away, up = punch.movement(1e-3)(5e-3)
-        >>> bool(away > 0 > up > -1)
-        True
-        """
-        distance = np.arange(0.0, self.farthest + 2 * SPACING, SPACING)
-        wave, weight = _panels(DEEP / depth, np.pi / (self.farthest + self.radius))
-        across, up = self.layer.pressed(wave, np.array([self.layer.thickness - depth]))
-        load = self.pressure(wave) * wave * weight
-        phase = np.outer(distance, wave)
-        moved = np.stack([-j1(phase) @ (load * across[:, 0]), j0(phase) @ (load * up[:, 0])], 1)
-        return CubicSpline(distance, moved)
-
-
-def _panels(end: float, width: float) -> tuple[Array, Array]:
-    """Gauss points and weights of panels about as wide as `width`, from 0 to an end."""
-    count = int(np.ceil(end / width))
-    node, weight = np.polynomial.legendre.leggauss(POINTS)
-    start = np.arange(count)[:, None] + (1 + node) / 2
-    return (start * end / count).ravel(), np.tile(weight * end / count / 2, count)

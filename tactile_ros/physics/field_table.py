@@ -144,43 +144,6 @@ def table_field(own: Array, table: Array, grid: Array, degree: int = 3) -> tuple
     return field, slope
 
 
-def table_disc(
-    pixels: Array, places: Array, tilts: Array, table: Array, grid: Array
-) -> tuple[Array, Array]:
-    """Field at pixels of tilted discs of 1 T, and how it changes with place and tilt.
-
-    Parameters
-    ----------
-    pixels : ndarray, shape (t, 3)
-        (m).
-    places, tilts : ndarray, shape (s, 3), (s, 2)
-        Centres (m) and turns about x and y (rad).
-    table, grid : ndarray
-        Of `disc_table`.
-
-    Returns
-    -------
-    field : ndarray, shape (s, t, 3)
-        (T).
-    slope : ndarray, shape (s, t, 3, 5)
-        Against place (T / m) and tilt (T / rad; exact where the tilt is 0).
-    """
-    turn = tilt_rotation(tilts)
-    apart = pixels[None] - places[:, None]
-    own = np.einsum('sji,stj->sti', turn, apart)
-    flat, steep = table_field(own.reshape(-1, 3), table, grid)
-    field = np.einsum('sij,stj->sti', turn, flat.reshape(own.shape))
-    steep = steep.reshape(*own.shape, 3)
-    steep = np.einsum('sij,stjk,slk->stil', turn, steep, turn)
-    slope = np.zeros((*own.shape, 5))
-    slope[..., :3] = -steep
-    # a turn about an axis turns the field itself, and moves the place in the disc's axes
-    for k, axis in enumerate(np.eye(3)[:2]):
-        moved = np.cross(apart, axis)
-        slope[..., 3 + k] = np.cross(axis, field) + np.einsum('stij,stj->sti', steep, moved)
-    return field, slope
-
-
 def table_disc_model(
     pixels: Array,
     disc: Disc,

@@ -321,21 +321,3 @@ def _nodes(low: Array, high: Array, pitch: float, points: int) -> tuple[Array, A
     node, share = np.polynomial.legendre.leggauss(points)
     at = (low[owner] + (part + 0.5) * wide)[:, None] + 0.5 * wide[:, None] * node
     return at.reshape(-1), (0.5 * wide[:, None] * share).reshape(-1), np.repeat(owner, points)
-
-
-def harmonics(sheet: Sheet, points: Array, count: int) -> Array:
-    """Field (..., 3) (T) of an M4 without edges, all bands of which are as strong as the first.
-
-    `points` (..., 3) lie outside of the sheet (m); `count` is that of odd harmonics: 1, 3 ...
-    """
-    half = sheet.thickness / 2
-    phase = points[..., 1] + sheet.size[1] / 2
-    above = points[..., 2] - sheet.low - half
-    field = np.zeros(np.shape(points))
-    for n in 2 * np.arange(count) + 1:
-        k = n * np.pi / sheet.pole_pitch
-        strength = 4 * sheet.strengths[0] / (n * np.pi) * np.sinh(k * half)
-        strength = strength * np.exp(-k * np.abs(above))
-        field[..., 1] -= strength * np.sin(k * phase)
-        field[..., 2] -= np.sign(above) * strength * np.cos(k * phase)
-    return field

@@ -8,17 +8,14 @@ ridge and nearest neighbours are always among the candidates of a sensor's own c
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from tactile_ros.conditioning.fading_memory import FadingMemory
-from tactile_ros.estimators.covariance import (
-    CalibratedCovariance,
-    CovarianceModel,
-    GainVariance,
-)
+from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.model_selection import select
 from tactile_ros.estimators.regression import (
@@ -136,6 +133,55 @@ class RestingState:
         apart = np.einsum('nd,nd->n', self.known_, self.known_) - 2 * moved @ self.known_.T
         square = np.einsum('sd,sd->s', moved, moved) + apart.min(axis=1)
         return state, -np.expm1(-np.maximum(square, 0.0) / self.width_**2)
+
+
+class GainVariance:
+    """Variance of the gain of an unseen run about that of the fit.
+
+    Parameters
+    ----------
+    prior : float
+        Standard deviation of the gain between runs before any was recorded; it counts as one run.
+
+    Examples
+    --------
+    >>> force = np.array([[1.0], [2.0], [1.0], [2.0]])
+    >>> predicted = force * np.array([[1.1], [1.1], [0.9], [0.9]])
+    >>> gain = GainVariance(prior=0.1).fit(predicted, force, np.array([0, 0, 1, 1]))
+    >>> round(gain.spread_, 3), gain.covariance(np.array([[10.0]]), None).round(3).tolist()
+    (0.1, [[[1.0]]])
+    """
+
+    spread_: float  # standard deviation of the gain of an unseen run about that of the fit
+
+    def __init__(self, prior: float = 0.025) -> None:
+        self.prior = prior
+
+    def fit(self, predictions: Array, y: Array, runs: Integers) -> GainVariance:
+        """Learn from predictions (s, k) of targets of runs (s,) that the estimator had not seen.
+
+        Of one run only the prior is known.
+        """
+        gains = []
+        for run in np.unique(runs):
+            load, own = y[runs == run], predictions[runs == run]
+            gains.append(float((own * load).sum() / max((load * load).sum(), 1e-300)))
+        variance, count = self.prior**2, len(gains)
+        if count > 1:
+            between = (np.array(gains) - 1) ** 2 / (1 + 1 / (count - 1))
+            variance = float(variance + between.sum()) / (1 + count)
+        self.spread_ = math.sqrt(variance * (1 + 1 / max(count, 1)))
+        return self
+
+    def covariance(self, mean: Array, share: Array | None) -> Array:
+        """Covariance (s, k, k) that an unknown gain leaves in predictions (s, k).
+
+        Of the variance of the gain a share (s,) is unknown; None: all of it.
+        """
+        fitted(self, 'spread_')
+        size = self.spread_ * mean
+        cells = size[:, :, None] * size[:, None, :]
+        return cells if share is None else cells * share[:, None, None]
 
 
 class Head:
@@ -579,7 +625,7 @@ def places_of(plane: Array) -> Integers | None:
 
 CLASSES = (
     Regression, Head, Vote, RestingState, SlipDetector, GainVariance, CovarianceModel,
-    CalibratedCovariance, Ridge, GridKnn, KernelRidge, Perceptron, Standardisation,
+    Ridge, GridKnn, KernelRidge, Perceptron, Standardisation,
 )  # fmt: skip
 
 

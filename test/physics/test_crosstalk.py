@@ -8,8 +8,6 @@ import pytest
 from tactile_ros.physics.crosstalk import (
     alone,
     divided,
-    floating_conductance,
-    grounded_output,
     without_floating,
     without_grounded,
 )
@@ -22,6 +20,27 @@ def pressed(rows: int, columns: int, kind: str) -> np.ndarray:
     blocks = ((y < rows / 3) & (x < columns / 3)) | ((y > rows / 1.8) & (x > columns / 1.8))
     chosen = {'ring': (away < 0.8) & (away > 0.35), 'blocks': blocks, 'all': y >= 0}[kind]
     return chosen * np.random.default_rng(3).uniform(0.2, 0.6, (rows, columns))
+
+
+def grounded_output(conductance: np.ndarray) -> np.ndarray:
+    """Outputs (..., r, c) of a matrix whose rows are all driven, those not selected to ground."""
+    return np.asarray(conductance / (1.0 + conductance.sum(axis=-2, keepdims=True)))
+
+
+def floating_conductance(conductance: np.ndarray) -> np.ndarray:
+    """Conductance (r, c) (1 / R0) between a row and a column while all other lines float.
+
+    G_ij = 1 / (M_ii + M_jj - 2 M_ij), with M the inverse of the Laplacian of the network.
+    """
+    rows = len(conductance)
+    laplacian = np.zeros((sum(conductance.shape),) * 2)
+    laplacian[:rows, rows:] = -conductance
+    laplacian[rows:, :rows] = -conductance.T
+    tied = 1e-6 * conductance.max()  # to ground
+    laplacian[np.diag_indices(len(laplacian))] = tied - laplacian.sum(axis=1)
+    inverse = np.linalg.inv(laplacian)
+    lines = np.diag(inverse)
+    return np.asarray(1.0 / (lines[:rows, None] + lines[rows:] - 2 * inverse[:rows, rows:]))
 
 
 def kirchhoff(g: np.ndarray, row: int, column: int, grounded: bool) -> float:

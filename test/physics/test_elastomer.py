@@ -5,17 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.worlds.flat_punch import FlatPunch
 from reference import multipole_world as world
 from tactile_ros.physics.elastomer import (
     DISC,
     SHARES,
-    FlatPunch,
     Layer,
     PunchDents,
     PunchedCarpet,
-    base_image,
     disc_press,
-    point_load,
     punch_pressure,
 )
 from tactile_ros.physics.magnet_sheet import Sheet
@@ -27,6 +25,34 @@ SQUARE = 5e-3 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
 HEIGHTS = np.array([2.4e-3, 3.6e-3])
 LINE = 37e-3 * np.sin(np.linspace(-np.pi / 2, np.pi / 2, 41))  # rows need not be even
 CARPET = PunchedCarpet(BODY, LINE, 0.9 * LINE, HEIGHTS)
+
+
+def point_load(
+    points: np.ndarray, loads: np.ndarray, forces: np.ndarray, shear_modulus: float
+) -> np.ndarray:
+    """Displacement of a half-space under point loads on its surface."""
+    r = points - loads
+    near = 1 / np.sqrt((r * r).sum(axis=-1, keepdims=True) + 1e-5**2)
+    along = (forces * r).sum(axis=-1, keepdims=True)
+    return ((forces * near + along * r * near**3) / (4 * np.pi * shear_modulus))
+
+
+def base_image(
+    points: np.ndarray, loads: np.ndarray, forces: np.ndarray, shear_modulus: float
+) -> np.ndarray:
+    """Displacement that a rigid base at z = 0 adds (Blake 1971, Eq. 2.3, doubled)."""
+    height = loads[..., 2:]
+    mirrored = forces * np.array([1.0, 1.0, -1.0])
+    r = points - loads * np.array([1.0, 1.0, -1.0])
+    near = 1 / np.linalg.norm(r, axis=-1, keepdims=True)
+    z, up = r[..., 2:], np.array([0.0, 0.0, 1.0])
+    along = (forces * r).sum(axis=-1, keepdims=True)
+    across = (mirrored * r).sum(axis=-1, keepdims=True)
+    lift = mirrored[..., 2:]
+    dipoles = height * (mirrored * near**3 - 3 * r * across * near**5)
+    dipoles += (up * across - mirrored * z - r * lift) * near**3 + 3 * r * z * across * near**5
+    moved: np.ndarray = -forces * near - along * r * near**3 + 2 * height * dipoles
+    return moved / (4 * np.pi * shear_modulus)
 
 
 def sheet() -> Sheet:

@@ -9,13 +9,13 @@ import magpylib
 import numpy as np
 import pytest
 
+from benchmarks.worlds.multipole_fidelity import harmonics
 from reference import multipole_world as world
 from tactile_ros.physics import magnet_sheet
 from tactile_ros.physics.elastomer import Layer, PunchDents
 from tactile_ros.physics.magnet_sheet import (
     Sheet,
     carpet,
-    harmonics,
     inverse_distance_series,
     moved_dipole_series,
     powers,

@@ -7,8 +7,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from benchmarks.worlds.cell_knn import CellKnn
 from tactile_ros.errors import NotCalibratedError
-from tactile_ros.estimators.grid_knn import CellKnn
 
 
 def slow_distance(a: np.ndarray, b: np.ndarray, power: float) -> float:
