@@ -20,7 +20,7 @@ from benchmarks.harness.independent import independent_rows
 from benchmarks.harness.plots import drawings
 from benchmarks.harness.rows import BenchResult, Row, within
 from benchmarks.worlds import magnet_pad_sessions as pads
-from tactile_ros.estimators.grid_knn import CellKnn
+from benchmarks.worlds.cell_knn import CellKnn
 from tactile_ros.evaluation.metrics import (
     AXES,
     WITHIN,
