@@ -7,12 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tactile_ros.conditioning.loading_direction import (
-    LoadingDirection,
-    dead_band,
-    loading_signs,
-    presses,
-)
+from tactile_ros.conditioning.loading_direction import dead_band, loading_signs
 from tactile_ros.types import Array
 
 TOP, SECONDS = 3.0, 24.0
@@ -74,11 +69,11 @@ def test_lost_rows_keep_the_sign_and_change_no_other(rate: float) -> None:
     lost[0] = False
     gappy = load.copy()
     gappy[lost] = np.nan
-    signs = LoadingDirection(dead_band(load))(gappy, begins(len(time)))
+    signs = loading_signs(gappy, begins(len(time)), dead_band(load))
     late = np.abs(signs - whole)[:, 0] > 0  # a row whose turn was lost is told by the next
     assert late.sum() <= 12
     assert (signs[1:][lost[1:]] == signs[:-1][lost[1:]]).all()
-    without = LoadingDirection(dead_band(load))(load[~lost], begins(int((~lost).sum())))
+    without = loading_signs(load[~lost], begins(int((~lost).sum())), dead_band(load))
     assert (without == signs[~lost]).all()
 
 
@@ -91,18 +86,17 @@ def test_noise_of_a_rest_or_a_hold_turns_nothing() -> None:
     assert (signs[100_050:] == 1).all()
 
 
-def test_a_stream_row_by_row_has_the_signs_of_a_batch() -> None:
+def test_a_stream_forgets_the_one_before_it() -> None:
     _, load = read(100.0, 2e-3 * TOP)
     load = np.column_stack([load[:, 0], load[::-1, 0], np.full(len(load), np.nan)])
     load[500:520, 0] = np.nan
     restart = np.isin(np.arange(len(load)), (0, 900))
-    band = np.array([0.06, 0.06, 0.06])
-    whole, live = LoadingDirection(band)(load, restart), LoadingDirection(band)
-    rows = [live(load[i : i + 1], restart[i : i + 1]) for i in range(len(load))]
-    assert (np.concatenate(rows) == whole).all()
-    assert set(np.unique(whole[:, :2])) == {-1.0, 0.0, 1.0}
-    assert (whole[:, 2] == 0).all()
-    assert (whole[900] == 0).all()  # nothing is known after a stream began
+    signs = loading_signs(load, restart, np.full(3, 0.06))
+    again = loading_signs(load[900:], restart[900:], np.full(3, 0.06))
+    assert (signs[900:] == again).all()
+    assert set(np.unique(signs[:, :2])) == {-1.0, 0.0, 1.0}
+    assert (signs[:, 2] == 0).all()
+    assert (signs[900] == 0).all()
 
 
 def test_pauses_and_other_clocks_do_not_matter() -> None:
@@ -110,29 +104,6 @@ def test_pauses_and_other_clocks_do_not_matter() -> None:
     held = (time > 2.6) & (time < 3.9)  # nothing moves meanwhile
     whole = loading_signs(load, begins(len(time)))
     assert (loading_signs(load[~held], begins(int((~held).sum()))) == whole[~held]).all()
-
-
-@pytest.mark.parametrize('rate', RATES)
-def test_presses_are_counted_alike_at_any_rate(rate: float) -> None:
-    time, load = read(rate, 1e-3 * TOP)
-    number = presses(np.hstack([0.2 * load, 0.8 * load]), begins(len(time)))
-    asked = (0.2, 2.0, 5.0, 6.5, 7.2, 12, 17.9, 21)
-    at = [number[np.argmin(np.abs(time - when))] for when in asked]
-    assert at == [1, 2, 2, 3, 3, 4, 4, 5]
-
-
-def test_presses_are_counted_where_a_row_tells_of_some_taxels_alone() -> None:
-    _, load = read(100.0, 1e-3 * TOP)
-    load = np.concatenate([load, np.zeros((50, 1))])
-    both, start = np.hstack([load, load]), np.arange(2 * len(load)) == 0
-    one_by_one = np.full((2 * len(load), 2), np.nan)
-    one_by_one[: len(load), 0], one_by_one[len(load) :, 1] = load[:, 0], load[:, 0]
-    whole = presses(np.concatenate([load, load]), start)
-    assert (presses(one_by_one, start) == whole).mean() > 0.99
-    assert whole[-1] > 5
-    gone = both.copy()
-    gone[::3, 1] = np.nan  # a taxel that drops out begins no press
-    assert presses(gone, start[: len(load)])[-1] == presses(both, start[: len(load)])[-1]
 
 
 def test_a_band_is_bounded_and_loads_that_never_were_have_one() -> None:
