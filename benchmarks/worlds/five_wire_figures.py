@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.harness import plots
 from benchmarks.harness.rows import Row
 from benchmarks.worlds import five_wire_trials
-from benchmarks.worlds.sheet_grid import sheet_potential
+from benchmarks.worlds.sheet_solver import sheet_potential
 from tactile_ros.estimators.potential_map import PotentialMap
 from tactile_ros.evaluation.figures import Plot, standalone
 from tactile_ros.physics.resistive_sheet import linear_place

@@ -172,10 +172,6 @@ class Standardisation:
         """Standardise x, shape (s, d), to the same shape, without a unit."""
         return (x - self.mean_) * self.gain_
 
-    def inverse(self, z: Array) -> Array:
-        """Back from standard columns (s, d) to the units of the fit."""
-        return z * self.spread_ + self.mean_
-
 
 def group_folds(groups: Integers, folds: int, seed: int) -> Integers:
     """Deal groups to folds so that the folds hold about as many rows each.
@@ -248,48 +244,26 @@ LEAST_SHARE = 1e-10  # of the largest eigenvalue
 BLOCK = 256  # rows that stay in the cache
 
 
-def held_out_each(terms: Array, target: Array, fold: Integers, strengths: Array) -> Array:
-    """Sum of squared errors on held-out folds for each penalty per row and each component.
-
-    The eigenvectors of the normal matrix serve every penalty (Golub, Heath and Wahba,
-    Technometrics 21, 1979), and the matrix without a fold is the whole one less that fold's.
-
-    Parameters
-    ----------
-    terms, target : ndarray, shapes (s, p) and (s, k)
-        Centred.
-    fold : ndarray of int, shape (s,)
-        Fold of each row; with one fold only, the errors are those of the fit.
-    strengths : ndarray, shape (n,)
-        Penalties.
-
-    Returns
-    -------
-    ndarray, shape (n, k)
-        Sums over rows (unit of the target, squared).
-    """
-    gram, moment = terms.T @ terms, terms.T @ target
-    squares = np.zeros((len(strengths), target.shape[1]))
-    names = np.unique(fold)
-    for name in names:
-        held, answer = terms[fold == name], target[fold == name]
-        out = float(len(names) > 1)
-        value, vector = np.linalg.eigh(gram - out * held.T @ held)
-        right = vector.T @ (moment - out * held.T @ answer)
-        left, projected = len(terms) - out * len(held), held @ vector
-        for i, strength in enumerate(strengths):
-            damped = right / (np.maximum(value, 0.0) + strength * left)[:, None]
-            squares[i] += ((projected @ damped - answer) ** 2).sum(axis=0)
-    return squares
-
-
 def best_strength(
     terms: Array, target: Array, fold: Integers, strengths: Sequence[float]
 ) -> float:
-    """Penalty per row that errs least on held-out folds; the middle one of a single fold."""
+    """Penalty per row that errs least on held-out folds; the middle one of a single fold.
+
+    The eigenvectors of the normal matrix serve every penalty (Golub, Heath and Wahba,
+    Technometrics 21, 1979), and the matrix without a fold is the whole one less that fold's.
+    """
     if len(strengths) == 1 or (fold == fold[0]).all():
         return float(strengths[len(strengths) // 2])
-    squares = held_out_each(terms, target, fold, np.array(strengths)).sum(axis=1)
+    gram, moment = terms.T @ terms, terms.T @ target
+    squares = np.zeros(len(strengths))
+    for name in np.unique(fold):
+        held, answer = terms[fold == name], target[fold == name]
+        value, vector = np.linalg.eigh(gram - held.T @ held)
+        right, projected = vector.T @ (moment - held.T @ answer), held @ vector
+        for i, strength in enumerate(strengths):
+            penalty = strength * (len(terms) - len(held))
+            damped = right / (np.maximum(value, 0.0) + penalty)[:, None]
+            squares[i] += ((projected @ damped - answer) ** 2).sum()
     return float(strengths[int(np.argmin(squares))])
 
 

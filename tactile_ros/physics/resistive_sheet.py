@@ -1,10 +1,8 @@
-"""Potentials and resistances of a weakly conducting sheet with a well conducting border.
+"""Resistances of a weakly conducting sheet with a well conducting border, flat or unrolled.
 
-[5] Eq. (1): the potential of the sheet obeys Laplace's equation. Its missing equations are
-R = Rx + Rv + RE and V = Vcc R0 / (R0 + R). The border is a line of its own conductance, as uneven
-as silver paste is; the equations are solved directly, because iteration stalls at border ratios
-of thousands. A curved panel that can be unrolled is a flat sheet with the outline of its
-development: what conducts along the surface does not feel the bend.
+[5] Eq. (1): the potential of the sheet obeys Laplace's equation. Its missing equations are R = Rx
++ Rv + RE and V = Vcc R0 / (R0 + R). A curved panel that can be unrolled is a flat sheet with the
+outline of its development: what conducts along the surface does not feel the bend.
 """
 
 from __future__ import annotations
@@ -13,19 +11,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.linalg import spsolve
-from scipy.spatial import Delaunay
 
-from tactile_ros.physics.coverage import inside
-from tactile_ros.types import Array, Integers
+from tactile_ros.types import Array
 
 EQUAL_AREA = 0.59  # radius of the disc of equal outer conductance, over the edge of a square
 LEAST_LOG = float(np.log(1.05))
 MOST_WIDTHS = 30.0  # beyond which the far side of a sheet does not count
 NEAREST = 1e-3  # of the edge: no touch counts as nearer to the border
-CLEAR = 0.6  # of the step: grid points that near to the border are left out
-THIN = 1e-6  # area of a triangle, over the step squared, below which it is none
 
 
 def linear_place(potentials: Array, size: Array) -> Array:
@@ -130,117 +122,6 @@ def touch_edge(film: Array, force: Array, edge: float, at_one: float, exponent: 
     return np.asarray(edge * ratio ** (0.5 / (exponent - 1.0)))
 
 
-def network_potential(
-    first: Integers, second: Integers, weight: Array, count: int, held: Integers, level: Array
-) -> Array:
-    """Potentials (n,) of nodes joined by links of a conductance, some of them held at a level."""
-    row = np.concatenate([first, second, first, second])
-    column = np.concatenate([second, first, first, second])
-    value = np.concatenate([-weight, -weight, weight, weight])
-    matrix = coo_matrix((value, (row, column)), shape=(count, count)).tocsc()
-    potential = np.zeros(count)
-    potential[held] = level
-    free = np.setdiff1d(np.arange(count), held)
-    current = -(matrix[free][:, held] @ potential[held])
-    potential[free] = spsolve(matrix[free][:, free], current)
-    return potential
-
-
-@dataclass(frozen=True)
-class OutlineMesh:
-    """Triangles inside an outline, which carry a sheet; the first points lie along it.
-
-    Attributes
-    ----------
-    points : ndarray, shape (n, 2)
-        Places (m).
-    triangles : ndarray of int, shape (m, 3)
-        Corners.
-    border : int
-        Number of points along the outline.
-    """
-
-    points: Array
-    triangles: Integers
-    border: int
-
-    @classmethod
-    def of(cls, outline: Array, step: float) -> OutlineMesh:
-        """Triangles about `step` (m) large inside a convex or gently bent loop (k, 2) (m).
-
-        The outline's own corners are points of the mesh.
-        """
-        ahead = np.roll(outline, -1, axis=0)
-        edges = []
-        for a, b in zip(outline, ahead, strict=True):
-            count = max(int(np.ceil(np.linalg.norm(b - a) / step)), 1)
-            edges.append(a + (b - a) * (np.arange(count) / count)[:, None])
-        border = np.concatenate(edges)
-        low, high = outline.min(axis=0), outline.max(axis=0)
-        axes = [np.arange(a + step / 2, b, step) for a, b in zip(low, high, strict=True)]
-        grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-        apart = np.linalg.norm(grid[:, None] - border, axis=2).min(axis=1)
-        inner = grid[inside([outline], grid) & (apart > CLEAR * step)]
-        points = np.concatenate([border, inner])
-        triangles = np.asarray(Delaunay(points).simplices, np.int64)
-        a, b, c = points[triangles].transpose(1, 0, 2)
-        area = 0.5 * np.abs(_cross(b - a, c - a))
-        kept = inside([outline], (a + b + c) / 3) & (area > THIN * step**2)
-        return cls(points, triangles[kept], len(border))
-
-    def nearest(self, places: Array) -> Integers:
-        """Points of the border (k,) that are nearest to places (k, 2)."""
-        apart = np.linalg.norm(self.points[None, : self.border] - places[:, None], axis=2)
-        return np.asarray(apart.argmin(axis=1), np.int64)
-
-    def potential(self, border: Array, held: Integers, level: Array) -> Array:
-        """Potential of the whole sheet with some points of its border held.
-
-        Parameters
-        ----------
-        border : ndarray, shape (n,)
-            Conductance of the border lines times length over the sheet conductance (m), of the
-            link that leaves each border point.
-        held : ndarray of int, shape (k,)
-            Points that are held.
-        level : ndarray, shape (k,)
-            Their potentials (fractions of the supply). Two opposite corners are one of [5]'s
-            excitations, three make a three-phase one.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            At the points (fraction of the supply).
-
-        Raises
-        ------
-        ValueError
-            If no point is held.
-        """
-        if not len(held):
-            msg = 'held of potential must name at least one point; received none'
-            raise ValueError(msg)
-        return network_potential(*self._links(border), len(self.points), held, level)
-
-    def _links(self, border: Array) -> tuple[Integers, Integers, Array]:
-        """Both ends of every link, and its conductance over the sheet: cotangents, and silver."""
-        first, second, weight = [], [], []
-        for i in range(3):
-            own, a, b = (self.triangles[:, (i + k) % 3] for k in range(3))
-            to_a, to_b = self.points[a] - self.points[own], self.points[b] - self.points[own]
-            first.append(a)
-            second.append(b)
-            weight.append(0.5 * (to_a * to_b).sum(axis=1) / np.abs(_cross(to_a, to_b)))
-        along = np.arange(self.border)
-        ahead = np.roll(along, -1)
-        length = np.linalg.norm(self.points[ahead] - self.points[along], axis=1)
-        return (
-            np.concatenate([*first, along]),
-            np.concatenate([*second, ahead]),
-            np.concatenate([*weight, border / length]),
-        )
-
-
 def unrolled(places: Array, radius: float) -> Array:
     """Flat places (s, 2) of places (s, 3) on a cylinder of a radius (m) about the y axis.
 
@@ -260,8 +141,3 @@ def rolled(places: Array, radius: float) -> Array:
     x, y = places.T
     turn = x / radius
     return np.stack([radius * np.sin(turn), y, radius * (np.cos(turn) - 1)], axis=1)
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Products (s,) of two sets of vectors in the plane."""
-    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])

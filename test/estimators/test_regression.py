@@ -9,8 +9,8 @@ from tactile_ros.estimators import regression
 from tactile_ros.estimators.regression import (
     KernelRidge,
     Perceptron,
+    best_strength,
     gaussian,
-    held_out_each,
     ridge_weights,
     spread_out,
 )
@@ -81,19 +81,18 @@ def test_spread_samples_keep_apart() -> None:
     assert reach.max() <= apart.min() + 1e-9
 
 
-def test_errors_on_folds_are_those_of_refits() -> None:
+def test_penalty_is_the_best_of_refits() -> None:
     rng = np.random.default_rng(6)
     terms, target, fold = rng.normal(size=(60, 5)), rng.normal(size=(60, 2)), np.arange(60) % 3
-    expected = np.zeros((2, 2))
-    for row, strength in enumerate((1e-3, 10.0)):
+    target += terms[:, :2]
+    strengths, errors = 10.0 ** np.arange(-3, 3), np.zeros(6)
+    for row, strength in enumerate(strengths):
         for part in range(3):
             out = fold == part
             weights = ridge_weights(terms[~out], target[~out], strength)
-            expected[row] += ((terms[out] @ weights - target[out]) ** 2).sum(axis=0)
-    squares = held_out_each(terms, target, fold, np.array([1e-3, 10.0]))
-    np.testing.assert_allclose(squares, expected, rtol=1e-9)
-    alone = held_out_each(np.eye(3), np.eye(3), np.zeros(3, np.int64), np.array([1e-12]))
-    np.testing.assert_allclose(alone, 0.0, atol=1e-12)  # one fold is judged on itself
+            errors[row] += ((terms[out] @ weights - target[out]) ** 2).sum()
+    assert best_strength(terms, target, fold, strengths) == strengths[errors.argmin()]
+    assert best_strength(terms, target, np.zeros(60, np.int64), strengths) == strengths[3]
 
 
 def test_anchor_scales_what_rows_of_a_group_have_in_common() -> None:

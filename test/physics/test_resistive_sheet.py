@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.worlds.sheet_grid import sheet_potential
+from benchmarks.worlds.sheet_solver import OutlineMesh, sheet_potential
 from tactile_ros.physics.resistive_sheet import (
-    OutlineMesh,
     SeriesResistance,
     linear_place,
     rolled,

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import LinearNDInterpolator
 
+from benchmarks.worlds.sheet_solver import OutlineMesh
 from reference import five_wire_world as grids
 from tactile_ros.estimators.potential_map import PotentialMap
 from tactile_ros.physics import coverage
-from tactile_ros.physics.resistive_sheet import OutlineMesh, rolled, unrolled
+from tactile_ros.physics.resistive_sheet import rolled, unrolled
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Array
 
