@@ -124,7 +124,7 @@ def test_covariances_hold_by_component(name: str, count: int) -> None:
         within = (np.abs(error) / sigma)[:, :count]
         found += [(within < 1).mean(axis=0), (within < 2).mean(axis=0)]
     share = found / len(SEEDS)
-    assert (np.abs(share[0] - 0.683) < 0.15).all()
+    assert (np.abs(share[0] - 0.683) < 0.07).all()
     assert (share[1] > 0.88).all()
 
 
