@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.estimators.few_shot import SupportSet, share_of
-from tactile_ros.estimators.press_templates import cleared_rows, descend_rows, solved_rows
-from tactile_ros.physics.compiled import compiled
+from tactile_ros.estimators.press_templates import descend_rows
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -22,8 +21,6 @@ if TYPE_CHECKING:
     from tactile_ros.estimators.few_shot import Presses
     from tactile_ros.estimators.press_templates import PressBank
     from tactile_ros.types import Array, Integers
-
-    Singles = npt.NDArray[np.float32]
 
 LONGEST = np.array([2e-3, 2e-3, 0.35])  # m, m, rad: steps
 RATIO = (0.4, 2.5)  # of depths from step to step
@@ -36,54 +33,13 @@ DAMPING = 1e-4
 STOP = np.array([CLOSE, BEHIND, FAINTEST, DAMPING, SHRUNK])  # as loops take them
 
 
-def limits(shallowest: float, deepest: float) -> Array:
-    """Of steps of a descent, and of depths (m)."""
-    return np.array([*LONGEST, *RATIO, shallowest, deepest])
-
 
 MIXTURE_DAMPING = 1e-4  # of slopes of unit length
 TINY = 1e-30
 FEWEST = 1e-3  # degrees of freedom
 
 
-@compiled
-def products_rows(rows: Array, own: Array, right: Array, low: Array) -> None:
-    """Products (r, r) of rows (r, d) and with the right side (d,) in a column more; filled."""
-    low[:] = 0.0
-    for k in range(rows.shape[1]):
-        for i in range(len(rows)):
-            low[i, -1] += rows[i, k] * right[k]
-            for j in range(i + 1):
-                low[i, j] += rows[i, k] * rows[j, k]
-    for i in range(len(rows)):
-        low[i, i] += own[i]
-
-
-@compiled
-def factor_rows(low: Array) -> None:
-    """Lower triangle of a positive matrix (r, r) becomes its Cholesky factor."""
-    for i in range(len(low)):
-        for j in range(i + 1):
-            total = low[i, j]
-            for k in range(j):
-                total -= low[i, k] * low[j, k]
-            low[i, j] = np.sqrt(total) if i == j else total / low[j, j]
-
-
-@compiled
-def solve_rows(low: Array, first: int, right: Array) -> float:
-    """Squares of the solution (r,) with a lower triangle, from one row on; it is filled."""
-    total = 0.0
-    for i in range(first, len(right)):
-        for k in range(first, i):
-            right[i] -= low[i, k] * right[k]
-        right[i] /= low[i, i]
-        total += right[i] * right[i]
-    return total
-
-
-@compiled
-def shape_rows(miss: Array, slopes: Array, away: Array, found: Array) -> None:
+def shape_misfits(miss: Array, slopes: Array, away: Array) -> Array:
     """What mixtures of other heads explain of misfits, over what chance would let them.
 
     Parameters
@@ -95,187 +51,26 @@ def shape_rows(miss: Array, slopes: Array, away: Array, found: Array) -> None:
         Of its pattern with the pose, alike.
     away : ndarray, shape (n, h, d)
         From its pattern to those of all heads, of which it is one, alike.
-    found : ndarray, shape (n,)
-        Filled: about 1 where it is that head; 1 where there is no other.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        About 1 where it is that head; 1 where there is no other.
 
     Notes
     -----
     Weights of a mixture have a deviation of 1 about 0: 1 is the whole way to another head.
     """
-    if away.shape[1] == 1:
-        found[:] = 1.0
-        return
-    free, heads = slopes.shape[1], away.shape[1]
-    rows, low = np.empty((free + heads, miss.shape[1])), np.empty((free + heads, free + heads + 1))
-    own, unit = np.ones(free + heads), np.empty(free + heads)
-    own[:free] = MIXTURE_DAMPING
-    for n in range(len(miss)):
-        for i in range(free):
-            rows[i] = slopes[n, i] / (np.sqrt((slopes[n, i] * slopes[n, i]).sum()) + TINY)
-        rows[free:] = away[n]
-        products_rows(rows, own, miss[n], low)
-        factor_rows(low)
-        solve_rows(low, 0, low[:, -1])
-        gain, left = 0.0, 0.0
-        for i in range(free, free + heads):
-            gain += low[i, -1] * low[i, -1]
-            unit[:] = 0.0
-            unit[i] = 1.0
-            left += solve_rows(low, i, unit)
-        found[n] = gain / max(heads - left, FEWEST)
-
-
-@compiled
-def places_rows(seen: Singles, rank: int, best: Integers) -> None:
-    """Numbers of the places whose spans (rank x places,) see most of a press: `best` is filled."""
-    count, most = len(seen) // rank, np.full(len(best), np.float32(-1.0))
-    for place in range(count):
-        total = np.float32(0.0)
-        for i in range(rank):
-            total += seen[i * count + place] * seen[i * count + place]
-        i = len(best) - 1
-        if total <= most[i]:
-            continue
-        while i > 0 and total > most[i - 1]:
-            most[i], best[i] = most[i - 1], best[i - 1]
-            i -= 1
-        most[i], best[i] = total, place
-
-
-@compiled
-def starts_rows(
-    score: Singles, first: Integers, turns: Integers, step: Array, place: Array, pose: Array
-) -> None:
-    """Where each head looks most like a press: `pose` (heads x starts, 4) is filled.
-
-    Parameters
-    ----------
-    score : ndarray, shape (places, turns)
-        Likeness at places, of heads at their turns.
-    first, turns, step : ndarray, shape (heads,)
-        First column of each head, how many it has, and how far apart they are (rad).
-    place : ndarray, shape (places, 2)
-        Places (m).
-    """
-    starts = len(pose) // len(first)
-    most = np.empty(starts, np.float32)
-    for head in range(len(first)):
-        own = pose[head * starts : (head + 1) * starts]
-        most[:] = -np.inf
-        for turn in range(turns[head]):
-            for where in range(len(place)):
-                likely = score[where, first[head] + turn]
-                i = starts - 1
-                if likely <= most[i]:
-                    continue
-                while i > 0 and likely > most[i - 1]:
-                    most[i], own[i] = most[i - 1], own[i - 1]
-                    i -= 1
-                most[i], own[i, 2] = likely, turn * step[head]
-                own[i, 0], own[i, 1] = place[where, 0], place[where, 1]
-
-
-@compiled
-def variance_rows(pattern: Array, noise: Array, error: float, variance: Array) -> float:
-    """Noise (d,) and error of the model as one variance (d,), which is filled; its logarithm."""
-    here, most, level = np.empty(len(pattern) // 3), 0.0, 0.0
-    for i in range(len(here)):
-        x, y, z = pattern[3 * i], pattern[3 * i + 1], pattern[3 * i + 2]
-        here[i] = (x * x + y * y + z * z) / 3.0
-        most = max(most, here[i])
-    for k in range(len(pattern)):
-        variance[k] = noise[k] + error * error * (here[k // 3] + 0.05 * most)
-        level += np.log(variance[k])
-    return level
-
-
-@compiled
-def orthonormal_rows(span: Array) -> None:
-    """Rows of a matrix (3, d) become orthonormal, one after the other."""
-    for i in range(3):
-        for round_ in range(2 * i):  # twice each, for what rounding left
-            j = round_ % i
-            span[i] -= (span[i] * span[j]).sum() * span[j]
-        span[i] /= np.sqrt((span[i] * span[i]).sum())
-
-
-@compiled
-def weigh_rows(
-    pattern: Array, variance: Array, common: Array, weight: Array, wanted: Array, span: Array
-) -> None:
-    """A press as of `Weighed`: `weight`, `wanted` (1, d) and `span` (3, d) are filled."""
-    for k in range(len(pattern)):
-        weight[k] = 1.0 / np.sqrt(variance[k])
-        wanted[0, k] = pattern[k] * weight[k]
-        for j in range(3):
-            span[j, k] = common[k, j] * weight[k]
-    orthonormal_rows(span)
-    cleared_rows(wanted, span)
-
-
-@compiled
-def inverse_rows(normal: Array, scale: Array, cov: Array) -> None:
-    """Inverse of a matrix of steps (4, 4) in their units; `cov` is filled."""
-    unit = np.zeros(4)
-    for i in range(4):
-        unit[i] = 1.0
-        solved_rows(normal, unit, cov[i])
-        unit[i] = 0.0
-        for j in range(4):
-            cov[i, j] /= scale[i] * scale[j]
-
-
-@compiled
-def misfit_row(
-    cost: Array, plain: Array, weight: Array, span: Array, wanted: Array, found: Array
-) -> None:
-    """Misfit of the likeliest head's shape from patterns (heads, 5, d); `found` (1,) is filled."""
-    best, d = np.argmin(cost), plain.shape[2]
-    rows = np.empty((5 + len(cost), d))
-    for k in range(d):
-        for i in range(5):
-            rows[i, k] = plain[best, i, k] * weight[k]
-        for i in range(len(cost)):
-            rows[5 + i, k] = (plain[i, 0, k] - plain[best, 0, k]) * weight[k]
-    cleared_rows(rows, span)
-    miss = wanted - rows[:1]
-    shape_rows(miss, rows[1:5].reshape(1, 4, d), rows[5:].reshape(1, -1, d), found)
-
-
-@compiled
-def match_rows(
-    flat: Singles, grid: Array, about: Array, head: Integers, limit: Array, stop: Array,
-    rounds: int, pattern: Array, noise: Array, error: float, common: Array,
-    start: Array, cost: Array, pose: Array, cov: Array, plain: Array, misfit: Array,
-) -> float:  # fmt: skip
-    """Descend from starts (s, 4), keep the best of each head: all from `cost` on is filled.
-
-    Returns the logarithm of the variance of the pattern.
-    """
-    s, d, heads = len(head), len(pattern), len(cost)
-    weight, wanted, span, variance = np.empty(d), np.empty((1, d)), np.empty((3, d)), np.empty(d)
-    level = variance_rows(pattern, noise, error, variance)
-    weigh_rows(pattern, variance, common, weight, wanted, span)
-    costs, normal, scale, rows = (
-        np.empty(s),
-        np.empty((s, 4, 4)),
-        np.empty((s, 4)),
-        np.empty((s, 5, d)),
-    )
-    descend_rows(
-        flat, grid, about, head, limit, stop, rounds, weight, span, wanted[0], start,
-        costs, normal, scale, rows,
-    )  # fmt: skip
-    starts = s // heads
-    for i in range(heads):
-        best = i * starts + np.argmin(costs[i * starts : (i + 1) * starts])
-        cost[i], pose[i], plain[i] = costs[best], start[best], rows[best]
-        inverse_rows(normal[best], scale[best], cov[i])
-    if heads > 1:
-        misfit_row(cost, plain, weight, span, wanted, misfit)
-    else:
-        misfit[0] = 1.0
-    return level
+    heads, free = away.shape[1], slopes.shape[1]
+    if heads == 1:
+        return np.ones(len(miss))
+    unit = slopes / (np.linalg.norm(slopes, axis=2, keepdims=True) + TINY)
+    rows = np.concatenate([unit, away], axis=1)
+    own = np.append(np.full(free, MIXTURE_DAMPING), np.ones(heads))
+    low = np.linalg.cholesky(np.matmul(rows, np.swapaxes(rows, 1, 2)) + np.diag(own))
+    told = np.linalg.solve(low, np.matmul(rows, miss[..., None]))[:, free:, 0]
+    left = np.square(np.linalg.inv(low[:, free:, free:])).sum(axis=(1, 2))
+    return np.asarray(np.square(told).sum(axis=1) / np.maximum(heads - left, FEWEST))
 
 
 def supports_of(
@@ -373,7 +168,7 @@ class PressSearch:
         self.common = common
         self.basis = np.linalg.qr(common)[0]
         self.cleared = np.eye(len(common)) - self.basis @ self.basis.T
-        self.limit = limits(SHALLOWEST * body, DEEPEST * body)
+        self.limit = np.array([*LONGEST, *RATIO, SHALLOWEST * body, DEEPEST * body])
         nodes = bank.at_nodes()
         usual = USUAL * body
         found = nodes[..., 0, :] + usual * nodes[..., 1, :] + usual**2 * nodes[..., 2, :]
@@ -389,8 +184,6 @@ class PressSearch:
         x, y = bank.nodes
         self.places = np.stack(np.meshgrid(x, y, indexing='ij'), axis=-1).reshape(-1, 2)
         self.first = np.array([head.first for head in bank.heads])
-        self.turns = np.array([head.turns for head in bank.heads])
-        self.turn = np.array([head.sector / head.turns for head in bank.heads])
         self.heads = np.repeat(np.arange(len(bank.heads)), STARTS)
 
     def find(self, presses: Presses) -> Matches:
@@ -420,32 +213,52 @@ class PressSearch:
         """The same on this skin."""
         # one by one, so that a press has the same starts alone and among others
         start = np.array([self._starts(own) for own in presses.pattern @ self.cleared])
-        bank, (n, d), heads = self.bank, presses.pattern.shape, len(self.first)
-        noise = presses.variance(self.noise, self.still)
-        plain = np.empty((n, heads, 5, d))
-        found = Matches(
-            np.empty((n, heads)), np.empty((n, heads, 4)), np.empty((n, heads, 4, 4)),
-            plain[:, :, 1:], plain[:, :, 0], np.empty(n), np.empty(n),
-        )  # fmt: skip
+        bank, (n, d), s = self.bank, presses.pattern.shape, len(self.heads)
+        variance = self.variance(presses)
+        weight = 1 / np.sqrt(variance)
+        span = np.swapaxes(np.linalg.qr(weight[..., None] * self.common)[0], 1, 2)
+        span = np.ascontiguousarray(span)
+        wanted = _cleared((presses.pattern * weight)[:, None], span)
+        cost, scale, normal = np.empty((n, s)), np.empty((n, s, 4)), np.empty((n, s, 4, 4))
+        plain = np.empty((n, s, 5, d))
         for i in range(n):
-            found.level[i] = match_rows(
+            descend_rows(
                 bank.flat, bank.grid, bank.about, self.heads, self.limit, STOP, ROUNDS,
-                presses.pattern[i], noise[i], self.error, self.common,
-                start[i], found.cost[i], found.pose[i], found.cov[i], plain[i],
-                found.misfit[i : i + 1],
+                weight[i], span[i], wanted[i, 0],
+                start[i], cost[i], normal[i], scale[i], plain[i],
             )  # fmt: skip
-        return found
+        each = np.arange(n)[:, None]
+        best = cost.reshape(n, -1, STARTS).argmin(axis=2) + STARTS * np.arange(len(self.first))
+        cost, plain, unit = cost[each, best], plain[each, best], scale[each, best]
+        cov = np.linalg.inv(normal[each, best]) / (unit[..., None] * unit[..., None, :])
+        likeliest = plain[np.arange(n), cost.argmin(axis=1)]
+        away = plain[:, :, 0] - likeliest[:, :1]
+        rows = np.concatenate([likeliest, away], axis=1) * weight[:, None]
+        rows = _cleared(rows, span)
+        return Matches(
+            cost, start[each, best], cov, plain[:, :, 1:], plain[:, :, 0],
+            np.log(variance).sum(axis=1),
+            shape_misfits(wanted[:, 0] - rows[:, 0], rows[:, 1:5], rows[:, 5:]),
+        )  # fmt: skip
 
     def _starts(self, own: Array) -> Array:
         """Poses (s, 4) at which descents of one press (d,) start, head by head."""
-        own = (own / (np.sqrt(own @ own) + 1e-30)).astype(np.float32)
-        seen = np.asarray(self.spans @ own, np.float32)
-        pose = np.full((len(self.heads), 4), USUAL * self.body)
-        near = np.zeros(PLACES, np.int64)
-        places_rows(seen, self.rank, near)
-        score = np.asarray(self.units[near] @ own, np.float32)
-        starts_rows(score, self.first, self.turns, self.turn, self.places[near], pose)
-        return pose
+        own = (own / (np.sqrt(own @ own) + TINY)).astype(np.float32)
+        seen = np.square(self.spans @ own).reshape(self.rank, -1).sum(axis=0)
+        near = np.argsort(-seen)[:PLACES]
+        score = -(self.units[near] @ own)
+        pose = np.full((len(self.first), STARTS, 4), USUAL * self.body)
+        for i, head in enumerate(self.bank.heads):
+            part = score[:, head.first : head.first + head.turns]
+            where, turn = np.divmod(np.argsort(part, axis=None)[:STARTS], head.turns)
+            pose[i, :, :2] = self.places[near[where]]
+            pose[i, :, 2] = turn * head.sector / head.turns
+        return pose.reshape(-1, 4)
+
+
+def _cleared(rows: Array, span: Array) -> Array:
+    """Rows (n, r, d) without what a uniform field could have added, (n, 3, d) orthonormal."""
+    return np.asarray(rows - np.matmul(np.matmul(rows, np.swapaxes(span, 1, 2)), span))
 
 
 def joined(parts: list[Matches]) -> Matches:

@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 from scipy import fft
 
 from tactile_ros.physics.compiled import compiled
@@ -16,13 +15,14 @@ from tactile_ros.physics.elastomer import PunchDents
 from tactile_ros.physics.magnet_sheet import moved_dipole_series, powers
 
 if TYPE_CHECKING:
-    Singles = npt.NDArray[np.float32]
-
-if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    import numpy.typing as npt
 
     from tactile_ros.physics.magnet_sheet import Sheet
     from tactile_ros.types import Array, Bools, Integers, Outline
+
+    Singles = npt.NDArray[np.float32]
 
 COARSE = (3, 1)  # cells from place to place along x and y, across which bands change
 REACH = 0.45  # of the sheet: places from its middle
@@ -34,11 +34,9 @@ AT_ONCE = 12  # channels
 
 @dataclass
 class Head:
-    """One outline: its label, order of symmetry, radius (m), loads, and first row of the bank."""
+    """One outline: its order of symmetry, loads, turns, and first row of the bank."""
 
-    label: int
     order: int
-    radius: float
     points: Array
     loads: Array
     turns: int
@@ -85,13 +83,13 @@ class PressBank:
         self.sheet, self.dents, self.turning = sheet, dents, turning
         self.heads: list[Head] = []
         rows = 0
-        for label, outline in enumerate(outlines):
+        for outline in outlines:
             points, loads = dents.loads(outline)
             order = symmetry(outline)
             radius = float(np.linalg.norm(np.concatenate(outline.loops), axis=1).max())
             wanted = 2 * np.pi / max(order, 1) * radius / RIM
             turns = 1 if order == 0 else int(np.clip(np.ceil(wanted), *TURNS))
-            self.heads.append(Head(label, order, radius, points, loads, turns, rows))
+            self.heads.append(Head(order, points, loads, turns, rows))
             rows += turns
         self.step = dents.pitch * np.array(COARSE)
         self.half = np.array(
@@ -450,7 +448,7 @@ def misfit_rows(
 
 @compiled
 def moved_rows(pose: Array, move: Array, limit: Array, tried: Array) -> None:
-    """A pose after a step, as of `press_descent.moved`; `tried` (4,) is filled."""
+    """A pose after a step no longer than its limits; `tried` (4,) is filled."""
     for i in range(3):
         tried[i] = pose[i] + min(max(move[i], -limit[i]), limit[i])
     ratio = min(max(1.0 + move[3] / pose[3], limit[3]), limit[4])
@@ -529,7 +527,7 @@ def descend_rows(
     rounds: int, weight: Array, span: Array, wanted: Array,
     pose: Array, cost: Array, normal: Array, scale: Array, plain: Array,
 ) -> None:  # fmt: skip
-    """Descents (s) of one press: `press_descent.descend`; all from `pose` on is filled."""
+    """Descents (s) of one press by Gauss-Newton; all from `pose` on is filled."""
     s, d = len(head), len(wanted)
     work, parts = np.empty((3, 3 * d), np.float32), np.empty((4, 3 * d), np.float32)
     rows, flatter, own = np.empty((5, d)), np.empty((5, d)), np.empty(len(about))

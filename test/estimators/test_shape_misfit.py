@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.estimators.press_search import shape_rows
+from tactile_ros.estimators.press_search import shape_misfits
 
 HEADS, READINGS = 4, 40
 RNG = np.random.default_rng(3)
@@ -16,9 +16,7 @@ def misfits(miss: np.ndarray) -> np.ndarray:
     """Of presses (n, d) whose best head is the first one; it is round: no slope with its turn."""
     n = len(miss)
     slopes, away = np.tile(SLOPES, (n, 1, 1)), np.tile(FITTED - FITTED[0], (n, 1, 1))
-    found = np.empty(n)
-    shape_rows(miss, slopes, away, found)
-    return found
+    return shape_misfits(miss, slopes, away)
 
 
 def test_noise_is_about_one_and_a_shape_between_two_heads_is_far_more() -> None:
@@ -35,7 +33,6 @@ def test_a_press_aside_or_deeper_is_no_other_shape() -> None:
 
 
 def test_a_head_without_another_has_a_misfit_of_one() -> None:
-    alone = np.empty(2)
     slopes, away = np.tile(SLOPES, (2, 1, 1)), np.zeros((2, 1, READINGS))
-    shape_rows(np.ones((2, READINGS)), slopes, away, alone)
+    alone = shape_misfits(np.ones((2, READINGS)), slopes, away)
     assert alone.tolist() == [1.0, 1.0]
