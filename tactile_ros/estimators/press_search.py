@@ -40,7 +40,7 @@ FEWEST = 1e-3  # degrees of freedom
 
 
 def shape_misfits(miss: Array, slopes: Array, away: Array) -> Array:
-    """What mixtures of other heads explain of misfits, over what chance would let them.
+    """Part of misfits that mixtures of other heads explain, over that by chance.
 
     Parameters
     ----------
