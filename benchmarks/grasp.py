@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.harness.rows import BenchResult, Row
 from benchmarks.worlds import grasp_scenes, grip_faults
-from tactile_ros.control import GripConfig, GripForce, GripPhase, qb_softhand
+from tactile_ros.control import Drive, GripConfig, GripForce, GripPhase, qb_softhand
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.sensors import load_sensor
 from tactile_ros.simulation.engine import load_engine
@@ -38,6 +38,7 @@ BEGIN = 2.5  # N, of adaptive grips in hand
 SPARED = 0.8  # of the smallest fixed force that holds 98 %
 HELD = 0.98
 FAST = 2.0  # closures a second: 2 rad/s of an Allegro hand that closes by 1 rad
+UNHEEDED = 5.0  # friction that is assumed where loads are not to count
 FRESH = 1000  # seeds of loads from here on: none that gains were set with
 SECONDS, PERIOD = 4.0, 0.01
 HANDS = {
@@ -244,8 +245,8 @@ def _load_rows(count: int) -> list[Row]:
     fresh = range(FRESH, FRESH + count)
     loads = {i: [Handling.draw(kind, i) for kind in CHANGES] for i in fresh}
     fixed = float(np.quantile([load.needed for pair in loads.values() for load in pair], HELD))
-    calm = GripConfig(force_noise=0.01, closure_rate=FAST)
-    blind = dataclasses.replace(calm, friction_low=5.0, margin=0.0)
+    calm = GripConfig(force_noise=0.01)
+    blind = dataclasses.replace(calm, friction_low=UNHEEDED)
     grips = {
         f'fixed {fixed:.2f} N': (calm, fixed, False),
         'doubled at slips': (blind, BEGIN, True),
@@ -286,9 +287,10 @@ def _carry(
 ) -> tuple[float, float]:
     """Whether an object was dropped, and the mean force (N) until then."""
     world = module.LoadWorld(load, seed, force)
-    law = GripForce(config, (0,))
+    drive = Drive(config.stiffness_low, config.stiffness_high, fastest=FAST)
+    law = GripForce(config, (0,), plants=[drive])
     law.enable()
-    law.grasp(force, adapt)
+    law.grasp(force, adapt, held=True)
     forces = []
     for _ in range(round(SECONDS / PERIOD)):
         world.advance(law.step(world.given(), PERIOD), PERIOD)

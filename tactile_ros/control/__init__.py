@@ -6,11 +6,20 @@ object is lost, `GraspSequence` says when a grasp is over and how it ended.
 
 from __future__ import annotations
 
-from tactile_ros.control.config import GripConfig, qb_softhand
-from tactile_ros.control.grasp_sequence import GraspProgress, GraspSequence, Keeping, Opening
-from tactile_ros.control.grip_force import GraspOutcome, GripForce, GripInput, GripPhase, GripStep
+from tactile_ros.control.config import Drive, GripConfig, qb_softhand
+from tactile_ros.control.grasp_sequence import (
+    GraspOutcome,
+    GraspProgress,
+    GraspSequence,
+    GripInput,
+    GripPhase,
+    GripStep,
+    Keeping,
+)
+from tactile_ros.control.grip_force import GripForce
 
 __all__ = [
+    'Drive',
     'GraspOutcome',
     'GraspProgress',
     'GraspSequence',
@@ -20,6 +29,5 @@ __all__ = [
     'GripPhase',
     'GripStep',
     'Keeping',
-    'Opening',
     'qb_softhand',
 ]

@@ -1,52 +1,210 @@
-"""When a grasp is over, and how it ended: held, slipped, no object, timeout or fault."""
+"""Inputs, steps and phases of a grip; ends of a grasp: held, slipped, no object, fault."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import TYPE_CHECKING
 
-from tactile_ros.control.grip_force import GraspOutcome, GripPhase, GripStep
+import numpy as np
+
+from tactile_ros.types import as_shape
 
 if TYPE_CHECKING:
-    from tactile_ros.control.config import GripConfig
+    from collections.abc import Sequence
 
+    import numpy.typing as npt
+
+    from tactile_ros.control.config import GripConfig
+    from tactile_ros.types import Array, Bools, ContactState
+
+
+class GripPhase(IntEnum):
+    """Phases of a grip, numbered as in GripState."""
+
+    IDLE = 0
+    CLOSE = 1
+    TOUCH = 2
+    LOAD = 3
+    HOLD = 4
+    RELEASE = 5
+    FAULT = 6
+
+
+class GraspOutcome(IntEnum):
+    """Ends of a grasp, numbered as in Grasp.action."""
+
+    HELD = 0
+    NO_OBJECT = 1
+    SLIPPED = 2
+    TIMEOUT = 3
+    FAULT = 4
+
+
+@dataclass(frozen=True)
+class GripInput:
+    """Forces of the fingers and places of the drives; NaN where one is not known.
+
+    Attributes
+    ----------
+    normal, tangential : ndarray, shape (f,)
+        Force of each finger along the normal of its contact and its size across it (N).
+    valid : ndarray, shape (f,)
+        Whether the force may be used for control.
+    slip : ndarray, shape (f,)
+        1 slipping, 0 holding, -1 unknown, as the sensor says.
+    age : ndarray, shape (f,)
+        Since the force was measured (s).
+    closure : ndarray, shape (a,)
+        Measured closure of each drive.
+    closure_age : float
+        Since it was measured (s).
+    new : ndarray, shape (f,), or None
+        Forces that came since the last step: nothing is integrated twice; None: all.
+    blocked : str
+        Why nothing can be sent, so that the law does not run ahead of the hand; empty: it can.
+    sigma : ndarray, shape (f,), or None
+        Stated noise of the normal force (N); NaN or None: that of the config.
+    framed : ndarray, shape (f,), or None
+        Whether the normal is measured, and not taken to be that of the pad; None: all.
+    pressed : ndarray, shape (a,), or None
+        Force that each drive tells by its joints or torques (N); NaN or None: not known.
+    """
+
+    normal: Array
+    tangential: Array
+    valid: Bools
+    slip: npt.NDArray[np.int8]
+    age: Array
+    closure: Array
+    closure_age: float
+    new: Bools | None = None
+    blocked: str = ''
+    sigma: Array | None = None
+    framed: Bools | None = None
+    pressed: Array | None = None
+
+    @classmethod
+    def of(
+        cls,
+        states: Sequence[ContactState | None],
+        age: npt.ArrayLike,
+        closure: npt.ArrayLike,
+        closure_age: float,
+    ) -> GripInput:
+        """Input from one contact state for each finger; None: none has come.
+
+        A tangential force that a sensor cannot see is NaN. ValueError if the shapes differ.
+        """
+        count = len(states)
+        blank = np.full(3, np.nan)
+        force = np.array([blank if s is None else s.force for s in states]).reshape(count, 3)
+        return cls(
+            normal=force[:, 2],
+            tangential=np.hypot(force[:, 0], force[:, 1]),
+            valid=np.array([s is not None and bool(s.valid) for s in states], bool),
+            slip=np.array([-1 if s is None else int(s.slip) for s in states], np.int8),
+            age=as_shape('age of GripInput', age, (count,)),
+            closure=as_shape('closure of GripInput', closure, (-1,)),
+            closure_age=float(closure_age),
+        )
+
+    def refuse_misfit(self, fingers: int, drives: int) -> None:
+        """Raise ValueError where an array has another shape than the fingers or drives."""
+        by_finger = ('normal', 'tangential', 'valid', 'slip', 'age', 'new', 'sigma', 'framed')
+        for count, names in ((fingers, by_finger), (drives, ('closure', 'pressed'))):
+            for name in names:
+                array = getattr(self, name)
+                if array is not None and array.shape != (count,):
+                    msg = f'{name} of GripInput must have shape ({count},); received {array.shape}'
+                    raise ValueError(msg)
+
+
+@dataclass(frozen=True)
+class GripStep:
+    """Decisions of the law in one step.
+
+    Attributes
+    ----------
+    phase : GripPhase
+        FAULT while the safe action is taken.
+    closure, contact : ndarray, shape (a,)
+        Command of each drive, and closure at which it met the object, beyond which the command
+        presses; NaN: it did not.
+    send : bool
+        Whether it is to be sent; otherwise what was sent last holds.
+    limited : bool
+        Clamped or rate limited in this step.
+    refusal : str
+        Why the law's own command is not sent: nothing is, or the hand opens; empty: sent.
+    warning : str
+        Fingers that hold their place though their force is not known; empty: none.
+    fault : str
+        Why the grasp cannot go on: a sensor that is contradicted; empty: it can.
+    target_force, force : ndarray, shape (f,)
+        Along the normal (N); a force that cannot be used is NaN.
+    friction, slip_margin : ndarray, shape (f,)
+        Estimated coefficient, NaN undefined, and (mu fn - ft) / (mu fn).
+    slipping, touching : ndarray, shape (f,)
+        Fingers that slip now; that touch, and whose force can be used.
+    stiffness : ndarray, shape (a,)
+        Estimated, of object and hand together (N per closure).
+    settled : bool
+        In HOLD, with every finger's own error small for long enough.
+    input_age : float
+        Of the oldest input in use (s), NaN if none is.
+    shut : bool
+        Every drive that feels is as closed as it may be, and one at least feels.
+    """
+
+    phase: GripPhase
+    closure: Array
+    contact: Array
+    send: bool
+    limited: bool
+    refusal: str
+    warning: str
+    fault: str
+    target_force: Array
+    force: Array
+    friction: Array
+    slip_margin: Array
+    slipping: Bools
+    touching: Bools
+    stiffness: Array
+    settled: bool
+    input_age: float
+    shut: bool
+
+
+GRASPING = (GripPhase.CLOSE, GripPhase.TOUCH, GripPhase.LOAD, GripPhase.HOLD)
+HOLDING = (GripPhase.LOAD, GripPhase.HOLD)
 OPENED = (GripPhase.IDLE, GripPhase.RELEASE)
 LOST = 'the object was lost'
-ENDS = (
-    (GraspOutcome.FAULT, 'the grip was released'),
-    (GraspOutcome.FAULT, ''),  # the refusal says it
-    (GraspOutcome.SLIPPED, LOST),
-    (GraspOutcome.NO_OBJECT, 'closed without touching anything'),
-    (GraspOutcome.HELD, 'held at the asked force'),
-    (GraspOutcome.TIMEOUT, 'not held within {:g} s'),
-)
+NOTHING = 'closed without touching anything'
+LOST_TIME = 0.2  # s untouched after which an object is lost
+GRASP_TIME = 60.0  # s, of a goal that names no timeout
 
 
 @dataclass(frozen=True)
 class GraspProgress:
-    """Where a grasp stands.
-
-    Attributes
-    ----------
-    outcome : GraspOutcome or None
-        None: it goes on.
-    message : str
-        One sentence.
-    """
+    """State of a grasp: its outcome, None while it goes on, and one sentence."""
 
     outcome: GraspOutcome | None
     message: str
 
 
 class GraspSequence:
-    """Judge the steps of one grasp.
+    """Judge the steps of one grasp, or of an opening.
 
     Parameters
     ----------
     config : GripConfig
-        Times after which a fault or a lost object ends it.
+        Time after which a fault ends it.
     timeout : float
-        Longest time until it is held (s); 0: `grasp_time` of the config.
+        Longest time (s); 0: `GRASP_TIME`.
+    opens : bool
+        The hand is to open.
 
     Raises
     ------
@@ -54,31 +212,18 @@ class GraspSequence:
         If the timeout is below 0 or not finite.
     """
 
-    def __init__(self, config: GripConfig, timeout: float = 0.0) -> None:
+    def __init__(self, config: GripConfig, timeout: float = 0.0, opens: bool = False) -> None:
         if not 0.0 <= timeout < float('inf'):
             msg = f'timeout of a grasp must be 0 or more seconds; received {timeout}'
             raise ValueError(msg)
-        self.config = config
-        self._timeout = timeout or config.grasp_time
+        self.config, self._opens = config, opens
+        self._timeout = timeout or GRASP_TIME
         self._elapsed = self._faulty = self._empty = self._closed = 0.0
         self._had = False
-        self.progress = GraspProgress(None, 'closing')
+        self.progress = GraspProgress(None, 'opening' if opens else 'closing')
 
     def step(self, made: GripStep, dt: float) -> GraspProgress:
-        """Take in a step of the law; after the end nothing changes any more.
-
-        Parameters
-        ----------
-        made : GripStep
-            Of the law, from the step after `grasp` on.
-        dt : float
-            Since the last step (s).
-
-        Returns
-        -------
-        GraspProgress
-            Outcome, or None while it goes on.
-        """
+        """Take in a step of the law, dt (s) after the last; after the end nothing changes."""
         if self.progress.outcome is None:
             self._count(made, max(dt, 0.0))
             self.progress = self._judged(made)
@@ -87,72 +232,39 @@ class GraspSequence:
     def _count(self, made: GripStep, dt: float) -> None:
         """Times of the conditions that end a grasp."""
         faulty = made.phase == GripPhase.FAULT
-        touching = bool(made.touching.any())
         self._elapsed += dt
         self._faulty = self._faulty + dt if faulty else 0.0
-        if faulty:
-            return
-        self._had = self._had or (touching and made.phase in (GripPhase.LOAD, GripPhase.HOLD))
-        self._empty = 0.0 if touching else self._empty + dt
-        self._closed = self._closed + dt if made.shut and not touching else 0.0
+        if not faulty:
+            touching = bool(made.touching.any())
+            self._had = self._had or (touching and made.phase in HOLDING)
+            self._empty = 0.0 if touching else self._empty + dt
+            self._closed = self._closed + dt if made.shut and not touching else 0.0
 
     def _judged(self, made: GripStep) -> GraspProgress:
-        """The first condition that holds."""
-        config = self.config
-        conditions = (
-            made.phase in OPENED,
-            self._faulty > config.fault_time,
-            self._had and self._empty > config.lost_time,
-            self._closed > config.lost_time,
-            made.settled,
-            self._elapsed >= self._timeout,
+        """Outcome by the first condition that holds."""
+        end, what = GraspOutcome, 'open' if self._opens else 'held'
+        faulty = made.fault != '' or self._faulty > self.config.fault_time
+        late = f'not {what} within {self._timeout:g} s'
+        closes, empty = not self._opens, self._had and self._empty > LOST_TIME
+        ends = (
+            (faulty, end.FAULT, made.fault or made.refusal),
+            (self._opens and made.phase == GripPhase.IDLE, end.NO_OBJECT, 'the hand is open'),
+            (closes and made.phase in OPENED, end.FAULT, 'the grip was released'),
+            (closes and empty, end.SLIPPED, LOST),
+            (closes and self._closed > LOST_TIME, end.NO_OBJECT, NOTHING),
+            (closes and made.settled, end.HELD, 'held at the asked force'),
+            (self._elapsed >= self._timeout, end.TIMEOUT, late),
         )
-        if True not in conditions:
-            return GraspProgress(None, made.phase.name.lower())
-        first = conditions.index(True)
-        outcome, sentence = ENDS[first]
-        return GraspProgress(outcome, sentence.format(self._timeout) or made.refusal)
-
-
-class Opening:
-    """Judge the steps of an opening as `GraspSequence` does those of a grasp.
-
-    Parameters
-    ----------
-    config : GripConfig
-        Time after which a fault ends it.
-    timeout : float
-        Longest time (s); 0: `grasp_time` of the config.
-    """
-
-    def __init__(self, config: GripConfig, timeout: float) -> None:
-        self._config, self._timeout = config, timeout or config.grasp_time
-        self._elapsed = self._faulty = 0.0
-
-    def step(self, made: GripStep, dt: float) -> GraspProgress:
-        """Take in a step of the law."""
-        self._elapsed += dt
-        self._faulty = self._faulty + dt if made.phase == GripPhase.FAULT else 0.0
-        if made.phase == GripPhase.IDLE:
-            return GraspProgress(GraspOutcome.NO_OBJECT, 'the hand is open')
-        if self._faulty > self._config.fault_time:
-            return GraspProgress(GraspOutcome.FAULT, made.refusal)
-        if self._elapsed >= self._timeout:
-            return GraspProgress(GraspOutcome.TIMEOUT, f'not open within {self._timeout:g} s')
-        return GraspProgress(None, 'opening')
+        for holds, outcome, sentence in ends:
+            if holds:
+                return GraspProgress(outcome, sentence)
+        return GraspProgress(None, 'opening' if self._opens else made.phase.name.lower())
 
 
 class Keeping:
-    """Judge what is held after its grasp has ended, as long as the grip holds.
+    """Judge whether an object is still held after its grasp has ended."""
 
-    Parameters
-    ----------
-    config : GripConfig
-        Time untouched after which an object is lost.
-    """
-
-    def __init__(self, config: GripConfig) -> None:
-        self._config = config
+    def __init__(self) -> None:
         self._empty = 0.0
 
     def restart(self) -> None:
@@ -162,8 +274,8 @@ class Keeping:
     def step(self, made: GripStep, dt: float) -> str:
         """Take in a step of the law; why nothing is held any more, or empty.
 
-        What fingers felt last counts while their forces are not known: the law says so itself.
+        Touches that fingers had last count while their forces are not known.
         """
         if made.phase != GripPhase.FAULT:
             self._empty = 0.0 if made.touching.any() else self._empty + dt
-        return LOST if self._empty > self._config.lost_time else ''
+        return LOST if self._empty > LOST_TIME else ''

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from tactile_ros.control import GripConfig
     from tactile_ros.types import Array, Integers, JointLimits
 
-SOFTEST = 0.1  # stiffness of a soft object and its drive, of the drive's own
+FULL = 0.95  # of the torque at which a drive clips
 SOFTLY = 0.4  # 1/s, approach of drives that give way
 SIDEWAYS = 0.25  # of the longest lever: of joints that the normal force does not load
 TELLS = 0.1  # of the fastest joint's motion, below which a joint tells no closure
@@ -53,6 +53,7 @@ class Finger:
     torque: Array = array(
         [0.0], 'where each drive clips its torque; 0: not known', 'N m', (-1,), 0.0, 1e3
     )
+    kp_factor: float = number(1.3, 'factor by which kp may be wrong either way', '1', 1.0, 10.0)
     free_effort: float = number(0.08, 'torque that moves a joint free of load', 'N m', 0.0, 10.0)
     side: int = whole(0, '1, and -1 for what opposes it, a thumb say; 0: not told', -1, 1)
     sensors: tuple[str, ...] = texts(('finger',), 'namespaces of its sensors')
@@ -111,21 +112,82 @@ class Finger:
         beyond: float = before if far < near else after
         return self.corner + beyond
 
-    def shortfall(self, closure: float, wanted: Array, sent: Array) -> float:
-        """How much less closure joints (n,) have that were sent instead of those of a closure.
+    def depth(self, position: Array, closure: float) -> float:
+        """Way of the pad along its normal beyond that of a closure, in closures."""
+        if not self.is_soft:
+            return self.closure_of(position) - closure
+        return float(self.lever @ (position - self.posture(closure))) / self.travel
+
+    def shortfall(self, closure: float, contact: float, wanted: Array, sent: Array) -> float:
+        """Closure that joints (n,) lack which were sent instead of those of a closure.
 
         That of the joint which comes closest: where one follows, the finger still closes. Joints
         that hardly move on the way tell nothing of it.
         """
-        slope = self._slopes[closure >= self.corner]
-        left, least = (wanted - sent).tolist(), TELLS * max(map(abs, slope))
-        behind = [one / per for one, per in zip(left, slope, strict=True) if abs(per) > least]
-        return float(min(behind, key=abs))
+        slope = self.press if closure > contact else self._slopes[int(closure >= self.corner)]
+        moves = np.abs(slope) > TELLS * np.abs(slope).max()
+        behind = (wanted - sent)[moves] / slope[moves]
+        return float(behind[np.abs(behind).argmin()])
 
     @cached_property
-    def _slopes(self) -> tuple[list[float], list[float]]:
+    def is_soft(self) -> bool:
+        """Judge whether gains and levers of its drives are known: they press by their lag."""
+        return bool(self.kp.all() and self.lever @ self.slope > 0.0)
+
+    @cached_property
+    def travel(self) -> float:
+        """Motion of the pad along its normal, per closure (m); NaN: not known."""
+        return float(self.lever @ self.slope) if self.lever.any() else float('nan')
+
+    @cached_property
+    def _compliance(self) -> float:
+        """Way of the pad along its normal per force (m/N), while its drives hold their targets."""
+        return float((self.lever**2 / self.kp).sum())
+
+    @cached_property
+    def stiffness(self) -> float:
+        """Force of the pad per closure on a rigid object (N); NaN where it is not known."""
+        return self.travel / self._compliance if self.is_soft else float('nan')
+
+    @cached_property
+    def press(self) -> Array:
+        """Motion of the joints' targets (n,) per closure that presses the pad along its normal.
+
+        Torques J^T f over gains: so the pad presses along its normal alone, in any posture.
+        """
+        pushes: Array = self.lever / self.kp * self.stiffness if self.is_soft else self.slope
+        return pushes
+
+    def force_of(self, lead: Array) -> float:
+        """Force of the pad (N) where targets lead the joints by angles (n,); NaN: not known."""
+        return float(self.lever @ lead) / self._compliance if self.is_soft else float('nan')
+
+    def is_clipped(self, lead: Array) -> bool:
+        """Judge whether a joint that carries the pad gives all its torque."""
+        torque = np.abs(self.kp * lead)
+        return bool(((torque >= FULL * self.torque) & (self.torque > 0) & (self.lever != 0)).any())
+
+    def reach(self, lower: Array, upper: Array, most_offset: float) -> float:
+        """Largest force of the pad (N) that its drives give where they can best; inf: not known.
+
+        Bounded by the clip of each torque, and by how far a target may lead its joint, with the
+        largest gain that it may have.
+        """
+        if not self.is_soft:
+            return float('inf')
+        carries, best = np.abs(self.lever) >= SIDEWAYS * np.abs(self.lever).max(), 0.0
+        for share in np.linspace(0.0, 1.0, 11):
+            at = self.pre_grasp + share * self.closing
+            room = np.where(self.lever > 0, upper - at, at - lower)
+            torque = self.kp_factor * self.kp * np.minimum(room, most_offset)
+            torque = np.where(self.torque > 0, np.minimum(torque, self.torque), torque)
+            best = max(best, float((torque[carries] / np.abs(self.lever[carries])).min()))
+        return best
+
+    @cached_property
+    def _slopes(self) -> tuple[Array, Array]:
         """Motion of each joint per closure before the pre-grasp posture, and beyond it."""
-        return self.opening.tolist(), self.slope.tolist()
+        return self.opening, self.slope
 
     @cached_property
     def _lines(self) -> tuple[Array, list[float]]:
@@ -136,23 +198,13 @@ class Finger:
     def fastest(self, velocity: Array) -> float:
         """Closure per second at which the first joint reaches its speed (n,)."""
         steepest = np.maximum(np.abs(self.slope), np.abs(self.opening))
+        steepest = np.maximum(steepest, np.abs(self.press))
         moving = steepest > 0
         return float((velocity[moving] / steepest[moving]).min())
 
     @cached_property
-    def stiffness(self) -> float:
-        """Force of the pad per closure on a rigid object (N); NaN where kp or lever is missing.
-
-        The work of drives that are held back, kp |closing|^2, is that of the force on its travel.
-        """
-        travel = float(self.lever @ self.slope)
-        if not (self.kp.all() and travel > 0.0):
-            return float('nan')
-        return float(self.kp @ self.slope**2) / travel
-
-    @cached_property
     def is_capped(self) -> bool:
-        """Whether a lever is told for any joint."""
+        """Judge whether a lever is told for any joint."""
         return bool(self.lever.any())
 
     def caps(self, force: float) -> Array:
@@ -251,13 +303,11 @@ class HandDescription:
         return HandDescription(self.name, driver, fingers)
 
     def grip(self) -> GripConfig:
-        """Gains and limits of the grip law to begin with: the stiffness is that of the drives."""
+        """Parameters of the grip law to begin with."""
         config = self.driver.grip()
-        each = [finger.stiffness for finger in self.fingers.values()]
-        if np.isnan(each).any():
-            return config
-        low, high = SOFTEST * min(each), max(each)
-        return replace(config, stiffness_low=low, stiffness_high=high, closing_rate=SOFTLY)
+        if all(finger.is_soft for finger in self.fingers.values()):
+            return replace(config, closing_rate=SOFTLY)
+        return config
 
     def paced(self, rate_hz: float) -> HandDescription:
         """The same hand for commands at a rate (Hz)."""

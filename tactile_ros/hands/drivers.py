@@ -70,6 +70,9 @@ class HandDriver:
         0.4, 'how far a target may lie from the measured joint: with the gain of the driver it '
         'bounds the torque', 'rad', 1e-3, 100.0,
     )  # fmt: skip
+    effort_scale: float = number(
+        0.0, 'torque per unit of `effort` in joint states; 0: it tells none', 'N m', 0.0, 1e3
+    )
     command_topic: str = text_of('', 'topic of commands; empty: the name that the driver ships')
     state_topic: str = text_of('', 'topic of joint states; empty: the name that the driver ships')
     controller: str = text_of(
@@ -232,6 +235,15 @@ def read_joint_states(message: JointStateMessage, joints: tuple[str, ...]) -> Ar
     return position
 
 
+def read_efforts(message: JointStateMessage, joints: tuple[str, ...]) -> Array | None:
+    """Efforts (j,) of joint states that hold all joints of a hand; None: they tell none."""
+    if len(message.effort) != len(message.name):
+        return None
+    place = {name: i for i, name in enumerate(message.name)}
+    effort = np.array([message.effort[place[name]] for name in joints], np.float64)
+    return effort if np.isfinite(effort).all() else None
+
+
 def read_command(kind: str, message: object, joints: tuple[str, ...]) -> tuple[Array, float]:
     """Values (j,) in the order of a driver, and the time to reach them (s; 0: at once).
 
@@ -282,6 +294,9 @@ class AllegroV4(HandDriver):
         [high for _, high in LIMITS], 'highest position of each joint', 'rad', (16,)
     )
     velocity: Array = array([2.0] * 16, 'fastest motion of each joint', 'rad/s', (16,), 1e-6, 20.0)
+    effort_scale: float = number(
+        1.0, 'torque per unit of `effort` in joint states; 0: it tells none', 'N m', 0.0, 1e3
+    )
     prefix: str = text_of('ah_', 'of the joints: ah_, or ahl_ and ahr_ of a pair')
     controller: str = text_of(
         '/allegro_hand_position_controller',
@@ -389,6 +404,9 @@ class AllegroV5(HandDriver):
         [high for _, high in V5_LIMITS], 'highest position of each joint', 'rad', (16,)
     )
     velocity: Array = array([2.0] * 16, 'fastest motion of each joint', 'rad/s', (16,), 1e-6, 20.0)
+    effort_scale: float = number(
+        1.0, 'torque per unit of `effort` in joint states; 0: it tells none', 'N m', 0.0, 1e3
+    )
     number: int = whole(0, 'number in allegroHand_<number>', 0, 99)
 
     @cached_property

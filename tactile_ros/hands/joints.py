@@ -1,23 +1,30 @@
-"""Joints of a hand: closures to guarded commands, watch of joint states, and a fake hand."""
+"""Joints of a hand: closures to guarded commands, force by the drives, watch of joint states."""
 
 from __future__ import annotations
 
 from collections import deque
-from math import inf, isnan, nan
+from math import exp, inf, isfinite, isnan, nan
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from tactile_ros.hands.kinematics import PadNormal, Synergy
+from tactile_ros.control.config import Drive
+from tactile_ros.hands.kinematics import PadNormal
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from tactile_ros.hands.description import HandDescription
+    from tactile_ros.control import GripConfig
+    from tactile_ros.hands.description import Finger, HandDescription
     from tactile_ros.hands.kinematics import RobotDescription
     from tactile_ros.types import Array, Integers, JointLimits
 
 SLACK = 0.05  # of a joint's range: encoders are offset, and a hand sags against its stops
+EASE_S = 0.5  # time constant in which a finger that began beside its path joins it
+STIFFEST = 1.3  # of a drive's own stiffness: its gain and levers are not exact
+LEADING = 0.03  # rad, lead of a command that tells a gain
+FULL_RATIO = 0.8  # of that gain below which a drive gives all its torque
+SOFTEST = 0.1  # stiffness of a soft object and its drive, of the drive's own
 
 
 class JointGuard:
@@ -42,23 +49,18 @@ class JointGuard:
         self.slack = np.minimum(SLACK * (limits.upper - limits.lower), most_offset)
         self.last: Array | None = None
 
-    def start(self, measured: Array) -> None:
-        """Begin at measured positions (j,), of which `refusal` said nothing: nothing moves."""
-        self.last = _between(measured, self._limits.lower, self._limits.upper)
+    def start(self, command: Array) -> None:
+        """Begin at a command (j,) that moves nothing."""
+        self.last = _between(command, self._limits.lower, self._limits.upper)
 
     def stop(self) -> None:
         """Forget the posture: the hand may be moved by others."""
         self.last = None
 
     def refusal(self, measured: Array, dt: float) -> str:
-        """Why nothing may be sent, in a sentence; empty: something may.
+        """Reason why nothing may be sent; empty: something may.
 
-        Parameters
-        ----------
-        measured : ndarray, shape (j,)
-            Where the joints are.
-        dt : float
-            Time since the last command (s).
+        `measured` (j,) is where the joints are, dt the time since the last command (s).
         """
         if self.last is None:
             low, high = measured - self.slack, measured + self.slack
@@ -70,23 +72,22 @@ class JointGuard:
         return self._sentence(int(np.flatnonzero(astray)[0]), measured)
 
     def _window(self, last: Array, measured: Array, dt: float) -> tuple[Array, Array]:
-        """What may be sent lies between these (j,); where they cross, nothing may."""
+        """Bounds (j,) of what may be sent; where they cross, nothing may."""
         limits, most = self._limits, self._limits.velocity * dt
         low = np.maximum(last - most, measured - self._most_offset)
         high = np.minimum(last + most, measured + self._most_offset)
         return np.maximum(low, limits.lower), np.minimum(high, limits.upper)
 
     def _sentence(self, worst: int, measured: Array) -> str:
-        """What is wrong with a joint."""
+        """Sentence on a joint."""
         name, at = self._joints[worst], float(measured[worst])
         low, high = float(self._limits.lower[worst]), float(self._limits.upper[worst])
         last = self.last
         if last is None or not low - self._most_offset <= at <= high + self._most_offset:
             return f'{name} was measured at {at:.3f}, beyond its limits {low:g} and {high:g}'
-        apart = abs(at - float(last[worst]))
         return (
-            f'{name} was measured {apart:.3f} from its last command; at most '
-            f'{self._most_offset:g} may lie between them'
+            f'{name} was measured {abs(at - float(last[worst])):.3f} from its last command; at '
+            f'most {self._most_offset:g} may lie between them'
         )
 
     def reachable(self, wanted: Array, measured: Array) -> Array:
@@ -95,14 +96,7 @@ class JointGuard:
         return _between(wanted, low, np.minimum(measured + self._most_offset, self._limits.upper))
 
     def step(self, wanted: Array, measured: Array, dt: float) -> tuple[Array, bool]:
-        """Admit a command.
-
-        Parameters
-        ----------
-        wanted, measured : ndarray, shape (j,)
-            Targets, and where the joints are.
-        dt : float
-            Time since the last command (s), 0 or more.
+        """Admit a command (j,), a time dt (s) after the last.
 
         Returns
         -------
@@ -135,17 +129,10 @@ def _between(values: Array, low: Array, high: Array) -> Array:
 
 
 class Guarded(NamedTuple):
-    """What may be sent.
+    """Admitted command: targets (j,) (rad) and torque caps (j,) (N m; NaN: none).
 
-    Attributes
-    ----------
-    position, effort : ndarray, shape (j,)
-        Targets (rad), and largest torques (N m), NaN where none is asked for.
-    limited : bool
-        It is not what was wanted.
-    closure, reach : ndarray, shape (a,)
-        What the drives are sent in fact, and how far they would come in time: less than was
-        wanted where joints stop.
+    `closure` and `reach` (a,) are what the drives are sent in fact, and how far they would come in
+    time; `clipped` (a,) where a drive gives all its torque.
     """
 
     position: Array
@@ -153,6 +140,7 @@ class Guarded(NamedTuple):
     limited: bool
     closure: Array
     reach: Array
+    clipped: list[bool]
 
 
 class HandJoints:
@@ -173,81 +161,133 @@ class HandJoints:
     ) -> None:
         driver = hand.driver
         self._places = [_run_of(hand.places(name)) for name in drives]
-        self._driven = [hand.fingers[name] for name in drives]
-        self._closings = [_closing(hand, name, robot) for name in drives]
+        self.fingers = [hand.fingers[name] for name in drives]
         self._limits = driver.limits
+        self._scale = driver.effort_scale
+        self._paths = [_path(hand, name, robot) for name in drives]
+        self._beside = [np.zeros(len(finger.joints)) for finger in self.fingers]
         self.guard = JointGuard(driver.joints, driver.limits, driver.most_offset)
+        self._sent: deque[tuple[float, Array]] = deque(maxlen=16)
+        self._gain = np.zeros(len(driver.joints))  # largest torque per lead that efforts told
+        self._full = np.zeros(len(driver.joints), bool)
 
-    @property
-    def fastest(self) -> float:
-        """Closure per second that the joints of every drive can follow."""
-        pairs = zip(self._driven, self._places, strict=True)
-        return min(finger.fastest(self._limits.velocity[place]) for finger, place in pairs)
+    def plants(self, config: GripConfig) -> list[Drive]:
+        """Drives (a,) as the law has to know them."""
+        made = []
+        for finger, place in zip(self.fingers, self._places, strict=True):
+            low, high = config.stiffness_low, config.stiffness_high
+            fastest, own = finger.fastest(self._limits.velocity[place]), finger.stiffness
+            if isfinite(own):
+                low, high = SOFTEST * own / finger.kp_factor, STIFFEST * own
+            made.append(Drive(low, high, own, finger.kp_factor, fastest, finger.travel))
+        return made
 
     def closures_of(self, position: Array) -> Array:
         """Closures (a,) whose postures lie nearest to joint positions (j,)."""
-        pairs = zip(self._places, self._driven, strict=True)
+        pairs = zip(self._places, self.fingers, strict=True)
         return np.array([finger.closure_of(position[place]) for place, finger in pairs])
+
+    def lead(self, measured: Array, effort: Array | None, now_s: float, dead_time: float) -> Array:
+        """Angles (j,) by which commands lead the joints, else torques over gains; NaN: unknown."""
+        if self.guard.last is not None and self._sent:
+            due = [sent for at_s, sent in self._sent if at_s <= now_s - dead_time]
+            return (due[-1] if due else self._sent[0][1]) - measured
+        if effort is None or not effort.any() or not self._scale:
+            return np.full(len(measured), nan)
+        lead = np.full(len(measured), nan)
+        for finger, place in zip(self.fingers, self._places, strict=True):
+            if finger.kp.all():
+                lead[place] = self._scale * effort[place] / finger.kp
+        return lead
+
+    def pressed(self, lead: Array) -> Array:
+        """Force (a,) of each pad along its normal that drives tell (N); NaN: not known."""
+        pairs = zip(self.fingers, self._places, strict=True)
+        return np.array([finger.force_of(lead[place]) for finger, place in pairs])
+
+    def take_effort(self, lead: Array, effort: Array | None) -> None:
+        """Learn from efforts (j,) at leads (j,) where a drive gives no more torque."""
+        if effort is None or not self._scale:
+            return
+        leads = np.abs(lead) > LEADING
+        ratio = np.where(leads, np.abs(effort) / np.where(leads, np.abs(lead), 1.0), np.nan)
+        self._gain = np.fmax(self._gain, ratio)
+        self._full = ratio < FULL_RATIO * self._gain
 
     def stop(self) -> None:
         """The next command begins at the measured posture."""
         self.guard.stop()
+        self._sent.clear()
 
     def command(
         self,
-        closures: list[float],
+        closures: Array,
+        contacts: Array,
         forces: list[float],
         measured: Array,
+        lead: Array,
         dt: float,
         elapsed: float,
+        now_s: float,
     ) -> Guarded:
-        """Joints of the drives' closures; the first command is the measured posture.
+        """Joints of the drives' closures; the first command moves nothing.
 
         Parameters
         ----------
-        closures, forces : list of float
-            Of each drive: closure, and target force (N), which torque caps follow.
-        measured : ndarray, shape (j,)
-            Where the joints are; `guard.refusal` said nothing of them.
-        dt : float
-            Of the step (s).
-        elapsed : float
-            In which the joints may move: since the last command (s).
+        closures, contacts : ndarray, shape (a,)
+            Of each drive: command, and closure beyond which it presses; NaN: it does not.
+        forces : list of float
+            Target force of each drive (N), which torque caps follow.
+        measured, lead : ndarray, shape (j,)
+            Where the joints are, and by how much their commands lead them where they hold
+            something that this process did not grip; NaN: not known.
+        dt, elapsed : float
+            Of the step, and in which the joints may move: since the last command (s).
+        now_s : float
+            Time of the command (s).
         """
-        if self.guard.last is None:
-            for place, closing in zip(self._places, self._closings, strict=True):
-                closing.start(measured[place])
-            self.guard.start(measured)
+        first = self.guard.last is None
+        if first:
+            held = np.where(np.isfinite(lead), lead, 0.0)
+            self.guard.start(measured + held)
         wanted = np.array(self.guard.last)
-        effort = np.full(len(wanted), np.nan)
-        for a, (place, closing) in enumerate(zip(self._places, self._closings, strict=True)):
-            wanted[place] = closing.joints(closures[a], dt)
-            if closing.finger.is_capped:
-                effort[place] = closing.finger.caps(forces[a])
+        effort = np.full(len(wanted), nan)
+        for a, (place, path, finger) in enumerate(
+            zip(self._places, self._paths, self.fingers, strict=True)
+        ):
+            on_path = path.joints(float(closures[a]), float(contacts[a]), dt)
+            if first:
+                self._beside[a] = wanted[place] - on_path
+            self._beside[a] = self._beside[a] * exp(-dt / EASE_S)
+            wanted[place] = on_path + self._beside[a]
+            if finger.is_capped:
+                effort[place] = finger.caps(forces[a])
         position, limited = self.guard.step(wanted, measured, elapsed)
-        closure = np.array(closures)
-        if not limited:
-            return Guarded(position, effort, limited, closure, closure)
-        near = self.guard.reachable(wanted, measured)
-        reach = closure - self._behind(closures, wanted, near)
-        closure = closure - self._behind(closures, wanted, position)
-        return Guarded(position, effort, limited, closure, reach)
+        self._sent.append((now_s, position))
+        closure = reach = closures
+        if limited:
+            near = self.guard.reachable(wanted, measured)
+            reach = closures - self._behind(closures, contacts, wanted, near)
+            closure = closures - self._behind(closures, contacts, wanted, position)
+        full = self._clipped(position, measured)
+        return Guarded(position, effort, limited, closure, reach, full)
 
-    def _behind(self, closures: list[float], wanted: Array, sent: Array) -> Array:
-        """How much less closure each drive was sent (a,)."""
-        pairs = enumerate(zip(self._places, self._driven, strict=True))
-        short = [f.shortfall(closures[a], wanted[p], sent[p]) for a, (p, f) in pairs]
-        return np.array(short)
+    def _clipped(self, position: Array, measured: Array) -> list[bool]:
+        """Drives (a,) of which a joint that carries the pad gives all its torque."""
+        return [
+            finger.is_clipped(position[place] - measured[place])
+            or bool((self._full[place] & (finger.lever != 0)).any())
+            for finger, place in zip(self.fingers, self._places, strict=True)
+        ]
+
+    def _behind(self, closures: Array, contacts: Array, wanted: Array, sent: Array) -> Array:
+        """Shortfall of closure that each drive was sent (a,)."""
+        rows = zip(self.fingers, self._places, closures, contacts, strict=True)
+        return np.array([f.shortfall(c, k, wanted[p], sent[p]) for f, p, c, k in rows])
 
 
 def taking_part(hand: HandDescription, wanted: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Sensors that take part, and for each the finger that carries it.
-
-    Raises
-    ------
-    ValueError
-        If the hand does not carry one of them.
-    """
+    """Sensors that take part, and for each the finger that carries it; ValueError: none does."""
     carried = {s: name for name, finger in hand.fingers.items() for s in finger.sensors}
     unknown = [name for name in wanted if name not in carried]
     if unknown:
@@ -264,11 +304,25 @@ def _run_of(places: Integers) -> Integers | slice:
     return run if (places == np.arange(run.start, run.stop)).all() else places
 
 
-def _closing(hand: HandDescription, name: str, robot: RobotDescription | None) -> Synergy:
-    """How a finger's closure becomes joints."""
+class Path:
+    """Joints of a finger on its path, and beyond the contact as its drives press."""
+
+    def __init__(self, finger: Finger) -> None:
+        self._finger = finger
+
+    def joints(self, closure: float, contact: float, _: float) -> Array:
+        """Joint targets (n,) of a closure that presses beyond its contact (NaN: does not)."""
+        finger = self._finger
+        if not closure > contact:  # also of NaN
+            return finger.posture(closure)
+        return finger.posture(contact) + finger.press * (closure - contact)
+
+
+def _path(hand: HandDescription, name: str, robot: RobotDescription | None) -> Path | PadNormal:
+    """Map a finger's closure to joints."""
     finger, limits, place = hand.fingers[name], hand.driver.limits, hand.places(name)
     if robot is None or not robot.has_link(finger.frame):
-        return Synergy(finger)
+        return Path(finger)
     chain = robot.chain(finger.frame, finger.joints)
     return PadNormal(finger, chain, limits.lower[place], limits.upper[place])
 
@@ -301,7 +355,7 @@ class HandWatch:
         self._sent = self._before = self._apart = np.full(len(self._joints), nan)
         self._led_s = inf
 
-    def hear(self, measured: Array) -> None:
+    def take(self, measured: Array) -> None:
         """Take in joint positions (j,)."""
         if not np.array_equal(self._still, measured):
             self._still, self._before, self._led_s = measured.copy(), self._sent, inf
@@ -316,20 +370,19 @@ class HandWatch:
             self._led_s = now_s
 
     def frozen(self, now_s: float) -> str:
-        """Whether joint states stand still while commands move, in a sentence; empty: no."""
+        """Judge whether joint states stand still while commands move, in a sentence; empty: no."""
         since_s = now_s - self._led_s
         if not since_s > self._patience_s:
             return ''
         return f'joint states are frozen ({since_s:.3f} s) while commands move'
 
     def strayed(self) -> str:
-        """Whether the hand was moved by others since the last command; empty: no.
+        """Judge whether the hand was moved by others since the last command; empty: no.
 
         On its way to the last command, or held back from it as before, it was not.
         """
         apart = np.abs(self._sent - self._still)
-        further = apart - self._apart - self._slack
-        astray = np.flatnonzero(further > 0)  # none of NaN
+        astray = np.flatnonzero(apart - self._apart - self._slack > 0)  # none of NaN
         if not astray.size:
             return ''
         worst = astray[0]
@@ -337,56 +390,3 @@ class HandWatch:
             f'{self._joints[worst]} came back {apart[worst]:.3f} from its last command: it was '
             'moved by others'
         )
-
-
-FAULTS = ('silent', 'frozen', 'partial', 'nan')
-
-
-class MockHand:
-    """Joints of a fake hand.
-
-    Parameters
-    ----------
-    limits : JointLimits
-        Of the j joints; they stop there and move no faster.
-    position : ndarray, shape (j,)
-        Where they begin.
-    dead_time_s, lag_s : float
-        Before a command acts, and time constant of the position loop (s).
-    """
-
-    def __init__(
-        self, limits: JointLimits, position: Array, dead_time_s: float = 0.0, lag_s: float = 0.02
-    ) -> None:
-        self._limits = limits
-        self._dead_time_s, self._lag_s = dead_time_s, lag_s
-        self.position = np.clip(position, limits.lower, limits.upper)
-        self._target = self.position
-        self._arrival_s = 0.0  # until a trajectory's point is reached; 0: position loop
-        self._waiting: deque[tuple[float, Array, float]] = deque()
-        self._time_s = 0.0
-        self.steps = 0
-
-    def command(self, target: Array, horizon_s: float = 0.0) -> None:
-        """Take targets (j,), to be reached in `horizon_s` (s); 0: as soon as the loop can."""
-        at = self._time_s + self._dead_time_s
-        self._waiting.append(
-            (at, np.clip(target, self._limits.lower, self._limits.upper), horizon_s)
-        )
-
-    def step(self, dt: float) -> Array:
-        """Positions (j,) after a time (s), positive."""
-        self._time_s += dt
-        self.steps += 1
-        while self._waiting and self._waiting[0][0] <= self._time_s:
-            _, self._target, self._arrival_s = self._waiting.popleft()
-        if self._arrival_s > 0:
-            share = min(1.0, dt / self._arrival_s)
-            self._arrival_s = max(self._arrival_s - dt, 1e-9)
-        else:
-            share = 1.0 - np.exp(-dt / self._lag_s)
-        most = self._limits.velocity * dt
-        self.position = self.position + np.clip(
-            share * (self._target - self.position), -most, most
-        )
-        return self.position

@@ -301,41 +301,16 @@ class Chain:
 
 
 DAMPING = 5e-3  # m per rad: near a singular posture the motion fades instead of racing
-EASE_S = 0.5  # time constant in which a finger that began beside its path joins it
+EASE_S = 0.5  # time constant in which what the normal led is left
 
 
-class Synergy:
-    """Joints on the path of the finger; the first target is where the joints are.
-
-    Parameters
-    ----------
-    finger : Finger
-        Whose joints move.
-    """
-
-    def __init__(self, finger: Finger) -> None:
-        self.finger = finger
-        self._beside = np.zeros(len(finger.joints))
-
-    def start(self, position: Array) -> float:
-        """Begin at measured joints (n,); the closure that is nearest."""
-        closure = self.finger.closure_of(position)
-        self._beside = position - self.finger.posture(closure)
-        return closure
-
-    def joints(self, closure: float, dt: float) -> Array:
-        """Joint targets (n,) of a closure, a time dt (s) after the last."""
-        self._beside = self._beside * exp(-dt / EASE_S)
-        return self.finger.posture(closure) + self._beside
-
-
-class PadNormal(Synergy):
-    """Beyond the pre-grasp posture the pad moves along its normal, as far as the synergy would.
+class PadNormal:
+    """Path of a finger whose pad moves along its normal beyond the pre-grasp posture.
 
     Parameters
     ----------
     finger : Finger
-        Whose joints move.
+        Whose joints move, as far as its synergy would.
     chain : Chain
         Of its pad, z out of the skin.
     lower, upper : ndarray, shape (n,)
@@ -350,17 +325,10 @@ class PadNormal(Synergy):
     """
 
     def __init__(self, finger: Finger, chain: Chain, lower: Array, upper: Array) -> None:
-        super().__init__(finger)
-        self._chain = chain
+        self.finger, self._chain = finger, chain
         self._lower, self._upper = lower, upper
         self._turned = np.zeros(len(finger.joints))  # what the normal has led beside the synergy
-        self._closure = 0.0
-
-    def start(self, position: Array) -> float:
-        """Begin at measured joints (n,); the closure that is nearest."""
-        self._closure = super().start(position)
-        self._turned = np.zeros_like(position)
-        return self._closure
+        self._closure = np.nan
 
     def direction(self, position: Array) -> Array:
         """Motion of the joints (n,) per closure at joint positions (n,)."""
@@ -372,17 +340,18 @@ class PadNormal(Synergy):
             return synergy
         return step * (np.linalg.norm(synergy) / length)
 
-    def joints(self, closure: float, dt: float) -> Array:
-        """Joint targets (n,) of a closure, a time dt (s) after the last."""
-        corner = self.finger.corner
-        on_path = super().joints(closure, dt)
-        moved = max(closure, corner) - max(self._closure, corner)
-        self._closure = closure
+    def joints(self, closure: float, contact: float, dt: float) -> Array:
+        """Joint targets (n,) of a closure, a time dt (s) after the last; see `Path`."""
+        at = contact if closure > contact else closure
+        corner, before = self.finger.corner, self._closure if np.isfinite(self._closure) else at
+        on_path = self.finger.posture(at)
+        moved, self._closure = max(at, corner) - max(before, corner), at
         turned = self._turned + moved * (
             self.direction(on_path + self._turned) - self.finger.slope
         )
-        if closure <= corner:
+        if at <= corner:
             turned = self._turned * exp(-dt / EASE_S)
         position = np.clip(on_path + turned, self._lower, self._upper)
         self._turned = position - on_path
-        return position
+        pressed: Array = position + self.finger.press * (closure - at)
+        return pressed

@@ -8,7 +8,8 @@ the clock where they fail to come; the time between two steps is that between th
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import hypot, inf, isfinite, nan
+from math import hypot, inf, isfinite, nan, sqrt
+from operator import mul
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,21 +22,24 @@ from tactile_ros.control import (
     GripInput,
     GripPhase,
     Keeping,
-    Opening,
 )
+from tactile_ros.control.finger import ON_SIGMAS
+from tactile_ros.control.grasp_sequence import HOLDING
+from tactile_ros.control.targets import shared
 from tactile_ros.hands.joints import HandJoints, HandWatch, taking_part
 from tactile_ros.types import GripCommand
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from tactile_ros.control import GraspProgress, GripConfig, GripStep
+    from tactile_ros.control import GripConfig, GripStep
     from tactile_ros.hands import HandDescription
     from tactile_ros.hands.kinematics import RobotDescription
     from tactile_ros.types import Array
 
-HOLDING = (GripPhase.LOAD, GripPhase.HOLD)
 EMPTY = (GraspOutcome.SLIPPED, GraspOutcome.NO_OBJECT)
+HELD_SIGMAS = 5.0  # of noise, that a finger reads at rest where it holds something
+FORGIVING = 0.3  # time of a fault that is forgotten in a time without
 MOST_PERIODS = 3.0  # a process that slept does not catch up by one large step
 LEAST_SPACE = 0.5  # of the shortest time between two commands that a hand takes; frames jitter
 LATE = 1.5  # periods after which nobody is waited for
@@ -85,51 +89,85 @@ class GripLoop:
                 f'received {config.rate_hz:g}'
             )
             raise ValueError(msg)
-        self.hand = hand
+        self.hand, self.config = hand, config
         self.fingers, names = taking_part(hand, fingers)
         drives = list(dict.fromkeys(names))
         self._drive_of = [drives.index(name) for name in names]
         self._joints = HandJoints(hand, drives, robot)
-        # so that the law knows what the guard would cut
-        fastest = self._joints.fastest
-        self.config = replace(config, closure_rate=min(config.closure_rate, fastest))
         sides = [hand.fingers[name].side for name in names]
         opposed = sides if {1, -1} <= set(sides) else None
-        self._law = GripForce(self.config, self._drive_of, opposed)
+        plants = self._joints.plants(config)
+        self.law = GripForce(config, self._drive_of, opposed, plants, self.fingers)
+        self._sides = opposed or [0] * len(names)
+        limits, places = hand.driver.limits, [hand.places(name) for name in names]
+        self._reach = [
+            hand.fingers[name].reach(limits.lower[p], limits.upper[p], hand.driver.most_offset)
+            for name, p in zip(names, places, strict=True)
+        ]
         self._guard = self._joints.guard
-        reaction = self.config.stale_age + config.dead_time + config.lag
+        reaction = config.stale_age + config.dead_time + config.lag
         self._watch = HandWatch(hand.driver.joints, self._guard.slack, reaction)
-        self._sequence: GraspSequence | Opening | None = None
-        self._keeping = Keeping(self.config)
-        self._chosen = [True] * len(self.fingers)
+        self._sequence: GraspSequence | None = None
+        self._keeping = Keeping()
         count = len(self.fingers)
         # lists: one entry of an array costs more than all else that a force brings
-        self._normal, self._across = [nan] * count, [nan] * count
+        self._normal, self._across, self._sigma = [nan] * count, [nan] * count, [nan] * count
         self._valid, self._new, self._slip = [False] * count, [False] * count, [-1] * count
+        self._framed = [True] * count
         self._touched_s = [-inf] * count
-        self._closure = np.full(len(drives), np.nan)
+        self._closure = np.full(len(drives), nan)
         self._measured: Array | None = None
+        self._effort: Array | None = None
         self._measured_s = self._stepped_s = self._sent_s = -inf
         self._least_s = LEAST_SPACE / hand.driver.fastest_hz
         self._lost_s = self._unsent_s = 0.0
-        self.sent = np.full(len(hand.driver.joints), np.nan)
+        self._has_moved = False
+        self.sent = np.full(len(hand.driver.joints), nan)
 
     def take_touch(
-        self, finger: int, force: Sequence[float], valid: bool, slip: int, measured_s: float
+        self,
+        finger: int,
+        force: Sequence[float],
+        valid: bool,
+        slip: int,
+        measured_s: float,
+        normal: Sequence[float] | None = None,
+        covariance: Sequence[float] = (),
     ) -> None:
-        """Keep the force (3,) on a finger at a time (s), in its sensor frame (N)."""
-        self._normal[finger], self._across[finger] = force[2], hypot(force[0], force[1])
-        self._valid[finger], self._slip[finger] = valid, slip
+        """Keep the force (3,) on a finger at a time (s), in its sensor frame (N).
+
+        Its normal is that of the contact, unit or not; None is z of the pad, and so is NaN, which
+        is not measured. `covariance` has the three rows of the force's; empty: not stated.
+        """
+        x, y, z = force
+        n = normal if normal is not None else (0.0, 0.0, 1.0)
+        length = hypot(*n)
+        framed = 0.0 < length < inf
+        n = [part / length for part in n] if framed else (0.0, 0.0, 1.0)
+        along = x * n[0] + y * n[1] + z * n[2]
+        self._normal[finger] = along
+        self._across[finger] = hypot(x - along * n[0], y - along * n[1], z - along * n[2])
+        self._framed[finger], self._valid[finger], self._slip[finger] = framed, valid, slip
+        variance = nan
+        if len(covariance):
+            rows = [covariance[3 * i : 3 * i + 3] for i in range(3)]
+            variance = sum(a * sum(map(mul, row, n)) for a, row in zip(n, rows, strict=True))
+        self._sigma[finger] = sqrt(variance) if variance > 0.0 else nan
         self._touched_s[finger], self._new[finger] = measured_s, True
 
-    def take_joints(self, position: Array, measured_s: float) -> None:
-        """Keep joint positions (j,) that were measured at a time (s)."""
-        self._measured, self._measured_s = position, measured_s
+    def take_joints(
+        self, position: Array, measured_s: float, effort: Array | None = None
+    ) -> None:
+        """Keep joint positions, and efforts where they are told (j,), of a time (s)."""
+        before = self._measured
+        self._measured, self._measured_s, self._effort = position, measured_s, effort
+        # joints that are the same to the last bit were not measured anew
+        self._has_moved = before is None or not np.array_equal(before, position)
         self._closure = self._joints.closures_of(position)
-        self._watch.hear(position)
+        self._watch.take(position)
 
     @property
-    def unheard(self) -> list[str]:
+    def missing(self) -> list[str]:
         """Fingers, and joint states, of which nothing has come yet."""
         missing = ['joint states'] if self._measured is None else []
         pairs = zip(self.fingers, self._touched_s, strict=True)
@@ -138,18 +176,16 @@ class GripLoop:
     @property
     def is_free(self) -> bool:
         """Nothing is gripped, or nothing was sent yet."""
-        over = self._law.phase == GripPhase.IDLE and self._sequence is None
+        over = self.law.phase == GripPhase.IDLE and self._sequence is None and not self.law.holds
         return over or bool(np.isnan(self.sent).all())
 
     def enable(self) -> None:
-        """Commands may be sent; the first is where the joints are."""
-        self._forget_hand()
-        self._law.enable()
+        """Commands may be sent."""
+        self.law.enable()
 
     def disable(self) -> None:
         """Nothing is sent from now on."""
-        self._law.disable()
-        self._forget_hand()
+        self.law.disable()
         self._sequence = None
 
     def _forget_hand(self) -> None:
@@ -163,20 +199,38 @@ class GripLoop:
     ) -> None:
         """Close until something is held; a target of 0 N opens. ValueError: it cannot be."""
         self.admit(target_force, fingers, timeout)
-        if self._law.phase == GripPhase.IDLE:
-            self._forget_hand()
+        held = self.law.holds or self._is_holding()
+        if self.law.phase == GripPhase.IDLE:
+            if self._watch.strayed():
+                self.law.move_away()
+                held = False
+            if not self.law.holds:
+                self._forget_hand()
+        self._lost_s = 0.0
         if target_force == 0:
-            self._law.release()
-            self._sequence = Opening(self.config, timeout)
+            self.law.release()
+            self._sequence = GraspSequence(self.config, timeout, opens=True)
             return
         chosen = [not fingers or name in fingers for name in self.fingers]
-        self._law.grasp(target_force, adapt, chosen)
-        self._chosen = chosen
+        self.law.grasp(target_force, adapt, chosen, held)
         self._sequence = GraspSequence(self.config, timeout)
+
+    def _is_holding(self) -> bool:
+        """Judge that fingers and torques both say that something is held, as after a restart."""
+        if self._measured is None or self.law.phase != GripPhase.IDLE:
+            return False
+        pressed = self._joints.pressed(self._lead())
+        supported = [
+            finger.witness.zero > HELD_SIGMAS * self.config.force_noise
+            and finger.witness.supports(float(pressed[drive]))
+            for finger, drive in zip(self.law.fingers, self._drive_of, strict=True)
+        ]
+        wanted = {side for side in self._sides if side} or {0}
+        return {s for s, one in zip(self._sides, supported, strict=True) if one} >= wanted
 
     def admit(self, target_force: float, fingers: Sequence[str], timeout: float) -> None:
         """Refuse a grasp that cannot be by a ValueError of one sentence."""
-        low, high = self.config.contact_on, self.config.force_high
+        low, high = ON_SIGMAS * self.config.force_noise, self.config.force_high
         if not (target_force == 0 or low < target_force <= high):
             msg = (
                 f'target_force must be 0, which opens, or above {low:g} and at most {high:g} N; '
@@ -184,18 +238,31 @@ class GripLoop:
             )
             raise ValueError(msg)
         if not 0 <= timeout < np.inf:
-            msg = f'timeout must be 0, for grasp_time, or positive; received {timeout:g}'
+            msg = f'timeout must be 0 or positive; received {timeout:g}'
             raise ValueError(msg)
         unknown = [name for name in fingers if name not in self.fingers]
         if unknown:
             msg = f'fingers must be of {", ".join(self.fingers)}; received {unknown[0]!r}'
             raise ValueError(msg)
+        used = [not fingers or name in fingers for name in self.fingers]
+        asked = shared([target_force] * len(used), self._sides, used)
+        short = [i for i, reach in enumerate(self._reach) if asked[i] > reach]
+        if short:
+            most = min(target_force * self._reach[i] / asked[i] for i in short)
+            each = ', '.join(
+                f'{self.fingers[i]} {self._reach[i]:.2f} of {asked[i]:.2f} N' for i in short
+            )
+            msg = (
+                f'the drives of this hand cannot press that hard ({each}): at most {most:.2f} N '
+                'can be asked for'
+            )
+            raise ValueError(msg)
 
     def cancel(self) -> None:
         """Wait for no end any more: what is held stays held, otherwise the hand opens."""
         self._sequence = None
-        if self._law.phase not in (*HOLDING, GripPhase.IDLE):
-            self._law.release()
+        if self.law.phase not in (*HOLDING, GripPhase.IDLE):
+            self.law.release()
 
     def step(
         self, now_s: float, stamp_ns: int, blocked: str = '', since: float | None = None
@@ -210,9 +277,14 @@ class GripLoop:
         # of the frames that a queue kept back many are stepped through at once: joints are not
         self._unsent_s = min(self._unsent_s + dt, MOST_PERIODS / self.config.rate_hz)
         elapsed = max(min(self._unsent_s, now_s - self._sent_s), 0.0)
+        # what waited in a queue is no course of time for joints
+        self._has_moved = self._has_moved and now_s - self._stepped_s > 0.5 * dt
         self._stepped_s = now_s
         hindered = blocked or self._hindered(now_s, elapsed)
-        made = self._law.step(self._given(now_s, hindered), dt)
+        lead = self._lead()
+        if np.isfinite(self.sent).all():
+            self._joints.take_effort(lead, self._effort)
+        made = self.law.step(self._given(now_s, hindered, lead), dt)
         command, limited, refusal = None, made.limited, blocked or made.refusal
         if self._measured is None:
             refusal = refusal if blocked else 'no joint states of the hand have come'
@@ -220,18 +292,10 @@ class GripLoop:
             if now_s - self._sent_s < self._least_s:
                 refusal = f'the hand takes {self.hand.driver.fastest_hz:g} commands a second'
             else:
-                command, guarded = self._command(made, dt, elapsed, now_s, stamp_ns)
+                command, guarded = self._command(made, lead, dt, elapsed, now_s, stamp_ns)
                 limited = limited or guarded
         ended, lost = self._end(made, dt, self._gone(made, hindered, now_s, dt))
-        return Decision(made, command, limited, refusal or self._silent(made), ended, lost)
-
-    def _silent(self, made: GripStep) -> str:
-        """Fingers that keep their place in a hold since their force is not known; or empty."""
-        if made.phase not in HOLDING:
-            return ''
-        forces = zip(self.fingers, self._chosen, made.force.tolist(), strict=True)
-        names = [name for name, used, force in forces if used and not isfinite(force)]
-        return f'the force of {", ".join(names)} is not known: it keeps its place' if names else ''
+        return Decision(made, command, limited, refusal or made.warning, ended, lost)
 
     def _within(self, since: float) -> float:
         """A time since the last step (s), between a tenth of and a few periods."""
@@ -239,9 +303,18 @@ class GripLoop:
         most = MOST_PERIODS * period if isfinite(since) else period
         return min(max(since, 0.1 * period), most)
 
-    def _given(self, now_s: float, blocked: str) -> GripInput:
+    def _lead(self) -> Array:
+        """Angles (j,) by which the commands lead the joints; NaN: not known."""
+        if self._measured is None:
+            return np.full(len(self.sent), nan)
+        return self._joints.lead(
+            self._measured, self._effort, self._measured_s, self.config.dead_time
+        )
+
+    def _given(self, now_s: float, blocked: str, lead: Array) -> GripInput:
         """Input of the law."""
         new, self._new = self._new, [False] * len(self._new)
+        moved, self._has_moved = self._has_moved, False  # old joints tell no force
         return GripInput(
             normal=np.array(self._normal),
             tangential=np.array(self._across),
@@ -252,44 +325,54 @@ class GripLoop:
             closure_age=now_s - self._measured_s,
             new=np.array(new),
             blocked=blocked,
+            sigma=np.array(self._sigma),
+            framed=np.array(self._framed),
+            pressed=self._joints.pressed(lead if moved else np.full(len(lead), nan)),
         )
 
     def _hindered(self, now_s: float, elapsed: float) -> str:
         """Obstacle to commands, by the joint states of the hand; empty: there is none."""
-        if self._measured is None or self._law.phase == GripPhase.IDLE:
+        if self._measured is None or self.law.phase == GripPhase.IDLE:
             return ''
         paused = now_s - self._sent_s > self.config.stale_age
         strayed = self._watch.strayed() if paused else ''
         if strayed:
             self._lost_s = inf
             return strayed
-        silent = self._is_silent(now_s) or not self.config.closure_required
-        frozen = '' if silent else self._watch.frozen(now_s)
+        frozen = '' if self._is_silent(now_s) else self._watch.frozen(now_s)
         return frozen or self._guard.refusal(self._measured, elapsed)
 
     def _is_silent(self, now_s: float) -> bool:
         """Joint states are missed: the law says so."""
-        aged = now_s - self._measured_s > self.config.stale_age
-        return aged and self.config.closure_required
+        return now_s - self._measured_s > self.config.stale_age
 
     def _command(
-        self, made: GripStep, dt: float, elapsed: float, now_s: float, stamp_ns: int
+        self,
+        made: GripStep,
+        lead: Array,
+        dt: float,
+        elapsed: float,
+        now_s: float,
+        stamp_ns: int,
     ) -> tuple[GripCommand, bool]:
         """Joints of the law's closures, and whether the guard changed them."""
         forces = [0.0] * len(self._closure)
         for drive, force in zip(self._drive_of, made.target_force.tolist(), strict=True):
             forces[drive] = max(forces[drive], force)
-        sent = self._joints.command(made.closure.tolist(), forces, self._measured, dt, elapsed)
+        lead = lead if self.law.phase in HOLDING else np.full(len(lead), nan)
+        sent = self._joints.command(
+            made.closure, made.contact, forces, self._measured, lead, dt, elapsed, now_s
+        )
         # the law goes on from what is sent, and winds nothing up
-        self._law.admit(sent.closure, dt, sent.reach)
+        self.law.admit(sent.closure, dt, sent.reach, sent.clipped)
         self._watch.send(sent.position, now_s)
         self.sent, self._sent_s, self._unsent_s = sent.position, now_s, 0.0
         return GripCommand(stamp_ns, sent.position, sent.effort), sent.limited
 
     def _gone(self, made: GripStep, hindered: str, now_s: float, dt: float) -> str:
-        """Why the hand is given up: it has failed for long, or others moved it; else empty."""
+        """Reason why the hand is given up: it fails for long, or others moved it; else empty."""
         if made.phase != GripPhase.FAULT or not (hindered or self._is_silent(now_s)):
-            self._lost_s = 0.0
+            self._lost_s = max(self._lost_s - FORGIVING * dt, 0.0)
             return ''
         self._lost_s += dt
         return made.refusal if self._lost_s > self.config.fault_time else ''
@@ -298,14 +381,18 @@ class GripLoop:
         """The grasp that this step ended, and why what was held after one is held no more."""
         grasping = self._sequence is not None
         if gone:
-            self._law.abandon(gone)
+            moved = self._lost_s == inf
+            self.law.abandon(gone)
+            if moved:
+                self.law.move_away()
+                self.law.abandon(gone)
             self._sequence = None
             return (GraspProgress(GraspOutcome.FAULT, gone), '') if grasping else (None, gone)
         if grasping:
             return self._progress(made, dt), ''
-        lost = self._keeping.step(made, dt) if self._law.phase in HOLDING else ''
+        lost = self._keeping.step(made, dt) if self.law.phase in HOLDING else ''
         if lost:
-            self._law.release(lost)
+            self.law.release(lost)
         return None, lost
 
     def _progress(self, made: GripStep, dt: float) -> GraspProgress | None:
@@ -315,26 +402,17 @@ class GripLoop:
             return None
         self._sequence = None
         self._keeping.restart()
-        kept = self._law.phase in HOLDING and progress.outcome not in EMPTY
-        if not kept and self._law.phase != GripPhase.IDLE:
-            lost = progress.outcome == GraspOutcome.SLIPPED
-            self._law.release(progress.message if lost else '')
-        if progress.outcome != GraspOutcome.HELD:
+        short = self.law.shortfalls()
+        if made.fault:
+            self.law.abandon(made.fault)
             return progress
-        return replace(progress, message=progress.message + self._caveats(made))
-
-    def _caveats(self, made: GripStep) -> str:
-        """Doubts about a grasp that is held: fingers without a usable force, unequal sides."""
-        forces = zip(self.fingers, self._touched_s, self._chosen, made.force.tolist(), strict=True)
-        blind = [(name, t_s) for name, t_s, used, x in forces if used and not isfinite(x)]
-        unheard = [name for name, touched_s in blind if touched_s == -inf]
-        unknown = [name for name, touched_s in blind if touched_s > -inf]
-        text = f'; nothing was ever heard of {", ".join(unheard)}' if unheard else ''
-        if unknown:
-            text += f'; the force of {", ".join(unknown)} is not known'
-        if made.disagreement > self.config.balance_high:  # false of NaN
-            text += f'; the two sides disagree by {made.disagreement:.0%}: a sensor may be wrong'
-        return text
+        kept = self.law.phase in HOLDING and progress.outcome not in EMPTY
+        if not kept and self.law.phase != GripPhase.IDLE:
+            lost = progress.outcome == GraspOutcome.SLIPPED
+            self.law.release(progress.message if lost else '')
+        if short and progress.outcome in (GraspOutcome.HELD, GraspOutcome.TIMEOUT):
+            return replace(progress, message=f'{progress.message}: {"; ".join(short)}')
+        return progress
 
 
 class StepTrigger:

@@ -6,8 +6,9 @@ import threading
 import time
 from dataclasses import replace
 from functools import partial
-from math import nan
-from typing import TYPE_CHECKING
+from math import isfinite
+from operator import mul
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -22,7 +23,14 @@ from tactile_ros import messages
 from tactile_ros.control import GraspOutcome, GripConfig, GripPhase
 from tactile_ros.hands import load_hand
 from tactile_ros.hands.description import narrowed
-from tactile_ros.hands.drivers import JOINT_STATE, NUMBERS, TRAJECTORY, in_order, read_joint_states
+from tactile_ros.hands.drivers import (
+    JOINT_STATE,
+    NUMBERS,
+    TRAJECTORY,
+    in_order,
+    read_efforts,
+    read_joint_states,
+)
 from tactile_ros.hands.kinematics import RobotDescription
 from tactile_ros.messages import packed, stamp_ns, vector
 from tactile_ros.msg import GripState, TactileContacts
@@ -53,6 +61,7 @@ LAGS = (
     'joints lag by 1.44 periods more, which the parameter lag must be told too'
 )
 WATCH_S = 1e-2  # how often the clock is looked at, at most
+TINY = 1e-9  # N
 STATES = 10  # joint states that may wait
 MESSAGES = {JOINT_STATE: JointState, NUMBERS: Float64MultiArray, TRAJECTORY: JointTrajectory}
 
@@ -71,19 +80,50 @@ def blank(kind: str) -> object:
     return MESSAGES[kind]()
 
 
+class Touch(NamedTuple):
+    """Contacts of a finger in one frame, in its sensor frame.
+
+    `normal` (3,) is that of the contact, NaN where none is measured, None where nothing is
+    touched; `covariance` (9,) that of the force (N^2), empty where it is not stated.
+    """
+
+    force: Sequence[float]
+    valid: bool
+    slip: int
+    normal: Sequence[float] | None
+    covariance: Sequence[float]
+
+
+def normal_of(contacts: Sequence[tuple[Sequence[float], Sequence[float]]]) -> list[float] | None:
+    """Mean normal (3,) out of the skin of contacts, weighed by force; None: there is none."""
+    if not contacts:
+        return None
+    total = [0.0, 0.0, 0.0]
+    for normal, force in contacts:
+        weight = abs(sum(map(mul, normal, force))) + TINY
+        weight = -weight if normal[2] < 0.0 else weight
+        total = [one + weight * part for one, part in zip(total, normal, strict=True)]
+    return total
+
+
+def stated(covariance: Sequence[float]) -> Sequence[float]:
+    """Covariance (9,) of a force; empty where it is not stated."""
+    return covariance if all(map(isfinite, covariance)) else ()
+
+
 class HandLink:
     """Publishers and subscriptions of one hand while grip_node is active.
 
-    `take` gets every measured posture (j,) and its stamp (ns). `learn` gets the
-    `robot_description` where one comes, and says whether it is of this hand; after a ValueError
-    nothing is sent. With `wait` nothing is sent before it has come.
+    `take` gets every measured posture (j,), its efforts if any, and its stamp (ns). `learn` gets
+    the `robot_description` where one comes, and says whether it is of this hand; after a
+    ValueError nothing is sent. With `wait` nothing is sent before it has come.
     """
 
     def __init__(
         self,
         node: ManagedNode,
         hand: HandDescription,
-        take: Callable[[Array, int], None],
+        take: Callable[[Array, Array | None, int], None],
         learn: Callable[[RobotDescription], bool] | None = None,
         wait: bool = False,
     ) -> None:
@@ -154,7 +194,8 @@ class HandLink:
             self._node.get_logger().error(str(err), throttle_duration_sec=1.0)
             return
         if position is not None:
-            self._take(position, stamp_ns(message.header))
+            effort = read_efforts(message, self._hand.driver.joints)
+            self._take(position, effort, stamp_ns(message.header))
 
     def _on_description(self, message: String) -> None:
         """Read the hand's description once; one that does not fit lets nothing out."""
@@ -204,7 +245,7 @@ class GripDiagnostics:
     def __init__(self) -> None:
         self.steps = self.commands = self.limited = 0
         self._steps_before = 0
-        self._refusal, self._phase, self._disagreement = '', GripPhase.IDLE, nan
+        self._refusal, self._phase, self._warning = '', GripPhase.IDLE, ''
 
     def note(self, decision: Decision) -> None:
         """Take in a step."""
@@ -212,10 +253,10 @@ class GripDiagnostics:
         self.commands += decision.command is not None
         self.limited += decision.limited
         self._refusal, self._phase = decision.refusal, decision.made.phase
-        self._disagreement = decision.made.disagreement
+        self._warning = decision.made.warning
 
     def status(
-        self, hand: str, config: GripConfig, enabled: bool, busy: bool, unheard: Sequence[str]
+        self, hand: str, config: GripConfig, enabled: bool, busy: bool, missing: Sequence[str]
     ) -> DiagnosticStatus:
         """Phase, rate, refusals, once a second; the sentence says what is worst."""
         steps, self._steps_before = self.steps - self._steps_before, self.steps
@@ -223,11 +264,10 @@ class GripDiagnostics:
         if self._refusal:
             level = DiagnosticStatus.WARN if enabled else DiagnosticStatus.OK
             sentence = self._refusal
-        if unheard:
-            level, sentence = DiagnosticStatus.WARN, f'nothing came of {", ".join(unheard)}'
-        if self._disagreement > config.balance_high:  # false of NaN
-            level = DiagnosticStatus.WARN
-            sentence += f'; the two sides disagree by {self._disagreement:.0%}'
+        if missing:
+            level, sentence = DiagnosticStatus.WARN, f'nothing came of {", ".join(missing)}'
+        if self._warning:
+            level, sentence = DiagnosticStatus.WARN, self._warning
         if self._phase == GripPhase.FAULT:
             level = DiagnosticStatus.ERROR
         values = {
@@ -240,8 +280,8 @@ class GripDiagnostics:
             'nominal rate (Hz)': config.rate_hz,
             'grasp under way': busy,
             'refusal': self._refusal or 'none',
-            'disagreement of sides': self._disagreement,
-            'never heard': ', '.join(unheard) or 'none',
+            'warning': self._warning or 'none',
+            'never heard': ', '.join(missing) or 'none',
         }
         return diagnostic('grip', sentence, values, level, hand)
 
@@ -360,16 +400,20 @@ class GripNode(ManagedNode):
         super().destroy_node()
 
     @property
-    def unheard(self) -> list[str]:
+    def missing(self) -> list[str]:
         """Inputs of which nothing has come since the node is active."""
-        return [] if self._loop is None else self._loop.unheard
+        return [] if self._loop is None else self._loop.missing
 
     def _on_contacts(self, topic: str, message: TactileContacts) -> None:
         """Contacts from a topic."""
-        force = vector(message.wrench.force)
-        valid = message.valid and not message.status & STALE
-        stamp_ns = messages.stamp_ns(message.header)
-        self._take(topic, force, valid, message.slip, message.sequence, stamp_ns)
+        touch = Touch(
+            vector(message.wrench.force),
+            bool(message.valid and not message.status & STALE),
+            message.slip,
+            normal_of([(vector(c.normal), vector(c.force)) for c in message.contacts]),
+            stated([message.wrench_covariance[6 * i + j] for i in range(3) for j in range(3)]),
+        )
+        self._take(topic, touch, message.sequence, messages.stamp_ns(message.header))
 
     def take_states(
         self, topic: str, frames: Sequence[Frame], states: Sequence[ContactState]
@@ -379,20 +423,16 @@ class GripNode(ManagedNode):
         Of several that waited the newest is answered; a slip in any of them counts.
         """
         frame, state = frames[-1], states[-1]
-        valid = bool(state.valid) and not int(state.status) & STALE
-        slip = 1 if any(one.slip == 1 for one in states) else int(state.slip)
-        force = state.force.tolist()
-        self._take(topic, force, valid, slip, frame.sequence, frame.stamp_ns or 0)
+        touch = Touch(
+            state.force.tolist(),
+            bool(state.valid) and not int(state.status) & STALE,
+            1 if any(one.slip == 1 for one in states) else int(state.slip),
+            normal_of([(one.normal.tolist(), one.force.tolist()) for one in state.contacts]),
+            stated(np.ravel(state.force_cov).tolist()),
+        )
+        self._take(topic, touch, frame.sequence, frame.stamp_ns or 0)
 
-    def _take(
-        self,
-        topic: str,
-        force: Sequence[float],
-        valid: bool,
-        slip: int,
-        sequence: int,
-        stamp_ns: int,
-    ) -> None:
+    def _take(self, topic: str, touch: Touch, sequence: int, stamp_ns: int) -> None:
         """Take in a force, and step where it is the last that was waited for."""
         with self._lock:
             # the same frame once more is no news: it grows stale
@@ -404,18 +444,21 @@ class GripNode(ManagedNode):
             measured_s = age.measured_s(stamp_ns, now_ns, now_s)
             due = False
             for finger in self._fingers.get(topic, ()):
-                self._loop.take_touch(finger, force, valid, slip, measured_s)
+                self._loop.take_touch(
+                    finger, touch.force, touch.valid, touch.slip, measured_s, touch.normal,
+                    touch.covariance,
+                )  # fmt: skip
                 due = self._trigger.take(finger, stamp_ns if age.agrees else None, now_s)
             if due:
                 self._step(now_s, now_ns)
 
-    def _on_joints(self, position: Array, stamp_ns: int) -> None:
+    def _on_joints(self, position: Array, effort: Array | None, stamp_ns: int) -> None:
         """Keep the posture of the hand."""
         with self._lock:
             if self._loop is not None:
                 now_s = time.monotonic()
                 measured_s = self._joint_age.measured_s(stamp_ns, self.now_ns(), now_s)
-                self._loop.take_joints(position, measured_s)
+                self._loop.take_joints(position, measured_s, effort)
 
     def _on_tick(self) -> None:
         """Step where forces fail to, and tell clients how their grasp goes."""
@@ -436,6 +479,8 @@ class GripNode(ManagedNode):
         self._diagnosed.note(decision)
         if decision.lost:
             self.get_logger().error(decision.lost)
+        if decision.made.warning:
+            self.get_logger().warning(decision.made.warning, throttle_duration_sec=1.0)
         if self._states.get_subscription_count():
             self._publish(decision, now_ns)
         self._grasps.note(decision)
@@ -503,7 +548,7 @@ class GripNode(ManagedNode):
     def diagnose(self) -> DiagnosticStatus:
         """Phase, rate, refusals."""
         return self._diagnosed.status(
-            self._hand.name, self._config, self._enabled, self._grasps.is_busy, self.unheard
+            self._hand.name, self._config, self._enabled, self._grasps.is_busy, self.missing
         )
 
 

@@ -9,6 +9,7 @@ hardware.
 
 from __future__ import annotations
 
+from collections import deque
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -21,7 +22,7 @@ from sensor_msgs.msg import JointState
 
 from tactile_ros.hands import load_hand
 from tactile_ros.hands.drivers import in_order, read_command
-from tactile_ros.hands.joints import MockHand, taking_part
+from tactile_ros.hands.joints import taking_part
 from tactile_ros.nodes.graph import has_port
 from tactile_ros.nodes.grip_node import MESSAGES
 from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic, main_of, qos
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
     from tactile_ros.hands.description import Finger
     from tactile_ros.hands.drivers import Topic
-    from tactile_ros.types import Array, Integers, Recording, Twin
+    from tactile_ros.types import Array, Integers, JointLimits, Recording, Twin
 
 BINS = 24
 FASTEST_HZ = 100.0
@@ -99,6 +100,56 @@ class ClosedLoopTwins(Closing):
     def close(self) -> None:
         """End the twins and remove their ports."""
         self._held.close()
+
+
+class MockHand:
+    """Joints of a fake hand.
+
+    Parameters
+    ----------
+    limits : JointLimits
+        Of the j joints; they stop there and move no faster.
+    position : ndarray, shape (j,)
+        Where they begin.
+    dead_time_s, lag_s : float
+        Before a command acts, and time constant of the position loop (s).
+    """
+
+    def __init__(
+        self, limits: JointLimits, position: Array, dead_time_s: float = 0.0, lag_s: float = 0.02
+    ) -> None:
+        self._limits = limits
+        self._dead_time_s, self._lag_s = dead_time_s, lag_s
+        self.position = np.clip(position, limits.lower, limits.upper)
+        self._target = self.position
+        self._arrival_s = 0.0  # until a trajectory's point is reached; 0: position loop
+        self._waiting: deque[tuple[float, Array, float]] = deque()
+        self._time_s = 0.0
+        self.steps = 0
+
+    def command(self, target: Array, horizon_s: float = 0.0) -> None:
+        """Take targets (j,), to be reached in `horizon_s` (s); 0: as soon as the loop can."""
+        at = self._time_s + self._dead_time_s
+        self._waiting.append(
+            (at, np.clip(target, self._limits.lower, self._limits.upper), horizon_s)
+        )
+
+    def step(self, dt: float) -> Array:
+        """Positions (j,) after a time (s), positive."""
+        self._time_s += dt
+        self.steps += 1
+        while self._waiting and self._waiting[0][0] <= self._time_s:
+            _, self._target, self._arrival_s = self._waiting.popleft()
+        if self._arrival_s > 0:
+            share = min(1.0, dt / self._arrival_s)
+            self._arrival_s = max(self._arrival_s - dt, 1e-9)
+        else:
+            share = 1.0 - np.exp(-dt / self._lag_s)
+        most = self._limits.velocity * dt
+        self.position = self.position + np.clip(
+            share * (self._target - self.position), -most, most
+        )
+        return self.position
 
 
 class MockHandNode(ManagedNode):
@@ -221,8 +272,8 @@ class MockHandNode(ManagedNode):
             return
         at, stiffness = (self.get_parameter(n).value for n in ('contact_at', 'stiffness'))
         for i, (finger, place) in enumerate(self._pressing):
-            closure = finger.closure_of(self.joints.position[place])
-            self.pressed.force[i] = stiffness * max(0.0, closure - at)
+            deep = finger.depth(self.joints.position[place], at)
+            self.pressed.force[i] = stiffness * max(0.0, deep)
 
     def diagnose(self) -> DiagnosticStatus:
         """Commands that came in."""

@@ -48,7 +48,6 @@ BEGIN = 2.5  # N, of grips that adapt
 UNHEEDED = 5.0  # friction that is assumed where loads are not to count
 SOFTEST, SOFTEST_SHARE = 1.0, 0.4  # N for a whole closure; of the stiffest
 SLOWLY = 0.05  # closure per second
-UNLIMITED = 20.0  # closures per second: the joints' own speed bounds it
 NOISE, PAD_NOISE = 0.01, 0.1  # N, of forces by gradiometers and by pads
 
 
@@ -197,7 +196,7 @@ def grips(fixed: float) -> dict[str, Grip]:
     The law is told the least friction of the objects, as a fixed force is.
     """
     config = replace(fitted(GripConfig(), parallel_hand()), friction_low=min(FRICTION))
-    blind = replace(config, friction_low=UNHEEDED, margin=0.0)
+    blind = replace(config, friction_low=UNHEEDED)
     return {
         'fixed': Grip(config, fixed, False),
         'doubled at slips': Grip(blind, BEGIN, True),
@@ -237,7 +236,6 @@ def fitted(config: GripConfig, hand: HandModel) -> GripConfig:
         stiffness_high=hand.stiffness,
         force_noise=NOISE,
         lag=hand.lag,
-        closure_rate=UNLIMITED,
     )
 
 
@@ -249,4 +247,4 @@ def soft_config(hand: HandModel) -> GripConfig:
 
 def noisy(config: GripConfig) -> GripConfig:
     """The same for magnet pads, whose small forces are unsure."""
-    return replace(config, contact_on=0.4, contact_off=0.1, touch_force=0.8, force_noise=PAD_NOISE)
+    return replace(config, force_noise=PAD_NOISE)

@@ -14,15 +14,13 @@ from tactile_ros.control import (
     GripPhase,
     GripStep,
     Keeping,
-    Opening,
 )
 
 CONFIG = GripConfig()
 MADE = GripStep(
-    GripPhase.CLOSE, np.array([0.3]), True, False, '', np.array([2.0]), np.array([0.0]),
-    np.array([np.nan]), np.array([np.nan]), np.array([np.nan]), np.array([False]),
-    np.array([False]), np.array([60.0]), np.array([1.0]), False, 0.0,
-    False,
+    GripPhase.CLOSE, np.array([0.3]), np.array([np.nan]), True, False, '', '', '',
+    np.array([2.0]), np.array([0.0]), np.array([np.nan]), np.array([np.nan]), np.array([False]),
+    np.array([False]), np.array([60.0]), False, 0.0, False,
 )  # fmt: skip
 CLOSING = {}
 TOUCHES = {'touching': np.array([True])}
@@ -60,6 +58,12 @@ def test_outcomes(
     assert progress.message
 
 
+def test_a_contradicted_sensor_ends_a_grasp_at_once() -> None:
+    bad = dataclasses.replace(MADE, phase=GripPhase.FAULT, fault='thumb reads nothing')
+    progress = GraspSequence(CONFIG).step(bad, 0.01)
+    assert (progress.outcome, progress.message) == (GraspOutcome.FAULT, 'thumb reads nothing')
+
+
 def test_a_fault_says_why() -> None:
     sequence = GraspSequence(CONFIG)
     for _ in range(110):
@@ -73,11 +77,9 @@ def test_a_timeout_that_cannot_be(timeout: float) -> None:
         GraspSequence(CONFIG, timeout)
 
 
-@pytest.mark.parametrize(('kind', 'change'), [(GraspSequence, CLOSING), (Opening, OPENS)])
-def test_a_goal_without_a_timeout_ends_all_the_same(
-    kind: type[GraspSequence | Opening], change: dict[str, object]
-) -> None:
-    sequence = kind(dataclasses.replace(CONFIG, grasp_time=2.0), 0.0)
+@pytest.mark.parametrize(('opens', 'change'), [(False, CLOSING), (True, OPENS)])
+def test_a_goal_ends_at_its_timeout(opens: bool, change: dict[str, object]) -> None:
+    sequence = GraspSequence(CONFIG, 2.0, opens)
     for _ in range(201):
         progress = sequence.step(dataclasses.replace(MADE, **change), 0.01)  # type: ignore[arg-type]
     assert progress.outcome == GraspOutcome.TIMEOUT
@@ -97,7 +99,7 @@ def test_a_goal_without_a_timeout_ends_all_the_same(
 def test_what_is_held_is_judged_as_long_as_it_is(
     steps: list[tuple[dict[str, object], int]], lost: bool
 ) -> None:
-    keeping = Keeping(CONFIG)
+    keeping = Keeping()
     for change, count in steps:
         for _ in range(count):
             why = keeping.step(dataclasses.replace(MADE, **change), 0.01)  # type: ignore[arg-type]

@@ -87,11 +87,11 @@ def test_a_shortfall_is_that_of_the_joint_that_comes_closest() -> None:
         closing=np.array([1.0, -0.5, 0.0]),
     )  # fmt: skip
     wanted = finger.posture(0.8)
-    assert finger.shortfall(0.8, wanted, wanted) == 0.0
-    assert finger.shortfall(0.8, wanted, finger.posture(0.6)) == pytest.approx(0.2)
+    assert finger.shortfall(0.8, np.nan, wanted, wanted) == 0.0
+    assert finger.shortfall(0.8, np.nan, wanted, finger.posture(0.6)) == pytest.approx(0.2)
     sent = np.array([0.3, wanted[1], 0.0])
-    assert finger.shortfall(0.8, wanted, sent) == 0.0
-    assert finger.shortfall(0.8, wanted, finger.posture(0.9)) == pytest.approx(-0.1)
+    assert finger.shortfall(0.8, np.nan, wanted, sent) == 0.0
+    assert finger.shortfall(0.8, np.nan, wanted, finger.posture(0.9)) == pytest.approx(-0.1)
 
 
 GOOD = """

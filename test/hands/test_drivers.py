@@ -15,7 +15,7 @@ from tactile_ros.hands.drivers import (
     read_command,
     read_joint_states,
 )
-from tactile_ros.hands.joints import MockHand
+from tactile_ros.nodes.mock_hand_node import MockHand
 from tactile_ros.types import GripCommand
 
 NUMBERS = 'std_msgs/msg/Float64MultiArray'

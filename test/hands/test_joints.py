@@ -7,8 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tactile_ros.control import GripConfig
 from tactile_ros.hands import load_hand
-from tactile_ros.hands.joints import HandJoints, HandWatch, JointGuard, MockHand, taking_part
+from tactile_ros.hands.joints import (
+    Guarded,
+    HandJoints,
+    HandWatch,
+    JointGuard,
+    taking_part,
+)
+from tactile_ros.nodes.mock_hand_node import MockHand
 from tactile_ros.types import JointLimits
 
 HAND = load_hand('joint_trajectory')
@@ -20,10 +28,16 @@ def joints() -> HandJoints:
     return HandJoints(HAND, ['left', 'right'])
 
 
+NONE = np.full(2, np.nan)
+
+
+def command(made: HandJoints, closures: np.ndarray) -> Guarded:
+    return made.command(closures, NONE, [0.0, 0.0], MEASURED, NONE, 0.01, 0.01, 0.0)
+
+
 def test_the_first_command_is_the_measured_posture_whatever_the_path() -> None:
     made = joints()
-    closures = made.closures_of(MEASURED).tolist()
-    sent = made.command(closures, [0.0, 0.0], MEASURED, 0.01, 0.01)
+    sent = command(made, made.closures_of(MEASURED))
     np.testing.assert_allclose(sent.position, MEASURED, atol=1e-12)
     assert not sent.limited
     assert np.isnan(sent.effort).all()
@@ -32,19 +46,46 @@ def test_the_first_command_is_the_measured_posture_whatever_the_path() -> None:
 def test_a_drive_that_only_lacks_time_is_not_stopped_and_one_at_its_offset_is() -> None:
     made = joints()
     start = made.closures_of(MEASURED)
-    made.command(start.tolist(), [0.0, 0.0], MEASURED, 0.01, 0.01)
-    near = made.command((start + 0.1).tolist(), [0.0, 0.0], MEASURED, 0.01, 0.01)
+    command(made, start)
+    near = command(made, start + 0.1)
     assert near.limited
     np.testing.assert_allclose(near.position - MEASURED, LIMITS.velocity * 0.01)
     np.testing.assert_allclose(near.reach, start + 0.1)
     np.testing.assert_allclose(near.closure, made.closures_of(near.position), atol=1e-9)
-    far = made.command((start + 2.0).tolist(), [0.0, 0.0], MEASURED, 0.01, 0.01)
+    far = command(made, start + 2.0)
     assert (far.reach < start + 1.0).all()
 
 
 def test_speed_of_the_slowest_joint_is_that_of_the_hand() -> None:
     slopes = [np.abs(finger.slope).max() for finger in HAND.fingers.values()]
-    assert joints().fastest == pytest.approx(1.0 / max(slopes), rel=0.2)
+    plants = joints().plants(GripConfig())
+    assert min(one.fastest for one in plants) == pytest.approx(1.0 / max(slopes), rel=0.2)
+    assert not any(one.is_soft for one in plants)
+
+
+def test_drives_tell_the_force_of_a_pad_by_their_lead_and_by_their_torques() -> None:
+    """Torques J^T f over gains: the pad presses along its normal, and nothing else."""
+    hand = load_hand('allegro_v4')
+    made, finger = HandJoints(hand, ['index']), hand.fingers['index']
+    place = hand.places('index')
+    start = hand.posture('pre_grasp', np.clip(0.0, hand.driver.lower, hand.driver.upper))
+    (plant,) = made.plants(GripConfig())
+    assert plant.own == pytest.approx(1.8, rel=0.1)
+    contact = made.closures_of(start)
+    blank, at = np.full(16, np.nan), 0.0
+    for _ in range(60):
+        at += 0.01
+        closure = contact + min(0.5 * at, 0.5 / plant.own)
+        sent = made.command(closure, contact, [0.5], start, blank, 0.01, 0.01, at)
+    lead = made.lead(start, None, at + 1.0, 0.02)
+    assert made.pressed(lead)[0] == pytest.approx(0.5, rel=0.02)
+    torque = np.zeros(16)
+    torque[place] = finger.kp * (sent.position - start)[place]
+    np.testing.assert_allclose(torque[place], 0.5 * finger.lever, atol=2e-3)
+    made.stop()
+    again = made.lead(start, torque, at, 0.02)
+    assert made.pressed(again)[0] == pytest.approx(0.5, rel=0.02)
+    assert np.isnan(made.pressed(made.lead(start, np.zeros(16), at, 0.02))[0])
 
 
 def test_sensors_that_take_part_are_those_of_the_fingers() -> None:
@@ -176,11 +217,11 @@ def watch() -> HandWatch:
 def test_the_same_posture_again_and_again_while_commands_move_is_frozen() -> None:
     made, still = watch(), np.array([0.2, 0.5])
     for k in range(50):
-        made.hear(still)
+        made.take(still)
         made.send(still + np.array([0.01 * k, 0.0]), 0.01 * k)
         assert bool(made.frozen(0.01 * k)) == (k > 36)  # further than the slack since 0.06 s
     assert made.frozen(0.5) == 'joint states are frozen (0.440 s) while commands move'
-    made.hear(still + np.array([0.0, 1e-6]))
+    made.take(still + np.array([0.0, 1e-6]))
     assert not made.frozen(0.51)
     made.forget()
     assert not made.frozen(9.0)
@@ -189,9 +230,9 @@ def test_the_same_posture_again_and_again_while_commands_move_is_frozen() -> Non
 def test_a_hand_at_rest_and_one_that_flickers_are_not() -> None:
     rest, blocked = watch(), watch()
     for k in range(500):
-        rest.hear(np.array([0.2, 0.5]))
+        rest.take(np.array([0.2, 0.5]))
         rest.send(np.array([0.2, 0.5]) + 0.02 * np.sin(k), 0.01 * k)
-        blocked.hear(np.array([0.2, 0.5 + 1e-6 * (k % 2)]))
+        blocked.take(np.array([0.2, 0.5 + 1e-6 * (k % 2)]))
         blocked.send(np.array([0.6, 0.5]), 0.01 * k)
         assert not rest.frozen(0.01 * k)
         assert not blocked.frozen(0.01 * k)
@@ -200,12 +241,12 @@ def test_a_hand_at_rest_and_one_that_flickers_are_not() -> None:
 def test_a_hand_that_was_moved_by_others_is_named_and_one_on_its_way_is_not() -> None:
     made = watch()
     assert not made.strayed()
-    made.hear(np.array([0.2, 0.5]))
+    made.take(np.array([0.2, 0.5]))
     made.send(np.array([0.4, 0.5]), 0.0)
     for on_its_way in ([0.3, 0.5], [0.4, 0.54], [0.44, 0.5]):
-        made.hear(np.array(on_its_way))
+        made.take(np.array(on_its_way))
         assert not made.strayed()
-    made.hear(np.array([0.4, 1.38]))
+    made.take(np.array([0.4, 1.38]))
     assert made.strayed() == 'b came back 0.880 from its last command: it was moved by others'
 
 

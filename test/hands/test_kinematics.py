@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactile_ros.hands import Finger
-from tactile_ros.hands.kinematics import PadNormal, RobotDescription, Synergy, turn
+from tactile_ros.hands.kinematics import PadNormal, RobotDescription, turn
 from tactile_ros.types import JointLimits
 
 LINKS = '<link name="palm"/><link name="p"/><link name="d"/><link name="tip"/>'
@@ -146,31 +146,13 @@ LOWER, UPPER = np.full(2, -0.5), np.full(2, 1.5)
 POSTURES = st.lists(st.floats(-0.4, 1.4), min_size=2, max_size=2)
 
 
-def closings() -> list[Synergy]:
-    return [Synergy(FINGER), PadNormal(FINGER, CHAIN, LOWER, UPPER)]
-
-
-@given(POSTURES, st.integers(0, 1))
-def test_the_first_target_is_where_the_joints_are(position: list[float], kind: int) -> None:
-    closing = closings()[kind]
-    closure = closing.start(np.array(position))
-    np.testing.assert_allclose(closing.joints(closure, 1e-6), position, atol=1e-5)
-
-
-def test_a_finger_that_began_beside_its_path_joins_it() -> None:
-    closing = Synergy(FINGER)
-    closing.start(np.array([1.0, 0.0]))
-    far = [np.abs(closing.joints(0.7, 0.1) - FINGER.posture(0.7)).max() for _ in range(60)]
-    assert far[0] > 0.1
-    assert far[-1] < 1e-4
-    assert (np.diff(far) < 0).all()
+FREE = float('nan')
 
 
 def test_the_pad_moves_along_its_normal_and_as_far_in_joints_as_the_synergy() -> None:
     closing = PadNormal(FINGER, CHAIN, LOWER, UPPER)
-    closing.start(FINGER.pre_grasp)
     closures = np.linspace(FINGER.corner, 0.8, 200)
-    joints = np.array([closing.joints(c, 1e-9) for c in closures])
+    joints = np.array([closing.joints(c, FREE, 1e-9) for c in closures])
     steps = np.linalg.norm(np.diff(joints, axis=0), axis=1)
     np.testing.assert_allclose(steps, np.linalg.norm(FINGER.slope) * np.diff(closures), rtol=1e-6)
     poses = [CHAIN.pose_and_jacobian(q)[0] for q in joints]
@@ -185,9 +167,8 @@ def test_the_pad_moves_along_its_normal_and_as_far_in_joints_as_the_synergy() ->
 
 def test_limits_hold_and_a_pad_that_looks_backwards_follows_the_synergy() -> None:
     closing = PadNormal(FINGER, CHAIN, LOWER, np.array([0.35, 1.5]))
-    closing.start(FINGER.pre_grasp)
     for closure in np.linspace(FINGER.corner, 1.0, 50):
-        assert closing.joints(closure, 1e-9)[0] <= 0.35
+        assert closing.joints(closure, FREE, 1e-9)[0] <= 0.35
     backwards = RobotDescription(ROBOT.replace('rpy="-1.57', 'rpy="1.57')).chain(
         'tip', FINGER.joints
     )
@@ -195,13 +176,18 @@ def test_limits_hold_and_a_pad_that_looks_backwards_follows_the_synergy() -> Non
     np.testing.assert_array_equal(opposite.direction(FINGER.pre_grasp), FINGER.slope)
 
 
+def test_beyond_its_contact_a_pad_presses_as_its_drives_do() -> None:
+    closing = PadNormal(FINGER, CHAIN, LOWER, UPPER)
+    at = closing.joints(0.8, 0.8, 1e-9)
+    np.testing.assert_allclose(closing.joints(0.9, 0.8, 1e-9), at + 0.1 * FINGER.press, atol=1e-9)
+
+
 def test_opening_again_ends_at_the_open_posture() -> None:
     closing = PadNormal(FINGER, CHAIN, LOWER, UPPER)
-    closing.start(FINGER.pre_grasp)
     for closure in np.linspace(FINGER.corner, 0.9, 30):
-        closing.joints(closure, 0.01)
+        closing.joints(closure, FREE, 0.01)
     for closure in np.linspace(0.9, 0.0, 300):
-        last = closing.joints(closure, 0.01)
+        last = closing.joints(closure, FREE, 0.01)
     for _ in range(1000):
-        last = closing.joints(0.0, 0.01)
+        last = closing.joints(0.0, FREE, 0.01)
     assert last == pytest.approx([0.0, 0.0], abs=1e-6)

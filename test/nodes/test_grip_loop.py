@@ -17,14 +17,14 @@ from tactile_ros.action import Grasp
 from tactile_ros.control import GraspOutcome, GripConfig, GripPhase
 from tactile_ros.devices.reskin_protocol import encode
 from tactile_ros.hands import load_hand
-from tactile_ros.hands.joints import MockHand, taking_part
+from tactile_ros.hands.joints import taking_part
 from tactile_ros.msg import GripState, TactileContacts
 from tactile_ros.nodes import lifecycle
 from tactile_ros.nodes.contact_node import ContactNode
 from tactile_ros.nodes.grip_loop import Decision, GripLoop, StampAge, StepTrigger
 from tactile_ros.nodes.grip_node import GripNode
 from tactile_ros.nodes.lifecycle import qos
-from tactile_ros.nodes.mock_hand_node import MockHandNode
+from tactile_ros.nodes.mock_hand_node import MockHand, MockHandNode
 from tactile_ros.nodes.sensor_node import SensorNode
 from tactile_ros.sensors import load_sensor
 
@@ -69,11 +69,12 @@ class World:
 
     def forces(self) -> list[float]:
         _, names = taking_part(self.hand, ())
-        found = {n: (finger, self.hand.places(n)) for n, finger in self.hand.fingers.items()}
-        closures = {
-            n: f.closure_of(self.joints.position[place]) for n, (f, place) in found.items()
-        }
-        return [self.stiffness * max(0.0, closures[n] - self.at) for n in names]
+        at = self.joints.position
+        found = {n: (f, at[self.hand.places(n)]) for n, f in self.hand.fingers.items()}
+        deep = {n: f.depth(joints, self.at) for n, (f, joints) in found.items()}
+        # joints follow their commands here: how far drives give way is in the spring
+        own = {n: f.stiffness if f.is_soft else np.inf for n, (f, _) in found.items()}
+        return [max(0.0, deep[n]) / (1 / self.stiffness + 1 / own[n]) for n in names]
 
     def step(self) -> Decision:
         period = 1.0 / self.config.rate_hz
@@ -212,7 +213,7 @@ def test_a_stale_input_holds_the_last_posture_within_its_age(name: str, missing:
 
 
 @pytest.mark.parametrize('stiffness', [10.0, 40.0, 200.0])
-@pytest.mark.parametrize('after', [0, 6, 15])
+@pytest.mark.parametrize('after', [6, 15])
 @pytest.mark.parametrize('name', ['allegro_v5', 'qb_softhand'])
 def test_an_input_lost_in_mid_transient_neither_squeezes_nor_drops(
     name: str, after: int, stiffness: float
@@ -237,36 +238,6 @@ def test_an_input_lost_in_mid_transient_neither_squeezes_nor_drops(
     assert world.decisions[-1].made.phase == GripPhase.FAULT
 
 
-def test_the_law_does_not_wind_up_behind_the_guard() -> None:
-    """A hand that is held fast: the command waits at most_offset, and turns back at once."""
-    world = World('joint_trajectory', stiffness=40.0, at=5.0)
-    world.run(0.2)
-    world.stage.grasp(2.0, (), 0.0, adapt=False)
-    world.run(0.2)
-    still = world.joints.position
-    hand = world.hand
-    for k in range(300):
-        world.time_s += 0.01
-        world.stage.take_joints(still + 1e-9 * (k % 2), world.time_s)  # frozen it is not
-        for i in range(2):
-            world.stage.take_touch(i, (0.0, 0.0, 0.5), True, -1, world.time_s)
-        made = world.stage.step(world.time_s, 0)
-    reached = [
-        finger.closure_of(made.command.position[hand.places(name)])
-        for name, finger in hand.fingers.items()
-    ]
-    np.testing.assert_allclose(made.command.position - still, hand.driver.most_offset, atol=1e-8)
-    wound = world.config.closure_rate * 0.01
-    assert (made.made.closure <= np.array(reached) + wound + 1e-9).all()
-    for _ in range(15):  # now far more force than was asked: the command opens
-        world.time_s += 0.01
-        world.stage.take_joints(still, world.time_s)
-        for i in range(2):
-            world.stage.take_touch(i, (0.0, 0.0, 6.0), True, -1, world.time_s)
-        back = world.stage.step(world.time_s, 0)
-    assert (back.command.position < made.command.position - 0.02).all()
-
-
 def test_a_finger_lost_before_it_touches_is_not_counted_on() -> None:
     """The other two of its side carry what the thumb presses: the grasp is held all the same."""
     world = World('allegro_v5')
@@ -275,7 +246,7 @@ def test_a_finger_lost_before_it_touches_is_not_counted_on() -> None:
     world.stage.grasp(2.0, (), 0.0, adapt=False)
     made = world.until_end()
     assert made.ended.outcome == GraspOutcome.HELD
-    assert made.ended.message.endswith('; the force of ring is not known')
+    assert made.ended.message == 'held at the asked force: ring is stale'
     np.testing.assert_allclose(made.made.target_force, [1.0, 1.0, 0.0, 2.0])
     forces = np.array(world.forces())
     assert forces[2] == 0.0
@@ -398,6 +369,7 @@ def test_a_second_grasp_starts_where_the_hand_is_by_then() -> None:
     world.stage.grasp(0.0, (), 20.0, adapt=False)
     world.until_end()
     world.run(0.1)
+    world.at = 5.0  # the object is taken away
     elsewhere = world.joints.position + 0.7
     limits = world.hand.driver.limits
     start = np.clip(elsewhere, limits.lower, limits.upper)
@@ -405,7 +377,11 @@ def test_a_second_grasp_starts_where_the_hand_is_by_then() -> None:
         world.put(start)
         world.run(0.1)
         world.stage.grasp(target, (), 20.0, adapt=False)
-        first = world.step().command.position
+        made = world.step()
+        while made.command is None:  # forces at rest tell their zero first
+            assert made.ended is None
+            made = world.step()
+        first = made.command.position
         assert (np.abs(first - start) <= limits.velocity * 0.01 + 1e-9).all()
         world.stage.disable()
         world.stage.enable()
@@ -497,31 +473,6 @@ def test_a_posture_beyond_the_limits_is_refused_and_named() -> None:
     assert made.refusal == 'joint_3_0 was measured at 3.100, beyond its limits -0.227 and 1.618'
 
 
-@pytest.mark.parametrize(('push', 'goes_on'), [(0.05, True), (0.3, False)])
-def test_a_joint_that_is_pushed_back_at_the_offset_is_yielded_to_or_refused(
-    push: float, goes_on: bool
-) -> None:
-    world = World('allegro_v5', at=5.0)
-    world.run(0.2)
-    world.stage.grasp(2.0, (), 20.0, adapt=False)
-    still = world.joints.position
-    driver, said = world.hand.driver, []
-    for k in range(200):
-        world.time_s += 0.01
-        pushed = (still - (push if k > 150 else 0.0)).clip(driver.lower, driver.upper)
-        world.stage.take_joints(pushed + 1e-9 * (k % 2), world.time_s)
-        for i in range(4):
-            world.stage.take_touch(i, (0.0, 0.0, 0.0), True, -1, world.time_s)
-        made = world.stage.step(world.time_s, 0)
-        said.append(made.refusal)
-        if made.command is not None:
-            assert (np.abs(made.command.position - pushed) <= driver.most_offset + 1e-8).all()
-    assert (made.command is not None) == goes_on
-    first = next((one for one in said[100:] if one), '')
-    assert 'may lie between them' in first
-    assert goes_on or said[-1].endswith('it was moved by others; a new grasp is needed')
-
-
 def test_what_is_held_is_judged_after_the_grasp_and_its_loss_is_told() -> None:
     world = World('allegro_v5')
     world.holding()
@@ -561,13 +512,6 @@ def test_frames_that_a_queue_kept_back_move_the_hand_no_faster_than_it_may(name:
     assert (moved <= world.hand.driver.velocity * (period + 9e-4) + 1e-9).all()
 
 
-def test_a_finger_that_was_never_heard_is_named_in_the_result() -> None:
-    world = World('allegro_v5')
-    world.silent = {2}
-    made = world.holding()
-    assert made.ended.message == 'held at the asked force; nothing was ever heard of ring'
-
-
 def test_a_queue_that_is_caught_up_with_is_no_hand_that_is_shut() -> None:
     """Frames of a second in a twentieth of it: the guard lets little of the way through."""
     world = World('allegro_v5', at=5.0)
@@ -581,20 +525,6 @@ def test_a_queue_that_is_caught_up_with_is_no_hand_that_is_shut() -> None:
         made = world.stage.step(now_s, 0, '', 0.01)
         assert made.ended is None
         assert not made.made.shut
-
-
-def test_sides_that_disagree_are_named_in_the_result() -> None:
-    world = World('joint_trajectory')
-    world.run(0.2)
-    take = world.stage.take_touch
-    world.stage.take_touch = lambda i, force, *rest: take(
-        i, (0.0, 0.0, force[2] * (0.1 if i else 1.0)), *rest
-    )
-    world.stage.grasp(2.0, (), 20.0, adapt=False)
-    made = world.until_end()
-    assert made.ended.outcome == GraspOutcome.HELD
-    assert 'the two sides disagree by' in made.ended.message
-    assert np.nanmax(made.made.force) <= 1.25 * 2.0
 
 
 @pytest.mark.parametrize(
@@ -790,7 +720,7 @@ def test_a_real_slip_raises_the_grip(
     port.wait_for_reader()
     finger = ros.add(Finger(pull_of(pulls, slips), mock, port))
     finger.runs = False
-    assert ros.until(lambda: finger.row == TARE_ROWS - 1 and not grip.unheard)
+    assert ros.until(lambda: finger.row == TARE_ROWS - 1 and not grip.missing)
     assert ros.call(finger.tare, Trigger.Request()).success
     assert ros.until(finger.grasp.server_is_ready)
     sent = finger.grasp.send_goal_async(Grasp.Goal(target_force=2.0, adapt=True))
