@@ -173,7 +173,8 @@ def _sigmas(stated: Array | None, shape: tuple[int, ...]) -> Array:
     if stated.ndim == 2:
         return as_shape('stated', stated, shape)
     stated = as_shape('stated', stated, (*shape, shape[1]))
-    return np.asarray(np.sqrt(np.einsum('sll->sl', stated)))
+    variance = np.einsum('sll->sl', stated)
+    return np.asarray(np.sqrt(np.where(variance > 0, variance, np.nan)))
 
 
 def _weights(inside: Bools, group: Integers) -> Array:

@@ -90,10 +90,14 @@ class Influence:
             inverse = self._left_out(rows)
             variance = self.variance[rows].ravel()
             error[rows] = -(variance * (inverse @ self.error[rows].ravel())).reshape(-1, wide)
-            both = variance[:, None] * inverse * variance
+            sigma = np.sqrt(variance)
+            unit = sigma[:, None] * inverse * sigma
             for i, row in enumerate(rows):
                 part = slice(i * wide, (i + 1) * wide)
-                covariance[row] = both[part, part]
+                # at least the noise of the reference: large groups leave little to a Newton step
+                size, ways = np.linalg.eigh(unit[part, part])
+                root = sigma[part, None] * ways * np.sqrt(np.maximum(size, 1.0))
+                covariance[row] = root @ root.T
         error[~self.known] = np.nan
         return error, covariance
 

@@ -481,9 +481,11 @@ def calibrate(
     free = model.parameter_information > 0
     covariance = np.zeros_like(reduced[1])
     information = reduced[1][np.ix_(free, free)]
-    scale = 1 / np.sqrt(np.diagonal(information))
-    inverse = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
-    covariance[np.ix_(free, free)] = 0.5 * (inverse + inverse.T)
+    # in units of the prior no eigenvalue is below 1, whatever rounding says
+    sigma = model.parameter_sigma[free]
+    size, ways = np.linalg.eigh(information * np.outer(sigma, sigma))
+    root = sigma[:, None] * ways / np.sqrt(np.maximum(size, 1.0))
+    covariance[np.ix_(free, free)] = root @ root.T
     return Calibration(now.p, covariance, now.x, now.cost, converged)
 
 
