@@ -211,6 +211,8 @@ def _agree(columns: Columns, found: Patches, centred: bool) -> None:
         return
     if 'label' in columns:
         free = free & (np.asarray(columns['label'], np.int64) < 0)
+    if 'yaw' in columns:  # what is turned is an object, of one patch or of several
+        free = free & np.isnan(columns['yaw'])
     position, cov = columns['position'], columns['position_cov']
     if centred:
         position[free], cov[free] = found.position[free, 0], found.position_cov[free, 0]
