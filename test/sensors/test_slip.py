@@ -124,7 +124,7 @@ def test_a_recorded_pull_raises_the_grip(pull: int, raises: bool) -> None:
     felt = by_pull(states.slip)[pull - first]
     law = GripForce(GripConfig(), (0,))
     law.enable()
-    law.grasp(2.0)
+    law.grasp(2.0, held=True)
     closure = 0.3
     targets = []
     for slip in felt:
