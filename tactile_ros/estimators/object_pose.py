@@ -646,7 +646,8 @@ class ObjectPose:
         for end in ends:
             pose = np.array([end.index, *end.state[:3]])
             others = (np.array([other.index, *other.state[:3]]) for other in finals)
-            if len(finals) == FINALISTS or end.cost > ends[0].cost + MARGIN:
+            far = len(finals) >= FINALISTS or end.cost > ends[0].cost + MARGIN
+            if far and len(self.areas) > VAGUE:
                 break
             if all(self._apart(pose, o) > 0.3 for o in others):
                 finals.append(end)

@@ -248,8 +248,8 @@ class PowerLawForce:
         fitted(self, 'cells_')
         level, variance = np.empty(len(x)), np.empty(len(x))
         force_rows(
-            x, self.table_, self.bend_, self.film_, self.sheet_, self.series.law, self.cells_,
-            self.noise_, level, variance,
+            np.ascontiguousarray(x), self.table_, self.bend_, self.film_, self.sheet_,
+            self.series.law, self.cells_, self.noise_, level, variance,
         )  # fmt: skip
         if x.shape[1] > 3:
             level += np.einsum('sm,m->s', x[:, 3:], self.linear_)
