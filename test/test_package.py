@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import tactile_ros
+from tactile_ros.nodes.__main__ import MODULES as MODULES_OF_NODES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -43,11 +44,11 @@ def test_every_interface_is_generated_and_its_packages_are_found() -> None:
 
 def test_executables_have_their_modules() -> None:
     cmake = (ROOT / 'CMakeLists.txt').read_text()
-    modules = re.search(r'^set\(modules ([^)]*)\)$', cmake, re.M)
-    assert modules
-    for module in modules[1].split():
-        path = ROOT / 'tactile_ros' / (module.replace('.', '/') + '.py')
-        assert path.exists(), f'{module} is installed as an executable'
+    names = re.search(r'^set\(executables ([^)]*)\)$', cmake, re.M)
+    assert names
+    assert set(names[1].split()) == {'tactile', *MODULES_OF_NODES}
+    for module in MODULES_OF_NODES.values():
+        path = ROOT / 'tactile_ros' / 'nodes' / f'{module}.py'
         assert 'def main(' in path.read_text()
 
 
@@ -176,7 +177,8 @@ def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_wheel_carries_all_that_is_read_at_run_time(prefix: Path) -> None:
     share = prefix / 'share' / 'tactile_ros'
     shared = {path.relative_to(ROOT) for name in SHARED for path in (ROOT / name).rglob('*.*')}
-    shared = {path for path in shared if not {'__pycache__', 'results'} & set(path.parts)}
+    left_out = {'__pycache__', 'results', 'independent'}
+    shared = {path for path in shared if not left_out & set(path.parts)}
     assert {path for path in shared if not (share / path).is_file()} == set()
     (package,) = prefix.rglob('site-packages/tactile_ros')
     own = {path.relative_to(ROOT) for path in (ROOT / 'tactile_ros').rglob('*')}
