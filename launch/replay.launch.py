@@ -1,7 +1,7 @@
 """Play the frames of a bag into contact_node, on the bag's own clock: to look at, not to measure.
 
 ros2 launch tactile_ros replay.launch.py bag:=touches calibration:=board.npz
-ros2 launch tactile_ros replay.launch.py bag:=out/demo/bags/place namespace:=place
+ros2 launch tactile_ros replay.launch.py bag:=out/demo/reskin_board/bags/place namespace:=place
 
 `tactile replay` repeats a live run exactly, its tares included, and evaluates it without ROS. Here
 the tares of the bag are not repeated: call contact_node/tare where the bag is at rest.

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 Arrays = dict[str, npt.NDArray[np.generic]]
 SCHEMA = 3
+MARK = b'schema.npy'  # in every calibration and every saved evaluation
 MOST_MEMBERS = 20_000
 MOST_BYTES = 512 * 1024 * 1024
 MOST_DIRECTORY_BYTES = 300 * MOST_MEMBERS

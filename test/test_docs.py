@@ -44,7 +44,7 @@ def parse(line: str) -> None:
 
 def test_files_of_the_demo_are_named_as_it_names_them() -> None:
     parts = '|'.join(part.name for part in demo.parts(0))
-    made = re.compile(rf'(bags/({parts})|calibrations/({parts})\.npz|report\.html)?$')
+    made = re.compile(rf'reskin_board/(bags/({parts})|calibrations/({parts})\.npz|report\.html)$')
     for line in [*examples(), *(line for _, line in COMMAND_LINES)]:
         if ' demo' not in line:
             for word in re.findall(r'out/demo/(\S*)', line):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import sys
 from contextlib import contextmanager
@@ -40,8 +41,9 @@ def _end(*_: object) -> None:
     try:
         if os.getpid() in _started:
             files = sys.modules.get('tactile_ros.files')
-            for part in tuple(files.UNFINISHED if files else ()):
-                Path(part).unlink(missing_ok=True)
+            for part in map(Path, tuple(files.UNFINISHED if files else ())):
+                shutil.rmtree(part, ignore_errors=True)
+                part.unlink(missing_ok=True)
             os.write(2, b'tactile: interrupted\n')
     finally:
         os._exit(INTERRUPTED)

@@ -1,4 +1,4 @@
-"""Compare with the published figures and with peers, then time; print a table, write json.
+"""Compare with published figures and with peers, then time; write json.
 
 example:
   tactile bench reskin

@@ -1,4 +1,4 @@
-"""Fit a sensor's estimators to recordings with truth, and write one calibration file.
+"""Fit a sensor's estimators to recordings with truth; write a calibration file.
 
 Errors are printed for held-out groups (places, press cycles, sessions), never for rows that were
 learned from.
@@ -16,7 +16,9 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tactile_ros.calibration import MARK
 from tactile_ros.cli.console import (
+    add_overwrite,
     find,
     fit_layout,
     read_config,
@@ -70,6 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('sensor', help='key of the sensor, see `tactile list`')
     parser.add_argument('recordings', nargs='+', help='bags, .npz, .csv, or shipped names')
     parser.add_argument('-o', '--output', type=Path, required=True, help='calibration file (.npz)')
+    add_overwrite(parser)
     parser.add_argument('--config', type=Path, help='yaml with fields of the sensor config')
     parser.add_argument('--estimator', help='one estimator instead of the best')
     parser.add_argument('--truth', action='append', default=[], help='topic that tells the truth')
@@ -80,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
     """Load, fit, save, and print the errors on held-out groups."""
     spec = load_sensor(options.sensor)
     config = read_config(spec, options.config)
-    refuse_unwritable(options.output)
+    refuse_unwritable(options.output, MARK, overwrite=options.overwrite)
     loaded = []
     for name in options.recordings:
         with working(f'reading {name}'):

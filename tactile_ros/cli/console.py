@@ -21,6 +21,7 @@ from tactile_ros.files import read_yaml, refuse_special
 from tactile_ros.types import Closing
 
 if TYPE_CHECKING:
+    import argparse
     from collections.abc import Iterator, Sequence
     from typing import TextIO
 
@@ -133,22 +134,35 @@ def working(
         teller.join()
 
 
-def refuse_unwritable(path: Path) -> None:
+def refuse_unwritable(path: Path, mark: bytes = b'', *, overwrite: bool = True) -> None:
     """Refuse a file or new folder that could not be written at the end; nothing is made or left.
+
+    A file without `mark`, which every file of the command holds, is replaced on request alone.
 
     Raises
     ------
     TactileError
-        With the system's reason, or where `path` is a folder.
+        With the system's reason, or where `path` is a folder or a file of something else.
     """
     try:
         refuse_special(path)
+        held = path.read_bytes() if path.is_file() and not overwrite else b''
+        if held and mark not in held:
+            msg = f'{path} was not written by this command; name another file, or --overwrite'
+            raise TactileError(msg)
         folder = next(place for place in path.absolute().parents if place.exists())
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
         msg = f'{path} cannot be written: {error.strerror}; name another place'
         raise TactileError(msg) from error
+
+
+def add_overwrite(parser: argparse.ArgumentParser) -> None:
+    """Option that lets a command replace files of others."""
+    parser.add_argument(
+        '--overwrite', action='store_true', help='replace a file that this command did not write'
+    )
 
 
 def refuse_no_pictures(folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""Run a real recording through the real graph, record it, replay it, and report.
+"""Run a real recording through the real graph, record, replay and report it.
 
 Three parts of real recordings, never seen by their calibrations, go as a board's own bytes through
 a pseudo-terminal, the driver, sensor_node and contact_node into a bag; the bag is evaluated
@@ -7,7 +7,7 @@ without ROS. `--sensor` of another sensor runs its simulated twin instead, on a 
 
 example:
   tactile demo
-  tactile demo --output out/other --seed 1
+  tactile demo --seed 1 --output out/other
   tactile demo --sensor gradiometer
   tactile demo --sensor taxel_array --json
   tactile demo grasp
@@ -16,10 +16,11 @@ example:
 from __future__ import annotations
 
 import os
-import shutil
 import sys
+import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
@@ -36,12 +37,13 @@ from tactile_ros.cli.replay import evaluate, print_result
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.recording_files import load, save_recording
 from tactile_ros.evaluation.replay import replay
-from tactile_ros.evaluation.report import Dataset, Result, answer, environment
+from tactile_ros.evaluation.report import Dataset, Result, answer, environment, write_report
+from tactile_ros.files import UNFINISHED
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from concurrent.futures import Future
 
     from tactile_ros.evaluation.recording_files import LoadedRecording
@@ -54,7 +56,8 @@ if TYPE_CHECKING:
 SENSOR = 'reskin_board'
 HELD_PLACES, TOUCHES_PLAYED = 0.2, 300
 COMPARED = ('ridge', 'grid_knn')
-OWN_FOLDERS = ('bags', 'calibrations', 'recordings')
+RESULTS = ('bags', 'calibrations', 'recordings', 'report.html')
+MARK = '.tactile_demo'  # a file in every folder that a demo made
 LOCAL = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
 NICE = 10  # of fits beside the graph, which keeps time
 NOTES = (
@@ -97,7 +100,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'what', nargs='?', default='sensor', choices=('sensor', 'grasp'), help='what is shown'
     )
-    parser.add_argument('--output', type=Path, default=Path('out') / 'demo', help='folder')
+    parser.add_argument('--output', type=Path, help='folder (out/demo/SENSOR or out/demo/grasp)')
+    parser.add_argument(
+        '--overwrite', action='store_true', help='replace results in a folder no demo made'
+    )
     parser.add_argument('--seed', type=int, default=0, help='which places are held out')
     parser.add_argument('--json', action='store_true', help='print the table as JSON')
     parser.add_argument(
@@ -107,48 +113,66 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate, play, record, replay, report."""
-    output = options.output.resolve()
-    if options.what == 'grasp':
-        show = bench.load('worlds.grasp_demo', '`tactile demo grasp`')
-        return int(show.run_grasps(output, options.seed, options.json))
     spec = load_sensor(options.sensor)
-    clear(output)
-    say = partial(_say, time.perf_counter())
-    if spec.key != SENSOR:
-        return run_twin(spec.key, output, options.seed, as_json=options.json)
-    chosen = parts(options.seed)
-    datasets = measure(chosen, output, say)
-    command = f'tactile demo --seed {options.seed}'
-    title = 'A real recording through the real graph'
-    result = Result(title, command, environment(), datasets, NOTES)
-    print_result(result, as_json=options.json)
-    finish(result, output, [part.name for part in chosen], say, as_json=options.json)
+    name = options.what if options.what == 'grasp' else spec.key
+    output = (options.output or Path('out') / 'demo' / name).resolve()
+    with results(output, overwrite=options.overwrite) as made:
+        if options.what == 'grasp':
+            show = bench.load('worlds.grasp_demo', '`tactile demo grasp`')
+            return int(show.run_grasps(output, options.seed, options.json))
+        say = partial(_say, time.perf_counter())
+        if spec.key != SENSOR:
+            played = run_twin(spec.key, made, options.seed, as_json=options.json)
+        else:
+            played = run_recordings(made, options.seed, say, as_json=options.json)
+    say('done')
+    places = [('bag', output / 'bags' / name) for name in played]
+    places += [('calibration', output / 'calibrations' / f'{name}.npz') for name in played]
+    for name, path in (*places, ('report', output / 'report.html')):
+        print(f'{name:12} {path}', file=sys.stderr if options.json else sys.stdout)
     return 0
 
 
-def clear(output: Path) -> None:
-    """Remove what an earlier demo left in its folder, and nothing else."""
+@contextmanager
+def results(output: Path, *, overwrite: bool) -> Iterator[Path]:
+    """Folder for results, which replace those of an earlier demo in `output` at the end.
+
+    Raises
+    ------
+    TactileError
+        If `output` holds files and no demo made it, unless they may be replaced.
+    """
+    foreign = output.is_dir() and any(output.iterdir()) and not (output / MARK).is_file()
+    if foreign and not overwrite:
+        msg = f'{output} holds files and no demo made it; name another --output, or --overwrite'
+        raise TactileError(msg)
     output.mkdir(parents=True, exist_ok=True)
-    for name in OWN_FOLDERS:
-        if (output / name).exists():
-            shutil.rmtree(output / name)
-    (output / 'report.html').unlink(missing_ok=True)
+    with tempfile.TemporaryDirectory(dir=output, prefix='.new_') as folder:
+        UNFINISHED.add(folder)
+        yield Path(folder)
+        UNFINISHED.discard(folder)
+        (output / MARK).touch()
+        for made in [Path(folder) / name for name in RESULTS]:
+            if made.exists():
+                earlier = Path(folder) / f'earlier_{made.name}'
+                if (output / made.name).exists():
+                    (output / made.name).rename(earlier)
+                made.rename(output / made.name)
+
+
+def run_recordings(output: Path, seed: int, say: Say, *, as_json: bool) -> list[str]:
+    """Calibrate on parts of real recordings, play the others; names of what was played."""
+    chosen = parts(seed)
+    command = f'tactile demo --seed {seed}'
+    title = 'A real recording through the real graph'
+    result = Result(title, command, environment(), measure(chosen, output, say), NOTES)
+    print_result(result, as_json=as_json)
+    write_report(output / 'report.html', result)
+    return [part.name for part in chosen]
 
 
 def _say(began: float, sentence: str) -> None:
     print(f'[{time.perf_counter() - began:5.1f} s] {sentence}', file=sys.stderr, flush=True)
-
-
-def finish(result: Result, output: Path, names: list[str], say: Say, *, as_json: bool) -> None:
-    """Write the report and say what lies where."""
-    from tactile_ros.evaluation.report import write_report
-
-    write_report(output / 'report.html', result)
-    say('done')
-    places = [('bag', output / 'bags' / name) for name in names]
-    places += [('calibration', output / 'calibrations' / f'{name}.npz') for name in names]
-    for name, path in (*places, ('report', output / 'report.html')):
-        print(f'{name:12} {path}', file=sys.stderr if as_json else sys.stdout)
 
 
 def parts(seed: int) -> list[Part]:
@@ -296,7 +320,7 @@ def judge(part: Part, output: Path, pipelines: list[Pipeline]) -> Dataset:
 
 def run_twin(
     key: str, output: Path, seed: int, seconds: float = PLAYED_S, *, as_json: bool = False
-) -> int:
+) -> list[str]:
     """Calibrate on simulated presses of the next seed, run the graph on a twin, replay, report."""
     say = partial(_say, time.perf_counter())
     say(f'calibrating {key} on simulated presses of seed {seed + 1}')
@@ -317,8 +341,8 @@ def run_twin(
     print_result(result, as_json=as_json)
     for sentence in (f'{TWIN_NOTES[0]} {rate}', *learned):
         print(f'  {key}: {sentence}', file=sys.stderr if as_json else sys.stdout)
-    finish(result, output, [key], say, as_json=as_json)
-    return 0
+    write_report(output / 'report.html', result)
+    return [key]
 
 
 def fit_twin(key: str, seed: int, path: Path) -> Pipeline:

@@ -1,4 +1,4 @@
-"""Trade the geometry and materials of a sensor for what it shall measure, by its physics.
+"""Trade geometry and materials of a sensor for what it shall measure, by physics.
 
 example:
   tactile design gradiometer

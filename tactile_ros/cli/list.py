@@ -7,6 +7,7 @@ example:
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING
 
 from tactile_ros.cli.console import show
@@ -26,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print one row per sensor."""
+    """Print a paragraph, or an object, for every sensor."""
     specs = [load_sensor(key) for key in list_sensors()]
     rows = [
         (
@@ -35,7 +36,14 @@ def run(options: argparse.Namespace) -> int:
         )
         for s in specs
     ]  # fmt: skip
-    show(COLUMNS, rows, as_json=options.json)
+    if options.json:
+        show(COLUMNS, rows, as_json=True)
+        return 0
+    for key, *cells in rows:
+        print(key)
+        for name, cell in zip(COLUMNS[1:], cells, strict=True):
+            left = f'  {name:12}'
+            print(textwrap.fill(cell, 79, initial_indent=left, subsequent_indent=' ' * len(left)))
     return 0
 
 

@@ -6,19 +6,29 @@ import argparse
 import importlib
 import os
 import sys
+from difflib import get_close_matches
 
 from tactile_ros import __version__
 from tactile_ros.errors import TactileError, plain
 
-COMMANDS = (
-    'list', 'doctor', 'demo', 'calibrate', 'enrol', 'record', 'replay', 'report', 'view',
-    'design', 'bench',
-)  # fmt: skip
+COMMANDS = {  # with the first line of its module, which alone is imported to run it
+    'list': 'Show every sensor: key, paper, transports, how to connect.',
+    'doctor': 'Look at ports, permissions, buses and a sensor, and say what to do.',
+    'demo': 'Run a real recording through the real graph, record, replay and report it.',
+    'calibrate': "Fit a sensor's estimators to recordings with truth; write a calibration file.",
+    'enrol': 'Learn a class from a few presses, live or from a recording, or forget one by name.',
+    'record': 'Record what a replay needs of one sensor into a bag, until Ctrl-C.',
+    'replay': 'Evaluate recordings against their truth, without ROS, and against the live run.',
+    'report': 'Gather what benches found into one HTML page: aims held, missed, speed, error.',
+    'view': 'Show taxels, contacts, forces and grip in Foxglove: live, recorded or simulated.',
+    'design': 'Trade geometry and materials of a sensor for what it shall measure, by physics.',
+    'bench': 'Compare with published figures and with peers, then time; write json.',
+}
 FAILED, WRONG_USE, INTERRUPTED, UNHEARD = 1, 2, 130, 141
 
 
-def parser() -> argparse.ArgumentParser:
-    """Arguments of all commands."""
+def parser(only: str | None = None) -> argparse.ArgumentParser:
+    """Arguments of all commands, or of one; the others are named."""
     top = argparse.ArgumentParser(
         prog='tactile',
         description='Tactile sensors for robot hands: calibrate, run, replay, show and measure.',
@@ -28,14 +38,14 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument('--version', action='version', version=f'tactile_ros {__version__}')
     commands = top.add_subparsers(dest='command', required=True, metavar='COMMAND')
-    for name in COMMANDS:
-        module = importlib.import_module(f'tactile_ros.cli.{name}')
+    for name, summary in COMMANDS.items():
         own = commands.add_parser(
-            name,
-            help=(module.__doc__ or '').split('\n')[0],
-            description=module.__doc__,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
+            name, help=summary, formatter_class=argparse.RawDescriptionHelpFormatter
         )
+        if only not in (None, name):
+            continue
+        module = importlib.import_module(f'tactile_ros.cli.{name}')
+        own.description = module.__doc__
         module.add_arguments(own)
         own.set_defaults(run=module.run, refuse=own.error)
     return top
@@ -68,9 +78,15 @@ def main(arguments: list[str] | None = None) -> int:
     if sys.stdout is None:
         print('tactile: standard output is closed', file=sys.stderr)
         return FAILED
-    top = parser()
+    given = sys.argv[1:] if arguments is None else arguments
+    first = given[0] if given else ''
+    top = parser(None if '_ARGCOMPLETE' in os.environ else first)
     complete(top)
-    options, unknown = top.parse_known_args(arguments)
+    if first and first[0] != '-' and first not in COMMANDS:
+        close = get_close_matches(first, COMMANDS, 1)
+        meant = f'did you mean {close[0]}?' if close else f'there are {", ".join(COMMANDS)}'
+        top.error(f'{plain(first)} is no command; {meant}')
+    options, unknown = top.parse_known_args(given)
     if unknown:  # argparse would show the usage of `tactile`, which has no options
         options.refuse(f'unrecognized arguments: {" ".join(unknown)}')
     try:

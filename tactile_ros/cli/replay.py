@@ -1,11 +1,11 @@
-"""Evaluate recordings against their truth, without ROS; compare with what was said live.
+"""Evaluate recordings against their truth, without ROS, and against the live run.
 
 example:
-  tactile replay out/demo/bags/place --calibration out/demo/calibrations/place.npz
+  tactile replay bags/place --calibration place.npz
   tactile replay bags/* --calibration a.npz --calibration b.npz --save out/compared
   tactile replay bags/* --calibration a.npz --scheduler tcp://10.0.0.1:8786
-  tactile replay out/demo/bags/place --calibration out/demo/calibrations/place.npz --json
-  tactile replay spatial --calibration out/demo/calibrations/place.npz --report out/page.html
+  tactile replay bags/place --calibration place.npz --json
+  tactile replay spatial --calibration place.npz --report out/page.html
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING
 from tactile_ros.cli import calibrate
 from tactile_ros.cli.console import (
     Progress,
+    add_overwrite,
     refuse_no_pictures,
     refuse_unwritable,
     show,
@@ -31,7 +32,14 @@ from tactile_ros.cli.console import (
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import fleet
 from tactile_ros.evaluation.fleet import Job, open_calibration
-from tactile_ros.evaluation.report import Dataset, Result, environment, for_drawing, table
+from tactile_ros.evaluation.report import (
+    PAGE_MARK,
+    Dataset,
+    Result,
+    environment,
+    for_drawing,
+    table,
+)
 from tactile_ros.evaluation.truth import DEFAULT_TRUTH
 
 if TYPE_CHECKING:
@@ -72,6 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--scheduler', default='', help='address of a Dask scheduler')
     parser.add_argument('--report', type=Path, help='write a self-contained HTML report')
     parser.add_argument('--png', type=Path, help='folder of its drawings as PNG, where wanted')
+    add_overwrite(parser)
     parser.add_argument('--json', action='store_true', help='print the table as JSON')
 
 
@@ -80,8 +89,13 @@ def run(options: argparse.Namespace) -> int:
     if options.jobs < 1:
         raise ValueError(f'--jobs must be 1 or more; received {options.jobs}')
     pipelines = [open_calibration(path) for path in options.calibration]
-    for path in filter(None, (options.report, options.save)):
-        refuse_unwritable(path)
+    if options.report:
+        refuse_unwritable(options.report, PAGE_MARK, overwrite=options.overwrite)
+    if options.save:
+        refuse_unwritable(options.save)
+        for end, mark in fleet.MARKS.items():
+            saved = options.save.with_name(options.save.name + end)
+            refuse_unwritable(saved, mark, overwrite=options.overwrite)
     if options.png:
         refuse_no_pictures(options.png)
     command = shlex.join(['tactile', 'replay', *map(str, sys.argv[2:])])

@@ -1,4 +1,4 @@
-"""Gather what benches found into one self-contained HTML page: aims held, missed, speed, error.
+"""Gather what benches found into one HTML page: aims held, missed, speed, error.
 
 Reads benchmarks/results/*.json, or the files and folders that are named (results of benches and
 saved replays), with the drawings that lie beside them. The page needs no network and no script.
@@ -20,8 +20,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactile_ros.cli import bench
-from tactile_ros.cli.console import refuse_no_pictures, refuse_unwritable, show
+from tactile_ros.cli.console import add_overwrite, refuse_no_pictures, refuse_unwritable, show
 from tactile_ros.errors import TactileError
+from tactile_ros.evaluation.report import PAGE_MARK
 
 if TYPE_CHECKING:
     import argparse
@@ -40,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument('-o', '--output', type=Path, help='the page (report.html beside them)')
     parser.add_argument('--png', type=Path, help='folder of the drawings as PNG, where wanted')
+    add_overwrite(parser)
     told = parser.add_mutually_exclusive_group()
     told.add_argument('--json', action='store_true', help='print the table as JSON')
     told.add_argument('--markdown', action='store_true', help='print the table of the README')
@@ -49,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
     """Gather, write the page, print one row for each bench; 1 where a file could not be read."""
     first = options.results[0]
     output = options.output or (first if first.is_dir() else first.parent) / 'report.html'
-    refuse_unwritable(output)
+    refuse_unwritable(output, PAGE_MARK, overwrite=options.overwrite)
     if options.png:
         refuse_no_pictures(options.png)
     page = bench.load('harness.package_page', '`tactile report`')

@@ -1,4 +1,4 @@
-"""Show taxels, contacts, forces, slip and grip in Foxglove: from topics, a recording or a twin.
+"""Show taxels, contacts, forces and grip in Foxglove: live, recorded or simulated.
 
 Without anything named it listens to the topics of running nodes; a bag or file is played; a sensor
 is simulated. Foxglove (or Lichtblick, its free sibling) connects to the address that is printed;
@@ -7,7 +7,7 @@ config/foxglove_view.json is a layout for it. Needs `pip install foxglove-sdk`.
 example:
   tactile view
   tactile view --namespace thumb --namespace index
-  tactile view out/demo/bags/place --speed 0.5
+  tactile view out/demo/reskin_board/bags/place --speed 0.5
   tactile view --sensor gradiometer
   tactile view --sensor taxel_array --seconds 5 --mcap out/taxels.mcap
 """

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+from scipy.special import ndtri
 
 from tactile_ros.conditioning.loading_direction import dead_band, loading_signs
 from tactile_ros.errors import MissingPackageError, TactileError
@@ -509,11 +509,13 @@ def binned_sigma(truth: Array, variance: Array, bins: int = 24) -> tuple[Array, 
     if len(np.unique(truth)) < 2:
         return np.zeros(0), np.zeros(0)
     edges = np.unique(np.percentile(truth, np.linspace(0, 100, bins + 1)))
-    mean, centre, filled = (
-        stats.binned_statistic(truth, values, statistic, edges).statistic
-        for values, statistic in ((variance, 'mean'), (truth, 'mean'), (truth, 'count'))
+    within = np.searchsorted(edges[1:-1], truth, side='right')
+    count = np.bincount(within)
+    filled = count > 0
+    centre, mean = (
+        np.bincount(within, values)[filled] / count[filled] for values in (truth, variance)
     )
-    return centre[filled > 0], np.sqrt(mean[filled > 0])
+    return centre, np.sqrt(mean)
 
 
 def force_trace(target: TargetErrors, name: str, colour: str) -> Figure | None:
@@ -558,7 +560,7 @@ def _trace(
 def sigma_calibration(targets: Sequence[TargetErrors]) -> Figure:
     """Share of errors within k sigma against what a normal distribution has there."""
     expected = np.linspace(0, 1, 41)
-    limits = stats.norm.ppf(0.5 + expected[:-1] / 2)
+    limits = ndtri(0.5 + expected[:-1] / 2)
     plot = Plot((0, 100), (0, 100), 'stated (%)', 'found (%)',
                 description='Found against stated share of errors within k sigma')  # fmt: skip
     ends = np.array([0.0, 100.0])

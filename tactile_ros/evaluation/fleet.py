@@ -71,6 +71,7 @@ JUDGED = (*VECTORS, *CLASSES, 'session', 'repetition')  # keys of truth
 PROBED = 100  # frames that are timed one by one
 IN_TABLE = [name for name in CELLS if name not in ('named rightly (%)', 'groups')]
 SCHEMA = 1
+MARKS = {'.json': b'"schema"', '.npz': b'bin_edges.npy'}  # in every file of `save`
 BIN_EDGES = 1e-12 * 1.01 ** np.arange(5556)  # of histograms of errors: steps of 1 % up to 1e12
 
 

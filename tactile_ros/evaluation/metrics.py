@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+from scipy.special import bdtr
 
 from tactile_ros.types import Array, Bools, Integers, groups_of
 
@@ -106,7 +106,8 @@ def coverage(error: Array, variance: Array, groups: Integers, sigmas: int = 1) -
         return Coverage(float('nan'), aimed - TOLERANCE, aimed + TOLERANCE, 0, 0)
     inside = np.abs(error[kept]) <= sigmas * np.sqrt(variance[kept])
     number = len(np.unique(groups[kept]))
-    low, high = (float(end) / number for end in stats.binom.interval(0.95, number, aimed))
+    below = bdtr(np.arange(number + 1), number, aimed)  # of a binomial distribution
+    low, high = (float(end) / number for end in np.searchsorted(below, (0.025, 0.975)))
     low, high = min(low, aimed - TOLERANCE), max(high, aimed + TOLERANCE)
     return Coverage(float(inside.mean()), low, high, count, number)
 

@@ -43,6 +43,7 @@ LOW_IS_BETTER = ('mean', 'p50', 'p95', 'RMSE', 'us/frame')
 PACKAGES = ('numpy', 'scipy', 'rosbags', 'ros-rclpy', 'numba', 'scikit-learn')
 SAME = 1e-9  # largest difference of a replay that repeats its live run
 MOST_DRAWN = 1 << 16  # rows of a target
+PAGE_MARK = b'<meta name="generator" content="tactile_ros">'
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from tactile_ros.types import Device, Estimation, Layout, Recording, SensorConfig, Table, Twin
+
+ALIASES = {'anyskin': 'reskin_board', 'eflesh': 'reskin_board', 'reskin': 'reskin_board'}
 
 
 class Design(Protocol):
@@ -168,8 +171,11 @@ def load_sensor(key: str) -> SensorSpec:
     ValueError
         If there is none of that name; the sentence lists the keys.
     """
+    key = ALIASES.get(key, key)
     if key not in list_sensors():
-        msg = f'sensor must be one of {", ".join(list_sensors())}; received {key!r}'
+        close = get_close_matches(key, [*list_sensors(), *ALIASES], 1)
+        meant = f'; did you mean {close[0]}?' if close else ''
+        msg = f'sensor must be one of {", ".join(list_sensors())}; received {key!r}{meant}'
         raise ValueError(msg)
     spec = getattr(importlib.import_module(f'tactile_ros.sensors.{key}'), 'SENSOR', None)
     if not isinstance(spec, SensorSpec):

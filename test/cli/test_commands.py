@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import importlib
 import json
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,7 @@ from benchmarks.harness.rows import BenchResult, Row
 from tactile_ros.cli import bench, console, demo
 from tactile_ros.cli.console import read_config
 from tactile_ros.cli.main import COMMANDS, main, parser, sentence
+from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.recording_files import load_recording, save_recording
 from tactile_ros.files import MOST_YAML_BYTES
 from tactile_ros.sensors import list_sensors, load_sensor
@@ -331,12 +334,86 @@ def test_parts_of_the_demo_share_no_group() -> None:
         assert part.played.tare[0]
 
 
-def test_demo_removes_only_what_a_demo_left(tmp_path: Path) -> None:
+def test_a_demo_replaces_only_what_a_demo_made(tmp_path: Path) -> None:
     for name in ('bags', 'mine'):
         (tmp_path / name).mkdir()
         (tmp_path / name / 'file').write_text('x')
-    demo.clear(tmp_path)
-    assert [p.name for p in tmp_path.iterdir()] == ['mine']
+    before = sorted(tmp_path.rglob('*'))
+    with (
+        pytest.raises(TactileError, match='holds files and no demo made it'),
+        demo.results(tmp_path, overwrite=False),
+    ):
+        pytest.fail('taken')
+    assert sorted(tmp_path.rglob('*')) == before
+    for number in ('1', '2'):  # what stops half way changes nothing
+        with suppress(ZeroDivisionError), demo.results(tmp_path, overwrite=True) as made:
+            (made / 'bags').mkdir()
+            1 / 0  # noqa: B018
+        with demo.results(tmp_path, overwrite=number == '1') as made:
+            (made / 'bags').mkdir()
+            (made / 'bags' / 'file').write_text(number)
+            (made / 'report.html').write_text(number)
+        assert (tmp_path / 'bags' / 'file').read_text() == number
+        assert (tmp_path / 'report.html').read_text() == number
+        names = {path.name for path in tmp_path.iterdir()}
+        assert names == {'bags', 'mine', 'report.html', demo.MARK}
+
+
+def test_results_of_sensors_lie_apart(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(demo, 'run_twin', lambda _, made, *__, **___: list(made.iterdir()))
+    for sensor in ('gradiometer', 'taxel_array', 'gradiometer'):
+        assert main(['demo', '--sensor', sensor]) == 0
+    made = sorted(path.name for path in (tmp_path / 'out' / 'demo').iterdir())
+    assert made == ['gradiometer', 'taxel_array']
+
+
+def test_files_of_others_are_replaced_on_request_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mine = tmp_path / 'mine.npz'
+    mine.write_text('of mine')
+    command = ['calibrate', 'reskin_board', 'normal_1', '--estimator', 'ridge', '-o', str(mine)]
+    assert main(command) == 1
+    assert 'was not written by this command' in capsys.readouterr().err
+    assert mine.read_text() == 'of mine'
+    assert main([*command, '--overwrite']) == 0
+    assert main(command) == 0  # its own
+    page = tmp_path / 'mine.html'
+    page.write_text('<p>of mine</p>')
+    replay = ['replay', 'normal_2', '--calibration', str(mine)]
+    assert main([*replay, '--report', str(page)]) == 1
+    (tmp_path / 'mine.json').write_text('{}')
+    assert main([*replay, '--save', str(tmp_path / 'mine')]) == 1
+    assert (tmp_path / 'mine.json').read_text() == '{}'
+    assert page.read_text() == '<p>of mine</p>'
+    assert main([*replay, '--report', str(page), '--overwrite']) == 0
+    assert main([*replay, '--report', str(page)]) == 0
+
+
+def test_the_list_of_commands_says_what_each_one_does() -> None:
+    for name, summary in COMMANDS.items():
+        module = importlib.import_module(f'tactile_ros.cli.{name}')
+        assert (module.__doc__ or '').split('\n')[0] == summary
+
+
+def test_the_version_is_told_at_once() -> None:
+    code = 'from tactile_ros.cli.main import main; import sys\ntry: main(["--version"])\n'
+    code += 'except SystemExit: sys.exit(len({"numpy", "rclpy", "scipy"} & set(sys.modules)))'
+    assert subprocess.run([sys.executable, '-c', code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ('words', 'meant'),
+    [(['replya'], 'did you mean replay?'), (['demo', '--sensor', 'eflsh'], 'did you mean eflesh')],
+)
+def test_a_slip_of_the_keys_is_understood(
+    words: list[str], meant: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with suppress(SystemExit):
+        assert main(words) == 2
+    assert meant in capsys.readouterr().err
+    assert load_sensor('anyskin').key == load_sensor('eflesh').key == 'reskin_board'
 
 
 def test_benches_side_by_side_tell_the_first_failure(

@@ -42,7 +42,7 @@ LONG = 'measures for minutes to hours: `make bench` runs it'
 # test_docs.py has their own parsers take them
 PARSED_ALONE = {
     'tactile demo': GRAPH + '`make demo`',
-    'tactile demo --output out/other --seed 1': GRAPH + '`make demo`',
+    'tactile demo --seed 1 --output out/other': GRAPH + '`make demo`',
     'tactile demo --sensor gradiometer': GRAPH + 'cut short in test_twin_demo.py',
     'tactile demo --sensor taxel_array --json': GRAPH + 'cut short in test_twin_demo.py',
     'tactile demo grasp': 'simulates for minutes; its scenes are run in test/simulation',
@@ -87,7 +87,8 @@ def in_time(recording: Recording) -> Recording:
 
 def write_bags(folder: Path, recording: Recording, pipeline: Pipeline) -> None:
     """Bags of live runs, as a recorder hears them."""
-    names = 'out/demo/bags/place', 'bags/one', 'bags/two', 'my_bag', 'another_bag'
+    shown = 'out/demo/reskin_board/bags/place'
+    names = shown, 'bags/place', 'bags/one', 'bags/two', 'my_bag', 'another_bag'
     for number, name in enumerate(names):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         part = recording.select(slice(160 * number, 160 * number + 160))
@@ -126,9 +127,10 @@ def place(tmp_path_factory: pytest.TempPathFactory, taught_skin: Path) -> Path:
     spec = load_sensor('reskin_board')
     spatial = spec.recordings()['spatial']
     pipeline = spec.pipeline(estimator='ridge').fit(spatial.select(slice(0, 800)))
-    (folder / 'out/demo/calibrations').mkdir(parents=True)
+    (folder / 'out/demo/reskin_board/calibrations').mkdir(parents=True)
     for name in (
-        'out/demo/calibrations/place.npz',
+        'place.npz',
+        'out/demo/reskin_board/calibrations/place.npz',
         'a.npz',
         'b.npz',
         'out/mine.npz',
