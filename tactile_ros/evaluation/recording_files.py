@@ -512,11 +512,11 @@ class SensorBag:
         rows = read_frames(self.tares.take_heard(until)[1], self.layout.shape)
         lost = rows.damaged + rows.misfits
         self._lost[f'messages of {self.space}/baseline are damaged or do not fit'] += lost
-        names = ('stamp_ns', 'sequence', 'values', 'status', 'device_time_ns')
+        names = ('stamp_ns', 'sequence', 'values', 'temperature_c', 'status', 'device_time_ns')
         columns = [rows.arrays[name] for name in names] if rows.arrays else []
         return tuple(
-            Frame(int(stamp_ns), int(sequence), values, None, status, averaged=int(count))
-            for stamp_ns, sequence, values, status, count in zip(*columns, strict=True)
+            Frame(int(stamp_ns), int(sequence), values, chips, status, averaged=int(count))
+            for stamp_ns, sequence, values, chips, status, count in zip(*columns, strict=True)
         )
 
 

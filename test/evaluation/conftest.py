@@ -128,7 +128,9 @@ def write_bag(make: MessageMaker) -> Callable[..., Path]:
             put('layout', make.layout(), START_NS, latched=True)
             digest = make.String(data=f'{"a" * 64} reskin_board position: ridge')
             put('calibration', digest, START_NS, latched=True)
-            put('baseline', make.frame(0, np.full(15, 1e-6), 0), START_NS, latched=True)
+            baseline = make.frame(0, np.full(15, 1e-6), 0)
+            baseline.temperature_c, baseline.device_time_ns = 25.0 + np.arange(5), 8
+            put('baseline', baseline, START_NS, latched=True)
             for k in range(n):
                 stamp = START_NS + k * STEP_NS
                 values = rng.normal(0.0, 1e-5, 15)

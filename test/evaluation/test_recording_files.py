@@ -228,7 +228,10 @@ def test_a_bag_becomes_frames_contacts_baselines_and_truth(
     assert (np.diff(recording.stamp_ns)[:3] == 10_000_000).all()
     assert recording.layout.sensor == 'reskin_board'
     assert found.calibrations == ('a' * 64,)
-    assert [b.sequence for b in found.baselines] == [0]
+    (baseline,) = found.baselines
+    assert (baseline.sequence, baseline.averaged) == (0, 8)
+    assert (baseline.values == 1e-6).all()
+    assert baseline.temperature_c.tolist() == [25, 26, 27, 28, 29]
     assert found.contacts.rows.tolist() == list(range(18))
     np.testing.assert_allclose(found.contacts.log_ns - recording.stamp_ns, 3_000_000)
     error = found.contacts.states.position[:, :2] - recording.truth['position'][:, :2]
