@@ -145,8 +145,7 @@ class Road(Closing):
 
     def counters(self) -> dict[str, int]:
         """What the driver counts."""
-        counted = getattr(self.device, 'counters', dict)
-        return dict(counted())
+        return self.device.counters()
 
     def run(self, seconds: float) -> list[Frame]:
         """Frames of the next so many seconds of virtual time."""

@@ -20,7 +20,7 @@ from argparse import ArgumentTypeError
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -42,7 +42,8 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Sequence
 
-    from tactile_ros.types import Array, Device, Frame, Layout
+    from tactile_ros.sensors.registry import Connection
+    from tactile_ros.types import Array, Device, Frame, Layout, SensorConfig
 
 OK, NOTE, WARN, BAD = 'ok', 'note', 'warn', 'bad'
 LONGEST_S, READ_S = 3600, 0.5
@@ -266,7 +267,8 @@ def examine(options: argparse.Namespace) -> list[Finding]:
     given = dict(_pair(text) for text in options.set)
     if options.port is not None:
         given['port'] = options.port
-    config, connection = _with(given, spec.config(), spec.connection())
+    parts = _with(given, spec.config(), spec.connection())
+    config, connection = cast('SensorConfig', parts[0]), cast('Connection', parts[1])
     with ExitStack() as held:
         device: Device
         if options.simulated:

@@ -1,13 +1,10 @@
-"""Connections of sensors: port and baud rate of the framed protocol, I2C buses of chips.
-
-`DeviceFactory` opens a sensor at its connection, or simulates it there.
-"""
+"""Connections of sensors: port and baud rate of the framed protocol, I2C buses of chips."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar, cast
+from typing import cast
 
 import numpy.typing as npt
 
@@ -208,59 +205,3 @@ def _for_each(
         msg = f'{name} must have one number for each of {chips} chips; received {len(numbers)}'
         raise ValueError(msg)
     return numbers
-
-
-class Noisy(Protocol):
-    """A config with the noise of its sensor."""
-
-    @property
-    def noise(self) -> float | Array | None:
-        """Standard deviation of a channel (unit of the layout); None: unknown."""
-        ...
-
-
-Config = TypeVar('Config', bound=Noisy)
-
-
-@dataclass(frozen=True)
-class DeviceFactory(Generic[Config]):
-    """Opens the driver of one kind of sensor, or its twin.
-
-    Attributes
-    ----------
-    signal : callable
-        Of a config and a seed: time (s) -> values (t, c) (unit of the layout), that a twin plays.
-    noise : float
-        Standard deviation of a reading (unit of the layout) where the config says none.
-    temperature : callable or None
-        Of a config: time (s) -> chip temperatures (t,) (degrees Celsius), that go with `signal`.
-    """
-
-    layout: Callable[[Config], Layout]
-    signal: Callable[[Config, int], Callable[[float], Array]]
-    noise: float
-    temperature: Callable[[Config], Callable[[float], Array]] | None = None
-
-    def open(
-        self, config: Config, connection: FramedConnection, clock_ns: Callable[[], int]
-    ) -> Device:
-        """Driver of `config` at `connection`, with stamps from `clock_ns`; not opened yet."""
-        return connection.open(self.layout(config), clock_ns)
-
-    def simulate(
-        self,
-        config: Config,
-        connection: FramedConnection,
-        signal: Callable[[float], Array] | None = None,
-        seed: int = 0,
-        clock: VirtualClock | None = None,
-    ) -> Twin:
-        """Twin that plays `signal`, or the sensor's own; not entered yet."""
-        temperature_c = None
-        if signal is None:
-            signal = self.signal(config, seed)
-            if self.temperature is not None:
-                temperature_c = self.temperature(config)
-        noise = self.noise if config.noise is None else config.noise
-        layout = self.layout(config)
-        return connection.simulate(layout, signal, noise, seed, clock, temperature_c)

@@ -11,15 +11,42 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
+from tactile_ros.enrolment import playing
 from tactile_ros.pipeline import Pipeline
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Mapping
 
-    from tactile_ros.types import Device, Estimation, Layout, Recording, SensorConfig, Table, Twin
+    from tactile_ros.devices.timestamps import VirtualClock
+    from tactile_ros.enrolment import Signal
+    from tactile_ros.types import (
+        Array,
+        Device,
+        Estimation,
+        Layout,
+        Recording,
+        SensorConfig,
+        Table,
+        Twin,
+    )
 
 ALIASES = {'anyskin': 'reskin_board', 'eflesh': 'reskin_board', 'reskin': 'reskin_board'}
+
+
+class Connection(Protocol):
+    """Frozen dataclass of port and protocol, which opens a sensor there or simulates it."""
+
+    def open(self, layout: Layout, clock_ns: Callable[[], int]) -> Device:
+        """See `devices.connections.FramedConnection`."""
+        ...
+
+    def simulate(
+        self, layout: Layout, signal: Signal, noise: float | Array, seed: int,
+        clock: VirtualClock | None = None, temperature_c: Signal | None = None,
+    ) -> Twin:  # fmt: skip
+        """See `devices.connections.FramedConnection`."""
+        ...
 
 
 class Design(Protocol):
@@ -60,17 +87,14 @@ class SensorSpec:
     ----------
     estimation : callable
         Features and estimators for a config; the second argument names an estimator or is None.
-    open : callable
-        Device, not yet entered, for a config, a connection and a clock (ns).
-    simulate : callable
-        Twin, not yet entered, for a config, a connection, a signal, a seed and a clock. The signal
-        is a function of time (s) that returns values (t, c) in the sensor's unit; None: that of
-        `presses` with the same seed, without its noise. The clock is a `VirtualClock`; None: the
-        machine's.
+    noise : float
+        Standard deviation of a reading of a twin (unit of the layout) where the config says none.
     presses : callable
         Recording with truth of a simple programme of presses, for a config and a seed.
     recordings : callable
         Recordings of a real one that the package carries, by name.
+    temperature : callable or None
+        Chip temperatures of `presses` for a config: time (s) -> (t,) (degrees Celsius).
     demo : mapping of str to object
         Fields of the config with which `tactile demo` runs its twin, where they are not the
         defaults; such as ROS parameters can hold.
@@ -85,17 +109,40 @@ class SensorSpec:
     transports: tuple[str, ...]  # how it can be connected, in words
     # frozen dataclasses with all defaults: geometry and materials; port and protocol
     config: Callable[..., SensorConfig]
-    connection: Callable[..., object]
+    connection: Callable[..., Connection]
     layout: Callable[..., Layout]  # layout of a config
     estimation: Callable[..., Estimation]
     estimator_names: tuple[str, ...]  # what the second argument may be
-    open: Callable[..., Device]
-    simulate: Callable[..., Twin]
+    noise: float
     presses: Callable[..., Recording]
     classes: tuple[type, ...]  # what a calibration file of this sensor may hold
     recordings: Callable[[], Mapping[str, Recording]]
+    temperature: Callable[..., Signal] | None = None
     demo: Mapping[str, object] = field(default_factory=dict)
     lesson: TwinLesson | None = None
+
+    def open(
+        self, config: SensorConfig, connection: Connection, clock_ns: Callable[[], int]
+    ) -> Device:
+        """Driver of `config` at `connection`, with stamps from `clock_ns`; not entered yet."""
+        return connection.open(self.layout(config), clock_ns)
+
+    def simulate(
+        self, config: SensorConfig, connection: Connection,
+        signal: Signal | None = None, seed: int = 0,
+        clock: VirtualClock | None = None,
+    ) -> Twin:  # fmt: skip
+        """Twin that plays a signal; not entered yet.
+
+        `signal` is a function of time (s) that returns values (t, c) in the sensor's unit; None:
+        that of `presses` with the same seed, without its noise. `clock` None: the machine's.
+        """
+        temperature_c = None
+        if signal is None:
+            signal = playing(self.presses(config, seed, noise=0.0))
+            temperature_c = None if self.temperature is None else self.temperature(config)
+        noise = self.noise if config.noise is None else config.noise
+        return connection.simulate(self.layout(config), signal, noise, seed, clock, temperature_c)
 
     def pipeline(
         self, config: SensorConfig | None = None, estimator: str | None = None

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from tactile_ros.devices.simulated_serial import FramedTwin
-    from tactile_ros.sensors.registry import SensorSpec
+    from tactile_ros.sensors.registry import Connection, SensorSpec
     from tactile_ros.types import Array, ContactState, Frame, SensorConfig
 
 TARE_FRAMES = 50  # frames of a tare
@@ -48,7 +48,7 @@ class Skin:
 
     spec: SensorSpec  # of the sensor
     config: SensorConfig  # of this one
-    connection: object  # how its board is connected
+    connection: Connection  # how its board is connected
     # readings (t, c) in the unit of the sensor for a contact's place (3,) (m) and force (3,)
     # (N) in the sensor frame, and the field of what is around, (t, 3) (T) in the same axes
     signal: Callable[[Array, Array, Array], Array]

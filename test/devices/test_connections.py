@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tactile_ros.devices.chip_array import ChipArray
-from tactile_ros.devices.connections import ChipConnection, DeviceFactory, FramedConnection
+from tactile_ros.devices.connections import ChipConnection, FramedConnection
 from tactile_ros.devices.framed_protocol import Payload, gradiometer
 from tactile_ros.devices.mlx90393 import ChipPlace
 from tactile_ros.devices.serial_board import FramedBoard
-from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.types import Layout
 
 FOUR = Layout(np.zeros((4, 3)), ('Bx', 'By', 'Bz'), 'T', rate_hz=50.0)
@@ -110,22 +108,3 @@ def test_a_baud_rate_that_does_not_fit_is_refused_with_both_rates() -> None:
     with pytest.raises(ValueError, match=r'38000 .*11520'):
         slow_port.open(fast, time.monotonic_ns)
     dataclasses.replace(slow_port, native_usb=True).open(fast, time.monotonic_ns)
-
-
-def test_device_factory_plays_its_own_signal_and_temperature() -> None:
-    layout = Layout(np.zeros((4, 3)), ('Bx', 'Bz'), 'T', rate_hz=100.0)
-    factory = DeviceFactory(
-        lambda config: layout,
-        lambda config, seed: lambda t: np.full((4, 2), 1e-3 * seed),
-        1e-9,
-        lambda config: lambda t: np.full(4, 31.0),
-    )
-    config = SimpleNamespace(noise=None)
-    for signal, field, celsius in ((None, 2e-3, 31.0), (lambda t: np.ones((4, 2)), 1.0, 25.0)):
-        clock = VirtualClock()
-        twin = factory.simulate(config, Gradiometer(), signal, 2, clock)
-        with twin, twin.device(clock.now_ns) as board:
-            twin.play(1)
-            frame = board.read(5.0)
-        np.testing.assert_allclose(frame.values, min(field, 32767e-6), atol=1e-6)
-        assert frame.temperature_c.tolist() == [celsius] * 4

@@ -75,15 +75,6 @@ class TestSignal:
             elif name in ('force', 'torque', 'taxel_force'):
                 assert not np.nan_to_num(column[free].astype(float)).any()
 
-    def test_the_signal_is_the_presses_without_noise(self, key: str) -> None:
-        spec = load_sensor(key)
-        module = import_module(f'tactile_ros.sensors.{key}.twin')
-        signal = module.demo_signal(spec.config(), 3)
-        plain = spec.presses(spec.config(), 3, noise=0.0)
-        for row in (0, 120, 260):
-            t = row / plain.layout.rate_hz
-            np.testing.assert_array_equal(signal(t), plain.values[row])
-
     def test_more_taxels_and_other_rates(self, key: str) -> None:
         spec = load_sensor(key)
         config = spec.config()

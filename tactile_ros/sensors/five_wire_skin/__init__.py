@@ -19,7 +19,7 @@ from tactile_ros.sensors.five_wire_skin.estimation import (
     ESTIMATORS,
     FiveWireEstimation,
 )
-from tactile_ros.sensors.five_wire_skin.twin import SKIN, FiveWireSkinConnection, presses
+from tactile_ros.sensors.five_wire_skin.twin import NOISE, FiveWireSkinConnection, presses
 from tactile_ros.sensors.registry import SensorSpec
 
 SENSOR = SensorSpec(
@@ -32,8 +32,7 @@ SENSOR = SensorSpec(
     layout=layout,
     estimation=FiveWireEstimation,
     estimator_names=ESTIMATORS,
-    open=SKIN.open,
-    simulate=SKIN.simulate,
+    noise=NOISE,
     presses=presses,
     classes=(FiveWireSkinConfig, *CLASSES),
     recordings=dict,

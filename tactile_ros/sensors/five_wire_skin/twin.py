@@ -14,16 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.devices.connections import DeviceFactory, FramedConnection
+from tactile_ros.devices.connections import FramedConnection
 from tactile_ros.devices.framed_protocol import five_wires
-from tactile_ros.enrolment import REST_S, Programme, Touches, growing_loads, playing, recorded
+from tactile_ros.enrolment import REST_S, Programme, Touches, growing_loads, recorded
 from tactile_ros.sensors.five_wire_skin.config import layout
 from tactile_ros.types import Array
 from tactile_ros.types.config_fields import whole
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from tactile_ros.devices.framed_protocol import Payload
     from tactile_ros.enrolment import Truth
     from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig
@@ -132,16 +130,16 @@ def presses(
     )
 
 
-def demo_signal(config: FiveWireSkinConfig, seed: int = 0) -> Callable[[float], Array]:
-    """The readings of `presses` without noise, over time (s), again and again."""
-    return playing(presses(config, seed, noise=0.0))
-
-
 @dataclass(frozen=True)
 class FiveWireSkinConnection(FramedConnection):
-    """A microcontroller that excites the corners in turn and sends its counts in frames."""
+    """A microcontroller that excites the corners in turn and sends its counts in frames.
 
-    # the converter of the PIC18F25K80 that [5] used
+    Attributes
+    ----------
+    full_count : int
+        Count of the converter at the supply; [5] used the 12 bits of a PIC18F25K80.
+    """
+
     full_count: int = whole(4095, 'count of the converter at the supply', 1, 0xFFFF)
 
     def payload(self, layout: Layout) -> Payload:
@@ -151,6 +149,3 @@ class FiveWireSkinConnection(FramedConnection):
     def scale(self) -> float:
         """Share of the supply per count."""
         return 1 / self.full_count
-
-
-SKIN = DeviceFactory(layout, demo_signal, NOISE)

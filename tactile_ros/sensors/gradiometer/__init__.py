@@ -18,7 +18,12 @@ from tactile_ros.estimators.polynomial_force import PolynomialForce, WarmChain
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig, layout
 from tactile_ros.sensors.gradiometer.estimation import ESTIMATORS, GradiometerEstimation
 from tactile_ros.sensors.gradiometer.temperature import Thermometer
-from tactile_ros.sensors.gradiometer.twin import GRADIOMETER, GradiometerConnection, presses
+from tactile_ros.sensors.gradiometer.twin import (
+    NOISE,
+    GradiometerConnection,
+    presses,
+    temperature,
+)
 from tactile_ros.sensors.registry import SensorSpec
 from tactile_ros.sensors.regression import CLASSES
 
@@ -36,8 +41,8 @@ SENSOR = SensorSpec(
     layout=layout,
     estimation=GradiometerEstimation,
     estimator_names=ESTIMATORS,
-    open=GRADIOMETER.open,
-    simulate=GRADIOMETER.simulate,
+    noise=NOISE,
+    temperature=temperature,
     presses=presses,
     classes=(GradiometerConfig, *OWN, *CLASSES),
     recordings=dict,

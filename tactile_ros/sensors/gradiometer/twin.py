@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.devices.connections import DeviceFactory, FramedConnection
+from tactile_ros.devices.connections import FramedConnection
 from tactile_ros.devices.framed_protocol import gradiometer
-from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
+from tactile_ros.enrolment import Programme, Touches, growing_loads, recorded
 from tactile_ros.physics.fidelity import Choice, Model, Term, Worth, choose, region, worth
 from tactile_ros.physics.field_table import SHAPES, reach_under, table_disc_model, table_reach
 from tactile_ros.physics.magnetics import (
@@ -110,7 +110,7 @@ def every_model(config: GradiometerConfig, noise: float) -> tuple[Choice, list[M
 
 
 def terms(config: GradiometerConfig, noise: float, count: int = 100) -> tuple[Worth, ...]:
-    """What each term of a scene costs and buys, in place of the disc (m), at a noise (T)."""
+    """Cost and worth of each term of a scene, in place of the disc (m), at a noise (T)."""
     states = states_of(config, count)[2**5 :]
     field = exact_disc(config.positions, disc_of(config)).readings
 
@@ -271,11 +271,6 @@ def presses(
     )
 
 
-def demo_signal(config: GradiometerConfig, seed: int = 0) -> Callable[[float], Array]:
-    """The readings of `presses` without noise, over time (s), again and again."""
-    return playing(presses(config, seed, noise=0.0))
-
-
 def temperature(config: GradiometerConfig) -> Callable[[float], Array]:
     """Temperatures (t,) of the chips in `presses` (degrees Celsius), over time (s)."""
     rate_hz, pixels = config.rate_hz, len(config.positions)
@@ -297,6 +292,3 @@ class GradiometerConnection(FramedConnection):
     def scale(self) -> float:
         """Step of a reading (T)."""
         return self.tesla_per_count
-
-
-GRADIOMETER = DeviceFactory(layout, demo_signal, NOISE, temperature)

@@ -13,9 +13,10 @@ Source: [2] on the design of a soft tactile sensor with permanent magnets and Ha
 
 from __future__ import annotations
 
+from tactile_ros.sensors.magnet_pad.body_model import NOISE
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig, layout
 from tactile_ros.sensors.magnet_pad.estimation import CLASSES, ESTIMATORS, Localisation
-from tactile_ros.sensors.magnet_pad.twin import PAD, MagnetPadConnection, presses
+from tactile_ros.sensors.magnet_pad.twin import MagnetPadConnection, presses
 from tactile_ros.sensors.registry import SensorSpec
 
 SENSOR = SensorSpec(
@@ -28,8 +29,7 @@ SENSOR = SensorSpec(
     layout=layout,
     estimation=Localisation,
     estimator_names=ESTIMATORS,
-    open=PAD.open,
-    simulate=PAD.simulate,
+    noise=NOISE,
     presses=presses,
     classes=CLASSES,
     recordings=dict,

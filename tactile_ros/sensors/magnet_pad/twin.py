@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.devices.connections import ChipConnection, DeviceFactory
-from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
+from tactile_ros.devices.connections import ChipConnection
+from tactile_ros.enrolment import Programme, Touches, growing_loads, recorded
 from tactile_ros.physics.magnetics import EXACT, in_chip_axes
 from tactile_ros.sensors.magnet_pad.body_model import (
     NOISE,
@@ -25,8 +25,6 @@ from tactile_ros.sensors.magnet_pad.body_model import (
 from tactile_ros.sensors.magnet_pad.config import layout
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from tactile_ros.enrolment import Truth
     from tactile_ros.physics.magnetics import Blocks
     from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
@@ -126,14 +124,6 @@ def presses(
     )
 
 
-def demo_signal(config: MagnetPadConfig, seed: int = 0) -> Callable[[float], Array]:
-    """The readings of `presses` without noise, over time (s), again and again."""
-    return playing(presses(config, seed, noise=0.0))
-
-
 @dataclass(frozen=True)
 class MagnetPadConnection(ChipConnection):
     """Two chips on one I2C bus, 0x0C and 0x0D, or a microcontroller that reads them."""
-
-
-PAD = DeviceFactory(layout, demo_signal, NOISE)

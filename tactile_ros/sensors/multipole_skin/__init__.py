@@ -27,8 +27,8 @@ from tactile_ros.sensors.multipole_skin.recogniser import (
 )
 from tactile_ros.sensors.multipole_skin.twin import (
     NEW,
+    NOISE,
     SHOTS,
-    SKIN,
     MultipoleSkinConnection,
     new_head,
     one_head,
@@ -51,8 +51,7 @@ SENSOR = SensorSpec(
     layout=layout,
     estimation=MultipoleEstimation,
     estimator_names=(*ESTIMATORS, *NETWORKS),
-    open=SKIN.open,
-    simulate=SKIN.simulate,
+    noise=NOISE,
     presses=presses,
     classes=(
         MultipoleSkinConfig,

@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.devices.connections import ChipConnection, DeviceFactory
-from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
+from tactile_ros.devices.connections import ChipConnection
+from tactile_ros.enrolment import Programme, Touches, growing_loads, recorded
 from tactile_ros.sensors.multipole_skin.config import HEADS, box, layout
 from tactile_ros.sensors.multipole_skin.specimen import POWERS, Specimen
 from tactile_ros.types import Outline, Recording
 from tactile_ros.types.config_fields import whole, whole_numbers
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     import numpy.typing as npt
 
@@ -120,11 +120,6 @@ def presses(
     return played(specimen, pressing, NOISE if noise is None else noise, seed)
 
 
-def demo_signal(config: MultipoleSkinConfig, seed: int = 0) -> Callable[[float], Array]:
-    """The readings of `presses` without noise, over time (s), again and again."""
-    return playing(presses(config, seed, noise=0.0))
-
-
 CLUSTERS, CHIPS = 5, 4
 
 
@@ -147,9 +142,6 @@ class MultipoleSkinConnection(ChipConnection):
         'channel of the switch for each chip, or for all', 0, 7,
     )  # fmt: skip
     gain: int = whole(5, 'GAIN_SEL; 0 has the largest range, 7 the finest step', 0, 7)
-
-
-SKIN = DeviceFactory(layout, demo_signal, NOISE)
 
 
 NEW = box('bar_20x6', 20e-3, 6e-3)

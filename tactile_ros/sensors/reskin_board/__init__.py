@@ -14,13 +14,9 @@ from __future__ import annotations
 
 from tactile_ros.sensors.registry import SensorSpec
 from tactile_ros.sensors.regression import CLASSES, ESTIMATORS, Regression
-from tactile_ros.sensors.reskin_board.config import (
-    ReskinBoardConfig,
-    ReskinBoardConnection,
-    layout,
-)
+from tactile_ros.sensors.reskin_board.config import ReskinBoardConfig, layout
 from tactile_ros.sensors.reskin_board.recordings import shipped
-from tactile_ros.sensors.reskin_board.twin import open_board, presses, simulate_board
+from tactile_ros.sensors.reskin_board.twin import NOISE, ReskinBoardConnection, presses
 
 
 class BoardRegression(Regression):
@@ -39,8 +35,7 @@ SENSOR = SensorSpec(
     layout=layout,
     estimation=BoardRegression,
     estimator_names=ESTIMATORS,
-    open=open_board,
-    simulate=simulate_board,
+    noise=NOISE,
     presses=presses,
     classes=(ReskinBoardConfig, BoardRegression, *CLASSES),
     recordings=shipped,

@@ -14,8 +14,6 @@ from tactile_ros.types.config_fields import (
     maybe_array,
     number,
     switch,
-    text_of,
-    whole,
 )
 
 PITCH = 7e-3
@@ -59,42 +57,6 @@ class ReskinBoardConfig:
     def __post_init__(self) -> None:
         """Check values once, at the door."""
         admit(self, CHANNELS)
-
-
-@dataclass(frozen=True)
-class ReskinBoardConnection:
-    """How the board is connected: a serial port that streams float32 t, x, y, z of every chip."""
-
-    port: str = text_of('/dev/ttyACM0', 'serial port; /dev/serial/by-id/... survives replugging')
-    baud: int = whole(115_200, 'baud rate; native USB ignores it', 1200, 12_000_000)
-    temperature_measured: bool = switch(True, 'false: the temperature field holds no measurement')
-    native_usb: bool = switch(
-        True, 'false: a true UART, whose transfer time is taken off the stamps'
-    )
-    clock_rate: float = number(
-        1.0,
-        'seconds of the stamps per second; above 1 for a recording played faster, so that what '
-        'remembers time sees the recorded time',
-        's/s', 1e-3, 1e4,
-    )  # fmt: skip
-    mark_repeats: bool = switch(
-        False, 'mark readings equal to the frame before as stale (fast firmware)'
-    )
-    conversion: float = number(
-        2.10e-3,
-        'time of a conversion, half of which is taken off the stamps; 2.1 ms: firmware with OSR 0 '
-        'and DIG_FILT 2; 0: unknown',
-        's', 0.0, 0.3,
-    )  # fmt: skip
-    step: Array | None = maybe_array(
-        'exact step of Bx, By, Bz at the gain of the firmware, which shows most damaged readings; '
-        'empty: unknown',
-        'T', (CHANNELS,), 1e-9, 1e-3,
-    )  # fmt: skip
-
-    def __post_init__(self) -> None:
-        """Check values once, at the door."""
-        admit(self)
 
 
 def layout(config: ReskinBoardConfig) -> Layout:

@@ -1,25 +1,27 @@
-"""The board on its serial port."""
+"""The board on its serial port, real or simulated: dipoles over the chips that presses move."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.devices.serial_board import ReskinBoard
 from tactile_ros.devices.simulated_serial import ReskinTwin
-from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
+from tactile_ros.enrolment import Programme, Touches, growing_loads, recorded
 from tactile_ros.physics.magnetics import dipole_field, in_chip_axes
-from tactile_ros.sensors.reskin_board.config import PITCH, layout
+from tactile_ros.sensors.reskin_board.config import CHANNELS, PITCH, layout
+from tactile_ros.types import Array
+from tactile_ros.types.config_fields import admit, maybe_array, number, switch, text_of, whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from tactile_ros.devices.timestamps import VirtualClock
     from tactile_ros.enrolment import Truth
-    from tactile_ros.sensors.reskin_board.config import ReskinBoardConfig, ReskinBoardConnection
-    from tactile_ros.types import Array, Recording
+    from tactile_ros.sensors.reskin_board.config import ReskinBoardConfig
+    from tactile_ros.types import Array, Layout, Recording
 
 NOISE = 1e-6  # T
 ABOVE, MOMENT = 4e-3, 1e-3  # m, A m2
@@ -84,48 +86,64 @@ def presses(
     )
 
 
-def demo_signal(config: ReskinBoardConfig, seed: int = 0) -> Callable[[float], Array]:
-    """The readings of `presses` without noise, over time (s), again and again."""
-    return playing(presses(config, seed, noise=0.0))
+@dataclass(frozen=True)
+class ReskinBoardConnection:
+    """How the board is connected: a serial port that streams float32 t, x, y, z of every chip."""
 
-
-def open_board(
-    config: ReskinBoardConfig, connection: ReskinBoardConnection, clock_ns: Callable[[], int]
-) -> ReskinBoard:
-    """Board of `config` at `connection`, with stamps from `clock_ns`; not opened yet."""
-    return ReskinBoard(
-        connection.port,
-        layout(config),
-        baud=connection.baud,
-        temperature_measured=connection.temperature_measured,
-        clock=clock_ns
-        if connection.clock_rate == 1.0
-        else faster(clock_ns, connection.clock_rate),
-        native_usb=connection.native_usb,
-        quantum=connection.step,
-        mark_repeats=connection.mark_repeats,
-        conversion_s=connection.conversion,
+    port: str = text_of('/dev/ttyACM0', 'serial port; /dev/serial/by-id/... survives replugging')
+    baud: int = whole(115_200, 'baud rate; native USB ignores it', 1200, 12_000_000)
+    temperature_measured: bool = switch(True, 'false: the temperature field holds no measurement')
+    native_usb: bool = switch(
+        True, 'false: a true UART, whose transfer time is taken off the stamps'
     )
-
-
-def simulate_board(
-    config: ReskinBoardConfig, connection: ReskinBoardConnection,
-    signal: Callable[[float], Array] | None = None, seed: int = 0,
-    clock: VirtualClock | None = None,
-) -> ReskinTwin:  # fmt: skip
-    """Twin of a board that plays `signal`, or a simple one of its own; not entered yet."""
-    return ReskinTwin(
-        layout(config),
-        demo_signal(config, seed) if signal is None else signal,
-        noise=NOISE if config.noise is None else config.noise,
-        seed=seed,
-        clock=clock,
-        quantum=connection.step,
-        # the twin sends what is there at the moment: nothing converts
-        driver=lambda port, clock_ns: open_board(
-            config, replace(connection, port=port, conversion=0.0), clock_ns
-        ),
+    clock_rate: float = number(
+        1.0,
+        'seconds of the stamps per second; above 1 for a recording played faster, so that what '
+        'remembers time sees the recorded time',
+        's/s', 1e-3, 1e4,
+    )  # fmt: skip
+    mark_repeats: bool = switch(
+        False, 'mark readings equal to the frame before as stale (fast firmware)'
     )
+    conversion: float = number(
+        2.10e-3,
+        'time of a conversion, half of which is taken off the stamps; 2.1 ms: firmware with OSR 0 '
+        'and DIG_FILT 2; 0: unknown',
+        's', 0.0, 0.3,
+    )  # fmt: skip
+    step: Array | None = maybe_array(
+        'exact step of Bx, By, Bz at the gain of the firmware, which shows most damaged readings; '
+        'empty: unknown',
+        'T', (CHANNELS,), 1e-9, 1e-3,
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        """Check values once, at the door."""
+        admit(self)
+
+    def open(self, layout: Layout, clock_ns: Callable[[], int]) -> ReskinBoard:
+        """Driver with stamps from `clock_ns` (ns); not opened yet."""
+        return ReskinBoard(
+            self.port, layout, self.baud, self.native_usb, self.temperature_measured,
+            clock=clock_ns if self.clock_rate == 1.0 else faster(clock_ns, self.clock_rate),
+            quantum=self.step, mark_repeats=self.mark_repeats, conversion_s=self.conversion,
+        )  # fmt: skip
+
+    def simulate(
+        self,
+        layout: Layout,
+        signal: Callable[[float], Array],
+        noise: float | Array,
+        seed: int,
+        clock: VirtualClock | None = None,
+        temperature_c: Callable[[float], Array] | None = None,
+    ) -> ReskinTwin:
+        """Twin on a pseudo-terminal, see `FramedConnection.simulate`; nothing in it converts."""
+
+        def driver(port: str, clock_ns: Callable[[], int]) -> ReskinBoard:
+            return replace(self, port=port, conversion=0.0).open(layout, clock_ns)
+
+        return ReskinTwin(layout, signal, noise, temperature_c, seed, clock, self.step, driver)
 
 
 def faster(clock_ns: Callable[[], int], rate: float) -> Callable[[], int]:

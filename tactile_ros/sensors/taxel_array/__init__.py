@@ -16,7 +16,7 @@ import numpy as np
 from tactile_ros.sensors.registry import SensorSpec
 from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig, grid_positions, layout
 from tactile_ros.sensors.taxel_array.estimation import CLASSES, ESTIMATORS, TaxelRegression
-from tactile_ros.sensors.taxel_array.twin import ARRAY, TaxelArrayConnection, presses
+from tactile_ros.sensors.taxel_array.twin import NOISE, TaxelArrayConnection, presses
 from tactile_ros.types import Outline
 
 SENSOR = SensorSpec(
@@ -29,8 +29,7 @@ SENSOR = SensorSpec(
     layout=layout,
     estimation=TaxelRegression,
     estimator_names=ESTIMATORS,
-    open=ARRAY.open,
-    simulate=ARRAY.simulate,
+    noise=NOISE,
     presses=presses,
     classes=(TaxelArrayConfig, Outline, *CLASSES),
     recordings=dict,

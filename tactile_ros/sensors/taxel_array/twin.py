@@ -13,17 +13,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.devices.connections import DeviceFactory, FramedConnection
+from tactile_ros.devices.connections import FramedConnection
 from tactile_ros.devices.framed_protocol import taxel_matrix
-from tactile_ros.enrolment import Programme, Touches, growing_loads, playing, recorded
+from tactile_ros.enrolment import Programme, Touches, growing_loads, recorded
 from tactile_ros.physics.coverage import part_pressure, symmetry, taxel_points
 from tactile_ros.sensors.taxel_array.config import layout
 from tactile_ros.types import Array, Integers
 from tactile_ros.types.config_fields import whole
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from tactile_ros.devices.framed_protocol import Payload
     from tactile_ros.enrolment import Touches, Truth
     from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
@@ -186,11 +184,6 @@ def presses(
     )
 
 
-def demo_signal(config: TaxelArrayConfig, seed: int = 0) -> Callable[[float], Array]:
-    """The readings of `presses` without noise, over time (s), again and again."""
-    return playing(presses(config, seed, noise=0.0))
-
-
 @dataclass(frozen=True)
 class TaxelArrayConnection(FramedConnection):
     """A microcontroller that scans the matrix and sends packed counts of 10 bits in frames."""
@@ -204,6 +197,3 @@ class TaxelArrayConnection(FramedConnection):
     def scale(self) -> float:
         """Share of the range per count."""
         return 1 / self.full_count
-
-
-ARRAY = DeviceFactory(layout, demo_signal, NOISE)
