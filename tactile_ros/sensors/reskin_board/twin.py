@@ -88,7 +88,7 @@ def presses(
 
 @dataclass(frozen=True)
 class ReskinBoardConnection:
-    """How the board is connected: a serial port that streams float32 t, x, y, z of every chip."""
+    """A serial port on which the board streams float32 t, x, y, z of every chip."""
 
     port: str = text_of('/dev/ttyACM0', 'serial port; /dev/serial/by-id/... survives replugging')
     baud: int = whole(115_200, 'baud rate; native USB ignores it', 1200, 12_000_000)
