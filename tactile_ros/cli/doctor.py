@@ -20,7 +20,7 @@ from argparse import ArgumentTypeError
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -267,10 +267,8 @@ def examine(options: argparse.Namespace) -> list[Finding]:
     given = dict(_pair(text) for text in options.set)
     if options.port is not None:
         given['port'] = options.port
-    parts = _with(given, spec.config(), spec.connection())
-    config, connection = cast('SensorConfig', parts[0]), cast('Connection', parts[1])
+    config, connection = _with(given, spec.config(), spec.connection())
     with ExitStack() as held:
-        device: Device
         if options.simulated:
             twin = held.enter_context(spec.simulate(config, connection, None, options.seed))
             device = twin.device(time.time_ns)
@@ -301,7 +299,7 @@ def _pair(text: str) -> tuple[str, object]:
         raise ValueError(msg) from err
 
 
-def _with(given: dict[str, object], *parts: object) -> list[object]:
+def _with(given: dict[str, object], *parts: object) -> tuple[SensorConfig, Connection]:
     """Dataclasses with the fields that were given."""
     names = [{f.name for f in fields(part)} for part in parts]  # type: ignore[arg-type]
     every = sorted(set().union(*names))
@@ -310,10 +308,10 @@ def _with(given: dict[str, object], *parts: object) -> list[object]:
             f'--set must name one of {", ".join(every)}; received {", ".join(stray)}'
         )
     given = {n: tuple(v) if isinstance(v, list) else v for n, v in given.items()}
-    return [
+    return tuple(  # type: ignore[return-value]
         replace(part, **{n: v for n, v in given.items() if n in own})  # type: ignore[type-var]
         for part, own in zip(parts, names, strict=True)
-    ]
+    )
 
 
 def watch(
