@@ -9,32 +9,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rclpy.action import ActionClient
-from rclpy.node import Node
-from std_srvs.srv import Trigger
 
-from tactile_ros.action import Grasp
 from tactile_ros.control import GraspOutcome, GripConfig, GripPhase
-from tactile_ros.devices.reskin_protocol import encode
 from tactile_ros.hands import load_hand
 from tactile_ros.hands.joints import taking_part
-from tactile_ros.msg import GripState, TactileContacts
-from tactile_ros.nodes import lifecycle
-from tactile_ros.nodes.contact_node import ContactNode
 from tactile_ros.nodes.grip_loop import Decision, GripLoop, StampAge, StepTrigger
-from tactile_ros.nodes.grip_node import GripNode
-from tactile_ros.nodes.lifecycle import qos
-from tactile_ros.nodes.mock_hand_node import MockHand, MockHandNode
-from tactile_ros.nodes.sensor_node import SensorNode
+from tactile_ros.nodes.mock_hand_node import MockHand
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
-    from pathlib import Path
 
-    from conftest import Ros
 
-    from tactile_ros.devices.simulated_serial import SimulatedSerialPort
-    from tactile_ros.types import Recording
+    pass
 
 HANDS = ['allegro_v4', 'allegro_v5', 'allegro_plexus', 'qb_softhand', 'qb_softhand_2m']
 
@@ -59,6 +45,7 @@ class World:
         self.felt = self.told = True
         self.deaf = False  # takes no command
         self.silent: set[int] = set()
+        self.slip = -1  # as the first finger's sensor says
         self.decisions: list[Decision] = []
         self.stage.enable()
 
@@ -86,7 +73,8 @@ class World:
             for i, force in enumerate(self.forces()):
                 if i in self.silent:
                     continue
-                self.stage.take_touch(i, (0.0, 0.0, force), True, -1, self.time_s)
+                said = -1 if i else self.slip
+                self.stage.take_touch(i, (0.0, 0.0, force), True, said, self.time_s)
         made = self.stage.step(self.time_s, int(self.time_s * 1e9))
         if made.command is not None and not self.deaf:
             self.joints.command(made.command.position)
@@ -639,110 +627,40 @@ def test_a_clock_of_stamps_that_jumps_stops_nothing(jump_ns: int) -> None:
     assert since == pytest.approx(0.01)
 
 
-STIFFNESS, CONTACT_AT = 40.0, 0.3  # N per closure; closure
 LEARNT = 72  # pulls that are fitted; the others are unseen
-PERIOD_S = 0.01  # as recorded
-TARE_ROWS = 10
 
 
 @pytest.fixture(scope='module')
-def pulls() -> Recording:
-    return load_sensor('reskin_board').recordings()['slip']
-
-
-@pytest.fixture(scope='module')
-def slip_calibration(pulls: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp('slip') / 'slip.npz'
+def pulls() -> dict[bool, np.ndarray]:
+    """Words of slip in the first unseen pull that slips (True), and in one that holds."""
     sensor = load_sensor('reskin_board')
-    config = dataclasses.replace(sensor.config(), positions=pulls.layout.positions)
-    learnt = np.isin(pulls.stream, np.unique(pulls.stream)[:LEARNT])
-    sensor.pipeline(config, 'ridge').fit(pulls.select(learnt)).save(path)
-    return path
-
-
-def pull_of(pulls: Recording, slips: bool) -> np.ndarray:
-    """Readings of the first unseen pull that slips, or that holds."""
-    for stream in np.unique(pulls.stream)[LEARNT:]:
-        one = pulls.select(pulls.stream == stream)
-        if bool((one.truth['slip'] == 1).any()) == slips:
-            return one.values
-    raise AssertionError(slips)
-
-
-class Finger(Node):
-    """A board that sends a pull, and contacts that go on with the force of a spring."""
-
-    def __init__(self, rows: np.ndarray, hand: MockHandNode, port: SimulatedSerialPort) -> None:
-        super().__init__('finger')
-        self.rows, self.row, self.runs = rows, 0, True
-        self.hand, self.port = hand, port
-        self.contacts: list[TactileContacts] = []
-        self.states: list[GripState] = []
-        self.felt = self.create_publisher(TactileContacts, 'left/contacts', qos())
-        self.create_subscription(TactileContacts, 'contacts', self.hand_on, qos())
-        self.create_subscription(GripState, 'grip_node/state', self.states.append, 10)
-        self.tare = self.create_client(Trigger, 'contact_node/tare')
-        self.grasp = ActionClient(self, Grasp, 'grip_node/grasp')
-        self.create_timer(PERIOD_S, self.send)
-
-    def send(self) -> None:
-        """Bytes of the next row; the last of the tare again until the pull may begin."""
-        self.port.send(encode(self.rows[self.row]))
-        last = len(self.rows) if self.runs else TARE_ROWS
-        self.row = min(self.row + 1, last - 1)
-
-    def hand_on(self, message: TactileContacts) -> None:
-        """Contacts with the force that the recording does not have."""
-        self.contacts.append(message)
-        hand = self.hand._hand
-        closure = hand.fingers['left'].closure_of(self.hand.joints.position[hand.places('left')])
-        message.wrench.force.x = message.wrench.force.y = 0.0
-        message.wrench.force.z = STIFFNESS * max(0.0, closure - CONTACT_AT)
-        self.felt.publish(message)
+    recorded = sensor.recordings()['slip']
+    config = dataclasses.replace(sensor.config(), positions=recorded.layout.positions)
+    streams = np.unique(recorded.stream)
+    learnt = recorded.select(np.isin(recorded.stream, streams[:LEARNT]))
+    pipeline = sensor.pipeline(config, 'ridge').fit(learnt)
+    words: dict[bool, np.ndarray] = {}
+    for stream in streams[LEARNT:]:
+        one = recorded.select(recorded.stream == stream)
+        words.setdefault(bool((one.truth['slip'] == 1).any()), pipeline.process_batch(one).slip)
+    return words
 
 
 @pytest.mark.parametrize('slips', [True, False])
-def test_a_real_slip_raises_the_grip(
-    ros: Ros, pulls: Recording, port: SimulatedSerialPort, slip_calibration: Path, slips: bool
-) -> None:
-    places = ', '.join(f'{place:.6f}' for place in pulls.layout.positions.ravel())
-    ros.init(
-        'hand:=joint_trajectory', 'fingers:=[left]', f'calibration:={slip_calibration}',
-        f'port:={port.port}', f'positions:=[{places}]', 'discard_stale:=false', 'rate_hz:=100.0',
-        'tare_frames:=10', 'allow_tare_in_contact:=true', 'stiffness_high:=41.0',
-        'stale_after:=0.5',
-    )  # fmt: skip
-    nodes = MockHandNode(), SensorNode(), ContactNode(), GripNode()
-    for node in nodes:
-        ros.add(node)
-    mock, grip = nodes[0], nodes[-1]
-    lifecycle.start(list(nodes))
-    port.wait_for_reader()
-    finger = ros.add(Finger(pull_of(pulls, slips), mock, port))
-    finger.runs = False
-    assert ros.until(lambda: finger.row == TARE_ROWS - 1 and not grip.missing)
-    assert ros.call(finger.tare, Trigger.Request()).success
-    assert ros.until(finger.grasp.server_is_ready)
-    sent = finger.grasp.send_goal_async(Grasp.Goal(target_force=2.0, adapt=True))
-    assert ros.until(sent.done)
-    ended = sent.result().get_result_async()
-    assert ros.until(ended.done)
-    assert ended.result().result.outcome == Grasp.Result.HELD
-    before = finger.states[-1]
-    held = mock.joints.position[0]
-    finger.contacts.clear()
-    finger.runs = True
-    assert ros.until(lambda: finger.row == len(finger.rows) - 1)
-    assert ros.until(lambda: len(finger.contacts) >= 0.95 * len(finger.rows))
-    assert any(message.slip == 1 for message in finger.contacts) == slips
-    after = finger.states[-1]
-    assert after.phase == GripPhase.HOLD
-    raised = after.target_force[0] / before.target_force[0]
-    assert (raised > 1.2) == slips
-    assert (after.command[0] > before.command[0] + 0.003) == slips
-    assert (mock.joints.position[0] > held + 0.003) == slips
-    if not slips:
-        assert raised == pytest.approx(1.0)
+def test_grip_rises_at_a_recorded_slip_alone(pulls: dict[bool, np.ndarray], slips: bool) -> None:
+    world = World('joint_trajectory')
+    world.run(0.2)
+    world.stage.grasp(2.0, (), 20.0, adapt=True)
+    assert world.until_end().ended.outcome == GraspOutcome.HELD
+    before = world.decisions[-1]
+    for word in pulls[slips]:
+        world.slip = int(word)
+        after = world.step()
+    assert (pulls[slips] == 1).any() == slips
+    assert after.made.phase == GripPhase.HOLD
+    raised = after.made.target_force[0] / before.made.target_force[0]
+    assert raised > 1.2 if slips else raised == pytest.approx(1.0)
+    assert (after.command.position[0] > before.command.position[0] + 0.003) == slips
 
 
 WALL_NS = 1_700_000_000_000_000_000
