@@ -3,5 +3,5 @@
 transport -> reskin_protocol, framed_protocol -> serial_board: boards on serial ports;
 transport -> mlx90393 -> chip_array: chips on I2C buses. timestamps says when frames were
 taken, fault_flags which taxels cannot be trusted, connections where a sensor is plugged in.
-simulated_serial and simulated_i2c are the twins of both roads, player plays recordings.
+simulated_serial and simulated_i2c are the twins of both roads.
 """

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Literal, TypeVar, get_args
 
 import numpy as np
@@ -19,13 +20,14 @@ from tactile_ros.devices.mlx90393 import (
     Chip,
     ChipPlace,
     ChipSettings,
+    Command,
     CommandRefused,
     Decoder,
     Status,
     Switches,
     refuse_conflicts,
 )
-from tactile_ros.devices.timestamps import CLOCK_RESET_NS, Clock, SystemClock
+from tactile_ros.devices.timestamps import CLOCK_RESET_NS, Clock
 from tactile_ros.devices.transport import I2cBus
 from tactile_ros.errors import DeviceError, DeviceTimeout, NotAcknowledged
 from tactile_ros.types import Bools, Closing, Device, Frame, Layout, TaxelStatus
@@ -77,7 +79,7 @@ class ChipSupervisor:
         """Stop all chips that still answer."""
         for chip in self._chips:
             if not chip.lost and self._burst:
-                self.attempt(chip, chip.exit)
+                self.attempt(chip, partial(chip.command, Command.EXIT))
             chip.lost = True
 
     def attempt(self, chip: Chip, action: Callable[[], T]) -> T | None:
@@ -109,10 +111,8 @@ class ChipSupervisor:
         """Set a chip up again: at once, and after growing pauses then."""
         chip.losses += 1
         pause_s = min(max(2 * chip.pause_s, FIRST_RETRY_S), LONGEST_RETRY_S)
-        if at_once and chip.losses == 1:
-            pause_s = 0.0
-        chip.lost, chip.pause_s = True, pause_s
-        chip.retry_ns = self._clock.now_ns() + round(pause_s * 1e9)
+        chip.pause_s = 0.0 if at_once and chip.losses == 1 else pause_s
+        chip.lost, chip.retry_ns = True, self._clock.now_ns() + round(chip.pause_s * 1e9)
 
     def was_reset(self, chip: Chip, status: int) -> bool:
         """True for a chip that lost its settings; it gets them back before the next frame."""
@@ -125,12 +125,11 @@ class ChipSupervisor:
         """Set up the lost chips whose time has come, all together."""
         now_ns = self._clock.now_ns()
         lost = [chip for chip in self._chips if chip.lost and chip.retry_ns <= now_ns]
-        if not lost:
-            return
-        lost = self._each(lost, lambda chip: chip.bus.open())
-        lost = self._each(lost, Chip.exit, EXIT_WAIT_S)
-        lost = self._each(lost, Chip.reset, RESET_WAIT_S)
-        self._each(lost, self._set_up)
+        if lost:
+            lost = self._each(lost, lambda chip: chip.bus.open())
+            lost = self._each(lost, lambda chip: chip.command(Command.EXIT), EXIT_WAIT_S)
+            lost = self._each(lost, Chip.reset, RESET_WAIT_S)
+            self._each(lost, self._set_up)
 
     def _each(
         self, chips: list[Chip], action: Callable[[Chip], object], wait_s: float = 0.0
@@ -142,21 +141,25 @@ class ChipSupervisor:
             # a bus that failed for one chip is not tried for the next
             if chip.retry_ns > begun_ns:
                 continue
-            if self.attempt(chip, lambda chip=chip: (action(chip),)) is not None:  # type: ignore[misc]
+            if self.attempt(chip, partial(_done, action, chip)) is not None:
                 done.append(chip)
         if done:
             self._clock.sleep(wait_s)
         return done
 
     def _set_up(self, chip: Chip) -> None:
-        """Configure a chip that was just reset, start it in burst mode, and take it back."""
         again = chip.configured
         chip.configure()
         if self._burst:
-            chip.start_burst()
+            chip.command(Command.START_BURST)
         self.counts['reconfigured'] += again
         chip.lost = False
         chip.ready_ns = self._clock.now_ns() + self._wait_ns
+
+
+def _done(action: Callable[[Chip], object], chip: Chip) -> bool:
+    action(chip)
+    return True
 
 
 class ChipArray(Closing, Device):
@@ -167,9 +170,7 @@ class ChipArray(Closing, Device):
     buses : sequence of I2cBus
         Not opened yet; this driver opens and closes them.
     places : sequence of ChipPlace
-        Where the chips are, in the order of the layout's taxels.
-    layout : Layout
-        Of the sensor; 3 channels.
+        In the order of the taxels of the layout, which has 3 channels.
     mode : 'single' or 'burst'
         single: all chips are started, then all are read, so that they measure at nearly the same
         time. burst: chips measure without end, each at its own pace; the fastest.
@@ -177,8 +178,6 @@ class ChipArray(Closing, Device):
         Frames per second, held by waiting; None or NaN: as fast as bus and chips allow.
     clock_ns, clock : callable, Clock
         Gives the stamps (ns); of all waiting.
-    stuck_after, saturation_margin, jump : int, float, float
-        See `ChipFaultDetector`.
     conversion_margin : float
         Share of the nominal conversion time that is waited in addition, for slow oscillators.
     bus_hz : float
@@ -196,21 +195,11 @@ class ChipArray(Closing, Device):
     """
 
     def __init__(
-        self,
-        buses: Sequence[I2cBus],
-        places: Sequence[ChipPlace],
-        layout: Layout,
-        settings: ChipSettings | None = None,
-        mode: Mode = 'single',
-        rate_hz: float | None = None,
-        clock_ns: Callable[[], int] = time.monotonic_ns,
-        clock: Clock | None = None,
-        stuck_after: int = 10,
-        saturation_margin: float = 0.02,
-        jump: float = 0.5,
-        conversion_margin: float = 0.05,
-        bus_hz: float = 0.0,
-    ) -> None:
+        self, buses: Sequence[I2cBus], places: Sequence[ChipPlace], layout: Layout,
+        settings: ChipSettings | None = None, mode: Mode = 'single', rate_hz: float | None = None,
+        clock_ns: Callable[[], int] = time.monotonic_ns, clock: Clock | None = None,
+        conversion_margin: float = 0.05, bus_hz: float = 0.0,
+    ) -> None:  # fmt: skip
         settings = ChipSettings() if settings is None else settings
         _refuse_misfits(buses, places, layout, mode)
         self._burst = mode == 'burst'
@@ -220,7 +209,7 @@ class ChipArray(Closing, Device):
         self._settings = settings
         self._period_ns = round(1e9 / rate_hz) if rate_hz and rate_hz > 0 else 0
         self._clock_ns = clock_ns
-        self._clock = clock = SystemClock() if clock is None else clock
+        self._clock = clock = Clock() if clock is None else clock
         self._conversion_ns = round(settings.conversion_s * 1e9)
         self._wait_ns = round(self._conversion_ns * (1 + conversion_margin))
         self._buses = tuple(buses)
@@ -231,9 +220,7 @@ class ChipArray(Closing, Device):
         self._chips = [Chip(p, buses[p.bus], switches[p.bus], settings) for p in places]
         self._supervisor = ChipSupervisor(self._chips, self._burst, self._wait_ns, clock)
         self._decoder = Decoder(settings, np.zeros(len(places)))
-        self._faults = ChipFaultDetector(
-            len(places), settings.full_scale, saturation_margin, jump, stuck_after
-        )
+        self._faults = ChipFaultDetector(len(places), settings.full_scale)
         self._answers = bytearray(settings.answer_bytes * len(places))
         self._opened = False
         self._sequence = 0
@@ -262,11 +249,8 @@ class ChipArray(Closing, Device):
     def open(self) -> None:
         """Open the buses, reset and configure the chips, and measure once.
 
-        Raises
-        ------
-        DeviceError
-            If a bus is missing or forbidden, or no chip at all answers, twice; chips that are
-            missing among others have ERROR in every frame and are looked for again.
+        A DeviceError says that a bus is missing or forbidden, or that no chip at all answers,
+        twice; chips missing among others have ERROR in every frame and are looked for again.
         """
         try:
             for bus in self._buses:
@@ -302,14 +286,8 @@ class ChipArray(Closing, Device):
         """Measure with all chips; those that could not be read are NaN with ERROR.
 
         `timeout` is the longest wait (s) for chips and buses that fail; a frame that has begun is
-        finished.
-
-        Raises
-        ------
-        DeviceTimeout
-            If no chip could be read in time; says why. The next calls try again.
-        DeviceError
-            If it is not open.
+        finished. A DeviceTimeout says why no chip could be read in time, the next calls try again;
+        a DeviceError that it is not open.
         """
         if not self._opened:
             msg = f'chips on {", ".join(bus.path for bus in self._buses)} are not open'
@@ -331,13 +309,12 @@ class ChipArray(Closing, Device):
             self._clock.sleep(min(FIRST_RETRY_S, remaining))
 
     def _wait_until(self, time_ns: int) -> None:
-        """Let time pass up to an instant."""
         remaining_ns = time_ns - self._clock.now_ns()
         if remaining_ns > 0:
             self._clock.sleep(remaining_ns * 1e-9)
 
     def _measure(self) -> Frame | None:
-        """One frame; None when no chip could be read."""
+        """Measure one frame; None when no chip could be read."""
         if not self._burst:
             for chip in self._chips:
                 self._start(chip)
@@ -351,11 +328,10 @@ class ChipArray(Closing, Device):
         return self._frame(measured) if measured.any() else None
 
     def _start(self, chip: Chip) -> None:
-        """Start one measurement of a chip."""
         chip.ready_ns = 0
         if chip.lost:
             return
-        status = self._supervisor.attempt(chip, chip.start_single)
+        status = self._supervisor.attempt(chip, partial(chip.command, Command.START_SINGLE))
         if status is None or self._supervisor.was_reset(chip, status):
             return
         if status & Status.ERROR:
@@ -374,17 +350,13 @@ class ChipArray(Closing, Device):
             if answer is None or self._supervisor.was_reset(chip, answer[0]):
                 return None
             if not answer[0] & Status.ERROR:
-                self._note(chip, asked_ns)
-                return answer
+                break
             self._supervisor.counts['not_ready'] += 1
             if self._clock.now_ns() >= chip.ready_ns + self._conversion_ns:
                 failure = f'chip {chip.place} does not finish measuring'
                 self._supervisor.fail(chip, 'stalls', failure)
                 return None
             self._clock.sleep(self._conversion_ns * 1e-9 / POLLS_PER_CONVERSION)
-
-    def _note(self, chip: Chip, asked_ns: int) -> None:
-        """Remember when a chip was read, and so when it was measured."""
         chip.losses, chip.pause_s = 0, 0.0
         chip.fresh = asked_ns - chip.read_ns >= self._conversion_ns
         chip.read_ns = asked_ns
@@ -392,9 +364,9 @@ class ChipArray(Closing, Device):
             # a conversion may have begun just before the last reading
             chip.started_ns = asked_ns - self._conversion_ns * 3 // 2
             chip.ready_ns = asked_ns + self._wait_ns
+        return answer
 
     def _frame(self, measured: Bools) -> Frame:
-        """Numbers with flags and a stamp."""
         stamp_ns = self._stamp_ns(measured)
         self._decoder.set_tref(tuple(chip.tref for chip in self._chips))
         _, codes = self._decoder.words(self._answers)
@@ -427,18 +399,17 @@ class ChipArray(Closing, Device):
 def _refuse_misfits(
     buses: Sequence[I2cBus], places: Sequence[ChipPlace], layout: Layout, mode: str
 ) -> None:
-    """Refuse a layout or places that do not fit together."""
+    msg = ''
     if layout.shape != (len(places), 3) or not places:
         msg = (
             f'layout of ChipArray must have {len(places)} taxels, one for each chip, and 3 '
             f'channels; received {layout.shape}'
         )
-        raise ValueError(msg)
-    if max(place.bus for place in places) >= len(buses):
+    elif max(place.bus for place in places) >= len(buses):
         msg = f'places of ChipArray must name one of {len(buses)} buses; received {places}'
-        raise ValueError(msg)
-    if mode not in get_args(Mode):
+    elif mode not in get_args(Mode):
         msg = f'mode of ChipArray must be one of {", ".join(get_args(Mode))}; received {mode!r}'
+    if msg:
         raise ValueError(msg)
     refuse_conflicts(places)
 
@@ -454,12 +425,11 @@ def switch_bits(places: Sequence[ChipPlace]) -> list[int]:
     bits: list[int] = []
     opened: dict[int, ChipPlace] = {}
     for place in (*places, *places):
-        before, writes = opened.get(place.bus), 0
+        before, writes = opened.get(place.bus, place), 0
         if place.mux is not None:
             opened[place.bus] = place
-            closed = before is not None and before.mux != place.mux
-            same = before is not None and not closed and before.channel == place.channel
-            writes = 0 if same else 1 + closed  # another switch is closed first
+            # another switch is closed first
+            writes = 2 if before.mux != place.mux else int(before.channel != place.channel)
         bits.append(writes * exchange_bits(1))
     return bits[len(places) :]
 
@@ -469,22 +439,18 @@ def carried_hz(
 ) -> float:
     """Most frames a second that chips, in the order of reading, and a bus of `bus_hz` carry.
 
-    Notes
-    -----
     By the clocks of every exchange and the nominal conversions. Gaps of the adapter and clock
     stretching come on top, so that only what can never be is refused.
     """
-    switching = switch_bits(places)
-    reading = exchange_bits(1, settings.answer_bytes)
+    switching = np.array(switch_bits(places)) / bus_hz
+    reading = exchange_bits(1, settings.answer_bytes) / bus_hz
     if burst:
-        wire_s = (sum(switching) + len(places) * reading) / bus_hz
+        wire_s = float(switching.sum()) + len(places) * reading
         return 1 / max(wire_s, settings.conversion_s)
-    now_s, ready_s = 0.0, []
-    for bits in switching:
-        now_s += (bits + exchange_bits(1, 1)) / bus_hz
-        ready_s.append(now_s + settings.conversion_s)
-    for bits, ready in zip(switching, ready_s, strict=True):
-        now_s = max(now_s + bits / bus_hz, ready) + reading / bus_hz
+    ready = np.cumsum(switching + exchange_bits(1, 1) / bus_hz) + settings.conversion_s
+    now_s = float(ready[-1]) - settings.conversion_s
+    for switched_s, ready_s in zip(switching.tolist(), ready.tolist(), strict=True):
+        now_s = max(now_s + switched_s, ready_s) + reading
     return 1 / now_s
 
 

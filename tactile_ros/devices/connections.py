@@ -52,30 +52,23 @@ class FramedConnection:
         A ValueError says that port or buses cannot carry the layout's rate, or do not fit its
         taxels.
         """
+        payload, scale = self.payload(layout), self.scale()
         return FramedBoard(
-            self.port, layout, self.payload(layout), self.scale(),
-            baud=self.baud, native_usb=self.native_usb, clock=clock_ns,
-        )  # fmt: skip
+            self.port, layout, payload, scale, self.baud, self.native_usb, clock_ns
+        )
 
     def simulate(
-        self,
-        layout: Layout,
-        signal: Callable[[float], Array],
-        noise: float | Array,
-        seed: int,
-        clock: VirtualClock | None = None,
-        temperature_c: Callable[[float], Array] | None = None,
-    ) -> Twin:
+        self, layout: Layout, signal: Callable[[float], Array], noise: float | Array, seed: int,
+        clock: VirtualClock | None = None, temperature_c: Callable[[float], Array] | None = None,
+    ) -> Twin:  # fmt: skip
         """Twin on a pseudo-terminal or simulated buses, whose paths are not used; not entered yet.
 
         Parameters
         ----------
         signal : callable
             Time (s) -> values, shape (t, c) (unit of the layout).
-        noise : float or ndarray, shape (c,)
-            Standard deviation of a reading (unit of the layout).
-        seed : int
-            Of noise and faults.
+        noise, seed : float or ndarray, shape (c,), int
+            Standard deviation of a reading (unit of the layout); of noise and faults.
         clock : VirtualClock or None
             Of the board or the buses; None: the machine's.
         temperature_c : callable or None
@@ -118,13 +111,9 @@ class ChipConnection(FramedConnection):
     def settings(self) -> ChipSettings:
         """Settings of the chips."""
         return ChipSettings(
-            gain=self.gain,
-            resolution=self.resolution,
-            digital_filter=self.digital_filter,
-            oversampling=self.oversampling,
-            temperature=self.temperature,
+            self.gain, self.resolution, self.digital_filter, self.oversampling, self.temperature,
             hallconf=self.hallconf,
-        )
+        )  # fmt: skip
 
     def places(self, chips: int) -> list[ChipPlace]:
         """Place of each of so many chips; ValueError where the numbers do not fit."""
@@ -138,12 +127,8 @@ class ChipConnection(FramedConnection):
                 f'{", ".join(self.buses)}; received {max(bus)}'
             )
             raise ValueError(msg)
-        return [
-            ChipPlace(addresses[i], bus[i])
-            if mux[i] == DIRECT
-            else ChipPlace(addresses[i], bus[i], mux[i], channel[i])
-            for i in range(chips)
-        ]
+        switched = [(m, c) if m != DIRECT else () for m, c in zip(mux, channel, strict=True)]
+        return [ChipPlace(a, b, *s) for a, b, s in zip(addresses, bus, switched, strict=True)]
 
     def payload(self, layout: Layout) -> Payload:
         """Content of the frames where the chips are behind a serial port."""
@@ -158,41 +143,23 @@ class ChipConnection(FramedConnection):
         if self.transport == 'serial':
             return super().open(layout, clock_ns)
         return ChipArray(
-            [I2cBus(path) for path in self.buses],
-            self.places(layout.shape[0]),
-            layout,
-            self.settings,
-            mode=cast('Mode', self.mode),
-            rate_hz=layout.rate_hz,
-            clock_ns=clock_ns,
+            [I2cBus(path) for path in self.buses], self.places(layout.shape[0]), layout,
+            self.settings, cast('Mode', self.mode), layout.rate_hz, clock_ns,
             bus_hz=self.bus_clock,
-        )
+        )  # fmt: skip
 
     def simulate(
-        self,
-        layout: Layout,
-        signal: Callable[[float], Array],
-        noise: float | Array,
-        seed: int,
-        clock: VirtualClock | None = None,
-        temperature_c: Callable[[float], Array] | None = None,
-    ) -> Twin:
+        self, layout: Layout, signal: Callable[[float], Array], noise: float | Array, seed: int,
+        clock: VirtualClock | None = None, temperature_c: Callable[[float], Array] | None = None,
+    ) -> Twin:  # fmt: skip
         """See `FramedConnection.simulate`; the signal is in chip axes."""
         if self.transport == 'serial':
             return super().simulate(layout, signal, noise, seed, clock, temperature_c)
         return ChipArrayTwin(
-            self.places(layout.shape[0]),
-            layout,
-            signal,
-            temperature_c,
-            settings=self.settings,
-            mode=cast('Mode', self.mode),
-            rate_hz=layout.rate_hz,
-            noise=noise,
-            hertz=self.bus_clock or FASTEST_HZ,
-            clock=clock,
-            seed=seed,
-        )
+            self.places(layout.shape[0]), layout, signal, temperature_c, self.settings,
+            cast('Mode', self.mode), layout.rate_hz, noise,
+            hertz=self.bus_clock or FASTEST_HZ, clock=clock, seed=seed,
+        )  # fmt: skip
 
 
 def _for_each(

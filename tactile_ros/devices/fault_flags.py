@@ -26,18 +26,11 @@ def measured_temperature(chips: Array) -> Array:
 class StuckDetector:
     """Runs of identical readings of t taxels, judged by how often each repeated itself before.
 
-    Parameters
-    ----------
-    stuck_after : int
-        Identical readings in a row before a taxel counts as stuck.
-    stuck_chance, stale_chance : float
-        A taxel is stuck, or its reading stale, where its run of repeats is less probable than
-        that, from the repeats that it had before. Runs of stuck taxels are not learnt.
-    others : float
-        A repeat counts only where at least this share of all taxels changed: a board that is still
-        as a whole says nothing about one taxel.
-    least_changes : int
-        A taxel that has not changed so often yet is not judged: it may rest since the start.
+    A taxel is stuck after `stuck_after` identical readings in a row, or its reading stale, where
+    that run of repeats is less probable than `stuck_chance` or `stale_chance`, from the repeats
+    that it had before. Runs of stuck taxels are not learnt. A repeat counts only where at least
+    the share `others` of all taxels changed: a board that is still as a whole says nothing about
+    one taxel. One that has not changed `least_changes` times yet may rest since the start.
 
     Notes
     -----
@@ -73,16 +66,10 @@ class StuckDetector:
     def follow(
         self, readings: npt.NDArray[Any], measured: Bools | None = None, informative: bool = True
     ) -> Bools:
-        """Take the next readings; the taxels, shape (t,), that repeat their last one.
+        """Take the next readings (t, c), as sent; the taxels (t,) that repeat their last one.
 
-        Parameters
-        ----------
-        readings : ndarray, shape (t, c)
-            As the taxels sent them.
-        measured : ndarray, shape (t,), or None
-            Taxels that were read; None: all.
-        informative : bool
-            Whether a repeat of these readings counts; False at the ends of the range.
+        `measured`, shape (t,), are the taxels that were read; None: all. A repeat counts only
+        where it is `informative`, as it is not at the ends of the range.
         """
         if self._readings is None:
             self._readings = readings.copy()
@@ -135,16 +122,9 @@ class StuckDetector:
 class ChipFaultDetector:
     """Flags of t three-axis chips, each judged by its own readings before.
 
-    Parameters
-    ----------
-    full_scale : ndarray, shape (3,)
-        Field at which the code wraps (T).
-    margin : float
-        Share of the range, at its ends, that counts as saturated.
-    jump : float
-        Largest change from one reading to the next that is trusted, as a share of `full_scale`.
-    stuck_after, stuck_chance : int, float
-        See `StuckDetector`.
+    Codes wrap at `full_scale`, shape (3,) (T); a `margin`, share of the range at its ends, counts
+    as saturated; `jump`, a share of it, is the largest change from one reading to the next that is
+    trusted. For `stuck_after` and `stuck_chance` see `StuckDetector`.
 
     Notes
     -----
@@ -188,15 +168,8 @@ class ChipFaultDetector:
     ) -> Bytes:
         """Bits of `TaxelStatus`, shape (t,), of one frame; 0 for chips that were not read.
 
-        Parameters
-        ----------
-        codes : ndarray, shape (t, 3) or (t, 4)
-            As the chips sent them.
-        values : ndarray, shape (t, 3)
-            The same as fields (T).
-        measured, fresh : ndarray, shape (t,)
-            Chips that were read; those that had time for a new measurement since they were read
-            last.
+        `codes`, shape (t, c), are as the chips sent them, `values`, shape (t, 3), the same as
+        fields (T); `measured` (t,) were read, `fresh` (t,) had time for a new measurement since.
         """
         saturated = (np.abs(values) >= self._limit).any(axis=1)
         wrapped = self._wrapped(values, measured & ~saturated)

@@ -74,47 +74,45 @@ class Payload:
 
     def __post_init__(self) -> None:
         """Refuse what no frame can hold."""
+        most = {Kind.TAXELS: 2**TAXEL_BITS - 1, Kind.WIRES: 0xFFFF}.get(self.kind, 0x7FFF)
+        msg = f'full_count must be 1 to {most}; received {self.full_count}'
         if self.count < 1 or self.size > MOST_BYTES:
             msg = (
                 f'count of a payload must be at least 1 and fill at most {MOST_BYTES} bytes; '
                 f'received {self.count}'
             )
-            raise ValueError(msg)
-        most = {Kind.TAXELS: 2**TAXEL_BITS - 1, Kind.WIRES: 0xFFFF}.get(self.kind, 0x7FFF)
-        if not 1 <= self.full_count <= most:
-            msg = f'full_count must be 1 to {most}; received {self.full_count}'
-            raise ValueError(msg)
+        elif 1 <= self.full_count <= most:
+            return
+        raise ValueError(msg)
+
+    @property
+    def one_converter(self) -> bool:
+        """True where one converter reads all taxels in turn; its counts are never negative."""
+        return self.kind in (Kind.TAXELS, Kind.WIRES)
 
     @property
     def signed(self) -> bool:
         """True where counts may be negative."""
-        return self.kind in (Kind.GRADIOMETER, Kind.CHIPS)
+        return not self.one_converter
 
     @property
     def size(self) -> int:
         """Length (bytes)."""
-        return self.dtype.itemsize
-
-    @cached_property
-    def dtype(self) -> np.dtype[np.void]:
-        """The fields as they lie on the wire, without gaps."""
-        groups_of_four = -(-self.count // 4)
-        shape = (self.count, self.channels)
-        if self.kind == Kind.TAXELS:
-            return np.dtype([('packed', 'u1', (groups_of_four * 5,))])
-        if self.kind == Kind.WIRES:
-            return np.dtype([('counts', '<u2', shape)])
-        if self.kind == Kind.CHIPS:
-            chips = ('chips', '<i2', (self.count, 4))
-            return np.dtype([chips, ('states', 'u1', (groups_of_four,))])
-        return np.dtype([('counts', '<i2', shape), ('temperature', '<i2')])
+        return self.frame['body'].itemsize
 
     @cached_property
     def frame(self) -> np.dtype[np.void]:
-        """A whole frame's fields as they lie on the wire."""
-        head = ('head', 'u1', (HEAD.size,))
-        times = [('sequence', '<u4'), ('time_us', '<u4')]
-        return np.dtype([head, *times, ('body', self.dtype), ('crc', '<u4')])
+        """A whole frame's fields as they lie on the wire, without gaps."""
+        groups_of_four = -(-self.count // 4)
+        shape = (self.count, self.channels)
+        body: dict[Kind, list[tuple[str, str, tuple[int, ...]]]] = {
+            Kind.GRADIOMETER: [('counts', '<i2', shape), ('temperature', '<i2', ())],
+            Kind.TAXELS: [('packed', 'u1', (groups_of_four * 5,))],
+            Kind.WIRES: [('counts', '<u2', shape)],
+            Kind.CHIPS: [('chips', '<i2', (self.count, 4)), ('states', 'u1', (groups_of_four,))],
+        }
+        head = [('head', 'u1', (HEAD.size,)), ('sequence', '<u4'), ('time_us', '<u4')]
+        return np.dtype([*head, ('body', body[self.kind]), ('crc', '<u4')])
 
     @property
     def head(self) -> bytes:
@@ -160,32 +158,21 @@ def frame_bytes(payload: Payload) -> int:
 
 
 def encode(
-    payload: Payload,
-    counts: npt.ArrayLike,
-    sequence: int,
-    time_us: npt.ArrayLike,
-    temperature_c: npt.ArrayLike = np.nan,
-    states: npt.ArrayLike = 0,
-) -> bytes:
-    """Write frames as a board does.
+    payload: Payload, counts: npt.ArrayLike, sequence: int, time_us: npt.ArrayLike,
+    temperature_c: npt.ArrayLike = np.nan, states: npt.ArrayLike = 0,
+) -> bytes:  # fmt: skip
+    """Write frames as a board does; a ValueError refuses another shape.
 
     Parameters
     ----------
     counts : array_like of int, shape (t, c) or (s, t, c)
         Counts of the converter, clipped to its range.
-    sequence : int
-        Of the first frame.
-    time_us : array_like of int, broadcast to (s,)
-        The board's clock (microseconds); both wrap at 2^32.
+    sequence, time_us : int, array_like of int, broadcast to (s,)
+        Of the first frame; the board's clock (microseconds). Both wrap at 2^32.
     temperature_c : array_like, broadcast to (s, t)
         Chip temperature (degrees Celsius), where the kind carries it; NaN: not measured.
     states : array_like of int, broadcast to (s, t)
         Of chips: 0 new reading, 1 the same reading as before, 2 no answer.
-
-    Raises
-    ------
-    ValueError
-        If the shape is neither.
     """
     table = np.asarray(counts, np.int64)
     if table.ndim not in (2, 3) or table.shape[-2:] != (payload.count, payload.channels):
@@ -229,12 +216,9 @@ def _groups_of_four(table: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
 
 def pack_bits(counts: npt.NDArray[np.uint16]) -> Bytes:
     """Inverse of `unpack_bits`: counts (s, t) to bytes (s, 5 n), the last group filled with 0."""
-    four = _groups_of_four(counts & 2**TAXEL_BITS - 1)
-    five = np.zeros((*four.shape[:2], 5), np.uint16)
-    for i in range(4):
-        five[..., i] |= four[..., i] << 2 * i
-        five[..., i + 1] |= four[..., i] >> 8 - 2 * i
-    return five.astype(np.uint8).reshape(len(counts), -1)
+    four = _groups_of_four(counts.astype(np.int64))
+    bits = four[..., None] >> np.arange(TAXEL_BITS) & 1
+    return np.packbits(bits.reshape(len(counts), -1).astype(bool), axis=1, bitorder='little')
 
 
 def unpack_bits(packed: Bytes, count: int) -> npt.NDArray[np.uint16]:
@@ -244,9 +228,8 @@ def unpack_bits(packed: Bytes, count: int) -> npt.NDArray[np.uint16]:
     """
     samples, groups = len(packed), packed.shape[1] // 5
     five = packed.reshape(samples, groups, 5).astype(np.uint16)
-    counts = np.empty((samples, groups, 4), np.uint16)
-    for i in range(4):
-        counts[..., i] = (five[..., i] >> 2 * i) | (five[..., i + 1] << 8 - 2 * i)
+    shifts = np.arange(0, 8, 2, dtype=np.uint16)
+    counts = (five[..., :4] >> shifts) | (five[..., 1:] << 8 - shifts)
     counts &= 2**TAXEL_BITS - 1
     return counts.reshape(samples, 4 * groups)[:, :count]
 
@@ -293,15 +276,9 @@ class FramedCounts:
 class FramedDecoder:
     """Bytes in, frames of `payload` out; the same frames however the bytes are cut.
 
-    Attributes
-    ----------
-    foreign : str
-        The foreign frame that came last since the last `reset`, in words; empty: none.
-    foreign_frames : int
-        Foreign frames since the last good frame.
+    `foreign` is the foreign frame that came last since the last `reset`, in words, empty: none;
+    `foreign_frames` came since the last good frame.
 
-    Notes
-    -----
     Every place where the head of `payload` stands is tried, also inside a frame whose CRC failed,
     so that damage costs no good frame. The bytes between good frames are searched for foreign
     frames apart from that (`_skip`), which never delays a good one. At most one frame, and one
@@ -381,10 +358,9 @@ class FramedDecoder:
 
     def _end_without_head(self, buffer: bytes, place: int) -> int:
         """End of bytes in which no head stands; the beginning of one at their end is kept."""
-        for count in range(min(len(self._head) - 1, len(buffer) - place), 0, -1):
-            if buffer.endswith(self._head[:count]):
-                return len(buffer) - count
-        return len(buffer)
+        most = min(len(self._head) - 1, len(buffer) - place)
+        kept = (count for count in range(most, 0, -1) if buffer.endswith(self._head[:count]))
+        return len(buffer) - next(kept, 0)
 
     def _accept(self, frame: memoryview) -> int | None:
         """Frames lost before a good frame, by its sequence; None for one that came before."""
@@ -449,18 +425,15 @@ class FramedDecoder:
             return None
         if zlib.crc32(memoryview(held)[place : place + total]) != RESIDUE:
             return 0
-        if version != VERSION:
-            self.counts.other_version += 1
-        elif kind != self.payload.kind:
-            self.counts.other_kind += 1
-        else:
-            self.counts.other_length += 1
+        other_version, other_kind = version != VERSION, kind != self.payload.kind
+        self.counts.other_version += other_version
+        self.counts.other_kind += other_kind and not other_version
+        self.counts.other_length += not (other_version or other_kind)
         self.foreign_frames += 1
         self.foreign = f'version {version}, {_describe(kind, count, size)}'
         return total
 
     def _decode(self, rows: npt.NDArray[np.void], lost: list[int]) -> Decoded:
-        """Counts, temperatures and status of whole frames."""
         payload, body = self.payload, rows['body']
         temperature_c = None
         if payload.kind == Kind.TAXELS:
@@ -477,15 +450,13 @@ class FramedDecoder:
         clipped = np.abs(counts) >= payload.full_count
         if np.count_nonzero(clipped):
             status[clipped.any(axis=-1)] = TaxelStatus.SATURATED
-        if temperature_c is not None and payload.kind == Kind.CHIPS:
-            packed = body['states']
-            if np.count_nonzero(packed):
-                states = (packed[..., None] >> _STATE_SHIFTS & 3).reshape(len(packed), -1)
-                states = states[:, : payload.count]
-                failed = states >= _FAILED
-                counts[failed] = np.nan
-                temperature_c[failed] = np.nan
-                status = np.where(failed, _STATE_BITS[_FAILED], status | _STATE_BITS[states])
+        if payload.kind == Kind.CHIPS and np.count_nonzero(body['states']):
+            states = (body['states'][..., None] >> _STATE_SHIFTS & 3).reshape(len(rows), -1)
+            states = states[:, : payload.count]
+            failed = states >= _FAILED
+            counts[failed] = np.nan
+            temperature_c[failed] = np.nan  # type: ignore[index]
+            status = np.where(failed, _STATE_BITS[_FAILED], status | _STATE_BITS[states])
         return Decoded(counts, temperature_c, status, rows['time_us'].tolist(), lost)
 
 

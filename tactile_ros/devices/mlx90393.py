@@ -57,6 +57,9 @@ class Command(IntEnum):
     RESET = 0xF0
 
 
+STARTS = (Command.START_BURST, Command.START_SINGLE)
+
+
 class Status(IntEnum):
     """Bits of the byte that answers every command; the two lowest count answer bytes."""
 
@@ -89,16 +92,10 @@ class RegisterField(NamedTuple):
         return (word & ~self.mask) | (value << self.shift & self.mask)
 
 
-HALLCONF = RegisterField(0x00, 0, 4)
-GAIN_SEL = RegisterField(0x00, 4, 3)
-BURST_DATA_RATE = RegisterField(0x01, 0, 6)
-TCMP_EN = RegisterField(0x01, 10, 1)
-OSR = RegisterField(0x02, 0, 2)
-DIG_FILT = RegisterField(0x02, 2, 3)
-RES_X = RegisterField(0x02, 5, 2)
-RES_Y = RegisterField(0x02, 7, 2)
-RES_Z = RegisterField(0x02, 9, 2)
-OSR2 = RegisterField(0x02, 11, 2)
+HALLCONF, GAIN_SEL = RegisterField(0x00, 0, 4), RegisterField(0x00, 4, 3)
+BURST_DATA_RATE, TCMP_EN = RegisterField(0x01, 0, 6), RegisterField(0x01, 10, 1)
+OSR, DIG_FILT, OSR2 = (RegisterField(0x02, *bits) for bits in ((0, 2), (2, 3), (11, 2)))
+RES_X, RES_Y, RES_Z = (RegisterField(0x02, shift, 2) for shift in (5, 7, 9))
 
 
 @dataclass(frozen=True)
@@ -125,21 +122,21 @@ class ChipSettings:
     def __post_init__(self) -> None:
         """Refuse what the chip cannot do; warn of what it does badly."""
         admit(self)
+        pair = (self.digital_filter, self.oversampling)
+        msg = ''
         if self.hallconf not in TESLA_PER_LSB:
             msg = f'hallconf of ChipSettings must be 0 or 12; received {self.hallconf}'
-            raise ValueError(msg)
-        if self.temperature_compensation and max(self.resolution) > 1:
+        elif self.temperature_compensation and max(self.resolution) > 1:
             msg = (
                 'resolution of ChipSettings must be 0 or 1 with temperature compensation; '
                 f'received {self.resolution}'
             )
-            raise ValueError(msg)
-        pair = (self.digital_filter, self.oversampling)
-        if self.hallconf == 0xC and pair in FORBIDDEN_FILTERS and not self.any_filter:
+        elif self.hallconf == 0xC and pair in FORBIDDEN_FILTERS and not self.any_filter:
             msg = (
                 'digital_filter and oversampling of ChipSettings must not be '
                 f'{" or ".join(map(str, FORBIDDEN_FILTERS))} at HALLCONF 0xC; received {pair}'
             )
+        if msg:
             raise ValueError(msg)
         if self.digital_filter < 2:
             msg = f'digital_filter below 2 is known to give wrong readings; {pair[0]} was chosen'
@@ -192,11 +189,9 @@ class ChipSettings:
 
 
 def conversion_time(
-    oversampling: int,
-    digital_filter: int,
-    magnetic_axes: int = 3,
+    oversampling: int, digital_filter: int, magnetic_axes: int = 3,
     temperature_oversampling: int | None = None,
-) -> float:
+) -> float:  # fmt: skip
     """Nominal time of one measurement (s); oscillators differ by a few percent.
 
     `temperature_oversampling` (OSR2) is None where the temperature is not measured. Reproduces the
@@ -274,18 +269,18 @@ class ChipPlace:
 
     def __post_init__(self) -> None:
         """Refuse places that cannot be."""
+        direct = self.mux is None and self.channel is None
+        msg = ''
         if self.address not in ADDRESSES:
             msg = f'address of ChipPlace must be 0x08 to 0x77; received {self.address:#04x}'
-            raise ValueError(msg)
-        if self.bus < 0:
+        elif self.bus < 0:
             msg = f'bus of ChipPlace must be 0 or more; received {self.bus}'
-            raise ValueError(msg)
-        direct = self.mux is None and self.channel is None
-        if not direct and (self.mux not in MUX_ADDRESSES or self.channel not in CHANNELS):
+        elif not direct and (self.mux not in MUX_ADDRESSES or self.channel not in CHANNELS):
             msg = (
                 'mux and channel of ChipPlace must be 0x70 to 0x77 and 0 to 7, or both None; '
                 f'received {self.mux} and {self.channel}'
             )
+        if msg:
             raise ValueError(msg)
 
     def __str__(self) -> str:
@@ -308,15 +303,13 @@ def refuse_conflicts(places: Sequence[ChipPlace]) -> None:
     Two chips that share a place, or one directly on a bus with the address of one behind a switch
     or of a switch.
     """
-    taken: set[ChipPlace] = set()
-    direct = {(place.bus, place.address) for place in places if place.mux is None}
-    switches = {(place.bus, place.mux) for place in places if place.mux is not None}
-    for place in places:
-        hidden = place.mux is not None and (place.bus, place.address) in direct
-        if place in taken or hidden or (place.bus, place.address) in switches:
+    direct = [(place.bus, place.address) for place in places if place.mux is None]
+    switches = {(place.bus, place.mux) for place in places}
+    for i, place in enumerate(places):
+        wire = (place.bus, place.address)
+        if place in places[:i] or wire in switches or (place.mux is not None and wire in direct):
             msg = f'places of chips must differ; two would answer as {place}'
             raise ValueError(msg)
-        taken.add(place)
 
 
 class Switches:
@@ -345,8 +338,7 @@ class Switches:
         self._write(mux, 1 << channel)
 
     def _write(self, mux: int, mask: int) -> None:
-        """Write a control byte; what is open is unknown until that succeeded."""
-        self._open[mux] = None
+        self._open[mux] = None  # unknown until that succeeded
         self._bus.transfer(mux, bytes((mask,)), 0)
         self._open[mux] = mask
 
@@ -376,53 +368,41 @@ class Chip:
         self.fresh = True  # it had time for a new measurement between the last two readings
         self._settings = settings
         self._read = bytes((Command.READ | settings.axes,))
-        self._single = bytes((Command.START_SINGLE | settings.axes,))
-        self._burst = bytes((Command.START_BURST | settings.axes,))
 
-    def ask(self, command: bytes, count: int) -> bytes:
+    def exchange(self, command: bytes, count: int) -> bytes:
         """Exchange bytes with the chip, through its switch."""
         self.switches.select(self.place)
         return self.bus.transfer(self.place.address, command, count)
 
-    def start_single(self) -> int:
-        """Start one measurement; the status that answers."""
-        return self.ask(self._single, 1)[0]
-
-    def start_burst(self) -> int:
-        """Start measuring without end; the status that answers."""
-        return self.ask(self._burst, 1)[0]
+    def command(self, command: Command) -> int:
+        """Let it START measuring, EXIT whatever it does, or nothing; the status that answers."""
+        axes = self._settings.axes if command in STARTS else 0
+        return self.exchange(bytes((command | axes,)), 1)[0]
 
     def read(self) -> bytes:
         """Status and data of the last measurement."""
-        return self.ask(self._read, self._settings.answer_bytes)
+        return self.exchange(self._read, self._settings.answer_bytes)
 
-    def exit(self) -> int:
-        """End whatever it does, 1 ms has to pass then; the status that answers."""
-        return self.ask(bytes((Command.EXIT,)), 1)[0]
-
-    def reset(self) -> bytes:
+    def reset(self) -> None:
         """Reset it; 2 ms have to pass then. The status is left for `configure` to see."""
-        return self.ask(bytes((Command.RESET,)), 0)
+        self.exchange(bytes((Command.RESET,)), 0)
 
     def configure(self) -> None:
         """Write the settings into a chip that was just reset, verify them and read TREF.
 
-        Raises
-        ------
-        CommandRefused
-            If it was not reset, refuses a command or does not keep what was written.
+        A CommandRefused says that it was not reset, refuses a command or does not keep what was
+        written.
         """
-        status = self.ask(bytes((Command.NOP,)), 1)[0]
+        status = self.command(Command.NOP)
         if not status & Status.RESET:
             msg = f'chip {self.place} was not reset (status {status:#04x}): is it an MLX90393?'
             raise CommandRefused(msg)
-        before: dict[int, int] = {}
-        wanted: dict[int, int] = {}
-        for field, value in self._settings.fields:
-            if field.register not in before:
-                before[field.register] = self._read_register(field.register)
-            word = wanted.get(field.register, before[field.register])
-            wanted[field.register] = field.put(word, value)
+        fields = self._settings.fields
+        before = {register: self._read_register(register) for register in
+                  dict.fromkeys(field.register for field, _ in fields)}  # fmt: skip
+        wanted = dict(before)
+        for field, value in fields:
+            wanted[field.register] = field.put(wanted[field.register], value)
         for register, word in wanted.items():
             if word != before[register]:
                 self._write_register(register, word)
@@ -430,16 +410,15 @@ class Chip:
         self.configured = True
 
     def _read_register(self, register: int) -> int:
-        """Word of a register."""
         command = bytes((Command.READ_REGISTER, register << 2))
-        status, high, low = self.ask(command, 3)
+        status, high, low = self.exchange(command, 3)
         self._check(status, f'read register {register:#04x}')
         return high << 8 | low
 
     def _write_register(self, register: int, word: int) -> None:
         """Write a register and read it back."""
         command = bytes((Command.WRITE_REGISTER, word >> 8, word & 0xFF, register << 2))
-        (status,) = self.ask(command, 1)
+        (status,) = self.exchange(command, 1)
         self._check(status, f'write register {register:#04x}')
         kept = self._read_register(register)
         if kept != word:

@@ -32,7 +32,7 @@ GRID_TOLERANCE = 0.01
 
 SLICE_BYTES = 4096
 LOCK_FRAMES = 3
-PATIENCE = 4  # frames after which a start with odd fields or lost chips serves, without a better
+PATIENCE = 4  # frames after which a start with lost chips serves, without a better
 KEPT = 8  # frames of bytes that are kept while none is found
 
 
@@ -59,19 +59,10 @@ def frame_bytes(chips: int) -> int:
 
 
 def encode(values: npt.ArrayLike, temperature_c: npt.ArrayLike = 25.0) -> bytes:
-    """Write frames as the board does.
+    """Write frames as the board does, of values (t, 3) or (s, t, 3) (T).
 
-    Parameters
-    ----------
-    values : array_like, shape (t, 3) or (s, t, 3)
-        Flux density of every chip (T).
-    temperature_c : array_like, broadcast to (s, t)
-        Chip temperature (degrees Celsius).
-
-    Raises
-    ------
-    ValueError
-        If the shape is neither.
+    `temperature_c` of the chips (degrees Celsius) is broadcast to (s, t). A ValueError refuses
+    another shape.
     """
     table = np.asarray(values, np.float64)
     if table.ndim not in (2, 3) or table.shape[-1] != 3:
@@ -91,9 +82,8 @@ def encode(values: npt.ArrayLike, temperature_c: npt.ArrayLike = 25.0) -> bytes:
 
 def words(rows: Bytes) -> Words:
     """Frames (s, 16 t + 2) as 32-bit patterns of t, x, y, z, shape (s, t, 4)."""
-    samples, size = rows.shape
     payload = np.ascontiguousarray(rows[:, :-2])
-    return payload.view('<u4').reshape(samples, size // CHIP_BYTES, 4)
+    return payload.view('<u4').reshape(len(rows), rows.shape[1] // CHIP_BYTES, 4)
 
 
 def readings(patterns: Words, error: Bools | None = None) -> tuple[Array, Array]:
@@ -107,55 +97,35 @@ def readings(patterns: Words, error: Bools | None = None) -> tuple[Array, Array]
     return fields[..., 1:] / MICROTESLA_PER_TESLA, fields[..., 0]
 
 
-def plausible(patterns: Words, quantum: Array | None = None) -> tuple[Bools, Bools]:
-    """Chips (s, t) whose readings, patterns (s, t, 4), are possible, and those that are natural.
+def plausible(patterns: Words, quantum: Array | None = None) -> Bools:
+    """Chips (s, t) whose readings, patterns (s, t, 4), can be.
 
-    Possible are finite readings with |B| < 150 mT, -40 < t < 125 (0 or at least 1e-6), and on the
-    grid of `quantum`, shape (3,), the step of the chips' readings (T), where it is given. Natural
-    are those of which no field is nonzero below 1 pT.
-
-    Notes
-    -----
-    The patterns are compared as integers, which orders them as the numbers and is silent on NaN.
-    Misaligned frames are seldom natural: CR LF as the upper half of a float32 is 7e-33, and a
-    field with CR or LF as its highest byte (7e-33 .. 4e-31) is not possible either.
+    Those are finite, |B| < 150 mT, -40 < t < 125, 0 or at least 1e-6 uT, and on the grid of
+    `quantum`, shape (3,), the step of the chips' readings (T), where it is given. Patterns are
+    compared as integers, which orders them as the numbers and is silent on NaN. Misaligned frames
+    seldom pass: CR LF as the upper half of a float32 is 7e-33.
     """
     magnitude = patterns & _MAGNITUDE
-    usual = (magnitude - _SMALLEST) < _SPAN
-    usual[..., 0] &= patterns[..., 0] < _COLDEST
-    natural = _every(usual)
-    if quantum is None and natural.all():
-        return natural, natural
-    fits = magnitude < _HIGHEST
+    fits = (magnitude - _SMALLEST) < _SPAN
+    fits |= magnitude == 0
     fits[..., 0] &= patterns[..., 0] < _COLDEST
-    usual |= magnitude == 0
-    natural = _every(fits & usual)
-    # no chip is that near to zero degrees
-    fits[..., 0] &= usual[..., 0]
-    highest = patterns >> np.uint32(24)
-    fits &= (highest != TERMINATOR[0]) & (highest != TERMINATOR[1])
-    possible = _every(fits)
+    passed: Bools = np.logical_and.reduce(fits, axis=-1)
     if quantum is not None:
-        fields = np.where(possible[..., None], patterns[..., 1:], np.uint32(0)).view('<f4')
+        fields = np.where(passed[..., None], patterns[..., 1:], np.uint32(0)).view('<f4')
         steps = fields / (quantum * MICROTESLA_PER_TESLA)
-        possible &= _every(np.abs(steps - np.rint(steps)) <= GRID_TOLERANCE)
-    return possible, possible & natural
+        passed &= (np.abs(steps - np.rint(steps)) <= GRID_TOLERANCE).all(axis=-1)
+    return passed
 
 
-def _every(fields: Bools) -> Bools:
-    chips: Bools = np.logical_and.reduce(fields, axis=-1)
-    return chips
-
-
-def foreign(data: bytes, chips: int) -> str | None:
+def diagnose_stream(data: bytes, chips: int) -> str | None:
     """Sentence on what else a stream of no frames of `chips` chips is; None: not recognised."""
     if len(data) >= CHIP_BYTES and not data.translate(None, TEXT) and b'\n' in data:
-        kind = (
-            'ReSkin firmware, x y z t with tabs'
-            if b'\t' in data
-            else 'AnySkin firmware, t,x,y,z without a separator between chips, so that the '
-            'numbers fuse and cannot be told apart'
-        )
+        kind = 'ReSkin firmware, x y z t with tabs'
+        if b'\t' not in data:
+            kind = (
+                'AnySkin firmware, t,x,y,z without a separator between chips, so that the numbers '
+                'fuse and cannot be told apart'
+            )
         return f'the board prints text ({kind}): load its binary stream firmware'
     other = board_size(data)
     if other not in (None, chips):
@@ -174,7 +144,7 @@ def board_size(data: bytes) -> int | None:
         runs = ends[: -2 * size] & ends[size:-size] & ends[2 * size :]
         for end in np.flatnonzero(runs[size:])[:8] + size:
             rows = stream[end - size : end + 2 * size].reshape(3, size)
-            if plausible(words(rows))[1].all():
+            if plausible(words(rows)).all():
                 return chips
     return None
 
@@ -191,17 +161,16 @@ class _Start(NamedTuple):
 
     needed: int  # bytes of the stream that it takes to see it
     offset: int  # first byte of the first frame to deliver
-    odd: bool = False  # fields that are possible but not natural are part of this stream
     faulty: Bools | None = None  # (t,) chips that are implausible in frames that are good else
 
 
 class _Windows:
     """Windows of a frame's length that end in CR LF: the evidence for where frames begin.
 
-    Evidence that a window is a frame: CR LF at its end, plausible fields, and a start that is
-    verified by the CR LF of the frame before it, or by being one of the offsets `verified`. Chips
-    that are `faulty`, shape (t,), always pass. Starts are taken in the order in which the bytes
-    show them, so that the outcome does not depend on how the bytes were cut.
+    Evidence is also plausible fields, and a start verified by the CR LF of the frame before it or
+    by being one of the offsets `verified`. Chips that are `faulty`, shape (t,), always pass.
+    Starts are taken in the order in which the bytes show them, so that the outcome does not depend
+    on how the bytes were cut.
     """
 
     def __init__(
@@ -214,37 +183,29 @@ class _Windows:
         ends = np.flatnonzero(self._led[size : len(data) + 1])
         windows = data[ends[:, None] + np.arange(size)]
         binary = ~_IS_TEXT[windows].all(axis=1)
-        possible, natural = plausible(words(windows[binary]), quantum)
         self._offsets = ends[binary]
-        self._possible = np.logical_or(possible, faulty)  # (w, t)
-        self._natural = np.logical_or(natural, faulty)
+        self._passed = plausible(words(windows[binary]), quantum) | faulty  # (w, t)
         self._led[verified] = True
 
-    def start(self, length: int, synchronised: bool, odd_before: bool) -> _Start | None:
+    def start(self, length: int, synchronised: bool) -> _Start | None:
         """Earliest start that `length` bytes show; None when there is none yet.
 
-        After frames that were delivered (`synchronised`), some with odd fields (`odd_before`), one
-        frame is enough to go on.
+        After frames that were delivered (`synchronised`) one frame is enough to go on.
         """
         if not len(self._offsets):
             return None
-        starts = self._resume(odd_before) if synchronised else self._lock_on()
-        earliest = int(self._offsets[0]) + PATIENCE * self._size  # that odd fields may be seen
+        starts = self._resume() if synchronised else self._lock_on()
+        earliest = int(self._offsets[0]) + PATIENCE * self._size  # that lost chips may be seen
         if not any(start.needed < earliest for start in starts):
-            starts += self._lock_on_odd()
+            starts += self._lock_on_others()
         seen = [start for start in starts if start.needed <= length]
         return min(seen, key=lambda start: start[:2]) if seen else None
 
-    def _mask(self, passed: Bools) -> Bools:
-        """Mask over the stream of the windows all of whose chips (w, t) pass."""
-        mask = np.zeros(len(self._led), bool)
-        mask[self._offsets[passed.all(axis=1)]] = True
-        return mask
-
     def _lock_on(self) -> list[_Start]:
-        """Three natural frames in a row; start at the first, shortly before, that is verified."""
+        """Three good frames in a row; start at the first, shortly before, that is verified."""
         size, offsets = self._size, self._offsets
-        fits = self._mask(self._natural)
+        fits = np.zeros(len(self._led), bool)
+        fits[offsets] = self._passed.all(axis=1)
         run = offsets[fits[offsets] & fits[offsets + size] & fits[offsets + 2 * size]]
         if not len(run):
             return []
@@ -252,39 +213,25 @@ class _Windows:
         verified = offsets[self._led[offsets] & fits[offsets]]
         return [_Start(needed, int(verified[verified >= needed - KEPT * size][0]))]
 
-    def _resume(self, odd_before: bool) -> list[_Start]:
-        """One natural frame verified at both ends.
+    def _resume(self) -> list[_Start]:
+        """One good frame verified at both ends."""
+        sure = self._offsets[self._led[self._offsets] & self._passed.all(axis=1)]
+        return [_Start(q + self._size, q) for q in sure[:1].tolist()]
 
-        Two in a row do with odd fields, where the stream had such before, or where it only begins
-        to have them and is in step.
-        """
-        size, offsets = self._size, self._offsets
-        sure = offsets[self._led[offsets] & self._natural.all(axis=1)]
-        fits = self._mask(self._possible)
-        odd = offsets[self._led[offsets] & fits[offsets] & fits[offsets + size]]
-        if not odd_before:
-            odd = odd[odd == 0]
-        return [
-            *(_Start(q + size, q) for q in sure[:1].tolist()),
-            *(_Start(q + 2 * size, q, True) for q in odd[:1].tolist()),
-        ]
-
-    def _lock_on_odd(self) -> list[_Start]:
-        """Three frames in which the same few chips are implausible, or fields are odd."""
+    def _lock_on_others(self) -> list[_Start]:
+        """Three frames in which the same few chips are implausible."""
         size, offsets = self._size, self._offsets
         index = np.full(len(self._led), -1)
         index[offsets] = np.arange(len(offsets))
         run = np.stack([index[offsets], index[offsets + size], index[offsets + 2 * size]])
         run = run[:, (run >= 0).all(axis=0)]
-        bad = ~self._possible[run]
+        bad = ~self._passed[run]
         faulty = bad.all(axis=0)
         steady = (bad.any(axis=0) == faulty).all(axis=1)
         few = 2 * faulty.sum(axis=1) < faulty.shape[1]
         for k in np.flatnonzero(steady & few)[:1].tolist():
             q = int(offsets[run[0, k]])
-            odd = bool((~self._natural[run[:, k]] & ~faulty[k]).any())
-            first = q if self._led[q] else q + size
-            return [_Start(q + PATIENCE * size, first, odd, faulty[k])]
+            return [_Start(q + PATIENCE * size, q if self._led[q] else q + size, faulty[k])]
         return []
 
 
@@ -300,22 +247,12 @@ class ReskinCounts:
 
 
 class Decoded(NamedTuple):
-    """Frames of one `feed`, in order.
+    """Frames of one `feed`, in order."""
 
-    Attributes
-    ----------
-    values, temperature_c : ndarray, shapes (s, t, 3) and (s, t)
-        Flux density (T) and chip temperature (degrees Celsius); NaN where `error`.
-    error : ndarray, shape (s, t)
-        Chips that are faulty and implausible in this frame.
-    lost : list of int
-        Frames known lost directly before each.
-    """
-
-    values: Array
-    temperature_c: Array
-    error: Bools
-    lost: list[int]
+    values: Array  # flux density (s, t, 3) (T), NaN where `error`
+    temperature_c: Array  # of the chips (s, t) (degrees Celsius), NaN where `error`
+    error: Bools  # chips (s, t) that are faulty and implausible in this frame
+    lost: list[int]  # frames known lost directly before each
 
 
 class ReskinDecoder:
@@ -324,8 +261,6 @@ class ReskinDecoder:
     `quantum`, shape (3,), is the step of the chips' readings (T), where it is exact: it detects
     most flipped bits.
 
-    Notes
-    -----
     A frame with an implausible chip is not delivered, since the damage may extend further than
     what can be seen. A chip that is implausible in three frames in a row, while most others are
     not, is faulty: those and all later frames are delivered, with NaN and `error` wherever it is
@@ -350,7 +285,6 @@ class ReskinDecoder:
         self._verified_start = True
         self._fault = ''
         self._skipped = 0
-        self._odd = False
         self._faulty = np.zeros(self.chips, bool)
 
     @property
@@ -375,12 +309,10 @@ class ReskinDecoder:
         if len(parts) == 1:
             return parts[0]
         empty = np.empty((0, self.chips, 4))
-        return Decoded(
-            np.concatenate([empty[..., 1:], *(part.values for part in parts)]),
-            np.concatenate([empty[..., 0], *(part.temperature_c for part in parts)]),
-            np.concatenate([empty[..., 0] > 0, *(part.error for part in parts)]),
-            [gap for part in parts for gap in part.lost],
-        )
+        parts.insert(0, Decoded(empty[..., 1:], empty[..., 0], empty[..., 0] > 0, []))
+        *arrays, lost = zip(*parts, strict=True)
+        values, temperature_c, error = map(np.concatenate, arrays)
+        return Decoded(values, temperature_c, error, [gap for gaps in lost for gap in gaps])
 
     def _take(self, parts: list[Decoded]) -> None:
         """Deliver frames from the head of the buffer up to the first bad one."""
@@ -402,14 +334,13 @@ class ReskinDecoder:
     def _deliver(self, rows: Bytes, parts: list[Decoded]) -> int:
         """Decode the rows before the first implausible one; return their count."""
         patterns = words(rows)
-        possible, natural = plausible(patterns, self._quantum)
+        fits = plausible(patterns, self._quantum)
         error = None
-        if not natural.all():
-            passed = np.logical_or(possible if self._odd else natural, self._faulty)
-            good = int(np.append(passed.all(axis=1), False).argmin())
+        if not fits.all():
+            good = int(np.append((fits | self._faulty).all(axis=1), False).argmin())
             if not good:
                 return 0
-            patterns, error = patterns[:good], ~possible[:good]
+            patterns, error = patterns[:good], ~fits[:good]
         count = len(patterns)
         lost = 0
         if self._skipped and self._synchronised:
@@ -432,7 +363,6 @@ class ReskinDecoder:
         if start is None:
             self._skip(len(self._buffer) - first - len(TERMINATOR))
             return False
-        self._odd |= start.odd
         if start.faulty is not None:
             self._faulty |= start.faulty
         self._skip(start.offset)
@@ -441,7 +371,7 @@ class ReskinDecoder:
 
     def _start(self, stream: bytes) -> _Start | None:
         windows = _Windows(stream, self._verified(), self._faulty, self._quantum)
-        return windows.start(len(stream), self._synchronised, self._odd)
+        return windows.start(len(stream), self._synchronised)
 
     def _skip(self, count: int) -> None:
         """Drop bytes from the head of the buffer, if any, and account for them."""

@@ -10,7 +10,7 @@ import math
 import time
 from abc import abstractmethod
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict
 from typing import TypeVar
 
@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from tactile_ros.devices import framed_protocol, reskin_protocol
 from tactile_ros.devices.fault_flags import StuckDetector, measured_temperature
-from tactile_ros.devices.framed_protocol import FramedDecoder, Kind, Payload
+from tactile_ros.devices.framed_protocol import FramedDecoder, Payload
 from tactile_ros.devices.reskin_protocol import ReskinDecoder
 from tactile_ros.devices.timestamps import ArrivalTime, DeviceTime
 from tactile_ros.devices.transport import SerialPort
@@ -62,38 +62,24 @@ class SerialBoard(Closing, Device):
 
     Parameters
     ----------
-    port : str
-        Device path.
-    layout : Layout
-        Of the sensor.
+    port, layout : str, Layout
+        Device path; layout of the sensor.
     decoder : ReskinDecoder or FramedDecoder
         Finds frames in the bytes.
     stuck : StuckDetector
         Of the taxels.
-    baud : int
-        Baud rate.
-    native_usb : bool
-        The port is USB from end to end, where the baud rate means nothing: its capacity is not
-        checked and no time on the wire is taken off the stamps.
+    baud, native_usb : int, bool
+        Baud rate, which means nothing where the port is USB from end to end: its capacity is not
+        checked then and no time on the wire is taken off the stamps. A ValueError says that the
+        port cannot carry the frames at the layout's rate.
     clock : callable
         Gives the stamps (ns).
-
-    Raises
-    ------
-    ValueError
-        If the port cannot carry the frames at the layout's rate.
     """
 
     def __init__(
-        self,
-        port: str,
-        layout: Layout,
-        decoder: ReskinDecoder | FramedDecoder,
-        stuck: StuckDetector,
-        baud: int,
-        native_usb: bool,
-        clock: Callable[[], int],
-    ) -> None:
+        self, port: str, layout: Layout, decoder: ReskinDecoder | FramedDecoder,
+        stuck: StuckDetector, baud: int, native_usb: bool, clock: Callable[[], int],
+    ) -> None:  # fmt: skip
         if not native_usb:
             check_uart(f'frames of {decoder.content}', decoder.size, layout.rate_hz, baud)
         self._layout = layout
@@ -105,11 +91,10 @@ class SerialBoard(Closing, Device):
         self._age_ns = 0 if native_usb else round(decoder.size * BITS_PER_BYTE / baud * 1e9)
         self._frames: deque[Frame] = deque()
         self._sequence = -1
-        self._dropped = 0
-        self._no_temperature = 0  # frames of which every chip says what it cannot have
         self._interrupted = 0
-        self._reconnects = 0
-        self._opened_before = False
+        self._openings = 0
+        # the last: frames of which every chip says what it cannot have
+        self._counts = {'dropped': 0, 'reconnects': 0, 'temperatures_refused': 0}
         self._closed = False
         self._failure = ''
         self._retry_s = 0.0
@@ -125,13 +110,7 @@ class SerialBoard(Closing, Device):
 
         `dropped` has those of the decoder and one at least for each of the `reconnects`.
         """
-        counts = asdict(self._stream.counts)
-        return {
-            **counts,
-            'dropped': self._dropped,
-            'reconnects': self._reconnects,
-            'temperatures_refused': self._no_temperature,
-        }
+        return {**asdict(self._stream.counts), **self._counts}
 
     def __enter__(self: Own) -> Own:
         """Open."""
@@ -145,9 +124,9 @@ class SerialBoard(Closing, Device):
         self._port.open()
         self._closed = False
         self._retry_s = 0.0
-        self._reconnects += self._opened_before
-        self._interrupted += self._opened_before
-        self._opened_before = True
+        self._counts['reconnects'] += self._openings > 0
+        self._interrupted += self._openings > 0
+        self._openings += 1
         self._stream.reset()
         self._stuck.forget()
         self._frozen.forget()
@@ -162,13 +141,9 @@ class SerialBoard(Closing, Device):
     def read(self, timeout: float) -> Frame:
         """Wait at most `timeout` (s) for the next frame, and for the port where it is unplugged.
 
-        Raises
-        ------
-        DeviceTimeout
-            If none came in time; says why. A port that is gone is opened again by the next calls,
-            with growing pauses of at most 0.5 s.
-        DeviceError
-            If what comes is another stream than this board's, or it was closed.
+        A DeviceTimeout says why none came in time: a port that is gone is opened again by the next
+        calls, with growing pauses of at most 0.5 s. A DeviceError says that what comes is another
+        stream than this board's, or that it was closed.
         """
         deadline = time.monotonic() + timeout
         while not self._frames:
@@ -209,25 +184,18 @@ class SerialBoard(Closing, Device):
             if self._port.is_open:
                 return self._port.read(timeout)
         except DeviceError as err:
-            self._failure = str(err)
-            self._retry_at = time.monotonic()
+            self._failure, self._retry_at = str(err), time.monotonic()
             return b''
-        self._reopen(timeout)
-        return b''
-
-    def _reopen(self, timeout: float) -> None:
-        """Try to open the port when its time has come."""
         pause = self._retry_at - time.monotonic()
         if pause > 0:
             time.sleep(min(pause, timeout))
-            if pause > timeout:
-                return
-        try:
-            self.open()
-        except DeviceError as err:
-            self._failure = str(err)
-            self._retry_s = min(max(2 * self._retry_s, FIRST_RETRY_S), LONGEST_RETRY_S)
-            self._retry_at = time.monotonic() + self._retry_s
+        if pause <= timeout:
+            try:
+                self.open()
+            except DeviceError as err:
+                self._retry_s = min(max(2 * self._retry_s, FIRST_RETRY_S), LONGEST_RETRY_S)
+                self._failure, self._retry_at = str(err), time.monotonic() + self._retry_s
+        return b''
 
     def _repeats(self, readings: Array) -> Bytes:
         """Bits (s, t) of chips that repeat themselves, or of all where the board does.
@@ -239,40 +207,32 @@ class SerialBoard(Closing, Device):
         repeats = self._stuck.follow_frames(readings) | self._frozen.follow_frames(whole)
         return np.asarray(repeats | dead, np.uint8)
 
-    def _losses(self, lost: Sequence[int]) -> list[int]:
+    def _losses(self, lost: list[int]) -> list[int]:
         """Frames lost before each frame, those of reconnections included."""
-        first, *others = lost
         interrupted, self._interrupted = self._interrupted, 0
-        return [first + interrupted, *others]
+        return [lost[0] + interrupted, *lost[1:]]
 
     def _queue(
-        self,
-        values: Array,
-        temperature_c: Array | None,
-        status: Bytes,
-        stamp_ns: list[int],
-        lost: list[int],
-        device_ns: list[int] | None = None,
-    ) -> None:
+        self, values: Array, temperature_c: Array | None, status: Bytes, stamp_ns: list[int],
+        lost: list[int], device_ns: list[int] | None = None,
+    ) -> None:  # fmt: skip
         """Number frames, count those lost before each, and queue them."""
         if temperature_c is not None:
             missing = np.isnan(temperature_c).all(axis=-1)
             temperature_c = measured_temperature(temperature_c)
             refused = np.isnan(temperature_c).all(axis=-1) & ~missing
-            self._no_temperature += int(np.count_nonzero(refused))
+            self._counts['temperatures_refused'] += int(np.count_nonzero(refused))
         marked = np.any(status, axis=1)
         for i, gap in enumerate(lost):
-            self._dropped += gap
+            self._counts['dropped'] += gap
             self._sequence += 1 + gap
             frame = Frame(
-                stamp_ns=stamp_ns[i],
-                sequence=self._sequence,
-                values=values[i],
+                stamp_ns[i], self._sequence, values[i],
                 temperature_c=None if temperature_c is None else temperature_c[i],
                 status=status[i] if marked[i] else None,
                 device_time_ns=0 if device_ns is None else device_ns[i],
-                dropped=self._dropped,
-            )
+                dropped=self._counts['dropped'],
+            )  # fmt: skip
             self._frames.append(frame)
 
 
@@ -305,17 +265,11 @@ class ReskinBoard(SerialBoard):
     """
 
     def __init__(
-        self,
-        port: str,
-        layout: Layout,
-        baud: int = 115200,
-        native_usb: bool = True,
-        temperature_measured: bool = True,
-        clock: Callable[[], int] = time.monotonic_ns,
-        quantum: npt.ArrayLike | None = None,
-        mark_repeats: bool = False,
+        self, port: str, layout: Layout, baud: int = 115200, native_usb: bool = True,
+        temperature_measured: bool = True, clock: Callable[[], int] = time.monotonic_ns,
+        quantum: npt.ArrayLike | None = None, mark_repeats: bool = False,
         conversion_s: float = 0.0,
-    ) -> None:
+    ) -> None:  # fmt: skip
         taxels, channels = layout.shape
         if channels != 3:
             msg = f'layout of a ReSkin board must have 3 channels; received {channels}'
@@ -350,7 +304,6 @@ class ReskinBoard(SerialBoard):
         self._queue(decoded.values, temperature_c, self._status(decoded), stamp_ns, lost)
 
     def _status(self, decoded: reskin_protocol.Decoded) -> Bytes:
-        """Bits of every chip in every frame."""
         status = self._repeats(decoded.values)
         status[decoded.error] |= np.uint8(TaxelStatus.ERROR)
         clipped = (np.abs(decoded.values) >= self._layout.saturation).any(axis=-1)
@@ -363,16 +316,14 @@ class ReskinBoard(SerialBoard):
         return status
 
     def _silence(self, timeout: float) -> DeviceError:
-        port, pending = self._port.port, self._decoder.pending
-        chips = self._layout.shape[0]
+        port, pending, chips = self._port.port, self._decoder.pending, self._layout.shape[0]
         if self._decoder.locked or not pending:
             return DeviceTimeout(f'no frame came from {port} within {timeout:g} s')
-        foreign = reskin_protocol.foreign(pending, chips)
+        foreign = reskin_protocol.diagnose_stream(pending, chips)
         if foreign is not None:
             return DeviceError(f'{port}: {foreign}')
-        return DeviceTimeout(
-            f'bytes come from {port}, but no frame of {chips} chips within {timeout:g} s'
-        )
+        why = f'bytes come from {port}, but no frame of {chips} chips within {timeout:g} s'
+        return DeviceTimeout(why)
 
 
 class FramedBoard(SerialBoard):
@@ -399,29 +350,21 @@ class FramedBoard(SerialBoard):
     """
 
     def __init__(
-        self,
-        port: str,
-        layout: Layout,
-        payload: Payload,
-        scale: npt.ArrayLike,
-        baud: int = 115200,
-        native_usb: bool = False,
+        self, port: str, layout: Layout, payload: Payload, scale: npt.ArrayLike,
+        baud: int = 115200, native_usb: bool = False,
         clock: Callable[[], int] = time.monotonic_ns,
-    ) -> None:
-        if layout.shape != (payload.count, payload.channels):
-            want = (payload.count, payload.channels)
+    ) -> None:  # fmt: skip
+        want = (payload.count, payload.channels)
+        if layout.shape != want:
             msg = f'layout of {payload} must have shape {want}; received {layout.shape}'
             raise ValueError(msg)
         if not np.isfinite(np.asarray(scale, np.float64)).all():
             msg = f'scale must be finite; received {scale!r}'
             raise ValueError(msg)
         self._decoder = FramedDecoder(payload)
-        self._one_converter = payload.kind in (Kind.TAXELS, Kind.WIRES)
-        stuck = (
-            StuckDetector(1, least_changes=LIVELY)
-            if self._one_converter
-            else StuckDetector(payload.count, others=OTHERS)
-        )
+        stuck = StuckDetector(payload.count, others=OTHERS)
+        if payload.one_converter:
+            stuck = StuckDetector(1, least_changes=LIVELY)
         super().__init__(port, layout, self._decoder, stuck, baud, native_usb, clock)
         self._scale = np.broadcast_to(np.asarray(scale, np.float64), layout.shape).copy()
         rate_hz = layout.rate_hz
@@ -433,13 +376,9 @@ class FramedBoard(SerialBoard):
 
     def counters(self) -> dict[str, int]:
         """See `SerialBoard.counters`; also jumps of the clock, and readings by their mark."""
-        return {
-            **super().counters(),
-            'clock_jumps': self._time.clock_jumps,
-            'clock_steps': self._time.clock_steps,
-            'stalls': self._time.stalls,
-            **self._marked,
-        }
+        jumps, steps, stalls = self._time.clock_jumps, self._time.clock_steps, self._time.stalls
+        clock = {'clock_jumps': jumps, 'clock_steps': steps, 'stalls': stalls}
+        return {**super().counters(), **clock, **self._marked}
 
     def _restart(self) -> None:
         self._time.restart()
@@ -463,10 +402,9 @@ class FramedBoard(SerialBoard):
         self._queue(values, decoded.temperature_c, status, times.stamp_ns, lost, times.device_ns)
 
     def _status(self, decoded: framed_protocol.Decoded, repeated: list[bool]) -> Bytes:
-        """Bits of every taxel in every frame, those of repeated samples included."""
-        counts = decoded.counts
-        if self._one_converter:
-            inside = (counts > 0) & (counts < self._decoder.payload.full_count)
+        counts, payload = decoded.counts, self._decoder.payload
+        if payload.one_converter:
+            inside = (counts > 0) & (counts < payload.full_count)
             together = counts.reshape(len(counts), 1, -1)
             still = self._stuck.follow_frames(together, np.any(inside, axis=(1, 2)))
         else:
@@ -481,7 +419,6 @@ class FramedBoard(SerialBoard):
         return status
 
     def _foreign(self) -> str:
-        """Sentence on the frames that come and those expected."""
         return (
             f'{self._port.port}: the stream carries frames of {self._decoder.foreign}, not of '
             f'version {framed_protocol.VERSION}, {self._decoder.payload}: set the sensor and its '
@@ -489,12 +426,9 @@ class FramedBoard(SerialBoard):
         )
 
     def _silence(self, timeout: float) -> DeviceTimeout:
-        port = self._port.port
+        port, why = self._port.port, 'no frame came from {}'
         if self._decoder.foreign_frames:
             return DeviceTimeout(self._foreign())
         if self._bytes_came and not self._decoder.synchronised:
-            return DeviceTimeout(
-                f'bytes come from {port}, but no frame of {self._decoder.payload} '
-                f'within {timeout:g} s'
-            )
-        return DeviceTimeout(f'no frame came from {port} within {timeout:g} s')
+            why = f'bytes come from {{}}, but no frame of {self._decoder.payload}'
+        return DeviceTimeout(f'{why.format(port)} within {timeout:g} s')

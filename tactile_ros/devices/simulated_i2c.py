@@ -7,6 +7,7 @@ import errno
 import os
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy.typing as npt
 from tactile_ros.devices import mlx90393 as mlx
 from tactile_ros.devices.chip_array import BITS_PER_BYTE, ChipArray, Mode
 from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings, Command, Status
-from tactile_ros.devices.timestamps import Clock, LeadingClock, SystemClock, VirtualClock
+from tactile_ros.devices.timestamps import Clock, LeadingClock, VirtualClock
 from tactile_ros.devices.transport import I2cBus
 from tactile_ros.types import Array, Closing, Layout
 
@@ -45,33 +46,16 @@ def _ignore(fault: str) -> None:
 class SimulatedChip:
     """One MLX90393: registers, modes, conversions, status byte and faults.
 
-    Parameters
-    ----------
-    sample : callable
-        Time (ns) -> flux density, shape (3,) (T), and temperature (degrees Celsius) at the chip.
-    rng : numpy.random.Generator
-        Of its noise, its oscillator and its thermometer's reference.
-    noise : ndarray, shape (3,)
-        Standard deviation of x, y, z (T).
-    tolerance : float
-        Largest share by which its oscillator is wrong.
-    on_fault : callable
-        Receives the name of each fault that happens.
-
-    Attributes
-    ----------
-    pending : dict of str to int
-        Faults of `CHIP_FAULTS` that wait for its next commands.
+    `sample` gives flux density (3,) (T) and temperature (degrees Celsius) at a time (ns); `rng`
+    draws the noise, whose standard deviation is `noise` (3,) (T), the thermometer's reference and
+    the oscillator, wrong by the share `tolerance` at most. `on_fault` receives the name of each
+    fault that happens; `pending` counts those of `CHIP_FAULTS` that wait for its next commands.
     """
 
     def __init__(
-        self,
-        sample: Callable[[int], tuple[Array, float]],
-        rng: np.random.Generator,
-        noise: Array,
-        tolerance: float = 0.03,
-        on_fault: Callable[[str], None] = _ignore,
-    ) -> None:
+        self, sample: Callable[[int], tuple[Array, float]], rng: np.random.Generator, noise: Array,
+        tolerance: float = 0.03, on_fault: Callable[[str], None] = _ignore,
+    ) -> None:  # fmt: skip
         self.pending = dict.fromkeys(CHIP_FAULTS, 0)
         self._sample = sample
         self._rng = rng
@@ -104,14 +88,13 @@ class SimulatedChip:
     def write(self, data: bytes, now_ns: int) -> None:
         """Take a command; its answer waits to be read."""
         opcode, low = data[0] & 0xF0, data[0] & 0x0F
-        if opcode in MEASURING and self.registers != self._stored and self._suffers('brown_out'):
-            self.power_up(now_ns - POWER_ON_NS)
-        running = self._began_ns < NEVER_NS and self.registers != self._stored
-        if opcode in MEASURING and running and self._suffers('stall'):
-            self._began_ns = NEVER_NS
-        body = b''
-        fine = True
-        if opcode in (Command.START_BURST, Command.START_SINGLE):
+        if opcode in MEASURING and self.registers != self._stored:
+            if self._suffers('brown_out'):
+                self.power_up(now_ns - POWER_ON_NS)
+            elif self._began_ns < NEVER_NS and self._suffers('stall'):
+                self._began_ns = NEVER_NS
+        fine, body = True, b''
+        if opcode in mlx.STARTS:
             fine = self._start(opcode, low, now_ns)
         elif opcode == Command.READ:
             fine, body = self._read(low, now_ns)
@@ -220,21 +203,6 @@ class SimulatedChip:
         self._full_scale = mlx.FULL_SCALE_LSB[list(resolution)].astype(np.float64)
 
 
-class SimulatedMux:
-    """A TCA9548A: one byte, whose bits open channels."""
-
-    def __init__(self) -> None:
-        self.mask = 0
-
-    def write(self, data: bytes, now_ns: int) -> None:
-        """Open the channels of the last byte, at once."""
-        self.mask = data[-1] if data else self.mask
-
-    def read(self, count: int) -> bytes:
-        """Channels that are open."""
-        return bytes((self.mask,)) * count
-
-
 class SimulatedI2cBus:
     """A bus that stands in for `smbus2.SMBus`: `i2c_rdwr` on real messages.
 
@@ -243,7 +211,7 @@ class SimulatedI2cBus:
     clock : Clock
         Passes while bytes are on the wire.
     chips : mapping of ChipPlace to SimulatedChip
-        All on this bus.
+        All on this bus, and with them their switches (TCA9548A).
     hertz, timeout_s : float
         Clock of the bus (Hz); how long the adapter holds a transfer on a stuck bus (s).
     on_transfer, on_fault : callable
@@ -256,20 +224,16 @@ class SimulatedI2cBus:
     """
 
     def __init__(
-        self,
-        clock: Clock,
-        chips: Mapping[ChipPlace, SimulatedChip],
-        hertz: float = 400e3,
-        timeout_s: float = 0.02,
-        on_transfer: Callable[[], None] = lambda: None,
+        self, clock: Clock, chips: Mapping[ChipPlace, SimulatedChip], hertz: float = 400e3,
+        timeout_s: float = 0.02, on_transfer: Callable[[], None] = lambda: None,
         on_fault: Callable[[str], None] = _ignore,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._clock = clock
         self._chips = dict(chips)
         self._at: dict[int, list[tuple[ChipPlace, SimulatedChip]]] = {}
         for place, chip in chips.items():
             self._at.setdefault(place.address, []).append((place, chip))
-        self._muxes = {p.mux: SimulatedMux() for p in chips if p.mux is not None}
+        self._open = {p.mux: 0 for p in chips if p.mux is not None}  # channels, a bit each
         self._bit_s = 1 / hertz
         self._timeout_s = timeout_s
         self._on_transfer = on_transfer
@@ -284,8 +248,7 @@ class SimulatedI2cBus:
 
     def power_down(self, now_ns: int) -> None:
         """Take the supply of everything away and give it back."""
-        for mux in self._muxes.values():
-            mux.mask = 0
+        self._open = dict.fromkeys(self._open, 0)
         for chip in self._chips.values():
             chip.power_up(now_ns)
 
@@ -311,21 +274,20 @@ class SimulatedI2cBus:
             for message in messages:
                 bits += 1 + BITS_PER_BYTE
                 listeners = self._listeners(message.addr, now_ns + round(bits * self._bit_s * 1e9))
-                if not listeners:
+                if not listeners and message.addr not in self._open:
                     raise OSError(errno.EREMOTEIO, os.strerror(errno.EREMOTEIO))
                 bits += BITS_PER_BYTE * message.len
-                _carry(message, listeners, now_ns + round(bits * self._bit_s * 1e9))
+                self._carry(message, listeners, now_ns + round(bits * self._bit_s * 1e9))
         finally:
             self.busy_s += bits * self._bit_s
             self._clock.sleep(bits * self._bit_s)
 
-    def _listeners(self, address: int, now_ns: int) -> list[SimulatedMux | SimulatedChip]:
-        """Chips and switches that acknowledge an address now."""
-        listeners: list[SimulatedMux | SimulatedChip] = []
-        if address in self._muxes:
-            listeners.append(self._muxes[address])
+    def _listeners(self, address: int, now_ns: int) -> list[SimulatedChip]:
+        """Chips that acknowledge an address now."""
+        listeners: list[SimulatedChip] = []
         for place, chip in self._at.get(address, ()):
-            if not self._is_open(place):
+            mux, channel = place.mux, place.channel
+            if mux is not None and channel is not None and not self._open[mux] >> channel & 1:
                 continue
             if self.silent.get(place, 0):
                 self.silent[place] -= 1
@@ -334,25 +296,19 @@ class SimulatedI2cBus:
                 listeners.append(chip)
         return listeners
 
-    def _is_open(self, place: ChipPlace) -> bool:
-        """True while the channel of a place is open."""
-        if place.mux is None or place.channel is None:
-            return True
-        return bool(self._muxes[place.mux].mask >> place.channel & 1)
-
-
-def _carry(
-    message: I2cMessage, listeners: list[SimulatedMux | SimulatedChip], now_ns: int
-) -> None:
-    """One message of a transaction, between the master and all that listen."""
-    if not message.flags & READING:
-        for listener in listeners:
-            listener.write(bytes(message), now_ns)
-        return
-    wires = listeners[0].read(message.len)
-    for listener in listeners[1:]:
-        wires = bytes(a & b for a, b in zip(wires, listener.read(message.len), strict=True))
-    ctypes.memmove(message.buf, wires, message.len)
+    def _carry(self, message: I2cMessage, listeners: list[SimulatedChip], now_ns: int) -> None:
+        """Carry one message between the master and all that listen."""
+        mux, data = self._open.get(message.addr), bytes(message)
+        if not message.flags & READING:
+            if mux is not None and data:
+                self._open[message.addr] = data[-1]
+            for chip in listeners:
+                chip.write(data, now_ns)
+            return
+        answers = [chip.read(message.len) for chip in listeners]
+        answers += [] if mux is None else [bytes((mux,)) * message.len]
+        wires = np.bitwise_and.reduce([np.frombuffer(answer, np.uint8) for answer in answers])
+        ctypes.memmove(message.buf, wires.tobytes(), message.len)
 
 
 class ChipArrayTwin(Closing):
@@ -368,10 +324,8 @@ class ChipArrayTwin(Closing):
         Time (s) -> chip temperatures, shape (t,) (degrees Celsius); None: 25.
     noise : float or array_like, shape (3,)
         Standard deviation of a reading (T).
-    tolerance : float
-        Largest share by which the chips' oscillators are wrong.
-    hertz : float
-        Clock of the buses (Hz).
+    tolerance, hertz : float
+        Largest share by which the chips' oscillators are wrong; clock of the buses (Hz).
     signal_step_s : float
         The signal is asked for at multiples of this (s), once for all chips.
     clock : Clock or None
@@ -391,33 +345,23 @@ class ChipArrayTwin(Closing):
     faults = BUS_FAULTS + CHIP_FAULTS
 
     def __init__(
-        self,
-        places: Sequence[ChipPlace],
-        layout: Layout,
-        signal: Callable[[float], Array],
+        self, places: Sequence[ChipPlace], layout: Layout, signal: Callable[[float], Array],
         temperature_c: Callable[[float], Array] | None = None,
-        settings: ChipSettings | None = None,
-        mode: Mode = 'single',
-        rate_hz: float | None = None,
-        noise: npt.ArrayLike = 5e-6,
-        tolerance: float = 0.03,
-        hertz: float = 400e3,
-        signal_step_s: float = 1e-3,
-        clock: Clock | None = None,
-        seed: int = 0,
-    ) -> None:
+        settings: ChipSettings | None = None, mode: Mode = 'single', rate_hz: float | None = None,
+        noise: npt.ArrayLike = 5e-6, tolerance: float = 0.03, hertz: float = 400e3,
+        signal_step_s: float = 1e-3, clock: Clock | None = None, seed: int = 0,
+    ) -> None:  # fmt: skip
         self.injected = dict.fromkeys(self.faults, 0)
         virtual = isinstance(clock, VirtualClock)
-        self._clock: Clock = LeadingClock(clock or SystemClock(), 0.0 if virtual else 1e-3)
+        self._clock: Clock = LeadingClock(clock or Clock(), 0.0 if virtual else 1e-3)
         self._start_ns = self._clock.now_ns()
         self._places = list(places)
-        self._layout = layout
         self._signal = signal
         self._temperature_c = temperature_c
-        self._settings = settings
-        self._mode: Mode = mode
-        self._rate_hz = rate_hz
-        self._hertz = hertz
+        self._driver = partial(
+            ChipArray, places=places, layout=layout, settings=settings, mode=mode,
+            rate_hz=rate_hz, clock=self._clock, bus_hz=hertz,
+        )  # fmt: skip
         self._step_s = signal_step_s
         self._waiting: deque[tuple[str, int, int]] = deque()
         self._held: tuple[int, Array, Array] | None = None
@@ -442,11 +386,8 @@ class ChipArrayTwin(Closing):
 
     def device(self, clock_ns: Callable[[], int]) -> ChipArray:
         """The real driver on this twin's buses, stamped by `clock_ns`; not yet entered."""
-        return ChipArray(
-            [I2cBus(f'simulated-{i}', smbus=bus) for i, bus in enumerate(self.buses)],
-            self._places, self._layout, self._settings, self._mode, self._rate_hz,
-            clock_ns=clock_ns, clock=self._clock, bus_hz=self._hertz,
-        )  # fmt: skip
+        buses = [I2cBus(f'simulated-{i}', smbus=bus) for i, bus in enumerate(self.buses)]
+        return self._driver(buses, clock_ns=clock_ns)
 
     def __enter__(self) -> ChipArrayTwin:
         """Begin: the signal's time is 0 now."""
@@ -484,7 +425,11 @@ class ChipArrayTwin(Closing):
             place, chip = self._places[victim], self._chips[victim]
             bus = self.buses[place.bus]
             if fault == RELIEF:
-                self._withdraw()
+                for one in self.buses:
+                    one.stuck = 0
+                    one.silent.clear()
+                for other in self._chips:
+                    other.pending = dict.fromkeys(CHIP_FAULTS, 0)
             elif fault == 'stuck_bus':
                 bus.stuck += count
             elif fault == 'unplug':
@@ -496,14 +441,6 @@ class ChipArrayTwin(Closing):
                 bus.silent[place] = bus.silent.get(place, 0) + count
             else:
                 chip.pending[fault] += count
-
-    def _withdraw(self) -> None:
-        """Forget faults that were handed out and have not happened."""
-        for bus in self.buses:
-            bus.stuck = 0
-            bus.silent.clear()
-        for chip in self._chips:
-            chip.pending = dict.fromkeys(CHIP_FAULTS, 0)
 
     def _sample(self, chip: int, time_ns: int) -> tuple[Array, float]:
         """Flux density, shape (3,) (T), and temperature (degrees Celsius) at a chip."""

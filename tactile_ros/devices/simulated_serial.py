@@ -16,11 +16,11 @@ import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.devices import framed_protocol, reskin_protocol
-from tactile_ros.devices.framed_protocol import Kind, Payload
+from tactile_ros.devices.framed_protocol import Payload
 from tactile_ros.devices.serial_board import FramedBoard, ReskinBoard
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.errors import DeviceError, DeviceTimeout
-from tactile_ros.types import Array, Closing, Device, Layout
+from tactile_ros.types import Array, Closing, Device, Integers, Layout
 
 Own = TypeVar('Own', bound='SerialTwin')
 
@@ -39,18 +39,11 @@ NAN_BYTES = b'\x00\x00\xc0\x7f'
 
 
 def damage(frame: bytes, kind: str, rng: np.random.Generator) -> bytes:
-    """Damage the bytes of one frame by one of `BYTE_FAULTS`.
+    """Damage the bytes of one frame, at least two, by one of `BYTE_FAULTS`.
 
-    Parameters
-    ----------
-    frame : bytes
-        At least two bytes.
-    kind : str
-        dropped: 1 to 4 bytes in a row; doubled: one byte; flipped: one bit; garbage: 1 to 16 bytes
-        overwritten; inserted: 1 to 16 foreign bytes; truncated: the tail from anywhere on;
-        shifted: one byte lost and another doubled, the length kept.
-    rng : Generator
-        Of the place, the count and the bytes.
+    dropped: 1 to 4 bytes in a row; doubled: one byte; flipped: one bit; garbage: 1 to 16 bytes
+    overwritten; inserted: 1 to 16 foreign bytes; truncated: the tail from anywhere on; shifted:
+    one byte lost and another doubled, the length kept. `rng` draws place, count and bytes.
     """
     here, there = (int(place) for place in np.sort(rng.integers(len(frame), size=2)))
     run = rng.bytes(int(rng.integers(1, LONGEST_RUN + 1)))
@@ -133,12 +126,8 @@ class SimulatedSerialPort(Closing):
     def send(self, data: bytes, timeout: float | None = None) -> None:
         """Write bytes as the board would; return when the port has taken them.
 
-        Raises
-        ------
-        DeviceTimeout
-            If nobody reads within `timeout` (s), or the port's own patience: the rest is lost.
-        DeviceError
-            If the port is unplugged.
+        A DeviceTimeout says that nobody reads within `timeout` (s), or the port's own patience:
+        the rest is lost. A DeviceError says that the port is unplugged.
         """
         deadline = time.monotonic() + (self._patience_s if timeout is None else timeout)
         while data:
@@ -162,6 +151,45 @@ class SimulatedSerialPort(Closing):
                 return os.write(self._master, data)
             except BlockingIOError:
                 return 0
+
+
+class Player:
+    """Rows of a recording as a ReSkin board's bytes, as fast as recorded or faster.
+
+    `send` returns when the bytes of a row are taken, `speed_up` is recorded over played time,
+    `period_s` the played time before rows that have no stamp before them (s), `sent` the count of
+    frames written so far. Nothing is sent between calls of `play`: a caller may tare or wait for
+    answers between touches.
+    """
+
+    def __init__(
+        self, send: Callable[[bytes], object], speed_up: float = 1.0, period_s: float = 0.0025
+    ) -> None:
+        if not speed_up > 0:
+            msg = f'speed_up must be above 0; received {speed_up}'
+            raise ValueError(msg)
+        self.sent = 0
+        self._send = send
+        self._speed_up = speed_up
+        self._period_s = period_s
+        self._due = time.monotonic()
+
+    def play(self, values: npt.ArrayLike, stamp_ns: Integers | None = None) -> None:
+        """Send rows (s, t, 3) (T) one after the other; return when the last is written.
+
+        `stamp_ns` (s,) says when they were taken (ns); None: one period apart. Errors are those of
+        `SimulatedSerialPort.send`.
+        """
+        rows = np.asarray(values, np.float64)
+        gaps = np.full(len(rows), self._period_s)
+        if stamp_ns is not None:
+            gaps[1:] = np.diff(stamp_ns) * 1e-9 / self._speed_up
+        for row, gap in zip(rows, gaps, strict=True):
+            # a slow reader delays the schedule; the rows that follow do not come in a burst
+            self._due = max(self._due + gap, time.monotonic() - gap)
+            time.sleep(max(0.0, self._due - time.monotonic()))
+            self._send(reskin_protocol.encode(row))
+            self.sent += 1
 
 
 class SerialTwin(Closing):
@@ -199,14 +227,10 @@ class SerialTwin(Closing):
     one_converter = False
 
     def __init__(
-        self,
-        layout: Layout,
-        signal: Callable[[float], Array],
-        noise: npt.ArrayLike = 0.0,
-        temperature_c: Callable[[float], Array] | None = None,
-        seed: int = 0,
+        self, layout: Layout, signal: Callable[[float], Array], noise: npt.ArrayLike = 0.0,
+        temperature_c: Callable[[float], Array] | None = None, seed: int = 0,
         clock: VirtualClock | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         if not 0 < layout.rate_hz < np.inf:
             msg = f'rate_hz of the layout of a twin must be above 0; received {layout.rate_hz}'
             raise ValueError(msg)
@@ -223,10 +247,8 @@ class SerialTwin(Closing):
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
-        self._step = 0
-        self._silent = 0  # periods
+        self._step = self._silent = self._calm = 0  # periods
         self._away = False
-        self._calm = 0  # periods
         self._last: Array | None = None
 
     @property
@@ -274,17 +296,15 @@ class SerialTwin(Closing):
 
         A fault that is none of `faults`, or more than 10 000 that wait, is a ValueError.
         """
-        if fault not in self.faults:
-            msg = f'fault must be one of {", ".join(self.faults)}; received {fault!r}'
-            raise ValueError(msg)
+        msg = f'fault must be one of {", ".join(self.faults)}; received {fault!r}'
         with self._lock:
-            if len(self._waiting) + count > MOST_WAITING:
-                msg = (
-                    f'at most {MOST_WAITING} faults may wait; {len(self._waiting)} do, '
-                    f'received {count} more'
-                )
-                raise ValueError(msg)
-            self._waiting += [fault] * count
+            waiting = len(self._waiting)
+            if fault in self.faults and waiting + count <= MOST_WAITING:
+                self._waiting += [fault] * count
+                return
+        if fault in self.faults:
+            msg = f'at most {MOST_WAITING} faults may wait; {waiting} do, received {count} more'
+        raise ValueError(msg)
 
     def relieve(self) -> None:
         """Withdraw the faults that wait; one that has begun takes its course."""
@@ -380,36 +400,23 @@ class SerialTwin(Closing):
 class ReskinTwin(SerialTwin):
     """The ReSkin / AnySkin board: float32 readings without sequence or clock.
 
-    Parameters
-    ----------
-    layout, signal, noise, temperature_c, seed, clock
-        As in `SerialTwin`; values are flux densities (T), `saturation` is where chips clip.
-    quantum : array_like, broadcast to (3,), or None
-        Step of the chips' readings (T), to which values are rounded.
-    driver : callable or None
-        Port and clock (ns) -> driver, as a sensor opens it; None: `ReskinBoard` on native USB with
-        that `quantum`.
+    The first arguments are those of `SerialTwin`; values are flux densities (T), and `saturation`
+    of the layout, where it says any, is where chips clip. `quantum`, broadcast to (3,), is their
+    step (T), to which values are rounded. `driver` opens port and clock (ns) as a sensor does;
+    None: `ReskinBoard` on native USB with that `quantum`.
 
-    Notes
-    -----
     nan: one field of a frame becomes not a number. The format has no checksum: flipped, garbage
-    and shifted may pass undetected, and lost frames leave no trace. Saturation is a fault only
-    where the layout says at which field.
+    and shifted may pass undetected, and lost frames leave no trace.
     """
 
     faults: tuple[str, ...] = (*SERIAL_FAULTS, 'nan')
 
     def __init__(
-        self,
-        layout: Layout,
-        signal: Callable[[float], Array],
-        noise: npt.ArrayLike = 0.0,
-        temperature_c: Callable[[float], Array] | None = None,
-        seed: int = 0,
-        clock: VirtualClock | None = None,
-        quantum: npt.ArrayLike | None = None,
+        self, layout: Layout, signal: Callable[[float], Array], noise: npt.ArrayLike = 0.0,
+        temperature_c: Callable[[float], Array] | None = None, seed: int = 0,
+        clock: VirtualClock | None = None, quantum: npt.ArrayLike | None = None,
         driver: Callable[[str, Callable[[], int]], Device] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         if not np.isfinite(np.asarray(layout.saturation, np.float64)).all():
             self.faults = tuple(fault for fault in self.faults if fault != 'saturation')
         super().__init__(layout, signal, noise, temperature_c, seed, clock)
@@ -435,50 +442,27 @@ class ReskinTwin(SerialTwin):
 class FramedTwin(SerialTwin):
     """A board of the framed protocol: counts, sequence and a clock that drifts and jumps.
 
-    Parameters
-    ----------
-    layout, signal, noise, temperature_c, seed, clock
-        As in `SerialTwin`.
-    payload : Payload
-        Content of the frames.
-    scale : array_like, broadcast to (t, c)
-        Unit of the layout per count; values are rounded to counts and clipped at the converter's
-        limit.
-    drift : float
-        Share by which the board's clock is fast.
-    start_us : int
-        The board's clock at the start (microseconds); it wraps at 2^32.
-    baud, native_usb
-        Of the driver; a pseudo-terminal keeps no baud rate.
+    `payload` and `scale`, `baud` and `native_usb` are those of its `FramedBoard`, the others those
+    of `SerialTwin`; values are rounded to counts and clipped at the converter's limit. The board's
+    clock is fast by the share `drift`, begins at `start_us` (microseconds) and wraps at 2^32.
 
-    Notes
-    -----
     clock_jump: the board's clock jumps by 2 to 1000 s, ahead or back.
     """
 
     faults = (*SERIAL_FAULTS, 'clock_jump')
 
     def __init__(
-        self,
-        layout: Layout,
-        payload: Payload,
-        scale: npt.ArrayLike,
-        signal: Callable[[float], Array],
-        noise: npt.ArrayLike = 0.0,
-        temperature_c: Callable[[float], Array] | None = None,
-        seed: int = 0,
-        clock: VirtualClock | None = None,
-        drift: float = 0.0,
-        start_us: int = 0,
-        baud: int = 115200,
-        native_usb: bool = True,
-    ) -> None:
+        self, layout: Layout, payload: Payload, scale: npt.ArrayLike,
+        signal: Callable[[float], Array], noise: npt.ArrayLike = 0.0,
+        temperature_c: Callable[[float], Array] | None = None, seed: int = 0,
+        clock: VirtualClock | None = None, drift: float = 0.0, start_us: int = 0,
+        baud: int = 115200, native_usb: bool = True,
+    ) -> None:  # fmt: skip
         super().__init__(layout, signal, noise, temperature_c, seed, clock)
-        self.one_converter = payload.kind in (Kind.TAXELS, Kind.WIRES)
+        self.one_converter = payload.one_converter
         self._payload = payload
         self._scale = np.broadcast_to(np.asarray(scale, np.float64), layout.shape)
-        self._baud = baud
-        self._native_usb = native_usb
+        self._baud, self._native_usb = baud, native_usb
         self._clock_rate = 1e6 * (1 + drift)  # microseconds per second
         self._origin_us = float(start_us)
         self._sequence = 0
@@ -486,8 +470,8 @@ class FramedTwin(SerialTwin):
     def device(self, clock_ns: Callable[[], int]) -> FramedBoard:
         """The real driver on this twin's port, stamped by `clock_ns`; not yet entered."""
         return FramedBoard(
-            self.port, self.layout, self._payload, self._scale,
-            baud=self._baud, native_usb=self._native_usb, clock=clock_ns,
+            self.port, self.layout, self._payload, self._scale, self._baud, self._native_usb,
+            clock_ns,
         )  # fmt: skip
 
     def _boot(self, t: float) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 WRAP_US = 2**32
 NS_PER_US = 1000
@@ -21,20 +21,8 @@ WINDOW_NS = 1_000_000_000
 WINDOW_READS = 10
 
 
-class Clock(Protocol):
-    """A clock that lets time pass."""
-
-    def now_ns(self) -> int:
-        """Time now (ns)."""
-        ...
-
-    def sleep(self, seconds: float) -> None:
-        """Let time pass; negative durations pass none."""
-        ...
-
-
-class SystemClock:
-    """The machine's own monotonic clock."""
+class Clock:
+    """The machine's own monotonic clock; others stand in for it."""
 
     def now_ns(self) -> int:
         """Time now (ns)."""
@@ -45,7 +33,7 @@ class SystemClock:
         time.sleep(max(0.0, seconds))
 
 
-class VirtualClock:
+class VirtualClock(Clock):
     """A clock that moves when somebody sleeps.
 
     Examples
@@ -60,15 +48,15 @@ class VirtualClock:
         self._now_ns = start_ns
 
     def now_ns(self) -> int:
-        """Time now (ns)."""
+        """See `Clock`."""
         return self._now_ns
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass; negative durations pass none."""
+        """See `Clock`."""
         self._now_ns += max(0, round(seconds * 1e9))
 
 
-class LeadingClock:
+class LeadingClock(Clock):
     """A clock that runs at most `lead_s` ahead of another, so that many short waits cost one.
 
     A machine wakes from a wait of 0.1 ms some 0.06 ms late: a simulated bus that waited for each
@@ -85,7 +73,7 @@ class LeadingClock:
         return max(self._ahead_ns, self._clock.now_ns())
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass; negative durations pass none."""
+        """See `Clock`."""
         self._ahead_ns = self.now_ns() + max(0, round(seconds * 1e9))
         lead_ns = self._ahead_ns - self._clock.now_ns()
         if lead_ns > self._lead_ns:
@@ -110,20 +98,10 @@ class ArrivalTime:
         self._usual_ns = 0.0
 
     def follow(self, lost: Sequence[int], now_ns: int) -> list[int]:
-        """Stamps of the frames of one read.
+        """Stamps of the frames of one read, `lost` before each, the last whole at `now_ns`.
 
-        Parameters
-        ----------
-        lost : sequence of int
-            Frames known lost before each of s.
-        now_ns : int
-            When the last of them was whole (ns).
-
-        Returns
-        -------
-        list of int
-            s stamps, one period apart, closer where the time since the last frame is shorter;
-            always increasing, unless the clock went back by more than a second.
+        They are one period apart, closer where the time since the last frame is shorter, and
+        always increase, unless the clock went back by more than a second.
         """
         before_ns, spacing, frames = self._last_ns, self._period_ns, sum(lost) + len(lost)
         end_ns = now_ns
@@ -163,14 +141,9 @@ class DeviceTime:
 
     `period_ns` is the nominal period of frames (ns); 0: unknown.
 
-    Attributes
-    ----------
-    clock_jumps : int
-        Times the board's clock went back, or went ahead of the time that passed here.
-    stalls : int
-        Times the board measured nothing for more than three periods and 20 ms.
-    clock_steps : int
-        Times the host's clock stepped by more than 50 ms.
+    `clock_jumps` counts how often it went back, or ahead of the time that passed here, `stalls`
+    how often the board measured nothing for more than three periods and 20 ms, `clock_steps` how
+    often the host's clock stepped by more than 50 ms.
 
     Notes
     -----
@@ -209,16 +182,10 @@ class DeviceTime:
         self._offset_ns = None
 
     def follow(self, time_us: list[int], lost: Sequence[int], now_ns: int) -> Moments:
-        """Times of the s frames of one read, s at least 1.
+        """Times of the frames of one read, of which there is at least one.
 
-        Parameters
-        ----------
-        time_us : list of int
-            The board's clock at each frame (microseconds), wrapping at 2^32.
-        lost : sequence of int
-            Frames known lost before each.
-        now_ns : int
-            When the last frame was whole (ns), less its time on the wire.
+        `time_us` is the board's clock at each (microseconds), wrapping at 2^32; `lost` are known
+        lost before each; the last one was whole at `now_ns`, less its time on the wire.
         """
         elapsed_ns = max(0, now_ns - self._now_ns)
         before_ns = self._device_ns
@@ -234,11 +201,10 @@ class DeviceTime:
         self._now_ns = now_ns
         stamps = []
         for one_ns in device_ns:
+            before = self._stamp_ns
             stamp_ns = one_ns + offset_ns
-            if self._stamp_ns is not None:
-                stamp_ns = max(stamp_ns, self._stamp_ns + 1)
-            self._stamp_ns = stamp_ns
-            stamps.append(stamp_ns)
+            self._stamp_ns = stamp_ns if before is None else max(stamp_ns, before + 1)
+            stamps.append(self._stamp_ns)
         # 0 would say that there is no clock
         return Moments([max(1, one_ns) for one_ns in device_ns], stamps, repeated)
 

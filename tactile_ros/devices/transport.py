@@ -8,13 +8,15 @@ import os
 import select
 import termios
 import time
+from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Protocol
 
 from tactile_ros.errors import DeviceError, DeviceTimeout, MissingPackageError, NotAcknowledged
 
 if TYPE_CHECKING:
+    from types import ModuleType
+
     import serial
     from smbus2 import i2c_msg
 
@@ -24,30 +26,24 @@ READ_BYTES = 4096
 WAITS_S = 0.1  # the least that terminals wait for
 LOOK_S = 1.0
 I2C_TIMEOUT = 0x0702  # linux/i2c-dev.h, in units of 10 ms
+PACKAGES = {'serial': ('serial ports', 'pyserial'), 'smbus2': ('I2C buses', 'smbus2')}
 
 
-def _pyserial() -> ModuleType:
+def _imported(name: str) -> ModuleType:
+    things, package = PACKAGES[name]
     try:
-        import serial
-        import serial.tools.list_ports
+        if name == 'serial':
+            import_module('serial.tools.list_ports')
+        return import_module(name)
     except ImportError as err:
-        msg = 'serial ports need pyserial: pip install pyserial (or apt install python3-serial)'
+        apt = f'apt install python3-{name}'
+        msg = f'{things} need {package}: pip install {package} (or {apt})'
         raise MissingPackageError(msg) from err
-    return serial
-
-
-def _smbus2() -> ModuleType:
-    try:
-        import smbus2
-    except ImportError as err:
-        msg = 'I2C buses need smbus2: pip install smbus2 (or apt install python3-smbus2)'
-        raise MissingPackageError(msg) from err
-    return smbus2
 
 
 def list_ports() -> list[str]:
     """Names of the serial ports that this machine has."""
-    return sorted(port.device for port in _pyserial().tools.list_ports.comports())
+    return sorted(port.device for port in _imported('serial').tools.list_ports.comports())
 
 
 def list_buses() -> list[str]:
@@ -56,29 +52,24 @@ def list_buses() -> list[str]:
 
 
 def _port_choice() -> str:
-    """The ports that exist, as the end of a sentence."""
-    ports = ', '.join(list_ports())
     nothing = 'this machine has no serial port now: plug the board in'
-    return f'ports here: {ports}' if ports else nothing
+    return f'ports here: {", ".join(ports)}' if (ports := list_ports()) else nothing
 
 
 def _bus_choice() -> str:
-    """The buses that exist, as the end of a sentence."""
-    buses = ', '.join(list_buses())
     nothing = 'this machine shows no I2C bus: enable it and load the module i2c-dev'
-    return f'buses here: {buses}' if buses else nothing
+    return f'buses here: {", ".join(buses)}' if (buses := list_buses()) else nothing
 
 
 def _refusal(what: str, group: str, choice: str, err: OSError) -> DeviceError:
     """Error of a port or bus that could not be opened: why, and what to do."""
+    why = f'cannot be opened ({err})'
     if err.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         why = 'does not exist'
     elif err.errno in (errno.EAGAIN, errno.EBUSY):
         why = 'is busy: close the program that reads it'
     elif err.errno in (errno.EACCES, errno.EPERM):
         why = f'may not be opened by this user: add the user to the group {group} and log in again'
-    else:
-        why = f'cannot be opened ({err})'
     return DeviceError(f'{what} {why}; {choice}')
 
 
@@ -86,14 +77,17 @@ class SerialPort:
     """A serial port that is read by one program, blocking and without busy waiting.
 
     A path under /dev/serial/by-id survives replugging; native USB boards ignore the baud rate.
+    Reads wait at most `WAITS_S` for their first byte: no call but such reads lets go of Python's
+    lock, and a busy thread takes it at each call more.
     """
 
     def __init__(self, port: str, baud: int = 115200) -> None:
         self.port = port
         self.baud = baud
         self._serial: serial.Serial | None = None
-        self._poll: select.poll | None = None
-        self._terminal: _WaitingTerminal | None = None
+        self._poll = select.poll()
+        self._wanted: list[int | list[bytes | int]] = []  # settings of the terminal
+        self._due_s = 0.0  # when they are looked at again
 
     @property
     def is_open(self) -> bool:
@@ -107,22 +101,27 @@ class SerialPort:
         """
         if self._serial is not None:
             return
-        pyserial, device = _pyserial(), None
+        pyserial, device = _imported('serial'), None
         try:
             device = pyserial.Serial(self.port, self.baud, timeout=0, exclusive=True)
-            terminal = _WaitingTerminal(device.fileno())
+            terminal = device.fileno()
+            wanted = termios.tcgetattr(terminal)
+            wanted[6][termios.VMIN], wanted[6][termios.VTIME] = 0, round(10 * WAITS_S)
+            termios.tcsetattr(terminal, termios.TCSANOW, wanted)
+            os.set_blocking(terminal, True)
+            self._wanted = termios.tcgetattr(terminal)
         except (OSError, ValueError, termios.error) as err:  # also of a port that goes meanwhile
             if device is not None:
                 device.close()
             failure = err if isinstance(err, OSError) else OSError(str(err))
             name = f'port {self.port}'
             raise _refusal(name, 'dialout', _port_choice(), failure) from err
-        self._serial, self._terminal, self._poll = device, terminal, select.poll()
-        self._poll.register(device.fileno(), select.POLLIN)
+        self._serial, self._poll, self._due_s = device, select.poll(), 0.0
+        self._poll.register(terminal, select.POLLIN)
 
     def close(self) -> None:
         """Let the port go; closing twice is allowed."""
-        device, self._serial, self._terminal, self._poll = self._serial, None, None, None
+        device, self._serial = self._serial, None
         if device is not None:
             device.close()
 
@@ -132,54 +131,40 @@ class SerialPort:
         None come where there were none in time, or within 0.1 s. A DeviceError says that the port
         is not open or is gone; it is closed then.
         """
-        terminal, poll = self._terminal, self._poll  # here still where another thread closes
-        if terminal is None or poll is None:
+        device, poll = self._serial, self._poll  # here still where another thread closes
+        if device is None:
             msg = f'port {self.port} is not open'
             raise DeviceError(msg)
         try:
             if timeout < WAITS_S and not poll.poll(max(0.0, timeout) * 1e3):
                 return b''
-            data = terminal.read(READ_BYTES)
+            terminal = device.fileno()
+            data = self._take(terminal)
             if not data and poll.poll(0):  # gone, unless bytes have come between the two
-                data = terminal.read(READ_BYTES)
+                data = self._take(terminal)
                 if not data:
                     raise self._lost()
         except (OSError, termios.error) as err:
             raise self._lost() from err
         return data
 
-    def _lost(self) -> DeviceError:
-        """Close, and say why."""
-        self.close()
-        why = 'was unplugged or taken by another program'
-        return DeviceError(f'port {self.port} {why}; {_port_choice()}')
+    def _take(self, terminal: int) -> bytes:
+        """Take what comes in time; none where nothing does, or the device is gone.
 
-
-class _WaitingTerminal:
-    """A terminal whose reads wait for their first byte, `WAITS_S` at most.
-
-    No call but such reads lets go of Python's lock: a busy thread takes it at each call more.
-    Another program may open the port all the same and let reads wait for ever, as those that look
-    for modems do; that is undone.
-    """
-
-    def __init__(self, terminal: int) -> None:
-        wanted = termios.tcgetattr(terminal)
-        wanted[6][termios.VMIN], wanted[6][termios.VTIME] = 0, round(10 * WAITS_S)
-        termios.tcsetattr(terminal, termios.TCSANOW, wanted)
-        os.set_blocking(terminal, True)
-        self._terminal = terminal
-        self._wanted = termios.tcgetattr(terminal)
-        self._due_s = 0.0
-
-    def read(self, count: int) -> bytes:
-        """At most so many bytes; none where none came in time, or the device is gone."""
-        if time.monotonic() >= self._due_s and termios.tcgetattr(self._terminal) != self._wanted:
-            termios.tcsetattr(self._terminal, termios.TCSANOW, self._wanted)
-        data = os.read(self._terminal, count)
+        Another program may open the port all the same and let reads wait for ever, as those that
+        look for modems do; that is undone.
+        """
+        if time.monotonic() >= self._due_s and termios.tcgetattr(terminal) != self._wanted:
+            termios.tcsetattr(terminal, termios.TCSANOW, self._wanted)
+        data = os.read(terminal, READ_BYTES)
         # while bytes come every read returns: now and then is enough
         self._due_s = time.monotonic() + LOOK_S if data else 0.0
         return data
+
+    def _lost(self) -> DeviceError:
+        self.close()
+        why = 'was unplugged or taken by another program'
+        return DeviceError(f'port {self.port} {why}; {_port_choice()}')
 
 
 class BusMaster(Protocol):
@@ -223,7 +208,7 @@ class I2cBus:
         """Hold the bus; DeviceError where it is missing or forbidden."""
         if self._master is not None:
             return
-        smbus2 = _smbus2()
+        smbus2 = _imported('smbus2')
         if self._given is not None:
             self._master = self._given
             return
@@ -247,14 +232,7 @@ class I2cBus:
     def transfer(self, address: int, data: bytes, count: int) -> bytes:
         """Write bytes to a chip and read its answer without letting the bus go in between.
 
-        Parameters
-        ----------
-        address : int
-            Of the chip, 7 bits.
-        data : bytes
-            Written first; none: only read.
-        count : int
-            Bytes to read and return; 0: only write.
+        `address` has 7 bits; without `data` it is only read, with a `count` of 0 only written.
 
         Raises
         ------
@@ -277,7 +255,7 @@ class I2cBus:
 
     def _build(self, address: int, data: bytes, count: int) -> tuple[I2cMessage, ...]:
         """Messages of a transfer; those of commands are kept, since they come again."""
-        message = _smbus2().i2c_msg
+        message = _imported('smbus2').i2c_msg
         parts = [message.write(address, data)] if data else []
         parts += [message.read(address, count)] if count else []
         if len(data) <= 1:
@@ -285,7 +263,6 @@ class I2cBus:
         return tuple(parts)
 
     def _failure(self, address: int, err: OSError) -> DeviceError:
-        """Meaning of an error of a transfer."""
         # EIO: adapters report it that tell no causes
         if err.errno in (errno.EREMOTEIO, errno.ENXIO, errno.EIO):
             return NotAcknowledged(

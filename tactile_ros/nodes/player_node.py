@@ -20,9 +20,8 @@ import numpy as np
 from std_srvs.srv import Trigger
 
 from tactile_ros import messages
-from tactile_ros.devices.player import Player
 from tactile_ros.devices.reskin_protocol import encode, readings, words
-from tactile_ros.devices.simulated_serial import SimulatedSerialPort
+from tactile_ros.devices.simulated_serial import Player, SimulatedSerialPort
 from tactile_ros.errors import DeviceError, DeviceTimeout, TactileError
 from tactile_ros.evaluation.recording_files import load_recording
 from tactile_ros.msg import TactileContacts, TactileFrame
@@ -204,7 +203,7 @@ class Playback:
                 self._await(self._unread)
                 self._await(self._missing)
                 self._warm_up()
-                player = Player(self, options.speed_up, 1.0 / options.rate_hz)
+                player = Player(self.send, options.speed_up, 1.0 / options.rate_hz)
                 self._once(player, on_end)
                 while options.loop:
                     self._once(player, on_end)

@@ -19,7 +19,7 @@ FOUR = Layout(np.zeros((4, 3)), ('Bx', 'By', 'Bz'), 'T', rate_hz=50.0)
 ADDRESSES = (0x0C, 0x0D, 0x0E, 0x0F)
 
 
-def test_places_directly_on_buses() -> None:
+def test_chip_connection_places_chips_directly_on_buses() -> None:
     connection = ChipConnection(
         buses=('/dev/i2c-1', '/dev/i2c-2'), bus_of_chip=(0, 0, 1, 1), addresses=(12, 13, 12, 13)
     )
@@ -27,7 +27,7 @@ def test_places_directly_on_buses() -> None:
     assert connection.places(4) == wanted
 
 
-def test_places_behind_switches() -> None:
+def test_chip_connection_places_chips_behind_switches() -> None:
     connection = ChipConnection(
         addresses=ADDRESSES, mux_addresses=(0x70, 0x70, 0, 0x71), mux_channels=(0, 1, 0, 7)
     )
@@ -53,7 +53,7 @@ def test_places_behind_switches() -> None:
         ({'addresses': (12, 12, 13, 14)}, 'must differ; two would answer'),
     ],
 )
-def test_places_that_cannot_be_are_refused(wrong: dict[str, object], words: str) -> None:
+def test_chip_connection_refuses_places(wrong: dict[str, object], words: str) -> None:
     connection = dataclasses.replace(ChipConnection(addresses=ADDRESSES), **wrong)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=words):
         connection.open(FOUR, time.monotonic_ns)
@@ -73,19 +73,19 @@ def test_places_that_cannot_be_are_refused(wrong: dict[str, object], words: str)
         ({'buses': ()}, 'buses of ChipConnection must be one text or more'),
     ],
 )
-def test_values_that_cannot_be_are_refused(wrong: dict[str, object], words: str) -> None:
+def test_chip_connection_refuses_values(wrong: dict[str, object], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         ChipConnection(**wrong)  # type: ignore[arg-type]
 
 
-def test_the_transport_chooses_the_driver() -> None:
+def test_chip_connection_chooses_the_driver_by_transport() -> None:
     connection = ChipConnection(addresses=ADDRESSES)
     assert isinstance(connection.open(FOUR, time.monotonic_ns), ChipArray)
     serial = dataclasses.replace(connection, transport='serial')
     assert isinstance(serial.open(FOUR, time.monotonic_ns), FramedBoard)
 
 
-def test_steps_of_counts_follow_the_settings() -> None:
+def test_chip_connection_scales_by_its_settings() -> None:
     coarse, fine = ChipConnection(gain=1, resolution=(2, 2, 2)), ChipConnection(gain=1)
     np.testing.assert_allclose(coarse.scale(), 2 * np.asarray(fine.scale()))
     np.testing.assert_allclose(coarse.scale(), [2.4032e-6, 2.4032e-6, 3.872e-6], rtol=1e-3)
@@ -101,7 +101,7 @@ class Gradiometer(FramedConnection):
         return 1e-6
 
 
-def test_a_baud_rate_that_does_not_fit_is_refused_with_both_rates() -> None:
+def test_framed_connection_refuses_a_slow_port_with_both_rates() -> None:
     fast = Layout(np.zeros((4, 3)), ('Bx', 'Bz'), 'T', rate_hz=1000.0)
     slow_port = Gradiometer(baud=115_200)
     # 38 bytes of a frame 1000 times a second; ten bits for each byte

@@ -46,7 +46,7 @@ roads = pytest.mark.parametrize(('key', 'how'), ROADS, ids=NAMES)
 
 
 @roads
-def test_frames_follow_the_signal_in_order(key: str, how: dict[str, object]) -> None:
+def test_driver_frames_follow_the_signal_in_order(key: str, how: dict[str, object]) -> None:
     noise = {'T': 10e-6, '1': 2e-3}[load_sensor(key).layout(load_sensor(key).config()).unit]
     with road_of(key, how, noise=noise) as road:
         frames = road.run(1.0)
@@ -64,7 +64,7 @@ def test_frames_follow_the_signal_in_order(key: str, how: dict[str, object]) -> 
 
 
 @roads
-def test_a_driver_can_be_closed_and_opened_again(key: str, how: dict[str, object]) -> None:
+def test_driver_can_be_closed_and_opened_again(key: str, how: dict[str, object]) -> None:
     road = road_of(key, how)
     with road.twin as twin:
         device = twin.device(road.clock.now_ns)
@@ -81,7 +81,7 @@ def test_a_driver_can_be_closed_and_opened_again(key: str, how: dict[str, object
 
 
 @roads
-def test_where_nothing_comes_reading_ends_in_time_with_a_sentence(
+def test_driver_ends_silence_in_time_with_a_sentence(
     key: str, how: dict[str, object]
 ) -> None:
     with road_of(key, how) as road:
@@ -94,13 +94,13 @@ def test_where_nothing_comes_reading_ends_in_time_with_a_sentence(
     assert '\n' not in str(silent.value)
 
 
-def test_faults_have_one_vocabulary() -> None:
+def test_twins_have_one_vocabulary_of_faults() -> None:
     known = {fault for i in range(len(ROADS)) for fault in faults_of(i)}
     assert known == VOCABULARY
 
 
 @pytest.mark.parametrize(('key', 'how', 'fault'), SUFFERED)
-def test_a_fault_is_survived_counted_and_never_a_wrong_reading(
+def test_driver_survives_and_counts_a_fault(
     key: str, how: dict[str, object], fault: str
 ) -> None:
     with road_of(key, how) as road:
@@ -122,7 +122,7 @@ def test_a_fault_is_survived_counted_and_never_a_wrong_reading(
 
 
 @roads
-def test_a_storm_of_everything_is_survived(key: str, how: dict[str, object]) -> None:
+def test_driver_survives_a_storm_of_everything(key: str, how: dict[str, object]) -> None:
     with road_of(key, how, seed=4) as road:
         rng = np.random.default_rng(4)
         frames = road.run(0.25)
@@ -143,7 +143,7 @@ def test_a_storm_of_everything_is_survived(key: str, how: dict[str, object]) -> 
 
 
 @roads
-def test_a_chip_that_repeats_itself_is_marked(key: str, how: dict[str, object]) -> None:
+def test_driver_marks_a_chip_that_repeats_itself(key: str, how: dict[str, object]) -> None:
     layout = load_sensor(key).layout(load_sensor(key).config())
     with road_of(key, how, noise={'T': 10e-6, '1': 4e-3}[layout.unit]) as road:
         frames = road.run(0.5)
@@ -161,7 +161,7 @@ def test_a_chip_that_repeats_itself_is_marked(key: str, how: dict[str, object]) 
     assert stuck.any(axis=0).sum() == (len(layout.positions) if together else 1)
 
 
-def test_a_board_of_one_converter_may_rest() -> None:
+def test_driver_lets_a_board_of_one_converter_rest() -> None:
     with road_of('taxel_array', {}) as road:
         road.twin._signal = lambda t: np.zeros(road.layout.shape)  # type: ignore[union-attr]
         frames = road.run(0.5)

@@ -26,7 +26,7 @@ def noisy(rows: int, taxels: int = 4) -> np.ndarray:
     return np.random.default_rng(0).normal(size=(rows, taxels, 3))
 
 
-def test_a_taxel_that_stops_among_others_is_stuck_from_the_tenth_alike_until_it_moves() -> None:
+def test_stuck_detector_marks_the_tenth_alike_until_it_moves() -> None:
     readings = noisy(100)
     readings[60:80, 2] = readings[60, 2]
     stuck = follow(readings, others=0.5)
@@ -37,7 +37,7 @@ def test_a_taxel_that_stops_among_others_is_stuck_from_the_tenth_alike_until_it_
 @pytest.mark.parametrize(
     ('changes', 'unmarked'), [(0, 9), (1, 4), (5, 2), (14, 2), (15, 1), (499, 1), (500, 0)]
 )
-def test_so_many_repeats_pass_before_they_are_doubted(changes: int, unmarked: int) -> None:
+def test_stuck_detector_lets_few_repeats_pass(changes: int, unmarked: int) -> None:
     detector = StuckDetector(1)
     readings = noisy(changes + 1, 1)
     for row in readings:
@@ -49,21 +49,21 @@ def test_so_many_repeats_pass_before_they_are_doubted(changes: int, unmarked: in
     assert marked == [False] * unmarked + [True] * (10 - unmarked)
 
 
-def test_a_board_that_is_still_as_a_whole_has_no_stuck_taxel() -> None:
+def test_stuck_detector_does_not_judge_a_still_board() -> None:
     readings = noisy(200)
     readings[60:] = readings[60]
     assert not follow(readings, others=0.5).any()
     assert follow(readings).all(axis=1)[-1]
 
 
-def test_a_taxel_that_always_repeats_itself_often_is_only_quiet() -> None:
+def test_stuck_detector_knows_a_quiet_taxel() -> None:
     readings = noisy(400)
     readings[:, 1] = np.repeat(noisy(50)[:, 1], 8, axis=0)
     readings[300:312, 1] = readings[300, 1]
     assert not follow(readings, others=0.5)[:, 1].any()
 
 
-def test_rest_between_touches_is_learnt_as_a_whole() -> None:
+def test_stuck_detector_learns_rest_as_a_whole() -> None:
     """After a rest of 1000 readings one of 300 is no wonder, however lively the touch was."""
     readings = np.concatenate([np.repeat(noisy(1), 1000, axis=0), noisy(200)])
     readings = np.concatenate([readings, np.repeat(readings[-1:], 300, axis=0)])
@@ -73,7 +73,7 @@ def test_rest_between_touches_is_learnt_as_a_whole() -> None:
         assert not detector.status().any()
 
 
-def test_what_never_changed_is_not_judged_where_changes_are_asked_for() -> None:
+def test_stuck_detector_waits_for_changes() -> None:
     def first(changes: int, moving: int) -> int:
         detector = StuckDetector(1, least_changes=changes)
         for row in noisy(moving, 1):
@@ -88,7 +88,7 @@ def test_what_never_changed_is_not_judged_where_changes_are_asked_for() -> None:
     assert first(0, 5) == first(5, 5) == 9
 
 
-def test_repeats_that_tell_nothing_are_not_counted_and_end_a_run() -> None:
+def test_stuck_detector_leaves_uninformative_repeats_out() -> None:
     detector = StuckDetector(1)
     rows = noisy(60, 1)
     for row in rows:
@@ -103,7 +103,7 @@ def test_repeats_that_tell_nothing_are_not_counted_and_end_a_run() -> None:
     assert not detector.status().any()
 
 
-def test_taxels_that_were_not_read_keep_their_run() -> None:
+def test_stuck_detector_keeps_the_run_of_unread_taxels() -> None:
     detector = StuckDetector(1)
     good = np.ones(1, bool)
     for row in noisy(60, 1):
@@ -117,7 +117,7 @@ def test_taxels_that_were_not_read_keep_their_run() -> None:
     assert not detector.stuck().any()
 
 
-def test_a_fault_that_comes_and_goes_is_found_as_soon_every_time() -> None:
+def test_stuck_detector_finds_a_returning_fault_as_soon() -> None:
     readings = noisy(5000)
     for start in range(100, 5000, 1000):
         readings[start : start + 900, 2] = readings[start, 2]
@@ -138,7 +138,7 @@ class Reader:
         return int(self.detector.status(codes, values, np.array([good]), np.array([fresh]))[0])
 
 
-def test_the_ends_of_the_range_are_saturated() -> None:
+def test_chip_faults_saturate_at_the_ends_of_the_range() -> None:
     read = Reader(margin=0.02, jump=1.0)
     assert read(0.97) == 0
     assert read(0.981) == TaxelStatus.SATURATED
@@ -146,7 +146,7 @@ def test_the_ends_of_the_range_are_saturated() -> None:
     assert read(0.5) == 0
 
 
-def test_a_slow_way_over_the_edge_is_a_wrap_until_it_comes_back() -> None:
+def test_chip_faults_follow_a_wrap_until_it_comes_back() -> None:
     read = Reader()
     way = [*np.arange(0.0, 1.6, 0.05), *np.arange(1.6, -0.01, -0.05)]
     for true in way:
@@ -155,14 +155,14 @@ def test_a_slow_way_over_the_edge_is_a_wrap_until_it_comes_back() -> None:
         assert status in (0, TaxelStatus.SATURATED, TaxelStatus.WRAPPED)
 
 
-def test_a_jump_is_not_believed_and_its_return_is() -> None:
+def test_chip_faults_mark_a_jump_but_not_its_return() -> None:
     read = Reader(jump=0.5)
     assert [read(x) for x in (0.1, 0.4, -0.2, -0.75, -0.7, 0.0)] == [
         0, 0, TaxelStatus.WRAPPED, TaxelStatus.WRAPPED, TaxelStatus.WRAPPED, 0,
     ]  # fmt: skip
 
 
-def test_what_lasts_longer_than_it_was_trusted_is_believed() -> None:
+def test_chip_faults_believe_what_lasts() -> None:
     read = Reader()
     read(0.0)
     statuses = [read(0.8) for _ in range(150)]
@@ -174,7 +174,7 @@ def test_what_lasts_longer_than_it_was_trusted_is_believed() -> None:
     assert read(0.8) == 0
 
 
-def test_repeats_are_stale_only_when_there_was_no_time() -> None:
+def test_chip_faults_mark_repeats_read_too_early() -> None:
     read = Reader()
     assert read(0.1) == 0
     assert read(0.1, fresh=False) == TaxelStatus.STALE
@@ -183,7 +183,7 @@ def test_repeats_are_stale_only_when_there_was_no_time() -> None:
 
 
 @pytest.mark.parametrize(('readings', 'unmarked'), [(600, 1), (100, 2)])
-def test_a_repeat_of_a_chip_that_never_did_so_is_soon_stale(readings: int, unmarked: int) -> None:
+def test_chip_faults_mark_unusual_repeats_soon(readings: int, unmarked: int) -> None:
     read = Reader()
     assert not any([read(1e-3 * (i % 7)) for i in range(readings)])
     marks = [read(0.3) for _ in range(12)]
@@ -192,7 +192,7 @@ def test_a_repeat_of_a_chip_that_never_did_so_is_soon_stale(readings: int, unmar
 
 
 @pytest.mark.parametrize(('quiet', 'after'), [(1, 10), (8, 105)])
-def test_a_chip_is_stuck_when_its_own_noise_does_not_explain_it(quiet: int, after: int) -> None:
+def test_chip_faults_judge_repeats_by_the_chips_own_noise(quiet: int, after: int) -> None:
     """`quiet` readings alike are usual for this chip; more of them are needed to condemn it."""
     read = Reader(stuck_after=10)
     for i in range(200):
@@ -207,7 +207,7 @@ def test_a_chip_is_stuck_when_its_own_noise_does_not_explain_it(quiet: int, afte
     assert read(0.31) == 0
 
 
-def test_chips_that_were_not_read_are_not_judged() -> None:
+def test_chip_faults_do_not_judge_unread_chips() -> None:
     read = Reader()
     read(0.1)
     assert read(0.999, good=False) == 0
@@ -217,6 +217,6 @@ def test_chips_that_were_not_read_are_not_judged() -> None:
 @pytest.mark.parametrize(
     'wrong', [{'margin': 1.0}, {'jump': 0.0}, {'stuck_after': 1}, {'stuck_chance': 0.0}]
 )
-def test_parameters_are_shares(wrong: dict[str, float]) -> None:
+def test_chip_faults_refuse_parameters_that_are_no_shares(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match='of ChipFaultDetector must be shares and stuck_after 2'):
         Reader(**wrong)

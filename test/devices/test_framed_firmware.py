@@ -64,7 +64,7 @@ def compiled(code: str, folder: Path) -> Path:
     return program
 
 
-def test_the_sender_writes_the_codec_s_bytes(tmp_path: Path) -> None:
+def test_sender_writes_the_bytes_of_the_codec(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     counts = rng.integers(-32767, 32768, (200, 4, 2))
     counts[0] = [[1, -2], [300, -400], [32767, -32767], [0, 21]]
@@ -83,7 +83,7 @@ def test_the_sender_writes_the_codec_s_bytes(tmp_path: Path) -> None:
     assert done.stdout == b''.join(ours)
 
 
-def test_the_sketch_s_stream_is_read(tmp_path: Path) -> None:
+def test_sketch_stream_is_read(tmp_path: Path) -> None:
     """Twenty frames, one of which the port did not take."""
     program = compiled(SKETCH, tmp_path)
     data = subprocess.run([str(program)], capture_output=True, check=True).stdout

@@ -29,14 +29,11 @@ from tactile_ros.types import TaxelStatus
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'serial_protocol.md'
 PAYLOADS = [
-    gradiometer(),
-    three_axis_chips(20),
-    three_axis_chips(5),
-    taxel_matrix(16),
-    taxel_matrix(70),
+    gradiometer(), three_axis_chips(20), three_axis_chips(5), taxel_matrix(16), taxel_matrix(70),
     five_wires(),
-]
+]  # fmt: skip
 COUNTS = np.array([[1, -2], [300, -400], [32767, -32768 + 1], [0, 21]])
+all_payloads = pytest.mark.parametrize('payload', PAYLOADS, ids=str)
 
 
 def some(payload: Payload, frames: int, seed: int = 0) -> np.ndarray:
@@ -54,42 +51,38 @@ def stream(payload: Payload, frames: int, seed: int = 0) -> list[bytes]:
     return [data[i : i + size] for i in range(0, len(data), size)]
 
 
-def test_bytes_of_the_page_are_the_codec_s() -> None:
+def test_page_has_the_bytes_of_the_codec() -> None:
     """The example in docs/serial_protocol.md, byte for byte."""
     blocks = re.findall(r'```hex\n(.*?)```', PAGE.read_text(), re.S)
-    assert len(blocks) == 4
-    told = [bytes.fromhex(re.sub(r'#.*', '', block)) for block in blocks]
+    page = [bytes.fromhex(re.sub(r'#.*', '', block)) for block in blocks]
     ours = [
         encode(gradiometer(), COUNTS, 258, 16_909_060, 26.53),
         encode(taxel_matrix(6), [[1], [2], [1023], [512], [0], [3]], 1, 20_000),
         encode(five_wires(), [[4660, 65535, 0]], 2, 10_000),
         encode(three_axis_chips(1), [[1, -1, 258]], 3, 30_000, -0.5, 1),
     ]
-    assert [data.hex(' ') for data in ours] == [data.hex(' ') for data in told]
-    decoded = FramedDecoder(gradiometer()).feed(told[0])
+    assert [data.hex(' ') for data in ours] == [data.hex(' ') for data in page]
+    decoded = FramedDecoder(gradiometer()).feed(page[0])
     assert decoded.counts[0].tolist() == COUNTS.tolist()
     assert decoded.time_us == [16_909_060]
 
 
-@pytest.mark.parametrize('payload', PAYLOADS, ids=str)
-def test_what_is_encoded_is_decoded(payload: Payload) -> None:
+@all_payloads
+def test_decoder_gives_what_was_encoded(payload: Payload) -> None:
     counts = some(payload, 50)
     warm = np.round(np.random.default_rng(1).uniform(-40, 125, (50, payload.count)), 2)
     data = encode(payload, counts, 2**32 - 3, 2**32 - 5 + np.arange(50), warm)
     decoder = FramedDecoder(payload)
     decoded = decoder.feed(data)
-    readings = decoded
-    np.testing.assert_array_equal(readings.counts, counts)
-    assert readings.counts.dtype == np.float64
+    np.testing.assert_array_equal(decoded.counts, counts)
+    assert decoded.counts.dtype == np.float64
     assert decoded.time_us == ((2**32 - 5 + np.arange(50)) % 2**32).tolist()
     assert not any(decoded.lost)
-    assert not readings.status.any()
-    if payload.kind == 4:
-        np.testing.assert_allclose(readings.temperature_c, warm, atol=1e-9)
-    elif payload.kind == 1:
-        np.testing.assert_allclose(readings.temperature_c, np.repeat(warm[:, :1], 4, axis=1))
-    else:
-        assert readings.temperature_c is None
+    assert not decoded.status.any()
+    wanted = {4: warm, 1: np.repeat(warm[:, :1], payload.count, axis=1)}.get(payload.kind)
+    assert (decoded.temperature_c is None) is (wanted is None)
+    if wanted is not None:
+        np.testing.assert_allclose(decoded.temperature_c, wanted, atol=1e-9)
     assert (decoder.counts.frames, decoder.counts.dropped, decoder.counts.lost_bytes) == (50, 0, 0)
 
 
@@ -103,32 +96,26 @@ def test_bits_are_packed_lowest_first() -> None:
     np.testing.assert_array_equal(unpack_bits(packed, 70), counts)
 
 
-def test_limits_of_the_converter_and_what_a_chip_says_become_status() -> None:
+def test_decoder_turns_limits_and_states_into_status() -> None:
     counts = np.array([[5, 5, 5], [32767, 0, 0], [0, -32767, 0], [7, 7, 7], [8, 8, 8]])
     data = encode(three_axis_chips(5), counts, 0, 0, 20.0, [0, 1, 0, 2, 3])
-    readings = FramedDecoder(three_axis_chips(5)).feed(data)
+    decoded = FramedDecoder(three_axis_chips(5)).feed(data)
     stale, error, saturated = TaxelStatus.STALE, TaxelStatus.ERROR, TaxelStatus.SATURATED
-    assert readings.status[0].tolist() == [0, stale | saturated, saturated, error, error]
-    assert np.isnan(readings.counts[0, 3:]).all()
-    assert readings.temperature_c is not None
-    assert np.isnan(readings.temperature_c[0]).tolist() == [False] * 3 + [True] * 2
-    full = FramedDecoder(taxel_matrix(4)).feed(
-        encode(taxel_matrix(4), [[0], [1022], [1023], [9]], 0, 0)
-    )
-    assert full.status[0].tolist() == [0, 0, saturated, 0]
-    twelve = five_wires(4095)
-    wires = FramedDecoder(twelve).feed(encode(twelve, [[0, 4094, 4095]], 0, 0))
-    assert wires.status[0].tolist() == [saturated]
+    assert decoded.status[0].tolist() == [0, stale | saturated, saturated, error, error]
+    assert np.isnan(decoded.counts[0, 3:]).all()
+    assert np.isnan(decoded.temperature_c[0]).tolist() == [False] * 3 + [True] * 2
+    for payload, sent, status in (
+        (taxel_matrix(4), [[0], [1022], [1023], [9]], [0, 0, saturated, 0]),
+        (five_wires(4095), [[0, 4094, 4095]], [saturated]),
+        (gradiometer(), COUNTS, [0, 0, saturated, 0]),
+    ):
+        decoded = FramedDecoder(payload).feed(encode(payload, sent, 0, 0))
+        assert decoded.status[0].tolist() == status
+    assert np.isnan(decoded.temperature_c).all()  # not measured
 
 
-def test_a_temperature_that_was_not_measured_is_nan() -> None:
-    readings = FramedDecoder(gradiometer()).feed(encode(gradiometer(), COUNTS, 0, 0))
-    assert readings.temperature_c is not None
-    assert np.isnan(readings.temperature_c).all()
-
-
-@pytest.mark.parametrize('payload', PAYLOADS, ids=str)
-def test_any_cut_gives_the_same(payload: Payload) -> None:
+@all_payloads
+def test_decoder_gives_the_same_however_bytes_are_cut(payload: Payload) -> None:
     rng = np.random.default_rng(2)
     frames = stream(payload, 60)
     for i in (0, 5, 9, 10, 20, 31, 45):
@@ -140,51 +127,38 @@ def test_any_cut_gives_the_same(payload: Payload) -> None:
     for cut in (1, 2, 7, 13, 100):
         decoder = FramedDecoder(payload)
         parts = [decoder.feed(data[i : i + cut]) for i in range(0, len(data), cut)]
-        got = np.concatenate([part.counts for part in parts])
-        np.testing.assert_array_equal(got, want.counts)
+        np.testing.assert_array_equal(np.concatenate([p.counts for p in parts]), want.counts)
         assert [lost for part in parts for lost in part.lost] == want.lost
         assert decoder.counts == whole.counts
         assert decoder.pending == whole.pending
 
 
-@pytest.mark.parametrize('payload', PAYLOADS, ids=str)
+@all_payloads
 @pytest.mark.parametrize('kind', BYTE_FAULTS)
-def test_damage_is_never_delivered_and_costs_one_good_frame_at_most(
+def test_decoder_never_delivers_damage_and_loses_one_good_frame_at_most(
     payload: Payload, kind: str
 ) -> None:
     rng = np.random.default_rng(3)
     for trial in range(40):
         frames = stream(payload, 9, trial)
-        data = b''.join([*frames[:4], damage(frames[4], kind, rng), *frames[5:]])
         decoder = FramedDecoder(payload)
-        readings = decoder.feed(data)
-        sent = {one.tobytes() for one in some(payload, 9, trial).astype(np.float64)}
-        got = [one.tobytes() for one in readings.counts]
-        assert set(got) <= sent
+        data = b''.join([*frames[:4], damage(frames[4], kind, rng), *frames[5:]])
+        got = [one.tobytes() for one in decoder.feed(data).counts]
+        assert set(got) <= {one.tobytes() for one in some(payload, 9, trial).astype(np.float64)}
         assert len(got) >= 8
         assert decoder.counts.frames + decoder.counts.dropped == 9
 
 
-def test_a_damaged_length_delays_nothing() -> None:
-    frames = stream(gradiometer(), 4)
-    hurt = frames[1][:6] + b'\xff\x0f' + frames[1][8:]
-    decoder = FramedDecoder(gradiometer())
-    came = [len(decoder.feed(data).lost) for data in (frames[0], hurt, *frames[2:])]
-    assert came == [1, 0, 1, 1]
-    assert decoder.counts.framing_errors == 1
-
-
-def test_the_crc_covers_every_byte() -> None:
+def test_crc_covers_every_byte() -> None:
     frame = stream(gradiometer(), 1)[0]
     assert zlib.crc32(frame[:-4]).to_bytes(4, 'little') == frame[-4:]
     for bit in range(8 * len(frame)):
         hurt = bytearray(frame)
         hurt[bit // 8] ^= 1 << bit % 8
-        decoder = FramedDecoder(gradiometer())
-        assert not len(decoder.feed(bytes(hurt) + bytes(MOST_BYTES)).lost)
+        assert not FramedDecoder(gradiometer()).feed(bytes(hurt) + bytes(MOST_BYTES)).lost
 
 
-def test_other_frames_are_told_by_version_kind_and_length() -> None:
+def test_decoder_names_other_frames_by_version_kind_and_length() -> None:
     own = stream(gradiometer(), 3)
     kind = encode(five_wires(), [[1, 2, 3]], 0, 0)
     length = encode(taxel_matrix(72), np.zeros((72, 1), int), 0, 0)
@@ -203,38 +177,47 @@ def test_other_frames_are_told_by_version_kind_and_length() -> None:
     assert matrix.foreign == 'version 1, taxels (kind 2) of 72 in 90 bytes'
 
 
-def test_sequence_tells_lost_repeated_and_restarted() -> None:
-    frames = stream(gradiometer(), 8)
-    anew = encode(gradiometer(), COUNTS, 0, 0)
+FRAMES = stream(gradiometer(), 8)
+ANEW = encode(gradiometer(), COUNTS, 0, 0)
+SAME_SEQUENCE = encode(gradiometer(), COUNTS, 10, 500)  # of FRAMES[3], at another time
+
+
+@pytest.mark.parametrize(
+    ('sent', 'lost', 'counted'),
+    [
+        (
+            [*FRAMES[:2], FRAMES[1], FRAMES[5], ANEW, FRAMES[2]], [0, 0, 3, 1, 8],
+            {'repeated': 1, 'restarts': 1, 'dropped': 12, 'missing': 12},
+        ),
+        ([*FRAMES[3:5], FRAMES[3], FRAMES[5]], [0, 0, 0], {'repeated': 1}),
+        (
+            [*FRAMES[3:6], SAME_SEQUENCE], [0, 0, 0, 1],
+            {'restarts': 1, 'dropped': 1, 'missing': 1},
+        ),
+        # a frame in the extent of a damaged one
+        (
+            [FRAMES[0], FRAMES[1][:20], *FRAMES[2:4]], [0, 1, 0],
+            {'crc_errors': 1, 'lost_bytes': 20, 'dropped': 1},
+        ),
+        # a damaged length delays nothing
+        (
+            [FRAMES[0], FRAMES[1][:6] + b'\xff\x0f' + FRAMES[1][8:], FRAMES[2]], [0, 1],
+            {'framing_errors': 1, 'lost_bytes': 38, 'dropped': 1},
+        ),
+    ],
+)  # fmt: skip
+def test_decoder_counts_by_the_sequence(
+    sent: list[bytes], lost: list[int], counted: dict[str, int]
+) -> None:
     decoder = FramedDecoder(gradiometer())
-    sent = [frames[0], frames[1], frames[1], frames[5], anew, frames[2]]
-    assert decoder.feed(b''.join(sent)).lost == [0, 0, 3, 1, 8]
-    counts = decoder.counts
-    assert (counts.repeated, counts.restarts, counts.dropped, counts.missing) == (1, 1, 12, 12)
+    came = [decoder.feed(data).lost for data in sent]
+    assert [gap for gaps in came for gap in gaps] == lost
+    assert came[-1]  # the last one comes at once
+    counts = {name: count for name, count in vars(decoder.counts).items() if count}
+    assert counts == {'frames': len(lost), **counted}
 
 
-def test_an_older_frame_that_comes_again_is_left_out_but_a_board_that_starts_anew_is_not() -> None:
-    frames = stream(gradiometer(), 8)
-    decoder = FramedDecoder(gradiometer())
-    sent = [*frames[3:5], frames[3], frames[5]]
-    assert decoder.feed(b''.join(sent)).lost == [0, 0, 0]
-    counts = decoder.counts
-    assert (counts.repeated, counts.restarts, counts.dropped) == (1, 0, 0)
-    anew = encode(gradiometer(), COUNTS, 10, 500)  # the sequence of frames[3], not its time
-    assert decoder.feed(anew).lost == [1]
-    assert counts.restarts == 1
-
-
-def test_a_frame_in_a_damaged_frame_s_extent_is_found() -> None:
-    frames = stream(gradiometer(), 4)
-    decoder = FramedDecoder(gradiometer())
-    lost = decoder.feed(frames[0] + frames[1][:20] + frames[2] + frames[3]).lost
-    assert lost == [0, 1, 0]
-    assert decoder.counts.crc_errors == 1
-    assert decoder.counts.lost_bytes == 20
-
-
-def test_memory_is_bounded_whatever_comes() -> None:
+def test_decoder_holds_little_whatever_comes() -> None:
     rng = np.random.default_rng(4)
     foreign = encode(taxel_matrix(3000), np.zeros((3000, 1), int), 0, 0)
     decoder = FramedDecoder(taxel_matrix(2000))
@@ -256,20 +239,16 @@ def mutated(draw: st.DataObject, payload: Payload) -> bytes:
     return bytes(data)
 
 
-@settings(max_examples=1000)
+@settings(max_examples=500)
 @given(st.data(), st.sampled_from(PAYLOADS))
-def test_no_bytes_raise_and_none_are_believed_wrongly(
-    draw: st.DataObject, payload: Payload
-) -> None:
-    data = (
-        draw.draw(st.binary(max_size=400)) if draw.draw(st.booleans()) else mutated(draw, payload)
-    )
+def test_decoder_never_raises_or_believes_wrongly(draw: st.DataObject, payload: Payload) -> None:
+    random = draw.draw(st.booleans())
+    data = draw.draw(st.binary(max_size=400)) if random else mutated(draw, payload)
     cut = draw.draw(st.integers(1, 300))
     decoder = FramedDecoder(payload)
-    parts = [decoder.feed(data[i : i + cut]) for i in range(0, len(data), cut)]
     sent = some(payload, 4).astype(np.float64)
-    for readings in parts:
-        for row in readings.counts:
+    for i in range(0, len(data), cut):
+        for row in decoder.feed(data[i : i + cut]).counts:
             assert any(np.array_equal(row, good) for good in sent)
     # after anything at all, the next frames are found
     after = stream(payload, 2, seed=9)
@@ -286,7 +265,7 @@ def test_no_bytes_raise_and_none_are_believed_wrongly(
         (lambda: encode(gradiometer(), np.zeros((3, 2)), 0, 0), r'shape \(4, 2\) or \(s, 4, 2\)'),
     ],
 )
-def test_wrong_arguments_are_refused(make: object, why: str) -> None:
+def test_wrong_payloads_and_shapes_are_refused(make: object, why: str) -> None:
     assert callable(make)
     with pytest.raises(ValueError, match=why):
         make()

@@ -11,7 +11,7 @@ from smbus2 import i2c_msg
 
 from tactile_ros.devices.mlx90393 import ChipPlace, clusters
 from tactile_ros.devices.simulated_i2c import ChipArrayTwin, SimulatedChip, SimulatedI2cBus
-from tactile_ros.devices.timestamps import LeadingClock, SystemClock, VirtualClock
+from tactile_ros.devices.timestamps import Clock, LeadingClock, VirtualClock
 from tactile_ros.types import Layout
 
 BURST, SINGLE, ERROR, RESET = 0x80, 0x20, 0x10, 0x04
@@ -46,7 +46,7 @@ class Bench:
         self.ask(f'60 {third} 08', 1)
 
 
-def test_bytes_take_their_time_on_the_bus() -> None:
+def test_simulated_bus_takes_time_for_bytes() -> None:
     bench = Bench(ChipPlace(0x0C, 0, 0x70, 0))
     for written, count, address, clocks in (('01', 0, 0x70, 20), ('3F', 1, 0x0C, 39)):
         begun_ns = bench.clock.now_ns()
@@ -58,7 +58,7 @@ def test_bytes_take_their_time_on_the_bus() -> None:
     assert bench.bus.busy_s == pytest.approx(170 / 400e3)
 
 
-def test_reset_is_told_once_and_takes_its_time() -> None:
+def test_simulated_chip_says_once_that_it_was_reset() -> None:
     bench = Bench()
     assert bench.ask('00', 1) == bytes((RESET,))
     assert bench.ask('00', 1) == b'\x00'
@@ -70,7 +70,7 @@ def test_reset_is_told_once_and_takes_its_time() -> None:
     assert bench.ask('00', 1) == bytes((RESET,))
 
 
-def test_data_are_ready_after_a_conversion_and_once() -> None:
+def test_simulated_chip_has_data_after_a_conversion_and_once() -> None:
     bench = Bench()
     bench.configure()
     assert bench.ask('3F', 1) == bytes((SINGLE,))
@@ -82,7 +82,7 @@ def test_data_are_ready_after_a_conversion_and_once() -> None:
     assert bench.ask('4F', 9)[0] == ERROR | 3
 
 
-def test_burst_goes_on_and_refuses_registers() -> None:
+def test_simulated_chip_refuses_registers_in_burst_mode() -> None:
     bench = Bench()
     bench.configure()
     assert bench.ask('1F', 1) == bytes((BURST,))
@@ -96,7 +96,7 @@ def test_burst_goes_on_and_refuses_registers() -> None:
     assert bench.ask('50 00', 3)[0] == 0
 
 
-def test_a_slower_burst_waits_between_measurements() -> None:
+def test_simulated_chip_waits_in_a_slower_burst() -> None:
     bench = Bench()
     bench.configure()
     bench.ask('60 00 02 04', 1)  # 40 ms
@@ -108,13 +108,13 @@ def test_a_slower_burst_waits_between_measurements() -> None:
 
 
 @pytest.mark.parametrize('command', ['2F', '90', 'A0', '5F', '60 00'])
-def test_what_it_does_not_know_is_acknowledged_and_refused(command: str) -> None:
+def test_simulated_chip_refuses_unknown_commands(command: str) -> None:
     bench = Bench()
     bench.configure()
     assert bench.ask(command, 1) == bytes((ERROR,))
 
 
-def test_registers_are_kept_until_a_reset() -> None:
+def test_simulated_chip_keeps_registers_until_a_reset() -> None:
     bench = Bench()
     bench.configure('05 48')
     assert bench.ask('50 08', 3) == bytes.fromhex('00 05 48')
@@ -137,7 +137,7 @@ def test_registers_are_kept_until_a_reset() -> None:
         ('00 08', '04 00', 0.1502e-6 * 7, 0x8007),  # compensated
     ],
 )
-def test_codes_are_the_datasheets(third: str, second: str, field: float, code: int) -> None:
+def test_simulated_chip_codes_fields(third: str, second: str, field: float, code: int) -> None:
     bench = Bench(field=field)
     bench.configure(third)
     bench.ask(f'60 {second} 04', 1)
@@ -148,7 +148,7 @@ def test_codes_are_the_datasheets(third: str, second: str, field: float, code: i
     assert high << 8 | low == code
 
 
-def test_axes_come_in_the_order_t_x_y_z() -> None:
+def test_simulated_chip_orders_axes_t_x_y_z() -> None:
     bench = Bench(field=0.1502e-6 * 100)
     bench.configure()
     bench.ask('3F', 1)
@@ -159,7 +159,7 @@ def test_axes_come_in_the_order_t_x_y_z() -> None:
     assert words[1:].tolist() == [100, 100, 62]  # the same field, coarser along z
 
 
-def test_a_switch_hides_and_shows_its_channels() -> None:
+def test_simulated_bus_hides_channels_behind_switches() -> None:
     places = [ChipPlace(0x0C, 0, 0x70, 1), ChipPlace(0x0C, 0, 0x70, 2), ChipPlace(0x0D)]
     bench = Bench(*places)
     with pytest.raises(OSError, match='Remote I/O error'):
@@ -177,7 +177,7 @@ def test_a_switch_hides_and_shows_its_channels() -> None:
     assert bench.ask('', 1, 0x70) == b'\x00'
 
 
-def test_two_at_one_address_spoil_each_other() -> None:
+def test_simulated_bus_mixes_two_chips_at_one_address() -> None:
     places = [ChipPlace(0x0C, 0, 0x70, 0), ChipPlace(0x0C, 0, 0x70, 1)]
     bench = Bench(*places)
     for mask, word in (('01', '0F 0F'), ('02', 'FF 00')):
@@ -187,7 +187,7 @@ def test_two_at_one_address_spoil_each_other() -> None:
     assert bench.ask('50 08', 3) == bytes.fromhex('00 0F 00')
 
 
-def twin_of(seed: int = 0, clock: VirtualClock | None = None, **more: float) -> ChipArrayTwin:
+def twin_of(seed: int = 0, clock: VirtualClock | None = None, **more: object) -> ChipArrayTwin:
     layout = Layout(np.zeros((20, 3)), ('Bx', 'By', 'Bz'), 'T')
     return ChipArrayTwin(
         clusters(), layout, lambda t: np.zeros((20, 3)), clock=clock, seed=seed, **more
@@ -201,29 +201,22 @@ def readings(seed: int) -> np.ndarray:
         return np.array([array.read(1.0).values for _ in range(30)])
 
 
-def test_the_seed_tells_everything() -> None:
+def test_twin_of_a_seed_gives_the_same_readings() -> None:
     first, again, other = readings(3), readings(3), readings(4)
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
     assert first.std(axis=(0, 1)) == pytest.approx(np.full(3, 5e-6), rel=0.15)
 
 
-def test_temperature_follows_its_signal() -> None:
+def test_twin_follows_its_temperature() -> None:
     clock = VirtualClock()
-    layout = Layout(np.zeros((4, 3)), ('Bx', 'By', 'Bz'), 'T')
-    twin = ChipArrayTwin(
-        clusters(1),
-        layout,
-        lambda t: np.zeros((4, 3)),
-        temperature_c=lambda t: np.array([10.0, 20.0, 30.0, 60.0]) + t,
-        clock=clock,
-    )
+    degrees = np.linspace(10.0, 60.0, 20)
+    twin = twin_of(0, clock, temperature_c=lambda t: degrees + t)
     with twin, twin.device(clock.now_ns) as array:
-        frame = array.read(1.0)
-    assert frame.temperature_c == pytest.approx([10.0, 20.0, 30.0, 60.0], abs=0.15)
+        assert array.read(1.0).temperature_c == pytest.approx(degrees, abs=0.15)
 
 
-def test_unknown_faults_are_refused() -> None:
+def test_twin_refuses_unknown_faults() -> None:
     twin = twin_of()
     with pytest.raises(ValueError, match='fault must be one of stuck_bus, unplug, nack'):
         twin.inject('clock_jump')
@@ -232,8 +225,8 @@ def test_unknown_faults_are_refused() -> None:
     assert set(twin.injected) == set(twin.faults)
 
 
-def test_it_runs_on_the_machines_clock_too() -> None:
-    clock = SystemClock()
+def test_twin_runs_on_the_machines_clock_too() -> None:
+    clock = Clock()
     twin = twin_of()
     with twin, twin.device(clock.now_ns) as array:
         begun_ns = clock.now_ns()
@@ -244,19 +237,16 @@ def test_it_runs_on_the_machines_clock_too() -> None:
     assert array.counters()['not_ready'] == 0
 
 
-def test_a_leading_clock_waits_seldom_and_never_goes_back() -> None:
+def test_leading_clock_waits_seldom_and_never_goes_back() -> None:
     waits: list[float] = []
-    clock = VirtualClock()
 
     class Counted(VirtualClock):
-        def now_ns(self) -> int:
-            return clock.now_ns()
-
         def sleep(self, seconds: float) -> None:
             waits.append(seconds)
-            clock.sleep(seconds)
+            super().sleep(seconds)
 
-    leading = LeadingClock(Counted(), 1e-3)
+    clock = Counted()
+    leading = LeadingClock(clock, 1e-3)
     for i in range(100):
         assert leading.now_ns() == i * 100_000
         leading.sleep(1e-4)
@@ -266,7 +256,7 @@ def test_a_leading_clock_waits_seldom_and_never_goes_back() -> None:
     assert leading.now_ns() == clock.now_ns()
 
 
-def test_faults_come_from_any_thread_and_all_of_them_happen() -> None:
+def test_twin_takes_faults_from_any_thread() -> None:
     clock = VirtualClock()
     twin = twin_of(1, clock)
     with twin, twin.device(clock.now_ns) as array:

@@ -14,6 +14,7 @@ from tactile_ros.devices.serial_board import ReskinBoard
 from tactile_ros.devices.simulated_serial import (
     BYTE_FAULTS,
     FramedTwin,
+    Player,
     ReskinTwin,
     SimulatedSerialPort,
     damage,
@@ -215,3 +216,43 @@ def test_twin_gives_the_same_frames_with_and_without_a_port() -> None:
         np.testing.assert_array_equal(one.values, other.values)
         assert one.sequence == other.sequence
         assert one.stamp_ns == other.stamp_ns
+
+
+def test_player_sends_every_row_once_in_order(
+    port: SimulatedSerialPort, board: ReskinBoard, rows: np.ndarray
+) -> None:
+    player = Player(port.send, period_s=0.0)
+    player.play(rows[:30])
+    frames = [board.read(5.0) for _ in range(30)]
+    np.testing.assert_allclose([f.values for f in frames], rows[:30], rtol=1e-6, atol=1e-10)
+    assert player.sent == 30
+
+
+@pytest.mark.usefixtures('board')
+@pytest.mark.parametrize(
+    ('speed', 'stamps', 'least', 'most'),
+    [(0.5, [0, 20, 40], 0.08, 60.0), (1000.0, [0, 10_000, 20_000], 0.02, 10.0)],
+)
+def test_player_divides_the_schedule_by_its_speed_up(
+    speed: float, stamps: list[int], least: float, most: float, port: SimulatedSerialPort,
+    rows: np.ndarray,
+) -> None:  # fmt: skip
+    start = time.monotonic()
+    Player(port.send, speed_up=speed).play(rows[:3], np.array(stamps) * 1_000_000)
+    assert least <= time.monotonic() - start < most
+
+
+def test_player_says_that_nobody_reads(rows: np.ndarray) -> None:
+    with SimulatedSerialPort(patience_s=0.05) as port:
+        player = Player(port.send, period_s=0.0)
+        with pytest.raises(DeviceTimeout, match='nobody reads'):
+            player.play(np.tile(rows, (16, 1, 1)))
+    assert 0 < player.sent < 1024
+
+
+@pytest.mark.parametrize('speed', [0.0, -1.0, float('nan')])
+def test_player_refuses_a_speed_up_that_is_not_positive(
+    port: SimulatedSerialPort, speed: float
+) -> None:
+    with pytest.raises(ValueError, match='speed_up must be above 0'):
+        Player(port.send, speed_up=speed)

@@ -46,7 +46,7 @@ def test_serial_port_passes_all_bytes_untranslated(port: SimulatedSerialPort) ->
     line.close()
 
 
-def test_read_takes_what_there_is_and_waits_no_longer_than_asked(
+def test_serial_port_reads_what_there_is_and_waits_no_longer(
     port: SimulatedSerialPort,
 ) -> None:
     line = SerialPort(port.port)
@@ -62,22 +62,21 @@ def test_read_takes_what_there_is_and_waits_no_longer_than_asked(
 
 
 @pytest.mark.usefixtures('two_ports')
-def test_a_missing_port_names_those_that_exist(tmp_path: Path) -> None:
+def test_serial_port_names_the_ports_that_exist(tmp_path: Path) -> None:
     assert list_ports() == ['/dev/ttyA', '/dev/ttyB']
-    with pytest.raises(
-        DeviceError, match=r'nothing does not exist; ports here: /dev/ttyA, /dev/ttyB$'
-    ):
+    why = 'nothing does not exist; ports here: /dev/ttyA, /dev/ttyB$'
+    with pytest.raises(DeviceError, match=why):
         SerialPort(str(tmp_path / 'nothing')).open()
 
 
-def test_no_port_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_serial_port_asks_to_plug_a_board_in(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(serial.tools.list_ports, 'comports', list)
     with pytest.raises(DeviceError, match='no serial port now: plug the board in'):
         SerialPort('/nonexistent/port').open()
 
 
 @pytest.mark.usefixtures('two_ports')
-def test_a_busy_port_says_so(port: SimulatedSerialPort) -> None:
+def test_serial_port_refuses_a_busy_one(port: SimulatedSerialPort) -> None:
     first = SerialPort(port.port)
     first.open()
     with pytest.raises(DeviceError, match='is busy: close the program that reads it; ports here'):
@@ -89,14 +88,14 @@ def test_a_busy_port_says_so(port: SimulatedSerialPort) -> None:
 
 
 @pytest.mark.usefixtures('two_ports')
-def test_other_refusals() -> None:
+def test_serial_port_refuses_what_is_forbidden_or_no_port() -> None:
     forbidden = transport._refusal('port', 'dialout', '', PermissionError(errno.EACCES, 'no'))
     assert 'add the user to the group dialout' in str(forbidden)
     with pytest.raises(DeviceError, match='port /dev/null cannot be opened'):
         SerialPort('/dev/null').open()
 
 
-def test_unplugging_closes_the_port(port: SimulatedSerialPort) -> None:
+def test_serial_port_closes_when_unplugged(port: SimulatedSerialPort) -> None:
     line = SerialPort(port.port)
     line.open()
     port.unplug()
@@ -107,7 +106,7 @@ def test_unplugging_closes_the_port(port: SimulatedSerialPort) -> None:
         line.read(0.0)
 
 
-def test_a_program_that_lets_reads_wait_for_ever_is_undone(port: SimulatedSerialPort) -> None:
+def test_serial_port_undoes_settings_of_other_programs(port: SimulatedSerialPort) -> None:
     line = SerialPort(port.port)
     line.open()
     other = os.open(port.port, os.O_RDWR | os.O_NOCTTY)  # no lock of files keeps it out
@@ -127,29 +126,25 @@ def test_a_program_that_lets_reads_wait_for_ever_is_undone(port: SimulatedSerial
     assert told == [b'']
 
 
-def test_closing_while_another_thread_reads_is_a_sentence(port: SimulatedSerialPort) -> None:
+def test_serial_port_may_be_closed_while_it_is_read(port: SimulatedSerialPort) -> None:
     line = SerialPort(port.port)
     line.open()
-    reads = line._terminal
-    assert reads is not None
-    inside = threading.Event()
+    take, inside = line._take, threading.Event()
 
-    class Closed:
-        """Of a port that is closed under the feet of whoever reads it."""
+    def closed(terminal: int) -> bytes:
+        """Read from a port that is closed under the feet of whoever reads it."""
+        inside.set()
+        line.close()
+        return take(terminal)
 
-        def read(self, count: int) -> bytes:
-            inside.set()
-            line.close()
-            return reads.read(count)
-
-    line._terminal = Closed()  # type: ignore[assignment]
+    line._take = closed  # type: ignore[method-assign]
     with pytest.raises(DeviceError, match='was unplugged or taken'):
         line.read(0.25)
     assert inside.is_set()
 
 
 @pytest.mark.usefixtures('two_ports')
-def test_a_port_that_goes_while_it_is_opened(
+def test_serial_port_may_go_while_it_is_opened(
     port: SimulatedSerialPort, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Going(serial.Serial):
@@ -166,10 +161,16 @@ def test_a_port_that_goes_while_it_is_opened(
     assert not line.is_open
 
 
-def test_pyserial_is_asked_for_where_it_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, 'serial', None)
-    with pytest.raises(MissingPackageError, match='pip install pyserial'):
-        SerialPort('/dev/ttyA').open()
+@pytest.mark.parametrize(
+    ('name', 'package', 'thing'),
+    [('serial', 'pyserial', SerialPort('/dev/ttyA')), ('smbus2', 'smbus2', I2cBus('/dev/i2c-1'))],
+)
+def test_missing_packages_are_named(
+    name: str, package: str, thing: SerialPort | I2cBus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(MissingPackageError, match=f'pip install {package} '):
+        thing.open()
 
 
 class Wires:
@@ -192,7 +193,7 @@ class Wires:
         self.closed += 1
 
 
-def test_a_transfer_is_one_transaction_of_real_messages() -> None:
+def test_i2c_bus_transfers_in_one_transaction() -> None:
     wires = Wires()
     bus = I2cBus('wires', smbus=wires)
     bus.open()
@@ -226,7 +227,7 @@ def test_a_transfer_is_one_transaction_of_real_messages() -> None:
         (errno.EAGAIN, DeviceError, 'bus wires failed', True),
     ],
 )
-def test_failures_of_a_transfer_are_sentences(
+def test_i2c_bus_names_failures_of_a_transfer(
     failure: int, kind: type[DeviceError], sentence: str, stays_open: bool
 ) -> None:
     bus = I2cBus('wires', smbus=Wires(failure))
@@ -245,7 +246,7 @@ def test_failures_of_a_transfer_are_sentences(
         (PermissionError(errno.EACCES, 'no'), 'add the user to the group i2c and log in again'),
     ],
 )
-def test_a_bus_that_cannot_be_opened_says_what_to_do(
+def test_i2c_bus_says_what_to_do_where_it_cannot_be_opened(
     failure: OSError, sentence: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(self: smbus2.SMBus, path: str) -> None:
@@ -257,18 +258,12 @@ def test_a_bus_that_cannot_be_opened_says_what_to_do(
         I2cBus('/dev/i2c-7').open()
 
 
-def test_what_is_no_bus_is_let_go() -> None:
+def test_i2c_bus_lets_go_of_what_is_none() -> None:
     with pytest.raises(DeviceError, match='bus /dev/null cannot be opened'):
         I2cBus('/dev/null').open()
 
 
-def test_no_bus_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_i2c_bus_asks_to_enable_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(transport, 'list_buses', list)
     with pytest.raises(DeviceError, match='no I2C bus: enable it and load the module i2c-dev'):
         I2cBus('/dev/i2c-nothing').open()
-
-
-def test_smbus2_is_asked_for_where_it_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, 'smbus2', None)
-    with pytest.raises(MissingPackageError, match='pip install smbus2'):
-        I2cBus('/dev/i2c-1').open()

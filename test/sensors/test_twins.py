@@ -54,7 +54,7 @@ def frames_of(twin: Twin, count: int) -> list[Frame]:
 
 
 @pytest.mark.parametrize(('key', 'how', 'step', 'rate_hz'), ROADS, ids=NAMES)
-def test_a_signal_comes_out_of_the_real_driver(
+def test_twin_signal_comes_out_of_the_real_driver(
     key: str, how: dict[str, object], step: float, rate_hz: float
 ) -> None:
     spec = load_sensor(key)
@@ -74,7 +74,7 @@ def test_a_signal_comes_out_of_the_real_driver(
 
 
 @pytest.mark.parametrize('key', ['magnet_pad', 'gradiometer', 'taxel_array', 'reskin_board'])
-def test_the_stated_noise_comes_out_with_its_seed(key: str) -> None:
+def test_twin_noise_comes_out_with_its_seed(key: str) -> None:
     spec = load_sensor(key)
     sigma = {'T': 20e-6, '1': 4e-3}[spec.layout(spec.config()).unit]
     config: Any = dataclasses.replace(spec.config(), noise=sigma, rate_hz=200.0)  # type: ignore[type-var]
@@ -94,7 +94,7 @@ def test_the_stated_noise_comes_out_with_its_seed(key: str) -> None:
 
 
 @pytest.mark.parametrize('key', list_sensors())
-def test_without_a_signal_it_plays_its_own(key: str) -> None:
+def test_twin_without_a_signal_plays_its_own(key: str) -> None:
     spec = load_sensor(key)
     config: Any = dataclasses.replace(spec.config(), noise=0.0, rate_hz=50.0)  # type: ignore[type-var]
     played = spec.presses(config, 0, noise=0.0).values
@@ -110,7 +110,7 @@ def test_without_a_signal_it_plays_its_own(key: str) -> None:
 
 
 @pytest.mark.parametrize('key', list_sensors())
-def test_a_missing_port_is_a_sentence(key: str) -> None:
+def test_sensor_names_a_missing_port(key: str) -> None:
     spec = load_sensor(key)
     device = spec.open(spec.config(), spec.connection(port='/dev/no_such_port'), time.monotonic_ns)
     missing = spec.connection(port='/dev/no_such_port')
@@ -123,7 +123,7 @@ def test_a_missing_port_is_a_sentence(key: str) -> None:
 
 
 @pytest.mark.parametrize('key', ['multipole_skin', 'magnet_pad'])
-def test_chips_behind_a_missing_port_are_a_sentence_too(key: str) -> None:
+def test_sensor_names_a_missing_port_of_chips(key: str) -> None:
     spec = load_sensor(key)
     missing: Any = spec.connection(transport='serial', port='/dev/no_such_port')
     with (
@@ -133,7 +133,7 @@ def test_chips_behind_a_missing_port_are_a_sentence_too(key: str) -> None:
         pass
 
 
-def test_a_rate_beyond_the_port_is_refused_by_the_sensor() -> None:
+def test_sensor_refuses_a_rate_beyond_its_port() -> None:
     spec = load_sensor('taxel_array')
     config: Any = dataclasses.replace(
         spec.config(),
@@ -145,14 +145,14 @@ def test_a_rate_beyond_the_port_is_refused_by_the_sensor() -> None:
     spec.open(config, spec.connection(native_usb=True), time.monotonic_ns)
 
 
-def test_a_gradiometer_has_four_pixels_on_the_wire() -> None:
+def test_gradiometer_has_four_pixels_on_the_wire() -> None:
     spec = load_sensor('gradiometer')
     config: Any = dataclasses.replace(spec.config(), positions=np.zeros((6, 3)))  # type: ignore[type-var]
     with pytest.raises(ValueError, match=r'must have shape \(4, 2\); received \(6, 2\)'):
         spec.open(config, spec.connection(), time.monotonic_ns)
 
 
-def test_list_shows_all_six(capsys: pytest.CaptureFixture[str]) -> None:
+def test_list_shows_all_sensors(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['list', '--json']) == 0
     rows = {row['sensor']: row for row in json.loads(capsys.readouterr().out)}
     papers = {
