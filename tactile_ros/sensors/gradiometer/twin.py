@@ -231,21 +231,8 @@ def presses(
 ) -> Recording:
     """FieldChange of `count` presses with their truth: force, torque and stray field.
 
-    Parameters
-    ----------
-    config : GradiometerConfig
-        Of the sensor.
-    seed : int
-        Of places, loads and noise.
-    count : int
-        Presses (n).
-    noise : float or None
-        Of a channel (T); None: that of the pixels of [3].
-
-    Returns
-    -------
-    Recording
-        One stream that begins with a tare.
+    One stream that begins with a tare. `seed` is of all that is drawn, `noise` of a channel
+    (T); None: that of the pixels of [3].
     """
     model = disc_model(config)
     plain = recorded(

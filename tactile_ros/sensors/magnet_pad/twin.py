@@ -94,23 +94,9 @@ def presses(
 ) -> Recording:  # fmt: skip
     """Readings of `count` presses with their truth: position, cell and force.
 
-    Parameters
-    ----------
-    config : MagnetPadConfig
-        Of the sensor.
-    seed : int
-        Of places, loads and noise.
-    count : int
-        Presses (n).
-    noise : float or None
-        Of a channel (T); None: that of the chips.
-    cone : float
-        Largest angle of the force to the surface's normal (rad); [2] has pi / 4.
-
-    Returns
-    -------
-    Recording
-        One stream that begins with a tare.
+    One stream that begins with a tare. `seed` is of all that is drawn, `noise` of a channel
+    (T); None: that of the chips. The
+    force is inside a `cone` (rad) about the surface's normal; [2] has pi / 4.
     """
     played = programme(config, seed, count, cone)
     blocks = blocks_for(config, played)

@@ -94,21 +94,9 @@ def presses(
 ) -> Recording:
     """Readings of `count` presses with their truth: label, yaw, position and force.
 
-    Parameters
-    ----------
-    config : MultipoleSkinConfig
-        Of the sensor; its `objects` press, or the heads of [1] where it has none.
-    seed : int
-        Of heads, places, turns, depths and noise.
-    count : int
-        Presses (n).
-    noise : float or None
-        Of a channel (T); None: that of the chips.
-
-    Returns
-    -------
-    Recording
-        One stream that begins with a tare; always of the same specimen.
+    One stream that begins with a tare. `seed` is of all that is drawn, `noise` of a channel
+    (T); None: that of the chips. The
+    `objects` of the config press, or the heads of [1] where it has none, always one specimen.
     """
     rng = np.random.default_rng(seed)
     heads = config.objects or HEADS

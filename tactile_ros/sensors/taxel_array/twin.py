@@ -151,21 +151,9 @@ def presses(
 ) -> Recording:
     """Readings of `count` presses with their truth: position, force and taxel_force.
 
-    Parameters
-    ----------
-    config : TaxelArrayConfig
-        Of the sensor.
-    seed : int
-        Of places, loads and noise.
-    count : int
-        Presses (n); of objects where the config has some.
-    noise : float or None
-        Of a channel (fraction); None: half a step of the converter.
-
-    Returns
-    -------
-    Recording
-        One stream that begins with a tare.
+    One stream that begins with a tare. `seed` is of all that is drawn, `noise` of a channel
+    (fraction of the range); None: half a step of the converter. The
+    `objects` of the config are placed, where it has some.
     """
     placing = Placing.drawn(config, seed, count) if config.objects else None
     plan = programme(config, seed, count) if placing is None else placing.programme
