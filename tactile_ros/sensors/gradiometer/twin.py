@@ -168,7 +168,7 @@ def disc_model(config: GradiometerConfig, noise: float = NOISE) -> Model:
 
 
 def reading(config: GradiometerConfig, touches: Touches, model: Model | None = None) -> Array:
-    """FieldChange (s, t, 2) (T) of the disc, exact or in a model, where the force has moved it."""
+    """Readings (s, t, 2) (T) of the disc, exact or in a model, where the force has moved it."""
     model = exact_disc(config.positions, disc_of(config)) if model is None else model
     rest = np.array([0.0, 0.0, config.gap + config.disc_height / 2])
     shear = SHEAR_SHARE * config.full_scale / RADIUS
@@ -229,7 +229,7 @@ def warm_up(config: GradiometerConfig, times: Array) -> tuple[Array, Array]:
 def presses(
     config: GradiometerConfig, seed: int = 0, count: int = PRESSES, noise: float | None = None
 ) -> Recording:
-    """FieldChange of `count` presses with their truth: force, torque and stray field.
+    """Readings of `count` presses with their truth: force, torque and stray field.
 
     One stream that begins with a tare. `seed` is of all that is drawn, `noise` of a channel
     (T); None: that of the pixels of [3].

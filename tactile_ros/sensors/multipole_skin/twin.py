@@ -95,8 +95,8 @@ def presses(
     """Readings of `count` presses with their truth: label, yaw, position and force.
 
     One stream that begins with a tare. `seed` is of all that is drawn, `noise` of a channel
-    (T); None: that of the chips. The
-    `objects` of the config press, or the heads of [1] where it has none, always one specimen.
+    (T); None: that of the chips. The `objects` of the config press, or the heads of [1] where it
+    has none; it is always the same specimen.
     """
     rng = np.random.default_rng(seed)
     heads = config.objects or HEADS

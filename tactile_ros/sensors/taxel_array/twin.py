@@ -152,8 +152,8 @@ def presses(
     """Readings of `count` presses with their truth: position, force and taxel_force.
 
     One stream that begins with a tare. `seed` is of all that is drawn, `noise` of a channel
-    (fraction of the range); None: half a step of the converter. The
-    `objects` of the config are placed, where it has some.
+    (fraction of the range); None: half a step of the converter. The `objects` of the
+    config are placed, where it has some.
     """
     placing = Placing.drawn(config, seed, count) if config.objects else None
     plan = programme(config, seed, count) if placing is None else placing.programme
