@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.estimators.few_shot import SupportSet, share_of
-from tactile_ros.estimators.press_templates import descend_rows
+from tactile_ros.estimators.press_templates import DAMPING, TINY, descend_rows
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -24,18 +24,7 @@ if TYPE_CHECKING:
 
 LONGEST = np.array([2e-3, 2e-3, 0.35])  # m, m, rad: steps
 RATIO = (0.4, 2.5)  # of depths from step to step
-FAINTEST = 0.02  # of the usual depth, where a descent begins
-ROUNDS = 8
-CLOSE = 0.5  # of a misfit, which one step may leave to its straight line
-BEHIND = 0.1  # of how far a head is behind
-SHRUNK = 0.3
-DAMPING = 1e-4
-STOP = np.array([CLOSE, BEHIND, FAINTEST, DAMPING, SHRUNK])  # as loops take them
-
-
-
 MIXTURE_DAMPING = 1e-4  # of slopes of unit length
-TINY = 1e-30
 FEWEST = 1e-3  # degrees of freedom
 
 
@@ -219,18 +208,18 @@ class PressSearch:
         span = np.swapaxes(np.linalg.qr(weight[..., None] * self.common)[0], 1, 2)
         span = np.ascontiguousarray(span)
         wanted = _cleared((presses.pattern * weight)[:, None], span)
-        cost, scale, normal = np.empty((n, s)), np.empty((n, s, 4)), np.empty((n, s, 4, 4))
-        plain = np.empty((n, s, 5, d))
+        cost, normal, plain = np.empty((n, s)), np.empty((n, s, 4, 4)), np.empty((n, s, 5, d))
         for i in range(n):
             descend_rows(
-                bank.flat, bank.grid, bank.about, self.heads, self.limit, STOP, ROUNDS,
-                weight[i], span[i], wanted[i, 0],
-                start[i], cost[i], normal[i], scale[i], plain[i],
+                bank.flat, bank.grid, bank.about, self.heads, self.limit, weight[i], span[i],
+                wanted[i, 0], start[i], cost[i], normal[i], plain[i],
             )  # fmt: skip
         each = np.arange(n)[:, None]
         best = cost.reshape(n, -1, STARTS).argmin(axis=2) + STARTS * np.arange(len(self.first))
-        cost, plain, unit = cost[each, best], plain[each, best], scale[each, best]
-        cov = np.linalg.inv(normal[each, best]) / (unit[..., None] * unit[..., None, :])
+        cost, plain, normal = cost[each, best], plain[each, best], normal[each, best]
+        unit = np.sqrt(np.diagonal(normal, axis1=2, axis2=3)) + TINY
+        size = unit[..., None] * unit[..., None, :]
+        cov = np.linalg.inv(normal / size + DAMPING * np.eye(4)) / size
         likeliest = plain[np.arange(n), cost.argmin(axis=1)]
         away = plain[:, :, 0] - likeliest[:, :1]
         rows = np.concatenate([likeliest, away], axis=1) * weight[:, None]

@@ -10,12 +10,22 @@ import pytest
 from benchmarks.worlds import multipole_fidelity
 from reference import multipole_world as world
 from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors.multipole_skin.config import nine_heads
 from tactile_ros.sensors.multipole_skin.press_fit import drawn_skin
 from tactile_ros.sensors.multipole_skin.specimen import NONE, Flaws, Specimen, snr
 from tactile_ros.sensors.multipole_skin.twin import NOISE
 
 CONFIG = load_sensor('multipole_skin').config()
 WHOLE = Specimen(CONFIG, NONE)  # type: ignore[arg-type]
+
+
+def test_nine_heads_have_the_sizes_of_the_paper() -> None:
+    heads = nine_heads()
+    for head, size in zip(heads[::3], (10e-3, 15e-3, 20e-3), strict=True):
+        np.testing.assert_allclose(np.ptp(head.loops[0], axis=0), size)
+    triangle = heads[1].loops[0]
+    np.testing.assert_allclose(np.linalg.norm(triangle[0] - triangle[1]), 10e-3)
+    np.testing.assert_allclose(triangle.mean(axis=0), 0, atol=1e-12)
 
 
 @pytest.mark.parametrize('kind', ['M1', 'M2', 'M3', 'M4'])

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from reference.skin_collection import TARE, WINDOW, collected, windows_of
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.estimators import embedding
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.multipole_skin import recogniser, twin
-from tactile_ros.sensors.multipole_skin.config import nine_heads
+from tactile_ros.sensors.multipole_skin import recogniser
+from tactile_ros.sensors.multipole_skin.config import box, nine_heads
 from tactile_ros.sensors.multipole_skin.recogniser import NETWORKS, NetworkClasses
 from tactile_ros.sensors.multipole_skin.specimen import Specimen
 from tactile_ros.types import Recording
@@ -24,14 +25,8 @@ pytest.importorskip('onnxruntime')
 SPEC = load_sensor('multipole_skin')
 CONFIG = SPEC.config(objects=())
 HEADS = nine_heads()[2::3]
-PLACES = twin.stations()[[6, 8, 18]]
-ROWS = twin.TARE + 10
-
-
-def named(recording: Recording, *left_out: str) -> Recording:
-    """The same, of which less is told."""
-    truth = {name: column for name, column in recording.truth.items() if name not in left_out}
-    return replace(recording, truth=truth)
+PLACES = 11e-3 * np.array([[-1, -1], [1, -1], [1, 1.0]])
+ROWS = TARE + WINDOW
 
 
 @pytest.fixture(scope='module')
@@ -41,12 +36,12 @@ def skin() -> Specimen:
 
 @pytest.fixture(scope='module')
 def taught(skin: Specimen) -> Recording:
-    return named(twin.collected(skin, HEADS, PLACES, 1, samples=5), 'position', 'yaw', 'force')
+    return collected(skin, HEADS, PLACES, 1, samples=5)
 
 
 @pytest.fixture(scope='module')
 def asked(skin: Specimen) -> Recording:
-    return twin.collected(skin, HEADS, PLACES, 2, samples=4)
+    return collected(skin, HEADS, PLACES, 2, samples=4)
 
 
 @pytest.mark.parametrize('name', NETWORKS)
@@ -77,7 +72,7 @@ def test_a_fit_tries_it_and_says_how_often_it_was_right(taught: Recording) -> No
 
 
 def test_a_fit_takes_it_where_it_is_better(
-    taught: Recording, asked: Recording, monkeypatch: pytest.MonkeyPatch
+    skin: Specimen, taught: Recording, asked: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def poor(*_: object) -> object:
         return None, {'accuracy_whitened': 0.0, 'accuracy_prototypes': 0.0}
@@ -89,14 +84,10 @@ def test_a_fit_takes_it_where_it_is_better(
     label = pipeline.process_batch(asked).label[last]
     assert (label == asked.truth['label'][last]).mean() > 0.8
     # a class that is enrolled is told from presses, beside those that the network names
-    new = named(twin.collected(skin_of(pipeline), twin.bars()[:1], PLACES[:1], 3, 3))
+    new = collected(skin, (box('', 30e-3, 5e-3),), PLACES[:1], 3, 3)
     pipeline.enrol(new, 'bar')
     after = pipeline.process_batch(asked).label[last]
     assert (after == label).mean() > 0.8
-
-
-def skin_of(_: object) -> Specimen:
-    return Specimen(CONFIG, seed=4)  # type: ignore[arg-type]
 
 
 def test_faint_presses_and_those_that_lack_frames_are_not_named(
@@ -105,15 +96,15 @@ def test_faint_presses_and_those_that_lack_frames_are_not_named(
     pipeline = SPEC.pipeline(CONFIG, estimator='pronet_shapes').fit(taught)
     spoilt = replace(asked, values=asked.values.copy())
     spoilt.values[ROWS - 3, 4] = np.nan
-    rest = asked.values[ROWS : ROWS + twin.TARE].mean(axis=0)
-    part = slice(ROWS + twin.TARE, 2 * ROWS)
+    rest = asked.values[ROWS : ROWS + TARE].mean(axis=0)
+    part = slice(ROWS + TARE, 2 * ROWS)
     spoilt.values[part] = rest + 0.003 * (asked.values[part] - rest)
     label = pipeline.process_batch(spoilt).label
     assert label[ROWS - 1] == label[2 * ROWS - 1] == -1
 
 
 def test_what_is_too_far_from_every_press_is_not_named(taught: Recording) -> None:
-    windows = list(twin.windows_of(taught, 10))
+    windows = list(windows_of(taught))
     label = np.repeat(np.arange(3), len(windows) // 3)
     known = NetworkClasses('shapes').fit(windows, label, np.arange(len(windows)) % 5)
     assert 0.5 < known.right <= 1.0
@@ -127,7 +118,7 @@ def test_what_is_too_far_from_every_press_is_not_named(taught: Recording) -> Non
 def test_without_onnxruntime_it_is_no_candidate_and_asked_for_a_sentence(
     taught: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    windows = list(twin.windows_of(taught, 10))
+    windows = list(windows_of(taught))
     label, groups = np.zeros(len(windows), np.int64), np.arange(len(windows))
     monkeypatch.setattr(recogniser, 'can_run', lambda: False)
     assert recogniser.best_network(NETWORKS, windows, label, groups) is None

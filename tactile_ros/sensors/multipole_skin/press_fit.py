@@ -38,6 +38,7 @@ FEWEST = 3  # presses from which the sheet is fitted, or the share of turns chos
 MOST = 1500  # windows that are kept as supports
 MOST_FITTED = 30  # presses by which the sheet is fitted
 MOST_TRIED = 40  # presses by which the share of turns is chosen
+MOST_STANDING = 120  # presses by which classes find a head that stands in for them
 FOLDS = 5
 FAINT = 0.1  # of the drawn resting field: readings that were tared before they came
 NOT_THIS = 0.3  # of a press, missed by the model: truth speaks of something else
@@ -168,29 +169,37 @@ def _fit_sheet(
     """Fit the sheet to presses; these as if the sheet had not been fitted to them, a report."""
     rested = recogniser.model
     assert rested is not None
+    described = bool(recogniser.outlines)
     expected = fit.expected(recogniser.outlines or HEADS) if rest is not None else MODEL_ERROR
     recogniser.error = float(np.clip(expected, *ERRORS))
-    recogniser.turnings = TURNINGS[1:] if recogniser.outlines else ()
+    recogniser.turnings = TURNINGS[1:] if described else ()
     rows = labelled_rows(recogniser, presses, labels)
     tried = rows if len(rows) >= FEWEST else np.arange(len(presses.pattern))
-    if len(tried) < FEWEST or (recogniser.outlines and len(rows) < FEWEST):
+    if len(tried) < FEWEST or (described and len(rows) < FEWEST):
         return presses, {}
-    tried = _spread_out(tried, MOST_TRIED)
-    turning, poses = _turning(recogniser, presses.rows(tried), labels.rows(tried), bool(len(rows)))
+    tried = _spread_out(tried, MOST_TRIED if described else MOST_STANDING)
+    label = labels.label[tried]
+    seen = np.unique(label) if described else np.arange(0)
+    column = np.searchsorted(seen, label) if described else None
+    turning, matches = _turning(recogniser, presses.rows(tried), seen, column)
     recogniser.turnings, recogniser.model = (), replace(rested, turning=turning)
     recogniser.refresh()
     if len(rows) < FEWEST:
         return presses, {}
+    each = np.arange(len(tried))
+    column = stand_ins(matches, label) if column is None else column
+    head = label if described else column
+    poses, cost = matches.pose[each, column, :3], matches.cost[each, column]
+    turned = np.isfinite(labels.yaw[tried]) & described
     near = np.linalg.norm(poses[:, :2] - labels.place[tried, :2], axis=1) < NEAR
-    turned = np.isfinite(labels.yaw[tried])
-    kept = np.flatnonzero(near | turned)
+    kept = np.flatnonzero(turned | (near & (described | (cost <= np.median(cost)))))
     if len(kept) < FEWEST:
         return presses, {}
     kept = _spread_out(kept, MOST_FITTED)
     variance = presses.variance(recogniser.noise, recogniser.still_)
     known = [
         LabelledPress(
-            recogniser.outlines[labels.label[tried[i]]],
+            (recogniser.outlines or recogniser.library)[head[i]],
             np.array([*labels.place[tried[i], :2],
                       labels.yaw[tried[i]] if turned[i] else poses[i, 2]]),
             bool(turned[i]), presses.pattern[tried[i]], variance[tried[i]],
@@ -200,14 +209,24 @@ def _fit_sheet(
     fit.fit_presses(rest, known, turning)
     patterns, missed = fit.held_out(known, labels.folds[tried[kept]])
     report = {'sheet': {'missed': missed, 'presses': float(len(known))}}
-    if missed > NOT_THIS:
+    if missed > (NOT_THIS if described else recogniser.error):
         return presses, report
     recogniser.model, recogniser.common = fit.model, fit.model.common
-    recogniser.error = float(np.clip(fit.expected(recogniser.outlines), *ERRORS))
+    heads = recogniser.outlines or recogniser.library
+    recogniser.error = float(np.clip(fit.expected(heads), *ERRORS))
     recogniser.refresh()
     outside = presses.pattern.copy()
     outside[tried[kept]] = patterns
     return replace(presses, pattern=outside), report
+
+
+def stand_ins(matches: Matches, label: Integers) -> Integers:
+    """Head (n,) of the library that explains all presses of the class of each best.
+
+    Presses of one class share their shape, wherever they are: together they say what one leaves
+    open.
+    """
+    return np.array([matches.cost[label == one].sum(axis=0).argmin() for one in label])
 
 
 def _spread_out(rows: npt.NDArray[np.intp], most: int) -> npt.NDArray[np.intp]:
@@ -218,21 +237,23 @@ def _spread_out(rows: npt.NDArray[np.intp], most: int) -> npt.NDArray[np.intp]:
 def labelled_rows(
     recogniser: Recogniser, presses: Presses, labels: Labels
 ) -> npt.NDArray[np.intp]:
-    """Windows of described heads at labelled places."""
-    placed = np.isfinite(labels.place[:, :2]).all(axis=1)
-    described = (labels.label >= 0) & (labels.label < len(recogniser.outlines))
-    return np.flatnonzero(placed & described)
+    """Windows at labelled places: of described heads, or of any class where none is described."""
+    placed = np.isfinite(labels.place[:, :2]).all(axis=1) & (labels.label >= 0)
+    if recogniser.outlines:
+        placed &= labels.label < len(recogniser.outlines)
+    return np.flatnonzero(placed)
 
 
 def _turning(
-    recogniser: Recogniser, presses: Presses, labels: Labels, labelled: bool
-) -> tuple[float, Array]:
-    """Share of turns that magnets follow, and poses (n, 3) of presses of labelled heads."""
+    recogniser: Recogniser, presses: Presses, heads: Integers, column: Integers | None
+) -> tuple[float, Matches]:
+    """Share of turns that magnets follow, and matches of the presses (n) on such a skin.
+
+    `heads` are those that pressed, `column` (n,) which of them each time; None: any of the library.
+    """
     assert recogniser.model is not None
-    heads = np.unique(labels.label) if labelled else np.arange(0)
     outlines = tuple(recogniser.outlines[i] for i in heads.tolist())
     found = {}
-    n = np.arange(len(presses.pattern))
     for turning in TURNINGS:
         trial = Recogniser(
             replace(recogniser.model, turning=turning), outlines, recogniser.noise,
@@ -241,8 +262,9 @@ def _turning(
         trial.still_ = recogniser.still_
         matches = trial.matches(presses)
         assert matches is not None
-        which = np.searchsorted(heads, labels.label) if labelled else matches.cost.argmin(axis=1)
-        found[turning] = float(np.median(matches.cost[n, which])), matches.pose[n, which, :3]
+        each = np.arange(len(matches.cost))
+        cost = matches.cost.min(axis=1) if column is None else matches.cost[each, column]
+        found[turning] = float(np.median(cost)), matches
     best = min(found, key=lambda turning: found[turning][0])
     return best, found[best][1]
 
