@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import fft
 
+from tactile_ros.estimators.model_inversion import _factor, _substitute
 from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.coverage import symmetry
 from tactile_ros.physics.elastomer import PunchDents
@@ -364,9 +365,12 @@ def limited_step(
     normal: Array, right: Array, pose: Array, limit: Array, size: float, tried: Array
 ) -> float:
     """Reduction of the cost that a whole step promises; `tried` (4,) is the pose after a part."""
-    scale = np.sqrt(np.diag(normal)) + TINY
-    system = normal / (scale * scale.reshape(4, 1)) + DAMPING * np.eye(4)
-    move = np.linalg.solve(system, right / scale) / scale
+    system, move = normal.copy(), right.copy()
+    for i in range(4):
+        system[i, i] = (1.0 + DAMPING) * normal[i, i] + TINY
+    if not _factor(system):
+        move[:] = 0.0
+    _substitute(system, move.reshape(4, 1))
     for i in range(3):
         tried[i] = pose[i] + min(max(size * move[i], -limit[i]), limit[i])
     ratio = min(max(1.0 + size * move[3] / pose[3], limit[3]), limit[4])

@@ -249,7 +249,7 @@ def _turning(
 ) -> tuple[float, Matches]:
     """Share of turns that magnets follow, and matches of the presses (n) on such a skin.
 
-    `heads` are those that pressed, `column` (n,) which of them each time; None: any of the library.
+    `heads` pressed, `column` (n,) says which of them each time; None: any of the library.
     """
     assert recogniser.model is not None
     outlines = tuple(recogniser.outlines[i] for i in heads.tolist())
