@@ -368,8 +368,7 @@ def limited_step(
     system, move = normal.copy(), right.copy()
     for i in range(4):
         system[i, i] = (1.0 + DAMPING) * normal[i, i] + TINY
-    if not _factor(system):
-        move[:] = 0.0
+    _factor(system)
     _substitute(system, move.reshape(4, 1))
     for i in range(3):
         tried[i] = pose[i] + min(max(size * move[i], -limit[i]), limit[i])

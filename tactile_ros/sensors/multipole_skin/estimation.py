@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import betaincinv
 
 from tactile_ros.estimators.few_shot import Presses, SupportSet, press_patterns
+from tactile_ros.physics.magnetics import rotations
 from tactile_ros.sensors.multipole_skin.press_fit import Labels, learn
 from tactile_ros.sensors.multipole_skin.recogniser import (
     NETWORKS,
@@ -25,6 +26,8 @@ from tactile_ros.sensors.regression import Recognition
 from tactile_ros.types import Estimation
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
     from tactile_ros.sensors.multipole_skin.recogniser import Answers, Recogniser
     from tactile_ros.types import Array, Columns, Integers, Report, Signals
@@ -41,32 +44,23 @@ def column_of(truth: Columns, name: str, rows: Integers, width: int) -> Array:
     return np.asarray(found, np.float64).reshape(len(found), width)[rows]
 
 
-def truth_at(truth: Columns, rows: Integers) -> Columns:
-    """Truth whose answers of once a window are known at their last rows alone."""
-    known = dict(truth)
-    only_rows(known, rows)
-    return known
-
-
-def write_rows(known: Columns, rows: Integers, n: int, label: Integers, chance: Array) -> None:
-    """Labels of some of n rows as those of all; `known` is changed."""
-    known['label'], known['label_probability'] = np.full(n, -1), np.full(n, np.nan)
-    known['label'][rows], known['label_probability'][rows] = label, chance
+def spread(column: npt.NDArray[np.generic], rows: Integers, n: int) -> npt.NDArray[np.generic]:
+    """Column of some rows for all n, NaN or -1 in the others."""
+    blank = -1 if column.dtype.kind in 'iu' else np.nan
+    wide = np.full((n, *column.shape[1:]), blank, column.dtype)
+    wide[rows] = column
+    return wide
 
 
 def only_rows(known: Columns, rows: Integers) -> None:
     """Blank what is answered once a window in all other rows; `known` is changed."""
-    for name in ONCE:
-        if name in known:
-            column = known[name]
-            blank = np.full_like(column, -1 if column.dtype.kind in 'iu' else np.nan)
-            blank[rows] = column[rows]
-            known[name] = blank
+    for name in set(ONCE) & set(known):
+        known[name] = spread(known[name][rows], rows, len(known[name]))
 
 
 @dataclass
 class WindowMemory:
-    """What is remembered of a stream.
+    """Memory of a stream.
 
     Attributes
     ----------
@@ -188,15 +182,6 @@ def enrolled(
         raise ValueError(msg)
     presses = press_patterns(windows, recogniser.basis)
     strength = recogniser.strength(presses)
-    presses = _firm_part(presses, strength, name)
-    labels = np.full(len(presses.pattern), number)
-    press = press_numbers(signals, size)[np.array(ends)]
-    press += recogniser.enrolled_.number.max(initial=-1) + 1
-    return recogniser.supports(presses, labels, press)
-
-
-def _firm_part(presses: Presses, strength: np.ndarray, name: str) -> Presses:
-    """Presses, all of which are strong enough."""
     weak = strength < FIRM
     if weak.any():
         msg = (
@@ -204,11 +189,14 @@ def _firm_part(presses: Presses, strength: np.ndarray, name: str) -> Presses:
             f'{int(weak.sum())} of {len(weak)} reach {strength.min():.1f}: press harder'
         )
         raise ValueError(msg)
-    return presses
+    labels = np.full(len(presses.pattern), number)
+    press = press_numbers(signals, size)[np.array(ends)]
+    press += recogniser.enrolled_.number.max(initial=-1) + 1
+    return recogniser.supports(presses, labels, press)
 
 
 def costs(recogniser: Recogniser, new: SupportSet, number: int) -> dict[str, float]:
-    """What a class takes from those known before, and from how many presses it was learned.
+    """Cost of a class to those known before, and the count of presses it was learned from.
 
     Parameters
     ----------
@@ -227,7 +215,7 @@ def costs(recogniser: Recogniser, new: SupportSet, number: int) -> dict[str, flo
 
 
 def lost_by(recogniser: Recogniser, number: int) -> dict[str, float]:
-    """What a class now takes from presses of the known ones, each as if it had not been seen.
+    """Held-out presses of known classes that a class now takes.
 
     Lost is what would be named rightly without the class. A press is lost with the first of its
     windows: they are no evidence of their own.
@@ -257,7 +245,7 @@ def lost_by(recogniser: Recogniser, number: int) -> dict[str, float]:
 
 
 def lost_there(recogniser: Recogniser, new: SupportSet, number: int) -> dict[str, float]:
-    """What a class takes from others that press where it was pressed, as like it as they can be.
+    """Share of the other classes that a class takes where it was pressed.
 
     A class is taken whole or not at all, by chance, since what its template or its presses are
     wrong by is the same from press to press: either it is what pressed, as far as could be told
@@ -288,7 +276,7 @@ def lost_there(recogniser: Recogniser, new: SupportSet, number: int) -> dict[str
 
 
 def _noise_takes(recogniser: Recogniser, new: SupportSet, number: int) -> dict[int, float]:
-    """How often noise makes presses of drawn heads and of enrolled classes those of a class.
+    """Share of presses of each drawn head and enrolled class that noise makes those of a class.
 
     Presses of every drawn head are made up there, at depths, places and turns around those at
     which it is nearest to the class, with noise and errors of the model; of enrolled classes,
@@ -355,7 +343,7 @@ def _presses(supports: SupportSet) -> Presses:
 def _named(
     recogniser: Recogniser, presses: Presses, known: SupportSet, number: int
 ) -> tuple[Integers, Integers]:
-    """What presses (n,) are called, and what they would be without a class; -1: nothing."""
+    """Names of presses (n,) with a class and without it; -1: none."""
     matches = recogniser.matches(presses)
     labels, scores, _ = recogniser.scores(presses, matches, known, recogniser.road_)
     without = np.where(labels == number, np.inf, scores)
@@ -367,18 +355,32 @@ def _named(
 
 
 def _bound(count: int, of: int) -> float:
-    """What a share is below with 95 % certainty (Clopper and Pearson); NaN of none."""
+    """Upper bound (95 %) of a share, by Clopper and Pearson; NaN of none."""
     if not of:
         return float('nan')
     return 1.0 if count == of else float(betaincinv(count + 1, of - count, 0.95))
 
 
 def _most_of(chances: Array) -> float:
-    """What the share of heads that are lost, each by a chance (n,), is at most with 95 %."""
+    """Upper bound (95 %) of the share of heads that are lost, each by a chance (n,)."""
     count = np.ones(1)
     for chance in chances:
         count = np.convolve(count, [1 - chance, chance])
     return float(np.searchsorted(np.cumsum(count), 0.95)) / len(chances)
+
+
+def object_pose(answers: Answers, place: Array) -> tuple[Array, Array]:
+    """Transforms (n, 4, 4) of recognised objects at places (n, 3), their covariance (n, 6, 6)."""
+    n = len(place)
+    pose, cov = np.zeros((n, 4, 4)), np.zeros((n, 6, 6))
+    pose[:, :3, :3] = rotations(answers.pose[:, 2:] * np.array([0.0, 0.0, 1.0]))
+    pose[:, 3, 3], pose[:, :3, 3] = 1.0, place
+    cov[:, 2, 2] = DEEP**2
+    index = np.array([0, 1, 5])
+    cov[:, index[:, None], index] = answers.cov
+    nobody = np.isnan(answers.pose[:, 2]) | np.isnan(place).any(axis=1)
+    pose[nobody], cov[nobody] = np.nan, np.nan
+    return pose, cov
 
 
 NOISE = 4e-6  # T, of a reading, where rest tells none
@@ -459,7 +461,9 @@ class MultipoleEstimation(Estimation):
         ends, windows = find_windows(signals, self.config.window, self.start())
         rows = np.array(ends, np.int64)
         if self.wanted not in NETWORKS:
-            self.frames_.fit(signals, truth_at(truth, rows), groups)
+            last = dict(truth)  # answers of once a window are learned at its last row alone
+            only_rows(last, rows)
+            self.frames_.fit(signals, last, groups)
         self.recogniser_, self.by_press_, self.press_report_ = None, (), {}
         self.network_, self.names_ = None, ()
         self.first_new_ = len(self.config.objects)
@@ -553,13 +557,13 @@ class MultipoleEstimation(Estimation):
             self.frames_.votes_ = tuple(vote for vote in votes if vote.target != 'label')
 
     def _votes(self, frames: Report) -> float:
-        """How often votes of frames are right; never, where they cannot name every head."""
+        """Accuracy of votes of frames; 0 where they cannot name every head."""
         if not self._names_all() or 'label' not in self.frames_.estimators:
             return 0.0
         return frames.get('label', {}).get('held_out_accuracy', 0.0)
 
     def _names_all(self) -> bool:
-        """Whether every head that templates would name was seen."""
+        """True if every head that templates would name was seen."""
         assert self.recogniser_ is not None
         seen = set(self.recogniser_.known_.label.tolist())
         heads = range(len(self.config.objects)) if self.recogniser_.described else ()
@@ -570,90 +574,56 @@ class MultipoleEstimation(Estimation):
         assert isinstance(memory, WindowMemory)
         known = self.frames_.estimate(signals, memory.past)
         ends, windows = find_windows(signals, self.config.window, memory)
-        rows = np.array(ends, np.int64)
+        rows, n = np.array(ends, np.int64), len(signals.good)
         if signals.stamp_ns is not None:
             only_rows(known, rows)
         spoken = self.by_press_ or self.names_ or self.network_ is not None
         if self.recogniser_ is None or not spoken:
             return known
-        n = len(signals.good)
-        answers = None
-        if len(rows):
-            presses = press_patterns(windows, self.recogniser_.basis)
-            answers = self.recogniser_.answer(presses)
-            if self.network_ is not None:
-                firm = self.recogniser_.strength(presses) >= WEAKEST
-                write_rows(known, rows, n, *self.network_.predict(windows, firm))
-        self._name(known, rows, answers, n)
+        presses = press_patterns(windows, self.recogniser_.basis)
+        answers = self.recogniser_.answer(presses)
+        if self.network_ is not None:
+            firm = self.recogniser_.strength(presses) >= WEAKEST
+            label, chance = self.network_.predict(windows, firm)
+            known['label'] = spread(label, rows, n)
+            known['label_probability'] = spread(chance, rows, n)
+        # where votes or a network are better, presses name enrolled classes alone
+        mine = np.ones(len(rows), bool)
+        if 'label' not in self.by_press_:
+            mine = answers.label >= self.first_new_
+        for name in ('label', 'label_probability'):
+            column = answers.label if name == 'label' else answers.probability
+            if 'label' in self.by_press_ or name not in known:
+                known[name] = spread(column[:0], rows[:0], n)
+            known[name][rows[mine]] = column[mine]
         if 'position' in self.by_press_:
             self._place(known, rows, answers, n)
         if 'yaw' in self.by_press_:
-            self._turn_of(known, rows, answers, n)
+            deviation = np.sqrt(answers.cov[:, 2, 2])
+            told: Columns = {
+                'yaw': answers.pose[:, 2], 'yaw_std': deviation, 'symmetry': answers.order,
+                'object_pose': np.full((len(rows), 4, 4), np.nan),
+                'object_pose_cov': np.full((len(rows), 6, 6), np.nan),
+            }  # fmt: skip
+            if 'position' in self.by_press_:
+                place = np.asarray(known['position'][rows], np.float64)
+                told['object_pose'], told['object_pose_cov'] = object_pose(answers, place)
+            known.update({name: spread(column, rows, n) for name, column in told.items()})
         return known
 
-    def _name(self, known: Columns, rows: Integers, answers: Answers | None, n: int) -> None:
-        """Write labels; where votes are better, only those of enrolled classes."""
-        label = np.full(n, -1)
-        chance = np.full(n, np.nan)
-        if 'label' not in self.by_press_:
-            label = known.get('label', label)
-            chance = known.get('label_probability', chance)
-        if answers is not None:
-            mine = np.ones(len(rows), bool)
-            if 'label' not in self.by_press_:
-                mine = answers.label >= self.first_new_
-            label[rows[mine]] = answers.label[mine]
-            chance[rows[mine]] = answers.probability[mine]
-        known['label'], known['label_probability'] = label, chance
-
-    def _place(self, known: Columns, rows: Integers, answers: Answers | None, n: int) -> None:
+    def _place(self, known: Columns, rows: Integers, answers: Answers, n: int) -> None:
         """Write places, of which regressors may know the height."""
         place = known.get('position', np.full((n, 3), np.nan))
         cov = known.get('position_cov', np.full((n, 3, 3), np.nan))
         if 'position' not in known:
             place[rows, 2] = self.config.layer_thickness + self.config.sheet_thickness
             cov[rows, 2, 2] = DEEP**2
-        if answers is not None:
-            place[rows, :2] = answers.pose[:, :2]
-            cov[rows, :2], cov[rows, :, :2] = 0.0, 0.0
-            cov[rows[:, None, None], np.arange(2)[:, None], np.arange(2)] = answers.cov[:, :2, :2]
-            lost = np.isnan(place[rows, 0])
-            place[rows[lost]], cov[rows[lost]] = np.nan, np.nan
+        place[rows, :2] = answers.pose[:, :2]
+        cov[rows, :2], cov[rows, :, :2] = 0.0, 0.0
+        cov[rows[:, None, None], np.arange(2)[:, None], np.arange(2)] = answers.cov[:, :2, :2]
+        lost = np.isnan(place[rows, 0])
+        place[rows[lost]], cov[rows[lost]] = np.nan, np.nan
         known['position'], known['position_cov'] = place, cov
-
-    def _turn_of(self, known: Columns, rows: Integers, answers: Answers | None, n: int) -> None:
-        """Write turns, poses of objects and their symmetry."""
-        yaw, deviation = np.full(n, np.nan), np.full(n, np.nan)
-        pose, cov = np.full((n, 4, 4), np.nan), np.full((n, 6, 6), np.nan)
-        order = np.full(n, -1)
-        if answers is not None:
-            yaw[rows] = answers.pose[:, 2]
-            deviation[rows] = np.where(
-                np.isfinite(answers.pose[:, 2]), np.sqrt(answers.cov[:, 2, 2]), np.nan
-            )
-            order[rows] = answers.order
-            if 'position' in self.by_press_:
-                pose[rows], cov[rows] = self._object_pose(
-                    answers, np.asarray(known['position'][rows], np.float64)
-                )
-        known['yaw'], known['yaw_std'], known['symmetry'] = yaw, deviation, order
-        known['object_pose'], known['object_pose_cov'] = pose, cov
-
-    @staticmethod
-    def _object_pose(answers: Answers, place: Array) -> tuple[Array, Array]:
-        """Transforms (n, 4, 4) of recognised objects, and their covariance (n, 6, 6)."""
-        n = len(place)
-        pose, cov = np.zeros((n, 4, 4)), np.zeros((n, 6, 6))
-        c, s = np.cos(answers.pose[:, 2]), np.sin(answers.pose[:, 2])
-        pose[:, 0, 0], pose[:, 0, 1], pose[:, 1, 0], pose[:, 1, 1] = c, -s, s, c
-        pose[:, 2, 2] = pose[:, 3, 3] = 1.0
-        pose[:, :3, 3] = place
-        cov[:, 2, 2] = DEEP**2
-        index = np.array([0, 1, 5])
-        cov[:, index[:, None], index] = answers.cov[:, :3, :3]
-        nobody = np.isnan(answers.pose[:, 2]) | np.isnan(place).any(axis=1)
-        pose[nobody], cov[nobody] = np.nan, np.nan
-        return pose, cov
 
     def enrol(self, signals: Signals, label: str) -> None:
         """Learn a class from the presses in conditioned frames; see `enrolment`.
