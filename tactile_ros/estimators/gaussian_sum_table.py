@@ -148,7 +148,7 @@ class Linearised:
 
 @dataclass(frozen=True)
 class Posterior:
-    """What readings say."""
+    """Posterior of a touch."""
 
     # (s, k) and (s, c, c) of the answers; the covariance is of the first c
     mean: Array
@@ -221,7 +221,7 @@ class GaussianSumTable:
         self.table = np.concatenate([part.reshape(count, -1) for part in pieces], axis=1)
 
     def __call__(self, x: Array) -> Posterior:
-        """What finite features x (s, d) say."""
+        """Posterior of finite features x (s, d)."""
         z = x
         if self.turned:
             # a row at a time: the same bits alone and among others
@@ -254,7 +254,7 @@ class GaussianSumTable:
 
 
 def _metric(channels: int, common: Array | None, strength: float) -> tuple[Array, float]:
-    """What turns features into ones of equal worth (d, d), and the logarithm of its volume."""
+    """Map of features to ones of equal variance (d, d), and the logarithm of its volume."""
     metric = np.eye(channels)
     if common is None or not strength > 0:
         return metric, 0.0

@@ -116,7 +116,7 @@ class Matches:
         return Matches(*(getattr(self, one.name)[rows] for one in fields(self)))
 
     def or_better(self, other: Matches) -> Matches:
-        """Of each press these or those of another skin, whichever fit better."""
+        """Matches of each press on this or on another skin, whichever fit better."""
         which = np.argmin([self.cost.min(axis=1), other.cost.min(axis=1)], axis=0)
         each = np.arange(len(which))
         parts = (
@@ -194,7 +194,7 @@ class PressSearch:
         return presses.variance(self.noise, self.still) + share_of(presses.pattern, self.error)
 
     def _find(self, presses: Presses) -> Matches:
-        """Of a few presses, which fit in the memory together."""
+        """Matches of a few presses, which fit in the memory together."""
         found = self._found(presses)
         return found if self.other is None else found.or_better(self.other._find(presses))
 

@@ -269,7 +269,7 @@ def _spline_in_turn(rows: Array) -> Array:
 
 
 def _gain(wave: Array, like: Array, axis: int) -> Array:
-    """What turns the spectrum of values into that of spline coefficients, along one axis."""
+    """Gain from the spectrum of values to that of spline coefficients, along one axis."""
     shape = [1] * like.ndim
     shape[axis] = -1
     gain: Array = np.asarray(3 / (2 + np.cos(2 * np.pi * wave)), np.float32).reshape(shape)  # type: ignore[assignment]

@@ -96,7 +96,7 @@ class SkinModel:
 
     @cached_property
     def dents(self) -> PunchDents:
-        """Of the body."""
+        """Dents of the body."""
         shear_modulus = self.youngs / (2 * (1 + self.poisson))
         return PunchDents(self.sheet, 0.0, Layer(self.body, shear_modulus, self.poisson))
 

@@ -20,4 +20,6 @@ def test_template_rows_at_a_node_are_the_cubic_spline_of_its_neighbours() -> Non
     table = flat.reshape(turns, sides, sides, width).astype(float)
     near = table[1:4, 3:6, 1:4]
     knot = np.array([1.0, 4.0, 1.0]) / 6.0
-    np.testing.assert_allclose(parts[0], np.einsum('i,j,k,ijkd->d', knot, knot, knot, near), 1e-5, 1e-6)
+    np.testing.assert_allclose(
+        parts[0], np.einsum('i,j,k,ijkd->d', knot, knot, knot, near), 1e-5, 1e-6
+    )

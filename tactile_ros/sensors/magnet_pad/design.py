@@ -31,7 +31,7 @@ LOADS = np.geomspace(0.02, 30.0, 28)  # N
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is asked of a pad.
+    """Requirements of a pad.
 
     Condition 1: at rest every chip reads more than it can measure at least and less than it
     saturates at, and under the largest force none saturates ([2] asks it of one chip; a saturated
@@ -159,7 +159,7 @@ def blocks(cells: Array, weak: Integers) -> list[Integers]:
 
 
 def remedies(config: MagnetPadConfig, wanted: Wanted, force: Array) -> list[Remedy]:
-    """What to change where forces (n,) (N) that are felt exceed the least one."""
+    """Changes of the pad where forces (n,) (N) that are felt exceed the least one."""
     weak = np.flatnonzero(force > wanted.force)
     if not len(weak):
         return []
@@ -278,7 +278,7 @@ def _map(config: MagnetPadConfig, wanted: Wanted, force: Array) -> Table:
 
 
 def _remedies(config: MagnetPadConfig, wanted: Wanted, force: Array) -> Table:
-    """What [2] proposes where condition 2 fails, and what it is worth."""
+    """Remedies of [2] where condition 2 fails, and their gain."""
     felt, quiet = int((force <= wanted.force).sum()), quiet_enough(config, wanted).all()
     rows = [('none', 'as it is', '-', float(force.max()), felt, 'yes' if quiet else 'no')]
     for one in remedies(config, wanted, force):
@@ -365,7 +365,7 @@ def softest(config: MagnetPadConfig, wanted: Wanted, hard: float) -> float:
 
 
 def _bears(config: MagnetPadConfig, wanted: Wanted, modulus: float) -> bool:
-    """Whether the largest force leaves the chips clear and the magnets in their place."""
+    """True if the largest force leaves the chips clear and the magnets in their place."""
     strained = wanted.largest / (4 * np.pi * modulus * config.radius)
     height = float(config.magnet_positions[:, 2].min())
     softened = replace(config, shear_modulus=modulus)

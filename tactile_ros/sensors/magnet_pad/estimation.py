@@ -504,7 +504,7 @@ def _filled(column: npt.NDArray[np.generic], rows: Integers, count: int) -> Arra
 
 
 def _on_surface(config: MagnetPadConfig, place: Array, force: Array) -> bool:
-    """Whether contacts (s, 3) lie on a half cylinder about the axis, pressed inward."""
+    """True if contacts (s, 3) lie on a half cylinder about the axis, pressed inward."""
     distance = np.hypot(place[:, 1], place[:, 2])
     radius = max(float(np.median(distance)), 1e-9)
     off = np.abs(distance / radius - 1) > 0.1

@@ -46,7 +46,7 @@ FEW = 5  # presses, as which what is usual counts
 
 
 def usual_misfit(misfits: Array, freedom: int) -> tuple[float, float]:
-    """How well classes fit what they are: middle of the logarithm, and how far above it comes.
+    """Usual misfit of a class by its own presses: middle of its logarithm, and spread above.
 
     Parameters
     ----------
@@ -104,16 +104,14 @@ FRAMES, CHANNELS = 10, 60  # of a window
 
 
 def can_run() -> bool:
-    """Whether onnxruntime is installed.
-
-    `training/pronet.py` made them and says how; each file tells the command and the places that it
-    learned from. They know the skin that they were trained on, and no other.
-    """
+    """True if onnxruntime is installed."""
     return find_spec('onnxruntime') is not None
 
 
 def pronet(what: str) -> Embedding:
-    """Network for 'shapes' of heads or 'postures' of a bar.
+    """Network for 'shapes' of heads or 'postures' of a bar, as `training/pronet.py` made it.
+
+    It knows the skin that it was trained on, and no other.
 
     Raises
     ------
@@ -135,7 +133,7 @@ ENOUGH = 0.95
 
 
 class NetworkClasses:
-    """What one network makes of known presses.
+    """Classes of known presses by one network.
 
     A prototype of [1] is the mean of a class at the place of the task. Where presses of many
     places are known, each place has prototypes of its own, and the nearest one names a press.
@@ -169,7 +167,7 @@ class NetworkClasses:
 
     @property
     def useful(self) -> bool:
-        """Whether it is right by half as much again as the commonest class, or nearly always."""
+        """True if it is right by half as much again as the commonest class, or nearly always."""
         return self.right > min(BETTER * self.chance, 0.5 + self.chance / 2)
 
     @cached_property
@@ -440,7 +438,7 @@ class Recogniser:
         return np.asarray(matches.cost + matches.level[:, None] - np.log(part).sum(axis=2))
 
     def template_misfits(self, matches: Matches) -> Array:
-        """How much worse than by chance the likeliest head fits, for every head (n, heads).
+        """Misfit of the likeliest head over that by chance, for every head (n, heads).
 
         Along the other heads, and a little over all readings: few heads tell little of shapes.
         """

@@ -31,7 +31,7 @@ MOST = 0.4999  # Poisson ratio
 
 @dataclass(frozen=True)
 class Flaws:
-    """What a skin has and its drawing does not say: standard deviations."""
+    """Standard deviations of a skin from its drawing."""
 
     # of each chip to any side, of all bands along y, of all chips along z (m)
     misplaced: float = 0.15e-3
@@ -102,7 +102,7 @@ class Specimen:
         return self._read(self.still)
 
     def stray(self, field: Array) -> Array:
-        """What a uniform field (3,) (T) adds to the readings (t, 3)."""
+        """Change of the readings (t, 3) by a uniform field (3,) (T)."""
         return self._read(np.broadcast_to(field, self.chips.shape))
 
     def stiffness(self, outline: Outline) -> float:
@@ -157,7 +157,7 @@ class Specimen:
         return dipole_field(self.chips, self.places, moments)
 
     def _read(self, field: Array) -> Array:
-        """What chips say of fields (..., t, 3)."""
+        """Readings of fields (..., t, 3)."""
         return np.asarray(np.einsum('tij,...tj->...ti', self.responses, field))
 
     def _layer(self) -> Layer:
