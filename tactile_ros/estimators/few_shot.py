@@ -9,9 +9,9 @@ chosen on held-out presses. Without such a metric the nearest mean of unit vecto
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -32,6 +32,7 @@ ANY_DEPTH = 2.0  # one over the deviation of that ratio in a fit
 DRAWS, MOST_ASKED = 2, 150  # of support presses, and queries, by which a metric is chosen
 SAME_PLACE = 0.7  # cosine of presses of one class at one place
 UNIT_ERROR = 0.1  # of a unit vector
+Rows = TypeVar('Rows', bound='Presses')
 
 
 @dataclass(frozen=True)
@@ -64,9 +65,9 @@ class Presses:
         found = np.quantile(np.square(quiet) - usual, QUIET)
         return float(np.sqrt(np.clip(found, 0.0, 4 * np.square(noise).mean())))
 
-    def rows(self, rows: npt.NDArray[np.intp]) -> Presses:
-        """Some of the presses."""
-        return Presses(self.pattern[rows], self.frames[rows])
+    def rows(self: Rows, rows: npt.NDArray[np.intp]) -> Rows:
+        """Some of them."""
+        return type(self)(*(getattr(self, one.name)[rows] for one in fields(self)))
 
 
 def press_pattern(window: Array, common: Array) -> tuple[Array, float]:
@@ -137,15 +138,13 @@ CANDIDATES = (Metric(), *(
 
 
 @dataclass(frozen=True)
-class SupportSet:
+class SupportSet(Presses):
     """Presses (m) by which classes are recognised.
 
     Attributes
     ----------
     label, number : ndarray, shape (m,)
         Class; press that each is a window of: windows of one press are one piece of evidence.
-    pattern, frames : ndarray, shape (m, d) and (m,)
-        As in `Presses`.
     presses : ndarray, shape (m,)
         How many presses each is the mean of.
     slopes : ndarray, shape (m, 3, d)
@@ -156,8 +155,6 @@ class SupportSet:
 
     label: Integers
     number: Integers
-    pattern: Array
-    frames: Array
     presses: Array
     slopes: Array
     bends: Array
@@ -166,17 +163,12 @@ class SupportSet:
     def empty(cls, d: int) -> SupportSet:
         """None yet, of patterns of length d."""
         whole, none, wide = np.zeros(0, np.int64), np.zeros(0), np.zeros((0, d))
-        return cls(whole, whole, wide, none, none, np.zeros((0, 3, d)), wide)
-
-    def where(self, rows: npt.NDArray[np.intp]) -> SupportSet:
-        """Some of them."""
-        return SupportSet(*(getattr(self, one.name)[rows] for one in fields(self)))
+        return cls(wide, none, whole, whole, none, np.zeros((0, 3, d)), wide)
 
     def without(self, label: int) -> SupportSet:
         """All but those of a class; classes above it move down by one."""
-        left = self.where(np.flatnonzero(self.label != label))
-        lower = left.label - (left.label > label)
-        return SupportSet(lower, *(getattr(left, one.name) for one in fields(self)[1:]))
+        left = self.rows(np.flatnonzero(self.label != label))
+        return replace(left, label=left.label - (left.label > label))
 
     def joined(self, other: SupportSet) -> SupportSet:
         """These and others."""
@@ -210,8 +202,8 @@ class SupportSet:
             return np.tensordot(share, column[rows], axes=1)[None]
 
         return [
-            self.label[[first]], self.number[[first]], mean(self.pattern),
-            weight.sum(keepdims=True), 1 / np.square(share).sum(keepdims=True),
+            mean(self.pattern), weight.sum(keepdims=True), self.label[[first]],
+            self.number[[first]], 1 / np.square(share).sum(keepdims=True),
             mean(self.slopes), mean(self.bends),
         ]  # fmt: skip
 
@@ -314,8 +306,7 @@ def choose_metric(
         for known, asked in trials:
             if not len(asked) or len(np.unique(supports.label)) == 1:
                 return Metric(), {}
-            few = supports.where(known)
-            presses = Presses(supports.pattern[asked], supports.frames[asked])
+            few, presses = supports.rows(known), supports.rows(asked)
             if metric is None:
                 score = prototype_scores(few, presses, basis)
             else:

@@ -86,7 +86,7 @@ def supports_of(
         deep = pose[:, 3, None]
         bends = deep**2 * terms[:, 1] + 2 * deep**3 * terms[:, 2]
     return SupportSet(
-        labels, number, presses.pattern, presses.frames, np.ones(n), slopes, bends
+        presses.pattern, presses.frames, labels, number, np.ones(n), slopes, bends
     )
 
 

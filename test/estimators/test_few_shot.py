@@ -35,7 +35,7 @@ def drawn(count: int) -> np.ndarray:
 def supports(patterns: np.ndarray, labels: list[int] | np.ndarray) -> SupportSet:
     n = len(patterns)
     return SupportSet(
-        np.array(labels), np.arange(n), patterns, np.full(n, 5.0), np.ones(n),
+        patterns, np.full(n, 5.0), np.array(labels), np.arange(n), np.ones(n),
         np.zeros((n, 3, D)), np.zeros((n, D)),
     )  # fmt: skip
 

@@ -233,7 +233,7 @@ def lost_by(recogniser: Recogniser, number: int) -> dict[str, float]:
     lost = np.zeros(count, bool)
     for fold in np.unique(part):
         rows = np.flatnonzero(part == fold)
-        presses, seen = _presses(known.where(rows)), known.where(np.flatnonzero(part != fold))
+        presses, seen = known.rows(rows), known.rows(np.flatnonzero(part != fold))
         now, before = _named(recogniser, presses, seen, number)
         lost[press[rows[(now == number) & (before == known.label[rows])]]] = True
     share = float(lost.mean()) if count else float('nan')
@@ -257,9 +257,8 @@ def lost_there(recogniser: Recogniser, new: SupportSet, number: int) -> dict[str
         `lost_there`, the share over all classes, and `lost_there_at_most`, its 95 % bound; NaN
         where none is open. `lost_there LABEL` for each that is more likely taken than not.
     """
-    presses = _presses(new)
-    matches = recogniser.matches(presses)
-    found = recogniser.scores(presses, matches, recogniser.known_, recogniser.road_)
+    matches = recogniser.matches(new)
+    found = recogniser.scores(new, matches, recogniser.known_, recogniser.road_)
     others = found[0] != number
     labels = found[0][others]
     if not len(labels):
@@ -307,10 +306,7 @@ def _enrolled_again(recogniser: Recogniser, number: int) -> list[tuple[int, Pres
     """Presses of each class that was enrolled beside another one, many times over."""
     enrolled = recogniser.enrolled_
     return [
-        (
-            label,
-            _presses(enrolled.where(np.resize(np.flatnonzero(enrolled.label == label), DRAWN))),
-        )
+        (label, enrolled.rows(np.resize(np.flatnonzero(enrolled.label == label), DRAWN)))
         for label in np.unique(enrolled.label).tolist()
         if label != number
     ]
@@ -320,7 +316,7 @@ def _heads_there(
     recogniser: Recogniser, new: SupportSet, rng: np.random.Generator
 ) -> list[tuple[int, Presses]]:
     """Presses of each drawn head about the pose at which it is nearest to the first press."""
-    press = _presses(new.where(np.array([0])))
+    press = new.rows(np.array([0]))
     matches, found = recogniser.matches(press), []
     if matches is None or recogniser.search is None or not recogniser.described:
         return []
@@ -333,11 +329,6 @@ def _heads_there(
         same = press.rows(np.zeros(DRAWN, np.intp))
         found.append((head, replace(same, pattern=pattern)))
     return found
-
-
-def _presses(supports: SupportSet) -> Presses:
-    """SupportSet as presses."""
-    return Presses(supports.pattern, supports.frames)
 
 
 def _named(

@@ -349,7 +349,7 @@ def _trial(
     named, misfit = np.full(len(fold), -1), np.full(len(fold), np.inf)
     for i in np.unique(fold):
         rows = np.flatnonzero(fold == i)
-        known = recogniser.known_.where(np.flatnonzero(fold != i))
+        known = recogniser.known_.rows(np.flatnonzero(fold != i))
         classes, scores, misfits = recogniser.scores(
             presses.rows(rows), matches.rows(rows), known, road
         )
