@@ -82,7 +82,7 @@ def test_scores_are_likelihoods_with_their_nuisances() -> None:
     size = made / few_shot.ANY_DEPTH / np.sqrt(variance)
     field = 1e4 * COMMON.T / np.sqrt(variance)
     miss = (asked - made) / np.sqrt(variance)
-    free = np.vstack([ways, size, 1e-3 * field])
+    free = np.vstack([ways, size, 1e-5 * field])
     cost = miss @ np.linalg.solve(np.eye(D) + free.T @ free, miss)
     span = np.linalg.qr(field.T)[0]
     ways = ways - (ways @ span) @ span.T
