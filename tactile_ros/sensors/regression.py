@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 import numpy as np
 
@@ -32,6 +32,8 @@ from tactile_ros.types import Estimation, FrameStatus
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    import numpy.typing as npt
+
     from tactile_ros.types import (
         Array,
         Bools,
@@ -42,6 +44,8 @@ if TYPE_CHECKING:
         SensorConfig,
         Signals,
     )
+
+Scalar = TypeVar('Scalar', bound=np.generic)
 
 ESTIMATORS = ('ridge', 'grid_knn', 'kernel_ridge', 'perceptron')
 FORCES = ('force', 'torque')
@@ -614,6 +618,14 @@ def _moves(values: Array) -> bool:
     """Whether readings (s, t, c) are more than one constant, from which nothing is learned."""
     read = np.nan_to_num(values)
     return bool((np.ptp(read, axis=0) > ROUNDING * np.abs(read).max(initial=0.0)).any())
+
+
+def filled(column: npt.NDArray[Scalar], rows: Integers, count: int) -> npt.NDArray[Scalar]:
+    """Column of some rows for all of them, NaN or -1 in the others."""
+    blank = np.nan if column.dtype.kind == 'f' else -1
+    wide = np.full((count, *column.shape[1:]), blank, column.dtype)
+    wide[rows] = column
+    return wide
 
 
 def places_of(plane: Array) -> Integers | None:

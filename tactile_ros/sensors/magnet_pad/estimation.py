@@ -31,7 +31,7 @@ from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.sensors.magnet_pad.inversion import SIGMAS, TABLE, PadInversion
 from tactile_ros.sensors.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.sensors.regression import ESTIMATORS as REGRESSORS
-from tactile_ros.sensors.regression import Recognition, places_of
+from tactile_ros.sensors.regression import Recognition, filled, places_of
 from tactile_ros.types import Array, Bools, FrameStatus, Integers
 
 if TYPE_CHECKING:
@@ -439,7 +439,7 @@ class Localisation(Recognition):
         if inversion.common is not None:
             answered['stray_field'] = found.cause
         for name, column in answered.items():
-            known[name] = column if len(rows) == len(every) else _filled(column, rows, len(every))
+            known[name] = column if len(rows) == len(every) else filled(column, rows, len(every))
         odd = found.misfit > inversion.posterior.unlike * inversion.misfit_
         strong = odd | (np.abs(found.cause) > FIELDS * STRAY).any(axis=1)
         least, most = (inversion.span_ * (1 / MARGIN, MARGIN)) ** 2
@@ -493,14 +493,6 @@ def _measured(column: npt.NDArray[np.generic]) -> Bools:
     """Rows in which truth has anything."""
     known = np.isfinite(column) if column.dtype.kind == 'f' else column != -1
     return np.asarray(known.any(axis=tuple(range(1, known.ndim))))
-
-
-def _filled(column: npt.NDArray[np.generic], rows: Integers, count: int) -> Array:
-    """A column of some rows for all of them, NaN or -1 in the others."""
-    blank = np.nan if column.dtype.kind == 'f' else -1
-    wide = np.full((count, *column.shape[1:]), blank, column.dtype)
-    wide[rows] = column
-    return wide
 
 
 def _on_surface(config: MagnetPadConfig, place: Array, force: Array) -> bool:

@@ -22,12 +22,10 @@ from tactile_ros.sensors.multipole_skin.recogniser import (
     Recogniser,
     best_network,
 )
-from tactile_ros.sensors.regression import Recognition
+from tactile_ros.sensors.regression import Recognition, filled
 from tactile_ros.types import Estimation
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
     from tactile_ros.sensors.multipole_skin.recogniser import Answers, Recogniser
     from tactile_ros.types import Array, Columns, Integers, Report, Signals
@@ -44,18 +42,10 @@ def column_of(truth: Columns, name: str, rows: Integers, width: int) -> Array:
     return np.asarray(found, np.float64).reshape(len(found), width)[rows]
 
 
-def spread(column: npt.NDArray[np.generic], rows: Integers, n: int) -> npt.NDArray[np.generic]:
-    """Column of some rows for all n, NaN or -1 in the others."""
-    blank = -1 if column.dtype.kind in 'iu' else np.nan
-    wide = np.full((n, *column.shape[1:]), blank, column.dtype)
-    wide[rows] = column
-    return wide
-
-
 def only_rows(known: Columns, rows: Integers) -> None:
     """Blank what is answered once a window in all other rows; `known` is changed."""
     for name in set(ONCE) & set(known):
-        known[name] = spread(known[name][rows], rows, len(known[name]))
+        known[name] = filled(known[name][rows], rows, len(known[name]))
 
 
 @dataclass
@@ -576,8 +566,8 @@ class MultipoleEstimation(Estimation):
         if self.network_ is not None:
             firm = self.recogniser_.strength(presses) >= WEAKEST
             label, chance = self.network_.predict(windows, firm)
-            known['label'] = spread(label, rows, n)
-            known['label_probability'] = spread(chance, rows, n)
+            known['label'] = filled(label, rows, n)
+            known['label_probability'] = filled(chance, rows, n)
         # where votes or a network are better, presses name enrolled classes alone
         mine = np.ones(len(rows), bool)
         if 'label' not in self.by_press_:
@@ -585,7 +575,7 @@ class MultipoleEstimation(Estimation):
         for name in ('label', 'label_probability'):
             column = answers.label if name == 'label' else answers.probability
             if 'label' in self.by_press_ or name not in known:
-                known[name] = spread(column[:0], rows[:0], n)
+                known[name] = filled(column[:0], rows[:0], n)
             known[name][rows[mine]] = column[mine]
         if 'position' in self.by_press_:
             self._place(known, rows, answers, n)
@@ -599,7 +589,7 @@ class MultipoleEstimation(Estimation):
             if 'position' in self.by_press_:
                 place = np.asarray(known['position'][rows], np.float64)
                 told['object_pose'], told['object_pose_cov'] = object_pose(answers, place)
-            known.update({name: spread(column, rows, n) for name, column in told.items()})
+            known.update({name: filled(column, rows, n) for name, column in told.items()})
         return known
 
     def _place(self, known: Columns, rows: Integers, answers: Answers, n: int) -> None:
