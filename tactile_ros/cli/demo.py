@@ -37,7 +37,7 @@ from tactile_ros.cli.replay import evaluate, print_result
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.recording_files import load, save_recording
 from tactile_ros.evaluation.replay import replay
-from tactile_ros.evaluation.report import Dataset, Result, answer, environment, write_report
+from tactile_ros.evaluation.report import Dataset, Result, answer, provenance, write_report
 from tactile_ros.files import UNFINISHED
 from tactile_ros.sensors import load_sensor
 
@@ -165,7 +165,10 @@ def run_recordings(output: Path, seed: int, say: Say, *, as_json: bool) -> list[
     chosen = parts(seed)
     command = f'tactile demo --seed {seed}'
     title = 'A real recording through the real graph'
-    result = Result(title, command, environment(), measure(chosen, output, say), NOTES)
+    datasets = measure(chosen, output, say)
+    calibrations = {part.name: output / 'calibrations' / f'{part.name}.npz' for part in chosen}
+    opened = {name: load_sensor(SENSOR).load(path) for name, path in calibrations.items()}
+    result = Result(title, command, provenance(opened, opened), datasets, NOTES)
     print_result(result, as_json=as_json)
     write_report(output / 'report.html', result)
     return [part.name for part in chosen]
@@ -337,7 +340,7 @@ def run_twin(
     notes = (*TWIN_NOTES, rate, *learned, *sentences(pipeline.report))
     title = f'A simulated {key} through the real graph'
     command = f'tactile demo --sensor {key} --seed {seed}'
-    result = Result(title, command, environment(), (dataset,), notes)
+    result = Result(title, command, provenance([key], {key: pipeline}), (dataset,), notes)
     print_result(result, as_json=as_json)
     for sentence in (f'{TWIN_NOTES[0]} {rate}', *learned):
         print(f'  {key}: {sentence}', file=sys.stderr if as_json else sys.stdout)

@@ -38,6 +38,7 @@ from tactile_ros.evaluation.report import (
     Result,
     environment,
     for_drawing,
+    provenance,
     table,
 )
 from tactile_ros.evaluation.truth import DEFAULT_TRUTH
@@ -162,12 +163,9 @@ def _report(
     datasets = [for_drawing(one) for outcome in outcomes for one in outcome.results]
     failed = [f'Left out: {outcome.failure}' for outcome in outcomes if outcome.failure]
     notes = dict.fromkeys(said for p in pipelines for said in calibrate.sentences(p.report))
-    digests = {
-        f'calibration {path.name}': pipeline.digest
-        for path, pipeline in zip(options.calibration, pipelines, strict=True)
-    }
-    told = {**environment(), **digests}
-    result = Result('Replay', command, told, tuple(datasets), (*failed, *notes))
+    named = dict(zip((path.name for path in options.calibration), pipelines, strict=True))
+    facts = provenance(options.recordings, named)
+    result = Result('Replay', command, facts, tuple(datasets), (*failed, *notes))
     if options.report:
         write_report(options.report, result)
         print(f'report: {options.report}', file=sys.stderr)

@@ -20,6 +20,7 @@ from scipy.special import ndtri
 
 from tactile_ros.conditioning.loading_direction import dead_band, loading_signs
 from tactile_ros.errors import MissingPackageError, TactileError
+from tactile_ros.evaluation.metrics import ONE_SIGMA, TOLERANCE
 from tactile_ros.files import write_beside
 from tactile_ros.types import Array, Bools, Integers
 
@@ -33,6 +34,7 @@ LEFT, RIGHT, TOP, BOTTOM = 46.0, 14.0, 30.0, 42.0  # pixels around the axes
 LETTER, LINE = 6.4, 15.0  # pixels of a letter and of a line of labels
 MM = 1e3
 Span = tuple[float, float]
+PREFIXES = {0: '', -3: 'm', -6: 'µ', -9: 'n'}
 NAMES = {
     'position': 'place',
     'force_z': 'normal force',
@@ -51,6 +53,19 @@ def rounded(value: float, digits: int = 3) -> str:
     """
     whole = abs(value) >= min(10**digits, 1000)
     return (f'{value:,.0f}' if whole else f'{value:.{digits}g}').replace('-', '−')
+
+
+def quantity(value: float, unit: str) -> str:
+    """Three digits and the unit, with an SI prefix below a tenth.
+
+    Examples
+    --------
+    >>> quantity(0.123, 'N'), quantity(-0.00123, 'N'), quantity(0.0, 'N')
+    ('0.123 N', '−1.23 mN', '0 N')
+    """
+    large = (power for power in PREFIXES if abs(value) >= 0.0995 * 10.0**power)
+    power = next(large, -9) if value else 0
+    return f'{rounded(value / 10.0**power)} {PREFIXES[power]}{unit}'
 
 
 def nice_ticks(low: float, high: float, count: int = 5) -> list[float]:
@@ -130,25 +145,21 @@ class Plot:
     def _pixels(self, x: Array, y: Array) -> Iterable[tuple[float, float]]:
         return zip(self.x(x).tolist(), self.y(y).tolist(), strict=True)
 
-    def _path(self, x: Array, y: Array) -> str:
-        """Path data of a polyline, which NaN breaks."""
-        parts, command = [], 'M'
+    def line(self, x: Array, y: Array, kind: str, *, closed: bool = False) -> None:
+        """Draw a line of class `kind`; NaN breaks it."""
+        path, command = '', 'M'
         for px, py in self._pixels(x, y):
             shown = math.isfinite(px) and math.isfinite(py)
-            parts.append(f'{command}{px:.1f} {py:.1f}' if shown else '')
+            path += f'{command}{px:.1f} {py:.1f}' if shown else ''
             command = 'L' if shown else 'M'
-        return ''.join(parts)
-
-    def line(self, x: Array, y: Array, kind: str) -> None:
-        """Draw a line of class `kind`; NaN breaks it."""
-        self._marks.append(f'<path class="{kind}" d="{self._path(x, y)}"/>')
+        self._marks.append(f'<path class="{kind}" d="{path}{"Z" * closed}"/>')
 
     def band(self, x: Array, low: Array, high: Array, kind: str) -> None:
         """Fill the area between two lines."""
         kept = np.isfinite(x) & np.isfinite(low) & np.isfinite(high)
         if kept.sum() > 1:
             there, ends = np.append(x[kept], x[kept][::-1]), np.append(low[kept], high[kept][::-1])
-            self._marks.append(f'<path class="{kind}" d="{self._path(there, ends)}Z"/>')
+            self.line(there, ends, kind, closed=True)
 
     def dots(self, x: Array, y: Array, kind: str) -> None:
         """Draw round dots, as one path of lines without length."""
@@ -172,10 +183,6 @@ class Plot:
         for (left, right), top in zip(pairwise(ends), self.y(heights).tolist(), strict=True):
             if floor - top > 0.05:
                 self._box(left + 0.5, top, max(right - left - 1, 0.5), floor - top, kind)
-
-    def steps(self, edges: Array, heights: Array, kind: str) -> None:
-        """Draw the outline of a histogram."""
-        self.line(np.repeat(edges, 2)[1:-1], np.repeat(heights, 2), kind)
 
     def mark(self, x: float, y: float, shape: int, kind: str) -> None:
         """Draw one symbol; shapes differ for those who do not see colours."""
@@ -213,32 +220,34 @@ class Plot:
 
     def __html__(self) -> str:
         """The drawing as an element of a page."""
+        return self.element('class="plot"')
+
+    def element(self, attributes: str) -> str:
+        """The drawing as an svg element with attributes of its own."""
         (left, right), (bottom, top) = self.x.pixels, self.y.pixels
-        box = f'{left} {top} {right - left} {bottom - top}'
-        inner = f'x="{left}" y="{top}" width="{right - left}" height="{bottom - top}"'
+        width, height = right - left, bottom - top
+        inner = f'x="{left}" y="{top}" width="{width}" height="{height}"'
         return (
-            f'<svg class="plot" viewBox="0 0 {self.size[0]} {self.size[1]}" role="img" '
+            f'<svg {attributes} viewBox="0 0 {self.size[0]} {self.size[1]}" role="img" '
             f'aria-label="{escape(self.description)}">{"".join(self._axes())}'
-            f'<svg {inner} viewBox="{box}">{"".join(self._marks)}</svg>'
+            f'<svg {inner} viewBox="{left} {top} {width} {height}">{"".join(self._marks)}</svg>'
             f'{"".join(self._over)}</svg>'
         )
 
     def _ticks(self, scale: Scale, spacing: float, fewest: int) -> Iterable[tuple[float, str]]:
-        """Values and labels of an axis, about `spacing` pixels apart."""
+        """Pixels and labels of an axis, about `spacing` pixels apart."""
         count = max(fewest, int(abs(scale.pixels[1] - scale.pixels[0]) / spacing))
         ticks = log_ticks(*scale.values) if scale.log else nice_ticks(*scale.values, count)
         kept = [tick for tick in ticks if not self.integer_ticks or tick == round(tick)]
-        return ((tick, f'{tick:.6g}'.replace('-', '−')) for tick in kept)
+        return ((float(scale(tick)), f'{tick:.6g}'.replace('-', '−')) for tick in kept)
 
     def _axes(self) -> Iterable[str]:
         """Grid, labels of the ticks and names of the axes."""
         (left, right), (bottom, top) = self.x.pixels, self.y.pixels
-        for tick, label in self._ticks(self.y, 45, 3):
-            py = float(self.y(tick))
+        for py, label in self._ticks(self.y, 45, 3):
             yield f'<path class="grid" d="M{left} {py:.1f}H{right}"/>'
             yield _text(left - 7, py + 4, label, '', 'end')
-        for tick, label in self._ticks(self.x, 65, 2):
-            px = float(self.x(tick))
+        for px, label in self._ticks(self.x, 65, 2):
             yield f'<path class="tick" d="M{px:.1f} {bottom}v4"/>'
             yield _text(px, bottom + 17, label, '', 'middle')
         yield f'<path class="axis" d="M{left} {bottom}H{right}"/>'
@@ -273,28 +282,26 @@ def standalone(*plots: Plot, title: str = '', key: Sequence[tuple[str, str]] = (
     """Plots, one under the other, as a file (SVG) of its own with the look of reports."""
     margin = 16.0 if title else 0.0
     width = max(plot.size[0] for plot in plots)
-    parts, y = [], margin
+    parts, x, y = [], margin, margin
     for line in textwrap.wrap(title, width // 9):
         parts.append(_text(margin, y + 15, line, 'headline'))
         y += 22
-    x = margin
     for kind, words in key:
         if x > margin and x + 18 + LETTER * len(words) > width + margin:
             x, y = margin, y + 18
         place = f'x="{x}" y="{y + 3}" width="12" height="12" rx="3"'
-        parts.append(f'<rect class="fill {kind}" {place}/>')
-        parts.append(_text(x + 18, y + 13, words, ''))
+        parts += [f'<rect class="fill {kind}" {place}/>', _text(x + 18, y + 13, words, '')]
         x += 32 + LETTER * len(words)
     y += (26 if key else 0) + (8 if title else 0)
     for plot in plots:
-        place = f'y="{y}" width="{plot.size[0]}" height="{plot.size[1]}" overflow="visible"'
-        parts.append(plot.__html__().replace('class="plot"', f'x="{margin}" {place}', 1))
+        size = f'width="{plot.size[0]}" height="{plot.size[1]}"'
+        parts.append(plot.element(f'x="{margin}" y="{y}" {size} overflow="visible"'))
         y += plot.size[1]
-    size = f'{width + 2 * margin:g}', f'{y + margin:g}'
+    across, down = f'{width + 2 * margin:g}', f'{y + margin:g}'
     description = escape('; '.join(plot.description for plot in plots))
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{size[0]}" height="{size[1]}" '
-        f'class="plot" viewBox="0 0 {size[0]} {size[1]}" role="img" aria-label="{description}">'
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{across}" height="{down}" '
+        f'class="plot" viewBox="0 0 {across} {down}" role="img" aria-label="{description}">'
         f'<style>{STYLE}</style><rect width="100%" height="100%" fill="var(--card)"/>'
         f'{"".join(parts)}</svg>\n'
     )
@@ -360,8 +367,8 @@ def title_of(target: TargetErrors) -> str:
 
 
 def shown(target: TargetErrors) -> float:
-    """The figure that stands for a target: mean place error in mm, or RMSE in N."""
-    return MM * target.spread.mean if target.name == 'position' else target.spread.rms
+    """Figure that stands for a target: mean place error (m), or RMSE."""
+    return target.spread.mean if target.name == 'position' else target.spread.rms
 
 
 def _headline(target: TargetErrors, rest: str) -> str:
@@ -369,8 +376,13 @@ def _headline(target: TargetErrors, rest: str) -> str:
     return f'{words[0].upper()}{words[1:]} {rest}'
 
 
-def _accepted(coverage: Coverage) -> str:
-    return f'{100 * coverage.low:.0f}–{100 * coverage.high:.0f} %'
+def _verdict(coverage: Coverage) -> str:
+    """Judgement of a share of errors inside one sigma, which agrees with the drawn band."""
+    away = coverage.share - ONE_SIGMA
+    if abs(away) <= TOLERANCE:
+        return 'as it should'
+    said = f'sigmas look too {"large" if away > 0 else "small"}'
+    return f'{said}, and {coverage.groups} groups cannot tell' if coverage.honest else said
 
 
 def _span(values: Array) -> Span:
@@ -380,10 +392,19 @@ def _span(values: Array) -> Span:
     return low - air, high + air
 
 
-def _around_zero(values: npt.ArrayLike, air: float, percentile: float = 100) -> Span:
-    """Range that most magnitudes fit into, on both sides of zero."""
-    top = air * float(np.nanpercentile(np.abs(values), percentile)) or 1.0
-    return -top, top
+def _error_plot(
+    x: Span,
+    errors: npt.ArrayLike,
+    labels: tuple[str, str],
+    size: tuple[int, int],
+    description: str,
+    percentile: float = 100,
+) -> Plot:
+    """Axes that most errors fit into, on both sides of a line at zero."""
+    top = 1.15 * float(np.nanpercentile(np.abs(errors), percentile)) or 1.0
+    plot = Plot(x, (-top, top), *labels, size, description=description)
+    plot.line(np.array(x), np.zeros(2), 'rule')
+    return plot
 
 
 def _subsample(rows: Integers, most: int) -> Integers:
@@ -391,18 +412,22 @@ def _subsample(rows: Integers, most: int) -> Integers:
     return rows[np.linspace(0, len(rows) - 1, most).astype(int)] if len(rows) > most else rows
 
 
-def _bin_means(x: Array, values: Array, edges: Array) -> Array:
-    """Mean in each bin of x; NaN where there are fewer than five values."""
-    kept = np.isfinite(values) & (x >= edges[0]) & (x < edges[-1])
-    place = np.searchsorted(edges, x[kept], side='right') - 1
+def _bin_means(x: Array, values: Array, edges: Array, fewest: int = 5) -> Array:
+    """Mean in each bin of x; NaN where there are fewer than so many values."""
+    kept = np.isfinite(values) & (x >= edges[0]) & (x <= edges[-1])
+    place = np.minimum(np.searchsorted(edges, x[kept], side='right'), len(edges) - 1) - 1
     count = np.bincount(place, minlength=len(edges) - 1)
     total = np.bincount(place, values[kept], minlength=len(edges) - 1)
-    return np.where(count >= 5, total / np.maximum(count, 1), np.nan)
+    return np.where(count >= fewest, total / np.maximum(count, 1), np.nan)
 
 
 def place_map(target: TargetErrors, chips: Array) -> Figure:
     """Mean error at every touched place in plan view; chips (t, 3) (m) as crosses."""
-    x, y, mean = _place_means(target)
+    kept = np.isfinite(target.size)
+    place, of_place = np.unique(np.round(target.truth[kept], 5), axis=0, return_inverse=True)
+    of_place = of_place.reshape(-1)
+    mean = MM * np.bincount(of_place, target.size[kept]) / np.bincount(of_place)
+    x, y = MM * place.T
     some = _subsample(np.arange(len(x)), 400)
     apart = np.hypot(x[some, None] - x, y[some, None] - y)
     apart = np.where(apart > 0, apart, np.inf).min(axis=1)
@@ -419,57 +444,59 @@ def place_map(target: TargetErrors, chips: Array) -> Figure:
             plot.text(a, b, '+', 'middle', 'chip')
     bounds = ['0', *(f'{limit:g}' for limit in limits)]
     words = [*(f'{a}–{b}' for a, b in pairwise(bounds)), f'> {bounds[-1]} mm']
-    caption = f'{len(x)} places{_rim_sentence(x, y, mean)} Crosses: chips.'
-    key = tuple((f's{i}', word) for i, word in enumerate(words))
-    return Figure('Where on the pad it errs', caption, (plot,), key)
-
-
-def _place_means(target: TargetErrors) -> tuple[Array, Array, Array]:
-    """Touched places (mm) and the mean error (mm) at each."""
-    kept = np.isfinite(target.size)
-    plane, size = target.truth[kept], target.size[kept]
-    _, first, place = np.unique(np.round(plane, 5), axis=0, return_index=True, return_inverse=True)
-    place = place.reshape(-1)
-    mean = np.bincount(place, size) / np.bincount(place)
-    return plane[first, 0] * MM, plane[first, 1] * MM, np.asarray(mean * MM)
-
-
-def _rim_sentence(x: Array, y: Array, mean: Array) -> str:
-    """Mean error inside and in the outer tenth of the pad."""
+    caption = f'{len(x)} places'
     depth = np.minimum.reduce([x - x.min(), x.max() - x, y - y.min(), y.max() - y])
     rim = depth < 0.1 * max(float(np.ptp(x)), float(np.ptp(y)))
-    if not rim.any() or rim.all():
-        return '.'
-    inner, outer = float(mean[~rim].mean()), float(mean[rim].mean())
-    return (
-        f': {inner:.2f} mm on average inside, {outer:.2f} mm in the outer tenth; '
-        f'at worst {mean.max():.2f} mm.'
-    )
+    if rim.any() and not rim.all():
+        sizes = (mean[~rim].mean(), mean[rim].mean(), mean.max())
+        inner, outer, worst = (quantity(size / MM, 'm') for size in sizes)
+        caption += f': {inner} on average inside, {outer} in the outer tenth; at worst {worst}'
+    key = tuple((f's{i}', word) for i, word in enumerate(words))
+    return Figure('Where on the pad it errs', f'{caption}. Crosses: chips.', (plot,), key)
+
+
+def _histogram(
+    sizes: Mapping[str, Array], top: float, label: str, spread: Spread, unit: str
+) -> Plot:
+    """Distribution up to `top` by class of colour: the first as bars, others as outlines."""
+    edges = np.linspace(0, top, 41)
+    shares = {c: 100 * np.histogram(size, edges)[0] / len(size) for c, size in sizes.items()}
+    room = 1.15 * max(float(share.max()) for share in shares.values())
+    plot = Plot((0, top), (0, room or 1.0), label, 'share of frames (%)',
+                description=f'Distribution of the {label}')  # fmt: skip
+    for i, (colour, share) in enumerate(shares.items()):
+        if i == 0:
+            plot.bars(edges, share, f'fill {colour}')
+        else:
+            plot.line(np.repeat(edges, 2)[1:-1], np.repeat(share, 2), f'line {colour}')
+    for row, (words, value) in enumerate((('half', spread.p50), ('95 %', spread.p95))):
+        plot.rule(MM * value, f'{words} below {quantity(value, unit)}', row=row)
+    return plot
 
 
 def place_histogram(targets: Mapping[str, TargetErrors], colours: Mapping[str, str]) -> Figure:
     """Distribution of the place error by estimator; all but the first as outlines."""
-    first, *others = list(targets)[:4]
-    sizes = {n: targets[n].size[np.isfinite(targets[n].size)] * MM for n in (first, *others)}
-    edges = np.linspace(0, max(float(np.percentile(size, 98)) for size in sizes.values()), 36)
-    shares = {name: 100 * np.histogram(v, edges)[0] / len(v) for name, v in sizes.items()}
-    plot = Plot(
-        (0, edges[-1]), (0, 1.12 * max(float(share.max()) for share in shares.values())),
-        'error in the plane (mm)', 'share of frames (%)',
-        description='Distribution of the place error',
-    )  # fmt: skip
-    plot.bars(edges, shares[first], f'fill {colours[first]}')
-    for name in others:
-        plot.steps(edges, shares[name], f'line {colours[name]}')
-    spread = targets[first].spread
-    plot.rule(MM * spread.p50, f'half below {MM * spread.p50:.2f}')
-    plot.rule(MM * spread.p95, f'95 % below {MM * spread.p95:.2f}', row=1)
-    caption = f'{first}: {MM * spread.mean:.2f} mm on average, worst {MM * spread.largest:.1f} mm.'
+    names = list(targets)[:4]
+    sizes = {colours[n]: targets[n].size[np.isfinite(targets[n].size)] * MM for n in names}
+    top = max(float(np.percentile(size, 98)) for size in sizes.values())
+    spread = targets[names[0]].spread
+    plot = _histogram(sizes, top, 'error in the plane (mm)', spread, 'm')
+    caption = f'{names[0]}: {quantity(spread.mean, "m")} on average, '
+    caption += f'worst {quantity(spread.largest, "m")}.'
     if len(targets) > 1:
         best = min(list(targets)[1:], key=lambda name: targets[name].spread.mean)
-        caption += f' {best}: {MM * targets[best].spread.mean:.2f} mm.'
-    key = tuple((colours[name], name) for name in sizes)
+        caption += f' {best}: {quantity(targets[best].spread.mean, "m")}.'
+    key = tuple((colours[name], name) for name in names)
     return Figure('How far off the place is', caption, (plot,), key)
+
+
+def latency_histogram(latency_s: Array, spread: Spread, lost: str) -> Figure:
+    """Distribution of the time from acquisition to contact (n,) (s)."""
+    label = 'from acquisition to contact (ms)'
+    plot = _histogram({'c2': MM * latency_s}, 1.3 * spread.p99 * MM, label, spread, 's')
+    p99, worst = quantity(spread.p99, 's'), quantity(spread.largest, 's')
+    worst = f'99 % below {p99}, at worst {worst}'
+    return Figure('How late a contact is', f'{spread.count} contacts, {worst}; {lost}.', (plot,))
 
 
 def force_scatter(target: TargetErrors, colour: str) -> Figure:
@@ -478,44 +505,29 @@ def force_scatter(target: TargetErrors, colour: str) -> Figure:
     kept, words = np.isfinite(guess), title_of(target)
     some = _subsample(np.flatnonzero(kept), 2500)
     span = _span(np.concatenate([truth[kept], guess[kept]]))
-    diagonal = np.array(span)
     above = Plot(span, span, '', 'estimated (N)', (360, 250),
                  description=f'Estimated against measured {words}')  # fmt: skip
-    above.line(diagonal, diagonal, 'rule')
+    above.line(np.array(span), np.array(span), 'rule')
     above.dots(truth[some], guess[some], colour)
-    below = Plot(
-        span, _around_zero(error[kept], 1.15, 99.5), f'measured {words} (N)', 'error (N)',
-        (360, 170), description=f'Error of {words} against its size',
-    )  # fmt: skip
-    centre, sigma = binned_sigma(truth[kept], target.variance[kept, 0])
-    below.band(centre, -sigma, sigma, f'band {colour}')
-    below.line(diagonal, np.zeros(2), 'rule')
+    below = _error_plot(span, error[kept], (f'measured {words} (N)', 'error (N)'), (360, 170),
+                        f'Error of {words} against its size', 99.5)  # fmt: skip
+    stated = kept & np.isfinite(target.variance[:, 0])
+    edges = np.unique(np.percentile(truth[stated], np.linspace(0, 100, 25)) if stated.any() else 0)
+    if len(edges) > 1:
+        centre, variance = (
+            _bin_means(truth[stated], values[stated], edges, 1)
+            for values in (truth, target.variance[:, 0])
+        )
+        below.band(centre, -np.sqrt(variance), np.sqrt(variance), f'band {colour}')
     below.dots(truth[some], error[some], colour)
     share = target.coverage
-    caption = f'RMSE {target.spread.rms:.2f} N over {target.spread.count} frames.'
+    caption = f'RMSE {quantity(target.spread.rms, "N")} over {target.spread.count} frames.'
     if share.count:
-        verdict = 'as it should' if share.honest else f'accepted {_accepted(share)}'
         caption += (
             f' The band is the stated sigma: {100 * share.share:.0f} % of errors lie inside '
-            f'({verdict}; {share.groups} groups).'
+            f'({_verdict(share)}; {share.groups} groups).'
         )
     return Figure(_headline(target, 'against the scale'), caption, (above, below))
-
-
-def binned_sigma(truth: Array, variance: Array, bins: int = 24) -> tuple[Array, Array]:
-    """Root mean stated variance along the truth: centres and sigmas of bins of equal counts."""
-    kept = np.isfinite(truth) & np.isfinite(variance)
-    truth, variance = truth[kept], variance[kept]
-    if len(np.unique(truth)) < 2:
-        return np.zeros(0), np.zeros(0)
-    edges = np.unique(np.percentile(truth, np.linspace(0, 100, bins + 1)))
-    within = np.searchsorted(edges[1:-1], truth, side='right')
-    count = np.bincount(within)
-    filled = count > 0
-    centre, mean = (
-        np.bincount(within, values)[filled] / count[filled] for values in (truth, variance)
-    )
-    return centre, np.sqrt(mean)
 
 
 def force_trace(target: TargetErrors, name: str, colour: str) -> Figure | None:
@@ -523,8 +535,8 @@ def force_trace(target: TargetErrors, name: str, colour: str) -> Figure | None:
     if not np.isfinite(target.time_s).any():
         return None
     caption = (
-        f'At worst {target.spread.largest:.2f} N off. The band is the stated sigma about zero: '
-        'honest errors leave it a third of the time.'
+        f'At worst {quantity(target.spread.largest, "N")} off. The band is the stated sigma about '
+        'zero: honest errors leave it a third of the time.'
     )
     key = ((colour, f'estimated ({name})'), ('ink', 'measured'))
     wide = _trace(target, (1080, 220), 1.0, colour)
@@ -549,10 +561,9 @@ def _trace(
     upper.band(broken, guess - sigma, guess + sigma, f'band {colour}')
     upper.line(broken, truth, 'line ink')
     upper.line(broken, guess, f'line {colour}')
-    lower = Plot((0.0, end), _around_zero(error, 1.15, 99.5), 'time (s)', 'error (N)',
-                 (size[0], 150), description='Error of the force over time')  # fmt: skip
+    lower = _error_plot((0.0, end), error, ('time (s)', 'error (N)'), (size[0], 150),
+                        'Error of the force over time', 99.5)  # fmt: skip
     lower.band(time[rows], -sigma, sigma, f'band {colour}')
-    lower.line(np.array([0.0, end]), np.zeros(2), 'rule')
     lower.line(broken, error, f'line {colour}')
     return upper, lower
 
@@ -572,10 +583,10 @@ def sigma_calibration(targets: Sequence[TargetErrors]) -> Figure:
         if len(ratio):
             share = np.searchsorted(ratio, limits, side='right') / len(ratio)
             plot.line(100 * expected, 100 * np.append(share, 1.0), f'line c{i}')
-    plot.rule(100 * 0.6827, '1 sigma')
+    plot.rule(100 * ONE_SIGMA, '1 sigma')
     measured = '; '.join(
-        f'{title_of(t)} {100 * t.coverage.share:.0f} % (accepted {_accepted(t.coverage)}, '
-        f'{t.coverage.groups} groups)'
+        f'{title_of(t)} {100 * t.coverage.share:.0f} % ({_verdict(t.coverage)}: accepted '
+        f'{100 * t.coverage.low:.0f}–{100 * t.coverage.high:.0f} %, {t.coverage.groups} groups)'
         for t in targets
     )
     caption = (
@@ -589,7 +600,7 @@ def sigma_calibration(targets: Sequence[TargetErrors]) -> Figure:
 def speed(points: Mapping[str, Span], unit: str, colours: Mapping[str, str]) -> Figure:
     """Error of every estimator against its time per frame (us)."""
     times, errors = np.array(list(points.values())).T
-    plot = Plot((times.min() / 2.5, times.max() * 4), (0, 1.25 * errors.max()),
+    plot = Plot((times.min() / 2.5, times.max() * 4), (0, 1.25 * errors.max() or 1.0),
                 'time per frame (µs)', unit, log_x=True,
                 description='Error against time per frame')  # fmt: skip
     placed: list[tuple[float, float]] = []  # labels, in pixels
@@ -601,27 +612,12 @@ def speed(points: Mapping[str, Span], unit: str, colours: Mapping[str, str]) -> 
         placed.append((x, y))
         plot.mark(us, error, int(colours[name][1:]), f'fill {colours[name]}')
         plot.text(us, error, name, 'middle', shift=y - float(plot.y(error)))
-    best = min(points, key=lambda name: points[name][1])
-    fastest = min(points, key=lambda name: points[name][0])
-    caption = f'{best} errs least ({points[best][1]:.2f}) at {points[best][0]:.0f} µs a frame'
+    fastest, best = (min(points, key=lambda name: points[name][k]) for k in (0, 1))
+    least, short = (tuple(map(rounded, points[name])) for name in (best, fastest))
+    caption = f'{best} errs least ({least[1]}) at {least[0]} µs a frame'
     if fastest != best:
-        us, error = points[fastest]
-        caption += f'; {fastest} is fastest ({us:.0f} µs) and errs {error:.2f}'
+        caption += f'; {fastest} is fastest ({short[0]} µs) and errs {short[1]}'
     return Figure('Speed against error', f'{caption}. Down and left is better.', (plot,))
-
-
-def latency_histogram(latency_s: Array, spread: Spread, lost: str) -> Figure:
-    """Distribution of the time from acquisition to contact (n,) (s)."""
-    top = 1.3 * spread.p99 * MM
-    edges = np.linspace(0, top, 46)
-    share = 100 * np.histogram(latency_s * MM, edges)[0] / len(latency_s)
-    plot = Plot((0, top), (0, 1.15 * float(share.max())), 'from acquisition to contact (ms)',
-                'share of frames (%)', description='Distribution of the latency')  # fmt: skip
-    plot.bars(edges, share, 'fill c2')
-    plot.rule(spread.p50 * MM, f'half below {spread.p50 * MM:.2f} ms')
-    plot.rule(spread.p99 * MM, f'99 % below {spread.p99 * MM:.2f} ms', row=1)
-    caption = f'{spread.count} contacts, at worst {spread.largest * MM:.1f} ms; {lost}.'
-    return Figure('How late a contact is', caption, (plot,))
 
 
 CONFUSION_KEY = (('s1', '0.5–2'), ('s2', '2–5'), ('s3', '5–15'), ('s4', '> 15 %'))
@@ -644,9 +640,9 @@ def confusion_figure(errors: ClassErrors) -> Figure:
     plot = confusion_plot(table, name, f'{name} named against true {name}')
     for row, column in np.argwhere(table >= 0.5).tolist() if len(table) <= 16 else ():
         plot.text(column, row, f'{table[row, column]:.0f}', 'middle')
-    text = f'{errors.right:.1f} % of {errors.count} rows are named rightly'
-    if errors.abstained:
-        text += f', {errors.abstained:.1f} % are not named'
+    text = f'{rounded(errors.right)} % of {len(errors.true)} rows are named rightly'
+    if abstained := errors.hits['abstained']:
+        text += f', {rounded(100 * abstained / len(errors.true))} % are not named'
     wrong = table - np.diag(np.diag(table))
     worst = [divmod(int(k), len(table)) for k in np.argsort(wrong, axis=None)[:-4:-1]]
     if pairs := [f'{a} for {b} ({wrong[a, b]:.0f} %)' for a, b in worst if wrong[a, b] >= 0.5]:
@@ -667,17 +663,14 @@ def hysteresis(target: TargetErrors) -> Figure | None:
     if len(apart) < 6:
         return None
     words, centre = title_of(target), (edges[1:] + edges[:-1]) / 2
-    plot = Plot(
-        (low, high), _around_zero([up, down], 1.2), f'measured {words} (N)', 'mean error (N)',
-        (360, 250), description=f'Error of rising and falling {words}',
-    )  # fmt: skip
-    plot.line(edges[[0, -1]], np.zeros(2), 'rule')
+    plot = _error_plot((low, high), [up, down], (f'measured {words} (N)', 'mean error (N)'),
+                       (360, 250), f'Error of rising and falling {words}')  # fmt: skip
     plot.line(centre, up, 'line c0')
     plot.line(centre, down, 'line c1')
+    mean, worst = quantity(apart.mean(), 'N'), quantity(apart.max(), 'N')
     caption = (
-        f'At the same load, rising and falling force are told {apart.mean():.2f} N apart on '
-        f'average, at worst {apart.max():.2f} N: {100 * apart.max() / (high - low):.1f} % of the '
-        'range.'
+        f'At the same load, rising and falling force are told {mean} apart on average, at worst '
+        f'{worst}: {rounded(100 * apart.max() / (high - low))} % of the range.'
     )
     key = (('c0', 'rising'), ('c1', 'falling'))
     return Figure(f'Hysteresis of {words}', caption, (plot,), key)
@@ -705,22 +698,20 @@ def drift(target: TargetErrors, colour: str) -> Figure | None:
         return None
     time = time - time.min()
     edges = np.linspace(0, time.max(), 25)
-    centre, ends = (edges[1:] + edges[:-1]) / 2, np.array([0.0, time.max()])
+    centre, words = (edges[1:] + edges[:-1]) / 2, title_of(target)
     mean, square = (_bin_means(time, values, edges) for values in (error, error**2))
     sigma = np.sqrt(np.maximum(square - mean**2, 0))
     slope, start = np.polyfit(time, error, 1)
-    words = title_of(target)
-    plot = Plot(
-        (0, float(time.max())), _around_zero(np.abs(mean) + sigma, 1.15), 'time (s)',
-        'mean error (N)', (360, 250), description=f'Mean error of {words} over time',
-    )  # fmt: skip
+    plot = _error_plot((0, float(time.max())), np.abs(mean) + sigma,
+                       ('time (s)', 'mean error (N)'), (360, 250),
+                       f'Mean error of {words} over time')  # fmt: skip
     plot.band(centre, mean - sigma, mean + sigma, f'band {colour}')
-    plot.line(ends, np.zeros(2), 'rule')
     plot.line(centre, mean, f'line {colour}')
     plot.line(time[[0, -1]], start + slope * time[[0, -1]], 'line ink')
-    moved = f'{slope * time.max():+.2f}'.replace('-', '−')
+    moved = float(slope * time.max())
     caption = (
-        f'Over {time.max():,.0f} s the mean error moves by {moved} N (straight line); '
+        f'Over {time.max():,.0f} s the mean error moves by {"+" if moved > 0 else ""}'
+        f'{quantity(moved, "N")} (straight line); '
         'the band is one standard deviation of the errors of each span.'
     )
     return Figure(f'Drift of {words}', caption, (plot,))

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import math
 import multiprocessing
-from collections import Counter
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
@@ -30,6 +29,7 @@ from tactile_ros.evaluation.metrics import (
     CLASSES,
     TARGETS,
     Agreement,
+    ClassErrors,
     TargetErrors,
     clocks_apart,
     frames_dropped,
@@ -420,7 +420,8 @@ def pooled(outcomes: Sequence[Outcome]) -> Dataset | None:
 def _pooled(answers: Sequence[Answer]) -> Answer:
     """One answer of several: there is no median of medians, so the first measured time stays."""
     parts = {name: [t for one in answers if (t := one.target(name))] for name in TARGETS}
-    counts = {kind: [one.hits[kind] for one in answers if kind in one.hits] for kind in CLASSES}
+    judged = [classes for one in answers for classes in one.classes]
+    by_kind = ([one for one in judged if one.name == kind] for kind in CLASSES)
     agreements = [one.agreement for one in answers if one.agreement is not None]
     singles = (one.us_single for one in answers if not math.isnan(one.us_single))
     frames = sum(one.frames for one in answers)
@@ -428,7 +429,7 @@ def _pooled(answers: Sequence[Answer]) -> Answer:
     return Answer(
         answers[0].name, tuple(TargetErrors.pool(some) for some in parts.values() if some),
         next(singles, float('nan')), spent / frames if frames else float('nan'),
-        hits={kind: sum(some, Counter()) for kind, some in counts.items() if some},
+        classes=tuple(ClassErrors.pool(some) for some in by_kind if some),
         calibration=answers[0].calibration, frames=frames,
         agreement=sum(agreements[1:], agreements[0]) if agreements else None,
         problems=tuple(dict.fromkeys(text for one in answers for text in one.problems)),

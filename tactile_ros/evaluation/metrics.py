@@ -17,7 +17,7 @@ from scipy.special import bdtr
 from tactile_ros.types import Array, Bools, Integers, groups_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from tactile_ros.types import Columns, ContactStates, Recording
 
@@ -168,9 +168,9 @@ def average_euclidean_error(said: Integers, true: Integers, centres: Array) -> f
 
 @dataclass(frozen=True)
 class ClassErrors:
-    """Cells or labels of one estimator on the rows whose truth is measured."""
+    """Classes of one kind that one estimator names in the rows whose truth is measured."""
 
-    name: str  # 'cell' or 'label'
+    name: str  # one of `CLASSES`
     true: Integers  # (n,)
     said: Integers  # (n,); -1: none or abstained, or not valid
 
@@ -180,47 +180,33 @@ class ClassErrors:
         return accuracy(self.said, self.true)
 
     @property
-    def abstained(self) -> float:
-        """Share without a name (%)."""
-        return 100 * float((self.said < 0).mean())
-
-    @property
-    def count(self) -> int:
-        """Rows with truth."""
-        return len(self.true)
+    def hits(self) -> Counter[str]:
+        """Rows that are right, wrong and abstained."""
+        right, abstained = int((self.said == self.true).sum()), int((self.said < 0).sum())
+        wrong = len(self.true) - right - abstained
+        return Counter(right=right, wrong=wrong, abstained=abstained)
 
     @property
     def table(self) -> Array:
         """Share (n, n) (%) of each true class (row) that was named so (column)."""
         return confusion(self.said, self.true, int(max(self.true.max(), self.said.max())) + 1)
 
-
-def class_rows(
-    truth: Columns, states: ContactStates, kinds: Sequence[str] = CLASSES
-) -> Iterator[ClassErrors]:
-    """True and estimated classes of each kind, in the rows with truth."""
-    for name in kinds:
-        if name in truth:
-            true = np.asarray(truth[name], np.int64)
-            said = np.where(states.valid, getattr(states, name), -1).astype(np.int64)
-            if (rows := true >= 0).any():
-                yield ClassErrors(name, true[rows], said[rows])
+    @classmethod
+    def pool(cls, parts: Sequence[ClassErrors]) -> ClassErrors:
+        """Rows of several recordings together."""
+        true, said = (np.concatenate([getattr(p, n) for p in parts]) for n in ('true', 'said'))
+        return cls(parts[0].name, true, said)
 
 
-def class_errors(recording: Recording, states: ContactStates) -> tuple[ClassErrors, ...]:
-    """Errors of cells and labels that are estimated in at least one row with truth."""
-    found = class_rows(recording.truth, states, ('cell', 'label'))
-    return tuple(one for one in found if (one.said >= 0).any())
-
-
-def class_hits(truth: Columns, states: ContactStates) -> dict[str, Counter[str]]:
-    """Rows that are right, wrong or abstained, for each kind of class with truth."""
-    hits = {}
-    for one in class_rows(truth, states):
-        right, abstained = int((one.said == one.true).sum()), int((one.said < 0).sum())
-        wrong = one.count - right - abstained
-        hits[one.name] = Counter(right=right, wrong=wrong, abstained=abstained)
-    return hits
+def class_errors(truth: Columns, states: ContactStates) -> tuple[ClassErrors, ...]:
+    """True and estimated classes of each kind that has truth, in the rows with it."""
+    found = []
+    for name in CLASSES:
+        true = np.asarray(truth.get(name, np.full(len(states), -1)), np.int64)
+        said = np.where(states.valid, getattr(states, name), -1).astype(np.int64)
+        if (rows := true >= 0).any():
+            found.append(ClassErrors(name, true[rows], said[rows]))
+    return tuple(found)
 
 
 @dataclass(frozen=True)

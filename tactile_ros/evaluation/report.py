@@ -9,8 +9,9 @@ import math
 import os
 import platform
 import sys
+import textwrap
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,13 +20,12 @@ import numpy as np
 
 from tactile_ros import __version__
 from tactile_ros.evaluation import figures
-from tactile_ros.evaluation.figures import MM, Figure, rounded
+from tactile_ros.evaluation.figures import MM, Figure, quantity, rounded
 from tactile_ros.evaluation.metrics import (
     ClassErrors,
     Spread,
     TargetErrors,
     class_errors,
-    class_hits,
     spread,
     target_errors,
 )
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from tactile_ros.evaluation.metrics import Agreement
+    from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import ContactStates, Recording
 
 Cell = str | float | int | None
@@ -43,6 +44,7 @@ LOW_IS_BETTER = ('mean', 'p50', 'p95', 'RMSE', 'us/frame')
 PACKAGES = ('numpy', 'scipy', 'rosbags', 'ros-rclpy', 'numba', 'scikit-learn')
 SAME = 1e-9  # largest difference of a replay that repeats its live run
 MOST_DRAWN = 1 << 16  # rows of a target
+MOST_LETTERS = 90  # of a value of a configuration
 PAGE_MARK = b'<meta name="generator" content="tactile_ros">'
 
 
@@ -54,8 +56,7 @@ class Answer:
     targets: tuple[TargetErrors, ...]  # with truth
     us_single: float = float('nan')  # time of a frame alone (microseconds); NaN: not measured
     us_batch: float = float('nan')  # of one among many
-    classes: tuple[ClassErrors, ...] = ()  # cells and labels, where they have truth
-    hits: Mapping[str, Counter[str]] = field(default_factory=dict)  # right, wrong... by kind
+    classes: tuple[ClassErrors, ...] = ()  # with truth
     calibration: str = ''
     frames: int = 0  # processed
     agreement: Agreement | None = None  # with the live run
@@ -66,17 +67,14 @@ class Answer:
         return next((t for t in self.targets if t.name == name), None)
 
     @property
-    def forces(self) -> list[TargetErrors]:
-        """Errors of the components of force."""
-        return [target for target in self.targets if target.name.startswith('force')]
+    def hits(self) -> dict[str, Counter[str]]:
+        """Rows that are right, wrong and abstained, by kind of class."""
+        return {one.name: one.hits for one in self.classes}
 
     @property
-    def shear_rms(self) -> float | None:
-        """RMS error of force along x and y, components pooled (N); None: not judged."""
-        parts = [t.spread for t in self.forces if t.name != 'force_z']
-        count = sum(part.count for part in parts)
-        squares = sum(part.count * part.rms**2 for part in parts if part.count)
-        return math.sqrt(squares / count) if count else None
+    def confusable(self) -> list[ClassErrors]:
+        """Errors of cells and labels that are estimated in some row."""
+        return [c for c in self.classes if c.name in ('cell', 'label') and (c.said >= 0).any()]
 
 
 def answer(
@@ -85,7 +83,7 @@ def answer(
     """Judge the states of a recording by its truth."""
     return Answer(
         name, target_errors(recording, states), us_single, us_batch,
-        class_errors(recording, states), class_hits(recording.truth, states),
+        class_errors(recording.truth, states),
     )  # fmt: skip
 
 
@@ -145,9 +143,7 @@ def for_drawing(one: Dataset) -> Dataset:
             'with truth; figures are of all'
         )
     summary = '; '.join(f'{topic}: {how}' for topic, how in one.association.items())
-    return replace(
-        one, summary=summary, answers=answers, problems=tuple(dict.fromkeys(problems))
-    )
+    return replace(one, summary=summary, answers=answers, problems=tuple(dict.fromkeys(problems)))
 
 
 @dataclass(frozen=True)
@@ -179,15 +175,35 @@ def environment() -> dict[str, str]:
     }
 
 
+def provenance(recordings: Iterable[str], pipelines: Mapping[str, Pipeline]) -> dict[str, str]:
+    """Name recordings, calibrations with their configuration, versions and machine."""
+    facts = {'recordings': ', '.join(recordings)}
+    for name, pipeline in pipelines.items():
+        estimators = ', '.join(dict.fromkeys(pipeline.estimators.values())) or 'not fitted'
+        facts[f'calibration {name}'] = f'{pipeline.digest}, {pipeline.sensor}: {estimators}'
+        config = pipeline.config
+        values = {item.name: getattr(config, item.name) for item in fields(config)}  # type: ignore[arg-type]
+        facts[f'config of {name}'] = '; '.join(
+            f'{key} {textwrap.shorten(str(value), MOST_LETTERS)}' for key, value in values.items()
+        )
+    return {**facts, **environment()}
+
+
 def inside_one_sigma(targets: Sequence[TargetErrors]) -> int:
     """Components of errors within one standard deviation of their own."""
     shares = [target.coverage for target in targets if target.coverage.count]
     return round(sum(one.share * one.count for one in shares))
 
 
-def _covered(targets: Sequence[TargetErrors]) -> Cell:
-    judged = sum(target.coverage.count for target in targets)
-    return 100 * inside_one_sigma(targets) / judged if judged else None
+def _covered(begin: str) -> Callable[[Dataset, Answer], Cell]:
+    """Share of errors of some targets within their stated sigma (%)."""
+
+    def cell(_: Dataset, answer: Answer) -> Cell:
+        targets = [target for target in answer.targets if target.name.startswith(begin)]
+        judged = sum(target.coverage.count for target in targets)
+        return 100 * inside_one_sigma(targets) / judged if judged else None
+
+    return cell
 
 
 def _place(name: str) -> Callable[[Dataset, Answer], Cell]:
@@ -195,9 +211,20 @@ def _place(name: str) -> Callable[[Dataset, Answer], Cell]:
     return lambda _, a: MM * getattr(t.spread, name) if (t := a.target('position')) else None
 
 
+def _rms(*names: str) -> Callable[[Dataset, Answer], Cell]:
+    """RMS error of some targets, components pooled."""
+
+    def cell(_: Dataset, answer: Answer) -> Cell:
+        parts = [t.spread for t in answer.targets if t.name in names and t.spread.count]
+        squares = sum(part.count * part.rms**2 for part in parts)
+        return math.sqrt(squares / sum(part.count for part in parts)) if parts else None
+
+    return cell
+
+
 def _right(kind: str) -> Callable[[Dataset, Answer], Cell]:
     """Share of right answers (%)."""
-    return lambda _, a: 100 * h['right'] / h.total() if (h := a.hits.get(kind)) else None
+    return lambda _, a: next((c.right for c in a.classes if c.name == kind), None)
 
 
 CELLS: dict[str, Callable[[Dataset, Answer], Cell]] = {
@@ -207,11 +234,11 @@ CELLS: dict[str, Callable[[Dataset, Answer], Cell]] = {
     'place mean (mm)': _place('mean'),
     'p50': _place('p50'),
     'p95': _place('p95'),
-    'normal RMSE (N)': lambda _, a: t.spread.rms if (t := a.target('force_z')) else None,
-    'shear RMSE (N)': lambda _, a: a.shear_rms,
-    'place in 1 sigma (%)': lambda _, a: _covered([t for t in a.targets if t.name == 'position']),
-    'force in 1 sigma (%)': lambda _, a: _covered(a.forces),
-    'named rightly (%)': lambda _, a: a.classes[0].right if a.classes else None,
+    'normal RMSE (N)': _rms('force_z'),
+    'shear RMSE (N)': _rms('force_x', 'force_y'),
+    'place in 1 sigma (%)': _covered('position'),
+    'force in 1 sigma (%)': _covered('force'),
+    'named rightly (%)': lambda _, a: next((c.right for c in a.confusable), None),
     'contact right (%)': _right('in_contact'),
     'cell right (%)': _right('cell'),
     'label right (%)': _right('label'),
@@ -254,12 +281,12 @@ def _is_measured(cell: Cell) -> bool:
     return cell is not None and (isinstance(cell, str) or math.isfinite(cell))
 
 
-def figure_text(value: Cell, column: str) -> str:
-    """Cell of the table with as many digits as it deserves."""
+def figure_text(value: Cell) -> str:
+    """Cell of the table with three digits."""
     if not _is_measured(value):
         return '–'
     if isinstance(value, float):
-        return f'{value:.{0 if "%" in column else 1 if value >= 10 else 2}f}'
+        return rounded(value)
     return value if isinstance(value, str) else f'{value:,}'
 
 
@@ -303,7 +330,7 @@ def figures_of(dataset: Dataset, colours: dict[str, str]) -> list[Figure]:
         total = dataset.frames + dataset.dropped
         lost = f'{dataset.dropped} of {total} frames were lost on the way'
         drawn.append(figures.latency_histogram(dataset.latency_s, dataset.latency, lost))
-    drawn += [figures.confusion_figure(errors) for errors in answer.classes]
+    drawn += [figures.confusion_figure(errors) for errors in answer.confusable]
     drawn += [figures.hysteresis(target) for target in forces]
     drawn += [figures.drift(target, colour) for target in forces]
     drawn += [figures.force_trace(target, answer.name, colour) for target in estimated]
@@ -322,8 +349,9 @@ def _speed(dataset: Dataset, colours: dict[str, str]) -> Figure | None:
         return None
     name = dataset.answers[0].targets[0].name
     unit = 'mean place error (mm)' if name == 'position' else 'RMSE (N)'
+    scale = MM if name == 'position' else 1.0
     points = {
-        estimator: (us, figures.shown(target))
+        estimator: (us, scale * figures.shown(target))
         for estimator, target in _compared(dataset, name).items()
         if (us := dataset.competitors[estimator].us_single) > 0
     }
@@ -332,20 +360,21 @@ def _speed(dataset: Dataset, colours: dict[str, str]) -> Figure | None:
 
 def headline(result: Result) -> list[tuple[str, str, str]]:
     """Key figures as (value, unit, words): the first answer of the first recording with each."""
-    wanted = (
-        ('position', 'mm', 'mean error of place'),
-        ('force_z', 'N', 'RMSE of normal force'),
-        ('force_x', 'N', 'RMSE of shear force'),
-        ('force_y', 'N', 'RMSE of shear force y'),
-    )
+    wanted = {
+        'position': 'mean error of place',
+        'force_z': 'RMSE of normal force',
+        'force_x': 'RMSE of shear force',
+        'force_y': 'RMSE of shear force y',
+    }
     found = []
-    for name, unit, words in wanted:
+    for name, words in wanted.items():
         targets = [d.answers[0].target(name) for d in result.datasets if d.answers]
         if judged := [t for t in targets if t and t.spread.count and t.varies]:
-            found.append((f'{figures.shown(judged[0]):.2f}', unit, words))
+            value, _, unit = quantity(figures.shown(judged[0]), judged[0].unit).partition(' ')
+            found.append((value, unit, words))
     if delay := next((d.latency for d in result.datasets if d.latency.count), None):
-        p50, p99 = rounded(delay.p50 * MM), rounded(delay.p99 * MM)
-        found.append((p50, 'ms', f'latency (p99 {p99} ms)'))
+        value, _, unit = quantity(delay.p50, 's').partition(' ')
+        found.append((value, unit, f'latency (p99 {quantity(delay.p99, "s")})'))
     lost = sum(d.dropped for d in result.datasets)
     frames = sum(d.frames for d in result.datasets)
     return [*found, (f'{lost}', '', f'of {lost + frames} frames lost')]
@@ -395,7 +424,7 @@ def render(result: Result) -> str:
     words = [all(isinstance(row[i], str) for row in rows) for i in range(len(columns))]
     cells = [
         [
-            (figure_text(cell, columns[i]), 'words' if words[i] else 'best' * ((n, i) in best))
+            (figure_text(cell), 'words' if words[i] else 'best' * ((n, i) in best))
             for i, cell in enumerate(row)
         ]
         for n, row in enumerate(rows)
@@ -416,6 +445,7 @@ def render(result: Result) -> str:
         Path(__file__).with_name('report.html'), result=result, headline=headline(result),
         columns=list(zip(columns, words, strict=True)), rows=cells, sections=sections,
         estimators=', '.join(names) or 'none', frames=sum(d.frames for d in result.datasets),
+        timed=any(d.latency.count for d in result.datasets),
     )  # fmt: skip
 
 
