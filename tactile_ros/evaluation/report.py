@@ -72,7 +72,7 @@ class Answer:
         return {one.name: one.hits for one in self.classes}
 
     @property
-    def confusable(self) -> list[ClassErrors]:
+    def confusion_errors(self) -> list[ClassErrors]:
         """Errors of cells and labels that are estimated in some row."""
         return [c for c in self.classes if c.name in ('cell', 'label') and (c.said >= 0).any()]
 
@@ -238,7 +238,7 @@ CELLS: dict[str, Callable[[Dataset, Answer], Cell]] = {
     'shear RMSE (N)': _rms('force_x', 'force_y'),
     'place in 1 sigma (%)': _covered('position'),
     'force in 1 sigma (%)': _covered('force'),
-    'named rightly (%)': lambda _, a: next((c.right for c in a.confusable), None),
+    'named rightly (%)': lambda _, a: next((c.right for c in a.confusion_errors), None),
     'contact right (%)': _right('in_contact'),
     'cell right (%)': _right('cell'),
     'label right (%)': _right('label'),
@@ -330,7 +330,7 @@ def figures_of(dataset: Dataset, colours: dict[str, str]) -> list[Figure]:
         total = dataset.frames + dataset.dropped
         lost = f'{dataset.dropped} of {total} frames were lost on the way'
         drawn.append(figures.latency_histogram(dataset.latency_s, dataset.latency, lost))
-    drawn += [figures.confusion_figure(errors) for errors in answer.confusable]
+    drawn += [figures.confusion_figure(errors) for errors in answer.confusion_errors]
     drawn += [figures.hysteresis(target) for target in forces]
     drawn += [figures.drift(target, colour) for target in forces]
     drawn += [figures.force_trace(target, answer.name, colour) for target in estimated]
