@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.evaluation.bag import all_types
+from tactile_ros.messages import FIELD_NAMES, TAXELS, VECTORS, WRENCH_BLOCKS
 from tactile_ros.types import STATE_FIELDS, Columns, field_shape
 
 if TYPE_CHECKING:
@@ -281,11 +282,6 @@ def read_frames(messages: Sequence[bytes], shape: tuple[int, int]) -> Rows:
     return read_rows(messages, FRAME, convert, fits)
 
 
-PER_TAXEL = ('taxel_force', 'deformation', 'taxel_status')
-VECTORS = {'force': 'wrench.force', 'torque': 'wrench.torque', 'stray_field': 'stray_field'}
-BLOCKS = {'force_cov': slice(0, 3), 'torque_cov': slice(3, 6)}
-
-
 def read_contacts(
     messages: Sequence[bytes], taxels: int, wanted: Container[str] = STATE_FIELDS
 ) -> Rows:
@@ -295,7 +291,7 @@ def read_contacts(
     """
 
     def fits(columns: Columns) -> bool:
-        return all(columns[name].shape[1] in (0, taxels) for name in PER_TAXEL)
+        return all(columns[name].shape[1] in (0, taxels) for name in TAXELS)
 
     def convert(columns: Columns) -> Columns:
         count, ids = len(columns['sequence']), _patch_ids(columns)
@@ -318,9 +314,9 @@ def read_contacts(
 def _state_values(columns: Columns, name: str) -> npt.NDArray[np.generic]:
     """State attribute as the message has it; empty: not at all."""
     if name in VECTORS:
-        return vectors_of(columns, VECTORS[name])
-    if name in BLOCKS:
-        return columns['wrench_covariance'].reshape(-1, 6, 6)[:, BLOCKS[name], BLOCKS[name]]
+        return vectors_of(columns, FIELD_NAMES.get(name, name))
+    if block := WRENCH_BLOCKS.get(name):
+        return columns[FIELD_NAMES[name]].reshape(-1, 6, 6)[:, block, block]
     return columns.get(name, np.zeros(0))
 
 

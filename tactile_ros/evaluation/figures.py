@@ -371,11 +371,6 @@ def shown(target: TargetErrors) -> float:
     return target.spread.mean if target.name == 'position' else target.spread.rms
 
 
-def _headline(target: TargetErrors, rest: str) -> str:
-    words = title_of(target)
-    return f'{words[0].upper()}{words[1:]} {rest}'
-
-
 def _verdict(coverage: Coverage) -> str:
     """Judgement of a share of errors inside one sigma, which agrees with the drawn band."""
     away = coverage.share - ONE_SIGMA
@@ -527,7 +522,7 @@ def force_scatter(target: TargetErrors, colour: str) -> Figure:
             f' The band is the stated sigma: {100 * share.share:.0f} % of errors lie inside '
             f'({_verdict(share)}; {share.groups} groups).'
         )
-    return Figure(_headline(target, 'against the scale'), caption, (above, below))
+    return Figure(f'{words.capitalize()} against the scale', caption, (above, below))
 
 
 def force_trace(target: TargetErrors, name: str, colour: str) -> Figure | None:
@@ -541,7 +536,7 @@ def force_trace(target: TargetErrors, name: str, colour: str) -> Figure | None:
     key = ((colour, f'estimated ({name})'), ('ink', 'measured'))
     wide = _trace(target, (1080, 220), 1.0, colour)
     narrow = _trace(target, (360, 200), 0.3, colour)
-    return Figure(_headline(target, 'over time'), caption, wide, key, narrow)
+    return Figure(f'{title_of(target).capitalize()} over time', caption, wide, key, narrow)
 
 
 def _trace(

@@ -125,7 +125,7 @@ def test_a_killed_process_leaves_a_bag_that_others_read(tmp_path: Path) -> None:
 def test_an_interrupted_write_is_written_over(
     tmp_path: Path, make: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    text = make.cdr(make.String(data='x' * 1000))
+    text = make.cdr(make.new('String', data='x' * 1000))
     bag = BagWriter(tmp_path / 'bag')
     bag.write('/text', STRING, 1, text)
     bag.flush()
@@ -196,7 +196,7 @@ def test_bytes_hit_anywhere_never_raise_and_never_change_what_comes_out(
 def test_a_damaged_chunk_is_left_out_and_the_rest_is_read(
     tmp_path: Path, make: SimpleNamespace
 ) -> None:
-    text = make.cdr(make.String(data='x'))
+    text = make.cdr(make.new('String', data='x'))
     with BagWriter(tmp_path / 'bag') as bag:
         for k in range(30):
             bag.write('/text', STRING, k, text)
@@ -229,7 +229,7 @@ def test_compressed_chunks_are_read_also_when_cut(
         schema = writer.register_schema(STRING, 'ros2msg', b'string data')
         channel = writer.register_channel('/text', 'cdr', schema)
         for k in range(100):
-            writer.add_message(channel, k, make.cdr(make.String(data=f'{k}' * 40)), k)
+            writer.add_message(channel, k, make.cdr(make.new('String', data=f'{k}' * 40)), k)
         writer.finish()
     whole = read_all(file).messages
     assert len(whole) == 100
@@ -255,7 +255,7 @@ def test_a_chunk_that_claims_too_much_is_named_and_skipped(tmp_path: Path) -> No
 def test_sqlite3_bags_are_read_and_a_damaged_one_as_far_as_it_goes(
     tmp_path: Path, make: SimpleNamespace
 ) -> None:
-    text = make.cdr(make.String(data='x' * 300))
+    text = make.cdr(make.new('String', data='x' * 300))
     file = tmp_path / 'bag' / 'bag_0.db3'
     file.parent.mkdir()
     with sqlite3.connect(file) as base:
@@ -280,7 +280,7 @@ def test_sqlite3_bags_are_read_and_a_damaged_one_as_far_as_it_goes(
 
 
 def test_a_bag_that_rosbags_wrote_is_read(tmp_path: Path, make: SimpleNamespace) -> None:
-    text = make.cdr(make.String(data='x'))
+    text = make.cdr(make.new('String', data='x'))
     for plugin in (StoragePlugin.MCAP, StoragePlugin.SQLITE3):
         path = tmp_path / plugin.name
         with RosbagsWriter(path, version=9, storage_plugin=plugin) as writer:

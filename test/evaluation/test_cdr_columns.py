@@ -30,9 +30,7 @@ def contacts(make: SimpleNamespace, seed: int) -> object:
     """Contacts with any number of patches, per-taxel lists present or not, and any numbers."""
     rng = np.random.default_rng(seed)
     message = make.contacts(seed, 1_000_000_000 + 7 * seed, rng.normal(size=3), rng.normal(size=3))
-    message.contacts = [
-        make.contacts(0, 0, rng.normal(size=3)).contacts[0] for _ in range(seed % 4)
-    ]
+    message.contacts = [make.patch(rng.normal(size=3)) for _ in range(seed % 4)]
     for i, patch in enumerate(message.contacts):
         patch.id = -1 if i and i == len(message.contacts) - 1 and seed % 3 else 10 + i
         patch.position_covariance, patch.force_covariance = rng.normal(size=(2, 9))
@@ -108,28 +106,15 @@ def test_a_length_that_cannot_be_is_refused_and_not_believed(make: SimpleNamespa
 
 
 def test_load_cells_probes_and_texts(make: SimpleNamespace) -> None:
-    push = make.Vector3(x=1.0, y=2.0, z=3.0)
-    turn = make.Vector3(x=4.0, y=5.0, z=6.0)
-    wrench = make.WrenchStamped(
-        header=make.header(123456789012), wrench=make.Wrench(force=push, torque=turn)
-    )
+    wrench = make.wrench(123456789012, (1, 2, 3), (4, 5, 6))
     told = read_standard([make.cdr(wrench)] * 2, 'geometry_msgs/msg/WrenchStamped')
     assert told.arrays['stamp_ns'].tolist() == [123456789012] * 2
     assert told.arrays['force'].tolist() == [[1.0, 2.0, 3.0]] * 2
-    pose = make.Pose(
-        position=make.Point(x=1.0, y=2.0, z=3.0),
-        orientation=make.Quaternion(x=0.0, y=0.0, z=1.0, w=0.0),
-    )
-    probe = make.PoseStamped(header=make.header(5), pose=pose)
-    nowhere = make.PoseStamped(
-        header=make.header(6),
-        pose=make.Pose(
-            position=make.Point(x=0.0, y=0.0, z=0.0),
-            orientation=make.Quaternion(x=0.0, y=0.0, z=0.0, w=0.0),
-        ),
-    )
+    turned = make.new('Pose', orientation=make.new('Quaternion', z=1.0))
+    probe = make.new('PoseStamped', header=make.header(5), pose=turned)
+    nowhere = make.new('PoseStamped', header=make.header(6))  # of a quaternion that is none
     told = read_standard([make.cdr(probe), make.cdr(nowhere)], 'geometry_msgs/msg/PoseStamped')
     np.testing.assert_allclose(np.diag(told.arrays['object_pose'][0]), [-1, -1, 1, 1])
     assert np.isnan(told.arrays['object_pose'][1, :3, :3]).all()
-    rows, texts = read_texts([b'', make.cdr(make.String(data='mug'))])
+    rows, texts = read_texts([b'', make.cdr(make.new('String', data='mug'))])
     assert (rows.tolist(), texts) == ([1], ['mug'])

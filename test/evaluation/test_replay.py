@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import queue
-from array import array
 from collections.abc import Callable, Container
 from copy import deepcopy
 from dataclasses import replace
-from functools import partial
 from itertools import count
 from typing import TYPE_CHECKING
 
@@ -19,7 +17,6 @@ from reference import enrolled_skin
 from tactile_ros.cli import calibrate
 from tactile_ros.cli.main import main
 from tactile_ros.conditioning.baseline import tare_means, tare_runs
-from tactile_ros.evaluation.bag import BagWriter
 from tactile_ros.evaluation.fleet import evaluate_bag
 from tactile_ros.evaluation.recording_files import (
     LiveContacts,
@@ -53,7 +50,8 @@ from tactile_ros.types import (
 
 if TYPE_CHECKING:
     from pathlib import Path
-    from types import SimpleNamespace
+
+    from conftest import MadeBag
 
     from tactile_ros.enrolment import ClassChange
     from tactile_ros.pipeline import Pipeline
@@ -73,24 +71,16 @@ def fitted(spatial: Recording) -> Pipeline:
     return load_sensor('reskin_board').pipeline(estimator='ridge').fit(spatial)
 
 
-def stored(make: SimpleNamespace, message: object) -> bytes:
-    """CDR of a message whose arrays were filled for rclpy."""
-    for name, value in vars(message).items():
-        if isinstance(value, array):
-            setattr(message, name, np.array(value))
-    return make.cdr(message)
-
-
 def record(
-    path: Path, make: SimpleNamespace, pipeline: Pipeline, frames: list[Frame],
+    made: MadeBag, pipeline: Pipeline, frames: list[Frame],
     tares: Container[int] = (), unseen: Container[int] = (),
 ) -> LoadedRecording:  # fmt: skip
     """Loaded bag of a live run: every frame through the stage, tares after some."""
-    with BagWriter(path) as bag:
-        log = count(1)
+    make, log = made.make, count(1)
+    with made as bag:
 
         def put(leaf: str, message: object) -> None:
-            bag.write(f'/{leaf}', message.__msgtype__, next(log), stored(make, message))
+            bag.put(f'/{leaf}', message, next(log))
 
         def on_baseline(frame: Frame) -> None:
             put('baseline', make.frame(frame.sequence, frame.values, frame.stamp_ns))
@@ -98,27 +88,27 @@ def record(
         stage = ContactLoop(pipeline, 5, tare_in_contact=False, on_baseline=on_baseline)
         stage.reset()
         put('layout', make.layout())
-        put('calibration', make.String(data=f'{{"sha256": "{pipeline.digest}"}}'))
+        put('calibration', make.new('String', data=f'{{"sha256": "{pipeline.digest}"}}'))
         for i, frame in enumerate(frames):
             put('frame', make.frame(frame.sequence, frame.values, frame.stamp_ns))
             if i in unseen:
                 continue
             state = stage.process(frame)
             message = make.contacts(frame.sequence, frame.stamp_ns)
-            fill_contacts(message, state, lambda: make.contacts(0, 0).contacts[0])
+            fill_contacts(message, state, make.patch)
             put('contacts', message)
             if i in tares:
                 stage.tare()
-    (loaded,) = load(path).recordings
+    (loaded,) = load(made.path).recordings
     return loaded
 
 
 @pytest.fixture
 def live(
-    make: SimpleNamespace, fitted: Pipeline, tmp_path: Path
+    open_bag: Callable[[Path], MadeBag], fitted: Pipeline, tmp_path: Path
 ) -> Callable[..., LoadedRecording]:
     """Live runs of the fitted pipeline."""
-    return partial(record, tmp_path / 'bag', make, fitted)
+    return lambda *run: record(open_bag(tmp_path / 'bag'), fitted, *run)
 
 
 def live_frames(spatial: Recording, touches: int) -> list[Frame]:
@@ -543,40 +533,35 @@ def serving(recording: Recording) -> np.ndarray:
     return tare_means(recording.values, run)
 
 
-@pytest.mark.parametrize('contacts', [True, False])
-def test_the_frames_of_a_tare_are_its_rests(contacts: bool) -> None:
+def restarted(recording: Recording) -> Recording:
+    """The same with a counter that begins anew halfway."""
+    number, half = np.arange(len(recording)), len(recording) // 2
+    sequence = np.where(number < half, number, number - half)
+    return replace(recording, sequence=sequence, stream=(number >= half).astype(int))
+
+
+@pytest.mark.parametrize('case', ['contacts', 'no contacts', 'two streams', 'unheard'])
+def test_tare_rows_are_the_frames_of_each_tare(case: str) -> None:
     recording, before = presses(0)
-    found, told = with_tare_rows(lived(recording, before, contacts=contacts))
-    wanted = np.concatenate([row - TARED + np.arange(TARED) for row in before])
+    recording = restarted(recording) if case == 'two streams' else recording
+    unheard = tuple((before - 4).tolist()) if case == 'unheard' else ()
+    found, told = with_tare_rows(lived(recording, before, unheard, case != 'no contacts'))
+    reach = TARED + (case == 'unheard')
+    wanted = np.concatenate([row - reach + np.arange(reach) for row in before])
     assert not told
     assert np.flatnonzero(found.tare).tolist() == wanted.tolist()
-
-
-def test_streams_that_begin_anew_have_rests_of_their_own() -> None:
-    recording, before = presses(0)
-    half = before[PRESSES // 2] - REST
-    number = np.arange(len(recording))
-    again = replace(
-        recording,
-        sequence=np.where(number < half, number, number - half),
-        stream=(number >= half).astype(int),
-    )
-    found, told = with_tare_rows(lived(again, before))
-    assert not told
-    assert np.count_nonzero(found.tare) == PRESSES * TARED
+    assert len(serving(found)) == PRESSES
 
 
 @pytest.mark.parametrize('what', ['error', 'stale taxel', 'silent chip', 'all stale'])
 @pytest.mark.parametrize('back', [2, 5])
-def test_frames_of_which_something_is_wrong_do_not_hide_a_tare(what: str, back: int) -> None:
+def test_damaged_frames_do_not_hide_a_tare(what: str, back: int) -> None:
     recording, before = presses(0)
     row = before - back
-    if what == 'error':
-        recording.status[row, 1] = 8
-    elif what == 'stale taxel':
-        recording.status[row, 1] = 1
-    elif what == 'all stale':
-        recording.status[row] = 1
+    bits = {'error': (slice(1, 2), 8), 'stale taxel': (slice(1, 2), 1), 'all stale': (slice(5), 1)}
+    if what in bits:
+        taxels, bit = bits[what]
+        recording.status[row, taxels] = bit
     else:
         recording.values[row, 1] = 0.0
     run = lived(recording, before)
@@ -586,13 +571,6 @@ def test_frames_of_which_something_is_wrong_do_not_hide_a_tare(what: str, back: 
     assert levels.shape == (PRESSES, 5, 3)
     usable = [0, 2, 3, 4]  # a chip that is silent for one frame is left out of that frame alone
     assert np.abs(serving(found) - levels)[:, usable].max() < 2e-7
-
-
-def test_frame_that_the_node_never_heard_hides_no_tare() -> None:
-    recording, before = presses(0)
-    tared, sentence = with_tare_rows(lived(recording, before, tuple((before - 4).tolist())))
-    assert not sentence
-    assert len(serving(tared)) == PRESSES
 
 
 @pytest.mark.parametrize('always', [False, True], ids=['force', 'all and an offset'])
@@ -613,7 +591,7 @@ def test_tare_under_load_is_no_rest(always: bool) -> None:
     assert sentence.endswith('12 under load')
 
 
-def test_baselines_of_other_frames_and_recordings_with_tare_rows_change_nothing() -> None:
+def test_foreign_baselines_and_own_tare_rows_change_nothing() -> None:
     recording, before = presses(0)
     run = lived(recording, before)
     others = tuple(replace(b, stamp_ns=1) for b in run.baselines)
@@ -625,7 +603,7 @@ def test_baselines_of_other_frames_and_recordings_with_tare_rows_change_nothing(
     assert with_tare_rows(replace(run, recording=rested))[0] is rested
 
 
-def test_a_press_between_two_frames_of_a_tare_is_no_rest() -> None:
+def test_press_between_two_frames_of_a_tare_is_no_rest() -> None:
     recording, before = presses(0)
     row = np.arange(len(recording)) % (REST + LONG)
     recording.status[row > REST, 0] = 2  # clipped all the press long
@@ -649,7 +627,7 @@ def test_of_tares_that_meet_the_newest_serves() -> None:
     assert np.array_equal(serving(found)[-1], tare_means(values[180:190], np.zeros(10, int))[0])
 
 
-def test_few_tares_say_less_than_a_truth_that_knows_every_rest() -> None:
+def test_few_tares_count_less_than_in_contact() -> None:
     recording, before = presses(0)
     touched = (recording.truth['force'][:, 2] > 0).astype(int)
     knowing = replace(recording, truth={**recording.truth, 'in_contact': touched})
@@ -659,7 +637,7 @@ def test_few_tares_say_less_than_a_truth_that_knows_every_rest() -> None:
     assert with_tare_rows(lived(knowing, before))[0].tare is not None
 
 
-def test_where_one_recording_has_tare_rows_others_have_their_rests() -> None:
+def test_known_rests_join_tare_rows_of_others() -> None:
     recording, before = presses(0)
     touched = (recording.truth['force'][:, 2] > 0).astype(int)
     knowing = replace(recording, truth={'in_contact': touched})
