@@ -165,10 +165,9 @@ def run_recordings(output: Path, seed: int, say: Say, *, as_json: bool) -> list[
     chosen = parts(seed)
     command = f'tactile demo --seed {seed}'
     title = 'A real recording through the real graph'
-    datasets = measure(chosen, output, say)
-    calibrations = {part.name: output / 'calibrations' / f'{part.name}.npz' for part in chosen}
-    opened = {name: load_sensor(SENSOR).load(path) for name, path in calibrations.items()}
-    result = Result(title, command, provenance(opened, opened), datasets, NOTES)
+    datasets, fitted = measure(chosen, output, say), output / 'calibrations'
+    best = {one.name: load_sensor(SENSOR).load(fitted / f'{one.name}.npz') for one in chosen}
+    result = Result(title, command, provenance(best, best), datasets, NOTES)
     print_result(result, as_json=as_json)
     write_report(output / 'report.html', result)
     return [part.name for part in chosen]
